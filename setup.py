@@ -1,0 +1,45 @@
+"""What pyproject.toml cannot say: the C library, the host's `vsensed`, the sources of the robot.
+
+The wheel carries, beside the Python package:
+* `vsense/_native.abi3.so`, the tiny C library behind cffi;
+* `vsense/_sources/`, the C sources from which a user's controller is built later;
+* `vsense/_sources/bin/vsensed`, the daemon for this machine with the shipped controller.
+An editable install and a checkout use the folders of the checkout instead (`vsense/build.py`).
+"""
+
+import shutil
+import sys
+from pathlib import Path
+
+from setuptools import setup
+from setuptools.command.build_py import build_py
+
+ROOT = Path(__file__).parent
+
+
+class BuildWithSources(build_py):
+    """Adds the robot's C sources and the daemon built from them to the package."""
+
+    def run(self):
+        super().run()
+        if self.editable_mode:
+            return
+        target = Path(self.build_lib) / "vsense" / "_sources"
+        for folder in ("c_src", "robot", "firmware_bridge"):
+            for source in sorted((ROOT / folder).rglob("*")):
+                if source.suffix in (".c", ".h", ".md"):
+                    copy = target / source.relative_to(ROOT)
+                    copy.parent.mkdir(parents=True, exist_ok=True)
+                    shutil.copy2(source, copy)
+        sys.path.insert(0, str(ROOT))
+        from vsense import build
+
+        tree = build.SourceTree(target)
+        build.compile_daemon(tree, tree.controller("pollutant"), tree.prebuilt)
+
+
+setup(
+    cffi_modules=["c_src/build_ffi.py:ffibuilder"],
+    cmdclass={"build_py": BuildWithSources},
+    options={"bdist_wheel": {"py_limited_api": "cp310"}},
+)

@@ -1,0 +1,53 @@
+"""sdist -> wheel -> install elsewhere, with the source tree gone, still runs the lab."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent.parent
+
+
+def run(*command: object, **options: object) -> subprocess.CompletedProcess[str]:
+    result = subprocess.run(
+        [str(word) for word in command],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        **options,  # type: ignore[call-overload]
+    )
+    assert result.returncode == 0, result.stderr[-3000:]
+    return result
+
+
+@pytest.mark.system
+def test_wheel_from_sdist_runs_the_lab_without_its_sources(tmp_path: Path) -> None:
+    tree = tmp_path / "tree"
+    for name in run("git", "ls-files", cwd=ROOT).stdout.split("\n"):
+        if name and (ROOT / name).is_file():
+            (tree / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(ROOT / name, tree / name)
+    run(sys.executable, "-m", "build", "--sdist", "--outdir", tmp_path, tree)
+    shutil.rmtree(tree)
+    (sdist,) = tmp_path.glob("*.tar.gz")
+    run(sys.executable, "-m", "pip", "wheel", "--no-deps", "-w", tmp_path, sdist)
+    (wheel,) = tmp_path.glob("*.whl")
+    assert "-abi3-" in wheel.name
+
+    run(sys.executable, "-m", "venv", tmp_path / "venv")
+    run(tmp_path / "venv/bin/pip", "install", wheel)
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    environment = {**os.environ, "CC": "no-compiler", "XDG_CACHE_HOME": str(tmp_path / "cache")}
+    command = "lab pollutant --robots 2 --duration 3 --port 0 --json".split()
+    lab = run(tmp_path / "venv/bin/vsense", *command, cwd=elsewhere, env=environment)
+    summary = json.loads(lab.stdout)
+    assert summary["robots"] == 2
+    assert summary["timesteps"] == 30
+    assert not (tmp_path / "cache").exists(), "the wheel carries the host's daemon ready made"

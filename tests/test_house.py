@@ -1,0 +1,110 @@
+"""Who may know whom: the import rules of the house, read from the sources themselves."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+MODULES = sorted((ROOT / "vsense").rglob("*.py"))
+
+FORBIDDEN = {
+    "tracking": {"world", "sensors", "link", "web", "lab", "config"},
+    "world": {"tracking", "link", "web", "lab"},
+    "sensors": {"tracking", "link", "web", "lab"},
+    "config": {"tracking", "link", "web", "lab", "world"},
+    "link": {"tracking", "world", "sensors", "lab", "web", "config"},
+}
+"""Folder of `vsense` -> folders whose modules it must not import."""
+
+TIMELESS = ("tracking", "world", "sensors", "config")
+"""Folders that are told the time and never read a clock."""
+
+LIBC = {
+    "errno", "fcntl", "math", "poll", "signal", "stdarg", "stdbool", "stddef", "stdint", "stdio",
+    "stdlib", "string", "termios", "time", "unistd", "stdatomic", "limits", "inttypes",
+    "arpa/inet", "netinet/in", "netinet/tcp", "sys/file", "sys/ioctl", "sys/socket", "sys/stat",
+    "sys/types", "sys/wait", "sys/uio",
+}  # fmt: skip
+
+
+def imports(path: Path) -> set[str]:
+    """All modules that a Python file imports, with their full names."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            found |= {node.module or ""} | {f"{node.module}.{a.name}" for a in node.names}
+    return found
+
+
+def includes(path: Path) -> set[str]:
+    """All headers that a C file includes, system ones without `.h`."""
+    return set(re.findall(r'^\s*#\s*include\s+[<"]([^>"]+?)(?:\.h)?[>"]', path.read_text(), re.M))
+
+
+@pytest.mark.parametrize("folder", sorted(FORBIDDEN))
+def test_folder_imports_only_what_it_may_know(folder: str) -> None:
+    for path in (ROOT / "vsense" / folder).rglob("*.py"):
+        rooms = {name.split(".")[1] for name in imports(path) if name.startswith("vsense.")}
+        assert not rooms & FORBIDDEN[folder], path
+
+
+def test_one_module_touches_the_compiled_library() -> None:
+    users = [p.name for p in MODULES if any("_native" in name for name in imports(p))]
+    assert users == ["native.py"]
+
+
+def test_nothing_imports_the_command_line() -> None:
+    users = [p.name for p in MODULES if any(n.startswith("vsense.cli") for n in imports(p))]
+    assert users == ["__main__.py"]
+
+
+@pytest.mark.parametrize("folder", TIMELESS)
+def test_folder_reads_no_clock(folder: str) -> None:
+    for path in (ROOT / "vsense" / folder).rglob("*.py"):
+        assert not {"time", "datetime"} & {n.split(".")[0] for n in imports(path)}, path
+
+
+def test_robot_side_links_libc_only_and_knows_no_host() -> None:
+    ours = {p.stem for folder in ("robot", "c_src") for p in (ROOT / folder).rglob("*.h")}
+    for folder in ("robot", "c_src"):
+        for path in sorted((ROOT / folder).rglob("*.[ch]")):
+            unknown = {name for name in includes(path) if Path(name).name not in ours} - LIBC
+            assert not unknown, f"{path.name} includes {unknown}"
+
+
+def test_firmware_bridge_is_freestanding() -> None:
+    known = {p.stem for p in (ROOT / "firmware_bridge").glob("*.h")}
+    known |= {p.stem for p in (ROOT / "c_src").glob("epuck_*.h")} | {"stdint", "stddef"}
+    for path in sorted((ROOT / "firmware_bridge").glob("*.[ch]")):
+        assert includes(path) <= known, path.name
+
+
+def test_controllers_see_one_header() -> None:
+    for path in (ROOT / "robot" / "controllers").glob("*.c"):
+        own = {name for name in includes(path) if name not in LIBC}
+        assert {Path(name).name for name in own} == {"controller"}, path.name
+
+
+def test_files_are_one_idea_each() -> None:
+    limits = {".h": 150, ".c": 400, ".py": 300}
+    folders = ("vsense", "c_src", "robot", "firmware_bridge")
+    for path in (p for f in folders for p in (ROOT / f).rglob("*") if p.suffix in limits):
+        if path.name == "_native.c":
+            continue
+        lines = len(path.read_text().splitlines())
+        assert lines <= limits[path.suffix], f"{path.name}: {lines} lines"
+
+
+def test_top_level_is_the_design_card() -> None:
+    allowed = {"setup.py", "c_src", "vsense", "robot", "firmware_bridge", "tests", "scripts"}
+    allowed |= {"README.md", "CHANGELOG.md", "LICENSE", "pyproject.toml", "MANIFEST.in"}
+    made = {"build", "dist", "runs"}
+    found = {p.name for p in ROOT.iterdir() if not p.name.startswith(".")}
+    assert {n for n in found if not n.endswith(".egg-info")} - allowed - made == set()

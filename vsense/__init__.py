@@ -1,0 +1,3 @@
+"""vsense: virtual sensing for real robots."""
+
+__version__ = "0.1.0"
