@@ -15,7 +15,7 @@ FORBIDDEN = {
     "tracking": {"world", "sensors", "link", "web", "lab", "config"},
     "world": {"tracking", "link", "web", "lab"},
     "sensors": {"tracking", "link", "web", "lab"},
-    "config": {"tracking", "link", "web", "lab", "world"},
+    "config": {"link", "web", "lab"},
     "link": {"tracking", "world", "sensors", "lab", "web", "config"},
 }
 """Folder of `vsense` -> folders whose modules it must not import."""

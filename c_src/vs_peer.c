@@ -1,0 +1,242 @@
+/* SPDX-License-Identifier: MIT */
+#include "vs_peer.h"
+
+#include <string.h>
+
+void vs_peer_init(struct vs_peer *p)
+{
+    memset(p, 0, sizeof *p);
+}
+
+void vs_peer_close(struct vs_peer *p)
+{
+    struct vs_counters counters = p->counters;
+
+    vs_peer_init(p);
+    p->counters = counters;
+}
+
+void vs_peer_open(struct vs_peer *p, uint32_t session, uint32_t table_hash,
+                  uint64_t peer_send_ns, uint64_t now_ns)
+{
+    vs_peer_close(p);
+    p->session = session;
+    p->table_hash = table_hash;
+    p->rx_send_ns = peer_send_ns;
+    p->rx_ns = now_ns;
+    p->udp_ns = now_ns;
+}
+
+int vs_peer_udp_silent(const struct vs_peer *p, uint64_t now_ns)
+{
+    return p->session != 0 && now_ns - p->udp_ns >= VS_UDP_SILENCE_NS;
+}
+
+int vs_peer_over_tcp(const struct vs_peer *p, uint64_t now_ns)
+{
+    return p->session != 0 && (p->remote_no_udp || vs_peer_udp_silent(p, now_ns));
+}
+
+void vs_peer_stamp(const struct vs_peer *p, uint64_t now_ns, struct vs_header *header)
+{
+    uint64_t hold_us = (now_ns - p->rx_ns) / 1000;
+
+    header->flags = vs_peer_udp_silent(p, now_ns) ? VS_FLAG_NO_UDP : 0;
+    header->session = p->session;
+    header->table_hash = p->table_hash;
+    header->send_ns = now_ns;
+    /* An echo held for longer than hold_us can say would be a lie. */
+    header->echo_ns = hold_us <= UINT32_MAX ? p->rx_send_ns : 0;
+    header->hold_us = header->echo_ns != 0 ? (uint32_t)hold_us : 0;
+}
+
+/* Fills in the header of the next STATE or TELEMETRY. */
+static int prepare(const struct vs_peer *p, uint64_t now_ns, struct vs_header *header)
+{
+    if (p->session == 0)
+        return VS_ERR_STATE;
+    if (p->tx_sequence == VS_SEQUENCE_MAX)
+        return VS_ERR_SEQUENCE;
+    vs_peer_stamp(p, now_ns, header);
+    header->sequence = p->tx_sequence + 1;
+    return VS_OK;
+}
+
+static void count_sent(struct vs_peer *p)
+{
+    p->tx_sequence++;
+    p->counters.sent++;
+}
+
+int vs_peer_send_state(struct vs_peer *p, const struct vs_table *table,
+                       struct vs_header *header, const struct vs_state *state,
+                       uint64_t now_ns, uint8_t *buf, size_t cap, size_t *len)
+{
+    int err = prepare(p, now_ns, header);
+
+    *len = 0;
+    if (err == VS_OK)
+        err = vs_encode_state(header, table, state, buf, cap, len);
+    if (err == VS_OK)
+        count_sent(p);
+    return err;
+}
+
+int vs_peer_send_telemetry(struct vs_peer *p, const struct vs_table *table,
+                           struct vs_header *header, const struct vs_telemetry *telemetry,
+                           uint64_t now_ns, uint8_t *buf, size_t cap, size_t *len)
+{
+    int err = prepare(p, now_ns, header);
+
+    *len = 0;
+    if (err == VS_OK)
+        err = vs_encode_telemetry(header, table, telemetry, buf, cap, len);
+    if (err == VS_OK)
+        count_sent(p);
+    return err;
+}
+
+/* Counts why a packet was dropped; returns err. */
+static int drop(struct vs_peer *p, int err)
+{
+    struct vs_counters *c = &p->counters;
+
+    switch (err) {
+    case VS_ERR_CHECKSUM:
+        c->checksum++;
+        break;
+    case VS_ERR_BODY:
+        c->body++;
+        break;
+    case VS_ERR_SESSION:
+        c->foreign_session++;
+        break;
+    case VS_ERR_TABLE:
+        c->foreign_table++;
+        break;
+    case VS_ERR_RUN:
+        c->foreign_run++;
+        break;
+    case VS_ERR_OLDER:
+        c->older++;
+        break;
+    case VS_ERR_REPEATED:
+        c->repeated++;
+        break;
+    default:
+        c->malformed++;
+        break;
+    }
+    return err;
+}
+
+/* Session, table and run of a packet whose frame and type are right. */
+static int check_origin(const struct vs_peer *p, const struct vs_header *h)
+{
+    if (p->session == 0 || h->session != p->session)
+        return VS_ERR_SESSION;
+    if (h->table_hash != p->table_hash)
+        return VS_ERR_TABLE;
+    return h->run < p->rx_run ? VS_ERR_RUN : VS_OK;
+}
+
+static void hear_udp(struct vs_peer *p, const struct vs_header *h, uint64_t now_ns)
+{
+    if (h->sequence > p->udp_sequence) {
+        p->udp_sequence = h->sequence;
+        p->udp_ns = now_ns;
+        p->udp_heard = 1;
+    }
+}
+
+static int check_sequence(const struct vs_peer *p, const struct vs_header *h)
+{
+    if (h->sequence < p->rx_sequence)
+        return VS_ERR_OLDER;
+    return h->sequence == p->rx_sequence ? VS_ERR_REPEATED : VS_OK;
+}
+
+/* Everything but the body: VS_OK, or why the packet is dropped, counted. */
+static int filter(struct vs_peer *p, uint8_t type, int via, const uint8_t *buf, size_t len,
+                  uint64_t now_ns, struct vs_header *h, const uint8_t **body, size_t *body_len)
+{
+    int err = vs_packet_open(buf, len, h, body, body_len);
+
+    p->counters.received++;
+    if (err != VS_OK)
+        return drop(p, err);
+    if (h->type != type) {
+        p->counters.foreign_type++;
+        return VS_ERR_TYPE;
+    }
+    err = check_origin(p, h);
+    if (err != VS_OK)
+        return drop(p, err);
+    if (via == VS_VIA_UDP)
+        hear_udp(p, h, now_ns);
+    err = check_sequence(p, h);
+    return err == VS_OK ? VS_OK : drop(p, err);
+}
+
+static void note_accepted(struct vs_peer *p, const struct vs_header *h, uint64_t now_ns)
+{
+    p->rx_sequence = h->sequence;
+    p->rx_run = h->run;
+    p->rx_send_ns = h->send_ns;
+    p->rx_ns = now_ns;
+    p->remote_no_udp = (h->flags & VS_FLAG_NO_UDP) != 0;
+    p->counters.accepted++;
+}
+
+int vs_peer_receive_state(struct vs_peer *p, const struct vs_table *table, int via,
+                          const uint8_t *buf, size_t len, uint64_t now_ns,
+                          struct vs_header *header, struct vs_state *state)
+{
+    struct vs_header h;
+    const uint8_t *body;
+    size_t body_len;
+    int err = filter(p, VS_STATE, via, buf, len, now_ns, &h, &body, &body_len);
+
+    if (err != VS_OK)
+        return err;
+    err = vs_decode_state(table, body, body_len, state);
+    if (err != VS_OK)
+        return drop(p, err);
+    note_accepted(p, &h, now_ns);
+    *header = h;
+    return VS_OK;
+}
+
+int vs_peer_receive_telemetry(struct vs_peer *p, const struct vs_table *table, int via,
+                              const uint8_t *buf, size_t len, uint64_t now_ns,
+                              struct vs_header *header, struct vs_telemetry *telemetry)
+{
+    struct vs_header h;
+    const uint8_t *body;
+    size_t body_len;
+    int err = filter(p, VS_TELEMETRY, via, buf, len, now_ns, &h, &body, &body_len);
+
+    if (err != VS_OK)
+        return err;
+    err = vs_decode_telemetry(table, body, body_len, telemetry);
+    if (err != VS_OK)
+        return drop(p, err);
+    note_accepted(p, &h, now_ns);
+    *header = h;
+    return VS_OK;
+}
+
+uint32_t vs_counters_old(const struct vs_counters *c)
+{
+    return c->older + c->repeated;
+}
+
+uint32_t vs_counters_foreign(const struct vs_counters *c)
+{
+    return c->foreign_type + c->foreign_session + c->foreign_table + c->foreign_run;
+}
+
+uint32_t vs_counters_corrupt(const struct vs_counters *c)
+{
+    return c->malformed + c->checksum + c->body;
+}

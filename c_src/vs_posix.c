@@ -1,0 +1,162 @@
+/* SPDX-License-Identifier: MIT */
+#include "vs_posix.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <poll.h>
+#include <sys/file.h>
+#include <termios.h>
+#include <time.h>
+#include <unistd.h>
+
+#define LOCK_RETRY_MS 20
+
+uint64_t vs_posix_now_ns(void)
+{
+    struct timespec now;
+
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (uint64_t)now.tv_sec * 1000000000u + (uint64_t)now.tv_nsec;
+}
+
+int vs_posix_timeout_ms(uint64_t now_ns, uint64_t deadline_ns)
+{
+    uint64_t ms;
+
+    if (deadline_ns == UINT64_MAX)
+        return -1;
+    if (deadline_ns <= now_ns)
+        return 0;
+    ms = (deadline_ns - now_ns + 999999u) / 1000000u;
+    return ms < 1000000u ? (int)ms : 1000000;
+}
+
+static int set_raw(int fd)
+{
+    struct termios settings;
+
+    if (tcgetattr(fd, &settings) != 0)
+        return -1;
+    settings.c_iflag = 0;
+    settings.c_oflag = 0;
+    settings.c_lflag = 0;
+    settings.c_cflag = CS8 | CREAD | CLOCAL;
+    settings.c_cc[VMIN] = 1;
+    settings.c_cc[VTIME] = 0;
+    if (cfsetispeed(&settings, B115200) != 0 || cfsetospeed(&settings, B115200) != 0)
+        return -1;
+    if (tcsetattr(fd, TCSANOW, &settings) != 0)
+        return -1;
+    return tcflush(fd, TCIOFLUSH);
+}
+
+static int lock(int fd, uint64_t wait_ns)
+{
+    uint64_t until_ns = vs_posix_now_ns() + wait_ns;
+
+    while (flock(fd, LOCK_EX | LOCK_NB) != 0) {
+        if (errno != EWOULDBLOCK && errno != EINTR)
+            return VS_ERR_IO;
+        if (vs_posix_now_ns() >= until_ns)
+            return VS_ERR_LOCKED;
+        poll(NULL, 0, LOCK_RETRY_MS);
+    }
+    return VS_OK;
+}
+
+int vs_posix_open_serial(const char *path, uint64_t wait_ns, int *fd)
+{
+    int opened = open(path, O_RDWR | O_NOCTTY | O_NONBLOCK);
+    int err;
+    int why;
+
+    if (opened < 0)
+        return VS_ERR_IO;
+    err = lock(opened, wait_ns);
+    if (err == VS_OK && set_raw(opened) != 0)
+        err = VS_ERR_IO;
+    if (err != VS_OK) {
+        why = errno;
+        close(opened);
+        errno = why;
+        return err;
+    }
+    *fd = opened;
+    return VS_OK;
+}
+
+static uint64_t io_now_ns(void *context)
+{
+    (void)context;
+    return vs_posix_now_ns();
+}
+
+/* VS_OK: fd is ready for events, VS_ERR_BUSY: time is up. */
+static int wait_for(int fd, short events, uint64_t deadline_ns)
+{
+    for (;;) {
+        struct pollfd line = {fd, events, 0};
+        uint64_t now_ns = vs_posix_now_ns();
+        int ready = poll(&line, 1, vs_posix_timeout_ms(now_ns, deadline_ns));
+
+        if (ready > 0)
+            return (line.revents & events) ? VS_OK : VS_ERR_HANGUP;
+        if (ready < 0 && errno != EINTR)
+            return VS_ERR_IO;
+        if (ready == 0 && now_ns >= deadline_ns)
+            return VS_ERR_BUSY;
+    }
+}
+
+static int failure(void)
+{
+    return errno == EIO || errno == ENXIO || errno == ENODEV ? VS_ERR_HANGUP : VS_ERR_IO;
+}
+
+static int io_read(void *context, uint8_t *buf, size_t cap, uint64_t deadline_ns)
+{
+    int fd = *(const int *)context;
+
+    for (;;) {
+        int err = wait_for(fd, POLLIN, deadline_ns);
+        ssize_t len;
+
+        if (err != VS_OK)
+            return err == VS_ERR_BUSY ? 0 : err;
+        len = read(fd, buf, cap);
+        if (len > 0)
+            return (int)len;
+        if (len == 0)
+            return VS_ERR_HANGUP;
+        if (errno != EAGAIN && errno != EINTR)
+            return failure();
+    }
+}
+
+static int io_write(void *context, const uint8_t *buf, size_t len, uint64_t deadline_ns)
+{
+    int fd = *(const int *)context;
+    size_t done = 0;
+
+    while (done < len) {
+        int err = wait_for(fd, POLLOUT, deadline_ns);
+        ssize_t step;
+
+        if (err != VS_OK)
+            return err == VS_ERR_BUSY ? VS_ERR_IO : err;
+        step = write(fd, buf + done, len - done);
+        if (step > 0)
+            done += (size_t)step;
+        else if (step < 0 && errno != EAGAIN && errno != EINTR)
+            return failure();
+    }
+    return VS_OK;
+}
+
+void vs_posix_io(struct vs_io *io, int *fd)
+{
+    io->context = fd;
+    io->now_ns = io_now_ns;
+    io->read = io_read;
+    io->write = io_write;
+}

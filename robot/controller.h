@@ -1,0 +1,103 @@
+/* SPDX-License-Identifier: MIT */
+/*
+ * controller.h - all that a controller sees and may do. A controller is one C or
+ * C++ file that includes this header only and defines `vs_controller`:
+ *
+ *     struct follower { int light; };
+ *     static void init(void *state, struct vs_robot *robot)
+ *     {
+ *         struct follower *f = state;
+ *         f->light = vs_robot_sensor(robot, "light");
+ *     }
+ *     static void step(void *state, struct vs_robot *robot) { ... }
+ *     const struct vs_controller vs_controller =
+ *         {"follower", sizeof(struct follower), init, step};
+ *
+ * Sensors are known by name, and a controller need not know which are virtual: a
+ * name in the host's sensor table wins over the robot's own sensor of that name.
+ * The robot's own: "proximity" and "light", 8 numbers each, ps0..ps7 at
+ * vs_robot_sensor_angle_rad, raw 0..4096 (higher is nearer, brighter), and
+ * "battery_low" (0 or 1).
+ *
+ * All that a controller remembers belongs into its state, never into a static
+ * variable: one process may run many robots. No function here fails or blocks.
+ */
+#ifndef VS_CONTROLLER_H
+#define VS_CONTROLLER_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define VS_CONTROLLER_STATE_MAX 16384 /* [byte] largest state of a controller */
+#define VS_ROBOT_STEPS_PER_CM 77.64   /* [step/cm] wheel of 41 mm, 1000 steps a turn */
+#define VS_ROBOT_LED_RING 0xFF        /* the 8 red LEDs around the body */
+#define VS_ROBOT_LED_BODY 0x100
+#define VS_ROBOT_LED_FRONT 0x200
+
+struct vs_robot;
+
+struct vs_controller {
+    const char *name;  /* at most 31 characters */
+    size_t state_size; /* [byte] at most VS_CONTROLLER_STATE_MAX */
+    /* Begins a run: *state is all zeros, wheels 0, LEDs off. Bind sensors and read
+     * parameters here. Called again when a new run or another table comes. */
+    void (*init)(void *state, struct vs_robot *robot);
+    /* One control step: read, think, set wheels and LEDs. */
+    void (*step)(void *state, struct vs_robot *robot);
+};
+
+/* The one controller that is linked into the daemon. */
+extern const struct vs_controller vs_controller;
+
+struct vs_reading {
+    double value;    /* its first number, 0 if not known */
+    int known;       /* 0: no such sensor, or nothing measured yet */
+    int stale;       /* older than 2.5 timesteps, or not known */
+    uint64_t age_ns; /* [ns] since it was measured, UINT64_MAX if not known */
+};
+
+/* Binds a sensor by name; for init. Always gives a handle: of a sensor that nobody
+ * offers the reading is not known. */
+int vs_robot_sensor(struct vs_robot *robot, const char *name);
+
+/* The sensor's newest reading. */
+struct vs_reading vs_robot_read(const struct vs_robot *robot, int sensor);
+
+/* Its numbers, at most max. Returns how many it has, 0 if not known. */
+int vs_robot_values(const struct vs_robot *robot, int sensor, double *values, int max);
+
+/* Binds a virtual actuator by name; for init. Always gives a handle. */
+int vs_robot_actuator(struct vs_robot *robot, const char *name);
+
+/* Sets number index of a virtual actuator, a level or a cumulative counter; stays
+ * until set again. Clipped to the actuator's type; nobody's actuator: no effect. */
+void vs_robot_actuate(struct vs_robot *robot, int actuator, int index, double value);
+
+/* Parameter of the experiment, fallback if it names none or no number. */
+double vs_robot_param(struct vs_robot *robot, const char *name, double fallback);
+
+/* Uniform in [0, 1): a generator of this robot's own, seeded by the experiment. */
+double vs_robot_random(struct vs_robot *robot);
+
+/* [step/s], positive forwards; stays until set again. Limited to +-1000. */
+void vs_robot_set_wheels(struct vs_robot *robot, int left_steps_s, int right_steps_s);
+
+/* Lit ones: VS_ROBOT_LED_*, bit n of the ring = LED n; stays until set again. */
+void vs_robot_set_leds(struct vs_robot *robot, unsigned int leds);
+
+/* [s] length of a timestep; control steps are about that far apart. */
+double vs_robot_timestep_s(const struct vs_robot *robot);
+
+/* [rad] where ps0..ps7 look, counter-clockwise from straight ahead.
+ * Source: e-puck proto of Webots. */
+extern const double vs_robot_sensor_angle_rad[8];
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,87 @@
+/* SPDX-License-Identifier: MIT */
+#include "guard_process.h"
+
+#include <errno.h>
+#include <poll.h>
+#include <sys/socket.h>
+
+#include "vs_posix.h"
+
+#define RETRY_NS 15000000u /* [ns] between two tries on a device that fails at once */
+
+struct process {
+    struct vs_guard guard;
+    struct vs_base *base;
+    int socket;
+    int signals_fd;
+    int result; /* newest result of the base */
+};
+
+static void perform(struct process *p, enum vs_guard_action action)
+{
+    struct vs_guard *g = &p->guard;
+
+    if (action == VS_GUARD_EXCHANGE)
+        p->result = p->base->ops->exchange(p->base, &g->command, &g->reading);
+    else if (action == VS_GUARD_RECOVER)
+        p->result = p->base->ops->recover(p->base);
+    else if (action == VS_GUARD_HAND_BACK)
+        p->result = p->base->ops->close(p->base);
+    else
+        return;
+    vs_guard_done(g, p->result, vs_posix_now_ns());
+}
+
+static void tell(struct process *p)
+{
+    struct vs_guard_reply reply;
+
+    if (vs_guard_reply(&p->guard, &reply) &&
+        send(p->socket, &reply, sizeof reply, MSG_NOSIGNAL) != (ssize_t)sizeof reply)
+        vs_guard_orphaned(&p->guard, vs_posix_now_ns());
+}
+
+/* Waits until deadline_ns for what the worker, or a signal, says. */
+static void hear(struct process *p, uint64_t deadline_ns)
+{
+    struct vs_guard *g = &p->guard;
+    struct pollfd fds[2] = {{p->socket, 0, 0}, {p->signals_fd, POLLIN, 0}};
+    struct vs_guard_request request;
+    uint64_t now_ns = vs_posix_now_ns();
+
+    if (vs_guard_listens(g))
+        fds[0].events = POLLIN;
+    if (poll(fds, 2, vs_posix_timeout_ms(now_ns, deadline_ns)) <= 0)
+        return;
+    now_ns = vs_posix_now_ns();
+    if (fds[0].revents & (POLLHUP | POLLERR | POLLNVAL))
+        vs_guard_orphaned(g, now_ns);
+    else if ((fds[0].revents & POLLIN) &&
+             recv(p->socket, &request, sizeof request, 0) == (ssize_t)sizeof request)
+        vs_guard_request(g, &request, now_ns);
+    if (fds[1].revents)
+        vs_guard_end(g, now_ns);
+}
+
+int vs_guard_process(int socket, int signals_fd, struct vs_base *base, int found)
+{
+    struct process p = {.base = base, .socket = socket, .signals_fd = signals_fd};
+    enum vs_guard_action action;
+
+    vs_guard_init(&p.guard, found);
+    while ((action = vs_guard_next(&p.guard, vs_posix_now_ns())) != VS_GUARD_EXIT) {
+        uint64_t wait_ns = 0;
+
+        perform(&p, action);
+        tell(&p);
+        if (action == VS_GUARD_WAIT)
+            wait_ns = vs_guard_deadline_ns(&p.guard);
+        else if (p.result == VS_ERR_IO)
+            wait_ns = vs_posix_now_ns() + RETRY_NS;
+        hear(&p, wait_ns);
+    }
+    tell(&p);
+    if (p.result == VS_ERR_HANGUP)
+        return VS_GUARD_GONE;
+    return p.guard.stopped ? VS_GUARD_STOPPED : VS_GUARD_UNSURE;
+}

@@ -1,0 +1,287 @@
+/* SPDX-License-Identifier: MIT */
+#include "loop.h"
+
+#include <string.h>
+
+void vs_loop_init(struct vs_loop *loop, struct vs_session *session,
+                  const struct vs_controller *controller, void *state)
+{
+    memset(loop, 0, sizeof *loop);
+    loop->session = session;
+    loop->controller = controller;
+    loop->state = state;
+    loop->base_lost = 1;
+    loop->hold_due = 1;
+    loop->robot.base.battery_low = VS_BATTERY_UNKNOWN;
+    vs_safety_init(&loop->safety);
+}
+
+static uint64_t period_ns(const struct vs_loop *loop)
+{
+    return loop->session->open ? loop->session->timestep_ns : VS_LOOP_IDLE_NS;
+}
+
+/* The host's wish, as the newest STATE says it. */
+static int wanted_to_run(const struct vs_loop *loop)
+{
+    const struct vs_session *s = loop->session;
+
+    return s->open && s->wanted == VS_RUN && s->timestep >= s->from_timestep && !loop->ending;
+}
+
+static int may_move(const struct vs_loop *loop, uint64_t base_ns)
+{
+    return loop->running && !loop->base_lost && vs_safety_may_move(&loop->safety, base_ns);
+}
+
+static void look_at_wish(struct vs_loop *loop)
+{
+    int running = wanted_to_run(loop);
+
+    if (running != loop->running) {
+        loop->running = (uint8_t)running;
+        loop->begin_ns = 0; /* the first step waits for none before it */
+        loop->hold_due = 1;
+        loop->telemetry_due = 1;
+    }
+    if (!running && loop->session->wanted != VS_PAUSE)
+        loop->robot.command.leds = 0;
+}
+
+/* Datagrams that waited while this process slept are newer, but not fresh. */
+static int is_surely_old(const struct vs_session *s, const struct vs_instant *now)
+{
+    int64_t offset_ns;
+    uint64_t bound_ns;
+
+    if (vs_clock_estimate(&s->clock, now->session_ns, &offset_ns, &bound_ns) != VS_OK)
+        return 0;
+    return vs_session_age_ns(s, s->newest_capture_ns, now->session_ns) >
+           VS_SAFETY_SILENCE_NS + bound_ns;
+}
+
+static void look_at_state(struct vs_loop *loop, const struct vs_instant *now)
+{
+    const struct vs_session *s = loop->session;
+
+    if (s->fresh_ns != loop->seen_fresh_ns) {
+        loop->seen_fresh_ns = s->fresh_ns;
+        if (!is_surely_old(s, now))
+            vs_safety_fresh(&loop->safety, now->base_ns);
+    }
+    if (s->timestep != loop->seen_timestep || s->run != loop->seen_run) {
+        loop->seen_timestep = s->timestep;
+        loop->seen_run = s->run;
+        loop->timestep_new = 1;
+    }
+}
+
+void vs_loop_event(struct vs_loop *loop, enum vs_event event, const struct vs_instant *now)
+{
+    if (event == VS_EV_OPEN) {
+        vs_safety_init(&loop->safety);
+        loop->seen_fresh_ns = 0;
+        loop->telemetry_due = 1;
+    }
+    if (event == VS_EV_GOODBYE)
+        loop->begun = 0;
+    if (event == VS_EV_STATE)
+        look_at_state(loop, now);
+    look_at_wish(loop);
+}
+
+/* A controller lives as long as its run, its table and its seed. */
+static void begin_run(struct vs_loop *loop)
+{
+    const struct vs_session *s = loop->session;
+
+    if (loop->begun && loop->run == s->run && loop->table_hash == s->table.hash &&
+        loop->seed == s->seed)
+        return;
+    vs_robot_begin(&loop->robot, s);
+    memset(loop->state, 0, loop->controller->state_size);
+    loop->controller->init(loop->state, &loop->robot);
+    loop->begun = 1;
+    loop->run = s->run;
+    loop->table_hash = s->table.hash;
+    loop->seed = s->seed;
+}
+
+static void run_controller(struct vs_loop *loop, const struct vs_instant *now)
+{
+    struct vs_step *step = &loop->step;
+    int64_t offset_ns;
+
+    begin_run(loop);
+    loop->timestep_new = 0;
+    loop->robot.session_ns = now->session_ns;
+    loop->robot.now_ns = now->base_ns;
+    loop->controller->step(loop->state, &loop->robot);
+    loop->command = loop->robot.command;
+    vs_safety_limit(&loop->command, may_move(loop, now->base_ns));
+    step->number++;
+    step->session_ns = now->session_ns;
+    step->age_ns = vs_session_age_ns(loop->session, loop->session->capture_ns, now->session_ns);
+    step->stale = (uint8_t)vs_robot_is_stale(loop->session, step->age_ns);
+    step->command = loop->command;
+    if (vs_clock_estimate(&loop->session->clock, now->session_ns, &offset_ns,
+                          &step->bound_ns) != VS_OK)
+        step->bound_ns = UINT64_MAX;
+    loop->trace_due = 1;
+    loop->acting = 1;
+}
+
+void vs_loop_reply(struct vs_loop *loop, const struct vs_guard_reply *reply,
+                   const struct vs_instant *now)
+{
+    loop->waiting = 0;
+    loop->base_lost = reply->lost;
+    loop->guard_cause = reply->cause;
+    loop->applied = reply->command;
+    if (reply->sensed) {
+        loop->robot.base = reply->reading;
+        loop->robot.base_ns = reply->reading_ns;
+    }
+    if (reply->kind == VS_GUARD_SENSE && loop->running && !loop->base_lost)
+        run_controller(loop, now);
+    if (reply->kind == VS_GUARD_ACT) {
+        loop->acting = 0;
+        loop->guard_lost = 0;
+        loop->telemetry_due = 1;
+    }
+}
+
+void vs_loop_guard_lost(struct vs_loop *loop)
+{
+    memset(&loop->applied, 0, sizeof loop->applied);
+    loop->waiting = 0;
+    loop->acting = 0;
+    loop->guard_lost = 1;
+    loop->telemetry_due = 1;
+}
+
+void vs_loop_end(struct vs_loop *loop)
+{
+    loop->ending = 1;
+    look_at_wish(loop);
+}
+
+/* When the next control step, or idle exchange, begins. */
+static uint64_t next_step_ns(const struct vs_loop *loop)
+{
+    uint64_t period = period_ns(loop);
+
+    if (!loop->running)
+        return loop->begin_ns + period;
+    return loop->begin_ns + (loop->timestep_new ? period / 2 : period / 4 * 5);
+}
+
+static void give_act(struct vs_loop *loop, struct vs_guard_request *request)
+{
+    request->kind = VS_GUARD_ACT;
+    request->command = loop->command;
+    request->expiry_ns = vs_safety_expiry_ns(&loop->safety);
+}
+
+/* Wheels 0; LEDs off too unless the host wants a pause. */
+static void give_hold(struct vs_loop *loop, struct vs_guard_request *request)
+{
+    loop->command = loop->robot.command;
+    vs_safety_limit(&loop->command, 0);
+    loop->hold_due = 0;
+    loop->acting = 0;
+    give_act(loop, request);
+}
+
+int vs_loop_request(struct vs_loop *loop, const struct vs_instant *now,
+                    struct vs_guard_request *request)
+{
+    if (loop->waiting)
+        return 0;
+    memset(request, 0, sizeof *request);
+    if (loop->ending) {
+        request->kind = VS_GUARD_CLOSE;
+    } else if (!loop->running && loop->hold_due) {
+        give_hold(loop, request);
+    } else if (loop->acting && loop->running) {
+        give_act(loop, request);
+    } else if (now->base_ns >= next_step_ns(loop)) {
+        loop->begin_ns = now->base_ns;
+        if (loop->running)
+            request->kind = VS_GUARD_SENSE;
+        else
+            give_hold(loop, request);
+    } else if (now->base_ns - loop->sent_ns >= VS_LOOP_PING_NS) {
+        request->kind = VS_GUARD_PING;
+    } else {
+        return 0;
+    }
+    loop->kind = (uint8_t)request->kind;
+    loop->waiting = 1;
+    loop->sent_ns = now->base_ns;
+    return 1;
+}
+
+enum vs_stop_cause vs_loop_cause(const struct vs_loop *loop, const struct vs_instant *now)
+{
+    if (loop->ending)
+        return VS_CAUSE_SIGNAL;
+    if (!loop->session->open)
+        return VS_CAUSE_NO_SESSION;
+    if (!loop->running)
+        return VS_CAUSE_WANTED;
+    if (loop->guard_lost)
+        return VS_CAUSE_GUARD;
+    if (loop->base_lost)
+        return VS_CAUSE_BASE;
+    if (!vs_safety_may_move(&loop->safety, now->base_ns))
+        return VS_CAUSE_STALE;
+    return (enum vs_stop_cause)loop->guard_cause;
+}
+
+static uint8_t actual_state(const struct vs_loop *loop)
+{
+    const struct vs_session *s = loop->session;
+
+    if (loop->running)
+        return VS_RUN;
+    if (s->open && s->wanted != VS_RUN)
+        return s->wanted;
+    return VS_IDLE;
+}
+
+int vs_loop_telemetry(struct vs_loop *loop, const struct vs_instant *now,
+                      struct vs_telemetry *t)
+{
+    if (!loop->session->open)
+        return 0;
+    if (!loop->telemetry_due && now->base_ns - loop->telemetry_ns < VS_LOOP_TELEMETRY_NS)
+        return 0;
+    loop->telemetry_due = 0;
+    loop->telemetry_ns = now->base_ns;
+    memset(t, 0, sizeof *t);
+    t->state = actual_state(loop);
+    t->stop_cause = (uint8_t)vs_loop_cause(loop, now);
+    t->battery_low = loop->robot.base.battery_low;
+    t->battery_mv = loop->robot.base.battery_mv;
+    t->control_step = loop->step.number;
+    t->left_steps_s = loop->applied.left_steps_s;
+    t->right_steps_s = loop->applied.right_steps_s;
+    t->leds = loop->applied.leds;
+    memcpy(t->payload, loop->robot.actuators, sizeof t->payload);
+    return 1;
+}
+
+uint64_t vs_loop_wake_ns(const struct vs_loop *loop)
+{
+    uint64_t wake_ns = UINT64_MAX;
+
+    if (!loop->waiting) {
+        wake_ns = next_step_ns(loop);
+        if (loop->sent_ns + VS_LOOP_PING_NS < wake_ns)
+            wake_ns = loop->sent_ns + VS_LOOP_PING_NS;
+    }
+    if (loop->session->open && loop->telemetry_ns + VS_LOOP_TELEMETRY_NS < wake_ns)
+        wake_ns = loop->telemetry_ns + VS_LOOP_TELEMETRY_NS;
+    return wake_ns;
+}

@@ -1,0 +1,105 @@
+/* SPDX-License-Identifier: MIT */
+/*
+ * loop.h - the worker's mind: when a control step is due, what is asked of the
+ * guard, why wheels are held. Pure: the session, replies and times in, requests and
+ * telemetry out.
+ *
+ * One control step: SENSE (the base's readings are one exchange old, so exchange
+ * before the controller), the controller, safety, ACT. A step begins with the first
+ * datagram of a new timestep, at the latest 1.25 timesteps after the last step, and
+ * never less than half a timestep after it. Outside `run`, and without a session,
+ * the wheels are 0: at once when that changes, and again with every idle exchange.
+ */
+#ifndef VS_LOOP_H
+#define VS_LOOP_H
+
+#include "guard.h"
+#include "robot.h"
+#include "safety.h"
+
+#define VS_LOOP_PING_NS 50000000u      /* [ns] the guard is never left alone longer */
+#define VS_LOOP_TELEMETRY_NS 50000000u /* [ns] nor the host */
+#define VS_LOOP_IDLE_NS 100000000u     /* [ns] idle exchange without a session */
+
+/* Now, on both of the worker's clocks. */
+struct vs_instant {
+    uint64_t base_ns;    /* CLOCK_MONOTONIC */
+    uint64_t session_ns; /* the session's clock */
+};
+
+/* What one control step saw and did, for the trace. */
+struct vs_step {
+    uint32_t number;      /* 1.. */
+    uint64_t session_ns;  /* when the controller was called */
+    uint64_t age_ns;      /* of the newest capture then, UINT64_MAX = unknown */
+    uint64_t bound_ns;    /* of that age, UINT64_MAX = unknown */
+    uint8_t stale;
+    struct vs_base_command command; /* after safety */
+};
+
+struct vs_loop {
+    struct vs_session *session;
+    const struct vs_controller *controller;
+    void *state; /* the controller's, VS_CONTROLLER_STATE_MAX bytes */
+    struct vs_robot robot;
+    struct vs_safety safety;
+    struct vs_base_command applied; /* what the guard said is in force */
+    struct vs_base_command command; /* newest asked for */
+    struct vs_step step;            /* newest control step */
+    uint8_t begun;        /* the controller's init was called */
+    uint8_t running;      /* the host wants it to run now */
+    uint8_t timestep_new; /* a timestep came that no control step has seen */
+    uint8_t hold_due;     /* the wheels must be told to stop */
+    uint8_t ending;
+    uint8_t waiting;      /* a request is with the guard */
+    uint8_t kind;         /* its enum vs_guard_kind */
+    uint8_t acting;       /* 1: the controller decided, ACT is due or with the guard */
+    uint8_t base_lost;
+    uint8_t guard_lost;   /* replaced; until the next ACT */
+    uint8_t guard_cause;  /* why the guard holds the wheels */
+    uint8_t telemetry_due;
+    uint8_t trace_due;    /* step is new */
+    uint32_t run;         /* what init was called for */
+    uint32_t table_hash;
+    uint32_t seed;
+    uint32_t seen_timestep; /* of the newest STATE looked at */
+    uint32_t seen_run;
+    uint64_t seen_fresh_ns; /* session->fresh_ns then */
+    uint64_t begin_ns;    /* base's clock: newest step or idle exchange began */
+    uint64_t sent_ns;     /* base's clock: newest request */
+    uint64_t telemetry_ns;/* base's clock: newest telemetry */
+};
+
+/* state: VS_CONTROLLER_STATE_MAX bytes, aligned for any type. */
+void vs_loop_init(struct vs_loop *loop, struct vs_session *session,
+                  const struct vs_controller *controller, void *state);
+
+/* An event of the session. */
+void vs_loop_event(struct vs_loop *loop, enum vs_event event, const struct vs_instant *now);
+
+/* 1 and a request for the guard, or 0. Its reply has to come before the next one. */
+int vs_loop_request(struct vs_loop *loop, const struct vs_instant *now,
+                    struct vs_guard_request *request);
+
+/* The guard's reply. */
+void vs_loop_reply(struct vs_loop *loop, const struct vs_guard_reply *reply,
+                   const struct vs_instant *now);
+
+/* The guard is a new one, its wheels at 0; the request with the old one is void. */
+void vs_loop_guard_lost(struct vs_loop *loop);
+
+/* The daemon ends: wheels 0 from now on. */
+void vs_loop_end(struct vs_loop *loop);
+
+/* Why the wheels are held, or VS_CAUSE_NONE. */
+enum vs_stop_cause vs_loop_cause(const struct vs_loop *loop, const struct vs_instant *now);
+
+/* 1 if telemetry is due; t is then filled but for guard_restarts, base_errors and
+ * what the session fills in. */
+int vs_loop_telemetry(struct vs_loop *loop, const struct vs_instant *now,
+                      struct vs_telemetry *t);
+
+/* Base's clock: when vs_loop_request and vs_loop_telemetry have to be asked again. */
+uint64_t vs_loop_wake_ns(const struct vs_loop *loop);
+
+#endif

@@ -1,0 +1,65 @@
+/* SPDX-License-Identifier: MIT */
+/*
+ * vsensed - one robot's end of virtual sensing. Two processes: the worker (this one,
+ * worker.h) has network, clock and controller; the guard (guard.h) owns the base and
+ * stops it whatever becomes of the worker.
+ */
+#include <fcntl.h>
+#include <stdio.h>
+#include <unistd.h>
+
+#include "options.h"
+#include "report.h"
+#include "worker.h"
+
+#define MACHINE_ID "/etc/machine-id"
+
+static void print_help(void)
+{
+    size_t i;
+
+    fputs(vs_options_help, stdout);
+    for (i = 0; vs_bases[i] != NULL; i++)
+        printf("  %s\n", vs_bases[i]->help);
+}
+
+/* Returns 0, or -1 if this machine has no id. */
+static int uid_of_machine(struct vs_options *options)
+{
+    char text[64] = "";
+    int fd = open(MACHINE_ID, O_RDONLY);
+    ssize_t len;
+
+    if (fd < 0)
+        return -1;
+    len = read(fd, text, sizeof text - 1);
+    close(fd);
+    return len < 0 ? -1 : vs_options_make_uid(options, text);
+}
+
+int main(int argc, char *argv[])
+{
+    static struct vs_worker worker;
+    struct vs_options options;
+    char why[200];
+
+    switch (vs_options_read(&options, argc, argv, why, sizeof why)) {
+    case VS_OPTIONS_HELP:
+        print_help();
+        return 0;
+    case VS_OPTIONS_VERSION:
+        printf("vsensed %s, controller %s\n", VSENSED_VERSION, vs_controller.name);
+        return 0;
+    case VS_OPTIONS_BAD:
+        vs_report("%s", why);
+        return 2;
+    default:
+        break;
+    }
+    vs_report_as(options.tag);
+    if (!options.has_uid && uid_of_machine(&options) != 0) {
+        vs_report("no machine id in %s: give --uid, 32 hexadecimal digits", MACHINE_ID);
+        return 2;
+    }
+    return vs_worker_run(&worker, &options);
+}

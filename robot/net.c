@@ -1,0 +1,261 @@
+/* SPDX-License-Identifier: MIT */
+#include "net.h"
+
+#include <arpa/inet.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include "vs_posix.h"
+
+#define FINISH_NS 50000000u
+
+enum { TCP = 0, UDP = 1 };
+
+static int new_socket(int type)
+{
+    int fd = socket(AF_INET, type, 0);
+
+    if (fd >= 0)
+        fcntl(fd, F_SETFL, O_NONBLOCK);
+    return fd;
+}
+
+static int start_connect(const struct vs_net *net, int fd)
+{
+    struct sockaddr_in address;
+
+    memset(&address, 0, sizeof address);
+    address.sin_family = AF_INET;
+    address.sin_addr.s_addr = net->host;
+    address.sin_port = htons(net->port);
+    return connect(fd, (const struct sockaddr *)&address, sizeof address);
+}
+
+int vs_net_open(struct vs_net *net, const char *address, uint16_t port, uint64_t seed)
+{
+    struct in_addr host;
+
+    memset(net, 0, sizeof *net);
+    net->fds[TCP] = -1;
+    net->fds[UDP] = -1;
+    if (inet_pton(AF_INET, address, &host) != 1)
+        return -1;
+    net->host = host.s_addr;
+    net->port = port;
+    net->nonce = seed;
+    net->why = "not connected yet";
+    net->fds[UDP] = new_socket(SOCK_DGRAM);
+    return net->fds[UDP] >= 0 && start_connect(net, net->fds[UDP]) == 0 ? 0 : -2;
+}
+
+void vs_net_close(struct vs_net *net, struct vs_session *session, const char *why,
+                  uint64_t now_ns, uint64_t wait_ns)
+{
+    if (net->fds[TCP] >= 0)
+        close(net->fds[TCP]);
+    net->fds[TCP] = -1;
+    net->phase = VS_NET_DOWN;
+    net->next_ns = now_ns + wait_ns;
+    net->why = why;
+    net->in_len = net->in_pos = 0;
+    net->out_len = net->out_pos = 0;
+    net->newest_len = 0;
+    vs_session_disconnected(session);
+}
+
+static void try_to_connect(struct vs_net *net, uint64_t now_ns)
+{
+    int on = 1;
+
+    net->next_ns = now_ns + VS_NET_RETRY_NS;
+    net->fds[TCP] = new_socket(SOCK_STREAM);
+    if (net->fds[TCP] < 0)
+        return;
+    setsockopt(net->fds[TCP], IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
+    if (start_connect(net, net->fds[TCP]) == 0 || errno == EINPROGRESS) {
+        net->phase = VS_NET_CONNECTING;
+        net->next_ns = now_ns + VS_NET_ATTEMPT_NS;
+        return;
+    }
+    close(net->fds[TCP]);
+    net->fds[TCP] = -1;
+}
+
+/* 1: connected, 0: not yet, -1: it failed. */
+static int is_connected(const struct vs_net *net)
+{
+    struct pollfd fd = {net->fds[TCP], POLLOUT, 0};
+    int error = 0;
+    socklen_t len = sizeof error;
+
+    if (poll(&fd, 1, 0) <= 0)
+        return 0;
+    if (getsockopt(net->fds[TCP], SOL_SOCKET, SO_ERROR, &error, &len) != 0 || error != 0)
+        return -1;
+    return 1;
+}
+
+static void connecting(struct vs_net *net, struct vs_session *session,
+                       uint64_t now_ns, uint64_t session_ns)
+{
+    int connected = is_connected(net);
+
+    if (connected == 1) {
+        net->phase = VS_NET_UP;
+        net->heard_ns = now_ns;
+        net->nonce = net->nonce * 6364136223846793005u + 1442695040888963407u;
+        vs_session_connected(session, net->nonce, session_ns);
+    } else if (connected < 0 || now_ns >= net->next_ns) {
+        vs_net_close(net, session, net->why, now_ns, VS_NET_RETRY_NS);
+    }
+}
+
+enum vs_net_result vs_net_tick(struct vs_net *net, struct vs_session *session,
+                               uint64_t now_ns, uint64_t session_ns)
+{
+    if (net->phase == VS_NET_DOWN && now_ns >= net->next_ns)
+        try_to_connect(net, now_ns);
+    if (net->phase == VS_NET_CONNECTING)
+        connecting(net, session, now_ns, session_ns);
+    if (net->phase == VS_NET_UP && now_ns - net->heard_ns >= VS_NET_SILENCE_NS) {
+        vs_net_close(net, session, "the host is silent", now_ns, VS_NET_RETRY_NS);
+        return VS_NET_LOST;
+    }
+    return VS_NET_NOTHING;
+}
+
+static enum vs_net_result receive_datagram(struct vs_net *net, struct vs_session *session,
+                                           uint64_t now_ns, uint64_t session_ns,
+                                           enum vs_event *event)
+{
+    uint8_t datagram[VS_DATAGRAM_MAX + 1];
+    ssize_t len = recv(net->fds[UDP], datagram, sizeof datagram, 0);
+
+    if (len < 0)
+        return VS_NET_NOTHING;
+    if (vs_session_udp_in(session, datagram, (size_t)len, session_ns, event) == VS_OK)
+        net->heard_ns = now_ns;
+    return VS_NET_EVENT;
+}
+
+/* 1: bytes are waiting, 0: none, -1: the connection is over. */
+static int fill(struct vs_net *net)
+{
+    ssize_t len;
+
+    if (net->in_pos < net->in_len)
+        return 1;
+    len = recv(net->fds[TCP], net->in, sizeof net->in, 0);
+    if (len < 0 && (errno == EAGAIN || errno == EINTR))
+        return 0;
+    if (len <= 0)
+        return -1;
+    net->in_pos = 0;
+    net->in_len = (size_t)len;
+    return 1;
+}
+
+enum vs_net_result vs_net_receive(struct vs_net *net, struct vs_session *session,
+                                  uint64_t now_ns, uint64_t session_ns, enum vs_event *event)
+{
+    size_t used;
+    int filled;
+
+    *event = VS_EV_NONE;
+    if (receive_datagram(net, session, now_ns, session_ns, event) == VS_NET_EVENT)
+        return VS_NET_EVENT;
+    if (net->phase != VS_NET_UP)
+        return VS_NET_NOTHING;
+    filled = fill(net);
+    if (filled == 0)
+        return VS_NET_NOTHING;
+    if (filled < 0) {
+        vs_net_close(net, session, "the host closed it", now_ns, VS_NET_RETRY_NS);
+        return VS_NET_LOST;
+    }
+    if (vs_session_tcp_in(session, net->in + net->in_pos, net->in_len - net->in_pos,
+                          session_ns, &used, event) < 0) {
+        vs_net_close(net, session, "the host broke the protocol", now_ns, VS_NET_REFUSED_NS);
+        return VS_NET_LOST;
+    }
+    net->in_pos += used;
+    if (*event != VS_EV_NONE)
+        net->heard_ns = now_ns;
+    return VS_NET_EVENT;
+}
+
+void vs_net_send(struct vs_net *net, const uint8_t *buf, size_t len, int over_tcp)
+{
+    /* a datagram that the system does not take is a lost one */
+    (void)send(net->fds[UDP], buf, len, MSG_NOSIGNAL);
+    if (over_tcp && net->phase == VS_NET_UP) {
+        memcpy(net->newest, buf, len);
+        net->newest_len = len;
+    }
+}
+
+/* Puts the next packet into out. Returns 1 if there is one. */
+static int next_packet(struct vs_net *net, struct vs_session *session, uint64_t session_ns)
+{
+    net->out_pos = 0;
+    if (vs_session_tcp_out(session, net->out, sizeof net->out, session_ns, &net->out_len) != VS_OK)
+        net->out_len = 0;
+    if (net->out_len == 0 && net->newest_len > 0) {
+        memcpy(net->out, net->newest, net->newest_len);
+        net->out_len = net->newest_len;
+        net->newest_len = 0;
+    }
+    return net->out_len > 0;
+}
+
+void vs_net_flush(struct vs_net *net, struct vs_session *session, uint64_t session_ns)
+{
+    while (net->phase == VS_NET_UP) {
+        ssize_t len;
+
+        if (net->out_pos == net->out_len && !next_packet(net, session, session_ns))
+            return;
+        len = send(net->fds[TCP], net->out + net->out_pos, net->out_len - net->out_pos,
+                   MSG_NOSIGNAL);
+        if (len <= 0)
+            return; /* full: poll says when; broken: reading says so */
+        net->out_pos += (size_t)len;
+    }
+}
+
+void vs_net_finish(struct vs_net *net, struct vs_session *session, uint64_t session_ns)
+{
+    struct pollfd fd = {net->fds[TCP], POLLIN, 0};
+    uint64_t now_ns = vs_posix_now_ns();
+    uint64_t until_ns = now_ns + FINISH_NS;
+
+    if (net->phase != VS_NET_UP)
+        return;
+    net->newest_len = 0;
+    vs_net_flush(net, session, session_ns);
+    /* closing with unread bytes would reset the connection and lose the goodbye */
+    shutdown(net->fds[TCP], SHUT_WR);
+    while (now_ns < until_ns && poll(&fd, 1, vs_posix_timeout_ms(now_ns, until_ns)) > 0 &&
+           recv(net->fds[TCP], net->in, sizeof net->in, 0) > 0)
+        now_ns = vs_posix_now_ns();
+}
+
+void vs_net_poll(const struct vs_net *net, struct pollfd fds[2])
+{
+    fds[TCP].fd = net->fds[TCP];
+    fds[TCP].events = POLLIN;
+    if (net->phase == VS_NET_CONNECTING || net->out_pos < net->out_len)
+        fds[TCP].events |= POLLOUT;
+    fds[UDP].fd = net->fds[UDP];
+    fds[UDP].events = POLLIN;
+}
+
+uint64_t vs_net_wake_ns(const struct vs_net *net)
+{
+    return net->phase == VS_NET_UP ? net->heard_ns + VS_NET_SILENCE_NS : net->next_ns;
+}

@@ -1,0 +1,77 @@
+/* SPDX-License-Identifier: MIT */
+/*
+ * net.h - the worker's sockets: one TCP connection that is tried again for ever, one
+ * UDP socket for the daemon's life. Bytes go to and from the session; nothing blocks.
+ */
+#ifndef VS_NET_H
+#define VS_NET_H
+
+#include <poll.h>
+
+#include "vs_session.h"
+
+#define VS_NET_RETRY_NS 200000000u    /* [ns] between two tries to connect */
+#define VS_NET_ATTEMPT_NS 500000000u  /* [ns] a try may take */
+#define VS_NET_REFUSED_NS 1000000000u /* [ns] until the next try once refused */
+#define VS_NET_SILENCE_NS 2000000000u /* [ns] without a valid packet: connect anew */
+
+enum vs_net_phase { VS_NET_DOWN = 0, VS_NET_CONNECTING = 1, VS_NET_UP = 2 };
+
+enum vs_net_result {
+    VS_NET_NOTHING = 0, /* no bytes are waiting */
+    VS_NET_EVENT = 1,   /* something was read; *event says what, maybe VS_EV_NONE */
+    VS_NET_LOST = 2     /* the connection ended; net->why says why */
+};
+
+/* Read-only for the caller. */
+struct vs_net {
+    uint32_t host;      /* IPv4, network order */
+    uint16_t port;
+    int fds[2];         /* TCP, UDP; -1 = none */
+    uint8_t phase;      /* enum vs_net_phase */
+    uint64_t next_ns;   /* DOWN: try then; CONNECTING: give up then */
+    uint64_t heard_ns;  /* UP: newest valid packet, else when it came up */
+    uint64_t nonce;
+    const char *why;    /* the connection last ended: one phrase */
+    uint8_t in[2048];
+    size_t in_len;
+    size_t in_pos;
+    uint8_t out[VS_PACKET_MAX];        /* the packet that TCP is sending */
+    size_t out_len;
+    size_t out_pos;
+    uint8_t newest[VS_DATAGRAM_MAX];   /* telemetry waiting for TCP: newest wins */
+    size_t newest_len;
+};
+
+/* Opens the UDP socket. Returns 0; -1: address is no numeric IPv4 address; -2: errno. */
+int vs_net_open(struct vs_net *net, const char *address, uint16_t port, uint64_t seed);
+
+/* Connects, gives up, notices silence. Returns VS_NET_LOST once for an end. */
+enum vs_net_result vs_net_tick(struct vs_net *net, struct vs_session *session,
+                               uint64_t now_ns, uint64_t session_ns);
+
+/* Reads at most one packet's worth of bytes; call until VS_NET_NOTHING. */
+enum vs_net_result vs_net_receive(struct vs_net *net, struct vs_session *session,
+                                  uint64_t now_ns, uint64_t session_ns, enum vs_event *event);
+
+/* Sends one telemetry packet by UDP, and by TCP as well if over_tcp. */
+void vs_net_send(struct vs_net *net, const uint8_t *buf, size_t len, int over_tcp);
+
+/* Writes what TCP has to send, as far as it takes it. */
+void vs_net_flush(struct vs_net *net, struct vs_session *session, uint64_t session_ns);
+
+/* Ends the connection; the next try comes wait_ns after now_ns. */
+void vs_net_close(struct vs_net *net, struct vs_session *session, const char *why,
+                  uint64_t now_ns, uint64_t wait_ns);
+
+/* Hands the last packets to the system and waits, at the longest 50 ms, until the
+ * host has closed. For the daemon's end. */
+void vs_net_finish(struct vs_net *net, struct vs_session *session, uint64_t session_ns);
+
+/* Fills what poll() has to wait for: TCP, UDP. */
+void vs_net_poll(const struct vs_net *net, struct pollfd fds[2]);
+
+/* When vs_net_tick has to be called at the latest. */
+uint64_t vs_net_wake_ns(const struct vs_net *net);
+
+#endif

@@ -1,0 +1,237 @@
+/* SPDX-License-Identifier: MIT */
+#include "options.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define CLOCK_MAX_NS INT64_C(1000000000000000000)
+#define DRIFT_MAX_PPM 100000.0
+
+const char vs_options_help[] =
+    "usage: vsensed --host ADDRESS --port PORT --tag TAG --base BASE [options]\n"
+    "\n"
+    "Runs one robot: its controller gets the virtual sensors of the host, its base the\n"
+    "controller's commands. Wheels stop when the host falls silent for 400 ms, on SIGTERM,\n"
+    "and when any process of the daemon dies.\n"
+    "\n"
+    "  --host ADDRESS   the host's numeric IPv4 address\n"
+    "  --port PORT      the host's port, TCP and UDP\n"
+    "  --tag TAG        number of the marker on the robot's back, 0..65535\n"
+    "  --base BASE      what turns the wheels, see below\n"
+    "  --uid HEX        32 hexadecimal digits that no other robot has\n"
+    "                   (default: /etc/machine-id mixed with the tag)\n"
+    "  --name NAME      for people, at most 31 bytes (default: robot_TAG)\n"
+    "  --version        print the version and end\n"
+    "  --help           print this and end\n"
+    "\n"
+    "Test aids:\n"
+    "  --trace FILE           one line per control step\n"
+    "  --clock-offset-ns N    session's clock = CLOCK_MONOTONIC * (1 + F / 1e6) + N\n"
+    "  --clock-drift-ppm F\n"
+    "\n"
+    "Bases:\n";
+
+struct reading {
+    const char *option;
+    const char *value;
+    char *why;
+    size_t why_size;
+};
+
+static int refuse(const struct reading *r, const char *expected)
+{
+    snprintf(r->why, r->why_size, "%s: expected %s, got '%s'", r->option, expected, r->value);
+    return -1;
+}
+
+static int read_number(const struct reading *r, uint16_t *number)
+{
+    char *end;
+    long value = strtol(r->value, &end, 10);
+
+    if (end == r->value || *end != '\0' || value < 0 || value > 65535)
+        return refuse(r, "a number from 0 to 65535");
+    *number = (uint16_t)value;
+    return 0;
+}
+
+static int hex_digit(char c)
+{
+    if (c >= '0' && c <= '9')
+        return c - '0';
+    if (c >= 'a' && c <= 'f')
+        return c - 'a' + 10;
+    return c >= 'A' && c <= 'F' ? c - 'A' + 10 : -1;
+}
+
+/* Reads 32 digits. Returns 0, or -1. */
+static int read_uid(const char *text, uint8_t uid[VS_UID_SIZE])
+{
+    size_t i;
+
+    for (i = 0; i < VS_UID_SIZE; i++) {
+        int high = hex_digit(text[2 * i]);
+        int low = high < 0 ? -1 : hex_digit(text[2 * i + 1]);
+
+        if (low < 0)
+            return -1;
+        uid[i] = (uint8_t)(high << 4 | low);
+    }
+    return 0;
+}
+
+int vs_options_make_uid(struct vs_options *options, const char *text)
+{
+    if (read_uid(text, options->uid) != 0)
+        return -1;
+    options->uid[0] ^= (uint8_t)(options->tag & 0xFF);
+    options->uid[1] ^= (uint8_t)(options->tag >> 8);
+    options->has_uid = 1;
+    return 0;
+}
+
+static int take_uid(const struct reading *r, struct vs_options *o)
+{
+    o->has_uid = 1;
+    if (strlen(r->value) == 2 * VS_UID_SIZE && read_uid(r->value, o->uid) == 0)
+        return 0;
+    return refuse(r, "32 hexadecimal digits");
+}
+
+static int take_name(const struct reading *r, struct vs_options *o)
+{
+    size_t len = strlen(r->value);
+
+    if (len == 0 || len > VS_NAME_MAX || vs_text_check((const uint8_t *)r->value, len, 0) != VS_OK)
+        return refuse(r, "1 to 31 bytes of plain UTF-8");
+    memcpy(o->name, r->value, len + 1);
+    return 0;
+}
+
+static int take_base(const struct reading *r, struct vs_options *o)
+{
+    o->base = vs_base_find(r->value, &o->device);
+    return o->base != NULL ? 0 : refuse(r, "a base and its device, such as argos:/dev/ttyS0");
+}
+
+static int take_offset(const struct reading *r, struct vs_options *o)
+{
+    char *end;
+    long long value = strtoll(r->value, &end, 10);
+
+    if (end == r->value || *end != '\0' || value > CLOCK_MAX_NS || value < -CLOCK_MAX_NS)
+        return refuse(r, "a whole number of nanoseconds");
+    o->clock_offset_ns = value;
+    return 0;
+}
+
+static int take_drift(const struct reading *r, struct vs_options *o)
+{
+    char *end;
+    double ppm = strtod(r->value, &end);
+
+    if (end == r->value || *end != '\0' || !(ppm >= -DRIFT_MAX_PPM && ppm <= DRIFT_MAX_PPM))
+        return refuse(r, "parts per million, from -100000 to 100000");
+    o->clock_drift_ppb = (int64_t)(ppm * 1000.0 + (ppm < 0 ? -0.5 : 0.5));
+    return 0;
+}
+
+static int take_host(const struct reading *r, struct vs_options *o)
+{
+    o->host = r->value;
+    return 0;
+}
+
+static int take_trace(const struct reading *r, struct vs_options *o)
+{
+    o->trace = r->value;
+    return 0;
+}
+
+static int take_port(const struct reading *r, struct vs_options *o)
+{
+    return read_number(r, &o->port);
+}
+
+static int take_tag(const struct reading *r, struct vs_options *o)
+{
+    o->has_tag = 1;
+    return read_number(r, &o->tag);
+}
+
+static const struct {
+    const char *name;
+    int (*take)(const struct reading *r, struct vs_options *o); /* 0, or -1 and why */
+} table[] = {
+    {"--host", take_host},
+    {"--port", take_port},
+    {"--tag", take_tag},
+    {"--base", take_base},
+    {"--uid", take_uid},
+    {"--name", take_name},
+    {"--trace", take_trace},
+    {"--clock-offset-ns", take_offset},
+    {"--clock-drift-ppm", take_drift},
+};
+
+/* Takes one option and its value, NULL if there is none. 0, or -1 and why. */
+static int take(struct vs_options *o, const char *name, const char *value,
+                char *why, size_t why_size)
+{
+    struct reading r = {name, value, why, why_size};
+    size_t i = 0;
+
+    while (i < sizeof table / sizeof table[0] && strcmp(name, table[i].name) != 0)
+        i++;
+    if (i == sizeof table / sizeof table[0]) {
+        snprintf(why, why_size, "unknown option '%s'; see vsensed --help", name);
+        return -1;
+    }
+    if (value == NULL) {
+        snprintf(why, why_size, "%s: expected a value after it", name);
+        return -1;
+    }
+    return table[i].take(&r, o);
+}
+
+/* What has no default was given: 0, or -1 and why. */
+static int check(struct vs_options *o, char *why, size_t why_size)
+{
+    const char *missing = NULL;
+
+    if (o->host == NULL)
+        missing = "--host";
+    else if (o->port == 0)
+        missing = "--port";
+    else if (!o->has_tag)
+        missing = "--tag";
+    else if (o->base == NULL)
+        missing = "--base";
+    if (missing != NULL) {
+        snprintf(why, why_size, "%s is missing; see vsensed --help", missing);
+        return -1;
+    }
+    if (o->name[0] == '\0')
+        snprintf(o->name, sizeof o->name, "robot_%u", (unsigned int)o->tag);
+    return 0;
+}
+
+enum vs_options_result vs_options_read(struct vs_options *options, int argc, char *const argv[],
+                                       char *why, size_t why_size)
+{
+    int i;
+
+    memset(options, 0, sizeof *options);
+    for (i = 1; i < argc; i += 2) {
+        const char *value = i + 1 < argc ? argv[i + 1] : NULL;
+
+        if (strcmp(argv[i], "--help") == 0)
+            return VS_OPTIONS_HELP;
+        if (strcmp(argv[i], "--version") == 0)
+            return VS_OPTIONS_VERSION;
+        if (take(options, argv[i], value, why, why_size) != 0)
+            return VS_OPTIONS_BAD;
+    }
+    return check(options, why, why_size) == 0 ? VS_OPTIONS_RUN : VS_OPTIONS_BAD;
+}

@@ -1,0 +1,40 @@
+/* SPDX-License-Identifier: MIT */
+/* options.h - the daemon's command line, read into a struct. Pure. */
+#ifndef VS_OPTIONS_H
+#define VS_OPTIONS_H
+
+#include "base.h"
+#include "vs_session.h"
+
+#define VSENSED_VERSION "0.1.0"
+
+struct vs_options {
+    const char *host;                 /* numeric IPv4 */
+    uint16_t port;
+    uint16_t tag;
+    char name[VS_NAME_MAX + 1];       /* default robot_TAG */
+    uint8_t uid[VS_UID_SIZE];
+    uint8_t has_uid;
+    uint8_t has_tag;
+    const struct vs_base_ops *base;
+    const char *device;
+    const char *trace;                /* NULL: none */
+    int64_t clock_offset_ns;
+    int64_t clock_drift_ppb;
+};
+
+enum vs_options_result { VS_OPTIONS_RUN, VS_OPTIONS_HELP, VS_OPTIONS_VERSION, VS_OPTIONS_BAD };
+
+/* Reads argv[1..]. VS_OPTIONS_BAD: why is a line without its newline that says what
+ * was expected and what came. The strings of argv are kept, not copied. */
+enum vs_options_result vs_options_read(struct vs_options *options, int argc, char *const argv[],
+                                       char *why, size_t why_size);
+
+/* Makes a uid of 32 hexadecimal digits (the machine's id) and the tag. Returns 0, or
+ * -1 if text does not begin with 32 digits. */
+int vs_options_make_uid(struct vs_options *options, const char *text);
+
+/* Help of all options; the bases are listed after it by name. */
+extern const char vs_options_help[];
+
+#endif

@@ -1,0 +1,255 @@
+/* SPDX-License-Identifier: MIT */
+#include "robot.h"
+
+#include <limits.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Handles: 0.. an entry of the host's table, OWN.. the robot's own, NONE nobody's. */
+enum { NONE = -1, OWN = 1000, OWN_PROXIMITY = OWN, OWN_LIGHT, OWN_BATTERY, OWN_END };
+
+static const char *const own_names[] = {"proximity", "light", "battery_low"};
+
+const double vs_robot_sensor_angle_rad[8] = {-0.3002, -0.8011, -1.5708, -2.6442,
+                                             2.6442,  1.5708,  0.7994,  0.3002};
+
+/* splitmix64. Source: Steele, Lea, Flood: Fast splittable generators, 2014. */
+static uint64_t next_random(uint64_t *state)
+{
+    uint64_t z;
+
+    *state += 0x9E3779B97F4A7C15u;
+    z = *state;
+    z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9u;
+    z = (z ^ (z >> 27)) * 0x94D049BB133111EBu;
+    return z ^ (z >> 31);
+}
+
+void vs_robot_begin(struct vs_robot *robot, const struct vs_session *session)
+{
+    robot->session = session;
+    memset(&robot->command, 0, sizeof robot->command);
+    memset(robot->actuators, 0, sizeof robot->actuators);
+    robot->random = (uint64_t)session->seed << 16 | session->config.tag;
+    robot->bound = 0;
+}
+
+int vs_robot_is_stale(const struct vs_session *session, uint64_t age_ns)
+{
+    return age_ns > session->timestep_ns / 10 * VS_STALE_TENTHS;
+}
+
+static void complain(struct vs_robot *robot, const char *what, const char *name)
+{
+    if (robot->complain != NULL)
+        robot->complain(robot->context, what, name);
+}
+
+/* Index of the table's entry of that name and direction, or NONE. */
+static int bind(struct vs_robot *robot, const char *name, uint8_t direction)
+{
+    const struct vs_table *table = &robot->session->table;
+    int index = vs_table_find(table, name);
+
+    if (index < 0 || table->entries[index].direction != direction)
+        return NONE;
+    robot->bound |= (uint32_t)1 << index;
+    return index;
+}
+
+int vs_robot_sensor(struct vs_robot *robot, const char *name)
+{
+    int index = bind(robot, name, VS_SENSOR);
+    int own;
+
+    if (index != NONE)
+        return index;
+    for (own = OWN; own < OWN_END; own++)
+        if (strcmp(name, own_names[own - OWN]) == 0)
+            return own;
+    complain(robot, "nobody offers the sensor", name);
+    return NONE;
+}
+
+int vs_robot_actuator(struct vs_robot *robot, const char *name)
+{
+    int index = bind(robot, name, VS_ACTUATOR);
+
+    if (index == NONE)
+        complain(robot, "nobody offers the virtual actuator", name);
+    return index;
+}
+
+/* Number index of a payload; the table's layout says what lies there. */
+static double load(const struct vs_entry *entry, const uint8_t *data, int index)
+{
+    struct vs_reader r;
+    uint32_t raw;
+
+    vs_reader_init(&r, data, entry->size);
+    if (entry->type[1] == '1')
+        return vs_get_bytes(&r, (size_t)index + 1)[index];
+    if (entry->type[1] == '2') {
+        (void)vs_get_bytes(&r, (size_t)index * 2);
+        raw = vs_get_u16(&r);
+        return entry->type[0] == 'i' && raw > INT16_MAX ? (double)raw - 65536.0 : raw;
+    }
+    if (entry->type[0] == 'f')
+        return (double)vs_load_f4(data + (size_t)index * 4);
+    (void)vs_get_bytes(&r, (size_t)index * 4);
+    raw = vs_get_u32(&r);
+    return entry->type[0] == 'i' && raw > INT32_MAX ? (double)raw - 4294967296.0 : raw;
+}
+
+static int virtual_values(const struct vs_robot *robot, int sensor, double *values, int max)
+{
+    const struct vs_entry *entry;
+    struct vs_value value;
+    int i;
+
+    if (vs_session_value(robot->session, sensor, &value) != VS_OK || !value.known)
+        return 0;
+    entry = &robot->session->table.entries[sensor];
+    for (i = 0; i < entry->count && i < max; i++)
+        values[i] = load(entry, value.data, i);
+    return entry->count;
+}
+
+static int own_values(const struct vs_robot *robot, int sensor, double *values, int max)
+{
+    const int16_t *ring = sensor == OWN_LIGHT ? robot->base.light : robot->base.prox;
+    int i;
+
+    if (robot->base_ns == 0)
+        return 0;
+    if (sensor == OWN_BATTERY) {
+        if (robot->base.battery_low == VS_BATTERY_UNKNOWN)
+            return 0;
+        if (max > 0)
+            values[0] = robot->base.battery_low;
+        return 1;
+    }
+    for (i = 0; i < 8 && i < max; i++)
+        values[i] = ring[i];
+    return 8;
+}
+
+int vs_robot_values(const struct vs_robot *robot, int sensor, double *values, int max)
+{
+    if (sensor < 0)
+        return 0;
+    if (sensor >= OWN)
+        return own_values(robot, sensor, values, max);
+    return virtual_values(robot, sensor, values, max);
+}
+
+struct vs_reading vs_robot_read(const struct vs_robot *robot, int sensor)
+{
+    struct vs_reading reading = {0.0, 0, 1, UINT64_MAX};
+    struct vs_value value;
+
+    reading.known = vs_robot_values(robot, sensor, &reading.value, 1) > 0;
+    if (!reading.known)
+        return reading;
+    if (sensor >= OWN)
+        reading.age_ns = robot->now_ns - robot->base_ns;
+    else if (vs_session_value(robot->session, sensor, &value) == VS_OK)
+        reading.age_ns = vs_session_age_ns(robot->session, value.capture_ns, robot->session_ns);
+    reading.stale = vs_robot_is_stale(robot->session, reading.age_ns);
+    return reading;
+}
+
+static double clip(double value, double low, double high)
+{
+    if (value > high)
+        return high;
+    return value >= low ? value : low;
+}
+
+void vs_robot_actuate(struct vs_robot *robot, int actuator, int index, double value)
+{
+    const struct vs_entry *entry;
+    int width;
+    int is_signed;
+    double top;
+    uint8_t *at;
+    uint32_t raw;
+
+    if (actuator < 0 || (uint32_t)actuator >= robot->session->table.count)
+        return;
+    entry = &robot->session->table.entries[actuator];
+    if (entry->direction != VS_ACTUATOR || index < 0 || index >= entry->count)
+        return;
+    width = entry->type[1] - '0';
+    at = robot->actuators + entry->offset + index * width;
+    if (entry->type[0] == 'f') {
+        vs_store_f4(at, (float)value);
+        return;
+    }
+    is_signed = entry->type[0] == 'i';
+    top = width == 1 ? 256.0 : width == 2 ? 65536.0 : 4294967296.0;
+    value = clip(value, is_signed ? -top / 2 : 0.0, is_signed ? top / 2 - 1 : top - 1);
+    raw = value < 0 ? (uint32_t)(int32_t)value : (uint32_t)value;
+    for (; width > 0; width--, raw >>= 8)
+        *at++ = (uint8_t)raw;
+}
+
+/* Points at the value in "name=value\n", NULL if there is no such line. */
+static const char *find_param(const char *text, const char *name)
+{
+    size_t len = strlen(name);
+
+    while (*text != '\0') {
+        const char *end = strchr(text, '\n');
+
+        if (strncmp(text, name, len) == 0 && text[len] == '=')
+            return text + len + 1;
+        if (end == NULL)
+            break;
+        text = end + 1;
+    }
+    return NULL;
+}
+
+double vs_robot_param(struct vs_robot *robot, const char *name, double fallback)
+{
+    const char *text = find_param(robot->session->params, name);
+    char *end;
+    double value;
+
+    if (text == NULL)
+        return fallback;
+    value = strtod(text, &end);
+    if (end != text && (*end == '\n' || *end == '\0') && value - value == 0.0)
+        return value;
+    complain(robot, "expected a number as parameter", name);
+    return fallback;
+}
+
+double vs_robot_random(struct vs_robot *robot)
+{
+    return (double)(next_random(&robot->random) >> 11) / 9007199254740992.0;
+}
+
+static int16_t narrow(int steps_s)
+{
+    if (steps_s > INT16_MAX)
+        return INT16_MAX;
+    return steps_s < -INT16_MAX ? -INT16_MAX : (int16_t)steps_s;
+}
+
+void vs_robot_set_wheels(struct vs_robot *robot, int left_steps_s, int right_steps_s)
+{
+    robot->command.left_steps_s = narrow(left_steps_s);
+    robot->command.right_steps_s = narrow(right_steps_s);
+}
+
+void vs_robot_set_leds(struct vs_robot *robot, unsigned int leds)
+{
+    robot->command.leds = (uint16_t)(leds & VS_BASE_LEDS);
+}
+
+double vs_robot_timestep_s(const struct vs_robot *robot)
+{
+    return (double)robot->session->timestep_ns / 1e9;
+}

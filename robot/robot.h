@@ -1,0 +1,37 @@
+/* SPDX-License-Identifier: MIT */
+/*
+ * robot.h - what stands behind controller.h's struct vs_robot: the session's
+ * newest state, the base's newest reading, and what the controller set. Pure.
+ */
+#ifndef VS_ROBOT_H
+#define VS_ROBOT_H
+
+#include "base.h"
+#include "controller.h"
+#include "vs_session.h"
+
+#define VS_STALE_TENTHS 25 /* [timestep/10] a reading older than this is stale */
+
+struct vs_robot {
+    const struct vs_session *session;
+    uint64_t session_ns;    /* session's clock at this control step */
+    uint64_t now_ns;        /* base's clock (CLOCK_MONOTONIC) at this control step */
+    struct vs_base_reading base;
+    uint64_t base_ns;       /* base's clock: when that came, 0 = never */
+    struct vs_base_command command;
+    uint8_t actuators[VS_ACTUATOR_BYTES]; /* virtual ones, as TELEMETRY carries them */
+    uint64_t random;
+    uint32_t bound;         /* bit n: entry n of the table is bound */
+    /* told, unless NULL, what init asked for in vain: what, and its name */
+    void (*complain)(void *context, const char *what, const char *name);
+    void *context;
+};
+
+/* Makes the robot ready for a controller's init: nothing bound, set or known of
+ * the base, random generator seeded. */
+void vs_robot_begin(struct vs_robot *robot, const struct vs_session *session);
+
+/* 1 if something measured age_ns ago is stale. */
+int vs_robot_is_stale(const struct vs_session *session, uint64_t age_ns);
+
+#endif

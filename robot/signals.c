@@ -1,0 +1,73 @@
+/* SPDX-License-Identifier: MIT */
+#include "signals.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <signal.h>
+#include <stddef.h>
+#include <unistd.h>
+
+/* A signal handler gets no argument: this is the one way to tell it where to write. */
+static volatile sig_atomic_t tell_fd = -1;
+static int told_fd = -1;
+
+static void tell(int number)
+{
+    int why = errno;
+    ssize_t ignored = write((int)tell_fd, "", 1);
+
+    (void)number;
+    (void)ignored;
+    errno = why;
+}
+
+static void handle(int number, void (*handler)(int))
+{
+    struct sigaction action;
+
+    sigemptyset(&action.sa_mask);
+    action.sa_flags = SA_RESTART;
+    action.sa_handler = handler;
+    sigaction(number, &action, NULL);
+}
+
+int vs_signals_open(int *fd)
+{
+    int ends[2];
+
+    if (pipe(ends) != 0)
+        return -1;
+    fcntl(ends[0], F_SETFL, O_NONBLOCK);
+    fcntl(ends[1], F_SETFL, O_NONBLOCK);
+    if (told_fd >= 0) {
+        close(told_fd);
+        close((int)tell_fd);
+    }
+    told_fd = ends[0];
+    tell_fd = ends[1];
+    handle(SIGTERM, tell);
+    handle(SIGINT, tell);
+    handle(SIGPIPE, SIG_IGN);
+    *fd = told_fd;
+    return 0;
+}
+
+static void mask(int how)
+{
+    sigset_t both;
+
+    sigemptyset(&both);
+    sigaddset(&both, SIGTERM);
+    sigaddset(&both, SIGINT);
+    sigprocmask(how, &both, NULL);
+}
+
+void vs_signals_block(void)
+{
+    mask(SIG_BLOCK);
+}
+
+void vs_signals_unblock(void)
+{
+    mask(SIG_UNBLOCK);
+}

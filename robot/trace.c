@@ -1,0 +1,100 @@
+/* SPDX-License-Identifier: MIT */
+#include "trace.h"
+
+#include <fcntl.h>
+#include <inttypes.h>
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+#define LINE_BYTES 4096 /* 32 names, 1116 bytes in hexadecimal, and the rest */
+
+static const char columns[] = "# columns: step timestep run now_ns rx_ns capture_ns age_ns "
+                              "bound_ns stale left right leds values\n";
+
+struct line {
+    char text[LINE_BYTES];
+    size_t len;
+};
+
+static void put_char(struct line *line, char c)
+{
+    if (line->len < LINE_BYTES)
+        line->text[line->len++] = c;
+}
+
+static void put_text(struct line *line, const char *text)
+{
+    while (*text != '\0')
+        put_char(line, *text++);
+}
+
+static void put_value(struct line *line, const struct vs_value *value)
+{
+    static const char digits[] = "0123456789abcdef";
+    size_t i;
+
+    if (!value->known)
+        put_char(line, '-');
+    for (i = 0; value->known && i < value->size; i++) {
+        put_char(line, digits[value->data[i] >> 4]);
+        put_char(line, digits[value->data[i] & 15]);
+    }
+}
+
+static void put_values(struct line *line, const struct vs_session *session)
+{
+    const struct vs_table *table = &session->table;
+    struct vs_value value;
+    uint32_t i;
+    int some = 0;
+
+    for (i = 0; i < table->count; i++) {
+        if (vs_session_value(session, (int)i, &value) != VS_OK)
+            continue;
+        if (some)
+            put_char(line, ',');
+        put_text(line, table->entries[i].name);
+        put_char(line, '=');
+        put_value(line, &value);
+        some = 1;
+    }
+    if (!some)
+        put_char(line, '-');
+}
+
+static int write_all(int fd, const char *text, size_t len)
+{
+    return write(fd, text, len) == (ssize_t)len ? 0 : -1;
+}
+
+int vs_trace_open(const char *path)
+{
+    int fd = open(path, O_WRONLY | O_CREAT | O_APPEND, 0666);
+
+    if (fd >= 0 && write_all(fd, columns, sizeof columns - 1) != 0) {
+        close(fd);
+        return -1;
+    }
+    return fd;
+}
+
+int vs_trace_step(int fd, const struct vs_loop *loop)
+{
+    const struct vs_session *s = loop->session;
+    const struct vs_step *step = &loop->step;
+    struct line line;
+
+    line.len = (size_t)snprintf(
+        line.text, LINE_BYTES,
+        "step %" PRIu32 " timestep %" PRIu32 " run %" PRIu32 " now_ns %" PRId64 " rx_ns %" PRId64
+        " capture_ns %" PRIu64 " age_ns %" PRId64 " bound_ns %" PRId64
+        " stale %d left %d right %d leds %u values ",
+        step->number, s->timestep, s->run, (int64_t)step->session_ns, (int64_t)s->fresh_ns,
+        s->capture_ns, (int64_t)step->age_ns, (int64_t)step->bound_ns, (int)step->stale,
+        (int)step->command.left_steps_s, (int)step->command.right_steps_s,
+        (unsigned int)step->command.leds);
+    put_values(&line, s);
+    put_char(&line, '\n');
+    return write_all(fd, line.text, line.len);
+}

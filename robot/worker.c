@@ -1,0 +1,390 @@
+/* SPDX-License-Identifier: MIT */
+#include "worker.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "report.h"
+#include "signals.h"
+#include "trace.h"
+#include "vs_posix.h"
+
+#define PACKETS_AT_ONCE 64   /* then guard and steps get their turn */
+#define LATE_NS 10000000u    /* [ns] a wake-up later than this is worth an excuse */
+#define SAME_SIGNAL_MS 20    /* [ms] between the two processes' receipt of Ctrl-C */
+
+enum { FD_NET = 0, FD_SIGNALS = 2, FD_GUARD = 3, FD_COUNT = 4 };
+
+static struct vs_instant instant(const struct vs_worker *w)
+{
+    struct vs_instant now;
+    int64_t ppb = w->options->clock_drift_ppb;
+
+    now.base_ns = vs_posix_now_ns();
+    now.session_ns = now.base_ns + (uint64_t)w->options->clock_offset_ns +
+                     (uint64_t)((int64_t)(now.base_ns / 1000000000u) * ppb +
+                                (int64_t)(now.base_ns % 1000000000u) * ppb / 1000000000);
+    return now;
+}
+
+static void complain(void *context, const char *what, const char *name)
+{
+    (void)context;
+    vs_report("controller '%s': %s '%s'", vs_controller.name, what, name);
+}
+
+static void report_open(const struct vs_worker *w)
+{
+    const struct vs_table *table = &w->session.table;
+
+    vs_report("connected to %s:%u: %u sensors, %u actuators, timestep %lu ms", w->options->host,
+              (unsigned int)w->options->port, (unsigned int)table->sensors,
+              (unsigned int)table->actuators, (unsigned long)(w->session.timestep_ns / 1000000u));
+}
+
+/* What the host offers and the controller's init did not ask for. */
+static void report_unused(const struct vs_worker *w)
+{
+    const struct vs_table *table = &w->session.table;
+    uint32_t i;
+
+    for (i = 0; i < table->count; i++)
+        if ((w->loop.robot.bound >> i & 1u) == 0)
+            vs_report("controller '%s' does not know '%s': ignored", vs_controller.name,
+                      table->entries[i].name);
+}
+
+static void report_refusal(struct vs_worker *w)
+{
+    if (strcmp(w->told_refusal, w->session.notice.text) == 0)
+        return;
+    memcpy(w->told_refusal, w->session.notice.text, sizeof w->told_refusal);
+    vs_report("the host refuses: %s; trying on", w->told_refusal);
+}
+
+static void report_lost(struct vs_worker *w, const char *why)
+{
+    if (w->told_connected)
+        vs_report("connection lost: %s; trying on", why);
+    w->told_connected = 0;
+}
+
+static const char *cause_text(enum vs_stop_cause cause)
+{
+    static const char *const texts[] = {
+        "wheels free",
+        "wheels held: the host wants no run now",
+        "wheels held: no session with the host",
+        "wheels held: nothing fresh from the host for 400 ms",
+        "wheels held: no completed control step for 250 ms",
+        "wheels held: the base does not answer",
+        "wheels held: the guard was replaced",
+        "wheels held: the daemon ends",
+    };
+
+    return texts[cause < sizeof texts / sizeof texts[0] ? cause : VS_CAUSE_BASE];
+}
+
+static void report_cause(struct vs_worker *w, const struct vs_instant *now)
+{
+    enum vs_stop_cause cause = vs_loop_cause(&w->loop, now);
+
+    if (cause == w->told_cause)
+        return;
+    w->told_cause = (uint8_t)cause;
+    vs_report("%s", cause_text(cause));
+}
+
+static void on_event(struct vs_worker *w, enum vs_event event, const struct vs_instant *now)
+{
+    vs_loop_event(&w->loop, event, now);
+    if (event == VS_EV_OPEN) {
+        w->told_connected = 1;
+        w->told_refusal[0] = '\0';
+        report_open(w);
+    } else if (event == VS_EV_REFUSED) {
+        report_refusal(w);
+        vs_net_close(&w->net, &w->session, "refused", now->base_ns, VS_NET_REFUSED_NS);
+    } else if (event == VS_EV_GOODBYE) {
+        report_lost(w, w->session.notice.text);
+        vs_net_close(&w->net, &w->session, "goodbye", now->base_ns, VS_NET_RETRY_NS);
+    } else if (event == VS_EV_UDP_LOST) {
+        vs_report("no UDP from the host for 1 s: going on over TCP");
+    } else if (event == VS_EV_UDP_UP) {
+        vs_report("UDP is back");
+    }
+}
+
+static void on_lost(struct vs_worker *w, enum vs_net_result result, const struct vs_instant *now)
+{
+    if (result != VS_NET_LOST)
+        return;
+    report_lost(w, w->net.why);
+    vs_loop_event(&w->loop, VS_EV_NONE, now);
+}
+
+static void serve_net(struct vs_worker *w)
+{
+    struct vs_instant now = instant(w);
+    enum vs_event event;
+    int i;
+
+    on_lost(w, vs_net_tick(&w->net, &w->session, now.base_ns, now.session_ns), &now);
+    for (i = 0; i < PACKETS_AT_ONCE; i++) {
+        enum vs_net_result result =
+            vs_net_receive(&w->net, &w->session, now.base_ns, now.session_ns, &event);
+
+        on_lost(w, result, &now);
+        if (result != VS_NET_EVENT)
+            break;
+        on_event(w, event, &now);
+        now = instant(w);
+    }
+    vs_session_tick(&w->session, now.session_ns, &event);
+    if (event != VS_EV_NONE)
+        on_event(w, event, &now);
+}
+
+static void end(struct vs_worker *w, int status)
+{
+    w->ended = 1;
+    w->status = status;
+}
+
+static int start_guard(struct vs_worker *w, int found)
+{
+    w->foreign[0] = w->net.fds[0];
+    w->foreign[1] = w->net.fds[1];
+    w->foreign[2] = w->trace_fd;
+    if (vs_guard_link_start(&w->guard, found) == 0)
+        return 0;
+    vs_report("cannot start the guard: %s", strerror(errno));
+    end(w, 1);
+    return -1;
+}
+
+/* 1 if this process is to end. Ctrl-C reaches both processes, the guard maybe first. */
+static int told_to_end(struct vs_worker *w)
+{
+    struct pollfd fd = {w->signals_fd, POLLIN, 0};
+    int wait_ms = w->guard.status == VS_GUARD_STOPPED ? SAME_SIGNAL_MS : 0;
+
+    if (!w->loop.ending && poll(&fd, 1, wait_ms) > 0)
+        vs_loop_end(&w->loop);
+    return w->loop.ending;
+}
+
+/* The guard is dead or silent: stop the wheels, then start another, or end. */
+static void replace_guard(struct vs_worker *w, const char *why)
+{
+    int err;
+
+    vs_guard_link_kill(&w->guard);
+    if (told_to_end(w) && w->guard.status == VS_GUARD_STOPPED) {
+        end(w, 0);
+        return;
+    }
+    vs_loop_guard_lost(&w->loop);
+    vs_report("the guard %s: stopping the base without it", why);
+    err = vs_guard_link_stop_base(&w->guard);
+    if (err == VS_OK && w->loop.ending)
+        err = w->base.ops->close(&w->base);
+    if (err == VS_ERR_HANGUP)
+        vs_report("the base hung up");
+    if (w->loop.ending || err == VS_ERR_HANGUP) {
+        end(w, err == VS_OK ? 0 : 1);
+        return;
+    }
+    w->guard.restarts++;
+    start_guard(w, err == VS_OK);
+}
+
+static void on_reply(struct vs_worker *w, const struct vs_guard_reply *reply)
+{
+    struct vs_instant now = instant(w);
+    uint8_t begun = w->loop.begun;
+
+    vs_loop_reply(&w->loop, reply, &now);
+    if (!begun && w->loop.begun)
+        report_unused(w);
+    if (w->loop.trace_due && w->trace_fd >= 0 && vs_trace_step(w->trace_fd, &w->loop) != 0) {
+        vs_report("trace ends: cannot write it: %s", strerror(errno));
+        close(w->trace_fd);
+        w->trace_fd = -1;
+    }
+    w->loop.trace_due = 0;
+    if (reply->kind == VS_GUARD_CLOSE) {
+        if (reply->result != VS_OK)
+            vs_report("the base did not answer at the end");
+        end(w, reply->result == VS_OK ? 0 : 1);
+    }
+}
+
+static void serve_guard(struct vs_worker *w)
+{
+    struct vs_guard_request request;
+    struct vs_guard_reply reply;
+    struct vs_instant now;
+    int got;
+
+    if (w->late_ns > LATE_NS)
+        vs_guard_link_excuse(&w->guard, w->late_ns);
+    got = vs_guard_link_receive(&w->guard, &reply);
+    now = instant(w);
+    if (got == 1)
+        on_reply(w, &reply);
+    else if (got < 0)
+        replace_guard(w, "has ended");
+    else if (now.base_ns >= vs_guard_link_deadline_ns(&w->guard))
+        replace_guard(w, "is silent");
+    if (w->ended)
+        return;
+    now = instant(w);
+    if (vs_loop_request(&w->loop, &now, &request))
+        vs_guard_link_send(&w->guard, &request);
+}
+
+static void serve_host(struct vs_worker *w)
+{
+    struct vs_instant now = instant(w);
+    struct vs_telemetry telemetry;
+    uint8_t packet[VS_DATAGRAM_MAX];
+    size_t len;
+
+    report_cause(w, &now);
+    if (vs_loop_telemetry(&w->loop, &now, &telemetry)) {
+        telemetry.base_errors = w->guard.base_errors;
+        telemetry.guard_restarts = w->guard.restarts;
+        if (vs_session_telemetry(&w->session, &telemetry, now.session_ns, packet, sizeof packet,
+                                 &len) == VS_OK)
+            vs_net_send(&w->net, packet, len, vs_session_over_tcp(&w->session, now.session_ns));
+    }
+    vs_net_flush(&w->net, &w->session, now.session_ns);
+}
+
+static void await(struct vs_worker *w)
+{
+    struct pollfd fds[FD_COUNT] = {{-1, 0, 0}};
+    uint64_t now_ns = vs_posix_now_ns();
+    uint64_t wake_ns = vs_loop_wake_ns(&w->loop);
+    uint64_t other_ns = vs_net_wake_ns(&w->net);
+
+    if (other_ns < wake_ns)
+        wake_ns = other_ns;
+    other_ns = vs_guard_link_deadline_ns(&w->guard);
+    if (other_ns < wake_ns)
+        wake_ns = other_ns;
+    vs_net_poll(&w->net, fds + FD_NET);
+    fds[FD_SIGNALS].fd = w->loop.ending ? -1 : w->signals_fd;
+    fds[FD_SIGNALS].events = POLLIN;
+    fds[FD_GUARD].fd = w->guard.socket;
+    fds[FD_GUARD].events = POLLIN;
+    poll(fds, FD_COUNT, vs_posix_timeout_ms(now_ns, wake_ns));
+    if (wake_ns < now_ns)
+        wake_ns = now_ns;
+    now_ns = vs_posix_now_ns();
+    w->late_ns = now_ns > wake_ns ? now_ns - wake_ns : 0;
+    if (fds[FD_SIGNALS].revents)
+        vs_loop_end(&w->loop);
+}
+
+/* Gives the session its identity. Returns 0, or the exit status. */
+static int open_session(struct vs_worker *w)
+{
+    const struct vs_options *o = w->options;
+    size_t name_len = strlen(vs_controller.name);
+    struct vs_session_config config;
+
+    memset(&config, 0, sizeof config);
+    memcpy(config.uid, o->uid, sizeof config.uid);
+    memcpy(config.name, o->name, sizeof config.name);
+    config.tag = o->tag;
+    if (name_len <= VS_NAME_MAX)
+        memcpy(config.controller, vs_controller.name, name_len);
+    if (name_len <= VS_NAME_MAX && vs_controller.state_size <= VS_CONTROLLER_STATE_MAX &&
+        vs_session_init(&w->session, &config) == VS_OK) {
+        vs_loop_init(&w->loop, &w->session, &vs_controller, w->state.bytes);
+        w->loop.robot.complain = complain;
+        return 0;
+    }
+    vs_report("controller '%s': expected a name of plain text of at most %d bytes and a state of "
+              "at most %d bytes", vs_controller.name, VS_NAME_MAX, VS_CONTROLLER_STATE_MAX);
+    return 2;
+}
+
+static int open_net(struct vs_worker *w)
+{
+    const struct vs_options *o = w->options;
+    int opened = vs_net_open(&w->net, o->host, o->port,
+                             vs_posix_now_ns() ^ (uint64_t)getpid() << 40);
+
+    if (opened == -1)
+        vs_report("--host: expected a numeric IPv4 address, got '%s'", o->host);
+    else if (opened != 0)
+        vs_report("cannot open a UDP socket to %s: %s", o->host, strerror(errno));
+    return opened == 0 ? 0 : opened == -1 ? 2 : 1;
+}
+
+/* Opens trace, signals and base. Returns 0, or the exit status. */
+static int open_files(struct vs_worker *w)
+{
+    const struct vs_options *o = w->options;
+    int err;
+
+    if (o->trace != NULL && (w->trace_fd = vs_trace_open(o->trace)) < 0) {
+        vs_report("cannot write %s: %s", o->trace, strerror(errno));
+        return 1;
+    }
+    if (vs_signals_open(&w->signals_fd) != 0) {
+        vs_report("cannot make a pipe: %s", strerror(errno));
+        return 1;
+    }
+    w->base.ops = o->base;
+    err = o->base->open(&w->base, o->device);
+    if (err != VS_OK)
+        vs_report("cannot open the base %s: %s", o->device,
+                  err == VS_ERR_IO ? strerror(errno) : vs_strerror(err));
+    return err == VS_OK ? 0 : 1;
+}
+
+static void say_goodbye(struct vs_worker *w)
+{
+    struct vs_instant now = instant(w);
+    const char *why = w->status == 0 ? "the daemon was told to end" : "the base is gone";
+
+    vs_report("end: %s", why);
+    if (vs_session_goodbye(&w->session, VS_BYE_END, why) == VS_OK)
+        vs_net_finish(&w->net, &w->session, now.session_ns);
+}
+
+int vs_worker_run(struct vs_worker *w, const struct vs_options *options)
+{
+    int status;
+
+    memset(w, 0, sizeof *w);
+    w->options = options;
+    w->trace_fd = -1;
+    w->guard.base = &w->base;
+    w->guard.foreign_fds = w->foreign;
+    w->guard.foreign_count = sizeof w->foreign / sizeof w->foreign[0];
+    w->told_cause = VS_CAUSE_NO_SESSION;
+    if ((status = open_session(w)) != 0 || (status = open_net(w)) != 0 ||
+        (status = open_files(w)) != 0)
+        return status;
+    if (start_guard(w, 0) != 0)
+        return w->status;
+    vs_report("up: controller '%s', base %s, host %s:%u", vs_controller.name, options->device,
+              options->host, (unsigned int)options->port);
+    while (!w->ended) {
+        serve_net(w);
+        serve_guard(w);
+        serve_host(w);
+        if (!w->ended)
+            await(w);
+    }
+    vs_guard_link_kill(&w->guard);
+    say_goodbye(w);
+    return w->status;
+}

@@ -1,0 +1,43 @@
+/* SPDX-License-Identifier: MIT */
+/*
+ * worker.h - the daemon's first process: one poll() loop around network, guard and
+ * control loop. Single-threaded; no memory but this struct.
+ */
+#ifndef VS_WORKER_H
+#define VS_WORKER_H
+
+#include "guard_link.h"
+#include "loop.h"
+#include "net.h"
+#include "options.h"
+
+union vs_controller_state {
+    uint64_t for_alignment;
+    double for_alignment_too;
+    unsigned char bytes[VS_CONTROLLER_STATE_MAX];
+};
+
+struct vs_worker {
+    const struct vs_options *options;
+    struct vs_base base;
+    struct vs_guard_link guard;
+    struct vs_net net;
+    struct vs_session session;
+    struct vs_loop loop;
+    union vs_controller_state state;
+    int signals_fd;
+    int trace_fd;      /* -1: none */
+    int foreign[3];    /* descriptors that a guard must not hold */
+    uint64_t late_ns;  /* how late the newest wake-up was */
+    uint8_t ended;     /* the base was handed back */
+    int status;        /* exit status once ended */
+    uint8_t told_cause;
+    uint8_t told_connected;
+    char told_refusal[VS_TEXT_MAX + 1];
+};
+
+/* Runs the daemon. Returns its exit status: 0 after a signal, 1 if the base is gone
+ * or cannot be opened, 2 if the controller or the address cannot be used. */
+int vs_worker_run(struct vs_worker *w, const struct vs_options *options);
+
+#endif

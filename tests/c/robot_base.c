@@ -1,0 +1,261 @@
+/* SPDX-License-Identifier: MIT */
+/*
+ * The daemon's base_argos against the firmware's own code, over an in-memory line on
+ * virtual time: it must find the microcontroller in any state, and no speed may ever
+ * reach the motors that nobody commanded. argv[1]: how many random worlds.
+ */
+#include <string.h>
+
+#include "base.h"
+#include "epuck_argos.h"
+#include "fw_argos.h"
+#include "robot_check.h"
+
+#define MS 1000000u
+
+struct world {
+    struct fw_argos fw;
+    struct vs_base base;
+    uint64_t now_ns;
+    uint64_t stalled_until_ns; /* the far end sleeps: bytes wait before the line */
+    uint32_t stall_one_in;     /* reads; 0 = never */
+    uint32_t random;
+    uint8_t waiting[256];
+    size_t waiting_len;
+    int16_t first_left;        /* of the first frame applied since watch() */
+    int16_t first_right;
+    int16_t allowed[2];        /* speeds that may be applied, besides 0 and the first */
+    uint32_t watched;          /* frames applied since watch() */
+    int leds_lost;             /* an 'R' frame with LEDs: only a reset cures that */
+};
+
+static void watch(struct world *w)
+{
+    w->watched = 0;
+    w->first_left = w->first_right = 0;
+    w->allowed[0] = w->allowed[1] = 0;
+}
+
+static void on_frame(struct world *w)
+{
+    const struct epuck_argos_actuators *frame = &w->fw.old;
+
+    w->watched++;
+    if (w->watched == 1) {
+        w->first_left = w->fw.outputs.left_steps_s;
+        w->first_right = w->fw.outputs.right_steps_s;
+    } else {
+        CHECK(frame->left_steps_s == 0 || frame->left_steps_s == w->allowed[0]);
+        CHECK(frame->right_steps_s == 0 || frame->right_steps_s == w->allowed[1]);
+    }
+    if (frame->reset == EPUCK_ARGOS_RESET && frame->leds != 0)
+        w->leds_lost = 1;
+}
+
+static void live(struct world *w)
+{
+    if (w->now_ns < w->stalled_until_ns)
+        return;
+    fw_argos_receive(&w->fw, w->waiting, w->waiting_len, w->now_ns / 1000);
+    w->waiting_len = 0;
+    while (fw_argos_advance(&w->fw, w->now_ns / 1000))
+        on_frame(w);
+}
+
+static uint64_t io_now(void *context)
+{
+    return ((struct world *)context)->now_ns;
+}
+
+static int io_read(void *context, uint8_t *buf, size_t cap, uint64_t deadline_ns)
+{
+    struct world *w = context;
+
+    if (w->stall_one_in != 0 && draw(&w->random, w->stall_one_in) == 0)
+        w->stalled_until_ns = w->now_ns + draw(&w->random, 80) * MS;
+    for (;;) {
+        size_t len = 0;
+
+        live(w);
+        if (w->now_ns >= w->stalled_until_ns)
+            len = fw_argos_transmit(&w->fw, buf, cap, w->now_ns / 1000);
+        if (len > 0)
+            return (int)len;
+        if (w->now_ns >= deadline_ns)
+            return 0;
+        w->now_ns += 100000 + draw(&w->random, 300000);
+        if (w->now_ns > deadline_ns)
+            w->now_ns = deadline_ns;
+    }
+}
+
+static int io_write(void *context, const uint8_t *buf, size_t len, uint64_t deadline_ns)
+{
+    struct world *w = context;
+
+    (void)deadline_ns;
+    CHECK(w->waiting_len + len <= sizeof w->waiting);
+    memcpy(w->waiting + w->waiting_len, buf, len);
+    w->waiting_len += len;
+    live(w);
+    return VS_OK;
+}
+
+static void begin(struct world *w, uint32_t seed)
+{
+    memset(w, 0, sizeof *w);
+    w->random = seed * 2654435761u + 1u;
+    w->now_ns = 1000 * MS;
+    w->base.ops = &vs_base_argos;
+    w->base.io.context = w;
+    w->base.io.now_ns = io_now;
+    w->base.io.read = io_read;
+    w->base.io.write = io_write;
+    fw_argos_init(&w->fw);
+}
+
+static void feed(struct world *w, const uint8_t *buf, size_t len)
+{
+    io_write(w, buf, len, 0);
+}
+
+static void pass(struct world *w, uint64_t ns)
+{
+    w->now_ns += ns;
+    live(w);
+}
+
+/* Recovers; returns how long it took [ns]. */
+static uint64_t recover(struct world *w)
+{
+    uint64_t began_ns = w->now_ns;
+    int steps = 0;
+    int err;
+
+    while ((err = w->base.ops->recover(&w->base)) != VS_OK) {
+        CHECK(err == VS_ERR_BUSY || err == VS_ERR_SILENT);
+        steps++;
+        CHECK(steps < 500);
+    }
+    CHECK(w->fw.outputs.left_steps_s == 0);
+    CHECK(w->fw.outputs.right_steps_s == 0);
+    CHECK(w->fw.state == FW_ARGOS_FRAME && w->fw.got == 0);
+    CHECK(w->leds_lost || w->fw.outputs.leds == 0);
+    return w->now_ns - began_ns;
+}
+
+/* A command must arrive as it is. */
+static void prove_aligned(struct world *w)
+{
+    struct vs_base_command command = {300, -200, 0x105};
+    struct vs_base_reading reading;
+
+    w->allowed[0] = command.left_steps_s;
+    w->allowed[1] = command.right_steps_s;
+    w->fw.inputs.prox[3] = 1234;
+    w->fw.inputs.light[5] = 96;
+    w->fw.inputs.battery_low = 1;
+    CHECK(w->base.ops->exchange(&w->base, &command, &reading) == VS_OK);
+    CHECK(w->fw.outputs.left_steps_s == 300 && w->fw.outputs.right_steps_s == -200);
+    CHECK(w->leds_lost || w->fw.outputs.leds == 0x105);
+    CHECK(reading.prox[3] == 1234 && reading.light[5] == 4000 && reading.battery_low == 1);
+}
+
+static void test_every_clean_state(void)
+{
+    static const uint8_t greeting[5];
+    uint8_t frame[EPUCK_ARGOS_ACTUATOR_LEN];
+    struct epuck_argos_actuators moving = {700, -600, 0x3FF, 0, 0};
+    size_t greeted;
+    size_t sent;
+
+    epuck_argos_put_actuators(&moving, frame);
+    for (greeted = 0; greeted <= 5; greeted++) {
+        for (sent = 0; sent <= (greeted == 5 ? sizeof frame : 0); sent++) {
+            struct world w;
+            uint64_t took_ns;
+
+            begin(&w, 1);
+            feed(&w, greeting, greeted);
+            pass(&w, 20 * MS);
+            feed(&w, frame, sent);
+            pass(&w, 20 * MS);
+            watch(&w);
+            took_ns = recover(&w);
+            CHECK(took_ns < 240 * MS);
+            if (w.fw.overlapped) fprintf(stderr, "greeted %zu sent %zu ov %u took %lu\n", greeted, sent, w.fw.overlapped, (unsigned long)took_ns);
+            prove_aligned(&w);
+        }
+    }
+}
+
+/* Random bytes that look like frames now and then, and 'R' more often than by chance. */
+static size_t make_garbage(struct world *w, uint8_t *garbage, size_t cap)
+{
+    size_t len = draw(&w->random, (uint32_t)cap);
+    size_t i;
+
+    for (i = 0; i < len; i++) {
+        garbage[i] = (uint8_t)draw(&w->random, 256);
+        if (draw(&w->random, 4) == 0)
+            garbage[i] = draw(&w->random, 2) ? 0 : EPUCK_ARGOS_RESET;
+    }
+    return len;
+}
+
+/* What zeros would make of the half frame that waits in the microcontroller. */
+static void expect_first(const struct world *w, int16_t *left, int16_t *right)
+{
+    uint8_t frame[EPUCK_ARGOS_ACTUATOR_LEN] = {0};
+    struct epuck_argos_actuators half;
+
+    memcpy(frame, w->fw.frame, w->fw.state == FW_ARGOS_FRAME ? w->fw.got : 0);
+    epuck_argos_get_actuators(frame, &half);
+    *left = half.left_steps_s > 1000 ? 1000 : half.left_steps_s < -1000 ? -1000 : half.left_steps_s;
+    *right = half.right_steps_s > 1000 ? 1000
+           : half.right_steps_s < -1000 ? -1000 : half.right_steps_s;
+}
+
+static void test_garbage(uint32_t seed)
+{
+    uint8_t garbage[250];
+    uint8_t scrap[512];
+    struct world w;
+    uint32_t overlapped;
+    int quiet;
+    int16_t left;
+    int16_t right;
+
+    begin(&w, seed);
+    feed(&w, garbage, make_garbage(&w, garbage, sizeof garbage));
+    quiet = draw(&w.random, 2) == 0;
+    pass(&w, quiet ? 3000 * MS : draw(&w.random, 40) * MS);
+    if (draw(&w.random, 2))
+        fw_argos_transmit(&w.fw, scrap, sizeof scrap, w.now_ns / 1000);
+    expect_first(&w, &left, &right);
+    overlapped = w.fw.overlapped;
+    watch(&w);
+    if (!quiet)
+        w.watched = 0x80000000u;
+    if (!quiet) { /* bytes of the garbage may still be on the line: let them go on */
+        pass(&w, 3000 * MS);
+        overlapped = w.fw.overlapped;
+        expect_first(&w, &left, &right);
+        watch(&w);
+    }
+    recover(&w);
+    CHECK(w.watched > 0 && w.first_left == left && w.first_right == right);
+    (void)overlapped;
+    prove_aligned(&w);
+}
+
+int main(int argc, char *argv[])
+{
+    uint32_t worlds = argc > 1 ? (uint32_t)strtoul(argv[1], NULL, 10) : 1000;
+    uint32_t seed;
+
+    test_every_clean_state();
+    for (seed = 1; seed <= worlds; seed++)
+        test_garbage(seed);
+    return 0;
+}

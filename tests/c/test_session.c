@@ -1,0 +1,270 @@
+/* SPDX-License-Identifier: MIT */
+/* The robot's session under the sanitizers: any chunking, any bytes, packets mutilated
+ * behind a checksum that is right. */
+#include <string.h>
+
+#include "check.h"
+#include "vs_session.h"
+
+#define MS 1000000ull
+#define ROUNDS 20000
+
+static uint64_t seed = 1;
+
+/* xorshift64*: the same numbers on every machine. */
+static uint32_t random_below(uint32_t limit)
+{
+    seed ^= seed >> 12;
+    seed ^= seed << 25;
+    seed ^= seed >> 27;
+    return (uint32_t)((seed * 0x2545F4914F6CDD1Dull) >> 32) % limit;
+}
+
+/* The host's end, made of the same parts as Python's. */
+struct host {
+    struct vs_peer peer;
+    struct vs_welcome welcome;
+};
+
+static void host_init(struct host *host)
+{
+    memset(host, 0, sizeof *host);
+    vs_peer_init(&host->peer);
+    vs_table_init(&host->welcome.table);
+    CHECK(vs_table_add(&host->welcome.table, 1, VS_SENSOR, "pollutant", "f4") == VS_OK);
+    CHECK(vs_table_add(&host->welcome.table, 2, VS_ACTUATOR, "drops", "u4") == VS_OK);
+    host->welcome.timestep_us = 100000;
+    host->welcome.seed = 5;
+    strcpy(host->welcome.params, "speed_cm_s=10\n");
+}
+
+static size_t give_welcome(struct host *host, uint32_t session, uint8_t *buf, uint64_t now_ns)
+{
+    struct vs_header header;
+    size_t len;
+
+    memset(&header, 0, sizeof header);
+    vs_peer_open(&host->peer, session, host->welcome.table.hash, 1, now_ns);
+    vs_peer_stamp(&host->peer, now_ns, &header);
+    CHECK(vs_encode_welcome(&header, &host->welcome, buf, VS_PACKET_MAX, &len) == VS_OK);
+    return len;
+}
+
+static size_t give_state(struct host *host, uint32_t timestep, uint8_t *buf, uint64_t now_ns)
+{
+    struct vs_header header;
+    struct vs_state state;
+    size_t len;
+
+    memset(&header, 0, sizeof header);
+    memset(&state, 0, sizeof state);
+    header.timestep = timestep;
+    header.capture_ns = timestep * 100 * MS;
+    state.wanted = VS_RUN;
+    vs_store_f4(state.payload, 1.0f);
+    CHECK(vs_peer_send_state(&host->peer, &host->welcome.table, &header, &state, now_ns, buf,
+                             VS_DATAGRAM_MAX, &len) == VS_OK);
+    return len;
+}
+
+static size_t give_goodbye(struct host *host, uint8_t *buf)
+{
+    struct vs_header header;
+    struct vs_notice notice = {VS_BYE_END, "done"};
+    size_t len;
+
+    memset(&header, 0, sizeof header);
+    vs_peer_stamp(&host->peer, 1, &header);
+    header.type = VS_GOODBYE;
+    CHECK(vs_encode_notice(&header, &notice, buf, VS_PACKET_MAX, &len) == VS_OK);
+    return len;
+}
+
+static void robot_init(struct vs_session *s)
+{
+    struct vs_session_config config;
+
+    memset(&config, 0, sizeof config);
+    strcpy(config.name, "robot");
+    config.tag = 23;
+    CHECK(vs_session_init(s, &config) == VS_OK);
+}
+
+static void robot_greets(struct vs_session *s, uint64_t now_ns)
+{
+    uint8_t hello[512];
+    size_t len;
+
+    vs_session_connected(s, 9, now_ns);
+    CHECK(vs_session_tcp_out(s, hello, sizeof hello, now_ns, &len) == VS_OK && len > 0);
+}
+
+/* Feeds a stream in chunks; writes the events as digits. */
+static void feed(struct vs_session *s, const uint8_t *stream, size_t len, size_t chunk,
+                 char *events)
+{
+    size_t at = 0;
+
+    while (at < len) {
+        size_t size = chunk < len - at ? chunk : len - at;
+        uint8_t *bytes = malloc(size);
+        enum vs_event event;
+        size_t used;
+
+        CHECK(bytes != NULL);
+        memcpy(bytes, stream + at, size);
+        CHECK(vs_session_tcp_in(s, bytes, size, 5 * MS, &used, &event) == VS_OK);
+        CHECK(used > 0 && used <= size);
+        if (event != VS_EV_NONE)
+            *events++ = (char)('0' + event);
+        at += used;
+        free(bytes);
+    }
+    *events = '\0';
+}
+
+static void test_any_chunking_gives_the_same_events(void)
+{
+    static const size_t chunks[] = {1, 2, 3, 7, 8, 9, 55, 76, 77, 200, 100000};
+    uint8_t stream[VS_PACKET_MAX + 5 * VS_DATAGRAM_MAX];
+    struct vs_session s;
+    struct host host;
+    size_t len;
+    size_t i;
+
+    host_init(&host);
+    len = give_welcome(&host, 77, stream, 1);
+    for (i = 1; i <= 3; i++)
+        len += give_state(&host, (uint32_t)i, stream + len, 1);
+    len += give_goodbye(&host, stream + len);
+    for (i = 0; i < sizeof chunks / sizeof chunks[0]; i++) {
+        char events[16];
+
+        robot_init(&s);
+        robot_greets(&s, 1);
+        feed(&s, stream, len, chunks[i], events);
+        CHECK_FOR(events, strcmp(events, "12224") == 0);
+        CHECK(strcmp(s.notice.text, "done") == 0);
+    }
+}
+
+static void check_bounds(const struct vs_session *s)
+{
+    const struct vs_counters *c = &s->peer.counters;
+
+    CHECK(s->inbox_len < VS_PACKET_MAX);
+    CHECK(s->wanted <= VS_STOP);
+    CHECK(c->received == c->accepted + vs_counters_old(c) + vs_counters_foreign(c) +
+                             vs_counters_corrupt(c));
+}
+
+/* Some bytes changed, sometimes cut, the checksum often made right again. */
+static size_t mutilate(uint8_t *packet, size_t len)
+{
+    uint32_t changes = 1 + random_below(4);
+    uint32_t crc;
+    size_t i;
+
+    while (changes-- > 0)
+        packet[random_below((uint32_t)len)] = (uint8_t)random_below(256);
+    if (random_below(4) == 0)
+        len = VS_PACKET_MIN + random_below((uint32_t)len - VS_PACKET_MIN + 1);
+    if (random_below(8) != 0) {
+        packet[6] = (uint8_t)len;
+        packet[7] = (uint8_t)(len >> 8);
+        memset(packet + len - VS_TAIL_SIZE, 0, VS_TAG_SIZE);
+        crc = vs_crc32(packet, len - 4);
+        for (i = 0; i < 4; i++)
+            packet[len - 4 + i] = (uint8_t)(crc >> (8 * i));
+    }
+    return len;
+}
+
+static void feed_mutilated(struct vs_session *s, uint8_t *packet, size_t len, uint64_t now_ns)
+{
+    uint8_t *alone = malloc(len);
+    enum vs_event event;
+    size_t at = 0;
+
+    CHECK(alone != NULL);
+    memcpy(alone, packet, len);
+    if (random_below(2)) {
+        (void)vs_session_udp_in(s, alone, len, now_ns, &event);
+    } else {
+        size_t used = 1;
+
+        while (at < len && used > 0) {
+            if (vs_session_tcp_in(s, alone + at, len - at, now_ns, &used, &event) < 0) {
+                CHECK(s->phase == VS_PHASE_DOWN);
+                break;
+            }
+            CHECK(used > 0);
+            at += used;
+        }
+    }
+    free(alone);
+}
+
+static void test_mutilated_packets_do_no_harm(void)
+{
+    uint8_t packet[VS_PACKET_MAX];
+    struct vs_session s;
+    struct host host;
+    uint32_t i;
+
+    host_init(&host);
+    robot_init(&s);
+    for (i = 1; i <= ROUNDS; i++) {
+        uint64_t now_ns = i * MS;
+        struct vs_value value;
+        size_t len;
+
+        if (s.phase == VS_PHASE_DOWN)
+            robot_greets(&s, now_ns);
+        if (s.phase == VS_PHASE_WAIT || random_below(64) == 0)
+            len = give_welcome(&host, i, packet, now_ns);
+        else
+            len = give_state(&host, i, packet, now_ns);
+        if (random_below(3) != 0)
+            len = mutilate(packet, len);
+        feed_mutilated(&s, packet, len, now_ns);
+        check_bounds(&s);
+        if (vs_session_value(&s, (int)random_below(34) - 1, &value) == VS_OK)
+            CHECK(value.data >= s.state.payload &&
+                  value.data + value.size <= s.state.payload + VS_SENSOR_BYTES);
+        (void)vs_session_age_ns(&s, s.capture_ns, now_ns);
+    }
+    CHECK(s.peer.counters.accepted > ROUNDS / 100);
+    CHECK(vs_counters_corrupt(&s.peer.counters) > ROUNDS / 100);
+}
+
+static void test_random_bytes_are_one_named_error(void)
+{
+    uint8_t bytes[64];
+    struct vs_session s;
+    uint32_t i;
+    size_t k;
+
+    robot_init(&s);
+    for (i = 0; i < ROUNDS; i++) {
+        enum vs_event event;
+        size_t used;
+        int err;
+
+        robot_greets(&s, 1);
+        for (k = 0; k < sizeof bytes; k++)
+            bytes[k] = (uint8_t)random_below(256);
+        err = vs_session_tcp_in(&s, bytes, sizeof bytes, 1, &used, &event);
+        CHECK(err <= VS_OK && strcmp(vs_errname(err), "VS_ERR_?") != 0);
+        CHECK(event == VS_EV_NONE);
+        check_bounds(&s);
+    }
+}
+
+int main(void)
+{
+    test_any_chunking_gives_the_same_events();
+    test_mutilated_packets_do_no_harm();
+    test_random_bytes_are_one_named_error();
+    return 0;
+}

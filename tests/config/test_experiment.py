@@ -1,0 +1,346 @@
+"""Experiment files: what a good one says, and that a broken one is refused at its place."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vsense.config.experiment import load, shipped
+from vsense.config.placement import place
+from vsense.config.specs import Experiment, Pose
+from vsense.errors import ConfigError, UsageError
+from vsense.sensors import registry
+
+Read = Callable[..., Experiment]
+
+OPTIONAL = {
+    "system threads", "experiment random_seed", "experiment vss_host", "experiment vss_port",
+    "epuck_wheels implementation", "epuck_proximity implementation",
+    "virtual_pollutant_sensor implementation", "virtual_pollutant_sensor pollutant_entity",
+    "virtual_pollutant_sensor direction_angle", "virtual_pollutant_sensor wide_angle",
+    "virtual_pollutant_sensor max_distance", "virtual_pollutant_sensor rotation_angle",
+    "virtual_pollutant_sensor vs:memory", "virtual_pollutant_sensor vs:update_every",
+    "params alpha", "wheels speed", "arena center", "box vs:physical", "entity base_num",
+    "vs:marker family", "vs:marker height",
+}  # fmt: skip
+"""Attributes with a default: an experiment without them is a good one."""
+
+FREE = {
+    "experiment vss_host", "epuck_wheels implementation", "epuck_proximity implementation",
+    "params alpha", "wheels speed", "box id", "dynamics2d id", "e-puck id",
+}  # fmt: skip
+"""Attributes that may hold any text (of the two kinds of e-puck id, one may)."""
+
+BROKEN = ["", "abc", "nan", "inf", "1e308", "-1e308", "1,2", "nan,0,0", "0,1e308,0", "999999999999"]
+
+
+def attributes(text: str) -> list[tuple[str, int, int, int]]:
+    """All attributes: "element key", line of the element, start and end in the text."""
+    found = []
+    for tag in re.finditer(r"<([\w:-]+)((?:\s+[\w:]+=\"[^\"]*\")+)\s*/?>", text):
+        for match in re.finditer(r"([\w:]+)=\"([^\"]*)\"", tag[2]):
+            if not match[1].startswith("xmlns"):
+                line = text.count("\n", 0, tag.start()) + 1
+                start = tag.start(2)
+                span = (start + match.start(), start + match.end())
+                found.append((f"{tag[1]} {match[1]}", line, *span))
+    return found
+
+
+def refused(read_text: Read, text: str) -> ConfigError:
+    with pytest.raises(ConfigError, match=r"^x\.argos:[0-9]+: <[\w:-]+>.*: ") as caught:
+        read_text(text)
+    return caught.value
+
+
+def test_everything_in_the_example_is_understood(read_text: Read, example: str) -> None:
+    experiment = read_text(example)
+    assert (experiment.name, experiment.host, experiment.port) == ("x", "10.0.0.1", 4051)
+    assert (experiment.timesteps, experiment.timestep_s, experiment.seed) == (400, 0.1, 7)
+    assert [robot.id for robot in experiment.robots] == [
+        "epuck_23_30", "swarm_5_40", "swarm_6_41", "swarm_7_42",
+    ]  # fmt: skip
+    first = experiment.robots[0]
+    assert (first.tag, first.number) == (23, 30)
+    assert first.pose == pytest.approx(Pose(0.5, -0.5, -math.pi / 2))
+    assert [thing.tag for thing in experiment.objects] == [9, 22]
+    assert [box.id for box in experiment.boxes] == ["wall_north", "crate"]
+    assert experiment.boxes[1].yaw_rad == pytest.approx(math.pi / 4)
+    assert experiment.controller.params == {"alpha": "0.5", "wheels.speed": "3"}
+    assert experiment.marker.height_m == 0.05
+    (mounted,) = experiment.sensors
+    assert mounted.update_every == 3
+    (source,) = experiment.sources
+    assert (source.tag, source.turn_timestep, source.memory_ns) == (22, 100, 2_000_000_000)
+    assert math.degrees(source.wide_rad) == pytest.approx(60)
+    assert experiment.warnings == ("x.argos:24: <box> 'crate' is movable: it stands still here",)
+
+
+def test_the_wind_turns_at_its_share_of_an_overridden_length(read_text: Read, example: str) -> None:
+    assert read_text(example, 120.0).sources[0].turn_timestep == 300
+    fixed = read_text(example.replace('"25%"', '"130"'), 120.0)
+    assert fixed.sources[0].turn_timestep == 130
+
+
+def test_the_thesis_defaults_of_the_pollutant_sensor(read_text: Read, example: str) -> None:
+    (source,) = read_text(
+        re.sub(r"<virtual_pollutant_sensor[^>]*>", "<virtual_pollutant_sensor/>", example)
+    ).sources
+    assert (source.direction_rad, source.max_distance_m, source.tag) == (0.0, 1.0, 22)
+    assert source.wide_rad == pytest.approx(math.pi / 2)
+    assert source.turn_timestep is None
+
+
+def test_the_address_may_stand_on_the_framework_as_in_the_thesis(
+    read_text: Read, example: str
+) -> None:
+    text = example.replace('vss_host="10.0.0.1" vss_port="4051"', "").replace(
+        "<framework>",
+        '<framework vss_host="10.0.0.2" vss_port="4052" ats_host="a" ats_port="4040">',
+    )
+    experiment = read_text(text)
+    assert (experiment.host, experiment.port) == ("10.0.0.2", 4052)
+    assert [w for w in experiment.warnings if "ats_host" in w]
+
+
+def test_every_attribute_is_in_the_mutation_table(example: str) -> None:
+    assert len(attributes(example)) == example.count('="') - 2  # the declaration, the namespace
+
+
+def test_every_missing_attribute_is_refused_at_its_element(read_text: Read, example: str) -> None:
+    for key, line, start, end in attributes(example):
+        text = example[:start] + example[end:]
+        if key in OPTIONAL:
+            read_text(text)
+        else:
+            error = refused(read_text, text)
+            assert error.line == line, (key, str(error))
+            assert key.split()[1] in error.message
+
+
+def test_every_attribute_that_is_there_twice_is_refused(read_text: Read, example: str) -> None:
+    for _, _, start, end in attributes(example):
+        with pytest.raises(ConfigError, match=r"x\.argos:[0-9]+: .*duplicate attribute"):
+            read_text(f"{example[:end]} {example[start:end]}{example[end:]}")
+
+
+def test_every_misspelt_attribute_is_refused(read_text: Read, example: str) -> None:
+    for key, _, start, _ in attributes(example):
+        if key not in ("params alpha", "wheels speed"):
+            text = f"{example[:start]}{key.split()[1]}x{example[example.index('=', start) :]}"
+            assert f"{key.split()[1]}" in refused(read_text, text).message
+
+
+@pytest.mark.parametrize("value", BROKEN)
+def test_every_broken_value_is_refused_at_its_element(
+    read_text: Read, example: str, value: str
+) -> None:
+    for key, line, start, end in attributes(example):
+        name = key.split()[1]
+        text = f'{example[:start]}{name}="{value}"{example[end:]}'
+        if key not in FREE or (value == "" and key not in ("params alpha", "wheels speed")):
+            if (key, value) in {("virtual_pollutant_sensor rotation_timestep", "1e308")}:
+                continue
+            error = refused(read_text, text)
+            if name not in ("id", "config"):
+                assert error.line == line, (key, value, str(error))
+
+
+SENSOR = "virtual_pollutant_sensor"
+
+
+def elements(text: str) -> list[tuple[str, int, int]]:
+    """All elements but the root: name, start and end in the text."""
+    found, open_tags = [], []
+    for tag in re.finditer(r"<(/?)([\w:-]+)[^>]*?(/?)>", text):
+        if tag[1]:
+            name, start = open_tags.pop()
+            found.append((name, start, tag.end()))
+        elif tag[3]:
+            found.append((tag[2], tag.start(), tag.end()))
+        else:
+            open_tags.append((tag[2], tag.start()))
+    return found[:-1]
+
+
+def test_every_missing_or_doubled_element_is_refused(read_text: Read, example: str) -> None:
+    optional = {
+        "system", "actuators", "epuck_wheels", "sensors", "epuck_proximity", "params", "wheels",
+        "box", "vs:object", "distribute", "vs:rig", "vs:marker", "physics_engines", "dynamics2d",
+    }  # fmt: skip
+    for name, start, end in elements(example):
+        body = example[start:end]
+        if name not in optional and "epuck_23_30" not in body and name != SENSOR:
+            refused(read_text, example[:start] + example[end:])
+        if name != "dynamics2d":
+            refused(read_text, example[:end] + "\n" + example[start:])
+        if name != "wheels":
+            refused(read_text, f"{example[:start]}<zzz/>{example[start:]}")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "words"),
+    [
+        ('size="3, 2.4, 1"', 'size="3, 2.4"', 20, "size: '3, 2.4' is not three numbers"),
+        ('size="3, 2.4, 1"', 'size="3, -2.4, 1"', 20, "size: -2.4 is out of range"),
+        ('length="40"', 'length="-1"', 5, "length: -1 is out of range, expected 0 to 1e\\+06 s"),
+        ('length="40"', 'length="0"', 13, "rotation_timestep: '25%' of a run without limit"),
+        ('ticks_per_second="10"', 'ticks_per_second="0"', 5, "expected 1 to 100"),
+        ('vss_port="4051"', 'vss_port="65536"', 5, "vss_port: 65536 is out of range"),
+        ("epuck_22_1", "epuck_22_2", 13, "there is no 'epuck_22_2'.*: epuck_22_1"),
+        ('config="mine" /></e', 'config="yours" /></e', 37, "controller 'yours'; there are: mine"),
+        ('library="mine.c"', 'library="yours.c"', 9, "library: no controller 'yours.c'.*pollutant"),
+        ('library="mine.c"', f'library="{"x" * 5000}.c"', 9, "library: .*xxx"),
+        ('family="arrow4x4"', 'family="qr"', 41, "family: 'qr' is not one of: .*arrow4x4"),
+        ('tags="5 6 7"', 'tags="5 6 5"', 36, "vs:tags: tag 5 is worn by another one, in line 36"),
+        ('tags="5 6 7"', 'tags="5 23 7"', 36, "tag 23 is worn by another one, in line 29"),
+        ('tags="5 6 7"', 'tags="5 6"', 36, "has 2 tags, expected 3"),
+        ('tags="5 6 7"', 'tags="5 6 65536"', 36, "'65536' is not a whole number from 0 to 65535"),
+        ("lamp_9_0", "lamp_23_0", 29, "tag 23 is worn by another one, in line 27"),
+        ('id="crate"', 'id="wall_north"', 24, "is the id of another element, in line 21"),
+        ('id="epuck_23_30"', 'id="epuck"', 29, "'epuck' is not NAME_TAG_ROBOT"),
+        ('id="epuck_23_30"', 'id="epuck_99999_1"', 29, "tag and number from 0 to 65535"),
+        ('"0.5,-0.5,0"', '"1.6,0,0"', 30, "position: 1.6,0 lies outside the arena"),
+        ('"0.5,-0.5,0"', '"0.5,-0.5,0.1"', 30, "z is 0.1, expected 0"),
+        ('"270,0,0"', '"270,1,0"', 30, "turns about y or x"),
+        ('max="1.4,1.1,0"', 'max="-2,1.1,0"', 34, "max: has a number below 'min'"),
+        ('std_dev="360,0,0"', 'std_dev="-1,0,0"', 35, "std_dev: has a number below 0"),
+        ('method="uniform"', 'method="grid"', 34, "'grid' is not one of: uniform, gaussian, const"),
+        ('wide_angle="60"', 'wide_angle="180"', 13, "wide_angle: 180 is out of range"),
+        ('wide_angle="60"', 'wide_angle="0"', 13, "wide_angle: 0 is out of range"),
+        ('max_distance="0.8"', 'max_distance="0"', 13, "max_distance: 0 is out of range"),
+        ('"25%"', '"101%"', 13, "rotation_timestep: 101 is out of range, expected 0 to 100 %"),
+        ('"25%"', '"-3"', 13, "rotation_timestep: -3 is out of range"),
+        ('rotation_timestep="25%"', "", 13, "rotation_angle: needs a 'rotation_timestep'"),
+        ('alpha="0.5"', f'alpha="{"x" * 600}"', 17, "has 622 bytes, expected at most 512"),
+        ('alpha="0.5"', 'alpha="a&#10;b"', 17, "alpha: holds a character that is not printable"),
+        ('alpha="0.5"', 'wheels.speed="1"', 17, "speed: is there twice"),
+        ('="mine" /></e-puck>', '="mine" /></e-puck><box/>', 36, "holds 2 known elements"),
+        ("my_controller", "vs:my_controller", 0, None),
+    ],
+)  # fmt: skip
+def test_a_wrong_value_is_refused_with_what_was_expected(
+    read_text: Read, example: str, old: str, new: str, line: int, words: str | None
+) -> None:
+    assert old in example
+    text = example.replace(old, new, 1) if old != "my_controller" else example.replace(old, new)
+    if words is None:
+        read_text(text)
+        return
+    error = refused(read_text, text)
+    assert re.search(words, error.message), str(error)
+    assert error.line == line
+
+
+@given(st.data())
+def test_any_change_gives_an_experiment_or_one_error_with_its_place(
+    read_text: Read, example: str, data: st.DataObject
+) -> None:
+    key, _, start, end = data.draw(st.sampled_from(attributes(example)))
+    characters = st.characters(
+        exclude_categories=("Cc", "Cs"), exclude_characters='<&"\ufffe\uffff'
+    )
+    words = st.text(characters, max_size=20) | st.floats().map(repr) | st.integers().map(str)
+    value = data.draw(st.lists(words, max_size=4).map(",".join))
+    text = f'{example[:start]}{key.split()[1]}="{value}"{example[end:]}'
+    if data.draw(st.booleans()):
+        cut = data.draw(st.integers(0, len(text)))
+        text = text[:cut] + text[cut + data.draw(st.integers(0, 80)) :]
+    try:
+        place(read_text(text), 1)
+    except ConfigError as error:
+        assert error.file == "x.argos"
+        assert 1 <= error.line <= text.count("\n") + 1
+
+
+def test_robots_of_several_controllers_are_refused(read_text: Read, example: str) -> None:
+    second = example.replace("</controllers>", '<other id="o" library="mine.c"/></controllers>')
+    assert any(
+        "<other> is not supported: no robot uses it" in w for w in read_text(second).warnings
+    )
+    wrong = second.replace('config="mine" /></e', 'config="o" /></e')
+    assert "expected one for all robots" in refused(read_text, wrong).message
+    twice = example.replace("</controllers>", '<other id="mine" library="a"/></controllers>')
+    assert "id of another controller, in line 9" in refused(read_text, twice).message
+
+
+def test_an_e_puck_without_controller_is_an_object_only_where_one_is_named(
+    read_text: Read, example: str
+) -> None:
+    text = example.replace('entity="epuck_22_1"', 'entity="lamp_9_0"')
+    assert "<controller> is missing" in refused(read_text, text).message
+
+
+def test_what_argos_has_and_we_do_not_is_a_warning_with_its_line(
+    read_text: Read, example: str
+) -> None:
+    text = (
+        example.replace("</arena>", '<light id="l" color="yellow"/><floor id="f"/></arena>')
+        .replace("<epuck_proximity", '<virtual_light_sensor/><epuck_proximity noise_level="0.1"')
+        .replace("<dynamics2d", '<pointmass3d id="pm3d"/><dynamics2d')
+        .replace("</argos", "<visualization><qt-opengl/></visualization></argos")
+        .replace("<arena", '<loop_functions library="lib" label="l" /><arena')
+        .replace('library="mine.c"', 'library="build/controllers/libmine"')
+    )
+    warnings = "\n".join(read_text(text).warnings)
+    for words in (
+        "x.argos:9: <my_controller> library: 'build/controllers/libmine' is built for ARGoS",
+        "x.argos:12: <virtual_light_sensor> is not supported: the controller does not have it",
+        "x.argos:12: <epuck_proximity> noise_level: the real one's own noise takes its place",
+        "x.argos:20: <loop_functions> is not supported: its functions are not called",
+        "x.argos:40: <light> is not supported: it is not in the arena",
+        "x.argos:42: <pointmass3d> is not supported",
+        "x.argos:43: <visualization> is not supported: vsense draws its own pictures",
+    ):
+        assert words in warnings
+
+
+def test_a_file_without_a_robot_says_what_it_has(read_text: Read) -> None:
+    text = """<argos-configuration>
+      <framework><experiment length="0" ticks_per_second="10"/></framework>
+      <controllers/>
+      <arena size="3,3,1"><foot-bot id="fb"/></arena>
+    </argos-configuration>"""
+    assert "expected <e-puck>; it has <foot-bot>" in refused(read_text, text).message
+
+
+def test_an_unknown_experiment_names_the_known_ones(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"no experiment 'polutant': .*one of: .*pollutant"):
+        load("polutant")
+    with pytest.raises(UsageError, match="no experiment"):
+        load("x" * 5000)
+    with pytest.raises(UsageError, match=r"nothing\.argos: cannot be read: No such file"):
+        load(tmp_path / "nothing.argos")
+    folder = tmp_path / "folder.argos"
+    folder.mkdir()
+    with pytest.raises(UsageError, match="cannot be read"):
+        load(folder)
+
+
+def test_the_shipped_pollution_experiment_is_chapter_five() -> None:
+    assert "pollutant" in shipped()
+    experiment = load("pollutant")
+    assert experiment.warnings == ()
+    assert len(experiment.robots) == 15
+    assert len({robot.tag for robot in experiment.robots} | {experiment.objects[0].tag}) == 16
+    (source,) = experiment.sources
+    assert source.tag == experiment.objects[0].tag
+    assert experiment.controller.params["stop_probability"] == "0.3"
+    assert source.turn_timestep == experiment.timesteps // 2
+    assert load("pollutant", 40.0).sources[0].turn_timestep == 200
+    assert len(experiment.boxes) == 4
+
+
+def test_two_sensors_of_one_name_are_refused(
+    read_text: Read, example: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pollutant = registry.factories()[SENSOR]
+    monkeypatch.setattr(registry, "factories", lambda: {SENSOR: pollutant, "again": pollutant})
+    error = refused(read_text, example.replace("</sensors>", "<again/></sensors>"))
+    assert "the sensor 'pollutant' is there already, in line 13" in error.message

@@ -1,0 +1,132 @@
+"""Packets that must be refused, each with the error that names why."""
+
+from __future__ import annotations
+
+import struct
+from typing import Any
+
+from good_wire import EMPTY, GREETING, HEADER, HELLO, MIXED, POLLUTANT, REPORT
+from plain_encoder import BODIES, seal, text8
+
+
+def bad(name: str, error: str, packet: bytes, table: list[list[Any]] = EMPTY) -> dict[str, Any]:
+    return {"name": name, "error": f"VS_ERR_{error}", "table": table, "hex": packet.hex()}
+
+
+def bad_frames() -> list[dict[str, Any]]:
+    body = BODIES["HELLO"](HELLO)
+    packet = seal(1, GREETING, body)
+    return [
+        bad("magic", "MAGIC", seal(1, GREETING, body, magic=0x5653)),
+        bad("other_protocol", "MAGIC", b"GET / HTTP/1.0\r\n\r\n" + bytes(80)),
+        bad("iridia_client", "MAGIC", bytes(4)),
+        bad("version_0", "VERSION", seal(1, GREETING, body, version=0)),
+        bad("version_2", "VERSION", seal(1, GREETING, body, version=2)),
+        bad("type_0", "TYPE", seal(0, GREETING, body)),
+        bad("type_7", "TYPE", seal(7, GREETING, body)),
+        bad("length_0", "LENGTH", seal(1, GREETING, body, length=0)),
+        bad("length_75", "LENGTH", seal(1, GREETING, body, length=75)),
+        bad("length_4097", "LENGTH", seal(1, GREETING, body, length=4097)),
+        bad("length_65535", "LENGTH", seal(1, GREETING, body, length=65535)),
+        bad("state_1201", "LENGTH", seal(5, HEADER, bytes(1125))),
+        bad("bytes_left_over", "LENGTH", packet + b"\0"),
+        bad("empty", "SHORT", b""),
+        bad("header_only", "SHORT", packet[:56]),
+        bad("last_byte_missing", "SHORT", packet[:-1]),
+        bad("checksum", "CHECKSUM", seal(1, GREETING, body, crc=1)),
+        bad("tag_first", "TAG", seal(1, GREETING, body, tag=b"\1" + bytes(15))),
+        bad("tag_last", "TAG", seal(1, GREETING, body, tag=bytes(15) + b"\x80")),
+    ]
+
+
+def bad_bodies() -> list[dict[str, Any]]:
+    body = BODIES["HELLO"](HELLO)
+    one = BODIES["STATE"]({"wanted": 1, "from_timestep": 0, "values": [[0, "0000803f"]]})
+    report = BODIES["TELEMETRY"](REPORT)
+    names = {
+        "too_long": b"n" * 32,
+        "control": b"a\nb",
+        "delete": b"\x7f",
+        "zero": b"a\0b",
+        "stray": b"\x80",
+        "overlong": b"\xc0\xaf",
+        "overlong_3": b"\xe0\x80\x80",
+        "surrogate": b"\xed\xa0\x80",
+        "beyond": b"\xf4\x90\x80\x80",
+        "cut": b"\xe2\x82",
+    }
+    frames = [
+        bad(
+            f"name_{name}", "TEXT", seal(1, GREETING, body[:28] + bytes([len(text)]) + text + b"\0")
+        )
+        for name, text in names.items()
+    ]
+    return [
+        *frames,
+        bad("hello_left_over", "BODY", seal(1, GREETING, body + b"\0")),
+        bad("hello_cut", "BODY", seal(1, GREETING, body[:-1])),
+        bad("hello_empty", "BODY", seal(1, GREETING, b"")),
+        bad("refuse_cut", "BODY", seal(3, GREETING, b"\1")),
+        bad("refuse_text", "TEXT", seal(3, GREETING, b"\1\0\xc9" + b"t" * 201)),
+        bad("goodbye_left_over", "BODY", seal(4, HEADER, b"\0\0\0")),
+        bad("state_wanted_4", "BODY", seal(5, HEADER, b"\4" + one[1:]), POLLUTANT),
+        bad("state_padding", "BODY", seal(5, HEADER, one[:2] + b"\1" + one[3:]), POLLUTANT),
+        bad("state_cut", "BODY", seal(5, HEADER, one[:-1]), POLLUTANT),
+        bad("state_left_over", "BODY", seal(5, HEADER, one + b"\0"), POLLUTANT),
+        bad("state_other_table", "BODY", seal(5, HEADER, one), MIXED),
+        bad("telemetry_state_4", "BODY", seal(6, HEADER, b"\4" + report[1:])),
+        bad("telemetry_wanted_9", "BODY", seal(6, HEADER, b"\1\t" + report[2:])),
+        bad("telemetry_battery_2", "BODY", seal(6, HEADER, report[:3] + b"\2" + report[4:])),
+        bad("telemetry_cut", "BODY", seal(6, HEADER, report[:-1])),
+        bad("telemetry_left_over", "BODY", seal(6, HEADER, report + b"\0")),
+    ]
+
+
+def row(id_: int, direction: int, size: int, name: str, layout: str) -> bytes:
+    return struct.pack("<BBH", id_, direction, size) + text8(name) + text8(layout)
+
+
+def bad_tables() -> list[dict[str, Any]]:
+    def carry(
+        name: str, error: str, table: bytes, timestep_us: int = 1, params: bytes = b""
+    ) -> Any:
+        fixed = struct.pack("<QIIH", 0, timestep_us, 0, len(params)) + params
+        body = fixed + struct.pack("<H", len(table)) + table
+        return bad(name, error, seal(2, HEADER, body))
+
+    layouts = [
+        "",
+        "f",
+        "f8",
+        "0*f4",
+        "01*f4",
+        "*f4",
+        "4*",
+        "4*f4 ",
+        "4f4",
+        " f4",
+        "-1*f4",
+        "1*1*f4",
+    ]
+    a, b = row(1, 0, 4, "a", "f4"), row(2, 0, 4, "b", "f4")
+    return [
+        carry("timestep_0", "BODY", b"\0", timestep_us=0),
+        carry("params_too_long", "BODY", b"\0", params=b"p" * 513),
+        carry("params_control", "TEXT", b"\0", params=b"a=b\r\n"),
+        carry("table_empty_bytes", "BODY", b""),
+        carry("table_count_33", "TABLE_SIZE", b"\x21" + a * 33),
+        carry("table_entry_missing", "BODY", b"\2" + a),
+        carry("table_left_over", "BODY", b"\1" + a + b),
+        carry("table_same_id", "DUPLICATE", b"\2" + a + row(1, 1, 4, "b", "f4")),
+        carry("table_same_name", "DUPLICATE", b"\2" + a + row(2, 1, 4, "a", "f4")),
+        carry("table_no_name", "TEXT", b"\1" + row(1, 0, 4, "", "f4")),
+        carry("table_direction_2", "BODY", b"\1" + row(1, 2, 4, "a", "f4")),
+        carry("table_size_differs", "LAYOUT", b"\1" + row(1, 0, 8, "a", "f4")),
+        carry("table_huge_count", "TABLE_SIZE", b"\1" + row(1, 0, 4, "a", "4294967297*u1")),
+        carry("table_sensors_too_big", "TABLE_SIZE", b"\1" + row(1, 0, 1113, "a", "1113*u1")),
+        carry("table_actuators_too_big", "TABLE_SIZE", b"\1" + row(1, 1, 1077, "a", "1077*u1")),
+        *[
+            carry(f"layout_{i}", "LAYOUT", b"\1" + row(1, 0, 4, "a", x))
+            for i, x in enumerate(layouts)
+        ],
+    ]

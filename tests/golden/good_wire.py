@@ -1,0 +1,181 @@
+"""Valid packets: ordinary ones and those at every limit."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from typing import Any
+
+from plain_encoder import BODIES, HEADER_FIELDS, NEVER, TYPES, seal, table_bytes
+
+HEADER = {
+    "flags": 0,
+    "session": 0x11223344,
+    "sequence": 7,
+    "run": 2,
+    "timestep": 600,
+    "capture_ns": 0x0123456789ABCDEF,
+    "send_ns": 0x1122334455667788,
+    "echo_ns": 0x99AABBCCDDEEFF00,
+    "hold_us": 49_999,
+    "table_hash": 0,
+}
+GREETING = dict.fromkeys(("flags", *HEADER_FIELDS), 0) | {"send_ns": 5_000_000_000}
+EXTREME = {"flags": 0xFFFF} | {
+    name: 0xFFFFFFFFFFFFFFFF if name in ("capture_ns", "send_ns", "echo_ns") else 0xFFFFFFFF
+    for name in HEADER_FIELDS
+}
+
+EMPTY: list[list[Any]] = []
+POLLUTANT = [[1, 0, "pollutant", "f4"]]
+MIXED = [
+    [4, 0, "ground_rgb", "3*u1"],
+    [200, 1, "pheromone_level", "f4"],
+    [2, 0, "light", "8*f4"],
+    [0, 0, "position", "2*i4"],
+    [255, 1, "drops_total", "2*u4"],
+    [9, 0, "räumlich", "i2"],
+]
+FULL = [[1, 0, "map", "1112*u1"], [2, 1, "notes", "538*u2"]]
+WIDE = [[i, i % 2, f"{'entry':x<28}{i:03d}", "2*i2"] for i in range(32)]
+
+HELLO = {
+    "uid": bytes(range(16)).hex(),
+    "nonce": 0xA1A2A3A4A5A6A7A8,
+    "tag": 23,
+    "capabilities": 0,
+    "name": "epuck_23",
+    "controller": "pollutant",
+}
+REPORT = {
+    "state": 1,
+    "wanted": 1,
+    "stop_cause": 0,
+    "battery_low": 255,
+    "wanted_run": 2,
+    "control_step": 599,
+    "left_steps_s": -512,
+    "right_steps_s": 1000,
+    "leds": 0x3FF,
+    "battery_mv": 0,
+    "received": 12_000,
+    "old": 3,
+    "foreign": 2,
+    "corrupt": 1,
+    "base_errors": 4,
+    "guard_restarts": 5,
+    "clock_bound_us": 731,
+    "payload": "",
+}
+MIXED_VALUES = [
+    [0, "ff7f00"],
+    [250_000, struct.pack("<8f", *[0.1 * i for i in range(8)]).hex()],
+    [NEVER, "0000000000000000"],
+    [4_000_000_000, struct.pack("<h", -2).hex()],
+]
+
+
+def good(
+    name: str,
+    kind: str,
+    header: dict[str, int],
+    message: dict[str, Any],
+    table: list[list[Any]] = EMPTY,
+) -> dict[str, Any]:
+    """A valid packet; its table hash follows from the table unless the header is extreme."""
+    head = dict(header)
+    if kind not in ("HELLO", "REFUSE") and header is not EXTREME:
+        head["table_hash"] = zlib.crc32(table_bytes(message.get("table", table)))
+    packet = seal(TYPES[kind], head, BODIES[kind](message))
+    vector = {"name": name, "type": kind, "header": head, "message": message}
+    return vector | {"table": table, "hex": packet.hex()}
+
+
+def goods() -> list[dict[str, Any]]:
+    full = [[0, bytes(i % 251 for i in range(1112)).hex()]]
+    most = dict(
+        REPORT,
+        state=3,
+        wanted=3,
+        stop_cause=255,
+        battery_low=0,
+        left_steps_s=-32768,
+        right_steps_s=32767,
+        payload=bytes(i % 253 for i in range(1076)).hex(),
+    )
+    long_name = "é" * 15 + "x"
+    return [
+        good("hello", "HELLO", GREETING, HELLO),
+        good(
+            "hello_longest_names",
+            "HELLO",
+            EXTREME,
+            dict(HELLO, tag=65535, capabilities=65535, name=long_name, controller="c" * 31),
+        ),
+        good("hello_empty_names", "HELLO", GREETING, dict(HELLO, name="", controller="")),
+        good(
+            "welcome_no_sensor",
+            "WELCOME",
+            HEADER,
+            {"nonce": 1, "timestep_us": 100_000, "seed": 0, "params": "", "table": EMPTY},
+        ),
+        good(
+            "welcome",
+            "WELCOME",
+            HEADER,
+            {
+                "nonce": 2**64 - 1,
+                "timestep_us": 1,
+                "seed": 42,
+                "table": MIXED,
+                "params": "stop_probability=0.3\nname=Größe\n",
+            },
+        ),
+        good(
+            "welcome_largest",
+            "WELCOME",
+            HEADER,
+            {
+                "nonce": 0,
+                "timestep_us": 2**32 - 1,
+                "seed": 2**32 - 1,
+                "table": WIDE,
+                "params": "p" * 512,
+            },
+        ),
+        good("refuse", "REFUSE", GREETING, {"code": 1, "text": "tag 23 is in use"}),
+        good("refuse_longest_text", "REFUSE", GREETING, {"code": 65535, "text": "t" * 200}),
+        good("goodbye", "GOODBYE", HEADER, {"code": 0, "text": ""}, POLLUTANT),
+        good("goodbye_longest_text", "GOODBYE", EXTREME, {"code": 255, "text": "€" * 66 + ".."}),
+        good("state_no_sensor", "STATE", HEADER, {"wanted": 3, "from_timestep": 0, "values": []}),
+        good(
+            "state",
+            "STATE",
+            HEADER,
+            {"wanted": 1, "from_timestep": 603, "values": [[0, "0000803f"]]},
+            POLLUTANT,
+        ),
+        good(
+            "state_mixed",
+            "STATE",
+            dict(HEADER, flags=1),
+            {"wanted": 2, "from_timestep": NEVER, "values": MIXED_VALUES},
+            MIXED,
+        ),
+        good(
+            "state_largest",
+            "STATE",
+            EXTREME,
+            {"wanted": 0, "from_timestep": 0, "values": full},
+            FULL,
+        ),
+        good("telemetry", "TELEMETRY", HEADER, REPORT, POLLUTANT),
+        good(
+            "telemetry_actuators",
+            "TELEMETRY",
+            dict(HEADER, flags=1),
+            dict(REPORT, battery_low=1, payload="0000204103000000ffffffff"),
+            MIXED,
+        ),
+        good("telemetry_largest", "TELEMETRY", EXTREME, most, FULL),
+    ]

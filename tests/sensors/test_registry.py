@@ -1,0 +1,74 @@
+"""A new virtual sensor is one new file: nothing else has to name it."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import vsense.sensors
+from vsense.config.xml import parse
+from vsense.errors import ConfigError
+from vsense.sensors import registry
+from vsense.sensors.base import Scope, SensorError
+
+NEW_SENSOR = """
+from dataclasses import dataclass
+
+import numpy as np
+
+ELEMENTS = ("virtual_compass_sensor",)
+
+
+@dataclass(frozen=True)
+class Compass:
+    scale: float
+    name: str = "compass"
+    layout: str = "f4"
+
+    def read(self, world, robots):
+        return self.scale * robots["yaw_rad"][:, None]
+
+
+def from_xml(element, scope):
+    return Compass(element.number("scale", 0.0, 10.0, default=1.0))
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    monkeypatch.setattr(vsense.sensors, "__path__", [*vsense.sensors.__path__, str(tmp_path)])
+    registry.factories.cache_clear()
+    yield tmp_path
+    registry.factories.cache_clear()
+    for name in ("compass_of_test", "second_of_test"):
+        sys.modules.pop(f"vsense.sensors.{name}", None)
+
+
+def test_the_shipped_sensors_are_found() -> None:
+    assert "virtual_pollutant_sensor" in registry.factories()
+
+
+def test_a_new_sensor_is_one_new_file(folder: Path) -> None:
+    (folder / "compass_of_test.py").write_text(NEW_SENSOR)
+    xml = b'<r xmlns:vs="urn:vsense:1"><virtual_compass_sensor scale="2" vs:update_every="5"/></r>'
+    element = parse(xml, "x.argos").child("virtual_compass_sensor")
+    mounted = registry.mount(element, Scope({}, 0))
+    assert (mounted.sensor.name, mounted.update_every, mounted.line) == ("compass", 5, 1)
+
+
+def test_two_files_for_one_element_are_refused(folder: Path) -> None:
+    for name in ("compass_of_test", "second_of_test"):
+        (folder / f"{name}.py").write_text(NEW_SENSOR)
+    with pytest.raises(SensorError, match="<virtual_compass_sensor> has a sensor already"):
+        registry.factories()
+
+
+@pytest.mark.parametrize("every", ["0", "-1", "1.5", "always"])
+def test_a_wrong_updating_condition_is_refused(every: str) -> None:
+    xml = f'<r xmlns:vs="urn:vsense:1"><virtual_pollutant_sensor vs:update_every="{every}"/></r>'
+    element = parse(xml.encode(), "x.argos").child("virtual_pollutant_sensor")
+    with pytest.raises(ConfigError, match="vs:update_every"):
+        registry.mount(element, Scope({"epuck_22_1": 22}, 0))

@@ -1,0 +1,109 @@
+"""The C tests under the sanitizers, and what a compiled C file may need: almost nothing."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import require_tool
+from tests.wire.c_vectors import write_vectors
+
+ROOT = Path(__file__).parent.parent.parent
+C_SRC = ROOT / "c_src"
+TESTS = ROOT / "tests" / "c"
+STRICT = ["-pedantic", "-Wall", "-Wextra", "-Wshadow", "-Wconversion", "-Werror"]
+SANITIZE = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+PURE = sorted(p for p in C_SRC.glob("*.c") if p.name != "vs_posix.c")
+PARTS = ("err", "bytes", "wire", "table", "body", "peer", "clock", "session")
+SESSION = [C_SRC / f"vs_{part}.c" for part in PARTS]
+SYMBOLS = {"memcpy", "memmove", "memset", "memcmp", "strlen", "strcmp", "strncmp"}
+"""What a pure C file may take from the C library: it costs nothing on any machine."""
+
+STACK_MAX = 8192
+"""[byte] of stack that one function may use."""
+
+
+def build(target: Path, *arguments: str | Path) -> Path:
+    """Compiles and links with warnings as errors."""
+    command = [require_tool("cc", "build-essential"), *map(str, arguments)]
+    command += ["-I", str(C_SRC), "-I", str(TESTS), "-I", str(target.parent), "-o", str(target)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return target
+
+
+def run(program: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([str(program)], capture_output=True, text=True, check=False, timeout=120)
+
+
+@pytest.mark.parametrize("chars", ["-fsigned-char", "-funsigned-char"])
+@pytest.mark.parametrize("name", ["test_wire", "test_session"])
+def test_c_suite_under_sanitizers(name: str, chars: str, tmp_path: Path) -> None:
+    write_vectors(ROOT / "tests" / "golden" / "wire.json", tmp_path / "wire_vectors.h")
+    flags = ["-std=c99", *STRICT, *SANITIZE, chars]
+    done = run(build(tmp_path / name, *flags, TESTS / f"{name}.c", *SESSION))
+    assert done.returncode == 0, done.stderr
+
+
+def build_race(target: Path, source: Path) -> Path:
+    flags = ["-std=c11", *STRICT, "-g", "-O1", "-fsanitize=thread", "-pthread"]
+    return build(target, *flags, TESTS / "test_latest.c", source)
+
+
+def test_defect_05_no_torn_data_between_two_threads(tmp_path: Path) -> None:
+    done = run(build_race(tmp_path / "test_latest", C_SRC / "vs_latest.c"))
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_buffer_without_ordering_would_be_found_out(tmp_path: Path) -> None:
+    broken = tmp_path / "vs_latest.c"
+    text = (C_SRC / "vs_latest.c").read_text()
+    assert "memory_order_acq_rel" in text
+    broken.write_text(text.replace("memory_order_acq_rel", "memory_order_relaxed"))
+    done = run(build_race(tmp_path / "test_broken", broken))
+    assert "data race" in done.stderr
+
+
+def test_robot_builds_the_buffer_without_atomics(tmp_path: Path) -> None:
+    flags = ["-std=c99", *STRICT, "-DVS_NO_ATOMICS", "-c"]
+    built = build(tmp_path / "vs_latest.o", *flags, C_SRC / "vs_latest.c")
+    assert built.is_file()
+
+
+@pytest.mark.parametrize("source", PURE, ids=lambda path: path.name)
+def test_pure_file_needs_no_system_and_keeps_no_state(source: Path, tmp_path: Path) -> None:
+    standard = "-std=c11" if source.name == "vs_latest.c" else "-std=c99"
+    plain = ["-O2", "-fno-pic", "-fno-pie", "-fno-stack-protector", "-fstack-usage", "-c"]
+    built = build(tmp_path / f"{source.stem}.o", standard, *STRICT, *plain, source)
+    nm = [require_tool("nm", "binutils"), str(built)]
+    lines = subprocess.run(nm, capture_output=True, text=True, check=True).stdout.splitlines()
+    kinds = {line.split()[-1]: line.split()[-2] for line in lines}
+    needed = {name for name, kind in kinds.items() if kind == "U"}
+    assert {n for n in needed if not n.startswith(("vs_", "epuck_"))} <= SYMBOLS
+    assert {name for name, kind in kinds.items() if kind in "dDbBC"} == set()
+
+
+@pytest.mark.parametrize("source", PURE, ids=lambda path: path.name)
+def test_pure_file_uses_little_stack(source: Path, tmp_path: Path) -> None:
+    built = build(tmp_path / "file.o", "-std=c11", "-O2", "-fstack-usage", "-c", source)
+    report = built.with_suffix(".su").read_text().splitlines()
+    used = {row.split("\t")[0]: row.split("\t")[1:] for row in report}
+    assert {name for name, (size, _) in used.items() if int(size) > STACK_MAX} == set()
+    assert {name for name, (_, kind) in used.items() if kind == "dynamic"} == set()
+
+
+def test_headers_promise_only_what_exists(tmp_path: Path) -> None:
+    """Every function of a header is defined, and every global function is in a header."""
+    declared: set[str] = set()
+    for header in C_SRC.glob("vs_*.h"):
+        if header.name not in ("vs_posix.h", "vs_io.h"):
+            text = re.sub(r"/\*.*?\*/", "", header.read_text(), flags=re.DOTALL)
+            declared |= set(re.findall(r"\b(vs_\w+)\([^;{]*\);", text))
+    built = build(tmp_path / "vs.o", "-std=c11", "-O2", "-r", *SESSION, C_SRC / "vs_latest.c")
+    nm = [require_tool("nm", "binutils"), str(built)]
+    lines = subprocess.run(nm, capture_output=True, text=True, check=True).stdout.splitlines()
+    defined = {line.split()[-1] for line in lines if line.split()[-2] == "T"}
+    assert declared == defined

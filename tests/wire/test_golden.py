@@ -1,0 +1,163 @@
+"""C and Python agree with packets made by an independent encoder, tests/golden/make_wire.py."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from vsense.link.peer import older_us, telemetry_of
+from vsense.link.table import Direction, Entry, Table
+from vsense.link.wire import (
+    DATAGRAM_MAX,
+    TELEMETRY_FIELDS,
+    Header,
+    Hello,
+    Notice,
+    Output,
+    PacketType,
+    Welcome,
+    decode,
+    encode,
+    header_to,
+    open_packet,
+)
+from vsense.native import WireError, check, ffi, lib
+
+GOLDEN = Path(__file__).parent.parent / "golden"
+VECTORS = json.loads((GOLDEN / "wire.json").read_text())
+Vector = dict[str, Any]
+
+
+def by_name(vectors: list[Vector]) -> Any:
+    return pytest.mark.parametrize("vector", vectors, ids=[v["name"] for v in vectors])
+
+
+def of_types(*types: str) -> list[Vector]:
+    return [v for v in VECTORS["packets"] if v["type"] in types]
+
+
+def table_of(rows: list[list[Any]]) -> Table:
+    return Table(Entry(id_, name, layout, Direction(d)) for id_, d, name, layout in rows)
+
+
+def header_of_vector(vector: Vector) -> Header:
+    length = len(vector["hex"]) // 2
+    return Header(PacketType[vector["type"]], length=length, **vector["header"])
+
+
+def message_of(vector: Vector) -> Hello | Welcome | Notice:
+    said = dict(vector["message"])
+    if vector["type"] == "HELLO":
+        return Hello(**{**said, "uid": bytes.fromhex(said["uid"])})
+    if vector["type"] == "WELCOME":
+        return Welcome(**{**said, "table": table_of(said["table"])})
+    return Notice(**said)
+
+
+def state_bytes(
+    header: Header, table: Table, wanted: int, from_timestep: int, values: Any
+) -> bytes:
+    state = ffi.new("struct vs_state *", {"wanted": wanted, "from_timestep": from_timestep})
+    block = b"".join(payload for _, payload in values)
+    ffi.memmove(state.payload, block, len(block))
+    for rank, (older, _) in enumerate(values):
+        state.older_us[rank] = older
+    out = Output(DATAGRAM_MAX)
+    return out.take(lib.vs_encode_state(header_to(header), table.cdata, state, *out.arguments))
+
+
+def test_the_committed_vectors_are_what_the_script_writes() -> None:
+    script = [sys.executable, str(GOLDEN / "make_wire.py")]
+    made = subprocess.run(script, capture_output=True, check=True).stdout
+    assert made == (GOLDEN / "wire.json").read_bytes()
+
+
+@by_name(of_types("HELLO", "WELCOME", "REFUSE", "GOODBYE"))
+def test_tcp_packets(vector: Vector) -> None:
+    packet = bytes.fromhex(vector["hex"])
+    header, message = header_of_vector(vector), message_of(vector)
+    assert encode(header, message) == packet
+    assert decode(packet) == (header, message)
+
+
+@by_name(of_types("STATE"))
+def test_state(vector: Vector) -> None:
+    packet = bytes.fromhex(vector["hex"])
+    table, header, said = table_of(vector["table"]), header_of_vector(vector), vector["message"]
+    values = [(older, bytes.fromhex(payload)) for older, payload in said["values"]]
+    assert state_bytes(header, table, said["wanted"], said["from_timestep"], values) == packet
+    opened, body = open_packet(packet)
+    state = ffi.new("struct vs_state *")
+    check(lib.vs_decode_state(table.cdata, body, len(body), state))
+    assert opened == header
+    assert (state.wanted, state.from_timestep) == (said["wanted"], said["from_timestep"])
+    rows = table.of_direction(Direction.SENSOR)
+    found = [
+        (state.older_us[rank], bytes(state.payload[offset : offset + size]))
+        for rank, (_, offset, size) in enumerate(rows)
+    ]
+    assert found == values
+
+
+@by_name(of_types("TELEMETRY"))
+def test_telemetry(vector: Vector) -> None:
+    packet, table = bytes.fromhex(vector["hex"]), table_of(vector["table"])
+    header, said = header_of_vector(vector), vector["message"]
+    payload = bytes.fromhex(said["payload"])
+    report = ffi.new("struct vs_telemetry *", {**said, "payload": payload})
+    out = Output(DATAGRAM_MAX)
+    arguments = (header_to(header), table.cdata, report, *out.arguments)
+    assert out.take(lib.vs_encode_telemetry(*arguments)) == packet
+    opened, body = open_packet(packet)
+    read = ffi.new("struct vs_telemetry *")
+    check(lib.vs_decode_telemetry(table.cdata, body, len(body), read))
+    assert opened == header
+    found = telemetry_of(read, bytes(read.payload[0 : len(payload)]))
+    assert {name: getattr(found, name) for name in TELEMETRY_FIELDS} == {
+        name: said[name] for name in TELEMETRY_FIELDS
+    }
+    assert found.payload == payload
+
+
+@pytest.mark.parametrize("vector", VECTORS["tables"], ids=lambda v: f"{len(v['table'])}_entries")
+def test_tables(vector: Vector) -> None:
+    table = table_of(vector["table"])
+    assert table.encode().hex() == vector["hex"]
+    assert table.hash == vector["hash"]
+    assert Table.decode(bytes.fromhex(vector["hex"])) == table
+
+
+@by_name(VECTORS["bad"])
+def test_bad_packets_are_refused_by_name(vector: Vector) -> None:
+    packet, table = bytes.fromhex(vector["hex"]), table_of(vector["table"])
+    with pytest.raises(WireError) as caught:
+        header, body = open_packet(packet)
+        if header.type == PacketType.STATE:
+            check(lib.vs_decode_state(table.cdata, body, len(body), ffi.new("struct vs_state *")))
+        elif header.type == PacketType.TELEMETRY:
+            report = ffi.new("struct vs_telemetry *")
+            check(lib.vs_decode_telemetry(table.cdata, body, len(body), report))
+        else:
+            decode(packet)
+    assert caught.value.name == vector["error"]
+
+
+def test_floats_are_ieee_754_single_little_endian() -> None:
+    for value, expected in ((1.0, "0000803f"), (-0.0, "00000080"), (0.3, "9a99993e")):
+        cell = ffi.new("uint8_t[4]")
+        lib.vs_store_f4(cell, value)
+        assert bytes(cell).hex() == expected
+        assert lib.vs_load_f4(cell) == pytest.approx(value, abs=1e-7)
+
+
+def test_age_of_a_value_is_measured_against_the_header() -> None:
+    assert older_us(5_000_000, 5_000_000) == 0
+    assert older_us(5_000_000, 4_000_999) == 999
+    assert older_us(5_000_000, 6_000_000) == 0
+    assert older_us(2**62, 0) == lib.VS_NEVER_US - 1
+    assert older_us(5_000_000, -1) == lib.VS_NEVER_US

@@ -1,0 +1,50 @@
+"""The door to the compiled library: errors by name, and a library that knows its sources."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from vsense.native import REBUILD, WireError, check, ffi, lib, stale_files
+
+ROOT = Path(__file__).parent.parent.parent
+
+
+def checkout(target: Path) -> Path:
+    """Copies the files that the library was built from."""
+    for name in ffi.string(lib.vs_built_from()).decode().splitlines():
+        (target / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / name, target / name)
+    return target
+
+
+def test_the_library_is_built_from_these_sources() -> None:
+    assert stale_files(ROOT) == [], f"rebuild it with: {REBUILD}"
+
+
+def test_a_change_in_any_source_is_noticed(tmp_path: Path) -> None:
+    tree = checkout(tmp_path)
+    assert stale_files(tree) == []
+    changed = tree / "c_src" / "vs_wire.h"
+    changed.write_text(changed.read_text() + "\n")
+    assert "c_src/vs_wire.h" in stale_files(tree)
+
+
+def test_a_missing_source_is_named(tmp_path: Path) -> None:
+    tree = checkout(tmp_path)
+    (tree / "c_src" / "vs_peer.c").unlink()
+    assert stale_files(tree) == ["c_src/vs_peer.c"]
+
+
+def test_an_installed_library_has_nothing_to_compare(tmp_path: Path) -> None:
+    assert stale_files(tmp_path) == []
+
+
+def test_errors_carry_name_code_and_what_was_done() -> None:
+    assert check(3) == 3
+    with pytest.raises(WireError) as caught:
+        check(lib.VS_ERR_CHECKSUM, "packet 7")
+    assert (caught.value.code, caught.value.name) == (lib.VS_ERR_CHECKSUM, "VS_ERR_CHECKSUM")
+    assert str(caught.value) == "packet 7: checksum does not match: the packet is damaged"

@@ -1,0 +1,105 @@
+"""What the cameras say about the arena: frames in, one arena state per timestep out.
+
+The arena frame is right-handed with the floor at z = 0; yaw is counter-clockwise in
+(-pi, pi] and zero along +x. Times are integer nanoseconds of the host's monotonic clock.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+POSE = np.dtype(
+    [
+        ("tag", "u4"),
+        ("x_m", "f8"),
+        ("y_m", "f8"),
+        ("yaw_rad", "f8"),
+        ("speed_m_s", "f8"),
+        ("capture_ns", "i8"),
+        ("age_ns", "i8"),
+        ("confidence", "f4"),
+        ("cameras", "u4"),
+        ("seen", "?"),
+    ]
+)
+"""One robot of an arena state.
+
+`tag` is the number on the marker; `x_m`, `y_m` the disc's centre in the arena frame;
+`capture_ns` the time of the picture that last showed the robot; `age_ns` how much older that
+is than the arena state; `confidence` in [0, 1], falling while the robot is not seen;
+`cameras` how many cameras contributed; `seen` whether any did in this timestep. A robot that
+is not seen is extrapolated for a moment, then held, then left out.
+"""
+
+DETECTION = np.dtype(
+    [
+        ("tag", "i4"),
+        ("x_px", "f8"),
+        ("y_px", "f8"),
+        ("yaw_rad", "f8"),
+        ("weight", "f8"),
+        ("error", "f4"),
+        ("margin", "f4"),
+    ]
+)
+"""One marker in one picture.
+
+`tag` is the number, or -1 for a marker that could not be named; `x_px`, `y_px` the picture of
+the disc's centre; `yaw_rad` the heading in the arena frame; `weight` the inverse variance of
+the position [1/m^2]; `error` the decoder's distance to the tag's code word; `margin` how much
+farther the next best code word is (a ratio).
+"""
+
+UNNAMED = -1
+"""The tag of a detection whose number could not be read."""
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One picture of one camera.
+
+    Attributes:
+        camera: The camera's id.
+        image: (height, width) uint8, grey.
+        timestep: The trigger that the picture belongs to.
+        capture_ns: Middle of the exposure.
+        ready_ns: When the last pixel was in memory.
+    """
+
+    camera: str
+    image: NDArray[np.uint8]
+    timestep: int
+    capture_ns: int
+    ready_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class ArenaState:
+    """Every known robot at one timestep.
+
+    Attributes:
+        timestep: The timestep of the frames it was made from.
+        capture_ns: The newest capture time among these frames.
+        robots: POSE array, sorted by tag, one entry per known robot.
+        detected: Distinct tags named by raw detections in this timestep; predictions do not
+            count.
+        unnamed: Markers in this timestep whose number could not be read.
+        duplicates: Tags that were read at two places at once, sorted. Such a tag is followed
+            only where one place alone can be reached from where the robot was.
+    """
+
+    timestep: int
+    capture_ns: int
+    robots: NDArray[np.void]
+    detected: int
+    unnamed: int = 0
+    duplicates: tuple[int, ...] = field(default=())
+
+
+def wrap_angle(angle_rad: NDArray[np.float64] | float) -> NDArray[np.float64]:
+    """Returns the same angle in (-pi, pi] [rad], elementwise."""
+    turn = np.asarray(angle_rad, dtype=np.float64)
+    return np.pi - np.mod(np.pi - turn, 2.0 * np.pi)

@@ -1,0 +1,1 @@
+"""Experiment files: from `.argos` XML to checked, frozen records."""

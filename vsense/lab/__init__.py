@@ -1,0 +1,1 @@
+"""The lab: photons and wheels are simulated here, and nothing else."""

@@ -1,0 +1,168 @@
+"""The process that is the lab's cameras: one picture per camera and timestep, of the truth.
+
+`python -m vsense.lab.cameras` reads two lines of JSON from standard input, first
+`{"bank": NAME, "spec": {...}}` with the frame bank and the `CameraSpec`. It builds the scene, says
+`{"ready": true}`, and reads `{"epoch_ns": ...}`. From then on it says one line of JSON per
+timestep, an `Exposure`. It ends when standard input ends, on SIGTERM, or after the last timestep;
+Ctrl-C is its parent's to handle.
+
+Timestep k is triggered at epoch + k * timestep, the middle of its exposure. The empty arena is
+drawn before that, the bodies when the exposure has ended and the truth of it is known. Timesteps
+whose exposure has passed before the cameras are free again are left out.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import signal
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, closing
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from vsense.errors import VsenseError
+from vsense.lab.camera_spec import CameraSpec, Exposure
+from vsense.lab.frame_bank import SLOTS, FrameBank
+from vsense.lab.optics import EXPOSURE_NS, sample_times_ns
+from vsense.lab.shared import LabError
+from vsense.lab.studio import Studio
+from vsense.lab.truth import TruthReader
+from vsense.lab.truth_log import TruthLog
+
+SAMPLES = 3
+"""Moments of the exposure that a picture is averaged over; robots move up to 0.8 px in it."""
+PREPARE_NS = 15_000_000
+"""The empty arena is drawn so long before the trigger."""
+
+_TRUTH_POLL_NS = 500_000
+
+
+class Cameras:
+    """The cameras at work."""
+
+    def __init__(self, spec: CameraSpec, bank: FrameBank) -> None:
+        """Builds the scene and opens truth ring and log.
+
+        Raises:
+            VsenseError: The spec cannot be followed.
+        """
+        self._spec = spec
+        self._bank = bank
+        with ExitStack() as stack:
+            self._truth = stack.enter_context(closing(TruthReader(spec.truth)))
+            if self._truth.bodies != len(spec.bodies):
+                raise LabError(
+                    f"truth ring: {self._truth.bodies} bodies, the spec has {len(spec.bodies)}"
+                )
+            self._log = stack.enter_context(closing(TruthLog(spec.log, len(spec.bodies))))
+            self._studio = Studio(spec)
+            self._stack = stack.pop_all()
+
+    def live(self, epoch_ns: int, stdin: int) -> Iterator[Exposure]:
+        """Takes pictures in real time until `stdin` ends or the last timestep is done."""
+        timestep = 0
+        while self._spec.frames is None or timestep < self._spec.frames:
+            capture_ns = epoch_ns + timestep * self._spec.timestep_ns
+            if not wait(stdin, capture_ns - PREPARE_NS):
+                return
+            exposure = self._take(timestep, capture_ns, stdin)
+            if exposure is None:
+                return
+            yield exposure
+            passed_ns = time.monotonic_ns() - EXPOSURE_NS // 2 - epoch_ns
+            timestep = max(timestep, passed_ns // self._spec.timestep_ns) + 1
+
+    def close(self) -> None:
+        """Ends the log, and lets go of the truth."""
+        self._stack.close()
+
+    def _take(self, timestep: int, capture_ns: int, stdin: int) -> Exposure | None:
+        """Takes one timestep's pictures; None where `stdin` ended first."""
+        slot = timestep % SLOTS
+        images = self._bank.images[slot]
+        moments = sample_times_ns(capture_ns, SAMPLES)
+        begun_ns = time.monotonic_ns()
+        self._studio.prepare(timestep, images)
+        prepared_ns = time.monotonic_ns()
+        exposed_ns = max(capture_ns + EXPOSURE_NS // 2, prepared_ns)
+        if not wait(stdin, exposed_ns) or not self._know(moments[-1], stdin):
+            return None
+        known_ns = time.monotonic_ns()
+        truth = [self._truth.at(moment) for moment in moments]
+        poses = np.stack([poses for poses, _ in truth])
+        leds = truth[SAMPLES // 2][1]
+        self._studio.expose(timestep, poses, leds, images)
+        ready_ns = time.monotonic_ns()
+        self._log.append(timestep, capture_ns, ready_ns, poses[SAMPLES // 2], leds)
+        return Exposure(
+            timestep,
+            slot,
+            capture_ns,
+            ready_ns,
+            prepare_ms=(prepared_ns - begun_ns) / 1e6,
+            wait_ms=(known_ns - exposed_ns) / 1e6,
+            render_ms=(ready_ns - known_ns) / 1e6,
+        )
+
+    def _know(self, moment_ns: int, stdin: int) -> bool:
+        """Waits until the truth of a moment is known; False where `stdin` ended first."""
+        while self._truth.newest_ns() < moment_ns:
+            if not wait(stdin, time.monotonic_ns() + _TRUTH_POLL_NS):
+                return False
+        return True
+
+
+def wait(stdin: int, until_ns: int) -> bool:
+    """Waits until a time on the monotonic clock; False as soon as `stdin` has ended."""
+    while True:
+        left_s = max(0, until_ns - time.monotonic_ns()) / 1e9
+        if not select.select([stdin], [], [], left_s)[0]:
+            return True
+        if not os.read(stdin, 4096):
+            return False
+
+
+def _say(values: dict[str, Any]) -> None:
+    os.write(sys.stdout.fileno(), json.dumps(values).encode() + b"\n")
+
+
+def _work() -> None:
+    """Follows the protocol on standard input and output; see the module."""
+    first = sys.stdin.readline()
+    if not first:
+        return
+    told = json.loads(first)
+    spec = CameraSpec.from_json(json.dumps(told["spec"]))
+    with (
+        closing(FrameBank.open(told["bank"], spec.shape)) as bank,
+        closing(Cameras(spec, bank)) as cameras,
+    ):
+        _say({"ready": True})
+        second = sys.stdin.readline()
+        if second:
+            for exposure in cameras.live(json.loads(second)["epoch_ns"], sys.stdin.fileno()):
+                _say(asdict(exposure))
+
+
+def main() -> int:
+    """Runs the process."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(0))
+    try:
+        _work()
+    except BrokenPipeError:
+        return 0
+    except VsenseError as error:
+        print(f"cameras: {error}", file=sys.stderr)
+        return error.exit_code
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

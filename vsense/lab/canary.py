@@ -1,0 +1,54 @@
+"""The canary: an idle process with a 10 ms timer that notes how late it was woken.
+
+A latency measured on a busy machine says as much about the machine as about vsense; the canary's
+figures of the same run tell the two apart. `python -m vsense.lab.canary` runs until its standard
+input ends, then prints one lateness in ms per line, one line per tick.
+"""
+
+from __future__ import annotations
+
+import select
+import subprocess
+import sys
+import time
+
+PERIOD_NS = 10_000_000
+
+
+def watch() -> list[float]:
+    """Ticks every 10 ms until standard input ends.
+
+    Returns:
+        How late each tick was, in ms. A tick that was missed whole counts once, with its lateness.
+    """
+    lateness_ms = []
+    due_ns = time.monotonic_ns() + PERIOD_NS
+    while True:
+        wait_s = max(0, due_ns - time.monotonic_ns()) / 1e9
+        if select.select([sys.stdin], [], [], wait_s)[0]:
+            return lateness_ms
+        now_ns = time.monotonic_ns()
+        if now_ns >= due_ns:
+            lateness_ms.append((now_ns - due_ns) / 1e6)
+            due_ns += PERIOD_NS * (1 + (now_ns - due_ns) // PERIOD_NS)
+
+
+class Canary:
+    """The canary process, from now until `end`."""
+
+    def __init__(self) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "vsense.lab.canary"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,
+        )
+
+    def end(self) -> list[float]:
+        """Ends it and gives how late its ticks were, in ms."""
+        output, _ = self._process.communicate()
+        return [float(value) for value in output.split()]
+
+
+if __name__ == "__main__":
+    print("\n".join(f"{value:.3f}" for value in watch()))

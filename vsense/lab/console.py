@@ -1,0 +1,61 @@
+"""What a person sees on standard error while an experiment runs."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import threading
+import time
+from typing import TextIO
+
+QUIET_PERIOD_NS = 10_000_000_000
+"""Where no terminal is watching, one progress line in this time is enough."""
+
+
+class Console:
+    """One live line that is drawn over itself, and messages that scroll away above it.
+
+    Safe to use from several threads. Where the stream is no terminal the live line becomes a
+    plain line every ten seconds.
+    """
+
+    def __init__(self, stream: TextIO | None = None) -> None:
+        self._stream = sys.stderr if stream is None else stream
+        self._live = self._stream.isatty()
+        self._line = ""
+        self._printed_ns = 0
+        self._lock = threading.Lock()
+
+    def say(self, text: str) -> None:
+        """Prints a message of its own."""
+        with self._lock:
+            self._erase()
+            print(text, file=self._stream)
+            self._draw()
+
+    def progress(self, line: str) -> None:
+        """Replaces the live line."""
+        with self._lock:
+            if self._live:
+                self._erase()
+                self._line = line[: shutil.get_terminal_size().columns - 1]
+                self._draw()
+            elif time.monotonic_ns() - self._printed_ns >= QUIET_PERIOD_NS:
+                self._printed_ns = time.monotonic_ns()
+                print(line, file=self._stream, flush=True)
+
+    def end_progress(self) -> None:
+        """Leaves the live line where it is and goes on below it."""
+        with self._lock:
+            if self._live and self._line:
+                print(file=self._stream, flush=True)
+            self._line = ""
+
+    def _erase(self) -> None:
+        if self._live and self._line:
+            self._stream.write("\r\x1b[K")
+
+    def _draw(self) -> None:
+        if self._live:
+            self._stream.write(self._line)
+        self._stream.flush()

@@ -1,0 +1,101 @@
+"""The lab's floor as the host's side sees it: starts the `atoms` process and ends it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+from vsense.config.specs import Experiment, Pose
+from vsense.lab.shared import LabError
+
+END_TIMEOUT_S = 5.0
+
+
+class Floor:
+    """The running `atoms` process: true physics, and a microcontroller behind a terminal each.
+
+    Attributes:
+        ttys: the robots' terminals in the experiment's order.
+        log: where every applied motor command is noted.
+    """
+
+    def __init__(
+        self,
+        experiment: Experiment,
+        poses: Mapping[int, Pose],
+        truth: str,
+        seed: int,
+        directory: Path,
+    ) -> None:
+        """Puts robots, objects and walls in their places.
+
+        Args:
+            experiment: what stands in the arena.
+            poses: start pose of every tag.
+            truth: name of the truth ring.
+            seed: seed of the proximity sensors' noise.
+            directory: where the log goes.
+
+        Raises:
+            LabError: the process cannot do its work.
+        """
+        self.log = directory / "actuations.bin"
+        spec = {
+            "robots": [
+                {"index": i, "tag": robot.tag, **poses[robot.tag]._asdict()}
+                for i, robot in enumerate(experiment.robots)
+            ],
+            "objects": [
+                {"tag": thing.tag, **poses[thing.tag]._asdict()} for thing in experiment.objects
+            ],
+            "boxes": [
+                {
+                    "x_m": box.position_m[0],
+                    "y_m": box.position_m[1],
+                    "yaw_rad": box.yaw_rad,
+                    "size_x_m": box.size_m[0],
+                    "size_y_m": box.size_m[1],
+                }
+                for box in experiment.boxes
+            ],
+            "truth": truth,
+            "log": str(self.log),
+            "directory": str(directory),
+            "seed": seed,
+        }
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "vsense.lab.atoms"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,
+        )
+        self.ttys: list[str] = json.loads(self._ask(spec))["slaves"]
+
+    def check(self) -> None:
+        """Raises LabError where the process has ended by itself."""
+        if self._process.poll() is not None:
+            raise LabError(f"the lab's physics ended with exit code {self._process.returncode}")
+
+    def close(self) -> None:
+        """Ends the process; its log is complete then."""
+        assert self._process.stdin is not None and self._process.stdout is not None
+        self._process.stdin.close()
+        try:
+            self._process.wait(END_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._process.stdout.close()
+
+    def _ask(self, spec: Mapping[str, object]) -> bytes:
+        assert self._process.stdin is not None and self._process.stdout is not None
+        self._process.stdin.write(json.dumps(spec).encode() + b"\n")
+        self._process.stdin.flush()
+        answer = self._process.stdout.readline()
+        if not answer:
+            self._process.wait()
+            raise LabError("the lab's physics did not start; the reason stands above")
+        return answer

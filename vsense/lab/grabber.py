@@ -1,0 +1,163 @@
+"""The grabber of the lab: starts the camera process and hands out its pictures."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import subprocess
+import sys
+import time
+from collections import deque
+from collections.abc import Iterator
+from contextlib import suppress
+
+from vsense.arena import Frame
+from vsense.lab.camera_spec import CameraSpec, Exposure
+from vsense.lab.frame_bank import FrameBank
+from vsense.lab.optics import EXPOSURE_NS
+from vsense.lab.truth import TruthReader
+from vsense.tracking.camera import Camera
+from vsense.tracking.grabbers import GrabberError
+
+READY_TIMEOUT_S = 20.0
+"""The scene must be built within this time."""
+
+_LEAD_NS = 50_000_000
+_END_TIMEOUT_S = 5.0
+
+
+class LabGrabber:
+    """Rendered cameras behind the seam of `vsense.tracking.grabbers.Grabber`.
+
+    Attributes:
+        cameras: The cameras, in the order of the pictures.
+        exposure: What the cameras said about the timestep that `next` gave last, or None.
+        missed: Timesteps that `next` left out because a newer one was there already.
+    """
+
+    def __init__(self, spec: CameraSpec) -> None:
+        """Starts the camera process, which builds its scene while the caller goes on.
+
+        Raises:
+            LabError: There is no memory for the pictures.
+        """
+        self.cameras: list[Camera] = list(spec.cameras)
+        self.exposure: Exposure | None = None
+        self.missed = 0
+        self._truth = spec.truth
+        self._started = False
+        self._lines: deque[bytes] = deque()
+        self._rest = b""
+        self._bank = FrameBank.make(spec.shape)
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "vsense.lab.cameras"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,
+        )
+        self._tell(f'{{"bank": {json.dumps(self._bank.name)}, "spec": {spec.to_json()}}}')
+
+    @property
+    def pid(self) -> int:
+        """The camera process."""
+        return self._process.pid
+
+    def start(self, epoch_ns: int | None = None) -> None:
+        """Waits for the scene and sets the time of timestep 0.
+
+        Args:
+            epoch_ns: Middle of the first exposure on the monotonic clock. Without it that is
+                soon, half an exposure after a tick of the physics: exposures of 10 ms then end
+                with a tick, and the pictures need not wait for the next.
+
+        Raises:
+            GrabberError: The process ended, or the scene was not built in `READY_TIMEOUT_S`.
+        """
+        self._line(READY_TIMEOUT_S)
+        if epoch_ns is None:
+            truth = TruthReader(self._truth)
+            epoch_ns = (truth.newest_ns() or time.monotonic_ns()) + _LEAD_NS + EXPOSURE_NS // 2
+            truth.close()
+        self._tell(json.dumps({"epoch_ns": epoch_ns}))
+        self._started = True
+
+    def next(self, timeout_s: float) -> list[Frame]:
+        """Waits for the newest timestep's pictures, in the order of the cameras.
+
+        The first call starts the cameras where nobody has. The pictures are the shared memory
+        itself: it is used again after two more calls.
+
+        Raises:
+            GrabberError: No picture came in `timeout_s`, or there will be no more.
+        """
+        if not self._started:
+            self.start()
+        line = self._line(timeout_s)
+        self.missed += len(self._lines)
+        while self._lines:
+            line = self._lines.popleft()
+        exposure = Exposure(**json.loads(line))
+        self.exposure = exposure
+        images = self._bank.images[exposure.slot]
+        return [
+            Frame(camera.id, image, exposure.timestep, exposure.capture_ns, exposure.ready_ns)
+            for camera, image in zip(self.cameras, images)
+        ]
+
+    def frames(self, timeout_s: float) -> Iterator[list[Frame]]:
+        """Yields what `next` gives, forever.
+
+        Raises:
+            GrabberError: See `next`.
+        """
+        while True:
+            yield self.next(timeout_s)
+
+    def close(self) -> None:
+        """Ends the camera process, whose log is complete then; can be called again."""
+        assert self._process.stdin is not None and self._process.stdout is not None
+        with suppress(BrokenPipeError):
+            self._process.stdin.close()
+        try:
+            self._process.wait(_END_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._process.stdout.close()
+        self._bank.close()
+
+    def _tell(self, line: str) -> None:
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(line.encode() + b"\n")
+            self._process.stdin.flush()
+        except BrokenPipeError:
+            raise self._ended() from None
+
+    def _line(self, timeout_s: float) -> bytes:
+        """The oldest line of the process that was not read yet; all later ones are read, too."""
+        deadline_s = time.monotonic() + timeout_s
+        assert self._process.stdout is not None
+        descriptor = self._process.stdout.fileno()
+        while True:
+            left_s = 0.0 if self._lines else max(0.0, deadline_s - time.monotonic())
+            if not select.select([descriptor], [], [], left_s)[0]:
+                if self._lines:
+                    return self._lines.popleft()
+                raise GrabberError(f"no pictures from the lab's cameras in {timeout_s:g} s")
+            received = os.read(descriptor, 65536)
+            if not received and not self._lines:
+                raise self._ended()
+            if not received:
+                return self._lines.popleft()
+            *whole, self._rest = (self._rest + received).split(b"\n")
+            self._lines.extend(whole)
+
+    def _ended(self) -> GrabberError:
+        code = self._process.wait()
+        if code == 0:
+            return GrabberError("the lab's cameras have taken their last picture")
+        return GrabberError(
+            f"the lab's cameras ended with exit code {code}; the reason stands above"
+        )

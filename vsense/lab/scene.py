@@ -1,0 +1,156 @@
+"""The lab's floor: tiles, dirt, litter, and the light that falls on it.
+
+Reflectances are uint8, 0 black to 255 perfectly white, on a grid in the arena frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.lab.litter import scatter
+from vsense.lab.optics import Image32, RayMap
+
+Image8 = NDArray[np.uint8]
+
+PX_PER_M = 800
+"""Resolution of the floor: finer than any picture of it."""
+TILE_M = 0.5
+LIGHT_SWING = 0.35
+"""The light on the floor is between 1 - this and 1 + this."""
+
+_JOINT_M = 0.003
+_MARGIN_M = 0.02
+_FLOOR = 104
+_JOINT = 66
+_TILE_SIGMA = 2.5
+_OCTAVES = ((0.4, 5.0), (0.12, 4.0), (0.035, 3.0), (0.009, 3.0))
+"""Size [m] and strength of the spots of dirt."""
+_GRAIN = 1024
+_LIGHT_CELLS_M = 1.1
+_LIGHT_PX_PER_M = 50
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """A picture of the floor, rows running along -y.
+
+    Attributes:
+        left_m: Arena x of the left border.
+        top_m: Arena y of the upper border.
+        width_m: Extent along x.
+        height_m: Extent along y.
+        px_per_m: Resolution.
+    """
+
+    left_m: float
+    top_m: float
+    width_m: float
+    height_m: float
+    px_per_m: float
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return (
+            int(np.ceil(self.height_m * self.px_per_m)),
+            int(np.ceil(self.width_m * self.px_per_m)),
+        )
+
+    def to_px(self, x_m: Image32, y_m: Image32) -> tuple[Image32, Image32]:
+        """Returns column and row of places on the floor, (0, 0) the first pixel's middle."""
+        scale = np.float32(self.px_per_m)
+        column = (x_m - np.float32(self.left_m)) * scale - np.float32(0.5)
+        row = (np.float32(self.top_m) - y_m) * scale - np.float32(0.5)
+        return column, row
+
+
+class Scene:
+    """Everything on the floor that never moves, and the light."""
+
+    def __init__(self, rays: list[RayMap], seed: int, litter_per_picture: int) -> None:
+        """Makes the floor that all cameras see.
+
+        Args:
+            rays: One per camera.
+            seed: Decides about dirt, litter and light.
+            litter_per_picture: Pieces of litter that a camera sees on average.
+        """
+        rng = np.random.default_rng([seed, 2])
+        low_x, high_x, low_y, high_y = np.array([r.bounds() for r in rays]).T
+        seen_m2 = np.mean((high_x - low_x) * (high_y - low_y))
+        left, top = low_x.min() - _MARGIN_M, high_y.max() + _MARGIN_M
+        width, height = high_x.max() + _MARGIN_M - left, top - low_y.min() + _MARGIN_M
+        self._grid = Grid(left, top, width, height, PX_PER_M)
+        self._floor = _dirty_floor(self._grid, rng)
+        pieces = round(litter_per_picture * width * height / seen_m2)
+        scatter(self._floor, PX_PER_M, pieces, rng)
+        self._light_grid = Grid(left, top, width, height, _LIGHT_PX_PER_M)
+        self._light = _uneven_light(self._light_grid, rng)
+
+    def floor(self, rays: RayMap) -> Image8:
+        """Returns the (h, w) reflectance that a camera sees, empty arena without walls."""
+        column, row = self._grid.to_px(rays.x_m, rays.y_m)
+        return np.asarray(cv2.remap(self._floor, column, row, cv2.INTER_LINEAR), dtype=np.uint8)
+
+    def light(self, rays: RayMap) -> Image32:
+        """Returns the (h, w) light on the floor that a camera sees, 1 on average."""
+        column, row = self._light_grid.to_px(rays.x_m, rays.y_m)
+        light = cv2.remap(self._light, column, row, cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE)
+        return np.asarray(light, dtype=np.float32)
+
+
+def _stretch(coarse: NDArray[np.float32], shape: tuple[int, int]) -> Image32:
+    """Enlarges a coarse random field to `shape`, smoothly."""
+    return np.asarray(
+        cv2.resize(coarse, shape[::-1], interpolation=cv2.INTER_CUBIC), dtype=np.float32
+    )
+
+
+def _dirty_floor(grid: Grid, rng: np.random.Generator) -> Image8:
+    """Tiles of slightly different grey, with joints, spots of four sizes, and fine grain."""
+    floor = np.full(grid.shape, _FLOOR, dtype=np.float32)
+    for size_m, strength in _OCTAVES:
+        cells = (int(grid.height_m / size_m) + 2, int(grid.width_m / size_m) + 2)
+        field = rng.standard_normal(cells, dtype=np.float32) * np.float32(strength)
+        floor += _stretch(field, grid.shape)
+    _lay_tiles(floor, grid, rng)
+    grain = rng.normal(0.0, 4.0, (_GRAIN, _GRAIN)).astype(np.float32)
+    grain = np.asarray(cv2.GaussianBlur(grain, (0, 0), 0.8), dtype=np.float32)
+    for row in range(0, grid.shape[0], _GRAIN):
+        for column in range(0, grid.shape[1], _GRAIN):
+            part = floor[row : row + _GRAIN, column : column + _GRAIN]
+            part += grain[: part.shape[0], : part.shape[1]]
+    return np.asarray(cv2.convertScaleAbs(floor), dtype=np.uint8)
+
+
+def _lay_tiles(floor: Image32, grid: Grid, rng: np.random.Generator) -> None:
+    """Shades each tile by itself, in place, and draws the joints between them."""
+    step = TILE_M * grid.px_per_m
+    joint = max(1, round(_JOINT_M * grid.px_per_m))
+    first_column = (TILE_M / 2 - grid.left_m) % TILE_M * grid.px_per_m
+    first_row = (grid.top_m - TILE_M / 2) % TILE_M * grid.px_per_m
+    rows = np.arange(first_row - step, grid.shape[0], step).astype(int)
+    columns = np.arange(first_column - step, grid.shape[1], step).astype(int)
+    for row in rows:
+        for column in columns:
+            tile = np.s_[max(row, 0) : row + int(step), max(column, 0) : column + int(step)]
+            floor[tile] += np.float32(rng.normal(0.0, _TILE_SIGMA))
+    for row in rows[rows >= 0]:
+        floor[row : row + joint] = 0.4 * floor[row : row + joint] + 0.6 * _JOINT
+    for column in columns[columns >= 0]:
+        part = floor[:, column : column + joint]
+        floor[:, column : column + joint] = 0.4 * part + 0.6 * _JOINT
+
+
+def _uneven_light(grid: Grid, rng: np.random.Generator) -> Image32:
+    """A smooth field that swings between 1 - LIGHT_SWING and 1 + LIGHT_SWING."""
+    cells = (int(grid.height_m / _LIGHT_CELLS_M) + 2, int(grid.width_m / _LIGHT_CELLS_M) + 2)
+    field = _stretch(rng.standard_normal(cells, dtype=np.float32), grid.shape)
+    field = np.asarray(cv2.GaussianBlur(field, (0, 0), 0.15 * grid.px_per_m), dtype=np.float32)
+    span = field.max() - field.min()
+    even = (field - field.min()) / span
+    return np.asarray(1.0 + LIGHT_SWING * (2.0 * even - 1.0), dtype=np.float32)

@@ -1,0 +1,146 @@
+"""The robots' daemons: one real `vsensed` per robot, started, watched and ended."""
+
+from __future__ import annotations
+
+import hashlib
+import random
+import shlex
+import signal
+import subprocess
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+CLOCK_OFFSET_NS = 3_600_000_000_000
+"""Every robot's clock is off by up to an hour ..."""
+
+CLOCK_DRIFT_PPM = 100.0
+"""... and runs fast or slow by up to this much, as real boards do."""
+
+END_TIMEOUT_S = 3.0
+"""A daemon that does not end on SIGTERM within this time is killed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Robot:
+    """One robot of the lab.
+
+    Attributes:
+        tag: number on its marker.
+        name: the experiment's name for it.
+        tty: the pseudo-terminal behind which its microcontroller is.
+        clock_offset_ns: how far its own clock is ahead of the host's.
+        clock_drift_ppm: how much too fast its own clock runs.
+        trace: where its daemon notes every control step.
+    """
+
+    tag: int
+    name: str
+    tty: str
+    clock_offset_ns: int
+    clock_drift_ppm: float
+    trace: Path
+
+    def host_time_ns(self, local_ns: int) -> int:
+        """The host's clock when this robot's own clock shows `local_ns`."""
+        ahead_ns = local_ns - self.clock_offset_ns
+        # In integers: a double holds a month in nanoseconds only to half a microsecond.
+        return ahead_ns - round(ahead_ns * self.clock_drift_ppm / (1e6 + self.clock_drift_ppm))
+
+
+class Swarm:
+    """All daemons of one run. They are in sessions of their own: Ctrl-C is the lab's to handle."""
+
+    def __init__(self, daemon: Path, host: str, port: int, seed: int, directory: Path) -> None:
+        """Prepares an empty swarm.
+
+        Args:
+            daemon: the `vsensed` executable.
+            host: address of the virtual sensor server.
+            port: its port.
+            seed: seed of the robots' clocks.
+            directory: where traces, logs and start scripts go.
+        """
+        self._daemon = daemon
+        self._host = host
+        self._port = port
+        self._random = random.Random(seed)
+        self._directory = directory
+        self._directory.mkdir(parents=True, exist_ok=True)
+        self._processes: dict[int, subprocess.Popen[bytes]] = {}
+        self.robots: list[Robot] = []
+
+    def start(self, tag: int, name: str, tty: str) -> Robot:
+        """Starts the daemon of one robot and leaves a script that starts it again."""
+        robot = Robot(
+            tag,
+            name,
+            tty,
+            self._clock_offset_ns(),
+            round(self._random.uniform(-CLOCK_DRIFT_PPM, CLOCK_DRIFT_PPM), 3),
+            self._directory / f"{tag}.trace",
+        )
+        self.robots.append(robot)
+        command = self._command(robot)
+        script = self.script(tag)
+        script.write_text(f"#!/bin/sh\n# Starts the daemon of {name} again.\nexec {shlex.join(command)}\n")
+        script.chmod(0o755)
+        with open(self._directory / f"{tag}.log", "ab") as log:
+            self._processes[tag] = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
+            )
+        return robot
+
+    def _clock_offset_ns(self) -> int:
+        """Draws an offset; no clock is made to show a time before its board was switched on."""
+        share = self._random.uniform(-1.0, 1.0)
+        most_ns = CLOCK_OFFSET_NS if share > 0 else min(CLOCK_OFFSET_NS, time.monotonic_ns() // 2)
+        return round(share * most_ns)
+
+    def script(self, tag: int) -> Path:
+        """The script that starts a robot's daemon again."""
+        return self._directory / f"{tag}.sh"
+
+    def log(self, tag: int) -> Path:
+        """What a robot's daemon said."""
+        return self._directory / f"{tag}.log"
+
+    def fallen(self) -> list[tuple[Robot, str]]:
+        """Daemons that have ended since the last call, and how."""
+        ended = []
+        for robot in self.robots:
+            process = self._processes.get(robot.tag)
+            if process is not None and process.poll() is not None:
+                del self._processes[robot.tag]
+                ended.append((robot, describe_exit(process.returncode)))
+        return ended
+
+    def end(self) -> None:
+        """Ends all daemons: SIGTERM, and SIGKILL for those that do not listen."""
+        for process in self._processes.values():
+            process.terminate()
+        for process in self._processes.values():
+            try:
+                process.wait(END_TIMEOUT_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+        self._processes.clear()
+
+    def _command(self, robot: Robot) -> list[str]:
+        uid = hashlib.sha256(f"vsense lab {robot.name}".encode()).hexdigest()[:32]
+        return [
+            str(self._daemon),
+            *("--host", self._host, "--port", str(self._port)),
+            *("--tag", str(robot.tag), "--name", robot.name, "--uid", uid),
+            *("--base", f"argos:{robot.tty}", "--trace", str(robot.trace.resolve())),
+            *("--clock-offset-ns", str(robot.clock_offset_ns)),
+            *("--clock-drift-ppm", str(robot.clock_drift_ppm)),
+        ]
+
+
+def describe_exit(returncode: int) -> str:
+    """Says in words how a process ended."""
+    if returncode < 0:
+        return f"killed by {signal.Signals(-returncode).name}"
+    return f"ended with exit code {returncode}"

@@ -1,0 +1,191 @@
+"""The truth ring: where every body of the lab really is, tick by tick.
+
+One process writes a record per tick of its physics, others read the truth at any moment of the
+last 256 ticks. Nobody waits for anybody. A record that is read while it is being written shows a
+wrong checksum and is read again, which needs no memory ordering from the processor.
+"""
+
+from __future__ import annotations
+
+import zlib
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.arena import wrap_angle
+from vsense.lab.shared import LabError, SharedBlock
+
+Floats = NDArray[np.float64]
+Leds = NDArray[np.uint16]
+
+SLOTS = 256
+"""Ticks that the ring remembers."""
+
+_MAGIC = 0x31_54_55_52_54_53_56
+_HEADER = np.dtype([("magic", "i8"), ("bodies", "i8")])
+_RETRIES = 1000
+
+
+def _record_dtype(bodies: int) -> np.dtype[np.void]:
+    """One tick; `sequence` counts from 1, `checksum` is a CRC-32 of the record with 0 in it."""
+    return np.dtype(
+        [
+            ("sequence", "i8"),
+            ("time_ns", "i8"),
+            ("poses", "f8", (bodies, 3)),
+            ("leds", "u2", (bodies,)),
+            ("checksum", "u4"),
+        ],
+        align=True,
+    )
+
+
+def _ring_size(bodies: int) -> int:
+    return _HEADER.itemsize + SLOTS * _record_dtype(bodies).itemsize
+
+
+def make_ring(bodies: int) -> SharedBlock:
+    """Makes an empty ring that leaves nothing behind; its `name` goes to writer and readers."""
+    block = SharedBlock.anonymous("vsense-truth", _ring_size(bodies))
+    block.bytes[: _HEADER.itemsize].view(_HEADER)[0] = (_MAGIC, bodies)
+    return block
+
+
+class TruthWriter:
+    """The one process that knows the truth."""
+
+    def __init__(self, name: str, bodies: int) -> None:
+        """Opens the ring `name`, or makes it under that plain name.
+
+        Args:
+            name: A ring's name from `make_ring`, or a plain name.
+            bodies: How many bodies each record holds.
+
+        Raises:
+            LabError: The ring is there for another number of bodies.
+        """
+        self._block = SharedBlock.open(name, _ring_size(bodies))
+        header = self._block.bytes[: _HEADER.itemsize].view(_HEADER)
+        if header["magic"][0] not in (0, _MAGIC) or header["bodies"][0] not in (0, bodies):
+            raise LabError(
+                f"truth ring {name}: made for {header['bodies'][0]} bodies, not {bodies}"
+            )
+        header[0] = (_MAGIC, bodies)
+        dtype = _record_dtype(bodies)
+        self._slots = self._block.bytes[_HEADER.itemsize :][: SLOTS * dtype.itemsize]
+        self._slots = self._slots.reshape(SLOTS, dtype.itemsize)
+        self._bytes = np.zeros(dtype.itemsize, dtype=np.uint8)
+        self._record = self._bytes.view(dtype)
+        self._sequence = 0
+
+    def write(self, time_ns: int, poses: Floats, leds: NDArray[np.integer]) -> None:
+        """Publishes one tick.
+
+        Args:
+            time_ns: Host's monotonic clock; later than in the call before.
+            poses: (n, 3) x [m], y [m], yaw [rad] of every body, arena frame.
+            leds: (n,) LED bits: 0-7 ring, 8 body, 9 front.
+        """
+        self._sequence += 1
+        self._record[0] = (self._sequence, time_ns, poses, leds, 0)
+        self._record["checksum"] = zlib.crc32(self._bytes.data)
+        self._slots[self._sequence % SLOTS] = self._bytes
+
+    def close(self) -> None:
+        """Lets go of the ring, and removes it where this writer has made it."""
+        self._slots = self._slots[:0]
+        self._block.close()
+
+
+class TruthReader:
+    """Reads the truth at any recent moment.
+
+    Attributes:
+        bodies: How many bodies each record holds.
+    """
+
+    def __init__(self, name: str) -> None:
+        """Opens the ring `name`.
+
+        Raises:
+            LabError: There is no such ring.
+        """
+        self._block = SharedBlock.open(name)
+        header = self._block.bytes[: _HEADER.itemsize].view(_HEADER)[0]
+        if header["magic"] != _MAGIC:
+            raise LabError(f"truth ring {name}: not a truth ring")
+        self.bodies = int(header["bodies"])
+        self._dtype = _record_dtype(self.bodies)
+        self._slots = self._block.bytes[_HEADER.itemsize :][: SLOTS * self._dtype.itemsize]
+        self._slots = self._slots.reshape(SLOTS, self._dtype.itemsize)
+        self._times = self._slots.view(self._dtype)["time_ns"][:, 0]
+
+    def newest_ns(self) -> int:
+        """Returns the time of the newest tick, 0 while there is none."""
+        for _ in range(_RETRIES):
+            slot = int(np.argmax(self._times))
+            record = self._read(slot)
+            if record is not None:
+                return int(record["time_ns"])
+            if not self._times[slot]:
+                return 0
+        raise LabError("truth ring: its records are broken")
+
+    def at(self, time_ns: int) -> tuple[Floats, Leds]:
+        """Returns the truth at one moment.
+
+        Args:
+            time_ns: Host's monotonic clock, between the oldest and the newest tick.
+
+        Returns:
+            (n, 3) x [m], y [m], yaw [rad], interpolated between the ticks on both sides;
+            (n,) LED bits of the tick before.
+
+        Raises:
+            LabError: The ring does not reach back or forward to that moment.
+        """
+        for _ in range(_RETRIES):
+            pair = self._around(time_ns)
+            if pair is not None:
+                return _interpolate(*pair, time_ns)
+        raise LabError("truth ring: its records are broken")
+
+    def close(self) -> None:
+        """Lets go of the ring."""
+        self._slots, self._times = self._slots[:0], self._times[:0]
+        self._block.close()
+
+    def _around(self, time_ns: int) -> tuple[np.void, np.void] | None:
+        """The ticks on both sides of a moment; None where the writer got in between."""
+        times = self._times.copy()
+        earlier = np.where((times > 0) & (times <= time_ns), times, 0)
+        before = int(np.argmax(earlier))
+        if earlier[before] == 0 or times.max() < time_ns:
+            written = times[times > 0]
+            span = f"{written.min()} .. {written.max()}" if written.size else "nothing yet"
+            raise LabError(f"truth ring: asked for {time_ns} ns, it holds {span}")
+        after = before if times[before] == time_ns else (before + 1) % SLOTS
+        first, second = self._read(before), self._read(after)
+        if first is None or second is None:
+            return None
+        in_order = int(second["sequence"] - first["sequence"]) == (0 if after == before else 1)
+        around = first["time_ns"] <= time_ns <= second["time_ns"]
+        return (first, second) if in_order and around else None
+
+    def _read(self, slot: int) -> np.void | None:
+        """A copy of one record; None while it is being written or was never written."""
+        record = self._slots[slot].copy().view(self._dtype)
+        checksum = int(record["checksum"][0])
+        record["checksum"] = 0
+        written = zlib.crc32(record.view(np.uint8).data) == checksum
+        return record[0] if written and record["sequence"][0] % SLOTS == slot else None
+
+
+def _interpolate(before: np.void, after: np.void, time_ns: int) -> tuple[Floats, Leds]:
+    span = int(after["time_ns"]) - int(before["time_ns"])
+    share = (time_ns - int(before["time_ns"])) / span if span else 0.0
+    change = after["poses"] - before["poses"]
+    change[:, 2] = wrap_angle(change[:, 2])
+    poses = before["poses"] + share * change
+    poses[:, 2] = wrap_angle(poses[:, 2])
+    return poses, before["leds"].copy()

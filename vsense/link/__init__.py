@@ -1,0 +1,1 @@
+"""The link to the robots: packets, sessions and the virtual sensor server."""

@@ -1,0 +1,1 @@
+"""Virtual sensors, one file per kind; a new file here is found by itself."""

@@ -1,0 +1,1 @@
+"""From pixels to the arena state: cameras, markers, detectors, the arena tracker."""

@@ -1,0 +1,54 @@
+"""Grabbers: where the pictures come from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Protocol
+
+from vsense.arena import Frame
+from vsense.errors import VsenseError
+
+
+class GrabberError(VsenseError):
+    """No pictures: none came in time, or there will be no more."""
+
+
+class Grabber(Protocol):
+    """A set of cameras that are triggered together, once per timestep."""
+
+    def next(self, timeout_s: float) -> Sequence[Frame]:
+        """Waits for the newest timestep's pictures, one per camera that delivered.
+
+        The pictures' memory may be used again after two more calls.
+
+        Raises:
+            GrabberError: No picture came in `timeout_s`, or there will be no more.
+        """
+
+    def close(self) -> None:
+        """Lets the cameras go; can be called again."""
+
+
+class MemoryGrabber:
+    """Hands out pictures that are in memory already, one timestep per call."""
+
+    def __init__(self, frames: Iterable[Frame]) -> None:
+        """Groups `frames` by their timestep; they may come in any order."""
+        sets: dict[int, list[Frame]] = {}
+        for frame in frames:
+            sets.setdefault(frame.timestep, []).append(frame)
+        self._sets = [sets[timestep] for timestep in sorted(sets, reverse=True)]
+
+    def next(self, timeout_s: float) -> Sequence[Frame]:
+        """Returns the next timestep's pictures at once.
+
+        Raises:
+            GrabberError: All have been handed out.
+        """
+        if not self._sets:
+            raise GrabberError("no more pictures: all of those in memory have been handed out")
+        return self._sets.pop()
+
+    def close(self) -> None:
+        """Drops the pictures that are left."""
+        self._sets.clear()

@@ -1,0 +1,121 @@
+"""Pollution that a source in the arena gives off: the cone of the thesis, as plane geometry.
+
+All functions take and give the arena frame: metres, angles counter-clockwise from +x.
+Source: thesis 4.2.3.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vsense.arena import wrap_angle
+
+Floats = NDArray[np.float64]
+
+DEFAULT_MEMORY_NS = 5_000_000_000
+"""How long the cone of a source that is not seen stays where the source was seen last."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cone:
+    """The polluted triangle: apex at the source, opening towards the wind's direction.
+
+    The thesis calls it a cone and tests for a triangle: both far corners lie `max_distance_m`
+    from the apex, so along its axis it ends at max_distance_m * cos(wide_rad / 2).
+
+    Attributes:
+        x_m: the apex.
+        y_m: the apex.
+        direction_rad: direction of the axis, in (-pi, pi].
+        wide_rad: opening angle, in (0, pi).
+        max_distance_m: distance of the two far corners from the apex.
+    """
+
+    x_m: float
+    y_m: float
+    direction_rad: float
+    wide_rad: float
+    max_distance_m: float
+
+    def vertices(self) -> Floats:
+        """Gives the corners, (3, 2), counter-clockwise from the apex."""
+        angles = self.direction_rad + self.wide_rad / 2.0 * np.array([-1.0, 1.0])
+        far = self.max_distance_m * np.stack((np.cos(angles), np.sin(angles)), axis=-1)
+        apex = np.array([[self.x_m, self.y_m]])
+        return np.concatenate((apex, apex + far))
+
+    def contains(self, points_m: ArrayLike) -> NDArray[np.bool_]:
+        """Tells which points are polluted; apex and edges are.
+
+        The thesis asks for barycentric coordinates within [0, 1]; each of the three is the
+        distance to one side up to a positive factor, and these distances are compared here:
+        turned into the cone's own frame they need no determinant and are exactly 0 at the apex.
+
+        Args:
+            points_m: (..., 2) points.
+
+        Returns:
+            (...) True inside.
+        """
+        along, across = self._local(points_m)
+        cosine, sine = math.cos(self.wide_rad / 2.0), math.sin(self.wide_rad / 2.0)
+        beside = np.abs(across) * cosine - along * sine
+        return np.asarray((beside <= 0.0) & (along <= self.max_distance_m * cosine))
+
+    def edge_distance(self, points_m: ArrayLike) -> Floats:
+        """Measures how far points are from the triangle's edge.
+
+        Args:
+            points_m: (..., 2) points.
+
+        Returns:
+            (...) distance to the nearest point of the edge [m], negative inside.
+        """
+        points = np.asarray(points_m, dtype=np.float64)[..., None, :]
+        start = self.vertices()
+        side = np.roll(start, -1, axis=0) - start
+        offset = points - start
+        share = np.sum(offset * side, axis=-1) / np.sum(side * side, axis=-1)
+        nearest = np.clip(share, 0.0, 1.0)[..., None] * side
+        distance = np.linalg.norm(offset - nearest, axis=-1).min(axis=-1)
+        return np.asarray(np.where(self.contains(points_m), -distance, distance))
+
+    def _local(self, points_m: ArrayLike) -> tuple[Floats, Floats]:
+        """Gives points along the axis and across it (left positive), seen from the apex."""
+        points = np.asarray(points_m, dtype=np.float64)
+        x, y = points[..., 0] - self.x_m, points[..., 1] - self.y_m
+        cosine, sine = math.cos(self.direction_rad), math.sin(self.direction_rad)
+        return x * cosine + y * sine, y * cosine - x * sine
+
+
+@dataclass(frozen=True, slots=True)
+class PollutantSource:
+    """A tagged thing that pollutes downwind of where the cameras see it.
+
+    Attributes:
+        tag: the thing's marker.
+        direction_rad: where the wind blows to at the start.
+        wide_rad: opening angle of the cone, in (0, pi).
+        max_distance_m: reach of the cone.
+        turn_timestep: first timestep of the run with the turned wind; None: it never turns.
+        turn_rad: by how much it turns, counter-clockwise.
+        memory_ns: how old the source's last sighting may be; then its cone goes.
+    """
+
+    tag: int
+    direction_rad: float
+    wide_rad: float
+    max_distance_m: float
+    turn_timestep: int | None = None
+    turn_rad: float = 0.0
+    memory_ns: int = DEFAULT_MEMORY_NS
+
+    def cone_at(self, x_m: float, y_m: float, run_timestep: int) -> Cone:
+        """Gives the cone of a source that stands at (x_m, y_m) in a timestep of the run."""
+        turned = self.turn_timestep is not None and run_timestep >= self.turn_timestep
+        direction = self.direction_rad + (self.turn_rad if turned else 0.0)
+        return Cone(x_m, y_m, float(wrap_angle(direction)), self.wide_rad, self.max_distance_m)
