@@ -42,7 +42,7 @@ _SHADOW_RADIUS_M = 0.058
 _SHADOW_DEPTH = 0.55
 _SIDES: dict[str, tuple[tuple[float, float], ...]] = {
     ROBOT: ((0.3, 0.10), (0.62, 0.17)),
-    OBJECT: ((0.25, 0.30), (0.5, 0.34), (0.75, 0.38)),
+    OBJECT: ((0.25, 0.20), (0.5, 0.23), (0.75, 0.26)),
 }
 """Height of each side disc as a share of the marker's, and its reflectance."""
 _RING_M = np.array(

@@ -23,7 +23,7 @@ class Console:
         self._stream = sys.stderr if stream is None else stream
         self._live = self._stream.isatty()
         self._line = ""
-        self._printed_ns = 0
+        self._printed_ns: int | None = None
         self._lock = threading.Lock()
 
     def say(self, text: str) -> None:
@@ -31,6 +31,7 @@ class Console:
         with self._lock:
             self._erase()
             print(text, file=self._stream)
+            self._printed_ns = None
             self._draw()
 
     def progress(self, line: str) -> None:
@@ -40,7 +41,7 @@ class Console:
                 self._erase()
                 self._line = line[: shutil.get_terminal_size().columns - 1]
                 self._draw()
-            elif time.monotonic_ns() - self._printed_ns >= QUIET_PERIOD_NS:
+            elif self._is_due():
                 self._printed_ns = time.monotonic_ns()
                 print(line, file=self._stream, flush=True)
 
@@ -50,6 +51,11 @@ class Console:
             if self._live and self._line:
                 print(file=self._stream, flush=True)
             self._line = ""
+
+    def _is_due(self) -> bool:
+        """Whether a plain line is due: the first after a message, then every ten seconds."""
+        printed_ns = self._printed_ns
+        return printed_ns is None or time.monotonic_ns() - printed_ns >= QUIET_PERIOD_NS
 
     def _erase(self) -> None:
         if self._live and self._line:

@@ -3,7 +3,8 @@
 The noise of a pixel has sigma = sqrt(READ_NOISE^2 + SHOT_NOISE * DN). Fresh noise for every
 pixel costs 5 ms per picture and more, so one bank of noise is added at a random offset. Pictures
 are held as *levels*, a square root of the light in which the noise is equally strong everywhere:
-then one saturating addition and one table make a noisy picture, in 0.7 ms for 2 Mpx.
+then one saturating addition and one table make a noisy picture, in 0.7 ms for 2 Mpx. With only
+256 levels sigma is right on average, and off by up to 14 % at single grey values.
 """
 
 from __future__ import annotations

@@ -1,0 +1,250 @@
+"""The whole lab with a few robots: real processes, real sockets, real signals."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO
+
+import pytest
+
+from vsense.lab.microcontrollers import read_actuations
+
+pytestmark = pytest.mark.system
+
+KEYS = {
+    "experiment", "seed", "robots", "cameras", "timesteps", "late_timesteps", "duration_s",
+    "tracking", "latency_ms", "sensing", "clock", "swarm", "link",
+}  # fmt: skip
+
+PATIENCE_S = 60
+
+
+class Lab:
+    """A running `vsense lab`; what it says on stderr can be waited for."""
+
+    def __init__(self, directory: Path, *arguments: str) -> None:
+        self.directory = directory
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "vsense", "lab", *arguments, "--output", str(directory)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        self.said: list[str] = []
+        self.printed: list[str] = []
+        self._news = threading.Condition()
+        self._readers = [
+            threading.Thread(target=self._read, args=(stream, lines), daemon=True)
+            for stream, lines in (
+                (self.process.stderr, self.said),
+                (self.process.stdout, self.printed),
+            )
+        ]
+        for reader in self._readers:
+            reader.start()
+
+    def _read(self, stream: IO[str], lines: list[str]) -> None:
+        for line in stream:
+            with self._news:
+                lines.append(line)
+                self._news.notify_all()
+
+    def wait_for(self, pattern: str) -> str:
+        """Waits until it has said a line that matches."""
+
+        def found() -> str | None:
+            return next((line for line in self.said if re.search(pattern, line)), None)
+
+        with self._news:
+            assert self._news.wait_for(found, PATIENCE_S), "".join(self.said)
+            return found() or ""
+
+    def end(self) -> int:
+        """Waits for its end and gives its exit code."""
+        code = self.process.wait(PATIENCE_S)
+        for reader in self._readers:
+            reader.join(PATIENCE_S)
+        return code
+
+    def summary(self) -> dict[str, object]:
+        """The summary file that it left."""
+        return json.loads((self.directory / "summary.json").read_text())
+
+    def relatives(self) -> dict[int, str]:
+        """Living processes of this run, by the run directory in their arguments or parentage."""
+        found = {}
+        for folder in Path("/proc").glob("[0-9]*"):
+            try:
+                command = (folder / "cmdline").read_bytes().replace(b"\0", b" ").decode()
+                parent = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
+            except (OSError, ValueError):
+                continue
+            ours = parent == self.process.pid or str(self.directory) in command
+            if ours and int(folder.name) != self.process.pid and command:
+                found[int(folder.name)] = command
+        return found
+
+    def daemon(self, tag: int) -> int:
+        """Process id of a robot's worker: the parent of the two."""
+        trace = f"robots/{tag}.trace"
+        return min(pid for pid, command in self.relatives().items() if trace in command)
+
+
+@pytest.fixture
+def directory(tmp_path: Path) -> Iterator[Path]:
+    yield tmp_path / "run"
+
+
+def start(directory: Path, *arguments: str) -> Lab:
+    return Lab(directory, "pollutant", "--port", "0", "--robots", "3", *arguments)
+
+
+def last_speeds(directory: Path) -> dict[int, tuple[int, int]]:
+    """The last motor command that each microcontroller applied."""
+    rows = read_actuations(directory / "actuations.bin")
+    return {int(r["robot"]): (int(r["left_steps_s"]), int(r["right_steps_s"])) for r in rows}
+
+
+def test_short_run_measures_everything_and_leaves_nothing_behind(directory: Path) -> None:
+    lab = start(directory, "--duration", "4", "--seed", "7", "--json")
+    assert lab.end() == 0, "".join(lab.said)
+    summary = json.loads("".join(lab.printed))
+    assert summary.keys() >= KEYS
+    assert summary == lab.summary()
+    assert (summary["robots"], summary["cameras"], summary["timesteps"]) == (3, 4, 40)
+    assert summary["tracking"]["wrong_ids"] == 0
+    assert summary["tracking"]["detected_mean"] > 3.9
+    assert summary["tracking"]["position_rmse_mm"] < 2.0
+    assert summary["sensing"]["expected"] == 120
+    assert summary["link"]["received"] == summary["link"]["sent"] > 0
+    assert (directory / "pollutant.png").stat().st_size > 100_000
+    assert last_speeds(directory) == {0: (0, 0), 1: (0, 0), 2: (0, 0)}
+    assert lab.relatives() == {}
+
+
+def test_blind_robots_hold_zero(directory: Path) -> None:
+    lab = start(directory, "--duration", "3", "--blind")
+    assert lab.end() == 0, "".join(lab.said)
+    held = set()
+    for trace in (directory / "robots").glob("*.trace"):
+        held |= set(re.findall(r"pollutant=([0-9a-f]+)", trace.read_text()))
+    assert held == {"00000000"}
+    assert lab.printed == [], "without --json standard output stays empty"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_run_stops_wheels_and_still_reports(directory: Path, number: int) -> None:
+    lab = start(directory, "--duration", "600")
+    lab.wait_for("timestep \\d")
+    lab.process.send_signal(number)
+    assert lab.end() == 130
+    assert lab.relatives() == {}
+    assert set(last_speeds(directory).values()) == {(0, 0)}
+    assert lab.summary()["timesteps"] > 0
+    assert (directory / "pollutant.png").is_file()
+
+
+def test_killed_daemon_is_named_and_joins_again(directory: Path) -> None:
+    lab = start(directory, "--duration", "600")
+    lab.wait_for("timestep \\d")
+    tag = int(next((directory / "robots").glob("*.sh")).stem)
+    os.kill(lab.daemon(tag), signal.SIGKILL)
+    told = lab.wait_for("killed by SIGKILL; the experiment goes on")
+    script = Path(told.split("start it again with ")[1].strip())
+    assert script.stem == str(tag)
+    again = subprocess.Popen([script], start_new_session=True, stderr=subprocess.DEVNULL)
+    lab.wait_for(f"(?i){tag}.*(reconnected|connected again|back)")
+    lab.process.send_signal(signal.SIGINT)
+    assert lab.end() == 130
+    again.wait(PATIENCE_S)
+    assert lab.relatives() == {}
+    assert lab.summary()["link"]["reconnects"] >= 1
+
+
+def test_killed_host_leaves_no_process(directory: Path) -> None:
+    lab = start(directory, "--duration", "600")
+    lab.wait_for("timestep \\d")
+    relatives = lab.relatives()
+    assert len(relatives) >= 8  # 3 robots with 2 processes each, cameras, atoms
+    descriptors = [os.pidfd_open(pid) for pid in relatives]
+    lab.process.kill()
+    lab.end()
+    for descriptor in descriptors:
+        ended = threading.Event()
+        waiter = threading.Thread(target=_wait_for_end, args=(descriptor, ended), daemon=True)
+        waiter.start()
+        assert ended.wait(PATIENCE_S), lab.relatives()
+
+
+def _wait_for_end(descriptor: int, ended: threading.Event) -> None:
+    import select
+
+    select.select([descriptor], [], [])
+    ended.set()
+
+
+def fails(tmp_path: Path, *arguments: str, **variables: str) -> tuple[int, str]:
+    """Exit code and stderr of a command that must not start."""
+    result = subprocess.run(
+        [sys.executable, "-m", "vsense", "lab", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        env={**os.environ, **variables},
+    )
+    assert result.stdout == ""
+    assert "Traceback" not in result.stderr
+    return result.returncode, result.stderr
+
+
+def test_unknown_experiment_lists_the_known_ones(tmp_path: Path) -> None:
+    code, said = fails(tmp_path, "pollutants")
+    assert code == 2
+    assert "pollutants" in said and "pollutant" in said.split("known")[-1]
+
+
+def test_broken_file_is_named_with_its_line(tmp_path: Path) -> None:
+    from importlib import resources
+
+    text = (resources.files("vsense") / "experiments/pollutant.argos").read_text()
+    broken = tmp_path / "broken.argos"
+    broken.write_text(text.replace('wide_angle="90"', 'wide_angle="wide"'))
+    line = text[: text.index('wide_angle="90"')].count("\n") + 1
+    code, said = fails(tmp_path, str(broken))
+    assert code == 2
+    assert re.search(rf"broken\.argos:{line}: .*'wide' is not a number", said), said
+
+
+def test_port_in_use_is_one_line(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        arguments = ("pollutant", "--port", port, "--output", str(tmp_path / "run"))
+        code, said = fails(tmp_path, *arguments)
+    assert code == 1
+    assert port in said and len(said.strip().splitlines()) == 1, said
+
+
+def test_unwritable_directory_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    code, said = fails(tmp_path, "pollutant", "--output", str(tmp_path / "file" / "run"))
+    assert code == 1
+    assert "Not a directory" in said and len(said.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "arguments", [("--duration", "nan"), ("--duration", "0"), ("--seed", "-1"), ("--robots", "99")]
+)
+def test_wrong_arguments_exit_with_2(tmp_path: Path, arguments: tuple[str, str]) -> None:
+    code, said = fails(tmp_path, "pollutant", *arguments, "--output", str(tmp_path / "run"))
+    assert code == 2
+    assert arguments[1] in said
