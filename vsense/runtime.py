@@ -1,24 +1,34 @@
-"""The runtime: one timestep of the host, from the pictures to the datagrams, in a fixed order.
+"""The runtime: every timestep of the host, from the pictures to the datagrams.
 
-It is the only module of the host that reads the clock: every other box is told the time.
+Two threads, as in the thesis: one watches the arena (grabber, tracker), the other lives in the
+world (world, virtual sensors, server); between them lies the latest-value buffer, so a slow world
+never holds the cameras up. Nothing of the host but this module, the server and the lab reads a
+clock: every other box is told the time.
 """
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 from vsense.arena import ArenaState, Frame
+from vsense.arena_buffer import ArenaBuffer
 from vsense.link.server import VirtualSensorServer
 from vsense.link.wire import Values, Wanted
 from vsense.sensors.bank import SensorBank
-from vsense.tracking.grabbers import Grabber
+from vsense.tracking.grabbers import Grabber, GrabberError
 from vsense.world.world import World
 
 START_LEAD = 3
 """START names a timestep this many ahead, so that one lost datagram delays no robot."""
+
+WATCH_TIMEOUT_S = 2.0
+"""Cameras that deliver nothing for this long have failed."""
+
+MOST_TAGS = 1024
 
 
 class Tracker(Protocol):
@@ -57,6 +67,63 @@ class Step:
         return replace(self, frames=())
 
 
+class Watch:
+    """The thread that watches the arena: pictures in, the newest arena state into the buffer."""
+
+    def __init__(self, grabber: Grabber, tracker: Tracker, clock: Callable[[], int]) -> None:
+        self._grabber = grabber
+        self._tracker = tracker
+        self._clock = clock
+        self._buffer = ArenaBuffer(MOST_TAGS)
+        self._news = threading.Event()
+        self._ending = threading.Event()
+        self._failure: BaseException | None = None
+        self._frames: dict[int, Sequence[Frame]] = {}
+        self._thread = threading.Thread(target=self._run, name="vsense-watch", daemon=True)
+
+    def start(self) -> None:
+        """Starts the thread."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Ends the thread; it may take until the next pictures come."""
+        self._ending.set()
+        self._thread.join(2 * WATCH_TIMEOUT_S)
+
+    def next(self, timeout_s: float) -> tuple[ArenaState, int, Sequence[Frame]]:
+        """Waits for an arena state that was not given yet, and gives the newest.
+
+        Returns:
+            The state, when it was done, and the pictures that it was made from.
+
+        Raises:
+            GrabberError: the cameras have failed, or nothing came in time.
+            VsenseError: the tracker has failed.
+        """
+        if not self._news.wait(timeout_s):
+            raise GrabberError(f"no arena state in {timeout_s:g} s")
+        self._news.clear()
+        if self._failure is not None:
+            raise self._failure
+        newest = self._buffer.read()
+        assert newest is not None, "news come after a state was written"
+        return newest.state, newest.done_ns, self._frames.get(newest.state.timestep, ())
+
+    def _run(self) -> None:
+        """The thread. A failure is kept for whoever waits for the next state."""
+        try:
+            while not self._ending.is_set():
+                frames = self._grabber.next(WATCH_TIMEOUT_S)
+                state = self._tracker.update(frames)
+                # One item, replaced whole: the reader sees the old pictures or the new ones.
+                self._frames = {state.timestep: frames}
+                self._buffer.write(state, self._clock())
+                self._news.set()
+        except BaseException as failure:
+            self._failure = failure
+            self._news.set()
+
+
 class Runtime:
     """Calls every box of the host in order.
 
@@ -75,15 +142,21 @@ class Runtime:
         server: VirtualSensorServer,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        self._grabber = grabber
-        self._tracker = tracker
+        self._watch = Watch(grabber, tracker, clock)
         self._world = world
         self._bank = bank
         self._server = server
-        self._clock = clock
         self.readings: Mapping[int, Values] = {}
         self._last_timestep = -1
         self._first_timestep: int | None = None
+
+    def open(self) -> None:
+        """Begins to watch the arena."""
+        self._watch.start()
+
+    def close(self) -> None:
+        """Ends the watch."""
+        self._watch.close()
 
     def start(self) -> int:
         """Starts all robots together a few timesteps from now.
@@ -99,30 +172,28 @@ class Runtime:
         """Stops all robots at once."""
         self._server.command(Wanted.STOP)
 
-    def step(self, timeout_s: float = 2.0) -> Step:
-        """Lives one timestep: waits for its pictures and has the readings sent.
+    def step(self, timeout_s: float = 2 * WATCH_TIMEOUT_S) -> Step:
+        """Lives one timestep: waits for its arena state and has the readings sent.
 
         Raises:
             GrabberError: no picture came in time.
+            VsenseError: a box of the host has failed.
         """
-        frames = self._grabber.next(timeout_s)
-        state = self._tracker.update(frames)
-        arena_ns = self._clock()
+        state, arena_ns, frames = self._watch.next(timeout_s)
         self._last_timestep = state.timestep
         run_timestep = self._run_timestep(state.timestep)
         self._world.update(state, max(run_timestep, 0))
         self.readings = self._bank.encode(self._world, state.timestep)
         sent_ns = self._server.publish(state.timestep, state.capture_ns, self.readings)
-        ready_ns = max(frame.ready_ns for frame in frames)
         return Step(
-            state.timestep,
-            run_timestep,
-            state.capture_ns,
-            ready_ns,
-            arena_ns,
-            sent_ns,
-            state,
-            frames,
+            timestep=state.timestep,
+            run_timestep=run_timestep,
+            capture_ns=state.capture_ns,
+            ready_ns=max((frame.ready_ns for frame in frames), default=arena_ns),
+            arena_ns=arena_ns,
+            sent_ns=sent_ns,
+            state=state,
+            frames=frames,
         )
 
     def _run_timestep(self, timestep: int) -> int:

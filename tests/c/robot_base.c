@@ -25,12 +25,15 @@ struct world {
     int16_t first_left;        /* of the first frame applied since watch() */
     int16_t first_right;
     int16_t allowed[2];        /* speeds that may be applied, besides 0 and the first */
+    int watching;
     uint32_t watched;          /* frames applied since watch() */
     int leds_lost;             /* an 'R' frame with LEDs: only a reset cures that */
 };
 
+/* From now on all speeds are the host's, but those that the first frame brings. */
 static void watch(struct world *w)
 {
+    w->watching = 1;
     w->watched = 0;
     w->first_left = w->first_right = 0;
     w->allowed[0] = w->allowed[1] = 0;
@@ -44,7 +47,7 @@ static void on_frame(struct world *w)
     if (w->watched == 1) {
         w->first_left = w->fw.outputs.left_steps_s;
         w->first_right = w->fw.outputs.right_steps_s;
-    } else {
+    } else if (w->watching) {
         CHECK(frame->left_steps_s == 0 || frame->left_steps_s == w->allowed[0]);
         CHECK(frame->right_steps_s == 0 || frame->right_steps_s == w->allowed[1]);
     }
@@ -71,7 +74,8 @@ static int io_read(void *context, uint8_t *buf, size_t cap, uint64_t deadline_ns
 {
     struct world *w = context;
 
-    if (w->stall_one_in != 0 && draw(&w->random, w->stall_one_in) == 0)
+    if (w->stall_one_in != 0 && w->now_ns >= w->stalled_until_ns &&
+        draw(&w->random, w->stall_one_in) == 0)
         w->stalled_until_ns = w->now_ns + draw(&w->random, 80) * MS;
     for (;;) {
         size_t len = 0;
@@ -183,7 +187,7 @@ static void test_every_clean_state(void)
             watch(&w);
             took_ns = recover(&w);
             CHECK(took_ns < 240 * MS);
-            if (w.fw.overlapped) fprintf(stderr, "greeted %zu sent %zu ov %u took %lu\n", greeted, sent, w.fw.overlapped, (unsigned long)took_ns);
+            CHECK(w.fw.overlapped == 0);
             prove_aligned(&w);
         }
     }
@@ -216,37 +220,115 @@ static void expect_first(const struct world *w, int16_t *left, int16_t *right)
            : half.right_steps_s < -1000 ? -1000 : half.right_steps_s;
 }
 
-static void test_garbage(uint32_t seed)
+/* The garbage has gone through: only its last, half frame is completed. */
+static void test_after_garbage(uint32_t seed)
 {
     uint8_t garbage[250];
-    uint8_t scrap[512];
     struct world w;
-    uint32_t overlapped;
-    int quiet;
     int16_t left;
     int16_t right;
 
     begin(&w, seed);
     feed(&w, garbage, make_garbage(&w, garbage, sizeof garbage));
-    quiet = draw(&w.random, 2) == 0;
-    pass(&w, quiet ? 3000 * MS : draw(&w.random, 40) * MS);
-    if (draw(&w.random, 2))
-        fw_argos_transmit(&w.fw, scrap, sizeof scrap, w.now_ns / 1000);
+    pass(&w, 3000 * MS);
     expect_first(&w, &left, &right);
-    overlapped = w.fw.overlapped;
     watch(&w);
-    if (!quiet)
-        w.watched = 0x80000000u;
-    if (!quiet) { /* bytes of the garbage may still be on the line: let them go on */
-        pass(&w, 3000 * MS);
-        overlapped = w.fw.overlapped;
-        expect_first(&w, &left, &right);
-        watch(&w);
-    }
     recover(&w);
     CHECK(w.watched > 0 && w.first_left == left && w.first_right == right);
-    (void)overlapped;
     prove_aligned(&w);
+}
+
+/* The garbage is still on the line, in the ring, or being answered. */
+static void test_amid_garbage(uint32_t seed)
+{
+    uint8_t garbage[250];
+    uint8_t scrap[512];
+    struct world w;
+
+    begin(&w, seed);
+    feed(&w, garbage, make_garbage(&w, garbage, sizeof garbage));
+    pass(&w, draw(&w.random, 40) * MS);
+    if (draw(&w.random, 2))
+        fw_argos_transmit(&w.fw, scrap, sizeof scrap, w.now_ns / 1000);
+    recover(&w);
+    watch(&w);
+    prove_aligned(&w);
+}
+
+/* The far end sleeps now and then, far beyond every time-out: commands come late, but
+ * no speed that was not commanded ever does. */
+static void test_stalls(uint32_t seed)
+{
+    struct vs_base_command command = {0, 0, 0};
+    struct vs_base_reading reading;
+    struct world w;
+    int lost = 1;
+    int i;
+
+    begin(&w, seed);
+    w.stall_one_in = 10 + draw(&w.random, 60);
+    watch(&w);
+    w.allowed[0] = 555;
+    w.allowed[1] = -444;
+    for (i = 0; i < 60; i++) {
+        int err;
+
+        if (lost && w.base.ops->recover(&w.base) != VS_OK)
+            continue;
+        command.left_steps_s = draw(&w.random, 2) ? 555 : 0;
+        command.right_steps_s = draw(&w.random, 2) ? -444 : 0;
+        err = w.base.ops->exchange(&w.base, &command, &reading);
+        lost = err != VS_OK && err != VS_ERR_LATE && err != VS_ERR_BUSY;
+        CHECK(!lost || err == VS_ERR_SILENT || err == VS_ERR_GARBLED);
+    }
+    w.stall_one_in = 0;
+    pass(&w, 200 * MS);
+    recover(&w);
+    watch(&w);
+    prove_aligned(&w);
+}
+
+/* Clean end, then the next daemon: no LED is left inverted. */
+static void test_hand_back(void)
+{
+    struct world w;
+
+    begin(&w, 7);
+    recover(&w);
+    prove_aligned(&w);
+    CHECK(w.base.ops->close(&w.base) == VS_OK);
+    pass(&w, 20 * MS);
+    CHECK(w.fw.state == FW_ARGOS_WAKE);
+    CHECK(w.fw.outputs.left_steps_s == 0 && w.fw.outputs.right_steps_s == 0);
+    CHECK(w.fw.outputs.leds == 0);
+    watch(&w);
+    recover(&w);
+    prove_aligned(&w);
+    CHECK(w.fw.overlapped == 0);
+}
+
+/* A microcontroller that is switched off: every call ends, and says so. */
+static void test_silence(void)
+{
+    struct vs_base_command off = {0, 0, 0};
+    struct vs_base_reading reading;
+    struct world w;
+    uint64_t began_ns;
+    int err = VS_ERR_BUSY;
+
+    begin(&w, 3);
+    w.stalled_until_ns = UINT64_MAX;
+    began_ns = w.now_ns;
+    CHECK(w.base.ops->exchange(&w.base, &off, &reading) == VS_ERR_SILENT);
+    while (err == VS_ERR_BUSY) {
+        uint64_t step_ns = w.now_ns;
+
+        err = w.base.ops->recover(&w.base);
+        CHECK(w.now_ns - step_ns <= 100 * MS);
+    }
+    CHECK(err == VS_ERR_SILENT);
+    CHECK(w.waiting_len == EPUCK_ARGOS_ACTUATOR_LEN);
+    CHECK(w.now_ns - began_ns < 300 * MS);
 }
 
 int main(int argc, char *argv[])
@@ -255,7 +337,12 @@ int main(int argc, char *argv[])
     uint32_t seed;
 
     test_every_clean_state();
-    for (seed = 1; seed <= worlds; seed++)
-        test_garbage(seed);
+    test_hand_back();
+    test_silence();
+    for (seed = 1; seed <= worlds; seed++) {
+        test_after_garbage(seed);
+        test_amid_garbage(seed);
+        test_stalls(seed);
+    }
     return 0;
 }

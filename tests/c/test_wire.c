@@ -176,7 +176,7 @@ static void test_every_error_has_its_line(void)
 {
     int err;
 
-    for (err = VS_ERR_SEQUENCE; err <= VS_OK; err++) {
+    for (err = -100; err <= VS_OK; err++) {
         int has_name = strcmp(vs_errname(err), "VS_ERR_?") != 0;
         int has_text = strcmp(vs_strerror(err), "unknown error") != 0;
 

@@ -100,6 +100,15 @@ def test_a_touching_neighbour_is_felt_at_every_bearing(bearing) -> None:
     assert clean([[x, y, 0.0]], []).max() > 500
 
 
+@given(st.floats(0.0, 0.06), st.integers(0, 5))
+def test_a_ray_far_from_a_sensors_axis_counts_less(distance_m, ray) -> None:
+    along = np.full((2, 7), np.inf)
+    along[0, ray], along[1, 3] = distance_m, distance_m
+    aside, ahead = readings(along)
+    assert aside < ahead or ray == 3
+    assert ahead == pytest.approx(np.interp(distance_m, TABLE_M, TABLE_RAW))
+
+
 @given(bearings)
 def test_a_neighbour_is_felt_most_on_its_side(bearing) -> None:
     x, y = 0.08 * math.cos(bearing), 0.08 * math.sin(bearing)

@@ -96,7 +96,7 @@ def test_a_half_written_record_is_never_believed(written: int, seed: int) -> Non
     whole = slot.copy()
     slot[written:] = overwritten[written:]
     if (slot != whole).any():
-        with pytest.raises(LabError, match="broken|it holds"):
+        with pytest.raises(LabError, match=r"broken|it holds"):
             reader.at(SLOTS + 2)
     slot[:] = whole
     reader.at(SLOTS + 2)
@@ -151,7 +151,9 @@ def test_truth_log_gives_back_every_whole_record(tmp_path_factory, seed: int, lo
     path = tmp_path_factory.mktemp("log") / "truth.bin"
     rng = np.random.default_rng(seed)
     log = TruthLog(path, 4)
-    rows = [(k, 10 * k, 10 * k + 3, rng.normal(size=(4, 3)), rng.integers(0, 1024, 4)) for k in range(5)]
+    rows = [
+        (k, 10 * k, 10 * k + 3, rng.normal(size=(4, 3)), rng.integers(0, 1024, 4)) for k in range(5)
+    ]
     for row in rows:
         log.append(*row)
     log.close()

@@ -24,6 +24,8 @@ from vsense.link.wire import Telemetry, Wanted
 
 MS = 1_000_000
 S = 1000 * MS
+HOUR_NS = 3_600 * S
+TICK_NS = 5 * MS
 TIMESTEP_NS = 100 * MS
 CAPTURE_LAG_NS = 30 * MS
 TAG = 23
@@ -100,7 +102,7 @@ class Simulation:
     def __init__(self, seed: int, offset_ns: int = 0) -> None:
         self.random = random.Random(seed)
         self.weather = CALM
-        self.now_ns = 7 * S
+        self.now_ns = 2 * HOUR_NS
         self.roster = Roster(
             {TAG: "epuck_23"}, TABLE, TIMESTEP_NS, seed, "", lambda: self.random.getrandbits(32)
         )
@@ -122,7 +124,7 @@ class Simulation:
         """Lets time pass."""
         end_ns = self.now_ns + length_ns
         while self.now_ns < end_ns:
-            self.now_ns += MS
+            self.now_ns += TICK_NS
             while self._queue and self._queue[0][0] <= self.now_ns:
                 heapq.heappop(self._queue)[2]()
             self._host_turn()
@@ -136,9 +138,7 @@ class Simulation:
         capture_ns = self.now_ns - CAPTURE_LAG_NS
         value = struct.pack("<I", capture_ns // TIMESTEP_NS)
         pollutant = struct.pack("<f", 1.0)
-        self.host.hold(
-            self._timestep, capture_ns, [(pollutant, capture_ns), (value, capture_ns)]
-        )
+        self.host.hold(self._timestep, capture_ns, [(pollutant, capture_ns), (value, capture_ns)])
         if self.host.open:
             self._send()
 

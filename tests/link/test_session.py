@@ -9,12 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.link.simulation import CALM, MS, TABLE, TAG, S, Simulation, Weather
+from tests.link.simulation import CALM, HOUR_NS, MS, TABLE, TAG, S, Simulation, Weather
 from vsense.link.session import HEARTBEAT_NS, HostSession, Orders
 from vsense.link.testing import Event
 from vsense.link.wire import Wanted
-
-HOUR_NS = 3_600 * S
 
 weathers = st.builds(
     Weather,
@@ -32,7 +30,7 @@ def told(simulation: Simulation) -> list[str]:
     return [event.kind for event in simulation.events]
 
 
-@settings(max_examples=40)
+@settings(max_examples=100)
 @given(
     seed=st.integers(0, 2**32 - 1),
     weather=weathers,
@@ -66,7 +64,7 @@ def test_any_network_that_heals_leaves_both_ends_right(
     assert counters["received"] == counters["accepted"] + drops
 
 
-@settings(max_examples=40)
+@settings(max_examples=100)
 @given(seed=st.integers(0, 2**32 - 1), weather=weathers)
 def test_nothing_older_is_ever_applied(seed: int, weather: Weather) -> None:
     simulation = Simulation(seed)
@@ -77,7 +75,7 @@ def test_nothing_older_is_ever_applied(seed: int, weather: Weather) -> None:
             assert sequence < later[1] and capture_ns <= later[2]
 
 
-@settings(max_examples=40)
+@settings(max_examples=100)
 @given(seed=st.integers(0, 2**32 - 1), weather=weathers)
 def test_a_state_leaves_at_least_every_50_ms(seed: int, weather: Weather) -> None:
     simulation = Simulation(seed)
@@ -94,7 +92,7 @@ def test_a_state_leaves_at_least_every_50_ms(seed: int, weather: Weather) -> Non
 
 def test_stop_leaves_at_once_and_three_times_10_ms_apart() -> None:
     simulation = Simulation(1)
-    simulation.run(213 * MS)  # neither a timestep nor a heartbeat falls into the next 30 ms
+    simulation.run(215 * MS)  # neither a timestep nor a heartbeat falls into the next 30 ms
     simulation.states.clear()
     start_ns = simulation.now_ns
     simulation.order(Wanted.STOP)
@@ -119,7 +117,7 @@ def test_who_joins_has_its_data_with_the_welcome() -> None:
     simulation.run(S)
     simulation.order(Wanted.RUN, 5)
     simulation.break_tcp()
-    simulation.run(5 * MS)
+    simulation.run(20 * MS)
     c = simulation.robot.session.c
     assert (c.open, c.wanted, c.from_timestep) == (1, Wanted.RUN, 5)
     assert simulation.robot.session.value("pollutant") is not None
@@ -150,7 +148,7 @@ def test_blocked_udp_goes_over_tcp_and_comes_back(down: bool, up: bool) -> None:
     simulation.run(S)
     assert told(simulation) == ["connected", "no_udp", "udp_back"]
     assert simulation.host.status(simulation.now_ns).udp
-    assert (Event.UDP_LOST in simulation.robot.events) == (not down)
+    assert Event.UDP_LOST in simulation.robot.events  # both ends say so
     assert not simulation.robot.session.c.udp_lost
 
 
@@ -191,7 +189,7 @@ def test_datagrams_go_where_the_newest_accepted_one_came_from() -> None:
 
 def test_an_unseen_robot_is_sent_its_old_reading_with_its_old_time() -> None:
     simulation = Simulation(1)
-    simulation.run(S)
+    simulation.run(S + 20 * MS)
     session, host = simulation.robot.session, simulation.host
     value = session.value("pollutant")
     assert value is not None

@@ -219,7 +219,7 @@ def test_broken_file_is_named_with_its_line(tmp_path: Path) -> None:
     text = (resources.files("vsense") / "experiments/pollutant.argos").read_text()
     broken = tmp_path / "broken.argos"
     broken.write_text(text.replace('wide_angle="90"', 'wide_angle="wide"'))
-    line = text[: text.index('wide_angle="90"')].count("\n") + 1
+    line = text[: text.index("<virtual_pollutant_sensor")].count("\n") + 1
     code, said = fails(tmp_path, str(broken))
     assert code == 2
     assert re.search(rf"broken\.argos:{line}: .*'wide' is not a number", said), said

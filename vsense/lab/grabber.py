@@ -16,6 +16,7 @@ from vsense.arena import Frame
 from vsense.lab.camera_spec import CameraSpec, Exposure
 from vsense.lab.frame_bank import FrameBank
 from vsense.lab.optics import EXPOSURE_NS
+from vsense.lab.swarm import describe_exit
 from vsense.lab.truth import TruthReader
 from vsense.tracking.camera import Camera
 from vsense.tracking.grabbers import GrabberError
@@ -142,22 +143,24 @@ class LabGrabber:
         descriptor = self._process.stdout.fileno()
         while True:
             left_s = 0.0 if self._lines else max(0.0, deadline_s - time.monotonic())
-            if not select.select([descriptor], [], [], left_s)[0]:
-                if self._lines:
-                    return self._lines.popleft()
-                raise GrabberError(f"no pictures from the lab's cameras in {timeout_s:g} s")
-            received = os.read(descriptor, 65536)
-            if not received and not self._lines:
-                raise self._ended()
-            if not received:
+            ready = select.select([descriptor], [], [], left_s)[0]
+            received = os.read(descriptor, 65536) if ready else b""
+            if received:
+                *whole, self._rest = (self._rest + received).split(b"\n")
+                self._lines.extend(whole)
+            elif self._lines:
                 return self._lines.popleft()
-            *whole, self._rest = (self._rest + received).split(b"\n")
-            self._lines.extend(whole)
+            elif ready:
+                raise self._ended()
+            else:
+                raise GrabberError(f"no pictures from the lab's cameras in {timeout_s:g} s")
 
     def _ended(self) -> GrabberError:
         code = self._process.wait()
         if code == 0:
             return GrabberError("the lab's cameras have taken their last picture")
+        was = "was " if code < 0 else ""
         return GrabberError(
-            f"the lab's cameras ended with exit code {code}; the reason stands above"
+            f"the process of the lab's cameras {was}{describe_exit(code)};"
+            " what it said stands above"
         )

@@ -85,7 +85,9 @@ def draw(heading: str, subtitle: str, scenes: Sequence[Scene], curve: Curve) -> 
         x, y = left // SCALE, (top + height) // SCALE
         inside, lit = int(scene.inside.sum()), int((scene.lit & scene.inside).sum())
         _text(canvas, scene.title, (x, y + 28), INK, 0.6)
-        _text(canvas, f"{inside} robots in the cone, {lit} of them lit", (x, y + 52), LIT, 0.52)
+        robots = "robot" if inside == 1 else "robots"
+        text = f"{inside} {robots} in the cone, {lit} of them lit"
+        _text(canvas, text, (x, y + 52), LIT, 0.52)
     _chart(canvas, curve, chart_top)
     size = (canvas.shape[1] // SCALE, canvas.shape[0] // SCALE)
     return np.asarray(cv2.resize(canvas, size, interpolation=cv2.INTER_AREA), np.uint8)
@@ -174,13 +176,21 @@ def _chart(canvas: Image, curve: Curve, top: int) -> None:
         _text(canvas, "the wind turns", (x // SCALE + 8, top // SCALE - 2), MUTED, 0.45)
     ends = []
     for counts, colour, name in ((curve.inside, CONE, "in the cone"), (curve.lit, LIT, "lit")):
-        points = [at(float(t), float(c)) for t, c in zip(curve.time_s, counts)]
+        points = _steps([at(float(t), float(c)) for t, c in zip(curve.time_s, counts)])
         if points:
             line = [np.array(points, np.int32)]
             cv2.polylines(canvas, line, False, colour, 2 * SCALE, cv2.LINE_AA)
             ends.append((points[-1][1] // SCALE, name, colour))
     _line_names(canvas, ends, right // SCALE + 12)
     cv2.line(canvas, (left, bottom), (right, bottom), MUTED, SCALE)
+
+
+def _steps(points: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """The same course as stairs: a number of robots holds until the next one."""
+    stairs = points[:1]
+    for point in points[1:]:
+        stairs += [(point[0], stairs[-1][1]), point]
+    return stairs
 
 
 def _line_names(canvas: Image, ends: list[tuple[int, str, Colour]], x: int) -> None:

@@ -135,6 +135,8 @@ class Session:
             self.swarm.start(robot.tag, robot.id, tty)
         world = World(tags, experiment.sources)
         self.runtime = Runtime(grabber, tracker, world, bank, self.server)
+        self.runtime.open()
+        self._stack.callback(self.runtime.close)
 
     def _serve(self, bank: SensorBank) -> VirtualSensorServer:
         experiment = self.experiment
@@ -210,10 +212,12 @@ class Session:
             if step.run_timestep in keep:
                 self.recording.pictures[step.run_timestep] = copy_frames(step.frames)
             observe(step)
-        self._over = True
-        self.runtime.stop()
         if latest is not None:
             self.recording.pictures[latest.run_timestep] = copy_frames(latest.frames)
+            # The robots have the last timestep's readings and a whole timestep to act on them.
+            self.interrupted.wait(self.dt_ns / 1e9)
+        self._over = True
+        self.runtime.stop()
         self.recording.lateness_ms = canary.end()
         self._settle(before)
 

@@ -55,7 +55,7 @@ class TruthWriter:
     """The one process that knows the truth."""
 
     def __init__(self, name: str, bodies: int) -> None:
-        """Opens the ring `name`, or makes it under that plain name.
+        """Opens the ring `name` and empties it, or makes it under that plain name.
 
         Args:
             name: A ring's name from `make_ring`, or a plain name.
@@ -74,6 +74,7 @@ class TruthWriter:
         dtype = _record_dtype(bodies)
         self._slots = self._block.bytes[_HEADER.itemsize :][: SLOTS * dtype.itemsize]
         self._slots = self._slots.reshape(SLOTS, dtype.itemsize)
+        self._slots[:] = 0
         self._bytes = np.zeros(dtype.itemsize, dtype=np.uint8)
         self._record = self._bytes.view(dtype)
         self._sequence = 0

@@ -1,0 +1,56 @@
+"""The top view puts everything at its place, evenly lit, with seams that nobody notices."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from vsense.arena import Frame
+from vsense.config.specs import Arena
+from vsense.lab.optics import RayMap, vignetting
+from vsense.lab.rig import rig
+from vsense.lab.stitch import top_view
+
+ARENA = Arena((3.0, 2.4, 1.0), (0.2, -0.1, 0.5))
+CAMERAS = rig(ARENA)
+
+
+def frames(paint) -> list[Frame]:
+    """Pictures of a floor that `paint` gives the grey of, from arena x and y."""
+    found = []
+    for camera in CAMERAS:
+        rays = RayMap(camera)
+        grey = paint(rays.x_m, rays.y_m) * vignetting(camera)
+        found.append(Frame(camera.id, np.rint(grey).astype(np.uint8), 0, 0, 0))
+    return found
+
+
+def test_a_smooth_floor_comes_out_as_it_is() -> None:
+    def paint(x, y):
+        return 120.0 + 25.0 * x - 20.0 * y
+
+    view = top_view(frames(paint), CAMERAS, ARENA, 100)
+    assert view.shape == (240, 300)
+    x = 0.2 + (np.arange(300) - 149.5) / 100
+    y = -0.1 - (np.arange(240) - 119.5) / 100
+    error = view - paint(*np.meshgrid(x, y))
+    assert np.abs(error).max() < 2.5
+
+
+@pytest.mark.parametrize("place", [(0.2, -0.1), (0.9, 0.7), (0.2, 0.5), (-1.2, -1.2)])
+def test_a_spot_is_where_it_is_also_on_a_seam(place: tuple[float, float]) -> None:
+    def paint(x, y):
+        return 60.0 + 150.0 * (np.hypot(x - place[0], y - place[1]) < 0.03)
+
+    view = top_view(frames(paint), CAMERAS, ARENA, 200).astype(float)
+    rows, columns = np.nonzero(view > 110)
+    x = 0.2 + (columns.mean() - 299.5) / 200
+    y = -0.1 - (rows.mean() - 239.5) / 200
+    assert np.hypot(x - place[0], y - place[1]) < 0.0015
+    assert len(rows) == pytest.approx(np.pi * 6**2, rel=0.15)
+
+
+def test_what_no_camera_sees_is_black() -> None:
+    wide = Arena((9.0, 9.0, 1.0), (0.2, -0.1, 0.5))
+    view = top_view(frames(lambda x, y: 100.0 + 0 * x), CAMERAS, wide, 20)
+    assert view[0, 0] == 0 and view[90, 90] == 100
