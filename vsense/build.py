@@ -43,11 +43,15 @@ class SourceTree:
 
     def daemon_sources(self) -> list[Path]:
         """All C files of the daemon but its controller, in a fixed order."""
-        return [p for folder in ("c_src", "robot") for p in sorted((self.root / folder).glob("*.c"))]
+        return [
+            p for folder in ("c_src", "robot") for p in sorted((self.root / folder).glob("*.c"))
+        ]
 
     def headers(self) -> list[Path]:
         """All headers of the daemon, in a fixed order."""
-        return [p for folder in ("c_src", "robot") for p in sorted((self.root / folder).glob("*.h"))]
+        return [
+            p for folder in ("c_src", "robot") for p in sorted((self.root / folder).glob("*.h"))
+        ]
 
     def controllers(self) -> dict[str, Path]:
         """The shipped controllers by name."""

@@ -56,10 +56,16 @@ def _add_lab(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
     )
     lab.add_argument("experiment", help="a shipped experiment's name, or the path of a .argos file")
     lab.add_argument(
-        "--duration", type=_seconds, metavar="S", help="length of the run in s (default: the file's)"
+        "--duration",
+        type=_seconds,
+        metavar="S",
+        help="length of the run in s (default: the file's)",
     )
     lab.add_argument(
-        "--seed", type=_natural, metavar="N", help="seed of poses, noise and robots (default: the file's)"
+        "--seed",
+        type=_natural,
+        metavar="N",
+        help="seed of poses, noise and robots (default: the file's)",
     )
     lab.add_argument(
         "--robots", type=_positive, metavar="N", help="take only the first N robots of the file"
@@ -68,13 +74,18 @@ def _add_lab(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
         "--blind", action="store_true", help="hold the virtual sensors at 0: the control experiment"
     )
     lab.add_argument(
-        "--port", type=_port, metavar="P", help="TCP and UDP port; 0 takes a free one (default: the file's)"
+        "--port",
+        type=_port,
+        metavar="P",
+        help="TCP and UDP port; 0 takes a free one (default: the file's)",
     )
     lab.add_argument(
         "--output", type=Path, metavar="DIR", help="folder for picture and logs (default: runs/...)"
     )
     lab.add_argument(
-        "--json", action="store_true", help="print the summary as one JSON object on standard output"
+        "--json",
+        action="store_true",
+        help="print the summary as one JSON object on standard output",
     )
     lab.set_defaults(run=_lab)
 

@@ -18,6 +18,7 @@ from vsense.link.testing import Event, RobotSession
 from vsense.link.wire import PACKET_MAX, GoodbyeCause, Telemetry, Values
 
 PATIENCE_S = 20.0
+LOOK_AGAIN_S = 0.005
 MS = 1_000_000
 S = 1000 * MS
 TABLE = Table([Entry(7, "pollutant", "f4"), Entry(8, "pushes", "u4", Direction.ACTUATOR)])
@@ -145,12 +146,11 @@ class Robot:
             self.tcp.sendall(packet)
 
     def until(self, done: Callable[[], bool]) -> None:
-        """Takes what comes until the condition holds."""
+        """Takes what comes until the condition holds; it may be about the server, too."""
         end_s = time.monotonic() + PATIENCE_S
         while not done():
-            left_s = end_s - time.monotonic()
-            assert left_s > 0, f"waited in vain; told were {self.events}"
-            for ready in select.select([self.tcp, self.udp], [], [], left_s)[0]:
+            assert time.monotonic() < end_s, f"waited in vain; told were {self.events}"
+            for ready in select.select([self.tcp, self.udp], [], [], LOOK_AGAIN_S)[0]:
                 self._take(ready)
 
     def _take(self, ready: socket.socket) -> None:

@@ -21,7 +21,7 @@ def watch() -> list[float]:
     Returns:
         How late each tick was, in ms. A tick that was missed whole counts once, with its lateness.
     """
-    lateness_ms = []
+    lateness_ms: list[float] = []
     due_ns = time.monotonic_ns() + PERIOD_NS
     while True:
         wait_s = max(0, due_ns - time.monotonic_ns()) / 1e9

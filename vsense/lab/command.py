@@ -89,7 +89,9 @@ def _interruption(console: Console) -> Iterator[threading.Event]:
     def interrupt(number: int, frame: FrameType | None) -> None:
         interrupted.set()
 
-    before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {
+        number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)
+    }
     try:
         yield interrupted
     finally:
@@ -135,9 +137,7 @@ def _is_lit(telemetry: Telemetry | None) -> bool:
     return telemetry is not None and bool(telemetry.leds & report.RING_LEDS)
 
 
-def _finish(
-    options: argparse.Namespace, session: Session, seed: int, console: Console
-) -> None:
+def _finish(options: argparse.Namespace, session: Session, seed: int, console: Console) -> None:
     """Measures, draws, prints."""
     if not session.recording.steps:
         console.say("vsense: the run ended before its first timestep: nothing was measured")

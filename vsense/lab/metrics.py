@@ -103,7 +103,7 @@ def figures(run: Run) -> dict[str, Any]:
     }
 
 
-def tracking(run: Run) -> dict[str, float | int]:
+def tracking(run: Run) -> dict[str, float | int | None]:
     """Detections against the truth; only robots seen in a timestep count, predictions do not."""
     distance, turn = [np.empty(0)], [np.empty(0)]
     for k, poses in enumerate(run.poses):
@@ -124,9 +124,9 @@ def tracking(run: Run) -> dict[str, float | int]:
 def _true_pose(run: Run, k: int, tag: int) -> NDArray[np.float64]:
     """True pose of a tag; a tag that nothing here wears is infinitely far away."""
     if tag in run.tags:
-        return run.truth.poses[k, run.tags.index(tag)]
+        return np.asarray(run.truth.poses[k, run.tags.index(tag)])
     if tag in run.object_tags:
-        return run.object_poses[k, run.object_tags.index(tag)]
+        return np.asarray(run.object_poses[k, run.object_tags.index(tag)])
     return np.full(3, np.inf)
 
 
@@ -173,18 +173,23 @@ def sensing(run: Run) -> dict[str, float | int | None]:
     outside_ok: list[bool] = []
     readings = fresh = 0
     for robot, trace in enumerate(run.traces):
-        first = dict(zip(trace["timestep"][::-1].tolist(), range(len(trace) - 1, -1, -1)))
+        lines = _first_lines(trace)
         for k, timestep in enumerate(run.timesteps["timestep"].tolist()):
-            line = trace[first[timestep]] if timestep in first else None
-            held = line is not None and bool(line["known"])
-            readings += held
-            fresh += held and not bool(line["stale"])
-            named = row.get(int(line["capture_ns"])) if held else None
+            line = lines.get(timestep)
+            named = None
+            if line is not None:
+                readings += 1
+                fresh += not line["stale"]
+                named = row.get(int(line["capture_ns"]))
             depth = run.truth.depth_m[k if named is None else named, robot]
             if abs(depth) < EDGE_MARGIN_M:
                 continue
-            usable = named is not None and not line["stale"]
-            right = usable and (line["value"] >= 0.5) == (depth > 0)
+            right = (
+                line is not None
+                and named is not None
+                and not line["stale"]
+                and (line["value"] >= 0.5) == (depth > 0)
+            )
             (inside_ok if depth > 0 else outside_ok).append(bool(right))
     expected = len(run.tags) * run.wanted
     return {
@@ -196,11 +201,16 @@ def sensing(run: Run) -> dict[str, float | int | None]:
     }
 
 
+def _first_lines(trace: NDArray[np.void]) -> dict[int, np.void]:
+    """Each timestep's first control step that held a value."""
+    known = trace[trace["known"]]
+    timesteps, first = np.unique(known["timestep"], return_index=True)
+    return {int(timestep): known[index] for timestep, index in zip(timesteps, first)}
+
+
 def age_errors_ms(run: Run) -> NDArray[np.float64]:
     """How wrong each robot was about the age of what it held, in ms."""
-    lines = np.concatenate([t[t["known"]] for t in run.traces]) if run.traces else np.empty(0)
-    if not len(lines):
-        return np.empty(0)
+    lines = np.concatenate([trace[trace["known"]] for trace in run.traces])
     true_age_ns = lines["now_ns"] - lines["capture_ns"]
     return np.asarray(np.abs(lines["age_ns"] - true_age_ns) / 1e6)
 

@@ -135,8 +135,9 @@ def _panel(scene: Scene) -> Image:
         colour = LIT if lit else DARK
         cv2.circle(image, at, radius, colour, 3 * SCALE, cv2.LINE_AA)
         cv2.line(image, at, end, colour, 2 * SCALE, cv2.LINE_AA)
-    _scale_bar(image, zoom)
-    return np.asarray(image, np.uint8)
+    finished = np.asarray(image, np.uint8)
+    _scale_bar(finished, zoom)
+    return finished
 
 
 def _scale_bar(image: Image, zoom: int) -> None:

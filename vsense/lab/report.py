@@ -100,7 +100,7 @@ def _depth(
     """How deep each robot truly is in the cone of the true source, per timestep."""
     robots = len(experiment.robots)
     index = robots + [thing.tag for thing in experiment.objects].index(source.tag)
-    depth = np.empty(poses.shape[:1] + (robots,))
+    depth = np.empty((len(poses), robots))
     for k, row in enumerate(poses):
         cone = source.cone_at(row[index, 0], row[index, 1], k)
         depth[k] = -cone.edge_distance(row[:robots, :2])
@@ -112,7 +112,8 @@ def _within(trace: NDArray[np.void], steps: NDArray[np.void]) -> NDArray[np.void
     if not len(steps):
         return trace[:0]
     first, last = steps["timestep"][0], steps["timestep"][-1]
-    return trace[(trace["timestep"] >= first) & (trace["timestep"] <= last)]
+    during: NDArray[np.bool_] = (trace["timestep"] >= first) & (trace["timestep"] <= last)
+    return np.asarray(trace[during])
 
 
 def draw(session: Session, run: metrics.Run, blind: bool, seed: int, path: Path) -> None:
@@ -127,7 +128,7 @@ def draw(session: Session, run: metrics.Run, blind: bool, seed: int, path: Path)
     moments = [("before the wind turned", run.turn - 1)] if turned and run.turn else []
     moments.append(("after it" if turned else "at the end", last))
     inside, lit = metrics.counts(run.truth)
-    time_s = np.arange(last + 1) * experiment.timestep_s
+    time_s = np.arange(last + 1, dtype=np.float64) * experiment.timestep_s
     image = picture.draw(
         f"{experiment.name}{', blind' if blind else ''}",
         f"{len(run.tags)} robots seen by {len(session.cameras)} cameras, seed {seed}",

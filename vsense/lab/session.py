@@ -127,9 +127,7 @@ class Session:
         self._stack.callback(tracker.close)
         self.floor = Floor(experiment, poses, truth.name, self._seed, self.directory)
         self._stack.callback(self.floor.close)
-        self.swarm = Swarm(
-            daemon, experiment.host, port, self._seed, self.directory / "robots"
-        )
+        self.swarm = Swarm(daemon, experiment.host, port, self._seed, self.directory / "robots")
         self._stack.callback(self.swarm.end)
         for robot, tty in zip(experiment.robots, self.floor.ttys):
             self.swarm.start(robot.tag, robot.id, tty)
@@ -155,8 +153,7 @@ class Session:
 
     def _track(self, cameras: list[Camera]) -> ArenaTracker:
         experiment = self.experiment
-        bodies = (*experiment.robots, *experiment.objects)
-        heights = {body.tag: experiment.marker.height_m for body in bodies}
+        heights = dict.fromkeys(self._names(), experiment.marker.height_m)
         return ArenaTracker.for_arrows(cameras, load_family(experiment.marker.family), heights)
 
     def wait_until_ready(self) -> None:
@@ -171,16 +168,21 @@ class Session:
             seen = set(step.state.robots[step.state.robots["seen"]]["tag"].tolist())
             links = self.server.robots()
             absent = [robot for robot in self.experiment.robots if not links[robot.tag].connected]
-            bodies = (*self.experiment.robots, *self.experiment.objects)
-            unseen = [body for body in bodies if body.tag not in seen]
+            names = self._names()
+            unseen = [name for tag, name in names.items() if tag not in seen]
             self._console.progress(
                 f"waiting: {len(links) - len(absent)} of {len(links)} robots connected,"
-                f" {len(bodies) - len(unseen)} of {len(bodies)} markers seen"
+                f" {len(names) - len(unseen)} of {len(names)} markers seen"
             )
             if not absent and not unseen:
                 return
             if time.monotonic() > deadline_s:
-                raise LabError(self._missing([r.id for r in absent], [b.id for b in unseen]))
+                raise LabError(self._missing([r.id for r in absent], unseen))
+
+    def _names(self) -> dict[int, str]:
+        """All tagged bodies: tag -> name."""
+        robots = {robot.tag: robot.id for robot in self.experiment.robots}
+        return robots | {thing.tag: thing.id for thing in self.experiment.objects}
 
     def _missing(self, absent: list[str], unseen: list[str]) -> str:
         parts = []
@@ -226,10 +228,8 @@ class Session:
         self.floor.check()
         for robot, how in self.swarm.fallen():
             self._console.say(
-                f"robot {robot.name}: its daemon was {how}; the experiment goes on without it;"
-                f" start it again with {self.swarm.script(robot.tag)}"
-                if how.startswith("killed")
-                else f"robot {robot.name}: its daemon {how}; see {self.swarm.log(robot.tag)};"
+                f"robot {robot.name}: its daemon {how} (log: {self.swarm.log(robot.tag)});"
+                " the experiment goes on without it;"
                 f" start it again with {self.swarm.script(robot.tag)}"
             )
         return step

@@ -83,7 +83,9 @@ class Swarm:
         self.robots.append(robot)
         command = self._command(robot)
         script = self.script(tag)
-        script.write_text(f"#!/bin/sh\n# Starts the daemon of {name} again.\nexec {shlex.join(command)}\n")
+        script.write_text(
+            f"#!/bin/sh\n# Starts the daemon of {name} again.\nexec {shlex.join(command)}\n"
+        )
         script.chmod(0o755)
         with open(self._directory / f"{tag}.log", "ab") as log:
             self._processes[tag] = subprocess.Popen(
@@ -142,5 +144,5 @@ class Swarm:
 def describe_exit(returncode: int) -> str:
     """Says in words how a process ended."""
     if returncode < 0:
-        return f"killed by {signal.Signals(-returncode).name}"
+        return f"was killed by {signal.Signals(-returncode).name}"
     return f"ended with exit code {returncode}"
