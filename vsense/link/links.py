@@ -150,7 +150,8 @@ class Links:
     def _accept(self, _mask: int) -> None:
         now_ns = self._shared.clock()
         try:
-            sock, address = self._listener.accept()
+            for _ in range(STRANGERS):
+                self._welcome(*self._listener.accept(), now_ns)
         except (BlockingIOError, InterruptedError, ConnectionError):
             return
         except OSError as error:
@@ -158,7 +159,8 @@ class Links:
             self._pause()
             text = f"cannot accept a connection: {error.strerror}"
             self._shared.tell(LinkEvent("protocol_error", None, text, now_ns))
-            return
+
+    def _welcome(self, sock: socket.socket, address: tuple[object, ...], now_ns: int) -> None:
         strangers = [c for c in self._all.values() if c.robot is None]
         if len(strangers) >= STRANGERS:
             self._drop(strangers[0])

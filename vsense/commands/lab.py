@@ -1,0 +1,66 @@
+"""`vsense lab`: an experiment on this machine."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from vsense.commands import arguments
+
+HELP = "run an experiment on this machine: rendered cameras, emulated robots, real code"
+
+DESCRIPTION = (
+    "Runs an experiment in real time on this machine. Everything between the camera's pixels and"
+    " the motor command is the real thing: the tracker, the world, the network and one vsensed per"
+    " robot; only photons and wheels are simulated."
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declares the command's arguments."""
+    parser.add_argument(
+        "experiment", help="a shipped experiment's name, or the path of a .argos file"
+    )
+    parser.add_argument(
+        "--duration",
+        type=arguments.seconds,
+        metavar="S",
+        help="length of the run in s (default: the file's)",
+    )
+    parser.add_argument(
+        "--seed",
+        type=arguments.natural,
+        metavar="N",
+        help="seed of poses, noise and robots (default: the file's)",
+    )
+    parser.add_argument(
+        "--robots",
+        type=arguments.positive,
+        metavar="N",
+        help="take only the first N robots of the file",
+    )
+    parser.add_argument(
+        "--blind", action="store_true", help="hold the virtual sensors at 0: the control experiment"
+    )
+    parser.add_argument(
+        "--port",
+        type=arguments.port,
+        metavar="P",
+        help="TCP and UDP port; 0 takes a free one (default: the file's)",
+    )
+    parser.add_argument(
+        "--output", type=Path, metavar="DIR", help="folder for picture and logs (default: runs/...)"
+    )
+    parser.add_argument(
+        "--json",
+        action="store_true",
+        help="print the summary as one JSON object on standard output",
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Runs the experiment; see `vsense.lab.experiment_run.run`."""
+    # Imported here: `vsense --help` must not wait for OpenCV.
+    from vsense.lab import experiment_run
+
+    return experiment_run.run(options)
