@@ -55,7 +55,15 @@ class Scene:
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """The swarm over time: per timestep the time in s and the robots in the cone and lit there."""
+    """The swarm over time.
+
+    Attributes:
+        time_s: (n + 1,) when each timestep began, and when the last one ended.
+        inside: (n,) robots in the cone.
+        lit: (n,) robots lit there.
+        robots: number of robots.
+        turn_s: when the wind turned, None if it did not.
+    """
 
     time_s: NDArray[np.float64]
     inside: NDArray[np.int64]
@@ -152,7 +160,7 @@ def _chart(canvas: Image, curve: Curve, top: int) -> None:
     """Robots in the cone and lit over time, with the turn of the wind."""
     left, right = SCALE * (MARGIN + 40), canvas.shape[1] - SCALE * (MARGIN + 110)
     bottom = top + SCALE * CHART_HEIGHT
-    end_s = max(float(curve.time_s[-1]), 1.0) if len(curve.time_s) else 1.0
+    end_s = float(curve.time_s[-1])
 
     def at(time_s: float, count: float) -> tuple[int, int]:
         x = left + (right - left) * time_s / end_s
@@ -177,21 +185,12 @@ def _chart(canvas: Image, curve: Curve, top: int) -> None:
         _text(canvas, "the wind turns", (x // SCALE + 8, top // SCALE - 2), MUTED, 0.45)
     ends = []
     for counts, colour, name in ((curve.inside, CONE, "in the cone"), (curve.lit, LIT, "lit")):
-        points = _steps([at(float(t), float(c)) for t, c in zip(curve.time_s, counts)])
-        if points:
-            line = [np.array(points, np.int32)]
-            cv2.polylines(canvas, line, False, colour, 2 * SCALE, cv2.LINE_AA)
-            ends.append((points[-1][1] // SCALE, name, colour))
+        stairs = zip(np.repeat(curve.time_s, 2)[1:-1], np.repeat(counts, 2))
+        points = [at(float(time_s), float(count)) for time_s, count in stairs]
+        cv2.polylines(canvas, [np.array(points, np.int32)], False, colour, 2 * SCALE, cv2.LINE_AA)
+        ends.append((points[-1][1] // SCALE, name, colour))
     _line_names(canvas, ends, right // SCALE + 12)
     cv2.line(canvas, (left, bottom), (right, bottom), MUTED, SCALE)
-
-
-def _steps(points: list[tuple[int, int]]) -> list[tuple[int, int]]:
-    """The same course as stairs: a number of robots holds until the next one."""
-    stairs = points[:1]
-    for point in points[1:]:
-        stairs += [(point[0], stairs[-1][1]), point]
-    return stairs
 
 
 def _line_names(canvas: Image, ends: list[tuple[int, str, Colour]], x: int) -> None:

@@ -126,9 +126,9 @@ def draw(session: Session, run: metrics.Run, blind: bool, seed: int, path: Path)
     last = len(run.timesteps) - 1
     turned = run.turn is not None and run.turn <= last
     moments = [("before the wind turned", run.turn - 1)] if turned and run.turn else []
-    moments.append(("after it" if turned else "at the end", last))
+    moments.append(("after the wind turned" if turned else "at the end", last))
     inside, lit = metrics.counts(run.truth)
-    time_s = np.arange(last + 1, dtype=np.float64) * experiment.timestep_s
+    time_s = np.arange(last + 2, dtype=np.float64) * experiment.timestep_s
     image = picture.draw(
         f"{experiment.name}{', blind' if blind else ''}",
         f"{len(run.tags)} robots seen by {len(session.cameras)} cameras, seed {seed}",

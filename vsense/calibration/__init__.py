@@ -1,0 +1,1 @@
+"""Calibration: from pictures of a printed board to camera files."""

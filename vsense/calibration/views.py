@@ -1,0 +1,147 @@
+"""Views: the corners of a board, or known points, that one camera saw at one moment."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.errors import ConfigError, UsageError
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+COLUMNS = ("camera", "moment", "corner", "x_px", "y_px")
+"""Of a corners file."""
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """One camera's sight of the board.
+
+    Attributes:
+        camera: The camera's name.
+        moment: Name of the moment: views of the same moment show the same pose of the board.
+        ids: (n,) numbers of the corners, row by row from the printed board's upper left one.
+        pixels: (n, 2).
+    """
+
+    camera: str
+    moment: str
+    ids: Ints
+    pixels: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Shoot:
+    """Everything that was seen of the board.
+
+    Attributes:
+        sizes: Width and height of each camera's pictures [px].
+        views: In order of camera and moment.
+        pictures: How many pictures each camera took, with or without a board in them.
+    """
+
+    sizes: dict[str, tuple[int, int]]
+    views: Sequence[View]
+    pictures: dict[str, int]
+
+    def of(self, camera: str) -> list[View]:
+        """The views of one camera."""
+        return [view for view in self.views if view.camera == camera]
+
+
+def read_table(path: Path, columns: Sequence[str]) -> list[tuple[int, list[str]]]:
+    """Reads a CSV file with a header.
+
+    Args:
+        path: The file.
+        columns: Names of the columns to take; others are allowed.
+
+    Returns:
+        Per line its number and the chosen columns.
+
+    Raises:
+        UsageError: The file cannot be read.
+        ConfigError: A column or a value is missing.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            lines = list(csv.reader(file))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise UsageError(f"{path}: cannot be read: {reason}") from None
+    header = [name.strip() for name in lines[0]] if lines else []
+    missing = [name for name in columns if name not in header]
+    if missing:
+        expected = ",".join(columns)
+        raise ConfigError(str(path), 1, f"no column '{missing[0]}': expected {expected}")
+    places = [header.index(name) for name in columns]
+    table = []
+    for number, line in enumerate(lines[1:], start=2):
+        if not line:
+            continue
+        if len(line) < len(header):
+            raise ConfigError(
+                str(path), number, f"{len(line)} values: the header has {len(header)}"
+            )
+        table.append((number, [line[place].strip() for place in places]))
+    return table
+
+
+def number_at(path: Path, line: int, name: str, text: str) -> float:
+    """Returns a finite number of a file.
+
+    Raises:
+        ConfigError: It is none.
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ConfigError(str(path), line, f"{name}: '{text}' is not a number")
+    return value
+
+
+def read_corners(path: Path, corners: int) -> list[View]:
+    """Reads a corners file, as `write_corners` writes it.
+
+    Args:
+        path: The file.
+        corners: How many the board has.
+
+    Raises:
+        UsageError: The file cannot be read.
+        ConfigError: A line is wrong.
+    """
+    views: dict[tuple[str, str], dict[int, tuple[float, float]]] = {}
+    for line, (camera, moment, corner, *place) in read_table(path, COLUMNS):
+        if not corner.isdecimal() or int(corner) >= corners:
+            raise ConfigError(
+                str(path), line, f"corner: '{corner}': expected 0 to {corners - 1} on this board"
+            )
+        view = views.setdefault((camera, moment), {})
+        if int(corner) in view:
+            raise ConfigError(str(path), line, f"corner {corner} of {camera} {moment} is there twice")
+        x, y = (number_at(path, line, name, text) for name, text in zip(COLUMNS[3:], place))
+        view[int(corner)] = (x, y)
+    return [
+        View(camera, moment, np.array(list(seen), np.int64), np.array(list(seen.values())))
+        for (camera, moment), seen in sorted(views.items())
+    ]
+
+
+def write_corners(path: Path, views: Iterable[View]) -> None:
+    """Writes a corners file: one line per corner that a camera saw."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(COLUMNS)
+        for view in views:
+            for corner, (x, y) in zip(view.ids.tolist(), view.pixels.tolist()):
+                writer.writerow((view.camera, view.moment, corner, f"{x:.4f}", f"{y:.4f}"))

@@ -1,0 +1,181 @@
+"""What the two files of a tracking session say, as frozen records: m, rad, s, px; arena frame.
+
+Thesis, 2.2.2. Every record that comes from one element carries the line it stood in, so that a
+fault which shows only later is still reported at its place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from vsense.errors import ConfigError
+from vsense.tracking.camera import Camera
+
+DIRECTORY = "directory"
+VIDEO = "video"
+CAMERA = "camera"
+GRABBER_TYPES = (DIRECTORY, VIDEO, CAMERA)
+
+
+@dataclass(frozen=True, slots=True)
+class GrabberSpec:
+    """A picture source.
+
+    Attributes:
+        id: its name in the experiment file.
+        type: one of `GRABBER_TYPES`.
+        source: the directory, the video file, or the device or URL.
+        timestamps: table of the pictures' capture times, or None.
+        frame_rate_hz: pictures per second, of a recording without timestamps or wanted of a
+            camera; None: what the video or the camera says itself.
+        start_s: when the first picture of a recording without timestamps was taken.
+        size_px: width and height wanted of a camera, or None.
+        exposure_us: `exposure_time_abs` of a camera, or None.
+        gain_raw: gain of a camera in its own unit, or None.
+        line: line of its element.
+    """
+
+    id: str
+    type: str
+    source: str
+    timestamps: Path | None
+    frame_rate_hz: float | None
+    start_s: float
+    size_px: tuple[int, int] | None
+    exposure_us: float | None
+    gain_raw: float | None
+    line: int
+
+    @property
+    def is_live(self) -> bool:
+        """Whether it is a camera and no recording."""
+        return self.type == CAMERA
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerSpec:
+    """What to look for in the pictures.
+
+    Attributes:
+        id: its name in the experiment file.
+        family: name of the marker family, or path of its definition.
+        heights_m: the roster: the height of each tag's marker above the floor.
+        max_speed_m_s: greatest speed of a robot.
+        marker_size_m: side of a marker of a dictionary, or None.
+        heading_rad: direction of a dictionary's marker on the robot: from the robot's heading
+            to the marker's, counter-clockwise.
+        line: line of its element.
+    """
+
+    id: str
+    family: str
+    heights_m: Mapping[int, float]
+    max_speed_m_s: float
+    marker_size_m: float | None
+    heading_rad: float
+    line: int
+
+
+@dataclass(frozen=True, slots=True)
+class CameraSpec:
+    """A camera's place above the arena.
+
+    Attributes:
+        id: its name in the experiment file and in all that is reported.
+        calibration: its camera file.
+        line: line of its element.
+    """
+
+    id: str
+    calibration: Path
+    line: int
+
+
+@dataclass(frozen=True, slots=True)
+class Resources:
+    """All that a resources file declares, by id."""
+
+    file: str
+    grabbers: Mapping[str, GrabberSpec]
+    trackers: Mapping[str, TrackerSpec]
+    cameras: Mapping[str, CameraSpec]
+
+    def error(self, line: int, message: str) -> ConfigError:
+        """Makes the error that something in this file is wrong."""
+        return ConfigError(self.file, line, message)
+
+
+@dataclass(frozen=True, slots=True)
+class CameraTrackerSpec:
+    """One camera of a session: a picture source, what is seen from where, and what to find.
+
+    Attributes:
+        grabber: the picture source.
+        camera: the calibrated camera; its id is the resources file's.
+        tracker: what to look for.
+        line: line of its element.
+    """
+
+    grabber: GrabberSpec
+    camera: Camera
+    tracker: TrackerSpec
+    line: int
+
+
+@dataclass(frozen=True, slots=True)
+class RecordSpec:
+    """Whether and where the pictures are kept.
+
+    Attributes:
+        record_image: keep the pictures.
+        change_root_directory_on_start: each run gets a directory of its own; otherwise all of
+            them are one recording.
+        root_directory: where the recordings go.
+        image_format: "png", "jpg" or "pgm".
+        line: line of its element.
+    """
+
+    record_image: bool
+    change_root_directory_on_start: bool
+    root_directory: Path
+    image_format: str
+    line: int
+
+
+@dataclass(frozen=True, slots=True)
+class TrackingSession:
+    """All that an experiment file asks for.
+
+    Attributes:
+        file: the file as the user named it.
+        resources: what it takes its parts from.
+        server_port: TCP port of the arena tracking server.
+        key_frame_period: every so many timesteps the whole picture is searched; 1: always.
+        square_size_m: side of the square searched around a known robot in between.
+        views: the cameras.
+        record: what is kept.
+    """
+
+    file: str
+    resources: Resources
+    server_port: int
+    key_frame_period: int
+    square_size_m: float
+    views: tuple[CameraTrackerSpec, ...]
+    record: RecordSpec
+
+    @property
+    def is_live(self) -> bool:
+        """Whether its pictures come from cameras and not from recordings."""
+        return any(view.grabber.is_live for view in self.views)
+
+    @property
+    def heights_m(self) -> dict[int, float]:
+        """The roster of all trackers: the height of each tag's marker above the floor."""
+        return {tag: height for v in self.views for tag, height in v.tracker.heights_m.items()}
+
+    def error(self, line: int, message: str) -> ConfigError:
+        """Makes the error that something in the experiment file is wrong."""
+        return ConfigError(self.file, line, message)
