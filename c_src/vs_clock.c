@@ -3,11 +3,11 @@
 
 #include <string.h>
 
-/* What two clocks can drift apart in elapsed_ns. */
+/* What two clocks can drift apart in elapsed_ns, rounded up. */
 static uint64_t drift_ns(uint64_t elapsed_ns)
 {
     return elapsed_ns / 1000000 * VS_CLOCK_DRIFT_PPM +
-           elapsed_ns % 1000000 * VS_CLOCK_DRIFT_PPM / 1000000 + 1;
+           (elapsed_ns % 1000000 * VS_CLOCK_DRIFT_PPM + 999999) / 1000000;
 }
 
 /* a - b modulo 2^64 as a signed number, without a conversion that C leaves to the

@@ -39,11 +39,8 @@ def bad_frames() -> list[dict[str, Any]]:
     ]
 
 
-def bad_bodies() -> list[dict[str, Any]]:
-    body = BODIES["HELLO"](HELLO)
-    one = BODIES["STATE"]({"wanted": 1, "from_timestep": 0, "values": [[0, "0000803f"]]})
-    report = BODIES["TELEMETRY"](REPORT)
-    names = {
+def bad_texts() -> list[dict[str, Any]]:
+    texts = {
         "too_long": b"n" * 32,
         "control": b"a\nb",
         "delete": b"\x7f",
@@ -55,14 +52,16 @@ def bad_bodies() -> list[dict[str, Any]]:
         "beyond": b"\xf4\x90\x80\x80",
         "cut": b"\xe2\x82",
     }
-    frames = [
-        bad(
-            f"name_{name}", "TEXT", seal(1, GREETING, body[:28] + bytes([len(text)]) + text + b"\0")
-        )
-        for name, text in names.items()
-    ]
+    fixed = BODIES["HELLO"](HELLO)[:28]
+    bodies = {name: fixed + bytes([len(text)]) + text + b"\0" for name, text in texts.items()}
+    return [bad(f"name_{name}", "TEXT", seal(1, GREETING, body)) for name, body in bodies.items()]
+
+
+def bad_bodies() -> list[dict[str, Any]]:
+    body = BODIES["HELLO"](HELLO)
+    one = BODIES["STATE"]({"wanted": 1, "from_timestep": 0, "values": [[0, "0000803f"]]})
+    report = BODIES["TELEMETRY"](REPORT)
     return [
-        *frames,
         bad("hello_left_over", "BODY", seal(1, GREETING, body + b"\0")),
         bad("hello_cut", "BODY", seal(1, GREETING, body[:-1])),
         bad("hello_empty", "BODY", seal(1, GREETING, b"")),
@@ -86,29 +85,19 @@ def row(id_: int, direction: int, size: int, name: str, layout: str) -> bytes:
     return struct.pack("<BBH", id_, direction, size) + text8(name) + text8(layout)
 
 
-def bad_tables() -> list[dict[str, Any]]:
-    def carry(
-        name: str, error: str, table: bytes, timestep_us: int = 1, params: bytes = b""
-    ) -> Any:
-        fixed = struct.pack("<QIIH", 0, timestep_us, 0, len(params)) + params
-        body = fixed + struct.pack("<H", len(table)) + table
-        return bad(name, error, seal(2, HEADER, body))
+LAYOUTS = "", "f", "f8", "0*f4", "01*f4", "*f4", "4*", "4*f4 ", "4f4", " f4", "-1*f4", "1*1*f4"
 
-    layouts = [
-        "",
-        "f",
-        "f8",
-        "0*f4",
-        "01*f4",
-        "*f4",
-        "4*",
-        "4*f4 ",
-        "4f4",
-        " f4",
-        "-1*f4",
-        "1*1*f4",
-    ]
+
+def carry(name: str, error: str, table: bytes, timestep_us: int = 1, params: bytes = b"") -> Any:
+    """A WELCOME with this table."""
+    fixed = struct.pack("<QIIH", 0, timestep_us, 0, len(params)) + params
+    body = fixed + struct.pack("<H", len(table)) + table
+    return bad(name, error, seal(2, HEADER, body))
+
+
+def bad_tables() -> list[dict[str, Any]]:
     a, b = row(1, 0, 4, "a", "f4"), row(2, 0, 4, "b", "f4")
+    layouts = [b"\1" + row(1, 0, 4, "a", layout) for layout in LAYOUTS]
     return [
         carry("timestep_0", "BODY", b"\0", timestep_us=0),
         carry("params_too_long", "BODY", b"\0", params=b"p" * 513),
@@ -125,8 +114,10 @@ def bad_tables() -> list[dict[str, Any]]:
         carry("table_huge_count", "TABLE_SIZE", b"\1" + row(1, 0, 4, "a", "4294967297*u1")),
         carry("table_sensors_too_big", "TABLE_SIZE", b"\1" + row(1, 0, 1113, "a", "1113*u1")),
         carry("table_actuators_too_big", "TABLE_SIZE", b"\1" + row(1, 1, 1077, "a", "1077*u1")),
-        *[
-            carry(f"layout_{i}", "LAYOUT", b"\1" + row(1, 0, 4, "a", x))
-            for i, x in enumerate(layouts)
-        ],
+        *[carry(f"layout_{i}", "LAYOUT", table) for i, table in enumerate(layouts)],
     ]
+
+
+def bads() -> list[dict[str, Any]]:
+    """Every packet of wire.json that must be refused."""
+    return bad_frames() + bad_texts() + bad_bodies() + bad_tables()

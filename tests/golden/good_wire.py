@@ -91,9 +91,54 @@ def good(
     return vector | {"table": table, "hex": packet.hex()}
 
 
-def goods() -> list[dict[str, Any]]:
+def hellos() -> list[dict[str, Any]]:
+    name = "é" * 15 + "x"
+    longest = dict(HELLO, tag=65535, capabilities=65535, name=name, controller="c" * 31)
+    return [
+        good("hello", "HELLO", GREETING, HELLO),
+        good("hello_longest_names", "HELLO", EXTREME, longest),
+        good("hello_empty_names", "HELLO", GREETING, dict(HELLO, name="", controller="")),
+    ]
+
+
+def welcomes() -> list[dict[str, Any]]:
+    bare = {"nonce": 1, "timestep_us": 100_000, "seed": 0, "params": "", "table": EMPTY}
+    params = "stop_probability=0.3\nname=Größe\n"
+    mixed = {"nonce": 2**64 - 1, "timestep_us": 1, "seed": 42, "table": MIXED, "params": params}
+    largest = dict(bare, timestep_us=2**32 - 1, seed=2**32 - 1, table=WIDE, params="p" * 512)
+    return [
+        good("welcome_no_sensor", "WELCOME", HEADER, bare),
+        good("welcome", "WELCOME", HEADER, mixed),
+        good("welcome_largest", "WELCOME", HEADER, largest),
+    ]
+
+
+def notices() -> list[dict[str, Any]]:
+    return [
+        good("refuse", "REFUSE", GREETING, {"code": 1, "text": "tag 23 is in use"}),
+        good("refuse_longest_text", "REFUSE", GREETING, {"code": 65535, "text": "t" * 200}),
+        good("goodbye", "GOODBYE", HEADER, {"code": 0, "text": ""}, POLLUTANT),
+        good("goodbye_longest_text", "GOODBYE", EXTREME, {"code": 255, "text": "€" * 66 + ".."}),
+    ]
+
+
+def states() -> list[dict[str, Any]]:
+    nothing = {"wanted": 3, "from_timestep": 0, "values": []}
+    one = {"wanted": 1, "from_timestep": 603, "values": [[0, "0000803f"]]}
+    mixed = {"wanted": 2, "from_timestep": NEVER, "values": MIXED_VALUES}
     full = [[0, bytes(i % 251 for i in range(1112)).hex()]]
-    most = dict(
+    largest = {"wanted": 0, "from_timestep": 0, "values": full}
+    return [
+        good("state_no_sensor", "STATE", HEADER, nothing),
+        good("state", "STATE", HEADER, one, POLLUTANT),
+        good("state_mixed", "STATE", dict(HEADER, flags=1), mixed, MIXED),
+        good("state_largest", "STATE", EXTREME, largest, FULL),
+    ]
+
+
+def reports() -> list[dict[str, Any]]:
+    mixed = dict(REPORT, battery_low=1, payload="0000204103000000ffffffff")
+    largest = dict(
         REPORT,
         state=3,
         wanted=3,
@@ -103,79 +148,13 @@ def goods() -> list[dict[str, Any]]:
         right_steps_s=32767,
         payload=bytes(i % 253 for i in range(1076)).hex(),
     )
-    long_name = "é" * 15 + "x"
     return [
-        good("hello", "HELLO", GREETING, HELLO),
-        good(
-            "hello_longest_names",
-            "HELLO",
-            EXTREME,
-            dict(HELLO, tag=65535, capabilities=65535, name=long_name, controller="c" * 31),
-        ),
-        good("hello_empty_names", "HELLO", GREETING, dict(HELLO, name="", controller="")),
-        good(
-            "welcome_no_sensor",
-            "WELCOME",
-            HEADER,
-            {"nonce": 1, "timestep_us": 100_000, "seed": 0, "params": "", "table": EMPTY},
-        ),
-        good(
-            "welcome",
-            "WELCOME",
-            HEADER,
-            {
-                "nonce": 2**64 - 1,
-                "timestep_us": 1,
-                "seed": 42,
-                "table": MIXED,
-                "params": "stop_probability=0.3\nname=Größe\n",
-            },
-        ),
-        good(
-            "welcome_largest",
-            "WELCOME",
-            HEADER,
-            {
-                "nonce": 0,
-                "timestep_us": 2**32 - 1,
-                "seed": 2**32 - 1,
-                "table": WIDE,
-                "params": "p" * 512,
-            },
-        ),
-        good("refuse", "REFUSE", GREETING, {"code": 1, "text": "tag 23 is in use"}),
-        good("refuse_longest_text", "REFUSE", GREETING, {"code": 65535, "text": "t" * 200}),
-        good("goodbye", "GOODBYE", HEADER, {"code": 0, "text": ""}, POLLUTANT),
-        good("goodbye_longest_text", "GOODBYE", EXTREME, {"code": 255, "text": "€" * 66 + ".."}),
-        good("state_no_sensor", "STATE", HEADER, {"wanted": 3, "from_timestep": 0, "values": []}),
-        good(
-            "state",
-            "STATE",
-            HEADER,
-            {"wanted": 1, "from_timestep": 603, "values": [[0, "0000803f"]]},
-            POLLUTANT,
-        ),
-        good(
-            "state_mixed",
-            "STATE",
-            dict(HEADER, flags=1),
-            {"wanted": 2, "from_timestep": NEVER, "values": MIXED_VALUES},
-            MIXED,
-        ),
-        good(
-            "state_largest",
-            "STATE",
-            EXTREME,
-            {"wanted": 0, "from_timestep": 0, "values": full},
-            FULL,
-        ),
         good("telemetry", "TELEMETRY", HEADER, REPORT, POLLUTANT),
-        good(
-            "telemetry_actuators",
-            "TELEMETRY",
-            dict(HEADER, flags=1),
-            dict(REPORT, battery_low=1, payload="0000204103000000ffffffff"),
-            MIXED,
-        ),
-        good("telemetry_largest", "TELEMETRY", EXTREME, most, FULL),
+        good("telemetry_actuators", "TELEMETRY", dict(HEADER, flags=1), mixed, MIXED),
+        good("telemetry_largest", "TELEMETRY", EXTREME, largest, FULL),
     ]
+
+
+def goods() -> list[dict[str, Any]]:
+    """Every valid packet of wire.json."""
+    return hellos() + welcomes() + notices() + states() + reports()

@@ -12,7 +12,7 @@ import sys
 import zlib
 from typing import Any
 
-from bad_wire import bad_bodies, bad_frames, bad_tables
+from bad_wire import bads
 from good_wire import EMPTY, FULL, MIXED, POLLUTANT, WIDE, goods
 from plain_encoder import table_bytes
 
@@ -23,7 +23,7 @@ def vectors() -> dict[str, Any]:
         {"table": t, "hex": table_bytes(t).hex(), "hash": zlib.crc32(table_bytes(t))}
         for t in (EMPTY, POLLUTANT, MIXED, FULL, WIDE)
     ]
-    return {"packets": goods(), "tables": tables, "bad": bad_frames() + bad_bodies() + bad_tables()}
+    return {"packets": goods(), "tables": tables, "bad": bads()}
 
 
 if __name__ == "__main__":

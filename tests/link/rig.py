@@ -109,7 +109,7 @@ class Robot:
     """
 
     def __init__(self, server: Server, tag: int, uid: bytes | None = None) -> None:
-        self.session = RobotSession(uid or bytes([tag]) * 16, tag)
+        self.session = RobotSession(uid or bytes([tag % 256]) * 16, tag)
         self.events: list[Event] = []
         self.udp_open = True
         self._server = server

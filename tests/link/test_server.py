@@ -217,6 +217,21 @@ def test_the_host_says_goodbye(server: Server, robot: MakeRobot) -> None:
     assert not server.server.robots()[1].connected
 
 
+def test_a_hushed_server_still_hears(still: Server, frozen: Frozen, robot: MakeRobot) -> None:
+    """No STATE leaves, neither by publish nor as heartbeat nor to a new address."""
+    one = robot(still).join()
+    still.server.command(Wanted.STOP)
+    one.until(lambda: one.session.c.wanted == Wanted.STOP)
+    still.server.hush()
+    sent = still.server.robots()[1].sent
+    still.server.publish(5, frozen(), {})
+    for step in range(1, 4):
+        frozen.advance(100 * MS)
+        one.say(Telemetry(control_step=step, payload=bytes(4)))
+        one.until(lambda step=step: step_of(still) == step)
+    assert still.server.robots()[1].sent == sent
+
+
 def test_a_server_is_used_in_order(clock: Callable[[], int]) -> None:
     def make(params: str = "") -> VirtualSensorServer:
         return VirtualSensorServer(

@@ -1,0 +1,160 @@
+"""The server's thread, driven by hand: it waits in the selector only, and never in circles."""
+
+from __future__ import annotations
+
+import errno
+import socket
+import threading
+from collections.abc import Iterator
+
+import pytest
+
+from tests.link.rig import PATIENCE_S, TABLE, Frozen
+from vsense.link.links import FINISH_NS, Shared
+from vsense.link.network import IDLE_NS, Network
+from vsense.link.ports import Ports, bind
+from vsense.link.roster import Roster
+from vsense.link.status import LinkEvent
+from vsense.link.testing import RobotSession
+from vsense.link.wire import GoodbyeCause
+
+
+class Hand:
+    """A network whose turns the test makes, and robots that only send what the test sends."""
+
+    def __init__(self, frozen: Frozen, ports: Ports) -> None:
+        self.clock = frozen
+        self.port = ports.port
+        self.told: list[LinkEvent] = []
+        roster = Roster({1: "epuck_1", 2: "epuck_2"}, TABLE, 10**8, 1, "")
+        self.shared = Shared(roster, threading.Lock(), frozen, self.told.append)
+        self.network = Network(self.shared, ports)
+        self.settle()
+
+    def settle(self) -> None:
+        """Makes turns until no socket is ready; a thread would now wait."""
+        for _ in range(200):
+            self.network.turn()
+            if not self.network._selector.select(0):
+                return
+        raise AssertionError("some socket is ready for ever: the thread would turn in circles")
+
+    def join(self, tag: int) -> tuple[RobotSession, socket.socket]:
+        session = RobotSession(bytes([tag]) * 16, tag)
+        sock = socket.create_connection(("127.0.0.1", self.port), PATIENCE_S)
+        sock.sendall(session.connect(self.clock()))
+        self.settle()
+        session.tcp_in(sock.recv(4096), self.clock())
+        assert session.c.open
+        return session, sock
+
+    def send(self, tag: int) -> None:
+        with self.shared.lock:
+            self.network.send(self.shared.roster.robots[tag], self.clock())
+
+
+@pytest.fixture
+def hand(frozen: Frozen) -> Iterator[Hand]:
+    made = Hand(frozen, bind("127.0.0.1", 0))
+    yield made
+    made.network.close()
+
+
+def test_defect_06_a_full_stream_is_waited_for_not_asked_again_and_again(hand: Hand) -> None:
+    _, sock = hand.join(1)
+    robot = hand.shared.roster.robots[1]
+    while robot.superseded < 3:
+        hand.send(1)
+    hand.settle()
+    sock.recv(1 << 20)
+    hand.settle()
+    sock.close()
+
+
+def test_defect_06_a_peer_that_keeps_its_side_open_is_waited_for(hand: Hand) -> None:
+    session, sock = hand.join(1)
+    sock.sendall(session.goodbye(GoodbyeCause.END, "", hand.clock()))
+    hand.settle()
+    assert [event.kind for event in hand.told] == ["connected", "goodbye"]
+    hand.clock.advance(FINISH_NS)
+    hand.settle()
+    assert len(hand.network._links) == 0
+    sock.close()
+
+
+def test_without_descriptors_the_door_is_closed_for_a_moment(frozen: Frozen) -> None:
+    class Full(socket.socket):
+        """A listener in a process that has no descriptor left."""
+
+        full = True
+
+        def accept(self) -> tuple[socket.socket, object]:
+            if self.full:
+                raise OSError(errno.EMFILE, "Too many open files")
+            return super().accept()
+
+    ports = bind("127.0.0.1", 0)
+    listener = Full(fileno=ports.tcp.detach())
+    hand = Hand(frozen, Ports(listener, ports.udp, ports.port))
+    sock = socket.create_connection(("127.0.0.1", ports.port), PATIENCE_S)
+    # One turn with the door open, one with it closed: then nothing is ready, nothing turns.
+    hand.network.turn()
+    assert hand.told[-1].text == "cannot accept a connection: Too many open files"
+    assert not hand.network._selector.select(0)
+    Full.full = False
+    hand.network.wake()
+    hand.settle()
+    assert len(hand.network._links) == 1
+    sock.close()
+    hand.network.close()
+
+
+def test_a_connection_that_was_closed_earlier_in_the_same_turn_is_left_alone(hand: Hand) -> None:
+    """Defect 2: both sockets of a takeover are ready at once; one handler closes the other's."""
+    _, old_sock = hand.join(1)
+    new = RobotSession(bytes([1]) * 16, 1)
+    new_sock = socket.create_connection(("127.0.0.1", hand.port), PATIENCE_S)
+    hand.settle()
+    new_sock.sendall(new.connect(hand.clock()))
+    old_sock.sendall(b"not a packet")
+    hand.settle()
+    assert hand.shared.roster.robots[1].open
+    assert "protocol_error" not in [e.kind for e in hand.told if e.tag is None]
+    for sock in (old_sock, new_sock):
+        sock.close()
+
+
+def test_the_end_takes_nobody_in_and_waits_for_the_last_words(hand: Hand) -> None:
+    session, sock = hand.join(1)
+
+    def read_to_the_end() -> None:
+        while data := sock.recv(4096):
+            session.tcp_in(data, hand.clock())
+        sock.close()
+
+    reader = threading.Thread(target=read_to_the_end)
+    reader.start()
+    hand.network.finish(GoodbyeCause.END, "good night")
+    reader.join()
+    assert session.notice.text == "good night"
+    assert len(hand.network._links) == 0
+
+
+def test_the_end_leaves_the_door_closed(hand: Hand) -> None:
+    hand.network._links.finish(GoodbyeCause.END, "good night")
+    hand.clock.advance(IDLE_NS)
+    hand.settle()
+    with socket.create_connection(("127.0.0.1", hand.port), PATIENCE_S):
+        hand.settle()
+        assert len(hand.network._links) == 0
+
+
+def test_a_stream_left_unfinished_wakes_the_thread(hand: Hand) -> None:
+    _, sock = hand.join(1)
+    hand.network.wake_for_streams()
+    assert not hand.network._selector.select(0)
+    while not hand.shared.roster.robots[1].superseded:
+        hand.send(1)
+    hand.network.wake_for_streams()
+    assert hand.network._selector.select(0)
+    sock.close()

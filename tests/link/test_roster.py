@@ -1,0 +1,138 @@
+"""Who may join, and the answer to every greeting."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vsense.link.roster import Roster
+from vsense.link.status import LinkEvent, Teller, cut_text
+from vsense.link.table import Entry, Table
+from vsense.link.wire import (
+    TEXT_MAX,
+    GoodbyeCause,
+    Header,
+    Hello,
+    Notice,
+    PacketType,
+    Welcome,
+    decode,
+    encode,
+)
+from vsense.native import WireError
+
+S = 1_000_000_000
+TABLE = Table([Entry(1, "pollutant", "f4")])
+
+
+def roster(draws: Iterable[int] = range(1, 100)) -> Roster:
+    numbers = iter(draws)
+    return Roster({5: "epuck_5", 6: "epuck_6"}, TABLE, 10**8, 1, "", lambda: next(numbers))
+
+
+def hello(tag: int, uid: bytes = b"a") -> bytes:
+    return encode(Header(PacketType.HELLO, send_ns=77), Hello(uid.ljust(16), tag, "name", "test"))
+
+
+def test_the_welcome_carries_session_table_and_the_echo_of_the_greeting() -> None:
+    answer = roster([1234]).greet(hello(5), "here", S)
+    header, welcome = decode(answer.packet)
+    assert isinstance(welcome, Welcome)
+    assert (header.session, header.table_hash, header.run) == (1234, TABLE.hash, 1)
+    assert (header.send_ns, header.echo_ns, header.hold_us) == (S, 77, 0)
+    assert (welcome.table, welcome.timestep_us) == (TABLE, 100_000)
+
+
+def test_session_numbers_are_never_0_nor_one_that_was_just_used() -> None:
+    ours = roster([0, 9, 9, 0, 8, 8, 9, 7])
+    for tag, expected in ((5, 9), (6, 8), (5, 7)):
+        robot = ours.greet(hello(tag), "here", S).robot
+        assert robot is not None and robot.peer.session == expected
+        assert ours.of_session(expected) is robot
+    assert ours.of_session(9) is None and ours.of_session(0) is None
+
+
+def test_a_takeover_says_goodbye_to_the_old_connection() -> None:
+    ours = roster([3, 4])
+    assert ours.greet(hello(5), "here", S).farewell is None
+    ours.robots[5].address = ("10.0.0.5", 1)
+    answer = ours.greet(hello(5), "there", S)
+    assert ours.robots[5].address is None  # no datagram of the new session has come
+    assert answer.event.kind == "takeover" and answer.farewell is not None
+    header, notice = decode(answer.farewell)
+    assert isinstance(notice, Notice)
+    assert (header.session, notice.code) == (3, GoodbyeCause.TAKEN_OVER)
+
+
+@pytest.mark.parametrize(
+    ("uid", "after_ns", "kind"),
+    [
+        (b"a", 0, "takeover"),
+        (b"a", S, "reconnected"),
+        (b"b", 0, "refused"),
+        (b"b", S - 1, "refused"),
+        (b"b", S, "connected"),
+    ],
+)
+def test_who_gets_a_tag_that_was_given_before(uid: bytes, after_ns: int, kind: str) -> None:
+    ours = roster()
+    ours.greet(hello(5), "here", S)
+    answer = ours.greet(hello(5, uid), "there", S + after_ns)
+    assert (answer.event.kind, answer.event.tag) == (kind, 5)
+    assert (answer.robot is None) == (kind == "refused")
+
+
+def test_a_broken_connection_does_not_free_the_tag_before_a_second_is_over() -> None:
+    ours = roster()
+    robot = ours.greet(hello(5), "here", S).robot
+    assert robot is not None
+    robot.broke("was closed", S)
+    assert ours.greet(hello(5, b"b"), "there", S + 1).event.kind == "refused"
+    assert ours.greet(hello(5), "there", S + 1).event.kind == "reconnected"
+
+
+def test_only_hello_opens_a_session() -> None:
+    with pytest.raises(WireError, match="first packet"):
+        roster().greet(encode(Header(PacketType.GOODBYE), Notice(0)), "here", S)
+
+
+def test_parameters_that_no_welcome_can_carry_are_refused_before_the_start() -> None:
+    for timestep_ns, params in ((10**8, "x" * 513), (10**8, "a\tb"), (0, "")):
+        with pytest.raises(WireError):
+            Roster({}, TABLE, timestep_ns, 1, params)
+
+
+def test_the_list_of_expected_tags_is_cut_to_what_refuse_can_carry() -> None:
+    many = Roster(dict.fromkeys(range(1000), "robot"), TABLE, 10**8, 1, "")
+    answer = many.greet(hello(5000), "here", S)
+    notice = decode(answer.packet)[1]
+    assert isinstance(notice, Notice) and len(notice.text) == TEXT_MAX
+    assert answer.event.text.endswith("999")
+
+
+@given(st.text(st.characters(codec="utf-8"), max_size=300))
+def test_a_cut_text_fits_and_is_a_beginning(text: str) -> None:
+    short = cut_text(text)
+    assert text.startswith(short) and len(short.encode()) <= TEXT_MAX
+    assert short == text or len(short.encode()) > TEXT_MAX - 4
+
+
+def test_complaints_are_not_repeated_every_time() -> None:
+    told: list[LinkEvent] = []
+    teller = Teller(told.append)
+    for time_ns in (0, S, 9 * S, 10 * S, 11 * S):
+        teller.tell(LinkEvent("refused", 5, "tag in use", time_ns))
+        teller.tell(LinkEvent("lost", 5, "nothing heard", time_ns))
+    assert [e.time_ns // S for e in told if e.kind == "refused"] == [0, 10]
+    assert len([e for e in told if e.kind == "lost"]) == 5
+
+
+def test_many_different_complaints_take_bounded_memory() -> None:
+    told: list[LinkEvent] = []
+    teller = Teller(told.append)
+    for number in range(1000):
+        teller.tell(LinkEvent("protocol_error", None, str(number), 0))
+    assert len(told) == 1000 and len(teller._told) <= 256
