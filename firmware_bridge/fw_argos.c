@@ -111,14 +111,14 @@ size_t fw_argos_receive(struct fw_argos *fw, const uint8_t *buf, size_t len,
     return fw_line_put(&fw->rx, buf, len, now_us * NS_PER_US);
 }
 
-/* Drains the receive ring unless the program is busy. */
-static int run_program(struct fw_argos *fw, uint64_t now_ns)
+/* Drains the receive ring until the program is busy. Returns 1 at the first frame. */
+static int run_program(struct fw_argos *fw)
 {
     while (fw->busy_until_ns == 0 && fw->ring_read != fw->ring_write) {
         uint8_t byte = fw->ring[fw->ring_read];
 
         fw->ring_read = (fw->ring_read + 1) % FW_ARGOS_RING;
-        if (consume(fw, byte, now_ns))
+        if (consume(fw, byte, fw->lived_ns))
             return 1;
     }
     return 0;
@@ -126,24 +126,22 @@ static int run_program(struct fw_argos *fw, uint64_t now_ns)
 
 int fw_argos_advance(struct fw_argos *fw, uint64_t now_us)
 {
-    uint64_t now_ns = now_us * NS_PER_US;
-
-    for (;;) {
+    while (!run_program(fw)) {
         uint64_t at_ns = fw_line_next_ns(&fw->rx);
         int free_first = fw->busy_until_ns != 0 && fw->busy_until_ns <= at_ns;
         uint8_t byte;
 
         if (free_first)
             at_ns = fw->busy_until_ns;
-        if (at_ns > now_ns)
+        if (at_ns > now_us * NS_PER_US)
             return 0;
+        fw->lived_ns = at_ns;
         if (free_first)
             idle(fw, at_ns);
         else if (fw_line_get(&fw->rx, at_ns, &byte))
             interrupt(fw, byte);
-        if (run_program(fw, at_ns))
-            return 1;
     }
+    return 1;
 }
 
 size_t fw_argos_transmit(struct fw_argos *fw, uint8_t *buf, size_t cap,
@@ -167,5 +165,7 @@ uint64_t fw_argos_due_us(const struct fw_argos *fw)
     uint64_t tx_ns = all_through_ns(&fw->tx);
     uint64_t due_ns = rx_ns < tx_ns ? rx_ns : tx_ns;
 
+    if (fw->busy_until_ns != 0 && fw->busy_until_ns < due_ns)
+        due_ns = fw->busy_until_ns;
     return due_ns == UINT64_MAX ? UINT64_MAX : due_ns / NS_PER_US + 1;
 }

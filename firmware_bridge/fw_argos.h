@@ -80,6 +80,7 @@ struct fw_argos {
     uint8_t ring[FW_ARGOS_RING];
     uint32_t ring_read;
     uint32_t ring_write;
+    uint64_t lived_ns;      /* everything up to here has happened */
     uint64_t busy_until_ns; /* 0: it reads its ring */
     uint8_t sending;        /* busy transmitting, else with IRcom */
     struct fw_line rx;
@@ -103,8 +104,9 @@ int fw_argos_advance(struct fw_argos *fw, uint64_t now_us);
 size_t fw_argos_transmit(struct fw_argos *fw, uint8_t *buf, size_t cap,
                          uint64_t now_us);
 
-/* When all that is now on one of the two lines has arrived: polling earlier
- * than that gains nothing. UINT64_MAX if both are empty. */
+/* When all that is now on one of the two lines has arrived, or the program is
+ * no longer busy: polling earlier than that gains nothing. UINT64_MAX if
+ * nothing is under way. */
 uint64_t fw_argos_due_us(const struct fw_argos *fw);
 
 #ifdef __cplusplus

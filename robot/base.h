@@ -11,7 +11,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "vs_io.h"
+#include "../c_src/vs_io.h"
 
 #define VS_BASE_FRAME_MAX 128 /* [byte] largest answer of any base */
 #define VS_BASE_LEDS 0x3FF    /* bits 0-7 ring, 8 body, 9 front */
@@ -63,6 +63,7 @@ struct vs_base {
     /* the protocol's own */
     uint8_t phase;
     uint8_t fed;         /* bytes fed without an answer */
+    uint8_t proofs;      /* in a row that it stands where we think */
     size_t got;          /* bytes of the present answer */
     uint64_t written_ns; /* when the command before it was written */
     uint8_t frame[VS_BASE_FRAME_MAX];

@@ -9,8 +9,8 @@
 
 #include <string.h>
 
-#include "epuck_argos.h"
-#include "vs_posix.h"
+#include "../c_src/epuck_argos.h"
+#include "../c_src/vs_posix.h"
 
 #define LOCK_WAIT_NS 2000000000u /* [ns] for an earlier daemon's end */
 #define EXCHANGE_NS 30000000u    /* [ns] 7.3 are the line's */
@@ -18,10 +18,13 @@
 #define QUIET_NS 10000000u       /* [ns] longer than the 6.3 ms of a burst */
 #define DRAIN_NS 40000000u       /* [ns] longest step of draining */
 #define FEED_NS 15000000u        /* [ns] a burst comes within this or not at all */
+#define PROMPT_NS 10000000u      /* [ns] an answer later than this proves nothing */
 #define LEAVE_NS 3000000u        /* [ns] the line's time for a last frame */
 
 enum {
     FEEDS_MAX = EPUCK_ARGOS_ACTUATOR_LEN,
+    PROOFS = 2,
+    NO_BURST = 2 * EPUCK_ARGOS_SENSOR_LEN, /* as `got`: what is read proves nothing */
     PHASE_UNKNOWN = 0, /* nobody knows where the microcontroller stands */
     PHASE_READY,       /* it waits for a frame's first byte */
     PHASE_OWED,        /* it got a frame, its burst is not complete */
@@ -70,8 +73,8 @@ static int write_zeros(struct vs_base *base, size_t len)
     return base->io.write(base->io.context, zeros, len, base->written_ns + FEED_NS);
 }
 
-/* Waits for silence. Exactly one burst before it, late or left by an earlier
- * daemon, tells as much as one that was fed for. */
+/* Waits for silence. Exactly the burst that was owed before it tells as much as one
+ * that was fed for. */
 static int drain(struct vs_base *base)
 {
     uint64_t until_ns = now(base) + DRAIN_NS;
@@ -117,7 +120,8 @@ static int feed(struct vs_base *base)
 }
 
 /* The zero-speed frame, its last byte held back: a burst before that byte means
- * that fed bytes had piled up behind a slow answer. */
+ * that fed bytes had piled up behind a slow answer. Silence then proves the frame's
+ * place only if the far end was awake, which a prompt answer to the last byte shows. */
 static int prove(struct vs_base *base)
 {
     struct epuck_argos_sensors sensors;
@@ -127,17 +131,22 @@ static int prove(struct vs_base *base)
     base->phase = PHASE_QUIET;
     if (err == VS_OK)
         err = collect(base, base->written_ns + FEED_NS);
-    if (err != VS_ERR_BUSY || base->got > 0)
+    if (err != VS_ERR_BUSY || base->got > 0) {
+        base->got = NO_BURST;
+        base->proofs = 0;
         return err == VS_OK ? VS_ERR_BUSY : err;
+    }
     err = write_zeros(base, 1);
     if (err == VS_OK)
         err = collect(base, base->written_ns + EXCHANGE_NS);
-    if (err != VS_OK)
-        return err;
-    if (epuck_argos_get_sensors(base->frame, &sensors) != 0)
-        return VS_ERR_BUSY;
-    base->phase = PHASE_READY;
-    return VS_OK;
+    if (err == VS_OK && epuck_argos_get_sensors(base->frame, &sensors) != 0)
+        err = VS_ERR_BUSY;
+    base->proofs++;
+    if (err != VS_OK || now(base) >= base->written_ns + PROMPT_NS)
+        base->proofs = 0;
+    if (err == VS_OK)
+        base->phase = base->proofs < PROOFS ? PHASE_PROVE : PHASE_READY;
+    return err == VS_OK && base->proofs < PROOFS ? VS_ERR_BUSY : err;
 }
 
 static int recover_argos(struct vs_base *base)
@@ -151,8 +160,9 @@ static int recover_argos(struct vs_base *base)
         return drain(base);
     default:
         if (base->phase != PHASE_OWED)
-            base->got = 0;
+            base->got = NO_BURST;
         base->fed = 0;
+        base->proofs = 0;
         base->phase = PHASE_QUIET;
         return drain(base);
     }

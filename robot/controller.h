@@ -34,6 +34,7 @@ extern "C" {
 
 #define VS_CONTROLLER_STATE_MAX 16384 /* [byte] largest state of a controller */
 #define VS_ROBOT_STEPS_PER_CM 77.64   /* [step/cm] wheel of 41 mm, 1000 steps a turn */
+#define VS_ROBOT_MAX_STEPS_S 1000     /* [step/s] what the motors can do */
 #define VS_ROBOT_LED_RING 0xFF        /* the 8 red LEDs around the body */
 #define VS_ROBOT_LED_BODY 0x100
 #define VS_ROBOT_LED_FRONT 0x200

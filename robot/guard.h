@@ -19,7 +19,7 @@
 #define VS_GUARD_H
 
 #include "base.h"
-#include "vs_body.h"
+#include "../c_src/vs_body.h"
 
 #define VS_GUARD_BEAT_NS 250000000u /* [ns] a control step must follow within this */
 #define VS_GUARD_END_NS 1000000000u /* [ns] longest try to stop a base at the end */

@@ -8,7 +8,7 @@
 #include <unistd.h>
 
 #include "signals.h"
-#include "vs_posix.h"
+#include "../c_src/vs_posix.h"
 
 #define STOP_NS 500000000u /* [ns] two whole recoveries */
 
@@ -22,6 +22,7 @@ static void become_guard(struct vs_guard_link *link, int socket, int found)
             close(link->foreign_fds[i]);
     if (vs_signals_open(&signals_fd) != 0)
         _exit(VS_GUARD_UNSURE);
+    vs_signals_stay_awake();
     vs_signals_unblock();
     _exit(vs_guard_process(socket, signals_fd, link->base, found));
 }

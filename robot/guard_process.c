@@ -5,7 +5,7 @@
 #include <poll.h>
 #include <sys/socket.h>
 
-#include "vs_posix.h"
+#include "../c_src/vs_posix.h"
 
 #define RETRY_NS 15000000u /* [ns] between two tries on a device that fails at once */
 

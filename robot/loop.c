@@ -40,7 +40,7 @@ static void look_at_wish(struct vs_loop *loop)
 
     if (running != loop->running) {
         loop->running = (uint8_t)running;
-        loop->begin_ns = 0; /* the first step waits for none before it */
+        loop->begin_ns = loop->step_ns; /* an idle exchange delays no step */
         loop->hold_due = 1;
         loop->telemetry_due = 1;
     }
@@ -207,16 +207,17 @@ int vs_loop_request(struct vs_loop *loop, const struct vs_instant *now,
         give_act(loop, request);
     } else if (now->base_ns >= next_step_ns(loop)) {
         loop->begin_ns = now->base_ns;
-        if (loop->running)
+        if (loop->running) {
+            loop->step_ns = now->base_ns;
             request->kind = VS_GUARD_SENSE;
-        else
+        } else {
             give_hold(loop, request);
+        }
     } else if (now->base_ns - loop->sent_ns >= VS_LOOP_PING_NS) {
         request->kind = VS_GUARD_PING;
     } else {
         return 0;
     }
-    loop->kind = (uint8_t)request->kind;
     loop->waiting = 1;
     loop->sent_ns = now->base_ns;
     return 1;

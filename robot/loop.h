@@ -52,7 +52,6 @@ struct vs_loop {
     uint8_t hold_due;     /* the wheels must be told to stop */
     uint8_t ending;
     uint8_t waiting;      /* a request is with the guard */
-    uint8_t kind;         /* its enum vs_guard_kind */
     uint8_t acting;       /* 1: the controller decided, ACT is due or with the guard */
     uint8_t base_lost;
     uint8_t guard_lost;   /* replaced; until the next ACT */
@@ -66,6 +65,7 @@ struct vs_loop {
     uint32_t seen_run;
     uint64_t seen_fresh_ns; /* session->fresh_ns then */
     uint64_t begin_ns;    /* base's clock: newest step or idle exchange began */
+    uint64_t step_ns;     /* base's clock: newest step began */
     uint64_t sent_ns;     /* base's clock: newest request */
     uint64_t telemetry_ns;/* base's clock: newest telemetry */
 };

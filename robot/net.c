@@ -10,7 +10,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include "vs_posix.h"
+#include "../c_src/vs_posix.h"
 
 #define FINISH_NS 50000000u
 

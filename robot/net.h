@@ -8,7 +8,7 @@
 
 #include <poll.h>
 
-#include "vs_session.h"
+#include "../c_src/vs_session.h"
 
 #define VS_NET_RETRY_NS 200000000u    /* [ns] between two tries to connect */
 #define VS_NET_ATTEMPT_NS 500000000u  /* [ns] a try may take */

@@ -4,7 +4,7 @@
 #define VS_OPTIONS_H
 
 #include "base.h"
-#include "vs_session.h"
+#include "../c_src/vs_session.h"
 
 #define VSENSED_VERSION "0.1.0"
 

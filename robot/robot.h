@@ -8,7 +8,7 @@
 
 #include "base.h"
 #include "controller.h"
-#include "vs_session.h"
+#include "../c_src/vs_session.h"
 
 #define VS_STALE_TENTHS 25 /* [timestep/10] a reading older than this is stale */
 
@@ -27,8 +27,8 @@ struct vs_robot {
     void *context;
 };
 
-/* Makes the robot ready for a controller's init: nothing bound, set or known of
- * the base, random generator seeded. */
+/* Makes the robot ready for a controller's init: nothing bound, nothing set, the
+ * random generator seeded. */
 void vs_robot_begin(struct vs_robot *robot, const struct vs_session *session);
 
 /* 1 if something measured age_ns ago is stale. */

@@ -33,9 +33,9 @@ uint64_t vs_safety_expiry_ns(const struct vs_safety *s)
 
 static int16_t clamp(int16_t steps_s)
 {
-    if (steps_s > VS_SAFETY_MAX_STEPS_S)
-        return VS_SAFETY_MAX_STEPS_S;
-    return steps_s < -VS_SAFETY_MAX_STEPS_S ? -VS_SAFETY_MAX_STEPS_S : steps_s;
+    if (steps_s > VS_ROBOT_MAX_STEPS_S)
+        return VS_ROBOT_MAX_STEPS_S;
+    return steps_s < -VS_ROBOT_MAX_STEPS_S ? -VS_ROBOT_MAX_STEPS_S : steps_s;
 }
 
 void vs_safety_limit(struct vs_base_command *command, int may_move)

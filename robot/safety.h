@@ -11,10 +11,10 @@
 #define VS_SAFETY_H
 
 #include "base.h"
+#include "controller.h"
 
 #define VS_SAFETY_SILENCE_NS 400000000u /* [ns] after the last fresh state: wheels 0 */
 #define VS_SAFETY_RESUME 3              /* fresh states in a row that end a silence */
-#define VS_SAFETY_MAX_STEPS_S 1000      /* [step/s] what the e-puck's motors can do */
 
 struct vs_safety {
     uint64_t fresh_ns; /* newest fresh state, 0 = none */

@@ -11,6 +11,10 @@
 static volatile sig_atomic_t tell_fd = -1;
 static int told_fd = -1;
 
+static const int endings[] = {SIGTERM, SIGINT, SIGHUP, SIGQUIT};
+
+#define ENDINGS (sizeof endings / sizeof endings[0])
+
 static void tell(int number)
 {
     int why = errno;
@@ -34,6 +38,7 @@ static void handle(int number, void (*handler)(int))
 int vs_signals_open(int *fd)
 {
     int ends[2];
+    size_t i;
 
     if (pipe(ends) != 0)
         return -1;
@@ -45,21 +50,27 @@ int vs_signals_open(int *fd)
     }
     told_fd = ends[0];
     tell_fd = ends[1];
-    handle(SIGTERM, tell);
-    handle(SIGINT, tell);
+    for (i = 0; i < ENDINGS; i++)
+        handle(endings[i], tell);
     handle(SIGPIPE, SIG_IGN);
     *fd = told_fd;
     return 0;
 }
 
+void vs_signals_stay_awake(void)
+{
+    handle(SIGTSTP, SIG_IGN);
+}
+
 static void mask(int how)
 {
-    sigset_t both;
+    sigset_t set;
+    size_t i;
 
-    sigemptyset(&both);
-    sigaddset(&both, SIGTERM);
-    sigaddset(&both, SIGINT);
-    sigprocmask(how, &both, NULL);
+    sigemptyset(&set);
+    for (i = 0; i < ENDINGS; i++)
+        sigaddset(&set, endings[i]);
+    sigprocmask(how, &set, NULL);
 }
 
 void vs_signals_block(void)

@@ -1,14 +1,18 @@
 /* SPDX-License-Identifier: MIT */
-/* signals.h - SIGTERM and SIGINT as a descriptor that poll() can wait for. */
+/* signals.h - whatever tells a process to end, as a descriptor that poll() can wait for. */
 #ifndef VS_SIGNALS_H
 #define VS_SIGNALS_H
 
-/* From now on SIGTERM and SIGINT make *fd readable instead of ending the process,
- * and SIGPIPE is ignored. Called again, in a forked child, it starts a new
+/* From now on SIGTERM, SIGINT, SIGHUP and SIGQUIT make *fd readable instead of ending
+ * the process, and SIGPIPE is ignored. Called again, in a forked child, it starts a new
  * descriptor of the child's own. Returns 0, or -1 with errno set. */
 int vs_signals_open(int *fd);
 
-/* Holds both signals back between fork() and the child's vs_signals_open. */
+/* From now on Ctrl-Z does not stop this process: the guard has to stop the wheels of a
+ * worker that it did stop. */
+void vs_signals_stay_awake(void);
+
+/* Holds the signals back between fork() and the child's vs_signals_open. */
 void vs_signals_block(void);
 void vs_signals_unblock(void);
 

@@ -7,7 +7,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#define LINE_BYTES 4096 /* 32 names, 1116 bytes in hexadecimal, and the rest */
+#define LINE_BYTES 5120 /* 32 names and capture times, 1116 bytes in hexadecimal, the rest */
 
 static const char columns[] = "# columns: step timestep run now_ns rx_ns capture_ns age_ns "
                               "bound_ns stale left right leds values\n";
@@ -29,17 +29,23 @@ static void put_text(struct line *line, const char *text)
         put_char(line, *text++);
 }
 
+/* The bytes in hexadecimal, and when they were measured. */
 static void put_value(struct line *line, const struct vs_value *value)
 {
     static const char digits[] = "0123456789abcdef";
+    char capture[24];
     size_t i;
 
-    if (!value->known)
+    if (!value->known) {
         put_char(line, '-');
-    for (i = 0; value->known && i < value->size; i++) {
+        return;
+    }
+    for (i = 0; i < value->size; i++) {
         put_char(line, digits[value->data[i] >> 4]);
         put_char(line, digits[value->data[i] & 15]);
     }
+    snprintf(capture, sizeof capture, "@%" PRIu64, value->capture_ns);
+    put_text(line, capture);
 }
 
 static void put_values(struct line *line, const struct vs_session *session)

@@ -9,7 +9,7 @@
 #include "report.h"
 #include "signals.h"
 #include "trace.h"
-#include "vs_posix.h"
+#include "../c_src/vs_posix.h"
 
 #define PACKETS_AT_ONCE 64   /* then guard and steps get their turn */
 #define LATE_NS 10000000u    /* [ns] a wake-up later than this is worth an excuse */
@@ -35,93 +35,21 @@ static void complain(void *context, const char *what, const char *name)
     vs_report("controller '%s': %s '%s'", vs_controller.name, what, name);
 }
 
-static void report_open(const struct vs_worker *w)
-{
-    const struct vs_table *table = &w->session.table;
-
-    vs_report("connected to %s:%u: %u sensors, %u actuators, timestep %lu ms", w->options->host,
-              (unsigned int)w->options->port, (unsigned int)table->sensors,
-              (unsigned int)table->actuators, (unsigned long)(w->session.timestep_ns / 1000000u));
-}
-
-/* What the host offers and the controller's init did not ask for. */
-static void report_unused(const struct vs_worker *w)
-{
-    const struct vs_table *table = &w->session.table;
-    uint32_t i;
-
-    for (i = 0; i < table->count; i++)
-        if ((w->loop.robot.bound >> i & 1u) == 0)
-            vs_report("controller '%s' does not know '%s': ignored", vs_controller.name,
-                      table->entries[i].name);
-}
-
-static void report_refusal(struct vs_worker *w)
-{
-    if (strcmp(w->told_refusal, w->session.notice.text) == 0)
-        return;
-    memcpy(w->told_refusal, w->session.notice.text, sizeof w->told_refusal);
-    vs_report("the host refuses: %s; trying on", w->told_refusal);
-}
-
-static void report_lost(struct vs_worker *w, const char *why)
-{
-    if (w->told_connected)
-        vs_report("connection lost: %s; trying on", why);
-    w->told_connected = 0;
-}
-
-static const char *cause_text(enum vs_stop_cause cause)
-{
-    static const char *const texts[] = {
-        "wheels free",
-        "wheels held: the host wants no run now",
-        "wheels held: no session with the host",
-        "wheels held: nothing fresh from the host for 400 ms",
-        "wheels held: no completed control step for 250 ms",
-        "wheels held: the base does not answer",
-        "wheels held: the guard was replaced",
-        "wheels held: the daemon ends",
-    };
-
-    return texts[cause < sizeof texts / sizeof texts[0] ? cause : VS_CAUSE_BASE];
-}
-
-static void report_cause(struct vs_worker *w, const struct vs_instant *now)
-{
-    enum vs_stop_cause cause = vs_loop_cause(&w->loop, now);
-
-    if (cause == w->told_cause)
-        return;
-    w->told_cause = (uint8_t)cause;
-    vs_report("%s", cause_text(cause));
-}
-
 static void on_event(struct vs_worker *w, enum vs_event event, const struct vs_instant *now)
 {
     vs_loop_event(&w->loop, event, now);
-    if (event == VS_EV_OPEN) {
-        w->told_connected = 1;
-        w->told_refusal[0] = '\0';
-        report_open(w);
-    } else if (event == VS_EV_REFUSED) {
-        report_refusal(w);
+    vs_talk_event(&w->talk, event, &w->session);
+    if (event == VS_EV_REFUSED)
         vs_net_close(&w->net, &w->session, "refused", now->base_ns, VS_NET_REFUSED_NS);
-    } else if (event == VS_EV_GOODBYE) {
-        report_lost(w, w->session.notice.text);
+    else if (event == VS_EV_GOODBYE)
         vs_net_close(&w->net, &w->session, "goodbye", now->base_ns, VS_NET_RETRY_NS);
-    } else if (event == VS_EV_UDP_LOST) {
-        vs_report("no UDP from the host for 1 s: going on over TCP");
-    } else if (event == VS_EV_UDP_UP) {
-        vs_report("UDP is back");
-    }
 }
 
 static void on_lost(struct vs_worker *w, enum vs_net_result result, const struct vs_instant *now)
 {
     if (result != VS_NET_LOST)
         return;
-    report_lost(w, w->net.why);
+    vs_talk_lost(&w->talk, w->net.why);
     vs_loop_event(&w->loop, VS_EV_NONE, now);
 }
 
@@ -208,7 +136,7 @@ static void on_reply(struct vs_worker *w, const struct vs_guard_reply *reply)
 
     vs_loop_reply(&w->loop, reply, &now);
     if (!begun && w->loop.begun)
-        report_unused(w);
+        vs_talk_unused(&w->loop.robot, vs_controller.name);
     if (w->loop.trace_due && w->trace_fd >= 0 && vs_trace_step(w->trace_fd, &w->loop) != 0) {
         vs_report("trace ends: cannot write it: %s", strerror(errno));
         close(w->trace_fd);
@@ -253,7 +181,7 @@ static void serve_host(struct vs_worker *w)
     uint8_t packet[VS_DATAGRAM_MAX];
     size_t len;
 
-    report_cause(w, &now);
+    vs_talk_cause(&w->talk, vs_loop_cause(&w->loop, &now), now.base_ns);
     if (vs_loop_telemetry(&w->loop, &now, &telemetry)) {
         telemetry.base_errors = w->guard.base_errors;
         telemetry.guard_restarts = w->guard.restarts;
@@ -267,7 +195,6 @@ static void serve_host(struct vs_worker *w)
 static void await(struct vs_worker *w)
 {
     struct pollfd fds[FD_COUNT] = {{-1, 0, 0}};
-    uint64_t now_ns = vs_posix_now_ns();
     uint64_t wake_ns = vs_loop_wake_ns(&w->loop);
     uint64_t other_ns = vs_net_wake_ns(&w->net);
 
@@ -281,11 +208,11 @@ static void await(struct vs_worker *w)
     fds[FD_SIGNALS].events = POLLIN;
     fds[FD_GUARD].fd = w->guard.socket;
     fds[FD_GUARD].events = POLLIN;
-    poll(fds, FD_COUNT, vs_posix_timeout_ms(now_ns, wake_ns));
-    if (wake_ns < now_ns)
-        wake_ns = now_ns;
-    now_ns = vs_posix_now_ns();
-    w->late_ns = now_ns > wake_ns ? now_ns - wake_ns : 0;
+    poll(fds, FD_COUNT, vs_posix_timeout_ms(vs_posix_now_ns(), wake_ns));
+    if (wake_ns < w->round_ns)
+        wake_ns = w->round_ns;
+    w->round_ns = vs_posix_now_ns();
+    w->late_ns = w->round_ns > wake_ns ? w->round_ns - wake_ns : 0;
     if (fds[FD_SIGNALS].revents)
         vs_loop_end(&w->loop);
 }
@@ -369,7 +296,7 @@ int vs_worker_run(struct vs_worker *w, const struct vs_options *options)
     w->guard.base = &w->base;
     w->guard.foreign_fds = w->foreign;
     w->guard.foreign_count = sizeof w->foreign / sizeof w->foreign[0];
-    w->told_cause = VS_CAUSE_NO_SESSION;
+    w->talk.cause = VS_CAUSE_NO_SESSION;
     if ((status = open_session(w)) != 0 || (status = open_net(w)) != 0 ||
         (status = open_files(w)) != 0)
         return status;
@@ -377,6 +304,7 @@ int vs_worker_run(struct vs_worker *w, const struct vs_options *options)
         return w->status;
     vs_report("up: controller '%s', base %s, host %s:%u", vs_controller.name, options->device,
               options->host, (unsigned int)options->port);
+    w->round_ns = vs_posix_now_ns();
     while (!w->ended) {
         serve_net(w);
         serve_guard(w);

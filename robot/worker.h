@@ -10,6 +10,7 @@
 #include "loop.h"
 #include "net.h"
 #include "options.h"
+#include "talk.h"
 
 union vs_controller_state {
     uint64_t for_alignment;
@@ -28,12 +29,11 @@ struct vs_worker {
     int signals_fd;
     int trace_fd;      /* -1: none */
     int foreign[3];    /* descriptors that a guard must not hold */
-    uint64_t late_ns;  /* how late the newest wake-up was */
+    uint64_t round_ns; /* when this round of the loop began */
+    uint64_t late_ns;  /* how late that was */
     uint8_t ended;     /* the base was handed back */
     int status;        /* exit status once ended */
-    uint8_t told_cause;
-    uint8_t told_connected;
-    char told_refusal[VS_TEXT_MAX + 1];
+    struct vs_talk talk;
 };
 
 /* Runs the daemon. Returns its exit status: 0 after a signal, 1 if the base is gone

@@ -18,8 +18,15 @@ from pathlib import Path
 
 from vsense.errors import UsageError, VsenseError
 
-CFLAGS = ("-std=c99", "-D_POSIX_C_SOURCE=200809L", "-O2", "-DVS_NO_ATOMICS")
+CFLAGS = (
+    *("-std=c99", "-D_POSIX_C_SOURCE=200809L", "-O2", "-ffunction-sections", "-fdata-sections"),
+    "-DVS_NO_ATOMICS",
+)
 """The worker is single-threaded: without atomics the same sources link on ARMv5, too."""
+
+LIBRARIES = ("-Wl,--gc-sections", "-Wl,--as-needed", "-lm")
+"""What only the host uses of the C library is left out. The daemon needs libc alone; a user's
+controller may want sines, and only then gets libm."""
 
 SHIPPED_CONTROLLER = "pollutant"
 
@@ -148,7 +155,7 @@ def compile_daemon(tree: SourceTree, controller: Path, target: Path) -> None:
     except OSError as error:
         raise BuildError(f"cannot build in {target.parent}: {error.strerror}") from error
     os.close(handle)
-    command = [*compiler(), *CFLAGS, *includes, "-s", "-o", name, *map(str, sources), "-lm"]
+    command = [*compiler(), *CFLAGS, *includes, "-s", "-o", name, *map(str, sources), *LIBRARIES]
     result = subprocess.run(command, capture_output=True, text=True)
     if result.returncode != 0:
         os.unlink(name)

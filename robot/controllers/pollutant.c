@@ -5,15 +5,13 @@
  * light the red LEDs, as if cleaning; go on when it has gone.
  *
  * Parameters: stop_probability per timestep (0.3), speed_cm_s (10), walk_s mean
- * length of a straight run (4), near_raw proximity that counts as an obstacle (150,
+ * duration of a straight run (4), near_raw proximity that counts as an obstacle (150,
  * about 4 cm).
  */
-#include <math.h>
-#include <stddef.h>
-
-#include "../controller.h"
+#include "controller.h"
 
 #define PI 3.14159265358979
+#define AHEAD_RAD 1.5 /* sensors beyond it do not look where we go */
 #define AXLE_CM 5.3
 #define TURN_SHARE 0.6 /* of the speed, for turning on the spot */
 
@@ -31,20 +29,6 @@ struct cleaner {
     double direction; /* of the present turn: 1 left, -1 right */
 };
 
-static void init(void *state, struct vs_robot *robot)
-{
-    struct cleaner *s = state;
-
-    s->pollutant = vs_robot_sensor(robot, "pollutant");
-    s->proximity = vs_robot_sensor(robot, "proximity");
-    s->stop_probability = vs_robot_param(robot, "stop_probability", 0.3);
-    s->speed_steps_s = vs_robot_param(robot, "speed_cm_s", 10.0) * VS_ROBOT_STEPS_PER_CM;
-    s->walk_s = vs_robot_param(robot, "walk_s", 4.0);
-    s->near_raw = vs_robot_param(robot, "near_raw", 150.0);
-    s->activity = WALK;
-    s->left_s = s->walk_s * vs_robot_random(robot);
-}
-
 static int senses_pollutant(const struct cleaner *s, const struct vs_robot *robot)
 {
     struct vs_reading reading = vs_robot_read(robot, s->pollutant);
@@ -53,7 +37,7 @@ static int senses_pollutant(const struct cleaner *s, const struct vs_robot *robo
 }
 
 /* How much stands ahead: > 0 if anything does; *side is 1 if it is rather on the
- * left, -1 on the right. Sensors beside and behind do not look where we go. */
+ * left, -1 on the right. */
 static double obstacle(const struct cleaner *s, const struct vs_robot *robot, double *side)
 {
     double prox[8];
@@ -66,7 +50,7 @@ static double obstacle(const struct cleaner *s, const struct vs_robot *robot, do
     for (i = 0; i < 8; i++) {
         double angle_rad = vs_robot_sensor_angle_rad[i];
 
-        if (prox[i] < s->near_raw || cos(angle_rad) < 0.1)
+        if (prox[i] < s->near_raw || angle_rad > AHEAD_RAD || angle_rad < -AHEAD_RAD)
             continue;
         ahead += prox[i];
         left += prox[i] * (angle_rad > 0.0 ? 1.0 : -1.0);
@@ -86,7 +70,7 @@ static double turn_time_s(const struct cleaner *s, double angle_rad)
 static void begin_walk(struct cleaner *s, struct vs_robot *robot)
 {
     s->activity = WALK;
-    s->left_s = -s->walk_s * log(1.0 - vs_robot_random(robot));
+    s->left_s = 2.0 * s->walk_s * vs_robot_random(robot);
 }
 
 static void begin_turn(struct cleaner *s, struct vs_robot *robot)
@@ -126,6 +110,29 @@ static void wander(struct cleaner *s, struct vs_robot *robot)
         vs_robot_set_wheels(robot, (int)s->speed_steps_s, (int)s->speed_steps_s);
     else
         vs_robot_set_wheels(robot, (int)(-s->direction * spin), (int)(s->direction * spin));
+}
+
+/* A parameter that is a speed: forwards, and no faster than the motors can. */
+static double speed_param_steps_s(struct vs_robot *robot)
+{
+    double speed_steps_s = vs_robot_param(robot, "speed_cm_s", 10.0) * VS_ROBOT_STEPS_PER_CM;
+
+    if (speed_steps_s > VS_ROBOT_MAX_STEPS_S)
+        return VS_ROBOT_MAX_STEPS_S;
+    return speed_steps_s > 0.0 ? speed_steps_s : 0.0;
+}
+
+static void init(void *state, struct vs_robot *robot)
+{
+    struct cleaner *s = state;
+
+    s->pollutant = vs_robot_sensor(robot, "pollutant");
+    s->proximity = vs_robot_sensor(robot, "proximity");
+    s->stop_probability = vs_robot_param(robot, "stop_probability", 0.3);
+    s->speed_steps_s = speed_param_steps_s(robot);
+    s->walk_s = vs_robot_param(robot, "walk_s", 4.0);
+    s->near_raw = vs_robot_param(robot, "near_raw", 150.0);
+    begin_walk(s, robot);
 }
 
 static void step(void *state, struct vs_robot *robot)

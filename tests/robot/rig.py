@@ -25,6 +25,7 @@ from vsense.link.wire import (
     Notice,
     PacketType,
     RefuseCode,
+    StopCause,
     Telemetry,
     Wanted,
     Welcome,
@@ -258,6 +259,7 @@ class Rig:
         self.base = Microcontrollers(1)
         self.applied: list[Actuation] = []
         self.held_up_ns = 0
+        self.plugged = True
         self.daemons: list[Daemon] = []
 
     @property
@@ -299,13 +301,14 @@ class Rig:
     def live(self) -> None:
         """One round, of a millisecond at the longest."""
         began_ns = time.monotonic_ns()
-        masters = self.base.readable()
+        masters = self.base.readable() if self.plugged else []
         pipes = [d.stderr for d in self.daemons if d.open]
         watched = [*masters, *self.host.descriptors(), *pipes]
         ready = set(select.select(watched, [], [], 0.001)[0])
         now_ns = time.monotonic_ns()
-        self.base.receive([m for m in masters if m in ready], now_ns)
-        self.applied += self.base.advance(now_ns)
+        if self.plugged:
+            self.base.receive([m for m in masters if m in ready], now_ns)
+            self.applied += self.base.advance(now_ns)
         self.host.serve(ready, now_ns)
         for daemon in self.daemons:
             if daemon.open and daemon.stderr in ready:
@@ -313,14 +316,29 @@ class Rig:
         self.held_up_ns = max(self.held_up_ns, time.monotonic_ns() - began_ns - MS)
 
     def run(self) -> None:
-        """Has the host want a run, and waits until the wheels turn."""
+        """Has the host want a run, and waits until the wheels turn and the robot says so."""
         self.wait_for(lambda: self.host.connected, "a session")
         self.host.wanted = Wanted.RUN
-        self.wait_for(lambda: self.moving, "motion")
+        heard = len(self.host.telemetry)
+        self.wait_for(
+            lambda: (
+                self.moving
+                and len(self.host.telemetry) > heard
+                and self.host.last.left_steps_s != 0
+                and self.host.last.stop_cause == StopCause.NONE
+            ),
+            "motion",
+        )
+
+    def unplug(self) -> None:
+        """Pulls the serial line's plug."""
+        if self.plugged:
+            self.plugged = False
+            self.base.close()
 
     def close(self) -> None:
         """Ends everything."""
         for daemon in self.daemons:
             daemon.close()
         self.host.close()
-        self.base.close()
+        self.unplug()

@@ -139,9 +139,9 @@ def latencies(run: Run) -> dict[str, dict[str, float | None]]:
     to_control: list[float] = []
     to_wheels: list[float] = []
     for trace, applied in zip(run.traces, run.actuated):
-        _, first = np.unique(trace["capture_ns"], return_index=True)
+        _, first = np.unique(trace["newest_ns"], return_index=True)
         for line in trace[first]:
-            start = origin.get(int(line["capture_ns"]))
+            start = origin.get(int(line["newest_ns"]))
             if start is None:
                 continue
             to_robot.append((line["rx_ns"] - start) / 1e6)
@@ -211,7 +211,7 @@ def _first_lines(trace: NDArray[np.void]) -> dict[int, np.void]:
 def age_errors_ms(run: Run) -> NDArray[np.float64]:
     """How wrong each robot was about the age of what it held, in ms."""
     lines = np.concatenate([trace[trace["known"]] for trace in run.traces])
-    true_age_ns = lines["now_ns"] - lines["capture_ns"]
+    true_age_ns = lines["now_ns"] - lines["newest_ns"]
     return np.asarray(np.abs(lines["age_ns"] - true_age_ns) / 1e6)
 
 

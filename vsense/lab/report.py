@@ -46,7 +46,7 @@ def gather(session: Session) -> metrics.Run:
     lit = (truth["leds"][:, :robots] & RING_LEDS) != 0
     actuations = read_actuations(session.floor.log)
     tags = tuple(robot.tag for robot in experiment.robots)
-    traces = [read_trace(robot, "pollutant") for robot in session.swarm.robots]
+    traces = [read_trace(robot, "pollutant", session.dt_ns) for robot in session.swarm.robots]
     return metrics.Run(
         timesteps=steps,
         wanted=experiment.timesteps or len(steps),

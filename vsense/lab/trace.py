@@ -16,8 +16,9 @@ TRACE = np.dtype(
         ("timestep", "i8"),
         ("now_ns", "i8"),
         ("rx_ns", "i8"),
-        ("capture_ns", "i8"),
+        ("newest_ns", "i8"),
         ("age_ns", "i8"),
+        ("capture_ns", "i8"),
         ("stale", "?"),
         ("known", "?"),
         ("value", "f8"),
@@ -26,17 +27,23 @@ TRACE = np.dtype(
 """One control step of one robot; all times on the host's clock.
 
 `now_ns` is when the controller was called, `rx_ns` when the datagram had come that brought the
-newest capture, `capture_ns` the capture time of the value, `age_ns` what the daemon took for the
-value's age, `known` whether it held one at all, and `value` the value.
+newest capture, `newest_ns` the time of that capture, `age_ns` what the daemon took for its age,
+`known` whether the controller held a value at all, `value` the value, `capture_ns` when that was
+measured, and `stale` whether it is too old to act on.
 """
 
 
-def read_trace(robot: Robot, sensor: str) -> NDArray[np.void]:
+STALE_TIMESTEPS = 2.5
+"""A value older than this is stale: `VS_STALE_TENTHS` in `robot/robot.h`."""
+
+
+def read_trace(robot: Robot, sensor: str, dt_ns: int) -> NDArray[np.void]:
     """Reads a robot's trace for one of its virtual sensors.
 
     Args:
         robot: whose trace, and how wrong its clock is.
         sensor: the sensor's name; its layout is one single.
+        dt_ns: length of a timestep.
 
     Returns:
         (n,) TRACE; empty where the daemon never made a step. A last line that was cut off by the
@@ -54,21 +61,26 @@ def read_trace(robot: Robot, sensor: str) -> NDArray[np.void]:
         if not line.endswith("\n") or not words or words[0] != "step":
             continue
         rows.append(_row(robot, words, sensor, f"{robot.trace}:{number}"))
-    return np.array(rows, TRACE)
+    trace = np.array(rows, TRACE)
+    # As the daemon told the controller: by its own idea of the value's age.
+    age_ns = trace["age_ns"] + trace["newest_ns"] - trace["capture_ns"]
+    trace["stale"] = ~trace["known"] | (age_ns > STALE_TIMESTEPS * dt_ns)
+    return trace
 
 
 def _row(robot: Robot, words: list[str], sensor: str, where: str) -> tuple[object, ...]:
     fields = dict(zip(words[::2], words[1::2]))
     try:
-        value = _value(fields["values"], sensor)
+        value, capture_ns = _value(fields["values"], sensor)
         return (
             int(fields["step"]),
             int(fields["timestep"]),
             robot.host_time_ns(int(fields["now_ns"])),
             robot.host_time_ns(int(fields["rx_ns"])),
             int(fields["capture_ns"]),
-            min(int(fields["age_ns"]), 2**63 - 1),
-            fields["stale"] != "0",
+            int(fields["age_ns"]),
+            capture_ns,
+            False,
             value is not None,
             0.0 if value is None else value,
         )
@@ -76,7 +88,10 @@ def _row(robot: Robot, words: list[str], sensor: str, where: str) -> tuple[objec
         raise LabError(f"{where}: not a trace line: {error}") from None
 
 
-def _value(text: str, sensor: str) -> float | None:
-    """The value of a sensor in "name=hex,name=hex", None where it was never measured."""
+def _value(text: str, sensor: str) -> tuple[float | None, int]:
+    """Value and capture time of a sensor in "name=hex@ns,..."; None and 0 if never measured."""
     held = dict(item.split("=", 1) for item in text.split(","))[sensor]
-    return None if held == "-" else float(struct.unpack("<f", bytes.fromhex(held))[0])
+    if held == "-":
+        return None, 0
+    digits, capture = held.split("@")
+    return float(struct.unpack("<f", bytes.fromhex(digits))[0]), int(capture)

@@ -1,0 +1,329 @@
+/* SPDX-License-Identifier: MIT */
+/* What a controller sees through controller.h, and what the pollutant controller does. */
+#include <math.h>
+#include <string.h>
+
+#include "check.h"
+#include "robot.h"
+
+#define MS UINT64_C(1000000)
+
+struct world {
+    struct vs_session session;
+    struct vs_robot robot;
+    uint64_t state[VS_CONTROLLER_STATE_MAX / 8];
+    int complaints;
+    char complaint[80];
+};
+
+static void complain(void *context, const char *what, const char *name)
+{
+    struct world *w = context;
+
+    w->complaints++;
+    snprintf(w->complaint, sizeof w->complaint, "%s '%s'", what, name);
+}
+
+static void add(struct world *w, uint8_t direction, const char *name, const char *layout)
+{
+    struct vs_table *table = &w->session.table;
+
+    CHECK(vs_table_add(table, (uint8_t)table->count, direction, name, layout) == VS_OK);
+}
+
+static void begin(struct world *w, const char *params)
+{
+    struct vs_session_config config;
+
+    memset(w, 0, sizeof *w);
+    memset(&config, 0, sizeof config);
+    config.tag = 5;
+    CHECK(vs_session_init(&w->session, &config) == VS_OK);
+    w->session.seed = 42;
+    w->session.timestep_ns = 100 * MS;
+    strcpy(w->session.params, params);
+    w->session.capture_ns = 5000 * MS;
+    w->robot.complain = complain;
+    w->robot.context = w;
+    w->robot.session_ns = 9000 * MS;
+    w->robot.now_ns = 1000 * MS;
+    /* host's clock = ours - 4 s, known exactly */
+    CHECK(vs_clock_sample(&w->session.clock, 1, (uint64_t)1 - 4000 * MS, 0, 1) == VS_OK);
+    vs_robot_begin(&w->robot, &w->session);
+}
+
+static void put(struct world *w, const char *name, const uint8_t *data, uint32_t older_us)
+{
+    const struct vs_entry *e = &w->session.table.entries[vs_table_find(&w->session.table, name)];
+
+    memcpy(w->session.state.payload + e->offset, data, e->size);
+    w->session.state.older_us[e->rank] = older_us;
+}
+
+static void test_every_layout(void)
+{
+    static const struct {
+        const char *layout;
+        uint8_t data[8];
+        double values[2];
+    } rows[] = {
+        {"2*u1", {0, 255}, {0, 255}},
+        {"2*i2", {0xFF, 0x7F, 0, 0x80}, {32767, -32768}},
+        {"2*u2", {0xFF, 0xFF, 1, 0}, {65535, 1}},
+        {"2*i4", {0xFF, 0xFF, 0xFF, 0xFF, 1, 0, 0, 0x80}, {-1, -2147483647}},
+        {"2*u4", {0xFF, 0xFF, 0xFF, 0xFF, 1, 0, 0, 0x80}, {4294967295.0, 2147483649.0}},
+        {"2*f4", {0, 0, 0x80, 0x3F, 0, 0, 0x20, 0xC0}, {1, -2.5}},
+    };
+    size_t i;
+
+    for (i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        struct world w;
+        double values[3] = {7, 7, 7};
+        int sensor;
+
+        begin(&w, "");
+        add(&w, VS_SENSOR, "before", "3*u1");
+        add(&w, VS_SENSOR, "it", rows[i].layout);
+        put(&w, "it", rows[i].data, 0);
+        sensor = vs_robot_sensor(&w.robot, "it");
+        CHECK(vs_robot_values(&w.robot, sensor, values, 3) == 2);
+        CHECK(fabs(values[0] - rows[i].values[0]) < 1e-12);
+        CHECK(fabs(values[1] - rows[i].values[1]) < 1e-12);
+        CHECK(fabs(values[2] - 7) < 1e-12);
+        CHECK(vs_robot_values(&w.robot, sensor, values, 0) == 2);
+        CHECK(w.robot.bound == 2 && w.complaints == 0);
+    }
+}
+
+static void test_age_and_staleness(void)
+{
+    static const uint8_t one[] = {1};
+    struct world w;
+    struct vs_reading reading;
+    int sensor;
+
+    begin(&w, "");
+    add(&w, VS_SENSOR, "it", "u1");
+    sensor = vs_robot_sensor(&w.robot, "it");
+    put(&w, "it", one, VS_NEVER_US);
+    reading = vs_robot_read(&w.robot, sensor);
+    CHECK(!reading.known && reading.stale && reading.age_ns == UINT64_MAX);
+    put(&w, "it", one, 0);
+    reading = vs_robot_read(&w.robot, sensor);
+    CHECK(reading.known && !reading.stale && reading.age_ns == 0);
+    put(&w, "it", one, 250000);
+    reading = vs_robot_read(&w.robot, sensor);
+    CHECK(reading.known && !reading.stale && reading.age_ns == 250 * MS);
+    put(&w, "it", one, 250001);
+    reading = vs_robot_read(&w.robot, sensor);
+    CHECK(reading.known && reading.stale && reading.age_ns == 250001000u);
+    vs_clock_init(&w.session.clock);
+    reading = vs_robot_read(&w.robot, sensor);
+    CHECK(reading.known && reading.stale && reading.age_ns == UINT64_MAX);
+}
+
+static void test_own_sensors_and_their_virtual_twins(void)
+{
+    static const uint8_t data[] = {9};
+    struct world w;
+    struct vs_reading reading;
+    double values[8];
+    int sensor;
+
+    begin(&w, "");
+    sensor = vs_robot_sensor(&w.robot, "proximity");
+    CHECK(!vs_robot_read(&w.robot, sensor).known);
+    w.robot.base_ns = 700 * MS;
+    w.robot.base.prox[7] = 4000;
+    w.robot.base.light[0] = 77;
+    w.robot.base.battery_low = VS_BATTERY_UNKNOWN;
+    reading = vs_robot_read(&w.robot, sensor);
+    CHECK(reading.known && reading.stale && reading.age_ns == 300 * MS);
+    CHECK(vs_robot_values(&w.robot, sensor, values, 8) == 8 && values[7] > 3999);
+    CHECK(vs_robot_read(&w.robot, vs_robot_sensor(&w.robot, "light")).value > 76);
+    CHECK(!vs_robot_read(&w.robot, vs_robot_sensor(&w.robot, "battery_low")).known);
+    w.robot.base.battery_low = 1;
+    CHECK(vs_robot_read(&w.robot, vs_robot_sensor(&w.robot, "battery_low")).value > 0);
+    add(&w, VS_SENSOR, "light", "u1");
+    put(&w, "light", data, 0);
+    CHECK(vs_robot_values(&w.robot, vs_robot_sensor(&w.robot, "light"), values, 8) == 1);
+    CHECK(w.complaints == 0);
+    sensor = vs_robot_sensor(&w.robot, "smell");
+    CHECK(w.complaints == 1 && strcmp(w.complaint, "nobody offers the sensor 'smell'") == 0);
+    CHECK(!vs_robot_read(&w.robot, sensor).known);
+    CHECK(vs_robot_values(&w.robot, sensor, values, 8) == 0);
+}
+
+static void test_actuators_are_clipped_to_their_type(void)
+{
+    static const uint8_t expected[] = {255, 0, 0x00, 0x80, 0xFF, 0x7F, 0, 0, 0x20, 0xC0};
+    struct world w;
+    int paint;
+    int pump;
+    int horn;
+
+    begin(&w, "");
+    add(&w, VS_SENSOR, "eye", "u1");
+    add(&w, VS_ACTUATOR, "paint", "2*u1");
+    add(&w, VS_ACTUATOR, "pump", "2*i2");
+    add(&w, VS_ACTUATOR, "horn", "f4");
+    paint = vs_robot_actuator(&w.robot, "paint");
+    pump = vs_robot_actuator(&w.robot, "pump");
+    horn = vs_robot_actuator(&w.robot, "horn");
+    vs_robot_actuate(&w.robot, paint, 0, 300.0);
+    vs_robot_actuate(&w.robot, paint, 1, (double)NAN);
+    vs_robot_actuate(&w.robot, paint, 2, 1.0);
+    vs_robot_actuate(&w.robot, paint, -1, 1.0);
+    vs_robot_actuate(&w.robot, pump, 0, -40000.0);
+    vs_robot_actuate(&w.robot, pump, 1, 40000.0);
+    vs_robot_actuate(&w.robot, horn, 0, -2.5);
+    CHECK(memcmp(w.robot.actuators, expected, sizeof expected) == 0);
+    vs_robot_actuate(&w.robot, vs_robot_actuator(&w.robot, "eye"), 0, 1.0);
+    vs_robot_actuate(&w.robot, vs_robot_actuator(&w.robot, "wing"), 0, 1.0);
+    CHECK(w.complaints == 2 && memcmp(w.robot.actuators, expected, sizeof expected) == 0);
+}
+
+static void test_parameters(void)
+{
+    struct world w;
+
+    begin(&w, "a=1.5\nab=2\nbad=3 apples\nendless=inf\nlast=-7");
+    CHECK(fabs(vs_robot_param(&w.robot, "a", 9) - 1.5) < 1e-12);
+    CHECK(fabs(vs_robot_param(&w.robot, "ab", 9) - 2) < 1e-12);
+    CHECK(fabs(vs_robot_param(&w.robot, "last", 9) + 7) < 1e-12);
+    CHECK(fabs(vs_robot_param(&w.robot, "b", 9) - 9) < 1e-12);
+    CHECK(w.complaints == 0);
+    CHECK(fabs(vs_robot_param(&w.robot, "bad", 9) - 9) < 1e-12);
+    CHECK(fabs(vs_robot_param(&w.robot, "endless", 9) - 9) < 1e-12);
+    CHECK(w.complaints == 2);
+}
+
+static void test_random_is_the_robots_own(void)
+{
+    struct world one;
+    struct world same;
+    struct world other;
+    double sum = 0.0;
+    int equal = 0;
+    int i;
+
+    begin(&one, "");
+    begin(&same, "");
+    begin(&other, "");
+    other.session.config.tag++;
+    vs_robot_begin(&other.robot, &other.session);
+    for (i = 0; i < 10000; i++) {
+        double value = vs_robot_random(&one.robot);
+        double twin = vs_robot_random(&same.robot);
+
+        CHECK(value >= 0.0 && value < 1.0);
+        CHECK(fabs(value - twin) <= 0.0);
+        equal += fabs(vs_robot_random(&other.robot) - value) <= 0.0;
+        sum += value;
+    }
+    CHECK(equal == 0);
+    CHECK(fabs(sum / 10000 - 0.5) < 0.02);
+}
+
+/* One step of the pollutant controller; returns the LEDs. */
+static unsigned int clean(struct world *w, double pollutant, uint32_t older_us)
+{
+    uint8_t data[4];
+
+    vs_store_f4(data, (float)pollutant);
+    put(w, "pollutant", data, older_us);
+    vs_controller.step(w->state, &w->robot);
+    return w->robot.command.leds;
+}
+
+static void begin_cleaner(struct world *w, const char *params)
+{
+    begin(w, params);
+    add(w, VS_SENSOR, "pollutant", "f4");
+    w->robot.base_ns = w->robot.now_ns;
+    CHECK(vs_controller.state_size <= sizeof w->state);
+    vs_controller.init(w->state, &w->robot);
+    CHECK(w->complaints == 0);
+}
+
+static int moves(const struct world *w)
+{
+    return w->robot.command.left_steps_s != 0 && w->robot.command.right_steps_s != 0;
+}
+
+static void test_cleaner_stops_where_it_senses(void)
+{
+    struct world w;
+
+    begin_cleaner(&w, "stop_probability=1\n");
+    CHECK(clean(&w, 0.0, 0) == 0 && moves(&w));
+    CHECK(clean(&w, 1.0, 0) == VS_ROBOT_LED_RING && !moves(&w));
+    CHECK(clean(&w, 1.0, 0) == VS_ROBOT_LED_RING && !moves(&w));
+    CHECK(clean(&w, 0.0, 0) == 0 && moves(&w));
+    CHECK(clean(&w, 1.0, 0) == VS_ROBOT_LED_RING);
+    CHECK(clean(&w, 1.0, 260000) == 0 && moves(&w));
+    CHECK(clean(&w, 1.0, VS_NEVER_US) == 0 && moves(&w));
+}
+
+static void test_cleaner_stops_with_its_probability(void)
+{
+    int stopped = 0;
+    int trial;
+
+    for (trial = 0; trial < 4000; trial++) {
+        struct world w;
+
+        begin(&w, "");
+        add(&w, VS_SENSOR, "pollutant", "f4");
+        w.session.seed = (uint32_t)trial;
+        vs_robot_begin(&w.robot, &w.session);
+        vs_controller.init(w.state, &w.robot);
+        stopped += clean(&w, 1.0, 0) != 0;
+    }
+    CHECK(stopped > 4000 * 27 / 100 && stopped < 4000 * 33 / 100);
+}
+
+/* Turns away from what it sees, and in one direction until it is free. */
+static void test_cleaner_avoids(void)
+{
+    int ring;
+
+    for (ring = 0; ring < 8; ring++) {
+        int front = ring <= 1 || ring >= 6;
+        struct world w;
+        int i;
+
+        begin_cleaner(&w, "walk_s=1e9\n");
+        clean(&w, 0.0, 0);
+        CHECK(w.robot.command.left_steps_s == w.robot.command.right_steps_s);
+        w.robot.base.prox[ring] = 1000;
+        for (i = 0; i < 30; i++) {
+            clean(&w, 0.0, 0);
+            CHECK(moves(&w));
+            if (front)
+                CHECK((w.robot.command.left_steps_s < 0) == (ring <= 1));
+            else
+                CHECK(w.robot.command.left_steps_s == w.robot.command.right_steps_s);
+            w.robot.base.prox[7 - ring] = (int16_t)(front ? 2000 * (i > 10) : 0);
+        }
+        memset(w.robot.base.prox, 0, sizeof w.robot.base.prox);
+        for (i = 0; i < 30; i++)
+            clean(&w, 0.0, 0);
+        CHECK(w.robot.command.left_steps_s == w.robot.command.right_steps_s);
+        CHECK(w.robot.command.left_steps_s == 776);
+    }
+}
+
+int main(void)
+{
+    test_every_layout();
+    test_age_and_staleness();
+    test_own_sensors_and_their_virtual_twins();
+    test_actuators_are_clipped_to_their_type();
+    test_parameters();
+    test_random_is_the_robots_own();
+    test_cleaner_stops_where_it_senses();
+    test_cleaner_stops_with_its_probability();
+    test_cleaner_avoids();
+    return 0;
+}

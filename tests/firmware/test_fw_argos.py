@@ -1,0 +1,251 @@
+"""The microcontroller's end, as its emulator drives it: states, pace, and the real one's quirks."""
+
+from __future__ import annotations
+
+import struct
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.conftest import require_tool
+from vsense.native import ffi, lib
+
+ROOT = Path(__file__).parent.parent.parent
+BYTE_NS: int = lib.EPUCK_ARGOS_BYTE_NS
+BURST: int = lib.EPUCK_ARGOS_SENSOR_LEN
+NEVER_US = 2**64 - 1
+
+
+def frame(
+    left: int = 0, right: int = 0, ring: int = 0, other: int = 0, reset: bytes = b"N"
+) -> bytes:
+    """An actuator frame, written from the original's struct."""
+    return struct.pack("<hhHBBBBcx", left, right, 0, ring, other, 0, 0, reset)
+
+
+class Pic:
+    """A microcontroller and a clock in us."""
+
+    def __init__(self) -> None:
+        self.fw: Any = ffi.new("struct fw_argos *")
+        lib.fw_argos_init(self.fw)
+        self.now_us = 1000
+
+    def say(self, data: bytes) -> None:
+        assert lib.fw_argos_receive(self.fw, data, len(data), self.now_us) == len(data)
+
+    def live(self, duration_us: int) -> bytes:
+        """What it sent until then."""
+        self.now_us += duration_us
+        while lib.fw_argos_advance(self.fw, self.now_us):
+            pass
+        buf = ffi.new("uint8_t[1024]")
+        return bytes(ffi.buffer(buf, lib.fw_argos_transmit(self.fw, buf, 1024, self.now_us)))
+
+    def exchange(self, data: bytes) -> bytes:
+        self.say(data)
+        return self.live(20_000)
+
+    @property
+    def outputs(self) -> tuple[int, int, int]:
+        out = self.fw.outputs
+        return out.left_steps_s, out.right_steps_s, out.leds
+
+
+@pytest.fixture
+def pic() -> Pic:
+    """A microcontroller that waits for a frame."""
+    one = Pic()
+    assert len(one.exchange(b"\x01" + bytes(4))) == BURST
+    return one
+
+
+def test_power_on_waits_for_wake_up_and_configuration() -> None:
+    pic = Pic()
+    assert pic.live(1_000_000) == b""
+    for byte in (b"\x01", b"a", b"b", b"c"):
+        assert pic.exchange(byte) == b""
+    assert len(pic.exchange(b"d")) == BURST
+    assert pic.outputs == (0, 0, 0)
+
+
+def test_frame_is_applied_then_answered(pic: Pic) -> None:
+    pic.fw.inputs.prox = list(range(100, 108))
+    pic.fw.inputs.light = list(range(3000, 3008))
+    pic.fw.inputs.battery_low = 1
+    burst = pic.exchange(frame(500, -500, 0x81, 0x03))
+    assert pic.outputs == (500, -500, 0x81 | lib.EPUCK_ARGOS_LED_BODY | lib.EPUCK_ARGOS_LED_FRONT)
+    assert struct.unpack_from("<8h", burst, 8) == tuple(range(100, 108))
+    assert struct.unpack_from("<H", burst, 24) == (1,)
+    assert struct.unpack_from("<8h", burst, 40) == tuple(range(3000, 3008))
+    zeros = burst[:8] + burst[26:40] + burst[56:]
+    assert zeros == bytes(len(zeros))
+
+
+def test_bit_0_is_the_front_led_and_bit_1_the_body(pic: Pic) -> None:
+    pic.exchange(frame(other=1))
+    assert pic.outputs[2] == lib.EPUCK_ARGOS_LED_FRONT
+    pic.exchange(frame(other=2))
+    assert pic.outputs[2] == lib.EPUCK_ARGOS_LED_BODY
+
+
+def test_inputs_are_sampled_when_the_frame_is_composed(pic: Pic) -> None:
+    times = []
+
+    @ffi.callback("void(void *, uint64_t, struct epuck_argos_sensors *)")
+    def sample(context: Any, time_us: int, sensors: Any) -> None:
+        times.append(time_us)
+        sensors.prox[0] = 321
+
+    pic.fw.sample = sample
+    burst = pic.exchange(frame())
+    assert struct.unpack_from("<h", burst, 8) == (321,)
+    assert times == [pic.fw.applied_us]
+
+
+@given(st.integers(-(2**15), 2**15 - 1), st.integers(-(2**15), 2**15 - 1))
+def test_motor_library_clamps(left: int, right: int) -> None:
+    pic = Pic()
+    pic.exchange(bytes(5))
+    pic.exchange(frame(left, right))
+    assert pic.outputs[:2] == (max(-1000, min(1000, left)), max(-1000, min(1000, right)))
+
+
+def test_leds_are_toggled_by_difference_not_set(pic: Pic) -> None:
+    pic.exchange(frame(ring=0x0F))
+    pic.exchange(frame(ring=0x3C))
+    assert pic.outputs[2] == 0x3C
+    pic.exchange(frame(ring=0x3C, reset=b"R"))
+    assert pic.outputs[2] == 0, "waiting for the wake-up byte it puts the ring out"
+    pic.exchange(bytes(5))
+    pic.exchange(frame())
+    assert pic.outputs[2] == 0x3C, "and the next difference inverts it"
+
+
+def test_reset_applies_the_frame_and_answers_nothing(pic: Pic) -> None:
+    assert pic.exchange(frame(300, 300, reset=b"R")) == b""
+    assert pic.outputs == (300, 300, 0)
+    assert pic.fw.state == lib.FW_ARGOS_WAKE
+    assert len(pic.exchange(bytes(5))) == BURST
+
+
+def test_both_directions_keep_the_lines_pace(pic: Pic) -> None:
+    start_us = pic.now_us
+    pic.say(frame(1, 1))
+    last_in_us = start_us + 12 * BYTE_NS // 1000
+    assert pic.live(last_in_us - start_us) == b"" and pic.fw.frames == 0
+    assert len(pic.live(1)) == 0 and pic.fw.frames == 1
+    assert pic.fw.applied_us == last_in_us
+    got = b""
+    for count in range(1, BURST + 1):
+        due_us = (12 * BYTE_NS + count * BYTE_NS) // 1000 + start_us + 1
+        got += pic.live(due_us - pic.now_us)
+        assert len(got) == count
+
+
+def test_due_says_when_it_pays_to_look_again(pic: Pic) -> None:
+    assert lib.fw_argos_due_us(pic.fw) == NEVER_US
+    pic.say(frame())
+    pic.live(lib.fw_argos_due_us(pic.fw) - pic.now_us)
+    assert pic.fw.frames == 1
+    assert len(pic.live(lib.fw_argos_due_us(pic.fw) - pic.now_us)) == BURST
+    assert lib.fw_argos_due_us(pic.fw) == NEVER_US
+
+
+def test_bytes_during_the_answer_wait_in_the_ring(pic: Pic) -> None:
+    pic.say(frame(10, 10) + frame(20, 20))
+    assert len(pic.live(7350)) == BURST
+    assert pic.outputs[:2] == (20, 20)
+    assert pic.fw.overlapped == 12
+
+
+def test_ring_without_overflow_test_loses_everything(pic: Pic) -> None:
+    pic.say(frame(10, 10) + bytes(64))
+    assert len(pic.live(100_000)) == BURST
+    assert (pic.fw.overlapped, pic.fw.overflowed, pic.fw.got) == (64, 64, 0)
+
+
+def test_ircom_word_delays_the_answer(pic: Pic) -> None:
+    data = bytearray(frame(10, 10))
+    data[8] = 1
+    assert pic.exchange(bytes(data)) == b""
+    assert len(pic.live(lib.FW_ARGOS_IRCOM_US)) == BURST
+
+
+def test_line_that_is_full_takes_no_more(pic: Pic) -> None:
+    data = bytes(300)
+    assert lib.fw_argos_receive(pic.fw, data, len(data), pic.now_us) == lib.FW_LINE_CAPACITY
+
+
+@given(st.lists(st.binary(max_size=40), max_size=12), st.data())
+def test_any_bytes_in_any_pieces_at_any_pace_give_the_same_frames(
+    pieces: list[bytes], data: st.DataObject
+) -> None:
+    """How often its owner looks must not change what the microcontroller does."""
+    lazy, busy = Pic(), Pic()
+    for piece in pieces:
+        pause_us = data.draw(st.integers(0, 20_000))
+        lazy.say(piece)
+        busy.say(piece)
+        got = lazy.live(pause_us)
+        looked = data.draw(st.integers(1, 20))
+        end_us = busy.now_us + pause_us
+        parts = b""
+        for look in range(looked):
+            parts += busy.live((end_us - busy.now_us) // (looked - look))
+        assert parts == got
+    assert lazy.live(500_000) == busy.live(500_000)
+    for name in ("frames", "applied_us", "overlapped", "overflowed", "got", "state"):
+        assert getattr(lazy.fw, name) == getattr(busy.fw, name)
+    assert lazy.outputs == busy.outputs
+
+
+@given(st.binary(min_size=12, max_size=12))
+def test_actuator_frame_read_and_written_is_the_same(data: bytes) -> None:
+    fields = ffi.new("struct epuck_argos_actuators *")
+    lib.epuck_argos_get_actuators(data, fields)
+    out = ffi.new("uint8_t[12]")
+    lib.epuck_argos_put_actuators(fields, out)
+    known = bytes([255, 255, 255, 255, 0, 0, 255, 3, 255, 0, 255, 0])
+    assert bytes(out) == bytes(a & b for a, b in zip(data, known))
+
+
+@given(st.lists(st.integers(-4096, 4096), min_size=16, max_size=16), st.integers(0, 1))
+def test_sensor_frame_written_and_read_is_the_same(values: list[int], battery: int) -> None:
+    sensors = ffi.new("struct epuck_argos_sensors *", {"prox": values[:8], "light": values[8:]})
+    sensors.battery_low = battery
+    data = ffi.new("uint8_t[72]")
+    lib.epuck_argos_put_sensors(sensors, data)
+    read = ffi.new("struct epuck_argos_sensors *")
+    assert lib.epuck_argos_get_sensors(data, read) == 0
+    assert [*read.prox, *read.light, read.battery_low] == [*values, battery]
+
+
+@pytest.mark.parametrize("shift", range(1, 72, 2))
+def test_torn_words_in_a_sensor_frame_are_noticed(shift: int) -> None:
+    """A lost byte shifts all that follow; values that no sensor gives show it."""
+    sensors = ffi.new("struct epuck_argos_sensors *", {"prox": [900] * 8, "light": [3900] * 8})
+    data = ffi.new("uint8_t[72]")
+    lib.epuck_argos_put_sensors(sensors, data)
+    shifted = (bytes(data) * 2)[shift : shift + 72]
+    assert lib.epuck_argos_get_sensors(shifted, sensors) == -1
+
+
+def test_firmware_compiles_freestanding_and_needs_nothing(tmp_path: Path) -> None:
+    cc = require_tool("cc", "build-essential")
+    target = tmp_path / "firmware.o"
+    sources = [*(ROOT / "firmware_bridge").glob("*.c"), ROOT / "c_src" / "epuck_argos.c"]
+    command = [cc, "-std=c99", "-ffreestanding", "-nostdlib", "-r", "-Os", "-fno-stack-protector"]
+    command += ["-pedantic", "-Wall", "-Wextra", "-Wshadow", "-Wconversion", "-Werror"]
+    command += ["-I", str(ROOT / "c_src"), "-o", str(target), *map(str, sources)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    nm = [require_tool("nm", "binutils"), str(target)]
+    lines = subprocess.run(nm, capture_output=True, text=True, check=True).stdout.splitlines()
+    kinds = {line.split()[-1]: line.split()[-2] for line in lines}
+    assert {n for n, k in kinds.items() if k == "U"} <= {"memset", "memcpy"}
+    assert {n for n, k in kinds.items() if k in "dDbBC"} == set()

@@ -1,0 +1,134 @@
+"""The daemon's C tests under the sanitizers, and what its files may need and keep."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import require_tool
+from tests.robot.conftest import ROOT, STRICT
+
+TESTS = ROOT / "tests" / "c"
+ROBOT = ROOT / "robot"
+C_SRC = ROOT / "c_src"
+FIRMWARE = ROOT / "firmware_bridge"
+SANITIZE = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+PROTOCOL = [
+    C_SRC / f"vs_{part}.c"
+    for part in ("err", "bytes", "wire", "table", "body", "peer", "clock", "session")
+]
+POLLUTANT = ROBOT / "controllers" / "pollutant.c"
+MINDS = [ROBOT / f"{part}.c" for part in ("loop", "guard", "safety", "robot")]
+LINE = [C_SRC / "epuck_argos.c", C_SRC / "vs_posix.c", *FIRMWARE.glob("*.c")]
+SUITES = {
+    "robot_base": [ROBOT / "base_argos.c", *LINE],
+    "robot_guard": [ROBOT / "guard.c"],
+    "robot_loop": [*MINDS, *PROTOCOL],
+    "robot_controller": [ROBOT / "robot.c", POLLUTANT, *PROTOCOL],
+}
+RUNS = {"robot_base": "3000", "robot_loop": "300"}
+"""How many random worlds a suite goes through."""
+
+EDGE = {"guard_link", "guard_process", "main", "net", "report", "signals", "trace", "worker"}
+"""The files that talk to the operating system; all others are pure."""
+
+SYSTEM = {"errno", "fcntl", "poll", "signal", "termios", "time", "unistd", "pthread"}
+STACK_MAX = 16384
+"""[byte] of stack that one function may use."""
+
+
+def cc(target: Path, *arguments: str | Path) -> Path:
+    """Compiles and links with warnings as errors."""
+    command = [require_tool("cc", "build-essential"), *map(str, arguments)]
+    command += ["-I", str(C_SRC), "-I", str(ROBOT), "-I", str(FIRMWARE), "-I", str(TESTS)]
+    done = subprocess.run([*command, "-o", str(target), "-lm"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return target
+
+
+def symbols(path: Path) -> dict[str, str]:
+    """Name and kind of every symbol, as `nm` says them."""
+    nm = [require_tool("nm", "binutils"), str(path)]
+    lines = subprocess.run(nm, capture_output=True, text=True, check=True).stdout.splitlines()
+    return {line.split()[-1].split("@")[0]: line.split()[-2] for line in lines}
+
+
+@pytest.mark.parametrize("name", SUITES)
+def test_c_suite_under_sanitizers(name: str, tmp_path: Path) -> None:
+    program = cc(tmp_path / name, *STRICT, *SANITIZE, TESTS / f"{name}.c", *SUITES[name])
+    command = [str(program), *([RUNS[name]] if name in RUNS else [])]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+
+
+MUTANTS = [
+    ("if (now_ns >= vs_guard_deadline_ns(g))", "if (0)"),
+    ("g->expiry_ns < beat_ns ? g->expiry_ns : beat_ns", "beat_ns"),
+    ("g->expiry_ns < beat_ns ? g->expiry_ns : beat_ns", "g->expiry_ns"),
+    ("    hold(g, VS_CAUSE_SIGNAL);\n", ""),
+    ("    hold(g, VS_CAUSE_BASE);\n", ""),
+    ("if (g->ending && result != VS_ERR_BUSY)", "if (g->ending)"),
+    ("if (g->ending && now_ns >= g->end_ns)", "if (0)"),
+    ("        if (g->lost)\n            answer(g, VS_ERR_SILENT, 0);\n        else\n", ""),
+]
+
+
+@pytest.mark.parametrize(("old", "new"), MUTANTS)
+def test_a_guard_with_a_fault_would_be_found_out(old: str, new: str, tmp_path: Path) -> None:
+    text = (ROBOT / "guard.c").read_text()
+    assert old in text
+    broken = tmp_path / "guard.c"
+    broken.write_text(text.replace(old, new, 1))
+    program = cc(tmp_path / "mutant", "-std=c99", "-O1", TESTS / "robot_guard.c", broken)
+    done = subprocess.run([str(program)], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1
+
+
+@pytest.mark.parametrize("source", sorted(ROBOT.rglob("*.c")), ids=lambda path: path.stem)
+def test_pure_file_knows_no_system_and_keeps_no_state(source: Path, tmp_path: Path) -> None:
+    plain = ["-O2", "-fno-pic", "-fno-pie", "-fno-stack-protector", "-fstack-usage", "-c"]
+    built = cc(tmp_path / "file.o", *STRICT, *plain, source)
+    report = built.with_suffix(".su").read_text().splitlines()
+    assert {row for row in report if int(row.split("\t")[1]) > STACK_MAX} == set()
+    if source.stem in EDGE:
+        return
+    headers = set(re.findall(r"#include <(\S+)\.h>", source.read_text()))
+    assert not headers & SYSTEM and not any(name.startswith("sys/") for name in headers)
+    assert {name for name, kind in symbols(built).items() if kind in "dDbBC"} == set()
+
+
+def test_daemon_allocates_nothing(tmp_path: Path) -> None:
+    sources = [*C_SRC.glob("*.c"), *ROBOT.glob("*.c"), POLLUTANT]
+    built = cc(tmp_path / "vsensed", *STRICT, "-DVS_NO_ATOMICS", "-Os", *sources)
+    needed = {name for name, kind in symbols(built).items() if kind == "U"}
+    assert not needed & {"malloc", "calloc", "realloc", "free", "fopen", "strdup"}
+    late = {"timerfd_create", "eventfd", "epoll_create1", "accept4", "pipe2", "getrandom"}
+    assert not needed & late, "2.6 kernels on robots have none of these"
+
+
+def test_controller_header_is_cplusplus_too(tmp_path: Path) -> None:
+    source = tmp_path / "walker.cpp"
+    source.write_text(
+        '#include "controller.h"\n'
+        'static void init(void *, struct vs_robot *robot) { vs_robot_sensor(robot, "light"); }\n'
+        "static void step(void *, struct vs_robot *robot) { vs_robot_set_wheels(robot, 1, 1); }\n"
+        'const struct vs_controller vs_controller = {"walker", 0, init, step};\n'
+    )
+    cxx = require_tool("c++", "build-essential")
+    command = [cxx, "-std=c++11", "-Wall", "-Wextra", "-pedantic", "-Werror", "-I", str(ROBOT)]
+    built = tmp_path / "walker.o"
+    done = subprocess.run([*command, "-c", str(source), "-o", str(built)], capture_output=True)
+    assert done.returncode == 0, done.stderr.decode()
+    assert symbols(built)["vs_controller"] in "DR"
+
+
+def test_every_function_fits_a_screen() -> None:
+    for source in [*ROBOT.rglob("*.c"), *FIRMWARE.glob("*.c"), *C_SRC.glob("*.c")]:
+        lines = source.read_text().splitlines()
+        starts = [n for n, line in enumerate(lines) if line == "{"]
+        for start in starts:
+            end = lines.index("}", start)
+            assert end - start < 40, f"{source.name}:{start}: {end - start} lines"
