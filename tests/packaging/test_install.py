@@ -45,6 +45,7 @@ def test_wheel_from_sdist_runs_the_lab_without_its_sources(tmp_path: Path) -> No
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     environment = {**os.environ, "CC": "no-compiler", "XDG_CACHE_HOME": str(tmp_path / "cache")}
+    environment.pop("PYTHONPATH", None)
     command = ["lab", "pollutant", "--robots", "2", "--duration", "3", "--port", "0", "--json"]
     lab = run(tmp_path / "venv/bin/vsense", *command, cwd=elsewhere, env=environment)
     summary = json.loads(lab.stdout)
