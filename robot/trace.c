@@ -7,7 +7,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#define LINE_BYTES 5120 /* 32 names and capture times, 1116 bytes in hexadecimal, the rest */
+#define LINE_BYTES 6144 /* 32 names and times, 1116 bytes in hexadecimal, the rest */
 
 static const char columns[] = "# columns: step timestep run now_ns rx_ns capture_ns age_ns "
                               "bound_ns stale left right leds values\n";
@@ -29,11 +29,13 @@ static void put_text(struct line *line, const char *text)
         put_char(line, *text++);
 }
 
-/* The bytes in hexadecimal, and when they were measured. */
-static void put_value(struct line *line, const struct vs_value *value)
+/* The bytes in hexadecimal, when they were measured, and their age and whether they were
+ * stale as the controller was told. */
+static void put_value(struct line *line, const struct vs_value *value,
+                      const struct vs_reading *reading)
 {
     static const char digits[] = "0123456789abcdef";
-    char capture[24];
+    char times[64];
     size_t i;
 
     if (!value->known) {
@@ -44,25 +46,28 @@ static void put_value(struct line *line, const struct vs_value *value)
         put_char(line, digits[value->data[i] >> 4]);
         put_char(line, digits[value->data[i] & 15]);
     }
-    snprintf(capture, sizeof capture, "@%" PRIu64, value->capture_ns);
-    put_text(line, capture);
+    snprintf(times, sizeof times, "@%" PRIu64 ":%" PRId64 ":%d", value->capture_ns,
+             (int64_t)reading->age_ns, reading->stale != 0);
+    put_text(line, times);
 }
 
-static void put_values(struct line *line, const struct vs_session *session)
+static void put_values(struct line *line, const struct vs_robot *robot)
 {
-    const struct vs_table *table = &session->table;
+    const struct vs_table *table = &robot->session->table;
+    struct vs_reading reading;
     struct vs_value value;
     uint32_t i;
     int some = 0;
 
     for (i = 0; i < table->count; i++) {
-        if (vs_session_value(session, (int)i, &value) != VS_OK)
+        if (vs_session_value(robot->session, (int)i, &value) != VS_OK)
             continue;
+        reading = vs_robot_read(robot, (int)i);
         if (some)
             put_char(line, ',');
         put_text(line, table->entries[i].name);
         put_char(line, '=');
-        put_value(line, &value);
+        put_value(line, &value, &reading);
         some = 1;
     }
     if (!some)
@@ -100,7 +105,7 @@ int vs_trace_step(int fd, const struct vs_loop *loop)
         s->capture_ns, (int64_t)step->age_ns, (int64_t)step->bound_ns, (int)step->stale,
         (int)step->command.left_steps_s, (int)step->command.right_steps_s,
         (unsigned int)step->command.leds);
-    put_values(&line, s);
+    put_values(&line, &loop->robot);
     put_char(&line, '\n');
     return write_all(fd, line.text, line.len);
 }

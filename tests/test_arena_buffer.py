@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense.arena import POSE, ArenaState
+from vsense.arena import POSE, SIGHTING, ArenaState
 from vsense.arena_buffer import ArenaBuffer
 from vsense.native import WireError
 
@@ -20,7 +20,12 @@ def state(timestep: int, robots: int, duplicates: tuple[int, ...] = ()) -> Arena
     poses = np.zeros(robots, POSE)
     poses["tag"] = np.arange(robots)
     poses["x_m"] = timestep
-    return ArenaState(timestep, 1000 + timestep, poses, robots, timestep % 3, duplicates)
+    sightings = np.zeros(2 * robots, SIGHTING)
+    sightings["y_m"] = timestep
+    capture_ns = 1000 + timestep
+    return ArenaState(
+        timestep, capture_ns, poses, robots, timestep % 3, duplicates, sightings=sightings
+    )
 
 
 @given(NUMBERS, st.integers(0, 20), st.lists(st.integers(0, 2**32 - 1), max_size=20), NUMBERS)
@@ -29,10 +34,11 @@ def test_state_comes_out_as_it_went_in(
 ) -> None:
     buffer = ArenaBuffer(20)
     written = state(timestep, robots, tuple(duplicates))
-    buffer.write(written, done_ns)
+    buffer.write(written, done_ns // 2, done_ns)
     read = buffer.read()
     assert read is not None
-    assert (read.done_ns, read.sequence) == (done_ns, 1)
+    assert (read.ready_ns, read.done_ns, read.sequence) == (done_ns // 2, done_ns, 1)
+    assert read.state.sightings.tobytes() == written.sightings.tobytes()
     assert read.state.robots.tobytes() == written.robots.tobytes()
     for name in ("timestep", "capture_ns", "detected", "unnamed", "duplicates"):
         assert getattr(read.state, name) == getattr(written, name)
@@ -42,7 +48,7 @@ def test_empty_buffer_has_no_state_and_a_full_one_refuses_more() -> None:
     buffer = ArenaBuffer(2)
     assert buffer.read() is None
     with pytest.raises(WireError):
-        buffer.write(state(1, 3), 0)
+        buffer.write(state(1, 30), 0, 0)
     assert buffer.read() is None
 
 
@@ -53,7 +59,7 @@ def test_defect_05_reader_never_sees_a_torn_state_and_knows_what_it_missed() -> 
 
     def write() -> None:
         for timestep in range(1, total + 1):
-            buffer.write(state(timestep, timestep % 50), timestep)
+            buffer.write(state(timestep, timestep % 50), timestep, timestep)
 
     writer = threading.Thread(target=write)
     writer.start()
@@ -66,5 +72,6 @@ def test_defect_05_reader_never_sees_a_torn_state_and_knows_what_it_missed() -> 
         assert read.sequence == timestep >= newest
         assert len(read.state.robots) == timestep % 50
         assert (read.state.robots["x_m"] == timestep).all()
+        assert (read.state.sightings["y_m"] == timestep).all()
         newest = timestep
     writer.join()

@@ -53,6 +53,13 @@ the position [1/m^2]; `error` the decoder's distance to the tag's code word; `ma
 farther the next best code word is (a ratio).
 """
 
+SIGHTING = np.dtype([("tag", "u4"), ("x_m", "f8"), ("y_m", "f8"), ("yaw_rad", "f8")])
+"""One place in the arena where a tag was read in this timestep, whatever the tracker makes of it.
+
+`tag` is the number read; `x_m`, `y_m` the disc's centre and `yaw_rad` the heading in the arena
+frame, merged over the cameras that saw it there.
+"""
+
 UNNAMED = -1
 """The tag of a detection whose number could not be read."""
 
@@ -89,6 +96,7 @@ class ArenaState:
         unnamed: Markers in this timestep whose number could not be read.
         duplicates: Tags that were read at two places at once, sorted. Such a tag is followed
             only where one place alone can be reached from where the robot was.
+        sightings: SIGHTING array, the raw readings of this timestep: no beliefs, no predictions.
     """
 
     timestep: int
@@ -97,6 +105,7 @@ class ArenaState:
     detected: int
     unnamed: int = 0
     duplicates: tuple[int, ...] = field(default=())
+    sightings: NDArray[np.void] = field(default_factory=lambda: np.zeros(0, SIGHTING))
 
 
 def wrap_angle(angle_rad: NDArray[np.float64] | float) -> NDArray[np.float64]:

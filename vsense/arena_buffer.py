@@ -8,14 +8,18 @@ how many it has missed.
 from __future__ import annotations
 
 import struct
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from vsense.arena import POSE, ArenaState
+from vsense.arena import POSE, SIGHTING, ArenaState
 from vsense.native import check, ffi, lib
 
-_HEAD = struct.Struct("<qqqqqq")
+_HEAD = struct.Struct("<qqqqq")
+_TAG = np.dtype("<u4")
+_LISTS = (POSE, _TAG, SIGHTING)
+_SIGHTINGS_PER_ROBOT = 4
+"""A tag may be read at several places at once."""
 
 
 class Stamped(NamedTuple):
@@ -23,11 +27,13 @@ class Stamped(NamedTuple):
 
     Attributes:
         state: the arena state.
+        ready_ns: when the last picture that it was made from was in memory.
         done_ns: when it was written, as the writer said.
         sequence: its number, from 1; gaps are states that nobody read.
     """
 
     state: ArenaState
+    ready_ns: int
     done_ns: int
     sequence: int
 
@@ -41,24 +47,23 @@ class ArenaBuffer:
         Args:
             robots: most robots that a state can hold.
         """
-        # Every robot may be listed and its tag be a duplicate.
-        size = _HEAD.size + robots * (POSE.itemsize + 4)
-        self._memory = ffi.new("uint8_t[]", lib.VS_LATEST_SLOTS * size)
+        entry = POSE.itemsize + _TAG.itemsize + _SIGHTINGS_PER_ROBOT * SIGHTING.itemsize
+        self._size = _HEAD.size + 8 * len(_LISTS) + robots * entry
+        self._memory = ffi.new("uint8_t[]", lib.VS_LATEST_SLOTS * self._size)
         self._buffer = ffi.new("struct vs_latest *")
         self._stamp = ffi.new("struct vs_latest_stamp *")
-        self._size = size
-        lib.vs_latest_init(self._buffer, self._memory, size)
+        lib.vs_latest_init(self._buffer, self._memory, self._size)
 
-    def write(self, state: ArenaState, done_ns: int) -> None:
+    def write(self, state: ArenaState, ready_ns: int, done_ns: int) -> None:
         """Makes a state the newest; the writing thread only.
 
         Raises:
-            WireError: it holds more robots than the buffer was made for.
+            WireError: it holds more than the buffer was made for.
         """
-        robots = np.ascontiguousarray(state.robots, POSE)
-        duplicates = np.array(state.duplicates, "<u4")
-        numbers = (state.timestep, done_ns, state.detected, state.unnamed, len(robots))
-        data = _HEAD.pack(*numbers, len(duplicates)) + robots.tobytes() + duplicates.tobytes()
+        head = (state.timestep, ready_ns, done_ns, state.detected, state.unnamed)
+        data = _HEAD.pack(*head)
+        for rows, dtype in zip((state.robots, state.duplicates, state.sightings), _LISTS):
+            data += struct.pack("<q", len(rows)) + np.asarray(rows, dtype).tobytes()
         slot = lib.vs_latest_write_begin(self._buffer)
         if len(data) <= self._size:
             ffi.memmove(slot, data, len(data))
@@ -70,15 +75,20 @@ class ArenaBuffer:
         if slot == ffi.NULL:
             return None
         data = bytes(ffi.buffer(slot, self._stamp.size))
-        timestep, done_ns, detected, unnamed, robots, duplicates = _HEAD.unpack_from(data)
-        poses = np.frombuffer(data, POSE, robots, _HEAD.size)
-        tags = np.frombuffer(data, "<u4", duplicates, _HEAD.size + poses.nbytes)
+        timestep, ready_ns, done_ns, detected, unnamed = _HEAD.unpack_from(data)
+        at = _HEAD.size
+        lists: list[Any] = []
+        for dtype in _LISTS:
+            (count,) = struct.unpack_from("<q", data, at)
+            lists.append(np.frombuffer(data, dtype, count, at + 8))
+            at += 8 + count * dtype.itemsize
         state = ArenaState(
             timestep=timestep,
             capture_ns=int(self._stamp.capture_ns),
-            robots=poses,
+            robots=lists[0],
             detected=detected,
             unnamed=unnamed,
-            duplicates=tuple(tags.tolist()),
+            duplicates=tuple(lists[1].tolist()),
+            sightings=lists[2],
         )
-        return Stamped(state, done_ns, int(self._stamp.sequence))
+        return Stamped(state, ready_ns, done_ns, int(self._stamp.sequence))

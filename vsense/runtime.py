@@ -1,9 +1,9 @@
 """The runtime: every timestep of the host, from the pictures to the datagrams.
 
-Two threads, as in the thesis: one watches the arena (grabber, tracker), the other lives in the
-world (world, virtual sensors, server); between them lies the latest-value buffer, so a slow world
-never holds the cameras up. Nothing of the host but this module, the server and the lab reads a
-clock: every other box is told the time.
+Two threads, as in the thesis: one watches the arena (grabber and tracker, or the link to another
+tracker), the other lives in the world (world, virtual sensors, server); between them lies the
+latest-value buffer, so a slow world never holds the cameras up. Nothing of the host but this
+module, the links and the lab reads a clock: every other box is told the time.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 from vsense.arena import ArenaState, Frame
-from vsense.arena_buffer import ArenaBuffer
+from vsense.arena_buffer import ArenaBuffer, Stamped
 from vsense.link.server import VirtualSensorServer
 from vsense.link.wire import Values, Wanted
 from vsense.sensors.bank import SensorBank
@@ -36,6 +36,51 @@ class Tracker(Protocol):
 
     def update(self, frames: Sequence[Frame]) -> ArenaState:
         """Finds and follows the robots in one timestep's pictures."""
+
+
+class ArenaSource(Protocol):
+    """Where the arena states come from: cameras of our own, or another tracker's link."""
+
+    def next(self, timeout_s: float) -> tuple[ArenaState, Sequence[Frame]]:
+        """Waits for the newest arena state.
+
+        Returns:
+            The state, and the pictures that it was made from, if they are here.
+
+        Raises:
+            VsenseError: no state came in time, or there will be no more.
+        """
+
+    def start_run(self) -> None:
+        """The robots are about to start; any thread."""
+
+    def stop_run(self) -> None:
+        """The robots have stopped; any thread."""
+
+
+class Pictures:
+    """The source with cameras of our own."""
+
+    def __init__(self, grabber: Grabber, tracker: Tracker) -> None:
+        """Takes both, without owning them."""
+        self._grabber = grabber
+        self._tracker = tracker
+
+    def next(self, timeout_s: float) -> tuple[ArenaState, Sequence[Frame]]:
+        """Waits for pictures and tracks the robots in them.
+
+        Raises:
+            GrabberError: no picture came in time.
+            VsenseError: the tracker has failed.
+        """
+        frames = self._grabber.next(timeout_s)
+        return self._tracker.update(frames), frames
+
+    def start_run(self) -> None:
+        """Cameras are watched in a run and out of it."""
+
+    def stop_run(self) -> None:
+        """See `start_run`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,17 +113,17 @@ class Step:
 
 
 class Watch:
-    """The thread that watches the arena: pictures in, the newest arena state into the buffer."""
+    """The thread that watches the arena: the newest arena state goes into the buffer."""
 
-    def __init__(self, grabber: Grabber, tracker: Tracker, clock: Callable[[], int]) -> None:
-        self._grabber = grabber
-        self._tracker = tracker
+    def __init__(self, source: ArenaSource, clock: Callable[[], int]) -> None:
+        self._source = source
         self._clock = clock
         self._buffer = ArenaBuffer(MOST_TAGS)
         self._news = threading.Event()
         self._ending = threading.Event()
         self._failure: BaseException | None = None
         self._frames: dict[int, Sequence[Frame]] = {}
+        self._given = 0
         self._thread = threading.Thread(target=self._run, name="vsense-watch", daemon=True)
 
     def start(self) -> None:
@@ -86,38 +131,43 @@ class Watch:
         self._thread.start()
 
     def close(self) -> None:
-        """Ends the thread; it may take until the next pictures come."""
+        """Ends the thread; it may take until the next arena state comes."""
         self._ending.set()
         self._thread.join(2 * WATCH_TIMEOUT_S)
 
-    def next(self, timeout_s: float) -> tuple[ArenaState, int, Sequence[Frame]]:
+    def next(self, timeout_s: float) -> tuple[Stamped, Sequence[Frame]]:
         """Waits for an arena state that was not given yet, and gives the newest.
 
         Returns:
-            The state, when it was done, and the pictures that it was made from.
+            The state with its times, and the pictures that it was made from.
 
         Raises:
             GrabberError: the cameras have failed, or nothing came in time.
-            VsenseError: the tracker has failed.
+            VsenseError: the tracker, or the link to it, has failed.
         """
-        if not self._news.wait(timeout_s):
-            raise GrabberError(f"no arena state in {timeout_s:g} s")
-        self._news.clear()
-        if self._failure is not None:
-            raise self._failure
-        newest = self._buffer.read()
-        assert newest is not None, "news come after a state was written"
-        return newest.state, newest.done_ns, self._frames.get(newest.state.timestep, ())
+        while True:
+            if not self._news.wait(timeout_s):
+                raise GrabberError(f"no arena state in {timeout_s:g} s")
+            self._news.clear()
+            if self._failure is not None:
+                raise self._failure
+            newest = self._buffer.read()
+            # News of a state that was given already: it came between clear and read.
+            if newest is not None and newest.sequence > self._given:
+                self._given = newest.sequence
+                return newest, self._frames.get(newest.state.timestep, ())
 
     def _run(self) -> None:
         """The thread. A failure is kept for whoever waits for the next state."""
         try:
             while not self._ending.is_set():
-                frames = self._grabber.next(WATCH_TIMEOUT_S)
-                state = self._tracker.update(frames)
-                # One item, replaced whole: the reader sees the old pictures or the new ones.
-                self._frames = {state.timestep: frames}
-                self._buffer.write(state, self._clock())
+                state, frames = self._source.next(WATCH_TIMEOUT_S)
+                done_ns = self._clock()
+                ready_ns = max((frame.ready_ns for frame in frames), default=done_ns)
+                # Replaced whole, with the set before it: the reader may still ask for that one.
+                before = list(self._frames.items())[-1:]
+                self._frames = dict([*before, (state.timestep, frames)])
+                self._buffer.write(state, ready_ns, done_ns)
                 self._news.set()
         except BaseException as failure:
             self._failure = failure
@@ -135,14 +185,14 @@ class Runtime:
 
     def __init__(
         self,
-        grabber: Grabber,
-        tracker: Tracker,
+        source: ArenaSource,
         world: World,
         bank: SensorBank,
         server: VirtualSensorServer,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        self._watch = Watch(grabber, tracker, clock)
+        self._source = source
+        self._watch = Watch(source, clock)
         self._world = world
         self._bank = bank
         self._server = server
@@ -164,6 +214,7 @@ class Runtime:
         Returns:
             The timestep that is the run's first.
         """
+        self._source.start_run()
         self._first_timestep = self._last_timestep + START_LEAD
         self._server.command(Wanted.RUN, self._first_timestep)
         return self._first_timestep
@@ -171,6 +222,7 @@ class Runtime:
     def stop(self) -> None:
         """Stops all robots at once."""
         self._server.command(Wanted.STOP)
+        self._source.stop_run()
 
     def step(self, timeout_s: float = 2 * WATCH_TIMEOUT_S) -> Step:
         """Lives one timestep: waits for its arena state and has the readings sent.
@@ -179,7 +231,8 @@ class Runtime:
             GrabberError: no picture came in time.
             VsenseError: a box of the host has failed.
         """
-        state, arena_ns, frames = self._watch.next(timeout_s)
+        newest, frames = self._watch.next(timeout_s)
+        state = newest.state
         self._last_timestep = state.timestep
         run_timestep = self._run_timestep(state.timestep)
         self._world.update(state, max(run_timestep, 0))
@@ -189,8 +242,8 @@ class Runtime:
             timestep=state.timestep,
             run_timestep=run_timestep,
             capture_ns=state.capture_ns,
-            ready_ns=max((frame.ready_ns for frame in frames), default=arena_ns),
-            arena_ns=arena_ns,
+            ready_ns=newest.ready_ns,
+            arena_ns=newest.done_ns,
             sent_ns=sent_ns,
             state=state,
             frames=frames,

@@ -152,7 +152,8 @@ def test_truth_log_gives_back_every_whole_record(tmp_path_factory, seed: int, lo
     rng = np.random.default_rng(seed)
     log = TruthLog(path, 4)
     rows = [
-        (k, 10 * k, 10 * k + 3, rng.normal(size=(4, 3)), rng.integers(0, 1024, 4)) for k in range(5)
+        (k, 10 * k, 10 * k + 3, k + 1, rng.normal(size=(4, 3)), rng.integers(0, 1024, 4))
+        for k in range(5)
     ]
     for row in rows:
         log.append(*row)

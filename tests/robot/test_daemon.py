@@ -179,8 +179,11 @@ def test_trace_names_its_columns_and_every_step(rigs: Callable[..., Rig], tmp_pa
         assert int(row["step"]) == number
         # The header's capture is that of the newest value, cut to whole microseconds on the way.
         pollutant, magic = row["values"].split(",")
-        value, capture = pollutant.split("@")
+        value, times = pollutant.split("@")
+        capture, age, stale = times.split(":")
         assert (value, magic) == ("pollutant=00000000", "magic=-")
+        assert abs(int(row["age_ns"]) - int(age)) < 1000
+        assert stale == row["stale"]
         assert 0 <= int(row["capture_ns"]) - int(capture) < 1000
 
 

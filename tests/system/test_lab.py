@@ -171,6 +171,39 @@ def test_killed_daemon_is_named_and_joins_again(directory: Path) -> None:
     assert lab.summary()["link"]["reconnects"] >= 1
 
 
+@pytest.mark.parametrize(("process", "told"), [("atoms", "physics"), ("cameras", "cameras")])
+def test_failing_process_is_named_and_the_run_reported(
+    directory: Path, process: str, told: str
+) -> None:
+    lab = start(directory, "--duration", "600")
+    lab.wait_for("timestep \\d")
+    (pid,) = [pid for pid, command in lab.relatives().items() if f"vsense.lab.{process}" in command]
+    os.kill(pid, signal.SIGKILL)
+    assert lab.end() == 1
+    assert f"{told} was killed by SIGKILL" in lab.said[-1]
+    assert lab.relatives() == {}
+    if process == "cameras":
+        assert lab.summary()["timesteps"] > 0
+
+
+def test_earlier_run_is_never_written_over(directory: Path) -> None:
+    lab = start(directory, "--duration", "2")
+    assert lab.end() == 0
+    before = lab.summary()
+    again = start(directory, "--duration", "2")
+    assert again.end() == 1
+    assert "is not empty: choose a new folder" in again.said[-1]
+    assert lab.summary() == before
+
+
+def test_closed_outputs_cost_no_measurement(directory: Path) -> None:
+    command = [sys.executable, "-m", "vsense", "lab", "pollutant", "--robots", "2", "--port", "0"]
+    command += ["--duration", "2", "--output", str(directory)]
+    result = subprocess.run(["sh", "-c", 'exec "$@" >&- 2>&-', "sh", *command], timeout=PATIENCE_S)
+    assert result.returncode == 0
+    assert json.loads((directory / "summary.json").read_text())["timesteps"] == 20
+
+
 def test_killed_host_leaves_no_process(directory: Path) -> None:
     lab = start(directory, "--duration", "600")
     lab.wait_for("timestep \\d")

@@ -208,7 +208,7 @@ def test_real_pictures_of_overlapping_cameras_at_two_heights() -> None:
     robots = [Robot(31, 0.0, 0.1, 3.1), Robot(1843, -0.5, -0.1, -1.0), Robot(7167, 0.6, 0.0, 0.4)]
     high = Robot(52447, 0.05, -0.15, -3.1)
     heights = {robot.tag: HEIGHT_M for robot in robots} | {high.tag: 0.10}
-    arena = ArenaTracker.for_arrows(cameras, family, heights)
+    arena = ArenaTracker.for_family(cameras, family, heights)
     shots = []
     for camera in cameras:
         low = render(camera, family, robots, Look(litter=0, noise=0.0), seed=3)

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vsense.arena import UNNAMED
-from vsense.tracking.codes import code_words
-from vsense.tracking.decoder import Decoder
+from vsense.tracking.codes import cell_blur, normal_share, outer_light
+from vsense.tracking.decoder import Decoder, Reading
 from vsense.tracking.families import load_family
 
 ARROW = load_family("arrow4x4")
@@ -18,39 +18,82 @@ ROSTER += [16011, 16577, 18425, 29783, 34415, 39011, 40223, 52447]
 DECODER = Decoder(ARROW, ROSTER)
 
 
-@given(st.sampled_from(ROSTER), st.floats(0.1, 2.4), st.integers(0, 2**32 - 1))
-def test_every_tag_is_read_through_blur_and_noise(tag: int, sigma_mm: float, seed: int) -> None:
-    word = code_words(ARROW, [tag], sigma_mm)
+blurs = st.floats(0.6, 3.5)
+
+
+def seen(tags: list[int], along_mm: float, across_mm: float, lost: float = 0.0) -> np.ndarray:
+    """Returns what blur makes of tags' cells, between shades that are not quite the true ones."""
+    bits = np.array([ARROW.bits(tag).ravel() for tag in tags], dtype=float)
+    light = bits @ cell_blur(ARROW, along_mm, across_mm).T + outer_light(ARROW, along_mm, across_mm)
+    return (light - lost) / (1.0 - 2.0 * lost)
+
+
+def lost(sigma_mm: float) -> float:
+    """Returns how much of the contrast is not reached 0.6 units away from an edge."""
+    return float(normal_share(np.array([-0.6 * ARROW.unit_mm / sigma_mm]))[0])
+
+
+def sharpness(sigma_mm: float, count: int = 1) -> np.ndarray:
+    """Returns what an edge gains within 0.25 units, of what it gains within 0.6."""
+    near = normal_share(np.array([-0.25 * ARROW.unit_mm / sigma_mm]))[0]
+    return np.full(count, (1.0 - 2.0 * near) / (1.0 - 2.0 * lost(sigma_mm)))
+
+
+def read(
+    tags: list[int], along_mm: float, across_mm: float, noise: np.ndarray | float = 0.0
+) -> Reading:
+    both = 0.5 * (lost(along_mm) + lost(across_mm))
+    cells = seen(tags, along_mm, across_mm, both) + noise
+    return DECODER.decode(cells, sharpness(along_mm, len(tags)), sharpness(across_mm, len(tags)))
+
+
+@given(st.sampled_from(ROSTER), blurs, blurs, st.integers(0, 2**32 - 1))
+def test_every_tag_is_read_through_blur_and_noise(
+    tag: int, along_mm: float, across_mm: float, seed: int
+) -> None:
     noise = np.clip(np.random.default_rng(seed).normal(0.0, 0.03, 16), -0.1, 0.1)
-    tags, error, margin = DECODER.decode(word + noise)
-    assert tags[0] == tag
-    assert error[0] < 0.15 < margin[0]
+    reading = read([tag], along_mm, across_mm, noise)
+    assert reading.tags[0] == tag
+    assert reading.error[0] < 0.12 and reading.margin[0] > 1.6
+    column = DECODER.tags.tolist().index(tag)
+    assert reading.distance[0].argmin() == column
 
 
-@given(st.integers(0, 65535), st.floats(0.1, 1.6))
+@given(st.integers(0, 65535), st.floats(0.6, 2.2), st.floats(0.6, 2.2))
 @settings(max_examples=300)
 def test_a_tag_that_is_not_in_the_roster_is_never_given_another_name(
-    tag: int, sigma_mm: float
+    tag: int, along_mm: float, across_mm: float
 ) -> None:
-    tags, _, _ = DECODER.decode(code_words(ARROW, [tag], sigma_mm))
-    assert tags[0] == (tag if tag in ROSTER else UNNAMED)
+    assert read([tag], along_mm, across_mm).tags[0] == (tag if tag in ROSTER else UNNAMED)
 
 
-@given(st.lists(st.floats(-0.5, 1.5), min_size=16, max_size=16))
-def test_a_name_means_that_every_cell_agrees(cells: list[float]) -> None:
-    tags, _, _ = DECODER.decode(np.array([cells]))
-    if tags[0] != UNNAMED:
-        bits = ARROW.bits(int(tags[0])).ravel()
-        assert (np.abs(np.array(cells) - bits) < 0.95).all()
+@given(st.lists(st.floats(-0.5, 1.5), min_size=16, max_size=16), blurs)
+def test_a_name_means_that_every_cell_agrees(cells: list[float], sigma_mm: float) -> None:
+    sharp = sharpness(sigma_mm)
+    tag = int(DECODER.decode(np.array([cells]), sharp, sharp).tags[0])
+    if tag != UNNAMED:
+        word = seen([tag], sigma_mm, sigma_mm, lost(sigma_mm))[0]
+        assert (np.abs(np.array(cells) - word) < 0.6).all()
 
 
 @pytest.mark.parametrize("shade", [0.0, 0.3, 0.5, 0.7, 1.0])
-def test_a_blank_arrow_has_no_name(shade: float) -> None:
-    assert DECODER.decode(np.full((1, 16), shade))[0].tolist() == [UNNAMED]
+@pytest.mark.parametrize("sigma_mm", [0.5, 1.5, 3.0])
+def test_a_blank_arrow_has_no_name(shade: float, sigma_mm: float) -> None:
+    sharp = sharpness(sigma_mm)
+    assert DECODER.decode(np.full((1, 16), shade), sharp, sharp).tags.tolist() == [UNNAMED]
+
+
+@given(st.floats(0.6, 4.0))
+def test_the_blur_is_told_by_the_edges(sigma_mm: float) -> None:
+    step_u = 0.04
+    kept = 0.10 + step_u * DECODER.blur(sharpness(sigma_mm))[0]
+    assert kept == pytest.approx(sigma_mm / ARROW.unit_mm, abs=0.6 * step_u)
 
 
 def test_one_tag_or_none_in_the_roster() -> None:
-    word = code_words(ARROW, [31, 1843], 1.0)
-    assert Decoder(ARROW, [31]).decode(word)[0].tolist() == [31, UNNAMED]
-    assert Decoder(ARROW, []).decode(word)[0].tolist() == [UNNAMED, UNNAMED]
-    assert DECODER.decode(np.zeros((0, 16)))[0].shape == (0,)
+    cells, sharp = seen([31, 1843], 1.0, 1.0), sharpness(1.0, 2)
+    assert Decoder(ARROW, [31]).decode(cells, sharp, sharp).tags.tolist() == [31, UNNAMED]
+    nobody = Decoder(ARROW, []).decode(cells, sharp, sharp)
+    assert nobody.tags.tolist() == [UNNAMED, UNNAMED] and nobody.distance.shape == (2, 0)
+    none = np.zeros(0)
+    assert DECODER.decode(np.zeros((0, 16)), none, none).tags.shape == (0,)

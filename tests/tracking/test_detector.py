@@ -132,17 +132,6 @@ def test_a_marker_cut_by_the_border_is_not_reported() -> None:
     assert errors(found, [robot], SMALL)[0].max() < 3e-4
 
 
-def test_the_search_can_be_exchanged() -> None:
-    class Blind:
-        def find(self, image: np.ndarray, px_per_mm: float) -> np.ndarray:
-            from vsense.tracking.candidates import CANDIDATE
-
-            return np.zeros(0, CANDIDATE)
-
-    picture = render(SMALL, ARROW, [Robot(31, 0.0, 0.0, 0.0)], Look(litter=0))
-    assert len(ArrowDetector(ARROW, ROSTER, HEIGHT_M, Blind()).detect(picture, SMALL)) == 0
-
-
 def test_detecting_twice_gives_the_same_bytes() -> None:
     picture = render(WIDE, ARROW, crowd(seed=6), seed=6)
     first = DETECTOR.detect(picture, WIDE)

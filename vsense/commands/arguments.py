@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import math
 
 
 def seconds(text: str) -> float:
     """A length of time in s, at least one and finite."""
     value = _number(text, float, "a number of seconds")
-    if not 1.0 <= value <= 86_400.0 or math.isnan(value):
+    if not 1.0 <= value <= 86_400.0:
         raise argparse.ArgumentTypeError(f"{text}: expected 1 to 86400 seconds")
     return value
 

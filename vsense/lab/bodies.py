@@ -20,7 +20,7 @@ from vsense.config.specs import BODY_RADIUS_M
 from vsense.lab.optics import BLUR_SIGMA_PX, Image32
 from vsense.lab.shared import LabError
 from vsense.tracking.camera import Camera
-from vsense.tracking.families import MarkerFamily
+from vsense.tracking.markers import Family
 
 Floats = NDArray[np.float64]
 
@@ -119,7 +119,7 @@ class Sprite:
 class BodySprites:
     """The sprites of one body as one kind of camera sees them."""
 
-    def __init__(self, body: Body, family: MarkerFamily, camera: Camera) -> None:
+    def __init__(self, body: Body, family: Family, camera: Camera) -> None:
         """Draws all that does not change; the camera decides the blur."""
         self._height_m = body.height_m
         self._pixel_m = _pixel_m(camera, body.height_m)
@@ -191,7 +191,7 @@ def _side(kind: str, number: int, height_m: float, pixel_m: float) -> Sprite:
 
 
 @lru_cache(maxsize=1024)
-def _marker(body: Body, family: MarkerFamily, pixel_m: float) -> Sprite:
+def _marker(body: Body, family: Family, pixel_m: float) -> Sprite:
     disc = family.disc_diameter_mm / 2000.0
 
     def draw(x: Floats, y: Floats) -> Floats:

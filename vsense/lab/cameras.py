@@ -99,7 +99,8 @@ class Cameras:
         leds = truth[SAMPLES // 2][1]
         self._studio.expose(timestep, poses, leds, images)
         ready_ns = time.monotonic_ns()
-        self._log.append(timestep, capture_ns, ready_ns, poses[SAMPLES // 2], leds)
+        render_ns = ready_ns - known_ns
+        self._log.append(timestep, capture_ns, ready_ns, render_ns, poses[SAMPLES // 2], leds)
         return Exposure(
             timestep,
             slot,
@@ -107,7 +108,7 @@ class Cameras:
             ready_ns,
             prepare_ms=(prepared_ns - begun_ns) / 1e6,
             wait_ms=(known_ns - exposed_ns) / 1e6,
-            render_ms=(ready_ns - known_ns) / 1e6,
+            render_ms=render_ns / 1e6,
         )
 
     def _know(self, moment_ns: int, stdin: int) -> bool:

@@ -7,6 +7,7 @@ input ends, then prints one lateness in ms per line, one line per tick.
 
 from __future__ import annotations
 
+import os
 import select
 import subprocess
 import sys
@@ -45,10 +46,19 @@ class Canary:
         )
 
     def end(self) -> list[float]:
-        """Ends it and gives how late its ticks were, in ms."""
+        """Ends it and gives how late its ticks were, in ms; nothing if it was killed."""
         output, _ = self._process.communicate()
         return [float(value) for value in output.split()]
 
+    def close(self) -> None:
+        """Ends it if it still runs."""
+        if self._process.poll() is None:
+            self._process.communicate()
+
 
 if __name__ == "__main__":
-    print("\n".join(f"{value:.3f}" for value in watch()))
+    try:
+        print("\n".join(f"{value:.3f}" for value in watch()), flush=True)
+    except BrokenPipeError:
+        # Whoever asked is gone; what is still buffered must not be tried again at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -4,28 +4,26 @@ from __future__ import annotations
 
 import argparse
 import json
-import signal
-import sys
-import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from types import FrameType
 from typing import Any
+
+import numpy as np
 
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment
-from vsense.errors import UsageError
+from vsense.console import Console
+from vsense.errors import UsageError, VsenseError
+from vsense.interruption import INTERRUPTED, interruption
 from vsense.lab import metrics, report
-from vsense.lab.console import Console
 from vsense.lab.session import Session
 from vsense.lab.shared import LabError
 from vsense.link.wire import Telemetry
 from vsense.runtime import Step
 
-INTERRUPTED = 130
+SPARE_PICTURES = 3
+"""The very last timestep of a phase may be one that the host missed."""
 
 
 def run(options: argparse.Namespace) -> int:
@@ -35,25 +33,34 @@ def run(options: argparse.Namespace) -> int:
         0, or 130 after Ctrl-C or SIGTERM: what was measured until then is reported all the same.
 
     Raises:
-        VsenseError: it cannot run; one clear line.
+        VsenseError: it cannot run, or something failed in mid-run; what was measured until then
+            is reported first.
     """
     console = Console()
     experiment = _experiment(options)
-    report.pollution(experiment)
     seed = experiment.seed if options.seed is None else options.seed
     seed = seed or time.time_ns() % (2**32 - 1) + 1
     directory = _directory(options.output, experiment.name, seed)
     port = experiment.port if options.port is None else options.port
     for warning in experiment.warnings:
         console.say(f"vsense: {warning}")
-    with _interruption(console) as interrupted:
+    failure: VsenseError | None = None
+    with interruption() as interrupted:
         session = Session(experiment, seed, directory, port, options.blind, console, interrupted)
         with session:
             session.wait_until_ready()
             _announce(console, experiment, seed, directory)
-            session.live(_moments(experiment), _progress(console, session))
+            try:
+                session.live(_moments(experiment), _progress(console, session))
+            except VsenseError as error:
+                failure = error
         console.end_progress()
-        _finish(options, session, seed, console)
+        if session.recording.steps:
+            _report(options, session, seed, console)
+        else:
+            console.say("vsense: the run ended before its first timestep: nothing was measured")
+        if failure is not None:
+            raise failure
         return INTERRUPTED if interrupted.is_set() else 0
 
 
@@ -66,37 +73,28 @@ def _experiment(options: argparse.Namespace) -> Experiment:
         raise UsageError(
             f"--robots {options.robots}: {experiment.file} has {len(experiment.robots)}"
         )
+    left_out = {robot.tag for robot in experiment.robots[options.robots :]}
+    if left_out & {source.tag for source in experiment.sources}:
+        raise UsageError(f"--robots {options.robots}: would leave out what pollutes")
     return replace(experiment, robots=experiment.robots[: options.robots])
 
 
 def _directory(wanted: Path | None, name: str, seed: int) -> Path:
-    """Makes the run directory."""
-    directory = wanted or Path("runs") / f"{time.strftime('%Y-%m-%d-%H%M%S')}-{name}-seed{seed}"
+    """Makes the run directory; an earlier run is never written over."""
+    stem = f"{time.strftime('%Y-%m-%d-%H%M%S')}-{name}-seed{seed}"
+    directory = wanted or Path("runs") / stem
+    copies = 1
+    while wanted is None and directory.exists():
+        copies += 1
+        directory = directory.with_name(f"{stem}-{copies}")
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        (directory / ".writable").touch()
-        (directory / ".writable").unlink()
+        if any(directory.iterdir()):
+            raise LabError(f"{directory} is not empty: choose a new folder for this run")
+        (directory / "robots").mkdir()
     except OSError as error:
         raise LabError(f"cannot write to {directory}: {error.strerror}") from None
     return directory.resolve()
-
-
-@contextmanager
-def _interruption(console: Console) -> Iterator[threading.Event]:
-    """Turns Ctrl-C and SIGTERM into an event, so that everything ends in order."""
-    interrupted = threading.Event()
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        interrupted.set()
-
-    before = {
-        number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)
-    }
-    try:
-        yield interrupted
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _announce(console: Console, experiment: Experiment, seed: int, directory: Path) -> None:
@@ -106,10 +104,12 @@ def _announce(console: Console, experiment: Experiment, seed: int, directory: Pa
     )
 
 
-def _moments(experiment: Experiment) -> set[int]:
-    """Timesteps whose pictures the report shows: the last before the wind turns."""
-    turn = report.pollution(experiment).turn_timestep
-    return set() if turn is None else {turn - 1}
+def _moments(experiment: Experiment) -> range:
+    """Timesteps whose pictures the report may show: the last ones before the wind turns."""
+    source = report.pollution(experiment)
+    if source is None or source.turn_timestep is None:
+        return range(0)
+    return range(max(source.turn_timestep - SPARE_PICTURES, 0), source.turn_timestep)
 
 
 def _progress(console: Console, session: Session) -> Any:
@@ -121,8 +121,7 @@ def _progress(console: Console, session: Session) -> Any:
         robots = session.server.robots().values()
         connected = sum(robot.connected for robot in robots)
         lit = sum(_is_lit(robot.telemetry) for robot in robots if robot.connected)
-        values = session.runtime.readings.values()
-        inside = sum(any(any(value) for value, _ in readings) for readings in values)
+        inside = _inside(session)
         latency_ms = (step.sent_ns - step.ready_ns) / 1e6
         console.progress(
             f"{step.run_timestep * experiment.timestep_s:5.1f}{length} s"
@@ -133,15 +132,22 @@ def _progress(console: Console, session: Session) -> Any:
     return show
 
 
+def _inside(session: Session) -> int:
+    """How many robots the host takes to be in the cone."""
+    source = report.pollution(session.experiment)
+    cone = None if source is None else session.world.cone(source)
+    if cone is None:
+        return 0
+    robots = session.world.robots
+    return int(cone.contains(np.stack((robots["x_m"], robots["y_m"]), axis=-1)).sum())
+
+
 def _is_lit(telemetry: Telemetry | None) -> bool:
     return telemetry is not None and bool(telemetry.leds & report.RING_LEDS)
 
 
-def _finish(options: argparse.Namespace, session: Session, seed: int, console: Console) -> None:
-    """Measures, draws, prints."""
-    if not session.recording.steps:
-        console.say("vsense: the run ended before its first timestep: nothing was measured")
-        return
+def _report(options: argparse.Namespace, session: Session, seed: int, console: Console) -> None:
+    """Measures, writes, prints, and draws last."""
     measured = report.gather(session)
     summary = {
         "experiment": session.experiment.name,
@@ -151,12 +157,15 @@ def _finish(options: argparse.Namespace, session: Session, seed: int, console: C
         "cameras": len(session.cameras),
         **metrics.figures(measured),
     }
+    text = json.dumps(summary, indent=2)
+    path = session.directory / "summary.json"
+    try:
+        path.write_text(text + "\n")
+        if options.json:
+            print(text, flush=True)
+    except OSError as error:
+        raise LabError(f"{error.filename or 'standard output'}: {error.strerror}") from None
+    console.say(report.table(summary))
     drawing = session.directory / f"{session.experiment.name}.png"
     report.draw(session, measured, options.blind, seed, drawing)
-    text = json.dumps(summary, indent=2)
-    (session.directory / "summary.json").write_text(text + "\n")
-    console.say(report.table(summary))
     console.say(f"picture: {drawing}")
-    if options.json:
-        print(text)
-    sys.stdout.flush()

@@ -9,9 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from vsense.config.specs import Experiment, Pose
+from vsense.lab.processes import describe_exit, end
 from vsense.lab.shared import LabError
-
-END_TIMEOUT_S = 5.0
 
 
 class Floor:
@@ -43,51 +42,25 @@ class Floor:
             LabError: the process cannot do its work.
         """
         self.log = directory / "actuations.bin"
-        spec = {
-            "robots": [
-                {"index": i, "tag": robot.tag, **poses[robot.tag]._asdict()}
-                for i, robot in enumerate(experiment.robots)
-            ],
-            "objects": [
-                {"tag": thing.tag, **poses[thing.tag]._asdict()} for thing in experiment.objects
-            ],
-            "boxes": [
-                {
-                    "x_m": box.position_m[0],
-                    "y_m": box.position_m[1],
-                    "yaw_rad": box.yaw_rad,
-                    "size_x_m": box.size_m[0],
-                    "size_y_m": box.size_m[1],
-                }
-                for box in experiment.boxes
-            ],
-            "truth": truth,
-            "log": str(self.log),
-            "directory": str(directory),
-            "seed": seed,
-        }
         self._process = subprocess.Popen(
             [sys.executable, "-m", "vsense.lab.atoms"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             start_new_session=True,
         )
-        self.ttys: list[str] = json.loads(self._ask(spec))["slaves"]
+        answer = self._ask(_spec(experiment, poses, truth, seed, self.log))
+        self.ttys: list[str] = json.loads(answer)["slaves"]
 
     def check(self) -> None:
         """Raises LabError where the process has ended by itself."""
         if self._process.poll() is not None:
-            raise LabError(f"the lab's physics ended with exit code {self._process.returncode}")
+            raise LabError(f"the lab's physics {describe_exit(self._process.returncode)}")
 
     def close(self) -> None:
         """Ends the process; its log is complete then."""
         assert self._process.stdin is not None and self._process.stdout is not None
         self._process.stdin.close()
-        try:
-            self._process.wait(END_TIMEOUT_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        end(self._process)
         self._process.stdout.close()
 
     def _ask(self, spec: Mapping[str, object]) -> bytes:
@@ -99,3 +72,32 @@ class Floor:
             self._process.wait()
             raise LabError("the lab's physics did not start; the reason stands above")
         return answer
+
+
+def _spec(
+    experiment: Experiment, poses: Mapping[int, Pose], truth: str, seed: int, log: Path
+) -> dict[str, object]:
+    """What the process is told; see `vsense.lab.atoms`."""
+    return {
+        "robots": [
+            {"index": i, "tag": robot.tag, **poses[robot.tag]._asdict()}
+            for i, robot in enumerate(experiment.robots)
+        ],
+        "objects": [
+            {"tag": thing.tag, **poses[thing.tag]._asdict()} for thing in experiment.objects
+        ],
+        "boxes": [
+            {
+                "x_m": box.position_m[0],
+                "y_m": box.position_m[1],
+                "yaw_rad": box.yaw_rad,
+                "size_x_m": box.size_m[0],
+                "size_y_m": box.size_m[1],
+            }
+            for box in experiment.boxes
+        ],
+        "truth": truth,
+        "log": str(log),
+        "directory": str(log.parent),
+        "seed": seed,
+    }

@@ -16,7 +16,7 @@ from vsense.arena import Frame
 from vsense.lab.camera_spec import CameraSpec, Exposure
 from vsense.lab.frame_bank import FrameBank
 from vsense.lab.optics import EXPOSURE_NS
-from vsense.lab.swarm import describe_exit
+from vsense.lab.processes import describe_exit, end
 from vsense.lab.truth import TruthReader
 from vsense.tracking.camera import Camera
 from vsense.tracking.grabbers import GrabberError
@@ -25,7 +25,6 @@ READY_TIMEOUT_S = 20.0
 """The scene must be built within this time."""
 
 _LEAD_NS = 50_000_000
-_END_TIMEOUT_S = 5.0
 
 
 class LabGrabber:
@@ -120,11 +119,7 @@ class LabGrabber:
         assert self._process.stdin is not None and self._process.stdout is not None
         with suppress(BrokenPipeError):
             self._process.stdin.close()
-        try:
-            self._process.wait(_END_TIMEOUT_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        end(self._process)
         self._process.stdout.close()
         self._bank.close()
 
@@ -159,8 +154,5 @@ class LabGrabber:
         code = self._process.wait()
         if code == 0:
             return GrabberError("the lab's cameras have taken their last picture")
-        was = "was " if code < 0 else ""
-        return GrabberError(
-            f"the process of the lab's cameras {was}{describe_exit(code)};"
-            " what it said stands above"
-        )
+        said = "; what it said stands above" if code > 0 else ""
+        return GrabberError(f"the process of the lab's cameras {describe_exit(code)}{said}")

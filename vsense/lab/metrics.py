@@ -13,38 +13,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import wrap_angle
+from vsense.config.specs import BODY_RADIUS_M
+from vsense.lab.trace import UNKNOWN_AGE
 
 TIMESTEP = np.dtype(
     [
         ("timestep", "i8"),
+        ("run_timestep", "i8"),
         ("capture_ns", "i8"),
-        ("ready_ns", "i8"),
+        ("render_ns", "i8"),
         ("arena_ns", "i8"),
         ("sent_ns", "i8"),
-        ("detected", "i8"),
     ]
 )
-"""One timestep of the host; times on the host's monotonic clock."""
+"""One timestep that the host lived; times on the host's monotonic clock. `timestep` counts the
+cameras' triggers, `run_timestep` those of the run; `render_ns` is how long rendering took."""
 
 EDGE_MARGIN_M = 0.005
 """Closer than this to the cone's edge the truth itself is a matter of millimetres: not judged."""
 
-MISNAMED_M = 0.035
+MISNAMED_M = BODY_RADIUS_M
 """A named marker farther than a robot's radius from that robot's true place is a wrong id."""
 
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """Where everything really was, per timestep of the run.
+    """Where everything really was, per timestep that the host lived.
 
     Attributes:
         poses: (timesteps, robots, 3) x, y in m and yaw in rad at the capture time.
-        depth_m: (timesteps, robots) how deep in the cone: positive inside, negative outside.
+        depth_m: (timesteps, robots) how deep in the cone, positive inside, negative outside;
+            None for an experiment without a cone.
         lit: (timesteps, robots) whether the robot's red LEDs were on at the capture time.
     """
 
     poses: NDArray[np.float64]
-    depth_m: NDArray[np.float64]
+    depth_m: NDArray[np.float64] | None
     lit: NDArray[np.bool_]
 
 
@@ -53,12 +57,11 @@ class Run:
     """Everything that was noted during one run; arrays of robots follow `tags`.
 
     Attributes:
-        timesteps: (n,) TIMESTEP.
-        wanted: number of timesteps the run was to have.
+        timesteps: (n,) TIMESTEP, those that the host lived; it may have missed some.
+        wanted: number of timesteps that the run had, missed ones included.
         dt_ns: length of a timestep.
-        exposure_ns: exposure of one picture.
         tags: the robots' tags.
-        poses: per timestep the POSE array of the arena state.
+        sightings: per timestep the SIGHTING array of the arena state.
         truth: the true poses, cone depths and LEDs.
         object_tags: tags of the tagged objects that are no robots.
         object_poses: (timesteps, objects, 3) their true poses.
@@ -72,9 +75,8 @@ class Run:
     timesteps: NDArray[np.void]
     wanted: int
     dt_ns: int
-    exposure_ns: int
     tags: tuple[int, ...]
-    poses: list[NDArray[np.void]]
+    sightings: list[NDArray[np.void]]
     truth: Truth
     object_tags: tuple[int, ...]
     object_poses: NDArray[np.float64]
@@ -89,10 +91,9 @@ def figures(run: Run) -> dict[str, Any]:
     """Computes all figures of a run under the names that scripts rely on."""
     steps = run.timesteps
     late = (steps["sent_ns"] - steps["capture_ns"]) > run.dt_ns
-    missing = run.wanted - len(steps)
     return {
         "timesteps": len(steps),
-        "late_timesteps": int(late.sum()) + max(missing, 0),
+        "late_timesteps": int(late.sum()) + run.wanted - len(steps),
         "duration_s": round((int(np.ptp(steps["capture_ns"])) + run.dt_ns) / 1e9, 3),
         "tracking": tracking(run),
         "latency_ms": latencies(run),
@@ -104,37 +105,36 @@ def figures(run: Run) -> dict[str, Any]:
 
 
 def tracking(run: Run) -> dict[str, float | int | None]:
-    """Detections against the truth; only robots seen in a timestep count, predictions do not."""
+    """Raw detections against the truth: what the tracker believes or predicts does not count."""
+    detected = []
     distance, turn = [np.empty(0)], [np.empty(0)]
-    for k, poses in enumerate(run.poses):
-        seen = poses[poses["seen"]]
-        truth = np.array([_true_pose(run, k, int(tag)) for tag in seen["tag"]]).reshape(-1, 3)
+    for row, seen in enumerate(run.sightings):
+        truth = np.array([_true_pose(run, row, int(tag)) for tag in seen["tag"]]).reshape(-1, 3)
         distance.append(np.hypot(seen["x_m"] - truth[:, 0], seen["y_m"] - truth[:, 1]))
         turn.append(wrap_angle(seen["yaw_rad"] - truth[:, 2]))
+        detected.append(len(np.unique(seen["tag"][distance[-1] <= MISNAMED_M])))
     all_distances, all_turns = np.concatenate(distance), np.concatenate(turn)
     right = all_distances <= MISNAMED_M
     return {
-        "detected_mean": _round(_mean(run.timesteps["detected"]), 4),
+        "detected_mean": _round(_mean(detected), 4),
         "wrong_ids": int((~right).sum()),
         "position_rmse_mm": _round(1000 * _rms(all_distances[right])),
         "heading_rmse_deg": _round(np.degrees(_rms(all_turns[right]))),
     }
 
 
-def _true_pose(run: Run, k: int, tag: int) -> NDArray[np.float64]:
-    """True pose of a tag; a tag that nothing here wears is infinitely far away."""
+def _true_pose(run: Run, row: int, tag: int) -> NDArray[np.float64]:
+    """True pose of a tag of the roster, robot or object."""
     if tag in run.tags:
-        return np.asarray(run.truth.poses[k, run.tags.index(tag)])
-    if tag in run.object_tags:
-        return np.asarray(run.object_poses[k, run.object_tags.index(tag)])
-    return np.full(3, np.inf)
+        return np.asarray(run.truth.poses[row, run.tags.index(tag)])
+    return np.asarray(run.object_poses[row, run.object_tags.index(tag)])
 
 
 def latencies(run: Run) -> dict[str, dict[str, float | None]]:
     """All latencies as percentiles in ms."""
     steps = run.timesteps
-    readout_ns = steps["ready_ns"] - steps["capture_ns"] - run.exposure_ns // 2
-    origin = dict(zip(steps["capture_ns"].tolist(), (steps["capture_ns"] + readout_ns).tolist()))
+    origins_ns = steps["capture_ns"] + steps["render_ns"]
+    origin = dict(zip(steps["capture_ns"].tolist(), origins_ns.tolist()))
     to_robot: list[float] = []
     to_control: list[float] = []
     to_wheels: list[float] = []
@@ -151,12 +151,12 @@ def latencies(run: Run) -> dict[str, dict[str, float | None]]:
             if index < len(applied):
                 to_wheels.append((applied[index] - start) / 1e6)
     return {
-        "capture_to_arena": _spread((steps["arena_ns"] - steps["capture_ns"] - readout_ns) / 1e6),
+        "capture_to_arena": _spread((steps["arena_ns"] - origins_ns) / 1e6),
         "arena_to_sent": _spread((steps["sent_ns"] - steps["arena_ns"]) / 1e6),
         "capture_to_robot": _spread(to_robot),
         "capture_to_control": _spread(to_control),
         "capture_to_wheels": _spread(to_wheels),
-        "render": _spread(readout_ns / 1e6),
+        "render": _spread(steps["render_ns"] / 1e6),
         "canary": _spread(run.lateness_ms),
     }
 
@@ -164,41 +164,35 @@ def latencies(run: Run) -> dict[str, dict[str, float | None]]:
 def sensing(run: Run) -> dict[str, float | int | None]:
     """What the controllers held against what they should have held.
 
-    Every robot-timestep of the run is one reading expected. It agrees when the value held at the
-    control step of that timestep equals the value from the true poses at the capture time it
-    names; one that is missing, stale or names no capture time of this run is wrong.
+    Every robot-timestep of the run, missed ones included, is one reading expected. It agrees when
+    the value held at the control step of that timestep equals the value from the true poses at the
+    capture time it names; one that is missing, stale or names no capture time of this run is wrong.
     """
-    row = {int(capture): k for k, capture in enumerate(run.timesteps["capture_ns"])}
-    inside_ok: list[bool] = []
-    outside_ok: list[bool] = []
+    verdicts: dict[bool, list[bool]] = {True: [], False: []}
     readings = fresh = 0
     for robot, trace in enumerate(run.traces):
         lines = _first_lines(trace)
-        for k, timestep in enumerate(run.timesteps["timestep"].tolist()):
+        for timestep in _all_timesteps(run):
             line = lines.get(timestep)
-            named = None
-            if line is not None:
-                readings += 1
-                fresh += not line["stale"]
-                named = row.get(int(line["capture_ns"]))
-            depth = run.truth.depth_m[k if named is None else named, robot]
-            if abs(depth) < EDGE_MARGIN_M:
-                continue
-            right = (
-                line is not None
-                and named is not None
-                and not line["stale"]
-                and (line["value"] >= 0.5) == (depth > 0)
-            )
-            (inside_ok if depth > 0 else outside_ok).append(bool(right))
+            readings += line is not None
+            fresh += line is not None and not line["stale"]
+            verdict = _verdict(run, robot, timestep, line)
+            if verdict is not None:
+                verdicts[verdict[0]].append(verdict[1])
     expected = len(run.tags) * run.wanted
     return {
         "readings": readings,
         "expected": expected,
-        "agreement_in": _round(_mean(inside_ok), 5),
-        "agreement_out": _round(_mean(outside_ok), 5),
-        "fresh_share": _round(fresh / expected, 5) if expected else None,
+        "agreement_in": _round(_mean(verdicts[True]), 5),
+        "agreement_out": _round(_mean(verdicts[False]), 5),
+        "fresh_share": _round(fresh / expected, 5),
     }
+
+
+def _all_timesteps(run: Run) -> range:
+    """The triggers of all the run's timesteps, those that the host missed too."""
+    first = int(run.timesteps["timestep"][0] - run.timesteps["run_timestep"][0])
+    return range(first, first + run.wanted)
 
 
 def _first_lines(trace: NDArray[np.void]) -> dict[int, np.void]:
@@ -208,34 +202,70 @@ def _first_lines(trace: NDArray[np.void]) -> dict[int, np.void]:
     return {int(timestep): known[index] for timestep, index in zip(timesteps, first)}
 
 
+def _verdict(run: Run, robot: int, timestep: int, line: np.void | None) -> tuple[bool, bool] | None:
+    """Whether the robot truly was in the cone, and whether its controller held just that.
+
+    None where there is no cone, or the robot was too near its edge.
+    """
+    if run.truth.depth_m is None:
+        return None
+    named = None if line is None else _row_at(run.timesteps["capture_ns"], line["capture_ns"])
+    # Without a capture time of this run the truth is that of the timestep, or the last before it.
+    row = named
+    if row is None:
+        row = max(int(np.searchsorted(run.timesteps["timestep"], timestep, "right")) - 1, 0)
+    depth_m = run.truth.depth_m[row, robot]
+    if abs(depth_m) < EDGE_MARGIN_M:
+        return None
+    inside = bool(depth_m > 0)
+    if line is None or named is None or line["stale"]:
+        return inside, False
+    return inside, bool((line["value"] >= 0.5) == inside)
+
+
+def _row_at(times: NDArray[np.int64], time: np.int64) -> int | None:
+    """The row of a rising array that holds `time` exactly."""
+    row = int(np.searchsorted(times, time))
+    return row if row < len(times) and times[row] == time else None
+
+
 def age_errors_ms(run: Run) -> NDArray[np.float64]:
-    """How wrong each robot was about the age of what it held, in ms."""
-    lines = np.concatenate([trace[trace["known"]] for trace in run.traces])
-    true_age_ns = lines["now_ns"] - lines["newest_ns"]
+    """How wrong each robot was about the age of what it held, in ms, where it knew one."""
+    lines = np.concatenate([trace[trace["age_ns"] != UNKNOWN_AGE] for trace in run.traces])
+    true_age_ns = lines["now_ns"] - lines["capture_ns"]
     return np.asarray(np.abs(lines["age_ns"] - true_age_ns) / 1e6)
 
 
 def swarm(run: Run) -> dict[str, int | None]:
     """Robots in the cone, and lit there, at the last timestep of each phase."""
-    last = len(run.timesteps) - 1
-    before = last if run.turn is None else min(run.turn, len(run.timesteps)) - 1
-    inside, lit = counts(run.truth)
+    inside, lit = counts(run.truth) or (None, None)
+    before, after = phase_ends(run)
 
-    def at(k: int, series: NDArray[np.int64]) -> int | None:
-        return int(series[k]) if 0 <= k <= last else None
+    def at(series: NDArray[np.int64] | None, row: int | None) -> int | None:
+        return None if series is None or row is None else int(series[row])
 
-    turned = run.turn is not None and run.turn <= last
-    after = last if turned else -1
     return {
-        "in_cone_before_turn": at(before, inside),
-        "lit_before_turn": at(before, lit),
-        "in_cone_after_turn": at(after, inside),
-        "lit_after_turn": at(after, lit),
+        "in_cone_before_turn": at(inside, before),
+        "lit_before_turn": at(lit, before),
+        "in_cone_after_turn": at(inside, after),
+        "lit_after_turn": at(lit, after),
     }
 
 
-def counts(truth: Truth) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Robots in the cone, and robots lit in the cone, per timestep."""
+def phase_ends(run: Run) -> tuple[int | None, int | None]:
+    """Rows of the last timesteps before the wind turned and after it; None: no such phase."""
+    timesteps = run.timesteps["run_timestep"]
+    if run.turn is None:
+        return len(timesteps) - 1, None
+    before = int(np.searchsorted(timesteps, run.turn)) - 1
+    after = len(timesteps) - 1
+    return (before if before >= 0 else None), (after if after > before else None)
+
+
+def counts(truth: Truth) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
+    """Robots in the cone, and robots lit in the cone, per timestep; None without a cone."""
+    if truth.depth_m is None:
+        return None
     inside = truth.depth_m >= 0
     return inside.sum(axis=1), (inside & truth.lit).sum(axis=1)
 
@@ -252,7 +282,7 @@ def _percentile(values: NDArray[np.float64] | list[float], q: float) -> float | 
     return float(np.percentile(values, q)) if len(values) else None
 
 
-def _mean(values: NDArray[np.float64] | list[bool]) -> float | None:
+def _mean(values: list[int] | list[bool]) -> float | None:
     return float(np.mean(values)) if len(values) else None
 
 

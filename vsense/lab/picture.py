@@ -13,6 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.config.specs import BODY_RADIUS_M
+
 Image = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
@@ -21,7 +23,6 @@ SCALE = 2
 PANEL_PX_PER_M = 300
 MARGIN = 40
 CHART_HEIGHT = 300
-ROBOT_RADIUS_M = 0.037
 
 INK: Colour = (50, 42, 38)
 MUTED: Colour = (140, 130, 124)
@@ -39,7 +40,8 @@ class Scene:
     Attributes:
         title: what moment this is.
         view: (h, w) grey top view of the floor, `PANEL_PX_PER_M` px per metre, +y up.
-        cone_m: (3, 2) corners of the polluted triangle in the arena frame, apex first.
+        cone_m: (3, 2) corners of the polluted triangle in the arena frame, apex first; None
+            where nothing pollutes.
         poses: (n, 3) x, y in m and yaw in rad of the robots.
         lit: (n,) whether each robot's red LEDs are on.
         inside: (n,) whether each robot is in the cone.
@@ -47,7 +49,7 @@ class Scene:
 
     title: str
     view: Image
-    cone_m: NDArray[np.float64]
+    cone_m: NDArray[np.float64] | None
     poses: NDArray[np.float64]
     lit: NDArray[np.bool_]
     inside: NDArray[np.bool_]
@@ -72,8 +74,14 @@ class Curve:
     turn_s: float | None
 
 
-def draw(heading: str, subtitle: str, scenes: Sequence[Scene], curve: Curve) -> Image:
+def draw(heading: str, subtitle: str, scenes: Sequence[Scene], curve: Curve | None) -> Image:
     """Draws the whole picture.
+
+    Args:
+        heading: what experiment this is.
+        subtitle: how it was run.
+        scenes: at least one moment, all of the same size.
+        curve: the swarm over time; None: no chart.
 
     Returns:
         (h, w, 3) BGR image.
@@ -83,7 +91,8 @@ def draw(heading: str, subtitle: str, scenes: Sequence[Scene], curve: Curve) -> 
     total_width = SCALE * MARGIN * (len(panels) + 1) + width * len(panels)
     top = SCALE * 116
     chart_top = top + height + SCALE * 96
-    canvas = np.full((chart_top + SCALE * (CHART_HEIGHT + 64), total_width, 3), 255, np.uint8)
+    chart_height = 0 if curve is None else SCALE * (CHART_HEIGHT + 64)
+    canvas = np.full((chart_top + chart_height, total_width, 3), 255, np.uint8)
     _text(canvas, heading, (MARGIN, 50), INK, 1.0)
     _text(canvas, subtitle, (MARGIN, 78), MUTED, 0.52)
     for index, (scene, panel) in enumerate(zip(scenes, panels)):
@@ -93,10 +102,13 @@ def draw(heading: str, subtitle: str, scenes: Sequence[Scene], curve: Curve) -> 
         x, y = left // SCALE, (top + height) // SCALE
         inside, lit = int(scene.inside.sum()), int((scene.lit & scene.inside).sum())
         _text(canvas, scene.title, (x, y + 28), INK, 0.6)
+        if scene.cone_m is None:
+            continue
         robots = "robot" if inside == 1 else "robots"
         text = f"{inside} {robots} in the cone, {lit} of them lit"
         _text(canvas, text, (x, y + 52), LIT, 0.52)
-    _chart(canvas, curve, chart_top)
+    if curve is not None:
+        _chart(canvas, curve, chart_top)
     size = (canvas.shape[1] // SCALE, canvas.shape[0] // SCALE)
     return np.asarray(cv2.resize(canvas, size, interpolation=cv2.INTER_AREA), np.uint8)
 
@@ -126,15 +138,11 @@ def _panel(scene: Scene) -> Image:
     def pixel(points_m: NDArray[np.float64]) -> NDArray[np.int32]:
         return np.asarray(np.rint(points_m * [zoom, -zoom] + centre), np.int32)
 
-    tint = image.copy()
-    corners = pixel(scene.cone_m)
-    cv2.fillConvexPoly(tint, corners, CONE, cv2.LINE_AA)
-    image = cv2.addWeighted(tint, 0.30, image, 0.70, 0)
-    cv2.polylines(image, [corners], True, CONE, 2 * SCALE, cv2.LINE_AA)
-    cv2.circle(image, tuple(map(int, corners[0])), int(0.05 * zoom), CONE, 3 * SCALE, cv2.LINE_AA)
-    radius = int(ROBOT_RADIUS_M * zoom)
+    if scene.cone_m is not None:
+        image = _draw_cone(np.asarray(image, np.uint8), pixel(scene.cone_m), int(0.05 * zoom))
+    radius = int(BODY_RADIUS_M * zoom)
     for pose, lit in zip(scene.poses, scene.lit):
-        tip = pose[:2] + 2.1 * ROBOT_RADIUS_M * np.array([np.cos(pose[2]), np.sin(pose[2])])
+        tip = pose[:2] + 2.1 * BODY_RADIUS_M * np.array([np.cos(pose[2]), np.sin(pose[2])])
         at, end = (tuple(map(int, p)) for p in pixel(np.array([pose[:2], tip])))
         if lit:
             glow = image.copy()
@@ -146,6 +154,16 @@ def _panel(scene: Scene) -> Image:
     finished = np.asarray(image, np.uint8)
     _scale_bar(finished, zoom)
     return finished
+
+
+def _draw_cone(image: Image, corners: NDArray[np.int32], radius: int) -> Image:
+    """Tints the cone and rings its source."""
+    tint = image.copy()
+    cv2.fillConvexPoly(tint, corners, CONE, cv2.LINE_AA)
+    mixed = np.asarray(cv2.addWeighted(tint, 0.30, image, 0.70, 0), np.uint8)
+    cv2.polylines(mixed, [corners], True, CONE, 2 * SCALE, cv2.LINE_AA)
+    cv2.circle(mixed, tuple(map(int, corners[0])), radius, CONE, 3 * SCALE, cv2.LINE_AA)
+    return mixed
 
 
 def _scale_bar(image: Image, zoom: int) -> None:

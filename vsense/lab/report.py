@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from vsense.config.specs import Experiment
 from vsense.lab import metrics, picture
 from vsense.lab.microcontrollers import read_actuations
-from vsense.lab.optics import EXPOSURE_NS
 from vsense.lab.session import Session
 from vsense.lab.shared import LabError
 from vsense.lab.stitch import top_view
 from vsense.lab.trace import read_trace
 from vsense.lab.truth_log import read_truth
+from vsense.runtime import Step
 from vsense.world.pollution import PollutantSource
 
 RING_LEDS = 0xFF
@@ -32,34 +32,29 @@ def gather(session: Session) -> metrics.Run:
         LabError: a file is missing or broken.
     """
     experiment, recording = session.experiment, session.recording
-    steps = np.array(
-        [
-            (s.timestep, s.capture_ns, s.ready_ns, s.arena_ns, s.sent_ns, s.state.detected)
-            for s in recording.steps
-        ],
-        metrics.TIMESTEP,
-    )
-    truth = _rows_of(read_truth(session.truth_log), steps)
+    truth = _rows_of(read_truth(session.truth_log), [step.timestep for step in recording.steps])
+    steps = _timesteps(recording.steps, truth)
     robots = len(experiment.robots)
-    poses = truth["poses"]
     source = pollution(experiment)
-    lit = (truth["leds"][:, :robots] & RING_LEDS) != 0
     actuations = read_actuations(session.floor.log)
-    tags = tuple(robot.tag for robot in experiment.robots)
-    traces = [read_trace(robot, "pollutant", session.dt_ns) for robot in session.swarm.robots]
+    interrupted = session.interrupted.is_set() or not experiment.timesteps
+    traces = [read_trace(robot, "pollutant" if source else None) for robot in session.swarm.robots]
     return metrics.Run(
         timesteps=steps,
-        wanted=experiment.timesteps or len(steps),
+        wanted=int(steps["run_timestep"][-1]) + 1 if interrupted else experiment.timesteps,
         dt_ns=session.dt_ns,
-        exposure_ns=EXPOSURE_NS,
-        tags=tags,
-        poses=[step.state.robots for step in recording.steps],
-        truth=metrics.Truth(poses[:, :robots], _depth(source, experiment, poses), lit),
+        tags=tuple(robot.tag for robot in experiment.robots),
+        sightings=[step.state.sightings for step in recording.steps],
+        truth=metrics.Truth(
+            poses=truth["poses"][:, :robots],
+            depth_m=_depth_m(source, experiment, truth["poses"], steps["run_timestep"]),
+            lit=(truth["leds"][:, :robots] & RING_LEDS) != 0,
+        ),
         object_tags=tuple(thing.tag for thing in experiment.objects),
-        object_poses=poses[:, robots:],
+        object_poses=truth["poses"][:, robots:],
         traces=[_within(trace, steps) for trace in traces],
         actuated=[actuations["time_ns"][actuations["robot"] == i] for i in range(robots)],
-        turn=source.turn_timestep,
+        turn=source.turn_timestep if source else None,
         lateness_ms=recording.lateness_ms,
         link={
             "sent": recording.sent,
@@ -70,104 +65,129 @@ def gather(session: Session) -> metrics.Run:
     )
 
 
-def pollution(experiment: Experiment) -> PollutantSource:
-    """The experiment's one pollutant source.
-
-    Raises:
-        LabError: there is none, or more than one: the lab's figures are about one cone.
-    """
-    if len(experiment.sources) != 1:
-        raise LabError(
-            f"{experiment.file}: the lab measures one pollutant cone,"
-            f" this experiment has {len(experiment.sources)}"
-        )
-    return experiment.sources[0]
+def pollution(experiment: Experiment) -> PollutantSource | None:
+    """The pollutant source that the figures are about: the file's first, if it has one."""
+    return experiment.sources[0] if experiment.sources else None
 
 
-def _rows_of(truth: NDArray[np.void], steps: NDArray[np.void]) -> NDArray[np.void]:
-    """The truth at the timesteps of the run."""
-    rows = np.searchsorted(truth["timestep"], steps["timestep"])
-    if len(steps) and (
-        rows[-1] >= len(truth) or (truth["timestep"][rows] != steps["timestep"]).any()
-    ):
+def _timesteps(steps: list[Step], truth: NDArray[np.void]) -> NDArray[np.void]:
+    """The timesteps that the host lived."""
+    rows = [
+        (s.timestep, s.run_timestep, s.capture_ns, render_ns, s.arena_ns, s.sent_ns)
+        for s, render_ns in zip(steps, truth["render_ns"])
+    ]
+    return np.array(rows, metrics.TIMESTEP)
+
+
+def _rows_of(truth: NDArray[np.void], timesteps: list[int]) -> NDArray[np.void]:
+    """The truth at the timesteps that the host lived."""
+    rows = np.searchsorted(truth["timestep"], timesteps)
+    if rows[-1] >= len(truth) or (truth["timestep"][rows] != timesteps).any():
         raise LabError("the truth log does not hold every timestep of the run")
     return truth[rows]
 
 
-def _depth(
+def _true_source(
     source: PollutantSource, experiment: Experiment, poses: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """How deep each robot truly is in the cone of the true source, per timestep."""
+    """True poses of what pollutes, a robot or an object, out of those of all bodies."""
+    tags = [robot.tag for robot in experiment.robots]
+    tags += [thing.tag for thing in experiment.objects]
+    return np.asarray(poses[..., tags.index(source.tag), :])
+
+
+def _depth_m(
+    source: PollutantSource | None,
+    experiment: Experiment,
+    poses: NDArray[np.float64],
+    run_timesteps: NDArray[np.int64],
+) -> NDArray[np.float64] | None:
+    """How deep each robot truly is in the cone of the true source; None without a cone."""
+    if source is None:
+        return None
     robots = len(experiment.robots)
-    index = robots + [thing.tag for thing in experiment.objects].index(source.tag)
-    depth = np.empty((len(poses), robots))
-    for k, row in enumerate(poses):
-        cone = source.cone_at(row[index, 0], row[index, 1], k)
-        depth[k] = -cone.edge_distance(row[:robots, :2])
-    return depth
+    depth_m = np.empty((len(poses), robots))
+    for row, (x_m, y_m, _) in enumerate(_true_source(source, experiment, poses)):
+        cone = source.cone_at(x_m, y_m, int(run_timesteps[row]))
+        depth_m[row] = -cone.edge_distance(poses[row, :robots, :2])
+    return depth_m
 
 
 def _within(trace: NDArray[np.void], steps: NDArray[np.void]) -> NDArray[np.void]:
     """The control steps of the run's timesteps."""
-    if not len(steps):
-        return trace[:0]
     first, last = steps["timestep"][0], steps["timestep"][-1]
     during: NDArray[np.bool_] = (trace["timestep"] >= first) & (trace["timestep"] <= last)
     return np.asarray(trace[during])
 
 
 def draw(session: Session, run: metrics.Run, blind: bool, seed: int, path: Path) -> None:
-    """Draws `pollutant.png`; needs at least one timestep.
+    """Draws the picture of the run.
 
     Raises:
         LabError: the file cannot be written.
     """
     experiment = session.experiment
-    last = len(run.timesteps) - 1
-    turned = run.turn is not None and run.turn <= last
-    moments = [("before the wind turned", run.turn - 1)] if turned and run.turn else []
-    moments.append(("after the wind turned" if turned else "at the end", last))
-    inside, lit = metrics.counts(run.truth)
-    time_s = np.arange(last + 2, dtype=np.float64) * experiment.timestep_s
+    before, after = metrics.phase_ends(run)
+    titles = {before: "at the end" if after is None else "before the wind turned"}
+    titles[after] = "after the wind turned"
+    scenes = [_scene(session, run, title, row) for row, title in titles.items() if row is not None]
     image = picture.draw(
         f"{experiment.name}{', blind' if blind else ''}",
         f"{len(run.tags)} robots seen by {len(session.cameras)} cameras, seed {seed}",
-        [_scene(session, run, title, k) for title, k in moments if k in session.recording.pictures],
-        picture.Curve(
-            time_s,
-            inside,
-            lit,
-            len(run.tags),
-            run.turn * experiment.timestep_s if turned and run.turn is not None else None,
-        ),
+        [scene for scene in scenes if scene is not None],
+        _curve(run, experiment.timestep_s, after is not None),
     )
     if not cv2.imwrite(str(path), image):
         raise LabError(f"{path}: cannot be written")
 
 
-def _scene(session: Session, run: metrics.Run, title: str, k: int) -> picture.Scene:
-    """The arena at timestep `k` of the run."""
+def _curve(run: metrics.Run, timestep_s: float, turned: bool) -> picture.Curve | None:
+    """The swarm over time; None without a cone."""
+    series = metrics.counts(run.truth)
+    if series is None:
+        return None
+    begins = np.append(run.timesteps["run_timestep"], run.timesteps["run_timestep"][-1] + 1)
+    turn_s = run.turn * timestep_s if turned and run.turn is not None else None
+    return picture.Curve(begins * timestep_s, *series, robots=len(run.tags), turn_s=turn_s)
+
+
+def _scene(session: Session, run: metrics.Run, title: str, row: int) -> picture.Scene | None:
+    """The arena as it was at a row of the run, or at the newest one before it with a picture."""
     experiment = session.experiment
-    source = pollution(experiment)
-    x_m, y_m = run.object_poses[k, run.object_tags.index(source.tag), :2]
+    pictures = session.recording.pictures
+    timesteps = run.timesteps["run_timestep"].tolist()
+    shown = next((r for r in range(row, -1, -1) if timesteps[r] in pictures), None)
+    if shown is None:
+        return None
     view = top_view(
-        session.recording.pictures[k],
+        pictures[timesteps[shown]],
         session.cameras,
         experiment.arena,
         picture.PANEL_PX_PER_M,
         experiment.marker.height_m,
     )
-    centre = np.array(experiment.arena.centre_m[:2])
-    poses = run.truth.poses[k].copy()
-    poses[:, :2] -= centre
+    poses = run.truth.poses[shown].copy()
+    poses[:, :2] -= experiment.arena.centre_m[:2]
+    depth_m = run.truth.depth_m
     return picture.Scene(
-        title=f"{title}, t = {k * experiment.timestep_s:.1f} s",
+        title=f"{title}, t = {timesteps[shown] * experiment.timestep_s:.1f} s",
         view=view,
-        cone_m=source.cone_at(x_m, y_m, k).vertices() - centre,
+        cone_m=_cone_m(experiment, run, shown),
         poses=poses,
-        lit=run.truth.lit[k],
-        inside=run.truth.depth_m[k] >= 0,
+        lit=run.truth.lit[shown],
+        inside=np.zeros(len(poses), bool) if depth_m is None else depth_m[shown] >= 0,
     )
+
+
+def _cone_m(experiment: Experiment, run: metrics.Run, row: int) -> NDArray[np.float64] | None:
+    """The true cone's corners relative to the arena's middle."""
+    source = pollution(experiment)
+    if source is None:
+        return None
+    bodies = np.concatenate((run.truth.poses[row], run.object_poses[row]))
+    x_m, y_m, _ = _true_source(source, experiment, bodies)
+    cone = source.cone_at(x_m, y_m, int(run.timesteps["run_timestep"][row]))
+    return cone.vertices() - experiment.arena.centre_m[:2]
 
 
 def table(summary: dict[str, Any]) -> str:
@@ -209,7 +229,7 @@ def table(summary: dict[str, Any]) -> str:
 def _phase(swarm: dict[str, Any], when: str, robots: int) -> str:
     inside, lit = swarm[f"in_cone_{when}_turn"], swarm[f"lit_{when}_turn"]
     if inside is None:
-        return f"the wind did not turn: nothing {when} it"
+        return f"nothing to count {when} a turn of the wind"
     return f"{inside} of {robots} robots in the cone {when} the wind turned, {lit} of them lit"
 
 

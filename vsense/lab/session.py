@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,18 +14,20 @@ from vsense import build
 from vsense.arena import Frame
 from vsense.config.placement import place
 from vsense.config.specs import Experiment
+from vsense.console import Console
+from vsense.errors import VsenseError
 from vsense.lab.camera_spec import spec_for
 from vsense.lab.canary import Canary
-from vsense.lab.console import Console
 from vsense.lab.floor import Floor
 from vsense.lab.grabber import LabGrabber
 from vsense.lab.shared import LabError
 from vsense.lab.swarm import Swarm
+from vsense.lab.tally import Tally
 from vsense.lab.truth import make_ring
 from vsense.link.server import LinkEvent, VirtualSensorServer
 from vsense.link.table import Direction, Entry, Table
 from vsense.link.wire import GoodbyeCause
-from vsense.runtime import Runtime, Step
+from vsense.runtime import Pictures, Runtime, Step
 from vsense.sensors.bank import SensorBank
 from vsense.tracking.arena_tracker import ArenaTracker
 from vsense.tracking.camera import Camera
@@ -94,6 +96,8 @@ class Session:
         self._console = console
         self._stack = ExitStack()
         self._over = False
+        self._ready = False
+        self._tally = Tally()
         self.dt_ns = round(1e9 / experiment.ticks_per_second)
 
     def __enter__(self) -> Session:
@@ -131,8 +135,9 @@ class Session:
         self._stack.callback(self.swarm.end)
         for robot, tty in zip(experiment.robots, self.floor.ttys):
             self.swarm.start(robot.tag, robot.id, tty)
-        world = World(tags, experiment.sources)
-        self.runtime = Runtime(grabber, tracker, world, bank, self.server)
+        self.world = World(tags, experiment.sources)
+        self.runtime = Runtime(Pictures(grabber, tracker), self.world, bank, self.server)
+        grabber.start()
         self.runtime.open()
         self._stack.callback(self.runtime.close)
 
@@ -154,17 +159,19 @@ class Session:
     def _track(self, cameras: list[Camera]) -> ArenaTracker:
         experiment = self.experiment
         heights = dict.fromkeys(self._names(), experiment.marker.height_m)
-        return ArenaTracker.for_arrows(cameras, load_family(experiment.marker.family), heights)
+        return ArenaTracker.for_family(cameras, load_family(experiment.marker.family), heights)
 
     def wait_until_ready(self) -> None:
         """Lives timesteps until every robot is connected and every tag is seen.
 
         Raises:
-            LabError: somebody is still missing after `READY_TIMEOUT_S`; the message says who.
+            LabError: a daemon has ended, or somebody is still missing after `READY_TIMEOUT_S`;
+                the message says who.
         """
         deadline_s = time.monotonic() + READY_TIMEOUT_S
         while not self.interrupted.is_set():
             step = self._step()
+            self._check_daemons()
             seen = set(step.state.robots[step.state.robots["seen"]]["tag"].tolist())
             links = self.server.robots()
             absent = [robot for robot in self.experiment.robots if not links[robot.tag].connected]
@@ -175,9 +182,16 @@ class Session:
                 f" {len(names) - len(unseen)} of {len(names)} markers seen"
             )
             if not absent and not unseen:
+                self._ready = True
                 return
             if time.monotonic() > deadline_s:
                 raise LabError(self._missing([r.id for r in absent], unseen))
+
+    def _check_daemons(self) -> None:
+        """Raises where a daemon has ended before it was ready: it will not come."""
+        for robot, how in self.swarm.fallen():
+            said = self.swarm.log(robot.tag).read_text(errors="replace").strip().splitlines()
+            raise LabError(f"robot {robot.name}: its daemon {how}: {said[-1] if said else ''}")
 
     def _names(self) -> dict[int, str]:
         """All tagged bodies: tag -> name."""
@@ -193,40 +207,64 @@ class Session:
             parts.append(f"not seen: {', '.join(unseen)}")
         return f"the swarm is not ready after {READY_TIMEOUT_S:.0f} s; " + "; ".join(parts)
 
-    def live(self, keep: set[int], observe: Callable[[Step], None]) -> None:
+    def live(self, keep: Container[int], observe: Callable[[Step], None]) -> None:
         """Starts all robots together, lives the run's timesteps, and stops them.
 
         Args:
             keep: timesteps of the run whose pictures are kept; the last one's always are.
             observe: called after every timestep of the run.
+
+        Raises:
+            VsenseError: something has failed; what was recorded until then is there.
         """
-        wanted = self.experiment.timesteps
         canary = Canary()
-        before = {tag: robot.sessions for tag, robot in self.server.robots().items()}
-        self.runtime.start()
-        latest: Step | None = None
-        while not self.interrupted.is_set() and len(self.recording.steps) < (wanted or sys.maxsize):
-            step = self._step()
-            if step.run_timestep < 0:
-                continue
-            latest = step
-            self.recording.steps.append(step.without_frames())
-            if step.run_timestep in keep:
-                self.recording.pictures[step.run_timestep] = copy_frames(step.frames)
-            observe(step)
-        if latest is not None:
-            self.recording.pictures[latest.run_timestep] = copy_frames(latest.frames)
-            # The robots have the last timestep's readings and a whole timestep to act on them.
-            self.interrupted.wait(self.dt_ns / 1e9)
+        self._stack.callback(canary.close)
+        self._tally.update(self.server.robots())
+        sessions = self._tally.sessions
+        failure: VsenseError | None = None
+        try:
+            self._live_timesteps(keep, observe)
+        except VsenseError as error:
+            failure = error
         self._over = True
         self.runtime.stop()
         self.recording.lateness_ms = canary.end()
-        self._settle(before)
+        self._settle()
+        self.recording.reconnects = self._tally.sessions - sessions
+        if failure is not None:
+            raise failure
+
+    def _live_timesteps(self, keep: Container[int], observe: Callable[[Step], None]) -> None:
+        last = (self.experiment.timesteps or sys.maxsize) - 1
+        self.runtime.start()
+        pictures = self.recording.pictures
+        step: Step | None = None
+        try:
+            while not self.interrupted.is_set() and (step is None or step.run_timestep < last):
+                lived = self._step()
+                if lived.run_timestep < 0:
+                    continue
+                step = lived
+                self.recording.steps.append(step.without_frames())
+                if step.run_timestep in keep:
+                    pictures[step.run_timestep] = copy_frames(step.frames)
+                observe(step)
+        finally:
+            if step is not None:
+                pictures[step.run_timestep] = copy_frames(step.frames)
+        # The robots have the last timestep's readings and a whole timestep to act on them.
+        threading.Event().wait(self.dt_ns / 1e9)
 
     def _step(self) -> Step:
-        step = self.runtime.step()
-        self.floor.check()
-        for robot, how in self.swarm.fallen():
+        try:
+            step = self.runtime.step()
+        except VsenseError:
+            # Cameras starve without physics: say what failed first.
+            self.floor.check()
+            raise
+        for status in self._tally.update(self.server.robots()):
+            self._console.say(f"robot {status.name}: its guard was replaced")
+        for robot, how in self.swarm.fallen() if self._ready else ():
             self._console.say(
                 f"robot {robot.name}: its daemon {how} (log: {self.swarm.log(robot.tag)});"
                 " the experiment goes on without it;"
@@ -234,25 +272,20 @@ class Session:
             )
         return step
 
-    def _settle(self, sessions_before: dict[int, int]) -> None:
+    def _settle(self) -> None:
         """Stops sending and waits until every robot has told what it received."""
         self.server.hush()
         deadline_ns = time.monotonic_ns() + SETTLE_TIMEOUT_NS
-        while True:
-            robots = self.server.robots()
-            self.recording.sent = sum(robot.sent for robot in robots.values())
-            heard = [r.telemetry for r in robots.values() if r.telemetry is not None]
-            self.recording.received = sum(t.received - t.foreign - t.corrupt for t in heard)
-            complete = self.recording.received >= self.recording.sent
-            if complete or time.monotonic_ns() > deadline_ns:
-                break
+        self._tally.update(self.server.robots())
+        while self._tally.received < self._tally.sent and time.monotonic_ns() < deadline_ns:
             threading.Event().wait(0.02)
-        self.recording.dropped = sum(t.old + t.foreign + t.corrupt for t in heard)
-        self.recording.reconnects = sum(
-            robot.sessions - sessions_before[tag] for tag, robot in robots.items()
-        )
+            self._tally.update(self.server.robots())
+        self.recording.sent = self._tally.sent
+        self.recording.received = self._tally.received
+        self.recording.dropped = self._tally.dropped
 
     def _close_server(self) -> None:
+        self._over = True
         self.server.close(GoodbyeCause.END, "the run has ended")
 
     def _on_link_event(self, event: LinkEvent) -> None:

@@ -5,20 +5,19 @@ from __future__ import annotations
 import hashlib
 import random
 import shlex
-import signal
 import subprocess
 import time
 from dataclasses import dataclass
 from pathlib import Path
+
+from vsense.lab.processes import describe_exit, end
+from vsense.lab.shared import LabError
 
 CLOCK_OFFSET_NS = 3_600_000_000_000
 """Every robot's clock is off by up to an hour ..."""
 
 CLOCK_DRIFT_PPM = 100.0
 """... and runs fast or slow by up to this much, as real boards do."""
-
-END_TIMEOUT_S = 3.0
-"""A daemon that does not end on SIGTERM within this time is killed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,11 +82,15 @@ class Swarm:
         self.robots.append(robot)
         command = self._command(robot)
         script = self.script(tag)
-        script.write_text(
-            f"#!/bin/sh\n# Starts the daemon of {name} again.\nexec {shlex.join(command)}\n"
-        )
-        script.chmod(0o755)
-        with open(self._directory / f"{tag}.log", "ab") as log:
+        try:
+            script.write_text(
+                f"#!/bin/sh\n# Starts this robot's daemon again.\nexec {shlex.join(command)}\n"
+            )
+            script.chmod(0o755)
+            log = self.log(tag).open("ab")
+        except OSError as error:
+            raise LabError(f"{error.filename}: {error.strerror}") from None
+        with log:
             self._processes[tag] = subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
             )
@@ -122,11 +125,7 @@ class Swarm:
         for process in self._processes.values():
             process.terminate()
         for process in self._processes.values():
-            try:
-                process.wait(END_TIMEOUT_S)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+            end(process)
         self._processes.clear()
 
     def _command(self, robot: Robot) -> list[str]:
@@ -139,10 +138,3 @@ class Swarm:
             *("--clock-offset-ns", str(robot.clock_offset_ns)),
             *("--clock-drift-ppm", str(robot.clock_drift_ppm)),
         ]
-
-
-def describe_exit(returncode: int) -> str:
-    """Says in words how a process ended."""
-    if returncode < 0:
-        return f"was killed by {signal.Signals(-returncode).name}"
-    return f"ended with exit code {returncode}"

@@ -17,33 +17,30 @@ TRACE = np.dtype(
         ("now_ns", "i8"),
         ("rx_ns", "i8"),
         ("newest_ns", "i8"),
-        ("age_ns", "i8"),
-        ("capture_ns", "i8"),
-        ("stale", "?"),
         ("known", "?"),
         ("value", "f8"),
+        ("capture_ns", "i8"),
+        ("age_ns", "i8"),
+        ("stale", "?"),
     ]
 )
 """One control step of one robot; all times on the host's clock.
 
 `now_ns` is when the controller was called, `rx_ns` when the datagram had come that brought the
-newest capture, `newest_ns` the time of that capture, `age_ns` what the daemon took for its age,
-`known` whether the controller held a value at all, `value` the value, `capture_ns` when that was
-measured, and `stale` whether it is too old to act on.
+newest capture, `newest_ns` the time of that capture. `known` says whether the controller held a
+value at all, `value` which, `capture_ns` when that was measured; `age_ns` (-1: unknown) and
+`stale` are what the daemon told the controller about it.
 """
 
-
-STALE_TIMESTEPS = 2.5
-"""A value older than this is stale: `VS_STALE_TENTHS` in `robot/robot.h`."""
+UNKNOWN_AGE = -1
 
 
-def read_trace(robot: Robot, sensor: str, dt_ns: int) -> NDArray[np.void]:
+def read_trace(robot: Robot, sensor: str | None) -> NDArray[np.void]:
     """Reads a robot's trace for one of its virtual sensors.
 
     Args:
         robot: whose trace, and how wrong its clock is.
-        sensor: the sensor's name; its layout is one single.
-        dt_ns: length of a timestep.
+        sensor: the sensor's name, whose layout is one single; None: no value is read.
 
     Returns:
         (n,) TRACE; empty where the daemon never made a step. A last line that was cut off by the
@@ -54,44 +51,37 @@ def read_trace(robot: Robot, sensor: str, dt_ns: int) -> NDArray[np.void]:
     """
     if not robot.trace.is_file():
         return np.empty(0, TRACE)
-    lines = robot.trace.read_text().splitlines(keepends=True)
     rows = []
-    for number, line in enumerate(lines, 1):
+    for number, line in enumerate(robot.trace.read_text().splitlines(keepends=True), 1):
         words = line.split()
-        if not line.endswith("\n") or not words or words[0] != "step":
-            continue
-        rows.append(_row(robot, words, sensor, f"{robot.trace}:{number}"))
-    trace = np.array(rows, TRACE)
-    # As the daemon told the controller: by its own idea of the value's age.
-    age_ns = trace["age_ns"] + trace["newest_ns"] - trace["capture_ns"]
-    trace["stale"] = ~trace["known"] | (age_ns > STALE_TIMESTEPS * dt_ns)
-    return trace
+        if line.endswith("\n") and words and words[0] == "step":
+            rows.append(_row(robot, words, sensor, f"{robot.trace}:{number}"))
+    return np.array(rows, TRACE)
 
 
-def _row(robot: Robot, words: list[str], sensor: str, where: str) -> tuple[object, ...]:
+def _row(robot: Robot, words: list[str], sensor: str | None, where: str) -> tuple[object, ...]:
     fields = dict(zip(words[::2], words[1::2]))
     try:
-        value, capture_ns = _value(fields["values"], sensor)
         return (
             int(fields["step"]),
             int(fields["timestep"]),
             robot.host_time_ns(int(fields["now_ns"])),
             robot.host_time_ns(int(fields["rx_ns"])),
             int(fields["capture_ns"]),
-            int(fields["age_ns"]),
-            capture_ns,
-            False,
-            value is not None,
-            0.0 if value is None else value,
+            *_value(fields["values"], sensor),
         )
     except (KeyError, ValueError) as error:
         raise LabError(f"{where}: not a trace line: {error}") from None
 
 
-def _value(text: str, sensor: str) -> tuple[float | None, int]:
-    """Value and capture time of a sensor in "name=hex@ns,..."; None and 0 if never measured."""
+def _value(text: str, sensor: str | None) -> tuple[bool, float, int, int, bool]:
+    """Known, value, capture, age and stale of a sensor in "name=hex@capture:age:stale,..."."""
+    if sensor is None:
+        return False, 0.0, 0, UNKNOWN_AGE, True
     held = dict(item.split("=", 1) for item in text.split(","))[sensor]
     if held == "-":
-        return None, 0
-    digits, capture = held.split("@")
-    return float(struct.unpack("<f", bytes.fromhex(digits))[0]), int(capture)
+        return False, 0.0, 0, UNKNOWN_AGE, True
+    digits, times = held.split("@")
+    capture, age, stale = times.split(":")
+    (value,) = struct.unpack("<f", bytes.fromhex(digits))
+    return True, float(value), int(capture), int(age), stale != "0"

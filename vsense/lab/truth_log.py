@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vsense.lab.shared import LabError
 
 _HEADER = struct.Struct("<8sQ")
-_MAGIC = b"vstruth1"
+_MAGIC = b"vstruth2"
 
 
 def truth_dtype(bodies: int) -> np.dtype[np.void]:
@@ -24,6 +24,7 @@ def truth_dtype(bodies: int) -> np.dtype[np.void]:
         timestep: number of the trigger.
         capture_ns: middle of the exposure.
         ready_ns: the last picture was in memory.
+        render_ns: how long it took to draw the bodies: the lab's readout of the sensor.
         poses: (bodies, 3) x [m], y [m], yaw [rad] at capture_ns, arena frame.
         leds: (bodies,) LED bits at capture_ns: 0-7 ring, 8 body, 9 front.
     """
@@ -32,6 +33,7 @@ def truth_dtype(bodies: int) -> np.dtype[np.void]:
             ("timestep", "<i8"),
             ("capture_ns", "<i8"),
             ("ready_ns", "<i8"),
+            ("render_ns", "<i8"),
             ("poses", "<f8", (bodies, 3)),
             ("leds", "<u2", (bodies,)),
         ]
@@ -49,26 +51,33 @@ class TruthLog:
         """
         self._record = np.zeros(1, dtype=truth_dtype(bodies))
         try:
-            self._file = path.open("wb")
+            self._file = path.open("wb", buffering=0)
+            self._file.write(_HEADER.pack(_MAGIC, bodies))
         except OSError as error:
             raise LabError(f"truth log {path}: {error.strerror}") from None
-        self._file.write(_HEADER.pack(_MAGIC, bodies))
 
     def append(
         self,
         timestep: int,
         capture_ns: int,
         ready_ns: int,
+        render_ns: int,
         poses: NDArray[np.float64],
         leds: NDArray[np.uint16],
     ) -> None:
         """Adds one timestep; see `truth_dtype`."""
-        self._record[0] = (timestep, capture_ns, ready_ns, poses, leds)
-        self._file.write(self._record.tobytes())
+        self._record[0] = (timestep, capture_ns, ready_ns, render_ns, poses, leds)
+        try:
+            self._file.write(self._record.tobytes())
+        except OSError as error:
+            raise LabError(f"truth log {self._file.name}: {error.strerror}") from None
 
     def close(self) -> None:
         """Ends the file."""
-        self._file.close()
+        try:
+            self._file.close()
+        except OSError as error:
+            raise LabError(f"truth log {self._file.name}: {error.strerror}") from None
 
 
 def read_truth(path: Path) -> NDArray[np.void]:

@@ -13,13 +13,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.arena import POSE, ArenaState, Frame
+from vsense.arena import POSE, SIGHTING, ArenaState, Frame
 from vsense.errors import VsenseError
 from vsense.tracking.camera import Camera
-from vsense.tracking.detector import ArrowDetector, Detector
-from vsense.tracking.families import MarkerFamily
+from vsense.tracking.detector import Detector
+from vsense.tracking.detectors import make_detector
+from vsense.tracking.families import MarkerFamily, SquareFamily
 from vsense.tracking.tracks import Limits, Track
 from vsense.tracking.views import Sighting, count_unnamed, merge_views, place_views
+from vsense.tracking.whereabouts import SearchPlan, Whereabouts
 
 
 class TrackingError(VsenseError):
@@ -59,6 +61,7 @@ class ArenaTracker:
         limits: Limits | None = None,
         workers: int = 2,
         pin: bool = False,
+        whereabouts: Whereabouts | None = None,
     ) -> None:
         """Starts the workers; OpenCV's own threads are switched off for the whole process.
 
@@ -69,6 +72,7 @@ class ArenaTracker:
             limits: What tracks believe.
             workers: Threads that look at pictures.
             pin: Keep each worker on a processor of its own, for a host that does nothing else.
+            whereabouts: Told before each timestep where the robots should be; the detectors'.
 
         Raises:
             TrackingError: There is no camera, or two have the same id.
@@ -79,6 +83,7 @@ class ArenaTracker:
         self._heights_m = dict(heights_m)
         self._limits = limits or Limits()
         self._detectors = [make_detector() for _ in range(max(1, workers))]
+        self._whereabouts = whereabouts or Whereabouts()
         self._tracks: dict[int, Track] = {}
         self._state = ArenaState(-1, 0, np.zeros(0, dtype=POSE), 0)
         self.counters = TrackerCounters()
@@ -89,18 +94,20 @@ class ArenaTracker:
         )
 
     @classmethod
-    def for_arrows(
+    def for_family(
         cls,
         cameras: Sequence[Camera],
-        family: MarkerFamily,
+        family: MarkerFamily | SquareFamily,
         heights_m: Mapping[int, float],
         limits: Limits | None = None,
+        plan: SearchPlan | None = None,
     ) -> ArenaTracker:
-        """Returns a tracker of one family's arrows; `heights_m` is also the roster."""
+        """Returns a tracker of one family's markers; `heights_m` is also the roster."""
         height_m = median(heights_m.values()) if heights_m else 0.0
         roster = sorted(heights_m)
-        make = lambda: ArrowDetector(family, roster, height_m)  # noqa: E731
-        return cls(cameras, make, heights_m, limits)
+        whereabouts = Whereabouts(plan or SearchPlan())
+        make = lambda: make_detector(family, roster, height_m, whereabouts)  # noqa: E731
+        return cls(cameras, make, heights_m, limits, whereabouts=whereabouts)
 
     def close(self) -> None:
         """Ends the workers; can be called again."""
@@ -126,6 +133,8 @@ class ArenaTracker:
         fresh = self._fresh(frames)
         if not fresh:
             return self._state
+        now_ns = max(frame.capture_ns for frame in fresh)
+        self._whereabouts.expect(now_ns)
         found = self._detect(fresh)
         views = [
             view
@@ -137,7 +146,6 @@ class ArenaTracker:
             self._follow(tag, places)
         for tag, track in self._tracks.items():
             track.seen = track.seen and tag in sightings
-        now_ns = max(frame.capture_ns for frame in fresh)
         duplicates = tuple(tag for tag, places in sightings.items() if len(places) > 1)
         self.counters.duplicates += len(duplicates)
         self._forget(now_ns)
@@ -148,7 +156,12 @@ class ArenaTracker:
             detected=len(sightings),
             unnamed=count_unnamed(found),
             duplicates=duplicates,
+            sightings=np.array(
+                [(s.tag, s.x_m, s.y_m, s.yaw_rad) for places in sightings.values() for s in places],
+                dtype=SIGHTING,
+            ),
         )
+        self._whereabouts.learn(self._state)
         return self._state
 
     def _fresh(self, frames: Sequence[Frame]) -> list[Frame]:

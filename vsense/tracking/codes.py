@@ -6,6 +6,7 @@ after that blur, in [0, 1] between the arrow's black and the disc's white.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from functools import cache
 
@@ -18,29 +19,54 @@ Floats = NDArray[np.float64]
 
 _LIGHTEST = 12
 _DARKEST = 4
-_FINE = 8
+SPOTS = (-0.18, 0.0, 0.18)
+"""Where a cell is read, along and across, in its sides from its middle: nine spots, which stand
+for its inner half."""
 
 
 @cache
-def cell_blur(family: MarkerFamily, sigma_mm: float) -> Floats:
+def cell_blur(family: MarkerFamily, along_mm: float, across_mm: float | None = None) -> Floats:
     """Returns how much of each cell's white the middle of each other cell sees.
 
     Args:
         family: The marker family.
-        sigma_mm: Standard deviation of the blur on the marker, a Gaussian.
+        along_mm: Standard deviation of the blur along the heading, a Gaussian on the marker.
+        across_mm: The same across the heading; by default as along it.
 
     Returns:
-        (cells, cells): the mean over the inner half of cell i of the light from cell j.
+        (cells, cells): what the spots of cell i see of the light from cell j, on average.
     """
-    fine = _FINE * family.grid
-    step = np.arange(-fine, 2 * fine) + 0.5
-    kernel = np.subtract.outer(step, step) * (family.cell_mm / _FINE)
-    weight = np.exp(-0.5 * (kernel / max(sigma_mm, 1e-3)) ** 2)
-    weight /= weight.sum(axis=1, keepdims=True)
-    inner = weight[fine : 2 * fine, fine : 2 * fine].reshape(family.grid, _FINE, -1)
-    inner = inner[:, _FINE // 4 : -_FINE // 4].mean(axis=1)
-    line = inner.reshape(family.grid, family.grid, _FINE).sum(axis=2)
-    return np.asarray(np.kron(line, line))
+    across_mm = along_mm if across_mm is None else across_mm
+    return np.asarray(np.kron(_line_blur(family, along_mm), _line_blur(family, across_mm)))
+
+
+@cache
+def outer_light(family: MarkerFamily, along_mm: float, across_mm: float) -> Floats:
+    """Returns how much of the disc's white around the arrow each cell sees, (cells,).
+
+    The arrow's body is taken for the rectangle around its rear; its tip is far from the cells.
+    """
+    corners = family.polygon_mm
+    rear, side = corners[:, 0].min(), corners[:, 1].max()
+    ahead, left = family.cells_mm[:, 0], family.cells_mm[:, 1]
+    black = normal_share((ahead - rear) / along_mm)
+    black *= normal_share((side - left) / across_mm) - normal_share((-side - left) / across_mm)
+    return np.asarray(1.0 - black)
+
+
+def normal_share(deviations: Floats) -> Floats:
+    """Returns the share of a normal distribution below so many standard deviations."""
+    flat = [0.5 * (1.0 + math.erf(d / math.sqrt(2.0))) for d in deviations.ravel()]
+    return np.reshape(flat, deviations.shape)
+
+
+@cache
+def _line_blur(family: MarkerFamily, sigma_mm: float) -> Floats:
+    """Returns (grid, grid): the blur of one row or column of cells."""
+    places = np.arange(family.grid)[:, np.newaxis] + np.array(SPOTS)
+    borders = np.arange(family.grid + 1) - 0.5
+    apart = (borders - places[..., np.newaxis]) * (family.cell_mm / max(sigma_mm, 1e-3))
+    return np.asarray(np.diff(normal_share(apart), axis=2).mean(axis=1))
 
 
 def code_words(family: MarkerFamily, tags: Iterable[int], sigma_mm: float) -> Floats:

@@ -1,63 +1,116 @@
 """Which tag a marker carries: its cells compared with the roster's code words.
 
-A cell's brightness is compared with what the camera's blur makes of each tag in the roster.
-A marker is named only when one tag fits every cell and no other comes near: without a name is
-acceptable, a wrong name is not.
+A cell's brightness is compared with what the picture's blur makes of each tag in the roster;
+how blurred a marker is, along its heading and across it, is told by its own edges. A marker is
+named only when one tag fits every cell and no other comes near: without a name is acceptable,
+a wrong name is not.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import UNNAMED
-from vsense.tracking.codes import code_words
+from vsense.tracking.codes import cell_blur, normal_share, outer_light
 from vsense.tracking.families import MarkerFamily
 
 Floats = NDArray[np.float64]
+Tags = NDArray[np.int32]
 
-_BLURS_MM = (0.6, 1.1, 1.6, 2.2)
+_BLURS_U = np.arange(0.10, 0.86, 0.04)
+"""Standard deviations of the blur for which code words are kept, in units u."""
+
+_NEAR_U, _REACH_U = 0.25, 0.6
+"""An edge's sharpness is what it gains within the one, of what it gains within the other."""
+
 _WORST_CELL = 0.40
 _LEAST_MARGIN = 1.6
+_GREATEST_ERROR = 1.0
+
+
+class Reading(NamedTuple):
+    """What n markers' cells say.
+
+    Attributes:
+        tags: (n,) the tag, or -1 where it is not sure.
+        error: (n,) root mean square difference to the nearest tag's code word.
+        margin: (n,) how many times farther the next tag is.
+        distance: (n, roster) root mean square difference to each tag's code word.
+    """
+
+    tags: Tags
+    error: Floats
+    margin: Floats
+    distance: Floats
 
 
 class Decoder:
-    """Names markers from a roster of tags."""
+    """Names markers from a roster of tags.
+
+    Attributes:
+        tags: The roster, ascending.
+    """
 
     def __init__(self, family: MarkerFamily, roster: Sequence[int]) -> None:
-        """Prepares the code words of `roster`, at several strengths of blur.
+        """Prepares the code words of `roster`, at all strengths of blur.
 
         Raises:
             FamilyError: The family does not have a tag of the roster.
         """
-        self._tags = np.array(sorted(set(roster)), dtype=np.int32)
-        words = [code_words(family, self._tags.tolist(), sigma) for sigma in _BLURS_MM]
-        self._words = np.concatenate(words)
+        self.tags = np.array(sorted(set(roster)), dtype=np.int32)
+        bits = np.array([family.bits(int(tag)).ravel() for tag in self.tags], dtype=np.float64)
+        bits = bits.reshape(-1, family.grid**2)
+        sigmas = (family.unit_mm * _BLURS_U).tolist()
+        self._words = np.array(
+            [
+                [bits @ cell_blur(family, a, b).T + outer_light(family, a, b) for b in sigmas]
+                for a in sigmas
+            ]
+        )
+        # So near to the edge black is not quite black, nor white quite white.
+        self._lost = normal_share(-_REACH_U / _BLURS_U)
+        near = 2.0 * normal_share(_NEAR_U / _BLURS_U) - 1.0
+        self._sharpness = near / (1.0 - 2.0 * self._lost)
 
-    def decode(self, cells: Floats) -> tuple[NDArray[np.int32], Floats, Floats]:
+    def blur(self, sharpness: Floats) -> NDArray[np.intp]:
+        """Returns the nearest kept blur of edges as sharp as this, elementwise."""
+        # Sharpness falls with the blur; the middles between two kept ones divide them.
+        middles = 0.5 * (self._sharpness[1:] + self._sharpness[:-1])
+        return np.searchsorted(-middles, -sharpness)
+
+    def decode(self, cells: Floats, sharp_ahead: Floats, sharp_left: Floats) -> Reading:
         """Names markers.
 
         Args:
             cells: (n, cells) brightness, 0 the arrow's black, 1 the disc's white.
-
-        Returns:
-            (n,) tags, or -1; (n,) root mean square difference to the nearest tag's code word;
-            (n,) how many times farther the next tag is.
+            sharp_ahead: (n,) share of its contrast that an edge across the heading gains
+                within a quarter of a unit to both sides.
+            sharp_left: (n,) the same for an edge along the heading.
         """
-        count, tags = len(cells), len(self._tags)
-        if count == 0 or tags == 0:
-            return np.full(count, UNNAMED, np.int32), np.full(count, np.inf), np.ones(count)
-        difference = np.abs(cells[:, np.newaxis] - self._words)
-        distance = np.sqrt((difference**2).mean(axis=2)).reshape(count, len(_BLURS_MM), tags)
+        count, roster = len(cells), len(self.tags)
+        if count == 0 or roster == 0:
+            far = np.full(count, _GREATEST_ERROR)
+            return Reading(
+                np.full(count, UNNAMED, np.int32),
+                far,
+                far,
+                np.full((count, roster), _GREATEST_ERROR),
+            )
+        ahead, left = self.blur(sharp_ahead), self.blur(sharp_left)
+        lost = 0.5 * (self._lost[ahead] + self._lost[left])[:, np.newaxis]
+        true = (1.0 - 2.0 * lost) * cells + lost
+        difference = np.abs(true[:, np.newaxis] - self._words[ahead, left])
+        distance = np.sqrt((difference**2).mean(axis=2))
         rows = np.arange(count)
-        by_tag = distance.min(axis=1)
-        best = by_tag.argmin(axis=1)
-        error = by_tag[rows, best]
-        word = distance[rows, :, best].argmin(axis=1) * tags + best
-        worst = difference[rows, word].max(axis=1)
-        by_tag[rows, best] = np.inf
-        margin = np.minimum(by_tag.min(axis=1), 1.0) / np.maximum(error, 1e-3)
-        sure = (worst < _WORST_CELL) & (margin > _LEAST_MARGIN)
-        return np.where(sure, self._tags[best], np.int32(UNNAMED)), error, margin
+        best = distance.argmin(axis=1)
+        error = distance[rows, best]
+        others = distance.copy()
+        others[rows, best] = _GREATEST_ERROR
+        margin = np.minimum(others.min(axis=1), _GREATEST_ERROR) / np.maximum(error, 1e-3)
+        sure = (difference[rows, best].max(axis=1) < _WORST_CELL) & (margin > _LEAST_MARGIN)
+        tags = np.where(sure, self.tags[best], np.int32(UNNAMED))
+        return Reading(tags, error, margin, distance)

@@ -1,7 +1,7 @@
 """Marker families: what the markers on the robots look like, read from data files.
 
-Lengths of a marker are in millimetres in the marker frame: origin at the middle of the cells,
-+x the driving direction, +y to the left, seen from above. The robot's centre is the disc's.
+A definition says of which kind its markers are: arrows (this module) or squares (`dictionary`).
+Lengths are in the family frame of `markers`. The robot's centre is the disc's.
 """
 
 from __future__ import annotations
@@ -15,32 +15,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.errors import VsenseError
+from vsense.tracking.dictionary import SquareFamily, parse_square
+from vsense.tracking.markers import FamilyError, Floats, MarkerTexture, draw_texture
 
-Floats = NDArray[np.float64]
-
-_SUPERSAMPLING = 4
-
-
-class FamilyError(VsenseError):
-    """An unknown marker family, a broken definition, or a tag that it does not have."""
-
-
-@dataclass(frozen=True, slots=True)
-class MarkerTexture:
-    """A marker drawn from above, +x to the right and +y up, the disc's centre in the middle.
-
-    Attributes:
-        ink: (n, n) uint8, 0 black to 255 white, 255 outside of the disc.
-        coverage: (n, n) uint8, 255 where the disc covers the pixel entirely, 0 outside.
-        px_per_mm: Resolution.
-        centre_px: Column and row of the disc's centre: pixel centres are whole numbers.
-    """
-
-    ink: NDArray[np.uint8]
-    coverage: NDArray[np.uint8]
-    px_per_mm: float
-    centre_px: float
+__all__ = [
+    "FamilyError",
+    "MarkerFamily",
+    "MarkerTexture",
+    "SquareFamily",
+    "known_families",
+    "load_family",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,25 +130,7 @@ class MarkerFamily:
         Raises:
             FamilyError: The family has no such tag.
         """
-        size = int(np.ceil(self.disc_diameter_mm * px_per_mm)) + 2
-        centre = (size - 1) / 2.0
-        fine = size * _SUPERSAMPLING
-        steps = ((np.arange(fine) + 0.5) / _SUPERSAMPLING - 0.5 - centre) / px_per_mm
-        offset = np.stack(np.meshgrid(steps, -steps, indexing="xy"), axis=-1)
-        on_disc = np.hypot(offset[..., 0], offset[..., 1]) <= self.disc_diameter_mm / 2.0
-        white = self.is_white(tag, offset + self.disc_centre_mm) | ~on_disc
-        return MarkerTexture(
-            ink=_shrink(white, _SUPERSAMPLING),
-            coverage=_shrink(on_disc, _SUPERSAMPLING),
-            px_per_mm=px_per_mm,
-            centre_px=centre,
-        )
-
-
-def _shrink(fine: NDArray[np.bool_], factor: int) -> NDArray[np.uint8]:
-    size = fine.shape[0] // factor
-    blocks = fine.reshape(size, factor, size, factor).mean(axis=(1, 3))
-    return np.asarray(np.rint(255.0 * blocks), dtype=np.uint8)
+        return draw_texture(self, tag, px_per_mm)
 
 
 def known_families() -> tuple[str, ...]:
@@ -172,7 +139,7 @@ def known_families() -> tuple[str, ...]:
     return tuple(sorted(f.name[:-5] for f in folder.iterdir() if f.name.endswith(".json")))
 
 
-def load_family(name: str) -> MarkerFamily:
+def load_family(name: str) -> MarkerFamily | SquareFamily:
     """Reads a shipped family by its name, or a definition by its path (ending in .json).
 
     Raises:
@@ -191,26 +158,35 @@ def load_family(name: str) -> MarkerFamily:
     return _parse(file.name, file.read_text(encoding="utf-8"))
 
 
-def _parse(file: str, text: str) -> MarkerFamily:
+def _parse(file: str, text: str) -> MarkerFamily | SquareFamily:
     try:
         values: dict[str, Any] = json.loads(text)
-        family = MarkerFamily(
-            name=str(values["name"]),
-            unit_mm=float(values["unit_mm"]),
-            cell_mm=float(values["cell_mm"]),
-            grid=int(values["grid"]),
-            polygon_u=tuple((float(x), float(y)) for x, y in values["polygon_u"]),
-            disc_diameter_mm=float(values["disc_diameter_mm"]),
-            disc_centre_u=(float(values["disc_centre_u"][0]), float(values["disc_centre_u"][1])),
-        )
+        kind = values.get("kind", "arrow")
+        if kind == "square":
+            return parse_square(file, values)
+        if kind != "arrow":
+            raise FamilyError(f"{file}: kind: {kind!r} is not arrow or square")
+        family = _parse_arrow(values)
     except json.JSONDecodeError as error:
         raise FamilyError(f"{file}:{error.lineno}: {error.msg}") from None
     except KeyError as error:
         raise FamilyError(f"{file}: {error.args[0]} is missing") from None
-    except (TypeError, ValueError, IndexError) as error:
+    except (AttributeError, TypeError, ValueError, IndexError) as error:
         raise FamilyError(f"{file}: {error}") from None
     _check(file, family)
     return family
+
+
+def _parse_arrow(values: dict[str, Any]) -> MarkerFamily:
+    return MarkerFamily(
+        name=str(values["name"]),
+        unit_mm=float(values["unit_mm"]),
+        cell_mm=float(values["cell_mm"]),
+        grid=int(values["grid"]),
+        polygon_u=tuple((float(x), float(y)) for x, y in values["polygon_u"]),
+        disc_diameter_mm=float(values["disc_diameter_mm"]),
+        disc_centre_u=(float(values["disc_centre_u"][0]), float(values["disc_centre_u"][1])),
+    )
 
 
 def _check(file: str, family: MarkerFamily) -> None:

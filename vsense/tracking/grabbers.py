@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 from vsense.arena import Frame
@@ -11,6 +12,29 @@ from vsense.errors import VsenseError
 
 class GrabberError(VsenseError):
     """No pictures: none came in time, or there will be no more."""
+
+
+class NoMorePictures(GrabberError):
+    """A recording has come to its end."""
+
+
+@dataclass(frozen=True, slots=True)
+class CameraEvent:
+    """Something that happened to a camera, for the user's eyes.
+
+    Attributes:
+        camera: Its id.
+        kind: One word: "gone", "back", "late", "damaged", "size", "control", "dark", "light",
+            "frozen", "running", "moved", "steady" or "apart".
+        text: What happened, without the camera's name.
+    """
+
+    camera: str
+    kind: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"camera {self.camera}: {self.text}"
 
 
 class Grabber(Protocol):
@@ -46,7 +70,7 @@ class MemoryGrabber:
             GrabberError: All have been handed out.
         """
         if not self._sets:
-            raise GrabberError("no more pictures: all of those in memory have been handed out")
+            raise NoMorePictures("no more pictures: all of those in memory have been handed out")
         return self._sets.pop()
 
     def close(self) -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import shutil
+import io
+import os
 import sys
 import threading
 import time
+from contextlib import suppress
 from typing import TextIO
 
 QUIET_PERIOD_NS = 10_000_000_000
@@ -20,7 +22,8 @@ class Console:
     """
 
     def __init__(self, stream: TextIO | None = None) -> None:
-        self._stream = sys.stderr if stream is None else stream
+        """Talks to `stream`, by default standard error; one that is closed hears nothing."""
+        self._stream = stream or sys.stderr or io.StringIO()
         self._live = self._stream.isatty()
         self._line = ""
         self._printed_ns: int | None = None
@@ -28,7 +31,8 @@ class Console:
 
     def say(self, text: str) -> None:
         """Prints a message of its own."""
-        with self._lock:
+        with self._lock, suppress(OSError):
+            # Nobody may be listening any more: no reason to lose an experiment.
             self._erase()
             print(text, file=self._stream)
             self._printed_ns = None
@@ -36,10 +40,10 @@ class Console:
 
     def progress(self, line: str) -> None:
         """Replaces the live line."""
-        with self._lock:
+        with self._lock, suppress(OSError):
             if self._live:
                 self._erase()
-                self._line = line[: shutil.get_terminal_size().columns - 1]
+                self._line = line[: os.get_terminal_size(self._stream.fileno()).columns - 1]
                 self._draw()
             elif self._is_due():
                 self._printed_ns = time.monotonic_ns()
@@ -47,7 +51,7 @@ class Console:
 
     def end_progress(self) -> None:
         """Leaves the live line where it is and goes on below it."""
-        with self._lock:
+        with self._lock, suppress(OSError):
             if self._live and self._line:
                 print(file=self._stream, flush=True)
             self._line = ""

@@ -1,0 +1,135 @@
+/* SPDX-License-Identifier: MIT */
+#include "vs_markers.h"
+
+#include <string.h>
+
+/* The pose that a candidate's centroid and direction suggest; 0 if it is nowhere. */
+static int begin_marker(const struct vs_search *search, const struct vs_view *view,
+                        const struct vs_shape *shape, struct vs_marker *marker)
+{
+    double pixel[2], centroid_m[2], tip_m[2], x, y, length;
+
+    pixel[0] = shape->x_px;
+    pixel[1] = shape->y_px;
+    if (vs_lens_to_plane(&view->lens, pixel, view->height_m, centroid_m) != VS_OK)
+        return 0;
+    pixel[0] += shape->ahead_x;
+    pixel[1] += shape->ahead_y;
+    if (vs_lens_to_plane(&view->lens, pixel, view->height_m, tip_m) != VS_OK)
+        return 0;
+    x = tip_m[0] - centroid_m[0];
+    y = tip_m[1] - centroid_m[1];
+    length = vs_root(x * x + y * y);
+    if (!(length > 0.0))
+        return 0;
+    memset(marker, 0, sizeof *marker);
+    marker->ahead_x = x / length;
+    marker->ahead_y = y / length;
+    marker->x_m = centroid_m[0] + search->lead_m * marker->ahead_x;
+    marker->y_m = centroid_m[1] + search->lead_m * marker->ahead_y;
+    marker->scale = 1.0;
+    return 1;
+}
+
+/*
+ * Adds a marker unless a better one is as near as two cannot be; a worse one gives
+ * way. Returns 0 where there is no room.
+ */
+static int add_marker(const struct vs_search *search, const struct vs_marker *marker,
+                      struct vs_marker *markers, size_t capacity, size_t *count)
+{
+    double least_m2 = search->least_apart_m * search->least_apart_m;
+    size_t i;
+
+    for (i = 0; i < *count; i++) {
+        double x_m = markers[i].x_m - marker->x_m, y_m = markers[i].y_m - marker->y_m;
+
+        if (x_m * x_m + y_m * y_m >= least_m2)
+            continue;
+        if (marker->residual_m < markers[i].residual_m)
+            markers[i] = *marker;
+        return 1;
+    }
+    if (*count == capacity)
+        return 0;
+    markers[(*count)++] = *marker;
+    return 1;
+}
+
+static int32_t cut(int32_t value, int32_t most)
+{
+    return value < 0 ? 0 : value > most ? most : value;
+}
+
+/* The part of a picture as a picture of its own. */
+static struct vs_picture cut_out(const struct vs_picture *picture,
+                                 const struct vs_window *window, int32_t *left, int32_t *top)
+{
+    struct vs_picture part;
+
+    *left = cut(window->left, picture->width_px);
+    *top = cut(window->top, picture->height_px);
+    part.pixels = picture->pixels + (size_t)*top * picture->stride + (size_t)*left;
+    part.stride = picture->stride;
+    part.width_px = cut(window->right, picture->width_px) - *left;
+    part.height_px = cut(window->bottom, picture->height_px) - *top;
+    return part;
+}
+
+int vs_markers_search(struct vs_markers *work, const struct vs_search *search,
+                      const struct vs_outline *outline, const struct vs_view *view,
+                      const struct vs_window *window, struct vs_marker *markers,
+                      size_t capacity, size_t *count)
+{
+    int32_t left, top;
+    struct vs_picture part = cut_out(&view->picture, window, &left, &top);
+    size_t shapes, i;
+    int err;
+
+    work->full = work->shape_count = 0;
+    err = vs_outline_check(outline);
+    if (err == VS_OK && (part.width_px < 1 || part.height_px < 1))
+        return VS_OK;
+    if (err == VS_OK)
+        err = vs_scan_picture(&work->scan, &part, search->least_contrast, search->level_256);
+    if (err != VS_OK)
+        return err;
+    vs_shape_find(&work->scan, &search->gate, work->shapes, VS_MARKERS_SHAPES, &shapes);
+    work->shape_count = (uint32_t)shapes;
+    work->full = work->scan.full;
+    for (i = 0; i < shapes; i++) {
+        struct vs_shape *shape = &work->shapes[i];
+        struct vs_marker marker;
+
+        shape->x_px += left;
+        shape->y_px += top;
+        if (!begin_marker(search, view, shape, &marker) ||
+            !vs_outline_fit(outline, view, &marker))
+            continue;
+        vs_outline_read(outline, view, &marker);
+        if (!add_marker(search, &marker, markers, capacity, count))
+            work->full |= VS_SCAN_FULL_FOUND;
+    }
+    return VS_OK;
+}
+
+int vs_markers_follow(const struct vs_outline *outline, const struct vs_view *view,
+                      struct vs_marker *markers, uint32_t *origin, size_t *count)
+{
+    size_t known = *count, i;
+    int err = vs_outline_check(outline);
+
+    *count = 0;
+    if (err != VS_OK)
+        return err;
+    for (i = 0; i < known; i++) {
+        struct vs_marker marker = markers[i];
+
+        if (!vs_outline_fit(outline, view, &marker))
+            continue;
+        vs_outline_read(outline, view, &marker);
+        origin[*count] = (uint32_t)i;
+        markers[(*count)++] = marker;
+    }
+    return VS_OK;
+}

@@ -1,0 +1,248 @@
+"""`vsense calibrate`: from pictures of a printed board to camera files."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+from vsense.commands import arguments
+
+HELP = "calibrate cameras: from pictures of a printed board to camera files"
+
+DESCRIPTION = (
+    "Calibrates cameras from pictures of a printed board: print one with `board`, take pictures,"
+    " and let `rig` solve lenses and poses of all cameras together. `intrinsics` calibrates lenses"
+    " alone. Camera files, one per camera, go into the output folder, and beside them a report"
+    " with the reprojection error of every view, in numbers and as a picture."
+)
+
+_BOARD = (
+    "chessboard:7x5:30mm (inner corners, side of a square) or charuco:4x5:54mm:4X4_1000 (squares,"
+    " side, markers), followed by any of :inverted :legacy :marker=0.75"
+)
+_RIG_STORY = (
+    "Take pictures of one board with all cameras at once: lying on the floor in several places,"
+    " and held up and tilted by 20 to 45 degrees, also where two cameras see it. The first moment"
+    " that --floor names makes the arena frame: origin in the lower left corner of the board's"
+    " lower left square, x along its rows, y up its columns, floor at z = 0. Or measure points:"
+    " --points with --seen or --tags."
+)
+_PICTURES = (
+    "picture files, videos, a folder of pictures, or a folder with a folder or video per camera;"
+    " folders and videos are named after their cameras, and pictures with the same name show the"
+    " same moment, unless a timestamps.csv in a camera's folder says better"
+)
+_LENGTH = re.compile(r"(-?[0-9]+(?:\.[0-9]*)?)(mm|cm|m)")
+_UNIT_M = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declares the command's arguments."""
+    steps = parser.add_subparsers(dest="step", title="steps", metavar="STEP", required=True)
+    _add_board(steps)
+    _add_intrinsics(steps)
+    _add_rig(steps)
+    _add_example(steps)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Runs one step; see `vsense.calibration.session`."""
+    # Imported here: `vsense --help` must not wait for OpenCV.
+    if options.step == "example":
+        from vsense.lab import board_example
+
+        return board_example.write(options.directory, options.board, options.seed)
+    from vsense.calibration import session
+
+    _check(options)
+    steps = {
+        "board": session.print_board,
+        "intrinsics": session.intrinsics,
+        "rig": session.rig,
+    }
+    return steps[options.step](options)
+
+
+def _add_board(steps: Any) -> None:
+    step = steps.add_parser(
+        "board", help="draw a board to print", description="Draws a board, true to scale."
+    )
+    step.add_argument("board", metavar="BOARD", help=_BOARD)
+    step.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="FILE", help="file.pdf or file.png"
+    )
+
+
+def _add_intrinsics(steps: Any) -> None:
+    step = steps.add_parser(
+        "intrinsics",
+        help="calibrate the lens of each camera by itself",
+        description="Calibrates lenses from 10 to 20 pictures per camera, with the board all over"
+        " the picture and tilted by 20 to 45 degrees to each side. The poses in the camera files"
+        " mean nothing until `rig` finds them.",
+    )
+    step.add_argument("--board", required=True, metavar="BOARD", help=_BOARD)
+    _add_sources(step)
+
+
+def _add_rig(steps: Any) -> None:
+    step = steps.add_parser("rig", help="calibrate all cameras together", description=_RIG_STORY)
+    step.add_argument("--board", metavar="BOARD", help=_BOARD)
+    _add_sources(step)
+    step.add_argument(
+        "--intrinsics",
+        type=Path,
+        metavar="DIR",
+        help="folder with camera files whose lenses are right already and stay as they are",
+    )
+    step.add_argument(
+        "--refine", action="store_true", help="let these lenses move a little, by half a percent"
+    )
+    step.add_argument(
+        "--floor",
+        nargs="+",
+        metavar="MOMENT",
+        help="moments when the board lay on the floor: names or patterns such as 'floor_*'",
+    )
+    step.add_argument(
+        "--origin",
+        type=_place,
+        default=(0.0, 0.0, 0.0),
+        metavar="X,Y,DEG",
+        help="where the board's origin was at the first of them, in m and degrees (default: 0,0,0)",
+    )
+    step.add_argument(
+        "--thickness",
+        type=_length_m,
+        default=0.0,
+        metavar="LENGTH",
+        help="how high the board's printed face was above the floor, such as 5mm (default: 0mm)",
+    )
+    _add_points(step)
+
+
+def _add_points(step: argparse.ArgumentParser) -> None:
+    step.add_argument(
+        "--points", type=Path, metavar="CSV", help="known points: id,x_m,y_m,z_m in the arena"
+    )
+    step.add_argument(
+        "--seen", type=Path, metavar="CSV", help="where they are seen: camera,id,x_px,y_px"
+    )
+    step.add_argument(
+        "--tags",
+        metavar="DICT",
+        help="or: the points are middles of tags, ids their numbers, such as 4X4_50 or 36h11",
+    )
+    step.add_argument(
+        "--accuracy",
+        type=_length_m,
+        default=0.001,
+        metavar="LENGTH",
+        help="how well the points are known (default: 1mm)",
+    )
+
+
+def _add_example(steps: Any) -> None:
+    step = steps.add_parser(
+        "example",
+        help="draw pictures to try it with, of the lab's four cameras",
+        description="Writes pictures of a board as the lab's four cameras see it, and the camera"
+        " files that a perfect calibration of them would find.",
+    )
+    step.add_argument("directory", type=Path, help="folder for pictures/ and truth/")
+    step.add_argument("--board", default="charuco:7x5:80mm:4X4_50", metavar="BOARD", help=_BOARD)
+    step.add_argument(
+        "--seed", type=arguments.natural, default=1, metavar="N", help="seed of poses and noise"
+    )
+
+
+def _add_sources(step: argparse.ArgumentParser) -> None:
+    step.add_argument("--pictures", type=Path, nargs="+", metavar="PATH", help=_PICTURES)
+    step.add_argument(
+        "--camera", metavar="NAME", help="all pictures are of this camera, whatever their folders"
+    )
+    step.add_argument(
+        "--every",
+        type=arguments.positive,
+        default=1,
+        metavar="N",
+        help="take every N-th picture of a video (default: 1)",
+    )
+    step.add_argument(
+        "--corners",
+        type=Path,
+        metavar="CSV",
+        help="instead of pictures: corners found before, camera,moment,corner,x_px,y_px",
+    )
+    step.add_argument(
+        "--size", type=_size, metavar="WxH", help="size of the pictures that --corners came from"
+    )
+    step.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        default=Path("cameras"),
+        metavar="DIR",
+        help="folder for camera files and report (default: cameras)",
+    )
+    step.add_argument(
+        "--json", action="store_true", help="print the report as one JSON object on standard output"
+    )
+
+
+def _check(options: argparse.Namespace) -> None:
+    """Refuses arguments that do not go together."""
+    from vsense.errors import UsageError
+
+    if options.step == "board":
+        return
+    if bool(options.pictures) == bool(options.corners) and not getattr(options, "seen", None):
+        raise UsageError("expected one of --pictures and --corners")
+    if options.corners and not options.board:
+        raise UsageError("--corners: expected --board, the board that they are on")
+    if options.step == "rig":
+        _check_rig(options)
+
+
+def _check_rig(options: argparse.Namespace) -> None:
+    from vsense.errors import UsageError
+
+    if not options.board and not options.points:
+        raise UsageError("expected --board or --points")
+    if bool(options.points) != bool(options.seen or options.tags):
+        raise UsageError("expected --points together with --seen or --tags")
+    if not options.board and not options.intrinsics:
+        raise UsageError("known points alone do not tell the lenses: expected --intrinsics")
+    if options.refine and not options.intrinsics:
+        raise UsageError("--refine: expected --intrinsics, the lenses to refine")
+    if options.tags and not options.pictures:
+        raise UsageError("--tags: expected --pictures to look for them")
+    if options.floor and not options.board:
+        raise UsageError("--floor: expected --board")
+
+
+def _place(text: str) -> tuple[float, float, float]:
+    try:
+        x, y, degrees = (float(part) for part in text.split(","))
+    except ValueError:
+        x = math.nan
+    if not math.isfinite(x) or not math.isfinite(y) or not math.isfinite(degrees):
+        raise argparse.ArgumentTypeError(f"'{text}': expected x,y,degrees such as 0.5,-1,90")
+    return x, y, degrees
+
+
+def _length_m(text: str) -> float:
+    found = _LENGTH.fullmatch(text)
+    if found is None or float(found[1]) < 0.0:
+        raise argparse.ArgumentTypeError(f"'{text}': expected a length such as 5mm or 0.5cm")
+    return float(found[1]) * _UNIT_M[found[2]]
+
+
+def _size(text: str) -> tuple[int, int]:
+    found = re.fullmatch(r"([0-9]{2,5})x([0-9]{2,5})", text)
+    if found is None:
+        raise argparse.ArgumentTypeError(f"'{text}': expected width x height such as 1280x720")
+    return int(found[1]), int(found[2])

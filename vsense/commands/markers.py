@@ -1,0 +1,120 @@
+"""`vsense markers`: sheets of markers to print."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from pathlib import Path
+
+HELP = "draw markers to print and cut out"
+
+DESCRIPTION = (
+    "Writes sheets of markers, true to scale, as PDF or PNG. Print them at 100 %: the bar at the"
+    " foot of each page must measure 100 mm."
+)
+
+_UNITS_MM = {"mm": 1.0, "cm": 10.0, "in": 25.4}
+_SIZE = re.compile(r"([0-9]+(?:\.[0-9]*)?) *(mm|cm|in)")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declares the command's arguments."""
+    parser.add_argument(
+        "--family",
+        default="arrow4x4",
+        metavar="NAME",
+        help="marker family: a shipped one's name, or a definition file (default: arrow4x4)",
+    )
+    parser.add_argument(
+        "--ids",
+        required=True,
+        metavar="IDS",
+        help="1-20, or 3,7,20-22, or auto:20 for 20 numbers that stay apart under blur",
+    )
+    parser.add_argument(
+        "--size",
+        type=_size_mm,
+        metavar="SIZE",
+        help="diameter of the white disc, such as 70mm (default: the family's)",
+    )
+    parser.add_argument(
+        "--paper", choices=("a4", "letter"), default="a4", help="paper (default: a4)"
+    )
+    parser.add_argument(
+        "--dpi", type=_dpi, default=300, metavar="N", help="resolution of PNGs (default: 300)"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        required=True,
+        metavar="FILE",
+        help="file.pdf, or file.png; several pages become file-1.png, file-2.png, ...",
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Writes the sheets; their names go to standard output."""
+    # Imported here: `vsense --help` must not wait for OpenCV.
+    from vsense.errors import UsageError
+    from vsense.sheets import pdf, raster, sheet, tags
+    from vsense.tracking.families import load_family
+
+    output: Path = options.output
+    if output.suffix.lower() not in (".pdf", ".png"):
+        raise UsageError(f"{output}: expected a name that ends in .pdf or .png")
+    family = load_family(options.family)
+    chosen = tags.parse(options.ids, family)
+    size_mm = options.size or family.disc_diameter_mm
+    pages = sheet.pages(family, chosen, size_mm, options.paper)
+    files = (
+        {output: pdf.document(pages)}
+        if output.suffix.lower() == ".pdf"
+        else {
+            name: raster.png(raster.draw(page, options.dpi), options.dpi)
+            for name, page in zip(_names(output, len(pages)), pages)
+        }
+    )
+    for name, data in files.items():
+        _write(name, data)
+        print(name)
+    print(f"vsense: tags {' '.join(map(str, chosen))}", file=sys.stderr)
+    if abs(size_mm - family.disc_diameter_mm) > 1e-6:
+        scale = size_mm / family.disc_diameter_mm
+        print(
+            f"vsense: the family {family.name} is defined for discs of"
+            f" {family.disc_diameter_mm:g} mm: track these with a definition whose lengths are"
+            f" {scale:.6g} times as large",
+            file=sys.stderr,
+        )
+    return 0
+
+
+def _names(output: Path, count: int) -> list[Path]:
+    if count == 1:
+        return [output]
+    width = len(str(count))
+    return [output.with_stem(f"{output.stem}-{n:0{width}}") for n in range(1, count + 1)]
+
+
+def _write(path: Path, data: bytes) -> None:
+    from vsense.errors import UsageError
+
+    try:
+        path.write_bytes(data)
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def _size_mm(text: str) -> float:
+    match = _SIZE.fullmatch(text.strip())
+    if match is None:
+        raise argparse.ArgumentTypeError(f"{text!r}: expected a length such as 70mm, 7cm or 2.75in")
+    return float(match[1]) * _UNITS_MM[match[2]]
+
+
+def _dpi(text: str) -> int:
+    if not text.isdecimal() or not 72 <= int(text) <= 1200:
+        raise argparse.ArgumentTypeError(f"{text!r}: expected 72 to 1200 pixels per inch")
+    return int(text)

@@ -1,0 +1,71 @@
+"""`vsense record`: the lab's pictures as a recording."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from vsense.commands import arguments
+
+HELP = "record the lab's cameras: pictures, camera files and configuration for vsense track"
+
+DESCRIPTION = (
+    "Draws what the lab's cameras see of an experiment's robots wandering about, and writes it as a"
+    " recording: pictures with timestamps, camera files, the two configuration files of"
+    " `vsense track`, and truth.csv, where every robot truly was. No robot's program runs; use"
+    " `vsense lab` for that."
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declares the command's arguments."""
+    parser.add_argument(
+        "experiment", help="a shipped experiment's name, or the path of a .argos file"
+    )
+    parser.add_argument("directory", type=Path, help="folder for the recording, made if need be")
+    parser.add_argument(
+        "--frames",
+        type=arguments.positive,
+        default=100,
+        metavar="N",
+        help="timesteps to record (default: 100)",
+    )
+    parser.add_argument(
+        "--seed",
+        type=arguments.natural,
+        default=1,
+        metavar="N",
+        help="seed of poses, ways and noise (default: 1)",
+    )
+    parser.add_argument(
+        "--format",
+        choices=("png", "jpg", "pgm"),
+        default="png",
+        help="pictures' format: png (default), jpg (small, not exact), pgm (fast, large)",
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Records; see `vsense.lab.recorder.record`."""
+    # Imported here: `vsense --help` must not wait for OpenCV.
+    from vsense.config.experiment import load
+    from vsense.console import Console
+    from vsense.lab.recorder import record
+
+    console = Console()
+    console.progress("building the scene")
+    record(
+        load(options.experiment),
+        options.directory,
+        options.frames,
+        options.seed,
+        options.format,
+        lambda done: console.progress(f"{done} of {options.frames} timesteps recorded"),
+    )
+    console.end_progress()
+    console.say(
+        f"vsense: recorded into {options.directory}; now:"
+        f" vsense track {options.directory}/resources.xml {options.directory}/experiment.xml"
+        " --offline"
+    )
+    return 0

@@ -1,0 +1,45 @@
+"""`vsense serve`: the arena tracking server."""
+
+from __future__ import annotations
+
+import argparse
+
+from vsense.commands import arguments
+
+HELP = "serve arena states to clients of the original tracking system"
+
+DESCRIPTION = (
+    "Tracks robots as `vsense track` does and hands the arena state to clients over TCP, in the"
+    " original system's protocol (ONE_SHOT, START_EXPERIMENT, STOP_EXPERIMENT), one client after"
+    " another. A recording is played from its beginning in every run. Ends with Ctrl-C."
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declares the command's arguments."""
+    parser.add_argument(
+        "resources", help="the resources file (arena_tracking_system): grabbers, trackers, cameras"
+    )
+    parser.add_argument(
+        "experiment", help="the experiment file (arena_tracking): what of the resources to use"
+    )
+    parser.add_argument(
+        "--host",
+        default="0.0.0.0",
+        metavar="ADDRESS",
+        help="interface to listen on (default: all of them)",
+    )
+    parser.add_argument(
+        "--port",
+        type=arguments.port,
+        metavar="P",
+        help="TCP port; 0 takes a free one (default: the experiment file's server_port)",
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Serves; see `vsense.serving.run`."""
+    # Imported here: `vsense --help` must not wait for OpenCV.
+    from vsense import serving
+
+    return serving.run(options)

@@ -1,0 +1,54 @@
+"""`vsense track`: from cameras or recordings to arena states."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from vsense.commands import arguments
+
+HELP = "track robots in cameras or recordings: arena states on standard output"
+
+DESCRIPTION = (
+    "Finds and follows every robot in the pictures of cameras or recordings, and prints one arena"
+    " state per timestep. The resources file says which picture sources, trackers and cameras there"
+    " are, the experiment file which of them to use. Lengths are in m, angles in rad, times in ns."
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declares the command's arguments."""
+    parser.add_argument(
+        "resources", help="the resources file (arena_tracking_system): grabbers, trackers, cameras"
+    )
+    parser.add_argument(
+        "experiment", help="the experiment file (arena_tracking): what of the resources to use"
+    )
+    parser.add_argument(
+        "--offline",
+        action="store_true",
+        help="work on a recording as fast as possible, not at the pace of its pictures",
+    )
+    parser.add_argument(
+        "--format",
+        choices=("jsonl", "csv"),
+        default="jsonl",
+        help="jsonl: one object per timestep (default); csv: one row per robot and timestep",
+    )
+    parser.add_argument(
+        "--snapshot",
+        type=Path,
+        metavar="PNG",
+        help="draw the last state: the cameras' pictures with every robot's ring, heading and id",
+    )
+    parser.add_argument(
+        "--frames", type=arguments.natural, metavar="N", help="end after N timesteps"
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Tracks; see `vsense.tracking_run.run`."""
+    # Imported here: `vsense --help` must not wait for OpenCV.
+    from vsense import tracking_run
+
+    return tracking_run.run(options)

@@ -1,0 +1,151 @@
+"""Records the lab's pictures of a wandering swarm: what `vsense track` takes as its cameras.
+
+Nothing runs in real time here: the robots are driven by random wheel speeds instead of daemons,
+and the pictures wait for nobody. The same seed gives the same recording.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.arena import Frame
+from vsense.config.placement import place
+from vsense.config.recording_files import write_session_files
+from vsense.config.specs import Experiment
+from vsense.lab.camera_spec import CameraSpec, spec_for
+from vsense.lab.optics import sample_times_ns
+from vsense.lab.physics import Physics
+from vsense.lab.studio import Studio
+from vsense.tracking.picture_recorder import PictureRecorder, RecordingError
+
+TRUTH = "truth.csv"
+SAMPLES = 3
+"""Moments of the exposure that a picture is averaged over."""
+
+_TICK_NS = 10_000_000
+_LEAD_NS = 1_000_000_000
+_CRUISE_STEPS_S = (500, 950)
+_TURN_STEPS_S = 350
+_LEG_TICKS = (30, 200)
+
+
+class Wanderers:
+    """Robots that drive straight and turn by chance, in the lab's true physics."""
+
+    def __init__(self, experiment: Experiment, seed: int) -> None:
+        """Puts robots and objects in their places.
+
+        Raises:
+            ConfigError: they do not fit into the arena.
+        """
+        poses = place(experiment, seed)
+        self._robots = len(experiment.robots)
+        self._physics = Physics(
+            np.array([poses[robot.tag] for robot in experiment.robots]),
+            np.array([poses[thing.tag] for thing in experiment.objects]).reshape(-1, 3),
+            [(*b.position_m[:2], b.yaw_rad, *b.size_m[:2]) for b in experiment.boxes],
+            0,
+        )
+        self._rng = np.random.default_rng([seed, 9])
+        self._legs = np.zeros(self._robots, dtype=np.int64)
+        self._turning = np.ones(self._robots, dtype=bool)
+        self._now_ns = 0
+
+    def move_to(self, time_ns: int) -> NDArray[np.float64]:
+        """Lives on to a later time.
+
+        Returns:
+            (n, 3) x [m], y [m], yaw [rad] of the robots, then the objects, arena frame.
+        """
+        while self._now_ns + _TICK_NS <= time_ns:
+            self._now_ns += _TICK_NS
+            self._physics.tick(self._now_ns)
+            self._legs -= 1
+            for robot in np.flatnonzero(self._legs <= 0):
+                self._begin_leg(int(robot))
+        if time_ns > self._now_ns:
+            self._physics.tick(time_ns)
+        return np.array(self._physics.poses, dtype=np.float64)
+
+    def _begin_leg(self, robot: int) -> None:
+        """Turns on the spot and drives straight by turns."""
+        self._turning[robot] = not self._turning[robot]
+        if self._turning[robot]:
+            speed = int(self._rng.choice((-_TURN_STEPS_S, _TURN_STEPS_S)))
+            self._legs[robot] = self._rng.integers(10, 80)
+            self._physics.drive(robot, -speed, speed, self._now_ns)
+        else:
+            speed = int(self._rng.integers(*_CRUISE_STEPS_S))
+            self._legs[robot] = self._rng.integers(*_LEG_TICKS)
+            self._physics.drive(robot, speed, speed, self._now_ns)
+
+
+def record(
+    experiment: Experiment,
+    directory: Path,
+    timesteps: int,
+    seed: int,
+    suffix: str = "png",
+    progress: Callable[[int], None] | None = None,
+    spec: CameraSpec | None = None,
+) -> None:
+    """Records the experiment's arena as the lab's cameras see it.
+
+    Args:
+        experiment: what stands in the arena.
+        directory: gets `pictures`, `cameras`, `resources.xml`, `experiment.xml`, and where
+            everything truly was in `truth.csv`.
+        timesteps: how many.
+        seed: decides about poses, ways, floor, litter and noise.
+        suffix: format of the pictures.
+        progress: called with the number of timesteps done.
+        spec: other cameras than the lab's.
+
+    Raises:
+        VsenseError: the arena does not fit, or the recording cannot be written.
+    """
+    spec = spec or spec_for(experiment, "", seed, Path())
+    recorder = PictureRecorder(directory, spec.cameras, suffix)
+    heights_m = {body.tag: body.height_m for body in spec.bodies}
+    try:
+        write_session_files(directory, spec.cameras, spec.family, heights_m)
+        with (directory / TRUTH).open("w", encoding="utf-8") as truth:
+            truth.write("timestep,capture_ns,tag,x_m,y_m,yaw_rad\n")
+            _record(experiment, spec, recorder, truth, timesteps, progress)
+    except OSError as error:
+        raise RecordingError(f"{directory}: cannot be written: {error.strerror}") from None
+    finally:
+        recorder.close()
+
+
+def _record(
+    experiment: Experiment,
+    spec: CameraSpec,
+    recorder: PictureRecorder,
+    truth: TextIO,
+    timesteps: int,
+    progress: Callable[[int], None] | None,
+) -> None:
+    studio = Studio(spec)
+    swarm = Wanderers(experiment, spec.seed)
+    images = np.zeros(spec.shape, dtype=np.uint8)
+    leds = np.zeros(len(spec.bodies), dtype=np.uint16)
+    for timestep in range(timesteps):
+        capture_ns = _LEAD_NS + timestep * spec.timestep_ns
+        moments = sample_times_ns(capture_ns, SAMPLES)
+        poses = np.stack([swarm.move_to(moment) for moment in moments])
+        studio.prepare(timestep, images)
+        studio.expose(timestep, poses, leds, images)
+        recorder.write(
+            [Frame(c.id, i, timestep, capture_ns, capture_ns) for c, i in zip(spec.cameras, images)]
+        )
+        for body, (x_m, y_m, yaw_rad) in zip(spec.bodies, poses[SAMPLES // 2]):
+            row = f"{timestep},{capture_ns},{body.tag},{x_m:.6f},{y_m:.6f},{yaw_rad:.6f}\n"
+            truth.write(row)
+        if progress is not None:
+            progress(timestep + 1)

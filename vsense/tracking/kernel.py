@@ -1,0 +1,236 @@
+"""The picture kernel: from a picture to fitted markers, in C and without Python's lock.
+
+This is the seam to `c_src/vs_markers.h`: it turns a family into an outline and a camera into a
+view, owns the working memory, and reports what did not fit the kernel's tables.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.native import check, ffi, lib
+from vsense.tracking.camera import Camera
+from vsense.tracking.codes import SPOTS
+from vsense.tracking.families import MarkerFamily
+
+Floats = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+MARKER = np.dtype(
+    [
+        ("x_m", "f8"),
+        ("y_m", "f8"),
+        ("ahead_x", "f8"),
+        ("ahead_y", "f8"),
+        ("scale", "f8"),
+        ("x_px", "f8"),
+        ("y_px", "f8"),
+        ("residual_m", "f8"),
+        ("coverage", "f8"),
+        ("black", "f8"),
+        ("white", "f8"),
+        ("sharp_ahead", "f8"),
+        ("sharp_left", "f8"),
+        ("cell", "f8", (lib.VS_OUTLINE_CELLS,)),
+    ]
+)
+"""One fitted marker; the fields are those of `struct vs_marker`, see `c_src/vs_outline.h`."""
+
+_CAPACITY = 1024
+_SPACING_U = 0.4
+_CORNER_U = 0.6
+_PASSES = ((1.0, 9, 2, 0.6, 0.25), (0.6, 9, 2, 0.8, 0.14), (0.6, 11, 1, 0.8, 0.1))
+"""Each pass of the fit: how far to look [u], in how many steps, every how many samples, the
+least coverage and the greatest residual [u]. In a good picture markers have 0.02 u, look-alikes
+0.2 u."""
+
+_SCALE_DOUBT = 0.12
+_LEAST_CONTRAST = 25.0
+_LEAST_AREA, _MOST_AREA = 0.4, 1.6
+_ROUNDEST, _SLIMMEST = 1.2, 2.9
+_LEAST_TAPER = 0.12
+
+
+class Kernel:
+    """Finds and follows one family's markers; one thread at a time.
+
+    Attributes:
+        overflows: Pictures in which a table of the kernel was full, so that something may
+            have been missed.
+        contrast: What white must have over dark for a closer look [grey] (36).
+        level: Where the threshold lies between the darkest and the lightest [1/256] (100).
+    """
+
+    def __init__(self, family: MarkerFamily, contrast: int = 36, level: int = 100) -> None:
+        self._family = family
+        self.contrast, self.level = contrast, level
+        self.overflows = 0
+        self._outline = _outline(family)
+        self._work = ffi.new("struct vs_markers *")
+        self._markers: NDArray[np.void] = np.zeros(_CAPACITY, dtype=MARKER)
+        self._found = ffi.cast("struct vs_marker *", self._markers.ctypes.data)
+        self._origin = np.zeros(_CAPACITY, dtype=np.uint32)
+        self._count = ffi.new("size_t *")
+        self._views: dict[tuple[Camera, float], tuple[Any, Any]] = {}
+
+    def search(
+        self,
+        image: Image,
+        camera: Camera,
+        height_m: float,
+        windows: NDArray[np.int32] | None = None,
+    ) -> NDArray[np.void]:
+        """Looks for markers in a whole picture, or in windows of it.
+
+        Args:
+            image: (height, width) uint8 picture of `camera`.
+            camera: The camera.
+            height_m: Height of the markers above the floor.
+            windows: (n, 4) left, top, right, bottom [px]; they may reach over the border.
+
+        Returns:
+            (n,) MARKER, those that lie wholly in the picture.
+        """
+        view, search = self._look(image, camera, height_m)
+        if windows is None:
+            windows = np.array([(0, 0, image.shape[1], image.shape[0])], dtype=np.int32)
+        self._count[0] = full = 0
+        window = ffi.new("struct vs_window *")
+        for window.left, window.top, window.right, window.bottom in windows.tolist():
+            code = lib.vs_markers_search(
+                self._work, search, self._outline, view, window, self._found, _CAPACITY, self._count
+            )
+            check(code, f"camera {camera.id}")
+            full |= self._work.full
+        self.overflows += full != 0
+        return np.array(self._markers[: self._count[0]])
+
+    def follow(
+        self, image: Image, camera: Camera, height_m: float, poses: Floats
+    ) -> tuple[NDArray[np.void], NDArray[np.uint32]]:
+        """Fits markers from where they are expected.
+
+        Args:
+            image: (height, width) uint8 picture of `camera`.
+            camera: The camera.
+            height_m: Height of the markers above the floor.
+            poses: (n, 3) x, y of the disc's centre and yaw; at most 1024 are looked at.
+
+        Returns:
+            (k,) MARKER of those that fit and lie wholly in the picture; (k,) their rows of `poses`.
+        """
+        view, _ = self._look(image, camera, height_m)
+        count = min(len(poses), _CAPACITY)
+        known = self._markers[:count]
+        known["x_m"], known["y_m"] = poses[:count, 0], poses[:count, 1]
+        known["ahead_x"], known["ahead_y"] = np.cos(poses[:count, 2]), np.sin(poses[:count, 2])
+        known["scale"] = 1.0
+        self._count[0] = count
+        origin = ffi.cast("uint32_t *", self._origin.ctypes.data)
+        code = lib.vs_markers_follow(self._outline, view, self._found, origin, self._count)
+        check(code, f"camera {camera.id}")
+        found = self._count[0]
+        return np.array(self._markers[:found]), np.array(self._origin[:found])
+
+    def _look(self, image: Image, camera: Camera, height_m: float) -> tuple[Any, Any]:
+        """Returns the kernel's view of a picture and how to search it."""
+        key = (camera, height_m)
+        if key not in self._views:
+            self._views[key] = (_view(camera, height_m), self._search(camera, height_m))
+        view, search = self._views[key]
+        if image.strides[1] != 1 or image.strides[0] < image.shape[1]:
+            image = np.ascontiguousarray(image)
+        view.picture.pixels = ffi.cast("uint8_t *", image.ctypes.data)
+        view.picture.stride = image.strides[0]
+        view.picture.height_px, view.picture.width_px = image.shape
+        # The pixels must outlive the call, also where they were copied.
+        self._image = image
+        return view, search
+
+    def _search(self, camera: Camera, height_m: float) -> Any:
+        """Describes what to search for, from how large a marker can be in the picture."""
+        family = self._family
+        low, high, squeeze = _scales(camera, height_m)
+        corners = 1e-3 * family.polygon_mm
+        length_m = max(float(np.hypot(*(a - b))) for a in corners for b in corners)
+        lead_mm = (family.disc_centre_mm - family.outline_centroid_mm)[0]
+        search = ffi.new("struct vs_search *")
+        search.least_contrast, search.level_256 = self.contrast, self.level
+        search.lead_m = 1e-3 * float(lead_mm)
+        search.least_apart_m = 5e-4 * family.disc_diameter_mm
+        gate = search.gate
+        gate.length_px = length_m * high
+        gate.area_px2 = 1e-6 * family.outline_area_mm2 * low * high
+        gate.least_area, gate.most_area = _LEAST_AREA * low / high, _MOST_AREA * high / low
+        gate.least_aspect, gate.most_aspect = _ROUNDEST / squeeze, _SLIMMEST * squeeze
+        gate.least_taper = _LEAST_TAPER
+        return search
+
+
+def _outline(family: MarkerFamily) -> Any:
+    """Describes a family to the kernel."""
+    points, normals = _sample(family.polygon_mm, family.unit_mm)
+    points = 1e-3 * (points - family.disc_centre_mm)
+    inner = np.array(SPOTS) * family.cell_mm
+    spots = np.stack(np.meshgrid(inner, inner), axis=-1).reshape(-1, 2)
+    cells = 1e-3 * (family.cells_mm[:, np.newaxis] + spots - family.disc_centre_mm).reshape(-1, 2)
+    outline = ffi.new("struct vs_outline *")
+    outline.samples, outline.cells, outline.passes = len(points), family.grid**2, len(_PASSES)
+    outline.unit_m = 1e-3 * family.unit_mm
+    outline.scale_doubt, outline.least_contrast = _SCALE_DOUBT, _LEAST_CONTRAST
+    outline.radius_m = 0.5e-3 * family.disc_diameter_mm
+    outline.x_m[0 : len(points)], outline.y_m[0 : len(points)] = points.T.tolist()
+    outline.normal_x[0 : len(points)], outline.normal_y[0 : len(points)] = normals.T.tolist()
+    outline.spot_x_m[0 : len(cells)], outline.spot_y_m[0 : len(cells)] = cells.T.tolist()
+    for row, (reach_u, steps, stride, coverage, residual_u) in zip(outline.stage, _PASSES):
+        row.reach_m, row.steps, row.stride = reach_u * outline.unit_m, steps, stride
+        row.least_coverage, row.most_residual_m = coverage, residual_u * outline.unit_m
+    return outline
+
+
+def _view(camera: Camera, height_m: float) -> Any:
+    """Describes a camera to the kernel."""
+    view = ffi.new("struct vs_view *")
+    lens = view.lens
+    lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px = (
+        camera.fx_px,
+        camera.fy_px,
+        camera.cx_px,
+        camera.cy_px,
+    )
+    lens.distortion, lens.rotation = list(camera.distortion), list(camera.rotation)
+    lens.position_m = list(camera.position_m)
+    view.height_m = height_m
+    return view
+
+
+def _scales(camera: Camera, height_m: float) -> tuple[float, float, float]:
+    """Returns the least and the greatest scale [px/m] in a picture, and the worst ratio of the
+    variances along two directions that perspective and lens make of a circle."""
+    columns = np.linspace(0.0, camera.width_px - 1.0, 5)
+    rows = np.linspace(0.0, camera.height_px - 1.0, 5)
+    pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
+    near = camera.to_plane(
+        pixels[:, np.newaxis] + np.array([(-0.5, 0.0), (0.5, 0.0), (0.0, -0.5), (0.0, 0.5)]),
+        height_m,
+    )
+    slopes = np.stack((near[:, 1] - near[:, 0], near[:, 3] - near[:, 2]), axis=1)
+    spans = np.linalg.svd(slopes, compute_uv=False)
+    scale = 1.0 / np.sqrt(spans.prod(axis=1))
+    return float(scale.min()), float(scale.max()), float((spans[:, 0] / spans[:, 1]).max() ** 2)
+
+
+def _sample(corners: Floats, unit: float) -> tuple[Floats, Floats]:
+    """Returns points along a counter-clockwise polygon, away from its corners, and normals."""
+    points, normals = [], []
+    for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        length = float(np.hypot(*(end - start)))
+        ahead = (end - start) / length
+        count = max(2, round((length - 2.0 * _CORNER_U * unit) / (_SPACING_U * unit)) + 1)
+        along = np.linspace(_CORNER_U * unit, length - _CORNER_U * unit, count)
+        points.append(start + along[:, np.newaxis] * ahead)
+        normals.append(np.tile((ahead[1], -ahead[0]), (count, 1)))
+    return np.concatenate(points), np.concatenate(normals)

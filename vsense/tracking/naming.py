@@ -1,0 +1,104 @@
+"""Names along the tracks: what a marker's cells leave open is told by where it is.
+
+A robot cannot jump, so a marker near where exactly one robot is expected is that robot, unless
+its cells speak against it. A marker without a name collects evidence from picture to picture
+until its cells are sure.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.arena import UNNAMED
+from vsense.tracking.decoder import Decoder, Reading, Tags
+from vsense.tracking.whereabouts import NEAR_M, Anonymous, Whereabouts
+
+Floats = NDArray[np.float64]
+
+_PLAUSIBLE = 0.30
+_EVIDENCE_S = 0.3
+_LEAST_PICTURES = 3
+
+
+def carry_names(
+    tags: Tags, reading: Reading, roster: Tags, places: Floats, expected: NDArray[np.void]
+) -> Tags:
+    """Gives names of expected robots to markers whose cells alone do not say enough.
+
+    A marker that is read as another robot than the one that must be there stays without a name.
+
+    Args:
+        tags: (n,) names from the cells.
+        reading: What the cells say.
+        roster: The reading's tags.
+        places: (n, 2) the markers' places in the arena [m].
+        expected: (k,) EXPECTED in the camera's view.
+
+    Returns:
+        (n,) names.
+    """
+    named = np.array(tags)
+    sure = expected[expected["sure"]]
+    if len(sure) == 0 or len(places) == 0:
+        return named
+    offset = np.stack((sure["x_m"], sure["y_m"]), axis=1)[:, np.newaxis] - places
+    near = np.hypot(offset[..., 0], offset[..., 1]) < NEAR_M
+    single = near & (near.sum(axis=0) == 1) & (near.sum(axis=1) == 1)[:, np.newaxis]
+    for robot, marker in zip(*np.nonzero(single), strict=True):
+        tag = sure["tag"][robot]
+        if named[marker] == tag:
+            continue
+        if named[marker] != UNNAMED:
+            named[marker] = UNNAMED
+            continue
+        column = int(np.searchsorted(roster, tag))
+        fits = column < len(roster) and reading.distance[marker, column] < _PLAUSIBLE
+        if fits and roster[column] == tag and tag not in tags:
+            named[marker] = tag
+    return named
+
+
+def gather_evidence(
+    tags: Tags,
+    cells: Floats,
+    sharpness: tuple[Floats, Floats],
+    places: Floats,
+    camera: str,
+    whereabouts: Whereabouts,
+    decoder: Decoder,
+) -> Tags:
+    """Names markers by the mean of their cells over the pictures since they appeared.
+
+    Args:
+        tags: (n,) names so far.
+        cells: (n, cells) brightness in this picture.
+        sharpness: (n,) of the edges along and across the heading, see `Decoder.decode`.
+        places: (n, 2) the markers' places in the arena [m].
+        camera: The camera's id.
+        whereabouts: Keeps what has been gathered.
+        decoder: Names cells.
+
+    Returns:
+        (n,) names.
+    """
+    open_ = np.flatnonzero(tags == UNNAMED)
+    sums, pictures = cells[open_].copy(), np.ones(len(open_), dtype=np.int64)
+    before = whereabouts.anonymous.get(camera)
+    if before is not None and whereabouts.capture_ns - before.capture_ns < 1e9 * _EVIDENCE_S:
+        offset = places[open_][:, np.newaxis] - before.places
+        near = np.hypot(offset[..., 0], offset[..., 1]) < NEAR_M
+        single = near & (near.sum(axis=0) == 1) & (near.sum(axis=1) == 1)[:, np.newaxis]
+        for now, then in zip(*np.nonzero(single), strict=True):
+            sums[now] += before.cells[then]
+            pictures[now] += before.pictures[then]
+    whereabouts.anonymous[camera] = Anonymous(places[open_], sums, pictures, whereabouts.capture_ns)
+    named = np.array(tags)
+    enough = pictures >= _LEAST_PICTURES
+    if enough.any():
+        rows = open_[enough]
+        means = sums[enough] / pictures[enough, np.newaxis]
+        read = decoder.decode(means, sharpness[0][rows], sharpness[1][rows]).tags
+        taken = np.isin(read, tags[tags != UNNAMED])
+        named[rows] = np.where(taken, np.int32(UNNAMED), read)
+    return named

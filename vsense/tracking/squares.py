@@ -1,0 +1,242 @@
+"""The detector for square markers: ArUco's and AprilTag's, from the picture to the tag."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.arena import DETECTION, UNNAMED, wrap_angle
+from vsense.tracking.camera import Camera
+from vsense.tracking.dictionary import SquareFamily
+from vsense.tracking.markers import FamilyError, Floats
+from vsense.tracking.squares_edges import Sides, fit_local_corners, fit_sides
+from vsense.tracking.squares_quads import QuadSearch, area, lengths, noise_level
+from vsense.tracking.squares_words import Readings, WordReader, project_squares
+
+SQUARE = np.dtype(
+    [
+        ("tag", "i4"),
+        ("corners_px", "f8", (4, 2)),
+        ("error", "f4"),
+        ("margin", "f4"),
+        ("residual_px", "f8"),
+    ]
+)
+"""One square marker in one picture.
+
+`tag` is the number; `corners_px` the corners of the black square as seen upright: upper left,
+upper right, lower right, lower left; `error` and `margin` as in DETECTION; `residual_px` the
+root mean square distance of the edges found to the fitted sides.
+"""
+
+_PASSES = ((0.12, 1.6, 6.0, 12, 13), (0.08, 1.6, 4.0, 20, 13))
+"""Each pass of the fit: how far to look [sides], its limits [px], normals and grey values."""
+
+LEAST_SIDE_PX = 10.0
+"""Side of the smallest marker that is looked for where the size is not known."""
+
+_LEAST_CONTRAST = 6.0
+_NOISE_CONTRAST = 0.7
+_LEAST_COVERAGE = 0.5
+_LEAST_STEP = 0.15
+_LEAST_CELL_PX = 0.9
+_SLIMMEST = 0.15
+_SAME = 0.05
+_SCALE_DOUBT = 0.25
+_BORDER_PX = 1.0
+
+
+class SquareDetector:
+    """Finds the square markers of one family and names those of a roster."""
+
+    def __init__(
+        self,
+        family: SquareFamily,
+        roster: Sequence[int] | None = None,
+        height_m: float = 0.0,
+        search: QuadSearch | None = None,
+    ) -> None:
+        """Prepares the detector.
+
+        Args:
+            family: The marker family.
+            roster: The tags in the arena; a marker with any other is reported without a name.
+                None: all tags of the family.
+            height_m: Height of the markers above the floor.
+            search: What proposes quadrilaterals.
+
+        Raises:
+            FamilyError: The family does not have a tag of the roster.
+        """
+        self._family = family
+        self._height_m = height_m
+        self._search = search or QuadSearch()
+        self._readers = (WordReader(family.codes), WordReader(family.codes, around=False))
+        self._span = family.codes.cells + 2
+        wanted = range(family.tags) if roster is None else roster
+        strange = [tag for tag in wanted if not 0 <= tag < family.tags]
+        if strange:
+            raise FamilyError(
+                f"tag {strange[0]}: the family {family.name} has 0 to {family.tags - 1}"
+            )
+        self._roster = np.array(sorted(set(wanted)), dtype=np.int32)
+
+    def find(
+        self,
+        image: NDArray[np.uint8],
+        least_px: float = LEAST_SIDE_PX,
+        most_px: float | None = None,
+        local_corners: bool = False,
+    ) -> NDArray[np.void]:
+        """Returns the markers of a picture of which nothing else is known, as SQUARE rows.
+
+        All of the family's tags are named, on the roster or not. Markers with the same tag are
+        separate rows; one marker is one row.
+
+        Args:
+            image: (height, width) uint8.
+            least_px: Shortest side to look for, seen face to face.
+            most_px: Longest side; None: as long as the picture.
+            local_corners: Take each corner of a large marker from the 5 px around it, for a
+                lens that bends its sides; lines through whole sides are more precise.
+        """
+        longest = float(max(image.shape)) if most_px is None else most_px
+        quads = self._search.find(image, least_px, longest)
+        sides = _refine(image, quads)
+        sides = sides.keep(self._plausible(image, sides))
+        sides = sides.keep(_distinct(sides))
+        if len(sides.corners_px) == 0:
+            return np.zeros(0, dtype=SQUARE)
+        read = self._read(image, sides)
+        found = np.zeros(len(read.tag), dtype=SQUARE)
+        found["tag"], found["error"], found["margin"] = read.tag, read.error, read.margin
+        turned = (np.arange(4) - read.turn[:, np.newaxis]) % 4
+        found["corners_px"] = sides.corners_px[np.arange(len(found))[:, np.newaxis], turned]
+        found["residual_px"] = np.sqrt((sides.residual_px**2).mean(axis=1))
+        found = _single(found[read.sure])
+        if local_corners and len(found):
+            found["corners_px"] = fit_local_corners(image, found["corners_px"])
+        return found
+
+    def detect(self, image: NDArray[np.uint8], camera: Camera) -> NDArray[np.void]:
+        """Returns the markers of a (height, width) uint8 picture, see DETECTION.
+
+        Only markers of the family's size at the detector's height are reported.
+        """
+        height_m = camera.position_m[2] - self._height_m
+        side_px = 1e-3 * self._family.size_mm * camera.fx_px / height_m
+        found = self.find(image, (1.0 - _SCALE_DOUBT) * side_px, 1.5 * side_px)
+        corners = camera.to_plane(found["corners_px"], self._height_m)
+        fits = self._fits(corners)
+        return self._place(found[fits], corners[fits], camera)
+
+    def _fits(self, corners_m: Floats) -> NDArray[np.bool_]:
+        """Tells which (n, 4, 2) corners on the plane are squares of the family's size."""
+        length = 1e3 * lengths(corners_m) / self._family.size_mm
+        return np.asarray((np.abs(length - 1.0) < _SCALE_DOUBT).all(axis=1))
+
+    def _place(
+        self, found: NDArray[np.void], corners_m: Floats, camera: Camera
+    ) -> NDArray[np.void]:
+        """Makes DETECTION rows of markers whose corners on the plane are known."""
+        rows = np.zeros(len(found), dtype=DETECTION)
+        if len(rows) == 0:
+            return rows
+        a, b, c, d = np.moveaxis(corners_m, 1, 0)
+        up, right = (a + b) - (c + d), (b + c) - (a + d)
+        ahead = up + np.stack((-right[:, 1], right[:, 0]), axis=-1)
+        yaw = np.arctan2(ahead[:, 1], ahead[:, 0]) + np.radians(self._family.heading_deg)
+        middle = project_squares(corners_m, np.array([[0.5, 0.5]]))[:, 0]
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        x, y = 1e-3 * self._family.disc_centre_mm
+        centre = middle + np.stack((cos * x - sin * y, sin * x + cos * y), axis=-1)
+        pixels = camera.project(np.column_stack((centre, np.full(len(rows), self._height_m))))
+        rows["tag"] = np.where(np.isin(found["tag"], self._roster), found["tag"], UNNAMED)
+        rows["x_px"], rows["y_px"] = pixels[:, 0], pixels[:, 1]
+        rows["yaw_rad"] = wrap_angle(yaw)
+        m_per_px = (camera.position_m[2] - self._height_m) / camera.fx_px
+        rows["weight"] = 1.0 / (m_per_px * (0.05 + 0.3 * found["residual_px"])) ** 2
+        rows["error"], rows["margin"] = found["error"], found["margin"]
+        return rows
+
+    def _plausible(self, image: NDArray[np.uint8], sides: Sides) -> NDArray[np.bool_]:
+        """Tells which fitted quadrilaterals are black on white, large enough and whole."""
+        corners = sides.corners_px
+        length = lengths(corners)
+        contrast = max(_LEAST_CONTRAST, _NOISE_CONTRAST * noise_level(image))
+        high, wide = image.shape
+        inside = (corners > _BORDER_PX) & (corners < np.array([wide, high]) - 1 - _BORDER_PX)
+        return np.asarray(
+            (sides.contrast.min(axis=1) > contrast)
+            & (sides.step > _LEAST_STEP * sides.contrast).all(axis=1)
+            & (sides.coverage.min(axis=1) > _LEAST_COVERAGE)
+            & (length.min(axis=1) > _LEAST_CELL_PX * self._span)
+            & (length.min(axis=1) > _SLIMMEST * length.max(axis=1))
+            & (area(corners) > 0.0)
+            & inside.all(axis=(1, 2))
+        )
+
+    def _read(self, image: NDArray[np.uint8], sides: Sides) -> Readings:
+        """Reads n > 0 fitted quadrilaterals, the doubtful ones once more without what is around."""
+        blur = self._blur(sides)
+        first, second = self._readers
+        read = first.read(first.cells(image, sides.corners_px), blur)
+        left = np.flatnonzero(~read.sure)
+        if len(left):
+            again = second.read(second.cells(image, sides.corners_px[left]), blur[left])
+            for values, others in zip(read, again, strict=True):
+                values[left] = others
+        return read
+
+    def _blur(self, sides: Sides) -> Floats:
+        """Returns (n, 2) point spreads along the first and the second side, in cells."""
+        corners = sides.corners_px
+        length = lengths(corners)
+        cell = (length + np.roll(length, -2, axis=1))[:, :2] / (2.0 * self._span)
+        across = (sides.blur_px + np.roll(sides.blur_px, -2, axis=1))[:, :2] / 2.0
+        return np.asarray(across[:, ::-1] / cell)
+
+
+def _refine(image: NDArray[np.uint8], quads: Floats) -> Sides:
+    """Fits the sides of (n, 4, 2) candidates; those that run away are dropped."""
+    none = np.zeros((len(quads), 4))
+    sides = Sides(quads, none, none, none, none, none)
+    for share, least, most, samples, steps in _PASSES:
+        start = sides.corners_px
+        if len(start) == 0:
+            break
+        across = np.abs(area(start))[:, np.newaxis] / np.maximum(lengths(start), 1.0)
+        reach = np.clip(share * across, least, most)
+        sides = fit_sides(image, start, reach, samples, steps)
+        moved = np.hypot(*np.moveaxis(sides.corners_px - start, -1, 0)).max(axis=1)
+        steady = np.isfinite(moved) & (moved < 3.0 * reach.max(axis=1))
+        sides = sides.keep(steady & (sides.contrast.min(axis=1) > _LEAST_CONTRAST))
+    return sides
+
+
+def _distinct(sides: Sides) -> NDArray[np.intp]:
+    """Returns the best of those fits that are nearly the same."""
+    centre, size = sides.corners_px.mean(axis=1), np.sqrt(np.abs(area(sides.corners_px)))
+    order = np.argsort(sides.residual_px.sum(axis=1), kind="stable")
+    kept: list[int] = []
+    for row in order:
+        gap = np.hypot(*(centre[kept] - centre[row]).T)
+        alike = np.abs(size[kept] / size[row] - 1.0) < _SAME
+        if not (alike & (gap < _SAME * size[row])).any():
+            kept.append(int(row))
+    return np.array(sorted(kept), dtype=np.intp)
+
+
+def _single(found: NDArray[np.void]) -> NDArray[np.void]:
+    """Keeps the clearest reading of each place; the same tag elsewhere is another marker."""
+    found = found[np.argsort(-found["margin"], kind="stable")]
+    centre, size = found["corners_px"].mean(axis=1), np.sqrt(np.abs(area(found["corners_px"])))
+    kept: list[int] = []
+    for row in range(len(found)):
+        gap = np.hypot(*(centre[kept] - centre[row]).T)
+        if not (gap < 0.5 * np.minimum(size[kept], size[row])).any():
+            kept.append(row)
+    found = found[kept]
+    return found[np.lexsort((*found["corners_px"][:, 0].T, found["tag"]))]
