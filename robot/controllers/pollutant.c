@@ -29,11 +29,15 @@ struct cleaner {
     double direction; /* of the present turn: 1 left, -1 right */
 };
 
+/* A stale value is no news: whoever cleans goes on until told that the pollutant has
+ * gone, and nobody else begins. A bad moment of the network must not scatter a swarm. */
 static int senses_pollutant(const struct cleaner *s, const struct vs_robot *robot)
 {
     struct vs_reading reading = vs_robot_read(robot, s->pollutant);
 
-    return reading.known && !reading.stale && reading.value >= 0.5;
+    if (reading.known && reading.stale)
+        return s->activity == CLEAN;
+    return reading.known && reading.value >= 0.5;
 }
 
 /* How much stands ahead: > 0 if anything does; *side is 1 if it is rather on the

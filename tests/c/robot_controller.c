@@ -198,6 +198,37 @@ static void test_parameters(void)
     CHECK(w.complaints == 2);
 }
 
+/* A misspelt parameter must not pass unseen. */
+static void test_parameters_that_nobody_asks_for(void)
+{
+    struct world w;
+    const char *param;
+
+    begin(&w, "");
+    CHECK(vs_robot_unasked_param(&w.robot, NULL) == NULL);
+    begin(&w, "sped=1\nspeed=2\nspeeds=3\nwalk=x");
+    (void)vs_robot_param(&w.robot, "speed", 9);
+    (void)vs_robot_param(&w.robot, "absent", 9);
+    param = vs_robot_unasked_param(&w.robot, NULL);
+    CHECK(param == w.session.params);
+    param = vs_robot_unasked_param(&w.robot, param);
+    CHECK(strncmp(param, "speeds=3\n", 9) == 0);
+    param = vs_robot_unasked_param(&w.robot, param);
+    CHECK(strcmp(param, "walk=x") == 0);
+    CHECK(vs_robot_unasked_param(&w.robot, param) == NULL);
+    (void)vs_robot_param(&w.robot, "sped", 9);
+    (void)vs_robot_param(&w.robot, "speeds", 9);
+    (void)vs_robot_param(&w.robot, "walk", 9);
+    CHECK(vs_robot_unasked_param(&w.robot, NULL) == NULL);
+    vs_robot_begin(&w.robot, &w.session);
+    CHECK(vs_robot_unasked_param(&w.robot, NULL) == w.session.params);
+    memset(w.session.params, 'x', VS_PARAMS_MAX - 2);
+    memcpy(w.session.params + VS_PARAMS_MAX - 5, "\ny=1\n", 6);
+    CHECK(vs_robot_param(&w.robot, "y", 9) < 2 && w.complaints == 1);
+    param = vs_robot_unasked_param(&w.robot, NULL);
+    CHECK(vs_robot_unasked_param(&w.robot, param) == NULL);
+}
+
 static void test_random_is_the_robots_own(void)
 {
     struct world one;
@@ -261,8 +292,19 @@ static void test_cleaner_stops_where_it_senses(void)
     CHECK(clean(&w, 1.0, 0) == VS_ROBOT_LED_RING && !moves(&w));
     CHECK(clean(&w, 0.0, 0) == 0 && moves(&w));
     CHECK(clean(&w, 1.0, 0) == VS_ROBOT_LED_RING);
-    CHECK(clean(&w, 1.0, 260000) == 0 && moves(&w));
     CHECK(clean(&w, 1.0, VS_NEVER_US) == 0 && moves(&w));
+}
+
+static void test_cleaner_takes_no_stale_value_for_news(void)
+{
+    struct world w;
+
+    begin_cleaner(&w, "stop_probability=1\n");
+    CHECK(clean(&w, 1.0, 260000) == 0 && moves(&w));
+    CHECK(clean(&w, 1.0, 0) == VS_ROBOT_LED_RING && !moves(&w));
+    CHECK(clean(&w, 0.0, 260000) == VS_ROBOT_LED_RING && !moves(&w));
+    CHECK(clean(&w, 1.0, 260000) == VS_ROBOT_LED_RING && !moves(&w));
+    CHECK(clean(&w, 0.0, 0) == 0 && moves(&w));
 }
 
 static void test_cleaner_stops_with_its_probability(void)
@@ -321,8 +363,10 @@ int main(void)
     test_own_sensors_and_their_virtual_twins();
     test_actuators_are_clipped_to_their_type();
     test_parameters();
+    test_parameters_that_nobody_asks_for();
     test_random_is_the_robots_own();
     test_cleaner_stops_where_it_senses();
+    test_cleaner_takes_no_stale_value_for_news();
     test_cleaner_stops_with_its_probability();
     test_cleaner_avoids();
     return 0;
