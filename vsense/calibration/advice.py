@@ -20,8 +20,8 @@ _SAME_SHARE = 0.02
 """Two views whose corners are on average nearer than this share of the picture's diagonal
 are the same pose."""
 _LEAST_TILT_DEG = 12.0
-_LEAST_SPAN = 0.55
-"""The share of width and height that the corners of all views have to span."""
+LEAST_SPAN, GOOD_SPAN = 0.4, 0.7
+"""The share of width and height that the corners of all views have to, and ought to, span."""
 _WORST_FOCAL = 0.01
 _WORST_CENTRE = 0.02
 
@@ -62,11 +62,19 @@ def too_few(size: tuple[int, int], views: Sequence[View], pictures: int) -> str 
     )
 
 
-def too_central(size: tuple[int, int], views: Sequence[View]) -> str | None:
-    """What is missing if the board never came near the picture's border, else None."""
+def too_central(
+    size: tuple[int, int], views: Sequence[View], least: float = LEAST_SPAN
+) -> str | None:
+    """What is missing if the board never came near the picture's border, else None.
+
+    Args:
+        size: Width and height [px].
+        views: Where the board was seen.
+        least: The share of width and height that its corners should span.
+    """
     pixels = np.concatenate([view.pixels for view in views])
     span = np.ptp(pixels, axis=0) / size
-    if np.all(span >= _LEAST_SPAN):
+    if np.all(span >= least):
         return None
     return (
         f"the board covers only {span[0]:.0%} of the picture's width and {span[1]:.0%} of its "

@@ -79,7 +79,7 @@ class Board:
             columns + inner,
             rows + inner,
             _length_m(text, rest[1]),
-            "" if inner else _dictionary(text, rest[2]),
+            "" if inner else dictionary_name(rest[2]),
             **options,
         )
         if not inner:
@@ -123,10 +123,6 @@ class Board:
         board.setLegacyPattern(self.legacy)
         return board
 
-    def dark(self, column: int, row: int) -> bool:
-        """Whether a chessboard's square is dark; rows count from the lower edge."""
-        return ((column + row) % 2 == 0) != self.inverted
-
     def __str__(self) -> str:
         """The text that `parse` reads."""
         if self.kind == CHESSBOARD:
@@ -155,11 +151,16 @@ def _length_m(text: str, part: str) -> float:
     return length_m
 
 
-def _dictionary(text: str, part: str) -> str:
-    for name in (part, part.removeprefix("DICT_"), f"APRILTAG_{part}"):
+def dictionary_name(text: str) -> str:
+    """Returns OpenCV's name of a dictionary, without "DICT_".
+
+    Raises:
+        UsageError: There is no such dictionary.
+    """
+    for name in (text, text.removeprefix("DICT_"), f"APRILTAG_{text}"):
         if isinstance(getattr(cv2.aruco, f"DICT_{name}", None), int):
             return name
-    raise UsageError(f"board '{text}': dictionary '{part}': expected e.g. 4X4_50 or 36h11")
+    raise UsageError(f"dictionary '{text}': expected e.g. 4X4_50 or 36h11")
 
 
 def _options(text: str, parts: list[str]) -> dict[str, Any]:

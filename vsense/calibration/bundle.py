@@ -11,6 +11,7 @@ Source: Triggs et al., Bundle Adjustment - A Modern Synthesis, 2000; Huber, 1964
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,10 +26,11 @@ POSE_SIZE = 6
 """Turn (about x, y, z), then shift."""
 CAMERA_SIZE = POSE_SIZE + LENS_SIZE
 
-_STEPS = 80
+_STEPS = 100
 _SMALLEST_GAIN = 1e-10
-_DAMPING = (1e-3, 1e-12, 1e10)
-"""At the start, at least, at most."""
+_DAMPING, _UNDAMPED, _STUCK = 1e-4, 1e-8, 1e8
+"""At the start, small enough to be none, and where there is nothing to be gained any more."""
+_SINGULAR = 1e-13
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,36 +119,34 @@ class Bundle:
             knowledge: What is known beforehand.
             limit_px: Residuals beyond it count linearly (Huber), not squared.
         """
-        self._seen = sightings
+        self.sightings = sightings
         self._known = knowledge
         self._limit_px = limit_px
         by_body = np.argsort(sightings.body, kind="stable")
         cuts = np.searchsorted(sightings.body[by_body], np.arange(len(knowledge.body_free) + 1))
-        self._views_of = [by_body[a:b] for a, b in zip(cuts[:-1], cuts[1:])]
+        self._views_of = [by_body[a:b] for a, b in pairwise(cuts)]
 
     def solve(self, estimate: Estimate) -> Estimate:
         """Returns the best estimate near the given one."""
-        damping, least, most = _DAMPING
-        cost = self.cost(estimate)
+        damping, cost = _DAMPING, self.cost(estimate)
         for _ in range(_STEPS):
-            equations = self._equations(estimate)
-            while damping < most:
-                trial = self._stepped(estimate, equations, damping)
-                trial_cost = self.cost(trial)
-                if trial_cost <= cost:
-                    break
-                damping *= 8.0
-            else:
-                break
+            trial = self._stepped(estimate, self._equations(estimate), damping)
+            trial_cost = self.cost(trial)
             gain = cost - trial_cost
-            estimate, cost, damping = trial, trial_cost, max(damping / 6.0, least)
-            if gain <= _SMALLEST_GAIN * (cost + 1e-12):
+            settled = abs(gain) <= _SMALLEST_GAIN * cost
+            if gain >= 0.0:
+                estimate, cost = trial, trial_cost
+            # A damped step gains little along what pictures hardly tell: that is no end yet.
+            if settled and damping <= _UNDAMPED:
+                break
+            damping *= 0.1 if gain >= 0.0 or settled else 30.0
+            if damping > _STUCK:
                 break
         return estimate
 
     def residuals(self, estimate: Estimate) -> Floats:
         """(n, 2) picture minus model [px]."""
-        return self._seen.pixels - self._projected(estimate)[0]
+        return self.sightings.pixels - self._projected(estimate)[0]
 
     def cost(self, estimate: Estimate) -> float:
         """The sum that `solve` makes small [px^2]."""
@@ -162,18 +162,22 @@ class Bundle:
         """(c, 15, 15) of turn, shift and lens of each camera, for noise of 1 px."""
         equations = self._equations(estimate)
         reduced, _, _ = self._reduced(equations, 0.0)
-        inverse = np.linalg.pinv(reduced, hermitian=True)
+        free = self._known.camera_free.ravel()
+        inverse = np.zeros_like(reduced)
+        scale = _scale(reduced)[free]
+        part = reduced[np.ix_(free, free)] * scale[:, None] * scale
+        inverse[np.ix_(free, free)] = (
+            np.linalg.pinv(part, rcond=_SINGULAR, hermitian=True) * scale[:, None] * scale
+        )
         cameras = len(equations.cameras)
         blocks = inverse.reshape(cameras, CAMERA_SIZE, cameras, CAMERA_SIZE)
-        diagonal = blocks[np.arange(cameras), :, np.arange(cameras), :]
-        free = self._known.camera_free
-        return np.asarray(diagonal * (free[:, :, None] & free[:, None, :]))
+        return np.asarray(blocks[np.arange(cameras), :, np.arange(cameras), :])
 
     def _projected(self, estimate: Estimate) -> tuple[Floats, ...]:
         """Pixels, derivatives by point and lens, points in camera frame, points turned."""
-        view = self._seen.view
-        camera, body = self._seen.camera[view], self._seen.body[view]
-        turned = np.einsum("nij,nj->ni", estimate.body_turn[body], self._seen.points)
+        view = self.sightings.view
+        camera, body = self.sightings.camera[view], self.sightings.body[view]
+        turned = np.einsum("nij,nj->ni", estimate.body_turn[body], self.sightings.points)
         placed = turned + estimate.body_shift[body]
         points = np.einsum("nij,nj->ni", estimate.camera_turn[camera], placed)
         points += estimate.camera_shift[camera]
@@ -181,7 +185,7 @@ class Bundle:
 
     def _equations(self, estimate: Estimate) -> _Equations:
         pixels, by_point, by_lens, points, turned = self._projected(estimate)
-        seen, known = self._seen, self._known
+        seen, known = self.sightings, self._known
         camera, body = seen.camera[seen.view], seen.body[seen.view]
         by_arena = by_point @ estimate.camera_turn[camera]
         by_camera = np.concatenate((np.cross(points[:, None], by_point), by_point, by_lens), axis=2)
@@ -193,7 +197,7 @@ class Bundle:
         size = np.linalg.norm(residuals, axis=1)
         weight = np.minimum(1.0, self._limit_px / np.maximum(size, 1e-12))
         result = self._priors(estimate)
-        for number, (first, last) in enumerate(zip(seen.start[:-1], seen.start[1:])):
+        for number, (first, last) in enumerate(pairwise(seen.start)):
             part = both[first:last].reshape(-1, CAMERA_SIZE + POSE_SIZE)
             weighted = part * np.repeat(weight[first:last], 2)[:, None]
             square, side = weighted.T @ part, weighted.T @ residuals[first:last].ravel()
@@ -218,29 +222,32 @@ class Bundle:
         body_side = np.zeros((bodies, POSE_SIZE))
         lens_off = known.lens_mean - estimate.lenses
         camera_side[:, POSE_SIZE:] = known.lens_weight * lens_off * lens_free
-        body_side[:, 3:] = known.shift_weight * (known.shift_mean - estimate.body_shift) * shift_free
+        body_side[:, 3:] = (
+            known.shift_weight * (known.shift_mean - estimate.body_shift) * shift_free
+        )
         return _Equations(
             camera_weight[:, :, None] * np.eye(CAMERA_SIZE),
             camera_side,
             body_weight[:, :, None] * np.eye(POSE_SIZE),
             body_side,
-            np.zeros((len(self._seen.camera), CAMERA_SIZE, POSE_SIZE)),
+            np.zeros((len(self.sightings.camera), CAMERA_SIZE, POSE_SIZE)),
         )
 
     def _reduced(self, equations: _Equations, damping: float) -> tuple[Floats, Floats, Floats]:
         """The cameras' equations after the bodies are eliminated, and the bodies' inverses."""
         count = len(equations.cameras)
-        inverses = np.linalg.inv(_damped(equations.bodies, max(damping, 1e-14)))
-        matrix = np.zeros((count, CAMERA_SIZE, count, CAMERA_SIZE))
+        bodies = _damped(equations.bodies, max(damping, 1e-14))
+        inverses = np.asarray(np.linalg.inv(bodies), dtype=np.float64)
+        blocks = np.zeros((count, CAMERA_SIZE, count, CAMERA_SIZE))
         index = np.arange(count)
-        matrix[index, :, index, :] = _damped(equations.cameras, damping)
-        matrix = matrix.reshape(count * CAMERA_SIZE, -1)
+        blocks[index, :, index, :] = _damped(equations.cameras, damping)
+        matrix: Floats = blocks.reshape(count * CAMERA_SIZE, -1)
         side = equations.camera_side.ravel().copy()
         for body, views in enumerate(self._views_of):
             if len(views) == 0:
                 continue
             tie = equations.ties[views].reshape(-1, POSE_SIZE)
-            rows = self._seen.camera[views][:, None] * CAMERA_SIZE + np.arange(CAMERA_SIZE)
+            rows = self.sightings.camera[views][:, None] * CAMERA_SIZE + np.arange(CAMERA_SIZE)
             rows = rows.ravel()
             carried = tie @ inverses[body]
             matrix[np.ix_(rows, rows)] -= carried @ tie.T
@@ -249,10 +256,11 @@ class Bundle:
 
     def _stepped(self, estimate: Estimate, equations: _Equations, damping: float) -> Estimate:
         matrix, side, inverses = self._reduced(equations, damping)
-        cameras = np.linalg.lstsq(matrix, side, rcond=1e-15)[0].reshape(-1, CAMERA_SIZE)
+        cameras = _solved(matrix, side, self._known.camera_free.ravel())
+        cameras = cameras.reshape(-1, CAMERA_SIZE)
         left = equations.body_side.copy()
-        carried = np.einsum("vij,vi->vj", equations.ties, cameras[self._seen.camera])
-        np.subtract.at(left, self._seen.body, carried)
+        carried = np.einsum("vij,vi->vj", equations.ties, cameras[self.sightings.camera])
+        np.subtract.at(left, self.sightings.body, carried)
         bodies = np.einsum("bij,bj->bi", inverses, left)
         swing, roll = turn(cameras[:, :3]), turn(bodies[:, :3])
         shift = np.einsum("cij,cj->ci", swing, estimate.camera_shift) + cameras[:, 3:POSE_SIZE]
@@ -271,3 +279,19 @@ def _damped(blocks: Floats, damping: float) -> Floats:
     diagonal = np.einsum("bii->bi", blocks)
     raised = damping * np.maximum(diagonal, 1e-9)
     return np.asarray(blocks + raised[:, :, None] * np.eye(blocks.shape[1]))
+
+
+def _scale(matrix: Floats) -> Floats:
+    """Factors that bring a matrix's diagonal to 1: turns, metres and pixels differ by 1e6."""
+    return np.asarray(1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-30)))
+
+
+def _solved(matrix: Floats, side: Floats, free: Bools) -> Floats:
+    """Solves a symmetric system for what is free; the rest stays 0."""
+    result = np.zeros(len(side))
+    if free.any():
+        scale = _scale(matrix)[free]
+        part = matrix[np.ix_(free, free)] * scale[:, None] * scale
+        step = np.linalg.lstsq(part, side[free] * scale, rcond=_SINGULAR)[0]
+        result[free] = step * scale
+    return result

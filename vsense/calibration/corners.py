@@ -15,8 +15,10 @@ Ids = NDArray[np.int64]
 LEAST_CORNERS = 6
 """A ChArUco view with fewer corners says too little about the board's pose."""
 
-_WINDOW_SHARE = 0.3
-"""The refinement's half window over the distance to the nearest other corner."""
+_CHESSBOARD_SHARE = 0.35
+"""The refinement's half window over the smallest extent of a square."""
+_CHARUCO_GAPS = 1.0
+"""The same over the white gap around a marker: the marker itself would pull at the corner."""
 _WINDOW_PX = (2, 11)
 _STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-3)
 _CHESSBOARD_FLAGS = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
@@ -29,6 +31,8 @@ class CornerFinder:
         """Prepares OpenCV's detector."""
         self._board = board
         self._charuco = cv2.aruco.CharucoDetector(board.charuco) if board.kind == CHARUCO else None
+        gap = (1.0 - board.marker_share) / 2.0
+        self._share = _CHARUCO_GAPS * gap if self._charuco else _CHESSBOARD_SHARE
 
     def find(self, image: Image8) -> tuple[Ids, Floats] | None:
         """Looks for the board.
@@ -45,19 +49,19 @@ class CornerFinder:
         if found is None:
             return None
         ids, pixels = found
-        return ids, _refined(image, pixels, self._neighbour_px(ids, pixels))
+        return ids, _refined(image, pixels, self._share * self._square_px(ids, pixels))
 
     def _find_charuco(self, image: Image8) -> tuple[Ids, Floats] | None:
         assert self._charuco is not None
         pixels, ids, _, _ = self._charuco.detectBoard(image)
         if ids is None or len(ids) < LEAST_CORNERS:
             return None
-        ids, pixels = ids.ravel().astype(np.int64), pixels.reshape(-1, 2).astype(np.float64)
+        numbers = np.asarray(ids, dtype=np.int64).ravel()
         # Corners of one row only leave the board free to turn about it.
         per_row = self._board.columns - 1
-        if len(set(ids // per_row)) < 2 or len(set(ids % per_row)) < 2:
+        if len(set(numbers // per_row)) < 2 or len(set(numbers % per_row)) < 2:
             return None
-        return ids, pixels
+        return numbers, np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
 
     def _find_chessboard(self, image: Image8) -> tuple[Ids, Floats] | None:
         size = (self._board.columns - 1, self._board.rows - 1)
@@ -84,14 +88,25 @@ class CornerFinder:
         turned = grey[dark].mean() > grey[~dark].mean()
         return grid[::-1, ::-1] if turned else grid
 
-    def _neighbour_px(self, ids: Ids, pixels: Floats) -> Floats:
-        """(n,) distance of each corner to its nearest neighbour on the board."""
+    def _square_px(self, ids: Ids, pixels: Floats) -> Floats:
+        """(n,) the smallest extent of a square near each corner, foreshortened as it is."""
         per_row = self._board.columns - 1
-        place = np.column_stack((ids % per_row, ids // per_row))
-        apart = np.abs(place[:, np.newaxis] - place[np.newaxis]).sum(axis=-1)
-        distance = np.linalg.norm(pixels[:, np.newaxis] - pixels[np.newaxis], axis=-1)
-        # Corners two or more steps away stand in for a neighbour that is hidden.
-        return np.asarray(np.min(np.where(apart > 0, distance / np.maximum(apart, 1), np.inf), 1))
+        place = np.column_stack((ids % per_row, ids // per_row)).astype(np.float64)
+        # Lenses bend this map, but hardly the size of one square.
+        matrix = np.asarray(cv2.findHomography(place, pixels)[0], dtype=np.float64)
+        if matrix.shape != (3, 3):
+            return np.zeros(len(ids))
+        sides = [
+            _mapped(matrix, place + half) - _mapped(matrix, place - half)
+            for half in np.array(((0.5, 0.0), (0.0, 0.5)))
+        ]
+        return np.asarray(np.linalg.svd(np.stack(sides, axis=-1), compute_uv=False)[:, 1])
+
+
+def _mapped(matrix: Floats, points: Floats) -> Floats:
+    """(n, 2) points through a (3, 3) projective map."""
+    mapped = np.column_stack((points, np.ones(len(points)))) @ matrix.T
+    return np.asarray(mapped[:, :2] / mapped[:, 2:])
 
 
 def _grey(image: Image8, points_px: Floats) -> Floats:
@@ -100,10 +115,10 @@ def _grey(image: Image8, points_px: Floats) -> Floats:
     return np.asarray(image[row, column], dtype=np.float64)
 
 
-def _refined(image: Image8, pixels: Floats, neighbour_px: Floats) -> Floats:
+def _refined(image: Image8, pixels: Floats, window_px: Floats) -> Floats:
     """The corners where the grey levels have their saddles, each in a window of its own size."""
-    half = np.clip((_WINDOW_SHARE * neighbour_px).astype(int), *_WINDOW_PX)
-    refined = pixels.copy()
+    half = np.clip(window_px.astype(int), *_WINDOW_PX)
+    refined: Floats = pixels.copy()
     for size in np.unique(half):
         chosen = half == size
         start = pixels[chosen].astype(np.float32).reshape(-1, 1, 2)

@@ -39,13 +39,18 @@ def camera_of(
     # Rounding of many small turns is taken out: a camera's rotation has to be one.
     left, _, right = np.linalg.svd(rotation)
     clean = left @ right
+    fx, fy, cx, cy, *distortion = (float(value) for value in lens)
     return Camera(
-        id,
-        *size,
-        *(float(v) for v in lens[:4]),
-        distortion=tuple(float(v) for v in lens[4:]),
-        rotation=tuple(float(v) for v in clean.ravel()),
-        position_m=tuple(float(v) for v in -clean.T @ shift),
+        id=id,
+        width_px=size[0],
+        height_px=size[1],
+        fx_px=fx,
+        fy_px=fy,
+        cx_px=cx,
+        cy_px=cy,
+        distortion=tuple(distortion),
+        rotation=tuple(float(value) for value in clean.ravel()),
+        position_m=tuple(float(value) for value in -clean.T @ shift),
     )
 
 
@@ -81,13 +86,9 @@ def project(lens: Floats, points: Floats) -> tuple[Floats, Floats, Floats]:
     by_lens = np.zeros((len(points), 2, LENS_SIZE))
     by_lens[:, 0, 0], by_lens[:, 1, 1] = x_seen, y_seen
     by_lens[:, 0, 2] = by_lens[:, 1, 3] = 1.0
-    for axis, (focal, along) in enumerate(((fx, x), (fy, y))):
-        reach = focal * along * r2
-        by_lens[:, axis, 4], by_lens[:, axis, 5], by_lens[:, axis, 8] = (
-            reach,
-            reach * r2,
-            reach * r2 * r2,
-        )
+    for axis, reach in enumerate((fx * x * r2, fy * y * r2)):
+        by_lens[:, axis, 4] = reach
+        by_lens[:, axis, 5], by_lens[:, axis, 8] = reach * r2, reach * r2 * r2
     by_lens[:, 0, 6], by_lens[:, 0, 7] = fx * xy2, fx * across_x
     by_lens[:, 1, 6], by_lens[:, 1, 7] = fy * across_y, fy * xy2
     return np.stack((fx * x_seen + cx, fy * y_seen + cy), axis=-1), by_point, by_lens

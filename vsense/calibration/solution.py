@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.calibration.board import Board
 from vsense.calibration.bundle import Sightings
 from vsense.calibration.views import View
 from vsense.errors import VsenseError
@@ -107,13 +106,13 @@ def bad_views(view_rms_px: Floats) -> NDArray[np.bool_]:
 
 
 def assemble(
-    views: Sequence[View], board: Board, cameras: Sequence[str], bodies: Sequence[str]
+    views: Sequence[View], points: Sequence[Floats], cameras: Sequence[str], bodies: Sequence[str]
 ) -> Sightings:
-    """Lays views of one board side by side, for the bundle.
+    """Lays views side by side, for the bundle.
 
     Args:
         views: What was seen.
-        board: The board.
+        points: Per view (n, 3), the places of what was seen in the body's frame [m].
         cameras: Names, in the bundle's order.
         bodies: Moments, in the bundle's order.
     """
@@ -123,6 +122,11 @@ def assemble(
         np.array([camera[view.camera] for view in views], dtype=np.int64),
         np.array([body[view.moment] for view in views], dtype=np.int64),
         np.cumsum([0] + [len(view.ids) for view in views]),
-        np.concatenate([board.points_m[view.ids] for view in views]),
+        np.concatenate(points),
         np.concatenate([view.pixels for view in views]),
     )
+
+
+def by_view(rows: Floats, seen: Sightings) -> list[Floats]:
+    """Cuts rows, one per point, into one array per view."""
+    return np.split(rows, seen.start[1:-1])

@@ -128,7 +128,9 @@ def read_corners(path: Path, corners: int) -> list[View]:
             )
         view = views.setdefault((camera, moment), {})
         if int(corner) in view:
-            raise ConfigError(str(path), line, f"corner {corner} of {camera} {moment} is there twice")
+            raise ConfigError(
+                str(path), line, f"corner {corner} of {camera} {moment} is there twice"
+            )
         x, y = (number_at(path, line, name, text) for name, text in zip(COLUMNS[3:], place))
         view[int(corner)] = (x, y)
     return [

@@ -199,7 +199,8 @@ def _check(options: argparse.Namespace) -> None:
 
     if options.step == "board":
         return
-    if bool(options.pictures) == bool(options.corners) and not getattr(options, "seen", None):
+    sources = [bool(options.pictures), bool(options.corners)]
+    if all(sources) or not any([*sources, getattr(options, "seen", None)]):
         raise UsageError("expected one of --pictures and --corners")
     if options.corners and not options.board:
         raise UsageError("--corners: expected --board, the board that they are on")

@@ -1,0 +1,58 @@
+"""The whole way: a rendered rig of four cameras, from pictures to where robots are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.calibration.ideal import BOARD, CAMERAS, arena_errors_m
+from vsense.calibration.corners import CornerFinder
+from vsense.calibration.floor import Floor
+from vsense.calibration.intrinsics import calibrate_lenses
+from vsense.calibration.lens import lens_of
+from vsense.calibration.rig import Rig, RigSolver, Trust
+from vsense.calibration.views import Shoot, View
+from vsense.lab.board_studio import BoardStudio, board_plan
+
+PLAN = board_plan(CAMERAS, BOARD, 12, 20, 3)
+POSES = dict(PLAN)
+
+
+@pytest.fixture(scope="module")
+def shoot() -> Shoot:
+    """What is found in about 55 rendered pictures."""
+    studio, finder = BoardStudio(CAMERAS, BOARD, 3), CornerFinder(BOARD)
+    views = []
+    counts = dict.fromkeys((camera.id for camera in CAMERAS), 0)
+    for moment, pose in PLAN:
+        for shot in studio.take(moment, pose):
+            counts[shot.camera] += 1
+            found = finder.find(shot.image)
+            if found is not None:
+                views.append(View(shot.camera, moment, *found))
+    views.sort(key=lambda view: (view.camera, view.moment))
+    return Shoot({c.id: (c.width_px, c.height_px) for c in CAMERAS}, views, counts)
+
+
+def test_corners_are_found_to_a_twentieth_of_a_pixel(shoot: Shoot) -> None:
+    cameras = {camera.id: camera for camera in CAMERAS}
+    errors = [
+        view.pixels
+        - cameras[view.camera].project(POSES[view.moment].apply(BOARD.points_m[view.ids]))
+        for view in shoot.views
+    ]
+    size = np.linalg.norm(np.concatenate(errors), axis=1)
+    assert len(shoot.views) >= 0.9 * sum(shoot.pictures.values())
+    assert np.sqrt(np.mean(size**2)) < 0.07 and np.median(size) < 0.05
+
+
+def test_robots_anywhere_are_right_to_2_mm_and_step_less_than_1_mm(shoot: Shoot) -> None:
+    found = calibrate_lenses(shoot, BOARD)
+    lenses = {camera.id: lens_of(camera) for camera in found.cameras}
+    x, y, _ = PLAN[0][1].shift
+    floor = Floor(flat=("floor_*",), origin=(float(x), float(y), 0.0))
+    solution = RigSolver(Rig(shoot, BOARD, floor, lenses, Trust.FREE)).solve()
+    for height_m in (0.0, 0.06, 0.12):
+        worst, step = arena_errors_m(solution.cameras, height_m)
+        assert worst <= 2e-3
+        assert step <= 1e-3

@@ -1,0 +1,256 @@
+"""What `vsense calibrate` does, from paths on the disk to camera files on the disk."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.calibration import picture, report
+from vsense.calibration.board import Board
+from vsense.calibration.corners import CornerFinder
+from vsense.calibration.floor import Floor, TagFinder, read_points, read_seen, tag_views
+from vsense.calibration.intrinsics import calibrate_lenses
+from vsense.calibration.lens import lens_of
+from vsense.calibration.pictures import Picture, gather, look
+from vsense.calibration.precision import check_board
+from vsense.calibration.rig import Rig, RigSolver, Trust
+from vsense.calibration.sheet import page
+from vsense.calibration.solution import Solution
+from vsense.calibration.views import Shoot, View, read_corners, write_corners
+from vsense.errors import UsageError
+from vsense.sheets import pdf, raster
+from vsense.tracking.camera import Camera
+
+Floats = NDArray[np.float64]
+Image8 = NDArray[np.uint8]
+
+REPORT = "report"
+"""Folder beside the camera files; it holds report.json, report.png and corners.csv."""
+_MOST_VIEWS = 80
+_DPI = 300
+
+
+@dataclass(frozen=True, slots=True)
+class _Found:
+    """What one picture shows: the board's corners, and tags at known places."""
+
+    corners: tuple[NDArray[np.int64], Floats] | None
+    tags: dict[str, Floats]
+
+
+def print_board(options: argparse.Namespace) -> int:
+    """Writes a board to print; its name goes to standard output."""
+    board, output = Board.parse(options.board), Path(options.output)
+    sheet = page(board)
+    if output.suffix.lower() == ".pdf":
+        data = pdf.document([sheet])
+    elif output.suffix.lower() == ".png":
+        data = raster.png(raster.draw(sheet, _DPI), _DPI)
+    else:
+        raise UsageError(f"{output}: expected a name that ends in .pdf or .png")
+    _write(output, data)
+    print(output)
+    _say(
+        f"{board} on paper of {sheet.width_mm:.0f} x {sheet.height_mm:.0f} mm: print at 100 %, "
+        "measure a row of squares, glue it on something flat"
+    )
+    return 0
+
+
+def intrinsics(options: argparse.Namespace) -> int:
+    """Calibrates the lens of each camera by itself."""
+    board = Board.parse(options.board)
+    shoot, _ = _shoot(options, board, {}, None)
+    solution = calibrate_lenses(_thinned(shoot), board)
+    title = f"Lens of {_count(len(solution.cameras), 'camera')}"
+    return _deliver(options, title, solution, board, shoot.views)
+
+
+def rig(options: argparse.Namespace) -> int:
+    """Calibrates all cameras of a rig together."""
+    board = Board.parse(options.board) if options.board else None
+    given = _cameras(options.intrinsics) if options.intrinsics else {}
+    points = read_points(options.points) if options.points else {}
+    tags = TagFinder(options.tags, list(points)) if options.tags else None
+    shoot, tagged = _shoot(options, board, given, tags)
+    sightings = list(tagged)
+    if options.seen:
+        sightings += read_seen(options.seen, points, sorted(shoot.sizes))
+    x, y, degrees = options.origin
+    floor = Floor(
+        flat=tuple(options.floor or ()),
+        origin=(x, y, float(np.radians(degrees))),
+        thickness_m=options.thickness,
+        points_m=points,
+        sightings=tuple(sightings),
+        sigma_m=options.accuracy,
+    )
+    if board is not None and board.symmetric and len(shoot.sizes) > 1:
+        raise UsageError(
+            f"{board}: looks the same after half a turn, so cameras may take one corner for "
+            "another; take a ChArUco board, or a chessboard with one odd and one even number"
+        )
+    lenses, trust = {c: lens_of(given[c]) for c in shoot.sizes if c in given}, Trust.HOLD
+    if given and options.refine:
+        trust = Trust.REFINE
+    elif not given:
+        assert board is not None
+        _say("lenses first, each camera by itself")
+        found = calibrate_lenses(shoot, board)
+        lenses, trust = {c.id: lens_of(c) for c in found.cameras}, Trust.FREE
+    solution = RigSolver(Rig(shoot, board, floor, lenses, trust)).solve()
+    title = f"Rig of {_count(len(solution.cameras), 'camera')}"
+    return _deliver(options, title, solution, board, shoot.views)
+
+
+def _shoot(
+    options: argparse.Namespace,
+    board: Board | None,
+    given: dict[str, Camera],
+    tags: TagFinder | None,
+) -> tuple[Shoot, list[View]]:
+    """Reads what was seen: of the board, and of tags at known places."""
+    sizes = {c.id: (c.width_px, c.height_px) for c in given.values()}
+    if options.corners:
+        assert board is not None
+        views = read_corners(options.corners, len(board.points_m))
+        cameras = sorted({view.camera for view in views})
+        unknown = [c for c in cameras if c not in sizes]
+        if unknown and options.size is None:
+            raise UsageError(f"--corners: camera {unknown[0]}: give its --size, such as 1280x720")
+        counts = {c: sum(view.camera == c for view in views) for c in cameras}
+        return Shoot({c: sizes.get(c, options.size) for c in cameras}, views, counts), []
+    if not options.pictures:
+        return Shoot(sizes, [], dict.fromkeys(sizes, 0)), []
+    pictures = gather(options.pictures, options.every)
+    if options.camera:
+        pictures = [replace(picture, camera=options.camera) for picture in pictures]
+    seen = {picture.camera for picture in pictures}
+    for camera in sorted(seen if given else ()):
+        if camera not in given:
+            raise UsageError(f"--intrinsics: no camera file for {camera}, whose pictures are there")
+    return _looked(pictures, board, sizes, tags)
+
+
+def _looked(
+    pictures: Sequence[Picture],
+    board: Board | None,
+    expected: dict[str, tuple[int, int]],
+    tags: TagFinder | None,
+) -> tuple[Shoot, list[View]]:
+    sizes: dict[str, tuple[int, int]] = {}
+    counts: dict[str, int] = {}
+    views: list[View] = []
+    tagged = []
+
+    def make() -> Callable[[Image8], _Found]:
+        finder = CornerFinder(board) if board else None
+        return lambda image: _Found(
+            finder.find(image) if finder else None, tags.find(image) if tags else {}
+        )
+
+    for one, size, found in look(pictures, make, _progress):
+        wanted = expected.get(one.camera, sizes.setdefault(one.camera, size))
+        sizes[one.camera] = wanted
+        if size != wanted:
+            raise UsageError(
+                f"{one.path}: {size[0]} x {size[1]} px, expected {wanted[0]} x {wanted[1]} as in "
+                f"the other pictures of {one.camera}"
+            )
+        counts[one.camera] = counts.get(one.camera, 0) + 1
+        tagged.append((one.camera, found.tags))
+        if found.corners is not None:
+            views.append(View(one.camera, one.moment, *found.corners))
+    _say(f"the board was found in {len(views)} of {_count(len(pictures), 'picture')}")
+    return Shoot(dict(sorted(sizes.items())), views, counts), tag_views(tagged)
+
+
+def _thinned(shoot: Shoot) -> Shoot:
+    """At most so many views per camera, spread evenly: more make it slow, not better."""
+    views: list[View] = []
+    for camera in shoot.sizes:
+        mine = shoot.of(camera)
+        step = max(1.0, len(mine) / _MOST_VIEWS)
+        views += [mine[int(k * step)] for k in range(min(len(mine), _MOST_VIEWS))]
+    return Shoot(shoot.sizes, views, shoot.pictures)
+
+
+def _deliver(
+    options: argparse.Namespace,
+    title: str,
+    solution: Solution,
+    board: Board | None,
+    views: Sequence[View],
+) -> int:
+    """Writes camera files and report."""
+    used = {(view.camera, view.moment) for view in solution.views if view.used}
+    check = None
+    if board is not None and solution.bodies:
+        seen = [view for view in views if (view.camera, view.moment) in used]
+        check = check_board(solution.cameras, seen, board)
+    folder: Path = options.output
+    data = report.as_json(solution, board, check)
+    text = json.dumps(data, indent=2) + "\n"
+    subtitle = f"{board or 'known points'}: {solution.rms_px:.3f} px rms"
+    image = picture.draw(title, subtitle, solution, board)
+    try:
+        (folder / REPORT).mkdir(parents=True, exist_ok=True)
+        if views:
+            write_corners(folder / REPORT / "corners.csv", views)
+    except OSError as error:
+        raise UsageError(f"{folder}: cannot be written: {error.strerror}") from None
+    _write(folder / REPORT / "report.json", text.encode())
+    _write(folder / REPORT / "report.png", cv2.imencode(".png", image)[1].tobytes())
+    files = [folder / f"{camera.id}.json" for camera in solution.cameras]
+    for path, camera in zip(files, solution.cameras):
+        _write(path, (camera.to_json() + "\n").encode())
+    for line in report.as_text(solution, check):
+        _say(line)
+    _say(f"report: {folder / REPORT / 'report.png'}")
+    print(text if options.json else "\n".join(map(str, files)), end="" if options.json else "\n")
+    return 0
+
+
+def _cameras(folder: Path) -> dict[str, Camera]:
+    """Reads all camera files of a folder."""
+    if not folder.is_dir():
+        raise UsageError(f"--intrinsics {folder}: no such folder")
+    cameras: dict[str, Camera] = {}
+    for path in sorted(folder.glob("*.json")):
+        try:
+            camera = Camera.from_json(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise UsageError(f"{path}: cannot be read: {error}") from None
+        cameras[camera.id] = camera
+    if not cameras:
+        raise UsageError(f"--intrinsics {folder}: no camera files (*.json)")
+    return cameras
+
+
+def _write(path: Path, data: bytes) -> None:
+    try:
+        path.write_bytes(data)
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def _progress(done: int, total: int) -> None:
+    if sys.stderr.isatty():
+        end = "\n" if done == total else ""
+        print(f"\rlooking at pictures: {done} of {total}", end=end, file=sys.stderr, flush=True)
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" + ("" if number == 1 else "s")
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr)
