@@ -115,6 +115,6 @@ def _size_mm(text: str) -> float:
 
 
 def _dpi(text: str) -> int:
-    if not text.isdecimal() or not 72 <= int(text) <= 1200:
-        raise argparse.ArgumentTypeError(f"{text!r}: expected 72 to 1200 pixels per inch")
+    if not text.isdecimal() or not 72 <= int(text) <= 600:
+        raise argparse.ArgumentTypeError(f"{text!r}: expected 72 to 600 pixels per inch")
     return int(text)

@@ -64,6 +64,24 @@ def bind(host: str, port: int) -> Ports:
     raise LinkError(f"{host}: no port is free on both TCP and UDP")
 
 
+def listen(host: str, port: int) -> tuple[socket.socket, int]:
+    """Takes a port number on TCP only.
+
+    Args:
+        host: name or address of one of this machine's interfaces.
+        port: the number; 0 takes any that is free.
+
+    Returns:
+        The listening, non-blocking socket and its port number.
+
+    Raises:
+        LinkError: the host is unknown, or another program has the number.
+    """
+    family, address = _resolve(host)
+    tcp = _open(family, socket.SOCK_STREAM, address, port)
+    return tcp, int(tcp.getsockname()[1])
+
+
 def _resolve(host: str) -> tuple[int, tuple[Any, ...]]:
     """Family and socket address of a host name; the address's second item is the port."""
     try:

@@ -1,0 +1,1 @@
+"""Printable sheets of markers, true to scale."""
