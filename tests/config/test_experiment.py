@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
@@ -15,6 +16,8 @@ from vsense.config.experiment import load, shipped
 from vsense.config.placement import place
 from vsense.config.specs import Experiment, Pose
 from vsense.errors import ConfigError, UsageError
+from vsense.link.table import Table
+from vsense.link.wire import Header, Hello, Welcome, encode
 from vsense.sensors import registry
 
 Read = Callable[..., Experiment]
@@ -32,7 +35,7 @@ OPTIONAL = {
 """Attributes with a default: an experiment without them is a good one."""
 
 FREE = {
-    "experiment vss_host", "epuck_wheels implementation", "epuck_proximity implementation",
+    "epuck_wheels implementation", "epuck_proximity implementation",
     "params alpha", "wheels speed", "box id", "dynamics2d id", "e-puck id",
 }  # fmt: skip
 """Attributes that may hold any text (of the two kinds of e-puck id, one may)."""
@@ -107,6 +110,40 @@ def test_the_address_may_stand_on_the_framework_as_in_the_thesis(
     experiment = read_text(text)
     assert (experiment.host, experiment.port) == ("10.0.0.2", 4052)
     assert [w for w in experiment.warnings if "ats_host" in w]
+
+
+def test_this_machine_may_be_called_by_its_name(read_text: Read, example: str) -> None:
+    assert read_text(example.replace("10.0.0.1", "localhost")).host == "127.0.0.1"
+
+
+def test_the_slowest_control_steps_are_beats_that_the_guard_accepts(
+    read_text: Read, example: str
+) -> None:
+    robot = Path(__file__).parents[2] / "robot"
+    (beat_ns,) = re.findall(r"VS_GUARD_BEAT_NS (\d+)u", (robot / "guard.h").read_text())
+    (exchange_ms,) = re.findall(r"in at most (\d+) ms", (robot / "base.h").read_text())
+    assert "1.25 timesteps" in (robot / "loop.h").read_text()
+
+    def is_in_time(ticks_per_second: int) -> bool:
+        return 1.25 * 1e9 / ticks_per_second + int(exchange_ms) * 1e6 <= int(beat_ns)
+
+    for ticks in range(1, 101):
+        text = example.replace('ticks_per_second="10"', f'ticks_per_second="{ticks}"')
+        if is_in_time(ticks):
+            assert read_text(text).ticks_per_second == ticks
+        else:
+            assert "ticks_per_second" in refused(read_text, text).message
+
+
+def test_a_tag_that_the_marker_family_does_not_have_is_refused(
+    read_text: Read, example: str
+) -> None:
+    text = example.replace('family="arrow4x4"', 'family="aruco_4x4_50"')
+    read_text(text)
+    for old, new, line in (("k_23_", "k_50_", 29), ("5 6 7", "5 50 7", 37), ("p_9_", "p_50_", 27)):
+        with pytest.raises(ConfigError, match=r"_50_.* 'aruco_4x4_50' has tags 0 to 49") as caught:
+            read_text(text.replace(old, new))
+        assert caught.value.line == line
 
 
 def test_every_attribute_is_in_the_mutation_table(example: str) -> None:
@@ -191,12 +228,22 @@ def test_every_missing_or_doubled_element_is_refused(read_text: Read, example: s
         ('size="3, 2.4, 1"', 'size="3, -2.4, 1"', 20, "size: -2.4 is out of range"),
         ('length="40"', 'length="-1"', 5, "length: -1 is out of range, expected 0 to 1e\\+06 s"),
         ('length="40"', 'length="0"', 13, "rotation_timestep: '25%' of a run without limit"),
-        ('ticks_per_second="10"', 'ticks_per_second="0"', 5, "expected 1 to 100"),
+        ('ticks_per_second="10"', 'ticks_per_second="0"', 5, "expected 6 to 100"),
+        ('ticks_per_second="10"', 'ticks_per_second="5"', 5, "5 is .* guard stops .* for 250 ms"),
+        ('ticks_per_second="10"', 'ticks_per_second="101"', 5, "expected 6 to 100"),
+        ('vss_host="10.0.0.1"', 'vss_host="10.0.0.256"', 5, "'10.0.0.256' is not an IPv4 address"),
+        ('vss_host="10.0.0.1"', 'vss_host="host.lan"', 5, "'host.lan' is not an IPv4 .*localhost"),
+        ('vss_host="10.0.0.1"', 'vss_host="::1"', 5, "'::1' is not an IPv4 address"),
+        ('vss_host="10.0.0.1"', 'vss_host="10.0.0.1&#10;"', 0, None),
+        ('vss_host="10.0.0.1"', 'vss_host="10.0.1"', 5, "'10.0.1' is not an IPv4 address"),
         ('vss_port="4051"', 'vss_port="65536"', 5, "vss_port: 65536 is out of range"),
         ("epuck_22_1", "epuck_22_2", 13, "there is no 'epuck_22_2'.*: epuck_22_1"),
         ('config="mine" /></e', 'config="yours" /></e', 37, "controller 'yours'; there are: mine"),
         ('library="mine.c"', 'library="yours.c"', 9, "library: no controller 'yours.c'.*pollutant"),
         ('library="mine.c"', f'library="{"x" * 5000}.c"', 9, "library: .*xxx"),
+        ('library="mine.c"', 'library="x.so"', 9, "'x.so': expected the path of a .c file or one"),
+        ('library="mine.c"', 'library="build/libmine"', 9, "no controller 'build/libmine'"),
+        ('library="mine.c"', 'library="a&#10;b.c"', 9, r"no controller 'a\\nb.c'"),
         ('family="arrow4x4"', 'family="qr"', 41, "family: 'qr' is not one of: .*arrow4x4"),
         ('tags="5 6 7"', 'tags="5 6 5"', 36, "vs:tags: tag 5 is worn by another one, in line 36"),
         ('tags="5 6 7"', 'tags="5 23 7"', 36, "tag 23 is worn by another one, in line 29"),
@@ -206,6 +253,14 @@ def test_every_missing_or_doubled_element_is_refused(read_text: Read, example: s
         ('id="crate"', 'id="wall_north"', 24, "is the id of another element, in line 21"),
         ('id="epuck_23_30"', 'id="epuck"', 29, "'epuck' is not NAME_TAG_ROBOT"),
         ('id="epuck_23_30"', 'id="epuck_99999_1"', 29, "tag and number from 0 to 65535"),
+        ('id="epuck_23_30"', f'id="{"e" * 26}_23_30"', 29, "has 32 bytes, expected at most 31"),
+        ('id="epuck_23_30"', f'id="{"ä" * 13}_23_30"', 29, "has 32 bytes, expected at most 31"),
+        ('id="epuck_23_30"', f'id="{"e" * 25}_23_30"', 0, None),
+        ('id="epuck_23_30"', 'id="e&#9;puck_23_30"', 29, r"id: 'e\\tpuck_23_30' .* not printable"),
+        ('id="swarm"', 'id="a&#10;touch pwned;"', 37, r"'a\\ntouch pwned;_5_40' .* not printable"),
+        ('id="swarm"', f'id="{"s" * 27}"', 37, "s_5_40' has 32 bytes, expected at most 31"),
+        ('id="lamp_9_0"', 'id="lamp&#x2028;_9_0"', 27, "id: .* not printable"),
+        ('id="crate"', 'id="cra&#10;te"', 24, r"id: 'cra\\nte' .* not printable"),
         ('"0.5,-0.5,0"', '"1.6,0,0"', 30, "position: 1.6,0 lies outside the arena"),
         ('"0.5,-0.5,0"', '"0.5,-0.5,0.1"', 30, "z is 0.1, expected 0"),
         ('"270,0,0"', '"270,1,0"', 30, "turns about y or x"),
@@ -259,6 +314,24 @@ def test_any_change_gives_an_experiment_or_one_error_with_its_place(
         assert 1 <= error.line <= text.count("\n") + 1
 
 
+@given(st.data())
+def test_what_loads_can_travel(read_text: Read, example: str, data: st.DataObject) -> None:
+    words = st.text(st.characters(exclude_categories=("Cc", "Cs")), max_size=40)
+    text = example
+    for old in ('alpha="0.5"', 'id="swarm"', 'id="epuck_23_30"'):
+        key, _, value = old.partition("=")
+        word = data.draw(words | st.just(value.strip('"')))
+        escaped = "".join(f"&#{ord(character)};" for character in word)
+        text = text.replace(old, f'{key}="{escaped}{"_23_30" if "23" in old else ""}"')
+    try:
+        experiment = read_text(text)
+    except ConfigError:
+        return
+    encode(Header(2), Welcome(Table(), 100_000, 1, experiment.controller.params_text))
+    for robot in experiment.robots:
+        encode(Header(1), Hello(bytes(16), robot.tag, robot.id, "mine"))
+
+
 def test_robots_of_several_controllers_are_refused(read_text: Read, example: str) -> None:
     second = example.replace("</controllers>", '<other id="o" library="mine.c"/></controllers>')
     assert any(
@@ -286,11 +359,9 @@ def test_what_argos_has_and_we_do_not_is_a_warning_with_its_line(
         .replace("<dynamics2d", '<pointmass3d id="pm3d"/><dynamics2d')
         .replace("</argos", "<visualization><qt-opengl/></visualization></argos")
         .replace("<arena", '<loop_functions library="lib" label="l" /><arena')
-        .replace('library="mine.c"', 'library="build/controllers/libmine"')
     )
     warnings = "\n".join(read_text(text).warnings)
     for words in (
-        "x.argos:9: <my_controller> library: 'build/controllers/libmine' is built for ARGoS",
         "x.argos:12: <virtual_light_sensor> is not supported: the controller does not have it",
         "x.argos:12: <epuck_proximity> noise_level: the real one's own noise takes its place",
         "x.argos:20: <loop_functions> is not supported: its functions are not called",
@@ -344,3 +415,25 @@ def test_two_sensors_of_one_name_are_refused(
     monkeypatch.setattr(registry, "factories", lambda: {SENSOR: pollutant, "again": pollutant})
     error = refused(read_text, example.replace("</sensors>", "<again/></sensors>"))
     assert "the sensor 'pollutant' is there already, in line 13" in error.message
+
+
+@pytest.mark.parametrize(("layout", "fits"), [("100*f4", 2), ("500*u1", 2), ("f4", 31)])
+def test_a_sensor_that_no_datagram_has_room_for_is_refused_at_its_line(
+    read_text: Read, example: str, monkeypatch: pytest.MonkeyPatch, layout: str, fits: int
+) -> None:
+    factories = dict(registry.factories())
+    for n in range(fits + 1):
+        sensor = SimpleNamespace(name=f"wide{n}", layout=layout)
+        factories[f"wide{n}"] = lambda element, scope, sensor=sensor: sensor
+    monkeypatch.setattr(registry, "factories", lambda: factories)
+
+    def mounting(count: int) -> str:
+        more = "".join(f"\n<wide{n}/>" for n in range(count))
+        return example.replace("</sensors>", f"{more}</sensors>")
+
+    assert len(read_text(mounting(fits)).sensors) == fits + 1
+    error = refused(read_text, mounting(fits + 1))
+    assert "the table holds more than fits one datagram" in error.message
+    last = f"<wide{fits}/>"
+    assert error.line == mounting(fits + 1).split(last)[0].count("\n") + 1
+    assert error.message.startswith(f"<wide{fits}>")

@@ -76,7 +76,7 @@ def test_the_shipped_families_fit_the_robots_disc() -> None:
 def test_a_dictionary_file_lies_beside_its_definition(tmp_path: Path) -> None:
     (tmp_path / "board.yml").write_text(BOARD.read_text())
     family = load_family(written(tmp_path, dictionary="board.yml", centre_mm=[3.0, -1.0]))
-    assert family.tags == 35 and family.codes.cells == 6 and family.codes.correction == 0
+    assert family.tags == 35 and family.codes.cells == 6 and family.codes.correction == 6
     assert family.disc_centre_mm.tolist() == [3.0, -1.0]
     first = "".join(str(int(bit)) for bit in family.bits(0).ravel())
     assert first == "101011111011111001001001101100000000"

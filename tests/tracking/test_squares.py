@@ -129,3 +129,12 @@ def test_the_arena_tracker_follows_square_markers() -> None:
     arena.close()
     assert state.detected == 12 and state.unnamed == 0 and state.duplicates == ()
     assert state.robots["tag"].tolist() == sorted(heights)
+
+
+def test_two_markers_with_one_number_are_flagged_and_neither_is_followed() -> None:
+    robots = [Robot(7, 0.0, 0.0, 0.3), Robot(7, 0.3, 0.0, 2.0), Robot(9, 0.0, -0.2, -1.0)]
+    arena = ArenaTracker.for_family([CAMERA], ARUCO, {7: HEIGHT_M, 9: HEIGHT_M})
+    state = arena.update([Frame("c", render(CAMERA, ARUCO, robots, seed=4), 0, 0, 0)])
+    arena.close()
+    assert state.duplicates == (7,) and state.detected == 2
+    assert state.robots["tag"].tolist() == [9]

@@ -194,8 +194,6 @@ def _read_tracker(id: str, element: Element, folder: Path) -> TrackerSpec:
         family=family,
         heights_m=heights_m,
         max_speed_m_s=element.number("max_speed", 0.001, 100.0, "m/s", DEFAULT_SPEED_M_S),
-        marker_size_m=None,
-        heading_rad=0.0,
         line=element.line,
     )
 

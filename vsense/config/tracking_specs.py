@@ -63,9 +63,6 @@ class TrackerSpec:
         family: name of the marker family, or path of its definition.
         heights_m: the roster: the height of each tag's marker above the floor.
         max_speed_m_s: greatest speed of a robot.
-        marker_size_m: side of a marker of a dictionary, or None.
-        heading_rad: direction of a dictionary's marker on the robot: from the robot's heading
-            to the marker's, counter-clockwise.
         line: line of its element.
     """
 
@@ -73,8 +70,6 @@ class TrackerSpec:
     family: str
     heights_m: Mapping[int, float]
     max_speed_m_s: float
-    marker_size_m: float | None
-    heading_rad: float
     line: int
 
 

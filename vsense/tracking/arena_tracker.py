@@ -136,19 +136,10 @@ class ArenaTracker:
         now_ns = max(frame.capture_ns for frame in fresh)
         self._whereabouts.expect(now_ns)
         found = self._detect(fresh)
-        views = [
-            view
-            for frame, rows in zip(fresh, found, strict=True)
-            for view in place_views(frame, self._cameras[frame.camera], rows, self._heights_m)
-        ]
-        sightings = merge_views(views)
-        for tag, places in sightings.items():
-            self._follow(tag, places)
-        for tag, track in self._tracks.items():
-            track.seen = track.seen and tag in sightings
+        sightings = self._take(fresh, found)
+        self._forget(now_ns)
         duplicates = tuple(tag for tag, places in sightings.items() if len(places) > 1)
         self.counters.duplicates += len(duplicates)
-        self._forget(now_ns)
         self._state = ArenaState(
             timestep=fresh[0].timestep,
             capture_ns=now_ns,
@@ -163,6 +154,22 @@ class ArenaTracker:
         )
         self._whereabouts.learn(self._state)
         return self._state
+
+    def _take(
+        self, frames: list[Frame], found: list[NDArray[np.void]]
+    ) -> dict[int, list[Sighting]]:
+        """Brings the tracks up to date; returns the sightings of each tag."""
+        views = [
+            view
+            for frame, rows in zip(frames, found, strict=True)
+            for view in place_views(frame, self._cameras[frame.camera], rows, self._heights_m)
+        ]
+        sightings = merge_views(views)
+        for tag, places in sightings.items():
+            self._follow(tag, places)
+        for tag, track in self._tracks.items():
+            track.seen = track.seen and tag in sightings
+        return sightings
 
     def _fresh(self, frames: Sequence[Frame]) -> list[Frame]:
         """Returns one frame per camera of the newest timestep, in the order of the cameras."""

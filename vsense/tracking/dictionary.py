@@ -188,8 +188,23 @@ def _read_dictionary(path: Path) -> cv2.aruco.Dictionary:
 
 def _codes(name: str, dictionary: cv2.aruco.Dictionary) -> Codes:
     cells = dictionary.markerSize
-    words = []
-    for row in dictionary.bytesList:
-        bits = cv2.aruco.Dictionary.getBitsFromByteList(row[np.newaxis], cells)
-        words.append(sum(int(bit) << k for k, bit in enumerate(np.ravel(bits))))
-    return Codes(name, cells, tuple(words), max(int(dictionary.maxCorrectionBits), 0))
+    rows = [row[np.newaxis] for row in dictionary.bytesList]
+    bits = np.array([cv2.aruco.Dictionary.getBitsFromByteList(row, cells) for row in rows])
+    words = (sum(int(bit) << k for k, bit in enumerate(np.ravel(word))) for word in bits)
+    return Codes(name, cells, tuple(words), (_distance(bits) - 1) // 2)
+
+
+def _distance(bits: NDArray[np.uint8]) -> int:
+    """Returns in how many cells two of the (n, cells, cells) markers differ at least, any turn.
+
+    What OpenCV itself says about a dictionary's correction depends on its version.
+    """
+    signs = 1.0 - 2.0 * bits.astype(np.float32)
+    flat = signs.reshape(len(bits), -1)
+    least = flat.shape[1]
+    for turn in range(4):
+        turned = np.rot90(signs, turn, (1, 2)).reshape(len(bits), -1)
+        apart = (flat.shape[1] - flat @ turned.T) / 2.0
+        np.fill_diagonal(apart, least)
+        least = min(least, round(float(apart.min())))
+    return max(least, 1)

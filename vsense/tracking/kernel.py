@@ -153,7 +153,7 @@ class Kernel:
     def _search(self, camera: Camera, height_m: float) -> Any:
         """Describes what to search for, from how large a marker can be in the picture."""
         family = self._family
-        low, high, squeeze = _scales(camera, height_m)
+        low, high = _scales(camera, height_m)
         corners = 1e-3 * family.polygon_mm
         length_m = max(float(np.hypot(*(a - b))) for a in corners for b in corners)
         lead_mm = (family.disc_centre_mm - family.outline_centroid_mm)[0]
@@ -165,7 +165,7 @@ class Kernel:
         gate.length_px = length_m * high
         gate.area_px2 = 1e-6 * family.outline_area_mm2 * low * high
         gate.least_area, gate.most_area = _LEAST_AREA * low / high, _MOST_AREA * high / low
-        gate.least_aspect, gate.most_aspect = _ROUNDEST / squeeze, _SLIMMEST * squeeze
+        gate.least_aspect, gate.most_aspect = _ROUNDEST, _SLIMMEST
         gate.least_taper = _LEAST_TAPER
         return search
 
@@ -207,20 +207,16 @@ def _view(camera: Camera, height_m: float) -> Any:
     return view
 
 
-def _scales(camera: Camera, height_m: float) -> tuple[float, float, float]:
-    """Returns the least and the greatest scale [px/m] in a picture, and the worst ratio of the
-    variances along two directions that perspective and lens make of a circle."""
+def _scales(camera: Camera, height_m: float) -> tuple[float, float]:
+    """Returns the least and the greatest scale [px/m] in a picture, by area."""
     columns = np.linspace(0.0, camera.width_px - 1.0, 5)
     rows = np.linspace(0.0, camera.height_px - 1.0, 5)
-    pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
-    near = camera.to_plane(
-        pixels[:, np.newaxis] + np.array([(-0.5, 0.0), (0.5, 0.0), (0.0, -0.5), (0.0, 0.5)]),
-        height_m,
-    )
+    pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 1, 2)
+    steps = np.array([(-0.5, 0.0), (0.5, 0.0), (0.0, -0.5), (0.0, 0.5)])
+    near = camera.to_plane(pixels + steps, height_m)
     slopes = np.stack((near[:, 1] - near[:, 0], near[:, 3] - near[:, 2]), axis=1)
-    spans = np.linalg.svd(slopes, compute_uv=False)
-    scale = 1.0 / np.sqrt(spans.prod(axis=1))
-    return float(scale.min()), float(scale.max()), float((spans[:, 0] / spans[:, 1]).max() ** 2)
+    scale = 1.0 / np.sqrt(np.abs(np.linalg.det(slopes)))
+    return float(scale.min()), float(scale.max())
 
 
 def _sample(corners: Floats, unit: float) -> tuple[Floats, Floats]:

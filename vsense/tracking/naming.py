@@ -83,22 +83,29 @@ def gather_evidence(
         (n,) names.
     """
     open_ = np.flatnonzero(tags == UNNAMED)
-    sums, pictures = cells[open_].copy(), np.ones(len(open_), dtype=np.int64)
+    now = Anonymous(
+        places[open_], cells[open_], np.ones(len(open_), dtype=np.int64), whereabouts.capture_ns
+    )
     before = whereabouts.anonymous.get(camera)
-    if before is not None and whereabouts.capture_ns - before.capture_ns < 1e9 * _EVIDENCE_S:
-        offset = places[open_][:, np.newaxis] - before.places
-        near = np.hypot(offset[..., 0], offset[..., 1]) < NEAR_M
-        single = near & (near.sum(axis=0) == 1) & (near.sum(axis=1) == 1)[:, np.newaxis]
-        for now, then in zip(*np.nonzero(single), strict=True):
-            sums[now] += before.cells[then]
-            pictures[now] += before.pictures[then]
-    whereabouts.anonymous[camera] = Anonymous(places[open_], sums, pictures, whereabouts.capture_ns)
+    if before is not None and now.capture_ns - before.capture_ns < 1e9 * _EVIDENCE_S:
+        _add_up(now, before)
+    whereabouts.anonymous[camera] = now
     named = np.array(tags)
-    enough = pictures >= _LEAST_PICTURES
+    enough = now.pictures >= _LEAST_PICTURES
     if enough.any():
         rows = open_[enough]
-        means = sums[enough] / pictures[enough, np.newaxis]
+        means = now.cells[enough] / now.pictures[enough, np.newaxis]
         read = decoder.decode(means, sharpness[0][rows], sharpness[1][rows]).tags
         taken = np.isin(read, tags[tags != UNNAMED])
         named[rows] = np.where(taken, np.int32(UNNAMED), read)
     return named
+
+
+def _add_up(now: Anonymous, before: Anonymous) -> None:
+    """Adds what was gathered about markers that can only be these."""
+    offset = now.places[:, np.newaxis] - before.places
+    near = np.hypot(offset[..., 0], offset[..., 1]) < NEAR_M
+    single = near & (near.sum(axis=0) == 1) & (near.sum(axis=1) == 1)[:, np.newaxis]
+    for here, there in zip(*np.nonzero(single), strict=True):
+        now.cells[here] += before.cells[there]
+        now.pictures[here] += before.pictures[there]

@@ -186,8 +186,8 @@ class SquareDetector:
         left = np.flatnonzero(~read.sure)
         if len(left):
             again = second.read(second.cells(image, sides.corners_px[left]), blur[left])
-            for values, others in zip(read, again, strict=True):
-                values[left] = others
+            for name in Readings._fields:
+                getattr(read, name)[left] = getattr(again, name)
         return read
 
     def _blur(self, sides: Sides) -> Floats:

@@ -128,10 +128,10 @@ def _edges(rise: NDArray[np.float32], steps: int) -> tuple[Floats, Floats, Float
     """
     where = np.linspace(-1.0, 1.0, 2 * steps - 1)[1::2]
     steep = rise**2
-    rough = (steep @ where) / np.maximum(steep.sum(axis=-1), 1e-6)
+    rough = np.einsum("nksp,p->nks", steep, where) / np.maximum(steep.sum(axis=-1), 1e-6)
     near = np.where(np.abs(where - rough[..., np.newaxis]) < 0.5, rise, 0.0)
     height = near.sum(axis=-1)
-    return (near @ where) / np.maximum(height, 1e-6), height, where
+    return np.einsum("nksp,p->nks", near, where) / np.maximum(height, 1e-6), height, where
 
 
 def _spread(rise: NDArray[np.float32], where: Floats) -> Floats:
@@ -153,10 +153,10 @@ def _lines(along: Floats, offset: Floats, weight: Floats) -> tuple[Floats, Float
     products = powers[:, :, np.newaxis] * powers[:, np.newaxis, :]
     trust = weight
     for _ in range(_ROBUST_PASSES):
-        left = np.tensordot(trust, products, axes=1) + 1e-9 * np.eye(2)
-        right = (trust * offset) @ powers
+        left = np.einsum("nks,sij->nkij", trust, products) + 1e-9 * np.eye(2)
+        right = np.einsum("nks,si->nki", trust * offset, powers)
         line = np.linalg.solve(left, right[..., np.newaxis])[..., 0]
-        miss = np.abs(offset - line @ powers.T)
+        miss = np.abs(offset - np.einsum("nki,si->nks", line, powers))
         scale = 1.5 * np.median(miss, axis=-1, keepdims=True) + 0.03
         trust = weight / (1.0 + (miss / (2.0 * scale)) ** 2)
     count = np.maximum((weight > 0.0).sum(axis=-1), 1)

@@ -20,7 +20,7 @@ _NEXT_WINDOW = 2.4
 _GREATEST_WINDOW_PX = 51
 _ENOUGH_PX = 10.0
 _NOISY = 5.0
-_EVERY = 8
+_NOISE_ROWS = 32
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +116,7 @@ def lengths(quads: Floats) -> Floats:
 
 def noise_level(image: NDArray[np.uint8]) -> float:
     """Returns the standard deviation of the noise, from neighbours on a part of the rows."""
-    rows = image[::_EVERY].astype(np.int16)
+    rows = image[:: max(len(image) // _NOISE_ROWS, 1)].astype(np.int16)
     second = rows[:, 2:] - 2 * rows[:, 1:-1] + rows[:, :-2]
     return float(1.4826 * np.median(np.abs(second)) / np.sqrt(6.0)) if second.size else 0.0
 

@@ -11,12 +11,15 @@ from __future__ import annotations
 from statistics import NormalDist
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense.tracking.dictionary import Codes
 from vsense.tracking.markers import Floats
 from vsense.tracking.squares_edges import look
+
+Values = NDArray[np.float32] | NDArray[np.float64]
 
 _BLURS = np.array([0.05, 0.3, 0.5, 0.75, 1.05, 1.4])
 """Standard deviations of the point spread that words are prepared for, in cells."""
@@ -85,7 +88,7 @@ class WordReader:
         whole[..., _WHITE_CELLS:-_WHITE_CELLS, _WHITE_CELLS:-_WHITE_CELLS] = 0.0
         for turn in range(4):
             whole[:, turn, edge:-edge, edge:-edge] = np.rot90(bits, turn, (1, 2))
-        self._whole = whole.reshape(-1, *whole.shape[2:])
+        self._whole = whole.reshape(4 * len(bits), -1).astype(np.float32)
         span = self.side + 2
         place = np.abs(np.arange(span) - (span - 1) / 2.0)
         far = np.maximum.outer(place, place).ravel()
@@ -127,7 +130,7 @@ class WordReader:
         sure = np.zeros(count, dtype=bool)
         for pair in sorted({(int(u), int(v)) for u, v in level}):
             group = np.flatnonzero((level == pair).all(axis=1))
-            likeness = seen[group].astype(np.float32) @ self._prepared(*pair).seen.T
+            likeness = _products(seen[group], self._prepared(*pair).seen)
             hopeful = likeness.max(axis=1) > _LEAST_START
             group, likeness = group[hopeful], likeness[hopeful]
             for row, scores in zip(group, likeness, strict=True):
@@ -175,11 +178,11 @@ class WordReader:
     def _prepared(self, u: int, v: int) -> Words:
         """Returns all words under the blurs u and v; they are made when first needed."""
         if (u, v) not in self._words:
-            cells = self._lines[v] @ self._whole @ self._lines[u].T
-            flat = cells.reshape(len(cells), -1)[:, self._used]
-            flat = flat - (flat @ self._slopes) @ self._slopes.T
-            size = np.linalg.norm(flat, axis=1)
-            seen = (flat / size[:, np.newaxis]).astype(np.float32)
+            mix = np.kron(self._lines[v], self._lines[u])[self._used]
+            mix -= self._slopes @ (self._slopes.T @ mix)
+            seen = _products(self._whole, mix)
+            size = np.linalg.norm(seen, axis=1)
+            seen /= size[:, np.newaxis]
             self._words[u, v] = Words(seen, size, self._needed(seen[:, self._inner]))
         return self._words[u, v]
 
@@ -189,10 +192,21 @@ class WordReader:
         Source: R. A. Fisher, On the probable error of a coefficient of correlation (1921).
         """
         matrix = matrix - matrix.mean(axis=1, keepdims=True)
-        matrix = matrix / np.maximum(np.linalg.norm(matrix, axis=1, keepdims=True), 1e-6)
-        spread = np.cov(matrix.T)
+        matrix /= np.maximum(np.linalg.norm(matrix, axis=1, keepdims=True), 1e-6)
+        columns = np.ascontiguousarray((matrix - matrix.mean(axis=0)).T)
+        spread = _products(columns, columns).astype(np.float64)
         independent = float(np.trace(spread) ** 2 / (spread**2).sum())
         return max(_LEAST_MATCH, float(np.tanh(self._rare / np.sqrt(max(independent - 3.0, 1.0)))))
+
+
+def _products(some: Values, others: Values) -> NDArray[np.float32]:
+    """Returns the (n, m) scalar products of (n, k) and (m, k) rows.
+
+    OpenCV multiplies on the thread that asks; NumPy's threads would wait for each other here.
+    """
+    few, many = some.astype(np.float32), others.astype(np.float32)
+    product = cv2.gemm(many, few, 1.0, np.zeros(0, np.float32), 0.0, flags=cv2.GEMM_2_T)
+    return np.ascontiguousarray(np.transpose(product), dtype=np.float32)
 
 
 def project_squares(quads: Floats, points: Floats) -> Floats:

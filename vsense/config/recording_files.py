@@ -1,0 +1,114 @@
+"""Writes the two XML files of a recording, so that `vsense track` takes it as it is."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+from vsense.tracking.camera import Camera
+from vsense.tracking.picture_recorder import TIMESTAMPS, folder_names
+
+RESOURCES = "resources.xml"
+EXPERIMENT = "experiment.xml"
+SCHEMAS = ("resources.xsd", "experiment.xsd")
+
+
+def write_session_files(
+    directory: Path, cameras: Sequence[Camera], family: str, heights_m: Mapping[int, float]
+) -> None:
+    """Writes `resources.xml`, `experiment.xml` and their schemas beside a recording.
+
+    Args:
+        directory: Where a `PictureRecorder` has written `pictures` and `cameras`.
+        cameras: The recorded cameras.
+        family: The markers' family.
+        heights_m: The height of each tag's marker above the floor.
+
+    Raises:
+        OSError: A file cannot be written.
+    """
+    (directory / "schema").mkdir(exist_ok=True)
+    for name in SCHEMAS:
+        schema = (resources.files("vsense.config") / "schema" / name).read_text(encoding="utf-8")
+        (directory / "schema" / name).write_text(schema, encoding="utf-8")
+    text = resources_text(cameras, family, heights_m)
+    (directory / RESOURCES).write_text(text, encoding="utf-8")
+    (directory / EXPERIMENT).write_text(experiment_text(cameras), encoding="utf-8")
+
+
+def resources_text(cameras: Sequence[Camera], family: str, heights_m: Mapping[int, float]) -> str:
+    """Gives the resources file of a recording."""
+    folders = folder_names(cameras)
+    lines = [
+        _head("arena_tracking_system", "resources.xsd"),
+        "  <grabbers>",
+    ]
+    for camera in cameras:
+        folder = f"pictures/{folders[camera.id]}"
+        lines.append(
+            f'    <grabber id={quoteattr("pictures of " + camera.id)} type="directory"'
+            f' path="{folder}"\n             timestamps="{folder}/{TIMESTAMPS}" />'
+        )
+    lines += ["  </grabbers>", "", "  <trackers>"]
+    lines += _tracker(family, heights_m)
+    lines += ["  </trackers>", "", "  <cameras>"]
+    for camera in cameras:
+        file = f"cameras/{folders[camera.id]}.json"
+        lines.append(f'    <camera id={quoteattr(camera.id)} calibration="{file}" />')
+    lines += ["  </cameras>", "", "</arena_tracking_system>", ""]
+    return "\n".join(lines)
+
+
+def experiment_text(cameras: Iterable[Camera]) -> str:
+    """Gives the experiment file of a recording."""
+    lines = [
+        _head("arena_tracking", "experiment.xsd"),
+        '  <arena_state_tracker server_port="4040" opt_key_frame_period="1">',
+    ]
+    for camera in cameras:
+        grabber = quoteattr("pictures of " + camera.id)
+        lines.append(
+            f"    <camera_state_tracker grabber={grabber} camera={quoteattr(camera.id)}"
+            ' tracker="robots" />'
+        )
+    lines += ["  </arena_state_tracker>", "", '  <experiment_record record_image="false" />', ""]
+    return "\n".join([*lines, "</arena_tracking>", ""])
+
+
+def tag_ranges(tags: Iterable[int]) -> str:
+    """Gives tags as a resources file has them: "1-15 22"."""
+    ranges: list[list[int]] = []
+    for tag in sorted(tags):
+        if ranges and tag == ranges[-1][1] + 1:
+            ranges[-1][1] = tag
+        else:
+            ranges.append([tag, tag])
+    return " ".join(f"{a}-{b}" if a < b else f"{a}" for a, b in ranges)
+
+
+def _head(root: str, schema: str) -> str:
+    return (
+        '<?xml version="1.0" ?>\n'
+        f'<{root} xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"\n'
+        f'  xsi:noNamespaceSchemaLocation="schema/{schema}">\n'
+    )
+
+
+def _tracker(family: str, heights_m: Mapping[int, float]) -> list[str]:
+    usual_m = Counter(heights_m.values()).most_common(1)[0][0]
+    others = sorted({height for height in heights_m.values() if height != usual_m})
+    tracker = (
+        f'    <tracker id="robots" family={quoteattr(family)} robot_height="{usual_m:g}"\n'
+        f'             tags="{tag_ranges(heights_m)}"'
+    )
+    if not others:
+        return [f"{tracker} />"]
+    rows = [
+        f'      <robots tags="{tag_ranges(t for t, h in heights_m.items() if h == height)}"'
+        f' robot_height="{height:g}" />'
+        for height in others
+    ]
+    return [f"{tracker}>", *rows, "    </tracker>"]

@@ -1,0 +1,196 @@
+"""Makes what a tracking session asks for: grabbers, detectors, arena tracker and health.
+
+This is the factory of the thesis's figure 2.11.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from statistics import median
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.arena import ArenaState, Frame
+from vsense.config.tracking_specs import (
+    DIRECTORY,
+    CameraTrackerSpec,
+    GrabberSpec,
+    TrackerSpec,
+    TrackingSession,
+)
+from vsense.tracking.arena_tracker import ArenaTracker
+from vsense.tracking.camera import Camera
+from vsense.tracking.detector import Detector
+from vsense.tracking.detectors import make_detector
+from vsense.tracking.families import load_family
+from vsense.tracking.grabbers import CameraEvent, GrabberError
+from vsense.tracking.grabbers_device import Controls, DeviceSource
+from vsense.tracking.grabbers_directory import DirectoryRecording
+from vsense.tracking.grabbers_live import LiveGrabber
+from vsense.tracking.grabbers_recorded import PacedGrabber, RecordedGrabber, Recording
+from vsense.tracking.grabbers_video import VideoRecording
+from vsense.tracking.health import Health
+from vsense.tracking.tracks import Limits
+from vsense.tracking.whereabouts import SearchPlan, Whereabouts
+
+Found = dict[str, NDArray[np.void]]
+
+
+class SetGrabber(Protocol):
+    """A camera set that also says what happens to its cameras."""
+
+    @property
+    def timesteps(self) -> int | None:
+        """How many there are, where that is known."""
+
+    @property
+    def missed(self) -> int:
+        """Timesteps that were left out because later ones were due already."""
+
+    def next(self, timeout_s: float) -> Sequence[Frame]:
+        """Waits for the next timestep's pictures; see `vsense.tracking.grabbers.Grabber`."""
+
+    def events(self) -> list[CameraEvent]:
+        """Gives what happened since the last call."""
+
+    def close(self) -> None:
+        """Lets the cameras go; can be called again."""
+
+
+class CameraDetectors:
+    """A detector that finds in each camera's pictures what that camera's tracker looks for.
+
+    What was found last is kept in `found`, by the camera's id.
+    """
+
+    def __init__(self, detectors: Mapping[str, Detector], found: Found) -> None:
+        """Takes the detector of each camera."""
+        self._detectors = detectors
+        self._found = found
+
+    def detect(self, image: NDArray[np.uint8], camera: Camera) -> NDArray[np.void]:
+        """Returns the DETECTION array of a (height, width) uint8 picture of `camera`."""
+        rows = self._detectors[camera.id].detect(image, camera)
+        self._found[camera.id] = rows
+        return rows
+
+
+class Tracking:
+    """A tracking session at work.
+
+    Attributes:
+        grabber: where the pictures come from.
+        tracker: makes the arena state of them.
+        cameras: the arena's cameras, in the session's order.
+        found: by camera id what its newest picture showed, a DETECTION array.
+    """
+
+    def __init__(
+        self, session: TrackingSession, grabber: SetGrabber, clock: Callable[[], int]
+    ) -> None:
+        """Starts the tracker's workers.
+
+        Args:
+            session: what to track.
+            grabber: where the pictures come from.
+            clock: the host's monotonic clock [ns].
+
+        Raises:
+            VsenseError: a family does not have the tags.
+        """
+        self.grabber = grabber
+        self.cameras = [view.camera for view in session.views]
+        self.found: Found = {}
+        self._clock = clock
+        heights_m = session.heights_m
+        speed_m_s = max(view.tracker.max_speed_m_s for view in session.views)
+        whereabouts = Whereabouts(SearchPlan(session.key_frame_period, session.square_size_m))
+        make = lambda: _detectors(session.views, self.found, whereabouts)  # noqa: E731
+        self.tracker = ArenaTracker(
+            self.cameras, make, heights_m, Limits(speed_m_s), whereabouts=whereabouts
+        )
+        self._health = Health(self.cameras, heights_m)
+
+    def step(self, timeout_s: float) -> tuple[ArenaState, Sequence[Frame], list[CameraEvent]]:
+        """Waits for pictures and makes the arena state of them.
+
+        Returns:
+            The state, its pictures, and what happened to the cameras.
+
+        Raises:
+            NoMorePictures: a recording has come to its end.
+            GrabberError: no picture came in `timeout_s`.
+        """
+        frames = self.grabber.next(timeout_s)
+        self.found.clear()
+        state = self.tracker.update(frames)
+        events = self.grabber.events() + self._health.look(frames, self.found)
+        return state, frames, events
+
+    def close(self) -> None:
+        """Ends the workers and lets the cameras go; can be called again."""
+        self.grabber.close()
+        self.tracker.close()
+
+
+def build(session: TrackingSession, clock: Callable[[], int], offline: bool) -> Tracking:
+    """Opens a session's cameras or recordings and gets everything ready.
+
+    Args:
+        session: what to track.
+        clock: the host's monotonic clock [ns].
+        offline: give recordings out as fast as they are asked for, not at their own pace.
+
+    Raises:
+        ConfigError: a recording cannot be used; the error names the place in the resources file.
+        VsenseError: something else cannot be used.
+    """
+    grabber = _grabber(session, clock, offline)
+    try:
+        return Tracking(session, grabber, clock)
+    except BaseException:
+        grabber.close()
+        raise
+
+
+def _grabber(session: TrackingSession, clock: Callable[[], int], offline: bool) -> SetGrabber:
+    sizes_px = {v.camera.id: (v.camera.width_px, v.camera.height_px) for v in session.views}
+    if session.is_live:
+        sources = {v.camera.id: _device(v.grabber) for v in session.views}
+        return LiveGrabber(sources, sizes_px, clock)
+    recordings = {v.camera.id: _recording(session, v.grabber) for v in session.views}
+    recorded = RecordedGrabber(recordings, sizes_px, clock)
+    return recorded if offline else PacedGrabber(recorded, clock)
+
+
+def _device(spec: GrabberSpec) -> DeviceSource:
+    controls = Controls(spec.size_px, spec.frame_rate_hz, spec.exposure_us, spec.gain_raw)
+    return DeviceSource(spec.source, controls)
+
+
+def _recording(session: TrackingSession, spec: GrabberSpec) -> Recording:
+    kind = DirectoryRecording if spec.type == DIRECTORY else VideoRecording
+    start_ns = round(spec.start_s * 1e9)
+    try:
+        return kind(Path(spec.source), spec.timestamps, start_ns, spec.frame_rate_hz)
+    except GrabberError as error:
+        raise session.resources.error(spec.line, f"<grabber> path: {error}") from None
+
+
+def _detectors(
+    views: Sequence[CameraTrackerSpec], found: Found, whereabouts: Whereabouts
+) -> CameraDetectors:
+    """Makes one detector per tracker; cameras of one tracker share it."""
+    trackers = {view.tracker.id: view.tracker for view in views}
+    made = {id: _detector(tracker, whereabouts) for id, tracker in trackers.items()}
+    return CameraDetectors({v.camera.id: made[v.tracker.id] for v in views}, found)
+
+
+def _detector(tracker: TrackerSpec, whereabouts: Whereabouts) -> Detector:
+    """Makes the detector of a tracker's family, for one thread."""
+    family = load_family(tracker.family)
+    height_m = median(tracker.heights_m.values())
+    return make_detector(family, sorted(tracker.heights_m), height_m, whereabouts)
