@@ -32,6 +32,7 @@ void vs_robot_begin(struct vs_robot *robot, const struct vs_session *session)
     memset(robot->actuators, 0, sizeof robot->actuators);
     robot->random = (uint64_t)session->seed << 16 | session->config.tag;
     robot->bound = 0;
+    memset(robot->asked, 0, sizeof robot->asked);
 }
 
 int vs_robot_is_stale(const struct vs_session *session, uint64_t age_ns)
@@ -194,36 +195,55 @@ void vs_robot_actuate(struct vs_robot *robot, int actuator, int index, double va
         *at++ = (uint8_t)raw;
 }
 
-/* Points at the value in "name=value\n", NULL if there is no such line. */
-static const char *find_param(const char *text, const char *name)
+static const char *next_line(const char *line)
+{
+    line += strcspn(line, "\n");
+    return *line == '\n' ? line + 1 : line;
+}
+
+/* The line "name=value\n", NULL if there is none. */
+static const char *find_param(const char *line, const char *name)
 {
     size_t len = strlen(name);
 
-    while (*text != '\0') {
-        const char *end = strchr(text, '\n');
-
-        if (strncmp(text, name, len) == 0 && text[len] == '=')
-            return text + len + 1;
-        if (end == NULL)
-            break;
-        text = end + 1;
-    }
+    for (; *line != '\0'; line = next_line(line))
+        if (strncmp(line, name, len) == 0 && line[len] == '=')
+            return line;
     return NULL;
 }
 
 double vs_robot_param(struct vs_robot *robot, const char *name, double fallback)
 {
-    const char *text = find_param(robot->session->params, name);
+    const char *line = find_param(robot->session->params, name);
+    const char *text;
     char *end;
     double value;
+    size_t at;
 
-    if (text == NULL)
+    if (line == NULL)
         return fallback;
+    at = (size_t)(line - robot->session->params);
+    robot->asked[at / 8] |= (uint8_t)(1u << at % 8);
+    text = line + strlen(name) + 1;
     value = strtod(text, &end);
     if (end != text && (*end == '\n' || *end == '\0') && value - value == 0.0)
         return value;
     complain(robot, "expected a number as parameter", name);
     return fallback;
+}
+
+const char *vs_robot_unasked_param(const struct vs_robot *robot, const char *after)
+{
+    const char *params = robot->session->params;
+    const char *line = after == NULL ? params : next_line(after);
+
+    for (; *line != '\0'; line = next_line(line)) {
+        size_t at = (size_t)(line - params);
+
+        if ((robot->asked[at / 8] >> at % 8 & 1) == 0)
+            return line;
+    }
+    return NULL;
 }
 
 double vs_robot_random(struct vs_robot *robot)

@@ -22,6 +22,7 @@ struct vs_robot {
     uint8_t actuators[VS_ACTUATOR_BYTES]; /* virtual ones, as TELEMETRY carries them */
     uint64_t random;
     uint32_t bound;         /* bit n: entry n of the table is bound */
+    uint8_t asked[VS_PARAMS_MAX / 8]; /* bit n: the parameter at params[n] was asked for */
     /* told, unless NULL, what init asked for in vain: what, and its name */
     void (*complain)(void *context, const char *what, const char *name);
     void *context;
@@ -30,6 +31,10 @@ struct vs_robot {
 /* Makes the robot ready for a controller's init: nothing bound, nothing set, the
  * random generator seeded. */
 void vs_robot_begin(struct vs_robot *robot, const struct vs_session *session);
+
+/* The first parameter "name=value" behind after (NULL: of all) that no controller asked
+ * for, NULL if there is none. */
+const char *vs_robot_unasked_param(const struct vs_robot *robot, const char *after);
 
 /* 1 if something measured age_ns ago is stale. */
 int vs_robot_is_stale(const struct vs_session *session, uint64_t age_ns);

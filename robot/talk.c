@@ -47,12 +47,16 @@ void vs_talk_lost(struct vs_talk *talk, const char *why)
 void vs_talk_unused(const struct vs_robot *robot, const char *controller)
 {
     const struct vs_table *table = &robot->session->table;
+    const char *param = NULL;
     uint32_t i;
 
     for (i = 0; i < table->count; i++)
         if ((robot->bound >> i & 1u) == 0)
             vs_report("controller '%s' does not know '%s': ignored", controller,
                       table->entries[i].name);
+    while ((param = vs_robot_unasked_param(robot, param)) != NULL)
+        vs_report("controller '%s' does not know the parameter '%.*s': ignored", controller,
+                  (int)strcspn(param, "="), param);
 }
 
 static const char *cause_text(enum vs_stop_cause cause)

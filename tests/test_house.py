@@ -10,15 +10,23 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 MODULES = sorted((ROOT / "vsense").rglob("*.py"))
+C_FOLDERS = ("c_src", "robot", "firmware_bridge")
+FUNCTION_MAX = 40
+"""Lines of a function, from its first to its last."""
 
 FORBIDDEN = {
     "tracking": {"world", "sensors", "link", "web", "lab", "config"},
     "world": {"tracking", "link", "web", "lab"},
     "sensors": {"tracking", "link", "web", "lab"},
     "config": {"link", "web", "lab"},
+    "sheets": {"world", "sensors", "link", "web", "lab", "config"},
     "link": {"tracking", "world", "sensors", "lab", "web", "config"},
 }
 """Folder of `vsense` -> folders whose modules it must not import."""
+
+DOORS = {"config": ("vsense.link.table",)}
+"""Modules of forbidden folders that a folder may know all the same: sensors that no datagram
+holds are refused where the experiment file is read."""
 
 TIMELESS = ("tracking", "world", "sensors", "config")
 """Folders that are told the time and never read a clock."""
@@ -51,7 +59,9 @@ def includes(path: Path) -> set[str]:
 @pytest.mark.parametrize("folder", sorted(FORBIDDEN))
 def test_folder_imports_only_what_it_may_know(folder: str) -> None:
     for path in (ROOT / "vsense" / folder).rglob("*.py"):
-        rooms = {name.split(".")[1] for name in imports(path) if name.startswith("vsense.")}
+        known = {name for name in imports(path) if name.startswith("vsense.")}
+        doors = DOORS.get(folder, ())
+        rooms = {name.split(".")[1] for name in known if not name.startswith(doors)}
         assert not rooms & FORBIDDEN[folder], path
 
 
@@ -100,6 +110,41 @@ def test_files_are_one_idea_each() -> None:
             continue
         lines = len(path.read_text().splitlines())
         assert lines <= limits[path.suffix], f"{path.name}: {lines} lines"
+
+
+def python_functions(path: Path) -> list[tuple[str, int]]:
+    """All functions of a Python file with their length in lines."""
+    kinds = (ast.FunctionDef, ast.AsyncFunctionDef)
+    found = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, kinds)]
+    return [(f.name, (f.end_lineno or 0) - f.lineno + 1) for f in found]
+
+
+def c_functions(path: Path) -> list[tuple[str, int]]:
+    """All functions of a C file with their length in lines: braces in column 1 hold the body."""
+    found = []
+    lines = path.read_text().splitlines()
+    for opened in (n for n, line in enumerate(lines) if line == "{"):
+        begin = opened
+        while begin > 0 and lines[begin - 1] and not lines[begin - 1].endswith(("*/", "}", ";")):
+            begin -= 1
+        closed = lines.index("}", opened)
+        found.append((re.sub(r"\(.*", "", lines[begin]).split()[-1], closed - begin + 1))
+    return found
+
+
+def test_functions_fit_a_screen() -> None:
+    sources = [path for folder in C_FOLDERS for path in sorted((ROOT / folder).rglob("*.c"))]
+    functions = [(path, python_functions(path)) for path in MODULES]
+    functions += [(path, c_functions(path)) for path in sources]
+    mains = {path.suffix for path, found in functions if "main" in dict(found)}
+    assert mains == {".py", ".c"}, "both scans find functions"
+    too_long = [
+        f"{path.relative_to(ROOT)}: {name}: {lines} lines"
+        for path, found in functions
+        for name, lines in found
+        if lines > FUNCTION_MAX
+    ]
+    assert too_long == []
 
 
 def test_top_level_is_the_design_card() -> None:

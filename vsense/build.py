@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import shutil
 import subprocess
 import tempfile
@@ -60,6 +61,10 @@ class SourceTree:
             p for folder in ("c_src", "robot") for p in sorted((self.root / folder).glob("*.h"))
         ]
 
+    def includes(self) -> list[str]:
+        """The compiler's flags that make it find the headers."""
+        return [f"-I{self.root / folder}" for folder in ("c_src", "robot")]
+
     def controllers(self) -> dict[str, Path]:
         """The shipped controllers by name."""
         return {p.stem: p for p in sorted((self.root / "robot" / "controllers").glob("*.c"))}
@@ -82,7 +87,7 @@ class SourceTree:
             return path.resolve()
         known = ", ".join(shipped)
         raise UsageError(
-            f"no controller '{name}': expected the path of a .c file or one of: {known}"
+            f"no controller {name!r}: expected the path of a .c file or one of: {known}"
         )
 
 
@@ -111,7 +116,7 @@ def daemon(controller: str = SHIPPED_CONTROLLER, beside: Path | None = None) -> 
 
     Raises:
         UsageError: no such controller.
-        BuildError: no compiler, a controller that does not compile, or no cache directory.
+        BuildError: no compiler, a source that does not compile, or no cache directory.
     """
     tree = source_tree()
     source = tree.controller(controller, beside)
@@ -124,9 +129,20 @@ def daemon(controller: str = SHIPPED_CONTROLLER, beside: Path | None = None) -> 
 
 
 def cache_directory() -> Path:
-    """The folder for builds: `$XDG_CACHE_HOME/vsense`, by default `~/.cache/vsense`."""
+    """The folder for builds: `$XDG_CACHE_HOME/vsense`, by default `~/.cache/vsense`.
+
+    Raises:
+        BuildError: the user has no home directory.
+    """
     base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "vsense"
+    if base:
+        return Path(base) / "vsense"
+    try:
+        return Path.home() / ".cache" / "vsense"
+    except RuntimeError:
+        raise BuildError(
+            "no home directory to keep builds in: set XDG_CACHE_HOME to a folder"
+        ) from None
 
 
 def compiler() -> list[str]:
@@ -147,27 +163,79 @@ def compile_daemon(tree: SourceTree, controller: Path, target: Path) -> None:
     Raises:
         BuildError: the compiler is missing or refuses a source, or the folder cannot be written.
     """
-    sources = [*tree.daemon_sources(), controller]
-    includes = [f"-I{tree.root / folder}" for folder in ("c_src", "robot")]
+    sources = map(str, (*tree.daemon_sources(), controller))
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(prefix="vsensed.", dir=target.parent)
     except OSError as error:
         raise BuildError(f"cannot build in {target.parent}: {error.strerror}") from error
     os.close(handle)
-    command = [*compiler(), *CFLAGS, *includes, "-s", "-o", name, *map(str, sources), *LIBRARIES]
-    result = subprocess.run(command, capture_output=True, text=True)
+    try:
+        _compile(tree, controller, ["-s", "-o", name, *sources, *LIBRARIES])
+        os.chmod(name, 0o755)
+        os.replace(name, target)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise
+
+
+def _compile(tree: SourceTree, controller: Path, arguments: list[str]) -> str:
+    """Runs the compiler with our flags and these arguments; gives what it prints.
+
+    Raises:
+        BuildError: the compiler is missing, or refuses a source; the message says which.
+    """
+    result = _run([*compiler(), *CFLAGS, *tree.includes(), *arguments])
     if result.returncode != 0:
-        os.unlink(name)
-        raise BuildError(f"the controller {controller} does not build:\n{result.stderr.strip()}")
-    os.chmod(name, 0o755)
-    os.replace(name, target)
+        said = result.stderr.strip()
+        raise BuildError(f"{_blame(tree, controller, said)}:\n{said}")
+    return result.stdout
+
+
+def _run(command: list[str]) -> subprocess.CompletedProcess[str]:
+    """Runs a compiler; in a session of its own, since Ctrl-C is for the caller to handle."""
+    return subprocess.run(
+        command,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        errors="surrogateescape",
+        start_new_session=True,
+    )
+
+
+def _blame(tree: SourceTree, controller: Path, said: str) -> str:
+    """Says which source the compiler's words are about; a linker's words name no line of one."""
+
+    def is_named(path: Path) -> bool:
+        return re.search(rf"(?:^|from ){re.escape(str(path))}:\d", said, re.M) is not None
+
+    shipped = [str(path) for path in tree.daemon_sources() if is_named(path)]
+    if shipped:
+        return f"a source of vsensed itself does not build: {', '.join(shipped)}"
+    if is_named(controller):
+        return f"the controller {controller} does not build"
+    return f"vsensed with the controller {controller} does not build"
 
 
 def _fingerprint(tree: SourceTree, controller: Path) -> str:
-    """Hash of the compiler's version, the flags and every source and header."""
-    version = subprocess.run([*compiler(), "--version"], capture_output=True, text=True).stdout
-    digest = hashlib.sha256(f"{version}{CFLAGS}".encode())
-    for path in (*tree.daemon_sources(), *tree.headers(), controller):
-        digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+    """Hash of the compiler, the flags and every source and header that goes into a build."""
+    command = compiler()
+    version = _run([*command, "--version"]).stdout
+    digest = hashlib.sha256(f"{command}{version}{CFLAGS}{LIBRARIES}".encode())
+    own = _dependencies(tree, controller)
+    for path in (*tree.daemon_sources(), *tree.headers(), *own):
+        digest.update(os.fsencode(path.name) + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()[:24]
+
+
+def _dependencies(tree: SourceTree, controller: Path) -> list[Path]:
+    """The controller's source and every header that it includes, but for the system's.
+
+    Raises:
+        BuildError: no compiler, or it does not find one of them.
+    """
+    rule = _compile(tree, controller, ["-MM", "-MT", "it", str(controller)])
+    # A rule for make: its lines end in a backslash, and blanks in names have one before them.
+    names = re.findall(r"(?:\\[ #]|\S)+", rule.replace("\\\n", " ").removeprefix("it:"))
+    return [Path(re.sub(r"\\([ #])", r"\1", name).replace("$$", "$")) for name in names]

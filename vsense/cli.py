@@ -6,14 +6,9 @@ input, 130 interrupted. Standard output is data, standard error is talk.
 
 from __future__ import annotations
 
-import argparse
-import importlib
-import pkgutil
 import sys
 from collections.abc import Sequence
 
-import vsense.commands
-from vsense import __version__
 from vsense.errors import VsenseError
 
 
@@ -26,8 +21,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit code.
     """
-    options = _parser().parse_args(arguments)
     try:
+        # Imported here: Ctrl-C while the commands load is as good as later.
+        from vsense import commands
+
+        options = commands.parser().parse_args(arguments)
         return int(options.run(options))
     except VsenseError as error:
         print(f"vsense: {error}", file=sys.stderr)
@@ -35,20 +33,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("vsense: interrupted", file=sys.stderr)
         return 130
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="vsense", description="Virtual sensing for real robot swarms."
-    )
-    parser.add_argument("--version", action="version", version=f"vsense {__version__}")
-    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for found in pkgutil.iter_modules(vsense.commands.__path__):
-        if found.name != "arguments":
-            module = importlib.import_module(f"vsense.commands.{found.name}")
-            command = commands.add_parser(
-                found.name, help=module.HELP, description=module.DESCRIPTION
-            )
-            module.add_arguments(command)
-            command.set_defaults(run=module.run)
-    return parser

@@ -42,6 +42,9 @@ LATENCY_NS = 20 * MS
 
 TAG = 23
 TABLE = Table([Entry(7, "pollutant", "f4"), Entry(9, "magic", "2*u1")])
+PARAMS = "speed_cm_s=8\nstop_probability=1\nstop_probabilty=0\nnear_raw=far\n"
+"""Of these the controller does not know one, and one is no number."""
+
 CLEAN = b"\x00\x00\x00\x00"
 POLLUTED = b"\x00\x00\x80\x3f"
 
@@ -194,7 +197,7 @@ class Host:
             return
         self._session += 1
         self._peer.open(self._session, TABLE, hello.send_ns, now_ns)
-        welcome = Welcome(TABLE, TIMESTEP_NS // 1000, 99, "speed_cm_s=8\nstop_probability=1\n")
+        welcome = Welcome(TABLE, TIMESTEP_NS // 1000, 99, PARAMS)
         header = Header(PacketType.WELCOME, run=self.run)
         self._connection.sendall(self._peer.encode(header, welcome, now_ns))
 

@@ -79,6 +79,11 @@ def test_greeting_telemetry_and_talk(rig: Rig) -> None:
     assert last.control_step > 0
     assert rig.daemon.said.count("connected: 2 sensors") == 1
     assert rig.daemon.said.count("does not know 'magic': ignored") == 1
+    said = [line for line in rig.daemon.said.splitlines() if "parameter" in line]
+    assert [line.split(": ", 1)[1] for line in said] == [
+        "controller 'pollutant': expected a number as parameter 'near_raw'",
+        "controller 'pollutant' does not know the parameter 'stop_probabilty': ignored",
+    ]
 
 
 def test_virtual_sensor_decides_what_wheels_and_leds_do(rig: Rig) -> None:

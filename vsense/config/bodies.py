@@ -19,6 +19,7 @@ from vsense.config.specs import (
     RobotSpec,
     Vector,
 )
+from vsense.native import lib
 
 _MAX_LENGTH_M = 1000.0
 _MIN_LENGTH_M = 0.001
@@ -65,8 +66,10 @@ class Bodies:
         """Notes an id.
 
         Raises:
-            ConfigError: another element has it.
+            ConfigError: another element has it, or it does not fit one line.
         """
+        if not name.isprintable():
+            raise element.error(f"{name!r} holds a character that is not printable", "id")
         if name in self._lines_of_ids:
             line = self._lines_of_ids[name]
             raise element.error(f"{name!r} is the id of another element, in line {line}", "id")
@@ -151,7 +154,7 @@ def _read_epuck(element: Element, bodies: Bodies) -> None:
         bodies.without_controller[_add_object(element, bodies)] = element
         return
     name, tag, number = _tagged_id(element)
-    bodies.claim_id(element, name)
+    _claim_robot_id(element, name, bodies)
     bodies.claim_tag(element, "id", tag)
     pose = _pose(element.child("body"), bodies.arena)
     bodies.robots.append(RobotSpec(name, tag, number, pose, None, element.line))
@@ -206,9 +209,17 @@ def _add_distributed(
     for number, tag in enumerate(tags, first):
         name = f"{prefix}_{tag}_{number}"
         bodies.claim_tag(entity, "vs:tags", tag)
-        bodies.claim_id(epuck, name)
+        _claim_robot_id(epuck, name, bodies)
         bodies.robots.append(RobotSpec(name, tag, number, None, distribution, epuck.line))
         bodies.controllers[name] = controller
+
+
+def _claim_robot_id(element: Element, name: str, bodies: Bodies) -> None:
+    """Notes an id that a robot gives when it greets the host."""
+    bodies.claim_id(element, name)
+    size = len(name.encode())
+    if size > lib.VS_NAME_MAX:
+        raise element.error(f"{name!r} has {size} bytes, expected at most {lib.VS_NAME_MAX}", "id")
 
 
 def _draw(element: Element, low: float, high: float, unit: str, scale: float) -> Draw:

@@ -11,11 +11,10 @@ from vsense.config.bodies import Bodies
 from vsense.config.element import Element
 from vsense.config.specs import ControllerSpec
 from vsense.errors import UsageError
+from vsense.link.table import Entry, Table
+from vsense.native import WireError, lib
 from vsense.sensors import registry
 from vsense.sensors.base import MountedSensor, Scope
-
-_MAX_PARAMS_BYTES = 512
-"""What a robot is told about its controller's settings when it connects."""
 
 
 def used_controller(section: Element, bodies: Bodies) -> Element:
@@ -65,17 +64,19 @@ def read_controller(element: Element, folder: Path) -> ControllerSpec:
     settings: dict[str, str] = {}
     if params is not None:
         _collect(params, "", settings)
-        size = len("".join(f"{key}={value}\n" for key, value in settings.items()).encode())
-        if size > _MAX_PARAMS_BYTES:
-            raise params.error(f"has {size} bytes, expected at most {_MAX_PARAMS_BYTES}")
-    return ControllerSpec(element.text("id"), library, settings, element.line)
+    controller = ControllerSpec(element.text("id"), library, settings, element.line)
+    size = len(controller.params_text.encode())
+    if params is not None and size > lib.VS_PARAMS_MAX:
+        raise params.error(f"has {size} bytes, expected at most {lib.VS_PARAMS_MAX}")
+    return controller
 
 
 def read_sensors(element: Element, scope: Scope) -> list[MountedSensor]:
     """Mounts the virtual sensors that a controller asks for.
 
     Raises:
-        ConfigError: one of them is wrong, or two have the same name.
+        ConfigError: one of them is wrong, two have the same name, or a datagram does not hold
+            them all.
     """
     section = element.optional_child("sensors")
     virtual = registry.factories()
@@ -87,15 +88,21 @@ def read_sensors(element: Element, scope: Scope) -> list[MountedSensor]:
                 name, line = sensor.sensor.name, other.line
                 raise child.error(f"the sensor {name!r} is there already, in line {line}")
         mounted.append(sensor)
+        _check_table(child, mounted)
     return mounted
 
 
+def _check_table(element: Element, mounted: Collection[MountedSensor]) -> None:
+    """Refuses the newest sensor where the robots' table has no room for it."""
+    try:
+        Table(Entry(i, m.sensor.name, m.sensor.layout) for i, m in enumerate(mounted, 1))
+    except WireError as error:
+        raise element.error(str(error)) from None
+
+
 def _read_library(element: Element, folder: Path) -> str:
-    """Reads which program it is; one that only ARGoS could run is kept, with a warning."""
+    """Reads which program it is; a library that was built for ARGoS runs on no robot."""
     library = element.text("library", None, "a shipped controller's name or the path of a .c file")
-    if not library.endswith(".c") and ("/" in library or "." in library):
-        element.warn(f"library: {library!r} is built for ARGoS: no robot can run it")
-        return library
     try:
         source_tree().controller(library, folder)
     except UsageError as error:

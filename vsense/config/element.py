@@ -125,8 +125,10 @@ class Element:
         text = self.text(key, fallback, f"a number from {low:g} to {high:g} {unit}".rstrip())
         return self._number(key, text, low, high, unit)
 
-    def integer(self, key: str, low: int, high: int, default: int | None = None) -> int:
-        """Reads a whole number within [low, high].
+    def integer(
+        self, key: str, low: int, high: int, default: int | None = None, why: str = ""
+    ) -> int:
+        """Reads a whole number within [low, high]; `why` explains the range in the error.
 
         Raises:
             ConfigError: absent and required, not a whole number, or out of range.
@@ -136,7 +138,8 @@ class Element:
         if not _INTEGER.fullmatch(text):
             raise self.error(f"{_shown(text)} is not a whole number from {low} to {high}", key)
         if not low <= int(text) <= high:
-            raise self.error(f"{text[:_MAX_SHOWN]} is out of range, expected {low} to {high}", key)
+            allowed = f"{low} to {high}{why and f': {why}'}"
+            raise self.error(f"{text[:_MAX_SHOWN]} is out of range, expected {allowed}", key)
         return int(text)
 
     def share(self, key: str) -> float:

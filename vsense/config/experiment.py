@@ -5,17 +5,18 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 from importlib import resources
+from ipaddress import IPv4Address
 from pathlib import Path
 
 from vsense.config import argos
 from vsense.config.bodies import Bodies, read_arena
 from vsense.config.controllers import read_controller, read_sensors, used_controller
 from vsense.config.element import Element
-from vsense.config.specs import Experiment, MarkerSpec
+from vsense.config.specs import Experiment, MarkerSpec, ObjectSpec, RobotSpec
 from vsense.config.xml import parse
-from vsense.errors import UsageError
+from vsense.errors import ConfigError, UsageError
 from vsense.sensors.base import Scope
-from vsense.tracking.families import known_families
+from vsense.tracking.families import known_families, load_family
 
 SUFFIX = ".argos"
 
@@ -24,6 +25,14 @@ DEFAULT_PORT = 4050
 """The original's port for the virtual sensor server."""
 
 _MAX_LENGTH_S = 1e6
+_MIN_TICKS_PER_SECOND = 6
+"""A robot that gets no datagram makes its next control step after 1.25 timesteps, and one
+exchange with its base takes up to 30 ms. Its guard stops the wheels where that step is not
+complete 250 ms after the last one: so 1.25 / ticks_per_second + 0.03 s <= 0.25 s.
+Source: robot/loop.h, robot/base.h, robot/guard.h."""
+
+_WHY_MIN_TICKS = "a robot's guard stops wheels that get no control step for 250 ms"
+
 _MAX_TICKS_PER_SECOND = 100
 _MAX_SEED = 2**32 - 1
 
@@ -82,13 +91,17 @@ def _read_understood(root: Element, path: Path, length_s: float | None) -> Exper
     run = framework.child("experiment")
     file_length_s = run.number("length", 0.0, _MAX_LENGTH_S, "s")
     length_s = file_length_s if length_s is None else length_s
-    ticks_per_second = run.integer("ticks_per_second", 1, _MAX_TICKS_PER_SECOND)
+    ticks_per_second = run.integer(
+        "ticks_per_second", _MIN_TICKS_PER_SECOND, _MAX_TICKS_PER_SECOND, why=_WHY_MIN_TICKS
+    )
     host, port = _address(framework, run)
     bodies = read_arena(root.child("arena"))
     controller = used_controller(root.child("controllers"), bodies)
     scope = Scope(bodies.tags, round(length_s * ticks_per_second))
     sensors = read_sensors(controller, scope)
     _check_objects(bodies, scope)
+    marker = _read_marker(root)
+    _check_tags(bodies, marker, root.document.file)
     return Experiment(
         name=path.name.removesuffix(SUFFIX),
         file=root.document.file,
@@ -102,7 +115,7 @@ def _read_understood(root: Element, path: Path, length_s: float | None) -> Exper
         boxes=tuple(bodies.boxes),
         robots=tuple(bodies.robots),
         objects=tuple(bodies.objects),
-        marker=_read_marker(root),
+        marker=marker,
         controller=read_controller(controller, path.parent),
         sensors=tuple(sensors),
         sources=tuple(scope.sources),
@@ -128,9 +141,19 @@ def _address(framework: Element, run: Element) -> tuple[str, int]:
     """Reads where the robots find the server: from <experiment>, else from <framework>."""
     host, port = DEFAULT_HOST, DEFAULT_PORT
     for element in (framework, run):
-        host = element.text("vss_host", host)
+        host = _read_host(element, host)
         port = element.integer("vss_port", 1, 65_535, port)
     return host, port
+
+
+def _read_host(element: Element, default: str) -> str:
+    """Reads an IPv4 address in numbers; robots look no names up, but for this very machine's."""
+    key, expected = "vss_host", "an IPv4 address such as '10.0.0.1', or 'localhost'"
+    text = element.text(key, default, expected)
+    try:
+        return str(IPv4Address(DEFAULT_HOST if text == "localhost" else text))
+    except ValueError:
+        raise element.error(f"{text[:60]!r} is not {expected}", key) from None
 
 
 def _read_marker(root: Element) -> MarkerSpec:
@@ -139,6 +162,16 @@ def _read_marker(root: Element) -> MarkerSpec:
     element = element if element is not None else Element(root.document, "vs:marker", root.line, {})
     family = element.choice("family", known_families(), "arrow4x4")
     return MarkerSpec(family, element.number("height", 0.0, 1.0, "m", 0.06), element.line)
+
+
+def _check_tags(bodies: Bodies, marker: MarkerSpec, file: str) -> None:
+    """Refuses a tag that the marker family does not have."""
+    tags = load_family(marker.family).tags
+    tagged: list[RobotSpec | ObjectSpec] = [*bodies.robots, *bodies.objects]
+    for body in tagged:
+        if body.tag >= tags:
+            known = f"the marker family {marker.family!r} has tags 0 to {tags - 1}"
+            raise ConfigError(file, body.line, f"{body.id!r}: {known}")
 
 
 def _check_objects(bodies: Bodies, scope: Scope) -> None:

@@ -156,6 +156,11 @@ class ControllerSpec:
     params: Mapping[str, str]
     line: int
 
+    @property
+    def params_text(self) -> str:
+        """The settings as robots are told them: lines "key=value\\n"."""
+        return "".join(f"{key}={value}\n" for key, value in self.params.items())
+
 
 @dataclass(frozen=True, slots=True)
 class MarkerSpec:
@@ -184,7 +189,7 @@ class Experiment:
             turn may be a share of it.
         ticks_per_second: timesteps in one second.
         seed: seed of everything that is drawn; 0: the caller takes one from the clock.
-        host: address of the virtual sensor server, as the robots are told.
+        host: IPv4 address of the virtual sensor server, in numbers, as the robots are told.
         port: its port.
         arena: the arena.
         boxes: boxes in the real arena.

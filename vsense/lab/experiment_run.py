@@ -22,6 +22,9 @@ from vsense.lab.shared import LabError
 from vsense.link.wire import Telemetry
 from vsense.runtime import Step
 
+COMPLAINTS_TIMESTEP = 10
+"""By then every controller has begun and said what it misses."""
+
 SPARE_PICTURES = 3
 """The very last timestep of a phase may be one that the host missed."""
 
@@ -118,6 +121,9 @@ def _progress(console: Console, session: Session) -> Any:
     length = f"/{experiment.length_s:g}" if experiment.length_s else ""
 
     def show(step: Step) -> None:
+        if step.run_timestep == COMPLAINTS_TIMESTEP:
+            for complaint in session.swarm.complaints():
+                console.say(f"vsense: {complaint}")
         robots = session.server.robots().values()
         connected = sum(robot.connected for robot in robots)
         lit = sum(_is_lit(robot.telemetry) for robot in robots if robot.connected)

@@ -144,14 +144,13 @@ class Session:
     def _serve(self, bank: SensorBank) -> VirtualSensorServer:
         experiment = self.experiment
         entries = [Entry(e.id, e.name, e.layout, Direction.SENSOR) for e in bank.table]
-        params = experiment.controller.params.items()
         return VirtualSensorServer(
             host=experiment.host,
             port=self._port,
             table=Table(entries),
             timestep_ns=self.dt_ns,
             seed=self._seed,
-            params="".join(f"{key}={value}\n" for key, value in params),
+            params=experiment.controller.params_text,
             expected={robot.tag: robot.id for robot in experiment.robots},
             on_event=self._on_link_event,
         )

@@ -110,6 +110,16 @@ class Swarm:
         """What a robot's daemon said."""
         return self._directory / f"{tag}.log"
 
+    def complaints(self) -> list[str]:
+        """What the controllers asked for in vain, or do not know: each complaint once."""
+        said = dict.fromkeys(
+            line.partition(": ")[2]
+            for robot in self.robots
+            for line in self.log(robot.tag).read_text(errors="replace").splitlines()
+            if line.startswith(f"vsensed {robot.tag}: controller '")
+        )
+        return list(said)
+
     def fallen(self) -> list[tuple[Robot, str]]:
         """Daemons that have ended since the last call, and how."""
         ended = []

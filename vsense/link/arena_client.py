@@ -14,6 +14,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Collection, Sequence
+from typing import Any
 
 from vsense.arena import ArenaState, Frame
 from vsense.link.arena_dialog import ArenaDialog, DialogCounters
@@ -65,12 +66,7 @@ class ArenaClient:
             LinkError: the host is not known.
         """
         self.name = f"{host}:{port}"
-        try:
-            found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
-        except (OSError, UnicodeError) as error:
-            text = getattr(error, "strerror", None) or "not a host name"
-            raise LinkError(f"tracker {self.name}: {text}") from error
-        self._family, self._address = found[0][0], found[0][4]
+        self._family, self._address = _find(host, port)
         self.connections = 0
         self._dialog = ArenaDialog(tags, latency_ns, origin_m)
         self._tell = tell
@@ -231,3 +227,17 @@ class ArenaClient:
         self._connected = False
         if sock is not None:
             sock.close()
+
+
+def _find(host: str, port: int) -> tuple[socket.AddressFamily, tuple[Any, ...]]:
+    """The first address of a host.
+
+    Raises:
+        LinkError: the host is not known.
+    """
+    try:
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+    except (OSError, UnicodeError) as error:
+        text = getattr(error, "strerror", None) or "not a host name"
+        raise LinkError(f"tracker {host}:{port}: {text}") from error
+    return found[0][0], found[0][4]

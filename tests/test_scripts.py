@@ -1,0 +1,95 @@
+"""The scripts around the programs, tried in a tree whose Python and compiler are stand-ins."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import require_tool
+
+ROOT = Path(__file__).parent.parent
+
+
+def program(path: Path, script: str) -> Path:
+    """Makes a shell script that can be called."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(f"#!/bin/sh\n{script}\n")
+    path.chmod(0o755)
+    return path
+
+
+@pytest.fixture
+def tree(tmp_path: Path) -> Path:
+    """A repository with the real scripts; its `vsense` prints where and how it was called."""
+    tree = tmp_path / "a tree"
+    shutil.copytree(ROOT / "scripts", tree / "scripts")
+    for name in (
+        "pyproject.toml",
+        "setup.py",
+        "vsense/__init__.py",
+        "c_src/a.c",
+        "c_src/b.py",
+        "firmware_bridge/f.h",
+    ):
+        (tree / name).parent.mkdir(exist_ok=True)
+        (tree / name).touch()
+    program(tree / ".venv/bin/python", 'echo "$PWD" "$@" >>"$(dirname "$0")/calls"')
+    program(tree / ".venv/bin/vsense", 'echo "$PWD"; printf "<%s>" "$@"')
+    return tree
+
+
+def demo(tree: Path, *arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    """Calls `scripts/demo` from another folder."""
+    require_tool("bash", "bash")
+    elsewhere = tree.parent / "elsewhere"
+    elsewhere.mkdir(exist_ok=True)
+    python = program(tree.parent / "bin/python-stand-in", "exit 0")
+    program(tree.parent / "bin/ccache", "exit 0")
+    path = f"{tree.parent}/bin:{os.environ['PATH']}"
+    return subprocess.run(
+        [os.path.relpath(tree / "scripts/demo", elsewhere), *arguments],
+        cwd=elsewhere,
+        env={**os.environ, "PYTHON": str(python), "PATH": path, **variables},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+
+
+def test_callers_folder_is_kept(tree: Path) -> None:
+    done = demo(tree, "mine.argos", "--output", "out", CDPATH=f"{tree}")
+    assert done.returncode == 0, done.stderr
+    place = tree.parent / "elsewhere"
+    assert done.stdout == f"{place}\n<lab><mine.argos><--output><out>"
+    assert (tree / ".venv/bin/calls").read_text().split("--editable ")[1] == f"{tree}\n"
+    assert (tree / ".venv/built").read_text().strip()
+    assert list(place.iterdir()) == []
+
+
+def test_second_start_builds_nothing(tree: Path) -> None:
+    demo(tree)
+    calls = tree / ".venv/bin/calls"
+    before = calls.read_text()
+    done = demo(tree, "--json", CC="no-such-compiler")
+    assert done.stdout.endswith("<lab><pollutant><--json>"), done.stderr
+    assert calls.read_text() == before
+    (tree / "c_src/a.c").write_text("int edited;\n")
+    assert demo(tree).returncode == 0
+    assert calls.read_text() == 2 * before
+
+
+@pytest.mark.parametrize("compiler", ["ccache gcc", "ccache", " ", " ccache  gcc -m32"])
+def test_compiler_may_have_words(tree: Path, compiler: str) -> None:
+    done = demo(tree, CC=compiler)
+    assert done.returncode == 0, done.stderr
+
+
+def test_missing_compiler_is_one_line_with_its_cure(tree: Path) -> None:
+    done = demo(tree, CC="no-such-compiler gcc")
+    assert done.returncode == 1
+    assert len(done.stderr.splitlines()) == 1
+    assert "no C compiler; install it with: sudo apt install build-essential" in done.stderr
