@@ -3,30 +3,42 @@
 
 #include <string.h>
 
-/* The pose that a candidate's centroid and direction suggest; 0 if it is nowhere. */
+/* A place on the markers' plane, and how it moves with the pixel [m/px]; 0 if nowhere. */
+static int map_pixel(const struct vs_view *view, double x_px, double y_px, double place_m[2],
+                     double map[4])
+{
+    static const double step[4][2] = {{0.5, 0.0}, {-0.5, 0.0}, {0.0, 0.5}, {0.0, -0.5}};
+    double near_m[4][2], pixel[2];
+    int i;
+
+    for (i = 0; i < 4; i++) {
+        pixel[0] = x_px + step[i][0];
+        pixel[1] = y_px + step[i][1];
+        if (vs_lens_to_plane(&view->lens, pixel, view->height_m, near_m[i]) != VS_OK)
+            return 0;
+    }
+    for (i = 0; i < 2; i++) {
+        place_m[i] = 0.25 * (near_m[0][i] + near_m[1][i] + near_m[2][i] + near_m[3][i]);
+        map[2 * i] = near_m[0][i] - near_m[1][i];
+        map[2 * i + 1] = near_m[2][i] - near_m[3][i];
+    }
+    return 1;
+}
+
+/* The pose that a candidate's moments suggest; 0 if it is no arrow. */
 static int begin_marker(const struct vs_search *search, const struct vs_view *view,
                         const struct vs_shape *shape, struct vs_marker *marker)
 {
-    double pixel[2], centroid_m[2], tip_m[2], x, y, length;
+    double centroid_m[2], map[4], ahead[2];
 
-    pixel[0] = shape->x_px;
-    pixel[1] = shape->y_px;
-    if (vs_lens_to_plane(&view->lens, pixel, view->height_m, centroid_m) != VS_OK)
-        return 0;
-    pixel[0] += shape->ahead_x;
-    pixel[1] += shape->ahead_y;
-    if (vs_lens_to_plane(&view->lens, pixel, view->height_m, tip_m) != VS_OK)
-        return 0;
-    x = tip_m[0] - centroid_m[0];
-    y = tip_m[1] - centroid_m[1];
-    length = vs_root(x * x + y * y);
-    if (!(length > 0.0))
+    if (!map_pixel(view, shape->x_px, shape->y_px, centroid_m, map) ||
+        !vs_shape_points(&shape->moments, map, &search->gate, ahead))
         return 0;
     memset(marker, 0, sizeof *marker);
-    marker->ahead_x = x / length;
-    marker->ahead_y = y / length;
-    marker->x_m = centroid_m[0] + search->lead_m * marker->ahead_x;
-    marker->y_m = centroid_m[1] + search->lead_m * marker->ahead_y;
+    marker->ahead_x = ahead[0];
+    marker->ahead_y = ahead[1];
+    marker->x_m = centroid_m[0] + search->lead_m * ahead[0];
+    marker->y_m = centroid_m[1] + search->lead_m * ahead[1];
     marker->scale = 1.0;
     return 1;
 }

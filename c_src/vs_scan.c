@@ -3,6 +3,7 @@
 
 #include <string.h>
 
+#define PRINT_256 102  /* [1/256] of the light ground: ink is at least so much darker */
 #define NOISE_SHARE 13 /* [1/8] of the usual block's range is what noise alone makes */
 #define FLOOR_BLOCKS 256 /* fewer blocks may all be markers */
 #define NOISE_MOST 72  /* [grey] the most that noise can raise the contrast asked for */
@@ -111,39 +112,56 @@ static int needed_contrast(const struct vs_scan *s, int least)
     return needed > least ? needed : least;
 }
 
-/* Sets a block's level from the extremes of the 3 x 3 blocks around it. */
+/* The level between the extremes of a neighbourhood; 0 where nothing is printed. */
+static uint8_t level_between(int low, int high, int contrast, int level_256)
+{
+    if (high - low < contrast || (high - low) * 256 < high * PRINT_256)
+        return 0;
+    return (uint8_t)(low + ((high - low) * level_256 + 128) / 256);
+}
+
+/* Writes the extremes of each three blocks in a column, from place 1 on. */
+static void fold_columns(const struct vs_scan *s, uint32_t line, uint8_t *dark, uint8_t *light)
+{
+    uint32_t n = s->line, here = line * n;
+    uint32_t above = line > 0 ? here - n : here;
+    uint32_t below = line + 1 < s->lines ? here + n : here;
+    uint32_t i;
+
+    for (i = 0; i < n; i++) {
+        uint8_t a = s->dark[above + i], b = s->dark[here + i], c = s->dark[below + i];
+
+        b = a < b ? a : b;
+        dark[i + 1] = c < b ? c : b;
+        a = s->light[above + i];
+        b = s->light[here + i];
+        c = s->light[below + i];
+        b = a > b ? a : b;
+        light[i + 1] = c > b ? c : b;
+    }
+    dark[0] = dark[1];
+    light[0] = light[1];
+    dark[n + 1] = dark[n];
+    light[n + 1] = light[n];
+}
+
+/* Sets each block's level from the extremes of the 3 x 3 blocks around it. */
 static void find_levels(struct vs_scan *s, int contrast, int level_256)
 {
     uint8_t dark[VS_SCAN_LINE + 2], light[VS_SCAN_LINE + 2];
-    uint32_t n = s->line;
     uint32_t line, i;
 
     for (line = 0; line < s->lines; line++) {
-        uint32_t above = line > 0 ? (line - 1) * n : 0;
-        uint32_t here = line * n;
-        uint32_t below = line + 1 < s->lines ? here + n : here;
+        uint8_t *level = s->level + line * s->line;
 
-        for (i = 0; i < n; i++) {
-            uint8_t a = s->dark[above + i], b = s->dark[here + i], c = s->dark[below + i];
+        fold_columns(s, line, dark, light);
+        for (i = 0; i < s->line; i++) {
+            int low = dark[i] < dark[i + 1] ? dark[i] : dark[i + 1];
+            int high = light[i] > light[i + 1] ? light[i] : light[i + 1];
 
-            b = a < b ? a : b;
-            dark[i + 1] = c < b ? c : b;
-            a = s->light[above + i];
-            b = s->light[here + i];
-            c = s->light[below + i];
-            b = a > b ? a : b;
-            light[i + 1] = c > b ? c : b;
-        }
-        dark[0] = dark[1], dark[n + 1] = dark[n];
-        light[0] = light[1], light[n + 1] = light[n];
-        for (i = 1; i <= n; i++) {
-            int low = dark[i - 1] < dark[i] ? dark[i - 1] : dark[i];
-            int high = light[i - 1] > light[i] ? light[i - 1] : light[i];
-
-            low = dark[i + 1] < low ? dark[i + 1] : low;
-            high = light[i + 1] > high ? light[i + 1] : high;
-            s->level[here + i - 1] = high - low < contrast
-                ? 0 : (uint8_t)(low + ((high - low) * level_256 + 128) / 256);
+            low = dark[i + 2] < low ? dark[i + 2] : low;
+            high = light[i + 2] > high ? light[i + 2] : high;
+            level[i] = level_between(low, high, contrast, level_256);
         }
     }
 }
@@ -156,16 +174,20 @@ static uint64_t eight_bytes(const uint8_t *p)
 }
 
 /* One bit for each of 16 pixels, the first the lowest: 1 where darker than level. */
-static uint32_t dark_bits(const uint8_t *pixels, uint8_t level)
+static uint16_t dark_bits(const uint8_t *pixels, uint8_t level)
 {
     const uint64_t gather = 0x0102040810204080U;
     uint8_t flag[VS_SCAN_BLOCK];
+    uint64_t first, second;
     int i;
 
     for (i = 0; i < VS_SCAN_BLOCK; i++)
         flag[i] = pixels[i] < level;
-    return (uint32_t)(eight_bytes(flag) * gather >> 56) |
-           (uint32_t)(eight_bytes(flag + 8) * gather >> 56) << 8;
+    first = eight_bytes(flag);
+    second = eight_bytes(flag + 8);
+    if ((first | second) == 0)
+        return 0;
+    return (uint16_t)(first * gather >> 56 | second * gather >> 56 << 8);
 }
 
 /* The place of the lowest 1 in a word that is not 0, by a de Bruijn sequence. */
@@ -185,14 +207,18 @@ static unsigned lowest(uint32_t word)
  */
 static int add_runs(struct vs_scan *s, const uint16_t *words, uint32_t count)
 {
+    static const uint16_t empty[4] = {0, 0, 0, 0};
     uint32_t before = 0, run = s->run_count;
     uint32_t i;
 
     for (i = 0; i < count; i++) {
         uint32_t word = words[i], edges;
 
-        if (word == 0 && before == 0)
+        if (word == 0 && before == 0) {
+            while (i + 5 <= count && memcmp(&words[i + 1], empty, sizeof empty) == 0)
+                i += 4;
             continue;
+        }
         edges = word ^ (word << 1 | before);
         before = word >> 15;
         for (edges &= 0xFFFF; edges != 0; edges &= edges - 1) {
@@ -296,37 +322,52 @@ static int link_row(struct vs_scan *s, uint32_t row)
     return 1;
 }
 
-/* Thresholds a row into words of 16 pixels and one that is empty. */
-static void threshold_row(const struct vs_scan *s, const struct vs_picture *p, int y,
-                          uint16_t *words)
+/*
+ * Thresholds a line of blocks into words of 16 pixels, for each scanned row one word
+ * per block and one that is empty.
+ */
+static void threshold_line(struct vs_scan *s, const struct vs_picture *p, uint32_t line)
 {
-    const uint8_t *level = s->level + (uint32_t)(y / VS_SCAN_BLOCK) * s->line;
-    const uint8_t *pixels = p->pixels + (size_t)y * p->stride;
-    uint32_t whole = (uint32_t)p->width_px / VS_SCAN_BLOCK;
+    const uint8_t *level = s->level + line * s->line;
+    int top = (int)line * VS_SCAN_BLOCK;
+    int rows = (p->height_px - top + VS_SCAN_STEP - 1) / VS_SCAN_STEP;
     uint32_t i;
+    int k;
 
-    for (i = 0; i < whole; i++, pixels += VS_SCAN_BLOCK)
-        words[i] = level[i] == 0 ? 0 : (uint16_t)dark_bits(pixels, level[i]);
-    if (whole < s->line) {
+    rows = rows > VS_SCAN_BLOCK / VS_SCAN_STEP ? VS_SCAN_BLOCK / VS_SCAN_STEP : rows;
+    for (k = 0; k < rows; k++)
+        memset(s->words[k], 0, (s->line + 1) * sizeof s->words[k][0]);
+    for (i = 0; i < s->line; i++) {
+        int columns = p->width_px - (int)i * VS_SCAN_BLOCK;
+        const uint8_t *pixels = p->pixels + (size_t)top * p->stride + i * VS_SCAN_BLOCK;
         uint8_t rest[VS_SCAN_BLOCK];
 
-        memset(rest, 255, sizeof rest);
-        memcpy(rest, pixels, (size_t)p->width_px % VS_SCAN_BLOCK);
-        words[whole] = (uint16_t)dark_bits(rest, level[whole]);
+        if (level[i] == 0)
+            continue;
+        for (k = 0; k < rows; k++, pixels += VS_SCAN_STEP * p->stride) {
+            if (columns >= VS_SCAN_BLOCK) {
+                s->words[k][i] = dark_bits(pixels, level[i]);
+            } else {
+                memset(rest, 255, sizeof rest);
+                memcpy(rest, pixels, (size_t)columns);
+                s->words[k][i] = dark_bits(rest, level[i]);
+            }
+        }
     }
-    words[s->line] = 0;
 }
 
 /* Finds and links the runs of all rows, as far as the tables reach. */
 static void link_rows(struct vs_scan *s, const struct vs_picture *p)
 {
-    uint16_t words[VS_SCAN_LINE + 1];
     uint32_t row;
 
     for (row = 0; row < s->rows; row++) {
+        uint32_t within = row % (VS_SCAN_BLOCK / VS_SCAN_STEP);
+
+        if (within == 0)
+            threshold_line(s, p, row / (VS_SCAN_BLOCK / VS_SCAN_STEP));
         s->first[row] = s->run_count;
-        threshold_row(s, p, (int)row * VS_SCAN_STEP, words);
-        if (!add_runs(s, words, s->line + 1))
+        if (!add_runs(s, s->words[within], s->line + 1))
             s->full |= VS_SCAN_FULL_RUNS;
         else if (!link_row(s, row))
             s->full |= VS_SCAN_FULL_PARTS;

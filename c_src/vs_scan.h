@@ -63,6 +63,7 @@ struct vs_scan {
     uint8_t dark[VS_SCAN_BLOCKS];     /* darkest pixel of each block */
     uint8_t light[VS_SCAN_BLOCKS];    /* lightest */
     uint8_t level[VS_SCAN_BLOCKS];    /* a pixel below this is dark */
+    uint16_t words[VS_SCAN_BLOCK / VS_SCAN_STEP][VS_SCAN_LINE + 1]; /* of a line of blocks */
     struct vs_run runs[VS_SCAN_RUNS];
     struct vs_part parts[VS_SCAN_PARTS];
 };

@@ -14,13 +14,6 @@ struct borders {
     double right[VS_SHAPE_ROWS];
 };
 
-/* Area, centroid and central moments up to the third order, per area. */
-struct moments {
-    double area, x, y;
-    double xx, xy, yy;
-    double xxx, xxy, xyy, yyy;
-};
-
 static void find_borders(struct vs_scan *s, uint32_t root, struct borders *b)
 {
     const struct vs_part *part = &s->parts[root];
@@ -72,69 +65,96 @@ static void make_convex(double *border, int rows, double sense)
     }
 }
 
-/* Adds up the moments of the strips that the rows stand for. */
-static void add_moments(const struct borders *b, double top, struct moments *m)
+/* Area and centroid of the strips that the rows stand for. */
+static double find_centroid(const struct borders *b, double top, struct vs_shape *shape)
 {
-    const double high = VS_SCAN_STEP, spread = high * high / 12.0;
+    double area = 0.0, x = 0.0, y = 0.0;
     int row;
 
-    m->area = m->x = m->y = 0.0;
-    m->xx = m->xy = m->yy = m->xxx = m->xxy = m->xyy = m->yyy = 0.0;
     for (row = 0; row < b->rows; row++) {
         double width = b->right[row] - b->left[row];
 
-        m->area += width;
-        m->x += width * 0.5 * (b->left[row] + b->right[row] - 1.0);
-        m->y += width * (top + high * row);
+        area += width;
+        x += width * 0.5 * (b->left[row] + b->right[row] - 1.0);
+        y += width * (top + (double)VS_SCAN_STEP * row);
     }
-    m->x /= m->area;
-    m->y /= m->area;
+    shape->x_px = x / area;
+    shape->y_px = y / area;
+    return area;
+}
+
+static void add_moments(const struct borders *b, double top, double area,
+                        struct vs_shape *shape)
+{
+    const double high = VS_SCAN_STEP, spread = high * high / 12.0;
+    struct vs_moments m = {0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0};
+    int row;
+
     for (row = 0; row < b->rows; row++) {
         double width = b->right[row] - b->left[row];
-        double x = 0.5 * (b->left[row] + b->right[row] - 1.0) - m->x;
-        double y = top + high * row - m->y;
-        double share = width / m->area;
+        double x = 0.5 * (b->left[row] + b->right[row] - 1.0) - shape->x_px;
+        double y = top + high * row - shape->y_px;
+        double share = width / area;
         double wide = width * width / 12.0;
 
-        m->xx += share * (x * x + wide);
-        m->xy += share * x * y;
-        m->yy += share * (y * y + spread);
-        m->xxx += share * x * (x * x + 3.0 * wide);
-        m->xxy += share * y * (x * x + wide);
-        m->xyy += share * x * (y * y + spread);
-        m->yyy += share * y * (y * y + 3.0 * spread);
+        m.xx += share * (x * x + wide);
+        m.xy += share * x * y;
+        m.yy += share * (y * y + spread);
+        m.xxx += share * x * (x * x + 3.0 * wide);
+        m.xxy += share * y * (x * x + wide);
+        m.xyy += share * x * (y * y + spread);
+        m.yyy += share * y * (y * y + 3.0 * spread);
     }
-    m->area *= high;
+    shape->moments = m;
+}
+
+/* The moments after a linear map (a b; c d). */
+static struct vs_moments transform(const struct vs_moments *m, const double map[4])
+{
+    double a = map[0], b = map[1], c = map[2], d = map[3];
+    struct vs_moments t;
+
+    t.xx = a * a * m->xx + 2.0 * a * b * m->xy + b * b * m->yy;
+    t.xy = a * c * m->xx + (a * d + b * c) * m->xy + b * d * m->yy;
+    t.yy = c * c * m->xx + 2.0 * c * d * m->xy + d * d * m->yy;
+    t.xxx = a * a * a * m->xxx + 3.0 * a * a * b * m->xxy + 3.0 * a * b * b * m->xyy +
+            b * b * b * m->yyy;
+    t.xxy = a * a * c * m->xxx + a * (a * d + 2.0 * b * c) * m->xxy +
+            b * (2.0 * a * d + b * c) * m->xyy + b * b * d * m->yyy;
+    t.xyy = a * c * c * m->xxx + c * (2.0 * a * d + b * c) * m->xxy +
+            d * (a * d + 2.0 * b * c) * m->xyy + b * d * d * m->yyy;
+    t.yyy = c * c * c * m->xxx + 3.0 * c * c * d * m->xxy + 3.0 * c * d * d * m->xyy +
+            d * d * d * m->yyy;
+    return t;
 }
 
 /*
  * The longest axis carries the heading. Its sense comes from the third moments: an
  * arrow is skewed towards its tip along its axis, and is narrower there.
  */
-static int describe(const struct moments *m, const struct vs_shape_gate *gate,
-                    struct vs_shape *shape)
+int vs_shape_points(const struct vs_moments *moments, const double map[4],
+                    const struct vs_shape_gate *gate, double ahead[2])
 {
-    double twice = vs_root((m->xx - m->yy) * (m->xx - m->yy) + 4.0 * m->xy * m->xy);
-    double along = 0.5 * (m->xx + m->yy + twice);
-    double across = 0.5 * (m->xx + m->yy - twice);
+    struct vs_moments m = transform(moments, map);
+    double twice = vs_root((m.xx - m.yy) * (m.xx - m.yy) + 4.0 * m.xy * m.xy);
+    double along = 0.5 * (m.xx + m.yy + twice);
+    double across = 0.5 * (m.xx + m.yy - twice);
     double c, s, skew, taper, point;
 
     if (!(along > gate->least_aspect * across && along < gate->most_aspect * across))
         return 0;
-    c = vs_root(0.5 + 0.5 * (m->xx - m->yy) / twice);
-    s = vs_root(0.5 - 0.5 * (m->xx - m->yy) / twice);
-    s = m->xy < 0.0 ? -s : s;
-    skew = c * c * c * m->xxx + 3.0 * c * c * s * m->xxy + 3.0 * c * s * s * m->xyy +
-           s * s * s * m->yyy;
-    taper = c * s * s * m->xxx + (s * s * s - 2.0 * c * c * s) * m->xxy +
-            (c * c * c - 2.0 * c * s * s) * m->xyy + c * c * s * m->yyy;
+    c = vs_root(0.5 + 0.5 * (m.xx - m.yy) / twice);
+    s = vs_root(0.5 - 0.5 * (m.xx - m.yy) / twice);
+    s = m.xy < 0.0 ? -s : s;
+    skew = c * c * c * m.xxx + 3.0 * c * c * s * m.xxy + 3.0 * c * s * s * m.xyy +
+           s * s * s * m.yyy;
+    taper = c * s * s * m.xxx + (s * s * s - 2.0 * c * c * s) * m.xxy +
+            (c * c * c - 2.0 * c * s * s) * m.xyy + c * c * s * m.yyy;
     point = (skew / along - 2.0 * taper / across) / vs_root(along);
     if (!(point > gate->least_taper || point < -gate->least_taper))
         return 0;
-    shape->x_px = m->x;
-    shape->y_px = m->y;
-    shape->ahead_x = point > 0.0 ? c : -c;
-    shape->ahead_y = point > 0.0 ? s : -s;
+    ahead[0] = point > 0.0 ? c : -c;
+    ahead[1] = point > 0.0 ? s : -s;
     return 1;
 }
 
@@ -155,15 +175,19 @@ static int has_size(const struct vs_part *part, const struct vs_shape_gate *gate
 static int look_at(struct vs_scan *s, uint32_t root, const struct vs_shape_gate *gate,
                    struct vs_shape *shape)
 {
+    double top = (double)VS_SCAN_STEP * s->parts[root].top;
     struct borders b;
-    struct moments m;
+    double area;
 
     find_borders(s, root, &b);
     make_convex(b.left, b.rows, -1.0);
     make_convex(b.right, b.rows, 1.0);
-    add_moments(&b, (double)VS_SCAN_STEP * s->parts[root].top, &m);
-    return m.area > gate->least_area * gate->area_px2 &&
-           m.area < gate->most_area * gate->area_px2 && describe(&m, gate, shape);
+    area = find_centroid(&b, top, shape);
+    if (!(area * VS_SCAN_STEP > gate->least_area * gate->area_px2 &&
+          area * VS_SCAN_STEP < gate->most_area * gate->area_px2))
+        return 0;
+    add_moments(&b, top, area, shape);
+    return 1;
 }
 
 void vs_shape_find(struct vs_scan *s, const struct vs_shape_gate *gate,

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 /*
  * vs_shape.h - which components of a scan look like an arrow: their size, and the
- * moments of their convex hull, which blur and white cells leave as it is.
+ * moments of their convex hull, which blur and white cells leave as it is. Moments
+ * are mapped to the markers' plane first: perspective turns a thing's longest axis.
  */
 #ifndef VS_SHAPE_H
 #define VS_SHAPE_H
@@ -14,7 +15,7 @@
 
 #define VS_SHAPE_ROWS 256 /* scanned rows of the tallest component looked at */
 
-/* What an arrow looks like from the camera's height; ratios are of the hull. */
+/* What an arrow looks like: its size in the picture, its proportions on its plane. */
 struct vs_shape_gate {
     double length_px;    /* between the two corners farthest apart */
     double area_px2;     /* of the outline, cells included */
@@ -25,19 +26,33 @@ struct vs_shape_gate {
     double least_taper;  /* how much it must come to a point (0.12) */
 };
 
-/* A component that may be an arrow. */
+/* Central moments of an area, divided by it: the mean of x^2, of x y, and so on. */
+struct vs_moments {
+    double xx, xy, yy;
+    double xxx, xxy, xyy, yyy;
+};
+
+/* A component that has the size of an arrow, by its hull. */
 struct vs_shape {
-    double x_px;    /* centroid of its hull */
+    double x_px; /* centroid */
     double y_px;
-    double ahead_x; /* unit vector in the picture from the centroid towards the tip */
-    double ahead_y;
+    struct vs_moments moments; /* in the picture */
 };
 
 /*
- * Writes the components of the newest scan that pass the gate, at most capacity;
- * more set VS_SCAN_FULL_FOUND. Never fails.
+ * Writes the components of the newest scan whose size passes the gate, at most
+ * capacity; more set VS_SCAN_FULL_FOUND. Never fails.
  */
 void vs_shape_find(struct vs_scan *s, const struct vs_shape_gate *gate,
                    struct vs_shape *found, size_t capacity, size_t *count);
+
+/*
+ * Tells whether something with these moments tapers like an arrow, and whereto:
+ * ahead is a unit vector from the centroid towards the tip. map is the matrix
+ * (row by row) that takes the moments' x and y to those in which an arrow has its
+ * true proportions. Returns 1, or 0 for what is no arrow.
+ */
+int vs_shape_points(const struct vs_moments *moments, const double map[4],
+                    const struct vs_shape_gate *gate, double ahead[2]);
 
 #endif

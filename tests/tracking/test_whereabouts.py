@@ -72,7 +72,9 @@ def test_squares_lie_around_the_robots_in_view() -> None:
     known.expect(0)
     seen = known.in_view(CAMERA, 0.06)
     assert seen["tag"].tolist() == [1]
-    ((left, top, right, bottom),) = known.windows(CAMERA, 0.06, seen).tolist()
+    ((left, top, right, bottom),) = known.windows(
+        CAMERA, 0.06, np.stack((seen["x_m"], seen["y_m"]), axis=1)
+    ).tolist()
     middle = CAMERA.project(np.array([0.1, 0.0, 0.06]))
     assert ((left + right) / 2, (top + bottom) / 2) == pytest.approx(middle.tolist(), abs=1.0)
     assert right - left == pytest.approx(0.11 * 1620 / 2.37, abs=3.0) == bottom - top

@@ -18,6 +18,9 @@ STRICT = ["-pedantic", "-Wall", "-Wextra", "-Wshadow", "-Wconversion", "-Werror"
 SANITIZE = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 PURE = sorted(p for p in C_SRC.glob("*.c") if p.name != "vs_posix.c")
 PARTS = ("err", "bytes", "wire", "table", "body", "peer", "clock", "session")
+KERNEL = [
+    C_SRC / f"vs_{part}.c" for part in ("lens", "scan", "shape", "outline", "edges", "markers")
+]
 SESSION = [C_SRC / f"vs_{part}.c" for part in PARTS]
 SYMBOLS = {"memcpy", "memmove", "memset", "memcmp", "strlen", "strcmp", "strncmp"}
 """What a pure C file may take from the C library: it costs nothing on any machine."""
@@ -45,6 +48,13 @@ def test_c_suite_under_sanitizers(name: str, chars: str, tmp_path: Path) -> None
     write_vectors(ROOT / "tests" / "golden" / "wire.json", tmp_path / "wire_vectors.h")
     flags = ["-std=c99", *STRICT, *SANITIZE, chars]
     done = run(build(tmp_path / name, *flags, TESTS / f"{name}.c", *SESSION))
+    assert done.returncode == 0, done.stderr
+
+
+def test_picture_kernel_under_sanitizers(tmp_path: Path) -> None:
+    flags = ["-std=c99", *STRICT, *SANITIZE]
+    sources = [TESTS / "test_scan.c", C_SRC / "vs_err.c", *KERNEL]
+    done = run(build(tmp_path / "test_scan", *flags, *sources))
     assert done.returncode == 0, done.stderr
 
 
@@ -102,7 +112,9 @@ def test_headers_promise_only_what_exists(tmp_path: Path) -> None:
         if header.name not in ("vs_posix.h", "vs_io.h"):
             text = re.sub(r"/\*.*?\*/", "", header.read_text(), flags=re.DOTALL)
             declared |= set(re.findall(r"\b(vs_\w+)\([^;{]*\);", text))
-    built = build(tmp_path / "vs.o", "-std=c11", "-O2", "-r", *SESSION, C_SRC / "vs_latest.c")
+    built = build(
+        tmp_path / "vs.o", "-std=c11", "-O2", "-r", *SESSION, *KERNEL, C_SRC / "vs_latest.c"
+    )
     nm = [require_tool("nm", "binutils"), str(built)]
     lines = subprocess.run(nm, capture_output=True, text=True, check=True).stdout.splitlines()
     defined = {line.split()[-1] for line in lines if line.split()[-2] == "T"}

@@ -69,7 +69,8 @@ class Decoder:
             [
                 [bits @ cell_blur(family, a, b).T + outer_light(family, a, b) for b in sigmas]
                 for a in sigmas
-            ]
+            ],
+            dtype=np.float32,
         )
         # So near to the edge black is not quite black, nor white quite white.
         self._lost = normal_share(-_REACH_U / _BLURS_U)
@@ -103,14 +104,16 @@ class Decoder:
         ahead, left = self.blur(sharp_ahead), self.blur(sharp_left)
         lost = 0.5 * (self._lost[ahead] + self._lost[left])[:, np.newaxis]
         true = (1.0 - 2.0 * lost) * cells + lost
-        difference = np.abs(true[:, np.newaxis] - self._words[ahead, left])
-        distance = np.sqrt((difference**2).mean(axis=2))
+        difference = true.astype(np.float32)[:, np.newaxis] - self._words[ahead, left]
+        squares = np.einsum("ntc,ntc->nt", difference, difference)
+        distance = np.sqrt(squares.astype(np.float64) / cells.shape[1])
         rows = np.arange(count)
         best = distance.argmin(axis=1)
         error = distance[rows, best]
         others = distance.copy()
         others[rows, best] = _GREATEST_ERROR
         margin = np.minimum(others.min(axis=1), _GREATEST_ERROR) / np.maximum(error, 1e-3)
-        sure = (difference[rows, best].max(axis=1) < _WORST_CELL) & (margin > _LEAST_MARGIN)
+        worst = np.abs(difference[rows, best]).max(axis=1)
+        sure = (worst < _WORST_CELL) & (margin > _LEAST_MARGIN)
         tags = np.where(sure, self.tags[best], np.int32(UNNAMED))
         return Reading(tags, error, margin, distance)

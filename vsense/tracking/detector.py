@@ -77,27 +77,33 @@ class ArrowDetector:
         expected = known.in_view(camera, self._height_m)
         if known.is_key_frame:
             markers = self._kernel.search(image, camera, self._height_m)
-        elif known.plan.warm:
-            markers = self._fit(image, camera, expected)
+            missing = expected[~_has_near(expected, markers)]
+            markers = _join(markers, self._fit(image, camera, missing))
         else:
             markers = np.zeros(0, dtype=MARKER)
-        missing = expected[~_has_near(expected, markers)]
-        if len(missing) > 0:
-            again = self._fit if known.is_key_frame else self._search_squares
-            markers = _join(markers, again(image, camera, missing))
+            if known.plan.warm:
+                markers = self._fit(image, camera, expected)
+            missing = expected[~_has_near(expected, markers)]
+            markers = _join(markers, self._search_squares(image, camera, known, missing))
         return self._name(markers, camera, expected)
 
     def _fit(self, image: Image, camera: Camera, robots: NDArray[np.void]) -> NDArray[np.void]:
         """Fits robots where they are expected."""
+        if len(robots) == 0:
+            return np.zeros(0, dtype=MARKER)
         poses = np.stack((robots["x_m"], robots["y_m"], robots["yaw_rad"]), axis=1)
         return self._kernel.follow(image, camera, self._height_m, poses)[0]
 
     def _search_squares(
-        self, image: Image, camera: Camera, robots: NDArray[np.void]
+        self, image: Image, camera: Camera, known: Whereabouts, robots: NDArray[np.void]
     ) -> NDArray[np.void]:
-        """Searches around where robots are expected."""
-        assert self._whereabouts is not None, "only robots that are expected have squares"
-        squares = self._whereabouts.windows(camera, self._height_m, robots)
+        """Searches around where robots are expected, and markers without a name were."""
+        places = np.stack((robots["x_m"], robots["y_m"]), axis=1)
+        if camera.id in known.anonymous:
+            places = np.concatenate((places, known.anonymous[camera.id].places))
+        if len(places) == 0:
+            return np.zeros(0, dtype=MARKER)
+        squares = known.windows(camera, self._height_m, places)
         return self._kernel.search(image, camera, self._height_m, squares)
 
     def _name(

@@ -6,6 +6,7 @@ view, owns the working memory, and reports what did not fit the kernel's tables.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from vsense.tracking.families import MarkerFamily
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
+Pass = tuple[float, int, int, float, float]
 
 MARKER = np.dtype(
     [
@@ -42,10 +44,17 @@ MARKER = np.dtype(
 _CAPACITY = 1024
 _SPACING_U = 0.4
 _CORNER_U = 0.6
-_PASSES = ((1.0, 9, 2, 0.6, 0.25), (0.6, 9, 2, 0.8, 0.14), (0.6, 11, 1, 0.8, 0.1))
-"""Each pass of the fit: how far to look [u], in how many steps, every how many samples, the
-least coverage and the greatest residual [u]. In a good picture markers have 0.02 u, look-alikes
-0.2 u."""
+_PASSES = ((1.0, 9, 3, 0.6, 0.25), (0.6, 9, 3, 0.8, 0.14), (0.6, 11, 1, 0.8, 0.1))
+_WARM_PASSES = (
+    (1.0, 9, 1, 0.5, 0.25),
+    (0.6, 9, 2, 0.5, 0.14),
+    (0.6, 11, 1, 0.55, 0.1),
+    (0.6, 11, 1, 0.55, 0.1),
+)
+"""Each pass of the fit, of a candidate and of a robot that is expected: how far to look [u], in
+how many steps, every how many samples, the least coverage and the greatest residual [u]. In a good
+picture markers have 0.02 u, look-alikes 0.2 u. What is expected may be half covered, and may be
+farther from where the fit begins."""
 
 _SCALE_DOUBT = 0.12
 _LEAST_CONTRAST = 25.0
@@ -68,7 +77,8 @@ class Kernel:
         self._family = family
         self.contrast, self.level = contrast, level
         self.overflows = 0
-        self._outline = _outline(family)
+        self._outline = _outline(family, _PASSES)
+        self._warm = _outline(family, _WARM_PASSES)
         self._work = ffi.new("struct vs_markers *")
         self._markers: NDArray[np.void] = np.zeros(_CAPACITY, dtype=MARKER)
         self._found = ffi.cast("struct vs_marker *", self._markers.ctypes.data)
@@ -130,7 +140,7 @@ class Kernel:
         known["scale"] = 1.0
         self._count[0] = count
         origin = ffi.cast("uint32_t *", self._origin.ctypes.data)
-        code = lib.vs_markers_follow(self._outline, view, self._found, origin, self._count)
+        code = lib.vs_markers_follow(self._warm, view, self._found, origin, self._count)
         check(code, f"camera {camera.id}")
         found = self._count[0]
         return np.array(self._markers[:found]), np.array(self._origin[:found])
@@ -170,22 +180,22 @@ class Kernel:
         return search
 
 
-def _outline(family: MarkerFamily) -> Any:
-    """Describes a family to the kernel."""
+def _outline(family: MarkerFamily, passes: Sequence[Pass]) -> Any:
+    """Describes a family, and how it is fitted, to the kernel."""
     points, normals = _sample(family.polygon_mm, family.unit_mm)
     points = 1e-3 * (points - family.disc_centre_mm)
     inner = np.array(SPOTS) * family.cell_mm
     spots = np.stack(np.meshgrid(inner, inner), axis=-1).reshape(-1, 2)
     cells = 1e-3 * (family.cells_mm[:, np.newaxis] + spots - family.disc_centre_mm).reshape(-1, 2)
     outline = ffi.new("struct vs_outline *")
-    outline.samples, outline.cells, outline.passes = len(points), family.grid**2, len(_PASSES)
+    outline.samples, outline.cells, outline.passes = len(points), family.grid**2, len(passes)
     outline.unit_m = 1e-3 * family.unit_mm
     outline.scale_doubt, outline.least_contrast = _SCALE_DOUBT, _LEAST_CONTRAST
     outline.radius_m = 0.5e-3 * family.disc_diameter_mm
     outline.x_m[0 : len(points)], outline.y_m[0 : len(points)] = points.T.tolist()
     outline.normal_x[0 : len(points)], outline.normal_y[0 : len(points)] = normals.T.tolist()
     outline.spot_x_m[0 : len(cells)], outline.spot_y_m[0 : len(cells)] = cells.T.tolist()
-    for row, (reach_u, steps, stride, coverage, residual_u) in zip(outline.stage, _PASSES):
+    for row, (reach_u, steps, stride, coverage, residual_u) in zip(outline.stage, passes):
         row.reach_m, row.steps, row.stride = reach_u * outline.unit_m, steps, stride
         row.least_coverage, row.most_residual_m = coverage, residual_u * outline.unit_m
     return outline

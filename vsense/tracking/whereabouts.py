@@ -7,12 +7,13 @@ order of the threads changes nothing.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.arena import ArenaState, wrap_angle
+from vsense.arena import ArenaState
 from vsense.tracking.camera import Camera
 
 Floats = NDArray[np.float64]
@@ -103,21 +104,21 @@ class Whereabouts:
             if elapsed < _LOST_S:
                 ahead = min(elapsed, _SURE_S)
                 vx, vy, turn = (ahead * rate for rate in known.velocity)
-                yaw = float(wrap_angle(known.yaw_rad + turn))
+                yaw = math.remainder(known.yaw_rad + turn, math.tau)
                 sure = elapsed <= _SURE_S and known.sightings >= _SURE_SIGHTINGS
                 rows.append((tag, known.x_m + vx, known.y_m + vy, yaw, sure))
         self.expected = np.array(rows, dtype=EXPECTED)
 
     def learn(self, state: ArenaState) -> None:
         """Takes what the timestep has shown."""
-        for row in state.robots[state.robots["seen"]]:
-            tag, capture_ns = int(row["tag"]), int(row["capture_ns"])
-            x, y, yaw = float(row["x_m"]), float(row["y_m"]), float(row["yaw_rad"])
+        seen = state.robots[state.robots["seen"]]
+        fields = ("tag", "x_m", "y_m", "yaw_rad", "capture_ns")
+        for tag, x, y, yaw, capture_ns in zip(*(seen[f].tolist() for f in fields), strict=True):
             now = _Known(x, y, yaw, capture_ns)
             last = self._known.get(tag)
             elapsed = 1e-9 * (capture_ns - last.capture_ns) if last else 0.0
             if last and 0.0 < elapsed < _LOST_S:
-                turn = float(wrap_angle(yaw - last.yaw_rad))
+                turn = math.remainder(yaw - last.yaw_rad, math.tau)
                 now.velocity = (
                     (x - last.x_m) / elapsed,
                     (y - last.y_m) / elapsed,
@@ -135,14 +136,21 @@ class Whereabouts:
         points[:, 2] = height_m
         return self.expected[camera.contains(camera.project(points))]
 
-    def windows(
-        self, camera: Camera, height_m: float, robots: NDArray[np.void]
-    ) -> NDArray[np.int32]:
-        """Returns the squares of a camera's picture around robots: left, top, right, bottom."""
+    def windows(self, camera: Camera, height_m: float, places: Floats) -> NDArray[np.int32]:
+        """Returns the squares of a camera's picture around (n, 2) places of the arena.
+
+        Args:
+            camera: The camera.
+            height_m: Height of the markers above the floor.
+            places: x and y [m].
+
+        Returns:
+            (n, 4) left, top, right, bottom [px].
+        """
         half = 0.5 * self.plan.square_size_m
         corners = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
-        points = np.full((len(robots), 4, 3), height_m)
-        points[..., :2] = np.stack((robots["x_m"], robots["y_m"]), 1)[:, np.newaxis] + corners
+        points = np.full((len(places), 4, 3), height_m)
+        points[..., :2] = places[:, np.newaxis] + corners
         pixels = camera.project(points)
         low, high = np.floor(pixels.min(axis=1)), np.ceil(pixels.max(axis=1)) + 1.0
         return np.concatenate((low, high), axis=1).astype(np.int32)

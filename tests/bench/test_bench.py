@@ -1,0 +1,72 @@
+"""The benchmark: its report, its judge, and its pictures. No time is asserted."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from vsense import cli
+from vsense.bench import output, tracking
+from vsense.bench.contestants import Found, Single, crossing
+from vsense.bench.frames import FrameSet, Painter, Truth, cameras
+
+RIG = cameras(1, 1)
+
+
+def frame_set(truth: Truth) -> FrameSet:
+    image = np.zeros((8, 8), dtype=np.uint8)
+    return FrameSet("test", "arrow4x4", (1, 2, 3), RIG, (image,), (truth,))
+
+
+def test_the_judge_counts_what_is_named_where_it_is() -> None:
+    truth = Truth(np.array([1, 2, 3]), np.array([(10.0, 10.0), (50.0, 50.0), (90.0, 90.0)]))
+    found = Found(np.array([1, 2, 7]), np.array([(10.3, 10.4), (90.0, 90.0), (5.0, 5.0)]))
+    contestant = Single("somebody", frame_set(truth), lambda image, camera: found)
+    _, seen = contestant.run()
+    row = tracking.judge(contestant, [2.0, 3.0, 10.0], seen)
+    assert row.ms_per_frame == 3.0 and row.wrong_ids == 2
+    assert row.detected_share == pytest.approx(1 / 3)
+    assert row.position_rms_px == pytest.approx(0.5)
+
+
+def test_diagonals_cross_in_the_middle_of_a_perspective_square() -> None:
+    corners = np.array([[(0.0, 0.0), (4.0, 0.0), (3.0, 2.0), (1.0, 2.0)]])
+    assert crossing(corners)[0] == pytest.approx((2.0, 4.0 / 3.0))
+
+
+@pytest.mark.parametrize("family", ["arrow4x4", "aruco_4x4_50", "apriltag_36h11"])
+def test_all_families_stand_at_the_same_places(family: str) -> None:
+    tags = (3, 5, 7)
+    shots = Painter("one", family, tags, RIG).crowds(1)
+    arrows = Painter("two", "arrow4x4", tags, RIG).crowds(1)
+    assert shots.truth[0].centres_px.tolist() == arrows.truth[0].centres_px.tolist()
+    for x, y in np.rint(shots.truth[0].centres_px).astype(int):
+        window = shots.images[0][y - 20 : y + 21, x - 20 : x + 21]
+        assert window.max() - window.min() > 60
+
+
+def test_moving_robots_drive_and_never_touch() -> None:
+    walk = Painter("walk", "arrow4x4", (1, 2, 3, 4), RIG).walk(6)
+    places = np.array([truth.centres_px for truth in walk.truth])
+    steps = np.hypot(*np.moveaxis(np.diff(places, axis=0), -1, 0))
+    assert steps.max() < 7.0 and (steps > 1.0).any()
+
+
+def test_the_report_is_as_promised(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["bench", "tracking", "--json", "--rounds", "1", "--pictures", "1", "--walk", "3"]
+    assert cli.main(words) == 0
+    captured = capsys.readouterr()
+    report = json.loads(captured.out)
+    names = {"detector", "frames", "threads", "ms_per_frame", "detected_share", "wrong_ids"}
+    assert all(set(row) == names | {"position_rms_px"} for row in report["rows"])
+    mine = [row for row in report["rows"] if row["detector"].startswith("vsense")]
+    assert all(row["detected_share"] == 1.0 and row["wrong_ids"] == 0 for row in mine)
+    assert {row["threads"] for row in report["rows"]} == {1, 2}
+    assert sum("key frame" in row["detector"] for row in report["rows"]) == 6
+    assert report["floor_ms"] > 0.0 and report["ratio_to_aruco"] > 1.0
+    assert set(report["set16"]) == {"threads", "ms", "times_floor"}
+    assert report["set16"]["threads"] == 2
+    assert "round 1 of 1" in captured.err
+    assert "16 cameras" in output.table(report)

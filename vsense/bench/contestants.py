@@ -1,0 +1,197 @@
+"""Who takes part: vsense's detectors and OpenCV's, behind one seam.
+
+A contestant does passes over its pictures. What it found in the last one is judged against the
+truth, and what each pass took is kept.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import count
+from typing import NamedTuple, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.arena import Frame
+from vsense.bench.frames import FRAMES_PER_S, MARKER_M, FrameSet, Image
+from vsense.tracking.arena_tracker import ArenaTracker
+from vsense.tracking.camera import Camera
+from vsense.tracking.detector import Detector
+from vsense.tracking.families import load_family
+from vsense.tracking.whereabouts import SearchPlan
+
+MAX_THREADS = 2
+
+
+class Found(NamedTuple):
+    """Markers that were named in a picture: their tags and their centres [px]."""
+
+    tags: NDArray[np.int64]
+    centres_px: NDArray[np.float64]
+
+
+Look = Callable[[Image, Camera], Found]
+
+
+class Contestant(Protocol):
+    """Somebody who finds markers.
+
+    Attributes:
+        name: For the report.
+        frames: The pictures.
+        threads: How many threads it uses.
+    """
+
+    name: str
+    frames: FrameSet
+    threads: int
+
+    def run(self) -> tuple[list[float], list[Found]]:
+        """Does one pass over the pictures.
+
+        Returns:
+            What each picture took [ms], or the mean where they are done side by side; what was
+            found in each.
+        """
+
+    def close(self) -> None:
+        """Ends what it started."""
+
+
+class Single:
+    """One picture after the other. OpenCV's own functions may use several threads."""
+
+    def __init__(self, name: str, frames: FrameSet, look: Look, threads: int = 1) -> None:
+        self.name, self.frames, self.threads, self._look = name, frames, threads, look
+
+    def run(self) -> tuple[list[float], list[Found]]:
+        """Does one pass over the pictures."""
+        cv2.setNumThreads(self.threads)
+        times, found = [], []
+        for image, camera in zip(self.frames.images, self.frames.cameras, strict=True):
+            begin = time.perf_counter()
+            found.append(self._look(image, camera))
+            times.append(1e3 * (time.perf_counter() - begin))
+        cv2.setNumThreads(1)
+        return times, found
+
+    def close(self) -> None:
+        """Nothing was started."""
+
+
+class Shared:
+    """The pictures shared out to two threads, each on a processor of its own."""
+
+    def __init__(self, name: str, frames: FrameSet, looks: Sequence[Look]) -> None:
+        """Takes one function per thread."""
+        self.name, self.frames, self.threads, self._looks = name, frames, len(looks), looks
+        turns = count()
+        self._pool = ThreadPoolExecutor(len(looks), initializer=lambda: _pin(next(turns)))
+
+    def run(self) -> tuple[list[float], list[Found]]:
+        """Does one pass over the pictures; whoever is free takes the next."""
+        total = len(self.frames.images)
+        found: dict[int, Found] = {}
+        turns = iter(range(total))
+
+        def work(look: Look) -> None:
+            for turn in turns:
+                found[turn] = look(self.frames.images[turn], self.frames.cameras[turn])
+
+        begin = time.perf_counter()
+        list(self._pool.map(work, self._looks))
+        spent = 1e3 * (time.perf_counter() - begin)
+        return [spent / total], [found[turn] for turn in range(total)]
+
+    def close(self) -> None:
+        """Ends the threads."""
+        self._pool.shutdown()
+
+
+class Tracked:
+    """Our arena tracker on a sequence of one camera, with a search plan of the thesis."""
+
+    def __init__(self, name: str, frames: FrameSet, plan: SearchPlan) -> None:
+        self.name, self.frames, self.threads, self._plan = name, frames, 1, plan
+        self._family = load_family(frames.family)
+
+    def run(self) -> tuple[list[float], list[Found]]:
+        """Does one pass over the pictures, from a tracker that knows nothing."""
+        camera = self.frames.cameras[0]
+        heights = dict.fromkeys(self.frames.tags, MARKER_M)
+        tracker = ArenaTracker.for_family([camera], self._family, heights, plan=self._plan)
+        times, found = [], []
+        for number, image in enumerate(self.frames.images):
+            capture_ns = round(1e9 * number / FRAMES_PER_S)
+            frame = Frame(camera.id, image, number, capture_ns, capture_ns)
+            begin = time.perf_counter()
+            state = tracker.update([frame])
+            times.append(1e3 * (time.perf_counter() - begin))
+            seen = state.robots[state.robots["seen"]]
+            points = np.column_stack((seen["x_m"], seen["y_m"], np.full(len(seen), MARKER_M)))
+            found.append(Found(seen["tag"].astype(np.int64), camera.project(points)))
+        tracker.close()
+        return times, found
+
+    def close(self) -> None:
+        """Each pass has closed its tracker."""
+
+
+def ours(detector: Detector) -> Look:
+    """Makes one of vsense's detectors look."""
+
+    def look(image: Image, camera: Camera) -> Found:
+        found = detector.detect(image, camera)
+        named = found[found["tag"] >= 0]
+        return Found(
+            named["tag"].astype(np.int64), np.stack((named["x_px"], named["y_px"]), axis=1)
+        )
+
+    return look
+
+
+def opencv(refine: bool, window_px: int | None = None) -> Look:
+    """Makes OpenCV's detector of DICT_4X4_50 look.
+
+    Args:
+        refine: Whether corners are refined to parts of a pixel.
+        window_px: The one window of the threshold (its best tuning); None: OpenCV's three.
+    """
+    settings = cv2.aruco.DetectorParameters()
+    if refine:
+        settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    if window_px is not None:
+        settings.adaptiveThreshWinSizeMin = settings.adaptiveThreshWinSizeMax = window_px
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    detector = cv2.aruco.ArucoDetector(dictionary, settings)
+
+    def look(image: Image, camera: Camera) -> Found:
+        corners, ids, _ = detector.detectMarkers(image)
+        if len(corners) == 0:
+            return Found(np.zeros(0, dtype=np.int64), np.zeros((0, 2)))
+        points = np.array(corners, dtype=np.float64).reshape(-1, 4, 2)
+        return Found(np.asarray(ids, dtype=np.int64).ravel(), crossing(points))
+
+    return look
+
+
+def crossing(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns (n, 2) where the diagonals of (n, 4, 2) quadrilaterals cross."""
+    a, b, c, d = (corners[:, k] for k in range(4))
+    along, other, apart = c - a, d - b, b - a
+    share = (apart[:, 0] * other[:, 1] - apart[:, 1] * other[:, 0]) / (
+        along[:, 0] * other[:, 1] - along[:, 1] * other[:, 0]
+    )
+    return np.asarray(a + share[:, np.newaxis] * along)
+
+
+def _pin(turn: int) -> None:
+    """Keeps the calling thread on the processor of its turn, where the system can do that."""
+    if hasattr(os, "sched_setaffinity"):
+        allowed = sorted(os.sched_getaffinity(0))
+        os.sched_setaffinity(0, {allowed[turn % len(allowed)]})

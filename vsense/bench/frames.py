@@ -1,0 +1,183 @@
+"""The pictures of a benchmark, rendered by the lab's studio, with what is truly in them.
+
+All sets show the same floors, light and poses; only the markers differ.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.lab.bodies import Body
+from vsense.lab.camera_spec import CameraSpec
+from vsense.lab.rig import DISTORTION, FOCAL_PX, HEIGHT_M, SIZE_PX
+from vsense.lab.studio import Studio
+from vsense.tracking.camera import Camera
+
+Floats = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+MARKER_M = 0.06
+"""Height of the markers above the floor."""
+SPEED_M_S = 0.12
+EXPOSURE_S = 0.010
+FRAMES_PER_S = 15.0
+
+_APART_M = 0.0715
+_SPIN_RAD_S = np.radians(258.0)
+_REACH_M = (1.02, 0.74)
+"""Robots stay this near to the middle of a picture, so that their markers are whole in it."""
+_PITCH_M = (2.0, 1.5)
+_SEED = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """What is in a picture.
+
+    Attributes:
+        tags: (n,) numbers of the markers.
+        centres_px: (n, 2) the discs' centres in the picture.
+    """
+
+    tags: NDArray[np.int64]
+    centres_px: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class FrameSet:
+    """Pictures of one family's markers.
+
+    Attributes:
+        name: For the report.
+        family: Name of the marker family.
+        tags: The roster.
+        cameras: One per picture.
+        images: The pictures, (height, width) uint8.
+        truth: What is in each.
+    """
+
+    name: str
+    family: str
+    tags: tuple[int, ...]
+    cameras: tuple[Camera, ...]
+    images: tuple[Image, ...]
+    truth: tuple[Truth, ...]
+
+
+def cameras(columns: int, rows: int) -> tuple[Camera, ...]:
+    """Hangs up cameras that look straight down, side by side."""
+    return tuple(
+        Camera.looking_down(
+            f"cam_{column}_{row}",
+            column * _PITCH_M[0],
+            row * _PITCH_M[1],
+            HEIGHT_M,
+            FOCAL_PX,
+            SIZE_PX,
+            DISTORTION,
+        )
+        for row in range(rows)
+        for column in range(columns)
+    )
+
+
+def crowd(rng: np.random.Generator, count: int) -> Floats:
+    """Returns (count, 3) poses around the middle of a picture; discs do not overlap."""
+    poses: list[tuple[float, float, float]] = []
+    while len(poses) < count:
+        x, y = rng.uniform((-_REACH_M[0], -_REACH_M[1]), _REACH_M)
+        if all(np.hypot(x - other[0], y - other[1]) > _APART_M for other in poses):
+            poses.append((x, y, rng.uniform(-np.pi, np.pi)))
+    return np.array(poses).reshape(-1, 3)
+
+
+class Painter:
+    """Renders one family's pictures."""
+
+    def __init__(self, name: str, family: str, tags: tuple[int, ...], rig: tuple[Camera, ...]):
+        """Builds the scene, about a second for each four cameras."""
+        self._name, self._family, self._tags, self._rig = name, family, tags, rig
+        bodies = tuple(Body(tag, MARKER_M) for tag in tags)
+        spec = CameraSpec(rig, (), bodies, family, 100_000_000, "", Path(), _SEED)
+        self._studio = Studio(spec)
+        self._images = np.empty(spec.shape, dtype=np.uint8)
+        self._still = np.zeros(len(tags), dtype=np.uint16)
+        self._timestep = 0
+
+    def crowds(self, count: int) -> FrameSet:
+        """Returns pictures of the whole roster, each below another camera."""
+        rng = np.random.default_rng(_SEED)
+        shots = []
+        for number in range(count):
+            camera = self._rig[number % len(self._rig)]
+            poses = crowd(rng, len(self._tags))
+            poses[:, :2] += camera.position_m[:2]
+            shots.append((number % len(self._rig), poses))
+        return self._set([self._shoot(number, poses) for number, poses in shots])
+
+    def spread(self) -> FrameSet:
+        """Returns one picture of each camera, the roster spread out below all of them."""
+        rng = np.random.default_rng(_SEED + 1)
+        poses = crowd(rng, len(self._tags))
+        below = np.arange(len(self._tags)) % len(self._rig)
+        poses[:, :2] += np.array([self._rig[k].position_m[:2] for k in below])
+        return self._set([self._shoot(number, poses) for number in range(len(self._rig))])
+
+    def walk(self, count: int) -> FrameSet:
+        """Returns pictures of the first camera in which the roster drives, turns and spins."""
+        rng = np.random.default_rng(_SEED + 2)
+        poses, spinning = crowd(rng, len(self._tags)), np.zeros(len(self._tags), dtype=int)
+        turn = np.zeros(len(self._tags))
+        shots = []
+        for _ in range(count):
+            poses, spinning, turn = _drive(rng, poses, spinning, turn)
+            there = poses.copy()
+            there[:, :2] += self._rig[0].position_m[:2]
+            shots.append(self._shoot(0, there))
+        return self._set(shots)
+
+    def _set(self, shots: list[tuple[Camera, Image, Truth]]) -> FrameSet:
+        rig, images, truth = zip(*shots, strict=True)
+        return FrameSet(self._name, self._family, self._tags, rig, images, truth)
+
+    def _shoot(self, number: int, poses: Floats) -> tuple[Camera, Image, Truth]:
+        """Takes a picture with one camera, in the middle of the exposure all are at `poses`."""
+        ahead = 0.5 * EXPOSURE_S * SPEED_M_S
+        way = np.stack((np.cos(poses[:, 2]), np.sin(poses[:, 2]), np.zeros(len(poses))), axis=1)
+        through = np.array([poses + share * ahead * way for share in (-0.67, 0.0, 0.67)])
+        self._timestep += 1
+        self._studio.prepare(self._timestep, self._images)
+        self._studio.expose(self._timestep, through, self._still, self._images)
+        camera = self._rig[number]
+        points = np.column_stack((poses[:, :2], np.full(len(poses), MARKER_M)))
+        seen = camera.project(points)
+        whole = camera.contains(seen, 30.0)
+        truth = Truth(np.array(self._tags)[whole], seen[whole])
+        return camera, self._images[number].copy(), truth
+
+
+def _drive(
+    rng: np.random.Generator, poses: Floats, spinning: NDArray[np.int64], turn: Floats
+) -> tuple[Floats, NDArray[np.int64], Floats]:
+    """Moves robots by one frame: ahead at full speed, now and then a spin; none touches another."""
+    now, spinning, turn = poses.copy(), spinning.copy(), turn.copy()
+    for k in range(len(now)):
+        if spinning[k] == 0 and rng.random() < 0.05:
+            spinning[k] = rng.integers(2, 8)
+            turn[k] = rng.choice((-1.0, 1.0)) * _SPIN_RAD_S / FRAMES_PER_S
+        if spinning[k] > 0:
+            spinning[k] -= 1
+            now[k, 2] += turn[k]
+            continue
+        step = SPEED_M_S / FRAMES_PER_S * np.array((np.cos(now[k, 2]), np.sin(now[k, 2])))
+        place = now[k, :2] + step
+        gaps = np.hypot(*(np.delete(now, k, axis=0)[:, :2] - place).T)
+        if np.all(np.abs(place) < _REACH_M) and np.all(gaps > _APART_M):
+            now[k, :2] = place
+        else:
+            spinning[k], turn[k] = 6, _SPIN_RAD_S / FRAMES_PER_S
+    return now, spinning, turn
