@@ -63,7 +63,8 @@ class ArenaBuffer:
         head = (state.timestep, ready_ns, done_ns, state.detected, state.unnamed)
         data = _HEAD.pack(*head)
         for rows, dtype in zip((state.robots, state.duplicates, state.sightings), _LISTS):
-            data += struct.pack("<q", len(rows)) + np.asarray(rows, dtype).tobytes()
+            array = np.asarray(rows, dtype)
+            data += struct.pack("<q", len(array)) + array.tobytes()
         slot = lib.vs_latest_write_begin(self._buffer)
         if len(data) <= self._size:
             ffi.memmove(slot, data, len(data))
