@@ -44,7 +44,8 @@ enum vs_goodbye_cause {
     VS_BYE_TAKEN_OVER = 1,/* the same robot opened a newer session */
     VS_BYE_SILENT = 2,    /* nothing was heard for too long */
     VS_BYE_RENEW = 3,     /* sequence numbers are used up: greet again */
-    VS_BYE_PROTOCOL = 4   /* the peer broke the protocol */
+    VS_BYE_PROTOCOL = 4,  /* the peer broke the protocol */
+    VS_BYE_BASE = 5       /* the robot's base is gone, or nothing can guard it */
 };
 
 struct vs_hello {

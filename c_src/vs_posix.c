@@ -31,6 +31,11 @@ int vs_posix_timeout_ms(uint64_t now_ns, uint64_t deadline_ns)
     return ms < 1000000u ? (int)ms : 1000000;
 }
 
+void vs_posix_keep_from_children(int fd)
+{
+    fcntl(fd, F_SETFD, FD_CLOEXEC);
+}
+
 static int set_raw(int fd)
 {
     struct termios settings;
@@ -72,6 +77,7 @@ int vs_posix_open_serial(const char *path, uint64_t wait_ns, int *fd)
 
     if (opened < 0)
         return VS_ERR_IO;
+    vs_posix_keep_from_children(opened);
     err = lock(opened, wait_ns);
     if (err == VS_OK && set_raw(opened) != 0)
         err = VS_ERR_IO;
@@ -103,9 +109,16 @@ static int wait_for(int fd, short events, uint64_t deadline_ns)
             return (line.revents & events) ? VS_OK : VS_ERR_HANGUP;
         if (ready < 0 && errno != EINTR)
             return VS_ERR_IO;
-        if (ready == 0 && now_ns >= deadline_ns)
+        if (now_ns >= deadline_ns)
             return VS_ERR_BUSY;
     }
+}
+
+/* 1: errno is of the passing kind. poll() may say ready again at once, so that a
+ * loop which does not look at the time would never end. */
+static int passing(void)
+{
+    return errno == EAGAIN || errno == EINTR;
 }
 
 static int failure(void)
@@ -128,8 +141,10 @@ static int io_read(void *context, uint8_t *buf, size_t cap, uint64_t deadline_ns
             return (int)len;
         if (len == 0)
             return VS_ERR_HANGUP;
-        if (errno != EAGAIN && errno != EINTR)
+        if (!passing())
             return failure();
+        if (vs_posix_now_ns() >= deadline_ns)
+            return 0;
     }
 }
 
@@ -147,8 +162,10 @@ static int io_write(void *context, const uint8_t *buf, size_t len, uint64_t dead
         step = write(fd, buf + done, len - done);
         if (step > 0)
             done += (size_t)step;
-        else if (step < 0 && errno != EAGAIN && errno != EINTR)
+        else if (step < 0 && !passing())
             return failure();
+        if (done < len && vs_posix_now_ns() >= deadline_ns)
+            return VS_ERR_IO;
     }
     return VS_OK;
 }

@@ -19,9 +19,12 @@ uint64_t vs_posix_now_ns(void);
  * passed, -1 (for ever) if deadline_ns is UINT64_MAX. */
 int vs_posix_timeout_ms(uint64_t now_ns, uint64_t deadline_ns);
 
+/* Closes fd in whatever program a child of this process becomes. */
+void vs_posix_keep_from_children(int fd);
+
 /*
  * Opens a serial port raw, 115200 baud 8N1, non-blocking, never as the controlling
- * terminal, drops what it had buffered and holds its flock(). While another
+ * terminal and kept from children, drops what it had buffered and holds its flock(). While another
  * process holds the lock it waits, at the longest wait_ns.
  * VS_OK and the descriptor in *fd, VS_ERR_LOCKED, or VS_ERR_IO with errno set.
  */

@@ -110,6 +110,29 @@ static int on_notice(struct vs_session *s, const struct vs_header *h,
     return err;
 }
 
+/* A capture that not even the clock's bound explains: it would be the newest for ever. */
+static int is_in_future(const struct vs_session *s, uint64_t capture_ns, uint64_t now_ns)
+{
+    int64_t offset_ns;
+    uint64_t bound_ns;
+    uint64_t host_ns;
+
+    if (vs_clock_estimate(&s->clock, now_ns, &offset_ns, &bound_ns) != VS_OK)
+        return 0;
+    host_ns = now_ns + (uint64_t)offset_ns;
+    return capture_ns > host_ns && capture_ns - host_ns > bound_ns + VS_FUTURE_NS;
+}
+
+static void note_capture(struct vs_session *s, uint64_t capture_ns, uint64_t now_ns)
+{
+    if (is_in_future(s, s->newest_capture_ns, now_ns))
+        s->newest_capture_ns = 0; /* it came before the clock was known */
+    if (capture_ns > s->newest_capture_ns && !is_in_future(s, capture_ns, now_ns)) {
+        s->newest_capture_ns = capture_ns;
+        s->fresh_ns = now_ns;
+    }
+}
+
 /* Through the acceptance filter: the newest STATE replaces all readings. */
 static int on_state(struct vs_session *s, int via, const uint8_t *buf, size_t len,
                     uint64_t now_ns, enum vs_event *event)
@@ -126,10 +149,7 @@ static int on_state(struct vs_session *s, int via, const uint8_t *buf, size_t le
     s->timestep = h.timestep;
     s->capture_ns = h.capture_ns;
     s->received_ns = now_ns;
-    if (h.capture_ns > s->newest_capture_ns) {
-        s->newest_capture_ns = h.capture_ns;
-        s->fresh_ns = now_ns;
-    }
+    note_capture(s, h.capture_ns, now_ns);
     *event = VS_EV_STATE;
     return VS_OK;
 }
@@ -283,6 +303,7 @@ int vs_session_telemetry(struct vs_session *s, struct vs_telemetry *t, uint64_t 
 {
     const struct vs_counters *c = &s->peer.counters;
     struct vs_header header;
+    int err;
 
     memset(&header, 0, sizeof header);
     header.run = s->run;
@@ -295,7 +316,10 @@ int vs_session_telemetry(struct vs_session *s, struct vs_telemetry *t, uint64_t 
     t->foreign = vs_counters_foreign(c);
     t->corrupt = vs_counters_corrupt(c);
     t->clock_bound_us = clock_bound_us(&s->clock, now_ns);
-    return vs_peer_send_telemetry(&s->peer, &s->table, &header, t, now_ns, buf, cap, len);
+    err = vs_peer_send_telemetry(&s->peer, &s->table, &header, t, now_ns, buf, cap, len);
+    if (err == VS_ERR_SEQUENCE)
+        (void)vs_session_goodbye(s, VS_BYE_RENEW, vs_strerror(err));
+    return err;
 }
 
 int vs_session_over_tcp(const struct vs_session *s, uint64_t now_ns)

@@ -18,6 +18,8 @@
 #include "vs_clock.h"
 #include "vs_peer.h"
 
+#define VS_FUTURE_NS 1000000000 /* [ns] a capture further ahead than this is an error */
+
 enum vs_event {
     VS_EV_NONE = 0,
     VS_EV_OPEN = 1,     /* WELCOME came: table, params, seed, timestep are known */
@@ -67,7 +69,8 @@ struct vs_session {
     uint32_t from_timestep;
     uint64_t capture_ns;   /* host's clock: of the newest STATE */
     uint64_t received_ns;  /* own clock: newest accepted STATE; 0 = none in this session */
-    uint64_t newest_capture_ns; /* host's clock: newest ever in this session */
+    uint64_t newest_capture_ns; /* host's clock: newest ever in this session, but for those
+                                 * that lie in the future (VS_FUTURE_NS) */
     uint64_t fresh_ns;     /* own clock: when newest_capture_ns last advanced, that is the
                             * first receipt of the newest capture; 0 = not yet */
     struct vs_clock clock;
@@ -106,7 +109,8 @@ int vs_session_udp_in(struct vs_session *s, const uint8_t *buf, size_t len,
 void vs_session_tick(struct vs_session *s, uint64_t now_ns, enum vs_event *event);
 
 /* One TELEMETRY. Of *t the fields wanted, wanted_run, received, old, foreign, corrupt
- * and clock_bound_us are filled in. Errors: as vs_peer_send_telemetry. */
+ * and clock_bound_us are filled in. Errors: as vs_peer_send_telemetry; VS_ERR_SEQUENCE
+ * makes GOODBYE (VS_BYE_RENEW) due. */
 int vs_session_telemetry(struct vs_session *s, struct vs_telemetry *t, uint64_t now_ns,
                          uint8_t *buf, size_t cap, size_t *len);
 int vs_session_over_tcp(const struct vs_session *s, uint64_t now_ns);

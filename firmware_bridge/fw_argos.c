@@ -33,7 +33,7 @@ static void send_sensors(struct fw_argos *fw, uint64_t now_ns)
     if (fw->sample)
         fw->sample(fw->context, now_ns / NS_PER_US, &fw->inputs);
     epuck_argos_put_sensors(&fw->inputs, frame);
-    fw_line_put(&fw->tx, frame, sizeof frame, now_ns);
+    fw->unsent += (uint32_t)(sizeof frame - fw_line_put(&fw->tx, frame, sizeof frame, now_ns));
     fw->busy_until_ns = fw->tx.free_ns;
     fw->sending = 1;
 }

@@ -72,6 +72,7 @@ struct fw_argos {
     uint32_t overlapped; /* bytes that came while it transmitted: a host that
                             keeps the protocol's rule never makes one */
     uint32_t overflowed; /* bytes lost in the receive ring */
+    uint32_t unsent;     /* bytes of answers lost on a full line: nobody took the others */
     /* its own */
     enum fw_argos_state state;
     struct epuck_argos_actuators old;

@@ -75,7 +75,7 @@ int vs_robot_values(const struct vs_robot *robot, int sensor, double *values, in
 int vs_robot_actuator(struct vs_robot *robot, const char *name);
 
 /* Sets number index of a virtual actuator, a level or a cumulative counter; stays
- * until set again. Clipped to the actuator's type; nobody's actuator: no effect. */
+ * until set again. Clipped to the actuator's type, NaN counts as 0; nobody's actuator: no effect. */
 void vs_robot_actuate(struct vs_robot *robot, int actuator, int index, double value);
 
 /* Parameter of the experiment, fallback if it names none or no number. */

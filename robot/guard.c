@@ -126,10 +126,10 @@ enum vs_guard_action vs_guard_next(struct vs_guard *g, uint64_t now_ns)
         g->action = VS_GUARD_EXIT;
     } else if (g->lost) {
         g->action = VS_GUARD_RECOVER;
+    } else if (g->due || g->ending == ENDING_ORPHANED) {
+        g->action = VS_GUARD_EXCHANGE;
     } else if (g->ending == ENDING_CLOSE) {
         g->action = VS_GUARD_HAND_BACK;
-    } else if (g->due || g->ending) {
-        g->action = VS_GUARD_EXCHANGE;
     } else {
         g->action = VS_GUARD_WAIT;
     }
@@ -156,16 +156,18 @@ static void exchanged(struct vs_guard *g, int result, uint64_t now_ns)
         g->reading_ns = now_ns;
         g->due = 0;
     } else if (result == VS_ERR_LATE) {
-        g->due = 0;
+        /* written is not applied: a byte may be lost; only an answer proves a stop */
+        g->due = (uint8_t)!moving(g);
     } else if (result != VS_ERR_BUSY) {
         lose(g, result);
         return;
     }
-    if (g->ending && result != VS_ERR_BUSY) {
+    if (g->ending == ENDING_ORPHANED && result == VS_OK) {
         g->stopped = 1;
         g->over = 1;
     }
-    answer(g, result, result == VS_OK);
+    if (!g->ending)
+        answer(g, result, result == VS_OK);
 }
 
 static void recovered(struct vs_guard *g, int result)

@@ -13,6 +13,8 @@
  * Wheels turn only before the earlier of the newest command's expiry and
  * VS_GUARD_BEAT_NS after it (a command is a beat: the worker completed a control
  * step). Only a newer command can turn them again. Every request is answered once.
+ * A stop counts only when the base has answered it: the line has no checksum, so a
+ * frame that lost a byte is written, but not applied. Until then it is due.
  * Times are CLOCK_MONOTONIC [ns], the same for worker and guard.
  */
 #ifndef VS_GUARD_H
@@ -28,7 +30,7 @@ enum vs_guard_kind {
     VS_GUARD_PING = 0,  /* answered without touching the base */
     VS_GUARD_SENSE = 1, /* exchange with what is commanded now: a fresh reading */
     VS_GUARD_ACT = 2,   /* a completed control step: command, expiry */
-    VS_GUARD_CLOSE = 3  /* wheels 0, LEDs off, hand the base back, end */
+    VS_GUARD_CLOSE = 3  /* wheels 0, LEDs off; once answered hand the base back, end */
 };
 
 /* Both structs travel between two processes of the same binary, as they are. */

@@ -34,6 +34,8 @@ int vs_guard_link_start(struct vs_guard_link *link, int found)
 
     if (socketpair(AF_UNIX, SOCK_SEQPACKET, 0, ends) != 0)
         return -1;
+    vs_posix_keep_from_children(ends[0]);
+    vs_posix_keep_from_children(ends[1]);
     vs_signals_block();
     pid = fork();
     if (pid == 0) {
@@ -93,7 +95,8 @@ void vs_guard_link_excuse(struct vs_guard_link *link, uint64_t late_ns)
 void vs_guard_link_kill(struct vs_guard_link *link)
 {
     pid_t pid = (pid_t)link->pid;
-    int how;
+    pid_t ended;
+    int how = 0;
 
     if (pid == 0)
         return;
@@ -102,11 +105,12 @@ void vs_guard_link_kill(struct vs_guard_link *link)
     link->socket = -1;
     link->waiting = 0;
     link->errors_before = link->base_errors;
-    if (waitpid(pid, &how, WNOHANG) == 0) {
+    ended = waitpid(pid, &how, WNOHANG);
+    if (ended == 0) {
         kill(pid, SIGKILL);
-        waitpid(pid, &how, 0);
+        ended = waitpid(pid, &how, 0);
     }
-    link->status = WIFEXITED(how) ? WEXITSTATUS(how) : -1;
+    link->status = ended == pid && WIFEXITED(how) ? WEXITSTATUS(how) : -1;
 }
 
 int vs_guard_link_stop_base(struct vs_guard_link *link)

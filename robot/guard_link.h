@@ -14,7 +14,6 @@
 
 struct vs_guard_link {
     struct vs_base *base;
-    int signals_fd;         /* replaced in the child by one of its own */
     const int *foreign_fds; /* what the child must not hold open; -1 = none */
     size_t foreign_count;
     long pid;               /* 0: no guard */

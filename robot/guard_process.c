@@ -37,7 +37,8 @@ static void tell(struct process *p)
     struct vs_guard_reply reply;
 
     if (vs_guard_reply(&p->guard, &reply) &&
-        send(p->socket, &reply, sizeof reply, MSG_NOSIGNAL) != (ssize_t)sizeof reply)
+        send(p->socket, &reply, sizeof reply, MSG_NOSIGNAL | MSG_DONTWAIT) !=
+            (ssize_t)sizeof reply)
         vs_guard_orphaned(&p->guard, vs_posix_now_ns());
 }
 
@@ -57,7 +58,8 @@ static void hear(struct process *p, uint64_t deadline_ns)
     if (fds[0].revents & (POLLHUP | POLLERR | POLLNVAL))
         vs_guard_orphaned(g, now_ns);
     else if ((fds[0].revents & POLLIN) &&
-             recv(p->socket, &request, sizeof request, 0) == (ssize_t)sizeof request)
+             recv(p->socket, &request, sizeof request, MSG_DONTWAIT) ==
+                 (ssize_t)sizeof request)
         vs_guard_request(g, &request, now_ns);
     if (fds[1].revents)
         vs_guard_end(g, now_ns);

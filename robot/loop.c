@@ -44,7 +44,7 @@ static void look_at_wish(struct vs_loop *loop)
         loop->hold_due = 1;
         loop->telemetry_due = 1;
     }
-    if (!running && loop->session->wanted != VS_PAUSE)
+    if (!running && (!loop->session->open || loop->session->wanted != VS_PAUSE))
         loop->robot.command.leds = 0;
 }
 
@@ -76,6 +76,30 @@ static void look_at_state(struct vs_loop *loop, const struct vs_instant *now)
     }
 }
 
+static int same_offer(const struct vs_loop *loop)
+{
+    const struct vs_session *s = loop->session;
+
+    return loop->table_hash == s->table.hash && strcmp(loop->params, s->params) == 0;
+}
+
+/* A controller lives as long as its run, its table, its seed and its parameters. Which run
+ * it is the first STATE of a session tells. */
+static int is_same_run(const struct vs_loop *loop)
+{
+    const struct vs_session *s = loop->session;
+
+    return loop->begun && same_offer(loop) && loop->seed == s->seed &&
+           (s->received_ns == 0 || loop->run == s->run);
+}
+
+/* What another run's controller did with the virtual actuators is not this run's. */
+static void look_at_run(struct vs_loop *loop)
+{
+    if (!is_same_run(loop))
+        memset(loop->robot.actuators, 0, sizeof loop->robot.actuators);
+}
+
 void vs_loop_event(struct vs_loop *loop, enum vs_event event, const struct vs_instant *now)
 {
     if (event == VS_EV_OPEN) {
@@ -87,17 +111,17 @@ void vs_loop_event(struct vs_loop *loop, enum vs_event event, const struct vs_in
         loop->begun = 0;
     if (event == VS_EV_STATE)
         look_at_state(loop, now);
+    look_at_run(loop);
     look_at_wish(loop);
 }
 
-/* A controller lives as long as its run, its table and its seed. */
 static void begin_run(struct vs_loop *loop)
 {
     const struct vs_session *s = loop->session;
 
-    if (loop->begun && loop->run == s->run && loop->table_hash == s->table.hash &&
-        loop->seed == s->seed)
+    if (is_same_run(loop))
         return;
+    loop->talk_due = (uint8_t)!same_offer(loop);
     vs_robot_begin(&loop->robot, s);
     memset(loop->state, 0, loop->controller->state_size);
     loop->controller->init(loop->state, &loop->robot);
@@ -105,6 +129,7 @@ static void begin_run(struct vs_loop *loop)
     loop->run = s->run;
     loop->table_hash = s->table.hash;
     loop->seed = s->seed;
+    memcpy(loop->params, s->params, sizeof loop->params);
 }
 
 static void run_controller(struct vs_loop *loop, const struct vs_instant *now)
@@ -145,6 +170,8 @@ void vs_loop_reply(struct vs_loop *loop, const struct vs_guard_reply *reply,
     if (reply->kind == VS_GUARD_SENSE && loop->running && !loop->base_lost)
         run_controller(loop, now);
     if (reply->kind == VS_GUARD_ACT) {
+        if (loop->acting && (reply->result == VS_OK || reply->result == VS_ERR_LATE))
+            loop->completed++;
         loop->acting = 0;
         loop->guard_lost = 0;
         loop->telemetry_due = 1;
@@ -265,7 +292,7 @@ int vs_loop_telemetry(struct vs_loop *loop, const struct vs_instant *now,
     t->stop_cause = (uint8_t)vs_loop_cause(loop, now);
     t->battery_low = loop->robot.base.battery_low;
     t->battery_mv = loop->robot.base.battery_mv;
-    t->control_step = loop->step.number;
+    t->control_step = loop->completed;
     t->left_steps_s = loop->applied.left_steps_s;
     t->right_steps_s = loop->applied.right_steps_s;
     t->leds = loop->applied.leds;

@@ -58,9 +58,12 @@ struct vs_loop {
     uint8_t guard_cause;  /* why the guard holds the wheels */
     uint8_t telemetry_due;
     uint8_t trace_due;    /* step is new */
+    uint8_t talk_due;     /* the controller began with another table or other params */
+    uint32_t completed;   /* control steps whose command reached the base */
     uint32_t run;         /* what init was called for */
     uint32_t table_hash;
     uint32_t seed;
+    char params[VS_PARAMS_MAX + 1];
     uint32_t seen_timestep; /* of the newest STATE looked at */
     uint32_t seen_run;
     uint64_t seen_fresh_ns; /* session->fresh_ns then */

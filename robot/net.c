@@ -20,8 +20,10 @@ static int new_socket(int type)
 {
     int fd = socket(AF_INET, type, 0);
 
-    if (fd >= 0)
-        fcntl(fd, F_SETFL, O_NONBLOCK);
+    if (fd < 0)
+        return fd;
+    fcntl(fd, F_SETFL, O_NONBLOCK);
+    vs_posix_keep_from_children(fd);
     return fd;
 }
 
@@ -62,6 +64,7 @@ void vs_net_close(struct vs_net *net, struct vs_session *session, const char *wh
     net->phase = VS_NET_DOWN;
     net->next_ns = now_ns + wait_ns;
     net->why = why;
+    net->closed = 0;
     net->in_len = net->in_pos = 0;
     net->out_len = net->out_pos = 0;
     net->newest_len = 0;
@@ -129,52 +132,56 @@ enum vs_net_result vs_net_tick(struct vs_net *net, struct vs_session *session,
     return VS_NET_NOTHING;
 }
 
-static enum vs_net_result receive_datagram(struct vs_net *net, struct vs_session *session,
-                                           uint64_t now_ns, uint64_t session_ns,
-                                           enum vs_event *event)
+static int read_datagram(struct vs_net *net)
 {
-    uint8_t datagram[VS_DATAGRAM_MAX + 1];
-    ssize_t len = recv(net->fds[UDP], datagram, sizeof datagram, 0);
+    ssize_t len = recv(net->fds[UDP], net->datagram, sizeof net->datagram, 0);
 
-    if (len < 0)
-        return VS_NET_NOTHING;
-    if (vs_session_udp_in(session, datagram, (size_t)len, session_ns, event) == VS_OK)
-        net->heard_ns = now_ns;
-    return VS_NET_EVENT;
+    net->has_datagram = len >= 0;
+    net->datagram_len = len >= 0 ? (size_t)len : 0;
+    return net->has_datagram;
 }
 
-/* 1: bytes are waiting, 0: none, -1: the connection is over. */
-static int fill(struct vs_net *net)
+static int read_stream(struct vs_net *net)
 {
     ssize_t len;
 
+    if (net->phase != VS_NET_UP)
+        return 0;
     if (net->in_pos < net->in_len)
         return 1;
     len = recv(net->fds[TCP], net->in, sizeof net->in, 0);
     if (len < 0 && (errno == EAGAIN || errno == EINTR))
         return 0;
-    if (len <= 0)
-        return -1;
+    net->closed = len <= 0;
     net->in_pos = 0;
-    net->in_len = (size_t)len;
+    net->in_len = len > 0 ? (size_t)len : 0;
     return 1;
 }
 
-enum vs_net_result vs_net_receive(struct vs_net *net, struct vs_session *session,
-                                  uint64_t now_ns, uint64_t session_ns, enum vs_event *event)
+int vs_net_read(struct vs_net *net)
+{
+    return read_datagram(net) || read_stream(net);
+}
+
+static void take_datagram(struct vs_net *net, struct vs_session *session, uint64_t now_ns,
+                          uint64_t session_ns, enum vs_event *event)
+{
+    net->has_datagram = 0;
+    if (vs_session_udp_in(session, net->datagram, net->datagram_len, session_ns, event) == VS_OK)
+        net->heard_ns = now_ns;
+}
+
+enum vs_net_result vs_net_take(struct vs_net *net, struct vs_session *session,
+                               uint64_t now_ns, uint64_t session_ns, enum vs_event *event)
 {
     size_t used;
-    int filled;
 
     *event = VS_EV_NONE;
-    if (receive_datagram(net, session, now_ns, session_ns, event) == VS_NET_EVENT)
+    if (net->has_datagram) {
+        take_datagram(net, session, now_ns, session_ns, event);
         return VS_NET_EVENT;
-    if (net->phase != VS_NET_UP)
-        return VS_NET_NOTHING;
-    filled = fill(net);
-    if (filled == 0)
-        return VS_NET_NOTHING;
-    if (filled < 0) {
+    }
+    if (net->closed) {
         vs_net_close(net, session, "the host closed it", now_ns, VS_NET_RETRY_NS);
         return VS_NET_LOST;
     }

@@ -13,13 +13,14 @@
 #define VS_NET_RETRY_NS 200000000u    /* [ns] between two tries to connect */
 #define VS_NET_ATTEMPT_NS 500000000u  /* [ns] a try may take */
 #define VS_NET_REFUSED_NS 1000000000u /* [ns] until the next try once refused */
+#define VS_NET_TAKEN_NS 5000000000u   /* [ns] until the next try once taken over */
 #define VS_NET_SILENCE_NS 2000000000u /* [ns] without a valid packet: connect anew */
 
 enum vs_net_phase { VS_NET_DOWN = 0, VS_NET_CONNECTING = 1, VS_NET_UP = 2 };
 
 enum vs_net_result {
-    VS_NET_NOTHING = 0, /* no bytes are waiting */
-    VS_NET_EVENT = 1,   /* something was read; *event says what, maybe VS_EV_NONE */
+    VS_NET_NOTHING = 0, /* nothing happened */
+    VS_NET_EVENT = 1,   /* bytes went to the session; *event says what, maybe VS_EV_NONE */
     VS_NET_LOST = 2     /* the connection ended; net->why says why */
 };
 
@@ -33,6 +34,10 @@ struct vs_net {
     uint64_t heard_ns;  /* UP: newest valid packet, else when it came up */
     uint64_t nonce;
     const char *why;    /* the connection last ended: one phrase */
+    uint8_t datagram[VS_DATAGRAM_MAX + 1];
+    size_t datagram_len;
+    uint8_t has_datagram;
+    uint8_t closed;     /* by the host */
     uint8_t in[2048];
     size_t in_len;
     size_t in_pos;
@@ -50,8 +55,12 @@ int vs_net_open(struct vs_net *net, const char *address, uint16_t port, uint64_t
 enum vs_net_result vs_net_tick(struct vs_net *net, struct vs_session *session,
                                uint64_t now_ns, uint64_t session_ns);
 
-/* Reads at most one packet's worth of bytes; call until VS_NET_NOTHING. */
-enum vs_net_result vs_net_receive(struct vs_net *net, struct vs_session *session,
+/* Reads one datagram, or what TCP has. 1: vs_net_take has work, 0: nothing came. */
+int vs_net_read(struct vs_net *net);
+
+/* Hands what was read to the session, at most one packet. The two times are of now, after
+ * vs_net_read: a packet that came before its time would make a clock sample a lie. */
+enum vs_net_result vs_net_take(struct vs_net *net, struct vs_session *session,
                                   uint64_t now_ns, uint64_t session_ns, enum vs_event *event);
 
 /* Sends one telemetry packet by UDP, and by TCP as well if over_tcp. */

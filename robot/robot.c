@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 #include "robot.h"
 
+#include <float.h>
 #include <limits.h>
 #include <stdlib.h>
 #include <string.h>
@@ -181,10 +182,11 @@ void vs_robot_actuate(struct vs_robot *robot, int actuator, int index, double va
     entry = &robot->session->table.entries[actuator];
     if (entry->direction != VS_ACTUATOR || index < 0 || index >= entry->count)
         return;
+    value = value == value ? value : 0.0;
     width = entry->type[1] - '0';
     at = robot->actuators + entry->offset + index * width;
     if (entry->type[0] == 'f') {
-        vs_store_f4(at, (float)value);
+        vs_store_f4(at, (float)clip(value, -FLT_MAX, FLT_MAX));
         return;
     }
     is_signed = entry->type[0] == 'i';

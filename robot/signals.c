@@ -7,6 +7,8 @@
 #include <stddef.h>
 #include <unistd.h>
 
+#include "../c_src/vs_posix.h"
+
 /* A signal handler gets no argument: this is the one way to tell it where to write. */
 static volatile sig_atomic_t tell_fd = -1;
 static int told_fd = -1;
@@ -44,6 +46,8 @@ int vs_signals_open(int *fd)
         return -1;
     fcntl(ends[0], F_SETFL, O_NONBLOCK);
     fcntl(ends[1], F_SETFL, O_NONBLOCK);
+    vs_posix_keep_from_children(ends[0]);
+    vs_posix_keep_from_children(ends[1]);
     if (told_fd >= 0) {
         close(told_fd);
         close((int)tell_fd);
@@ -53,6 +57,7 @@ int vs_signals_open(int *fd)
     for (i = 0; i < ENDINGS; i++)
         handle(endings[i], tell);
     handle(SIGPIPE, SIG_IGN);
+    handle(SIGCHLD, SIG_DFL);
     *fd = told_fd;
     return 0;
 }

@@ -4,7 +4,8 @@
 #define VS_SIGNALS_H
 
 /* From now on SIGTERM, SIGINT, SIGHUP and SIGQUIT make *fd readable instead of ending
- * the process, and SIGPIPE is ignored. Called again, in a forked child, it starts a new
+ * the process, SIGPIPE is ignored, and SIGCHLD is not, whatever the parent had it do: a
+ * child's exit status is wanted. Called again, in a forked child, it starts a new
  * descriptor of the child's own. Returns 0, or -1 with errno set. */
 int vs_signals_open(int *fd);
 

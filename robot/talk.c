@@ -23,6 +23,13 @@ static void refused(struct vs_talk *talk, const char *why)
     vs_report("the host refuses: %s; trying on", why);
 }
 
+static void dismissed(struct vs_talk *talk, const struct vs_session *session)
+{
+    vs_talk_lost(talk, session->notice.text);
+    if (session->notice.code == VS_BYE_TAKEN_OVER)
+        vs_report("another robot has the same uid: give each its own with --uid");
+}
+
 void vs_talk_event(struct vs_talk *talk, enum vs_event event, const struct vs_session *session)
 {
     if (event == VS_EV_OPEN)
@@ -30,7 +37,7 @@ void vs_talk_event(struct vs_talk *talk, enum vs_event event, const struct vs_se
     else if (event == VS_EV_REFUSED)
         refused(talk, session->notice.text);
     else if (event == VS_EV_GOODBYE)
-        vs_talk_lost(talk, session->notice.text);
+        dismissed(talk, session);
     else if (event == VS_EV_UDP_LOST)
         vs_report("no UDP from the host for 1 s: going on over TCP");
     else if (event == VS_EV_UDP_UP)

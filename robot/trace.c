@@ -1,11 +1,14 @@
 /* SPDX-License-Identifier: MIT */
 #include "trace.h"
 
+#include <errno.h>
 #include <fcntl.h>
 #include <inttypes.h>
 #include <stdio.h>
 #include <string.h>
 #include <unistd.h>
+
+#include "../c_src/vs_posix.h"
 
 #define LINE_BYTES 6144 /* 32 names and times, 1116 bytes in hexadecimal, the rest */
 
@@ -76,13 +79,22 @@ static void put_values(struct line *line, const struct vs_robot *robot)
 
 static int write_all(int fd, const char *text, size_t len)
 {
-    return write(fd, text, len) == (ssize_t)len ? 0 : -1;
+    ssize_t done = write(fd, text, len);
+
+    if (done == (ssize_t)len)
+        return 0;
+    if (done < 0)
+        return errno == EAGAIN ? 1 : -1;
+    errno = ENOBUFS;
+    return -1;
 }
 
 int vs_trace_open(const char *path)
 {
-    int fd = open(path, O_WRONLY | O_CREAT | O_APPEND, 0666);
+    int fd = open(path, O_WRONLY | O_CREAT | O_APPEND | O_NONBLOCK, 0666);
 
+    if (fd >= 0)
+        vs_posix_keep_from_children(fd);
     if (fd >= 0 && write_all(fd, columns, sizeof columns - 1) != 0) {
         close(fd);
         return -1;

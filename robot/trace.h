@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 /*
  * trace.h - a test aid: one line of text per control step, written whole, so that a
- * killed daemon leaves no half line but the last. Times are [ns]; "local" is the
+ * killed daemon leaves no half line but the last. Never waits: a line that a full pipe
+ * does not take is dropped. Times are [ns]; "local" is the
  * session's clock, which may be negative with --clock-offset-ns.
  *
  *   step K timestep T run R now_ns N rx_ns X capture_ns C age_ns A bound_ns B stale S
@@ -20,7 +21,8 @@
  * or -1 with errno set. */
 int vs_trace_open(const char *path);
 
-/* Appends the loop's newest step. Returns 0, or -1 with errno set. */
+/* Appends the loop's newest step. Returns 0; 1: dropped, the file takes nothing now;
+ * -1 with errno set. */
 int vs_trace_step(int fd, const struct vs_loop *loop);
 
 #endif

@@ -15,6 +15,9 @@
 #define LATE_NS 10000000u    /* [ns] a wake-up later than this is worth an excuse */
 #define SAME_SIGNAL_MS 20    /* [ms] between the two processes' receipt of Ctrl-C */
 
+static const char GONE[] = "the base is gone";
+static const char MUTE[] = "the base did not answer at the end";
+
 enum { FD_NET = 0, FD_SIGNALS = 2, FD_GUARD = 3, FD_COUNT = 4 };
 
 static struct vs_instant instant(const struct vs_worker *w)
@@ -35,6 +38,13 @@ static void complain(void *context, const char *what, const char *name)
     vs_report("controller '%s': %s '%s'", vs_controller.name, what, name);
 }
 
+/* How long to stay away after a GOODBYE. Two robots with one uid would take the session
+ * from each other for ever. */
+static uint64_t stay_away_ns(const struct vs_session *session)
+{
+    return session->notice.code == VS_BYE_TAKEN_OVER ? VS_NET_TAKEN_NS : VS_NET_RETRY_NS;
+}
+
 static void on_event(struct vs_worker *w, enum vs_event event, const struct vs_instant *now)
 {
     vs_loop_event(&w->loop, event, now);
@@ -42,7 +52,7 @@ static void on_event(struct vs_worker *w, enum vs_event event, const struct vs_i
     if (event == VS_EV_REFUSED)
         vs_net_close(&w->net, &w->session, "refused", now->base_ns, VS_NET_REFUSED_NS);
     else if (event == VS_EV_GOODBYE)
-        vs_net_close(&w->net, &w->session, "goodbye", now->base_ns, VS_NET_RETRY_NS);
+        vs_net_close(&w->net, &w->session, "goodbye", now->base_ns, stay_away_ns(&w->session));
 }
 
 static void on_lost(struct vs_worker *w, enum vs_net_result result, const struct vs_instant *now)
@@ -60,36 +70,42 @@ static void serve_net(struct vs_worker *w)
     int i;
 
     on_lost(w, vs_net_tick(&w->net, &w->session, now.base_ns, now.session_ns), &now);
-    for (i = 0; i < PACKETS_AT_ONCE; i++) {
-        enum vs_net_result result =
-            vs_net_receive(&w->net, &w->session, now.base_ns, now.session_ns, &event);
+    for (i = 0; i < PACKETS_AT_ONCE && vs_net_read(&w->net); i++) {
+        enum vs_net_result result;
 
-        on_lost(w, result, &now);
-        if (result != VS_NET_EVENT)
-            break;
-        on_event(w, event, &now);
         now = instant(w);
+        result = vs_net_take(&w->net, &w->session, now.base_ns, now.session_ns, &event);
+        on_lost(w, result, &now);
+        if (result == VS_NET_EVENT)
+            on_event(w, event, &now);
     }
+    now = instant(w);
     vs_session_tick(&w->session, now.session_ns, &event);
     if (event != VS_EV_NONE)
         on_event(w, event, &now);
 }
 
-static void end(struct vs_worker *w, int status)
+static void end(struct vs_worker *w, int status, const char *why)
 {
     w->ended = 1;
     w->status = status;
+    w->why = status == 0 ? "the daemon was told to end" : why;
 }
 
+/* Without a guard nobody would stop the wheels, so then that comes first. */
 static int start_guard(struct vs_worker *w, int found)
 {
+    int why;
+
     w->foreign[0] = w->net.fds[0];
     w->foreign[1] = w->net.fds[1];
     w->foreign[2] = w->trace_fd;
     if (vs_guard_link_start(&w->guard, found) == 0)
         return 0;
-    vs_report("cannot start the guard: %s", strerror(errno));
-    end(w, 1);
+    why = errno;
+    (void)vs_guard_link_stop_base(&w->guard);
+    vs_report("cannot start the guard: %s", strerror(why));
+    end(w, 1, "no guard can be started");
     return -1;
 }
 
@@ -111,43 +127,51 @@ static void replace_guard(struct vs_worker *w, const char *why)
 
     vs_guard_link_kill(&w->guard);
     if (told_to_end(w) && w->guard.status == VS_GUARD_STOPPED) {
-        end(w, 0);
+        end(w, 0, "");
         return;
     }
     vs_loop_guard_lost(&w->loop);
-    vs_report("the guard %s: stopping the base without it", why);
     err = vs_guard_link_stop_base(&w->guard);
     if (err == VS_OK && w->loop.ending)
         err = w->base.ops->close(&w->base);
+    vs_report("the guard %s: stopped the base without it: %s", why, vs_strerror(err));
     if (err == VS_ERR_HANGUP)
         vs_report("the base hung up");
     if (w->loop.ending || err == VS_ERR_HANGUP) {
-        end(w, err == VS_OK ? 0 : 1);
+        end(w, err == VS_OK ? 0 : 1, err == VS_ERR_HANGUP ? GONE : MUTE);
         return;
     }
     w->guard.restarts++;
     start_guard(w, err == VS_OK);
 }
 
-static void on_reply(struct vs_worker *w, const struct vs_guard_reply *reply)
+static void trace(struct vs_worker *w)
 {
-    struct vs_instant now = instant(w);
-    uint8_t begun = w->loop.begun;
+    int err = vs_trace_step(w->trace_fd, &w->loop);
 
-    vs_loop_reply(&w->loop, reply, &now);
-    if (!begun && w->loop.begun)
-        vs_talk_unused(&w->loop.robot, vs_controller.name);
-    if (w->loop.trace_due && w->trace_fd >= 0 && vs_trace_step(w->trace_fd, &w->loop) != 0) {
+    if (err < 0) {
         vs_report("trace ends: cannot write it: %s", strerror(errno));
         close(w->trace_fd);
         w->trace_fd = -1;
+    } else if (err > 0 && !w->trace_full) {
+        vs_report("trace: steps are missing, its reader is too slow");
     }
+    w->trace_full = err > 0;
+}
+
+static void on_reply(struct vs_worker *w, const struct vs_guard_reply *reply)
+{
+    struct vs_instant now = instant(w);
+
+    vs_loop_reply(&w->loop, reply, &now);
+    if (w->loop.trace_due && w->trace_fd >= 0)
+        trace(w);
     w->loop.trace_due = 0;
-    if (reply->kind == VS_GUARD_CLOSE) {
-        if (reply->result != VS_OK)
-            vs_report("the base did not answer at the end");
-        end(w, reply->result == VS_OK ? 0 : 1);
-    }
+    if (w->loop.talk_due)
+        vs_talk_unused(&w->loop.robot, vs_controller.name);
+    w->loop.talk_due = 0;
+    if (reply->kind == VS_GUARD_CLOSE)
+        end(w, reply->result == VS_OK ? 0 : 1, MUTE);
 }
 
 static void serve_guard(struct vs_worker *w)
@@ -279,10 +303,10 @@ static int open_files(struct vs_worker *w)
 static void say_goodbye(struct vs_worker *w)
 {
     struct vs_instant now = instant(w);
-    const char *why = w->status == 0 ? "the daemon was told to end" : "the base is gone";
+    uint8_t cause = w->status == 0 ? VS_BYE_END : VS_BYE_BASE;
 
-    vs_report("end: %s", why);
-    if (vs_session_goodbye(&w->session, VS_BYE_END, why) == VS_OK)
+    vs_report("end: %s", w->why);
+    if (vs_session_goodbye(&w->session, cause, w->why) == VS_OK)
         vs_net_finish(&w->net, &w->session, now.session_ns);
 }
 

@@ -31,8 +31,10 @@ struct vs_worker {
     int foreign[3];    /* descriptors that a guard must not hold */
     uint64_t round_ns; /* when this round of the loop began */
     uint64_t late_ns;  /* how late that was */
+    uint8_t trace_full; /* lines of the trace are being dropped */
     uint8_t ended;     /* the base was handed back */
     int status;        /* exit status once ended */
+    const char *why;   /* once ended: one phrase */
     struct vs_talk talk;
 };
 

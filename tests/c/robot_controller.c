@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 /* What a controller sees through controller.h, and what the pollutant controller does. */
+#include <float.h>
 #include <math.h>
 #include <string.h>
 
@@ -176,6 +177,10 @@ static void test_actuators_are_clipped_to_their_type(void)
     vs_robot_actuate(&w.robot, paint, -1, 1.0);
     vs_robot_actuate(&w.robot, pump, 0, -40000.0);
     vs_robot_actuate(&w.robot, pump, 1, 40000.0);
+    vs_robot_actuate(&w.robot, horn, 0, 1e300);
+    CHECK(vs_load_f4(w.robot.actuators + w.session.table.entries[horn].offset) == FLT_MAX);
+    vs_robot_actuate(&w.robot, horn, 0, (double)-INFINITY);
+    CHECK(vs_load_f4(w.robot.actuators + w.session.table.entries[horn].offset) == -FLT_MAX);
     vs_robot_actuate(&w.robot, horn, 0, -2.5);
     CHECK(memcmp(w.robot.actuators, expected, sizeof expected) == 0);
     vs_robot_actuate(&w.robot, vs_robot_actuator(&w.robot, "eye"), 0, 1.0);

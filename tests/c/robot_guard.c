@@ -24,6 +24,8 @@ struct world {
     uint64_t until_ns;     /* wheels may turn before this, 0 = not */
     uint64_t ends_ns;      /* asked or orphaned then, 0 = not yet */
     enum wheels base;      /* what the base does */
+    int closing;           /* the end is a CLOSE: the base has to be handed back */
+    int handed;
     int asked;             /* a request has no answer yet */
     uint32_t kind;
     int over;
@@ -31,7 +33,7 @@ struct world {
 
 struct key {
     uint8_t turning, cause, lost, due, ending, over, stopped, answer, reply_due, base, asked, kind;
-    uint8_t until, expiry, beat, end, ends;
+    uint8_t until, expiry, beat, end, ends, closing, handed;
 };
 
 static struct key seen[TABLE_SIZE];
@@ -68,6 +70,8 @@ static struct key key_of(const struct world *w)
     key.beat = ahead(g->beat_ns + VS_GUARD_BEAT_NS, w->now_ns);
     key.end = g->ending ? ahead(g->end_ns, w->now_ns) : 0;
     key.ends = w->ends_ns != 0;
+    key.closing = (uint8_t)w->closing;
+    key.handed = (uint8_t)w->handed;
     return key;
 }
 
@@ -113,6 +117,7 @@ static void take_reply(struct world *w)
         return;
     CHECK(w->asked);
     CHECK(reply.kind == w->kind && reply.number == 7);
+    CHECK(reply.kind != VS_GUARD_CLOSE || reply.result != VS_OK || w->handed);
     w->asked = 0;
     CHECK(!vs_guard_reply(&w->guard, &reply));
 }
@@ -132,8 +137,10 @@ static void ask(const struct world *from, uint32_t kind, int16_t speed, uint64_t
 
         w.until_ns = speed == 0 ? 0 : expiry_ns < beat_ns ? expiry_ns : beat_ns;
     }
-    if (kind == VS_GUARD_CLOSE)
+    if (kind == VS_GUARD_CLOSE) {
         w.ends_ns = w.now_ns;
+        w.closing = 1;
+    }
     vs_guard_request(&w.guard, &request, w.now_ns);
     take_reply(&w);
     keep(&w);
@@ -143,8 +150,10 @@ static void end(const struct world *from, void (*event)(struct vs_guard *, uint6
 {
     struct world w = *from;
 
-    if (w.ends_ns == 0)
+    if (w.ends_ns == 0) {
         w.ends_ns = w.now_ns;
+        w.closing = event == vs_guard_end;
+    }
     event(&w.guard, w.now_ns);
     take_reply(&w);
     keep(&w);
@@ -161,20 +170,28 @@ static void sleep_for(const struct world *from, uint32_t steps)
     keep(&w);
 }
 
-/* The base did as told, or something else. */
-static void done(const struct world *from, int result, uint32_t steps)
+/* What the base does after an action that the guard knows the result of. Written is not
+ * applied: what nobody answered may have lost a byte, so that the old speed goes on. */
+static enum wheels effect(const struct world *w, uint8_t action, int result, int applied)
+{
+    int turning = action == VS_GUARD_EXCHANGE && w->guard.command.left_steps_s != 0;
+    int answered = result == VS_OK && action != VS_GUARD_HAND_BACK;
+    int written = result == VS_OK || (result == VS_ERR_LATE && action != VS_GUARD_RECOVER);
+
+    if (answered || (written && applied))
+        return turning ? TURNING : STILL;
+    return written || result == VS_ERR_BUSY ? w->base : ANYTHING;
+}
+
+/* The base did as told (applied), or something else. */
+static void done(const struct world *from, int result, uint32_t steps, int applied)
 {
     struct world w = *from;
-    int turning = w.guard.command.left_steps_s != 0;
     uint8_t action = w.guard.action;
 
     w.now_ns += steps * STEP_NS;
-    if (action == VS_GUARD_EXCHANGE && (result == VS_OK || result == VS_ERR_LATE))
-        w.base = turning ? TURNING : STILL;
-    else if (action != VS_GUARD_EXCHANGE && result == VS_OK)
-        w.base = STILL;
-    else if (result != VS_ERR_BUSY)
-        w.base = ANYTHING;
+    w.base = effect(from, action, result, applied);
+    w.handed = w.handed || (action == VS_GUARD_HAND_BACK && result == VS_OK);
     if (action == VS_GUARD_EXCHANGE && result != VS_OK && result != VS_ERR_LATE &&
         result != VS_ERR_BUSY)
         w.until_ns = 0; /* a base that was lost needs a newer command */
@@ -187,7 +204,7 @@ static void check_wait(const struct world *w)
 {
     CHECK(w->ends_ns == 0);
     CHECK(!w->asked);
-    CHECK(w->base == (may_turn(w) ? TURNING : STILL));
+    CHECK(w->base == STILL || (may_turn(w) && w->base == TURNING));
     if (w->base == TURNING)
         CHECK(vs_guard_deadline_ns(&w->guard) == w->until_ns);
 }
@@ -196,7 +213,7 @@ static void check_exit(const struct world *w)
 {
     CHECK(!w->asked || w->guard.reply_due);
     if (w->guard.stopped)
-        CHECK(w->base == STILL);
+        CHECK(w->base == STILL && (w->handed || !w->closing));
 }
 
 static void every_request(const struct world *w)
@@ -238,8 +255,9 @@ static void explore(const struct world *from)
         for (i = 0; i < sizeof results / sizeof results[0]; i++) {
             if (action == VS_GUARD_RECOVER && results[i] == VS_ERR_LATE)
                 continue;
-            done(&w, results[i], 0);
-            done(&w, results[i], 1);
+            done(&w, results[i], 0, 1);
+            done(&w, results[i], 1, 1);
+            done(&w, results[i], 0, 0);
         }
     }
     w.guard.action = VS_GUARD_WAIT;

@@ -169,6 +169,16 @@ def test_ring_without_overflow_test_loses_everything(pic: Pic) -> None:
     assert (pic.fw.overlapped, pic.fw.overflowed, pic.fw.got) == (64, 64, 0)
 
 
+def test_answers_that_nobody_takes_are_counted(pic: Pic) -> None:
+    """A line of 256 bytes holds three bursts and 40 bytes of the fourth."""
+    for _ in range(4):
+        pic.say(frame())
+        pic.now_us += 20_000
+        while lib.fw_argos_advance(pic.fw, pic.now_us):
+            pass
+    assert pic.fw.unsent == 4 * BURST - lib.FW_LINE_CAPACITY
+
+
 def test_ircom_word_delays_the_answer(pic: Pic) -> None:
     data = bytearray(frame(10, 10))
     data[8] = 1

@@ -16,12 +16,12 @@ STRICT = ["-std=c99", "-D_POSIX_C_SOURCE=200809L", "-pedantic", "-Wall", "-Wextr
 STRICT += ["-Wconversion", "-Werror", "-I", str(ROOT / "c_src"), "-I", str(ROOT / "robot")]
 
 
-def build(target: Path, controller: Path) -> Path:
+def build(target: Path, controller: Path, *more: str) -> Path:
     """Builds `vsensed` with a controller, under the sanitizers."""
     sources = [*ROOT.glob("c_src/*.c"), *ROOT.glob("robot/*.c"), controller]
     command = [require_tool("cc", "build-essential"), *STRICT, "-DVS_NO_ATOMICS", "-O1", "-g"]
     command += ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
-    command += ["-o", str(target), *map(str, sources), "-lm"]
+    command += ["-o", str(target), *map(str, sources), "-lm", *more]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return target
@@ -32,6 +32,14 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Path of `vsensed` with the pollutant controller."""
     target = tmp_path_factory.mktemp("daemon") / "vsensed"
     return build(target, ROOT / "robot" / "controllers" / "pollutant.c")
+
+
+@pytest.fixture(scope="session")
+def probe(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Path of `vsensed` with the controller of `probe.c` and the faults that it can make."""
+    target = tmp_path_factory.mktemp("probe") / "vsensed"
+    wrap = "-Wl,--wrap=fork,--wrap=recv"
+    return build(target, Path(__file__).parent / "probe.c", wrap)
 
 
 @pytest.fixture

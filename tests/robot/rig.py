@@ -59,6 +59,7 @@ class Host:
         udp: datagrams are sent and heard.
         refuse: HELLO is answered with REFUSE.
         pollutant: payload of the first sensor.
+        table, params: what WELCOME offers from the next greeting on.
         hellos, telemetry, goodbyes: what came.
         fresh_ns: when the newest STATE with a newer capture left.
     """
@@ -70,6 +71,8 @@ class Host:
         self.silent = self.frozen = self.refuse = False
         self.udp = True
         self.pollutant = CLEAN
+        self.table = TABLE
+        self.params = PARAMS
         self.hellos: list[Hello] = []
         self.telemetry: list[Telemetry] = []
         self.goodbyes: list[Notice] = []
@@ -144,10 +147,10 @@ class Host:
         self.wanted = wanted
         self.send(time.monotonic_ns())
 
-    def goodbye(self) -> None:
+    def goodbye(self, cause: GoodbyeCause = GoodbyeCause.END) -> None:
         """Ends the session in an orderly way."""
         assert self._connection is not None
-        notice = Notice(GoodbyeCause.END, "that was all")
+        notice = Notice(cause, "that was all")
         packet = self._peer.encode(Header(PacketType.GOODBYE), notice, time.monotonic_ns())
         self._connection.sendall(packet)
         self._peer.close()
@@ -196,8 +199,8 @@ class Host:
             self._connection.sendall(encode(Header(PacketType.REFUSE), notice))
             return
         self._session += 1
-        self._peer.open(self._session, TABLE, hello.send_ns, now_ns)
-        welcome = Welcome(TABLE, TIMESTEP_NS // 1000, 99, PARAMS)
+        self._peer.open(self._session, self.table, hello.send_ns, now_ns)
+        welcome = Welcome(self.table, TIMESTEP_NS // 1000, 99, self.params)
         header = Header(PacketType.WELCOME, run=self.run)
         self._connection.sendall(self._peer.encode(header, welcome, now_ns))
 

@@ -70,7 +70,11 @@ MUTANTS = [
     ("g->expiry_ns < beat_ns ? g->expiry_ns : beat_ns", "g->expiry_ns"),
     ("    hold(g, VS_CAUSE_SIGNAL);\n", ""),
     ("    hold(g, VS_CAUSE_BASE);\n", ""),
-    ("if (g->ending && result != VS_ERR_BUSY)", "if (g->ending)"),
+    ("if (g->ending == ENDING_ORPHANED && result == VS_OK)", "if (g->ending && result == VS_OK)"),
+    ("ENDING_ORPHANED && result == VS_OK)", "ENDING_ORPHANED && result != VS_ERR_BUSY)"),
+    ("g->due = (uint8_t)!moving(g);", "g->due = 0;"),
+    ("    if (!g->ending)\n        answer(g, result, result == VS_OK);", "answer(g, result, 1);"),
+    ("} else if (g->due || g->ending == ENDING_ORPHANED) {", "} else if (!g->ending && g->due) {"),
     ("if (g->ending && now_ns >= g->end_ns)", "if (0)"),
     ("        if (g->lost)\n            answer(g, VS_ERR_SILENT, 0);\n        else\n", ""),
 ]

@@ -210,12 +210,12 @@ def test_ages_are_right_within_their_bound_on_any_clock(
         assert abs(int(row["age_ns"]) - true_ns) <= int(row["bound_ns"])
 
 
-def test_new_run_begins_the_controller_anew(rig: Rig) -> None:
+def test_pause_without_a_session_puts_the_leds_out(rig: Rig) -> None:
     rig.run()
     rig.host.pollutant = POLLUTED
     rig.wait_for(lambda: rig.applied[-1].leds == RING, "cleaning")
-    rig.host.pollutant = CLEAN
-    rig.host.run = 2
-    rig.wait_for(lambda: rig.moving, "motion")
-    assert rig.daemon.said.count("does not know 'magic': ignored") == 1
-    assert rig.host.last.wanted_run in (1, 2)
+    rig.host.say(Wanted.PAUSE)
+    rig.wait_for(lambda: rig.host.last.state == Wanted.PAUSE, "the pause")
+    rig.host.refuse = True
+    rig.host.drop()
+    rig.wait_for(lambda: rig.applied[-1].leds == 0, "LEDs off")

@@ -307,3 +307,25 @@ def test_a_new_session_starts_the_sequences_anew() -> None:
         assert open_packet(packet)[0].sequence == 1
     with pytest.raises(ValueError, match="1 values for 0 sensors"):
         host.send_state(1, 1, S, Wanted.IDLE, 0, [(b"", 0)], S)
+
+
+@pytest.mark.parametrize("capture_ns", [2**64 - 1, 2**63, 60 * S])
+def test_one_capture_in_the_future_does_not_end_freshness(capture_ns: int) -> None:
+    link = Link()
+    link.greet()
+    link.deliver(link.state(2 * S, capture_ns=capture_ns), 2 * S)
+    assert link.robot.c.fresh_ns == 0
+    link.deliver(link.state(3 * S, capture_ns=3 * S), 3 * S)
+    assert link.robot.c.fresh_ns == link.robot_ns(3 * S)
+
+
+def test_robot_renews_a_session_whose_numbers_are_used_up() -> None:
+    link = Link()
+    link.greet()
+    link.robot.c.peer.tx_sequence = 2**32 - 2
+    with pytest.raises(WireError):
+        link.robot.telemetry(link.robot_ns(2 * S))
+    header, notice = decode(link.robot.tcp_out(link.robot_ns(2 * S)))
+    assert isinstance(notice, Notice)
+    assert (header.type, notice.code) == (PacketType.GOODBYE, GoodbyeCause.RENEW)
+    assert link.greet(3 * S) == [Event.OPEN]

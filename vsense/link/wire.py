@@ -61,6 +61,7 @@ class GoodbyeCause(IntEnum):
     SILENT = lib.VS_BYE_SILENT
     RENEW = lib.VS_BYE_RENEW
     PROTOCOL = lib.VS_BYE_PROTOCOL
+    BASE = lib.VS_BYE_BASE
 
 
 class StopCause(IntEnum):
