@@ -40,3 +40,13 @@ def _number(text: str, kind: type[int] | type[float], expected: str) -> float:
         return kind(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"'{text}' is not {expected}") from None
+
+
+def add_tracking_files(parser: argparse.ArgumentParser) -> None:
+    """Declares the two files of a tracking session."""
+    parser.add_argument(
+        "resources", help="the resources file (arena_tracking_system): grabbers, trackers, cameras"
+    )
+    parser.add_argument(
+        "experiment", help="the experiment file (arena_tracking): what of the resources to use"
+    )

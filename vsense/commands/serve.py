@@ -17,12 +17,7 @@ DESCRIPTION = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
-    parser.add_argument(
-        "resources", help="the resources file (arena_tracking_system): grabbers, trackers, cameras"
-    )
-    parser.add_argument(
-        "experiment", help="the experiment file (arena_tracking): what of the resources to use"
-    )
+    arguments.add_tracking_files(parser)
     parser.add_argument(
         "--host",
         default="0.0.0.0",
