@@ -32,8 +32,8 @@ TIMELESS = ("tracking", "world", "sensors", "config")
 """Folders that are told the time and never read a clock."""
 
 LIBC = {
-    "errno", "fcntl", "float", "math", "poll", "signal", "stdarg", "stdbool", "stddef", "stdint", "stdio",
-    "stdlib", "string", "termios", "time", "unistd", "stdatomic", "limits", "inttypes",
+    "errno", "fcntl", "float", "math", "poll", "signal", "stdarg", "stdbool", "stddef", "stdint",
+    "stdio", "stdlib", "string", "termios", "time", "unistd", "stdatomic", "limits", "inttypes",
     "arpa/inet", "netinet/in", "netinet/tcp", "sys/file", "sys/ioctl", "sys/socket", "sys/stat",
     "sys/types", "sys/wait", "sys/uio",
 }  # fmt: skip
