@@ -6,7 +6,6 @@ import hashlib
 import random
 import shlex
 import subprocess
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -75,7 +74,7 @@ class Swarm:
             tag,
             name,
             tty,
-            self._clock_offset_ns(),
+            self._random.randrange(-CLOCK_OFFSET_NS, CLOCK_OFFSET_NS),
             round(self._random.uniform(-CLOCK_DRIFT_PPM, CLOCK_DRIFT_PPM), 3),
             self._directory / f"{tag}.trace",
         )
@@ -95,12 +94,6 @@ class Swarm:
                 command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
             )
         return robot
-
-    def _clock_offset_ns(self) -> int:
-        """Draws an offset; no clock is made to show a time before its board was switched on."""
-        share = self._random.uniform(-1.0, 1.0)
-        most_ns = CLOCK_OFFSET_NS if share > 0 else min(CLOCK_OFFSET_NS, time.monotonic_ns() // 2)
-        return round(share * most_ns)
 
     def script(self, tag: int) -> Path:
         """The script that starts a robot's daemon again."""
