@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: MIT */
 #include "robot.h"
 
-#include <float.h>
 #include <limits.h>
 #include <stdlib.h>
 #include <string.h>
+
+#define F4_MAX 3.4028234663852886e38 /* the largest finite single */
 
 /* Handles: 0.. an entry of the host's table, OWN.. the robot's own, NONE nobody's. */
 enum { NONE = -1, OWN = 1000, OWN_PROXIMITY = OWN, OWN_LIGHT, OWN_BATTERY, OWN_END };
@@ -186,7 +187,7 @@ void vs_robot_actuate(struct vs_robot *robot, int actuator, int index, double va
     width = entry->type[1] - '0';
     at = robot->actuators + entry->offset + index * width;
     if (entry->type[0] == 'f') {
-        vs_store_f4(at, (float)clip(value, -FLT_MAX, FLT_MAX));
+        vs_store_f4(at, (float)clip(value, -F4_MAX, F4_MAX));
         return;
     }
     is_signed = entry->type[0] == 'i';

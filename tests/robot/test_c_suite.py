@@ -26,7 +26,9 @@ LINE = [C_SRC / "epuck_argos.c", C_SRC / "vs_posix.c", *FIRMWARE.glob("*.c")]
 SUITES = {
     "robot_base": [ROBOT / "base_argos.c", *LINE],
     "robot_guard": [ROBOT / "guard.c"],
-    "robot_loop": [*MINDS, *PROTOCOL],
+    "robot_posix": [],
+    "robot_stop": [ROBOT / "base_argos.c", ROBOT / "guard.c", *LINE],
+    "robot_loop": [TESTS / "robot_life.c", *MINDS, *PROTOCOL],
     "robot_controller": [ROBOT / "robot.c", POLLUTANT, *PROTOCOL],
 }
 RUNS = {"robot_base": "3000", "robot_loop": "300"}

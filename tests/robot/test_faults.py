@@ -15,7 +15,7 @@ from tests.robot.rig import MS, Rig, S
 from vsense.link.wire import StopCause, Wanted
 from vsense.native import lib
 
-CANARY_NS = 15 * MS
+CANARY_NS = 8 * MS
 """A loop that was itself held up for longer says nothing about the daemon's times."""
 
 SILENCE_NS = 450 * MS
@@ -30,7 +30,9 @@ BEAT_NS = 300 * MS
 GUARD_NS = 450 * MS
 """From the guard's death to speed 0: 150 until it is missed, 200 to find the base."""
 
-ATTEMPTS = 4
+ATTEMPTS = 8
+QUIET_ATTEMPTS = 2
+"""So many that the canary does not void are enough."""
 
 
 def still_within(
@@ -38,7 +40,7 @@ def still_within(
 ) -> None:
     """Has something fail in mid-motion and compares when the motors got speed 0 with a limit.
 
-    The best of a few attempts has to keep it; those that the canary voids do not count.
+    Every attempt has to keep it but those that the canary voids, and one must be left.
 
     Args:
         rig: a running one.
@@ -47,21 +49,21 @@ def still_within(
             is when the last fresh frame left.
         mend: undoes it.
     """
-    late_ms = []
+    took_ms = []
     for _ in range(ATTEMPTS):
         rig.run()
         rig.live_for(300 * MS)
         rig.held_up_ns = 0
         began_ns = fail()
         rig.wait_for(lambda: not rig.moving, "rest")
-        took_ns = rig.applied[-1].time_ns - (began_ns or rig.host.fresh_ns)
-        quiet = rig.held_up_ns < CANARY_NS
+        if rig.held_up_ns < CANARY_NS:
+            took_ms.append((rig.applied[-1].time_ns - (began_ns or rig.host.fresh_ns)) // MS)
         mend()
-        if took_ns <= limit_ns:
-            return
-        if quiet:
-            late_ms.append(took_ns // MS)
-    assert late_ms == [], f"speed 0 came that many ms after the cause, {limit_ns // MS} promised"
+        if len(took_ms) == QUIET_ATTEMPTS:
+            break
+    print("speed 0 after", took_ms, "ms")
+    assert took_ms, f"the machine was never quiet in {ATTEMPTS} attempts"
+    assert max(took_ms) <= limit_ns // MS, f"{limit_ns // MS} ms promised, took {took_ms}"
 
 
 def alive(pid: int | None) -> bool:

@@ -1,0 +1,71 @@
+/* SPDX-License-Identifier: MIT */
+/*
+ * The POSIX edge of the line on a device that says ready and then takes or gives nothing:
+ * read and write end with their deadline. Its system calls are replaced before it is read.
+ */
+#include <errno.h>
+#include <fcntl.h>
+#include <poll.h>
+#include <sys/file.h>
+#include <termios.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "check.h"
+
+#define LIMIT 1000 /* calls that end nothing: a loop without end */
+
+static int calls;
+static ssize_t outcome; /* of read and write: -1 = EAGAIN */
+
+static int always_ready(struct pollfd *fds)
+{
+    fds->revents = fds->events;
+    return 1;
+}
+
+static ssize_t give_outcome(void)
+{
+    CHECK(++calls < LIMIT);
+    errno = EAGAIN;
+    return outcome;
+}
+
+/* Each look at the clock is a millisecond later. */
+static int tick(struct timespec *now)
+{
+    static long ms;
+
+    ms++;
+    now->tv_sec = 1;
+    now->tv_nsec = ms * 1000000;
+    return 0;
+}
+
+#define poll(fds, count, timeout_ms) always_ready(fds)
+#define read(fd, buf, cap) ((void)(buf), (void)(cap), give_outcome())
+#define write(fd, buf, len) ((void)(buf), (void)(len), give_outcome())
+#define clock_gettime(clock, now) tick(now)
+#include "../../c_src/vs_posix.c"
+#undef read
+#undef write
+
+int main(void)
+{
+    uint8_t buf[12] = {0};
+    struct vs_io io;
+    int fd = 0;
+
+    vs_posix_io(&io, &fd);
+    outcome = -1;
+    CHECK(io.read(io.context, buf, sizeof buf, io.now_ns(io.context) + 20000000) == 0);
+    CHECK(io.read(io.context, buf, sizeof buf, 0) == 0);
+    CHECK(io.write(io.context, buf, sizeof buf, io.now_ns(io.context) + 20000000) == VS_ERR_IO);
+    outcome = 0;
+    CHECK(io.write(io.context, buf, sizeof buf, io.now_ns(io.context) + 20000000) == VS_ERR_IO);
+    CHECK(io.read(io.context, buf, sizeof buf, 0) == VS_ERR_HANGUP);
+    outcome = sizeof buf;
+    CHECK(io.read(io.context, buf, sizeof buf, 0) == (int)sizeof buf);
+    CHECK(io.write(io.context, buf, sizeof buf, 0) == VS_OK);
+    return 0;
+}

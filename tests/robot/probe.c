@@ -1,0 +1,70 @@
+/* SPDX-License-Identifier: MIT */
+/*
+ * A controller that shows on its LEDs how many steps it has lived, and two system calls that
+ * go wrong when the environment says so. Link with --wrap=fork,--wrap=recv.
+ */
+#include "controller.h"
+
+#include <errno.h>
+#include <poll.h>
+#include <stdlib.h>
+#include <sys/socket.h>
+#include <sys/types.h>
+
+#define DATAGRAM_CAP 1201
+#define GAP_MS 30
+
+struct probe {
+    int steps;
+    int drops;
+};
+
+static void init(void *state, struct vs_robot *robot)
+{
+    struct probe *probe = state;
+
+    probe->drops = vs_robot_actuator(robot, "drops");
+    if (vs_robot_param(robot, "child", 0) > 0 && system("sleep 5 >/dev/null 2>&1 &") != 0)
+        abort();
+}
+
+static void step(void *state, struct vs_robot *robot)
+{
+    struct probe *probe = state;
+
+    probe->steps++;
+    vs_robot_set_leds(robot, (unsigned int)probe->steps);
+    vs_robot_set_wheels(robot, 300, 300);
+    if (probe->steps == 1)
+        vs_robot_actuate(robot, probe->drops, 0, 5);
+}
+
+const struct vs_controller vs_controller = {"probe", sizeof(struct probe), init, step};
+
+pid_t __real_fork(void);
+pid_t __wrap_fork(void);
+ssize_t __real_recv(int fd, void *buf, size_t len, int flags);
+ssize_t __wrap_recv(int fd, void *buf, size_t len, int flags);
+
+/* PROBE_FORKS: after so many it fails. */
+pid_t __wrap_fork(void)
+{
+    static int forks;
+    const char *most = getenv("PROBE_FORKS");
+
+    if (most != NULL && forks++ >= atoi(most)) {
+        errno = EAGAIN;
+        return -1;
+    }
+    return __real_fork();
+}
+
+/* PROBE_GAP: the process is held up before recv, and in that gap a datagram comes. */
+ssize_t __wrap_recv(int fd, void *buf, size_t len, int flags)
+{
+    struct pollfd line = {fd, POLLIN, 0};
+
+    if (len == DATAGRAM_CAP && getenv("PROBE_GAP") != NULL)
+        (void)poll(&line, 1, GAP_MS);
+    return __real_recv(fd, buf, len, flags);
+}
