@@ -215,7 +215,10 @@ class Daemon:
     """One `vsensed` process and what it says on standard error."""
 
     def __init__(self, program: Path, *arguments: str) -> None:
-        self.process = subprocess.Popen([program, *arguments], stderr=subprocess.PIPE)
+        # In a process group of its own: the kernel ignores Ctrl-Z in one that nobody waits for.
+        self.process = subprocess.Popen(
+            [program, *arguments], stderr=subprocess.PIPE, preexec_fn=os.setpgrp
+        )
         assert self.process.stderr is not None
         self.stderr = self.process.stderr.fileno()
         os.set_blocking(self.stderr, False)
