@@ -86,7 +86,7 @@ class Lab:
         for folder in Path("/proc").glob("[0-9]*"):
             try:
                 command = (folder / "cmdline").read_bytes().replace(b"\0", b" ").decode()
-                parent = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
+                parent = parent_of(folder)
             except (OSError, ValueError):
                 continue
             ours = parent == self.process.pid or str(self.directory) in command
@@ -97,7 +97,14 @@ class Lab:
     def daemon(self, tag: int) -> int:
         """Process id of a robot's worker: the parent of the two."""
         trace = f"robots/{tag}.trace"
-        return min(pid for pid, command in self.relatives().items() if trace in command)
+        both = {pid for pid, command in self.relatives().items() if trace in command}
+        (worker,) = (pid for pid in both if parent_of(Path(f"/proc/{pid}")) not in both)
+        return worker
+
+
+def parent_of(folder: Path) -> int:
+    """Process id of the parent of the process whose folder in /proc this is."""
+    return int((folder / "stat").read_text().rpartition(")")[2].split()[1])
 
 
 @pytest.fixture
