@@ -155,6 +155,90 @@ static void test_own_sensors_and_their_virtual_twins(void)
     CHECK(vs_robot_values(&w.robot, sensor, values, 8) == 0);
 }
 
+/* The virtual walls of a table's "+proximity", as the robot feels them among real ones. */
+static void test_virtual_part_is_fused_with_the_real_one(void)
+{
+    static const uint8_t walls[] = {0, 16, 100, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 200, 0};
+    static const uint8_t nothing[16] = {0};
+    struct world w;
+    double values[8];
+    int sensor;
+
+    begin(&w, "");
+    add(&w, VS_SENSOR, "before", "f4");
+    add(&w, VS_SENSOR, "+proximity", "8*u2");
+    sensor = vs_robot_sensor(&w.robot, "proximity");
+    CHECK(w.robot.bound == 2 && w.complaints == 0);
+    put(&w, "+proximity", walls, 0);
+    CHECK(vs_robot_values(&w.robot, sensor, values, 8) == 0);
+    CHECK(!vs_robot_read(&w.robot, sensor).known);
+    w.robot.base_ns = 900 * MS;
+    w.robot.base.prox[1] = 300;
+    w.robot.base.prox[7] = 150;
+    CHECK(vs_robot_values(&w.robot, sensor, values, 8) == 8);
+    CHECK(values[0] > 4095 && values[1] > 299 && values[2] < 1 && values[7] > 199);
+    CHECK(vs_robot_values(&w.robot, sensor, values, 1) == 8);
+    CHECK(vs_robot_read(&w.robot, sensor).value > 4095);
+    CHECK(vs_robot_read(&w.robot, sensor).age_ns == 100 * MS);
+    CHECK(!vs_robot_read(&w.robot, sensor).stale);
+    put(&w, "+proximity", walls, 260000);
+    CHECK(vs_robot_values(&w.robot, sensor, values, 8) == 8);
+    CHECK(values[0] < 1 && values[1] > 299 && values[7] < 151);
+    put(&w, "+proximity", nothing, VS_NEVER_US);
+    CHECK(vs_robot_values(&w.robot, sensor, values, 8) == 8 && values[0] < 1 && values[1] > 299);
+    put(&w, "+proximity", nothing, 0);
+    CHECK(vs_robot_values(&w.robot, sensor, values, 8) == 8 && values[0] < 1 && values[1] > 299);
+    sensor = vs_robot_sensor(&w.robot, "+proximity");
+    put(&w, "+proximity", walls, 0);
+    CHECK(vs_robot_values(&w.robot, sensor, values, 8) == 8 && values[0] > 4095 && values[1] < 101);
+}
+
+static void test_odd_parts_are_fused_as_far_as_they_go(void)
+{
+    static const uint8_t data[] = {7, 8, 9, 10, 11, 12, 13, 14, 15, 16};
+    struct world w;
+    double values[10] = {0};
+    int sensor;
+
+    begin(&w, "");
+    w.robot.base_ns = w.robot.now_ns;
+    add(&w, VS_SENSOR, "+proximity", "2*u1");
+    add(&w, VS_SENSOR, "+light", "10*u1");
+    add(&w, VS_SENSOR, "+smell", "u1");
+    add(&w, VS_ACTUATOR, "+battery_low", "u1");
+    put(&w, "+proximity", data, 0);
+    put(&w, "+light", data, 0);
+    put(&w, "+smell", data, 0);
+    sensor = vs_robot_sensor(&w.robot, "proximity");
+    CHECK(vs_robot_values(&w.robot, sensor, values, 10) == 8);
+    CHECK(values[1] > 7 && values[2] < 1);
+    sensor = vs_robot_sensor(&w.robot, "light");
+    CHECK(vs_robot_values(&w.robot, sensor, values, 10) == 8);
+    CHECK(values[7] > 13 && values[8] < 1);
+    CHECK(vs_robot_read(&w.robot, vs_robot_sensor(&w.robot, "smell")).value > 6);
+    CHECK(!vs_robot_read(&w.robot, vs_robot_sensor(&w.robot, "battery_low")).value);
+    CHECK(w.complaints == 0);
+    CHECK(vs_robot_sensor(&w.robot, "name_with_exactly_31_characters") == -1);
+    CHECK(w.complaints == 1);
+}
+
+/* A name without "+" is the host's word alone. */
+static void test_exact_name_wins_over_the_fused_one(void)
+{
+    static const uint8_t data[] = {9};
+    struct world w;
+    double values[8];
+
+    begin(&w, "");
+    w.robot.base_ns = w.robot.now_ns;
+    w.robot.base.prox[0] = 4000;
+    add(&w, VS_SENSOR, "+proximity", "8*u1");
+    add(&w, VS_SENSOR, "proximity", "u1");
+    put(&w, "proximity", data, 0);
+    CHECK(vs_robot_values(&w.robot, vs_robot_sensor(&w.robot, "proximity"), values, 8) == 1);
+    CHECK(values[0] < 10);
+}
+
 static void test_actuators_are_clipped_to_their_type(void)
 {
     static const uint8_t expected[] = {255, 0, 0x00, 0x80, 0xFF, 0x7F, 0, 0, 0x20, 0xC0};
@@ -366,6 +450,9 @@ int main(void)
     test_every_layout();
     test_age_and_staleness();
     test_own_sensors_and_their_virtual_twins();
+    test_virtual_part_is_fused_with_the_real_one();
+    test_odd_parts_are_fused_as_far_as_they_go();
+    test_exact_name_wins_over_the_fused_one();
     test_actuators_are_clipped_to_their_type();
     test_parameters();
     test_parameters_that_nobody_asks_for();

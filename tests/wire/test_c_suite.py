@@ -21,6 +21,8 @@ PARTS = ("err", "bytes", "wire", "table", "body", "peer", "clock", "session")
 KERNEL = [
     C_SRC / f"vs_{part}.c" for part in ("lens", "scan", "shape", "outline", "edges", "markers")
 ]
+RAYS = [C_SRC / f"vs_{part}.c" for part in ("sight", "rays", "obstacles")]
+FLOOR = [C_SRC / f"vs_{part}.c" for part in ("trig", "near", "contacts", "physics", "ring")]
 SESSION = [C_SRC / f"vs_{part}.c" for part in PARTS]
 SYMBOLS = {"memcpy", "memmove", "memset", "memcmp", "strlen", "strcmp", "strncmp"}
 """What a pure C file may take from the C library: it costs nothing on any machine."""
@@ -55,6 +57,20 @@ def test_picture_kernel_under_sanitizers(tmp_path: Path) -> None:
     flags = ["-std=c99", *STRICT, *SANITIZE]
     sources = [TESTS / "test_scan.c", C_SRC / "vs_err.c", *KERNEL]
     done = run(build(tmp_path / "test_scan", *flags, *sources))
+    assert done.returncode == 0, done.stderr
+
+
+def test_lines_of_sight_under_sanitizers(tmp_path: Path) -> None:
+    flags = ["-std=c99", *STRICT, *SANITIZE]
+    sources = [TESTS / "test_rays.c", C_SRC / "vs_lens.c", *RAYS, "-lm"]
+    done = run(build(tmp_path / "test_rays", *flags, *sources))
+    assert done.returncode == 0, done.stderr
+
+
+def test_physics_under_sanitizers(tmp_path: Path) -> None:
+    flags = ["-std=c99", *STRICT, *SANITIZE]
+    sources = [TESTS / "test_physics.c", C_SRC / "vs_lens.c", *FLOOR, "-lm"]
+    done = run(build(tmp_path / "test_physics", *flags, *sources))
     assert done.returncode == 0, done.stderr
 
 
@@ -112,9 +128,8 @@ def test_headers_promise_only_what_exists(tmp_path: Path) -> None:
         if header.name not in ("vs_posix.h", "vs_io.h"):
             text = re.sub(r"/\*.*?\*/", "", header.read_text(), flags=re.DOTALL)
             declared |= set(re.findall(r"\b(vs_\w+)\([^;{]*\);", text))
-    built = build(
-        tmp_path / "vs.o", "-std=c11", "-O2", "-r", *SESSION, *KERNEL, C_SRC / "vs_latest.c"
-    )
+    sources = [*SESSION, *KERNEL, *RAYS, *FLOOR, C_SRC / "vs_latest.c"]
+    built = build(tmp_path / "vs.o", "-std=c11", "-O2", "-r", *sources)
     nm = [require_tool("nm", "binutils"), str(built)]
     lines = subprocess.run(nm, capture_output=True, text=True, check=True).stdout.splitlines()
     defined = {line.split()[-1] for line in lines if line.split()[-2] == "T"}

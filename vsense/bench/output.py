@@ -1,4 +1,4 @@
-"""The benchmark's report, as a table or as JSON."""
+"""The benchmarks' reports, as a table or as JSON."""
 
 from __future__ import annotations
 
@@ -8,16 +8,18 @@ import math
 import sys
 from typing import Any
 
-from vsense.bench import tracking
+from vsense.bench import tracking, world
 
 
 def run(options: argparse.Namespace) -> int:
-    """Runs the benchmark and prints its report; returns 0."""
-    report = tracking.run(options.rounds, options.pictures, options.walk, _say)
-    if options.json:
-        print(json.dumps(_finite(report), indent=2))
+    """Runs a benchmark and prints its report; returns 0."""
+    if options.subject == "tracking":
+        report = tracking.run(options.rounds, options.pictures, options.walk, _say)
+        text = table(report)
     else:
-        print(table(report))
+        report = world.run(options.rounds, _say)
+        text = world.table(report)
+    print(json.dumps(_finite(report), indent=2) if options.json else text)
     return 0
 
 
@@ -26,7 +28,7 @@ def _say(text: str) -> None:
 
 
 def table(report: dict[str, Any]) -> str:
-    """Returns the report for a person."""
+    """Returns the detectors' report for a person."""
     titles = ("detector", "frames", "threads", "ms/frame", "detected", "wrong ids", "rms px")
     lines = [titles]
     for row in report["rows"]:

@@ -1,1 +1,12 @@
-"""What is not there plus what the cameras saw: the world that virtual sensors read."""
+"""What is not there plus what the cameras saw: the world that virtual sensors read.
+
+The names below are what loop functions need: `from vsense.world import Box, Light`.
+"""
+
+from __future__ import annotations
+
+from vsense.world.entities import Box, Cylinder, Light, VirtualRobot, Zone
+from vsense.world.floor import Floor
+from vsense.world.world import World
+
+__all__ = ["Box", "Cylinder", "Floor", "Light", "VirtualRobot", "World", "Zone"]

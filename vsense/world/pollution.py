@@ -104,6 +104,7 @@ class PollutantSource:
         turn_timestep: first timestep of the run with the turned wind; None: it never turns.
         turn_rad: by how much it turns, counter-clockwise.
         memory_ns: how old the source's last sighting may be; then its cone goes.
+        amount: how much it pollutes in all, before it is cleaned; inf: it cannot be cleaned.
     """
 
     tag: int
@@ -113,9 +114,44 @@ class PollutantSource:
     turn_timestep: int | None = None
     turn_rad: float = 0.0
     memory_ns: int = DEFAULT_MEMORY_NS
+    amount: float = math.inf
 
-    def cone_at(self, x_m: float, y_m: float, run_timestep: int) -> Cone:
-        """Gives the cone of a source that stands at (x_m, y_m) in a timestep of the run."""
+    def cone_at(self, x_m: float, y_m: float, run_timestep: int, share: float = 1.0) -> Cone:
+        """Gives the cone of a source that stands at (x_m, y_m) in a timestep of the run.
+
+        Args:
+            x_m: where the source stands.
+            y_m: where the source stands.
+            run_timestep: timestep of the run.
+            share: how much of its amount is left, above 0: the polluted area shrinks with it, so
+                the reach with its root.
+        """
         turned = self.turn_timestep is not None and run_timestep >= self.turn_timestep
-        direction = self.direction_rad + (self.turn_rad if turned else 0.0)
-        return Cone(x_m, y_m, float(wrap_angle(direction)), self.wide_rad, self.max_distance_m)
+        direction = float(wrap_angle(self.direction_rad + (self.turn_rad if turned else 0.0)))
+        reach_m = self.max_distance_m * math.sqrt(share)
+        return Cone(x_m, y_m, direction, self.wide_rad, reach_m)
+
+
+class Stock:
+    """How much of every source's pollution has been cleaned in a run."""
+
+    def __init__(self) -> None:
+        self._cleaned: dict[PollutantSource, float] = {}
+
+    def cleaned(self, source: PollutantSource) -> float:
+        """How much of a source has been cleaned."""
+        return self._cleaned.get(source, 0.0)
+
+    def share(self, source: PollutantSource) -> float:
+        """Which share of a source is left, 0..1; 1 for one that cannot be cleaned."""
+        return 1.0 - self.cleaned(source) / source.amount
+
+    def clean(self, source: PollutantSource, amount: float) -> float:
+        """Takes an amount, 0 or more, as far as there is one.
+
+        Returns:
+            How much was taken.
+        """
+        before = self.cleaned(source)
+        self._cleaned[source] = min(before + amount, source.amount)
+        return self._cleaned[source] - before

@@ -1,63 +1,265 @@
 """The world of one run: what the cameras saw last, and what is not there at all.
 
-It reads no clock: every age follows from the capture times that the arena state carries. The
-same arena states therefore give the same world, live and in a replay.
+It reads no clock and draws from its own seed: every age follows from the capture times that the
+arena state carries. The same arena states therefore give the same world, live and in a replay.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.arena import POSE, ArenaState
-from vsense.world.pollution import Cone, PollutantSource
+from vsense.arena import ArenaState
+from vsense.world.entities import (
+    Arena,
+    Box,
+    Cylinder,
+    Entity,
+    Light,
+    VirtualRobot,
+    Zone,
+)
+from vsense.world.fields import Field, by_id
+from vsense.world.floor import Floor
+from vsense.world.inventory import Inventory
+from vsense.world.pollution import DEFAULT_MEMORY_NS, Cone, PollutantSource, Stock
+from vsense.world.rays import Bodies, disc_rows, entity_rows
+from vsense.world.results import Results
+from vsense.world.sightings import NEVER_NS as NEVER_NS
+from vsense.world.sightings import carried, known, read_only, standing, take, unseen
 
-NEVER_NS = -1
-"""Capture time of what no camera has seen yet."""
+BODY_MEMORY_NS = DEFAULT_MEMORY_NS
+"""How long a tagged thing that is not seen stands in the way where it was seen last."""
+
+MESSAGE_MAX = 16
+"""Bytes of the longest virtual message."""
+
+MESSAGE = np.dtype([("length", "u1"), ("data", "u1", (MESSAGE_MAX,))])
+"""What a robot says to its neighbours: `length` bytes of `data`; length 0: nothing."""
 
 
 class World:
-    """What virtual sensors read; one `update` per timestep.
+    """What virtual sensors read and virtual actuators change; one `update` per timestep.
 
     Attributes:
-        robots: POSE array, one row per robot of the run in the order of `tags`. `seen` tells
-            whether the row is of this timestep; a robot that is not seen keeps its last
-            sighting, whose `capture_ns` (NEVER_NS before the first) tells how old it is.
+        robots: POSE array, read-only, one row per robot: the real ones in the order of `tags`,
+            then the virtual ones in the order in which they were put. `seen` tells whether the
+            row is of this timestep; a robot that is not seen keeps its last sighting, whose
+            `capture_ns` (NEVER_NS before the first) tells how old it is.
+        objects: POSE array, read-only, of the tagged things that are no robots, likewise.
+        real_robots: how many of the robots are real.
+        leds: (n, 3) uint8 red, green, blue of each robot's virtual LEDs; 0: off.
+        messages: MESSAGE array (n,), what each robot says now.
+        sources: what pollutes, in the experiment's order.
+        fields: fields by id.
+        random: where whatever happens by chance in the world is drawn from.
+        results: measures of the run by name.
+        stock: what robots have cleaned of the pollutant sources.
+        params: the loop functions' own settings.
+        arena: the arena, or None where nobody needs it.
+        timestep_s: length of a timestep.
         capture_ns: capture time of the newest arena state, 0 before the first.
-        run_timestep: timestep of the run, from 0.
+        run_timestep: timestep of the run, from 0; negative before the run.
     """
 
-    def __init__(self, tags: Iterable[int], sources: Sequence[PollutantSource] = ()) -> None:
+    capture_ns = 0
+    run_timestep = 0
+    _settled = -1
+    _bodies: Bodies | None = None
+    _painted_floor: Floor | None = None
+
+    def __init__(
+        self,
+        tags: Iterable[int],
+        sources: Sequence[PollutantSource] = (),
+        *,
+        entities: Iterable[Entity] = (),
+        fields: Iterable[Field] = (),
+        floor: Floor | None = None,
+        objects: Iterable[int] = (),
+        arena: Arena | None = None,
+        timestep_s: float = 0.1,
+        seed: int = 0,
+    ) -> None:
         """Makes an unseen world.
 
         Args:
             tags: markers of the robots of the run, without repetition.
             sources: what pollutes.
+            entities: what else is in it, virtual robots too.
+            fields: what is spread over the floor.
+            floor: the floor's colours; None: white.
+            objects: markers of the things that are no robots; the sources' are added.
+            arena: the arena.
+            timestep_s: length of a timestep.
+            seed: of everything that is drawn.
+
+        Raises:
+            WorldError: two things have the same id, or a field changes too fast for a timestep.
         """
-        self.robots = _unseen(list(tags))
-        self.capture_ns = 0
-        self.run_timestep = 0
-        self._sources = tuple(sources)
-        self._source_poses = _unseen([source.tag for source in self._sources])
+        self._robots = unseen(list(tags))
+        marked = {*objects, *(source.tag for source in sources)}
+        self._objects = unseen(sorted(marked - {*self._robots["tag"].tolist()}))
+        self.real_robots = len(self._robots)
+        self.sources = tuple(sources)
+        self.arena, self.timestep_s = arena, timestep_s
+        self.params: dict[str, str] = {}
+        self.fields = by_id(fields, timestep_s)
+        self._inventory = Inventory(entities)
+        self._first_floor = floor if floor is not None else Floor()
+        self._seed = seed
+        self.reset()
+
+    def reset(self) -> None:
+        """Goes back to the start of the run; what the cameras saw last stays."""
+        self._inventory.reset()
+        self._plain_floor = self._first_floor
+        for field in self.fields.values():
+            field.reset()
+        self.results = Results()
+        self.stock = Stock()
+        self.random = np.random.Generator(np.random.PCG64(self._seed))
+        self._robots = self._robots[: self.real_robots]
+        self._leds = np.zeros((self.real_robots, 3), dtype=np.uint8)
+        self._messages = np.zeros(self.real_robots, dtype=MESSAGE)
+        self._settle()
 
     def update(self, state: ArenaState, run_timestep: int) -> None:
         """Takes over what the cameras saw.
 
         Args:
             state: the arena state of this timestep.
-            run_timestep: timestep of the run, from 0; 0 also before the run.
+            run_timestep: timestep of the run, from 0; negative before the run.
         """
         self.capture_ns = state.capture_ns
         self.run_timestep = run_timestep
-        _take(self.robots, state.robots)
-        _take(self._source_poses, state.robots)
+        take(self._robots[: self.real_robots], state.robots)
+        take(self._objects, state.robots)
+        self._settle()
+        virtual = self._robots[self.real_robots :]
+        virtual["seen"], virtual["capture_ns"] = True, state.capture_ns
+        self._bodies = None
+
+    def step(self) -> None:
+        """Lets a timestep pass for whatever changes by itself."""
+        for field in self.fields.values():
+            field.step(self.timestep_s)
+
+    @property
+    def robots(self) -> NDArray[np.void]:
+        """See the class."""
+        self._settle()
+        return read_only(self._robots)
+
+    @property
+    def leds(self) -> NDArray[np.uint8]:
+        """See the class."""
+        self._settle()
+        return self._leds
+
+    @property
+    def messages(self) -> NDArray[np.void]:
+        """See the class."""
+        self._settle()
+        return self._messages
+
+    @property
+    def objects(self) -> NDArray[np.void]:
+        """See the class."""
+        return read_only(self._objects)
+
+    @property
+    def time_s(self) -> float:
+        """Time since the run's first timestep; 0 before it."""
+        return max(self.run_timestep, 0) * self.timestep_s
+
+    @property
+    def entities(self) -> Mapping[str, Entity]:
+        """What is in the world besides real robots and tagged things, by id."""
+        return self._inventory.entities
+
+    def put(self, entity: Entity) -> None:
+        """Adds an entity, or replaces the one of the same id.
+
+        Raises:
+            WorldError: it is none, another robot has its tag, or it stands in the real arena.
+        """
+        self._inventory.put(entity)
+
+    def remove(self, name: str) -> None:
+        """Takes an entity out of the world.
+
+        Raises:
+            WorldError: there is none of this name, or it stands in the real arena.
+        """
+        self._inventory.remove(name)
+
+    def move(self, name: str, x_m: float, y_m: float, yaw_rad: float | None = None) -> None:
+        """Puts an entity to another place; without yaw_rad it keeps its turn.
+
+        Raises:
+            WorldError: there is none of this name, or it stands in the real arena.
+        """
+        self._inventory.move(name, x_m, y_m, yaw_rad)
+
+    def boxes(self) -> tuple[Box, ...]:
+        """Gives all boxes, physical and virtual."""
+        return self._inventory.of(Box)
+
+    def cylinders(self) -> tuple[Cylinder, ...]:
+        """Gives all cylinders, physical and virtual."""
+        return self._inventory.of(Cylinder)
+
+    def lights(self) -> tuple[Light, ...]:
+        """Gives all lights."""
+        return self._inventory.of(Light)
+
+    def zones(self) -> tuple[Zone, ...]:
+        """Gives all zones."""
+        return self._inventory.of(Zone)
+
+    @property
+    def floor(self) -> Floor:
+        """The floor with all coloured zones; what is set here lies under the zones."""
+        self._settle()
+        if self._painted_floor is None:
+            self._painted_floor = self._plain_floor.with_zones(self.zones())
+        return self._painted_floor
+
+    @floor.setter
+    def floor(self, floor: Floor) -> None:
+        self._plain_floor = floor
+        self._painted_floor = None
+
+    def bodies(self) -> Bodies:
+        """Gives all that stands in the way of light and sight.
+
+        The rows are those of `robots`, then those of `objects`, then cylinders and boxes: so a
+        robot's row in `robots` is what `skip` wants. A tagged thing that no camera has seen for
+        BODY_MEMORY_NS is in nobody's way.
+        """
+        self._settle()
+        if self._bodies is None:
+            rows = []
+            for poses in (self._robots, self._objects):
+                there = known(poses, self.capture_ns, BODY_MEMORY_NS)
+                rows.append(disc_rows(poses["x_m"], poses["y_m"], there))
+            self._bodies = Bodies(np.concatenate([*rows, self._standing]))
+        return self._bodies
+
+    def pose(self, tag: int) -> np.void | None:
+        """Gives the last sighting of a robot or tagged thing, or None if there is none yet."""
+        for poses in (self._robots, self._objects):
+            for row in np.flatnonzero(poses["tag"] == tag):
+                return None if poses[row]["capture_ns"] == NEVER_NS else poses[row]
+        return None
 
     def age_ns(self, source: PollutantSource) -> int | None:
         """How old the source's last sighting is; None: it was never seen."""
-        captured = int(self._pose(source)["capture_ns"])
-        return None if captured == NEVER_NS else self.capture_ns - captured
+        pose = self.pose(source.tag)
+        return None if pose is None else self.capture_ns - int(pose["capture_ns"])
 
     def cone(self, source: PollutantSource) -> Cone | None:
         """Gives the polluted triangle of a source.
@@ -68,34 +270,26 @@ class World:
         Returns:
             The triangle, or None while there is none.
         """
-        age_ns = self.age_ns(source)
-        if age_ns is None or age_ns > source.memory_ns:
+        pose, age_ns = self.pose(source.tag), self.age_ns(source)
+        share = self.stock.share(source)
+        if pose is None or age_ns is None or age_ns > source.memory_ns or share <= 0.0:
             return None
-        pose = self._pose(source)
-        return source.cone_at(float(pose["x_m"]), float(pose["y_m"]), self.run_timestep)
+        return source.cone_at(float(pose["x_m"]), float(pose["y_m"]), self.run_timestep, share)
 
-    def _pose(self, source: PollutantSource) -> np.void:
-        row: np.void = self._source_poses[self._sources.index(source)]
-        return row
+    def _settle(self) -> None:
+        """Renews what follows from the entities, if they have changed since the last time.
 
-
-def _unseen(tags: list[int]) -> NDArray[np.void]:
-    poses = np.zeros(len(tags), dtype=POSE)
-    poses["tag"] = tags
-    poses["capture_ns"] = NEVER_NS
-    return poses
-
-
-def _take(kept: NDArray[np.void], seen: NDArray[np.void]) -> None:
-    """Overwrites the kept rows of the tags that a camera saw; the others stay, not seen.
-
-    Args:
-        kept: POSE array, changed in place.
-        seen: POSE array sorted by tag.
-    """
-    kept["seen"] = False
-    if len(seen) == 0:
-        return
-    place = np.minimum(np.searchsorted(seen["tag"], kept["tag"]), len(seen) - 1)
-    fresh = seen["seen"][place] & (seen["tag"][place] == kept["tag"])
-    kept[fresh] = seen[place[fresh]]
+        Rows of virtual robots come and go; who stays keeps LEDs and message.
+        """
+        if self._settled == self._inventory.version:
+            return
+        self._settled = self._inventory.version
+        self._bodies = self._painted_floor = None
+        self._standing = entity_rows([*self.cylinders(), *self.boxes()])
+        before = self._robots["tag"].tolist()
+        rows = standing(self._inventory.of(VirtualRobot), self.capture_ns)
+        self._robots = np.concatenate([self._robots[: self.real_robots], rows])
+        after = self._robots["tag"].tolist()
+        if after != before:
+            self._leds = carried(self._leds, before, after)
+            self._messages = carried(self._messages, before, after)

@@ -1,0 +1,217 @@
+/* SPDX-License-Identifier: MIT */
+/*
+ * The floor of lab and simulation: crowds that are thrown together at random, with every
+ * array as small as its header allows, so that the sanitizers see each step beyond it.
+ */
+#include <float.h>
+#include <math.h>
+#include <string.h>
+
+#include "robot_check.h"
+#include "vs_physics.h"
+#include "vs_ring.h"
+#include "vs_trig.h"
+
+#define RADIUS_M 0.035
+#define RAYS 3
+
+struct floor {
+    struct vs_near near;
+    struct vs_contacts contacts;
+    struct vs_physics physics;
+    double *radii_m;
+    double *box_rows;
+};
+
+static void *room(size_t count, size_t size)
+{
+    void *made = calloc(count > 0 ? count : 1, size);
+
+    CHECK(made != NULL);
+    return made;
+}
+
+static void build(struct floor *f, uint32_t robots, uint32_t bodies, uint32_t boxes)
+{
+    uint32_t pairs = robots * (bodies + boxes);
+
+    memset(f, 0, sizeof *f);
+    f->near.robots = robots;
+    f->near.bodies = bodies;
+    f->near.boxes = boxes;
+    f->near.radii_m = f->radii_m = room(bodies, sizeof(double));
+    f->near.box_rows = f->box_rows = room(boxes, VS_BOX_NUMBERS * sizeof(double));
+    f->near.searched_m = room(bodies, 2 * sizeof(double));
+    f->near.pairs = room(pairs, sizeof(struct vs_pair));
+    f->contacts.near = &f->near;
+    f->contacts.now = room(pairs, sizeof(struct vs_contact));
+    f->contacts.before = room(pairs, sizeof(struct vs_contact));
+    f->contacts.moved_m = room(bodies, 2 * sizeof(double));
+    f->contacts.newest = room(bodies, sizeof(uint32_t));
+    f->physics.contacts = &f->contacts;
+    f->physics.poses = room(bodies, 3 * sizeof(double));
+    f->physics.mobility = room(bodies, sizeof(double));
+    f->contacts.mobility = f->physics.mobility;
+    f->physics.wheels_m_s = room(robots, 2 * sizeof(double));
+    f->physics.commands = room(robots, 2 * sizeof(int16_t));
+    f->physics.rolled_ns = room(robots, sizeof(int64_t));
+}
+
+static void tear_down(struct floor *f)
+{
+    free(f->radii_m);
+    free(f->box_rows);
+    free(f->near.searched_m);
+    free(f->near.pairs);
+    free(f->contacts.now);
+    free(f->contacts.before);
+    free(f->contacts.moved_m);
+    free(f->contacts.newest);
+    free(f->physics.poses);
+    free(f->physics.mobility);
+    free(f->physics.wheels_m_s);
+    free(f->physics.commands);
+    free(f->physics.rolled_ns);
+}
+
+static double draw_between(uint32_t *random, double low, double high)
+{
+    return low + (high - low) * draw(random, 1000001) / 1e6;
+}
+
+static void scatter(struct floor *f, uint32_t *random, double half_m)
+{
+    uint32_t b;
+
+    for (b = 0; b < f->near.bodies; b++) {
+        f->radii_m[b] = b < f->near.robots ? RADIUS_M : draw_between(random, 0.01, 0.1);
+        f->physics.poses[3 * b] = draw_between(random, -half_m, half_m);
+        f->physics.poses[3 * b + 1] = draw_between(random, -half_m, half_m);
+        f->physics.poses[3 * b + 2] = draw_between(random, -9.0, 9.0);
+    }
+    for (b = 0; b < f->near.boxes; b++) {
+        double *row = f->box_rows + VS_BOX_NUMBERS * b;
+        double yaw_rad = draw_between(random, -3.0, 3.0);
+
+        row[0] = draw_between(random, -2.0 * half_m, 2.0 * half_m);
+        row[1] = draw_between(random, -2.0 * half_m, 2.0 * half_m);
+        vs_sin_cos(yaw_rad, &row[3], &row[2]);
+        row[4] = draw_between(random, 0.005, 0.1);
+        row[5] = draw_between(random, 0.005, 0.1);
+    }
+    vs_physics_init(&f->physics, 0);
+}
+
+static void check_ring(struct floor *f)
+{
+    static const double from[2 * RAYS] = {0.03, 0.03, 0.03, 0.0, 0.0, 0.0};
+    static const double side[2 * RAYS] = {0.0, 0.0, 0.0, 0.031, 0.031, 0.031};
+    static const double x[2 * RAYS] = {0.8, 1.0, 0.8, -0.6, 0.0, 0.6};
+    static const double y[2 * RAYS] = {-0.6, 0.0, 0.6, 0.8, 1.0, 0.8};
+    static const double response[RAYS] = {0.5, 1.0, 0.5};
+    static const double table_m[3] = {0.0, 0.01, 0.07};
+    static const double table_raw[3] = {4095.0, 1000.0, 60.0};
+    struct vs_ring ring = {2, RAYS, from, side, x, y, response, 3, table_m, table_raw};
+    uint32_t sensors = 2 * f->near.robots;
+    double *distances_m = room(sensors * RAYS, sizeof(double));
+    double *raw = room(sensors, sizeof(double));
+    uint32_t s;
+
+    vs_ring_distances(&ring, &f->near, f->physics.poses, distances_m);
+    vs_ring_readings(&ring, distances_m, sensors, raw);
+    for (s = 0; s < sensors; s++)
+        CHECK(raw[s] >= 60.0 && raw[s] <= 4095.0);
+    for (s = 0; s < sensors * RAYS; s++)
+        CHECK(distances_m[s] >= 0.0);
+    free(distances_m);
+    free(raw);
+}
+
+static void check_poses(const struct floor *f)
+{
+    uint32_t b;
+    uint32_t i;
+
+    for (b = 0; b < f->near.bodies; b++) {
+        for (i = 0; i < 3; i++)
+            CHECK(f->physics.poses[3 * b + i] > -100.0 && f->physics.poses[3 * b + i] < 100.0);
+        CHECK(fabs(f->physics.poses[3 * b + 2]) <= 3.1415926535897936);
+    }
+}
+
+static void test_any_crowd(uint32_t seed)
+{
+    uint32_t random = seed * 2654435761u + 1u;
+    uint32_t robots = draw(&random, 12);
+    struct floor f;
+    int64_t time_ns = 0;
+    int tick;
+
+    build(&f, robots, robots + draw(&random, 4), draw(&random, 6));
+    scatter(&f, &random, draw_between(&random, 0.0, 0.6));
+    for (tick = 0; tick < 60; tick++) {
+        time_ns += 1 + (int64_t)draw(&random, 40000000);
+        if (robots > 0)
+            vs_physics_drive(&f.physics, draw(&random, robots), (int)draw(&random, 4000) - 2000,
+                             (int)draw(&random, 4000) - 2000, time_ns - 5000000);
+        vs_physics_advance(&f.physics, time_ns);
+        check_poses(&f);
+        check_ring(&f);
+    }
+    tear_down(&f);
+}
+
+/* One tick parts whatever overlaps, unless it is wedged between things that never move. */
+static void test_a_pile_comes_apart(void)
+{
+    uint32_t random = 7;
+    struct floor f;
+    int64_t tick;
+    uint32_t a;
+    uint32_t b;
+
+    build(&f, 20, 20, 0);
+    scatter(&f, &random, 0.1);
+    for (tick = 1; tick <= 20; tick++)
+        vs_physics_tick(&f.physics, tick * VS_TICK_NS);
+    for (a = 0; a < 20; a++)
+        for (b = 0; b < a; b++)
+            CHECK(hypot(f.physics.poses[3 * a] - f.physics.poses[3 * b],
+                        f.physics.poses[3 * a + 1] - f.physics.poses[3 * b + 1]) >
+                  2.0 * RADIUS_M - 1e-4);
+    tear_down(&f);
+}
+
+static void test_trigonometry(void)
+{
+    uint32_t random = 3;
+    double sine;
+    double cosine;
+    int i;
+
+    for (i = 0; i < 100000; i++) {
+        double angle = draw_between(&random, -1.0, 1.0) * (i % 2 ? 4.0 : VS_TRIG_MAX_RAD);
+        double wrapped = vs_wrap_angle(angle);
+
+        vs_sin_cos(angle, &sine, &cosine);
+        CHECK(fabs(sine - sin(angle)) < 2e-15 && fabs(cosine - cos(angle)) < 2e-15);
+        CHECK(wrapped > -3.14159265358979324 && wrapped <= 3.14159265358979324);
+        CHECK(fabs(sin(wrapped) - sin(angle)) < 1e-10);
+    }
+    vs_sin_cos(INFINITY, &sine, &cosine);
+    CHECK(sine == 0.0 && cosine == 1.0);
+    vs_sin_cos(NAN, &sine, &cosine);
+    CHECK(sine == 0.0 && cosine == 1.0);
+    CHECK(vs_wrap_angle(3.14159265358979324) > 3.0 && vs_wrap_angle(-3.14159265358979324) > 3.0);
+}
+
+int main(void)
+{
+    uint32_t seed;
+
+    test_trigonometry();
+    test_a_pile_comes_apart();
+    for (seed = 0; seed < 300; seed++)
+        test_any_crowd(seed);
+    return 0;
+}

@@ -1,0 +1,299 @@
+"""What stands or lies in the arena besides the real robots: frozen records in the arena frame.
+
+A loop function makes them as an experiment file does, so each checks itself: a number that is
+none, or that no arena has, is refused where the record is made.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vsense.arena import wrap_angle
+from vsense.errors import VsenseError
+
+Vector = tuple[float, float, float]
+Color = tuple[int, int, int]
+
+BODY_RADIUS_M = 0.035
+"""Radius of an e-puck's body, and of every tagged object. Source: argos3-epuck."""
+BODY_HEIGHT_M = 0.076
+"""Height of such a body. Source: argos3-epuck."""
+
+VIRTUAL_TAG_MIN = 0x10000
+"""Virtual robots have tags that no marker can show."""
+
+MAX_LENGTH_M = 1e4
+MAX_INTENSITY = 1e6
+
+
+class WorldError(VsenseError):
+    """Something that the world cannot hold or does not know."""
+
+
+@dataclass(frozen=True, slots=True)
+class Arena:
+    """The box that everything stands in.
+
+    Attributes:
+        size_m: extent along x, y, z.
+        centre_m: its middle.
+    """
+
+    size_m: Vector
+    centre_m: Vector
+
+    def contains(self, x_m: float, y_m: float, margin_m: float = 0.0) -> bool:
+        """Tells whether a point lies inside, at least margin_m from the border."""
+        return (
+            abs(x_m - self.centre_m[0]) <= self.size_m[0] / 2.0 - margin_m
+            and abs(y_m - self.centre_m[1]) <= self.size_m[1] / 2.0 - margin_m
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """A box, also a wall.
+
+    Attributes:
+        id: its name, unique in the world.
+        position_m: middle of its base.
+        size_m: extent along its own x, y, z.
+        yaw_rad: its turn about z.
+        physical: it stands in the real arena; else it is sensed only.
+    """
+
+    id: str
+    position_m: Vector
+    size_m: Vector
+    yaw_rad: float = 0.0
+    physical: bool = False
+
+    def __post_init__(self) -> None:
+        _check_id(self)
+        _set(self, "position_m", _vector(self, "position_m"))
+        _set(self, "size_m", _vector(self, "size_m", positive=True))
+        _set(self, "yaw_rad", _angle(self, "yaw_rad"))
+
+
+@dataclass(frozen=True, slots=True)
+class Cylinder:
+    """An upright cylinder.
+
+    Attributes:
+        id: its name, unique in the world.
+        position_m: middle of its base.
+        radius_m: its radius.
+        height_m: its height.
+        physical: it stands in the real arena; else it is sensed only.
+    """
+
+    id: str
+    position_m: Vector
+    radius_m: float
+    height_m: float
+    physical: bool = False
+
+    def __post_init__(self) -> None:
+        _check_id(self)
+        _set(self, "position_m", _vector(self, "position_m"))
+        for name in ("radius_m", "height_m"):
+            _set(self, name, _length(self, name, getattr(self, name)))
+
+
+@dataclass(frozen=True, slots=True)
+class Light:
+    """A lamp; it has no body.
+
+    Attributes:
+        id: its name, unique in the world.
+        position_m: where it shines from.
+        intensity: how strong, as in ARGoS: a reading is (intensity / distance)^2.
+        color: red, green, blue, 0..255 each.
+    """
+
+    id: str
+    position_m: Vector
+    intensity: float = 1.0
+    color: Color = (255, 255, 255)
+
+    def __post_init__(self) -> None:
+        _check_id(self)
+        _set(self, "position_m", _vector(self, "position_m"))
+        expected = f"a number from 0 to {MAX_INTENSITY:g}"
+        _set(self, "intensity", _number(self, "intensity", 0.0, MAX_INTENSITY, expected))
+        _set(self, "color", _color(self))
+
+
+@dataclass(frozen=True, slots=True)
+class Zone:
+    """A named region of the floor.
+
+    Attributes:
+        id: its name, unique in the world.
+        shape: "circle" or "rectangle".
+        x_m: its middle.
+        y_m: its middle.
+        radius_m: of a circle.
+        size_m: extent of a rectangle along its own x and y.
+        yaw_rad: the rectangle's turn.
+        color: what it is painted with over the floor; None: it cannot be seen.
+        value: a number for whoever wants one.
+    """
+
+    id: str
+    shape: str
+    x_m: float
+    y_m: float
+    radius_m: float = 0.0
+    size_m: tuple[float, float] = (0.0, 0.0)
+    yaw_rad: float = 0.0
+    color: Color | None = None
+    value: float = 0.0
+
+    def __post_init__(self) -> None:
+        _check_id(self)
+        if self.shape not in ("circle", "rectangle"):
+            raise _error(self, "shape", self.shape, "'circle' or 'rectangle'")
+        for name in ("x_m", "y_m", "value"):
+            _set(self, name, _number(self, name))
+        if self.shape == "circle":
+            _set(self, "radius_m", _length(self, "radius_m", self.radius_m))
+        else:
+            _set(self, "size_m", _vector(self, "size_m", 2, positive=True))
+        _set(self, "yaw_rad", _angle(self, "yaw_rad"))
+        if self.color is not None:
+            _set(self, "color", _color(self))
+
+    def contains(self, points_m: ArrayLike) -> NDArray[np.bool_]:
+        """Tells which points (..., 2) lie in the zone; its edge belongs to it."""
+        points = np.asarray(points_m, dtype=np.float64)
+        x, y = points[..., 0] - self.x_m, points[..., 1] - self.y_m
+        if self.shape == "circle":
+            return np.asarray(x * x + y * y <= self.radius_m**2)
+        cosine, sine = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        along, across = x * cosine + y * sine, y * cosine - x * sine
+        inside = (np.abs(along) <= self.size_m[0] / 2) & (np.abs(across) <= self.size_m[1] / 2)
+        return np.asarray(inside)
+
+
+@dataclass(frozen=True, slots=True)
+class VirtualRobot:
+    """A robot that lives beside the real ones and is sensed by them.
+
+    Attributes:
+        id: its name, unique in the world.
+        tag: its number, from VIRTUAL_TAG_MIN.
+        x_m: where it stands.
+        y_m: where it stands.
+        yaw_rad: its heading.
+        driven: the experiment's controller drives it; else only loop functions move it.
+    """
+
+    id: str
+    tag: int
+    x_m: float
+    y_m: float
+    yaw_rad: float = 0.0
+    driven: bool = False
+
+    def __post_init__(self) -> None:
+        _check_id(self)
+        whole = isinstance(self.tag, (int, np.integer)) and not isinstance(self.tag, bool)
+        if not whole or not VIRTUAL_TAG_MIN <= self.tag < 2**32:
+            expected = f"a whole number from {VIRTUAL_TAG_MIN} on: smaller ones are real markers"
+            raise _error(self, "tag", self.tag, expected)
+        for name in ("x_m", "y_m"):
+            _set(self, name, _number(self, name))
+        _set(self, "yaw_rad", _angle(self, "yaw_rad"))
+
+
+Entity = Box | Cylinder | Light | Zone | VirtualRobot
+
+
+def moved(entity: Entity, x_m: float, y_m: float, yaw_rad: float | None = None) -> Entity:
+    """Gives the same thing at another place; without yaw_rad it keeps its turn.
+
+    Raises:
+        WorldError: a number that no arena has, or a turn of something without a heading.
+    """
+    if isinstance(entity, (Cylinder, Light)):
+        if yaw_rad is not None:
+            raise WorldError(f"{type(entity).__name__} {entity.id!r} has no heading to be turned")
+        return replace(entity, position_m=(x_m, y_m, entity.position_m[2]))
+    yaw_rad = entity.yaw_rad if yaw_rad is None else yaw_rad
+    if isinstance(entity, Box):
+        return replace(entity, position_m=(x_m, y_m, entity.position_m[2]), yaw_rad=yaw_rad)
+    return replace(entity, x_m=x_m, y_m=y_m, yaw_rad=yaw_rad)
+
+
+def _set(entity: object, name: str, value: object) -> None:
+    """Frozen records are put right once, while they are made."""
+    object.__setattr__(entity, name, value)
+
+
+def _error(entity: Entity, name: str, value: object, expected: str) -> WorldError:
+    kind = type(entity).__name__
+    return WorldError(f"{kind} {entity.id!r}: {name} is {value!r:.60}, expected {expected}")
+
+
+def _check_id(entity: Entity) -> None:
+    if not isinstance(entity.id, str) or not entity.id.strip() or not entity.id.isprintable():
+        raise _error(entity, "id", entity.id, "a name")
+
+
+def _number(
+    entity: Entity,
+    name: str,
+    low: float = -MAX_LENGTH_M,
+    high: float = MAX_LENGTH_M,
+    expected: str = f"a number of at most {MAX_LENGTH_M:g}",
+) -> float:
+    return _within(entity, name, getattr(entity, name), low, high, expected)
+
+
+def _within(
+    entity: Entity, name: str, value: object, low: float, high: float, expected: str
+) -> float:
+    plain = isinstance(value, (int, float, np.integer, np.floating))
+    if not plain or isinstance(value, bool) or not low <= value <= high:  # type: ignore[operator]
+        raise _error(entity, name, value, expected)
+    return float(value)  # type: ignore[arg-type]
+
+
+def _length(entity: Entity, name: str, value: object) -> float:
+    smallest = 1e-6
+    expected = f"a length from {smallest:g} to {MAX_LENGTH_M:g} m"
+    return _within(entity, name, value, smallest, MAX_LENGTH_M, expected)
+
+
+def _angle(entity: Entity, name: str) -> float:
+    angle_rad = _number(entity, name, -1e6, 1e6, "an angle in radians")
+    inside = -math.pi < angle_rad <= math.pi
+    return angle_rad if inside else float(wrap_angle(angle_rad))
+
+
+def _vector(entity: Entity, name: str, size: int = 3, positive: bool = False) -> tuple[float, ...]:
+    value = getattr(entity, name)
+    if not isinstance(value, (Sequence, np.ndarray)) or len(value) != size:
+        raise _error(entity, name, value, f"{size} numbers")
+    if positive:
+        return tuple(_length(entity, name, part) for part in value)
+    bound, expected = MAX_LENGTH_M, f"{size} numbers of at most {MAX_LENGTH_M:g} m"
+    return tuple(_within(entity, name, part, -bound, bound, expected) for part in value)
+
+
+def _color(entity: Light | Zone) -> Color:
+    expected = "red, green, blue, each a whole number from 0 to 255"
+    value = entity.color
+    if not isinstance(value, (Sequence, np.ndarray)) or len(value) != 3:
+        raise _error(entity, "color", value, expected)
+    for part in value:
+        whole = isinstance(part, (int, np.integer)) and not isinstance(part, bool)
+        if not whole or not 0 <= part <= 255:
+            raise _error(entity, "color", value, expected)
+    return int(value[0]), int(value[1]), int(value[2])

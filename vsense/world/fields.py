@@ -1,0 +1,243 @@
+"""What is spread over the floor, such as a pheromone: a grid that evaporates and diffuses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vsense.world.entities import Arena, WorldError
+
+Floats = NDArray[np.float64]
+
+MAX_CELLS = 4_000_000
+MAX_SUBSTEPS = 50
+MAX_CONCENTRATION = 1e9
+"""Concentrations saturate here [1/m^2]: what no robot needs, and every float holds."""
+
+_STABLE = 0.2
+"""Share of a cell's difference to each neighbour that one substep may level out; explicit
+diffusion overshoots from 0.25 on."""
+
+
+class Field:
+    """One kind of substance: concentrations at the middles of square cells.
+
+    A concentration is an amount per square metre, so that what robots leave behind and feel does
+    not depend on the size of the cells. Nothing leaves the field over the arena's border.
+
+    Attributes:
+        id: its name.
+        cell_m: side of a cell.
+        evaporation_per_s: share that is lost per second, continuously: the amount falls by
+            exp(-evaporation_per_s * t).
+        diffusion_m2_s: how fast it spreads: the variance of a drop grows by twice this per
+            second, along x and y.
+        concentration: (rows, columns) amounts per m^2; row 0 has the lowest y.
+    """
+
+    def __init__(
+        self,
+        id: str,
+        arena: Arena,
+        cell_m: float,
+        evaporation_per_s: float = 0.0,
+        diffusion_m2_s: float = 0.0,
+        initial: float = 0.0,
+    ) -> None:
+        """Makes a field over the whole arena.
+
+        Args:
+            id: its name.
+            arena: where it lies; the last column and row may reach beyond its border.
+            cell_m: side of a cell.
+            evaporation_per_s: see the attribute.
+            diffusion_m2_s: see the attribute.
+            initial: concentration everywhere at the start.
+
+        Raises:
+            WorldError: a number is out of range, or there would be too many cells.
+        """
+        self.id = id
+        self.cell_m = self._number("cell_m", cell_m, 1e-4)
+        self.evaporation_per_s = self._number("evaporation_per_s", evaporation_per_s, 0.0)
+        self.diffusion_m2_s = self._number("diffusion_m2_s", diffusion_m2_s, 0.0)
+        self._initial = self._number("initial", initial, 0.0)
+        columns, rows = (max(math.ceil(s / cell_m - 1e-9), 1) for s in arena.size_m[:2])
+        if columns * rows > MAX_CELLS:
+            raise WorldError(
+                f"field {id!r}: cells of {cell_m:g} m are {columns} x {rows} in this arena,"
+                f" expected at most {MAX_CELLS}: make them larger"
+            )
+        self._corner_m = np.array(arena.centre_m[:2]) - 0.5 * cell_m * np.array([columns, rows])
+        self.concentration = np.full((rows, columns), self._initial)
+
+    def check(self, timestep_s: float) -> None:
+        """Tells whether the field can be stepped.
+
+        Raises:
+            WorldError: it spreads over too many cells in one timestep.
+        """
+        if self._substeps(timestep_s) > MAX_SUBSTEPS:
+            most = MAX_SUBSTEPS * _STABLE * self.cell_m**2 / timestep_s
+            raise WorldError(
+                f"field {self.id!r}: a diffusion of {self.diffusion_m2_s:g} m^2/s is too fast for"
+                f" cells of {self.cell_m:g} m, expected at most {most:.3g} or larger cells"
+            )
+
+    def reset(self) -> None:
+        """Goes back to the start."""
+        self.fill(self._initial)
+
+    def fill(self, concentration: float) -> None:
+        """Makes the concentration the same everywhere [1/m^2]."""
+        self.concentration[:] = self._number("concentration", concentration, 0.0)
+
+    def total(self) -> float:
+        """Gives the amount of the substance in the arena."""
+        return float(self.concentration.sum()) * self.cell_m**2
+
+    def value(self, points_m: ArrayLike) -> Floats:
+        """Reads the concentration at points (n, 2), interpolated between the cells [1/m^2].
+
+        A point outside reads what the nearest one inside reads.
+        """
+        cells, shares = self._around(self._grid(points_m))
+        read: Floats = (self.concentration.reshape(-1)[cells] * shares).sum(axis=1)
+        return read
+
+    def gradient(self, points_m: ArrayLike) -> Floats:
+        """Reads how the concentration rises at points (n, 2): d/dx and d/dy, (n, 2) [1/m^3].
+
+        Taken over two cells, and level across the border.
+        """
+        grid = self._grid(points_m)
+        slopes = []
+        for axis in ((1.0, 0.0), (0.0, 1.0)):
+            ends = [self._around(grid + sign * np.array(axis)) for sign in (1.0, -1.0)]
+            flat = self.concentration.reshape(-1)
+            ahead, behind = ((flat[cells] * shares).sum(axis=1) for cells, shares in ends)
+            slopes.append((ahead - behind) / (2.0 * self.cell_m))
+        return np.stack(slopes, axis=1)
+
+    def deposit(self, points_m: ArrayLike, amounts: ArrayLike) -> None:
+        """Adds amounts at points, shared out between the four nearest cells.
+
+        Args:
+            points_m: (n, 2) places; outside of the arena the nearest one inside.
+            amounts: (n,) or one for all, 0 or more.
+
+        Raises:
+            WorldError: an amount is negative or not finite.
+        """
+        cells, shares = self._around(self._grid(points_m))
+        added = self._amounts(amounts, len(cells))[:, None] * shares / self.cell_m**2
+        flat = self.concentration.reshape(-1)
+        np.add.at(flat, cells, added)
+        np.minimum(flat, MAX_CONCENTRATION, out=flat)
+
+    def take(self, points_m: ArrayLike, amounts: ArrayLike) -> Floats:
+        """Takes amounts away at points, as far as there is something.
+
+        Where several take from one cell and it has too little for all, each gets the same share
+        of what it wanted: so nobody's turn matters.
+
+        Args:
+            points_m: (n, 2) places, as in `deposit`.
+            amounts: (n,) or one for all, 0 or more.
+
+        Returns:
+            (n,) what each got.
+
+        Raises:
+            WorldError: an amount is negative or not finite.
+        """
+        cells, shares = self._around(self._grid(points_m))
+        wanted = self._amounts(amounts, len(cells))[:, None] * shares / self.cell_m**2
+        flat = self.concentration.reshape(-1)
+        demand = np.zeros_like(flat)
+        np.add.at(demand, cells, wanted)
+        met = np.divide(flat, demand, out=np.ones_like(flat), where=demand > flat)
+        got = wanted * met[cells]
+        flat -= np.minimum(demand, flat)
+        taken: Floats = got.sum(axis=1) * self.cell_m**2
+        return taken
+
+    def step(self, dt_s: float) -> None:
+        """Lets time pass: the substance spreads, then evaporates.
+
+        Raises:
+            WorldError: it spreads over too many cells in dt_s.
+        """
+        self.check(dt_s)
+        substeps = self._substeps(dt_s)
+        for _ in range(substeps):
+            self._spread(self.diffusion_m2_s * dt_s / substeps / self.cell_m**2)
+        if self.evaporation_per_s > 0.0:
+            self.concentration *= math.exp(-self.evaporation_per_s * dt_s)
+
+    def _substeps(self, dt_s: float) -> int:
+        return math.ceil(self.diffusion_m2_s * dt_s / (_STABLE * self.cell_m**2))
+
+    def _spread(self, share: float) -> None:
+        """Moves a share of every difference between neighbours from one to the other."""
+        across = share * np.diff(self.concentration, axis=1)
+        along = share * np.diff(self.concentration, axis=0)
+        self.concentration[:, :-1] += across
+        self.concentration[:, 1:] -= across
+        self.concentration[:-1] += along
+        self.concentration[1:] -= along
+
+    def _grid(self, points_m: ArrayLike) -> Floats:
+        """Gives places in cells, 0, 0 being the middle of the first one."""
+        points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
+        return (points - self._corner_m) / self.cell_m - 0.5
+
+    def _around(self, grid: Floats) -> tuple[NDArray[np.intp], Floats]:
+        """Gives the four cells around each place, (n, 4) flat, and their shares of it."""
+        rows, columns = self.concentration.shape
+        last = np.array([columns - 1, rows - 1])
+        inside = np.clip(grid, 0.0, last)
+        low = np.minimum(inside.astype(np.intp), np.maximum(last - 1, 0))
+        (x, y), (u, v) = low.T, (inside - low).T
+        right, up = np.minimum(x + 1, last[0]), np.minimum(y + 1, last[1])
+        cells = np.stack(
+            (y * columns + x, y * columns + right, up * columns + x, up * columns + right)
+        )
+        shares = np.stack(((1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v))
+        return cells.T, shares.T
+
+    def _amounts(self, amounts: ArrayLike, count: int) -> Floats:
+        values = np.broadcast_to(np.asarray(amounts, dtype=np.float64), (count,))
+        fine = (values >= 0.0) & (values <= MAX_CONCENTRATION)
+        if not fine.all():
+            raise WorldError(
+                f"field {self.id!r}: an amount is {values[~fine][0]:g},"
+                f" expected 0 to {MAX_CONCENTRATION:g}"
+            )
+        return values
+
+    def _number(self, name: str, value: float, low: float) -> float:
+        if not isinstance(value, (int, float)) or not low <= value <= MAX_CONCENTRATION:
+            raise WorldError(
+                f"field {self.id!r}: {name} is {value!r:.60},"
+                f" expected a number from {low:g} to {MAX_CONCENTRATION:g}"
+            )
+        return float(value)
+
+
+def by_id(fields: Iterable[Field], timestep_s: float) -> dict[str, Field]:
+    """Gives fields by their ids.
+
+    Raises:
+        WorldError: two have the same, or one changes too fast for a timestep.
+    """
+    found: dict[str, Field] = {}
+    for field in fields:
+        field.check(timestep_s)
+        if field.id in found:
+            raise WorldError(f"two fields are called {field.id!r}")
+        found[field.id] = field
+    return found

@@ -1,0 +1,96 @@
+"""The floor's colours: a picture mapped on it or one colour, with coloured zones painted over."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vsense.world.entities import Color, WorldError, Zone
+
+Floats = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+WHITE: Color = (255, 255, 255)
+OPAQUE = 255.0
+
+
+@dataclass(frozen=True)
+class Floor:
+    """What lies on the floor.
+
+    Attributes:
+        image: (h, w, 3 or 4) uint8 red, green, blue and perhaps alpha, its first row on top, at
+            the highest y; None: the floor is plain.
+        size_m: extent along x and y that the picture covers.
+        centre_m: middle of the picture. ARGoS lays it round the origin whatever the arena's
+            centre.
+        color: of a plain floor.
+        zones: regions painted over it, later ones over earlier ones; those without colour are
+            not seen.
+    """
+
+    image: Image | None = None
+    size_m: tuple[float, float] = (1.0, 1.0)
+    centre_m: tuple[float, float] = (0.0, 0.0)
+    color: Color = WHITE
+    zones: Sequence[Zone] = field(default=())
+
+    def __post_init__(self) -> None:
+        """Refuses what is no picture.
+
+        Raises:
+            WorldError: wrong shape, type, or extent.
+        """
+        image = self.image
+        if image is None:
+            return
+        fits = image.ndim == 3 and image.shape[2] in (3, 4) and image.size > 0
+        if image.dtype != np.uint8 or not fits:
+            raise WorldError(
+                f"the floor's picture has shape {image.shape} of {image.dtype},"
+                " expected (height, width, 3 or 4) of uint8"
+            )
+        if not all(0.0 < size < np.inf for size in self.size_m):
+            raise WorldError(f"the floor's picture covers {self.size_m} m, expected lengths")
+
+    def with_zones(self, zones: Sequence[Zone]) -> Floor:
+        """Gives the same floor with other zones painted over it."""
+        return replace(self, zones=tuple(zones))
+
+    def sample(self, points_m: ArrayLike) -> Floats:
+        """Reads the floor's colour.
+
+        A point is as the pixel that it lies in, not interpolated, as in ARGoS; one outside of the
+        picture as the nearest pixel inside.
+
+        Args:
+            points_m: (n, 2) points.
+
+        Returns:
+            (n, 4) red, green, blue, alpha, each 0..255.
+
+        Source: ARGoS's image floor, iridia.md section 2.
+        """
+        points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
+        colors = np.full((len(points), 4), OPAQUE)
+        colors[:, :3] = self.color
+        if self.image is not None:
+            height, width, channels = self.image.shape
+            colors[:, :channels] = self.image[self._pixels(points, height, width)]
+        for zone in self.zones:
+            if zone.color is not None:
+                colors[zone.contains(points)] = (*zone.color, OPAQUE)
+        return colors
+
+    def _pixels(
+        self, points: Floats, height: int, width: int
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Gives each point's row, from the top, and column."""
+        cells = np.array([width, height])
+        size = np.asarray(self.size_m)
+        place = (points - self.centre_m + 0.5 * size) * (cells / size)
+        column, up = np.clip(np.floor(place), 0, cells - 1).astype(np.intp).T
+        return height - 1 - up, column

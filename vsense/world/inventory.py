@@ -1,0 +1,126 @@
+"""Everything virtual that stands in the world, by id, and a count of its changes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
+from typing import TypeVar
+
+from vsense.world.entities import (
+    Box,
+    Cylinder,
+    Entity,
+    Light,
+    VirtualRobot,
+    WorldError,
+    Zone,
+    moved,
+)
+
+Kind = TypeVar("Kind", Box, Cylinder, Light, Zone, VirtualRobot)
+
+KINDS = (Box, Cylinder, Light, Zone, VirtualRobot)
+_SHOWN = 8
+
+
+class Inventory:
+    """Entities by id, in the order in which they were put.
+
+    Attributes:
+        version: grows with every change.
+    """
+
+    def __init__(self, entities: Iterable[Entity] = ()) -> None:
+        """Takes what is there at the start; that may be physical.
+
+        Raises:
+            WorldError: two have the same id, or the same tag.
+        """
+        self.version = 0
+        self._entities: dict[str, Entity] = {}
+        self._by_kind: dict[type, tuple[Entity, ...]] = {}
+        for entity in entities:
+            if entity.id in self._entities:
+                raise WorldError(f"two things in the world are called {entity.id!r}")
+            self._add(entity)
+        self._first = dict(self._entities)
+
+    def reset(self) -> None:
+        """Goes back to what was there at the start."""
+        self._entities = dict(self._first)
+        self._changed()
+
+    @property
+    def entities(self) -> Mapping[str, Entity]:
+        """All of them by id; cannot be changed through this view."""
+        return MappingProxyType(self._entities)
+
+    def of(self, kind: type[Kind]) -> tuple[Kind, ...]:
+        """Gives all entities of one kind."""
+        if kind not in self._by_kind:
+            found = tuple(e for e in self._entities.values() if isinstance(e, kind))
+            self._by_kind[kind] = found
+        return self._by_kind[kind]  # type: ignore[return-value]
+
+    def put(self, entity: object) -> None:
+        """Adds an entity, or replaces the one of its id.
+
+        Raises:
+            WorldError: it is none, its tag is another one's, or it stands in the real arena.
+        """
+        if not isinstance(entity, KINDS):
+            names = ", ".join(kind.__name__ for kind in KINDS)
+            raise WorldError(f"{entity!r:.60} cannot be put into the world, expected: {names}")
+        _check_virtual(entity)
+        _check_virtual(self._entities.get(entity.id))
+        self._add(entity)
+
+    def remove(self, name: str) -> None:
+        """Takes an entity out of the world.
+
+        Raises:
+            WorldError: there is none, or it stands in the real arena.
+        """
+        _check_virtual(self.get(name))
+        del self._entities[name]
+        self._changed()
+
+    def move(self, name: str, x_m: float, y_m: float, yaw_rad: float | None) -> None:
+        """Puts an entity to another place.
+
+        Raises:
+            WorldError: there is none, it stands in the real arena, or there is no such place.
+        """
+        _check_virtual(self.get(name))
+        self._entities[name] = moved(self._entities[name], x_m, y_m, yaw_rad)
+        self._changed()
+
+    def get(self, name: str) -> Entity:
+        """Gives an entity.
+
+        Raises:
+            WorldError: there is none.
+        """
+        if name not in self._entities:
+            known = sorted(self._entities)
+            listed = ", ".join(known[:_SHOWN]) + (", ..." if len(known) > _SHOWN else "")
+            raise WorldError(f"there is no {name!r} in the world; there are: {listed or 'none'}")
+        return self._entities[name]
+
+    def _add(self, entity: Entity) -> None:
+        if isinstance(entity, VirtualRobot):
+            twins = (e for e in self.of(VirtualRobot) if e.tag == entity.tag and e.id != entity.id)
+            for twin in twins:
+                raise WorldError(f"{entity.id!r} and {twin.id!r} have the same tag {entity.tag}")
+        self._entities[entity.id] = entity
+        self._changed()
+
+    def _changed(self) -> None:
+        self.version += 1
+        self._by_kind.clear()
+
+
+def _check_virtual(entity: Entity | None) -> None:
+    """What the robots can bump into stays where the experiment file says that it is."""
+    if isinstance(entity, (Box, Cylinder)) and entity.physical:
+        raise WorldError(f"{entity.id!r} stands in the real arena: the world cannot change it")

@@ -1,0 +1,217 @@
+"""The user's own Python around every timestep: reads and changes the world, and measures.
+
+An experiment names a file, `<loop_functions library="doors.py" />`. It holds any of these, as
+functions or as methods of one class, called as the attribute `label` says ("LoopFunctions"
+where there is none), which is made anew, without arguments, for every run:
+
+    def reset(world):      before the first timestep
+    def pre_step(world):   after the robots were seen, before their virtual actuators act
+    def post_step(world):  after the robots' readings were computed
+    def end(world):        after the last timestep; may give measures of the run, a dict
+    def floor_color(x_m, y_m):  with <floor source="loop_functions">: red, green, blue, 0..255
+
+`world` is the `World`: `world.params["door_s"]` are the other attributes of the element, as
+texts; `world.random` is what to draw from, so that a seed repeats a run.
+Whatever goes wrong in the file becomes one error that names its line.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from vsense.errors import VsenseError
+from vsense.users_code import UsersCode, line_of
+from vsense.world.entities import Arena, WorldError
+from vsense.world.floor import Floor
+from vsense.world.results import Results
+from vsense.world.world import World
+
+HOOKS = {"reset": 1, "pre_step": 1, "post_step": 1, "end": 1, "floor_color": 2}
+"""What the file may hold, and how many arguments each is called with."""
+
+DEFAULT_LABEL = "LoopFunctions"
+
+_MODULE = "vsense_loop_functions"
+_MAX_PIXELS = 10_000_000
+_ARGUMENTS = {1: "world", 2: "x_m, y_m"}
+
+Hook = Callable[..., Any]
+
+
+class LoopFunctionsError(VsenseError):
+    """The user's file failed; `file:line: what happened`.
+
+    Attributes:
+        file: the file.
+        line: line in it, from 1.
+        message: what happened there.
+    """
+
+    def __init__(self, file: str, line: int, message: str) -> None:
+        super().__init__(f"{file}:{line}: {message}")
+        self.file = file
+        self.line = line
+        self.message = message
+
+
+class LoopFunctions:
+    """The hooks of one user's file for one run."""
+
+    def __init__(
+        self, path: Path, label: str = "", params: Mapping[str, str] | None = None
+    ) -> None:
+        """Loads the file.
+
+        Args:
+            path: the file; modules beside it may be imported in it.
+            label: name of the class that holds the hooks, "": the default one. Without such a
+                class the file's own functions are the hooks: in ARGoS everything has a label.
+            params: the user's settings, for `world.params`.
+
+        Raises:
+            LoopFunctionsError: the file cannot be read or run, or holds no hook.
+        """
+        self._code = UsersCode(path, LoopFunctionsError)
+        self._file = self._code.file
+        self._params = dict(params or {})
+        module = self._code.load(_MODULE)
+        self._hooks: dict[str, Hook] = {}
+        holder = self._holder(module, label)
+        for name, arguments in HOOKS.items():
+            hook = getattr(holder, name, None)
+            if hook is not None:
+                self._check_hook(name, hook, arguments)
+                self._hooks[name] = hook
+        if not self._hooks:
+            known = ", ".join(HOOKS)
+            raise LoopFunctionsError(self._file, 1, f"holds no loop function, expected: {known}")
+
+    def reset(self, world: World) -> None:
+        """Calls the user's `reset`, with the settings in place.
+
+        Raises:
+            LoopFunctionsError: it failed; so with the other hooks.
+        """
+        world.params = dict(self._params)
+        self._step("reset", world)
+
+    def pre_step(self, world: World) -> None:
+        """Calls the user's `pre_step`."""
+        self._step("pre_step", world)
+
+    def post_step(self, world: World) -> None:
+        """Calls the user's `post_step`."""
+        self._step("post_step", world)
+
+    def end(self, world: World) -> dict[str, float]:
+        """Calls the user's `end`.
+
+        Returns:
+            All measures of the run, those that stood in `world.results` too.
+        """
+        given = self._call("end", world)
+        if given is None:
+            return dict(world.results)
+        if not isinstance(given, Mapping):
+            expected = "a dict of numbers by name"
+            raise self._wrong("end", f"gave {_shown(given)}, expected {expected}")
+        results = Results()
+        results.update(world.results)
+        try:
+            results.update(given)
+        except WorldError as error:
+            raise self._wrong("end", str(error)) from None
+        return dict(results)
+
+    def floor(self, arena: Arena, pixels_per_m: float) -> Floor:
+        """Makes the floor that the user's `floor_color` gives, pixel by pixel.
+
+        Raises:
+            LoopFunctionsError: there is none, it failed, or the picture is too large.
+        """
+        if "floor_color" not in self._hooks:
+            raise LoopFunctionsError(
+                self._file, 1, "has no floor_color(x_m, y_m), which the experiment's floor wants"
+            )
+        size, centre = arena.size_m[:2], arena.centre_m[:2]
+        width, height = (max(round(s * pixels_per_m), 1) for s in size)
+        if width * height > _MAX_PIXELS:
+            what = f"{width} x {height} pixels, expected at most {_MAX_PIXELS}"
+            raise self._wrong("floor_color", f"the floor would have {what}")
+        image = np.empty((height, width, 3), dtype=np.uint8)
+        for row in range(height):
+            y_m = centre[1] + size[1] * (0.5 - (row + 0.5) / height)
+            for column in range(width):
+                x_m = centre[0] + size[0] * ((column + 0.5) / width - 0.5)
+                image[row, column] = self._color(x_m, y_m)
+        return Floor(image, (size[0], size[1]), (centre[0], centre[1]))
+
+    def _color(self, x_m: float, y_m: float) -> tuple[float, float, float]:
+        color = self._call("floor_color", x_m, y_m)
+        try:
+            red, green, blue = (float(part) for part in color)
+        except (TypeError, ValueError):
+            red = green = blue = -1.0
+        if not all(0.0 <= part <= 255.0 for part in (red, green, blue)):
+            expected = "red, green, blue from 0 to 255"
+            raise self._wrong("floor_color", f"gave {_shown(color)}, expected {expected}")
+        return round(red), round(green), round(blue)
+
+    def _step(self, name: str, world: World) -> None:
+        given = self._call(name, world)
+        if given is not None:
+            raise self._wrong(name, f"gave {_shown(given)}, expected nothing")
+
+    def _call(self, name: str, *arguments: object) -> Any:
+        """Calls a hook if there is one."""
+        hook = self._hooks.get(name)
+        if hook is None:
+            return None
+        with self._code.watch(f"in {name}: ", line_of(hook)):
+            return hook(*arguments)
+
+    def _holder(self, module: ModuleType, label: str) -> object:
+        """Gives what holds the hooks: the module, or an object of the class in it."""
+        found = getattr(module, label or DEFAULT_LABEL, None)
+        if inspect.isclass(found):
+            with self._code.watch(f"in {found.__name__}: ", line_of(found.__init__)):
+                return found()
+        if label and not any(hasattr(module, name) for name in HOOKS):
+            message = f"has neither a class {label!r}, as the label says, nor loop functions"
+            raise LoopFunctionsError(self._file, 1, message)
+        return module
+
+    def _check_hook(self, name: str, hook: object, arguments: int) -> None:
+        """Refuses what can be seen to be no hook before it is called."""
+        wanted = f"expected a function {name}({_ARGUMENTS[arguments]})"
+        if not callable(hook):
+            raise LoopFunctionsError(self._file, 1, f"{name} is {_shown(hook)}, {wanted}")
+        if (
+            inspect.iscoroutinefunction(hook)
+            or inspect.isgeneratorfunction(hook)
+            or inspect.isasyncgenfunction(hook)
+        ):
+            raise self._wrong_at(hook, f"{name} is async or yields, {wanted}")
+        try:
+            inspect.signature(hook).bind(*range(arguments))
+        except TypeError as error:
+            raise self._wrong_at(hook, f"{name}: {error}, {wanted}") from None
+
+    def _wrong(self, name: str, message: str) -> LoopFunctionsError:
+        return self._wrong_at(self._hooks[name], f"in {name}: {message}")
+
+    def _wrong_at(self, hook: Hook, message: str) -> LoopFunctionsError:
+        return LoopFunctionsError(self._file, line_of(hook), message)
+
+
+def _shown(value: object) -> str:
+    try:
+        return f"{value!r:.60}"
+    except Exception:
+        return f"something of type {type(value).__name__}"

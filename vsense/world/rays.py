@@ -1,0 +1,211 @@
+"""What stands in the way of straight lines: robots, boxes and cylinders, asked in C.
+
+This is the seam to `c_src/vs_rays.h`. A body is an upright cylinder or an upright box with a turn
+about z; a line is blocked where it touches one, from its start to its end.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vsense.native import check, ffi, lib
+from vsense.world.entities import BODY_HEIGHT_M, BODY_RADIUS_M, Box, Cylinder
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+BODY = np.dtype(
+    [
+        ("x_m", "f8"),
+        ("y_m", "f8"),
+        ("z_low_m", "f8"),
+        ("z_high_m", "f8"),
+        ("radius_m", "f8"),
+        ("half_x_m", "f8"),
+        ("half_y_m", "f8"),
+        ("cosine", "f8"),
+        ("sine", "f8"),
+    ]
+)
+"""One body; the fields are those of `struct vs_obstacle`, see `c_src/vs_obstacles.h`."""
+
+NOBODY = -1
+"""In `skip`: the line passes through no body unhindered."""
+
+
+class Bodies:
+    """Bodies that stand in the way, sorted into a grid for quick questions.
+
+    Attributes:
+        rows: BODY array; `skip` counts in it. A body with z_high_m < z_low_m is not there.
+    """
+
+    def __init__(self, rows: NDArray[np.void]) -> None:
+        """Sorts the bodies into the grid.
+
+        Args:
+            rows: BODY array; not changed afterwards.
+
+        Raises:
+            WireError: a body's number is not finite, or beyond what an arena can hold.
+        """
+        self.rows = np.ascontiguousarray(rows)
+        self._obstacles = ffi.new("struct vs_obstacles *")
+        self._obstacles.bodies = ffi.cast("const struct vs_obstacle *", self.rows.ctypes.data)
+        self._obstacles.count = len(self.rows)
+        check(lib.vs_obstacles_plan(self._obstacles), "bodies in the way")
+        self._memory = np.empty(self._obstacles.words, dtype=np.uint32)
+        lib.vs_obstacles_sort(self._obstacles, _pointer("uint32_t *", self._memory))
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def blocked(self, starts_m: ArrayLike, ends_m: ArrayLike, skip: ArrayLike = NOBODY) -> Bools:
+        """See `blocked`."""
+        starts, ends, skips, each = _lines(starts_m, ends_m, skip)
+        found = np.empty(len(starts), dtype=np.bool_)
+        code = lib.vs_rays_blocked(
+            self._obstacles,
+            _pointer("const double *", starts),
+            _pointer("const double *", ends),
+            len(starts),
+            _pointer("const int32_t *", skips),
+            each,
+            _pointer("uint8_t *", found),
+        )
+        check(code, "lines of sight")
+        return found
+
+    def nearest(self, starts_m: ArrayLike, ends_m: ArrayLike, skip: ArrayLike = NOBODY) -> Floats:
+        """See `nearest`."""
+        starts, ends, skips, each = _lines(starts_m, ends_m, skip)
+        found = np.empty(len(starts))
+        code = lib.vs_rays_nearest(
+            self._obstacles,
+            _pointer("const double *", starts),
+            _pointer("const double *", ends),
+            len(starts),
+            _pointer("const int32_t *", skips),
+            each,
+            _pointer("double *", found),
+        )
+        check(code, "lines of sight")
+        return found
+
+    def seen(self, points_m: ArrayLike, goals_m: ArrayLike, skip: ArrayLike = NOBODY) -> Bools:
+        """Tells from which points one sees which goals.
+
+        Args:
+            points_m: (n, 3) where the lines start.
+            goals_m: (k, 3) where they end.
+            skip: rows of bodies that are no hindrance, (n,) or (n, 2) or one for all points.
+
+        Returns:
+            (n, k) True where the line is free.
+        """
+        goals = np.ascontiguousarray(goals_m, dtype=np.float64).reshape(-1, 3)
+        points, _, skips, each = _lines(points_m, points_m, skip)
+        found = np.empty((len(points), len(goals)), dtype=np.bool_)
+        code = lib.vs_sight_seen(
+            self._obstacles,
+            _pointer("const double *", points),
+            len(points),
+            _pointer("const double *", goals),
+            len(goals),
+            _pointer("const int32_t *", skips),
+            each,
+            _pointer("uint8_t *", found),
+        )
+        check(code, "lines of sight")
+        return found
+
+
+def blocked(
+    starts_m: ArrayLike, ends_m: ArrayLike, bodies: Bodies, skip: ArrayLike = NOBODY
+) -> Bools:
+    """Tells which lines touch a body.
+
+    Args:
+        starts_m: (n, 3) starts.
+        ends_m: (n, 3) ends.
+        bodies: what may stand in the way.
+        skip: rows of bodies that are no hindrance, (n,) or (n, 2) or one for all lines; NOBODY.
+
+    Returns:
+        (n,) True where something is in the way, also at the start or the end itself.
+
+    Raises:
+        WireError: a coordinate is not finite, or beyond what an arena can hold.
+    """
+    return bodies.blocked(starts_m, ends_m, skip)
+
+
+def nearest(
+    starts_m: ArrayLike, ends_m: ArrayLike, bodies: Bodies, skip: ArrayLike = NOBODY
+) -> Floats:
+    """Tells where lines touch the first body; arguments and errors as of `blocked`.
+
+    Returns:
+        (n,) share of the line up to there, in [0, 1]; 0 where it starts in a body; inf where it
+        is free.
+    """
+    return bodies.nearest(starts_m, ends_m, skip)
+
+
+def disc_rows(
+    x_m: ArrayLike,
+    y_m: ArrayLike,
+    there: ArrayLike = True,
+    radius_m: float = BODY_RADIUS_M,
+    height_m: float = BODY_HEIGHT_M,
+) -> NDArray[np.void]:
+    """Makes BODY rows of robots and tagged things.
+
+    Args:
+        x_m: (n,) centres.
+        y_m: (n,) centres.
+        there: (n,) or one for all; who is not there stands in nobody's way but has its row.
+        radius_m: of all.
+        height_m: of all.
+    """
+    rows = np.zeros(len(np.atleast_1d(x_m)), dtype=BODY)
+    rows["x_m"], rows["y_m"], rows["radius_m"] = x_m, y_m, radius_m
+    rows["z_high_m"] = np.where(there, height_m, -1.0)
+    return rows
+
+
+def entity_rows(entities: Sequence[Box | Cylinder]) -> NDArray[np.void]:
+    """Makes BODY rows of boxes and cylinders."""
+    rows = np.zeros(len(entities), dtype=BODY)
+    for row, entity in zip(rows, entities):
+        row["x_m"], row["y_m"], row["z_low_m"] = entity.position_m
+        if isinstance(entity, Cylinder):
+            row["radius_m"], height_m = entity.radius_m, entity.height_m
+        else:
+            row["half_x_m"], row["half_y_m"] = entity.size_m[0] / 2, entity.size_m[1] / 2
+            row["cosine"], row["sine"] = math.cos(entity.yaw_rad), math.sin(entity.yaw_rad)
+            height_m = entity.size_m[2]
+        row["z_high_m"] = entity.position_m[2] + height_m
+    return rows
+
+
+def _lines(
+    starts_m: ArrayLike, ends_m: ArrayLike, skip: ArrayLike
+) -> tuple[Floats, Floats, NDArray[np.int32], int]:
+    """Gives lines as the library takes them, and how many bodies each passes through."""
+    starts = np.ascontiguousarray(starts_m, dtype=np.float64).reshape(-1, 3)
+    ends = np.ascontiguousarray(ends_m, dtype=np.float64).reshape(-1, 3)
+    if len(starts) != len(ends):
+        raise ValueError(f"{len(starts)} starts and {len(ends)} ends, expected as many")
+    skips = np.asarray(skip, dtype=np.int32)
+    each = skips.shape[1] if skips.ndim == 2 else 1
+    skips = np.broadcast_to(skips.reshape(-1, each), (len(starts), each))
+    return starts, ends, np.ascontiguousarray(skips), each
+
+
+def _pointer(kind: str, array: NDArray[np.generic]) -> object:
+    return ffi.cast(kind, array.ctypes.data)
