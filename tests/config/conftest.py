@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from vsense.config.experiment import read
@@ -69,5 +71,38 @@ def read_text(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Experim
 
     def read_experiment(text: str, length_s: float | None = None) -> Experiment:
         return read(text.encode(), "x.argos", folder / "x.argos", length_s)
+
+    return read_experiment
+
+
+OWN_SENSOR = """
+import numpy as np
+class Own:
+    name, layout = "own", "f4"
+    def read(self, world, robots):
+        return np.zeros((len(robots), 1))
+def from_xml(element, scope):
+    return Own()
+"""
+"""A sensor of the user's own."""
+
+
+@pytest.fixture(scope="session")
+def full() -> str:
+    """An experiment file that uses everything we support."""
+    return (Path(__file__).parent / "full.argos").read_text()
+
+
+@pytest.fixture(scope="session")
+def read_full(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Experiment]:
+    """Reads an experiment from a text, as if it were x.argos beside what `full` names."""
+    folder: Path = tmp_path_factory.mktemp("full")
+    (folder / "mine.c").touch()
+    (folder / "doors.py").write_text("class Doors:\n    def reset(self, world): ...\n")
+    (folder / "own.py").write_text(OWN_SENSOR)
+    cv2.imwrite(str(folder / "floor.png"), np.zeros((4, 6, 3), dtype=np.uint8))
+
+    def read_experiment(text: str, settings: Mapping[str, str] | None = None) -> Experiment:
+        return read(text.encode(), "x.argos", folder / "x.argos", None, settings)
 
     return read_experiment

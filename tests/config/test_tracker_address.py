@@ -4,32 +4,49 @@ from __future__ import annotations
 
 import pytest
 
-from vsense.config.tracker_address import TrackerAddress, read_tracker
+from vsense.config.tracker_address import JsonLinesTracker, TrackerAddress, read_tracker
 from vsense.config.xml import parse
 from vsense.errors import ConfigError
 
 
-def read(framework: str = "", engine: str | None = None) -> TrackerAddress | None:
+def read(
+    framework: str = "", engine: str | None = None, inside: str = ""
+) -> TrackerAddress | JsonLinesTracker | None:
     engines = f"<physics_engines>\n<iridia_tracking_system {engine}/>\n</physics_engines>"
-    text = f"<argos-configuration>\n<framework {framework}/>\n{engines if engine else ''}\n"
-    return read_tracker(parse(f"{text}</argos-configuration>".encode(), "x.argos"))
+    text = '<argos-configuration xmlns:vs="urn:vsense:1">\n'
+    text += f"<framework {framework}>{inside}</framework>\n{engines if engine else ''}\n"
+    root = parse(f"{text}</argos-configuration>".encode(), "x.argos")
+    found = read_tracker(root)
+    root.child("framework").check_all_read()
+    return found
 
 
 @pytest.mark.parametrize("prefix", ["ats", "its"])
 def test_the_thesis_names_it_on_the_framework(prefix: str) -> None:
     found = read(f'{prefix}_host="10.0.0.7" {prefix}_port="4041"')
-    assert found == TrackerAddress("10.0.0.7", 4041, (0.0, 0.0), 2)
+    assert found == TrackerAddress("10.0.0.7", 4041, (0.0, 0.0), 0.0, 2)
 
 
 @pytest.mark.parametrize("prefix", ["ats", "its"])
 def test_the_code_names_it_on_the_physics_engine(prefix: str) -> None:
     found = read("", f'id="its" {prefix}_host="tracker" translate_x="2.57" translate_y="4.565"')
-    assert found == TrackerAddress("tracker", 4040, (2.57, 4.565), 4)
+    assert found == TrackerAddress("tracker", 4040, (2.57, 4.565), 0.0, 4)
 
 
 def test_the_engine_shifts_the_tracker_that_the_framework_names() -> None:
     found = read('ats_host="a"', 'id="its" translate_x="1"')
-    assert found is not None and found.origin_m == (1.0, 0.0)
+    assert found == TrackerAddress("a", 4040, (1.0, 0.0), 0.0, 2)
+
+
+def test_the_latency_of_its_states_stands_beside_its_host() -> None:
+    found = read("", 'id="its" its_host="a" vs:latency="0.04"')
+    assert found == TrackerAddress("a", 4040, (0.0, 0.0), 0.04, 4)
+
+
+def test_any_other_tracker_writes_lines_to_a_port_of_ours() -> None:
+    assert read(inside='<vs:tracker format="lines"/>') == JsonLinesTracker("127.0.0.1", 4041, 2)
+    found = read(inside='<vs:tracker format="lines" host="0.0.0.0" port="5000"/>')
+    assert found == JsonLinesTracker("0.0.0.0", 5000, 2)
 
 
 def test_without_a_host_there_is_none() -> None:
@@ -40,11 +57,14 @@ def test_without_a_host_there_is_none() -> None:
 @pytest.mark.parametrize(
     ("framework", "engine", "message"),
     [
+        ('vs:latency="0.1"', None, "x.argos:2: <framework> vs:latency: is without ats_host"),
+        ('ats_host="a" vs:latency="nan"', None, "vs:latency: 'nan' is not a number"),
+        ('ats_host="a" vs:latency="2"', None, "vs:latency: 2 is out of range, expected 0 to 0.3"),
         ('ats_port="4040"', None, "x.argos:2: <framework> ats_port: is without ats_host"),
         ('ats_host="a" its_host="b"', None, "x.argos:2: <framework> its_host: stands beside"),
         ('ats_host="a" ats_port="0"', None, "out of range, expected 1 to 65535"),
         ('ats_host=" "', None, "is empty, expected a host's name or address"),
-        ('ats_host="a"', 'its_host="b"', "x.argos:4: .* a tracker's host stands in line 2 already"),
+        ('ats_host="a"', 'its_host="b"', "x.argos:4: .* a tracker stands in line 2 already"),
         ("", 'its_host="b" translate_x="far"', "translate_x: 'far'"),
     ],
 )
@@ -53,3 +73,24 @@ def test_what_is_wrong_is_refused_at_its_line(
 ) -> None:
     with pytest.raises(ConfigError, match=message):
         read(framework, engine)
+
+
+@pytest.mark.parametrize(
+    ("inside", "message"),
+    [
+        ("<vs:tracker/>", "x.argos:2: <vs:tracker> format: is missing, expected one of: lines"),
+        ('<vs:tracker format="udp"/>', "format: 'udp' is not one of: lines"),
+        ('<vs:tracker format="lines" port="-1"/>', "port: -1 is out of range, expected 0 to"),
+        ('<vs:tracker format="lines" host=""/>', "host: is empty, expected a name or address"),
+        ('<vs:tracker format="lines" latency="1"/>', "latency: is not an attribute of it"),
+        ('<vs:tracker format="lines"/>\n<vs:tracker format="lines"/>', "x.argos:3: .*twice"),
+    ],
+)
+def test_a_wrong_lines_tracker_is_refused_at_its_line(inside: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        read(inside=inside)
+
+
+def test_there_is_one_tracker() -> None:
+    with pytest.raises(ConfigError, match=r"x.argos:2: <vs:tracker>.* stands in line 2 already"):
+        read('ats_host="a"', inside='<vs:tracker format="lines"/>')

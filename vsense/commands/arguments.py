@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import argparse
 
+MOST_NUMBERS = 100_000
+"""A range of numbers may have so many."""
+
 
 def seconds(text: str) -> float:
     """A length of time in s, at least one and finite."""
@@ -50,3 +53,62 @@ def add_tracking_files(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "experiment", help="the experiment file (arena_tracking): what of the resources to use"
     )
+
+
+def setting(text: str) -> tuple[str, str]:
+    """A setting of an experiment: ELEMENT.attribute=VALUE."""
+    key, equals, value = text.partition("=")
+    if not equals or "." not in key.strip("."):
+        raise argparse.ArgumentTypeError(
+            f"'{text}' is no ELEMENT.attribute=VALUE, such as sensor.noise=0.1"
+        )
+    return key, value
+
+
+def add_experiment(parser: argparse.ArgumentParser) -> None:
+    """Declares what all commands that run an experiment have in common."""
+    parser.add_argument(
+        "experiment", help="a shipped experiment's name, or the path of a .argos file"
+    )
+    parser.add_argument(
+        "--dry",
+        action="store_true",
+        help="only say what the experiment holds, what of its file is not supported, and how many"
+        " bytes a robot is sent and sends",
+    )
+    parser.add_argument(
+        "--strict",
+        action="store_true",
+        help="refuse a file in which anything is not supported, instead of warning",
+    )
+
+
+def add_settings(parser: argparse.ArgumentParser) -> None:
+    """Declares `--set`, with one value per setting."""
+    parser.add_argument(
+        "--set",
+        type=setting,
+        action="append",
+        default=[],
+        metavar="ELEMENT.ATTRIBUTE=VALUE",
+        help="a value instead of the file's; ELEMENT is an element's name or id, a controller's"
+        " library (for its parameters), 'sensor' or 'actuator' (for all virtual ones); may be"
+        " given again",
+    )
+
+
+def numbers(text: str) -> tuple[int, ...]:
+    """Whole numbers and ranges of them, each number once: 1-100 or 1,2,10-12."""
+    found: list[int] = []
+    for part in text.split(","):
+        first, dash, last = part.partition("-")
+        least = natural(first)
+        most = natural(last) if dash else least
+        if most < least or most - least >= MOST_NUMBERS:
+            raise argparse.ArgumentTypeError(
+                f"{part}: expected a range from low to high of at most {MOST_NUMBERS} numbers"
+            )
+        found += range(least, most + 1)
+    if len(set(found)) < len(found):
+        raise argparse.ArgumentTypeError(f"{text}: expected every number once")
+    return tuple(found)

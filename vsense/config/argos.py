@@ -7,14 +7,35 @@ sensors.
 
 from __future__ import annotations
 
-ENTITIES = (
-    "camera_wall", "cylinder", "eye-bot", "floor", "foot-bot", "gripper", "kheperaiv", "kilobot",
-    "light", "pipuck", "prototype", "spiri", "zone",
-)  # fmt: skip
-"""Children of <arena> and <entity>."""
+from collections.abc import Mapping
 
-EPUCK_SETTINGS = ("rab_data_size", "rab_range")
-"""Attributes of <e-puck> that only a simulated one obeys."""
+from vsense.config.element import Element
+
+_OTHER_ROBOT = "only e-pucks are driven here"
+_VIRTUAL_CAMERA = "the robots have none; <virtual_led_sensor> sees virtual LEDs"
+_VIRTUAL_GROUND = "the robots have none; <virtual_ground_sensor> gives them one"
+_VIRTUAL_MESSAGES = "the robots have none; <virtual_range_and_bearing_{}> gives them one"
+_MISSING = "the robots have none: a controller that asks for it finds nothing"
+
+ENTITIES = {
+    **dict.fromkeys(
+        ("eye-bot", "foot-bot", "kheperaiv", "kilobot", "pipuck", "spiri"), _OTHER_ROBOT
+    ),
+    "camera_wall": "the cameras are those of the tracker",
+    "gripper": "nothing is gripped here",
+    "prototype": "only boxes and cylinders stand here",
+}
+"""Children of <arena> and <entity>, and why they are not in the arena."""
+
+EPUCK_SETTINGS = {
+    "battery": ("text", "the real battery counts"),
+    "omnidirectional_camera_aperture": ("number", "these robots have no such camera"),
+    "rab_data_size": ("number", "sensor and actuator say how long the virtual messages are"),
+    "rab_range": ("number", "their sensor says how far virtual messages reach"),
+    "vss_host": ("text", "all robots are told the address of <experiment>"),
+    "vss_port": ("number", "all robots are told the address of <experiment>"),
+}
+"""Attributes of <e-puck> that only a simulated one obeys: their type, and what holds instead."""
 
 ROBOT_SENSORS = ("epuck_light", "epuck_proximity", "light", "proximity")
 """Sensors that every e-puck has: the real ones are read, so their simulation is not set up."""
@@ -24,34 +45,96 @@ ROBOT_ACTUATORS = (
 )  # fmt: skip
 """Actuators that every e-puck has."""
 
-SENSORS = (
-    "base_ground", "battery", "colored_blob_omnidirectional_camera",
-    "colored_blob_perspective_camera", "destination_virtual_sensor", "differential_steering",
-    "epuck_accelerometer", "epuck_base_ground", "epuck_battery", "epuck_camera", "epuck_encoder",
-    "epuck_ground", "epuck_omnidirectional_camera", "epuck_range_and_bearing",
-    "epuck_virtual_camera", "eyebot_light", "eyebot_proximity", "footbot_base_ground",
-    "footbot_distance_scanner", "footbot_gripper", "footbot_light", "footbot_motor_ground",
-    "footbot_proximity", "footbot_turret_encoder", "footbot_wheel_speed", "gps_virtual_sensor",
-    "ground", "positioning", "radios", "range_and_bearing",
-    "virtual_black_white_location_sensor", "virtual_ground_sensor", "virtual_light_sensor",
-    "virtual_radiation_sensor", "virtual_rgb_ground_sensor",
-)  # fmt: skip
-"""Children of <sensors>."""
+IMPLEMENTATIONS = ("default", "medium", "real_robot", "rot_z_only")
+"""How ARGoS may do what a device does; here the robot's own device does it."""
 
-ACTUATORS = (
-    "epuck_range_and_bearing", "footbot_beacon", "footbot_gripper", "footbot_turret", "gripper",
-    "magnets", "quadrotor_position", "quadrotor_speed", "radios", "range_and_bearing",
-)  # fmt: skip
-"""Children of <actuators>."""
+SENSORS = {
+    **dict.fromkeys(("base_ground", "epuck_base_ground", "epuck_ground", "ground"),
+                    _VIRTUAL_GROUND),
+    **dict.fromkeys(("footbot_base_ground", "footbot_motor_ground"), _VIRTUAL_GROUND),
+    **dict.fromkeys(("epuck_range_and_bearing", "range_and_bearing"),
+                    _VIRTUAL_MESSAGES.format("sensor")),
+    **dict.fromkeys(("virtual_range_and_bearing", "epuck_ircom"),
+                    _VIRTUAL_MESSAGES.format("sensor")),
+    **dict.fromkeys(("colored_blob_omnidirectional_camera", "colored_blob_perspective_camera",
+                     "epuck_camera", "epuck_omnidirectional_camera", "epuck_virtual_camera"),
+                    _VIRTUAL_CAMERA),
+    **dict.fromkeys(("epuck_battery", "battery"),
+                    "controllers ask for 'battery_low'"),
+    "positioning": "the robots have none; <gps_virtual_sensor> gives them one",
+    **dict.fromkeys(
+        ("differential_steering", "epuck_accelerometer", "epuck_encoder", "eyebot_light",
+         "eyebot_proximity", "footbot_distance_scanner", "footbot_gripper", "footbot_light",
+         "footbot_proximity", "footbot_turret_encoder", "footbot_wheel_speed", "radios"),
+        _MISSING,
+    ),
+}  # fmt: skip
+"""Children of <sensors> that are not on the robots, and what there is instead."""
 
-SIMULATED_SETTINGS = (
-    "calibrated", "check_occlusions", "data_size", "loss_probability", "medium", "noise_level",
-    "noise_std_dev", "range", "show_rays",
-)  # fmt: skip
-"""Attributes of devices that only a simulated one obeys."""
+ACTUATORS = {
+    **dict.fromkeys(("epuck_range_and_bearing", "range_and_bearing", "epuck_ircom"),
+                    _VIRTUAL_MESSAGES.format("actuator")),
+    **dict.fromkeys(
+        ("footbot_beacon", "footbot_gripper", "footbot_turret", "gripper", "magnets",
+         "quadrotor_position", "quadrotor_speed", "radios"),
+        _MISSING,
+    ),
+}  # fmt: skip
+"""Children of <actuators> that are not on the robots, and what there is instead."""
 
-PHYSICS_ENGINES = ("dynamics3d", "iridia_tracking_system", "pointmass3d", "static")
-"""Children of <physics_engines> beside <dynamics2d>."""
+SIMULATED_SETTINGS = {
+    "calibrated": ("boolean", "the robot's own readings are raw"),
+    "check_occlusions": ("boolean", ""),
+    "data_size": ("number", ""),
+    "loss_probability": ("number", ""),
+    "low_level_config": ("text", "the robot's own readings are raw"),
+    "noise_level": ("number", "the real one's own noise takes its place"),
+    "noise_std_dev": ("number", "the real one's own noise takes its place"),
+    "range": ("number", ""),
+    "show_rays": ("boolean", ""),
+}
+"""Attributes of the robots' own devices that only a simulated one obeys: their type, and what
+holds instead; "" where nothing that a user could miss is lost."""
 
-MEDIA = ("directional_led", "led", "radio", "range_and_bearing", "simple_radio", "tag")
-"""Children of <media>."""
+ORIGINAL_SETTINGS = {
+    "real_experiment": ("boolean", "`vsense run` is the real experiment, `vsense sim` is not"),
+    "sensor_model_file": ("text", "the element itself holds the model's settings"),
+    "show_rays": ("boolean", ""),
+}
+"""Attributes of IRIDIA's virtual sensors: their type, and what takes their place; "": nothing."""
+
+HEARING = "virtual_range_and_bearing_sensor"
+"""The virtual sensor that a range-and-bearing medium tells whether bodies are in the way."""
+
+PHYSICS_ENGINES = ("dynamics3d", "pointmass3d", "static")
+"""Children of <physics_engines> beside <dynamics2d> and the tracking system."""
+
+MEDIA = ("led", "range_and_bearing")
+"""Children of <media> whose ids lights and devices may name."""
+
+OTHER_MEDIA = ("directional_led", "radio", "simple_radio", "tag")
+"""Children of <media> that carry nothing here."""
+
+_MAX_NUMBER = 1e6
+
+
+def pass_over(element: Element, settings: Mapping[str, tuple[str, str]]) -> None:
+    """Checks attributes that are not used here, and says what holds instead.
+
+    Args:
+        element: what has them.
+        settings: by attribute its type ("boolean", "number" or "text") and the words; "" says
+            nothing.
+
+    Raises:
+        ConfigError: one is not of its type.
+    """
+    for key, (kind, instead) in settings.items():
+        if not element.has(key):
+            continue
+        if kind == "boolean":
+            element.boolean(key)
+        elif kind == "number":
+            element.number(key, 0.0, _MAX_NUMBER)
+        if instead:
+            element.warn(f"{key} is not used: {instead}")

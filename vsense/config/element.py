@@ -7,34 +7,16 @@ error instead of a default.
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
 
+from vsense.config.wording import COUNTS, MAX_SHOWN, Document, likely, listed, shown
 from vsense.errors import ConfigError
 
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
-_MAX_SHOWN = 60
 _INTEGER = re.compile(r"[+-]?[0-9]{1,15}")
-
-
-@dataclass(frozen=True, slots=True)
-class Document:
-    """An experiment file while it is read.
-
-    Attributes:
-        file: the file as the user named it.
-        passed_over: line and words for whatever is not done as the file asks.
-    """
-
-    file: str
-    passed_over: list[tuple[int, str]] = field(default_factory=list)
-
-    def warnings(self) -> tuple[str, ...]:
-        """Gives what is passed over, in the file's order: `file:line: what happens instead`."""
-        return tuple(f"{self.file}:{line}: {words}" for line, words in sorted(self.passed_over))
+_OURS = "vs:"
 
 
 class Element:
@@ -52,6 +34,7 @@ class Element:
         "_attributes",
         "_children",
         "_left_out",
+        "_settings",
         "document",
         "line",
         "name",
@@ -68,14 +51,32 @@ class Element:
         self._asked_attributes: set[str] = set()
         self._asked_children: set[str] = set()
         self._left_out = False
+        self._settings: dict[str, str] = {}
 
     def append(self, child: Element) -> None:
         """Adds a child element: the parser's part."""
         self._children.append(child)
 
+    def set(self, key: str, value: str) -> None:
+        """Overrides an attribute, or adds it; the prefix of our own namespace may be left out."""
+        self._settings[key.removeprefix(_OURS)] = value
+
+    def peek(self, key: str) -> str | None:
+        """Gives an attribute as it stands, None where it is absent, without counting it as read."""
+        return self._settings.get(key.removeprefix(_OURS), self._attributes.get(key))
+
+    def walk(self) -> Iterator[Element]:
+        """Gives this element and all below it that are not left out, in the file's order."""
+        if not self._left_out:
+            yield self
+            for child in self._children:
+                yield from child.walk()
+
     def error(self, message: str, attribute: str | None = None) -> ConfigError:
         """Makes the error that this element, or one attribute of it, is wrong."""
         subject = f"<{self.name}>" if attribute is None else f"<{self.name}> {attribute}"
+        if attribute is not None and attribute.removeprefix(_OURS) in self._settings:
+            subject += " (set from outside the file)"
         return ConfigError(self.document.file, self.line, f"{subject}: {message}")
 
     def warn(self, message: str) -> None:
@@ -90,7 +91,7 @@ class Element:
     def has(self, key: str) -> bool:
         """Tells whether an optional attribute is there."""
         self._asked_attributes.add(key)
-        return key in self._attributes
+        return self.peek(key) is not None
 
     def text(self, key: str, default: str | None = None, expected: str = "a text") -> str:
         """Reads an attribute as it stands, without blanks around it.
@@ -103,12 +104,9 @@ class Element:
         Raises:
             ConfigError: it is absent and required, or empty.
         """
-        self._asked_attributes.add(key)
-        value = self._attributes.get(key, default)
+        value = self.peek(key) if self.has(key) else default
         if value is None:
-            raise self.error(
-                f"is missing, expected {expected}{_likely(key, self._attributes)}", key
-            )
+            raise self.error(f"is missing, expected {expected}{likely(key, self._attributes)}", key)
         if not value.strip():
             raise self.error(f"is empty, expected {expected}", key)
         return value.strip()
@@ -136,10 +134,10 @@ class Element:
         fallback = None if default is None else str(default)
         text = self.text(key, fallback, f"a whole number from {low} to {high}")
         if not _INTEGER.fullmatch(text):
-            raise self.error(f"{_shown(text)} is not a whole number from {low} to {high}", key)
+            raise self.error(f"{shown(text)} is not a whole number from {low} to {high}", key)
         if not low <= int(text) <= high:
             allowed = f"{low} to {high}{why and f': {why}'}"
-            raise self.error(f"{text[:_MAX_SHOWN]} is out of range, expected {allowed}", key)
+            raise self.error(f"{text[:MAX_SHOWN]} is out of range, expected {allowed}", key)
         return int(text)
 
     def share(self, key: str) -> float:
@@ -153,7 +151,7 @@ class Element:
         """
         text = self.text(key, None, "a percentage such as '50%'")
         if not text.endswith("%"):
-            raise self.error(f"{_shown(text)} is not a percentage such as '50%'", key)
+            raise self.error(f"{shown(text)} is not a percentage such as '50%'", key)
         return self._number(key, text[:-1].strip(), 0.0, 100.0, "%") / 100.0
 
     def angle(
@@ -172,17 +170,31 @@ class Element:
     def vector(
         self, key: str, low: float, high: float, unit: str = "", default: str | None = None
     ) -> tuple[float, float, float]:
-        """Reads three numbers with commas between them, each within [low, high].
+        """Reads three numbers with commas between them; see `numbers`."""
+        x, y, z = self.numbers(key, 3, low, high, unit, default)
+        return x, y, z
+
+    def numbers(
+        self,
+        key: str,
+        count: int,
+        low: float,
+        high: float,
+        unit: str = "",
+        default: str | None = None,
+    ) -> tuple[float, ...]:
+        """Reads two or three numbers with commas between them, each within [low, high].
 
         Raises:
-            ConfigError: absent and required, not three numbers, or one out of range.
+            ConfigError: absent and required, not that many numbers, or one out of range.
         """
-        text = self.text(key, default, f"three numbers 'x,y,z' {unit}".rstrip())
+        letters = ",".join("xyz"[:count])
+        text = self.text(key, default, f"{COUNTS[count]} numbers '{letters}' {unit}".rstrip())
         parts = [part.strip() for part in text.split(",")]
-        if len(parts) != 3:
-            raise self.error(f"{_shown(text)} is not three numbers with commas between them", key)
-        x, y, z = (self._number(key, part, low, high, unit) for part in parts)
-        return x, y, z
+        if len(parts) != count or not all(parts):
+            expected = f"{COUNTS[count]} numbers with commas between them"
+            raise self.error(f"{shown(text)} is not {expected}", key)
+        return tuple(self._number(key, part, low, high, unit) for part in parts)
 
     def boolean(self, key: str, default: bool | None = None) -> bool:
         """Reads "true" or "false".
@@ -202,7 +214,7 @@ class Element:
         known = ", ".join(choices)
         text = self.text(key, default, f"one of: {known}")
         if text not in choices:
-            raise self.error(f"{_shown(text)} is not one of: {known}", key)
+            raise self.error(f"{shown(text)} is not one of: {known}", key)
         return text
 
     def integers(self, key: str, low: int, high: int) -> list[int]:
@@ -215,17 +227,21 @@ class Element:
         parts = text.replace(",", " ").split()
         for part in parts:
             if not _INTEGER.fullmatch(part) or not low <= int(part) <= high:
-                raise self.error(f"{_shown(part)} is not a whole number from {low} to {high}", key)
+                raise self.error(f"{shown(part)} is not a whole number from {low} to {high}", key)
         return [int(part) for part in parts]
 
     def free_attributes(self) -> dict[str, str]:
         """Gives all attributes of an element whose keys are the user's own."""
-        self._asked_attributes.update(self._attributes)
-        return dict(self._attributes)
+        self._asked_attributes.update(self._attributes, self._settings)
+        return {**self._attributes, **self._settings}
 
     def children(self, *names: str) -> list[Element]:
         """Gives the children of these names, in the file's order; without names all of them."""
         self._asked_children.update(names or self.child_names())
+        return self.below(*names)
+
+    def below(self, *names: str) -> list[Element]:
+        """Gives the same children as `children`, without counting them as read."""
         return [child for child in self._children if not names or child.name in names]
 
     def optional_child(self, name: str) -> Element | None:
@@ -247,7 +263,7 @@ class Element:
         """
         found = self.optional_child(name)
         if found is None:
-            raise self.error(f"<{name}> is missing in it{_likely(name, self.child_names())}")
+            raise self.error(f"<{name}> is missing in it{likely(name, self.child_names())}")
         return found
 
     def check_all_read(self) -> None:
@@ -258,13 +274,13 @@ class Element:
         """
         if self._left_out:
             return
-        for key in self._attributes:
-            if key not in self._asked_attributes:
-                known = _listed(self._asked_attributes)
-                raise self.error(f"is not an attribute of it; known are: {known}", key)
+        asked = self._asked_attributes
+        unset = self._settings.keys() - {key.removeprefix(_OURS) for key in asked}
+        for key in (*unset, *(k for k in self._attributes if k not in asked)):
+            raise self.error(f"is not an attribute of it; known are: {listed(asked)}", key)
         for child in self._children:
             if child.name not in self._asked_children and not child._left_out:
-                known = _listed(self._asked_children)
+                known = listed(self._asked_children)
                 raise child.error(f"does not belong in <{self.name}>; known there are: {known}")
             child.check_all_read()
 
@@ -274,22 +290,8 @@ class Element:
 
     def _number(self, key: str, text: str, low: float, high: float, unit: str) -> float:
         if not _NUMBER.fullmatch(text):
-            raise self.error(f"{_shown(text)} is not a number", key)
+            raise self.error(f"{shown(text)} is not a number", key)
         if not low <= float(text) <= high:
             allowed = f"{low:g} to {high:g} {unit}".rstrip()
-            raise self.error(f"{text[:_MAX_SHOWN]} is out of range, expected {allowed}", key)
+            raise self.error(f"{text[:MAX_SHOWN]} is out of range, expected {allowed}", key)
         return float(text)
-
-
-def _shown(text: str) -> str:
-    return repr(text if len(text) <= _MAX_SHOWN else text[:_MAX_SHOWN] + "...")
-
-
-def _listed(names: Iterable[str]) -> str:
-    return ", ".join(sorted(names)) or "none"
-
-
-def _likely(missing: str, present: Iterable[str]) -> str:
-    """Points to a name nearby that looks like a misspelling of the missing one."""
-    close = difflib.get_close_matches(missing, sorted(present), 1, 0.75)
-    return f" (is {close[0]!r} meant?)" if close else ""

@@ -194,6 +194,7 @@ def _read_tracker(id: str, element: Element, folder: Path) -> TrackerSpec:
         family=family,
         heights_m=heights_m,
         max_speed_m_s=element.number("max_speed", 0.001, 100.0, "m/s", DEFAULT_SPEED_M_S),
+        open_roster=element.choice("roster", ("open", "closed"), "open") == "open",
         line=element.line,
     )
 

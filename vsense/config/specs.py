@@ -8,18 +8,21 @@ at its place: `Experiment.error(line, message)`.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
+from vsense.actuators.base import MountedActuator
+from vsense.config.description import describe
+from vsense.config.draws import DistributedSpec, Distribution
+from vsense.config.tracker_address import JsonLinesTracker, TrackerAddress
 from vsense.errors import ConfigError
 from vsense.sensors.base import MountedSensor
+from vsense.world.entities import BODY_RADIUS_M as BODY_RADIUS_M
+from vsense.world.entities import Arena as Arena
+from vsense.world.entities import Box, Cylinder, Entity, Light, VirtualRobot, Zone
+from vsense.world.entities import Vector as Vector
 from vsense.world.pollution import PollutantSource
-
-BODY_RADIUS_M = 0.035
-"""Radius of an e-puck's body, and of every tagged object. Source: argos3-epuck."""
-
-Vector = tuple[float, float, float]
 
 
 class Pose(NamedTuple):
@@ -31,85 +34,14 @@ class Pose(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Arena:
-    """The box that everything stands in.
-
-    Attributes:
-        size_m: extent along x, y, z.
-        centre_m: its middle.
-    """
-
-    size_m: Vector
-    centre_m: Vector
-
-    def contains(self, x_m: float, y_m: float, margin_m: float = 0.0) -> bool:
-        """Tells whether a point lies inside, at least margin_m from the border."""
-        return (
-            abs(x_m - self.centre_m[0]) <= self.size_m[0] / 2.0 - margin_m
-            and abs(y_m - self.centre_m[1]) <= self.size_m[1] / 2.0 - margin_m
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class Box:
-    """A box that stands in the real arena.
-
-    Attributes:
-        id: its name.
-        position_m: middle of its base.
-        size_m: extent along its own x, y, z.
-        yaw_rad: its turn about z.
-        line: line of its element.
-    """
-
-    id: str
-    position_m: Vector
-    size_m: Vector
-    yaw_rad: float
-    line: int
-
-
-@dataclass(frozen=True, slots=True)
-class Draw:
-    """How a `<distribute>` draws three numbers.
-
-    Attributes:
-        method: "uniform" (between two corners), "gaussian" (mean and standard deviation) or
-            "constant" (the first of the two, always).
-        first: lower corner, mean, or the values.
-        second: upper corner, or standard deviation.
-    """
-
-    method: str
-    first: Vector
-    second: Vector
-
-
-@dataclass(frozen=True, slots=True)
-class Distribution:
-    """Where the bodies of one `<distribute>` may start.
-
-    Attributes:
-        position_m: x, y, z; z does not count.
-        orientation_rad: turns about z, y, x; only the first counts.
-        max_trials: draws per body before giving up.
-        line: line of its `<entity>`.
-    """
-
-    position_m: Draw
-    orientation_rad: Draw
-    max_trials: int
-    line: int
-
-
-@dataclass(frozen=True, slots=True)
 class RobotSpec:
     """A robot of the experiment.
 
     Attributes:
-        id: NAME_TAG_ROBOT.
+        id: NAME_TAG_ROBOT, or any name where the tag is told elsewhere.
         tag: number on its marker.
-        number: the last part of its id; the original's last octet of the robot's address.
+        number: the last part of its id (the original's last octet of the robot's address), else
+            its place in the file.
         pose: start pose, or None where it is distributed.
         distribution: how its start pose is drawn, or None.
         line: line of its element.
@@ -130,13 +62,15 @@ class ObjectSpec:
     Attributes:
         id: NAME_TAG_NUMBER.
         tag: number on its marker.
-        pose: where it stands at the start.
+        pose: where it stands at the start, or None where it is distributed.
+        distribution: how its start pose is drawn, or None.
         line: line of its element.
     """
 
     id: str
     tag: int
-    pose: Pose
+    pose: Pose | None
+    distribution: Distribution | None
     line: int
 
 
@@ -178,6 +112,63 @@ class MarkerSpec:
 
 
 @dataclass(frozen=True, slots=True)
+class FloorSpec:
+    """What the floor looks like.
+
+    Attributes:
+        id: its name.
+        source: "image" or "loop_functions".
+        path: the image's file; None with source "loop_functions".
+        pixels_per_m: resolution at which loop functions are asked for colours; 0 with an image.
+        line: line of its element.
+    """
+
+    id: str
+    source: str
+    path: Path | None
+    pixels_per_m: float
+    line: int
+
+
+@dataclass(frozen=True, slots=True)
+class FieldSpec:
+    """A quantity that is spread over the floor, such as a pheromone.
+
+    Attributes:
+        id: its name, as sensors and actuators call it.
+        cell_m: side of a grid cell.
+        evaporation_per_s: share of it that vanishes in a second (rate of the exponential).
+        diffusion_m2_s: how fast it spreads.
+        initial: its amount everywhere at the start [1/m2].
+        line: line of its element.
+    """
+
+    id: str
+    cell_m: float
+    evaporation_per_s: float
+    diffusion_m2_s: float
+    initial: float
+    line: int
+
+
+@dataclass(frozen=True, slots=True)
+class LoopSpec:
+    """The user's Python functions that are called around every timestep.
+
+    Attributes:
+        path: their file.
+        label: the class in it that holds them, as ARGoS's label names one; "": not said.
+        params: the other attributes of `<loop_functions>` and of the elements in it (`child.key`).
+        line: line of the element.
+    """
+
+    path: Path
+    label: str
+    params: Mapping[str, str]
+    line: int
+
+
+@dataclass(frozen=True, slots=True)
 class Experiment:
     """A checked experiment file.
 
@@ -192,7 +183,6 @@ class Experiment:
         host: IPv4 address of the virtual sensor server, in numbers, as the robots are told.
         port: its port.
         arena: the arena.
-        boxes: boxes in the real arena.
         robots: the robots, in the file's order.
         objects: tagged things that are no robots.
         marker: the markers.
@@ -200,6 +190,15 @@ class Experiment:
         sensors: their virtual sensors, in the file's order.
         sources: what pollutes.
         warnings: what is passed over: `file:line: what happens instead`.
+        entities: what stands in the arena beside robots and tagged objects, virtual robots
+            included, in the file's order.
+        distributed: entities that a seed places; empty once they are placed, see `settle`.
+        floor: what the floor looks like, None: plain white.
+        fields: quantities spread over the floor.
+        loop_functions: the user's Python functions, or None.
+        actuators: the robots' virtual actuators, in the file's order.
+        tracker: where the arena state comes from, None: from cameras of our own.
+        lines: by id the line of its element.
     """
 
     name: str
@@ -211,7 +210,6 @@ class Experiment:
     host: str
     port: int
     arena: Arena
-    boxes: tuple[Box, ...]
     robots: tuple[RobotSpec, ...]
     objects: tuple[ObjectSpec, ...]
     marker: MarkerSpec
@@ -219,6 +217,39 @@ class Experiment:
     sensors: tuple[MountedSensor, ...]
     sources: tuple[PollutantSource, ...]
     warnings: tuple[str, ...]
+    entities: tuple[Entity, ...] = ()
+    distributed: tuple[DistributedSpec, ...] = ()
+    floor: FloorSpec | None = None
+    fields: tuple[FieldSpec, ...] = ()
+    loop_functions: LoopSpec | None = None
+    actuators: tuple[MountedActuator, ...] = ()
+    tracker: TrackerAddress | JsonLinesTracker | None = None
+    lines: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def boxes(self) -> tuple[Box, ...]:
+        """Boxes in the real arena, those that await a place not counted."""
+        return tuple(e for e in self.entities if isinstance(e, Box) and e.physical)
+
+    @property
+    def cylinders(self) -> tuple[Cylinder, ...]:
+        """Cylinders in the real arena, those that await a place not counted."""
+        return tuple(e for e in self.entities if isinstance(e, Cylinder) and e.physical)
+
+    @property
+    def lights(self) -> tuple[Light, ...]:
+        """The lights."""
+        return tuple(e for e in self.entities if isinstance(e, Light))
+
+    @property
+    def zones(self) -> tuple[Zone, ...]:
+        """Named regions of the floor."""
+        return tuple(e for e in self.entities if isinstance(e, Zone))
+
+    @property
+    def virtual_robots(self) -> tuple[VirtualRobot, ...]:
+        """Robots that live beside the real ones."""
+        return tuple(e for e in self.entities if isinstance(e, VirtualRobot))
 
     @property
     def timestep_s(self) -> float:
@@ -229,6 +260,26 @@ class Experiment:
     def timesteps(self) -> int:
         """Timesteps of the run; 0: no limit."""
         return round(self.length_s * self.ticks_per_second)
+
+    def line_of(self, id: str) -> int:
+        """Gives the line of the element with an id, of the root where there is none."""
+        return self.lines.get(id, 1)
+
+    def describe(self) -> str:
+        """Tells people what it holds, what of its file is not supported, and what it costs."""
+        return describe(self)
+
+    def refuse_warnings(self) -> None:
+        """Refuses what is passed over: `--strict`.
+
+        Raises:
+            ConfigError: there is something, at the first one's place.
+        """
+        if self.warnings:
+            place, _, words = self.warnings[0].removeprefix(self.file).partition(": ")
+            more = len(self.warnings) - 1
+            others = f", and {more} more like it (--dry shows them)" if more else ""
+            raise self.error(int(place[1:]), f"{words} [--strict{others}]")
 
     def error(self, line: int, message: str) -> ConfigError:
         """Makes the error that something in the file cannot be had."""

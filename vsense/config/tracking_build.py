@@ -36,8 +36,6 @@ from vsense.tracking.health import Health
 from vsense.tracking.tracks import Limits
 from vsense.tracking.whereabouts import SearchPlan, Whereabouts
 
-Found = dict[str, NDArray[np.void]]
-
 
 class SetGrabber(Protocol):
     """A camera set that also says what happens to its cameras."""
@@ -61,21 +59,21 @@ class SetGrabber(Protocol):
 
 
 class CameraDetectors:
-    """A detector that finds in each camera's pictures what that camera's tracker looks for.
+    """A detector that finds in each camera's pictures what that camera's tracker looks for."""
 
-    What was found last is kept in `found`, by the camera's id.
-    """
-
-    def __init__(self, detectors: Mapping[str, Detector], found: Found) -> None:
+    def __init__(self, detectors: Mapping[str, Detector]) -> None:
         """Takes the detector of each camera."""
         self._detectors = detectors
-        self._found = found
+        self._each = list({id(detector): detector for detector in detectors.values()}.values())
+
+    @property
+    def overflows(self) -> int:
+        """Pictures with more in them than the detectors' tables hold; markers may be missed."""
+        return sum(detector.overflows for detector in self._each)
 
     def detect(self, image: NDArray[np.uint8], camera: Camera) -> NDArray[np.void]:
         """Returns the DETECTION array of a (height, width) uint8 picture of `camera`."""
-        rows = self._detectors[camera.id].detect(image, camera)
-        self._found[camera.id] = rows
-        return rows
+        return self._detectors[camera.id].detect(image, camera)
 
 
 class Tracking:
@@ -85,34 +83,28 @@ class Tracking:
         grabber: where the pictures come from.
         tracker: makes the arena state of them.
         cameras: the arena's cameras, in the session's order.
-        found: by camera id what its newest picture showed, a DETECTION array.
     """
 
-    def __init__(
-        self, session: TrackingSession, grabber: SetGrabber, clock: Callable[[], int]
-    ) -> None:
+    def __init__(self, session: TrackingSession, grabber: SetGrabber) -> None:
         """Starts the tracker's workers.
 
         Args:
             session: what to track.
             grabber: where the pictures come from.
-            clock: the host's monotonic clock [ns].
 
         Raises:
             VsenseError: a family does not have the tags.
         """
         self.grabber = grabber
         self.cameras = [view.camera for view in session.views]
-        self.found: Found = {}
-        self._clock = clock
         heights_m = session.heights_m
         speed_m_s = max(view.tracker.max_speed_m_s for view in session.views)
         whereabouts = Whereabouts(SearchPlan(session.key_frame_period, session.square_size_m))
-        make = lambda: _detectors(session.views, self.found, whereabouts)  # noqa: E731
+        make = lambda: _detectors(session.views, whereabouts)  # noqa: E731
         self.tracker = ArenaTracker(
-            self.cameras, make, heights_m, Limits(speed_m_s), whereabouts=whereabouts
+            self.cameras, make, heights_m, Limits(speed_m_s), pin=True, whereabouts=whereabouts
         )
-        self._health = Health(self.cameras, heights_m)
+        self._health = Health(self.cameras, self.tracker.heights_m)
 
     def step(self, timeout_s: float) -> tuple[ArenaState, Sequence[Frame], list[CameraEvent]]:
         """Waits for pictures and makes the arena state of them.
@@ -125,10 +117,10 @@ class Tracking:
             GrabberError: no picture came in `timeout_s`.
         """
         frames = self.grabber.next(timeout_s)
-        self.found.clear()
-        state = self.tracker.update(frames)
-        events = self.grabber.events() + self._health.look(frames, self.found)
-        return state, frames, events
+        tracker = self.tracker
+        state = tracker.update(frames)
+        events = self.grabber.events()
+        return state, frames, events + self._health.look(frames, tracker.found, tracker.overflowed)
 
     def close(self) -> None:
         """Ends the workers and lets the cameras go; can be called again."""
@@ -150,7 +142,7 @@ def build(session: TrackingSession, clock: Callable[[], int], offline: bool) -> 
     """
     grabber = _grabber(session, clock, offline)
     try:
-        return Tracking(session, grabber, clock)
+        return Tracking(session, grabber)
     except BaseException:
         grabber.close()
         raise
@@ -180,17 +172,22 @@ def _recording(session: TrackingSession, spec: GrabberSpec) -> Recording:
         raise session.resources.error(spec.line, f"<grabber> path: {error}") from None
 
 
-def _detectors(
-    views: Sequence[CameraTrackerSpec], found: Found, whereabouts: Whereabouts
-) -> CameraDetectors:
+def _detectors(views: Sequence[CameraTrackerSpec], whereabouts: Whereabouts) -> CameraDetectors:
     """Makes one detector per tracker; cameras of one tracker share it."""
     trackers = {view.tracker.id: view.tracker for view in views}
     made = {id: _detector(tracker, whereabouts) for id, tracker in trackers.items()}
-    return CameraDetectors({v.camera.id: made[v.tracker.id] for v in views}, found)
+    return CameraDetectors({v.camera.id: made[v.tracker.id] for v in views})
 
 
 def _detector(tracker: TrackerSpec, whereabouts: Whereabouts) -> Detector:
     """Makes the detector of a tracker's family, for one thread."""
     family = load_family(tracker.family)
-    height_m = median(tracker.heights_m.values())
-    return make_detector(family, sorted(tracker.heights_m), height_m, whereabouts)
+    heights_m = tracker.heights_m.values()
+    return make_detector(
+        family,
+        sorted(tracker.heights_m),
+        median(heights_m),
+        whereabouts,
+        set(heights_m),
+        tracker.open_roster,
+    )

@@ -63,6 +63,7 @@ class TrackerSpec:
         family: name of the marker family, or path of its definition.
         heights_m: the roster: the height of each tag's marker above the floor.
         max_speed_m_s: greatest speed of a robot.
+        open_roster: whether robots with other tags of the family can join.
         line: line of its element.
     """
 
@@ -70,6 +71,7 @@ class TrackerSpec:
     family: str
     heights_m: Mapping[int, float]
     max_speed_m_s: float
+    open_roster: bool
     line: int
 
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from xml.parsers import expat
 
-from vsense.config.element import Document, Element
+from vsense.config.element import Element
+from vsense.config.wording import Document
 from vsense.errors import ConfigError
 
 NAMESPACE = "urn:vsense:1"

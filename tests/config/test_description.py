@@ -1,0 +1,117 @@
+"""What `--dry` says: everything that is there, and what a datagram costs."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from vsense.config.description import bytes_down, bytes_up
+from vsense.config.experiment import load
+from vsense.config.opening import open_experiment
+from vsense.config.specs import Experiment
+from vsense.errors import ConfigError, UsageError
+from vsense.link.table import Direction, Entry, Table
+from vsense.native import ffi, lib
+
+Read = Callable[..., Experiment]
+
+ARGOS = Path(__file__).parent.parent / "data" / "argos" / "epuck_obstacleavoidance.argos"
+
+
+def table(experiment: Experiment) -> Table:
+    sensors = [(m.sensor.name, m.sensor.layout, Direction.SENSOR) for m in experiment.sensors]
+    actuators = [
+        (m.actuator.name, m.actuator.layout, Direction.ACTUATOR) for m in experiment.actuators
+    ]
+    return Table(Entry(i, *entry) for i, entry in enumerate([*sensors, *actuators], 1))
+
+
+def encoded(experiment: Experiment, direction: Direction) -> int:
+    """Bytes of a real datagram with this experiment's table."""
+    layout = table(experiment).cdata
+    header = ffi.new("struct vs_header *", {"table_hash": layout.hash, "session": 1})
+    out, length = ffi.new("uint8_t[]", lib.VS_DATAGRAM_MAX), ffi.new("size_t *")
+    if direction == Direction.SENSOR:
+        body = ffi.new("struct vs_state *")
+        code = lib.vs_encode_state(header, layout, body, out, len(out), length)
+    else:
+        body = ffi.new("struct vs_telemetry *")
+        code = lib.vs_encode_telemetry(header, layout, body, out, len(out), length)
+    assert code == lib.VS_OK
+    return int(length[0])
+
+
+def test_the_bytes_are_those_of_real_datagrams(read_full: Read, full: str) -> None:
+    for experiment in (read_full(full), load("pollutant")):
+        assert bytes_down(experiment) == encoded(experiment, Direction.SENSOR)
+        assert bytes_up(experiment) == encoded(experiment, Direction.ACTUATOR)
+        text = experiment.describe()
+        assert f"per robot and timestep {bytes_down(experiment)} bytes down" in text
+        assert f"{bytes_up(experiment)} bytes up" in text
+
+
+def test_everything_in_an_experiment_is_described(read_full: Read, full: str) -> None:
+    experiment = read_full(full)
+    text = experiment.describe()
+    names = [
+        *(robot.id for robot in experiment.robots),
+        *(thing.id for thing in experiment.objects),
+        *(entity.id for entity in experiment.entities),
+        *(spec.entity.id for spec in experiment.distributed),
+        *(field.id for field in experiment.fields),
+        *(mounted.sensor.name for mounted in experiment.sensors),
+        *(mounted.actuator.name for mounted in experiment.actuators),
+        "doors.py", "floor.png", "mine.c", "alpha=0.5", "10.0.0.1:4051", "10.0.0.2:4040", "seed 7",
+        "40 s, 400 timesteps of 100 ms", "3 x 2.4 x 1 m", "arrow4x4", "(tag 23)",
+        "boxes           4 (1 physical, 3 virtual), 2 of them placed by the seed",
+    ]  # fmt: skip
+    assert [name for name in names if name not in text] == []
+    assert text.endswith("everything in the file is supported")
+    experiment.refuse_warnings()
+
+
+def test_what_is_not_supported_stands_at_the_end() -> None:
+    experiment = load(ARGOS)
+    description, _, rest = experiment.describe().partition("not as the file says:\n")
+    assert [line.strip() for line in rest.splitlines()] == list(experiment.warnings)
+    assert "no limit, timesteps of 100 ms, seed 124" in description
+
+
+def options(**changes: object) -> argparse.Namespace:
+    plain = {"experiment": "pollutant", "duration": None, "set": [], "dry": False, "strict": False}
+    return argparse.Namespace(**{**plain, **changes})
+
+
+def test_opening_as_the_command_line_says(capsys: pytest.CaptureFixture[str]) -> None:
+    experiment = open_experiment(
+        options(duration=60.0, set=[("wanderer.walk_s", "3"), ("sensor.noise", "0.1")])
+    )
+    assert experiment is not None
+    assert experiment.length_s == 60.0
+    assert experiment.controller.params["walk_s"] == "3"
+    assert experiment.sensors[0].quality.noise_level == 0.1
+    given = open_experiment(options(set=[("a.b", ["1", "2"])]), {"wanderer.walk_s": "4"})
+    assert given is not None and given.controller.params["walk_s"] == "4"
+    assert capsys.readouterr().out == ""
+
+
+def test_dry_prints_and_gives_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    assert open_experiment(options(dry=True, strict=True)) is None
+    assert capsys.readouterr().out == load("pollutant").describe() + "\n"
+
+
+def test_strict_refuses_what_is_not_supported(capsys: pytest.CaptureFixture[str]) -> None:
+    path = str(ARGOS)
+    assert open_experiment(options(experiment=path)) is not None
+    with pytest.raises(ConfigError, match=r"--strict, and 4 more like it \(--dry shows them\)"):
+        open_experiment(options(experiment=path, strict=True))
+    assert capsys.readouterr().out == ""
+    with pytest.raises(ConfigError) as caught:
+        open_experiment(options(experiment=path, strict=True, dry=True))
+    assert (caught.value.file, caught.value.line) == (path, 19)
+    assert "not as the file says:" in capsys.readouterr().out
+    with pytest.raises(UsageError):
+        open_experiment(options(set=[("nobody.x", "1")]))

@@ -1,0 +1,109 @@
+"""Settings from outside: what a campaign changes in a file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from vsense.config.specs import Experiment
+from vsense.errors import ConfigError, UsageError
+
+Read = Callable[..., Experiment]
+
+SECOND = """
+    <other_controller id="unused" library="mine.c">
+      <sensors><virtual_ground_sensor /></sensors>
+    </other_controller>
+  </controllers>"""
+
+
+def test_a_device_a_kind_of_device_and_all_of_them(read_full: Read, full: str) -> None:
+    one = read_full(full, {"virtual_ground_sensor.noise_level": "0.3"})
+    noises = {m.sensor.name: m.quality.noise_level for m in one.sensors}
+    assert noises["ground"] == 0.3
+    assert noises["light"] == 0.0
+    every = read_full(full, {"sensor.noise": "0.25"})
+    assert {m.quality.noise_level for m in every.sensors} == {0.25}
+    assert [m.quality.noise_level for m in every.actuators] == [0.1, 0.0, 0.0, 0.0]
+    assert {
+        m.quality.noise_level for m in read_full(full, {"actuator.noise": "0.2"}).actuators
+    } == {0.2}
+
+
+def test_the_prefix_of_our_namespace_may_be_left_out(read_full: Read, full: str) -> None:
+    for key in ("sensor.vs:bias", "sensor.bias"):
+        assert {m.quality.bias for m in read_full(full, {key: "0.5"}).sensors} == {0.5}
+    for key in ("vs:marker.height", "marker.height"):
+        assert read_full(full, {key: "0.07"}).marker.height_m == 0.07
+
+
+@pytest.mark.parametrize("key", ["params.alpha", "mine.alpha", "my_controller.params.alpha"])
+def test_a_controller_is_told_its_parameters(read_full: Read, full: str, key: str) -> None:
+    assert read_full(full, {key: "7"}).controller.params["alpha"] == "7"
+
+
+def test_a_controller_may_be_named_by_its_library(read_full: Read, full: str) -> None:
+    text = full.replace('library="mine.c"', 'library="pollutant"')
+    assert read_full(text, {"pollutant.alpha": "7"}).controller.params["alpha"] == "7"
+
+
+def test_parameters_that_the_file_does_not_name_are_added(read_full: Read, full: str) -> None:
+    params = read_full(full, {"mine.wheels.speed": "9", "mine.arm.reach": "2"}).controller.params
+    assert params == {"alpha": "0.5", "wheels.speed": "9", "arm.reach": "2"}
+    text = full.replace('<params alpha="0.5"><wheels speed="3" /></params>', "")
+    assert read_full(text, {"mine.beta": "1"}).controller.params == {"beta": "1"}
+
+
+def test_anything_may_be_named_by_its_id_and_from_outside_inwards(
+    read_full: Read, full: str
+) -> None:
+    experiment = read_full(
+        full,
+        {
+            "gate.body.position": "0.9,0.4,0",
+            "sun.intensity": "9",
+            "trail.evaporation": "0.5",
+            "experiment.random_seed": "99",
+            "loop_functions.door": "left",
+            "distribute.entity.max_trials": "42",
+        },
+    )
+    assert experiment.seed == 99
+    assert experiment.lights[0].intensity == 9.0
+    assert experiment.fields[0].evaporation_per_s == 0.5
+    assert experiment.loop_functions is not None
+    assert experiment.loop_functions.params["door"] == "left"
+    gate = next(e for e in experiment.entities if e.id == "gate")
+    assert getattr(gate, "position_m", None) == (0.9, 0.4, 0.0)
+    assert experiment.robots[-1].distribution is not None
+    assert experiment.robots[-1].distribution.max_trials == 42
+
+
+def test_a_setting_that_fits_nothing_lists_what_there_is(read_full: Read, full: str) -> None:
+    with pytest.raises(UsageError, match=r"there is no 'moon' in x\.argos; there are: .*sun") as e:
+        read_full(full, {"moon.intensity": "1"})
+    for word in ("sensor", "actuator", "gate", "virtual_light_sensor", "mine"):
+        assert word in str(e.value)
+    with pytest.raises(UsageError, match=r"'sun' has no <body>"):
+        read_full(full, {"sun.body.position": "0,0,0"})
+    for wrong in ("sensor", ".noise", "sensor.", ""):
+        with pytest.raises(UsageError, match=r"expected ELEMENT\.attribute"):
+            read_full(full, {wrong: "1"})
+
+
+def test_a_setting_is_checked_as_the_file_is(read_full: Read, full: str) -> None:
+    outside = r"intensity \(set from outside the file\): "
+    with pytest.raises(ConfigError, match=rf"x\.argos:51: <light> {outside}'nan' is not a number"):
+        read_full(full, {"sun.intensity": "nan"})
+    with pytest.raises(ConfigError, match=r"colour \(set from outside .*is not an attribute of it"):
+        read_full(full, {"sun.colour": "red"})
+
+
+def test_what_is_not_in_use_cannot_be_set(read_full: Read, full: str) -> None:
+    text = full.replace("</controllers>", SECOND)
+    with pytest.raises(UsageError, match=r"'unused\.alpha': <params> of x\.argos:\d+ is not in us"):
+        read_full(text, {"unused.alpha": "1"})
+    # Of several that are meant one in use is enough.
+    noises = {m.quality.noise_level for m in read_full(text, {"sensor.noise": "0.5"}).sensors}
+    assert noises == {0.5}

@@ -1,0 +1,126 @@
+"""Reads `<distribute>`: how the places of what it holds are drawn."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from vsense.config import argos
+from vsense.config.draws import Distribution, Draw
+from vsense.config.element import Element
+from vsense.config.things import MAX_LENGTH_M, THINGS
+from vsense.config.wording import shown
+from vsense.world.entities import Vector
+
+MAX_QUANTITY = 10_000
+MAX_NUMBER = 65_535
+ROBOT = "e-puck"
+OBJECT = "vs:object"
+
+_MAX_TRIALS = 1_000_000
+_MAX_LAYOUT = 1000
+_KEYS = {
+    "uniform": ("min", "max"),
+    "gaussian": ("mean", "std_dev"),
+    "constant": ("values", None),
+    "grid": ("center", "distances"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Crowd:
+    """Several of a kind whose places are drawn.
+
+    Attributes:
+        entity: the `<entity>` around them.
+        element: what there are several of.
+        quantity: how many.
+        first: number of the first one.
+        distribution: how their places are drawn.
+    """
+
+    entity: Element
+    element: Element
+    quantity: int
+    first: int
+    distribution: Distribution
+
+    @property
+    def numbers(self) -> range:
+        """Their numbers."""
+        return range(self.first, self.first + self.quantity)
+
+
+def read_distribute(element: Element, number: int) -> Crowd | None:
+    """Reads a `<distribute>`, None where what it holds is not supported.
+
+    Args:
+        element: it.
+        number: its place among those of the arena.
+
+    Raises:
+        ConfigError: something in it is wrong.
+    """
+    entity = element.child("entity")
+    inner = entity.children(ROBOT, OBJECT, *THINGS, *argos.ENTITIES)
+    if len(inner) != 1:
+        raise entity.error(f"holds {len(inner)} known elements, expected one, such as <e-puck>")
+    if inner[0].name in argos.ENTITIES:
+        element.leave_out(f"of its <{inner[0].name}>: {argos.ENTITIES[inner[0].name]}")
+        return None
+    quantity = entity.integer("quantity", 1, MAX_QUANTITY)
+    position = _read_draw(element.child("position"), MAX_LENGTH_M, "m", 1.0, quantity)
+    turn = _read_draw(element.child("orientation"), 3600.0, "deg", math.radians(1.0), quantity)
+    trials = entity.integer("max_trials", 1, _MAX_TRIALS)
+    if any((*turn.first[1:], *turn.second[1:])) and inner[0].name != "light":
+        element.child("orientation").warn("turns about y and x do not count: things stand upright")
+    return Crowd(
+        entity,
+        inner[0],
+        quantity,
+        entity.integer("base_num", 0, MAX_NUMBER - MAX_QUANTITY, 0),
+        Distribution(position, turn, trials, number, entity.line),
+    )
+
+
+def warn_of_height(element: Element, draw: Draw) -> None:
+    """Says that what stands on the floor stays there, where a draw may lift it."""
+    lifted = draw.first[2] != 0.0 or (draw.method != "constant" and draw.second[2] != 0.0)
+    if lifted:
+        element.child("position").warn("z does not count: these stand on the floor")
+
+
+def _read_draw(element: Element, bound: float, unit: str, scale: float, quantity: int) -> Draw:
+    """Reads a `<position>` or `<orientation>`, scaled to SI units."""
+    method = element.choice("method", tuple(_KEYS))
+    first_key, second_key = _KEYS[method]
+    first = element.vector(first_key, -bound, bound, unit)
+    second = first
+    if second_key is not None:
+        second = element.vector(second_key, -bound, bound, unit)
+        least = first if method == "uniform" else (0.0, 0.0, 0.0)
+        if any(b < a for a, b in zip(least, second, strict=True)):
+            floor = "'min'" if method == "uniform" else "0"
+            raise element.error(f"has a number below {floor}", second_key)
+    layout = _read_layout(element, quantity) if method == "grid" else (1, 1, 1)
+    return Draw(method, _scaled(first, scale), _scaled(second, scale), layout)
+
+
+def _read_layout(element: Element, quantity: int) -> tuple[int, int, int]:
+    """Reads how many places a grid has along x, y and z."""
+    text = element.text("layout", None, "three whole numbers 'x,y,z'")
+    counts = element.integers("layout", 1, _MAX_LAYOUT)
+    if len(counts) != 3:
+        raise element.error(f"{shown(text)} is not three whole numbers with commas", "layout")
+    columns, rows, layers = counts
+    if columns * rows * layers < quantity:
+        places = columns * rows * layers
+        raise element.error(
+            f"has {places} places, expected at least quantity, {quantity}", "layout"
+        )
+    return columns, rows, layers
+
+
+def _scaled(vector: Vector, scale: float) -> Vector:
+    x, y, z = (scale * number for number in vector)
+    return x, y, z

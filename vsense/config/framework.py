@@ -1,0 +1,123 @@
+"""Reads what an experiment file says about the run as a whole, and the parts of ARGoS beside it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from ipaddress import IPv4Address
+
+from vsense.config import argos
+from vsense.config.element import Element
+from vsense.config.tracker_address import ENGINE
+from vsense.config.wording import shown
+
+DEFAULT_HOST = "127.0.0.1"
+DEFAULT_PORT = 4050
+"""The original's port for the virtual sensor server."""
+
+_MAX_LENGTH_S = 1e6
+_MIN_TICKS_PER_SECOND = 6
+"""A robot that gets no datagram makes its next control step after 1.25 timesteps, and one
+exchange with its base takes up to 30 ms. Its guard stops the wheels where that step is not
+complete 250 ms after the last one: so 1.25 / ticks_per_second + 0.03 s <= 0.25 s.
+Source: robot/loop.h, robot/base.h, robot/guard.h."""
+
+_WHY_MIN_TICKS = "a robot's guard stops wheels that get no control step for 250 ms"
+
+_MAX_TICKS_PER_SECOND = 100
+_MAX_SEED = 2**32 - 1
+_MAX_THREADS = 1024
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """How an experiment is run; the fields are those of `Experiment`."""
+
+    length_s: float
+    ticks_per_second: int
+    seed: int
+    host: str
+    port: int
+
+
+def read_run(root: Element, length_s: float | None) -> Run:
+    """Reads `<framework>`.
+
+    Args:
+        root: <argos-configuration>.
+        length_s: length of the run instead of the file's.
+
+    Raises:
+        ConfigError: an attribute is wrong.
+    """
+    framework = root.child("framework")
+    run = framework.child("experiment")
+    file_length_s = run.number("length", 0.0, _MAX_LENGTH_S, "s")
+    low, high = _MIN_TICKS_PER_SECOND, _MAX_TICKS_PER_SECOND
+    ticks_per_second = run.integer("ticks_per_second", low, high, why=_WHY_MIN_TICKS)
+    if run.has("real_time"):
+        run.boolean("real_time")
+    host, port = _read_address(root)
+    return Run(
+        file_length_s if length_s is None else length_s,
+        ticks_per_second,
+        run.integer("random_seed", 0, _MAX_SEED, 0),
+        host,
+        port,
+    )
+
+
+def read_rest(root: Element) -> None:
+    """Passes over the parts of ARGoS that have no meaning here, each with a word about it.
+
+    Raises:
+        ConfigError: an attribute is wrong, or two engines have one id.
+    """
+    framework = root.child("framework")
+    system = framework.optional_child("system")
+    if system is not None:
+        system.integer("threads", 0, _MAX_THREADS, 0)
+        if system.has("method"):
+            system.text("method")
+    for child in framework.children("profiling"):
+        child.leave_out("nothing is profiled")
+    section = root.optional_child("visualization")
+    if section is not None and (section.free_attributes() or section.child_names()):
+        section.leave_out("vsense draws its own pictures")
+    _read_engines(root)
+
+
+def _read_engines(root: Element) -> None:
+    """Reads the physics engines; the tracking system's address was read by `read_tracker`."""
+    engines = root.optional_child("physics_engines")
+    lines: dict[str, int] = {}
+    for child in engines.children("dynamics2d", ENGINE, *argos.PHYSICS_ENGINES) if engines else ():
+        name = child.text("id")
+        if name in lines:
+            raise child.error(f"{name!r} is the id of another engine, in line {lines[name]}", "id")
+        lines[name] = child.line
+        extras = set(child.free_attributes()) - {"id"} if child.name == "dynamics2d" else set()
+        if child.child_names() or extras or child.name in argos.PHYSICS_ENGINES:
+            child.leave_out("robots move in one plane, as the lab's own physics says")
+
+
+def _read_address(root: Element) -> tuple[str, int]:
+    """Reads where the robots find the server: from <experiment>, else from <framework>."""
+    framework = root.child("framework")
+    engines = root.optional_child("physics_engines")
+    engine = engines.optional_child(ENGINE) if engines is not None else None
+    host, port = DEFAULT_HOST, DEFAULT_PORT
+    for element in (engine, framework, framework.child("experiment")):
+        if element is not None:
+            host = _read_host(element, host)
+            port = element.integer("vss_port", 1, 65_535, port)
+    return host, port
+
+
+def _read_host(element: Element, default: str) -> str:
+    """Reads an IPv4 address in numbers; robots look no names up, but for this very machine's."""
+    key, expected = "vss_host", "an IPv4 address such as '10.0.0.1', or 'localhost'"
+    text = element.text(key, default, expected)
+    try:
+        return str(IPv4Address(DEFAULT_HOST if text == "localhost" else text))
+    except ValueError:
+        raise element.error(f"{shown(text)} is not {expected}", key) from None

@@ -1,0 +1,220 @@
+"""Reads robots and tagged objects, and gives tags to those whose tag the file does not say."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from functools import cache
+from itertools import islice
+from typing import NamedTuple
+
+from vsense.config import argos
+from vsense.config.bodies import Bodies
+from vsense.config.distribute import OBJECT, Crowd
+from vsense.config.draws import DistributedSpec
+from vsense.config.element import Element
+from vsense.config.specs import ObjectSpec, Pose, RobotSpec
+from vsense.config.things import read_place
+from vsense.config.wording import shown
+from vsense.native import lib
+from vsense.sheets.tags import AUTO_BLUR
+from vsense.tracking.codes import choose_tags
+from vsense.tracking.families import MarkerFamily, load_family
+from vsense.world.entities import VirtualRobot
+
+MAX_TAG = 65_535
+
+_ID = re.compile(r"(.+)_([0-9]{1,9})_([0-9]{1,9})")
+_NO_TAG = -1
+"""Stands in for the tag of a body until it is given one."""
+_SPREAD = 64
+"""So many tags are chosen at least: another robot in the file leaves the first ones theirs."""
+_MOST_CHOSEN = 128
+"""Choosing takes about 10 ms a tag; the robots of larger swarms wear whatever is free."""
+
+
+class _Identity(NamedTuple):
+    """What an id says: the tag is _NO_TAG and the number None where it does not."""
+
+    name: str
+    tag: int
+    number: int | None
+
+
+def add_epuck(element: Element, bodies: Bodies) -> None:
+    """Reads an `<e-puck>`: a real robot, a virtual one, or without a controller an object."""
+    argos.pass_over(element, argos.EPUCK_SETTINGS)
+    if element.boolean("vs:virtual", False):
+        _add_virtual(element, bodies)
+        return
+    controller = element.optional_child("controller")
+    if controller is None:
+        bodies.without_controller[add_object(element, bodies)] = element
+        return
+    name, tag, number = _read_identity(element, bodies)
+    _check_name(element, name)
+    pose = _read_pose(element, bodies)
+    number = len(bodies.robots) if number is None else number
+    bodies.robots.append(RobotSpec(name, tag, number, pose, None, element.line))
+    bodies.controllers[name] = controller
+
+
+def add_object(element: Element, bodies: Bodies) -> str:
+    """Reads a thing with a marker on it that is no robot; gives its id."""
+    name, tag, _ = _read_identity(element, bodies)
+    bodies.objects.append(ObjectSpec(name, tag, _read_pose(element, bodies), None, element.line))
+    return name
+
+
+def add_crowd(crowd: Crowd, bodies: Bodies) -> None:
+    """Adds the robots or objects of an `<entity>`.
+
+    With vs:tags they are called NAME_TAG_NUMBER, with numbers from base_num; without, NAME and
+    the number, as in ARGoS.
+    """
+    element = crowd.element
+    prefix = element.text("id")
+    is_robot = element.name != OBJECT
+    if is_robot:
+        argos.pass_over(element, argos.EPUCK_SETTINGS)
+        if element.boolean("vs:virtual", False):
+            _add_virtual_crowd(crowd, prefix, bodies)
+            return
+    controller = element.child("controller") if is_robot else None
+    names: list[str] = []
+    for number, tag in zip(crowd.numbers, _read_tags(crowd, bodies), strict=True):
+        name = f"{prefix}{number}" if tag == _NO_TAG else f"{prefix}_{tag}_{number}"
+        bodies.claim_id(element, name)
+        names.append(name)
+        line, drawn = element.line, crowd.distribution
+        if controller is None:
+            bodies.objects.append(ObjectSpec(name, tag, None, drawn, line))
+            continue
+        _check_name(element, name)
+        bodies.robots.append(RobotSpec(name, tag, number, None, drawn, line))
+        bodies.controllers[name] = controller
+    if not crowd.entity.has("vs:tags"):
+        bodies.untagged.append((crowd.entity, names))
+
+
+def give_tags(bodies: Bodies, family: str) -> None:
+    """Gives a tag to every body whose tag the file does not say, and says so.
+
+    Args:
+        bodies: the arena, read.
+        family: the marker family that the tags are of.
+
+    Raises:
+        ConfigError: the family has too few tags.
+    """
+    names = [name for _, group in bodies.untagged for name in group]
+    if not names:
+        return
+    free = _free_tags(family, len(names), bodies.worn)
+    if len(free) < len(names):
+        element = bodies.untagged[-1][0]
+        raise element.error(f"has no tag, and the marker family {family!r} has none left for it")
+    given = dict(zip(names, free))
+    for element, group in bodies.untagged:
+        key = "vs:tags" if element.name == "entity" else "vs:tag"
+        last = f" to {group[-1]!r}" if len(group) > 1 else ""
+        element.warn(
+            f"{key} is missing: {group[0]!r}{last} wear"
+            f" {', '.join(str(given[name]) for name in group)}"
+        )
+    bodies.robots[:] = [replace(r, tag=given.get(r.id, r.tag)) for r in bodies.robots]
+    bodies.objects[:] = [replace(o, tag=given.get(o.id, o.tag)) for o in bodies.objects]
+
+
+def _free_tags(family: str, count: int, worn: frozenset[int]) -> list[int]:
+    """Chooses tags that nobody wears; the first ones are those that cameras tell apart best."""
+    chosen = _well_apart(family, min(max(_SPREAD, count + len(worn)), _MOST_CHOSEN))
+    taken = worn | set(chosen)
+    rest = (tag for tag in range(load_family(family).tags) if tag not in taken)
+    free = [tag for tag in chosen if tag not in worn]
+    return [*free, *islice(rest, max(count - len(free), 0))]
+
+
+@cache
+def _well_apart(family: str, count: int) -> tuple[int, ...]:
+    """Gives tags that cameras do not take for each other; a dictionary's own are all like that."""
+    markers = load_family(family)
+    if isinstance(markers, MarkerFamily):
+        return tuple(choose_tags(markers, count, AUTO_BLUR * markers.cell_mm))
+    return tuple(range(min(count, markers.tags)))
+
+
+def _add_virtual(element: Element, bodies: Bodies) -> None:
+    name = element.text("id")
+    bodies.claim_id(element, name)
+    driven = _is_driven(element, name, bodies)
+    pose = _read_pose(element, bodies)
+    bodies.entities.append(VirtualRobot(name, bodies.next_virtual_tag(), *pose, driven))
+
+
+def _add_virtual_crowd(crowd: Crowd, prefix: str, bodies: Bodies) -> None:
+    element = crowd.element
+    for number in crowd.numbers:
+        name = f"{prefix}{number}"
+        bodies.claim_id(element, name)
+        driven = _is_driven(element, name, bodies)
+        robot = VirtualRobot(name, bodies.next_virtual_tag(), 0.0, 0.0, driven=driven)
+        bodies.distributed.append(DistributedSpec(robot, crowd.distribution, element.line))
+
+
+def _is_driven(element: Element, name: str, bodies: Bodies) -> bool:
+    """Tells whether a controller drives a virtual robot; else loop functions move it."""
+    controller = element.optional_child("controller")
+    if controller is not None:
+        bodies.controllers[name] = controller
+    return controller is not None
+
+
+def _read_identity(element: Element, bodies: Bodies) -> _Identity:
+    """Reads an id of the form NAME_TAG_ROBOT, or another one and the tag from vs:tag."""
+    name = element.text("id")
+    bodies.claim_id(element, name)
+    match = _ID.fullmatch(name)
+    tag, number = (int(match[2]), int(match[3])) if match else (_NO_TAG, None)
+    if tag > MAX_TAG or (number or 0) > MAX_TAG:
+        raise element.error(f"{name!r}: expected tag and number from 0 to {MAX_TAG}", "id")
+    if element.has("vs:tag"):
+        said = element.integer("vs:tag", 0, MAX_TAG)
+        if tag not in (said, _NO_TAG):
+            raise element.error(f"is {said}, but the id {name!r} says {tag}", "vs:tag")
+        tag = said
+    if tag == _NO_TAG:
+        bodies.untagged.append((element, [name]))
+    else:
+        bodies.claim_tag(element, "vs:tag" if match is None else "id", tag)
+    return _Identity(name, tag, number)
+
+
+def _read_tags(crowd: Crowd, bodies: Bodies) -> list[int]:
+    entity, quantity = crowd.entity, crowd.quantity
+    if not entity.has("vs:tags"):
+        return [_NO_TAG] * quantity
+    tags = entity.integers("vs:tags", 0, MAX_TAG)
+    if len(tags) != quantity:
+        expected = f"expected {quantity} as in quantity"
+        text = shown(entity.text("vs:tags"))
+        raise entity.error(f"{text} has {len(tags)} tags, {expected}", "vs:tags")
+    for tag in tags:
+        bodies.claim_tag(entity, "vs:tags", tag)
+    return tags
+
+
+def _check_name(element: Element, name: str) -> None:
+    """Refuses an id that a robot cannot give when it greets the host."""
+    size = len(name.encode())
+    if size > lib.VS_NAME_MAX:
+        raise element.error(f"{name!r} has {size} bytes, expected at most {lib.VS_NAME_MAX}", "id")
+
+
+def _read_pose(element: Element, bodies: Bodies) -> Pose:
+    body = element.child("body")
+    place = read_place(body, bodies.arena)
+    x_m, y_m, z_m = place.position_m
+    if z_m != 0.0:
+        raise body.error(f"z is {z_m:g}, expected 0: it stands on the floor", "position")
+    return Pose(x_m, y_m, place.yaw_rad)

@@ -1,0 +1,118 @@
+"""Settings from outside an experiment file: what a campaign or `--set` changes in it.
+
+A setting is `ELEMENT.attribute`: ELEMENT is an element's name or id, a controller's library,
+`sensor` (every virtual sensor) or `actuator` (every virtual actuator). Between the two may stand
+names of elements inside it: `distribute.entity.quantity`. What is set on a controller is set in
+its <params>; `noise` of a virtual device is short for `noise_level`. The prefix `vs:` of our own
+names may be left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+
+from vsense.config.element import Element
+from vsense.config.wording import listed
+from vsense.errors import UsageError
+
+DEVICES = {"sensor": "sensors", "actuator": "actuators"}
+"""What stands for all virtual devices of a kind, and the element that holds them."""
+
+_SHORT = {"noise": "noise_level"}
+
+
+def apply(
+    root: Element, settings: Mapping[str, str], virtual: Mapping[str, Collection[str]]
+) -> dict[str, list[Element]]:
+    """Puts settings in their places, before the file is read.
+
+    Args:
+        root: <argos-configuration>.
+        settings: values by `ELEMENT.attribute`.
+        virtual: names of the virtual devices by the name of the element that holds them.
+
+    Returns:
+        By setting the elements that it changes.
+
+    Raises:
+        UsageError: a setting has no such form, or fits no element.
+    """
+    return {key: _apply(root, key, value, virtual) for key, value in settings.items()}
+
+
+def check_used(root: Element, applied: Mapping[str, list[Element]]) -> None:
+    """Refuses settings that only change what is left out.
+
+    Args:
+        root: <argos-configuration>, read.
+        applied: what `apply` gave.
+
+    Raises:
+        UsageError: such a setting.
+    """
+    in_use = {id(element) for element in root.walk()}
+    for key, elements in applied.items():
+        if not any(id(element) in in_use for element in elements):
+            where = f"{root.document.file}:{elements[0].line}"
+            raise UsageError(f"setting {key!r}: <{elements[0].name}> of {where} is not in use")
+
+
+def _apply(
+    root: Element, key: str, value: str, virtual: Mapping[str, Collection[str]]
+) -> list[Element]:
+    first, *path, attribute = key.split(".") if "." in key else ("", "")
+    if not first or not attribute:
+        raise UsageError(f"setting {key!r}: expected ELEMENT.attribute, such as 'sensor.noise'")
+    found = _matching(root, first, virtual)
+    if not found:
+        there = listed(_names(root, virtual))
+        raise UsageError(
+            f"setting {key!r}: there is no {first!r} in {root.document.file}; there are: {there}"
+        )
+    targets = [inner for element in found for inner in _inside(element, path)]
+    if not targets:
+        raise UsageError(f"setting {key!r}: {first!r} has no <{'> in <'.join(reversed(path))}>")
+    names = {name for device in virtual.values() for name in device}
+    for element in targets:
+        element.set(_SHORT.get(attribute, attribute) if element.name in names else attribute, value)
+    return targets
+
+
+def _matching(root: Element, name: str, virtual: Mapping[str, Collection[str]]) -> list[Element]:
+    """Finds the elements that a setting's first word means."""
+    controllers = [element for section in root.below("controllers") for element in section.below()]
+    named = [e for e in controllers if name in (e.peek("id"), e.peek("library"))]
+    if named:
+        return [_to_set(controller, "params") for controller in named]
+    if name in DEVICES:
+        section = DEVICES[name]
+        devices = [d for c in controllers for s in c.below(section) for d in s.below()]
+        return [device for device in devices if device.name in virtual[section]]
+    return [e for e in root.walk() if name in (e.name, e.name.removeprefix("vs:"), e.peek("id"))]
+
+
+def _inside(element: Element, path: list[str]) -> list[Element]:
+    """Follows names of elements inwards; in <params> what is missing is made."""
+    found = [element]
+    for name in path:
+        if element.name == "params":
+            found = [_to_set(e, name) for e in found]
+        else:
+            found = [child for e in found for child in e.below(name)]
+    return found
+
+
+def _to_set(element: Element, name: str) -> Element:
+    """Gives an element inside of another; it is made where it is missing."""
+    there = element.below(name)
+    if not there:
+        there = [Element(element.document, name, element.line, {})]
+        element.append(there[0])
+    return there[0]
+
+
+def _names(root: Element, virtual: Mapping[str, Collection[str]]) -> set[str]:
+    """What a setting's first word may be."""
+    names = {e.name for e in root.walk()} | {e.peek("id") or e.name for e in root.walk()}
+    words = {word for word, section in DEVICES.items() if names & set(virtual[section])}
+    return names - {root.name} | words
