@@ -23,15 +23,18 @@ POSE = np.dtype(
         ("confidence", "f4"),
         ("cameras", "u4"),
         ("seen", "?"),
+        ("covariance", "f8", (3, 3)),
     ]
 )
 """One robot of an arena state.
 
-`tag` is the number on the marker; `x_m`, `y_m` the disc's centre in the arena frame;
-`capture_ns` the time of the picture that last showed the robot; `age_ns` how much older that
-is than the arena state; `confidence` in [0, 1], falling while the robot is not seen;
-`cameras` how many cameras contributed; `seen` whether any did in this timestep. A robot that
-is not seen is extrapolated for a moment, then held, then left out.
+`tag` is the number on the marker; `x_m`, `y_m` the disc's centre in the arena frame, at the
+arena state's capture time; `capture_ns` the time of the picture that last showed the robot;
+`age_ns` how much older that is than the arena state; `confidence` in [0, 1], falling while the
+robot is not seen; `cameras` how many cameras contributed; `seen` whether any did in this
+timestep; `covariance` that of the errors of x, y [m] and yaw [rad], NaN where nobody can tell,
+as with another tracker's states. A robot that is not seen is extrapolated for a moment, then
+held, then left out.
 """
 
 DETECTION = np.dtype(
@@ -40,7 +43,7 @@ DETECTION = np.dtype(
         ("x_px", "f8"),
         ("y_px", "f8"),
         ("yaw_rad", "f8"),
-        ("weight", "f8"),
+        ("covariance", "f8", (3, 3)),
         ("error", "f4"),
         ("margin", "f4"),
     ]
@@ -48,9 +51,10 @@ DETECTION = np.dtype(
 """One marker in one picture.
 
 `tag` is the number, or -1 for a marker that could not be named; `x_px`, `y_px` the picture of
-the disc's centre; `yaw_rad` the heading in the arena frame; `weight` the inverse variance of
-the position [1/m^2]; `error` the decoder's distance to the tag's code word; `margin` how much
-farther the next best code word is (a ratio).
+the disc's centre; `yaw_rad` the heading in the arena frame; `covariance` that of the errors of
+x, y [m] and yaw [rad] in the arena frame, as far as the picture alone can tell; `error` the
+decoder's distance to the tag's code word; `margin` how much farther the next best code word is (a
+ratio).
 """
 
 SIGHTING = np.dtype([("tag", "u4"), ("x_m", "f8"), ("y_m", "f8"), ("yaw_rad", "f8")])
@@ -58,6 +62,26 @@ SIGHTING = np.dtype([("tag", "u4"), ("x_m", "f8"), ("y_m", "f8"), ("yaw_rad", "f
 
 `tag` is the number read; `x_m`, `y_m` the disc's centre and `yaw_rad` the heading in the arena
 frame, merged over the cameras that saw it there.
+"""
+
+IMAGE_POSE = np.dtype(
+    [
+        ("tag", "u4"),
+        ("camera", "u2"),
+        ("x_px", "f8"),
+        ("y_px", "f8"),
+        ("yaw_px_rad", "f8"),
+        ("x_m", "f8"),
+        ("y_m", "f8"),
+        ("yaw_rad", "f8"),
+    ]
+)
+"""One robot in one camera's picture (thesis, 2.2: ArenaElement).
+
+`tag` is the number that was read; `camera` the camera's place in the arena state's `cameras`;
+`x_px`, `y_px` the picture of the disc's centre; `yaw_px_rad` the heading in the picture,
+counter-clockwise in (-pi, pi] and 0 to the right; `x_m`, `y_m`, `yaw_rad` the pose in the arena
+frame as this camera alone tells it.
 """
 
 UNNAMED = -1
@@ -97,6 +121,10 @@ class ArenaState:
         duplicates: Tags that were read at two places at once, sorted. Such a tag is followed
             only where one place alone can be reached from where the robot was.
         sightings: SIGHTING array, the raw readings of this timestep: no beliefs, no predictions.
+        joined: Tags that were not on the roster and have joined it since, sorted.
+        cameras: Ids of the cameras whose pictures it was made from, sorted.
+        images: IMAGE_POSE array, where the cameras see robots in this timestep, sorted by camera
+            and tag.
     """
 
     timestep: int
@@ -106,9 +134,24 @@ class ArenaState:
     unnamed: int = 0
     duplicates: tuple[int, ...] = field(default=())
     sightings: NDArray[np.void] = field(default_factory=lambda: np.zeros(0, SIGHTING))
+    joined: tuple[int, ...] = field(default=())
+    cameras: tuple[str, ...] = field(default=())
+    images: NDArray[np.void] = field(default_factory=lambda: np.zeros(0, IMAGE_POSE))
+
+    def camera_state(self, camera: str) -> NDArray[np.void]:
+        """Returns what one camera sees (thesis, 2.2: GetCameraState), an IMAGE_POSE array.
+
+        Raises:
+            KeyError: No picture of that camera is in this timestep.
+        """
+        if camera not in self.cameras:
+            raise KeyError(camera)
+        return np.asarray(self.images[self.images["camera"] == self.cameras.index(camera)])
 
 
 def wrap_angle(angle_rad: NDArray[np.float64] | float) -> NDArray[np.float64]:
     """Returns the same angle in (-pi, pi] [rad], elementwise."""
     turn = np.asarray(angle_rad, dtype=np.float64)
-    return np.pi - np.mod(np.pi - turn, 2.0 * np.pi)
+    wrapped = np.pi - np.mod(np.pi - turn, 2.0 * np.pi)
+    # A hair above half a turn, the remainder rounds up to the whole turn.
+    return np.where(wrapped > -np.pi, wrapped, np.pi)[()]

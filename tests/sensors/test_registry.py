@@ -11,6 +11,7 @@ import pytest
 import vsense.sensors
 from vsense.config.xml import parse
 from vsense.errors import ConfigError
+from vsense.quality import Quality
 from vsense.sensors import registry
 from vsense.sensors.base import Scope, SensorError
 
@@ -48,7 +49,21 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def test_the_shipped_sensors_are_found() -> None:
-    assert "virtual_pollutant_sensor" in registry.factories()
+    assert set(registry.factories()) == {
+        "destination_virtual_sensor",
+        "gps_virtual_sensor",
+        "virtual_black_white_location_sensor",
+        "virtual_field_sensor",
+        "virtual_ground_sensor",
+        "virtual_led_sensor",
+        "virtual_light_sensor",
+        "virtual_pollutant_sensor",
+        "virtual_proximity_sensor",
+        "virtual_radiation_sensor",
+        "virtual_range_and_bearing_sensor",
+        "virtual_rgb_ground_sensor",
+        "vs:sensor",
+    }
 
 
 def test_a_new_sensor_is_one_new_file(folder: Path) -> None:
@@ -56,13 +71,14 @@ def test_a_new_sensor_is_one_new_file(folder: Path) -> None:
     xml = b'<r xmlns:vs="urn:vsense:1"><virtual_compass_sensor scale="2" vs:update_every="5"/></r>'
     element = parse(xml, "x.argos").child("virtual_compass_sensor")
     mounted = registry.mount(element, Scope({}, 0))
-    assert (mounted.sensor.name, mounted.update_every, mounted.line) == ("compass", 5, 1)
+    assert (mounted.sensor.name, mounted.line) == ("compass", 1)
+    assert mounted.quality == Quality(update_every=5)
 
 
 def test_two_files_for_one_element_are_refused(folder: Path) -> None:
     for name in ("compass_of_test", "second_of_test"):
         (folder / f"{name}.py").write_text(NEW_SENSOR)
-    with pytest.raises(SensorError, match="<virtual_compass_sensor> has a sensor already"):
+    with pytest.raises(SensorError, match="<virtual_compass_sensor> is another module's"):
         registry.factories()
 
 
@@ -72,3 +88,10 @@ def test_a_wrong_updating_condition_is_refused(every: str) -> None:
     element = parse(xml.encode(), "x.argos").child("virtual_pollutant_sensor")
     with pytest.raises(ConfigError, match="vs:update_every"):
         registry.mount(element, Scope({"epuck_22_1": 22}, 0))
+
+
+def test_a_layout_that_no_robot_can_read_is_refused_at_its_element(folder: Path) -> None:
+    (folder / "compass_of_test.py").write_text(NEW_SENSOR.replace('"f4"', '"f8"'))
+    element = parse(b"<r><virtual_compass_sensor/></r>", "x.argos").child("virtual_compass_sensor")
+    with pytest.raises(ConfigError, match=r"x.argos:1: <virtual_compass_sensor>: layout 'f8'"):
+        registry.mount(element, Scope({}, 0))

@@ -1,21 +1,22 @@
 """All virtual sensors of a run: recomputes what is due and keeps what each robot is sent.
 
-What is sent in a timestep is always everything. A reading that was not recomputed, because its
-sensor rests or no camera saw the robot, goes out again with its old capture time: its age grows
-on the robot, and nothing pretends to be fresh.
+What is sent in a timestep is always everything. A reading that was not renewed, because its
+sensor rests, its condition does not hold, it was dropped, or no camera saw the robot, goes out
+again with its old capture time: its age grows on the robot, and nothing pretends to be fresh.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.sensors.base import MountedSensor, SensorError, VirtualSensor, layout_dtype
-from vsense.world.world import NEVER_NS, World
+from vsense.quality import Delay, Distortion, generator
+from vsense.sensors.base import MountedSensor, SensorError, layout_dtype, scale_of
+from vsense.world.sightings import NEVER_NS, in_order
+from vsense.world.world import World
 
 Values = list[tuple[bytes, int]]
 """One robot's readings in the table's order: value as on the wire, and its capture time [ns]."""
@@ -45,105 +46,120 @@ class SensorBank:
     """
 
     def __init__(
-        self, sensors: Sequence[MountedSensor], tags: Iterable[int], blind: bool = False
+        self,
+        sensors: Sequence[MountedSensor],
+        tags: Iterable[int],
+        blind: bool = False,
+        seed: int = 0,
     ) -> None:
         """Mounts the sensors on every robot.
 
         Args:
             sensors: what the experiment asks for.
-            tags: the robots, in the order of the world's `robots`.
+            tags: the robots. One that is not in the world is not seen.
             blind: hold every reading at 0, at its normal capture time: the control experiment.
+            seed: of the noise and the drop-out.
 
         Raises:
             SensorError: a sensor's layout is wrong.
         """
         self._tags = list(tags)
-        self._blind = blind
-        self._slots = [_Slot.empty(mounted, len(self._tags)) for mounted in sensors]
+        self._slots = [_Slot(mounted, len(self._tags), blind, seed) for mounted in sensors]
         self.table = tuple(slot.entry(i + 1) for i, slot in enumerate(self._slots))
 
     def encode(self, world: World, timestep: int) -> dict[int, Values]:
         """Recomputes what is due and gives what every robot is sent in this timestep.
 
         Args:
-            world: updated in this timestep, with the bank's robots.
+            world: updated in this timestep.
             timestep: of the arena state, from 0.
 
         Returns:
             Per tag one (value, capture time) per sensor, in the table's order. The capture time
-            is NEVER_NS where no camera has seen the robot yet; the value is 0 then.
+            is NEVER_NS where nothing has been measured yet; the value is 0 then.
 
         Raises:
             SensorError: a sensor gave a number that is not finite or does not fit its layout.
         """
-        for slot in self._slots:
-            self._refresh(slot, world, timestep)
-        packed = [slot.packed() for slot in self._slots]
-        return {tag: [column[i] for column in packed] for i, tag in enumerate(self._tags)}
-
-    def _refresh(self, slot: _Slot, world: World, timestep: int) -> None:
-        due = world.robots["seen"] & (timestep - slot.timesteps >= slot.update_every)
-        if not due.any():
-            return
-        robots = world.robots[due]
-        slot.timesteps[due] = timestep
-        slot.captures_ns[due] = robots["capture_ns"]
-        if not self._blind:
-            slot.values[due] = slot.read(world, robots)
+        robots = in_order(world.robots, self._tags)
+        packed = [slot.step(world, robots, timestep) for slot in self._slots]
+        rows = zip(*packed) if packed else ((),) * len(self._tags)
+        return dict(zip(self._tags, map(list, rows)))
 
 
-@dataclass(frozen=True, slots=True)
 class _Slot:
-    """One sensor with the last readings of all robots.
+    """One sensor with the last readings of all robots: n of them, k numbers each."""
 
-    Attributes:
-        values: (n, k) as on the wire.
-        captures_ns: (n,) when each row was true.
-        timesteps: (n,) in which timestep each row was computed.
-    """
-
-    sensor: VirtualSensor
-    update_every: int
-    values: NDArray[Any]
-    captures_ns: NDArray[np.int64]
-    timesteps: NDArray[np.int64]
-
-    @classmethod
-    def empty(cls, mounted: MountedSensor, robots: int) -> _Slot:
-        count, dtype = layout_dtype(mounted.sensor.layout)
-        values = np.zeros((robots, count), dtype=dtype)
-        captures_ns = np.full(robots, NEVER_NS, dtype=np.int64)
-        timesteps = np.full(robots, -mounted.update_every, dtype=np.int64)
-        return cls(mounted.sensor, mounted.update_every, values, captures_ns, timesteps)
+    def __init__(self, mounted: MountedSensor, robots: int, blind: bool, seed: int) -> None:
+        self._sensor, quality = mounted.sensor, mounted.quality
+        self._quality, self._updating, self._blind = quality, mounted.updating, blind
+        self._count, dtype = layout_dtype(self._sensor.layout)
+        self._scale = scale_of(self._sensor)
+        self._values = np.zeros((robots, self._count), dtype=dtype)
+        self._captures_ns = np.full(robots, NEVER_NS, dtype=np.int64)
+        self._timesteps = np.full(robots, -quality.update_every, dtype=np.int64)
+        self._random = generator(seed, self._sensor.name)
+        self._distortion = Distortion(quality, self._scale, robots, self._count)
+        self._delay = Delay(quality.latency, self._packed())
 
     def entry(self, number: int) -> TableEntry:
-        size = self.values.shape[1] * self.values.itemsize
-        return TableEntry(number, self.sensor.name, self.sensor.layout, size)
+        size = self._count * self._values.itemsize
+        return TableEntry(number, self._sensor.name, self._sensor.layout, size)
 
-    def read(self, world: World, robots: NDArray[np.void]) -> NDArray[Any]:
-        """Reads the sensor and checks that every number can travel."""
-        values = np.asarray(self.sensor.read(world, robots))
-        expected = (len(robots), self.values.shape[1])
+    def step(self, world: World, robots: NDArray[np.void], timestep: int) -> Values:
+        """Renews what is due; gives value and capture time of every robot."""
+        due = robots["seen"] & (timestep - self._timesteps >= self._quality.update_every)
+        self._timesteps[due] = timestep
+        if self._quality.drop_out > 0.0:
+            due &= self._random.random(len(due)) >= self._quality.drop_out
+        if due.any():
+            self._renew(world, robots, due)
+        return self._delay.push(self._packed())
+
+    def _renew(self, world: World, robots: NDArray[np.void], due: NDArray[np.bool_]) -> None:
+        rows = np.flatnonzero(due)
+        if not self._blind:
+            fresh = self._measured(world, robots[due], due)
+            never = self._captures_ns[rows] == NEVER_NS
+            sent = self._values[rows]
+            rows_due = never | self._updating.due(self._sensor, self._scale, sent, fresh)
+            rows, fresh = rows[rows_due], fresh[rows_due]
+            self._values[rows] = fresh
+        self._captures_ns[rows] = robots["capture_ns"][rows]
+
+    def _measured(
+        self, world: World, robots: NDArray[np.void], due: NDArray[np.bool_]
+    ) -> NDArray[Any]:
+        """Reads the sensor with all its faults: (m, k) as on the wire."""
+        values = self._read(world, robots)
+        if self._quality.distorts:
+            values = self._distortion.apply(values, due, world.time_s, self._random)
+            values = np.clip(values, *_range(self._values.dtype))
+            tidy = getattr(self._sensor, "tidy", None)
+            values = tidy(values) if callable(tidy) else values
+        if self._values.dtype.kind != "f":
+            values = np.rint(values)
+        return values.astype(self._values.dtype)
+
+    def _read(self, world: World, robots: NDArray[np.void]) -> NDArray[np.float64]:
+        """Reads the perfect sensor and checks that every number can travel."""
+        name, layout = self._sensor.name, self._sensor.layout
+        values = np.asarray(self._sensor.read(world, robots), dtype=np.float64)
+        expected = (len(robots), self._count)
         if values.shape != expected:
-            raise SensorError(
-                f"sensor {self.sensor.name!r}: gave shape {values.shape}, expected {expected}"
-            )
-        low, high = _range(self.values.dtype)
+            raise SensorError(f"sensor {name!r}: gave shape {values.shape}, expected {expected}")
+        low, high = _range(self._values.dtype)
         fits = (values >= low) & (values <= high)
         if not fits.all():
             wrong = values[~fits].flat[0]
-            layout = self.sensor.layout
-            raise SensorError(
-                f"sensor {self.sensor.name!r}: {wrong} does not fit its layout {layout!r}"
-            )
-        return values.astype(self.values.dtype)
+            raise SensorError(f"sensor {name!r}: {wrong} does not fit its layout {layout!r}")
+        return values
 
-    def packed(self) -> Values:
-        """Gives value and capture time of every robot."""
-        rows = self.values.tobytes()
-        size = len(rows) // max(len(self.values), 1)
-        cut = [rows[i * size : (i + 1) * size] for i in range(len(self.values))]
-        return list(zip(cut, self.captures_ns.tolist(), strict=True))
+    def _packed(self) -> Values:
+        rows = self._values.tobytes()
+        size = self._count * self._values.itemsize
+        cut = [rows[i * size : (i + 1) * size] for i in range(len(self._values))]
+        return list(zip(cut, self._captures_ns.tolist(), strict=True))
 
 
 def _range(dtype: np.dtype[Any]) -> tuple[float, float]:

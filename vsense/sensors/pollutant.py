@@ -2,20 +2,25 @@
 
     <virtual_pollutant_sensor implementation="default"
         pollutant_entity="polluter_22_1" direction_angle="0" wide_angle="90" max_distance="1.0"
-        rotation_timestep="50%" rotation_angle="180" vs:memory="5" />
+        rotation_timestep="50%" rotation_angle="180" vs:memory="5" vs:amount="20" />
+
+A source with `vs:amount` can be cleaned by <virtual_cleaning_actuator>: its area shrinks with what
+is left of the amount. Sensor "pollutant", one number. The unit of the quality settings is 1.
 
 Source: thesis 4.2.3 and chapter 5.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense.config.element import Element
+from vsense.quality import Scale
 from vsense.sensors.base import Scope
 from vsense.world.pollution import DEFAULT_MEMORY_NS, PollutantSource
 from vsense.world.world import World
@@ -36,11 +41,13 @@ class PollutantSensor:
         source: what pollutes.
         name: "pollutant".
         layout: one single: 1.0 or 0.0.
+        scale: from nothing to polluted.
     """
 
     source: PollutantSource
     name: str = "pollutant"
     layout: str = "f4"
+    scale: ClassVar[Scale] = Scale(low=0.0, high=1.0)
 
     def read(self, world: World, robots: NDArray[np.void]) -> NDArray[Any]:
         """Reads the pollution where the robots are; see `VirtualSensor.read`."""
@@ -70,6 +77,7 @@ def from_xml(element: Element, scope: Scope) -> PollutantSensor:
         turn_timestep=turn_timestep,
         turn_rad=element.angle("rotation_angle", -360.0, 360.0, 90.0),
         memory_ns=_memory_ns(element),
+        amount=_amount(element),
     )
     scope.sources.append(source)
     return PollutantSensor(source)
@@ -78,6 +86,10 @@ def from_xml(element: Element, scope: Scope) -> PollutantSensor:
 def _memory_ns(element: Element) -> int:
     default_s = DEFAULT_MEMORY_NS / 1e9
     return round(1e9 * element.number("vs:memory", 0.0, 3600.0, "s", default_s))
+
+
+def _amount(element: Element) -> float:
+    return element.number("vs:amount", 1e-6, 1e9) if element.has("vs:amount") else math.inf
 
 
 def _turn_timestep(element: Element, scope: Scope) -> int | None:

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 
 import vsense.sensors
+from vsense import devices
 from vsense.config.element import Element
-from vsense.sensors.base import MountedSensor, Scope, SensorError, VirtualSensor
+from vsense.quality import Quality
+from vsense.sensors import updating
+from vsense.sensors.base import (
+    MountedSensor,
+    Scope,
+    SensorError,
+    VirtualSensor,
+    layout_dtype,
+    scale_of,
+)
 
 Factory = Callable[[Element, Scope], VirtualSensor]
-
-_MAX_UPDATE_EVERY = 100_000
 
 
 @cache
@@ -23,13 +30,7 @@ def factories() -> dict[str, Factory]:
     Raises:
         SensorError: two modules claim the same element.
     """
-    found: dict[str, Factory] = {}
-    for module_info in pkgutil.iter_modules(vsense.sensors.__path__):
-        module = importlib.import_module(f"vsense.sensors.{module_info.name}")
-        for element_name in getattr(module, "ELEMENTS", ()):
-            if element_name in found:
-                raise SensorError(f"{module.__name__}: <{element_name}> has a sensor already")
-            found[element_name] = module.from_xml
+    found: dict[str, Factory] = devices.factories(vsense.sensors, SensorError)
     return found
 
 
@@ -44,5 +45,11 @@ def mount(element: Element, scope: Scope) -> MountedSensor:
         ConfigError: an attribute is wrong.
     """
     element.choice("implementation", ("default",), "default")
-    update_every = element.integer("vs:update_every", 1, _MAX_UPDATE_EVERY, 1)
-    return MountedSensor(factories()[element.name](element, scope), update_every, element.line)
+    sensor = factories()[element.name](element, scope)
+    try:
+        layout_dtype(sensor.layout)
+    except SensorError as error:
+        raise element.error(str(error)) from None
+    quality = Quality.from_xml(element, scale_of(sensor))
+    condition, every = updating.from_xml(element, sensor, quality.update_every)
+    return MountedSensor(sensor, element.line, replace(quality, update_every=every), condition)

@@ -1,0 +1,82 @@
+"""The destination: where the robot is to go, as set by the experiment or its loop functions.
+
+    <destination_virtual_sensor implementation="default" vs:target="nest" />
+    <destination_virtual_sensor implementation="default" vs:target="goal_{tag}" />
+
+Sensor "destination", five numbers: x, y [m] and heading [rad] of the destination in the arena, and
+as the robot sees it: distance [m] and bearing [rad], counter-clockwise from straight ahead. The
+first three are those of the original; with the other two a robot needs no GPS to go there.
+
+`vs:target` is the id of something tagged or virtual, which may move; `{tag}` in it stands for the
+robot's own tag: so a loop function gives each robot a destination of its own by putting an entity
+of that id into the world. The default is "destination_{tag}". A robot without a destination is told
+its own place: it has arrived. A unit of the quality settings is 1 m or 1 rad.
+
+Source: iridia.md section 1b (x, y, heading).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.config.element import Element
+from vsense.quality import Scale
+from vsense.sensors import places
+from vsense.sensors.base import Scope
+from vsense.sensors.geometry import seen_from
+from vsense.world.world import World
+
+ELEMENTS = ("destination_virtual_sensor",)
+
+_OWN_TAG = "{tag}"
+
+
+@dataclass(frozen=True, slots=True)
+class DestinationSensor:
+    """Tells robots where to go; see the module.
+
+    Attributes:
+        target: the one destination of all, or the pattern of the entities' ids.
+        name: "destination".
+        layout: x, y, heading, distance, bearing.
+        scale: metres and angles.
+    """
+
+    target: places.Place | str
+    name: str = "destination"
+    layout: str = "5*f4"
+    scale: ClassVar[Scale] = Scale(
+        low=(-np.inf, -np.inf, -np.inf, 0.0, -np.inf), wraps=(False, False, True, False, True)
+    )
+
+    def read(self, world: World, robots: NDArray[np.void]) -> NDArray[Any]:
+        """Reads the destinations; see `VirtualSensor.read`."""
+        readings = np.zeros((len(robots), 5))
+        for reading, robot in zip(readings, robots):
+            pose = self._place(int(robot["tag"])).pose(world)
+            reading[:3] = pose or (robot["x_m"], robot["y_m"], robot["yaw_rad"])
+        distance, bearing = seen_from(robots, readings[:, :1], readings[:, 1:2])
+        readings[:, 3] = distance[:, 0]
+        readings[:, 4] = np.where(distance > 0.0, bearing, 0.0)[:, 0]
+        return readings
+
+    def _place(self, tag: int) -> places.Place:
+        if isinstance(self.target, str):
+            return places.EntityPlace(self.target.replace(_OWN_TAG, str(tag)))
+        return self.target
+
+
+def from_xml(element: Element, scope: Scope) -> DestinationSensor:
+    """Makes the sensor from its element.
+
+    Raises:
+        ConfigError: there is no such target.
+    """
+    target = element.text("vs:target", f"destination_{_OWN_TAG}")
+    if _OWN_TAG in target:
+        return DestinationSensor(target)
+    return DestinationSensor(places.from_xml(element, scope, "vs:target"))

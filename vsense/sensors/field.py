@@ -1,0 +1,70 @@
+"""A field on the floor, such as a pheromone: how much there is, and where there is more.
+
+    <virtual_field_sensor field="trail" name="pheromone" />
+
+Sensor of the name given ("pheromone" by default), three numbers: the concentration [1/m^2] under
+the robot's centre, and its gradient [1/m^3] along the robot's own axes: ahead, left. `field` is the
+id of a `<vs:field>`. Several of these elements, each with a name of its own, sense several fields.
+The unit of the quality settings is 1 (1/m^2 and 1/m^3).
+
+Source: our own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.config.element import Element
+from vsense.quality import Scale
+from vsense.sensors.base import Scope
+from vsense.world.world import World
+
+ELEMENTS = ("virtual_field_sensor",)
+
+_MAX_SHOWN = 60
+
+
+@dataclass(frozen=True, slots=True)
+class FieldSensor:
+    """Reads a field; see the module.
+
+    Attributes:
+        field: its id.
+        name: what controllers call it.
+        layout: value and gradient.
+        scale: no concentration is negative.
+    """
+
+    field: str
+    name: str = "pheromone"
+    layout: str = "3*f4"
+    scale: ClassVar[Scale] = Scale(low=(0.0, -np.inf, -np.inf))
+
+    def read(self, world: World, robots: NDArray[np.void]) -> NDArray[Any]:
+        """Reads value and gradient; see `VirtualSensor.read`."""
+        field = world.fields[self.field]
+        points = np.stack((robots["x_m"], robots["y_m"]), axis=-1)
+        east, north = field.gradient(points).T
+        cosine, sine = np.cos(robots["yaw_rad"]), np.sin(robots["yaw_rad"])
+        ahead, left = east * cosine + north * sine, north * cosine - east * sine
+        return np.stack((field.value(points), ahead, left), axis=-1)
+
+
+def from_xml(element: Element, scope: Scope) -> FieldSensor:
+    """Makes the sensor from its element.
+
+    Raises:
+        ConfigError: there is no such field, or the name is too long for a robot.
+    """
+    field = element.text("field", None, "the id of a <vs:field>")
+    if field not in scope.fields:
+        known = ", ".join(sorted(scope.fields)) or "none"
+        shown = field[:_MAX_SHOWN]
+        raise element.error(
+            f"there is no field {shown!r} in the arena; there are: {known}", "field"
+        )
+    return FieldSensor(field, element.text("name", "pheromone"))

@@ -1,0 +1,131 @@
+"""Where things are as a robot sees them: distances, bearings, and the ring of sensors around it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vsense.arena import wrap_angle
+from vsense.config.element import Element
+from vsense.world.world import World
+
+Floats = NDArray[np.float64]
+
+NEAREST_M = 0.01
+"""Whatever grows without bound towards a point, such as 1/d^2, grows no more from here on: no
+source is smaller than this."""
+
+RING_RADIUS_M = 0.036
+"""Where an e-puck's infrared sensors sit, from its centre. Source: iridia.md section 3."""
+RING_HEIGHT_M = 0.032
+"""Their height above the floor. Source: as above."""
+
+_MAX_RING = 64
+_EPUCK_DEG = (-17.2, -45.9, -90.0, -151.5, 151.5, 90.0, 45.8, 17.2)
+"""ps0..ps7, clockwise from the front right. Source: epuck.md section 6, from Webots."""
+_ARGOS_DIVISORS = (10.5884, 3.5999, 2.0, 1.2, 0.8571, 0.6667, 0.5806, 0.5247)
+"""pi through these are the angles that ARGoS reports. Source: iridia.md section 3."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Ring:
+    """Sensors around the body.
+
+    Attributes:
+        angles_rad: (k,) what controllers are told, counter-clockwise from straight ahead, in
+            (-pi, pi].
+        places_rad: (k,) where the sensors sit and look.
+    """
+
+    angles_rad: Floats
+    places_rad: Floats
+
+    @classmethod
+    def from_xml(cls, element: Element) -> Ring:
+        """Reads `vs:ring`: which sensors there are, and in which order.
+
+        "epuck" (default): ps0..ps7 of the real robot, as `vs_robot_sensor_angle_rad` of
+        controller.h has them. "argos": those of ARGoS, counter-clockwise, whose reported angles
+        are not quite where its simulated ones sit. A number: so many, evenly, counter-clockwise
+        from straight ahead.
+
+        Raises:
+            ConfigError: it is none of them.
+        """
+        expected = f"'epuck', 'argos' or a number from 1 to {_MAX_RING}"
+        text = element.text("vs:ring", "epuck", expected)
+        if text == "epuck":
+            angles: Floats = np.radians(np.array(_EPUCK_DEG))
+            return cls(angles, angles)
+        if text == "argos":
+            even = np.pi / 16 + np.pi / 4 * np.arange(8.0)
+            return cls(wrap_angle(np.pi / np.array(_ARGOS_DIVISORS)), wrap_angle(even))
+        if not re.fullmatch("[0-9]{1,3}", text) or not 1 <= int(text) <= _MAX_RING:
+            raise element.error(f"{text[:60]!r} is not {expected}", "vs:ring")
+        angles = wrap_angle(2.0 * np.pi / int(text) * np.arange(float(text)))
+        return cls(angles, angles)
+
+    def __len__(self) -> int:
+        return len(self.angles_rad)
+
+    def headings(self, robots: NDArray[np.void]) -> Floats:
+        """Gives where the sensors of robots (n,) look: (n, k) [rad] in the arena, not wrapped."""
+        headings: Floats = robots["yaw_rad"][:, None] + self.places_rad
+        return headings
+
+    def points(self, robots: NDArray[np.void]) -> Floats:
+        """Gives where the sensors of robots (n,) sit: (n, k, 3) [m] in the arena."""
+        headings = self.headings(robots)
+        # Each coordinate in one piece: `read` goes over them one by one.
+        points = np.moveaxis(np.empty((3, *headings.shape)), 0, -1)
+        points[..., 0] = robots["x_m"][:, None] + RING_RADIUS_M * np.cos(headings)
+        points[..., 1] = robots["y_m"][:, None] + RING_RADIUS_M * np.sin(headings)
+        points[..., 2] = RING_HEIGHT_M
+        return points
+
+
+def seen_from(robots: NDArray[np.void], x_m: ArrayLike, y_m: ArrayLike) -> tuple[Floats, Floats]:
+    """Tells where points of the arena are as robots see them.
+
+    Args:
+        robots: POSE array (n,).
+        x_m: (k,) points, or (n, k) points of each robot's own.
+        y_m: likewise.
+
+    Returns:
+        Distance along the floor [m], and bearing [rad] counter-clockwise from the robot's
+        heading, in (-pi, pi]; (n, k) each.
+    """
+    east = np.asarray(x_m, dtype=np.float64) - robots["x_m"][:, None]
+    north = np.asarray(y_m, dtype=np.float64) - robots["y_m"][:, None]
+    bearing = wrap_angle(np.arctan2(north, east) - robots["yaw_rad"][:, None])
+    return np.hypot(east, north), bearing
+
+
+def points_at(robots: NDArray[np.void], ahead_m: ArrayLike, left_m: ArrayLike) -> Floats:
+    """Gives where points of the robots' own frame (k,) are in the arena: (n, k, 2) [m]."""
+    ahead, left = np.asarray(ahead_m, dtype=np.float64), np.asarray(left_m, dtype=np.float64)
+    cosine, sine = np.cos(robots["yaw_rad"])[:, None], np.sin(robots["yaw_rad"])[:, None]
+    x = robots["x_m"][:, None] + ahead * cosine - left * sine
+    y = robots["y_m"][:, None] + ahead * sine + left * cosine
+    return np.stack((x, y), axis=-1)
+
+
+def rows_of(world: World, robots: NDArray[np.void]) -> NDArray[np.intp]:
+    """Gives the rows of robots (n,) in `world.robots` and so in `world.bodies()`."""
+    tags = world.robots["tag"]
+    order = np.argsort(tags)
+    return np.asarray(order[np.searchsorted(tags, robots["tag"], sorter=order)])
+
+
+def field_of_view(element: Element) -> float:
+    """Reads `vs:field_of_view`: how wide a sensor sees, all around by default [rad]."""
+    return element.angle("vs:field_of_view", 0.1, 360.0, 360.0)
+
+
+def within(bearing_rad: Floats, field_of_view_rad: float) -> NDArray[np.bool_]:
+    """Tells which bearings, in (-pi, pi], lie within a field of view around 0."""
+    return np.asarray(np.abs(bearing_rad) <= field_of_view_rad / 2.0)

@@ -1,0 +1,42 @@
+"""GPS with heading: where the robot is in the arena.
+
+    <gps_virtual_sensor implementation="default" noise_std_dev="0.01" />
+
+Sensor "gps", three numbers: x, y [m] and heading [rad], counter-clockwise from +x, in (-pi, pi]. A
+unit of the quality settings is 1 m in x and y and 1 rad in the heading.
+
+Source: iridia.md section 1b.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.config.element import Element
+from vsense.quality import Scale
+from vsense.sensors.base import Scope
+from vsense.world.world import World
+
+ELEMENTS = ("gps_virtual_sensor",)
+
+
+@dataclass(frozen=True, slots=True)
+class GpsSensor:
+    """Tells robots where the cameras see them; see the module."""
+
+    name: str = "gps"
+    layout: str = "3*f4"
+    scale: ClassVar[Scale] = Scale(wraps=(False, False, True))
+
+    def read(self, world: World, robots: NDArray[np.void]) -> NDArray[Any]:
+        """Reads place and heading; see `VirtualSensor.read`."""
+        return np.stack((robots["x_m"], robots["y_m"], robots["yaw_rad"]), axis=-1)
+
+
+def from_xml(element: Element, scope: Scope) -> GpsSensor:
+    """Makes the sensor; it has only quality settings."""
+    return GpsSensor()

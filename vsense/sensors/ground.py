@@ -1,0 +1,54 @@
+"""The ground sensor: how bright the floor is under three points in front of the robot.
+
+    <virtual_ground_sensor implementation="default" noise_level="0.05" />
+
+Sensor "ground", three numbers in [0, 1], left, centre, right: 0 is black, 1 is white. The floor is
+the experiment's `<floor>` with its coloured zones; nobody has to paint a real one. The unit of the
+quality settings is 1: the whole range from black to white.
+
+Source: epuck_ground of ARGoS, iridia.md section 3; thesis 4.2.1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.config.element import Element
+from vsense.quality import Scale
+from vsense.sensors.base import Scope
+from vsense.sensors.geometry import points_at
+from vsense.world.world import World
+
+ELEMENTS = ("virtual_ground_sensor",)
+
+AHEAD_M = 0.03
+LEFT_M = (0.009, 0.0, -0.009)
+"""Where the three look, in the robot's frame. Source: iridia.md section 3."""
+
+GREY = np.array([0.299, 0.587, 0.114]) / 255.0
+"""Brightness of red, green, blue. Source: as above."""
+
+
+@dataclass(frozen=True, slots=True)
+class GroundSensor:
+    """Looks at the floor; see the module."""
+
+    name: str = "ground"
+    layout: str = "3*f4"
+    scale: ClassVar[Scale] = Scale(low=0.0, high=1.0)
+
+    def read(self, world: World, robots: NDArray[np.void]) -> NDArray[Any]:
+        """Reads the floor's brightness; see `VirtualSensor.read`."""
+        points = points_at(robots, AHEAD_M, LEFT_M)
+        grey = world.floor.sample(points.reshape(-1, 2))[:, :3] @ GREY
+        # The three weights add up to 1 but for a rounding.
+        return np.clip(grey, 0.0, 1.0).reshape(len(robots), len(LEFT_M))
+
+
+def from_xml(element: Element, scope: Scope) -> GroundSensor:
+    """Makes the sensor; it has only quality settings."""
+    return GroundSensor()

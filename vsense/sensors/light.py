@@ -1,0 +1,164 @@
+"""The light sensor: a ring around the robot, feeling the experiment's virtual lights.
+
+    <virtual_light_sensor implementation="default" formula="epuck" vs:ring="epuck"
+        vs:range="3" vs:field_of_view="360" vs:angles="true" vs:occlusions="true" />
+
+Sensor "light", with k sensors 2 k numbers: the k readings, then the angle [rad] of each; or the
+readings alone with vs:angles="false". So a controller that reads the robot's own "light" finds the
+readings at the same places. `vs:ring` says which sensors there are (see geometry.py): "epuck"
+(default, 8 in the real robot's order), "argos" (8), or a number of even ones.
+
+    formula="thesis"   (default) sum of I^2/d^2 over the lights, d from each sensor to the light;
+                       closer than 1 cm it grows no more. Source: thesis 4.2.2
+    formula="generic"  the same, at most 1. Source: ARGoS's light sensor, iridia.md section 3
+    formula="epuck"    with D = d/I from the robot's centre on the floor: exp(-2 D), 0 beyond 2.5,
+                       times 1 - 2|a|/pi for a light |a| < pi/2 off the sensor's angle; summed, at
+                       most 1. Source: epuck_light, iridia.md section 3
+
+Robots, boxes and cylinders stand in the way: with "thesis" and "generic" of each sensor's own line
+to the light, also the robot's own body; with "epuck" of the line from its centre, other bodies.
+`vs:range` [m] and `vs:field_of_view` [deg] are limits of distance and of the angle off each
+sensor's axis; there are none by default. The unit of the quality settings is 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.arena import wrap_angle
+from vsense.config.element import Element
+from vsense.quality import Scale
+from vsense.sensors.base import Scope
+from vsense.sensors.geometry import NEAREST_M, Ring, field_of_view, rows_of, within
+from vsense.world.rays import NOBODY
+from vsense.world.world import World
+
+Floats = NDArray[np.float64]
+
+ELEMENTS = ("virtual_light_sensor",)
+
+FORMULAS = ("thesis", "generic", "epuck")
+
+_MAX_RANGE_M = 1000.0
+_EPUCK_REACH = 2.5
+"""In distances over intensities."""
+
+
+@dataclass(frozen=True, slots=True)
+class LightSensor:
+    """Feels the lights of the world; see the module.
+
+    Attributes:
+        formula: one of FORMULAS.
+        ring: the sensors.
+        layout: readings, then angles.
+        scale: of both.
+        range_m: lights farther away are not felt.
+        field_of_view_rad: nor lights farther off a sensor's axis than half of this.
+        angles: whether the angles are sent.
+        occlusions: whether bodies stand in the way.
+        name: "light".
+    """
+
+    formula: str
+    ring: Ring
+    layout: str
+    scale: Scale
+    range_m: float = _MAX_RANGE_M
+    field_of_view_rad: float = 2.0 * np.pi
+    angles: bool = True
+    occlusions: bool = True
+    name: str = "light"
+
+    def read(self, world: World, robots: NDArray[np.void]) -> NDArray[Any]:
+        """Reads the ring; see `VirtualSensor.read`."""
+        count = len(self.ring)
+        readings = np.zeros((len(robots), 2 * count if self.angles else count))
+        if self.angles:
+            readings[:, count:] = self.ring.angles_rad
+        lights = [light for light in world.lights() if light.intensity > 0.0]
+        if lights and len(robots):
+            places = np.array([light.position_m for light in lights])
+            intensities = np.array([light.intensity for light in lights])
+            felt = self._from_centre if self.formula == "epuck" else self._from_sensors
+            readings[:, :count] = felt(world, robots, places, intensities)
+        if self.formula != "thesis":
+            np.minimum(readings[:, :count], 1.0, out=readings[:, :count])
+        return readings
+
+    def _from_sensors(
+        self, world: World, robots: NDArray[np.void], lights_m: Floats, intensities: Floats
+    ) -> Floats:
+        """The sum of (I/d)^2, each sensor with its own lines to the lights (l, 3): (n, k)."""
+        points = self.ring.points(robots)
+        seen = None
+        if self.occlusions:
+            seen = world.bodies().seen(points.reshape(-1, 3), lights_m, NOBODY)
+        felt = np.zeros(points.shape[:2])
+        # Light by light: sums over the short axis of lights would take most of the time.
+        for number, (light_m, intensity) in enumerate(zip(lights_m, intensities)):
+            east, north, up = (light_m[axis] - points[..., axis] for axis in range(3))
+            squared = east * east + north * north + up * up
+            part = intensity**2 / np.maximum(squared, NEAREST_M**2)
+            if seen is not None:
+                part *= seen[:, number].reshape(part.shape)
+            part[squared > self.range_m**2] = 0.0
+            if self.field_of_view_rad < 2.0 * np.pi:
+                off_axis = wrap_angle(np.arctan2(north, east) - self.ring.headings(robots))
+                part[~within(off_axis, self.field_of_view_rad)] = 0.0
+            felt += part
+        return felt
+
+    def _from_centre(
+        self, world: World, robots: NDArray[np.void], lights_m: Floats, intensities: Floats
+    ) -> Floats:
+        """What `epuck_light` makes of the lights (l, 3): (n, k)."""
+        centres = np.zeros((len(robots), 3))
+        centres[:, 0], centres[:, 1] = robots["x_m"], robots["y_m"]
+        offsets = lights_m - centres[:, None, :]
+        distances = np.sqrt(np.einsum("nli,nli->nl", offsets, offsets))
+        near = distances <= _EPUCK_REACH * intensities
+        nowhere = np.full_like(distances, np.inf)
+        felt = np.exp(-2.0 * np.divide(distances, intensities, out=nowhere, where=near))
+        felt[distances > self.range_m] = 0.0
+        if self.occlusions:
+            felt *= world.bodies().seen(centres, lights_m, rows_of(world, robots))
+        bearings = np.arctan2(offsets[..., 1], offsets[..., 0]) - robots["yaw_rad"][:, None]
+        turn = np.abs(wrap_angle(bearings)[:, None, :] - self.ring.angles_rad[:, None])
+        off_axis = np.minimum(turn, 2.0 * np.pi - turn)
+        share: Floats = np.maximum(1.0 - 2.0 / np.pi * off_axis, 0.0)
+        share[~within(off_axis, self.field_of_view_rad)] = 0.0
+        summed: Floats = np.einsum("nl,nkl->nk", felt, share)
+        return summed
+
+
+def from_xml(element: Element, scope: Scope) -> LightSensor:
+    """Makes the sensor from its element.
+
+    Raises:
+        ConfigError: an attribute is wrong.
+    """
+    formula = element.choice("formula", FORMULAS, "thesis")
+    ring = Ring.from_xml(element)
+    angles = element.boolean("vs:angles", True)
+    readings, told = len(ring), len(ring) if angles else 0
+    high = np.inf if formula == "thesis" else 1.0
+    return LightSensor(
+        formula=formula,
+        ring=ring,
+        layout=f"{readings + told}*f4",
+        # The angles are facts about the robot, no measurements.
+        scale=Scale(
+            unit=(1.0,) * readings + (0.0,) * told,
+            low=(0.0,) * readings + (-np.pi,) * told,
+            high=(high,) * readings + (np.pi,) * told,
+        ),
+        range_m=element.number("vs:range", 0.001, _MAX_RANGE_M, "m", _MAX_RANGE_M),
+        field_of_view_rad=field_of_view(element),
+        angles=angles,
+        occlusions=element.boolean("vs:occlusions", True),
+    )

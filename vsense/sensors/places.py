@@ -1,0 +1,117 @@
+"""Somewhere that a sensor points to: a tagged thing, a virtual entity, or a fixed point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from vsense.config.element import Element
+from vsense.sensors.base import Scope
+from vsense.world.entities import Box, Cylinder, Entity, Light
+from vsense.world.pollution import DEFAULT_MEMORY_NS
+from vsense.world.world import World
+
+Pose = tuple[float, float, float]
+"""x [m], y [m], yaw [rad] in the arena; yaw is 0 for what has no heading."""
+
+_MAX_M = 1000.0
+
+
+@dataclass(frozen=True, slots=True)
+class FixedPlace:
+    """A point of the arena.
+
+    Attributes:
+        fixed: where.
+    """
+
+    fixed: Pose
+
+    def pose(self, world: World) -> Pose | None:
+        """Gives where it is."""
+        return self.fixed
+
+
+@dataclass(frozen=True, slots=True)
+class TaggedPlace:
+    """A robot or another tagged thing, where the cameras see it.
+
+    Attributes:
+        tag: its marker.
+        memory_ns: how old its last sighting may be.
+    """
+
+    tag: int
+    memory_ns: int
+
+    def pose(self, world: World) -> Pose | None:
+        """Gives where it is, None: no camera has seen it for too long."""
+        pose = world.pose(self.tag)
+        if pose is None or world.capture_ns - int(pose["capture_ns"]) > self.memory_ns:
+            return None
+        return float(pose["x_m"]), float(pose["y_m"]), float(pose["yaw_rad"])
+
+
+@dataclass(frozen=True, slots=True)
+class EntityPlace:
+    """A virtual thing; a loop function may move it.
+
+    Attributes:
+        id: its name.
+    """
+
+    id: str
+
+    def pose(self, world: World) -> Pose | None:
+        """Gives where it is, None: it is not in the world now."""
+        entity = world.entities.get(self.id)
+        return None if entity is None else entity_pose(entity)
+
+
+Place = FixedPlace | TaggedPlace | EntityPlace
+
+
+def entity_pose(entity: Entity) -> Pose:
+    """Gives where an entity is on the floor."""
+    if isinstance(entity, (Cylinder, Light)):
+        return entity.position_m[0], entity.position_m[1], 0.0
+    if isinstance(entity, Box):
+        return entity.position_m[0], entity.position_m[1], entity.yaw_rad
+    return entity.x_m, entity.y_m, entity.yaw_rad
+
+
+def from_xml(element: Element, scope: Scope, attribute: str) -> Place:
+    """Reads an attribute that names a tagged thing or a virtual entity by its id.
+
+    `vs:memory` [s] of the same element says how long a tagged thing stays where it was seen last
+    once no camera sees it.
+
+    Raises:
+        ConfigError: there is no such thing.
+    """
+    default_s = DEFAULT_MEMORY_NS / 1e9
+    memory_ns = round(1e9 * element.number("vs:memory", 0.0, 3600.0, "s", default_s))
+    name = element.text(attribute, None, "the id of something in the arena")
+    if name in scope.tags:
+        return TaggedPlace(scope.tag(element, attribute, name), memory_ns)
+    if name in scope.entities:
+        return EntityPlace(name)
+    known = ", ".join(sorted([*scope.tags, *scope.entities])) or "nothing"
+    raise element.error(f"there is no {name[:60]!r} in the arena; there are: {known}", attribute)
+
+
+def rectangle_from_xml(element: Element, prefix: str) -> FixedPlace:
+    """Reads the middle of the rectangle PREFIX_min_x, ..._y, PREFIX_max_x, ..._y.
+
+    Raises:
+        ConfigError: a corner is missing or wrong, or the upper one lies below the lower one.
+    """
+    middle = []
+    for axis in "xy":
+        low, high = (
+            element.number(f"{prefix}_{end}_{axis}", -_MAX_M, _MAX_M, "m") for end in ("min", "max")
+        )
+        if high < low:
+            key = f"{prefix}_max_{axis}"
+            raise element.error(f"{high:g} is below {prefix}_min_{axis} {low:g}", key)
+        middle.append((low + high) / 2.0)
+    return FixedPlace((middle[0], middle[1], 0.0))

@@ -1,0 +1,139 @@
+"""Proximity of what is not there: the infrared ring of the e-puck, feeling virtual obstacles.
+
+    <virtual_proximity_sensor implementation="default" vs:fuse="true" />
+
+Eight whole numbers 0..4095 as the real ring gives them, higher is nearer, in the order of ps0..ps7.
+
+With vs:fuse="true" the sensor is called "+proximity": the robot takes the larger one of each of
+these numbers and of its real ring's whenever a controller reads "proximity". It feels virtual
+boxes, cylinders and robots only; the real ring feels the real ones. So a virtual wall turns a real
+robot. Without it the sensor is called "proximity" and takes the real ring's place: then it feels
+physical ones, too. `vs:obstacles="virtual"` or "all" says otherwise.
+
+Each sensor looks `vs:range` (0.05 m) far from its place on the ring, along seven lines spread over
+`vs:field_of_view`, and the nearest thing counts: 60 degrees where fused as the real ring; otherwise
+0 as in ARGoS, one line. `vs:ring` is as in geometry.py. The unit of the quality settings is the
+whole range, 4095: so noise_level="0.05" is +-205.
+
+A thing at distance d [m] gives 298.701 d^2 - 36.8961 d + 1.08212, clipped to [0, 1], times 4095.
+Source: epuck_proximity of ARGoS, iridia.md section 3, which holds up to 0.05 m: a longer range
+stretches the curve.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.config.element import Element
+from vsense.quality import Scale
+from vsense.sensors.base import Scope
+from vsense.sensors.geometry import Ring, rows_of
+from vsense.world.entities import Box, Cylinder
+from vsense.world.rays import NOBODY, Bodies, disc_rows, entity_rows
+from vsense.world.world import World
+
+Floats = NDArray[np.float64]
+
+ELEMENTS = ("virtual_proximity_sensor",)
+
+MAX_RAW = 4095.0
+"""The converter's largest value. Source: epuck.md section 6."""
+
+RANGE_M = 0.05
+"""How far the formula holds. Source: iridia.md section 3."""
+
+_RAYS = 7
+_CONE_DEG = 60.0
+"""Of a fused ring: so wide is the real one's, and no robot hides between two sensors, which are up
+to 61 degrees apart."""
+_MAX_RANGE_M = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class ProximitySensor:
+    """Feels what is near; see the module.
+
+    Attributes:
+        ring: the sensors.
+        name: "proximity" or "+proximity".
+        layout: one number per sensor.
+        virtual_only: physical things are left to the real ring.
+        range_m: how far it feels.
+        field_of_view_rad: how wide each sensor looks; 0: along one line.
+        scale: raw values.
+    """
+
+    ring: Ring
+    name: str
+    layout: str
+    virtual_only: bool
+    range_m: float = RANGE_M
+    field_of_view_rad: float = 0.0
+    scale: ClassVar[Scale] = Scale(unit=MAX_RAW, low=0.0, high=MAX_RAW)
+
+    def read(self, world: World, robots: NDArray[np.void]) -> NDArray[Any]:
+        """Reads the ring; see `VirtualSensor.read`."""
+        return MAX_RAW * response(self._distances(world, robots) * (RANGE_M / self.range_m))
+
+    def _distances(self, world: World, robots: NDArray[np.void]) -> Floats:
+        """How far the nearest thing is from each sensor: (n, k) [m], inf where there is none."""
+        fan = np.zeros(1)
+        if self.field_of_view_rad > 0.0:
+            fan = self.field_of_view_rad / 2.0 * np.linspace(-1.0, 1.0, _RAYS)
+        headings = self.ring.headings(robots)[:, :, None] + fan
+        starts = np.repeat(self.ring.points(robots)[:, :, None, :], len(fan), axis=2)
+        ends = starts.copy()
+        ends[..., 0] += self.range_m * np.cos(headings)
+        ends[..., 1] += self.range_m * np.sin(headings)
+        bodies: Bodies = _virtual_bodies(world) if self.virtual_only else world.bodies()
+        skip: Any = NOBODY
+        if not self.virtual_only:
+            skip = np.repeat(rows_of(world, robots), len(self.ring) * len(fan))
+        shares = bodies.nearest(starts.reshape(-1, 3), ends.reshape(-1, 3), skip)
+        nearest: Floats = self.range_m * shares.reshape(headings.shape).min(axis=2)
+        return nearest
+
+
+def response(distance_m: Floats) -> Floats:
+    """What ARGoS's sensor makes of a distance, in [0, 1]; 0 beyond RANGE_M."""
+    near = np.minimum(distance_m, RANGE_M)
+    curve = 298.701 * near**2 - 36.8961 * near + 1.08212
+    return np.where(distance_m <= RANGE_M, np.clip(curve, 0.0, 1.0), 0.0)
+
+
+def _virtual_bodies(world: World) -> Bodies:
+    """Gives what the real ring cannot feel."""
+    robots = world.robots[world.real_robots :]
+    discs = disc_rows(robots["x_m"], robots["y_m"])
+    return Bodies(np.concatenate((discs, _virtual_rows(world.boxes(), world.cylinders()))))
+
+
+@lru_cache(maxsize=8)
+def _virtual_rows(boxes: Sequence[Box], cylinders: Sequence[Cylinder]) -> NDArray[np.void]:
+    things: list[Box | Cylinder] = [*cylinders, *boxes]
+    return entity_rows([thing for thing in things if not thing.physical])
+
+
+def from_xml(element: Element, scope: Scope) -> ProximitySensor:
+    """Makes the sensor from its element.
+
+    Raises:
+        ConfigError: an attribute is wrong.
+    """
+    fuse = element.boolean("vs:fuse", False)
+    obstacles = element.choice("vs:obstacles", ("virtual", "all"), "virtual" if fuse else "all")
+    ring = Ring.from_xml(element)
+    return ProximitySensor(
+        ring=ring,
+        name="+proximity" if fuse else "proximity",
+        layout=f"{len(ring)}*u2",
+        virtual_only=obstacles == "virtual",
+        range_m=element.number("vs:range", 0.001, _MAX_RANGE_M, "m", RANGE_M),
+        field_of_view_rad=element.angle("vs:field_of_view", 0.0, 180.0, _CONE_DEG if fuse else 0.0),
+    )

@@ -1,0 +1,43 @@
+"""The RGB ground sensor of the thesis: the floor's colour under the robot's centre, with alpha.
+
+    <virtual_rgb_ground_sensor implementation="default" vs:bits="4" />
+
+Sensor "rgb_ground", four numbers 0..255: red, green, blue, alpha; alpha is 255 where the floor's
+picture has none. The unit of the quality settings is 255, the whole range: noise_level="0.1" is
++-25.5. Alpha is a mark in the picture, no measurement: it has no noise.
+
+Source: thesis 4.2.1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.config.element import Element
+from vsense.quality import Scale
+from vsense.sensors.base import Scope
+from vsense.world.world import World
+
+ELEMENTS = ("virtual_rgb_ground_sensor",)
+
+
+@dataclass(frozen=True, slots=True)
+class RgbGroundSensor:
+    """Looks at the floor; see the module."""
+
+    name: str = "rgb_ground"
+    layout: str = "4*u1"
+    scale: ClassVar[Scale] = Scale(unit=(255.0, 255.0, 255.0, 0.0), low=0.0, high=255.0)
+
+    def read(self, world: World, robots: NDArray[np.void]) -> NDArray[Any]:
+        """Reads the floor's colour; see `VirtualSensor.read`."""
+        return world.floor.sample(np.stack((robots["x_m"], robots["y_m"]), axis=-1))
+
+
+def from_xml(element: Element, scope: Scope) -> RgbGroundSensor:
+    """Makes the sensor; it has only quality settings."""
+    return RgbGroundSensor()
