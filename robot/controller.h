@@ -14,7 +14,10 @@
  *         {"follower", sizeof(struct follower), init, step};
  *
  * Sensors are known by name, and a controller need not know which are virtual: a
- * name in the host's sensor table wins over the robot's own sensor of that name.
+ * name in the host's sensor table wins over the robot's own sensor of that name, and
+ * "+NAME" there is fused with it: number by number the larger of the two, so that a
+ * virtual wall turns a robot like a real one. Where the virtual part is unknown or
+ * stale the real one counts alone, and where the real one is unknown nothing does.
  * The robot's own: "proximity" and "light", 8 numbers each, ps0..ps7 at
  * vs_robot_sensor_angle_rad, raw 0..4096 (higher is nearer, brighter), and
  * "battery_low" (0 or 1).
@@ -27,6 +30,8 @@
 
 #include <stddef.h>
 #include <stdint.h>
+
+#include "walk.h" /* getting about: wander, go towards, rest */
 
 #ifdef __cplusplus
 extern "C" {
@@ -75,7 +80,9 @@ int vs_robot_values(const struct vs_robot *robot, int sensor, double *values, in
 int vs_robot_actuator(struct vs_robot *robot, const char *name);
 
 /* Sets number index of a virtual actuator, a level or a cumulative counter; stays
- * until set again. Clipped to the actuator's type, NaN counts as 0; nobody's actuator: no effect. */
+ * until set again. Clipped to the actuator's type, NaN counts as 0; nobody's actuator:
+ * no effect. A level must be meant for as long as it stays, 0 is off; a counter only
+ * grows, from 0 in init. */
 void vs_robot_actuate(struct vs_robot *robot, int actuator, int index, double value);
 
 /* Parameter of the experiment, fallback if it names none or no number. */

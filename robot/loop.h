@@ -27,6 +27,13 @@ struct vs_instant {
     uint64_t session_ns; /* the session's clock */
 };
 
+/* Room for what a controller remembers. */
+union vs_controller_state {
+    uint64_t for_alignment;
+    double for_alignment_too;
+    unsigned char bytes[VS_CONTROLLER_STATE_MAX];
+};
+
 /* What one control step saw and did, for the trace. */
 struct vs_step {
     uint32_t number;      /* 1.. */
@@ -40,7 +47,7 @@ struct vs_step {
 struct vs_loop {
     struct vs_session *session;
     const struct vs_controller *controller;
-    void *state; /* the controller's, VS_CONTROLLER_STATE_MAX bytes */
+    void *state; /* the controller's, a union vs_controller_state */
     struct vs_robot robot;
     struct vs_safety safety;
     struct vs_base_command applied; /* what the guard said is in force */
@@ -73,7 +80,7 @@ struct vs_loop {
     uint64_t telemetry_ns;/* base's clock: newest telemetry */
 };
 
-/* state: VS_CONTROLLER_STATE_MAX bytes, aligned for any type. */
+/* state: a union vs_controller_state, or smaller if the controller's state is. */
 void vs_loop_init(struct vs_loop *loop, struct vs_session *session,
                   const struct vs_controller *controller, void *state);
 

@@ -14,6 +14,13 @@
 
 #define MACHINE_ID "/etc/machine-id"
 
+/* Which source the controller was made of; `vsense robot build` defines it. */
+#ifdef VSENSED_CONTROLLER_HASH
+#define HASH " " VSENSED_CONTROLLER_HASH
+#else
+#define HASH ""
+#endif
+
 static void print_help(void)
 {
     size_t i;
@@ -48,7 +55,7 @@ int main(int argc, char *argv[])
         print_help();
         return 0;
     case VS_OPTIONS_VERSION:
-        printf("vsensed %s, controller %s\n", VSENSED_VERSION, vs_controller.name);
+        printf("vsensed %s, controller %s%s\n", VSENSED_VERSION, vs_controller.name, HASH);
         return 0;
     case VS_OPTIONS_BAD:
         vs_report("%s", why);

@@ -51,16 +51,20 @@ int vs_net_open(struct vs_net *net, const char *address, uint16_t port, uint64_t
     net->port = port;
     net->nonce = seed;
     net->why = "not connected yet";
-    net->fds[UDP] = new_socket(SOCK_DGRAM);
-    return net->fds[UDP] >= 0 && start_connect(net, net->fds[UDP]) == 0 ? 0 : -2;
+    return 0;
+}
+
+static void drop(struct vs_net *net, int which)
+{
+    if (net->fds[which] >= 0)
+        close(net->fds[which]);
+    net->fds[which] = -1;
 }
 
 void vs_net_close(struct vs_net *net, struct vs_session *session, const char *why,
                   uint64_t now_ns, uint64_t wait_ns)
 {
-    if (net->fds[TCP] >= 0)
-        close(net->fds[TCP]);
-    net->fds[TCP] = -1;
+    drop(net, TCP);
     net->phase = VS_NET_DOWN;
     net->next_ns = now_ns + wait_ns;
     net->why = why;
@@ -71,22 +75,31 @@ void vs_net_close(struct vs_net *net, struct vs_session *session, const char *wh
     vs_session_disconnected(session);
 }
 
-static void try_to_connect(struct vs_net *net, uint64_t now_ns)
+/* Opens both sockets anew: a UDP socket keeps the address that the robot had, and after
+ * a change of network nobody would ever answer there. Returns 0, or -1 and errno. */
+static int try_to_connect(struct vs_net *net, uint64_t now_ns)
 {
     int on = 1;
+    int why;
 
     net->next_ns = now_ns + VS_NET_RETRY_NS;
+    drop(net, UDP);
+    net->fds[UDP] = new_socket(SOCK_DGRAM);
     net->fds[TCP] = new_socket(SOCK_STREAM);
-    if (net->fds[TCP] < 0)
-        return;
-    setsockopt(net->fds[TCP], IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
-    if (start_connect(net, net->fds[TCP]) == 0 || errno == EINPROGRESS) {
-        net->phase = VS_NET_CONNECTING;
-        net->next_ns = now_ns + VS_NET_ATTEMPT_NS;
-        return;
+    if (net->fds[UDP] >= 0 && net->fds[TCP] >= 0 && start_connect(net, net->fds[UDP]) == 0) {
+        setsockopt(net->fds[TCP], IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
+        if (start_connect(net, net->fds[TCP]) == 0 || errno == EINPROGRESS) {
+            net->phase = VS_NET_CONNECTING;
+            net->next_ns = now_ns + VS_NET_ATTEMPT_NS;
+            net->trouble = 0;
+            return 0;
+        }
     }
-    close(net->fds[TCP]);
-    net->fds[TCP] = -1;
+    why = errno;
+    drop(net, TCP);
+    drop(net, UDP);
+    errno = why;
+    return -1;
 }
 
 /* 1: connected, 0: not yet, -1: it failed. */
@@ -121,8 +134,11 @@ static void connecting(struct vs_net *net, struct vs_session *session,
 enum vs_net_result vs_net_tick(struct vs_net *net, struct vs_session *session,
                                uint64_t now_ns, uint64_t session_ns)
 {
-    if (net->phase == VS_NET_DOWN && now_ns >= net->next_ns)
-        try_to_connect(net, now_ns);
+    if (net->phase == VS_NET_DOWN && now_ns >= net->next_ns &&
+        try_to_connect(net, now_ns) != 0 && net->trouble != errno) {
+        net->trouble = errno;
+        return VS_NET_NO_WAY;
+    }
     if (net->phase == VS_NET_CONNECTING)
         connecting(net, session, now_ns, session_ns);
     if (net->phase == VS_NET_UP && now_ns - net->heard_ns >= VS_NET_SILENCE_NS) {

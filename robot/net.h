@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 /*
- * net.h - the worker's sockets: one TCP connection that is tried again for ever, one
- * UDP socket for the daemon's life. Bytes go to and from the session; nothing blocks.
+ * net.h - the worker's sockets: one TCP connection that is tried again for ever, and
+ * with every try a UDP socket of its own. Without a network both wait for one. Bytes go to and from the session; nothing blocks.
  */
 #ifndef VS_NET_H
 #define VS_NET_H
@@ -21,7 +21,8 @@ enum vs_net_phase { VS_NET_DOWN = 0, VS_NET_CONNECTING = 1, VS_NET_UP = 2 };
 enum vs_net_result {
     VS_NET_NOTHING = 0, /* nothing happened */
     VS_NET_EVENT = 1,   /* bytes went to the session; *event says what, maybe VS_EV_NONE */
-    VS_NET_LOST = 2     /* the connection ended; net->why says why */
+    VS_NET_LOST = 2,    /* the connection ended; net->why says why */
+    VS_NET_NO_WAY = 3   /* no socket gets to the host; net->trouble says why, once */
 };
 
 /* Read-only for the caller. */
@@ -33,6 +34,7 @@ struct vs_net {
     uint64_t next_ns;   /* DOWN: try then; CONNECTING: give up then */
     uint64_t heard_ns;  /* UP: newest valid packet, else when it came up */
     uint64_t nonce;
+    int trouble;        /* errno of the newest try that got no way, 0 = none */
     const char *why;    /* the connection last ended: one phrase */
     uint8_t datagram[VS_DATAGRAM_MAX + 1];
     size_t datagram_len;
@@ -48,10 +50,11 @@ struct vs_net {
     size_t newest_len;
 };
 
-/* Opens the UDP socket. Returns 0; -1: address is no numeric IPv4 address; -2: errno. */
+/* Returns 0, or -1: address is no numeric IPv4 address. Opens nothing yet. */
 int vs_net_open(struct vs_net *net, const char *address, uint16_t port, uint64_t seed);
 
-/* Connects, gives up, notices silence. Returns VS_NET_LOST once for an end. */
+/* Connects, gives up, notices silence. Returns VS_NET_LOST once for an end, VS_NET_NO_WAY
+ * once for a reason. */
 enum vs_net_result vs_net_tick(struct vs_net *net, struct vs_session *session,
                                uint64_t now_ns, uint64_t session_ns);
 

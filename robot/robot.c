@@ -7,8 +7,13 @@
 
 #define F4_MAX 3.4028234663852886e38 /* the largest finite single */
 
-/* Handles: 0.. an entry of the host's table, OWN.. the robot's own, NONE nobody's. */
-enum { NONE = -1, OWN = 1000, OWN_PROXIMITY = OWN, OWN_LIGHT, OWN_BATTERY, OWN_END };
+/* Handles: 0.. an entry of the host's table, OWN.. the robot's own, NONE nobody's, FUSED..
+ * both: FUSED + (own - OWN) * VS_TABLE_MAX + entry. */
+enum { NONE = -1, OWN = 1000, OWN_PROXIMITY = OWN, OWN_LIGHT, OWN_BATTERY, OWN_END, FUSED = 2000 };
+
+#define RING 8 /* proximity sensors around the body; each sees light, too */
+#define OWN_OF(fused) (OWN + ((fused) - FUSED) / VS_TABLE_MAX)
+#define ENTRY_OF(fused) (((fused) - FUSED) % VS_TABLE_MAX)
 
 static const char *const own_names[] = {"proximity", "light", "battery_low"};
 
@@ -60,6 +65,17 @@ static int bind(struct vs_robot *robot, const char *name, uint8_t direction)
     return index;
 }
 
+/* The entry that is to be fused with the sensor of that name: "+" before it. */
+static int bind_fused(struct vs_robot *robot, const char *name)
+{
+    char plus[VS_NAME_MAX + 1] = "+";
+
+    if (strlen(name) >= VS_NAME_MAX)
+        return NONE;
+    strcpy(plus + 1, name);
+    return bind(robot, plus, VS_SENSOR);
+}
+
 int vs_robot_sensor(struct vs_robot *robot, const char *name)
 {
     int index = bind(robot, name, VS_SENSOR);
@@ -67,11 +83,13 @@ int vs_robot_sensor(struct vs_robot *robot, const char *name)
 
     if (index != NONE)
         return index;
+    index = bind_fused(robot, name);
     for (own = OWN; own < OWN_END; own++)
         if (strcmp(name, own_names[own - OWN]) == 0)
-            return own;
-    complain(robot, "nobody offers the sensor", name);
-    return NONE;
+            return index == NONE ? own : FUSED + (own - OWN) * VS_TABLE_MAX + index;
+    if (index == NONE)
+        complain(robot, "nobody offers the sensor", name);
+    return index; /* nothing here to fuse it with */
 }
 
 int vs_robot_actuator(struct vs_robot *robot, const char *name)
@@ -132,15 +150,44 @@ static int own_values(const struct vs_robot *robot, int sensor, double *values, 
             values[0] = robot->base.battery_low;
         return 1;
     }
-    for (i = 0; i < 8 && i < max; i++)
+    for (i = 0; i < RING && i < max; i++)
         values[i] = ring[i];
-    return 8;
+    return RING;
+}
+
+static uint64_t virtual_age_ns(const struct vs_robot *robot, int sensor)
+{
+    struct vs_value value;
+
+    if (vs_session_value(robot->session, sensor, &value) != VS_OK || !value.known)
+        return UINT64_MAX;
+    return vs_session_age_ns(robot->session, value.capture_ns, robot->session_ns);
+}
+
+/* A virtual part that is stale would hold a robot before a door that has opened. */
+static int fused_values(const struct vs_robot *robot, int sensor, double *values, int max)
+{
+    double more[RING];
+    int count = own_values(robot, OWN_OF(sensor), values, max);
+    int both;
+    int i;
+
+    if (vs_robot_is_stale(robot->session, virtual_age_ns(robot, ENTRY_OF(sensor))))
+        return count;
+    max = max < count ? max : count;
+    both = virtual_values(robot, ENTRY_OF(sensor), more, max);
+    for (i = 0; i < both && i < max; i++)
+        if (more[i] > values[i])
+            values[i] = more[i];
+    return count;
 }
 
 int vs_robot_values(const struct vs_robot *robot, int sensor, double *values, int max)
 {
     if (sensor < 0)
         return 0;
+    if (sensor >= FUSED)
+        return fused_values(robot, sensor, values, max);
     if (sensor >= OWN)
         return own_values(robot, sensor, values, max);
     return virtual_values(robot, sensor, values, max);
@@ -149,15 +196,11 @@ int vs_robot_values(const struct vs_robot *robot, int sensor, double *values, in
 struct vs_reading vs_robot_read(const struct vs_robot *robot, int sensor)
 {
     struct vs_reading reading = {0.0, 0, 1, UINT64_MAX};
-    struct vs_value value;
 
     reading.known = vs_robot_values(robot, sensor, &reading.value, 1) > 0;
     if (!reading.known)
         return reading;
-    if (sensor >= OWN)
-        reading.age_ns = robot->now_ns - robot->base_ns;
-    else if (vs_session_value(robot->session, sensor, &value) == VS_OK)
-        reading.age_ns = vs_session_age_ns(robot->session, value.capture_ns, robot->session_ns);
+    reading.age_ns = sensor >= OWN ? robot->now_ns - robot->base_ns : virtual_age_ns(robot, sensor);
     reading.stale = vs_robot_is_stale(robot->session, reading.age_ns);
     return reading;
 }

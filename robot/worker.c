@@ -57,6 +57,9 @@ static void on_event(struct vs_worker *w, enum vs_event event, const struct vs_i
 
 static void on_lost(struct vs_worker *w, enum vs_net_result result, const struct vs_instant *now)
 {
+    if (result == VS_NET_NO_WAY)
+        vs_report("no way to the host %s: %s; trying on", w->options->host,
+                  strerror(w->net.trouble));
     if (result != VS_NET_LOST)
         return;
     vs_talk_lost(&w->talk, w->net.why);
@@ -268,14 +271,11 @@ static int open_session(struct vs_worker *w)
 static int open_net(struct vs_worker *w)
 {
     const struct vs_options *o = w->options;
-    int opened = vs_net_open(&w->net, o->host, o->port,
-                             vs_posix_now_ns() ^ (uint64_t)getpid() << 40);
 
-    if (opened == -1)
-        vs_report("--host: expected a numeric IPv4 address, got '%s'", o->host);
-    else if (opened != 0)
-        vs_report("cannot open a UDP socket to %s: %s", o->host, strerror(errno));
-    return opened == 0 ? 0 : opened == -1 ? 2 : 1;
+    if (vs_net_open(&w->net, o->host, o->port, vs_posix_now_ns() ^ (uint64_t)getpid() << 40) == 0)
+        return 0;
+    vs_report("--host: expected a numeric IPv4 address, got '%s'", o->host);
+    return 2;
 }
 
 /* Opens trace, signals and base. Returns 0, or the exit status. */

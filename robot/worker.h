@@ -12,12 +12,6 @@
 #include "options.h"
 #include "talk.h"
 
-union vs_controller_state {
-    uint64_t for_alignment;
-    double for_alignment_too;
-    unsigned char bytes[VS_CONTROLLER_STATE_MAX];
-};
-
 struct vs_worker {
     const struct vs_options *options;
     struct vs_base base;

@@ -8,11 +8,11 @@ from concurrent.futures import ThreadPoolExecutor
 
 from tests.link.arena_rig import ONE_SHOT, PATIENCE_S, START, STOP, OldTracker
 from vsense.config.experiment import load
+from vsense.environment import Environment
 from vsense.link.arena_client import ArenaClient
+from vsense.link.reports import Report
 from vsense.link.wire import Values, Wanted
 from vsense.runtime import Runtime
-from vsense.sensors.bank import SensorBank
-from vsense.world.world import World
 
 
 class Robots:
@@ -26,6 +26,9 @@ class Robots:
         self.published.append((timestep, capture_ns))
         return capture_ns
 
+    def reports(self) -> Mapping[int, Report]:
+        return {}
+
     def command(self, wanted: Wanted, from_timestep: int = 0) -> None:
         self.commands.append(wanted)
 
@@ -37,11 +40,8 @@ def test_another_trackers_states_drive_a_run_from_start_to_stop() -> None:
     places = f"{robot.tag} 0 0 0 0.5 0.25 90 {source.tag} 0 0 0 0 0 0"
     tracker, robots = OldTracker(), Robots()
     client = ArenaClient("127.0.0.1", tracker.port, tags, lambda line: None)
-    world, bank = (
-        World([robot.tag], experiment.sources),
-        SensorBank(experiment.sensors, [robot.tag], False),
-    )
-    runtime = Runtime(client, world, bank, robots)  # type: ignore[arg-type]
+    environment = Environment(experiment, seed=1)
+    runtime = Runtime(client, environment, robots)  # type: ignore[arg-type]
     runtime.open()
     with ThreadPoolExecutor(1) as pool:
         coming = pool.submit(runtime.step, PATIENCE_S)
@@ -68,7 +68,7 @@ def test_another_trackers_states_drive_a_run_from_start_to_stop() -> None:
     assert [timestep for timestep, _ in robots.published] == [
         step.timestep for step in (before, *steps)
     ]
-    assert runtime.readings.keys() == {robot.tag}
+    assert runtime.readings.keys() == {robot.tag for robot in experiment.robots}
     client.close()
     runtime.close()
     tracker.close()

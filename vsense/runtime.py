@@ -16,11 +16,10 @@ from typing import Protocol
 
 from vsense.arena import ArenaState, Frame
 from vsense.arena_buffer import ArenaBuffer, Stamped
+from vsense.environment import Environment
 from vsense.link.server import VirtualSensorServer
 from vsense.link.wire import Values, Wanted
-from vsense.sensors.bank import SensorBank
 from vsense.tracking.grabbers import Grabber, GrabberError
-from vsense.world.world import World
 
 START_LEAD = 3
 """START names a timestep this many ahead, so that one lost datagram delays no robot."""
@@ -29,6 +28,10 @@ WATCH_TIMEOUT_S = 2.0
 """Cameras that deliver nothing for this long have failed."""
 
 MOST_TAGS = 1024
+
+
+class NoArenaState(GrabberError):
+    """No arena state came in time; nothing has failed, and the next one may still come."""
 
 
 class Tracker(Protocol):
@@ -142,12 +145,12 @@ class Watch:
             The state with its times, and the pictures that it was made from.
 
         Raises:
-            GrabberError: the cameras have failed, or nothing came in time.
-            VsenseError: the tracker, or the link to it, has failed.
+            NoArenaState: nothing came in time.
+            VsenseError: the cameras, the tracker, or the link to it, have failed.
         """
         while True:
             if not self._news.wait(timeout_s):
-                raise GrabberError(f"no arena state in {timeout_s:g} s")
+                raise NoArenaState(f"no arena state in {timeout_s:g} s")
             self._news.clear()
             if self._failure is not None:
                 raise self._failure
@@ -186,15 +189,13 @@ class Runtime:
     def __init__(
         self,
         source: ArenaSource,
-        world: World,
-        bank: SensorBank,
+        environment: Environment,
         server: VirtualSensorServer,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self._source = source
         self._watch = Watch(source, clock)
-        self._world = world
-        self._bank = bank
+        self._environment = environment
         self._server = server
         self.readings: Mapping[int, Values] = {}
         self._last_timestep = -1
@@ -228,15 +229,17 @@ class Runtime:
         """Lives one timestep: waits for its arena state and has the readings sent.
 
         Raises:
-            GrabberError: no picture came in time.
+            NoArenaState: none came in time.
             VsenseError: a box of the host has failed.
         """
         newest, frames = self._watch.next(timeout_s)
         state = newest.state
         self._last_timestep = state.timestep
         run_timestep = self._run_timestep(state.timestep)
-        self._world.update(state, max(run_timestep, 0))
-        self.readings = self._bank.encode(self._world, state.timestep)
+        reports = self._server.reports()
+        payloads = {tag: report.payload for tag, report in reports.items()}
+        senders = {tag: report.uid for tag, report in reports.items()}
+        self.readings = self._environment.step(state, run_timestep, payloads, senders)
         sent_ns = self._server.publish(state.timestep, state.capture_ns, self.readings)
         return Step(
             timestep=state.timestep,

@@ -58,7 +58,9 @@ class Frozen:
 class Server:
     """A server with robots 1 and 2, whose events can be waited for."""
 
-    def __init__(self, clock: Callable[[], int], port: int = 0, seed: int = 1) -> None:
+    def __init__(
+        self, clock: Callable[[], int], port: int = 0, seed: int = 1, born_s: float = 1.8e9
+    ) -> None:
         self.clock = clock
         self.events: list[LinkEvent] = []
         self._news = threading.Condition()
@@ -72,6 +74,7 @@ class Server:
             expected={1: "epuck_1", 2: "epuck_2"},
             on_event=self._heard,
             clock=clock,
+            calendar=lambda: born_s,
         )
         self.port = self.server.start()
 

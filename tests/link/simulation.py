@@ -18,7 +18,7 @@ from vsense.link.roster import Roster
 from vsense.link.session import HostSession, Orders
 from vsense.link.status import LinkEvent
 from vsense.link.streams import Inbox
-from vsense.link.table import Entry, Table
+from vsense.link.table import Direction, Entry, Table
 from vsense.link.testing import Event, RobotSession
 from vsense.link.wire import Telemetry, Wanted
 
@@ -29,7 +29,13 @@ TICK_NS = 5 * MS
 TIMESTEP_NS = 100 * MS
 CAPTURE_LAG_NS = 30 * MS
 TAG = 23
-TABLE = Table([Entry(7, "pollutant", "f4"), Entry(9, "clockwork", "u4")])
+TABLE = Table(
+    [
+        Entry(7, "pollutant", "f4"),
+        Entry(9, "clockwork", "u4"),
+        Entry(10, "pushes", "u4", Direction.ACTUATOR),
+    ]
+)
 
 
 @dataclass(frozen=True)
@@ -62,6 +68,8 @@ class Robot:
         seen: session, sequence and capture time of every STATE that it accepted, in order.
         events: everything that its session told.
         due_ns: when its next telemetry leaves, host's clock.
+        control_step: of its daemon; grows with every timestep that it lives.
+        pushes: count of its virtual actuator.
     """
 
     def __init__(self, offset_ns: int) -> None:
@@ -70,6 +78,13 @@ class Robot:
         self.seen: list[tuple[int, int, int]] = []
         self.events: list[Event] = []
         self.due_ns = 0
+        self.control_step = 0
+        self.pushes = 0
+
+    def restart(self) -> None:
+        """Another daemon takes the place of this one."""
+        self.session = RobotSession(b"u" * 16, TAG)
+        self.control_step = self.pushes = 0
 
     def heard(self, events: list[Event], now_ns: int) -> None:
         """Acts on events; now_ns is the host's clock."""
@@ -133,6 +148,7 @@ class Simulation:
     def publish(self) -> None:
         """One timestep: the reading says in which timestep it was made."""
         self._timestep += 1
+        self.robot.control_step += 1
         if self.random.random() < self.weather.breaks:
             self.break_tcp(told=self.random.random() < 0.5)
         capture_ns = self.now_ns - CAPTURE_LAG_NS
@@ -184,7 +200,9 @@ class Simulation:
         self.robot.heard([session.tick(here_ns)], self.now_ns)
         if session.c.open and self.now_ns >= self.robot.due_ns:
             self.robot.due_ns = self.now_ns + 50 * MS
-            packet = session.telemetry(here_ns, Telemetry(control_step=self._timestep))
+            pushes = struct.pack("<I", self.robot.pushes)
+            said = Telemetry(control_step=self.robot.control_step, payload=pushes)
+            packet = session.telemetry(here_ns, said)
             source = ("robot", self._port)
             deliver = partial(self._udp_to_host, source)
             self._udp(packet, deliver, self.weather.up)

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import socket
+import subprocess
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -14,6 +18,7 @@ from hypothesis import strategies as st
 from tests.link.arena_rig import PATIENCE_S, Told, state
 from tests.link.rig import Clock
 from vsense.arena_lines import to_json
+from vsense.link import arena_lines
 from vsense.link.arena_lines import LINE_MAX, ClockMap, Line, LineInbox, parse
 from vsense.link.arena_listener import SILENCE_NS, ArenaListener
 from vsense.link.arena_wire import Report
@@ -76,6 +81,25 @@ def test_the_documented_example_is_read() -> None:
     assert parse(EXAMPLE.encode()) == Line(
         17, 81234567890123, 81234601234567, (Report(23, 0.512, -0.103, 1.5708),)
     )
+
+
+def test_the_page_about_it_is_true(listener: ArenaListener) -> None:
+    page = (Path(arena_lines.__file__).parent / "TRACKERS.md").read_text()
+    (example,) = re.findall(r"```json\n(.*?)```", page, re.S)
+    first, second = (parse(line.encode()) for line in example.splitlines())
+    assert first.timestep + 1 == second.timestep and len(second.robots) == 1
+    (program,) = re.findall(r"```python\n(.*?)```", page, re.S)
+    words = [sys.executable, "-c", program, "127.0.0.1", str(listener.port)]
+    with subprocess.Popen(words) as tracker:
+        for _ in range(2):
+            state, _ = listener.next(PATIENCE_S)
+            (robot,) = state.robots
+            assert math.hypot(robot["x_m"], robot["y_m"]) == pytest.approx(0.5)
+        tracker.kill()
+    (said,) = re.findall(r"```\n(\{.*)\n```", page)
+    with pytest.raises(LinkError) as error:
+        parse(b'{"timestep":1,"capture_ns":1,"robots":[{"tag":1,"x_m":"a","y_m":0,"yaw_rad":0}]}')
+    assert json.loads(said)["error"] == str(error.value)
 
 
 def test_what_vsense_track_writes_is_read() -> None:

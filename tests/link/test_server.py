@@ -41,6 +41,23 @@ def test_every_robot_has_a_seed_of_its_own_and_the_same_each_time(
         again.close()
 
 
+def test_a_host_that_died_leaves_no_run_to_its_successor(
+    robot: MakeRobot, clock: Callable[[], int]
+) -> None:
+    runs = []
+    for born_s in (1.8e9, 1.8e9 + 30.0):
+        host = Server(clock, born_s=born_s)
+        try:
+            one = robot(host).join()
+            host.server.publish(1, clock(), {1: reading(1.0, clock())})
+            one.timestep(1)
+            runs.append(one.session.c.run)
+            assert host.server.new_run() == runs[-1] + 1
+        finally:
+            host.close()
+    assert runs[1] > runs[0] + 1
+
+
 def test_defect_13_readings_leave_in_the_timestep_in_which_they_were_made(
     still: Server, robot: MakeRobot
 ) -> None:

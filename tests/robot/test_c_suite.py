@@ -29,7 +29,12 @@ SUITES = {
     "robot_posix": [],
     "robot_stop": [ROBOT / "base_argos.c", ROBOT / "guard.c", *LINE],
     "robot_loop": [TESTS / "robot_life.c", *MINDS, *PROTOCOL],
-    "robot_controller": [ROBOT / "robot.c", POLLUTANT, *PROTOCOL],
+    "robot_inprocess": [
+        *(ROBOT / f"{part}.c" for part in ("inprocess", "loop", "safety", "robot")),
+        *PROTOCOL,
+    ],
+    "robot_controller": [ROBOT / "robot.c", ROBOT / "walk.c", POLLUTANT, *PROTOCOL],
+    "robot_walk": [ROBOT / "robot.c", ROBOT / "walk.c", POLLUTANT, *PROTOCOL],
 }
 RUNS = {"robot_base": "3000", "robot_loop": "300"}
 """How many random worlds a suite goes through."""

@@ -240,3 +240,25 @@ def test_actuators_live_as_long_as_their_run_and_table(probes: Callable[..., Rig
     rig.wait_for(lambda: len(rig.host.telemetry) > seen + 5, "telemetry")
     rig.live_for(100 * MS)
     assert {t.payload for t in rig.host.telemetry[seen:]} == {bytes(4)}
+
+
+def test_daemon_without_a_network_stops_the_wheels_and_waits_for_one(
+    rig: Rig, program: Path
+) -> None:
+    rig.run()
+    driving, guard = rig.daemon, rig.daemon.guard
+    assert guard is not None
+    for process in (driving.process.pid, guard):
+        os.kill(process, signal.SIGSTOP)
+    for process in (driving.process.pid, guard):
+        os.kill(process, signal.SIGKILL)
+    rig.wait_for(lambda: not driving.open, "the end of both processes")
+    assert rig.moving, "nobody is left who could stop the wheels"
+    # The system refuses a connection to this address at once, as it does without any route.
+    lost = ["--host", "255.255.255.255", "--port", "4050", "--tag", "23"]
+    rig.daemons.append(Daemon(program, *lost, "--base", f"argos:{rig.device}"))
+    rig.wait_for(lambda: not rig.moving, "standing wheels")
+    rig.wait_for(lambda: "no way to the host 255.255.255.255:" in rig.daemon.said, "a word")
+    rig.live_for(S)
+    assert rig.daemon.process.poll() is None, "it waits for a network"
+    assert rig.daemon.said.count("no way to the host") == 1

@@ -1,4 +1,4 @@
-"""The JSON-lines link: arena states from any other tracker, over TCP.
+"""The JSON-lines link: arena states from any other tracker, over TCP. For users: TRACKERS.md.
 
 The tracker connects to vsense and writes one JSON object per line (UTF-8, ended by a line feed,
 at most 1 MiB), one line per timestep:

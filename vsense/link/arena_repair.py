@@ -151,6 +151,7 @@ class Repair:
             row["capture_ns"], row["age_ns"] = robot.capture_ns, age_ns
             row["confidence"] = robot.confidence * math.exp(-age_ns / 1e9 / FADE_S)
             row["seen"] = row["cameras"] = tag in seen
+            row["covariance"] = np.nan
         return poses
 
 

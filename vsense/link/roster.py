@@ -134,7 +134,11 @@ class Roster:
         return number
 
     def _welcome(self, tag: int) -> Welcome:
-        digest = hashlib.blake2b(f"{self._seed}/{tag}".encode(), digest_size=4).digest()
-        seed = int.from_bytes(digest, "little")
-        nonce = secrets.randbits(64)
+        seed, nonce = robot_seed(self._seed, tag), secrets.randbits(64)
         return Welcome(self._table, self._timestep_us, seed, self._params, nonce)
+
+
+def robot_seed(seed: int, tag: int) -> int:
+    """Seed of one robot's controller, made from that of the run: 32 bits."""
+    digest = hashlib.blake2b(f"{seed}/{tag}".encode(), digest_size=4).digest()
+    return int.from_bytes(digest, "little")

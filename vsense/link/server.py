@@ -15,6 +15,7 @@ from dataclasses import replace
 from vsense.link import ports
 from vsense.link.links import Shared
 from vsense.link.network import Network
+from vsense.link.reports import Report
 from vsense.link.roster import Roster
 from vsense.link.session import Orders
 from vsense.link.status import LinkError, LinkEvent, RobotStatus, Teller
@@ -42,6 +43,7 @@ class VirtualSensorServer:
         expected: Mapping[int, str],
         on_event: Callable[[LinkEvent], None],
         clock: Callable[[], int] = time.monotonic_ns,
+        calendar: Callable[[], float] = time.time,
     ) -> None:
         """Prepares a server; nothing is opened before `start`.
 
@@ -55,13 +57,15 @@ class VirtualSensorServer:
             expected: the robots' names in the experiment, by tag.
             on_event: called from the server's thread; must not wait, nor call `close`.
             clock: the host's monotonic clock [ns].
+            calendar: seconds since 1970. The first run's number is taken from it, so that the
+                robots of a host that died never take its successor's run for the one before.
 
         Raises:
             WireError: params or timestep do not fit the protocol.
         """
-        self._host = host
-        self._port = port
+        self._host, self._port = host, port
         self._roster = Roster(expected, table, timestep_ns, seed, params)
+        self._roster.orders = Orders(int(calendar()))
         self._lock = threading.Lock()
         self._clock = clock
         self._shared = Shared(self._roster, self._lock, clock, Teller(on_event).tell)
@@ -161,6 +165,21 @@ class VirtualSensorServer:
         for tag, robot in self._roster.robots.items():
             with self._lock:
                 found[tag] = robot.status(self._clock())
+        return found
+
+    def reports(self) -> dict[int, Report]:
+        """What the robots' virtual actuators say in the present run, by tag.
+
+        A robot is missing in it as long as nothing that it said counts: before its first report,
+        without a session, and `reports.LIFE_NS` after its newest control step.
+        """
+        found = {}
+        with self._lock:
+            run, now_ns = self._roster.orders.run, self._clock()
+            for tag, robot in self._roster.robots.items():
+                report = robot.report(run, now_ns)
+                if report is not None:
+                    found[tag] = report
         return found
 
     def strays(self) -> dict[str, int]:

@@ -11,6 +11,7 @@ from typing import Any
 
 from vsense.link.peer import Peer
 from vsense.link.presence import Change, Presence
+from vsense.link.reports import Report, Reporter
 from vsense.link.status import EventKind, LinkEvent, RobotStatus, cut_text
 from vsense.link.table import Direction, Table
 from vsense.link.wire import (
@@ -78,6 +79,7 @@ class HostSession:
         self._controller = ""
         self._sessions = 0
         self._presence = Presence()
+        self._reporter = Reporter()
         self._repeats = 0
         self._repeat_ns = 0
         self._telemetry: Telemetry | None = None
@@ -119,6 +121,7 @@ class HostSession:
         event = self._greeting(hello, origin, now_ns)
         self.peer.open(session, self._table, header.send_ns, now_ns)
         self._uid, self._controller = hello.uid, hello.controller
+        self._reporter.open(hello.uid)
         self._sessions += 1
         self._presence.open(now_ns)
         self.due_ns = now_ns
@@ -152,6 +155,7 @@ class HostSession:
     def close(self) -> None:
         """Ends the session without a word; every packet is foreign from now on."""
         self.peer.close()
+        self._reporter.close()
         self.address = None
         self._repeats = 0
 
@@ -241,6 +245,7 @@ class HostSession:
         if accepted is None:
             return False, []
         self._telemetry = accepted[1]
+        self._reporter.take(*accepted, now_ns)
         if source is not None and source != self.address:
             self.address, self.due_ns = source, now_ns
         return True, self._told(self._presence.hear(self.peer, now_ns), now_ns)
@@ -254,6 +259,10 @@ class HostSession:
 
     def _event(self, kind: EventKind, text: str, now_ns: int) -> LinkEvent:
         return LinkEvent(kind, self.tag, f"{self.label}: {text}", now_ns)
+
+    def report(self, run: int, now_ns: int) -> Report | None:
+        """What the robot's virtual actuators say in a run; None if nothing that still counts."""
+        return self._reporter.report(run, now_ns)
 
     def status(self, now_ns: int) -> RobotStatus:
         """A snapshot."""

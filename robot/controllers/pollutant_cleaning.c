@@ -1,0 +1,55 @@
+/* SPDX-License-Identifier: MIT */
+/*
+ * pollutant_cleaning.c - wander; where the pollutant is sensed, stop with a probability
+ * at every timestep, light the red LEDs and clean with all might until it has gone.
+ *
+ * Parameters: stop_probability per timestep (0.3), and those of walk.h.
+ */
+#include "controller.h"
+
+struct cleaner {
+    int pollutant;
+    int brush;
+    double stop_probability;
+    int cleaning;
+    struct vs_walk walk;
+};
+
+/* A stale value is no news: whoever cleans goes on, and nobody else begins. */
+static int senses_pollutant(const struct cleaner *s, const struct vs_robot *robot)
+{
+    struct vs_reading reading = vs_robot_read(robot, s->pollutant);
+
+    if (reading.known && reading.stale)
+        return s->cleaning;
+    return reading.known && reading.value >= 0.5;
+}
+
+static void init(void *state, struct vs_robot *robot)
+{
+    struct cleaner *s = state;
+
+    s->pollutant = vs_robot_sensor(robot, "pollutant");
+    s->brush = vs_robot_actuator(robot, "cleaning");
+    s->stop_probability = vs_robot_param(robot, "stop_probability", 0.3);
+    vs_walk_init(&s->walk, robot);
+}
+
+static void step(void *state, struct vs_robot *robot)
+{
+    struct cleaner *s = state;
+    int sensed = senses_pollutant(s, robot);
+
+    if (sensed && !s->cleaning && vs_robot_random(robot) < s->stop_probability)
+        s->cleaning = 1;
+    s->cleaning = s->cleaning && sensed;
+    vs_robot_set_leds(robot, s->cleaning ? VS_ROBOT_LED_RING : 0);
+    vs_robot_actuate(robot, s->brush, 0, s->cleaning ? 1.0 : 0.0);
+    if (s->cleaning)
+        vs_walk_rest(&s->walk, robot);
+    else
+        vs_walk_wander(&s->walk, robot);
+}
+
+const struct vs_controller vs_controller = {"pollutant_cleaning", sizeof(struct cleaner),
+                                            init, step};

@@ -1,0 +1,82 @@
+/* SPDX-License-Identifier: MIT */
+/*
+ * pollutant_moving.c - cleaners as in pollutant.c, and a polluter that is a robot, too:
+ * the one that is given a destination drives there, slowly and with its body lit, and
+ * cleans nothing. All run this program; only the virtual sensors tell them apart.
+ *
+ * A cleaner that the cone has left behind drives on as it came: that is into the cone.
+ *
+ * Parameters: stop_probability per timestep (0.3), polluter_cm_s (3), and those of
+ * walk.h.
+ */
+#include "controller.h"
+
+#define ARRIVED_M 0.001 /* whoever has no destination is told its own place */
+
+struct mover {
+    int pollutant;
+    int destination;
+    double stop_probability;
+    double cleaner_steps_s;
+    double polluter_steps_s;
+    int cleaning;
+    struct vs_walk walk;
+};
+
+/* A stale value is no news: whoever cleans goes on, and nobody else begins. */
+static int senses_pollutant(const struct mover *s, const struct vs_robot *robot)
+{
+    struct vs_reading reading = vs_robot_read(robot, s->pollutant);
+
+    if (reading.known && reading.stale)
+        return s->cleaning;
+    return reading.known && reading.value >= 0.5;
+}
+
+static void init(void *state, struct vs_robot *robot)
+{
+    struct mover *s = state;
+
+    s->pollutant = vs_robot_sensor(robot, "pollutant");
+    s->destination = vs_robot_sensor(robot, "destination");
+    s->stop_probability = vs_robot_param(robot, "stop_probability", 0.3);
+    s->polluter_steps_s = vs_robot_param(robot, "polluter_cm_s", 3.0) * VS_ROBOT_STEPS_PER_CM;
+    vs_walk_init(&s->walk, robot);
+    s->cleaner_steps_s = s->walk.speed_steps_s;
+}
+
+static void pollute(struct mover *s, struct vs_robot *robot, double bearing_rad)
+{
+    s->cleaning = 0;
+    s->walk.speed_steps_s = s->polluter_steps_s;
+    vs_robot_set_leds(robot, VS_ROBOT_LED_BODY);
+    vs_walk_towards(&s->walk, robot, bearing_rad);
+}
+
+static void clean(struct mover *s, struct vs_robot *robot)
+{
+    int sensed = senses_pollutant(s, robot);
+
+    if (sensed && !s->cleaning && vs_robot_random(robot) < s->stop_probability)
+        s->cleaning = 1;
+    s->cleaning = s->cleaning && sensed;
+    s->walk.speed_steps_s = s->cleaner_steps_s;
+    vs_robot_set_leds(robot, s->cleaning ? VS_ROBOT_LED_RING : 0);
+    if (s->cleaning)
+        vs_walk_rest(&s->walk, robot);
+    else
+        vs_walk_wander(&s->walk, robot);
+}
+
+static void step(void *state, struct vs_robot *robot)
+{
+    struct mover *s = state;
+    double goal[5]; /* x, y, heading, distance [m], bearing [rad] */
+
+    if (vs_robot_values(robot, s->destination, goal, 5) == 5 && goal[3] > ARRIVED_M)
+        pollute(s, robot, goal[4]);
+    else
+        clean(s, robot);
+}
+
+const struct vs_controller vs_controller = {"pollutant_moving", sizeof(struct mover), init, step};

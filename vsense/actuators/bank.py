@@ -1,0 +1,192 @@
+"""All virtual actuators of a run: turns the robots' reports into levels and growths, and applies
+them.
+
+A report may come twice, late or not at all; what happens in the world does not depend on it:
+* A level holds until the next report. A robot that is silent has level 0 in everything.
+* Of a counter only the growth since the last count acts, which is remembered for each robot and
+  sender. A count below the last one means that the robot began anew: it counts from 0.
+* Robots act in the order of the world's rows, whatever order their reports came in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.actuators.base import ActuatorError, Floats, MountedActuator
+from vsense.quality import Delay, Distortion, generator
+from vsense.sensors.bank import TableEntry
+from vsense.sensors.base import layout_dtype
+from vsense.world.sightings import NEVER_NS
+from vsense.world.world import World
+
+Rows = NDArray[np.intp]
+
+NO_SENDERS: Mapping[int, bytes] = MappingProxyType({})
+
+
+class ActuatorBank:
+    """The virtual actuators of all robots of a run.
+
+    Attributes:
+        table: their part of the sensor table, one entry per actuator.
+    """
+
+    def __init__(
+        self,
+        actuators: Sequence[MountedActuator],
+        tags: Sequence[int],
+        seed: int = 0,
+        first_id: int = 1,
+    ) -> None:
+        """Mounts the actuators on every robot.
+
+        Args:
+            actuators: what the experiment asks for.
+            tags: the robots.
+            seed: of the noise and the drop-out.
+            first_id: number of the first one on the wire; the others follow.
+
+        Raises:
+            SensorError: an actuator's layout is wrong.
+        """
+        self._tags = list(tags)
+        self._slots = [_Slot(mounted, len(self._tags), seed) for mounted in actuators]
+        self.table = tuple(slot.entry(first_id + i) for i, slot in enumerate(self._slots))
+        self._size = sum(entry.size for entry in self.table)
+
+    def apply(
+        self,
+        world: World,
+        reports: Mapping[int, bytes],
+        senders: Mapping[int, bytes] = NO_SENDERS,
+    ) -> None:
+        """Lets all robots act for one timestep of the run.
+
+        Args:
+            world: updated in this timestep.
+            reports: by tag, the actuators' block of each robot's newest report. A robot that is
+                not in it is silent.
+            senders: by tag, who reports, where more than one robot may have had the tag.
+
+        Raises:
+            ActuatorError: a report has another size than the table says.
+        """
+        if not self._slots:
+            return
+        heard = [i for i, tag in enumerate(self._tags) if tag in reports]
+        tags = [self._tags[i] for i in heard]
+        for tag in tags:
+            if len(reports[tag]) != self._size:
+                said = f"a report of {len(reports[tag])} byte, expected {self._size}"
+                raise ActuatorError(f"robot with tag {tag}: {said}")
+        who = [senders.get(tag, b"") for tag in tags]
+        place = {tag: row for row, tag in enumerate(world.robots["tag"].tolist())}
+        rows = np.array([place.get(tag, -1) for tag in self._tags], dtype=np.intp)
+        start = 0
+        for slot, entry in zip(self._slots, self.table):
+            parts = b"".join(reports[tag][start : start + entry.size] for tag in tags)
+            slot.step(world, rows, np.array(heard, dtype=np.intp), who, parts)
+            start += entry.size
+
+
+class _Slot:
+    """One actuator with what all robots said last: n robots, k numbers each."""
+
+    def __init__(self, mounted: MountedActuator, robots: int, seed: int) -> None:
+        actuator, quality = mounted.actuator, mounted.quality
+        self._actuator, self._quality = actuator, quality
+        self._count, self._dtype = layout_dtype(actuator.layout)
+        shape = (robots, self._count)
+        largest = float(np.finfo(np.float32).max)
+        bounds = (actuator.scale.low, actuator.scale.high)
+        self._low, self._high = (np.clip(bound, -largest, largest) for bound in bounds)
+        self._levels, self._pending = np.zeros(shape), np.zeros(shape)
+        self._counts = _Counts(shape)
+        self._renewed = -quality.update_every
+        self._random = generator(seed, actuator.name)
+        self._distortion = Distortion(quality, actuator.scale, robots, self._count)
+        self._delay = Delay(quality.latency, (np.zeros(shape), np.zeros(shape)))
+
+    def entry(self, number: int) -> TableEntry:
+        size = self._count * self._dtype.itemsize
+        return TableEntry(number, self._actuator.name, self._actuator.layout, size)
+
+    def step(
+        self, world: World, rows: Rows, heard: Rows, who: Sequence[bytes], parts: bytes
+    ) -> None:
+        """Takes the reports of one timestep and acts.
+
+        Args:
+            world: updated in this timestep.
+            rows: (n,) each robot's row in it, -1 where it has none.
+            heard: (m,) which of the n robots report.
+            who: (m,) senders of the reports.
+            parts: their numbers as on the wire, one robot after the other.
+        """
+        said = self._numbers(parts)
+        self._pending[heard] += self._counts.growth(heard, who, said)
+        present = rows >= 0
+        present[present] = world.robots["capture_ns"][rows[present]] != NEVER_NS
+        due = present & self._due(world.run_timestep)
+        self._renew(world, heard, said, due)
+        growth = np.where(due[:, None], self._pending, 0.0)
+        self._pending[due] = 0.0
+        levels, growth = self._delay.push((self._levels.copy(), growth))
+        order = np.flatnonzero(present)
+        order = order[np.argsort(rows[order], kind="stable")]
+        self._actuator.apply(world, rows[order], levels[order], growth[order])
+
+    def _numbers(self, parts: bytes) -> Floats:
+        """Reads numbers off the wire, (m, k), within the actuator's bounds."""
+        with np.errstate(invalid="ignore"):  # a NaN of any kind is 0
+            raw = np.frombuffer(parts, dtype=self._dtype).astype(np.float64)
+        known = np.nan_to_num(raw.reshape(-1, self._count), nan=0.0)
+        return np.clip(known, self._low, self._high)
+
+    def _due(self, run_timestep: int) -> NDArray[np.bool_]:
+        """Tells which robots' reports take effect in this timestep, (n,)."""
+        due = np.zeros(len(self._levels), dtype=bool)
+        if run_timestep - self._renewed >= self._quality.update_every:
+            self._renewed = run_timestep
+            due[:] = True
+        if self._quality.drop_out > 0.0:
+            due &= self._random.random(len(due)) >= self._quality.drop_out
+        return due
+
+    def _renew(self, world: World, heard: Rows, said: Floats, due: NDArray[np.bool_]) -> None:
+        """Takes over the levels that are due; what is off stays off, whatever the noise."""
+        fresh = self._levels.copy()
+        fresh[heard] = said
+        if self._quality.distorts and due.any():
+            noisy = self._distortion.apply(fresh[due], due, world.time_s, self._random)
+            fresh[due] = np.where(fresh[due] == 0.0, 0.0, noisy)
+        self._levels[due] = fresh[due]
+        silent = np.ones(len(due), dtype=bool)
+        silent[heard] = False
+        self._levels[silent] = 0.0
+
+
+class _Counts:
+    """The last counts of every robot and sender, 0 at first."""
+
+    def __init__(self, shape: tuple[int, int]) -> None:
+        self._last = np.zeros(shape)
+        self._who: list[bytes | None] = [None] * shape[0]
+        self._others: dict[tuple[int, bytes], Floats] = {}
+
+    def growth(self, heard: Rows, who: Sequence[bytes], counts: Floats) -> Floats:
+        """Gives by how much counts (m, k) have grown, 0 or more, and remembers them."""
+        for robot, sender in zip(heard.tolist(), who):
+            before = self._who[robot]
+            if before != sender:
+                if before is not None:
+                    self._others[robot, before] = self._last[robot].copy()
+                self._last[robot] = self._others.get((robot, sender), 0.0)
+                self._who[robot] = sender
+        last = self._last[heard]
+        self._last[heard] = counts
+        return np.maximum(np.where(counts >= last, counts - last, counts), 0.0)

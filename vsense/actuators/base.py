@@ -1,0 +1,73 @@
+"""What a virtual actuator is: one file in this folder, one class, one XML element.
+
+A new actuator's file holds a class with the members of `VirtualActuator`, a function
+`from_xml(element, scope)` that makes one, and the line `ELEMENTS = ("virtual_..._actuator",)`.
+Nothing else in the tree has to know of it. `scope` is that of the virtual sensors, which are read
+before the actuators.
+
+What a robot says is never an event, since a report may come twice or not at all. Each number is
+a **level** ("release 0.3 per second"), which holds until the next one and is 0 where nothing is
+done, or a **cumulative counter** ("dropped 7 since the run began"), whose growth is acted on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.errors import VsenseError
+from vsense.quality import Quality, Scale
+from vsense.world.world import World
+
+Floats = NDArray[np.float64]
+
+
+class ActuatorError(VsenseError):
+    """A virtual actuator cannot be had, or was told something that it cannot do."""
+
+
+class VirtualActuator(Protocol):
+    """Lets robots change one kind of thing in the virtual world, all robots at once."""
+
+    @property
+    def name(self) -> str:
+        """What controllers call it; no sensor of the experiment has the same name."""
+
+    @property
+    def layout(self) -> str:
+        """Numbers of one report on the wire: "f4" is one single, "3*u1" three bytes."""
+
+    @property
+    def scale(self) -> Scale:
+        """Unit and bounds of its numbers; nothing outside of the bounds reaches `apply`."""
+
+    def apply(
+        self, world: World, rows: NDArray[np.intp], values: Floats, increments: Floats
+    ) -> None:
+        """Acts for one timestep.
+
+        Args:
+            world: updated in this timestep.
+            rows: (m,) which of `world.robots`, ascending. A row may be a robot that no camera
+                sees now: it acts where it was seen last.
+            values: (m, k) newest levels, k as the layout says; 0 for a silent robot.
+            increments: (m, k) by how much each number has grown since the last call, 0 or more.
+        """
+
+
+@dataclass(frozen=True, slots=True)
+class MountedActuator:
+    """A virtual actuator as the robots of an experiment carry it.
+
+    Attributes:
+        actuator: what acts.
+        line: line of its XML element.
+        quality: how good it is.
+    """
+
+    actuator: VirtualActuator
+    line: int
+    quality: Quality = field(default_factory=Quality)
