@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.conftest import require_tool
 from vsense import build
 from vsense.errors import UsageError
 
@@ -49,6 +50,31 @@ def test_build_is_found_again_and_an_edit_makes_a_new_one(tmp_path: Path) -> Non
     second = build.daemon("mine.c", tmp_path)
     assert second != first
     assert first.is_file() and second.is_file()
+
+
+def test_shared_object_is_built_once_and_shows_only_its_own_door(tmp_path: Path) -> None:
+    source = own_controller(tmp_path)
+    # A name that libc has, too: the controller's own must stay its own.
+    source.write_text(source.read_text() + "\nint puts(const char *s) { return s != 0; }\n")
+    first = build.shared("mine.c", tmp_path)
+    stamp = first.stat().st_mtime_ns
+    assert build.shared("mine.c", tmp_path) == first
+    assert first.stat().st_mtime_ns == stamp
+    command = [require_tool("nm", "binutils"), "-D", "--defined-only", str(first)]
+    listed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    names = {line.split()[-1] for line in listed.splitlines()}
+    assert names and all(name.startswith("vs_inprocess_") for name in names)
+    source.write_text(source.read_text() + "\n/* edited */\n")
+    assert build.shared("mine.c", tmp_path) != first
+
+
+def test_shared_object_that_cannot_be_linked_is_blamed_on_its_controller(tmp_path: Path) -> None:
+    own_controller(tmp_path).write_text("int nothing;\n")
+    with pytest.raises(
+        build.BuildError, match=r"controller .*mine\.c does not build(.|\n)*vs_contr"
+    ):
+        build.shared("mine.c", tmp_path)
+    assert not list(tmp_path.rglob("inprocess*"))
 
 
 @pytest.mark.usefixtures("instant")

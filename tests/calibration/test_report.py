@@ -11,8 +11,9 @@ import pytest
 
 from tests.calibration.ideal import BOARD, CAMERAS
 from vsense.calibration import picture, report
-from vsense.calibration.drawing import Canvas, alarm, heat, round_number
+from vsense.calibration.drawing import alarm, heat
 from vsense.calibration.solution import Solution, ViewResult, bad_views, huber_limit_px, rms
+from vsense.pictures.canvas import Canvas, round_number
 
 
 def view(camera: str, moment: str, size: float, used: bool = True) -> ViewResult:

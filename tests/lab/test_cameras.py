@@ -120,7 +120,8 @@ def test_pictures_come_as_triggered_and_as_the_studio_draws_them(spec, capfd) ->
         grabber.start(epoch_ns)
         seen = []
         with pytest.raises(GrabberError, match="have taken their last picture"):
-            for frames in grabber.frames(PATIENCE_S):
+            while True:
+                frames = grabber.next(PATIENCE_S)
                 seen.append(frames[0].timestep)
                 for camera, frame in zip(spec.cameras, frames):
                     assert frame.camera == camera.id

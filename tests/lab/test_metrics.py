@@ -9,6 +9,7 @@ import pytest
 
 from vsense.arena import SIGHTING
 from vsense.lab import metrics
+from vsense.lab.microcontrollers import ACTUATION
 from vsense.lab.trace import TRACE
 
 DT_NS = 100_000_000
@@ -43,7 +44,7 @@ def make_run() -> metrics.Run:
         object_tags=(),
         object_poses=np.zeros((TIMESTEPS, 0, 3)),
         traces=[make_trace(steps, 1.0), make_trace(steps, 0.0)],
-        actuated=[steps["capture_ns"] + RENDER_NS + 26_000_000] * 2,
+        actuated=[make_actuations(steps)] * 2,
         turn=TURN,
         lateness_ms=[0.1, 0.2],
         link={"sent": 5, "received": 5, "dropped": 0, "reconnects": 0},
@@ -59,7 +60,17 @@ def make_trace(steps: np.ndarray, value: float) -> np.ndarray:
     trace["age_ns"] = trace["now_ns"] - trace["capture_ns"]
     trace["known"] = True
     trace["value"] = value
+    trace["left"] = 300
     return trace
+
+
+def make_actuations(steps: np.ndarray) -> np.ndarray:
+    """In every timestep the base senses, the guard holds the wheels, and the new command comes."""
+    rows = np.zeros((len(steps), 3), ACTUATION)
+    after_ns = np.array([18_000_000, 25_500_000, 26_000_000])
+    rows["time_ns"] = steps["capture_ns"][:, None] + RENDER_NS + after_ns
+    rows["left_steps_s"] = [0, 0, 300]
+    return rows.reshape(-1)
 
 
 def without(run: metrics.Run, row: int) -> metrics.Run:
@@ -193,3 +204,10 @@ def test_experiment_without_a_cone_has_no_cone_figures() -> None:
     )
     assert figures["sensing"]["agreement_in"] is None
     assert set(figures["swarm"].values()) == {None}
+
+
+def test_wheels_that_never_took_the_command_do_not_count() -> None:
+    run = make_run()
+    for rows in run.actuated:
+        rows["left_steps_s"] = 0
+    assert metrics.latencies(run)["capture_to_wheels"]["p50"] is None

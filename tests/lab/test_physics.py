@@ -241,3 +241,29 @@ def test_the_same_calls_give_the_same_poses(seed) -> None:
         return physics.poses.tobytes()
 
     assert once() == once()
+
+
+@pytest.mark.parametrize("radius_m", [0.01, 0.035, 0.3])
+def test_a_robot_stops_at_a_cylinder_of_any_size(radius_m: float) -> None:
+    physics = Physics([[0, 0, 0]], [], [], 0, [[0.5, 0, radius_m]])
+    physics.drive(0, 1000, 1000, 0)
+    run(physics, 500)
+    np.testing.assert_allclose(physics.poses, [[0.465 - radius_m, 0, 0]], atol=1e-4)
+    np.testing.assert_array_equal(physics.bodies[1], [0.5, 0, 0])
+
+
+@settings(max_examples=10)
+@given(seeds, st.integers(1, 95_000_000))
+def test_to_advance_is_to_tick_on_the_grid(seed, time_ns) -> None:
+    """However the way there is cut, ticks lie on multiples of 10 ms and at its end."""
+    one, other = (Physics(crowd(seed, 10), [], WALLS, 0) for _ in range(2))
+    commands = np.random.default_rng(seed).integers(-1000, 1001, (10, 2)).astype(np.int16)
+    one.drive_all(commands, 0)
+    for robot, (left, right) in enumerate(commands.tolist()):
+        other.drive(robot, left, right, 0)
+    one.advance(time_ns)
+    one.advance(time_ns)
+    for tick_ns in range(TICK_NS, time_ns, TICK_NS):
+        other.tick(tick_ns)
+    other.tick(time_ns)
+    np.testing.assert_array_equal(one.poses, other.poses)

@@ -187,3 +187,11 @@ def test_every_robot_has_its_own_ring() -> None:
     assert values[0].argmax() in (0, 7)
     assert values[1].argmax() in (3, 4)
     assert values[2].argmax() in (0, 7)
+
+
+def test_a_cylinder_is_felt_by_its_own_size() -> None:
+    for radius_m in (0.01, 0.2):
+        physics = Physics([[0, 0, 0]], [], [], 0, [[0.0, 0.031 + 0.02 + radius_m, radius_m]])
+        values = readings(ProximityRing(physics.near, 1).distances(physics.bodies))[0]
+        assert values.argmax() == 5
+        assert values[5] == pytest.approx(384.0, abs=1e-6)

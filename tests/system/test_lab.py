@@ -22,7 +22,7 @@ pytestmark = pytest.mark.system
 
 KEYS = {
     "experiment", "seed", "robots", "cameras", "timesteps", "late_timesteps", "duration_s",
-    "tracking", "latency_ms", "sensing", "clock", "swarm", "link",
+    "tracking", "latency_ms", "sensing", "clock", "swarm", "link", "vision",
 }  # fmt: skip
 
 PATIENCE_S = 60

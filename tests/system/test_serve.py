@@ -11,51 +11,23 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 
-import cv2
-import numpy as np
 import pytest
 
 from tests.link.arena_rig import ONE_SHOT, START, STOP, OldClient, Told
-from tests.tracking.synthetic import HEIGHT_M, Robot, render
+from tests.system.recording import TAGS, make_recording
+from tests.tracking.synthetic import HEIGHT_M
 from vsense.link.arena_listener import ArenaListener
-from vsense.tracking.camera import Camera
-from vsense.tracking.families import load_family
 
 pytestmark = pytest.mark.system
 
 PATIENCE_S = 60
 TIMESTEPS = 6
-TAGS = (1843, 31)
-
-RESOURCES = """<arena_tracking_system>
-  <grabbers><grabber id="pictures" type="directory" path="pictures" frame_rate="20" /></grabbers>
-  <trackers>
-    <tracker id="robots" family="arrow4x4" robot_height="{height}" tags="31 1843" />
-  </trackers>
-  <cameras><camera id="top" calibration="top.json" /></cameras>
-</arena_tracking_system>
-"""
-EXPERIMENT = """<arena_tracking>
-  <arena_state_tracker server_port="4040">
-    <camera_state_tracker grabber="pictures" camera="top" tracker="robots" />
-  </arena_state_tracker>
-</arena_tracking>
-"""
 
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two robots before one camera: one drives along +x, one stands."""
     folder = tmp_path_factory.mktemp("recording")
-    camera = Camera.looking_down("top", 0.0, 0.0, 2.4, 1600.0, (480, 360), (0.0,) * 5)
-    (folder / "top.json").write_text(camera.to_json())
-    (folder / "resources.xml").write_text(RESOURCES.format(height=HEIGHT_M))
-    (folder / "experiment.xml").write_text(EXPERIMENT)
-    (folder / "pictures").mkdir()
-    for step in range(TIMESTEPS):
-        robots = [Robot(31, 0.01 * step, 0.1, 0.0), Robot(1843, -0.1, -0.1, np.pi / 2)]
-        picture = render(camera, load_family("arrow4x4"), robots, seed=step)
-        assert cv2.imwrite(str(folder / "pictures" / f"{step:03}.png"), picture)
+    make_recording(folder, TIMESTEPS)
     return folder
 
 

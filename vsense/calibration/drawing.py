@@ -1,79 +1,18 @@
-"""Letters, lines and colours of the calibration's picture, drawn large and reduced at the end."""
+"""Colours of the calibration's picture: how much was seen, how far off a corner is."""
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Image = NDArray[np.uint8]
+from vsense.pictures.canvas import Colour, Image
+
 Floats = NDArray[np.float64]
-Colour = tuple[int, int, int]
-
-SCALE = 2
-"""Drawn this much larger and reduced at the end: smooth lines and letters."""
-
-INK: Colour = (50, 42, 38)
-MUTED: Colour = (140, 130, 124)
-GRID: Colour = (232, 228, 226)
-FONT = cv2.FONT_HERSHEY_DUPLEX
 
 _COOL = np.array((250.0, 246.0, 240.0))
 _WARM = np.array((196.0, 158.0, 96.0))
 _GOOD = np.array((150.0, 70.0, 20.0))
 _BAD = np.array((40.0, 40.0, 226.0))
-
-
-class Canvas:
-    """A picture in the making; all places and sizes are px of the finished picture."""
-
-    def __init__(self, width: int, height: int) -> None:
-        """Begins with white paper."""
-        self.image: Image = np.full((SCALE * height, SCALE * width, 3), 255, np.uint8)
-
-    def text(self, text: str, x: float, y: float, colour: Colour, size: float) -> None:
-        """Writes a line; (x, y) is the left end of its base line."""
-        at = (round(x * SCALE), round(y * SCALE))
-        weight = SCALE if size >= 0.9 else 1
-        cv2.putText(self.image, text, at, FONT, size * SCALE, colour, weight, cv2.LINE_AA)
-
-    def lines(
-        self, points: Floats, colour: Colour, width: float = 1.0, closed: bool = False
-    ) -> None:
-        """Draws a line through (n, 2) points."""
-        fixed = [np.rint(points * SCALE * 16).astype(np.int32)]
-        cv2.polylines(
-            self.image, fixed, closed, colour, max(1, round(width * SCALE)), cv2.LINE_AA, 4
-        )
-
-    def fill(self, points: Floats, colour: Colour, share: float = 1.0) -> None:
-        """Fills a convex shape of (n, 2) corners, `share` 1 covers, 0 is invisible."""
-        fixed = np.rint(points * SCALE * 16).astype(np.int32)
-        layer = self.image if share >= 1.0 else self.image.copy()
-        cv2.fillConvexPoly(layer, fixed, colour, cv2.LINE_AA, 4)
-        if share < 1.0:
-            cv2.addWeighted(layer, share, self.image, 1.0 - share, 0.0, dst=self.image)
-
-    def dot(self, middle: Floats, radius: float, colour: Colour) -> None:
-        """Draws a disc around a (2,) point."""
-        at = (round(float(middle[0]) * SCALE * 16), round(float(middle[1]) * SCALE * 16))
-        cv2.circle(self.image, at, round(radius * SCALE * 16), colour, -1, cv2.LINE_AA, 4)
-
-    def paste(self, picture: Image, x: int, y: int, width: int, height: int) -> None:
-        """Puts a picture into a rectangle."""
-        size = (width * SCALE, height * SCALE)
-        large = cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC)
-        self.image[y * SCALE : (y + height) * SCALE, x * SCALE : (x + width) * SCALE] = large
-
-    def finished(self) -> Image:
-        """Returns the picture, (h, w, 3) BGR."""
-        size = (self.image.shape[1] // SCALE, self.image.shape[0] // SCALE)
-        return np.asarray(cv2.resize(self.image, size, interpolation=cv2.INTER_AREA), np.uint8)
-
-
-def width_of(text: str, size: float) -> float:
-    """Width of a text."""
-    return float(cv2.getTextSize(text, FONT, size * SCALE, 1)[0][0] / SCALE)
 
 
 def heat(share: Floats) -> Image:
@@ -86,9 +25,3 @@ def alarm(share: float) -> Colour:
     """The colour of a residual, from 0, dark blue, to 1, red."""
     mixed = _GOOD + (_BAD - _GOOD) * min(max(share, 0.0), 1.0)
     return int(mixed[0]), int(mixed[1]), int(mixed[2])
-
-
-def round_number(value: float) -> float:
-    """The greatest of 1, 2, 5, 10, ... that is not above a value."""
-    power = 10.0 ** np.floor(np.log10(max(value, 1e-9)))
-    return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= value * 1.0001))

@@ -14,18 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.calibration.board import Board
-from vsense.calibration.drawing import (
-    GRID,
-    INK,
-    MUTED,
-    Canvas,
-    Colour,
-    alarm,
-    heat,
-    round_number,
-    width_of,
-)
+from vsense.calibration.drawing import alarm, heat
 from vsense.calibration.solution import Solution, ViewResult, rms
+from vsense.pictures.canvas import GRID, INK, MUTED, Canvas, Colour, round_number, width_of
 from vsense.tracking.camera import Camera
 
 Floats = NDArray[np.float64]

@@ -18,9 +18,8 @@ DESCRIPTION = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
-    parser.add_argument(
-        "experiment", help="a shipped experiment's name, or the path of a .argos file"
-    )
+    arguments.add_experiment(parser)
+    arguments.add_settings(parser)
     parser.add_argument(
         "--duration",
         type=arguments.seconds,

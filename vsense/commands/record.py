@@ -49,13 +49,14 @@ def run(options: argparse.Namespace) -> int:
     """Records; see `vsense.lab.recorder.record`."""
     # Imported here: `vsense --help` must not wait for OpenCV.
     from vsense.config.experiment import load
+    from vsense.config.placement import settle
     from vsense.console import Console
     from vsense.lab.recorder import record
 
     console = Console()
     console.progress("building the scene")
     record(
-        load(options.experiment),
+        settle(load(options.experiment), options.seed),
         options.directory,
         options.frames,
         options.seed,

@@ -5,6 +5,7 @@
     {"robots":  [{"index": 0, "tag": 23, "x_m": 0.1, "y_m": 0.2, "yaw_rad": 0.0}, ...],
      "objects": [{"tag": 22, "x_m": -0.5, "y_m": 0.0, "yaw_rad": 0.0}, ...],
      "boxes":   [{"x_m": 1.2, "y_m": 0, "yaw_rad": 0, "size_x_m": 0.01, "size_y_m": 2}, ...],
+     "cylinders": [{"x_m": 0.5, "y_m": 0.5, "radius_m": 0.1}, ...],
      "truth": "name of the truth ring", "log": "path of the actuation log",
      "directory": "run directory", "seed": 1}
 
@@ -52,7 +53,7 @@ class Atoms:
             LabError: no pseudo-terminals, no truth ring, or a log that cannot be written.
         """
         self.controllers = Microcontrollers(len(spec.robots))
-        self._physics = Physics(spec.robots, spec.objects, spec.boxes, now_ns)
+        self._physics = Physics(spec.robots, spec.objects, spec.boxes, now_ns, spec.cylinders)
         self._rings = ProximityRing(self._physics.near, spec.seed)
         self._leds = np.zeros(len(self._physics.poses), dtype=np.uint16)
         self._log = ActuationLog(spec.log)
@@ -112,9 +113,8 @@ class Atoms:
             self._log.append(actuation)
 
     def _publish(self) -> None:
-        poses = self._physics.poses
-        self._truth.write(self._tick_ns, poses, self._leds)
-        self.controllers.sense(self._rings.read(poses))
+        self._truth.write(self._tick_ns, self._physics.poses, self._leds)
+        self.controllers.sense(self._rings.read(self._physics.bodies))
         if len(self._late_ns) % FLUSH_TICKS == 0:
             self._log.flush()
 

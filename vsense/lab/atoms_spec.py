@@ -25,6 +25,7 @@ class AtomsSpec:
         robots: (m, 3) x_m, y_m, yaw_rad by robot index, arena frame.
         objects: (k, 3) likewise of tagged bodies that never move.
         boxes: (b, 5) x_m, y_m, yaw_rad, size_x_m, size_y_m of walls and boxes.
+        cylinders: (c, 3) x_m, y_m, radius_m of what stands and is round.
         truth: name of the truth ring.
         log: path of the actuation log.
         directory: run directory.
@@ -34,6 +35,7 @@ class AtomsSpec:
     robots: NDArray[np.float64]
     objects: NDArray[np.float64]
     boxes: NDArray[np.float64]
+    cylinders: NDArray[np.float64]
     truth: str
     log: Path
     directory: Path
@@ -60,10 +62,14 @@ class AtomsSpec:
         boxes = _rows(spec, "boxes", (*_POSE, *_SIZE))
         if (boxes[:, 3:] <= 0.0).any():
             raise UsageError("spec: boxes: expected sizes above 0")
+        cylinders = _rows(spec, "cylinders", ("x_m", "y_m", "radius_m"))
+        if (cylinders[:, 2] <= 0.0).any():
+            raise UsageError("spec: cylinders: expected radii above 0")
         return cls(
             robots[order, 2:],
             _rows(spec, "objects", ("tag", *_POSE))[:, 1:],
             boxes,
+            cylinders,
             _text(spec, "truth"),
             Path(_text(spec, "log")),
             Path(_text(spec, "directory")),

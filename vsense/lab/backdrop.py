@@ -25,6 +25,7 @@ stays below 255."""
 
 _SLICE_M = 0.003
 _EDGE_M = 0.02
+_ROUND_POINTS = 72
 _TOP = 150
 _SIDE = 105
 _FOOT = 60
@@ -33,7 +34,7 @@ _SHIFT = 4
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """A wall or a box that stands on the floor and never moves.
+    """A wall, a box or a cylinder that stands on the floor and never moves.
 
     Attributes:
         x_m: Its middle, arena frame.
@@ -42,6 +43,7 @@ class Box:
         length_m: Extent along its own x.
         width_m: Extent along its own y.
         height_m: Height above the floor.
+        is_round: It is the upright cylinder that fits in.
     """
 
     x_m: float
@@ -50,6 +52,7 @@ class Box:
     length_m: float
     width_m: float
     height_m: float
+    is_round: bool = False
 
     def __post_init__(self) -> None:
         if not min(self.length_m, self.width_m, self.height_m) > 0.0:
@@ -57,6 +60,11 @@ class Box:
 
     def outline(self) -> Floats:
         """Returns (n, 2) points around the box, close enough for a lens to bend the edges."""
+        if self.is_round:
+            radii = np.array((self.length_m, self.width_m)) / 2
+            angles = np.linspace(0.0, 2.0 * np.pi, _ROUND_POINTS, endpoint=False)
+            turned = np.column_stack((np.cos(angles), np.sin(angles))) * radii
+            return np.asarray(turned + np.array((self.x_m, self.y_m)))
         corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * (self.length_m, self.width_m) / 2
         points = []
         for start, end in zip(corners, np.roll(corners, -1, axis=0)):

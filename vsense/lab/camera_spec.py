@@ -25,7 +25,7 @@ class CameraSpec:
 
     Attributes:
         cameras: The cameras; all pictures have one size.
-        boxes: Walls and boxes.
+        boxes: Walls, boxes and cylinders.
         bodies: What moves, in the order of the truth ring.
         family: Name of the marker family.
         timestep_ns: Time from trigger to trigger.
@@ -124,9 +124,12 @@ def spec_for(experiment: Experiment, truth: str, seed: int, log: Path) -> Camera
     height_m = experiment.marker.height_m
     return CameraSpec(
         cameras=tuple(rig(experiment.arena)),
-        boxes=tuple(
-            Box(box.position_m[0], box.position_m[1], box.yaw_rad, *box.size_m)
-            for box in experiment.boxes
+        boxes=(
+            *(Box(*box.position_m[:2], box.yaw_rad, *box.size_m) for box in experiment.boxes),
+            *(
+                Box(*c.position_m[:2], 0.0, 2 * c.radius_m, 2 * c.radius_m, c.height_m, True)
+                for c in experiment.cylinders
+            ),
         ),
         bodies=(
             *(Body(robot.tag, height_m, ROBOT) for robot in experiment.robots),

@@ -9,8 +9,12 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from vsense.config.specs import Experiment, Pose
+from vsense.lab.physics import obstacles
 from vsense.lab.processes import describe_exit, end
 from vsense.lab.shared import LabError
+
+_BOX = ("x_m", "y_m", "yaw_rad", "size_x_m", "size_y_m")
+_CYLINDER = ("x_m", "y_m", "radius_m")
 
 
 class Floor:
@@ -78,6 +82,7 @@ def _spec(
     experiment: Experiment, poses: Mapping[int, Pose], truth: str, seed: int, log: Path
 ) -> dict[str, object]:
     """What the process is told; see `vsense.lab.atoms`."""
+    boxes, cylinders = obstacles(experiment)
     return {
         "robots": [
             {"index": i, "tag": robot.tag, **poses[robot.tag]._asdict()}
@@ -86,16 +91,8 @@ def _spec(
         "objects": [
             {"tag": thing.tag, **poses[thing.tag]._asdict()} for thing in experiment.objects
         ],
-        "boxes": [
-            {
-                "x_m": box.position_m[0],
-                "y_m": box.position_m[1],
-                "yaw_rad": box.yaw_rad,
-                "size_x_m": box.size_m[0],
-                "size_y_m": box.size_m[1],
-            }
-            for box in experiment.boxes
-        ],
+        "boxes": [dict(zip(_BOX, box)) for box in boxes.tolist()],
+        "cylinders": [dict(zip(_CYLINDER, cylinder)) for cylinder in cylinders.tolist()],
         "truth": truth,
         "log": str(log),
         "directory": str(log.parent),

@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from vsense.lab.shared import LabError, SharedBlock
 
-SLOTS = 3
-"""Timesteps that the bank holds: one is being made, one is being read, one may be late."""
+SLOTS = 6
+"""Timesteps that the bank holds: one is being made, and a host that has fallen behind may take five
+timesteps over the one that it reads before its pictures are drawn over."""
 
 Image8 = NDArray[np.uint8]
 

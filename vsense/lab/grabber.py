@@ -9,7 +9,6 @@ import subprocess
 import sys
 import time
 from collections import deque
-from collections.abc import Iterator
 from contextlib import suppress
 
 from vsense.arena import Frame
@@ -104,15 +103,6 @@ class LabGrabber:
             Frame(camera.id, image, exposure.timestep, exposure.capture_ns, exposure.ready_ns)
             for camera, image in zip(self.cameras, images)
         ]
-
-    def frames(self, timeout_s: float) -> Iterator[list[Frame]]:
-        """Yields what `next` gives, forever.
-
-        Raises:
-            GrabberError: See `next`.
-        """
-        while True:
-            yield self.next(timeout_s)
 
     def close(self) -> None:
         """Ends the camera process, whose log is complete then; can be called again."""

@@ -14,7 +14,12 @@ from numpy.typing import NDArray
 
 from vsense.arena import wrap_angle
 from vsense.config.specs import BODY_RADIUS_M
+from vsense.lab.phases import Truth as Truth
+from vsense.lab.phases import swarm
 from vsense.lab.trace import UNKNOWN_AGE
+
+FRAMES_PER_STEP = 2
+"""Actuator frames between two control steps: the step's own, and the next one's first exchange."""
 
 TIMESTEP = np.dtype(
     [
@@ -37,22 +42,6 @@ MISNAMED_M = BODY_RADIUS_M
 
 
 @dataclass(frozen=True, slots=True)
-class Truth:
-    """Where everything really was, per timestep that the host lived.
-
-    Attributes:
-        poses: (timesteps, robots, 3) x, y in m and yaw in rad at the capture time.
-        depth_m: (timesteps, robots) how deep in the cone, positive inside, negative outside;
-            None for an experiment without a cone.
-        lit: (timesteps, robots) whether the robot's red LEDs were on at the capture time.
-    """
-
-    poses: NDArray[np.float64]
-    depth_m: NDArray[np.float64] | None
-    lit: NDArray[np.bool_]
-
-
-@dataclass(frozen=True, slots=True)
 class Run:
     """Everything that was noted during one run; arrays of robots follow `tags`.
 
@@ -66,7 +55,7 @@ class Run:
         object_tags: tags of the tagged objects that are no robots.
         object_poses: (timesteps, objects, 3) their true poses.
         traces: per robot a `trace.TRACE` array with host times.
-        actuated: per robot the sorted times [ns] at which a motor command was applied.
+        actuated: per robot the `microcontrollers.ACTUATION` rows that were applied, by time.
         turn: the run's timestep at which the wind turns, or None.
         lateness_ms: the canary's ticks.
         link: counters `sent`, `received`, `dropped`, `reconnects`.
@@ -81,7 +70,7 @@ class Run:
     object_tags: tuple[int, ...]
     object_poses: NDArray[np.float64]
     traces: list[NDArray[np.void]]
-    actuated: list[NDArray[np.int64]]
+    actuated: list[NDArray[np.void]]
     turn: int | None
     lateness_ms: list[float]
     link: dict[str, int]
@@ -146,10 +135,7 @@ def latencies(run: Run) -> dict[str, dict[str, float | None]]:
                 continue
             to_robot.append((line["rx_ns"] - start) / 1e6)
             to_control.append((line["now_ns"] - start) / 1e6)
-            # The first command applied after the controller ran is the one it gave.
-            index = np.searchsorted(applied, line["now_ns"])
-            if index < len(applied):
-                to_wheels.append((applied[index] - start) / 1e6)
+            to_wheels += ((t - start) / 1e6 for t in _applied_at(line, applied))
     return {
         "capture_to_arena": _spread((steps["arena_ns"] - origins_ns) / 1e6),
         "arena_to_sent": _spread((steps["sent_ns"] - steps["arena_ns"]) / 1e6),
@@ -159,6 +145,19 @@ def latencies(run: Run) -> dict[str, dict[str, float | None]]:
         "render": _spread(steps["render_ns"] / 1e6),
         "canary": _spread(run.lateness_ms),
     }
+
+
+def _applied_at(line: np.void, applied: NDArray[np.void]) -> list[int]:
+    """When the wheels took a control step's command; empty where they never did.
+
+    The frames between two control steps may also be the guard's stop, or an exchange that repeats
+    the command before: only one that says what this step said counts.
+    """
+    first = int(np.searchsorted(applied["time_ns"], line["now_ns"]))
+    for row in applied[first : first + FRAMES_PER_STEP]:
+        if row["left_steps_s"] == line["left"] and row["right_steps_s"] == line["right"]:
+            return [int(row["time_ns"])]
+    return []
 
 
 def sensing(run: Run) -> dict[str, float | int | None]:
@@ -234,40 +233,6 @@ def age_errors_ms(run: Run) -> NDArray[np.float64]:
     lines = np.concatenate([trace[trace["age_ns"] != UNKNOWN_AGE] for trace in run.traces])
     true_age_ns = lines["now_ns"] - lines["capture_ns"]
     return np.asarray(np.abs(lines["age_ns"] - true_age_ns) / 1e6)
-
-
-def swarm(run: Run) -> dict[str, int | None]:
-    """Robots in the cone, and lit there, at the last timestep of each phase."""
-    inside, lit = counts(run.truth) or (None, None)
-    before, after = phase_ends(run)
-
-    def at(series: NDArray[np.int64] | None, row: int | None) -> int | None:
-        return None if series is None or row is None else int(series[row])
-
-    return {
-        "in_cone_before_turn": at(inside, before),
-        "lit_before_turn": at(lit, before),
-        "in_cone_after_turn": at(inside, after),
-        "lit_after_turn": at(lit, after),
-    }
-
-
-def phase_ends(run: Run) -> tuple[int | None, int | None]:
-    """Rows of the last timesteps before the wind turned and after it; None: no such phase."""
-    timesteps = run.timesteps["run_timestep"]
-    if run.turn is None:
-        return len(timesteps) - 1, None
-    before = int(np.searchsorted(timesteps, run.turn)) - 1
-    after = len(timesteps) - 1
-    return (before if before >= 0 else None), (after if after > before else None)
-
-
-def counts(truth: Truth) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
-    """Robots in the cone, and robots lit in the cone, per timestep; None without a cone."""
-    if truth.depth_m is None:
-        return None
-    inside = truth.depth_m >= 0
-    return inside.sum(axis=1), (inside & truth.lit).sum(axis=1)
 
 
 def _spread(values_ms: NDArray[np.float64] | list[float]) -> dict[str, float | None]:

@@ -1,40 +1,23 @@
-"""The physics of the lab's floor: differential drive by stepper motors, and bodies in the way."""
+"""The physics of lab and simulation: differential drive by stepper motors, bodies in the way."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vsense.arena import wrap_angle
-from vsense.lab.contacts import Boxes, Contacts, Floats, Neighbourhood
+from vsense.config.specs import BODY_RADIUS_M, Experiment
+from vsense.lab.contacts import Boxes, Contacts, Floats, Neighbourhood, pointer
+from vsense.native import ffi, lib
+from vsense.world.entities import BODY_HEIGHT_M
 
-AXLE_M = 0.053
+AXLE_M: float = lib.vs_axle_m
 """Distance between the wheels' contact points. Source: epuck.md section 6."""
-STEP_M = 0.041 * np.pi / 1000
+STEP_M: float = lib.vs_step_m
 """Way of a wheel per motor step: 41 mm wheels, 1000 steps per turn. Source: epuck.md section 6."""
-MAX_SPEED_STEPS_S = 1000
+MAX_SPEED_STEPS_S: int = lib.VS_MAX_STEPS_S
 """Fastest speed that the motor library takes. Source: epuck.md section 1.3."""
-
-_TIMER_HZ = 10_000
-"""The motor library counts the time between two steps in ticks of 0.1 ms."""
-_STANDING_MOBILITY = 0.25
-"""How readily a robot with blocked wheels gives way, beside 1 for one whose wheels turn.
-
-Both weigh the same, so a pusher's tyres slip about as easily as those of a pushed robot drag:
-it creeps, at a fifth of the pusher's speed.
-"""
-
-
-def _quantised_speeds() -> Floats:
-    """What the stepper makes of each commanded speed 0..1000, in steps/s.
-
-    Source: epuck.md section 1.6: a period is floor(10000 / |v|) timer ticks.
-    """
-    commanded = np.arange(1, MAX_SPEED_STEPS_S + 1)
-    return np.concatenate([[0.0], _TIMER_HZ / (_TIMER_HZ // commanded)])
-
-
-_REAL_SPEEDS_STEPS_S = _quantised_speeds()
 
 
 def real_speed_m_s(commanded_steps_s: ArrayLike) -> Floats:
@@ -43,63 +26,71 @@ def real_speed_m_s(commanded_steps_s: ArrayLike) -> Floats:
     Commands beyond `MAX_SPEED_STEPS_S` count as that speed.
     """
     commanded = np.asarray(commanded_steps_s, dtype=np.int64)
-    size = np.minimum(np.abs(commanded), MAX_SPEED_STEPS_S)
-    return np.sign(commanded) * _REAL_SPEEDS_STEPS_S[size] * STEP_M
-
-
-def roll(poses: Floats, wheels_m_s: Floats, duration_s: Floats) -> None:
-    """Rolls robots along their arcs, exactly, in place.
-
-    Args:
-        poses: (m, 3) x_m, y_m, yaw_rad, arena frame; changed; the yaw is not wrapped.
-        wheels_m_s: (m, 2) speed over ground of the left and the right wheel.
-        duration_s: (m,) for how long.
-    """
-    way_m = wheels_m_s.sum(axis=1) * (0.5 * duration_s)
-    half_turn_rad = (wheels_m_s[:, 1] - wheels_m_s[:, 0]) * (0.5 / AXLE_M * duration_s)
-    chord_m = way_m * np.sinc(half_turn_rad / np.pi)
-    middle_rad = poses[:, 2] + half_turn_rad
-    poses[:, 0] += chord_m * np.cos(middle_rad)
-    poses[:, 1] += chord_m * np.sin(middle_rad)
-    poses[:, 2] += 2 * half_turn_rad
+    flat = [lib.vs_wheel_m_s(int(speed)) for speed in commanded.flat]
+    return np.array(flat, dtype=np.float64).reshape(commanded.shape)
 
 
 class Physics:
     """Robots that drive, objects and boxes that stand, and nobody inside anybody.
 
-    Time is an argument: the same calls give the same poses. Bodies are discs of
-    `BODY_RADIUS_M`. Contacts are without friction, so a robot pressed against a wall slides
-    along it and can turn on the spot.
+    Time is an argument: the same calls give the same poses. Bodies are discs. Contacts are
+    without friction, so a robot pressed against a wall slides along it and can turn on the spot.
 
     Attributes:
         poses: (n, 3) true x_m, y_m, yaw_rad, arena frame, yaw in (-pi, pi]: robots, then
-            objects. Holds for the time of the last `tick`.
+            objects. Holds for the time of the last `tick`. Objects may be moved by writing here;
+            nothing else may.
+        bodies: the same, and behind them the cylinders.
         near: who is near whom at these poses.
     """
 
     def __init__(
-        self, robots: ArrayLike, objects: ArrayLike, boxes: ArrayLike, time_ns: int
+        self,
+        robots: ArrayLike,
+        objects: ArrayLike,
+        boxes: ArrayLike,
+        time_ns: int,
+        cylinders: ArrayLike = (),
     ) -> None:
         """A scene that starts at rest.
 
         Args:
             robots: (m, 3) x_m, y_m, yaw_rad of what drives, arena frame.
-            objects: (k, 3) likewise of tagged bodies that never move.
+            objects: (k, 3) likewise of tagged bodies that do not drive.
             boxes: (b, 5) x_m, y_m, yaw_rad, size_x_m, size_y_m of walls and boxes.
             time_ns: when the scene starts.
+            cylinders: (c, 3) x_m, y_m, radius_m of cylinders that stand.
         """
-        driving = np.asarray(robots, dtype=np.float64).reshape(-1, 3)
-        standing = np.asarray(objects, dtype=np.float64).reshape(-1, 3)
-        self.poses = np.concatenate([driving, standing])
-        self.poses[:, 2] = wrap_angle(self.poses[:, 2])
-        self.near = Neighbourhood(len(driving), Boxes.from_rows(boxes))
-        self.near.update(self.poses[:, :2])
-        self._mobility = np.zeros(len(self.poses))
-        self._mobility[: len(driving)] = _STANDING_MOBILITY
-        self._contacts = Contacts(self._mobility, self.near)
-        self._commands = [(0, 0)] * len(driving)
-        self._wheels_m_s = np.zeros((len(driving), 2))
-        self._rolled_ns: NDArray[np.int64] = np.full(len(driving), time_ns, dtype=np.int64)
+        driving, standing, round_ones = (
+            np.asarray(rows, dtype=np.float64).reshape(-1, 3)
+            for rows in (robots, objects, cylinders)
+        )
+        count = len(driving)
+        tagged = count + len(standing)
+        self.bodies = np.concatenate([driving, standing, round_ones])
+        self.bodies[tagged:, 2] = 0.0
+        self.poses = self.bodies[:tagged]
+        radii_m = np.full(len(self.bodies), BODY_RADIUS_M)
+        radii_m[tagged:] = round_ones[:, 2]
+        self.near = Neighbourhood(count, Boxes.from_rows(boxes), radii_m)
+        mobility = np.zeros(len(self.bodies))
+        self._contacts = Contacts(mobility, self.near)
+        self._cdata = self._make(mobility, count)
+        lib.vs_physics_init(self._cdata, time_ns)
+
+    def _make(self, mobility: Floats, count: int) -> Any:
+        """Makes the `struct vs_physics`; its arrays live as long as this object."""
+        wheels_m_s, commands = np.zeros((count, 2)), np.zeros((count, 2), dtype=np.int16)
+        rolled_ns = np.zeros(count, dtype=np.int64)
+        self._kept = (mobility, wheels_m_s, commands, rolled_ns)
+        made: Any = ffi.new("struct vs_physics *")
+        made.contacts = self._contacts.cdata
+        made.poses = pointer("double", self.bodies)
+        made.mobility = pointer("double", mobility)
+        made.wheels_m_s = pointer("double", wheels_m_s)
+        made.commands = pointer("int16_t", commands)
+        made.rolled_ns = pointer("int64_t", rolled_ns)
+        return made
 
     def drive(self, robot: int, left_steps_s: int, right_steps_s: int, time_ns: int) -> None:
         """Lets a robot's wheels turn at new speeds from `time_ns` on.
@@ -111,22 +102,36 @@ class Physics:
             left_steps_s, right_steps_s: commanded speeds.
             time_ns: when the microcontroller changed the speeds.
         """
-        command = (left_steps_s, right_steps_s)
-        if command == self._commands[robot]:
-            return
-        self._commands[robot] = command
-        if time_ns > self._rolled_ns[robot]:
-            self._roll(slice(robot, robot + 1), time_ns)
-        self._wheels_m_s[robot] = real_speed_m_s(command)
-        self._mobility[robot] = 1.0 if any(command) else _STANDING_MOBILITY
+        lib.vs_physics_drive(self._cdata, robot, left_steps_s, right_steps_s, time_ns)
+
+    def drive_all(self, commands: NDArray[np.int16], time_ns: int) -> None:
+        """As `drive`, for all robots at once; commands (m, 2), left and right."""
+        lib.vs_physics_drive_all(self._cdata, pointer("int16_t", commands), time_ns)
 
     def tick(self, time_ns: int) -> None:
         """Moves everything on to `time_ns`, later than all calls before."""
-        self._roll(slice(0, len(self._rolled_ns)), time_ns)
-        self._contacts.separate(self.poses[:, :2])
-        self.poses[:, 2] = wrap_angle(self.poses[:, 2])
+        lib.vs_physics_tick(self._cdata, time_ns)
 
-    def _roll(self, rows: slice, time_ns: int) -> None:
-        duration_s = (time_ns - self._rolled_ns[rows]).astype(np.float64) * 1e-9
-        roll(self.poses[rows], self._wheels_m_s[rows], duration_s)
-        self._rolled_ns[rows] = time_ns
+    def advance(self, time_ns: int) -> None:
+        """Ticks every 10 ms up to `time_ns`, the last tick there."""
+        lib.vs_physics_advance(self._cdata, time_ns)
+
+
+def obstacles(experiment: Experiment) -> tuple[Floats, Floats]:
+    """What robots drive against in the real arena, beside each other and tagged objects.
+
+    Returns:
+        Boxes (b, 5) x_m, y_m, yaw_rad, size_x_m, size_y_m and cylinders (c, 3) x_m, y_m,
+        radius_m, without those that hang above the robots.
+    """
+    boxes = [
+        (*box.position_m[:2], box.yaw_rad, *box.size_m[:2])
+        for box in experiment.boxes
+        if box.position_m[2] < BODY_HEIGHT_M
+    ]
+    cylinders = [
+        (*post.position_m[:2], post.radius_m)
+        for post in experiment.cylinders
+        if post.position_m[2] < BODY_HEIGHT_M
+    ]
+    return np.array(boxes).reshape(-1, 5), np.array(cylinders).reshape(-1, 3)

@@ -19,7 +19,7 @@ from vsense.config.recording_files import write_session_files
 from vsense.config.specs import Experiment
 from vsense.lab.camera_spec import CameraSpec, spec_for
 from vsense.lab.optics import sample_times_ns
-from vsense.lab.physics import Physics
+from vsense.lab.physics import Physics, obstacles
 from vsense.lab.studio import Studio
 from vsense.tracking.picture_recorder import PictureRecorder, RecordingError
 
@@ -44,12 +44,14 @@ class Wanderers:
             ConfigError: they do not fit into the arena.
         """
         poses = place(experiment, seed)
+        boxes, cylinders = obstacles(experiment)
         self._robots = len(experiment.robots)
         self._physics = Physics(
             np.array([poses[robot.tag] for robot in experiment.robots]),
             np.array([poses[thing.tag] for thing in experiment.objects]).reshape(-1, 3),
-            [(*b.position_m[:2], b.yaw_rad, *b.size_m[:2]) for b in experiment.boxes],
+            boxes,
             0,
+            cylinders,
         )
         self._rng = np.random.default_rng([seed, 9])
         self._legs = np.zeros(self._robots, dtype=np.int64)

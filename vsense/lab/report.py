@@ -10,17 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.config.specs import Experiment
-from vsense.lab import metrics, picture
+from vsense.lab import metrics
 from vsense.lab.microcontrollers import read_actuations
 from vsense.lab.session import Session
 from vsense.lab.shared import LabError
 from vsense.lab.stitch import top_view
 from vsense.lab.trace import read_trace
 from vsense.lab.truth_log import read_truth
+from vsense.pictures import story
+from vsense.pictures.arena_view import WIDTH_PX
+from vsense.pictures.canvas import Image
+from vsense.pictures.story import Story, spoken
 from vsense.runtime import Step
 from vsense.world.pollution import PollutantSource
 
 RING_LEDS = 0xFF
+LINK_COUNTERS = ("sent", "received", "dropped", "reconnects")
 
 
 def gather(session: Session) -> metrics.Run:
@@ -38,7 +43,9 @@ def gather(session: Session) -> metrics.Run:
     source = pollution(experiment)
     actuations = read_actuations(session.floor.log)
     interrupted = session.interrupted.is_set() or not experiment.timesteps
-    traces = [read_trace(robot, "pollutant" if source else None) for robot in session.swarm.robots]
+    sensors = [mounted.sensor.name for mounted in experiment.sensors]
+    judged = "pollutant" if source else None
+    traces = [read_trace(robot, sensors, judged) for robot in session.swarm.robots]
     return metrics.Run(
         timesteps=steps,
         wanted=int(steps["run_timestep"][-1]) + 1 if interrupted else experiment.timesteps,
@@ -47,21 +54,16 @@ def gather(session: Session) -> metrics.Run:
         sightings=[step.state.sightings for step in recording.steps],
         truth=metrics.Truth(
             poses=truth["poses"][:, :robots],
-            depth_m=_depth_m(source, experiment, truth["poses"], steps["run_timestep"]),
+            depth_m=_depth_m(session, truth["poses"], steps["run_timestep"]),
             lit=(truth["leds"][:, :robots] & RING_LEDS) != 0,
         ),
         object_tags=tuple(thing.tag for thing in experiment.objects),
         object_poses=truth["poses"][:, robots:],
         traces=[_within(trace, steps) for trace in traces],
-        actuated=[actuations["time_ns"][actuations["robot"] == i] for i in range(robots)],
+        actuated=[actuations[actuations["robot"] == i] for i in range(robots)],
         turn=source.turn_timestep if source else None,
         lateness_ms=recording.lateness_ms,
-        link={
-            "sent": recording.sent,
-            "received": recording.received,
-            "dropped": recording.dropped,
-            "reconnects": recording.reconnects,
-        },
+        link={name: getattr(recording, name) for name in LINK_COUNTERS},
     )
 
 
@@ -97,19 +99,20 @@ def _true_source(
 
 
 def _depth_m(
-    source: PollutantSource | None,
-    experiment: Experiment,
-    poses: NDArray[np.float64],
-    run_timesteps: NDArray[np.int64],
+    session: Session, poses: NDArray[np.float64], run_timesteps: NDArray[np.int64]
 ) -> NDArray[np.float64] | None:
     """How deep each robot truly is in the cone of the true source; None without a cone."""
+    experiment, source = session.experiment, pollution(session.experiment)
     if source is None:
         return None
     robots = len(experiment.robots)
-    depth_m = np.empty((len(poses), robots))
+    # Where nothing is left there is no cone: everybody is far outside.
+    depth_m = np.full((len(poses), robots), -np.inf)
+    shares = session.recording.album.shares
     for row, (x_m, y_m, _) in enumerate(_true_source(source, experiment, poses)):
-        cone = source.cone_at(x_m, y_m, int(run_timesteps[row]))
-        depth_m[row] = -cone.edge_distance(poses[row, :robots, :2])
+        if shares[row] > 0.0:
+            cone = source.cone_at(x_m, y_m, int(run_timesteps[row]), shares[row])
+            depth_m[row] = -cone.edge_distance(poses[row, :robots, :2])
     return depth_m
 
 
@@ -126,74 +129,39 @@ def draw(session: Session, run: metrics.Run, blind: bool, seed: int, path: Path)
     Raises:
         LabError: the file cannot be written.
     """
-    experiment = session.experiment
-    before, after = metrics.phase_ends(run)
-    titles = {before: "at the end" if after is None else "before the wind turned"}
-    titles[after] = "after the wind turned"
-    scenes = [_scene(session, run, title, row) for row, title in titles.items() if row is not None]
-    image = picture.draw(
+    experiment, pictures = session.experiment, session.recording.pictures
+    depth_m = run.truth.depth_m
+    told = Story(
+        experiment,
+        run.timesteps["run_timestep"],
+        run.truth.poses,
+        run.truth.lit,
+        None if depth_m is None else depth_m >= 0,
+        run.turn,
+        session.recording.album,
+    )
+
+    def view(timestep: int) -> Image | None:
+        if not pictures.get(timestep):
+            return None
+        zoom = WIDTH_PX / experiment.arena.size_m[0]
+        height_m = experiment.marker.height_m
+        return top_view(pictures[timestep], session.cameras, experiment.arena, zoom, height_m)
+
+    image = story.draw(
+        told,
         f"{experiment.name}{', blind' if blind else ''}",
         f"{len(run.tags)} robots seen by {len(session.cameras)} cameras, seed {seed}",
-        [scene for scene in scenes if scene is not None],
-        _curve(run, experiment.timestep_s, after is not None),
+        view,
     )
     if not cv2.imwrite(str(path), image):
         raise LabError(f"{path}: cannot be written")
 
 
-def _curve(run: metrics.Run, timestep_s: float, turned: bool) -> picture.Curve | None:
-    """The swarm over time; None without a cone."""
-    series = metrics.counts(run.truth)
-    if series is None:
-        return None
-    begins = np.append(run.timesteps["run_timestep"], run.timesteps["run_timestep"][-1] + 1)
-    turn_s = run.turn * timestep_s if turned and run.turn is not None else None
-    return picture.Curve(begins * timestep_s, *series, robots=len(run.tags), turn_s=turn_s)
-
-
-def _scene(session: Session, run: metrics.Run, title: str, row: int) -> picture.Scene | None:
-    """The arena as it was at a row of the run, or at the newest one before it with a picture."""
-    experiment = session.experiment
-    pictures = session.recording.pictures
-    timesteps = run.timesteps["run_timestep"].tolist()
-    shown = next((r for r in range(row, -1, -1) if timesteps[r] in pictures), None)
-    if shown is None:
-        return None
-    view = top_view(
-        pictures[timesteps[shown]],
-        session.cameras,
-        experiment.arena,
-        picture.PANEL_PX_PER_M,
-        experiment.marker.height_m,
-    )
-    poses = run.truth.poses[shown].copy()
-    poses[:, :2] -= experiment.arena.centre_m[:2]
-    depth_m = run.truth.depth_m
-    return picture.Scene(
-        title=f"{title}, t = {timesteps[shown] * experiment.timestep_s:.1f} s",
-        view=view,
-        cone_m=_cone_m(experiment, run, shown),
-        poses=poses,
-        lit=run.truth.lit[shown],
-        inside=np.zeros(len(poses), bool) if depth_m is None else depth_m[shown] >= 0,
-    )
-
-
-def _cone_m(experiment: Experiment, run: metrics.Run, row: int) -> NDArray[np.float64] | None:
-    """The true cone's corners relative to the arena's middle."""
-    source = pollution(experiment)
-    if source is None:
-        return None
-    bodies = np.concatenate((run.truth.poses[row], run.object_poses[row]))
-    x_m, y_m, _ = _true_source(source, experiment, bodies)
-    cone = source.cone_at(x_m, y_m, int(run.timesteps["run_timestep"][row]))
-    return cone.vertices() - experiment.arena.centre_m[:2]
-
-
 def table(summary: dict[str, Any]) -> str:
     """The summary as a person reads it."""
     tracking, sensing, link = summary["tracking"], summary["sensing"], summary["link"]
-    swarm, latency = summary["swarm"], summary["latency_ms"]
+    swarm, latency, vision = summary["swarm"], summary["latency_ms"], summary["vision"]
     rows = [
         ("run", f"{summary['timesteps']} timesteps, {summary['late_timesteps']} late"),
         (
@@ -203,14 +171,20 @@ def table(summary: dict[str, Any]) -> str:
             f" rms error {tracking['position_rmse_mm']} mm, {tracking['heading_rmse_deg']} deg",
         ),
         (
+            "cameras",
+            f"{vision['left_out']} timesteps left out, {vision['old_pictures']} old pictures"
+            f" dropped, {vision['overflows']} with more than the tables hold,"
+            f" {vision['events']} times something to tell",
+        ),
+        (
             "sensing",
             f"{sensing['readings']} of {sensing['expected']} readings held,"
             f" {_percent(sensing['fresh_share'])} fresh; agree with the truth"
             f" {_percent(sensing['agreement_in'])} inside the cone,"
             f" {_percent(sensing['agreement_out'])} outside",
         ),
-        ("swarm", _phase(swarm, "before", summary["robots"])),
-        ("", _phase(swarm, "after", summary["robots"])),
+        *_swarm(swarm, summary["robots"]),
+        *(("measure", f"{spoken(name)}: {value:g}") for name, value in summary["measures"].items()),
         (
             "link",
             f"{link['received']} of {link['sent']} datagrams received,"
@@ -226,11 +200,15 @@ def table(summary: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _phase(swarm: dict[str, Any], when: str, robots: int) -> str:
-    inside, lit = swarm[f"in_cone_{when}_turn"], swarm[f"lit_{when}_turn"]
-    if inside is None:
-        return f"nothing to count {when} a turn of the wind"
-    return f"{inside} of {robots} robots in the cone {when} the wind turned, {lit} of them lit"
+def _swarm(swarm: dict[str, Any], robots: int) -> list[tuple[str, str]]:
+    """The swarm before and after the wind's turn, as far as there is a cone and a turn."""
+    rows = []
+    for when in ("before", "after"):
+        inside, lit = swarm[f"in_cone_{when}_turn"], swarm[f"lit_{when}_turn"]
+        if inside is not None:
+            text = f"{inside} of {robots} robots in the cone {when} the wind turned"
+            rows.append(("swarm", f"{text}, {lit} of them lit"))
+    return rows
 
 
 def _percent(share: float | None) -> str:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 import threading
-import time
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,30 +13,29 @@ from vsense.arena import Frame
 from vsense.config.placement import place
 from vsense.config.specs import Experiment
 from vsense.console import Console
+from vsense.environment import Environment
 from vsense.errors import VsenseError
 from vsense.lab.camera_spec import spec_for
 from vsense.lab.canary import Canary
+from vsense.lab.eyes import Eyes
 from vsense.lab.floor import Floor
 from vsense.lab.grabber import LabGrabber
 from vsense.lab.shared import LabError
 from vsense.lab.swarm import Swarm
-from vsense.lab.tally import Tally
 from vsense.lab.truth import make_ring
-from vsense.link.server import LinkEvent, VirtualSensorServer
-from vsense.link.table import Direction, Entry, Table
+from vsense.link.server import LinkEvent
+from vsense.link.table import Table
 from vsense.link.wire import GoodbyeCause
-from vsense.runtime import Pictures, Runtime, Step
-from vsense.sensors.bank import SensorBank
+from vsense.pictures.album import Album
+from vsense.run.runner import Runner
+from vsense.run.serving import make_server
+from vsense.runtime import Runtime, Step
 from vsense.tracking.arena_tracker import ArenaTracker
 from vsense.tracking.camera import Camera
 from vsense.tracking.families import load_family
-from vsense.world.world import World
 
 READY_TIMEOUT_S = 20.0
 """All robots must be connected and seen within this time."""
-
-SETTLE_TIMEOUT_NS = 1_000_000_000
-"""After the run the last telemetry may take this long to tell what was received."""
 
 
 @dataclass(slots=True)
@@ -47,11 +44,15 @@ class Recording:
 
     Attributes:
         steps: the timesteps of the run, without their pictures.
+        album: the virtual world and the experiment's measures over time.
+        measures: what the experiment measured in all, by name.
         pictures: the cameras' pictures at chosen timesteps of the run.
         sent, received, dropped, reconnects: packets with the robots' readings.
         lateness_ms: the canary's ticks.
     """
 
+    album: Album
+    measures: dict[str, float] = field(default_factory=dict)
     steps: list[Step] = field(default_factory=list)
     pictures: dict[int, list[Frame]] = field(default_factory=dict)
     sent: int = 0
@@ -88,7 +89,7 @@ class Session:
         self.experiment = experiment
         self.directory = directory
         self.truth_log = directory / "truth.bin"
-        self.recording = Recording()
+        self.recording = Recording(Album(experiment))
         self.interrupted = interrupted
         self._seed = seed
         self._port = port
@@ -97,7 +98,6 @@ class Session:
         self._stack = ExitStack()
         self._over = False
         self._ready = False
-        self._tally = Tally()
         self.dt_ns = round(1e9 / experiment.ticks_per_second)
 
     def __enter__(self) -> Session:
@@ -113,12 +113,13 @@ class Session:
 
     def _start(self) -> None:
         experiment = self.experiment
-        tags = [robot.tag for robot in experiment.robots]
         source = experiment.controller
         daemon = build.daemon(source.library, experiment.path.parent)
         poses = place(experiment, self._seed)
-        bank = SensorBank(experiment.sensors, tags, self._blind)
-        self.server = self._serve(bank)
+        environment = Environment(experiment, self._seed, self._blind)
+        table = Table(environment.table_entries)
+        address = (experiment.host, self._port)
+        self.server = make_server(experiment, table, address, self._seed, self._on_link_event)
         port = self.server.start()
         self._stack.callback(self._close_server)
         truth = make_ring(len(poses))
@@ -135,29 +136,20 @@ class Session:
         self._stack.callback(self.swarm.end)
         for robot, tty in zip(experiment.robots, self.floor.ttys):
             self.swarm.start(robot.tag, robot.id, tty)
-        self.world = World(tags, experiment.sources)
-        self.runtime = Runtime(Pictures(grabber, tracker), self.world, bank, self.server)
-        grabber.start()
-        self.runtime.open()
-        self._stack.callback(self.runtime.close)
-
-    def _serve(self, bank: SensorBank) -> VirtualSensorServer:
-        experiment = self.experiment
-        entries = [Entry(e.id, e.name, e.layout, Direction.SENSOR) for e in bank.table]
-        return VirtualSensorServer(
-            host=experiment.host,
-            port=self._port,
-            table=Table(entries),
-            timestep_ns=self.dt_ns,
-            seed=self._seed,
-            params=experiment.controller.params_text,
-            expected={robot.tag: robot.id for robot in experiment.robots},
-            on_event=self._on_link_event,
+        self.world, self._environment = environment.world, environment
+        self.eyes = Eyes(grabber, tracker, self._console.say)
+        runtime = Runtime(self.eyes, environment, self.server)
+        self.runner = Runner(
+            experiment, runtime, self.server, self._console, self.interrupted, self._look
         )
+        grabber.start()
+        runtime.open()
+        self._stack.callback(runtime.close)
 
     def _track(self, cameras: list[Camera]) -> ArenaTracker:
         experiment = self.experiment
-        heights = dict.fromkeys(self._names(), experiment.marker.height_m)
+        tagged = [*(r.tag for r in experiment.robots), *(t.tag for t in experiment.objects)]
+        heights = dict.fromkeys(tagged, experiment.marker.height_m)
         return ArenaTracker.for_family(cameras, load_family(experiment.marker.family), heights)
 
     def wait_until_ready(self) -> None:
@@ -167,50 +159,40 @@ class Session:
             LabError: a daemon has ended, or somebody is still missing after `READY_TIMEOUT_S`;
                 the message says who.
         """
-        deadline_s = time.monotonic() + READY_TIMEOUT_S
-        while not self.interrupted.is_set():
-            step = self._step()
-            self._check_daemons()
-            seen = set(step.state.robots[step.state.robots["seen"]]["tag"].tolist())
-            links = self.server.robots()
-            absent = [robot for robot in self.experiment.robots if not links[robot.tag].connected]
-            names = self._names()
-            unseen = [name for tag, name in names.items() if tag not in seen]
-            self._console.progress(
-                f"waiting: {len(links) - len(absent)} of {len(links)} robots connected,"
-                f" {len(names) - len(unseen)} of {len(names)} markers seen"
+        try:
+            attendance = self.runner.wait(READY_TIMEOUT_S)
+        except VsenseError:
+            self.floor.check()
+            raise
+        self._ready = True
+        if not attendance.complete and not self.interrupted.is_set():
+            logs = f" (the robots' logs are in {self.directory / 'robots'})"
+            raise LabError(
+                f"the swarm is not ready after {READY_TIMEOUT_S:.0f} s;"
+                f" {attendance.complaint()}{logs if attendance.absent else ''}"
             )
-            if not absent and not unseen:
-                self._ready = True
-                return
-            if time.monotonic() > deadline_s:
-                raise LabError(self._missing([r.id for r in absent], unseen))
 
-    def _check_daemons(self) -> None:
-        """Raises where a daemon has ended before it was ready: it will not come."""
+    def _look(self) -> None:
+        """Looks after the daemons.
+
+        Raises:
+            LabError: one has ended before all were ready: it will not come.
+        """
         for robot, how in self.swarm.fallen():
-            said = self.swarm.log(robot.tag).read_text(errors="replace").strip().splitlines()
-            raise LabError(f"robot {robot.name}: its daemon {how}: {said[-1] if said else ''}")
+            log = self.swarm.log(robot.tag)
+            if not self._ready:
+                said = log.read_text(errors="replace").strip().splitlines()
+                raise LabError(f"robot {robot.name}: its daemon {how}: {said[-1] if said else ''}")
+            self._console.say(
+                f"robot {robot.name}: its daemon {how} (log: {log});"
+                " the experiment goes on without it;"
+                f" start it again with {self.swarm.script(robot.tag)}"
+            )
 
-    def _names(self) -> dict[int, str]:
-        """All tagged bodies: tag -> name."""
-        robots = {robot.tag: robot.id for robot in self.experiment.robots}
-        return robots | {thing.tag: thing.id for thing in self.experiment.objects}
-
-    def _missing(self, absent: list[str], unseen: list[str]) -> str:
-        parts = []
-        if absent:
-            logs = self.directory / "robots"
-            parts.append(f"not connected: {', '.join(absent)} (their logs are in {logs})")
-        if unseen:
-            parts.append(f"not seen: {', '.join(unseen)}")
-        return f"the swarm is not ready after {READY_TIMEOUT_S:.0f} s; " + "; ".join(parts)
-
-    def live(self, keep: Container[int], observe: Callable[[Step], None]) -> None:
+    def live(self, observe: Callable[[Step], None]) -> None:
         """Starts all robots together, lives the run's timesteps, and stops them.
 
         Args:
-            keep: timesteps of the run whose pictures are kept; the last one's always are.
             observe: called after every timestep of the run.
 
         Raises:
@@ -218,70 +200,37 @@ class Session:
         """
         canary = Canary()
         self._stack.callback(canary.close)
-        self._tally.update(self.server.robots())
-        sessions = self._tally.sessions
         failure: VsenseError | None = None
         try:
-            self._live_timesteps(keep, observe)
+            self._live_timesteps(observe)
         except VsenseError as error:
             failure = error
         self._over = True
-        self.runtime.stop()
-        self.recording.lateness_ms = canary.end()
-        self._settle()
-        self.recording.reconnects = self._tally.sessions - sessions
+        self.runner.stop()
+        recording, tally = self.recording, self.runner.tally
+        recording.lateness_ms = canary.end()
+        recording.sent, recording.received = tally.sent, tally.received
+        recording.dropped, recording.reconnects = tally.dropped, self.runner.reconnects
         if failure is not None:
+            # Cameras starve without physics: say what failed first.
+            self.floor.check()
             raise failure
+        recording.measures = self._environment.end()
 
-    def _live_timesteps(self, keep: Container[int], observe: Callable[[Step], None]) -> None:
-        last = (self.experiment.timesteps or sys.maxsize) - 1
-        self.runtime.start()
-        pictures = self.recording.pictures
+    def _live_timesteps(self, observe: Callable[[Step], None]) -> None:
+        pictures, album = self.recording.pictures, self.recording.album
         step: Step | None = None
         try:
-            while not self.interrupted.is_set() and (step is None or step.run_timestep < last):
-                lived = self._step()
-                if lived.run_timestep < 0:
-                    continue
-                step = lived
+            for step in self.runner.timesteps():
                 self.recording.steps.append(step.without_frames())
-                if step.run_timestep in keep:
+                album.look(step.run_timestep, self.world)
+                if step.run_timestep in album.kept:
                     pictures[step.run_timestep] = copy_frames(step.frames)
                 observe(step)
         finally:
+            album.end(self.world)
             if step is not None:
                 pictures[step.run_timestep] = copy_frames(step.frames)
-        # The robots have the last timestep's readings and a whole timestep to act on them.
-        threading.Event().wait(self.dt_ns / 1e9)
-
-    def _step(self) -> Step:
-        try:
-            step = self.runtime.step()
-        except VsenseError:
-            # Cameras starve without physics: say what failed first.
-            self.floor.check()
-            raise
-        for status in self._tally.update(self.server.robots()):
-            self._console.say(f"robot {status.name}: its guard was replaced")
-        for robot, how in self.swarm.fallen() if self._ready else ():
-            self._console.say(
-                f"robot {robot.name}: its daemon {how} (log: {self.swarm.log(robot.tag)});"
-                " the experiment goes on without it;"
-                f" start it again with {self.swarm.script(robot.tag)}"
-            )
-        return step
-
-    def _settle(self) -> None:
-        """Stops sending and waits until every robot has told what it received."""
-        self.server.hush()
-        deadline_ns = time.monotonic_ns() + SETTLE_TIMEOUT_NS
-        self._tally.update(self.server.robots())
-        while self._tally.received < self._tally.sent and time.monotonic_ns() < deadline_ns:
-            threading.Event().wait(0.02)
-            self._tally.update(self.server.robots())
-        self.recording.sent = self._tally.sent
-        self.recording.received = self._tally.received
-        self.recording.dropped = self._tally.dropped
 
     def _close_server(self) -> None:
         self._over = True

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from vsense.lab.tally import Tally
 from vsense.link.status import RobotStatus
 from vsense.link.wire import Telemetry
+from vsense.run.tally import Tally
 
 
 def status(sent: int, sessions: int = 1, **telemetry: int) -> RobotStatus:

@@ -1,0 +1,194 @@
+"""The pictures show what is there, where it is, and the charts what was measured."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vsense.arena import POSE, ArenaState
+from vsense.config.experiment import load
+from vsense.config.specs import Experiment
+from vsense.pictures import arena_view, chart, story
+from vsense.pictures.album import Album
+from vsense.pictures.arena_view import DARK, LIT, VIRTUAL, WIDTH_PX, Scene
+from vsense.pictures.canvas import SCALE, Canvas
+from vsense.pictures.chart import Chart, Series
+from vsense.pictures.painting import paint
+from vsense.world.entities import Box, Cylinder, Light, VirtualRobot, Zone
+from vsense.world.fields import Field
+from vsense.world.world import World
+
+POSES = np.array([[-1.0, 0.5, 0.0], [0.4, -0.6, 2.0]])
+
+
+@pytest.fixture(scope="module")
+def experiment() -> Experiment:
+    return load("pollutant", 10.0)
+
+
+def make_world(experiment: Experiment, *entities: object, fields: tuple[Field, ...] = ()) -> World:
+    world = World(
+        [31, 1843],
+        experiment.sources,
+        entities=entities,  # type: ignore[arg-type]
+        fields=fields,
+        arena=experiment.arena,
+    )
+    rows = np.zeros(3, POSE)
+    rows["tag"] = [31, 1843, experiment.sources[0].tag]
+    rows["x_m"][:2], rows["y_m"][:2], rows["seen"] = POSES[:, 0], POSES[:, 1], True
+    rows["capture_ns"] = 1
+    world.update(ArenaState(0, 1, rows[np.argsort(rows["tag"])], 3, 0, ()), 0)
+    return world
+
+
+def draw(experiment: Experiment, world: World, lit: tuple[bool, bool] = (False, False)) -> object:
+    scene = Scene("now", "", None, paint(world, experiment), POSES, np.array(lit), np.empty((0,)))
+    return arena_view.draw(scene)
+
+
+def colour_at(image: object, experiment: Experiment, x_m: float, y_m: float) -> np.ndarray:
+    """Mean colour (BGR) of a few pixels around a place of the arena."""
+    picture = np.asarray(image, np.float64)
+    zoom = WIDTH_PX * SCALE / experiment.arena.size_m[0]
+    column = round(picture.shape[1] / 2 + x_m * zoom)
+    row = round(picture.shape[0] / 2 - y_m * zoom)
+    return picture[row - 2 : row + 3, column - 2 : column + 3].mean(axis=(0, 1))
+
+
+def test_robots_are_drawn_where_they_are_and_red_when_lit(experiment: Experiment) -> None:
+    world = make_world(experiment)
+    image = draw(experiment, world, (True, False))
+    for pose, colour in zip(POSES, (LIT, DARK), strict=True):
+        # The rim across the heading: nothing else is drawn there.
+        across = pose[2] + np.pi / 2
+        rim = pose[:2] + 0.035 * np.array([np.cos(across), np.sin(across)])
+        assert np.abs(colour_at(image, experiment, *rim) - colour).max() < 40
+
+
+def test_virtual_things_are_tinted_and_the_rest_is_paper(experiment: Experiment) -> None:
+    entities = (
+        Box("wall", (0.8, 0.7, 0.0), (0.4, 0.2, 0.1), 0.5),
+        Cylinder("post", (-0.6, -0.7, 0.0), 0.1, 0.1),
+        Light("lamp", (0.0, 0.9, 0.5), 1.0),
+        Zone("spot", "circle", -1.2, -0.9, radius_m=0.1, color=(0, 0, 255)),
+        VirtualRobot("ghost", 0x10000, 1.2, -0.9, 0.0),
+    )
+    world = make_world(experiment, *entities)
+    bare = draw(experiment, make_world(experiment))
+    image = draw(experiment, world)
+    for place in ((0.8, 0.7), (-0.6, -0.7), (0.0, 0.9), (-1.2, -0.9), (1.2, -0.9)):
+        change = colour_at(image, experiment, *place) - colour_at(bare, experiment, *place)
+        assert np.abs(change).max() > 20, place
+    tint = colour_at(image, experiment, 0.8, 0.7)
+    paper = colour_at(bare, experiment, 0.8, 0.7)
+    assert tint == pytest.approx(0.35 * np.array(VIRTUAL) + 0.65 * paper, abs=2)
+    assert np.array_equal(
+        colour_at(image, experiment, -0.2, -1.0), colour_at(bare, experiment, -0.2, -1.0)
+    )
+    blue, _, red = colour_at(image, experiment, -1.2, -0.9)
+    assert blue > red + 100, "a blue zone is blue: OpenCV's order is blue, green, red"
+
+
+def test_field_is_darkest_where_it_is_strongest(experiment: Experiment) -> None:
+    field = Field("scent", experiment.arena, 0.05)
+    world = make_world(experiment, fields=(field,))
+    field.deposit(np.array([[0.9, -0.9]]), 1.0)
+    image = draw(experiment, world)
+    near, far = (colour_at(image, experiment, x, -0.9) for x in (0.9, 0.5))
+    assert near.mean() < far.mean() - 30
+
+
+def test_outline_of_a_turned_box_follows_its_turn(experiment: Experiment) -> None:
+    box = Box("wall", (0.5, 0.5, 0.0), (0.4, 0.02, 0.1), np.pi / 2)
+    (outline,) = paint(make_world(experiment, box), experiment).virtual
+    assert np.ptp(outline, axis=0) == pytest.approx([0.02, 0.4])
+
+
+@given(
+    low=st.floats(-1e3, 0.0),
+    high=st.floats(1e-3, 1e4),
+    most=st.integers(2, 9),
+)
+def test_ticks_are_round_rising_and_inside(low: float, high: float, most: int) -> None:
+    ticks = chart._ticks(low, high, most)
+    step = np.diff(ticks)
+    assert len(ticks) >= 1 and len(ticks) <= most + 1
+    assert np.all(step > 0)
+    assert ticks[0] >= low - 1e-6 * (high - low) and ticks[-1] <= high + 1e-6 * (high - low)
+    if len(step):
+        mantissa = step[0] / 10.0 ** np.floor(np.log10(step[0]) + 1e-9)
+        assert min(abs(mantissa - m) for m in (1, 2, 5, 10)) < 1e-6
+
+
+def test_chart_draws_a_constant_and_negative_values() -> None:
+    canvas = Canvas(800, 400)
+    values = np.array([-1.0, -1.0, 0.0])
+    series = [Series("a", values, LIT), Series("b", np.zeros(3), DARK)]
+    chart.draw(canvas, Chart("m", np.arange(4.0), series, 0.0, [(1.0, "here")]), 20, 40, 760)
+    reds = (canvas.finished() == np.array(LIT)).all(axis=-1)
+    assert reds.any()
+
+
+def run_album(experiment: Experiment, timesteps: range) -> Album:
+    album, world = Album(experiment), make_world(experiment)
+    for timestep in timesteps:
+        world.results["half"] = timestep / 2.0
+        world.results["always"] = 3.0
+        album.look(timestep, world)
+    album.end(world)
+    return album
+
+
+def make_story(experiment: Experiment, timesteps: range, turn: int | None) -> story.Story:
+    n = len(timesteps)
+    return story.Story(
+        experiment,
+        np.array(timesteps),
+        np.tile(POSES, (n, 1, 1)),
+        np.zeros((n, 2), bool),
+        None if turn is None else np.ones((n, 2), bool),
+        turn,
+        run_album(experiment, timesteps),
+    )
+
+
+def test_album_keeps_the_moment_before_the_turn_and_the_end(experiment: Experiment) -> None:
+    album = run_album(experiment, range(100))
+    assert album.moment == 50
+    assert sorted(album.paintings) == [47, 48, 49, 99]
+    assert set(album.measures()) == {"half"}
+    assert album.measures()["half"].tolist() == [t / 2 for t in range(100)]
+
+
+def test_missed_timestep_shows_the_one_before_and_a_short_run_shows_its_end(
+    experiment: Experiment,
+) -> None:
+    lived = [t for t in range(100) if t != 49]
+    album, world = Album(experiment), make_world(experiment)
+    for timestep in lived:
+        album.look(timestep, world)
+    album.end(world)
+    assert sorted(album.paintings) == [47, 48, 99]
+    short = make_story(experiment, range(20), 50)
+    assert story.draw(short, "short", "", lambda timestep: None).shape[1] < 1000
+    whole = make_story(experiment, range(100), 50)
+    assert story.draw(whole, "whole", "", lambda timestep: None).shape[1] > 1800
+
+
+def test_charts_show_the_cone_first_and_the_measures_after(experiment: Experiment) -> None:
+    both = story.charts(make_story(experiment, range(100), 50))
+    assert [c.unit for c in both] == ["robots", "half"]
+    assert both[0].marks == [(5.0, "the wind turns")]
+    assert both[0].series[0].values.tolist() == [2.0] * 100
+    (own,) = story.charts(make_story(experiment, range(100), None))
+    assert own.unit == "half" and own.time_s[-1] == pytest.approx(10.0)
+
+
+def test_no_picture_of_this_room_knows_the_laboratory() -> None:
+    for module in Path(story.__file__).parent.glob("*.py"):
+        assert "vsense.lab" not in module.read_text(), module

@@ -1,0 +1,124 @@
+"""A runtime and a server that play what a test says, on a clock that only moves when told to."""
+
+from __future__ import annotations
+
+import io
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from vsense.arena import POSE, ArenaState
+from vsense.config.experiment import load
+from vsense.config.specs import Experiment
+from vsense.console import Console
+from vsense.link.status import RobotStatus
+from vsense.link.wire import Telemetry
+from vsense.run.runner import Runner
+from vsense.runtime import NoArenaState, Step
+
+MS = 1_000_000
+S = 1_000_000_000
+DT_NS = 100 * MS
+
+
+def experiment(robots: int = 2, timesteps: int = 5) -> Experiment:
+    """The pollution experiment with a few robots and timesteps."""
+    whole = load("pollutant")
+    return replace(whole, robots=whole.robots[:robots], length_s=timesteps * DT_NS / S)
+
+
+def status(tag: int, name: str, **known: object) -> RobotStatus:
+    """A robot that is connected and has taken all that was sent to it."""
+    values: dict[str, object] = {
+        "tag": tag, "name": name, "connected": True, "uid": bytes(16), "controller": "pollutant",
+        "since_ns": 0, "heard_ns": 0, "udp": True, "telemetry": Telemetry(received=10),
+        "sessions": 1, "sent": 10, "superseded": 0, "unsent": 0, "received": 0, "accepted": 0,
+        "dropped": {},
+    }  # fmt: skip
+    return RobotStatus(**(values | known))  # type: ignore[arg-type]
+
+
+@dataclass
+class Stage:
+    """What a runner sees, and what it has done.
+
+    Attributes:
+        now_ns: the clock.
+        connected, seen: tags.
+        silent: no arena state comes.
+        acts: by number of the call of `Runtime.step`, what happens before it.
+        done: what the runner asked runtime and server for.
+    """
+
+    experiment: Experiment
+    now_ns: int = 1000 * S
+    connected: set[int] = field(default_factory=set)
+    seen: set[int] = field(default_factory=set)
+    silent: bool = False
+    acts: dict[int, Callable[[], object]] = field(default_factory=dict)
+    done: list[str] = field(default_factory=list)
+    statuses: dict[int, dict[str, object]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.interrupted = threading.Event()
+        self.said = io.StringIO()
+        self.timestep = 0
+        self.calls = 0
+        self.first: int | None = None
+        self.runner = Runner(
+            self.experiment,
+            self,  # type: ignore[arg-type]
+            self,  # type: ignore[arg-type]
+            Console(self.said),
+            self.interrupted,
+            clock=lambda: self.now_ns,
+        )
+
+    @property
+    def tags(self) -> set[int]:
+        """All tags that are looked for."""
+        things = self.experiment.objects
+        return {r.tag for r in self.experiment.robots} | {thing.tag for thing in things}
+
+    def step(self, timeout_s: float) -> Step:
+        """Stands in for `Runtime.step`."""
+        self.calls += 1
+        self.acts.get(self.calls, lambda: None)()
+        if self.silent:
+            self.now_ns += round(timeout_s * S)
+            raise NoArenaState("nothing came")
+        self.now_ns += DT_NS
+        # As `Pace` does: numbers follow the clock.
+        self.timestep = (self.now_ns - 1000 * S) // DT_NS
+        number = -1 if self.first is None else max(self.timestep - self.first, -1)
+        poses = np.zeros(len(self.seen), POSE)
+        poses["tag"], poses["seen"] = sorted(self.seen), True
+        capture_ns = self.now_ns - 20 * MS
+        state = ArenaState(self.timestep, capture_ns, poses, len(self.seen))
+        times = (capture_ns, self.now_ns - 10 * MS, self.now_ns - 5 * MS, self.now_ns)
+        return Step(self.timestep, number, *times, state, ())
+
+    def start(self) -> int:
+        """Stands in for `Runtime.start`."""
+        self.done.append("start")
+        self.first = self.timestep + 3
+        return self.first
+
+    def stop(self) -> None:
+        """Stands in for `Runtime.stop`."""
+        self.done.append("stop")
+
+    def hush(self) -> None:
+        """Stands in for `VirtualSensorServer.hush`."""
+        self.done.append("hush")
+
+    def robots(self) -> dict[int, RobotStatus]:
+        """Stands in for `VirtualSensorServer.robots`."""
+        return {
+            r.tag: status(
+                r.tag, r.id, connected=r.tag in self.connected, **self.statuses.get(r.tag, {})
+            )
+            for r in self.experiment.robots
+        }

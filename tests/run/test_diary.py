@@ -1,0 +1,58 @@
+"""What is written down while a run goes on."""
+
+from __future__ import annotations
+
+import errno
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vsense.arena import POSE, ArenaState
+from vsense.run.diary import FLUSH_TIMESTEPS, HEADER, Diary
+from vsense.run.directory import DirectoryError
+from vsense.runtime import Step
+
+
+def step(number: int) -> Step:
+    state = ArenaState(100 + number, 1, np.zeros(0, POSE), 0)
+    return Step(100 + number, number, 1, 2, 3, 4, state, ())
+
+
+def test_words_and_timesteps_are_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with Diary(tmp_path) as diary:
+        diary.say("all robots start")
+        for number in range(FLUSH_TIMESTEPS):
+            diary.timestep(step(number), 3, 2, 1)
+        rows = (tmp_path / "timesteps.csv").read_text()
+        assert rows.startswith(HEADER + "0,100,1,2,3,4,3,2,1\n"), "in reach before the end"
+        assert len(rows.splitlines()) == 1 + FLUSH_TIMESTEPS
+        diary.timestep(step(99), 0, 0, 0)
+    assert (tmp_path / "timesteps.csv").read_text().endswith("\n99,199,1,2,3,4,0,0,0\n")
+    log = (tmp_path / "log.txt").read_text()
+    assert re.fullmatch(r"\d\d:\d\d:\d\d\.\d{3} all robots start\n", log)
+    assert capsys.readouterr().err == "all robots start\n"
+
+
+def test_a_full_disk_is_told_once_and_costs_no_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Full:
+        def write(self, text: str) -> int:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    with Diary(tmp_path) as diary:
+        diary._log.close()
+        monkeypatch.setattr(diary, "_log", Full())
+        for number in range(3):
+            diary.say("something")
+            diary.timestep(step(number), 3, 3, 0)
+    said = capsys.readouterr().err
+    assert said.count("something") == 3
+    assert said.count("the run is no longer written down: No space left on device") == 1
+
+
+def test_a_directory_that_is_gone_is_one_clear_line(tmp_path: Path) -> None:
+    with pytest.raises(DirectoryError, match=r"log\.txt: No such file or directory"):
+        Diary(tmp_path / "gone")

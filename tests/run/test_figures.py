@@ -1,0 +1,85 @@
+"""The figures of a run, on a played stage."""
+
+from __future__ import annotations
+
+import json
+
+from tests.run.stage import Stage, experiment
+from vsense.link.wire import StopCause, Telemetry
+from vsense.run.figures import Figures, table
+
+
+def played(stage: Stage) -> dict:
+    """Plays a run and gives its summary."""
+    figures = Figures(stage.experiment)
+    attendance = stage.runner.wait(0.0)
+    for step in stage.runner.timesteps():
+        figures.observe(step, stage.robots())
+    stage.runner.stop()
+    summary = figures.summary(stage.runner, attendance, {"cleaned": 12.5})
+    return {"robots": len(stage.experiment.robots), **summary}
+
+
+def test_everything_is_counted() -> None:
+    stage = Stage(experiment(robots=3, timesteps=10))
+    first, second, _ = (robot.tag for robot in stage.experiment.robots)
+    stage.connected, stage.seen = {first, second}, stage.tags
+    stale = Telemetry(received=10, stop_cause=StopCause.STALE, battery_mv=3900)
+    stage.statuses = {second: {"telemetry": stale}}
+    stage.acts = {10: lambda: stage.seen.discard(first)}
+    summary = played(stage)
+    assert json.loads(json.dumps(summary)) == summary
+    assert (summary["ended"], summary["timesteps"], summary["late_timesteps"]) == ("time", 10, 0)
+    assert summary["missing_at_start"] == [stage.experiment.robots[2].id]
+    shares = [
+        [robot[f"{key}_share"] for key in ("seen", "connected", "stale")]
+        for robot in summary["per_robot"]
+    ]
+    assert shares == [[0.6, 1.0, 0.0], [1.0, 1.0, 1.0], [1.0, 0.0, 0.0]]
+    assert [robot["battery_mv"] for robot in summary["per_robot"]] == [None, 3900, None]
+    assert summary["arena"]["seen_mean"] == 2.6
+    assert summary["latency_ms"]["capture_to_arena"] == {"p50": 15.0, "p99": 15.0, "max": 15.0}
+    assert summary["latency_ms"]["capture_to_sent"]["max"] == 20.0
+    assert summary["latency_ms"]["picture_to_arena"]["p50"] is None, "there are no pictures"
+    assert summary["link"] == {"sent": 30, "received": 30, "dropped": 0, "reconnects": 0}
+    assert summary["results"] == {"cleaned": 12.5}
+
+
+def test_what_a_silence_leaves_out_is_late() -> None:
+    stage = Stage(experiment(timesteps=40))
+    stage.connected = stage.seen = stage.tags
+    stage.acts = {
+        10: lambda: setattr(stage, "silent", True),
+        14: lambda: setattr(stage, "silent", False),
+    }
+    summary = played(stage)
+    assert summary["timesteps"] + summary["late_timesteps"] == 40
+    assert summary["late_timesteps"] == 10, "of a second without states"
+    (silence,) = summary["arena"]["silences"]
+    assert silence == {"run_timestep": 5, "duration_s": 1.105}
+
+
+def test_an_interrupted_run_is_measured_up_to_there() -> None:
+    stage = Stage(experiment(timesteps=40))
+    stage.connected = stage.seen = stage.tags
+    stage.acts = {12: stage.interrupted.set}
+    summary = played(stage)
+    assert (summary["ended"], summary["timesteps"], summary["duration_s"]) == (
+        "interrupted",
+        9,
+        0.9,
+    )
+    assert summary["late_timesteps"] == 0
+
+
+def test_the_table_says_it_all() -> None:
+    stage = Stage(experiment(robots=2, timesteps=10))
+    stage.connected = stage.seen = stage.tags
+    lines = table(played(stage)).splitlines()
+    assert lines[0].startswith("run       10 timesteps in 1 s, 0 late or left out; ended by: time")
+    assert any("2.00 of 2 robots seen" in line and "never" in line for line in lines)
+    assert any("20 of 20 datagrams received" in line for line in lines)
+    assert any(line.split() == ["results", "cleaned", "12.5"] for line in lines)
+    name = stage.experiment.robots[0].id
+    cells = ["100.0", "%", "100.0", "%", "0.0", "%", "-"]
+    assert any(line.split() == [name, *cells] for line in lines)

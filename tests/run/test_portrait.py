@@ -1,0 +1,63 @@
+"""The picture of a run with robots that come late, or never."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.conftest import States
+from tests.run.stage import DT_NS, S, Stage, experiment
+from vsense.environment import Environment
+from vsense.run.directory import DirectoryError
+from vsense.run.portrait import Portrait
+
+
+def lived(state: States, seen_from: list[int]) -> tuple[Portrait, Environment]:
+    """Ten timesteps in which robot n is seen from timestep `seen_from[n]` on."""
+    stage = Stage(experiment(robots=len(seen_from), timesteps=10))
+    environment = Environment(stage.experiment, seed=1)
+    portrait = Portrait(stage.experiment)
+    tags = [robot.tag for robot in stage.experiment.robots]
+    for timestep in range(10):
+        places = {
+            tag: (0.3 * n - 0.5, 0.05 * timestep, 1.0)
+            for n, tag in enumerate(tags)
+            if timestep >= seen_from[n]
+        }
+        environment.step(state(places, S + timestep * DT_NS), timestep, {})
+        portrait.look(timestep, environment.world, stage.robots())
+    return portrait, environment
+
+
+def test_who_was_never_seen_is_not_drawn(state: States, tmp_path: Path) -> None:
+    portrait, environment = lived(state, [0, 4, 99])
+    told = portrait._story(np.array(portrait._known))
+    assert told.poses.shape == (10, 2, 3) and told.lit.shape == (10, 2)
+    assert told.poses[0, 1].tolist() == told.poses[4, 1].tolist() == [-0.2, 0.2, 1.0]
+    path = tmp_path / "run.png"
+    assert portrait.draw(path, environment.world, "pollutant", "3 robots")
+    assert cv2.imread(str(path)).shape[2] == 3
+
+
+def test_nobody_is_no_picture(state: States, tmp_path: Path) -> None:
+    portrait, environment = lived(state, [99, 99])
+    assert not portrait.draw(tmp_path / "run.png", environment.world, "pollutant", "2 robots")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_long_run_takes_bounded_memory(
+    state: States, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("vsense.run.portrait.MOST_TIMESTEPS", 4)
+    portrait, environment = lived(state, [0, 0])
+    assert len(portrait._poses) == 4
+    assert portrait.draw(tmp_path / "run.png", environment.world, "pollutant", "2 robots")
+
+
+def test_a_picture_that_cannot_be_written_is_one_clear_line(state: States, tmp_path: Path) -> None:
+    portrait, environment = lived(state, [0, 0])
+    with pytest.raises(DirectoryError, match=r"run\.png: cannot be written"):
+        portrait.draw(tmp_path / "gone" / "run.png", environment.world, "pollutant", "2 robots")

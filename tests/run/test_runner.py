@@ -1,0 +1,138 @@
+"""Waiting, starting, living and stopping, on a played stage."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.run.stage import DT_NS, MS, S, Stage, experiment
+from vsense.errors import VsenseError
+from vsense.link.arena_client import TrackerEnded
+from vsense.tracking.grabbers import NoMorePictures
+
+
+@pytest.fixture
+def stage() -> Stage:
+    """Everybody is there, and nothing has failed yet."""
+    made = Stage(experiment())
+    made.connected = made.seen = made.tags
+    return made
+
+
+def failing(error: Exception) -> object:
+    def fail() -> None:
+        raise error
+
+    return fail
+
+
+def test_it_waits_until_the_last_one_is_connected_and_seen() -> None:
+    stage = Stage(experiment())
+    first, second = (robot.tag for robot in stage.experiment.robots)
+    stage.acts = {
+        2: lambda: stage.connected.update({first}),
+        3: lambda: stage.seen.update(stage.tags),
+        4: lambda: stage.connected.update({second}),
+    }
+    assert stage.runner.wait().complete
+    assert stage.calls == 4 and stage.done == []
+    names = [robot.id for robot in stage.experiment.robots]
+    assert f"waiting: 0 of 2 robots connected (not {', '.join(names)}), 0 of 3" in (
+        stage.said.getvalue()
+    )
+
+
+def test_without_any_arena_state_it_says_so_and_keeps_waiting(stage: Stage) -> None:
+    stage.silent = True
+    stage.acts = {40: lambda: setattr(stage, "silent", False)}
+    assert stage.runner.wait().complete
+    assert "no arena state yet" in stage.said.getvalue()
+    assert "stand still" not in stage.said.getvalue()
+    assert stage.runner.silences == []
+
+
+def test_a_limit_ends_the_wait_with_the_names(stage: Stage) -> None:
+    stage.connected = set()
+    found = stage.runner.wait(1.0)
+    assert found.absent == tuple(robot.id for robot in stage.experiment.robots)
+    assert stage.now_ns - 1000 * S == pytest.approx(1.1 * S)
+
+
+def test_an_interruption_ends_the_wait(stage: Stage) -> None:
+    stage.connected = set()
+    stage.acts = {3: stage.interrupted.set}
+    assert not stage.runner.wait().complete
+    assert stage.calls == 3
+
+
+def test_a_run_has_its_timesteps_and_ends(stage: Stage) -> None:
+    stage.runner.wait()
+    lived = [step.run_timestep for step in stage.runner.timesteps()]
+    assert lived == [0, 1, 2, 3, 4]
+    assert stage.runner.ended == "time" and stage.done == ["start"]
+    stage.runner.stop()
+    assert stage.done == ["start", "stop", "hush"]
+    assert (stage.runner.tally.sent, stage.runner.tally.received) == (20, 20)
+
+
+def test_without_a_length_it_goes_on_until_it_is_interrupted() -> None:
+    stage = Stage(experiment(timesteps=0))
+    stage.acts = {1000: stage.interrupted.set}
+    lived = [step.run_timestep for step in stage.runner.timesteps()]
+    assert lived == list(range(998)) and stage.runner.ended == "interrupted"
+
+
+def test_a_silence_is_told_and_survived(stage: Stage) -> None:
+    stage.experiment = experiment(timesteps=60)
+    stage = Stage(stage.experiment, connected=stage.connected, seen=stage.seen)
+    stage.acts = {
+        6: lambda: setattr(stage, "silent", True),
+        16: lambda: setattr(stage, "silent", False),
+    }
+    lived = [step.run_timestep for step in stage.runner.timesteps()]
+    (silence,) = stage.runner.silences
+    assert silence.duration_s == pytest.approx(2.6, abs=0.01)
+    assert lived[:4] == [0, 1, 2, 28], "the run's time goes on meanwhile"
+    assert silence.run_timestep == 2 and lived[-1] == 59 and stage.runner.ended == "time"
+    said = stage.said.getvalue()
+    assert said.count("the robots stand still until there is one") == 1
+    assert "arena states are back after 2.6 s" in said
+
+
+def test_a_silence_to_the_end_ends_with_the_runs_time(stage: Stage) -> None:
+    stage = Stage(experiment(timesteps=20), connected=stage.connected, seen=stage.seen)
+    stage.acts = {8: lambda: setattr(stage, "silent", True)}
+    begun_ns = stage.now_ns
+    lived = [step.run_timestep for step in stage.runner.timesteps()]
+    assert lived == [0, 1, 2, 3, 4] and stage.runner.ended == "time"
+    assert 20 * DT_NS <= stage.now_ns - begun_ns <= 20 * DT_NS + 500 * MS
+    stage.runner.stop()
+    assert len(stage.runner.silences) == 1
+    assert "are back" not in stage.said.getvalue()
+
+
+@pytest.mark.parametrize(
+    "end", [NoMorePictures("the recording ends"), TrackerEnded("it has ended")]
+)
+def test_an_end_of_the_source_is_no_failure(stage: Stage, end: VsenseError) -> None:
+    stage.acts = {6: failing(end)}  # type: ignore[dict-item]
+    assert [step.run_timestep for step in stage.runner.timesteps()] == [0, 1, 2]
+    assert stage.runner.ended == str(end)
+
+
+def test_a_failure_gets_through(stage: Stage) -> None:
+    stage.acts = {6: failing(VsenseError("loop.py:3: no"))}  # type: ignore[dict-item]
+    with pytest.raises(VsenseError, match=r"loop\.py:3"):
+        list(stage.runner.timesteps())
+
+
+def test_new_sessions_and_guards_in_mid_run_are_counted(stage: Stage) -> None:
+    from vsense.link.wire import Telemetry
+
+    tag = stage.experiment.robots[0].tag
+    told = Telemetry(received=10, guard_restarts=1)
+    stage.acts = {5: lambda: stage.statuses.update({tag: {"sessions": 3, "telemetry": told}})}
+    for _ in stage.runner.timesteps():
+        pass
+    stage.runner.stop()
+    assert stage.runner.reconnects == 2
+    assert stage.said.getvalue().count("its guard was replaced") == 1

@@ -1,0 +1,1 @@
+"""Pictures that a person looks at: the arena with the virtual world drawn in, and charts."""

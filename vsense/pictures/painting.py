@@ -1,0 +1,114 @@
+"""The virtual world at one moment, as much of it as can be drawn; taken from a living world."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.config.specs import Experiment
+from vsense.world.entities import Arena, Box, Cylinder
+from vsense.world.world import World
+
+Floats = NDArray[np.float64]
+Image = NDArray[np.uint8]
+Rgb = tuple[int, int, int]
+
+FLOOR_PX_PER_M = 100
+"""Resolution at which floor and fields are drawn."""
+
+_CORNERS = 0.5 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+_ROUND = np.linspace(0.0, 2.0 * np.pi, 36, endpoint=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Lamp:
+    """A light: where it stands, and its colour."""
+
+    place_m: Floats
+    colour: Rgb
+
+
+@dataclass(frozen=True, slots=True)
+class Painting:
+    """What of the virtual world can be seen; places are relative to the arena's middle.
+
+    Attributes:
+        arena: the arena.
+        floor: (h, w, 4) red, green, blue, alpha of the floor, first row at the highest y; None
+            where it is white everywhere.
+        fields: (h, w) concentrations of each field, likewise, as shares of its largest.
+        virtual: outlines (k, 2) of boxes and cylinders that are sensed only.
+        physical: outlines of those that stand in the real arena.
+        lamps: the lights.
+        cones: (3, 2) polluted triangles, the source first.
+        strangers: (n, 3) x, y in m and yaw in rad of the virtual robots.
+        leds: (n, 3) red, green, blue of the real robots' virtual LEDs; 0: off.
+    """
+
+    arena: Arena
+    floor: Image | None
+    fields: tuple[Floats, ...]
+    virtual: tuple[Floats, ...]
+    physical: tuple[Floats, ...]
+    lamps: tuple[Lamp, ...]
+    cones: tuple[Floats, ...]
+    strangers: Floats
+    leds: NDArray[np.uint8]
+
+
+def paint(world: World, experiment: Experiment) -> Painting:
+    """Takes down what the world of an experiment looks like now."""
+    arena = experiment.arena
+    centre = np.array(arena.centre_m[:2])
+    solids: list[Box | Cylinder] = [*world.boxes(), *world.cylinders()]
+    cones = [world.cone(source) for source in experiment.sources]
+    robots = world.robots[world.real_robots :]
+    strangers = np.stack((robots["x_m"], robots["y_m"], robots["yaw_rad"]), axis=-1)
+    return Painting(
+        arena=arena,
+        floor=_floor(world, arena),
+        fields=tuple(_field(world, name, arena) for name in world.fields),
+        virtual=tuple(_outline(s) - centre for s in solids if not s.physical),
+        physical=tuple(_outline(s) - centre for s in solids if s.physical),
+        lamps=tuple(Lamp(np.array(v.position_m[:2]) - centre, v.color) for v in world.lights()),
+        cones=tuple(cone.vertices() - centre for cone in cones if cone is not None),
+        strangers=strangers - np.array([*centre, 0.0]),
+        leds=world.leds[: world.real_robots].copy(),
+    )
+
+
+def _grid(arena: Arena) -> tuple[Floats, tuple[int, int]]:
+    """Middles of the drawing's pixels on the floor (n, 2), and its rows and columns."""
+    columns, rows = (max(round(size * FLOOR_PX_PER_M), 1) for size in arena.size_m[:2])
+    x = (np.arange(columns) + 0.5) / columns - 0.5
+    y = 0.5 - (np.arange(rows) + 0.5) / rows
+    across, down = np.meshgrid(x * arena.size_m[0], y * arena.size_m[1])
+    points = np.stack((across.ravel(), down.ravel()), axis=-1) + np.array(arena.centre_m[:2])
+    return points, (rows, columns)
+
+
+def _floor(world: World, arena: Arena) -> Image | None:
+    points, shape = _grid(arena)
+    colours = world.floor.sample(points)
+    if (colours[:, :3] == 255.0).all():
+        return None
+    return np.asarray(np.rint(colours).reshape(*shape, 4), np.uint8)
+
+
+def _field(world: World, name: str, arena: Arena) -> Floats:
+    points, shape = _grid(arena)
+    values = world.fields[name].value(points)
+    return np.asarray(values / max(float(values.max()), 1e-12)).reshape(shape)
+
+
+def _outline(solid: Box | Cylinder) -> Floats:
+    """The outline of a body on the floor, (k, 2), arena frame."""
+    if isinstance(solid, Cylinder):
+        rim = np.stack((np.cos(_ROUND), np.sin(_ROUND)), axis=-1)
+        return np.asarray(rim * solid.radius_m + solid.position_m[:2])
+    cosine, sine = np.cos(solid.yaw_rad), np.sin(solid.yaw_rad)
+    turn = np.array([[cosine, sine], [-sine, cosine]])
+    corners = _CORNERS * np.array(solid.size_m[:2])
+    return np.asarray(corners @ turn + solid.position_m[:2])

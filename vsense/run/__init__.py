@@ -1,0 +1,1 @@
+"""What `vsense run` and `vsense lab` have in common, and `vsense run` itself."""

@@ -1,0 +1,207 @@
+"""The figures of a run, counted while it is lived: what `vsense run --json` prints."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vsense.config.specs import Experiment
+from vsense.link.status import RobotStatus
+from vsense.link.wire import StopCause
+from vsense.run.attendance import Attendance
+from vsense.run.runner import Runner
+from vsense.runtime import Step
+
+
+@dataclass(slots=True)
+class _Robot:
+    """In how many timesteps of the run a robot was seen, connected, and held by old readings."""
+
+    seen: int = 0
+    connected: int = 0
+    stale: int = 0
+    sessions: int = 0
+    battery_mv: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """How the robots are at one timestep: how many are connected, seen, and hold old readings."""
+
+    connected: int
+    seen: int
+    stale: int
+
+
+class Figures:
+    """Counts what happens in the timesteps of one run, in bounded memory per timestep."""
+
+    def __init__(self, experiment: Experiment) -> None:
+        """Begins before the first timestep."""
+        self._experiment = experiment
+        self._dt_ns = round(1e9 / experiment.ticks_per_second)
+        self._robots = {robot.tag: _Robot() for robot in experiment.robots}
+        self._last_run_timestep = -1
+        self._pictures = False
+        self._capture_ns = array("q")
+        self._ready_ns = array("q")
+        self._arena_ns = array("q")
+        self._sent_ns = array("q")
+
+    @property
+    def timesteps(self) -> int:
+        """Timesteps that were lived."""
+        return len(self._sent_ns)
+
+    def observe(self, step: Step, robots: Mapping[int, RobotStatus]) -> Moment:
+        """Counts a timestep; `robots` are the links' statuses by tag."""
+        self._last_run_timestep = step.run_timestep
+        self._pictures |= len(step.frames) > 0
+        self._capture_ns.append(step.capture_ns)
+        self._ready_ns.append(step.ready_ns)
+        self._arena_ns.append(step.arena_ns)
+        self._sent_ns.append(step.sent_ns)
+        seen = set(step.state.robots["tag"][step.state.robots["seen"]].tolist())
+        stale = 0
+        for tag, counted in self._robots.items():
+            status = robots[tag]
+            counted.seen += tag in seen
+            counted.connected += status.connected
+            counted.sessions = status.sessions
+            if status.telemetry is not None:
+                held = status.connected and status.telemetry.stop_cause == StopCause.STALE
+                counted.stale += held
+                stale += held
+                counted.battery_mv = status.telemetry.battery_mv
+        return Moment(
+            connected=sum(robots[tag].connected for tag in self._robots),
+            seen=len(seen & self._robots.keys()),
+            stale=stale,
+        )
+
+    def summary(
+        self, runner: Runner, attendance: Attendance, results: Mapping[str, float]
+    ) -> dict[str, Any]:
+        """Gives all figures under the names that scripts rely on.
+
+        Args:
+            runner: the run, which is over.
+            attendance: who was there when it began.
+            results: what the experiment itself measured.
+        """
+        wanted = self._last_run_timestep + 1
+        if runner.ended == "time":
+            wanted = self._experiment.timesteps
+        late = np.subtract(self._sent_ns, self._capture_ns) > self._dt_ns
+        counts = list(self._robots.values())
+        return {
+            "ended": runner.ended,
+            "timesteps": self.timesteps,
+            "late_timesteps": int(late.sum()) + wanted - self.timesteps,
+            "duration_s": round(wanted * self._dt_ns / 1e9, 3),
+            "missing_at_start": list(attendance.missing),
+            "arena": {
+                "seen_mean": _share(sum(c.seen for c in counts), self.timesteps),
+                "silences": [
+                    {"run_timestep": s.run_timestep, "duration_s": round(s.duration_s, 3)}
+                    for s in runner.silences
+                ],
+            },
+            "latency_ms": self._latencies(),
+            "link": {
+                "sent": runner.tally.sent,
+                "received": runner.tally.received,
+                "dropped": runner.tally.dropped,
+                "reconnects": runner.reconnects,
+            },
+            "per_robot": [self._robot(robot.tag, robot.id) for robot in self._experiment.robots],
+            "results": dict(results),
+        }
+
+    def _robot(self, tag: int, name: str) -> dict[str, Any]:
+        counted = self._robots[tag]
+        return {
+            "name": name,
+            "tag": tag,
+            "seen_share": _share(counted.seen, self.timesteps),
+            "connected_share": _share(counted.connected, self.timesteps),
+            "stale_share": _share(counted.stale, self.timesteps),
+            "sessions": counted.sessions,
+            "battery_mv": counted.battery_mv or None,
+        }
+
+    def _latencies(self) -> dict[str, dict[str, float | None]]:
+        # Another tracker keeps its pictures to itself.
+        pictured = (self._arena_ns, self._ready_ns) if self._pictures else ((), ())
+        return {
+            "capture_to_arena": _spread_ms(self._arena_ns, self._capture_ns),
+            "picture_to_arena": _spread_ms(*pictured),
+            "arena_to_sent": _spread_ms(self._sent_ns, self._arena_ns),
+            "capture_to_sent": _spread_ms(self._sent_ns, self._capture_ns),
+        }
+
+
+def _share(count: int, of: int) -> float | None:
+    return round(count / of, 5) if of else None
+
+
+def _spread_ms(ends_ns: Sequence[int], begins_ns: Sequence[int]) -> dict[str, float | None]:
+    """Percentiles of the differences, in ms."""
+    spans_ms = np.subtract(ends_ns, begins_ns) / 1e6
+    names = {"p50": 50, "p99": 99, "max": 100}
+    return {
+        name: round(float(np.percentile(spans_ms, q)), 3) if len(spans_ms) else None
+        for name, q in names.items()
+    }
+
+
+def table(summary: Mapping[str, Any]) -> str:
+    """The summary as a person reads it."""
+    arena, link = summary["arena"], summary["link"]
+    silences = [f"{s['duration_s']:.1f} s" for s in arena["silences"]]
+    rows = [
+        (
+            "run",
+            f"{summary['timesteps']} timesteps in {summary['duration_s']:g} s,"
+            f" {summary['late_timesteps']} late or left out; ended by: {summary['ended']}",
+        ),
+        (
+            "arena",
+            f"{_number(arena['seen_mean'], 2)} of {summary['robots']} robots seen per timestep;"
+            f" without any state: {', '.join(silences) or 'never'}",
+        ),
+        (
+            "link",
+            f"{link['received']} of {link['sent']} datagrams received,"
+            f" {link['dropped']} dropped, {link['reconnects']} reconnects",
+        ),
+        *(
+            ("" if n else "results", f"{name} {value:g}")
+            for n, (name, value) in enumerate(summary["results"].items())
+        ),
+    ]
+    lines = [f"{name:<10}{text}" for name, text in rows]
+    lines.append(f"{'latency':<10}{'in ms':<32}{'p50':>10}{'p99':>10}{'max':>10}")
+    for name, spread in summary["latency_ms"].items():
+        figures = "".join(f"{_number(spread[key], 1):>10}" for key in ("p50", "p99", "max"))
+        lines.append(f"{'':<10}{name.replace('_', ' '):<32}{figures}")
+    lines.append(f"{'robots':<10}{'':<32}{'seen':>10}{'connected':>10}{'stale':>10}{'battery':>10}")
+    for robot in summary["per_robot"]:
+        shares = (robot[f"{key}_share"] for key in ("seen", "connected", "stale"))
+        cells = "".join(f"{_percent(share):>10}" for share in shares)
+        battery_mv = robot["battery_mv"]
+        volts = "-" if battery_mv is None else f"{battery_mv / 1000.0:.2f} V"
+        lines.append(f"{'':<10}{robot['name']:<32}{cells}{volts:>10}")
+    return "\n".join(lines)
+
+
+def _percent(share: float | None) -> str:
+    return "-" if share is None else f"{100 * share:.1f} %"
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"

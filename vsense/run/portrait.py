@@ -1,0 +1,111 @@
+"""The picture of a run with real robots: what the host took to be true, at chosen moments."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.config.specs import Experiment
+from vsense.link.status import RobotStatus
+from vsense.pictures import story
+from vsense.pictures.album import Album
+from vsense.pictures.story import Story
+from vsense.run.directory import DirectoryError
+from vsense.world.sightings import NEVER_NS
+from vsense.world.world import World
+
+MOST_TIMESTEPS = 72_000
+"""Two hours at 10 Hz: what comes after them is not drawn."""
+
+RING_LEDS = 0xFF
+
+
+class Portrait:
+    """Filled timestep by timestep while a run goes on."""
+
+    def __init__(self, experiment: Experiment) -> None:
+        """Begins before the first timestep."""
+        self._experiment = experiment
+        self._album = Album(experiment)
+        self._source = experiment.sources[0] if experiment.sources else None
+        self._timesteps: list[int] = []
+        self._poses: list[NDArray[np.float64]] = []
+        self._known: list[NDArray[np.bool_]] = []
+        self._lit: list[list[bool]] = []
+        self._inside: list[NDArray[np.bool_]] = []
+
+    def look(self, run_timestep: int, world: World, robots: Mapping[int, RobotStatus]) -> None:
+        """Takes down a timestep of the run, after the world has lived it.
+
+        Args:
+            run_timestep: its number.
+            world: the world.
+            robots: the links' statuses by tag.
+        """
+        if len(self._timesteps) == MOST_TIMESTEPS:
+            return
+        rows = world.robots[: len(self._experiment.robots)]
+        self._timesteps.append(run_timestep)
+        self._poses.append(np.stack([rows[key] for key in ("x_m", "y_m", "yaw_rad")], axis=-1))
+        self._known.append(rows["capture_ns"] != NEVER_NS)
+        self._lit.append([_is_lit(robots[robot.tag]) for robot in self._experiment.robots])
+        if self._source is not None:
+            cone = world.cone(self._source)
+            places = self._poses[-1][:, :2]
+            outside = np.zeros(len(places), bool)
+            self._inside.append(outside if cone is None else cone.contains(places))
+        self._album.look(run_timestep, world)
+        if len(self._timesteps) == MOST_TIMESTEPS:
+            self._album.end(world)
+
+    def draw(self, path: Path, world: World, heading: str, subtitle: str) -> bool:
+        """Draws the picture after the run.
+
+        Args:
+            path: where to; its folder exists.
+            world: the world after its last timestep.
+            heading: what experiment this is.
+            subtitle: how it was run.
+
+        Returns:
+            Whether there was anything to draw: not without a robot that was ever seen.
+
+        Raises:
+            DirectoryError: the file cannot be written.
+        """
+        known = np.array(self._known)
+        if not known.any():
+            return False
+        if len(self._timesteps) < MOST_TIMESTEPS:
+            self._album.end(world)
+        told = self._story(known)
+        image = story.draw(told, heading, subtitle, lambda timestep: None)
+        if not cv2.imwrite(str(path), image):
+            raise DirectoryError(f"{path}: cannot be written")
+        return True
+
+    def _story(self, known: NDArray[np.bool_]) -> Story:
+        """Tells what happened to the robots that were seen at all."""
+        seen = known.any(axis=0)
+        poses = np.array(self._poses)
+        # Before a robot was seen for the first time it stands where that was.
+        first = known.argmax(axis=0)
+        for robot in np.flatnonzero(seen):
+            poses[: first[robot], robot] = poses[first[robot], robot]
+        return Story(
+            self._experiment,
+            np.array(self._timesteps, np.int64),
+            poses[:, seen],
+            np.array(self._lit)[:, seen],
+            np.array(self._inside)[:, seen] if self._source is not None else None,
+            self._source.turn_timestep if self._source is not None else None,
+            self._album,
+        )
+
+
+def _is_lit(status: RobotStatus) -> bool:
+    return status.telemetry is not None and bool(status.telemetry.leds & RING_LEDS)

@@ -1,0 +1,215 @@
+"""Waits for the robots, starts them together, lives the timesteps and stops them.
+
+`vsense lab` and `vsense run` both do it this way; they differ in what stands around it.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from vsense.config.specs import Experiment
+from vsense.console import Console
+from vsense.link.arena_client import TrackerEnded
+from vsense.link.server import VirtualSensorServer
+from vsense.run.attendance import Attendance
+from vsense.run.tally import Tally
+from vsense.runtime import NoArenaState, Runtime, Step
+from vsense.tracking.grabbers import NoMorePictures
+
+POLL_S = 0.25
+"""So often a run without arena states looks whether it shall end."""
+
+SILENCE_NS = 500_000_000
+"""Robots have stopped 400 ms after the last arena state: from now on a person is told."""
+
+SETTLE_TIMEOUT_NS = 1_000_000_000
+"""After the run the last telemetry may take this long to tell what was received."""
+
+
+@dataclass(frozen=True, slots=True)
+class Silence:
+    """A time in the run without an arena state, in which the robots stood still.
+
+    Attributes:
+        run_timestep: the last timestep before it.
+        duration_s: how long it was.
+    """
+
+    run_timestep: int
+    duration_s: float
+
+
+class Runner:
+    """One run, from the roll call to the last telemetry; it belongs to one thread.
+
+    Attributes:
+        names: the experiment's tagged bodies: tag -> name.
+        tally: what the links sent and received, from the start of the server.
+        reconnects: sessions that were opened in mid-run.
+        silences: times without arena states in the run.
+        ended: why the run ended: "time", "interrupted", or in the words of whoever ended it.
+    """
+
+    def __init__(
+        self,
+        experiment: Experiment,
+        runtime: Runtime,
+        server: VirtualSensorServer,
+        console: Console,
+        interrupted: threading.Event,
+        look: Callable[[], None] = lambda: None,
+        clock: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        """Prepares a run.
+
+        Args:
+            experiment: what to run.
+            runtime: is open, or will be before `wait`.
+            server: has been started.
+            console: where to say what happens.
+            interrupted: set by whoever wants the run to end early.
+            look: called after every timestep and in every silence; what it raises ends the run.
+            clock: the host's monotonic clock [ns].
+        """
+        self.tally = Tally()
+        self.reconnects = 0
+        self.silences: list[Silence] = []
+        self.ended = "interrupted"
+        self._robots = {robot.tag: robot.id for robot in experiment.robots}
+        self._objects = {thing.tag: thing.id for thing in experiment.objects}
+        self.names = self._robots | self._objects
+        self._dt_ns = round(1e9 / experiment.ticks_per_second)
+        self._timesteps = experiment.timesteps
+        self._runtime = runtime
+        self._server = server
+        self._console = console
+        self._interrupted = interrupted
+        self._look = look
+        self._clock = clock
+        self._heard_ns: int | None = None
+        self._silent = False
+        self._run_timestep = -1
+        self._sessions = 0
+
+    def wait(self, limit_s: float | None = None) -> Attendance:
+        """Lives timesteps until every robot is connected and every marker is seen.
+
+        Args:
+            limit_s: longest time to wait; None: for ever.
+
+        Returns:
+            Who is there: everybody, unless the time is over or somebody has interrupted.
+
+        Raises:
+            VsenseError: something has failed.
+        """
+        begun_ns = self._clock()
+        while True:
+            step = self._step()
+            attendance = self._call_roll(step)
+            waited_ns = self._clock() - begun_ns
+            over = limit_s is not None and waited_ns > limit_s * 1e9
+            if attendance.complete or over or self._interrupted.is_set():
+                return attendance
+            self._console.progress(f"waiting: {attendance.progress(self._heard_ns is not None)}")
+
+    def timesteps(self) -> Iterator[Step]:
+        """Starts all robots together and lives the run's timesteps.
+
+        Yields:
+            Every timestep of the run that was lived; it may have missed some.
+
+        Raises:
+            VsenseError: something has failed.
+        """
+        self.tally.update(self._server.robots())
+        self._sessions = self.tally.sessions
+        self._runtime.start()
+        begun_ns = self._clock()
+        last = self._timesteps - 1
+        try:
+            while not self._interrupted.is_set():
+                step = self._step()
+                if step is not None and step.run_timestep >= 0:
+                    self._run_timestep = step.run_timestep
+                    if last < 0 or step.run_timestep <= last:
+                        yield step
+                # Arena states count the timesteps; where none come the clock ends the run.
+                late = self._silent and self._clock() - begun_ns > self._timesteps * self._dt_ns
+                if last >= 0 and (self._run_timestep >= last or late):
+                    self.ended = "time"
+                    return
+        except (NoMorePictures, TrackerEnded) as end:
+            self.ended = str(end)
+
+    def stop(self) -> None:
+        """Stops all robots, and waits until they have told what they received.
+
+        Raises:
+            VsenseError: the link has failed.
+        """
+        if not self._interrupted.is_set():
+            # The robots have the last readings and a whole timestep to act on them.
+            threading.Event().wait(self._dt_ns / 1e9)
+        self._runtime.stop()
+        if self._silent:
+            self._note_silence()
+        self._settle()
+        self.reconnects = self.tally.sessions - self._sessions
+
+    def _step(self) -> Step | None:
+        """Lives one timestep; None where no arena state came for a while."""
+        step: Step | None = None
+        try:
+            step = self._runtime.step(POLL_S)
+        except NoArenaState:
+            self._hear_nothing()
+        if step is not None:
+            if self._silent:
+                duration_s = self._note_silence()
+                self._console.say(f"arena states are back after {duration_s:.1f} s")
+            self._heard_ns = step.arena_ns
+        for status in self.tally.update(self._server.robots()):
+            self._console.say(f"robot {status.name}: its guard was replaced")
+        self._look()
+        return step
+
+    def _call_roll(self, step: Step | None) -> Attendance:
+        seen = set() if step is None else step.state.robots["tag"][step.state.robots["seen"]]
+        links = self._server.robots()
+        connected = {tag for tag, status in links.items() if status.connected}
+        return Attendance.take(self._robots, self._objects, connected, set(map(int, seen)))
+
+    def _hear_nothing(self) -> None:
+        if self._heard_ns is None:
+            return
+        silent_ns = self._clock() - self._heard_ns
+        if silent_ns < SILENCE_NS:
+            return
+        if not self._silent:
+            self._silent = True
+            self._console.say(
+                "no arena state for half a second: the robots stand still until there is one"
+            )
+        self._console.progress(f"no arena state for {silent_ns / 1e9:.1f} s")
+
+    def _note_silence(self) -> float:
+        """A silence is over; gives how long it was [s]."""
+        assert self._heard_ns is not None
+        self._silent = False
+        duration_s = (self._clock() - self._heard_ns) / 1e9
+        if self._run_timestep >= 0:
+            self.silences.append(Silence(self._run_timestep, duration_s))
+        return duration_s
+
+    def _settle(self) -> None:
+        """Stops sending and waits until every robot has told what it received."""
+        self._server.hush()
+        deadline_ns = self._clock() + SETTLE_TIMEOUT_NS
+        self.tally.update(self._server.robots())
+        while self.tally.received < self.tally.sent and self._clock() < deadline_ns:
+            threading.Event().wait(0.02)
+            self.tally.update(self._server.robots())

@@ -1,0 +1,1 @@
+"""`vsense sim`: experiments without cameras, network or robots, faster than real time."""

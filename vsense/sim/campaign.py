@@ -1,0 +1,229 @@
+"""A campaign: many runs of one experiment, with every combination of settings and every seed."""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import threading
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import cv2
+import numpy as np
+
+from vsense import __version__, build
+from vsense.console import Console
+from vsense.errors import VsenseError
+from vsense.sim import comparison
+from vsense.sim.job import Job, Setup
+from vsense.sim.results import DURATION, EXPERIMENT, ROBOTS, SEED, Results
+from vsense.sim.settings import Sweep
+from vsense.sim.watch import Interrupted, Task, Worker, simulate_all
+
+DEFAULT_FILE = Path("results.csv")
+
+BAR_WIDTH = 24
+
+MAX_NAME = 256
+"""Bytes of the longest name of a file."""
+
+
+def run(
+    options: argparse.Namespace,
+    sweep: Sweep,
+    setup: Setup,
+    console: Console,
+    interrupted: threading.Event,
+) -> int:
+    """Does all runs that the file does not hold yet, and compares the settings.
+
+    Rows are written in the order of the campaign, whatever number of processes works on it.
+
+    Raises:
+        Interrupted: the user wants no more; the rows until then are in the file.
+        VsenseError: it cannot run, or a run has failed.
+    """
+    path = options.output or DEFAULT_FILE
+    tasks = prepare(sweep, setup)
+    results = Results(path, fingerprint(tasks[0]), sweep.keys)
+    there = results.keys()
+    todo = [
+        task for task in tasks if results.key(task.job.setup.settings, task.job.seed) not in there
+    ]
+    if results.repaired:
+        console.say(f"{path}: its last row was cut short: that run is done again")
+    if len(todo) < len(tasks):
+        console.say(f"{path}: {len(tasks) - len(todo)} of {len(tasks)} runs are there already")
+    try:
+        _simulate(todo, options.jobs, results, console, interrupted)
+    except Interrupted:
+        done = len(tasks) - len(todo) + len(results.rows) - len(there)
+        console.end_progress()
+        console.say(f"{path}: {done} of {len(tasks)} runs; the same command goes on from there")
+        raise
+    console.end_progress()
+    _report(options, sweep, results, path, console)
+    return 0
+
+
+def prepare(sweep: Sweep, setup: Setup) -> list[Task]:
+    """Makes all runs; a setting that cannot be had is found before the first one.
+
+    Raises:
+        VsenseError: an experiment cannot be loaded, or its controller not be built.
+    """
+    tasks = []
+    for settings in sweep.combinations():
+        changed = Setup(setup.experiment, setup.duration_s, setup.robots, setup.blind, settings)
+        experiment = changed.load()
+        library = build.shared(experiment.controller.library, experiment.path.parent)
+        words = [f"{key} {value}" for key, value in settings.items()]
+        for seed in sweep.seeds or ():
+            label = ", ".join([*words, f"seed {seed}"])
+            tasks.append(Task(Job(changed, seed, str(library)), experiment, label))
+    return tasks
+
+
+def fingerprint(task: Task) -> str:
+    """What all runs of a campaign have in common, as 8 hexadecimal digits.
+
+    The experiment's file with the files it names, the controller, the length, the robots, whether
+    they are blind, and vsense itself. Not the settings and the seeds: more of them may come.
+
+    Raises:
+        VsenseError: a file cannot be read.
+    """
+    setup = task.job.setup
+    digest = hashlib.sha256()
+    try:
+        for file in _files(task.experiment.path):
+            digest.update(hashlib.sha256(file.read_bytes()).digest())
+    except OSError as error:
+        raise VsenseError(f"{error.filename}: cannot be read: {error.strerror}") from None
+    words = [Path(task.job.library).parent.name, setup.duration_s, setup.robots, setup.blind]
+    digest.update(json.dumps([__version__, *words]).encode())
+    return digest.hexdigest()[:8]
+
+
+def _files(path: Path) -> list[Path]:
+    """An experiment's file, and every file that an attribute in it names."""
+    values = {
+        value for element in ElementTree.parse(path).iter() for value in element.attrib.values()
+    }
+    # Longer ones are no names, and the system may not even be asked for them.
+    named = (path.parent / value for value in sorted(values) if value and len(value) < MAX_NAME)
+    return [path, *(file for file in named if file.is_file())]
+
+
+def _simulate(
+    todo: Sequence[Task],
+    jobs: int,
+    results: Results,
+    console: Console,
+    interrupted: threading.Event,
+) -> None:
+    """Does the runs and appends their rows in the runs' order."""
+    finished: dict[int, dict[str, Any]] = {}
+    number = {id(task): place for place, task in enumerate(todo)}
+    written = 0
+    show = _progress(console, todo, lambda: written + len(finished))
+    for task, result in simulate_all(todo, jobs, interrupted, show):
+        finished[number[id(task)]] = result
+        while written in finished:
+            _append(results, todo[written], finished.pop(written))
+            written += 1
+
+
+def _append(results: Results, task: Task, result: dict[str, Any]) -> None:
+    swarm = {name: value for name, value in result["swarm"].items() if task.experiment.sources}
+    fixed = {
+        EXPERIMENT: result["name"],
+        **task.job.setup.settings,
+        SEED: task.job.seed,
+        ROBOTS: result["robots"],
+        DURATION: f"{result['timesteps'] * result['timestep_s']:g}",
+    }
+    results.append(fixed, {**swarm, **result["measures"]})
+
+
+def _progress(
+    console: Console, todo: Sequence[Task], count: Callable[[], int]
+) -> Callable[[Sequence[Worker]], None]:
+    """Makes the function that draws the progress bar."""
+    begun_s = time.monotonic()
+
+    def show(workers: Sequence[Worker]) -> None:
+        under_way = sum(
+            worker.timesteps / worker.task.experiment.timesteps for worker in workers if worker.task
+        )
+        share = (count() + under_way) / len(todo)
+        full = round(BAR_WIDTH * share)
+        left = ""
+        if share > 0.0:
+            left_s = round((time.monotonic() - begun_s) * (1.0 - share) / share)
+            left = f"  {left_s // 60}:{left_s % 60:02d} left"
+        bar = "#" * full + "." * (BAR_WIDTH - full)
+        console.progress(f"[{bar}] {count()} of {len(todo)} runs{left}")
+
+    return show
+
+
+def _report(
+    options: argparse.Namespace, sweep: Sweep, results: Results, path: Path, console: Console
+) -> None:
+    """Prints what came out, and draws it."""
+    groups = group(sweep, results)
+    if options.json:
+        _print({"file": str(path), "settings": [_figures(*some) for some in groups]})
+    console.say(f"results: {path}, {len(results.rows)} runs")
+    if not results.measures:
+        console.say("the experiment measures nothing: no picture")
+        return
+    drawing = path.with_suffix(".png")
+    names = {name: [measures[name] for _, measures in groups] for name in results.measures}
+    labels = [settings for settings, _ in groups]
+    image = comparison.draw(results.rows[0][EXPERIMENT], labels, names)
+    if not cv2.imwrite(str(drawing), image):
+        raise VsenseError(f"{drawing}: cannot be written")
+    console.say(f"picture: {drawing}")
+
+
+Group = tuple[dict[str, str], dict[str, list[float]]]
+"""A combination of settings, and by measure what its runs gave."""
+
+
+def group(sweep: Sweep, results: Results) -> list[Group]:
+    """Gathers the rows of every combination of the campaign, of whatever seeds."""
+    groups = []
+    for settings in sweep.combinations():
+        wanted = results.key(settings, "")[:-1]
+        rows = [row for row in results.rows if results.key(row, "")[:-1] == wanted]
+        measures = {
+            name: [float(row[name]) for row in rows if row[name]] for name in results.measures
+        }
+        groups.append((settings, measures))
+    return groups
+
+
+def _figures(settings: dict[str, str], measures: dict[str, list[float]]) -> dict[str, Any]:
+    """Mean and standard deviation of every measure."""
+    spread = {
+        name: {
+            "runs": len(values),
+            "mean": round(float(np.mean(values)), 6) if values else None,
+            "std": round(float(np.std(values, ddof=1)), 6) if len(values) > 1 else None,
+        }
+        for name, values in measures.items()
+    }
+    return {"settings": settings, "measures": spread}
+
+
+def _print(summary: dict[str, Any]) -> None:
+    try:
+        print(json.dumps(summary, indent=2), flush=True)
+    except OSError as error:
+        raise VsenseError(f"standard output: {error.strerror}") from None

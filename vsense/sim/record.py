@@ -1,0 +1,117 @@
+"""What happened in a simulated run: where everybody was, what was lit, and what counts."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.config.specs import Experiment
+from vsense.errors import VsenseError
+from vsense.lab import phases
+from vsense.lab.metrics import TIMESTEP
+from vsense.world.pollution import PollutantSource
+
+RING_LEDS = 0xFF
+
+Floats = NDArray[np.float64]
+
+
+class Record:
+    """A run, timestep by timestep, at the times of capture.
+
+    Attributes:
+        tags: the robots' tags.
+        object_tags: those of the tagged objects.
+        timesteps: (n,) TIMESTEP, of which only the numbers count.
+        poses: (n, bodies, 3) true x_m, y_m, yaw_rad: robots, then objects.
+        leds: (n, robots) uint16, bits 0-7 ring, 8 body, 9 front.
+        share: (n,) how much was left of the first pollutant source, 1 where there is none.
+        source: that source, or None.
+        turn: the run's timestep at which its wind turns, or None.
+    """
+
+    def __init__(self, experiment: Experiment) -> None:
+        """An empty record of all timesteps of a run."""
+        timesteps = experiment.timesteps
+        self.tags = tuple(robot.tag for robot in experiment.robots)
+        self.object_tags = tuple(thing.tag for thing in experiment.objects)
+        self.timesteps = np.zeros(timesteps, dtype=TIMESTEP)
+        self.timesteps["timestep"] = self.timesteps["run_timestep"] = np.arange(timesteps)
+        self.poses = np.zeros((timesteps, len(self.tags) + len(self.object_tags), 3))
+        self.leds = np.zeros((timesteps, len(self.tags)), dtype=np.uint16)
+        self.share = np.ones(timesteps)
+        self.source = experiment.sources[0] if experiment.sources else None
+        self.turn = self.source.turn_timestep if self.source else None
+        self._timestep_s = experiment.timestep_s
+
+    def note(self, timestep: int, poses: Floats, leds: NDArray[np.uint16], share: float) -> None:
+        """Notes a timestep of the run.
+
+        Args:
+            timestep: from 0.
+            poses: (bodies, 3) true ones at its capture.
+            leds: (robots,) what was lit then.
+            share: how much was left of the first pollutant source.
+        """
+        self.poses[timestep], self.leds[timestep], self.share[timestep] = poses, leds, share
+
+    @cached_property
+    def truth(self) -> phases.Truth:
+        """The run as the lab's figures want it."""
+        robots = len(self.tags)
+        depth_m = None if self.source is None else self._depth_m(self.source)
+        return phases.Truth(self.poses[:, :robots], depth_m, (self.leds & RING_LEDS) != 0)
+
+    def swarm(self) -> dict[str, int | None]:
+        """Robots in the cone, and lit there, before and after the wind's turn; as the lab's."""
+        return phases.swarm(self)
+
+    def save(self, path: Path) -> None:
+        """Writes the trajectories: an .npz file that NumPy reads.
+
+        It holds time_s (n,), tags (robots,), object_tags (objects,), poses (n, robots, 3) and
+        object_poses (n, objects, 3) of x_m, y_m, yaw_rad, and leds (n, robots).
+
+        Raises:
+            VsenseError: the file cannot be written.
+        """
+        robots = len(self.tags)
+        try:
+            np.savez(
+                path,
+                time_s=self.timesteps["run_timestep"] * self._timestep_s,
+                tags=np.array(self.tags, dtype=np.uint32),
+                object_tags=np.array(self.object_tags, dtype=np.uint32),
+                poses=self.poses[:, :robots],
+                object_poses=self.poses[:, robots:],
+                leds=self.leds,
+            )
+        except OSError as error:
+            raise VsenseError(f"{path}: cannot be written: {error.strerror}") from None
+
+    def _depth_m(self, source: PollutantSource) -> Floats:
+        """How deep each robot is in the source's cone; negative outside."""
+        robots = len(self.tags)
+        place = (*self.tags, *self.object_tags).index(source.tag)
+        turned = self._timesteps_turned()
+        depth_m = np.full((len(self.poses), robots), -np.inf)
+        keys = zip(*self.poses[:, place, :2].T.tolist(), turned.tolist(), self.share.tolist())
+        row = 0
+        # A cone mostly stays for many timesteps.
+        for (x_m, y_m, _, share), same in groupby(keys):
+            rows = slice(row, row + len(list(same)))
+            if share > 0.0:
+                cone = source.cone_at(x_m, y_m, row, share)
+                depth_m[rows] = -cone.edge_distance(self.poses[rows, :robots, :2])
+            row = rows.stop
+        return depth_m
+
+    def _timesteps_turned(self) -> NDArray[np.bool_]:
+        """Whether the wind has turned, per timestep."""
+        numbers = self.timesteps["run_timestep"]
+        turned: NDArray[np.bool_] = numbers >= (len(numbers) if self.turn is None else self.turn)
+        return turned

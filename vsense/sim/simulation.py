@@ -1,0 +1,195 @@
+"""One simulated run: physics, virtual world and the robots' minds on one virtual clock.
+
+A timestep goes as in the lab (medians of `vsense lab pollutant`, 120 s): the cameras expose, 10 ms
+later their pictures are there, at 24 ms the robots have their own sensors' readings composed, at
+30 ms their controllers run, and at 31 ms the wheels obey. Where timesteps are shorter than that
+they overlap, as they do there. Nothing reads a clock: a seed gives the same bits every time.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vsense.config.placement import settle
+from vsense.config.specs import Experiment
+from vsense.environment import Environment
+from vsense.lab.physics import Physics, obstacles
+from vsense.lab.proximity import ProximityRing
+from vsense.link.table import Table
+from vsense.link.wire import Values, Wanted
+from vsense.pictures.album import Album
+from vsense.sim.record import Record
+from vsense.sim.robots import Robots
+from vsense.sim.tracker import SimulatedTracker
+
+EPOCH_NS = 1_000_000_000
+"""The virtual clock at the first timestep; 0 stands for "never" on the wire."""
+
+WARM_UP = 3
+"""Timesteps before the run: after so many fresh states wheels may turn (robot/safety.h)."""
+
+SENSE_NS = 20_000_000
+"""From the capture to the last look of the proximity sensors before a control step: their frame is
+composed after 24 ms, and they look every 10 ms."""
+CONTROL_NS = 30_000_000
+"""From the capture to the controller: 10 ms readout, and `latency_ms.capture_to_control`."""
+ACT_NS = 31_000_000
+"""From the capture to the wheels."""
+
+
+class _Event(NamedTuple):
+    """Something that is due; events of the same time come in the order of their numbers."""
+
+    time_ns: int
+    number: int
+    happen: Callable[[], None]
+
+
+class Simulation:
+    """A run from its first timestep to its last.
+
+    Attributes:
+        environment: the virtual world.
+        record: what happened.
+        album: takes down what the picture of the run needs; None: nobody wants one.
+    """
+
+    def __init__(
+        self,
+        experiment: Experiment,
+        library: Path,
+        seed: int,
+        blind: bool = False,
+        progress: Any = None,
+    ) -> None:
+        """Puts everything in its place.
+
+        Args:
+            experiment: what to run; it has a length.
+            library: its controller, as `vsense.build.shared` gives it.
+            seed: of everything that is drawn.
+            blind: hold the virtual sensors at 0.
+            progress: see `Robots`.
+
+        Raises:
+            VsenseError: something in the experiment cannot be had.
+        """
+        experiment = settle(experiment, seed)
+        self.environment = Environment(experiment, seed, blind)
+        self.record = Record(experiment)
+        self.album: Album | None = None
+        self._dt_ns = round(1e9 / experiment.ticks_per_second)
+        self._physics = _floor(experiment)
+        self._rings = ProximityRing(self._physics.near, seed)
+        self._tracker = SimulatedTracker((*self.record.tags, *self.record.object_tags), seed)
+        self._robots = Robots(
+            library,
+            self.record.tags,
+            Table(self.environment.table_entries),
+            self._dt_ns,
+            seed,
+            experiment.controller.params_text,
+            progress,
+        )
+        self._leds = np.zeros_like(self._robots.leds)
+        self._reports, self._events = dict[int, bytes](), list[_Event]()
+        self._timestep = self._numbers = 0
+
+    def run(self) -> dict[str, float]:
+        """Lives all timesteps.
+
+        Returns:
+            The experiment's own results by name.
+
+        Raises:
+            VsenseError: something in the virtual world has failed.
+        """
+        for run_timestep in range(-WARM_UP, len(self.record.timesteps)):
+            self.step(run_timestep)
+        self._live_until(self._capture_ns())
+        if self.album is not None:
+            self.album.end(self.environment.world)
+        return self.environment.end()
+
+    def step(self, run_timestep: int) -> None:
+        """Lives one timestep, up to the moment before the next capture.
+
+        Args:
+            run_timestep: timestep of the run, negative before it; one more at every call.
+        """
+        capture_ns = self._capture_ns()
+        self._live_until(capture_ns)
+        poses = self._physics.poses
+        state = self._tracker.update(poses, self._timestep, capture_ns)
+        readings = self.environment.step(state, run_timestep, self._reports)
+        if run_timestep >= 0:
+            self.record.note(run_timestep, poses, self._leds, self._share())
+            if self.album is not None:
+                self.album.look(run_timestep, self.environment.world)
+        self._plan(capture_ns + SENSE_NS, self._control(capture_ns, self._timestep, readings))
+        self._timestep += 1
+
+    def complaints(self) -> list[str]:
+        """What the controllers asked for in vain, or do not know."""
+        return self._robots.complaints()
+
+    def _share(self) -> float:
+        """How much is left of the first pollutant source."""
+        source = self.record.source
+        return 1.0 if source is None else self.environment.world.stock.share(source)
+
+    def _capture_ns(self) -> int:
+        """When the timestep that comes next is captured."""
+        return EPOCH_NS + self._timestep * self._dt_ns
+
+    def _control(
+        self, capture_ns: int, timestep: int, readings: dict[int, Values]
+    ) -> Callable[[], None]:
+        """Makes the event in which the robots sense and think."""
+
+        def happen() -> None:
+            prox_raw = self._rings.read(self._physics.bodies)
+            wanted = Wanted.RUN if timestep >= WARM_UP else Wanted.IDLE
+            times_ns = capture_ns, capture_ns + CONTROL_NS
+            self._robots.step(wanted, WARM_UP, timestep, times_ns, readings, prox_raw)
+            act_ns = capture_ns + ACT_NS
+            self._plan(act_ns, self._obey(act_ns, self._robots.reports()))
+
+        return happen
+
+    def _obey(self, time_ns: int, reports: dict[int, bytes]) -> Callable[[], None]:
+        """Makes the event in which wheels and LEDs do what the controllers said."""
+        wheels, leds = self._robots.wheels_steps_s.copy(), self._robots.leds.copy()
+
+        def happen() -> None:
+            self._physics.drive_all(wheels, time_ns)
+            self._leds, self._reports = leds, reports
+
+        return happen
+
+    def _plan(self, time_ns: int, happen: Callable[[], None]) -> None:
+        heapq.heappush(self._events, _Event(time_ns, self._numbers, happen))
+        self._numbers += 1
+
+    def _live_until(self, time_ns: int) -> None:
+        """Moves everything on to a time; what is due then has happened."""
+        while self._events and self._events[0].time_ns <= time_ns:
+            event = heapq.heappop(self._events)
+            self._physics.advance(event.time_ns)
+            event.happen()
+        self._physics.advance(time_ns)
+
+
+def _floor(experiment: Experiment) -> Physics:
+    """Puts everything that is real in its place; everything has one."""
+    robots, objects = (
+        np.array([body.pose for body in bodies], dtype=np.float64).reshape(-1, 3)
+        for bodies in (experiment.robots, experiment.objects)
+    )
+    boxes, cylinders = obstacles(experiment)
+    return Physics(robots, objects, boxes, EPOCH_NS, cylinders)

@@ -1,0 +1,195 @@
+"""The process that simulates: one after the other, every run in a fork of its own.
+
+A controller is anybody's C code, and a campaign is many runs: a fork costs milliseconds, keeps
+what one run breaks away from the next, and gives every run the same fresh memory. What a run
+needs is imported before.
+
+`python -m vsense.sim.worker DESCRIPTOR` shares the memory of `Robots`' progress through the
+descriptor. It reads jobs from standard input, one line each (`vsense.sim.job`), and answers on
+standard output with one line of JSON each:
+
+    {"result": {...}}               what the run gave
+    {"error": "...", "exit_code": 1}  what a user can mend
+    {"status": 139}                 how the fork ended otherwise, as `os.waitpid` says it
+
+The next job comes after the answer. When standard input ends, all ends.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import mmap
+import os
+import select
+import signal
+import sys
+import time
+import traceback
+from pathlib import Path
+from typing import Any
+
+from vsense.errors import VsenseError
+from vsense.pictures.album import Album
+from vsense.sim import portrait
+from vsense.sim.job import Job
+from vsense.sim.robots import PROGRESS_BYTES, declarations
+from vsense.sim.simulation import Simulation
+
+
+def simulate(job: Job, progress: Any) -> dict[str, Any]:
+    """Does one run.
+
+    Args:
+        job: the run.
+        progress: see `Robots`.
+
+    Returns:
+        The experiment's `name`, number of `robots` and `timesteps`, `timestep_s`, `wall_s` that
+        the timesteps took, `swarm` as of `metrics.swarm`, `measures` of the experiment's own,
+        and `complaints` of controllers.
+
+    Raises:
+        VsenseError: the run cannot be had.
+    """
+    experiment = job.setup.load()
+    run = Simulation(experiment, Path(job.library), job.seed, job.setup.blind, progress)
+    if job.directory is not None:
+        run.album = Album(experiment)
+    begun_s = time.perf_counter()
+    measures = run.run()
+    wall_s = time.perf_counter() - begun_s
+    if job.directory is not None:
+        portrait.save(run, experiment, job, Path(job.directory))
+    return {
+        "name": experiment.name,
+        "robots": len(experiment.robots),
+        "timesteps": experiment.timesteps,
+        "timestep_s": experiment.timestep_s,
+        "wall_s": wall_s,
+        "swarm": run.record.swarm(),
+        "measures": measures,
+        "complaints": run.complaints(),
+    }
+
+
+class Worker:
+    """Takes jobs and has them done."""
+
+    def __init__(self, progress: Any, answers: int) -> None:
+        """A worker that nobody has given anything yet.
+
+        Args:
+            progress: shared memory.
+            answers: descriptor to answer on.
+        """
+        self._progress = progress
+        self._answers = answers
+
+    def work(self) -> None:
+        """Does jobs until standard input ends."""
+        while line := _read_line(0):
+            answer = self._do(line)
+            if answer is None:
+                return
+            os.write(self._answers, json.dumps(answer).encode() + b"\n")
+
+    def _do(self, line: bytes) -> dict[str, Any] | None:
+        """Does a job in a fork; None where nobody wants it any more."""
+        told, tell = os.pipe()
+        # The fork dies with this process, even in a loop that never ends: see `_die_with_parent`.
+        alive, life = os.pipe()
+        pid = os.fork()
+        if pid == 0:
+            os.close(life)
+            os.close(told)
+            _die_with_parent(alive)
+            self._answer(line, tell)
+        os.close(tell)
+        os.close(alive)
+        try:
+            said = _listen(told, pid)
+        finally:
+            _, status = os.waitpid(pid, 0)
+            os.close(told)
+            os.close(life)
+        if said is None:
+            return None
+        return json.loads(said) if status == 0 and said else {"status": status}
+
+    def _answer(self, line: bytes, tell: int) -> None:
+        """The fork: does the job, says what came of it, and ends."""
+        code = 1
+        try:
+            # What a controller prints is talk, and nothing is there for it to read.
+            os.dup2(2, 1)
+            os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+            os.close(self._answers)
+            try:
+                answer: dict[str, Any] = {"result": simulate(Job.from_line(line), self._progress)}
+            except VsenseError as error:
+                answer = {"error": str(error), "exit_code": error.exit_code}
+            _write_all(tell, json.dumps(answer).encode())
+            code = 0
+        except BaseException:
+            traceback.print_exc()
+        finally:
+            os._exit(code)
+
+
+def _die_with_parent(alive: int) -> None:
+    """Has the kernel end this process when the pipe's other end closes."""
+    signal.signal(signal.SIGIO, signal.SIG_DFL)
+    fcntl.fcntl(alive, fcntl.F_SETOWN, os.getpid())
+    fcntl.fcntl(alive, fcntl.F_SETFL, fcntl.fcntl(alive, fcntl.F_GETFL) | os.O_ASYNC)
+    # It may have closed before the kernel was asked to watch.
+    if select.select([alive], [], [], 0)[0]:
+        os._exit(1)
+
+
+def _listen(told: int, pid: int) -> bytes | None:
+    """Waits for all that a fork says; None, and the fork is ended, where nobody wants it."""
+    said = bytearray()
+    while True:
+        ready = select.select([told, 0], [], [])[0]
+        if 0 in ready:
+            os.kill(pid, signal.SIGKILL)
+            return None
+        part = os.read(told, 65536)
+        if not part:
+            return bytes(said)
+        said += part
+
+
+def _read_line(descriptor: int) -> bytes:
+    """Reads up to a line's end and not a byte further, so that `select` sees all that follows."""
+    line = bytearray()
+    while not line.endswith(b"\n"):
+        byte = os.read(descriptor, 1)
+        if not byte:
+            return b""
+        line += byte
+    return bytes(line)
+
+
+def _write_all(descriptor: int, data: bytes) -> None:
+    while data:
+        data = data[os.write(descriptor, data) :]
+
+
+def main() -> int:
+    """Runs the process; see the module."""
+    progress = mmap.mmap(int(sys.argv[1]), PROGRESS_BYTES)
+    answers = os.dup(1)
+    os.dup2(2, 1)
+    try:
+        declarations()
+    except VsenseError as error:
+        print(f"vsense sim: {error}", file=sys.stderr)
+        return error.exit_code
+    Worker(progress, answers).work()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
