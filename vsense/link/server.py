@@ -31,6 +31,10 @@ JOIN_S = 5.0
 class VirtualSensorServer:
     """Sessions with all robots of an experiment. Its methods may be called by any thread."""
 
+    _network: Network | None = None
+    _thread: threading.Thread | None = None
+    _failure: BaseException | None = None
+
     def __init__(
         self,
         *,
@@ -69,10 +73,7 @@ class VirtualSensorServer:
         self._lock = threading.Lock()
         self._clock = clock
         self._shared = Shared(self._roster, self._lock, clock, Teller(on_event).tell)
-        self._network: Network | None = None
-        self._thread: threading.Thread | None = None
         self._goodbye = (GoodbyeCause.END, "")
-        self._failure: BaseException | None = None
 
     def start(self) -> int:
         """Takes the port on TCP and UDP and begins to serve.

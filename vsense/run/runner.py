@@ -15,6 +15,7 @@ from vsense.console import Console
 from vsense.link.arena_client import TrackerEnded
 from vsense.link.server import VirtualSensorServer
 from vsense.run.attendance import Attendance
+from vsense.run.complaints import Complaints
 from vsense.run.tally import Tally
 from vsense.runtime import NoArenaState, Runtime, Step
 from vsense.tracking.grabbers import NoMorePictures
@@ -75,6 +76,7 @@ class Runner:
             clock: the host's monotonic clock [ns].
         """
         self.tally = Tally()
+        self._complaints = Complaints()
         self.reconnects = 0
         self.silences: list[Silence] = []
         self.ended = "interrupted"
@@ -90,8 +92,7 @@ class Runner:
         self._look = look
         self._clock = clock
         self._heard_ns: int | None = None
-        self._silent = False
-        self._run_timestep = -1
+        self._silent, self._run_timestep = False, -1
         self._sessions = 0
 
     def wait(self, limit_s: float | None = None) -> Attendance:
@@ -172,8 +173,11 @@ class Runner:
                 duration_s = self._note_silence()
                 self._console.say(f"arena states are back after {duration_s:.1f} s")
             self._heard_ns = step.arena_ns
-        for status in self.tally.update(self._server.robots()):
+        robots = self._server.robots()
+        for status in self.tally.update(robots):
             self._console.say(f"robot {status.name}: its guard was replaced")
+        for line in self._complaints.update(robots, self._clock()):
+            self._console.say(line)
         self._look()
         return step
 

@@ -61,6 +61,11 @@ class RunSession:
         self.server: VirtualSensorServer = make_server(
             experiment, table, address, seed, self._on_link_event
         )
+        self._open(tracking, interrupted)
+
+    def _open(self, tracking: tuple[str, str] | None, interrupted: threading.Event) -> None:
+        """Opens everything, or leaves nothing open."""
+        experiment, console = self.experiment, self._console
         with ExitStack() as opened:
             self.source: SteadySource = open_source(experiment, tracking, self._tell)
             opened.callback(self.source.close)
