@@ -7,13 +7,12 @@
  * Shining are the virtual LEDs, which the others see, and the real red ones.
  *
  * Parameters: red, green, blue of the wanted colour (0, 255, 0), tolerance, by how much
- * each of them may differ (60), stop_probability per timestep (0.1), and those of walk.h.
+ * each of them may differ (60), stop_probability per timestep (0.06), and those of walk.h.
  */
 #include "controller.h"
 
 #define PLACES 6 /* robots that the sensor "leds" tells of, at most */
 #define SHINE 255.0
-#define BEHIND_RAD 1.5
 
 struct gatherer {
     int floor;
@@ -59,25 +58,6 @@ static int see_shining(const struct gatherer *s, const struct vs_robot *robot, d
     return 1;
 }
 
-/* Whether somebody stands close behind, and nobody ahead. */
-static int can_make_room(const struct gatherer *s, const struct vs_robot *robot)
-{
-    double prox[8];
-    double side;
-    int behind = 0;
-    int i;
-
-    if (vs_robot_values(robot, s->walk.proximity, prox, 8) != 8)
-        return 0;
-    for (i = 0; i < 8; i++) {
-        double angle_rad = vs_robot_sensor_angle_rad[i];
-
-        if (prox[i] >= s->walk.near_raw && (angle_rad > BEHIND_RAD || angle_rad < -BEHIND_RAD))
-            behind = 1;
-    }
-    return behind && vs_walk_obstacle(&s->walk, robot, &side) <= 0.0;
-}
-
 static void init(void *state, struct vs_robot *robot)
 {
     struct gatherer *s = state;
@@ -89,7 +69,7 @@ static void init(void *state, struct vs_robot *robot)
     s->wanted[1] = vs_robot_param(robot, "green", 255.0);
     s->wanted[2] = vs_robot_param(robot, "blue", 0.0);
     s->tolerance = vs_robot_param(robot, "tolerance", 60.0);
-    s->stop_probability = vs_robot_param(robot, "stop_probability", 0.1);
+    s->stop_probability = vs_robot_param(robot, "stop_probability", 0.06);
     vs_walk_init(&s->walk, robot);
 }
 
@@ -104,10 +84,8 @@ static void step(void *state, struct vs_robot *robot)
     s->resting = s->resting && there;
     vs_robot_set_leds(robot, s->resting ? VS_ROBOT_LED_RING : 0);
     vs_robot_actuate(robot, s->lamp, 0, s->resting ? SHINE : 0.0);
-    if (s->resting && !can_make_room(s, robot))
+    if (s->resting)
         vs_walk_rest(&s->walk, robot);
-    else if (s->resting)
-        vs_walk_wander(&s->walk, robot);
     else if (see_shining(s, robot, &bearing_rad))
         vs_walk_towards(&s->walk, robot, bearing_rad);
     else

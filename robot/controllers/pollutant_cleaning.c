@@ -1,29 +1,19 @@
 /* SPDX-License-Identifier: MIT */
 /*
- * pollutant_cleaning.c - wander; where the pollutant is sensed, stop with a probability
- * at every timestep, light the red LEDs and clean with all might until it has gone.
+ * pollutant_cleaning.c - wander; where the pollutant is sensed, clean it, drive slowly
+ * so as to stay a while, and light the red LEDs.
  *
- * Parameters: stop_probability per timestep (0.3), and those of walk.h.
+ * Parameters: cleaning_cm_s, the speed of a robot that cleans (1), and those of walk.h.
  */
 #include "controller.h"
 
 struct cleaner {
     int pollutant;
     int brush;
-    double stop_probability;
-    int cleaning;
+    double wandering_steps_s;
+    double cleaning_steps_s;
     struct vs_walk walk;
 };
-
-/* A stale value is no news: whoever cleans goes on, and nobody else begins. */
-static int senses_pollutant(const struct cleaner *s, const struct vs_robot *robot)
-{
-    struct vs_reading reading = vs_robot_read(robot, s->pollutant);
-
-    if (reading.known && reading.stale)
-        return s->cleaning;
-    return reading.known && reading.value >= 0.5;
-}
 
 static void init(void *state, struct vs_robot *robot)
 {
@@ -31,24 +21,21 @@ static void init(void *state, struct vs_robot *robot)
 
     s->pollutant = vs_robot_sensor(robot, "pollutant");
     s->brush = vs_robot_actuator(robot, "cleaning");
-    s->stop_probability = vs_robot_param(robot, "stop_probability", 0.3);
+    s->cleaning_steps_s = vs_robot_param(robot, "cleaning_cm_s", 1.0) * VS_ROBOT_STEPS_PER_CM;
     vs_walk_init(&s->walk, robot);
+    s->wandering_steps_s = s->walk.speed_steps_s;
 }
 
+/* A stale value counts as it is: to clean where nothing is left does no harm. */
 static void step(void *state, struct vs_robot *robot)
 {
     struct cleaner *s = state;
-    int sensed = senses_pollutant(s, robot);
+    int dirty = vs_robot_read(robot, s->pollutant).value >= 0.5;
 
-    if (sensed && !s->cleaning && vs_robot_random(robot) < s->stop_probability)
-        s->cleaning = 1;
-    s->cleaning = s->cleaning && sensed;
-    vs_robot_set_leds(robot, s->cleaning ? VS_ROBOT_LED_RING : 0);
-    vs_robot_actuate(robot, s->brush, 0, s->cleaning ? 1.0 : 0.0);
-    if (s->cleaning)
-        vs_walk_rest(&s->walk, robot);
-    else
-        vs_walk_wander(&s->walk, robot);
+    vs_robot_actuate(robot, s->brush, 0, dirty ? 1.0 : 0.0);
+    vs_robot_set_leds(robot, dirty ? VS_ROBOT_LED_RING : 0);
+    s->walk.speed_steps_s = dirty ? s->cleaning_steps_s : s->wandering_steps_s;
+    vs_walk_wander(&s->walk, robot);
 }
 
 const struct vs_controller vs_controller = {"pollutant_cleaning", sizeof(struct cleaner),

@@ -6,7 +6,7 @@
  *
  * A cleaner that the cone has left behind drives on as it came: that is into the cone.
  *
- * Parameters: stop_probability per timestep (0.3), polluter_cm_s (3), and those of
+ * Parameters: stop_probability per timestep (0.3), polluter_cm_s (2), and those of
  * walk.h.
  */
 #include "controller.h"
@@ -23,14 +23,14 @@ struct mover {
     struct vs_walk walk;
 };
 
-/* A stale value is no news: whoever cleans goes on, and nobody else begins. */
-static int senses_pollutant(const struct mover *s, const struct vs_robot *robot)
+/* Whether to clean in this step. What is not known is stale, and a stale value is no news. */
+static int cleans(const struct mover *s, struct vs_robot *robot)
 {
     struct vs_reading reading = vs_robot_read(robot, s->pollutant);
 
-    if (reading.known && reading.stale)
+    if (reading.stale)
         return s->cleaning;
-    return reading.known && reading.value >= 0.5;
+    return reading.value >= 0.5 && (s->cleaning || vs_robot_random(robot) < s->stop_probability);
 }
 
 static void init(void *state, struct vs_robot *robot)
@@ -40,26 +40,25 @@ static void init(void *state, struct vs_robot *robot)
     s->pollutant = vs_robot_sensor(robot, "pollutant");
     s->destination = vs_robot_sensor(robot, "destination");
     s->stop_probability = vs_robot_param(robot, "stop_probability", 0.3);
-    s->polluter_steps_s = vs_robot_param(robot, "polluter_cm_s", 3.0) * VS_ROBOT_STEPS_PER_CM;
+    s->polluter_steps_s = vs_robot_param(robot, "polluter_cm_s", 2.0) * VS_ROBOT_STEPS_PER_CM;
     vs_walk_init(&s->walk, robot);
     s->cleaner_steps_s = s->walk.speed_steps_s;
 }
 
+/* Slowly, but for a way round somebody: that is walk.h's, in seconds. */
 static void pollute(struct mover *s, struct vs_robot *robot, double bearing_rad)
 {
+    int free = s->walk.activity == VS_WALK_STEER;
+
     s->cleaning = 0;
-    s->walk.speed_steps_s = s->polluter_steps_s;
+    s->walk.speed_steps_s = free ? s->polluter_steps_s : s->cleaner_steps_s;
     vs_robot_set_leds(robot, VS_ROBOT_LED_BODY);
     vs_walk_towards(&s->walk, robot, bearing_rad);
 }
 
 static void clean(struct mover *s, struct vs_robot *robot)
 {
-    int sensed = senses_pollutant(s, robot);
-
-    if (sensed && !s->cleaning && vs_robot_random(robot) < s->stop_probability)
-        s->cleaning = 1;
-    s->cleaning = s->cleaning && sensed;
+    s->cleaning = cleans(s, robot);
     s->walk.speed_steps_s = s->cleaner_steps_s;
     vs_robot_set_leds(robot, s->cleaning ? VS_ROBOT_LED_RING : 0);
     if (s->cleaning)

@@ -13,7 +13,6 @@ import pytest
 from vsense.config.experiment import load
 from vsense.config.specs import BODY_RADIUS_M, Experiment
 from vsense.config.subset import first_robots
-from vsense.errors import UsageError
 from vsense.lab.physics import STEP_M, obstacles
 from vsense.sim.simulation import ACT_NS, Simulation
 from vsense.world.entities import Box, Cylinder
@@ -131,10 +130,3 @@ def test_trajectories_are_what_was_recorded(experiment, pollutant, tmp_path: Pat
 def test_what_decides_a_run_reads_no_clock(name: str) -> None:
     source = (Path(__file__).parent.parent.parent / "vsense" / "sim" / f"{name}.py").read_text()
     assert not re.search(r"^\s*(import|from) (time|datetime|random)\b", source, re.M)
-
-
-def test_a_smaller_swarm_is_the_first_of_the_file(experiment) -> None:
-    small = first_robots(experiment, 4)
-    assert small.robots == experiment.robots[:4]
-    with pytest.raises(UsageError, match=r"--robots 16: .* has 15"):
-        first_robots(experiment, 16)

@@ -57,6 +57,19 @@ def swarm(run: Phases) -> dict[str, int | None]:
     }
 
 
+def rows(swarm: dict[str, int | None], robots: int) -> list[tuple[str, str]]:
+    """The figures of `swarm` as lines of a table; none without a cone."""
+    found = []
+    turned = swarm["in_cone_after_turn"] is not None
+    for when in ("before", "after"):
+        inside, lit = swarm[f"in_cone_{when}_turn"], swarm[f"lit_{when}_turn"]
+        if inside is not None:
+            moment = f"{when} the wind turned" if turned else "at the end"
+            text = f"{inside} of {robots} robots in the cone {moment}, {lit} of them lit"
+            found.append(("swarm", text))
+    return found
+
+
 def phase_ends(run: Phases) -> tuple[int | None, int | None]:
     """Rows of the last timesteps before the wind turned and after it; None: no such phase."""
     timesteps = run.timesteps["run_timestep"]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.config.specs import Experiment
-from vsense.lab import metrics
+from vsense.lab import metrics, phases
 from vsense.lab.microcontrollers import read_actuations
 from vsense.lab.session import Session
 from vsense.lab.shared import LabError
@@ -183,7 +183,7 @@ def table(summary: dict[str, Any]) -> str:
             f" {_percent(sensing['agreement_in'])} inside the cone,"
             f" {_percent(sensing['agreement_out'])} outside",
         ),
-        *_swarm(swarm, summary["robots"]),
+        *phases.rows(swarm, summary["robots"]),
         *(("measure", f"{spoken(name)}: {value:g}") for name, value in summary["measures"].items()),
         (
             "link",
@@ -198,17 +198,6 @@ def table(summary: dict[str, Any]) -> str:
         figures = "".join(f"{_number(spread[key]):>8}" for key in ("p50", "p99", "max"))
         lines.append(f"{'':<10}{name.replace('_', ' '):<22}{figures}")
     return "\n".join(lines)
-
-
-def _swarm(swarm: dict[str, Any], robots: int) -> list[tuple[str, str]]:
-    """The swarm before and after the wind's turn, as far as there is a cone and a turn."""
-    rows = []
-    for when in ("before", "after"):
-        inside, lit = swarm[f"in_cone_{when}_turn"], swarm[f"lit_{when}_turn"]
-        if inside is not None:
-            text = f"{inside} of {robots} robots in the cone {when} the wind turned"
-            rows.append(("swarm", f"{text}, {lit} of them lit"))
-    return rows
 
 
 def _percent(share: float | None) -> str:

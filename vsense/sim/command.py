@@ -14,6 +14,7 @@ from vsense.config.specs import Experiment
 from vsense.console import Console
 from vsense.errors import UsageError
 from vsense.interruption import INTERRUPTED, interruption
+from vsense.lab import phases
 from vsense.run import directory as run_directory
 from vsense.sim import campaign
 from vsense.sim.job import Job, Setup
@@ -102,19 +103,14 @@ def summarise(job: Job, result: dict[str, Any]) -> dict[str, Any]:
 
 def table(summary: dict[str, Any]) -> str:
     """The summary as a person reads it."""
-    swarm, robots = summary["swarm"], summary["robots"]
     rows = [
         (
             "run",
-            f"{summary['duration_s']:g} s of {robots} robots,"
+            f"{summary['duration_s']:g} s of {summary['robots']} robots,"
             f" {summary['speedup']:g} times as fast as real time",
         )
     ]
-    for when in ("before", "after"):
-        inside, lit = swarm[f"in_cone_{when}_turn"], swarm[f"lit_{when}_turn"]
-        if inside is not None:
-            text = f"{inside} of {robots} robots in the cone {when} the wind turned"
-            rows.append(("swarm", f"{text}, {lit} of them lit"))
+    rows += phases.rows(summary["swarm"], summary["robots"])
     rows += [("measure", f"{name} = {value:g}") for name, value in summary["measures"].items()]
     return "\n".join(f"{name:<10}{text}" for name, text in rows)
 

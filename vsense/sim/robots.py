@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from vsense import build
 from vsense.errors import VsenseError
-from vsense.lab.microcontrollers import LIGHT_RAW as DARKNESS_RAW
+from vsense.lab.firmware import LIGHT_RAW as DARKNESS_RAW
 from vsense.link.roster import robot_seed
 from vsense.link.table import Direction, Table
 from vsense.link.wire import Header, PacketType, Values, Wanted, Welcome, encode
@@ -94,7 +94,9 @@ class Robots:
         for robot, tag in enumerate(self._tags):
             welcome = Welcome(table, timestep_ns // 1000, robot_seed(seed, tag), params)
             packet = encode(Header(PacketType.WELCOME, table_hash=table.hash), welcome)
-            code = self._lib.vs_inprocess_welcome(self._all, robot, tag, packet, len(packet))
+            # A virtual robot's tag is no marker's, and does not fit the wire's 16 bits.
+            wire_tag = tag % 2**16
+            code = self._lib.vs_inprocess_welcome(self._all, robot, wire_tag, packet, len(packet))
             check(code, f"robot {tag}")
         self._make_room(table)
 

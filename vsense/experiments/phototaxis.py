@@ -1,0 +1,56 @@
+"""Loop functions of phototaxis.argos: carry the light round, and measure how far it is.
+
+Measures:
+    light_distance_m       mean distance of the robots to the light along the floor now [m]
+    light_distance_mean_m  its mean over the run, at the end [m]
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from vsense.world.entities import Light
+from vsense.world.world import World
+
+FLATNESS = 0.6
+"""Height of the ellipse over its width: the arena is not square."""
+
+
+class LoopFunctions:
+    """One run. The light's course is an ellipse around the arena's origin."""
+
+    def __init__(self) -> None:
+        self._distances_m: list[float] = []
+
+    def reset(self, world: World) -> None:
+        """Reads how the light moves."""
+        lamp = self._lamp(world)
+        self._reach_m = math.hypot(lamp.position_m[0], lamp.position_m[1] / FLATNESS)
+        self._start_rad = math.atan2(lamp.position_m[1] / FLATNESS, lamp.position_m[0])
+        self._turn_s = float(world.params["turn_s"])
+
+    def pre_step(self, world: World) -> None:
+        """Moves the light on."""
+        angle_rad = self._start_rad + 2.0 * math.pi * world.time_s / self._turn_s
+        x_m = self._reach_m * math.cos(angle_rad)
+        y_m = self._reach_m * FLATNESS * math.sin(angle_rad)
+        world.move(world.params["light"], x_m, y_m)
+
+    def post_step(self, world: World) -> None:
+        """Measures the distance."""
+        x_m, y_m, _ = self._lamp(world).position_m
+        away_m = np.hypot(world.robots["x_m"] - x_m, world.robots["y_m"] - y_m)
+        self._distances_m.append(float(away_m.mean()))
+        world.results["light_distance_m"] = self._distances_m[-1]
+
+    def end(self, world: World) -> dict[str, float]:
+        """Gives the mean over the run."""
+        return {"light_distance_mean_m": float(np.mean(self._distances_m or [0.0]))}
+
+    def _lamp(self, world: World) -> Light:
+        lamp = world.entities[world.params["light"]]
+        if not isinstance(lamp, Light):
+            raise TypeError(f"{lamp.id!r} is no <light>")
+        return lamp
