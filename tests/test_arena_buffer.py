@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense.arena import POSE, SIGHTING, ArenaState
+from vsense.arena import IMAGE_POSE, POSE, SIGHTING, ArenaState
 from vsense.arena_buffer import ArenaBuffer
 from vsense.native import WireError
 
@@ -22,9 +22,19 @@ def state(timestep: int, robots: int, duplicates: tuple[int, ...] = ()) -> Arena
     poses["x_m"] = timestep
     sightings = np.zeros(2 * robots, SIGHTING)
     sightings["y_m"] = timestep
-    capture_ns = 1000 + timestep
+    images = np.zeros(3 * robots, IMAGE_POSE)
+    images["x_px"] = timestep
     return ArenaState(
-        timestep, capture_ns, poses, robots, timestep % 3, duplicates, sightings=sightings
+        timestep=timestep,
+        capture_ns=1000 + timestep,
+        robots=poses,
+        detected=robots,
+        unnamed=timestep % 3,
+        duplicates=duplicates,
+        sightings=sightings,
+        joined=duplicates[:3],
+        cameras=tuple(f"Kamera {n} \u00fc" for n in range(robots)),
+        images=images,
     )
 
 
@@ -40,7 +50,16 @@ def test_state_comes_out_as_it_went_in(
     assert (read.ready_ns, read.done_ns, read.sequence) == (done_ns // 2, done_ns, 1)
     assert read.state.sightings.tobytes() == written.sightings.tobytes()
     assert read.state.robots.tobytes() == written.robots.tobytes()
-    for name in ("timestep", "capture_ns", "detected", "unnamed", "duplicates"):
+    assert read.state.images.tobytes() == written.images.tobytes()
+    for name in (
+        "timestep",
+        "capture_ns",
+        "detected",
+        "unnamed",
+        "duplicates",
+        "joined",
+        "cameras",
+    ):
         assert getattr(read.state, name) == getattr(written, name)
 
 

@@ -12,14 +12,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vsense.arena import POSE, SIGHTING, ArenaState
+from vsense.arena import IMAGE_POSE, POSE, SIGHTING, ArenaState
 from vsense.native import check, ffi, lib
 
 _HEAD = struct.Struct("<qqqqq")
 _TAG = np.dtype("<u4")
-_LISTS = (POSE, _TAG, SIGHTING)
+_NAMES = np.dtype("u1")
+_LISTS = (POSE, _TAG, SIGHTING, _TAG, _NAMES, IMAGE_POSE)
 _SIGHTINGS_PER_ROBOT = 4
-"""A tag may be read at several places at once."""
+"""A tag may be read at several places at once, and seen by several cameras."""
+_NAMES_MAX = 4096
+"""Bytes of all cameras' ids."""
 
 
 class Stamped(NamedTuple):
@@ -47,8 +50,9 @@ class ArenaBuffer:
         Args:
             robots: most robots that a state can hold.
         """
-        entry = POSE.itemsize + _TAG.itemsize + _SIGHTINGS_PER_ROBOT * SIGHTING.itemsize
-        self._size = _HEAD.size + 8 * len(_LISTS) + robots * entry
+        places = SIGHTING.itemsize + IMAGE_POSE.itemsize
+        entry = POSE.itemsize + 2 * _TAG.itemsize + _SIGHTINGS_PER_ROBOT * places
+        self._size = _HEAD.size + 8 * len(_LISTS) + _NAMES_MAX + robots * entry
         self._memory = ffi.new("uint8_t[]", lib.VS_LATEST_SLOTS * self._size)
         self._buffer = ffi.new("struct vs_latest *")
         self._stamp = ffi.new("struct vs_latest_stamp *")
@@ -62,7 +66,16 @@ class ArenaBuffer:
         """
         head = (state.timestep, ready_ns, done_ns, state.detected, state.unnamed)
         data = _HEAD.pack(*head)
-        for rows, dtype in zip((state.robots, state.duplicates, state.sightings), _LISTS):
+        names = np.frombuffer("\0".join(state.cameras).encode(), _NAMES)
+        lists: tuple[Any, ...] = (
+            state.robots,
+            state.duplicates,
+            state.sightings,
+            state.joined,
+            names,
+            state.images,
+        )
+        for rows, dtype in zip(lists, _LISTS):
             array = np.asarray(rows, dtype)
             data += struct.pack("<q", len(array)) + array.tobytes()
         slot = lib.vs_latest_write_begin(self._buffer)
@@ -91,5 +104,8 @@ class ArenaBuffer:
             unnamed=unnamed,
             duplicates=tuple(lists[1].tolist()),
             sightings=lists[2],
+            joined=tuple(lists[3].tolist()),
+            cameras=tuple(lists[4].tobytes().decode().split("\0")) if len(lists[4]) else (),
+            images=lists[5],
         )
         return Stamped(state, ready_ns, done_ns, int(self._stamp.sequence))

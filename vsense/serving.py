@@ -59,7 +59,7 @@ def run(options: argparse.Namespace) -> int:
             talk.say,
         )
         stack.callback(pictures.close)
-        Serving(session, server, pictures, talk, interrupted).live()
+        Serving(session, server, locate, pictures, talk, interrupted).live()
         console.end_progress()
     return INTERRUPTED
 
@@ -71,6 +71,7 @@ class Serving:
         self,
         session: TrackingSession,
         server: ArenaServer,
+        locate: ImagePoses,
         pictures: RunPictures,
         talk: Talk,
         interrupted: threading.Event,
@@ -80,12 +81,14 @@ class Serving:
         Args:
             session: what to track.
             server: where the states go.
+            locate: the server's; it learns of robots that join.
             pictures: where the pictures of runs go.
             talk: what a person is told.
             interrupted: set by whoever wants it to end.
         """
         self._session = session
         self._server = server
+        self._locate = locate
         self._pictures = pictures
         self._talk = talk
         self._interrupted = interrupted
@@ -141,6 +144,7 @@ class Serving:
             shift_ns: from the capture time to when the state is due; None: at once.
         """
         state, frames, events = tracking.step(SILENCE_S)
+        self._locate.learn(tracking.tracker.heights_m)
         if shift_ns is not None:
             wait_ns = state.capture_ns + shift_ns - time.monotonic_ns()
             self._interrupted.wait(max(wait_ns, 0) / 1e9)

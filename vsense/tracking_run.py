@@ -96,7 +96,7 @@ class TrackingRun:
             if self._recorder is not None:
                 self._recorder.close()
                 self._talk.recorded(self._recorder.dropped)
-        self._talk.summary(self._tracking.grabber.missed)
+        self._talk.summary(self._tracking.grabber.missed, self._tracking.tracker.counters)
         if self._options.snapshot is not None:
             self._draw(self._options.snapshot)
 
@@ -145,10 +145,8 @@ class TrackingRun:
         if self._last is None:
             raise VsenseError(f"{path}: not drawn, because there was no picture")
         state, frames = self._last
-        tracking = self._tracking
-        picture = snapshot.draw(
-            state, frames, tracking.cameras, tracking.found, self._session.heights_m
-        )
+        tracker, cameras = self._tracking.tracker, self._tracking.cameras
+        picture = snapshot.draw(state, frames, cameras, tracker.found, tracker.heights_m)
         suffix = path.suffix.lower() if path.suffix.lower() in (".png", ".jpg") else ".png"
         try:
             path.write_bytes(cv2.imencode(suffix, picture)[1].tobytes())
@@ -166,9 +164,9 @@ def begin_recording(session: TrackingSession, talk: Talk) -> BackgroundRecorder 
         directory /= time.strftime("%Y-%m-%d-%H%M%S")
     cameras = [view.camera for view in session.views]
     recorder = PictureRecorder(directory, cameras, record.image_format)
-    tracker = session.views[0].tracker
     try:
-        write_session_files(directory, cameras, tracker.family, session.heights_m)
+        trackers = {view.camera.id: view.tracker for view in session.views}
+        write_session_files(directory, cameras, trackers)
     except OSError as error:
         raise RecordingError(f"{directory}: cannot be written: {error.strerror}") from None
     talk.say(f"recording into {directory}")

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Iterable
 
 from vsense.arena import ArenaState
 from vsense.console import Console
+from vsense.tracking.counters import TrackerCounters
 from vsense.tracking.grabbers import CameraEvent
+from vsense.tracking.troubles import Troubles
 
-REPEATS = 3
-"""One kind of trouble of one camera is told this often, then only counted."""
 BAR_WIDTH = 24
 
 _WINDOW_NS = 2_000_000_000
@@ -37,7 +37,8 @@ class Talk:
         self._pictures = 0
         self._detected = 0
         self._recent: deque[tuple[int, int]] = deque()
-        self._troubles: Counter[tuple[str, str]] = Counter()
+        self._troubles = Troubles()
+        self._joined: set[int] = set()
 
     def say(self, text: str) -> None:
         """Says something of its own."""
@@ -45,12 +46,8 @@ class Talk:
 
     def events(self, events: Iterable[CameraEvent]) -> None:
         """Says what happened to cameras, the same trouble only a few times."""
-        for event in events:
-            key = event.camera, event.kind
-            self._troubles[key] += 1
-            if self._troubles[key] <= REPEATS:
-                more = " (more of this is only counted)" if self._troubles[key] == REPEATS else ""
-                self.say(f"{event}{more}")
+        for line in self._troubles.lines(events):
+            self.say(line)
 
     def timestep(self, state: ArenaState, pictures: int) -> None:
         """Counts a timestep and draws the live line now and then."""
@@ -58,6 +55,9 @@ class Talk:
         self._done += 1
         self._pictures += pictures
         self._detected += state.detected
+        for tag in sorted(set(state.joined) - self._joined):
+            self.say(f"robot {tag} was not on the roster and has joined")
+        self._joined.update(state.joined)
         self._recent.append((now_ns, pictures))
         while now_ns - self._recent[0][0] > _WINDOW_NS:
             self._recent.popleft()
@@ -70,8 +70,13 @@ class Talk:
         if dropped:
             self.say(f"the disk was too slow: {dropped} timesteps were not recorded")
 
-    def summary(self, missed: int) -> None:
-        """Says what was done in all."""
+    def summary(self, missed: int, counters: TrackerCounters) -> None:
+        """Says what was done in all.
+
+        Args:
+            missed: timesteps that were left out.
+            counters: what the tracker has noticed.
+        """
         self._console.end_progress()
         elapsed_s = max((self._clock() - self._begun_ns) / 1e9, 1e-9)
         per_timestep = self._detected / max(self._done, 1)
@@ -82,9 +87,8 @@ class Talk:
         )
         if missed:
             self.say(f"{missed} timesteps were left out to keep pace; --offline takes them all")
-        for (camera, kind), count in sorted(self._troubles.items()):
-            if count > REPEATS:
-                self.say(f"camera {camera}: {count} times {kind}")
+        for note in [*counters.notes(), *self._troubles.summary()]:
+            self.say(note)
 
     def _line(self, state: ArenaState, pictures: int, now_ns: int) -> str:
         rate = self._rate(now_ns)

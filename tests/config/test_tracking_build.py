@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from tests.tracking.synthetic import Look, Robot, render
+from vsense.arena import Frame
 from vsense.config import tracking_session
 from vsense.config.tracking_build import Tracking, build
 from vsense.config.tracking_specs import TrackingSession
@@ -105,6 +107,36 @@ def test_every_camera_is_searched_for_its_own_trackers_markers(load: Load, perio
     finally:
         tracking.close()
         tracking.close()
+
+
+def test_the_roster_is_closed_where_the_file_says_so_and_a_marker_turned(load: Load) -> None:
+    for roster, names in (("open", [31, 700]), ("closed", [700])):
+        session = load()
+        tracker = session.views[0].tracker
+        lonely = replace(tracker, heights_m={700: 0.06}, open_roster=roster == "open")
+        views = (replace(session.views[0], tracker=lonely), session.views[1])
+        tracking = build(replace(session, views=views), lambda: 0, offline=True)
+        (frame,) = tracking.grabber.next(1.0)[:1]
+        for step in range(14):
+            now = replace(frame, timestep=step, capture_ns=step * 100_000_000)
+            state = tracking.tracker.update([now])
+        assert state.robots["tag"].tolist() == names
+        tracking.close()
+
+
+def test_the_heading_of_square_markers_is_a_setting(load: Load) -> None:
+    yaw = {}
+    for turn in (0.0, -90.0):
+        session = load()
+        tracker = replace(session.views[0].tracker, family="aruco_4x4_50", heights_m={7: 0.06})
+        view = replace(session.views[0], tracker=replace(tracker, heading_deg=turn))
+        tracking = build(replace(session, views=(view,)), lambda: 0, offline=True)
+        image = render(CAMERAS[0], load_family("aruco_4x4_50"), [Robot(7, -1.0, 0.0, 0.5)], Look())
+        state = tracking.tracker.update([Frame("a", image, 0, 0, 0)])
+        yaw[turn] = float(state.robots["yaw_rad"][0])
+        tracking.close()
+    assert yaw[0.0] == pytest.approx(0.5, abs=0.01)
+    assert yaw[-90.0] == pytest.approx(0.5 - np.pi / 2.0, abs=0.01)
 
 
 def test_a_recording_that_holds_nothing_is_refused_at_its_place(load: Load) -> None:

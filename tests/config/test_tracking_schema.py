@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import xml.etree.ElementTree as ET
 from importlib import resources as package
 from pathlib import Path
@@ -10,7 +11,8 @@ import pytest
 
 from vsense.config import resources, tracking_session
 from vsense.config.element import Element
-from vsense.config.recording_files import SCHEMAS, tag_ranges, write_session_files
+from vsense.config.recording_files import SCHEMAS, one_tracker, tag_ranges, write_session_files
+from vsense.config.tracking_specs import TrackerSpec
 from vsense.config.xml import parse
 from vsense.tracking.camera import Camera
 
@@ -94,10 +96,17 @@ def test_the_files_of_a_recording_are_read_as_they_were_written(tmp_path: Path) 
     names = ["a", 'b & "c"', "über/dach"]
     cameras = [Camera.looking_down(n, 0.0, 0.0, 2.0, 500.0, (64, 48)) for n in names]
     heights = {**dict.fromkeys(range(1, 9), 0.05), 40: 0.1, 41: 0.1, 60_000: 0.05}
-    write_session_files(tmp_path, cameras, "arrow4x4", heights)
+    own = tmp_path / "mine.json"
+    own.write_text((package.files("vsense.tracking") / "families/aruco_4x4_50.json").read_text())
+    trackers = one_tracker(cameras, "arrow4x4", heights)
+    squares = TrackerSpec('"s"', str(own), 90.0, {3: 0.2}, 0.5, False, 0)
+    write_session_files(tmp_path, cameras, trackers | {"a": squares})
     known = resources.load(tmp_path / "resources.xml")
     assert list(known.cameras) == names
-    assert known.trackers["robots"].heights_m == heights
+    for written in (squares, trackers[names[1]]):
+        assert dataclasses.replace(known.trackers[written.id], line=0) == written
+    used = ET.parse(tmp_path / "experiment.xml").iter("camera_state_tracker")
+    assert [view.get("tracker") for view in used] == ['"s"', "robots", "robots"]
     assert sorted(p.name for p in (tmp_path / "schema").iterdir()) == sorted(SCHEMAS)
 
 

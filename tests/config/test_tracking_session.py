@@ -32,7 +32,7 @@ RESOURCES = """<?xml version="1.0" ?>
     <tracker id="arrows" family="arrow4x4" robot_height="0.06" tags="1-15, 22" max_speed="0.3">
       <robots tags="22 3-4" robot_height="0.12" />
     </tracker>
-    <tracker id="other" tags="100" />
+    <tracker id="other" tags="100" roster="closed" />
     <tracker id="clash" tags="22" robot_height="0.2" />
   </trackers>
   <cameras>
@@ -60,6 +60,7 @@ Read = Callable[..., TrackingSession]
 OPTIONAL = {
     "grabber timestamps", "grabber frame_rate", "grabber start_time", "grabber exposure_time_abs",
     "grabber gain_raw", "tracker family", "tracker robot_height", "tracker max_speed",
+    "tracker roster",
     "arena_state_tracker server_port", "arena_state_tracker opt_key_frame_period",
     "experiment_record record_image",
     "experiment_record change_root_directory_on_start", "experiment_record root_directory",
@@ -136,11 +137,21 @@ def test_everything_in_the_examples_is_understood(read_text: Read, folder: Path)
         **dict.fromkeys((1, 2, *range(5, 16), 100), 0.06), **dict.fromkeys((3, 4, 22), 0.12),
     }  # fmt: skip
     assert files.tracker.max_speed_m_s == 0.3
+    assert files.tracker.open_roster and not film.tracker.open_roster
+    assert files.tracker.heading_deg == 0.0
     record = session.record
     assert (record.record_image, record.change_root_directory_on_start) == (True, False)
     assert (record.root_directory, record.image_format) == (folder / "kept", "pgm")
     usb = session.resources.grabbers["usb"]
     assert (usb.size_px, usb.exposure_us, usb.gain_raw) == ((640, 480), 8000.0, 12.0)
+
+
+def test_square_markers_can_be_turned_on_their_robots_and_arrows_cannot(read_text: Read) -> None:
+    text = RESOURCES.replace('id="other"', 'id="other" family="aruco_4x4_50" heading="-90"')
+    text = text.replace('tags="100"', 'tags="49"')
+    assert read_text(text, EXPERIMENT).views[1].tracker.heading_deg == -90.0
+    with pytest.raises(ConfigError, match=r"heading: is for square markers, those of arrow4x4"):
+        read_text(RESOURCES.replace('id="other"', 'id="other" heading="-90"'), EXPERIMENT)
 
 
 def test_records_are_frozen(read_text: Read) -> None:

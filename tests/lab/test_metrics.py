@@ -111,6 +111,14 @@ def test_perfect_run_is_perfect() -> None:
     assert set(figures["swarm"].values()) == {1}
 
 
+def test_a_tag_that_nobody_carries_is_a_wrong_id() -> None:
+    run = make_run()
+    strange = np.array([(7, 0.001, 0.0, 0.0), (4321, 0.5, 0.5, 0.0)], SIGHTING)
+    tracking = metrics.figures(replace(run, sightings=[strange, *run.sightings[1:]]))["tracking"]
+    assert tracking["wrong_ids"] == 1 and tracking["detected_mean"] == pytest.approx(1.9)
+    assert tracking["position_rmse_mm"] < 1.0
+
+
 @pytest.mark.parametrize("row", [0, 3, TURN - 1, TURN, TIMESTEPS - 1])
 def test_missed_timestep_is_late_and_its_readings_are_wrong(row: int) -> None:
     run = make_run()
@@ -211,3 +219,11 @@ def test_wheels_that_never_took_the_command_do_not_count() -> None:
     for rows in run.actuated:
         rows["left_steps_s"] = 0
     assert metrics.latencies(run)["capture_to_wheels"]["p50"] is None
+
+
+def test_a_later_steps_command_is_not_taken_for_this_ones() -> None:
+    """A base that is only told changes has no frame for a step that changes nothing."""
+    run = make_run()
+    assert metrics.latencies(run)["capture_to_wheels"]["max"] == 26
+    run = replace(run, actuated=[rows[len(rows) // 2 :] for rows in run.actuated])
+    assert metrics.latencies(run)["capture_to_wheels"]["max"] == 26

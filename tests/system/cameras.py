@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 
 from tests.tracking.synthetic import HEIGHT_M, Look, Robot, render
-from vsense.config.recording_files import experiment_text, resources_text
+from vsense.config.recording_files import experiment_text, one_tracker, resources_text
 from vsense.tracking.camera import Camera
 from vsense.tracking.families import load_family
 
@@ -44,7 +44,8 @@ class NetworkCameras(ThreadingHTTPServer):
 
     def files(self, folder: Path) -> tuple[str, str]:
         """Writes the two files of a tracking session with both."""
-        text = resources_text(self.cameras, "arrow4x4", self.heights_m)
+        trackers = one_tracker(self.cameras, "arrow4x4", self.heights_m)
+        text = resources_text(self.cameras, trackers)
         (folder / "cameras").mkdir()
         for camera in self.cameras:
             (folder / "cameras" / f"{camera.id}.json").write_text(camera.to_json())
@@ -54,7 +55,7 @@ class NetworkCameras(ThreadingHTTPServer):
             assert pictures in text and times in text
             text = text.replace(pictures, f'type="camera" device="{url}"').replace(times, "")
         (folder / "resources.xml").write_text(text)
-        (folder / "experiment.xml").write_text(experiment_text(self.cameras))
+        (folder / "experiment.xml").write_text(experiment_text(self.cameras, trackers))
         return str(folder / "resources.xml"), str(folder / "experiment.xml")
 
     def close(self) -> None:

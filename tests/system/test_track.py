@@ -16,7 +16,7 @@ import pytest
 
 from tests.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense.cli import main
-from vsense.config.recording_files import experiment_text, resources_text
+from vsense.config.recording_files import experiment_text, one_tracker, resources_text
 from vsense.tracking.camera import Camera
 from vsense.tracking.families import load_family
 
@@ -79,7 +79,8 @@ def network() -> Iterator[Cameras]:
 def files(network: Cameras, tmp_path: Path) -> list[str]:
     """The two files of a session with both cameras."""
     heights = {robot.tag: HEIGHT_M for robot in ROBOTS}
-    text = resources_text(CAMERAS, "arrow4x4", heights)
+    trackers = one_tracker(CAMERAS, "arrow4x4", heights)
+    text = resources_text(CAMERAS, trackers)
     for camera in CAMERAS:
         (tmp_path / "cameras").mkdir(exist_ok=True)
         (tmp_path / "cameras" / f"{camera.id}.json").write_text(camera.to_json())
@@ -89,7 +90,7 @@ def files(network: Cameras, tmp_path: Path) -> list[str]:
         text = text.replace(old, f'type="camera" device="{url}"')
         text = text.replace(f'\n             timestamps="pictures/{camera.id}/timestamps.csv"', "")
     (tmp_path / "resources.xml").write_text(text)
-    (tmp_path / "experiment.xml").write_text(experiment_text(CAMERAS))
+    (tmp_path / "experiment.xml").write_text(experiment_text(CAMERAS, trackers))
     return [str(tmp_path / "resources.xml"), str(tmp_path / "experiment.xml")]
 
 

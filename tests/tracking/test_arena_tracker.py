@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 
 from tests.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense.arena import DETECTION, UNNAMED, ArenaState, Frame
-from vsense.tracking.arena_tracker import ArenaTracker, TrackingError
+from vsense.tracking.arena_tracker import ArenaTracker
 from vsense.tracking.camera import Camera
 from vsense.tracking.families import load_family
+from vsense.tracking.frame_gate import TrackingError
 
 STEP_NS = 100_000_000
 SIZE = (64, 48)
@@ -22,10 +23,13 @@ CAMERAS = [
     for name, x, y in (("a", -0.02, 0.0), ("b", 0.02, 0.0), ("c", 0.0, 0.01), ("d", 0.5, 0.5))
 ]
 HEIGHTS = {1: 0.06, 2: 0.06, 3: 0.06}
+SPREAD = np.diag((1e-7, 1e-7, 1e-6))
 
 
 class Script:
     """A detector that reads from the picture's first pixel which scene to report."""
+
+    overflows = 0
 
     def __init__(self, scenes: list[list[tuple[int, float, float, float]]]) -> None:
         self._scenes = scenes
@@ -36,7 +40,7 @@ class Script:
         for tag, x_m, y_m, yaw_rad in self._scenes[image[0, 0]]:
             pixel = camera.project(np.array([x_m, y_m, 0.06]))
             if camera.contains(pixel):
-                rows.append((tag, *pixel, yaw_rad, 1e7, 0.02, 9.0))
+                rows.append((tag, *pixel, yaw_rad, SPREAD, 0.02, 9.0))
         return np.array(rows, dtype=DETECTION)
 
 
@@ -223,3 +227,49 @@ def test_real_pictures_of_overlapping_cameras_at_two_heights() -> None:
         row = robot(state, truth.tag)
         assert (row["x_m"], row["y_m"]) == pytest.approx((truth.x_m, truth.y_m), abs=1e-3)
         assert row["yaw_rad"] == pytest.approx(truth.yaw_rad, abs=0.01)
+
+
+def test_a_robot_that_is_not_on_the_roster_joins_and_is_followed() -> None:
+    family, new = load_family("arrow4x4"), 0b0101_1010_1100_0011
+    camera = Camera.looking_down("top", 0.0, 0.0, 2.43, 1620.0, (480, 360), (-0.12, 0.02, 0, 0, 0))
+    heights = {31: HEIGHT_M, 1843: HEIGHT_M}
+    told = {open_: [] for open_ in (True, False)}
+    for open_, states in told.items():
+        arena = ArenaTracker.for_family([camera], family, heights, open_roster=open_)
+        for step in range(14):
+            way = 0.01 * step
+            robots = [Robot(31, -0.2, 0.1, 1.0), Robot(new, -0.2 + way, -0.1, 0.0, 0.12)]
+            picture = render(camera, family, robots, Look(litter=3), seed=step)
+            states.append(arena.update([Frame("top", picture, step, step * STEP_NS, 0)]))
+        arena.close()
+        assert set(arena.heights_m) == {31, 1843} | ({new} if open_ else set())
+    assert [state.unnamed for state in told[True]] == [1] * 11 + [0] * 3
+    assert [state.joined for state in told[True]] == [()] * 11 + [(new,)] * 3
+    last = robot(told[True][-1], new)
+    assert last["seen"] and last["x_m"] == pytest.approx(-0.07, abs=1e-3)
+    assert all(state.unnamed == 1 and state.joined == () for state in told[False])
+
+
+def test_every_pose_says_how_sure_it_is_and_where_the_pictures_show_it() -> None:
+    arena = tracker([(2, 0.0, 0.002, 1.0), (1, 0.5, 0.5, -2.0)], [])
+    state = arena.update(frames(0, 1))
+    for row in state.robots:
+        assert (np.linalg.eigvalsh(row["covariance"]) > 0.0).all()
+    # Four pictures, three of them of robot 2.
+    assert state.cameras == ("a", "b", "c", "d")
+    assert {name: state.camera_state(name)["tag"].tolist() for name in "abcd"} == {
+        "a": [2], "b": [2], "c": [2], "d": [1],
+    }  # fmt: skip
+    for camera in CAMERAS[:3]:
+        (image,) = state.camera_state(camera.id)
+        pixel = camera.project(np.array((0.0, 0.002, 0.06)))
+        assert (image["x_px"], image["y_px"]) == pytest.approx(tuple(pixel))
+    gone = arena.update(frames(1, 2))
+    assert len(gone.images) == 0 and gone.cameras == state.cameras
+    for before, after in zip(state.robots, gone.robots, strict=True):
+        assert after["covariance"].trace() > before["covariance"].trace()
+
+
+def test_a_camera_below_its_robots_is_refused() -> None:
+    with pytest.raises(TrackingError, match=r"hangs 2\.43 m above the floor, expected more than"):
+        ArenaTracker(CAMERAS, lambda: Script([]), {1: 0.06, 2: 2.5})

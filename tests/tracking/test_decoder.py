@@ -97,3 +97,25 @@ def test_one_tag_or_none_in_the_roster() -> None:
     assert nobody.tags.tolist() == [UNNAMED, UNNAMED] and nobody.distance.shape == (2, 0)
     none = np.zeros(0)
     assert DECODER.decode(np.zeros((0, 16)), none, none).tags.shape == (0,)
+
+
+@pytest.mark.parametrize("tag", [1000, 1007, 1014, 35845])
+@pytest.mark.parametrize("across", [True, False])
+@pytest.mark.parametrize("place", range(4))
+@pytest.mark.parametrize("shade", [0.0, 1.0])
+def test_what_lies_on_a_strange_marker_seldom_makes_it_one_of_the_roster(
+    tag: int, across: bool, place: int, shade: float
+) -> None:
+    """A cable hides a row of cells: the nearest word explains little, and that is said."""
+    family = load_family("arrow4x4-thesis")
+    roster = [40152, 63846, 7764, 20600, 3206]
+    decoder, sigma_mm = Decoder(family, roster), 2.4
+    bits = family.bits(tag).astype(float)
+    bits[place if across else slice(None), slice(None) if across else place] = shade
+    light = bits.ravel() @ cell_blur(family, sigma_mm).T + outer_light(family, sigma_mm, sigma_mm)
+    part = lost(sigma_mm)
+    cells = (light - part) / (1.0 - 2.0 * part)
+    reading = decoder.decode(cells[np.newaxis], sharpness(sigma_mm), sharpness(sigma_mm))
+    if reading.tags[0] != UNNAMED:
+        near = [(family.bits(known) != (bits > 0.5)).sum() for known in roster]
+        assert min(near) <= 2, "so near that nobody could tell"

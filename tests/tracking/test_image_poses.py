@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vsense.arena import POSE
+from vsense.arena import DETECTION, POSE, UNNAMED
 from vsense.tracking.camera import Camera
-from vsense.tracking.image_poses import ImagePoses
+from vsense.tracking.image_poses import ImagePoses, image_poses
+from vsense.tracking.views import place_markers
 
 LENS = (-0.1, 0.02, 0.0, 0.0, 0.0)
 LEFT = Camera.looking_down("left", -1.0, 0.0, 2.5, 800.0, (640, 480), LENS)
@@ -44,6 +45,30 @@ def test_of_two_pictures_the_one_that_shows_it_nearer_to_the_middle_counts() -> 
     found = find(poses((5, -0.1, 0.0, 0.0), (6, 0.1, 0.0, 0.0), (7, 9.0, 0.0, 0.0)))
     assert found[0, 0] > 320.0 > found[1, 0]
     assert np.isfinite(found).all()
+
+
+def test_what_a_camera_sees_is_kept_as_it_was_seen() -> None:
+    found = np.zeros(4, dtype=DETECTION)
+    found["tag"] = 9, UNNAMED, 5, 77
+    place = np.array((-0.7, 0.2, 0.06))
+    found["x_px"][2], found["y_px"][2] = LEFT.project(place)
+    found["yaw_rad"] = 1.0
+    images = image_poses(3, LEFT, place_markers(LEFT, found, {5: 0.06, 9: 0.0}))
+    assert images["tag"].tolist() == [5, 9] and images["camera"].tolist() == [3, 3]
+    assert (images["x_m"][0], images["y_m"][0]) == pytest.approx((-0.7, 0.2), abs=1e-9)
+    assert (images["x_px"][0], images["y_px"][0]) == (found["x_px"][2], found["y_px"][2])
+    # In the middle of the picture the heading is that of the arena, aside the lens bends it.
+    assert images["yaw_px_rad"][0] == pytest.approx(1.0, abs=0.02)
+    best = ImagePoses([LEFT], {5: 0.06})(poses((5, -0.7, 0.2, 1.0)))
+    assert np.degrees(images["yaw_px_rad"][0]) == pytest.approx(best[0, 2])
+    assert len(image_poses(0, LEFT, place_markers(LEFT, found[:0], {}))) == 0
+
+
+def test_robots_that_join_have_their_height() -> None:
+    find = ImagePoses([LEFT], {5: 0.06})
+    find.learn({5: 0.06, 8: 0.5})
+    seen = find(poses((8, -0.7, 0.2, 0.0)))[0, :2]
+    assert seen == pytest.approx(LEFT.project(np.array((-0.7, 0.2, 0.5))))
 
 
 def test_no_robots_have_no_poses() -> None:

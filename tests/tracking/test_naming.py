@@ -26,7 +26,7 @@ def reading(*distance: float) -> Reading:
 
 
 def expected(*robots: tuple[int, float, bool]) -> np.ndarray:
-    rows = [(tag, x_m, 0.0, 0.0, sure) for tag, x_m, sure in robots]
+    rows = [(tag, x_m, 0.0, 0.0, sure, 0.06) for tag, x_m, sure in robots]
     return np.array(rows, dtype=EXPECTED)
 
 

@@ -15,7 +15,8 @@ from vsense.tracking.detector import ArrowDetector
 from vsense.tracking.detectors import make_detector
 from vsense.tracking.dictionary import SquareFamily
 from vsense.tracking.families import FamilyError, load_family
-from vsense.tracking.squares import SQUARE, SquareDetector
+from vsense.tracking.square_detector import SquareDetector
+from vsense.tracking.squares import SQUARE, SquareFinder
 
 ARUCO = load_family("aruco_4x4_50")
 TAG36 = load_family("apriltag_36h11")
@@ -63,7 +64,7 @@ def test_every_robot_is_found_where_it_is(
             place = CAMERA.to_plane(np.array([row["x_px"], row["y_px"]]), HEIGHT_M)
             assert np.hypot(*(place - (robot.x_m, robot.y_m))) < place_m
             assert abs(wrap_angle(row["yaw_rad"] - robot.yaw_rad)) < turn_rad
-            assert row["weight"] > 1e6 and row["margin"] > 1.25
+            assert row["covariance"].trace() < 0.01 and row["margin"] > 1.25
 
 
 def test_a_tag_off_the_roster_has_no_name_and_twins_are_both_reported() -> None:
@@ -71,13 +72,13 @@ def test_a_tag_off_the_roster_has_no_name_and_twins_are_both_reported() -> None:
     image = render(CAMERA, ARUCO, robots, seed=4)
     found = SquareDetector(ARUCO, [7], HEIGHT_M).detect(image, CAMERA)
     assert sorted(found["tag"].tolist()) == [UNNAMED, 7, 7]
-    assert SquareDetector(ARUCO).find(image)["tag"].tolist() == [7, 7, 9]
+    assert SquareFinder(ARUCO).find(image)["tag"].tolist() == [7, 7, 9]
 
 
 def test_the_corners_are_those_of_the_upright_marker() -> None:
     robot = Robot(31, 0.1, -0.2, 0.7)
     image = render(CAMERA, ASKEW, [robot], seed=2)
-    row = SquareDetector(ASKEW).find(image)[0]
+    row = SquareFinder(ASKEW).find(image)[0]
     half, turn = 0.0225, robot.yaw_rad - np.radians(137.0)
     up, right = np.array([np.cos(turn), np.sin(turn)]), np.array([np.sin(turn), -np.cos(turn)])
     c, s = np.cos(robot.yaw_rad), np.sin(robot.yaw_rad)
@@ -98,16 +99,16 @@ def test_a_marker_of_another_size_is_none_of_ours() -> None:
 @pytest.mark.parametrize("shade", [0, 128, 255])
 def test_an_empty_picture_has_no_markers(shade: int) -> None:
     image = np.full((60, 80), shade, dtype=np.uint8)
-    assert SquareDetector(ARUCO).find(image).dtype == SQUARE
-    assert len(SquareDetector(ARUCO).find(image)) == 0
-    assert len(SquareDetector(ARUCO).detect(image, CAMERA)) == 0
+    assert SquareFinder(ARUCO).find(image).dtype == SQUARE
+    assert len(SquareFinder(ARUCO).find(image)) == 0
+    assert len(SquareDetector(ARUCO, [7], 0.0).detect(image, CAMERA)) == 0
 
 
 def test_mere_noise_has_no_markers() -> None:
     rng = np.random.default_rng(8)
     noise = rng.integers(0, 256, (240, 320)).astype(np.uint8)
     for family in (ARUCO, TAG36):
-        assert len(SquareDetector(family).find(noise)) == 0
+        assert len(SquareFinder(family).find(noise)) == 0
 
 
 def test_a_tag_that_the_family_does_not_have_is_refused() -> None:

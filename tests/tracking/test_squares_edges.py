@@ -59,12 +59,33 @@ def test_large_quadrilaterals_are_proposed_from_half_the_picture() -> None:
     assert distance(proposed, quad).min() < 4.0
 
 
-def test_local_corners_stay_close_and_small_ones_are_left_alone() -> None:
-    large, small = some_quad(5, 110.0), some_quad(5, 40.0)
-    image = drawn(large, 0.7)
-    moved = fit_local_corners(image, (large + 0.4)[np.newaxis])[0]
-    assert np.abs(moved - large).max() < 0.4
-    assert fit_local_corners(image, small[np.newaxis])[0].tolist() == small.tolist()
+@pytest.mark.parametrize("side", [40.0, 110.0])
+def test_local_corners_stay_close(side: float) -> None:
+    quad = some_quad(5, side)
+    moved = fit_local_corners(drawn(quad, 0.7), (quad + 0.4)[np.newaxis])[0]
+    assert np.abs(moved - quad).max() < 0.4
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=12)
+def test_corners_of_bent_paper_are_where_its_bent_sides_meet(seed: int) -> None:
+    quad, sag_px = some_quad(seed, 50.0), 0.9
+    way = np.linspace(0.0, 1.0, 30, endpoint=False)[:, np.newaxis]
+    side = np.roll(quad, -1, axis=0) - quad
+    outwards = (
+        np.stack((side[:, 1], -side[:, 0]), axis=1) / np.linalg.norm(side, axis=1)[:, np.newaxis]
+    )
+    outline = np.concatenate(
+        [
+            q + way * s + 4.0 * sag_px * way * (1.0 - way) * n
+            for q, s, n in zip(quad, side, outwards)
+        ]
+    )
+    image = drawn(outline, 0.7)
+    straight = fit_sides(image, quad[np.newaxis], np.full((1, 4), 4.0), 20, 13).corners_px
+    bent = fit_local_corners(image, straight)
+    assert distance(straight, quad)[0] > 0.4
+    assert distance(bent, quad)[0] < 0.35
 
 
 def test_the_order_of_corners_gives_the_sign_of_the_area() -> None:

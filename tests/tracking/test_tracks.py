@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense.tracking.tracks import Limits, Track
+from vsense.tracking.tracks import Limits, Track, covariances
 from vsense.tracking.views import Sighting
 
 STEP_NS = 100_000_000
 LIMITS = Limits()
+SPREAD = (1e-8, 0.0, 0.0, 1e-8, 0.0, 1e-5)
 
 
 def sighting(x_m: float, step: int, yaw_rad: float = 0.0, y_m: float = 0.0) -> Sighting:
-    return Sighting(31, x_m, y_m, yaw_rad, step * STEP_NS, 1e6, ("a",))
+    return Sighting(31, x_m, y_m, yaw_rad, step * STEP_NS, 1e6, ("a",), SPREAD, (0.0, 0.0))
 
 
 def follow(track: Track, *places: list[Sighting]) -> list[int]:
@@ -81,9 +83,56 @@ def test_a_robot_out_of_sight_is_carried_on_for_a_moment_and_then_held() -> None
     for step in range(1, 30):
         follow(track, [sighting(0.01 * step, step)])
     track.seen = False
-    x_m = [track.position_m((29 + k) * STEP_NS, LIMITS)[0] for k in range(8)]
+    x_m = [track.pose((29 + k) * STEP_NS, LIMITS)[0] for k in range(8)]
     assert x_m[:4] == pytest.approx([0.29, 0.30, 0.31, 0.32], abs=1e-6)
     assert x_m[4:] == pytest.approx([0.32] * 4, abs=1e-6)
+
+
+def test_a_robot_out_of_sight_turns_on_for_a_moment_and_then_is_held() -> None:
+    track = Track(sighting(0.0, 0))
+    for step in range(1, 30):
+        follow(track, [sighting(0.0, step, math.remainder(0.2 * step, math.tau))])
+    last = track.last.yaw_rad
+    turned = [track.pose((29 + k) * STEP_NS, LIMITS)[2] - last for k in range(6)]
+    assert np.remainder(turned, math.tau) == pytest.approx([0, 0.2, 0.4, 0.6, 0.6, 0.6], abs=1e-6)
+
+
+def test_the_covariance_is_the_picture_s_and_grows_out_of_sight() -> None:
+    track = Track(sighting(0.0, 0))
+    for step in range(1, 5):
+        follow(track, [sighting(0.01 * step, step)])
+    now = covariances([track], 4 * STEP_NS, LIMITS)[0]
+    assert now[np.triu_indices(3)].tolist() == list(SPREAD)
+    later = [covariances([track], (4 + k) * STEP_NS, LIMITS)[0] for k in range(40)]
+    sd_m = np.sqrt([spread[0, 0] for spread in later])
+    assert (np.diff(sd_m) > 0.0).all() and sd_m[3] < 0.03 and sd_m[30] > 0.15
+    assert later[-1][2, 2] == pytest.approx(math.pi**2 / 3.0), "any heading is as good"
+    assert all((np.linalg.eigvalsh(spread) > 0.0).all() for spread in later)
+
+
+def test_robots_that_drive_turn_and_spin_are_found_where_they_were_expected() -> None:
+    """What is said of the error of a prediction is not less than the error, nor far more."""
+    rng = np.random.default_rng(5)
+    squares = []
+    for _ in range(60):
+        x = y = yaw = 0.0
+        track = Track(sighting(x, 0, yaw, y))
+        spin = 0
+        for step in range(1, 36):
+            spin = spin - 1 if spin else int(rng.integers(2, 6)) * (rng.random() < 0.06)
+            yaw += 0.35 * bool(spin)
+            way = 0.0 if spin else 0.012
+            x, y = x + way * math.cos(yaw), y + way * math.sin(yaw)
+            if step <= 20:
+                follow(track, [sighting(x, step, math.remainder(yaw, math.tau), y)])
+                continue
+            pose = np.array(track.pose(step * STEP_NS, LIMITS))
+            error = pose - (x, y, yaw)
+            error[2] = math.remainder(error[2], math.tau)
+            spread = covariances([track], step * STEP_NS, LIMITS)[0]
+            squares.append(float(error @ np.linalg.solve(spread, error)))
+    assert 0.1 < np.mean(squares) / 3.0 < 1.5
+    assert np.mean(np.array(squares) > 11.34) < 0.08
 
 
 @given(st.lists(st.integers(0, 10**10), min_size=2))

@@ -67,7 +67,7 @@ def test_key_frames_come_every_so_often() -> None:
 
 
 def test_squares_lie_around_the_robots_in_view() -> None:
-    known = Whereabouts(SearchPlan(5, 0.11))
+    known = Whereabouts(SearchPlan(5, 0.11), {1: 0.06, 2: 0.06})
     known.learn(state(0, (1, 0.1, 0.0, 0.0), (2, 5.0, 0.0, 0.0)))
     known.expect(0)
     seen = known.in_view(CAMERA, 0.06)

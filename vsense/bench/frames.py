@@ -85,14 +85,52 @@ def cameras(columns: int, rows: int) -> tuple[Camera, ...]:
     )
 
 
-def crowd(rng: np.random.Generator, count: int) -> Floats:
+def crowd(rng: np.random.Generator, count: int, reach_m: tuple[float, float] = _REACH_M) -> Floats:
     """Returns (count, 3) poses around the middle of a picture; discs do not overlap."""
     poses: list[tuple[float, float, float]] = []
     while len(poses) < count:
-        x, y = rng.uniform((-_REACH_M[0], -_REACH_M[1]), _REACH_M)
+        x, y = rng.uniform((-reach_m[0], -reach_m[1]), reach_m)
         if all(np.hypot(x - other[0], y - other[1]) > _APART_M for other in poses):
             poses.append((x, y, rng.uniform(-np.pi, np.pi)))
     return np.array(poses).reshape(-1, 3)
+
+
+class Swarm:
+    """Robots that drive ahead at full speed and spin now and then; none touches another."""
+
+    def __init__(self, count: int, seed: int, reach_m: tuple[float, float] = _REACH_M) -> None:
+        """Puts robots into a rectangle around the origin.
+
+        Args:
+            count: How many.
+            seed: Decides where they are and what they do.
+            reach_m: How far from the middle they may go, in x and y.
+        """
+        self._rng = np.random.default_rng(seed)
+        self._reach_m = reach_m
+        self._poses = crowd(self._rng, count, reach_m)
+        self._spinning = np.zeros(count, dtype=int)
+        self._turn = np.zeros(count)
+
+    def drive(self) -> Floats:
+        """Moves all by the time of one picture; returns their poses, (count, 3)."""
+        now, rng = self._poses, self._rng
+        for k in range(len(now)):
+            if self._spinning[k] == 0 and rng.random() < 0.05:
+                self._spinning[k] = rng.integers(2, 8)
+                self._turn[k] = rng.choice((-1.0, 1.0)) * _SPIN_RAD_S / FRAMES_PER_S
+            if self._spinning[k] > 0:
+                self._spinning[k] -= 1
+                now[k, 2] += self._turn[k]
+                continue
+            step = SPEED_M_S / FRAMES_PER_S * np.array((np.cos(now[k, 2]), np.sin(now[k, 2])))
+            place = now[k, :2] + step
+            gaps = np.hypot(*(np.delete(now, k, axis=0)[:, :2] - place).T)
+            if np.all(np.abs(place) < self._reach_m) and np.all(gaps > _APART_M):
+                now[k, :2] = place
+            else:
+                self._spinning[k], self._turn[k] = 6, _SPIN_RAD_S / FRAMES_PER_S
+        return np.array(now)
 
 
 class Painter:
@@ -129,16 +167,9 @@ class Painter:
 
     def walk(self, count: int) -> FrameSet:
         """Returns pictures of the first camera in which the roster drives, turns and spins."""
-        rng = np.random.default_rng(_SEED + 2)
-        poses, spinning = crowd(rng, len(self._tags)), np.zeros(len(self._tags), dtype=int)
-        turn = np.zeros(len(self._tags))
-        shots = []
-        for _ in range(count):
-            poses, spinning, turn = _drive(rng, poses, spinning, turn)
-            there = poses.copy()
-            there[:, :2] += self._rig[0].position_m[:2]
-            shots.append(self._shoot(0, there))
-        return self._set(shots)
+        swarm = Swarm(len(self._tags), _SEED + 2)
+        here = np.array((*self._rig[0].position_m[:2], 0.0))
+        return self._set([self._shoot(0, swarm.drive() + here) for _ in range(count)])
 
     def _set(self, shots: list[tuple[Camera, Image, Truth]]) -> FrameSet:
         rig, images, truth = zip(*shots, strict=True)
@@ -158,26 +189,3 @@ class Painter:
         whole = camera.contains(seen, 30.0)
         truth = Truth(np.array(self._tags)[whole], seen[whole])
         return camera, self._images[number].copy(), truth
-
-
-def _drive(
-    rng: np.random.Generator, poses: Floats, spinning: NDArray[np.int64], turn: Floats
-) -> tuple[Floats, NDArray[np.int64], Floats]:
-    """Moves robots by one frame: ahead at full speed, now and then a spin; none touches another."""
-    now, spinning, turn = poses.copy(), spinning.copy(), turn.copy()
-    for k in range(len(now)):
-        if spinning[k] == 0 and rng.random() < 0.05:
-            spinning[k] = rng.integers(2, 8)
-            turn[k] = rng.choice((-1.0, 1.0)) * _SPIN_RAD_S / FRAMES_PER_S
-        if spinning[k] > 0:
-            spinning[k] -= 1
-            now[k, 2] += turn[k]
-            continue
-        step = SPEED_M_S / FRAMES_PER_S * np.array((np.cos(now[k, 2]), np.sin(now[k, 2])))
-        place = now[k, :2] + step
-        gaps = np.hypot(*(np.delete(now, k, axis=0)[:, :2] - place).T)
-        if np.all(np.abs(place) < _REACH_M) and np.all(gaps > _APART_M):
-            now[k, :2] = place
-        else:
-            spinning[k], turn[k] = 6, _SPIN_RAD_S / FRAMES_PER_S
-    return now, spinning, turn

@@ -8,7 +8,7 @@ import math
 import sys
 from typing import Any
 
-from vsense.bench import tracking, world
+from vsense.bench import identity, robot, tracking, world
 
 
 def run(options: argparse.Namespace) -> int:
@@ -16,6 +16,12 @@ def run(options: argparse.Namespace) -> int:
     if options.subject == "tracking":
         report = tracking.run(options.rounds, options.pictures, options.walk, _say)
         text = table(report)
+    elif options.subject == "identity":
+        report = identity.run(options.timesteps, _say)
+        text = identity.table(report)
+    elif options.subject == "robot":
+        report = robot.run(_say)
+        text = robot.table(report)
     else:
         report = world.run(options.rounds, _say)
         text = world.table(report)

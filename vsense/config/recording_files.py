@@ -8,6 +8,8 @@ from importlib import resources
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
+from vsense.config.resources import DEFAULT_SPEED_M_S
+from vsense.config.tracking_specs import TrackerSpec
 from vsense.tracking.camera import Camera
 from vsense.tracking.picture_recorder import TIMESTAMPS, folder_names
 
@@ -16,16 +18,29 @@ EXPERIMENT = "experiment.xml"
 SCHEMAS = ("resources.xsd", "experiment.xsd")
 
 
+def one_tracker(
+    cameras: Iterable[Camera], family: str, heights_m: Mapping[int, float]
+) -> dict[str, TrackerSpec]:
+    """Gives all cameras the same tracker.
+
+    Args:
+        cameras: The recorded cameras.
+        family: The markers' family.
+        heights_m: The height of each tag's marker above the floor.
+    """
+    tracker = TrackerSpec("robots", family, 0.0, heights_m, DEFAULT_SPEED_M_S, True, 0)
+    return {camera.id: tracker for camera in cameras}
+
+
 def write_session_files(
-    directory: Path, cameras: Sequence[Camera], family: str, heights_m: Mapping[int, float]
+    directory: Path, cameras: Sequence[Camera], trackers: Mapping[str, TrackerSpec]
 ) -> None:
     """Writes `resources.xml`, `experiment.xml` and their schemas beside a recording.
 
     Args:
         directory: Where a `PictureRecorder` has written `pictures` and `cameras`.
         cameras: The recorded cameras.
-        family: The markers' family.
-        heights_m: The height of each tag's marker above the floor.
+        trackers: What to look for in their pictures, by the camera's id.
 
     Raises:
         OSError: A file cannot be written.
@@ -34,13 +49,13 @@ def write_session_files(
     for name in SCHEMAS:
         schema = (resources.files("vsense.config") / "schema" / name).read_text(encoding="utf-8")
         (directory / "schema" / name).write_text(schema, encoding="utf-8")
-    text = resources_text(cameras, family, heights_m)
+    text = resources_text(cameras, trackers)
     (directory / RESOURCES).write_text(text, encoding="utf-8")
-    (directory / EXPERIMENT).write_text(experiment_text(cameras), encoding="utf-8")
+    (directory / EXPERIMENT).write_text(experiment_text(cameras, trackers), encoding="utf-8")
 
 
-def resources_text(cameras: Sequence[Camera], family: str, heights_m: Mapping[int, float]) -> str:
-    """Gives the resources file of a recording."""
+def resources_text(cameras: Sequence[Camera], trackers: Mapping[str, TrackerSpec]) -> str:
+    """Gives the resources file of a recording; see `write_session_files`."""
     folders = folder_names(cameras)
     lines = [
         _head("arena_tracking_system", "resources.xsd"),
@@ -53,7 +68,8 @@ def resources_text(cameras: Sequence[Camera], family: str, heights_m: Mapping[in
             f' path="{folder}"\n             timestamps="{folder}/{TIMESTAMPS}" />'
         )
     lines += ["  </grabbers>", "", "  <trackers>"]
-    lines += _tracker(family, heights_m)
+    for tracker in {tracker.id: tracker for tracker in trackers.values()}.values():
+        lines += _tracker(tracker)
     lines += ["  </trackers>", "", "  <cameras>"]
     for camera in cameras:
         file = f"cameras/{folders[camera.id]}.json"
@@ -62,8 +78,8 @@ def resources_text(cameras: Sequence[Camera], family: str, heights_m: Mapping[in
     return "\n".join(lines)
 
 
-def experiment_text(cameras: Iterable[Camera]) -> str:
-    """Gives the experiment file of a recording."""
+def experiment_text(cameras: Iterable[Camera], trackers: Mapping[str, TrackerSpec]) -> str:
+    """Gives the experiment file of a recording; see `write_session_files`."""
     lines = [
         _head("arena_tracking", "experiment.xsd"),
         '  <arena_state_tracker server_port="4040" opt_key_frame_period="1">',
@@ -72,7 +88,7 @@ def experiment_text(cameras: Iterable[Camera]) -> str:
         grabber = quoteattr("pictures of " + camera.id)
         lines.append(
             f"    <camera_state_tracker grabber={grabber} camera={quoteattr(camera.id)}"
-            ' tracker="robots" />'
+            f" tracker={quoteattr(trackers[camera.id].id)} />"
         )
     lines += ["  </arena_state_tracker>", "", '  <experiment_record record_image="false" />', ""]
     return "\n".join([*lines, "</arena_tracking>", ""])
@@ -97,11 +113,18 @@ def _head(root: str, schema: str) -> str:
     )
 
 
-def _tracker(family: str, heights_m: Mapping[int, float]) -> list[str]:
+def _tracker(spec: TrackerSpec) -> list[str]:
+    heights_m, family = spec.heights_m, spec.family
+    if family.endswith(".json"):
+        # Its path starts from the folder of another file.
+        family = str(Path(family).resolve())
     usual_m = Counter(heights_m.values()).most_common(1)[0][0]
     others = sorted({height for height in heights_m.values() if height != usual_m})
+    heading = f' heading="{spec.heading_deg:g}"' if spec.heading_deg else ""
+    closed = "" if spec.open_roster else ' roster="closed"'
     tracker = (
-        f'    <tracker id="robots" family={quoteattr(family)} robot_height="{usual_m:g}"\n'
+        f"    <tracker id={quoteattr(spec.id)} family={quoteattr(family)}{heading}"
+        f' robot_height="{usual_m:g}"\n             max_speed="{spec.max_speed_m_s:g}"{closed}\n'
         f'             tags="{tag_ranges(heights_m)}"'
     )
     if not others:

@@ -22,7 +22,7 @@ from vsense.config.tracking_specs import (
 from vsense.config.xml import parse
 from vsense.errors import UsageError
 from vsense.tracking.camera import Camera, CameraError
-from vsense.tracking.families import FamilyError, load_family
+from vsense.tracking.families import FamilyError, MarkerFamily, SquareFamily, load_family
 
 DEFAULT_HEIGHT_M = 0.06
 DEFAULT_SPEED_M_S = 0.25
@@ -180,7 +180,8 @@ def _optional(element: Element, key: str, low: float, high: float, unit: str) ->
 
 
 def _read_tracker(id: str, element: Element, folder: Path) -> TrackerSpec:
-    family, tags = _read_family(element, folder)
+    name, family = _read_family(element, folder)
+    tags = family.tags
     height_m = element.number("robot_height", 0.0, 2.0, "m", DEFAULT_HEIGHT_M)
     heights_m = dict.fromkeys(_read_tags(element, tags), height_m)
     for other in element.children("robots"):
@@ -191,7 +192,8 @@ def _read_tracker(id: str, element: Element, folder: Path) -> TrackerSpec:
             heights_m[tag] = height_m
     return TrackerSpec(
         id=id,
-        family=family,
+        family=name,
+        heading_deg=_read_heading(element, family),
         heights_m=heights_m,
         max_speed_m_s=element.number("max_speed", 0.001, 100.0, "m/s", DEFAULT_SPEED_M_S),
         open_roster=element.choice("roster", ("open", "closed"), "open") == "open",
@@ -199,15 +201,22 @@ def _read_tracker(id: str, element: Element, folder: Path) -> TrackerSpec:
     )
 
 
-def _read_family(element: Element, folder: Path) -> tuple[str, int]:
-    """Gives the family's name or path, and how many tags it has."""
+def _read_family(element: Element, folder: Path) -> tuple[str, MarkerFamily | SquareFamily]:
+    """Gives the family's name or path, and the family."""
     name = element.text("family", "arrow4x4")
     if name.endswith(".json"):
         name = str(folder / name)
     try:
-        return name, load_family(name).tags
+        return name, load_family(name)
     except FamilyError as error:
         raise element.error(str(error), "family") from None
+
+
+def _read_heading(element: Element, family: MarkerFamily | SquareFamily) -> float:
+    """Reads how the markers are turned on their robots."""
+    if element.has("heading") and not isinstance(family, SquareFamily):
+        raise element.error(f"is for square markers, those of {family.name} show it", "heading")
+    return element.number("heading", -360.0, 360.0, "degrees", 0.0)
 
 
 def _read_tags(element: Element, known: int) -> list[int]:

@@ -6,6 +6,7 @@ This is the factory of the thesis's figure 2.11.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from statistics import median
 from typing import Protocol
@@ -25,7 +26,7 @@ from vsense.tracking.arena_tracker import ArenaTracker
 from vsense.tracking.camera import Camera
 from vsense.tracking.detector import Detector
 from vsense.tracking.detectors import make_detector
-from vsense.tracking.families import load_family
+from vsense.tracking.families import SquareFamily, load_family
 from vsense.tracking.grabbers import CameraEvent, GrabberError
 from vsense.tracking.grabbers_device import Controls, DeviceSource
 from vsense.tracking.grabbers_directory import DirectoryRecording
@@ -182,6 +183,8 @@ def _detectors(views: Sequence[CameraTrackerSpec], whereabouts: Whereabouts) -> 
 def _detector(tracker: TrackerSpec, whereabouts: Whereabouts) -> Detector:
     """Makes the detector of a tracker's family, for one thread."""
     family = load_family(tracker.family)
+    if isinstance(family, SquareFamily):
+        family = replace(family, heading_deg=family.heading_deg + tracker.heading_deg)
     heights_m = tracker.heights_m.values()
     return make_detector(
         family,

@@ -61,6 +61,7 @@ class TrackerSpec:
     Attributes:
         id: its name in the experiment file.
         family: name of the marker family, or path of its definition.
+        heading_deg: what is added to the heading of the family's square markers.
         heights_m: the roster: the height of each tag's marker above the floor.
         max_speed_m_s: greatest speed of a robot.
         open_roster: whether robots with other tags of the family can join.
@@ -69,6 +70,7 @@ class TrackerSpec:
 
     id: str
     family: str
+    heading_deg: float
     heights_m: Mapping[int, float]
     max_speed_m_s: float
     open_roster: bool

@@ -49,7 +49,9 @@ def run(options: argparse.Namespace) -> int:
     _warn(console, experiment)
     failure: VsenseError | None = None
     with interruption() as interrupted:
-        session = Session(experiment, seed, directory, port, options.blind, console, interrupted)
+        session = Session(
+            experiment, seed, directory, port, options.blind, console, interrupted, options.base
+        )
         with session:
             session.wait_until_ready()
             _announce(console, experiment, seed, directory)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
+from vsense.arena import ArenaState, Frame
 from vsense.lab.grabber import LabGrabber
 from vsense.runtime import Pictures
 from vsense.tracking.arena_tracker import ArenaTracker
@@ -11,7 +12,7 @@ from vsense.tracking.camera_watch import CameraWatch
 
 
 class Eyes(Pictures):
-    """Arena states from the lab's cameras; `next` belongs to one thread, the rest to any."""
+    """Arena states from the lab's cameras; `next` belongs to one thread."""
 
     def __init__(
         self, grabber: LabGrabber, tracker: ArenaTracker, tell: Callable[[str], None]
@@ -21,13 +22,28 @@ class Eyes(Pictures):
         Args:
             grabber: the cameras.
             tracker: finds the robots in their pictures.
-            tell: takes a line for a person; must not wait.
+            tell: takes a line for a person.
         """
+        super().__init__(grabber, tracker)
         self._cameras = grabber
         self._counters = tracker.counters
-        self._watch = CameraWatch(grabber, grabber.cameras, tracker, tell)
-        super().__init__(self._watch, tracker)
+        self._watch = CameraWatch(grabber.cameras, tracker, tell)
         self._missed_before = 0
+
+    def next(self, timeout_s: float) -> tuple[ArenaState, Sequence[Frame]]:
+        """Waits for pictures and tracks the robots in them.
+
+        Raises:
+            GrabberError: no picture came in time.
+            VsenseError: the tracker has failed.
+        """
+        state, frames = super().next(timeout_s)
+        self._watch.note(frames)
+        return state, frames
+
+    def look_after(self) -> None:
+        """Looks after the cameras; one thread, when the timestep's work is done."""
+        self._watch.look()
 
     def start_run(self) -> None:
         """The run begins: timesteps left out count from here."""

@@ -18,9 +18,6 @@ from vsense.lab.phases import Truth as Truth
 from vsense.lab.phases import swarm
 from vsense.lab.trace import UNKNOWN_AGE
 
-FRAMES_PER_STEP = 2
-"""Actuator frames between two control steps: the step's own, and the next one's first exchange."""
-
 TIMESTEP = np.dtype(
     [
         ("timestep", "i8"),
@@ -36,6 +33,9 @@ cameras' triggers, `run_timestep` those of the run; `render_ns` is how long rend
 
 EDGE_MARGIN_M = 0.005
 """Closer than this to the cone's edge the truth itself is a matter of millimetres: not judged."""
+
+NOWHERE_M = 1e6
+"""Where a body is that does not exist: a tag that has joined by mistake is a wrong id."""
 
 MISNAMED_M = BODY_RADIUS_M
 """A named marker farther than a robot's radius from that robot's true place is a wrong id."""
@@ -113,10 +113,12 @@ def tracking(run: Run) -> dict[str, float | int | None]:
 
 
 def _true_pose(run: Run, row: int, tag: int) -> NDArray[np.float64]:
-    """True pose of a tag of the roster, robot or object."""
+    """True pose of a tag, robot or object; far from everything where there is no such body."""
     if tag in run.tags:
         return np.asarray(run.truth.poses[row, run.tags.index(tag)])
-    return np.asarray(run.object_poses[row, run.object_tags.index(tag)])
+    if tag in run.object_tags:
+        return np.asarray(run.object_poses[row, run.object_tags.index(tag)])
+    return np.array((NOWHERE_M, NOWHERE_M, 0.0))
 
 
 def latencies(run: Run) -> dict[str, dict[str, float | None]]:
@@ -129,13 +131,14 @@ def latencies(run: Run) -> dict[str, dict[str, float | None]]:
     to_wheels: list[float] = []
     for trace, applied in zip(run.traces, run.actuated):
         _, first = np.unique(trace["newest_ns"], return_index=True)
-        for line in trace[first]:
+        next_ns = np.append(trace["now_ns"][1:], np.iinfo(np.int64).max)
+        for line, end_ns in zip(trace[first], next_ns[first]):
             start = origin.get(int(line["newest_ns"]))
             if start is None:
                 continue
             to_robot.append((line["rx_ns"] - start) / 1e6)
             to_control.append((line["now_ns"] - start) / 1e6)
-            to_wheels += ((t - start) / 1e6 for t in _applied_at(line, applied))
+            to_wheels += ((t - start) / 1e6 for t in _applied_at(line, int(end_ns), applied))
     return {
         "capture_to_arena": _spread((steps["arena_ns"] - origins_ns) / 1e6),
         "arena_to_sent": _spread((steps["sent_ns"] - steps["arena_ns"]) / 1e6),
@@ -147,14 +150,15 @@ def latencies(run: Run) -> dict[str, dict[str, float | None]]:
     }
 
 
-def _applied_at(line: np.void, applied: NDArray[np.void]) -> list[int]:
-    """When the wheels took a control step's command; empty where they never did.
+def _applied_at(line: np.void, end_ns: int, applied: NDArray[np.void]) -> list[int]:
+    """When the wheels took a control step's command, before the next step; empty where not.
 
     The frames between two control steps may also be the guard's stop, or an exchange that repeats
-    the command before: only one that says what this step said counts.
+    the command before: only one that says what this step said counts. A base that is only told
+    what changes is told nothing by a step that changes nothing.
     """
-    first = int(np.searchsorted(applied["time_ns"], line["now_ns"]))
-    for row in applied[first : first + FRAMES_PER_STEP]:
+    first, end = np.searchsorted(applied["time_ns"], [line["now_ns"], end_ns])
+    for row in applied[first:end]:
         if row["left_steps_s"] == line["left"] and row["right_steps_s"] == line["right"]:
             return [int(row["time_ns"])]
     return []

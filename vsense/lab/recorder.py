@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from vsense.arena import Frame
 from vsense.config.placement import place
-from vsense.config.recording_files import write_session_files
+from vsense.config.recording_files import one_tracker, write_session_files
 from vsense.config.specs import Experiment
 from vsense.lab.camera_spec import CameraSpec, spec_for
 from vsense.lab.optics import sample_times_ns
-from vsense.lab.physics import Physics, obstacles
+from vsense.lab.physics import TICK_NS, Physics, obstacles
 from vsense.lab.studio import Studio
 from vsense.tracking.picture_recorder import PictureRecorder, RecordingError
 
@@ -27,7 +27,6 @@ TRUTH = "truth.csv"
 SAMPLES = 3
 """Moments of the exposure that a picture is averaged over."""
 
-_TICK_NS = 10_000_000
 _LEAD_NS = 1_000_000_000
 _CRUISE_STEPS_S = (500, 950)
 _TURN_STEPS_S = 350
@@ -64,8 +63,8 @@ class Wanderers:
         Returns:
             (n, 3) x [m], y [m], yaw [rad] of the robots, then the objects, arena frame.
         """
-        while self._now_ns + _TICK_NS <= time_ns:
-            self._now_ns += _TICK_NS
+        while self._now_ns + TICK_NS <= time_ns:
+            self._now_ns += TICK_NS
             self._physics.tick(self._now_ns)
             self._legs -= 1
             for robot in np.flatnonzero(self._legs <= 0):
@@ -115,7 +114,8 @@ def record(
     recorder = PictureRecorder(directory, spec.cameras, suffix)
     heights_m = {body.tag: body.height_m for body in spec.bodies}
     try:
-        write_session_files(directory, spec.cameras, spec.family, heights_m)
+        trackers = one_tracker(spec.cameras, spec.family, heights_m)
+        write_session_files(directory, spec.cameras, trackers)
         with (directory / TRUTH).open("w", encoding="utf-8") as truth:
             truth.write("timestep,capture_ns,tag,x_m,y_m,yaw_rad\n")
             _record(experiment, spec, recorder, truth, timesteps, progress)

@@ -74,6 +74,7 @@ class Session:
         blind: bool,
         console: Console,
         interrupted: threading.Event,
+        base: str,
     ) -> None:
         """Prepares a run; `__enter__` starts it.
 
@@ -85,6 +86,7 @@ class Session:
             blind: hold the virtual sensors at 0.
             console: where to say what happens.
             interrupted: set by whoever wants the run to end early.
+            base: what the robots are based on, of `vsense.lab.bases.BASES`.
         """
         self.experiment = experiment
         self.directory = directory
@@ -94,6 +96,7 @@ class Session:
         self._seed = seed
         self._port = port
         self._blind = blind
+        self._base = base
         self._console = console
         self._stack = ExitStack()
         self._over = False
@@ -130,12 +133,12 @@ class Session:
         self.cameras = grabber.cameras
         tracker = self._track(self.cameras)
         self._stack.callback(tracker.close)
-        self.floor = Floor(experiment, poses, truth.name, self._seed, self.directory)
+        self.floor = Floor(experiment, poses, truth.name, self._seed, self.directory, self._base)
         self._stack.callback(self.floor.close)
         self.swarm = Swarm(daemon, experiment.host, port, self._seed, self.directory / "robots")
         self._stack.callback(self.swarm.end)
-        for robot, tty in zip(experiment.robots, self.floor.ttys):
-            self.swarm.start(robot.tag, robot.id, tty)
+        for robot, base in zip(experiment.robots, self.floor.bases):
+            self.swarm.start(robot.tag, robot.id, base)
         self.world, self._environment = environment.world, environment
         self.eyes = Eyes(grabber, tracker, self._console.say)
         runtime = Runtime(self.eyes, environment, self.server)
@@ -173,11 +176,12 @@ class Session:
             )
 
     def _look(self) -> None:
-        """Looks after the daemons.
+        """Looks after the cameras and the daemons.
 
         Raises:
             LabError: one has ended before all were ready: it will not come.
         """
+        self.eyes.look_after()
         for robot, how in self.swarm.fallen():
             log = self.swarm.log(robot.tag)
             if not self._ready:

@@ -12,8 +12,9 @@ from vsense.config.opening import open_experiment
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment
 from vsense.config.subset import first_robots
-from vsense.errors import VsenseError
+from vsense.errors import UsageError, VsenseError
 from vsense.interruption import INTERRUPTED, interruption
+from vsense.link.legacy import MixedServer
 from vsense.run import directory as run_directory
 from vsense.run import figures
 from vsense.run.attendance import Attendance, shorten
@@ -68,6 +69,20 @@ def keep_file(experiment: Experiment, directory: Path) -> None:
         raise run_directory.DirectoryError(text) from None
 
 
+def _legacy_port(legacy_port: int | None, port: int) -> int | None:
+    """Checks that the two kinds of robots have a port each.
+
+    Raises:
+        UsageError: they have not.
+    """
+    if legacy_port and legacy_port == port:
+        raise UsageError(
+            f"--legacy-port: {port} is the port for vsensed, too: give that another, such as"
+            f" --port {port + 1}"
+        )
+    return legacy_port
+
+
 class Command:
     """One call of the command, from the roll call to the last word."""
 
@@ -114,6 +129,7 @@ class Command:
             options.tracking,
             diary,
             self._interrupted,
+            _legacy_port(options.legacy_port, port),
         )
         with session:
             self._announce(session, host)
@@ -141,6 +157,10 @@ class Command:
             f"waiting for robots on {host}, port {session.port}:"
             f" vsensed --host ADDRESS --port {session.port} --tag TAG --base BASE"
         )
+        if isinstance(session.server, MixedServer):
+            say(f"and with the original client on port {session.server.legacy_port}")
+            for name in session.server.unknown:
+                say(f"the original client does not know the sensor '{name}': not told to it")
         if host.startswith("127.") or host == "localhost":
             say("only robots on this machine reach that address; for others: --host 0.0.0.0")
 

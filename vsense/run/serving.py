@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 from vsense.config.specs import Experiment
+from vsense.link.legacy import MixedServer
+from vsense.link.legacy_robots import LegacySwarm, by_octet
+from vsense.link.legacy_wire import Translation
 from vsense.link.server import LinkEvent, VirtualSensorServer
 from vsense.link.table import Table
 
@@ -15,6 +19,7 @@ def make_server(
     address: tuple[str, int],
     seed: int,
     on_event: Callable[[LinkEvent], None],
+    legacy_port: int | None = None,
 ) -> VirtualSensorServer:
     """Prepares the server that an experiment's robots connect to; nothing is opened yet.
 
@@ -24,18 +29,25 @@ def make_server(
         address: interface to listen on, and its port; 0 takes a free one.
         seed: of the run.
         on_event: called from the server's thread; must not wait.
+        legacy_port: port for robots with the original's client, None: none are served.
 
     Raises:
         WireError: params or timestep do not fit the protocol.
+        LinkError: the original's client cannot be served in this experiment.
     """
     host, port = address
-    return VirtualSensorServer(
-        host=host,
-        port=port,
-        table=table,
-        timestep_ns=round(1e9 / experiment.ticks_per_second),
-        seed=seed,
-        params=experiment.controller.params_text,
-        expected={robot.tag: robot.id for robot in experiment.robots},
-        on_event=on_event,
-    )
+    options: dict[str, Any] = {
+        "host": host,
+        "port": port,
+        "table": table,
+        "timestep_ns": round(1e9 / experiment.ticks_per_second),
+        "seed": seed,
+        "params": experiment.controller.params_text,
+        "expected": {robot.tag: robot.id for robot in experiment.robots},
+        "on_event": on_event,
+    }
+    if legacy_port is None:
+        return VirtualSensorServer(**options)
+    numbers = by_octet({robot.tag: (robot.id, robot.number) for robot in experiment.robots})
+    swarm = LegacySwarm(Translation(table.entries), numbers)
+    return MixedServer((host, legacy_port), swarm, **options)

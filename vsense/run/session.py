@@ -38,6 +38,7 @@ class RunSession:
         tracking: tuple[str, str] | None,
         console: Console,
         interrupted: threading.Event,
+        legacy_port: int | None = None,
     ) -> None:
         """Opens the source and the server; nobody is waited for yet.
 
@@ -49,6 +50,7 @@ class RunSession:
             tracking: the files of a tracking session, or None; see `open_source`.
             console: where to say what happens.
             interrupted: set by whoever wants the run to end early.
+            legacy_port: for robots with the original's client, or None.
 
         Raises:
             VsenseError: something cannot be used; nothing is left open.
@@ -57,9 +59,13 @@ class RunSession:
         self._console = console
         self._over = False
         self.environment = Environment(experiment, seed, blind)
-        table = Table(self.environment.table_entries)
         self.server: VirtualSensorServer = make_server(
-            experiment, table, address, seed, self._on_link_event
+            experiment,
+            Table(self.environment.table_entries),
+            address,
+            seed,
+            self._on_link_event,
+            legacy_port,
         )
         self._open(tracking, interrupted)
 

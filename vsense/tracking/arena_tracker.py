@@ -2,55 +2,49 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from itertools import count
 from statistics import median
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.arena import POSE, SIGHTING, ArenaState, Frame
-from vsense.errors import VsenseError
+from vsense.arena import IMAGE_POSE, POSE, SIGHTING, ArenaState, Frame
 from vsense.tracking.camera import Camera
+from vsense.tracking.counters import TrackerCounters
 from vsense.tracking.detector import Detector
 from vsense.tracking.detectors import make_detector
 from vsense.tracking.families import MarkerFamily, SquareFamily
-from vsense.tracking.tracks import Limits, Track
-from vsense.tracking.views import Sighting, count_unnamed, merge_views, place_views
+from vsense.tracking.frame_gate import FrameGate, TrackingError
+from vsense.tracking.image_poses import image_poses
+from vsense.tracking.joining import Joining, JoinLimits
+from vsense.tracking.tracks import Limits, Track, covariances
+from vsense.tracking.views import (
+    Placed,
+    Sighting,
+    count_unnamed,
+    make_views,
+    merge_views,
+    place_markers,
+)
 from vsense.tracking.whereabouts import SearchPlan, Whereabouts
+from vsense.tracking.workers import Workers
 
-
-class TrackingError(VsenseError):
-    """Cameras and pictures that do not belong together."""
-
-
-@dataclass(slots=True)
-class TrackerCounters:
-    """What the tracker has dropped since it began.
-
-    Attributes:
-        old_frames: Frames not newer than the newest timestep already done, or beaten by a
-            newer one in the same call.
-        repeated_frames: Second and further frames of one camera in one timestep.
-        out_of_reach: Sightings at places where their robot cannot have come.
-        duplicates: Tags seen at two places at once, counted each timestep.
-    """
-
-    old_frames: int = 0
-    repeated_frames: int = 0
-    out_of_reach: int = 0
-    duplicates: int = 0
+Sightings = Mapping[int, list[Sighting]]
 
 
 class ArenaTracker:
     """Finds and follows every robot of the roster; to be called from one thread.
 
     The pictures of a timestep are shared out to worker threads. Neither their order nor the
-    threads' speed changes the result.
+    threads' speed changes the result. A robot that is not on the roster joins it when its tag has
+    been read beyond doubt for long enough, see `joining`.
+
+    Attributes:
+        counters: What was noticed since it began.
+        heights_m: The roster: the height of each tag's marker above the floor. It grows.
+        found: By the camera's id, what its newest picture shows: a DETECTION array.
+        overflowed: Ids of the cameras whose newest picture held more than the detector's tables.
     """
 
     def __init__(
@@ -75,23 +69,24 @@ class ArenaTracker:
             whereabouts: Told before each timestep where the robots should be; the detectors'.
 
         Raises:
-            TrackingError: There is no camera, or two have the same id.
+            TrackingError: There is no camera, two have the same id, or one is no higher than a
+                marker.
         """
-        self._cameras = {camera.id: camera for camera in cameras}
-        if not cameras or len(self._cameras) != len(cameras):
-            raise TrackingError("the arena needs cameras, each with an id of its own")
-        self._heights_m = dict(heights_m)
+        self.found: dict[str, NDArray[np.void]] = {}
+        self.overflowed: tuple[str, ...] = ()
+        self._gate = FrameGate(cameras)
+        self.heights_m = dict(heights_m)
+        self._check_heights()
         self._limits = limits or Limits()
-        self._detectors = [make_detector() for _ in range(max(1, workers))]
         self._whereabouts = whereabouts or Whereabouts()
+        self._whereabouts.heights_m = self.heights_m
+        self._workers = Workers(make_detector, max(1, workers), pin)
+        self._joining = Joining(JoinLimits(max_speed_m_s=self._limits.max_speed_m_s))
+        self._joined: set[int] = set()
         self._tracks: dict[int, Track] = {}
         self._state = ArenaState(-1, 0, np.zeros(0, dtype=POSE), 0)
         self.counters = TrackerCounters()
         cv2.setNumThreads(1)
-        turns = count()
-        self._pool = ThreadPoolExecutor(
-            len(self._detectors), "tracking", (lambda: _pin(next(turns))) if pin else None
-        )
 
     @classmethod
     def for_family(
@@ -101,17 +96,20 @@ class ArenaTracker:
         heights_m: Mapping[int, float],
         limits: Limits | None = None,
         plan: SearchPlan | None = None,
+        open_roster: bool = True,
     ) -> ArenaTracker:
         """Returns a tracker of one family's markers; `heights_m` is also the roster."""
         height_m = median(heights_m.values()) if heights_m else 0.0
-        roster = sorted(heights_m)
+        roster, others_m = sorted(heights_m), set(heights_m.values())
         whereabouts = Whereabouts(plan or SearchPlan())
-        make = lambda: make_detector(family, roster, height_m, whereabouts)  # noqa: E731
+        make = lambda: make_detector(  # noqa: E731
+            family, roster, height_m, whereabouts, others_m, open_roster
+        )
         return cls(cameras, make, heights_m, limits, whereabouts=whereabouts)
 
     def close(self) -> None:
         """Ends the workers; can be called again."""
-        self._pool.shutdown()
+        self._workers.close()
 
     @property
     def state(self) -> ArenaState:
@@ -130,39 +128,49 @@ class ArenaTracker:
         Raises:
             TrackingError: A frame is of an unknown camera, or not of that camera's size.
         """
-        fresh = self._fresh(frames)
+        fresh = self._gate.choose(frames)
+        self.counters.old_frames = self._gate.old
+        self.counters.repeated_frames = self._gate.repeated
         if not fresh:
             return self._state
         now_ns = max(frame.capture_ns for frame in fresh)
         self._whereabouts.expect(now_ns)
         found = self._detect(fresh)
-        sightings = self._take(fresh, found)
+        placed = [
+            place_markers(self._gate.cameras[frame.camera], rows, self.heights_m)
+            for frame, rows in zip(fresh, found, strict=True)
+        ]
+        sightings = self._take(fresh, placed)
         self._forget(now_ns)
-        duplicates = tuple(tag for tag, places in sightings.items() if len(places) > 1)
-        self.counters.duplicates += len(duplicates)
         self._state = ArenaState(
             timestep=fresh[0].timestep,
             capture_ns=now_ns,
             robots=self._poses(now_ns),
             detected=len(sightings),
             unnamed=count_unnamed(found),
-            duplicates=duplicates,
-            sightings=np.array(
-                [(s.tag, s.x_m, s.y_m, s.yaw_rad) for places in sightings.values() for s in places],
-                dtype=SIGHTING,
-            ),
+            duplicates=self._duplicates(sightings),
+            sightings=_readings(sightings),
+            joined=tuple(sorted(self._joined)),
+            cameras=tuple(frame.camera for frame in fresh),
+            images=self._images(fresh, placed),
         )
         self._whereabouts.learn(self._state)
+        self._admit(now_ns, sightings)
         return self._state
 
-    def _take(
-        self, frames: list[Frame], found: list[NDArray[np.void]]
-    ) -> dict[int, list[Sighting]]:
+    def _duplicates(self, sightings: Sightings) -> tuple[int, ...]:
+        """Returns the tags that were read at several places, and counts them."""
+        twice = tuple(tag for tag, places in sightings.items() if len(places) > 1)
+        self.counters.duplicates += len(twice)
+        return twice
+
+    def _take(self, frames: list[Frame], placed: list[Placed]) -> Sightings:
         """Brings the tracks up to date; returns the sightings of each tag."""
+        doubt_m, cameras = self._limits.height_doubt_m, self._gate.cameras
         views = [
             view
-            for frame, rows in zip(frames, found, strict=True)
-            for view in place_views(frame, self._cameras[frame.camera], rows, self._heights_m)
+            for frame, markers in zip(frames, placed, strict=True)
+            for view in make_views(frame, cameras[frame.camera], markers, doubt_m)
         ]
         sightings = merge_views(views)
         for tag, places in sightings.items():
@@ -171,44 +179,41 @@ class ArenaTracker:
             track.seen = track.seen and tag in sightings
         return sightings
 
-    def _fresh(self, frames: Sequence[Frame]) -> list[Frame]:
-        """Returns one frame per camera of the newest timestep, in the order of the cameras."""
-        for frame in frames:
-            self._check(frame)
-        newest = max((frame.timestep for frame in frames), default=-1)
-        if newest <= self._state.timestep:
-            self.counters.old_frames += len(frames)
-            return []
-        now = [frame for frame in frames if frame.timestep == newest]
-        self.counters.old_frames += len(frames) - len(now)
-        now.sort(key=lambda frame: (frame.capture_ns, frame.ready_ns))
-        single = {frame.camera: frame for frame in now}
-        self.counters.repeated_frames += len(now) - len(single)
-        return [single[camera] for camera in sorted(single)]
+    def _images(self, frames: list[Frame], placed: list[Placed]) -> NDArray[np.void]:
+        """Returns where each camera sees robots."""
+        images = [
+            image_poses(place, self._gate.cameras[frame.camera], markers)
+            for place, (frame, markers) in enumerate(zip(frames, placed, strict=True))
+        ]
+        return np.concatenate([np.zeros(0, dtype=IMAGE_POSE), *images])
 
-    def _check(self, frame: Frame) -> None:
-        camera = self._cameras.get(frame.camera)
-        if camera is None:
-            known = ", ".join(sorted(self._cameras))
-            raise TrackingError(f"a frame of camera {frame.camera!r}; known are {known}")
-        if frame.image.shape != (camera.height_px, camera.width_px):
-            height, width = frame.image.shape[:2]
-            raise TrackingError(
-                f"a frame of camera {camera.id} is {width} x {height} px, "
-                f"not {camera.width_px} x {camera.height_px}"
-            )
+    def _admit(self, now_ns: int, sightings: Sightings) -> None:
+        """Lets robots join the roster, from the next timestep on."""
+        joined = self._whereabouts.joined
+        strangers = self._whereabouts.strangers
+        for new in self._joining.update(now_ns, strangers, sightings, self.heights_m):
+            self.heights_m[new.tag] = new.height_m
+            joined[new.family] = (*joined.get(new.family, ()), new.tag)
+            self._joined.add(new.tag)
+
+    def _check_heights(self) -> None:
+        height_m, tag = max(
+            ((height, tag) for tag, height in self.heights_m.items()), default=(0, 0)
+        )
+        for camera in self._gate.cameras.values():
+            if camera.position_m[2] <= height_m:
+                raise TrackingError(
+                    f"camera {camera.id} hangs {camera.position_m[2]:g} m above the floor,"
+                    f" expected more than the {height_m:g} m of tag {tag}'s marker"
+                )
 
     def _detect(self, frames: list[Frame]) -> list[NDArray[np.void]]:
-        """Returns each frame's DETECTION array."""
-        workers = len(self._detectors)
-
-        def look(worker: int) -> list[NDArray[np.void]]:
-            detector = self._detectors[worker]
-            mine = frames[worker::workers]
-            return [detector.detect(frame.image, self._cameras[frame.camera]) for frame in mine]
-
-        shares = list(self._pool.map(look, range(workers)))
-        return [shares[place % workers][place // workers] for place in range(len(frames))]
+        """Returns each frame's DETECTION array; keeps it, and whose picture held too much."""
+        looks = self._workers.look(frames, self._gate.cameras)
+        self.found = {frame.camera: look.rows for frame, look in zip(frames, looks)}
+        self.overflowed = tuple(f.camera for f, look in zip(frames, looks) if look.full)
+        self.counters.overflows += len(self.overflowed)
+        return [look.rows for look in looks]
 
     def _follow(self, tag: int, places: list[Sighting]) -> None:
         track = self._tracks.get(tag)
@@ -224,23 +229,26 @@ class ArenaTracker:
         }
 
     def _poses(self, now_ns: int) -> NDArray[np.void]:
-        poses = np.zeros(len(self._tracks), dtype=POSE)
-        for row, tag in zip(poses, sorted(self._tracks), strict=True):
-            track = self._tracks[tag]
-            row["tag"] = tag
-            row["x_m"], row["y_m"] = track.position_m(now_ns, self._limits)
-            row["yaw_rad"] = track.last.yaw_rad
-            row["speed_m_s"] = track.speed_m_s
-            row["capture_ns"] = track.last.capture_ns
-            row["age_ns"] = max(now_ns - track.last.capture_ns, 0)
-            row["confidence"] = track.confidence(now_ns, self._limits)
-            row["cameras"] = len(track.last.cameras) if track.seen else 0
-            row["seen"] = track.seen
+        tags = sorted(self._tracks)
+        tracks = [self._tracks[tag] for tag in tags]
+        poses = np.zeros(len(tracks), dtype=POSE)
+        if len(tracks) == 0:
+            return poses
+        limits = self._limits
+        poses["tag"] = tags
+        where = np.array([track.pose(now_ns, limits) for track in tracks])
+        poses["x_m"], poses["y_m"], poses["yaw_rad"] = where.T
+        poses["speed_m_s"] = [track.speed_m_s for track in tracks]
+        capture_ns = np.array([track.last.capture_ns for track in tracks])
+        poses["capture_ns"], poses["age_ns"] = capture_ns, np.maximum(now_ns - capture_ns, 0)
+        poses["confidence"] = [track.confidence(now_ns, limits) for track in tracks]
+        poses["cameras"] = [len(t.last.cameras) if t.seen else 0 for t in tracks]
+        poses["seen"] = [track.seen for track in tracks]
+        poses["covariance"] = covariances(tracks, now_ns, limits)
         return poses
 
 
-def _pin(turn: int) -> None:
-    """Keeps the calling thread on the processor of its turn, where the system can do that."""
-    if hasattr(os, "sched_setaffinity"):
-        allowed = sorted(os.sched_getaffinity(0))
-        os.sched_setaffinity(0, {allowed[turn % len(allowed)]})
+def _readings(sightings: Sightings) -> NDArray[np.void]:
+    """Returns the SIGHTING array of all tags' sightings."""
+    seen = [(s.tag, s.x_m, s.y_m, s.yaw_rad) for places in sightings.values() for s in places]
+    return np.array(seen, dtype=SIGHTING)

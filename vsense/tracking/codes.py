@@ -17,8 +17,9 @@ from vsense.tracking.families import FamilyError, MarkerFamily
 
 Floats = NDArray[np.float64]
 
-_LIGHTEST = 12
-_DARKEST = 4
+BLURS_U = np.arange(0.10, 0.86, 0.04)
+"""Standard deviations of the blur for which code words are kept, in units u."""
+
 SPOTS = (-0.18, 0.0, 0.18)
 """Where a cell is read, along and across, in its sides from its middle: nine spots, which stand
 for its inner half."""
@@ -69,6 +70,14 @@ def _line_blur(family: MarkerFamily, sigma_mm: float) -> Floats:
     return np.asarray(np.diff(normal_share(apart), axis=2).mean(axis=1))
 
 
+def usable(white: NDArray[np.intp], cells: int) -> NDArray[np.bool_]:
+    """Tells of numbers of white cells whether neither black nor white is in nearly all cells.
+
+    Blank things look like those.
+    """
+    return np.asarray((4 * white >= cells) & (4 * white <= 3 * cells))
+
+
 def code_words(family: MarkerFamily, tags: Iterable[int], sigma_mm: float) -> Floats:
     """Returns the blurred cells of tags, (tags, cells), see `cell_blur`."""
     bits = np.array([family.bits(tag).ravel() for tag in tags], dtype=np.float64)
@@ -104,16 +113,15 @@ def choose_tags(family: MarkerFamily, count: int, sigma_mm: float, seed: int = 0
     cells = family.grid**2
     tags = np.arange(family.tags)
     bits = ((tags[:, np.newaxis] >> np.arange(cells)) & 1).astype(np.float32)
-    weight = bits.sum(axis=1)
-    usable = np.flatnonzero((weight >= _DARKEST) & (weight <= _LIGHTEST))
-    if count > len(usable):
-        raise FamilyError(f"{count} tags: the family {family.name} has {len(usable)} usable ones")
-    words = bits[usable] @ cell_blur(family, sigma_mm).T.astype(np.float32)
+    good = np.flatnonzero(usable(bits.sum(axis=1, dtype=np.intp), cells))
+    if count > len(good):
+        raise FamilyError(f"{count} tags: the family {family.name} has {len(good)} usable ones")
+    words = bits[good] @ cell_blur(family, sigma_mm).T.astype(np.float32)
     nearest = ((words - words[:, ::-1]) ** 2).sum(axis=1)
     chosen: list[int] = []
-    place = int(np.random.default_rng(seed).integers(len(usable)))
+    place = int(np.random.default_rng(seed).integers(len(good)))
     while len(chosen) < count:
-        chosen.append(int(usable[place]))
+        chosen.append(int(good[place]))
         for word in (words[place], words[place, ::-1]):
             nearest = np.minimum(nearest, ((words - word) ** 2).sum(axis=1))
         nearest[place] = -1.0

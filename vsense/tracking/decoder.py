@@ -15,14 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import UNNAMED
-from vsense.tracking.codes import cell_blur, normal_share, outer_light
+from vsense.tracking.codes import BLURS_U, cell_blur, normal_share, outer_light
 from vsense.tracking.families import MarkerFamily
+from vsense.tracking.strangers import stranger_reader
 
 Floats = NDArray[np.float64]
 Tags = NDArray[np.int32]
-
-_BLURS_U = np.arange(0.10, 0.86, 0.04)
-"""Standard deviations of the blur for which code words are kept, in units u."""
 
 _NEAR_U, _REACH_U = 0.25, 0.6
 """An edge's sharpness is what it gains within the one, of what it gains within the other."""
@@ -30,6 +28,9 @@ _NEAR_U, _REACH_U = 0.25, 0.6
 _WORST_CELL = 0.40
 _LEAST_MARGIN = 1.6
 _GREATEST_ERROR = 1.0
+_MOST_UNEXPLAINED, _LEAST_VARIED = 0.6, 0.1
+"""The error may be this share of how much the word's own cells differ: a word that explains less is
+not what is there, however much worse the others are. Nearly blank words differ by the second."""
 
 
 class Reading(NamedTuple):
@@ -64,7 +65,7 @@ class Decoder:
         self.tags = np.array(sorted(set(roster)), dtype=np.int32)
         bits = np.array([family.bits(int(tag)).ravel() for tag in self.tags], dtype=np.float64)
         bits = bits.reshape(-1, family.grid**2)
-        sigmas = (family.unit_mm * _BLURS_U).tolist()
+        sigmas = (family.unit_mm * BLURS_U).tolist()
         self._words = np.array(
             [
                 [bits @ cell_blur(family, a, b).T + outer_light(family, a, b) for b in sigmas]
@@ -72,16 +73,41 @@ class Decoder:
             ],
             dtype=np.float32,
         )
-        # So near to the edge black is not quite black, nor white quite white.
-        self._lost = normal_share(-_REACH_U / _BLURS_U)
-        near = 2.0 * normal_share(_NEAR_U / _BLURS_U) - 1.0
+        varied = np.maximum(self._words.std(axis=-1), _LEAST_VARIED)
+        self._most_error = _MOST_UNEXPLAINED * varied
+        self._lost = normal_share(-_REACH_U / BLURS_U)
+        near = 2.0 * normal_share(_NEAR_U / BLURS_U) - 1.0
         self._sharpness = near / (1.0 - 2.0 * self._lost)
+        self._strangers = stranger_reader(family)
 
     def blur(self, sharpness: Floats) -> NDArray[np.intp]:
         """Returns the nearest kept blur of edges as sharp as this, elementwise."""
         # Sharpness falls with the blur; the middles between two kept ones divide them.
         middles = 0.5 * (self._sharpness[1:] + self._sharpness[:-1])
         return np.searchsorted(-middles, -sharpness)
+
+    def brightness(self, cells: Floats, ahead: NDArray[np.intp], left: NDArray[np.intp]) -> Floats:
+        """Returns (n, cells) brightness between true black and white.
+
+        Near to a blurred edge, where both are measured, black is not quite black.
+
+        Args:
+            cells: (n, cells) brightness between what was measured.
+            ahead: (n,) the blur along the heading, see `blur`.
+            left: (n,) the same across the heading.
+        """
+        lost = 0.5 * (self._lost[ahead] + self._lost[left])[:, np.newaxis]
+        return np.asarray((1.0 - 2.0 * lost) * cells + lost)
+
+    def read_strangers(self, cells: Floats, sharp_ahead: Floats, sharp_left: Floats) -> Tags:
+        """Reads markers whose tags are not on the roster; the arguments are those of `decode`.
+
+        Returns:
+            (n,) tags; -1 where the cells are not sure, and where the tag is on the roster.
+        """
+        ahead, left = self.blur(sharp_ahead), self.blur(sharp_left)
+        tags = self._strangers.read(self.brightness(cells, ahead, left), ahead, left)
+        return np.where(np.isin(tags, self.tags), np.int32(UNNAMED), tags)
 
     def decode(self, cells: Floats, sharp_ahead: Floats, sharp_left: Floats) -> Reading:
         """Names markers.
@@ -102,8 +128,7 @@ class Decoder:
                 np.full((count, roster), _GREATEST_ERROR),
             )
         ahead, left = self.blur(sharp_ahead), self.blur(sharp_left)
-        lost = 0.5 * (self._lost[ahead] + self._lost[left])[:, np.newaxis]
-        true = (1.0 - 2.0 * lost) * cells + lost
+        true = self.brightness(cells, ahead, left)
         difference = true.astype(np.float32)[:, np.newaxis] - self._words[ahead, left]
         squares = np.einsum("ntc,ntc->nt", difference, difference)
         distance = np.sqrt(squares.astype(np.float64) / cells.shape[1])
@@ -114,6 +139,7 @@ class Decoder:
         others[rows, best] = _GREATEST_ERROR
         margin = np.minimum(others.min(axis=1), _GREATEST_ERROR) / np.maximum(error, 1e-3)
         worst = np.abs(difference[rows, best]).max(axis=1)
-        sure = (worst < _WORST_CELL) & (margin > _LEAST_MARGIN)
+        alike = error < self._most_error[ahead, left, best]
+        sure = (worst < _WORST_CELL) & (margin > _LEAST_MARGIN) & alike
         tags = np.where(sure, self.tags[best], np.int32(UNNAMED))
         return Reading(tags, error, margin, distance)

@@ -7,7 +7,7 @@ expect, known robots are fitted where they must be and keep their names.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -15,18 +15,22 @@ from numpy.typing import NDArray
 
 from vsense.arena import DETECTION
 from vsense.tracking.camera import Camera
-from vsense.tracking.decoder import Decoder
+from vsense.tracking.decoder import Decoder, Reading, Tags
 from vsense.tracking.families import MarkerFamily
-from vsense.tracking.kernel import MARKER, Image, Kernel
-from vsense.tracking.naming import carry_names, gather_evidence
+from vsense.tracking.joining import Strangers
+from vsense.tracking.kernel import MARKER, Image
+from vsense.tracking.layers import LayeredKernel, join
+from vsense.tracking.naming import carry_names, find_strangers, gather_evidence
+from vsense.tracking.spread import OutlineSpread
 from vsense.tracking.whereabouts import NEAR_M, Whereabouts
-
-_FLOOR_M = 1e-4
-"""What of the position's error no residual tells of [m]."""
 
 
 class Detector(Protocol):
     """Finds markers in one picture; called by one thread at a time."""
+
+    @property
+    def overflows(self) -> int:
+        """Pictures with more in them than the detector's tables hold; markers may be missed."""
 
     def detect(self, image: NDArray[np.uint8], camera: Camera) -> NDArray[np.void]:
         """Returns the DETECTION array of a (height, width) uint8 picture of `camera`."""
@@ -41,25 +45,33 @@ class ArrowDetector:
         roster: Sequence[int],
         height_m: float,
         whereabouts: Whereabouts | None = None,
+        heights_m: Iterable[float] = (),
+        open_roster: bool = True,
     ) -> None:
         """Prepares the detector.
 
         Args:
             family: The marker family.
             roster: The tags in the arena; a marker with any other is reported without a name.
-            height_m: Height of the markers above the floor, about: the scale of what is found
-                may differ by a tenth.
+            height_m: Height of most of the markers above the floor.
             whereabouts: What the arena tracker expects, the same for all of its detectors;
                 without it every picture is searched and read for itself.
+            heights_m: Other heights of markers.
+            open_roster: Tell `whereabouts` of markers with other tags, so that they can join.
 
         Raises:
             FamilyError: The family does not have a tag of the roster.
         """
+        self._family = family
         self._height_m = height_m
         self._cells = family.grid**2
-        self._kernel = Kernel(family)
-        self._decoder = Decoder(family, roster)
+        self._kernel = LayeredKernel(family, height_m, heights_m)
+        self._spread = OutlineSpread(family)
+        self._roster = sorted(set(roster))
+        self._decoder = Decoder(family, self._roster)
+        self._joined: tuple[int, ...] = ()
         self._whereabouts = whereabouts
+        self._open_roster = open_roster
 
     @property
     def overflows(self) -> int:
@@ -73,26 +85,27 @@ class ArrowDetector:
         """
         known = self._whereabouts
         if known is None:
-            return self._name(self._kernel.search(image, camera, self._height_m), camera, None)
+            return self._report(self._kernel.search(image, camera), camera, None)
+        self._grow(known)
         expected = known.in_view(camera, self._height_m)
         if known.is_key_frame:
-            markers = self._kernel.search(image, camera, self._height_m)
+            markers = self._kernel.search(image, camera)
             missing = expected[~_has_near(expected, markers)]
-            markers = _join(markers, self._fit(image, camera, missing))
+            markers = join(markers, self._kernel.follow(image, camera, missing))
         else:
             markers = np.zeros(0, dtype=MARKER)
             if known.plan.warm:
-                markers = self._fit(image, camera, expected)
+                markers = self._kernel.follow(image, camera, expected)
             missing = expected[~_has_near(expected, markers)]
-            markers = _join(markers, self._search_squares(image, camera, known, missing))
-        return self._name(markers, camera, expected)
+            markers = join(markers, self._search_squares(image, camera, known, missing))
+        return self._report(markers, camera, expected)
 
-    def _fit(self, image: Image, camera: Camera, robots: NDArray[np.void]) -> NDArray[np.void]:
-        """Fits robots where they are expected."""
-        if len(robots) == 0:
-            return np.zeros(0, dtype=MARKER)
-        poses = np.stack((robots["x_m"], robots["y_m"], robots["yaw_rad"]), axis=1)
-        return self._kernel.follow(image, camera, self._height_m, poses)[0]
+    def _grow(self, known: Whereabouts) -> None:
+        """Takes tags that have joined into the roster."""
+        joined = known.joined.get(self._family.name, ())
+        if joined != self._joined:
+            self._joined = joined
+            self._decoder = Decoder(self._family, [*self._roster, *joined])
 
     def _search_squares(
         self, image: Image, camera: Camera, known: Whereabouts, robots: NDArray[np.void]
@@ -104,9 +117,9 @@ class ArrowDetector:
         if len(places) == 0:
             return np.zeros(0, dtype=MARKER)
         squares = known.windows(camera, self._height_m, places)
-        return self._kernel.search(image, camera, self._height_m, squares)
+        return self._kernel.search(image, camera, squares)
 
-    def _name(
+    def _report(
         self, markers: NDArray[np.void], camera: Camera, expected: NDArray[np.void] | None
     ) -> NDArray[np.void]:
         """Makes DETECTION rows of fitted markers."""
@@ -118,16 +131,34 @@ class ArrowDetector:
         reading = self._decoder.decode(cells, *sharpness)
         tags = reading.tags
         if expected is not None and self._whereabouts is not None:
-            places = np.stack((markers["x_m"], markers["y_m"]), axis=1)
-            tags = carry_names(tags, reading, self._decoder.tags, places, expected)
-            tags = gather_evidence(
-                tags, cells, sharpness, places, camera.id, self._whereabouts, self._decoder
-            )
+            tags = self._name(self._whereabouts, camera, markers, reading, expected)
         found["tag"], found["error"], found["margin"] = tags, reading.error, reading.margin
         found["x_px"], found["y_px"] = markers["x_px"], markers["y_px"]
         found["yaw_rad"] = np.arctan2(markers["ahead_y"], markers["ahead_x"])
-        found["weight"] = 1.0 / (_FLOOR_M + markers["residual_m"]) ** 2
+        blur = (self._decoder.blur(sharp) for sharp in sharpness)
+        found["covariance"] = self._spread.covariance(markers, *blur)
         return found
+
+    def _name(
+        self,
+        known: Whereabouts,
+        camera: Camera,
+        markers: NDArray[np.void],
+        reading: Reading,
+        expected: NDArray[np.void],
+    ) -> Tags:
+        """Names markers by where they are, and by what was gathered of them."""
+        cells = markers["cell"][:, : self._cells]
+        sharpness = markers["sharp_ahead"], markers["sharp_left"]
+        places = np.stack((markers["x_m"], markers["y_m"]), axis=1)
+        decoder, id = self._decoder, camera.id
+        tags = carry_names(reading.tags, reading, decoder.tags, places, expected)
+        tags = gather_evidence(tags, cells, sharpness, places, id, known, decoder)
+        if self._open_roster:
+            strangers = find_strangers(tags, sharpness, known.anonymous[id], decoder)
+            roster = decoder.tags.tolist()
+            known.strangers[id] = Strangers(self._family, roster, self._height_m, *strangers)
+        return tags
 
 
 def _has_near(expected: NDArray[np.void], markers: NDArray[np.void]) -> NDArray[np.bool_]:
@@ -135,13 +166,3 @@ def _has_near(expected: NDArray[np.void], markers: NDArray[np.void]) -> NDArray[
     x = expected["x_m"][:, np.newaxis] - markers["x_m"]
     y = expected["y_m"][:, np.newaxis] - markers["y_m"]
     return np.asarray((np.hypot(x, y) < NEAR_M).any(axis=1))
-
-
-def _join(markers: NDArray[np.void], more: NDArray[np.void]) -> NDArray[np.void]:
-    """Adds markers that are at none of the places found already."""
-    if len(markers) == 0:
-        return more
-    apart = np.hypot(
-        more["x_m"][:, np.newaxis] - markers["x_m"], more["y_m"][:, np.newaxis] - markers["y_m"]
-    )
-    return np.concatenate((markers, more[(apart > NEAR_M).all(axis=1)]))

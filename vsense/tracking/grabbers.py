@@ -25,7 +25,7 @@ class CameraEvent:
     Attributes:
         camera: Its id.
         kind: One word: "gone", "back", "late", "damaged", "size", "control", "dark", "light",
-            "frozen", "running", "moved", "steady" or "apart".
+            "frozen", "running", "moved", "steady", "crowded", "clear" or "apart".
         text: What happened, without the camera's name.
     """
 

@@ -168,10 +168,11 @@ class RecordedGrabber:
         return self._coming[after][0].capture_ns if after < len(self._coming) else None
 
     def skip(self) -> None:
-        """Leaves out what `next` would have given."""
+        """Leaves out what `next` would have given, unread where nobody has begun to."""
         self._read_ahead()
         if self._coming:
-            self._coming.popleft()
+            for part in self._coming.popleft()[1]:
+                part.cancel()
             self.missed += 1
 
     def events(self) -> list[CameraEvent]:

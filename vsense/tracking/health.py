@@ -1,4 +1,4 @@
-"""Camera health: went dark, froze, moved, or contradicts its neighbours; noticed from pictures.
+"""Camera health: dark, frozen, moved, crowded, or contradicting neighbours; told from pictures.
 
 Darkness and standstill are looked for in every picture, movement in a few cameras per timestep
 by turns, so that many cameras cost no more than few. All of it is told once when it begins and
@@ -69,7 +69,7 @@ class _Alarm:
 
 
 class CameraHealth:
-    """Watches one camera."""
+    """Watches one camera; all of it is for one thread."""
 
     def __init__(self, camera: Camera, limits: HealthLimits) -> None:
         """Learns the background from the first pictures that it is shown."""
@@ -79,6 +79,7 @@ class CameraHealth:
         self._dark = _Alarm(limits.frames)
         self._frozen = _Alarm(limits.frames)
         self._moved = _Alarm(limits.frames)
+        self._crowded = _Alarm(limits.frames)
         self._steadiness = Steadiness((camera.width_px, camera.height_px))
 
     def look(self, image: NDArray[np.uint8]) -> list[CameraEvent]:
@@ -96,6 +97,13 @@ class CameraHealth:
             text = f"froze: the same picture {self._limits.frames + 1} times"
             events.append(self._event(self._frozen.on, "frozen", text, "running", "runs again"))
         return events
+
+    def count(self, overflowed: bool) -> list[CameraEvent]:
+        """Takes whether a picture held more than the detector's tables; gives what has changed."""
+        if not self._crowded.update(overflowed):
+            return []
+        text = "shows more dark things than the detector can hold: markers may be missed"
+        return [self._event(self._crowded.on, "crowded", text, "clear", "shows less again")]
 
     def check_place(
         self, image: NDArray[np.uint8], rows: NDArray[np.void] | None = None
@@ -203,20 +211,25 @@ class Health:
         self._turn = 0
 
     def look(
-        self, frames: Sequence[Frame], found: Mapping[str, NDArray[np.void]]
+        self,
+        frames: Sequence[Frame],
+        found: Mapping[str, NDArray[np.void]],
+        overflowed: Sequence[str] = (),
     ) -> list[CameraEvent]:
         """Looks at one timestep.
 
         Args:
             frames: Its pictures.
             found: The DETECTION array of each camera.
+            overflowed: The cameras whose pictures held more than the detector's tables.
 
         Returns:
             What has begun or ended.
         """
         events: list[CameraEvent] = []
         for frame in frames:
-            events += self._cameras[frame.camera].look(frame.image)
+            camera = self._cameras[frame.camera]
+            events += camera.look(frame.image) + camera.count(frame.camera in overflowed)
         for _ in range(min(self._limits.checks, len(frames))):
             frame = frames[self._turn % len(frames)]
             self._turn += 1

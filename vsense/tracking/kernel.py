@@ -182,7 +182,7 @@ class Kernel:
 
 def _outline(family: MarkerFamily, passes: Sequence[Pass]) -> Any:
     """Describes a family, and how it is fitted, to the kernel."""
-    points, normals = _sample(family.polygon_mm, family.unit_mm)
+    points, normals = sample_outline(family.polygon_mm, family.unit_mm)
     points = 1e-3 * (points - family.disc_centre_mm)
     inner = np.array(SPOTS) * family.cell_mm
     spots = np.stack(np.meshgrid(inner, inner), axis=-1).reshape(-1, 2)
@@ -229,7 +229,7 @@ def _scales(camera: Camera, height_m: float) -> tuple[float, float]:
     return float(scale.min()), float(scale.max())
 
 
-def _sample(corners: Floats, unit: float) -> tuple[Floats, Floats]:
+def sample_outline(corners: Floats, unit: float) -> tuple[Floats, Floats]:
     """Returns points along a counter-clockwise polygon, away from its corners, and normals."""
     points, normals = [], []
     for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):

@@ -7,6 +7,8 @@ until its cells are sure.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -39,17 +41,8 @@ def carry_names(
         (n,) names.
     """
     named = np.array(tags)
-    sure = expected[expected["sure"]]
-    if len(sure) == 0 or len(places) == 0:
-        return named
-    offset = np.stack((sure["x_m"], sure["y_m"]), axis=1)[:, np.newaxis] - places
-    near = np.hypot(offset[..., 0], offset[..., 1]) < NEAR_M
-    single = near & (near.sum(axis=0) == 1) & (near.sum(axis=1) == 1)[:, np.newaxis]
-    for robot, marker in zip(*np.nonzero(single), strict=True):
-        tag = sure["tag"][robot]
-        if named[marker] == tag:
-            continue
-        if named[marker] != UNNAMED:
+    for tag, marker in _alone(places, expected):
+        if named[marker] not in (tag, UNNAMED):
             named[marker] = UNNAMED
             continue
         column = int(np.searchsorted(roster, tag))
@@ -57,6 +50,41 @@ def carry_names(
         if fits and roster[column] == tag and tag not in tags:
             named[marker] = tag
     return named
+
+
+def carry_square_names(tags: Tags, places: Floats, expected: NDArray[np.void]) -> Tags:
+    """Gives names of expected robots to square markers that cannot be read.
+
+    Their words differ in so many cells that one that is read is what it says; but a marker that is
+    read as another robot than the one that must be there stays without a name.
+
+    Args:
+        tags: (n,) what was read, -1 where the cells do not tell.
+        places: (n, 2) the markers' places in the arena [m].
+        expected: (k,) EXPECTED in the camera's view.
+
+    Returns:
+        (n,) names.
+    """
+    named = np.array(tags)
+    for tag, marker in _alone(places, expected):
+        if named[marker] not in (tag, UNNAMED):
+            named[marker] = UNNAMED
+        elif tag not in tags:
+            named[marker] = tag
+    return named
+
+
+def _alone(places: Floats, expected: NDArray[np.void]) -> Iterator[tuple[int, int]]:
+    """Yields robots that are sure to be somewhere, with the one marker that is there."""
+    sure = expected[expected["sure"]]
+    if len(sure) == 0 or len(places) == 0:
+        return
+    offset = np.stack((sure["x_m"], sure["y_m"]), axis=1)[:, np.newaxis] - places
+    near = np.hypot(offset[..., 0], offset[..., 1]) < NEAR_M
+    single = near & (near.sum(axis=0) == 1) & (near.sum(axis=1) == 1)[:, np.newaxis]
+    for robot, marker in zip(*np.nonzero(single), strict=True):
+        yield int(sure["tag"][robot]), int(marker)
 
 
 def gather_evidence(
@@ -83,9 +111,8 @@ def gather_evidence(
         (n,) names.
     """
     open_ = np.flatnonzero(tags == UNNAMED)
-    now = Anonymous(
-        places[open_], cells[open_], np.ones(len(open_), dtype=np.int64), whereabouts.capture_ns
-    )
+    once = np.ones(len(open_), dtype=np.int64)
+    now = Anonymous(open_, places[open_], cells[open_], once, whereabouts.capture_ns)
     before = whereabouts.anonymous.get(camera)
     if before is not None and now.capture_ns - before.capture_ns < 1e9 * _EVIDENCE_S:
         _add_up(now, before)
@@ -99,6 +126,29 @@ def gather_evidence(
         taken = np.isin(read, tags[tags != UNNAMED])
         named[rows] = np.where(taken, np.int32(UNNAMED), read)
     return named
+
+
+def find_strangers(
+    tags: Tags, sharpness: tuple[Floats, Floats], gathered: Anonymous, decoder: Decoder
+) -> tuple[Tags, Floats]:
+    """Reads markers without a name as tags that are not on the roster.
+
+    Args:
+        tags: (n,) names.
+        sharpness: (n,) of the edges along and across the heading, see `Decoder.decode`.
+        gathered: What `gather_evidence` has just kept of them.
+        decoder: Reads cells.
+
+    Returns:
+        (k,) the tags of those that are sure, and (k, 2) their places.
+    """
+    rows = gathered.rows
+    if len(rows) == 0:
+        return np.zeros(0, dtype=np.int32), np.zeros((0, 2))
+    means = gathered.cells / gathered.pictures[:, np.newaxis]
+    read = decoder.read_strangers(means, sharpness[0][rows], sharpness[1][rows])
+    sure = (read != UNNAMED) & (tags[rows] == UNNAMED)
+    return read[sure], gathered.places[sure]
 
 
 def _add_up(now: Anonymous, before: Anonymous) -> None:

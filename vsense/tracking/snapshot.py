@@ -11,11 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import UNNAMED, ArenaState, Frame
+from vsense.pictures.canvas import FONT, INK, MUTED, Colour, Floats, Image
 from vsense.tracking.camera import Camera
-
-Picture = NDArray[np.uint8]
-Colour = tuple[int, int, int]
-Floats = NDArray[np.float64]
 
 PANEL_PX = 960
 """Width of one camera's picture in the finished one."""
@@ -26,13 +23,10 @@ _CAPTION = 40
 _ZOOM = 2
 _RING_M = 0.038
 _ARROW_M = 0.085
-_INK: Colour = (50, 42, 38)
-_MUTED: Colour = (140, 130, 124)
 _NAMED: Colour = (110, 150, 0)
 _TWICE: Colour = (200, 60, 200)
 _NAMELESS: Colour = (48, 48, 226)
 _CARRIED: Colour = (40, 140, 245)
-_FONT = cv2.FONT_HERSHEY_DUPLEX
 _SIZE = 0.55 * _ZOOM
 _PAD = 3 * _ZOOM
 _TURNS = (0.0, 0.8, -0.8, 1.6, -1.6, 2.4, -2.4)
@@ -45,7 +39,7 @@ def draw(
     cameras: Sequence[Camera],
     found: Mapping[str, NDArray[np.void]],
     heights_m: Mapping[int, float],
-) -> Picture:
+) -> Image:
     """Draws one arena state.
 
     Args:
@@ -73,7 +67,7 @@ def draw(
         for camera, panel in zip(row, row_panels):
             canvas[top : top + panel.shape[0], left : left + panel.shape[1]] = panel
             caption = _caption(camera, found.get(camera.id))
-            _text(canvas, caption, (left, top + panel.shape[0] + 26), _INK, 0.6)
+            _text(canvas, caption, (left, top + panel.shape[0] + 26), INK, 0.6)
             left += panel.shape[1] + _MARGIN
         top += height
     return canvas
@@ -87,20 +81,20 @@ def _rows(cameras: Sequence[Camera]) -> list[list[Camera]]:
     return [sorted(row, key=lambda c: (c.position_m[0], c.id)) for row in rows]
 
 
-def _head(canvas: Picture, state: ArenaState) -> None:
+def _head(canvas: Image, state: ArenaState) -> None:
     robots = state.robots
     seen = int(robots["seen"].sum())
     facts = [f"{seen} of {len(robots)} robots seen", f"{state.unnamed} without a name"]
     if state.duplicates:
         facts.append(f"there twice: {', '.join(map(str, state.duplicates))}")
-    _text(canvas, f"timestep {state.timestep}", (_MARGIN, 44), _INK, 1.0)
-    _text(canvas, ", ".join(facts), (_MARGIN, 74), _MUTED, 0.55)
+    _text(canvas, f"timestep {state.timestep}", (_MARGIN, 44), INK, 1.0)
+    _text(canvas, ", ".join(facts), (_MARGIN, 74), MUTED, 0.55)
     legend = [("named", _NAMED), ("from another camera, or carried on", _CARRIED)]
     legend += [("without a name", _NAMELESS), ("there twice", _TWICE)]
     right = canvas.shape[1] - _MARGIN
     for word, colour in reversed(legend):
-        right -= cv2.getTextSize(word, _FONT, 0.55, 1)[0][0]
-        _text(canvas, word, (right, 74), _MUTED, 0.55)
+        right -= cv2.getTextSize(word, FONT, 0.55, 1)[0][0]
+        _text(canvas, word, (right, 74), MUTED, 0.55)
         cv2.circle(canvas, (right - 14, 68), 7, colour, 3, cv2.LINE_AA)
         right -= 44
 
@@ -113,12 +107,12 @@ def _caption(camera: Camera, rows: NDArray[np.void] | None) -> str:
 
 
 def _panel(
-    image: Picture | None,
+    image: Image | None,
     camera: Camera,
     state: ArenaState,
     rows: NDArray[np.void] | None,
     heights_m: Mapping[int, float],
-) -> Picture:
+) -> Image:
     """One camera's picture with its markers, drawn large and reduced at the end."""
     size = (PANEL_PX, round(PANEL_PX * camera.height_px / camera.width_px))
     if image is None or rows is None:
@@ -164,7 +158,7 @@ class _Name:
 class _Pen:
     """Draws robots into one camera's picture, through its lens."""
 
-    def __init__(self, canvas: Picture, camera: Camera, scale: float) -> None:
+    def __init__(self, canvas: Image, camera: Camera, scale: float) -> None:
         self.canvas = canvas
         self._camera = camera
         self._scale = scale
@@ -187,7 +181,7 @@ class _Pen:
         """Writes all names, each where it covers no robot and no other name, if it can."""
         taken = [(name.middle, np.full(2, name.ring)) for name in self._names]
         for name in self._names:
-            (width, height), _ = cv2.getTextSize(name.text, _FONT, _SIZE, _ZOOM)
+            (width, height), _ = cv2.getTextSize(name.text, FONT, _SIZE, _ZOOM)
             half = np.array((width / 2, height / 2)) + _PAD
             places = [self._beside(name, half, turn) for turn in _TURNS]
             free = [p for p in places if not _covers(p, half, taken)]
@@ -197,7 +191,7 @@ class _Pen:
             cv2.rectangle(self.canvas, low.tolist(), high.tolist(), (255, 255, 255), -1)
             cv2.rectangle(self.canvas, low.tolist(), high.tolist(), name.colour, _ZOOM)
             base = (int(low[0]) + _PAD, int(high[1]) - _PAD)
-            cv2.putText(self.canvas, name.text, base, _FONT, _SIZE, _INK, _ZOOM, cv2.LINE_AA)
+            cv2.putText(self.canvas, name.text, base, FONT, _SIZE, INK, _ZOOM, cv2.LINE_AA)
 
     def _beside(self, name: _Name, half: Floats, turn_rad: float) -> Floats:
         """The middle of a name's plate beside its robot, inside the picture."""
@@ -217,5 +211,5 @@ def _covers(place: Floats, half: Floats, taken: Sequence[tuple[Floats, Floats]])
     return any(bool(np.all(np.abs(place - p) < half + h)) for p, h in taken)
 
 
-def _text(canvas: Picture, text: str, at: tuple[int, int], colour: Colour, size: float) -> None:
-    cv2.putText(canvas, text, at, _FONT, size, colour, 1, cv2.LINE_AA)
+def _text(canvas: Image, text: str, at: tuple[int, int], colour: Colour, size: float) -> None:
+    cv2.putText(canvas, text, at, FONT, size, colour, 1, cv2.LINE_AA)

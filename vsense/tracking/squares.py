@@ -1,19 +1,19 @@
-"""The detector for square markers: ArUco's and AprilTag's, from the picture to the tag."""
+"""Finding square markers, ArUco's and AprilTag's: from a picture to corners and tags.
+
+Nothing of the arena is known here; see `square_detector` for markers that robots carry.
+"""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.arena import DETECTION, UNNAMED, wrap_angle
-from vsense.tracking.camera import Camera
+from vsense.arena import UNNAMED
 from vsense.tracking.dictionary import SquareFamily
-from vsense.tracking.markers import FamilyError, Floats
+from vsense.tracking.markers import Floats
 from vsense.tracking.squares_edges import Sides, fit_local_corners, fit_sides
 from vsense.tracking.squares_quads import QuadSearch, area, lengths, noise_level
-from vsense.tracking.squares_words import Readings, WordReader, project_squares
+from vsense.tracking.squares_words import Readings, WordReader
 
 SQUARE = np.dtype(
     [
@@ -22,13 +22,15 @@ SQUARE = np.dtype(
         ("error", "f4"),
         ("margin", "f4"),
         ("residual_px", "f8"),
+        ("blur_px", "f8"),
     ]
 )
 """One square marker in one picture.
 
-`tag` is the number; `corners_px` the corners of the black square as seen upright: upper left,
-upper right, lower right, lower left; `error` and `margin` as in DETECTION; `residual_px` the
-root mean square distance of the edges found to the fitted sides.
+`tag` is the number, or -1 for one that could not be read; `corners_px` the corners of the black
+square as seen upright: upper left, upper right, lower right, lower left; `error` and `margin` as
+in DETECTION; `residual_px` the root mean square distance of the edges found to the fitted sides;
+`blur_px` the standard deviation of the point spread across them.
 """
 
 _PASSES = ((0.12, 1.6, 6.0, 12, 13), (0.08, 1.6, 4.0, 20, 13))
@@ -44,44 +46,22 @@ _LEAST_STEP = 0.15
 _LEAST_CELL_PX = 0.9
 _SLIMMEST = 0.15
 _SAME = 0.05
-_SCALE_DOUBT = 0.25
 _BORDER_PX = 1.0
 
 
-class SquareDetector:
-    """Finds the square markers of one family and names those of a roster."""
+class SquareFinder:
+    """Finds the square markers of one family, whatever their tags and sizes."""
 
-    def __init__(
-        self,
-        family: SquareFamily,
-        roster: Sequence[int] | None = None,
-        height_m: float = 0.0,
-        search: QuadSearch | None = None,
-    ) -> None:
-        """Prepares the detector.
+    def __init__(self, family: SquareFamily, search: QuadSearch | None = None) -> None:
+        """Prepares the words.
 
         Args:
             family: The marker family.
-            roster: The tags in the arena; a marker with any other is reported without a name.
-                None: all tags of the family.
-            height_m: Height of the markers above the floor.
             search: What proposes quadrilaterals.
-
-        Raises:
-            FamilyError: The family does not have a tag of the roster.
         """
-        self._family = family
-        self._height_m = height_m
         self._search = search or QuadSearch()
         self._readers = (WordReader(family.codes), WordReader(family.codes, around=False))
         self._span = family.codes.cells + 2
-        wanted = range(family.tags) if roster is None else roster
-        strange = [tag for tag in wanted if not 0 <= tag < family.tags]
-        if strange:
-            raise FamilyError(
-                f"tag {strange[0]}: the family {family.name} has 0 to {family.tags - 1}"
-            )
-        self._roster = np.array(sorted(set(wanted)), dtype=np.int32)
 
     def find(
         self,
@@ -99,8 +79,8 @@ class SquareDetector:
             image: (height, width) uint8.
             least_px: Shortest side to look for, seen face to face.
             most_px: Longest side; None: as long as the picture.
-            local_corners: Take each corner of a large marker from the 5 px around it, for a
-                lens that bends its sides; lines through whole sides are more precise.
+            local_corners: Follow sides that a lens or the paper bends, see
+                `squares_edges.fit_local_corners`; lines through whole sides are more precise.
         """
         longest = float(max(image.shape)) if most_px is None else most_px
         quads = self._search.find(image, least_px, longest)
@@ -110,56 +90,60 @@ class SquareDetector:
         if len(sides.corners_px) == 0:
             return np.zeros(0, dtype=SQUARE)
         read = self._read(image, sides)
-        found = np.zeros(len(read.tag), dtype=SQUARE)
-        found["tag"], found["error"], found["margin"] = read.tag, read.error, read.margin
-        turned = (np.arange(4) - read.turn[:, np.newaxis]) % 4
-        found["corners_px"] = sides.corners_px[np.arange(len(found))[:, np.newaxis], turned]
-        found["residual_px"] = np.sqrt((sides.residual_px**2).mean(axis=1))
-        found = _single(found[read.sure])
+        found = _single(_rows(sides, read)[read.sure])
         if local_corners and len(found):
             found["corners_px"] = fit_local_corners(image, found["corners_px"])
         return found
 
-    def detect(self, image: NDArray[np.uint8], camera: Camera) -> NDArray[np.void]:
-        """Returns the markers of a (height, width) uint8 picture, see DETECTION.
-
-        Only markers of the family's size at the detector's height are reported.
-        """
-        height_m = camera.position_m[2] - self._height_m
-        side_px = 1e-3 * self._family.size_mm * camera.fx_px / height_m
-        found = self.find(image, (1.0 - _SCALE_DOUBT) * side_px, 1.5 * side_px)
-        corners = camera.to_plane(found["corners_px"], self._height_m)
-        fits = self._fits(corners)
-        return self._place(found[fits], corners[fits], camera)
-
-    def _fits(self, corners_m: Floats) -> NDArray[np.bool_]:
-        """Tells which (n, 4, 2) corners on the plane are squares of the family's size."""
-        length = 1e3 * lengths(corners_m) / self._family.size_mm
-        return np.asarray((np.abs(length - 1.0) < _SCALE_DOUBT).all(axis=1))
-
-    def _place(
-        self, found: NDArray[np.void], corners_m: Floats, camera: Camera
+    def find_near(
+        self,
+        image: NDArray[np.uint8],
+        windows: NDArray[np.int32],
+        least_px: float,
+        most_px: float,
     ) -> NDArray[np.void]:
-        """Makes DETECTION rows of markers whose corners on the plane are known."""
-        rows = np.zeros(len(found), dtype=DETECTION)
-        if len(rows) == 0:
-            return rows
-        a, b, c, d = np.moveaxis(corners_m, 1, 0)
-        up, right = (a + b) - (c + d), (b + c) - (a + d)
-        ahead = up + np.stack((-right[:, 1], right[:, 0]), axis=-1)
-        yaw = np.arctan2(ahead[:, 1], ahead[:, 0]) + np.radians(self._family.heading_deg)
-        middle = project_squares(corners_m, np.array([[0.5, 0.5]]))[:, 0]
-        cos, sin = np.cos(yaw), np.sin(yaw)
-        x, y = 1e-3 * self._family.disc_centre_mm
-        centre = middle + np.stack((cos * x - sin * y, sin * x + cos * y), axis=-1)
-        pixels = camera.project(np.column_stack((centre, np.full(len(rows), self._height_m))))
-        rows["tag"] = np.where(np.isin(found["tag"], self._roster), found["tag"], UNNAMED)
-        rows["x_px"], rows["y_px"] = pixels[:, 0], pixels[:, 1]
-        rows["yaw_rad"] = wrap_angle(yaw)
-        m_per_px = (camera.position_m[2] - self._height_m) / camera.fx_px
-        rows["weight"] = 1.0 / (m_per_px * (0.05 + 0.3 * found["residual_px"])) ** 2
-        rows["error"], rows["margin"] = found["error"], found["margin"]
-        return rows
+        """Returns the markers in windows of a picture, see `find`.
+
+        Args:
+            image: (height, width) uint8.
+            windows: (n, 4) left, top, right, bottom [px]; they may reach over the border.
+            least_px: Shortest side to look for, seen face to face.
+            most_px: Longest side.
+        """
+        high, wide = image.shape
+        found = np.zeros(0, dtype=SQUARE)
+        for left, top, right, bottom in windows.tolist():
+            left, top = max(left, 0), max(top, 0)
+            part = image[top : min(bottom, high), left : min(right, wide)]
+            if min(part.shape, default=0) > least_px:
+                rows = self.find(part, least_px, most_px)
+                rows["corners_px"] += (left, top)
+                found = np.concatenate((found, rows))
+        return _single(found)
+
+    def follow(self, image: NDArray[np.uint8], quads: Floats) -> NDArray[np.void]:
+        """Fits markers from where they are expected; what is read says whether they are.
+
+        Args:
+            image: (height, width) uint8.
+            quads: (n, 4, 2) where their corners should be, in the order of SQUARE [px].
+
+        Returns:
+            SQUARE rows of those that fit, in the order of `quads`; without a tag where the cells
+            do not tell.
+        """
+        if len(quads) == 0:
+            return np.zeros(0, dtype=SQUARE)
+        sides = _refine(image, quads)
+        sides = sides.keep(self._plausible(image, sides))
+        if len(sides.corners_px) == 0:
+            return np.zeros(0, dtype=SQUARE)
+        read = self._read(image, sides)
+        found = _rows(sides, read)
+        found["tag"] = np.where(read.sure, found["tag"], UNNAMED)
+        upright = ~read.sure
+        found["corners_px"][upright] = sides.corners_px[upright]
+        return found
 
     def _plausible(self, image: NDArray[np.uint8], sides: Sides) -> NDArray[np.bool_]:
         """Tells which fitted quadrilaterals are black on white, large enough and whole."""
@@ -197,6 +181,17 @@ class SquareDetector:
         cell = (length + np.roll(length, -2, axis=1))[:, :2] / (2.0 * self._span)
         across = (sides.blur_px + np.roll(sides.blur_px, -2, axis=1))[:, :2] / 2.0
         return np.asarray(across[:, ::-1] / cell)
+
+
+def _rows(sides: Sides, read: Readings) -> NDArray[np.void]:
+    """Makes SQUARE rows of fitted quadrilaterals and what they say."""
+    found = np.zeros(len(read.tag), dtype=SQUARE)
+    found["tag"], found["error"], found["margin"] = read.tag, read.error, read.margin
+    turned = (np.arange(4) - read.turn[:, np.newaxis]) % 4
+    found["corners_px"] = sides.corners_px[np.arange(len(found))[:, np.newaxis], turned]
+    found["residual_px"] = np.sqrt((sides.residual_px**2).mean(axis=1))
+    found["blur_px"] = sides.blur_px.mean(axis=1)
+    return found
 
 
 def _refine(image: NDArray[np.uint8], quads: Floats) -> Sides:

@@ -21,6 +21,8 @@ _ROBUST_PASSES = 3
 _LONG_PX = 80.0
 _CORNER_REACH_PX = 5
 _CORNER_MOVE_PX = 2.0
+_BENT_REACH_PX, _BENT_SAMPLES, _BENT_STEPS, _BENT_PASSES = 3.0, 24, 13, 2
+_BENT_SHARE = 0.7
 _CORNER_STEPS = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 30, 1e-3)
 
 
@@ -60,11 +62,7 @@ def fit_sides(
         samples: How many normals per side.
         steps: Grey values along each normal.
     """
-    side = np.roll(quads, -1, axis=1) - quads
-    length = np.maximum(np.hypot(side[..., 0], side[..., 1]), 1e-6)
-    ahead = side / length[..., np.newaxis]
-    normal = np.stack((ahead[..., 1], -ahead[..., 0]), axis=-1)
-    middle = quads + 0.5 * side
+    side, normal, middle = _frames(quads)
     along = np.linspace(2.0 * _CORNER - 1.0, 1.0 - 2.0 * _CORNER, samples)
     points = middle[:, :, np.newaxis] + 0.5 * along[:, np.newaxis] * side[:, :, np.newaxis]
     reach = reach_px[..., np.newaxis]
@@ -75,7 +73,7 @@ def fit_sides(
     contrast = np.median(height, axis=-1)
     share = height / np.maximum(contrast, 1e-3)[..., np.newaxis]
     weight = np.where(share > _FOUND, np.minimum(share, 1.5), 0.0)
-    line, residual = _lines(along, offset, weight)
+    line, residual = _fit_powers(along, offset, weight, 2)
     return Sides(
         corners_px=_intersect(middle, side, normal, line),
         contrast=contrast,
@@ -87,17 +85,64 @@ def fit_sides(
 
 
 def fit_local_corners(image: NDArray[np.uint8], quads: Floats) -> Floats:
-    """Moves the corners of (n, 4, 2) large quadrilaterals to where the gradients around say."""
+    """Moves the corners of (n, 4, 2) quadrilaterals to where what is near them says they are.
+
+    Sides are bent where the lens or the paper is. Large quadrilaterals have enough of a picture
+    around each corner; small ones need their whole sides, as parabolas where they are no lines.
+    """
     side = np.roll(quads, -1, axis=1) - quads
     long = np.hypot(side[..., 0], side[..., 1]).min(axis=1) > _LONG_PX
-    start = quads[long].reshape(-1, 1, 2).astype(np.float32)
     result: Floats = quads.copy()
-    if len(start):
+    if long.any():
+        start = quads[long].reshape(-1, 1, 2).astype(np.float32)
         window = (_CORNER_REACH_PX, _CORNER_REACH_PX)
         fitted = np.asarray(cv2.cornerSubPix(image, start.copy(), window, (-1, -1), _CORNER_STEPS))
         near = np.abs(fitted - start).max(axis=2, keepdims=True) < _CORNER_MOVE_PX
         result[long] = np.where(near, fitted, start).reshape(-1, 4, 2)
+    if not long.all():
+        small = quads[~long]
+        for _ in range(_BENT_PASSES):
+            bent = _fit_bent(image, small)
+            near = np.abs(bent - quads[~long]).max(axis=2, keepdims=True) < _CORNER_MOVE_PX
+            small = np.where(near, bent, quads[~long])
+        result[~long] = small
     return result
+
+
+def _fit_bent(image: NDArray[np.uint8], quads: Floats) -> Floats:
+    """Moves corners to where the sides' tangents meet at their ends."""
+    side, normal, middle = _frames(quads)
+    along = np.linspace(2.0 * _CORNER - 1.0, 1.0 - 2.0 * _CORNER, _BENT_SAMPLES)
+    points = middle[:, :, np.newaxis] + 0.5 * along[:, np.newaxis] * side[:, :, np.newaxis]
+    reach = np.full((*quads.shape[:2], 1), _BENT_REACH_PX)
+    profiles = _profiles(image, points, normal, reach, _BENT_STEPS)
+    offset, height, _ = _edges(np.maximum(np.diff(profiles, axis=-1), 0.0), _BENT_STEPS)
+    contrast = np.median(height, axis=-1, keepdims=True)
+    share = height / np.maximum(contrast, 1e-3)
+    weight = np.where(share > _FOUND, np.minimum(share, 1.5), 0.0)
+    line, straight_px = _fit_powers(along, offset * reach, weight, 2)
+    arc, bent_px = _fit_powers(along, offset * reach, weight, 3)
+    # A parabola always fits a little better than a line; a bend does so by far.
+    is_bent = bent_px < _BENT_SHARE * straight_px
+    flat = np.concatenate((line, np.zeros_like(line[..., :1])), axis=-1)
+    shape = np.where(is_bent[..., np.newaxis], arc, flat)
+    ends = []
+    for end in (-1.0, 1.0):
+        rise = shape[..., 0] + end * shape[..., 1] + shape[..., 2]
+        slope = shape[..., 1] + 2.0 * end * shape[..., 2]
+        at = middle + 0.5 * end * side + rise[..., np.newaxis] * normal
+        ends.append((at, 0.5 * side + slope[..., np.newaxis] * normal))
+    (here, ahead), (there, before) = ends
+    return _meet(here, ahead, np.roll(there, 1, axis=1), np.roll(before, 1, axis=1))
+
+
+def _frames(quads: Floats) -> tuple[Floats, Floats, Floats]:
+    """Returns each side, its outward normal, and its middle, (n, 4, 2) each."""
+    side = np.roll(quads, -1, axis=1) - quads
+    length = np.maximum(np.hypot(side[..., 0], side[..., 1]), 1e-6)
+    ahead = side / length[..., np.newaxis]
+    normal = np.stack((ahead[..., 1], -ahead[..., 0]), axis=-1)
+    return side, normal, quads + 0.5 * side
 
 
 def _profiles(
@@ -143,20 +188,22 @@ def _spread(rise: NDArray[np.float32], where: Floats) -> Floats:
     return np.asarray(np.sqrt(variance))
 
 
-def _lines(along: Floats, offset: Floats, weight: Floats) -> tuple[Floats, Floats]:
-    """Fits offset = a + b s to each side by weighted least squares, s in [-1, 1].
+def _fit_powers(
+    along: Floats, offset: Floats, weight: Floats, powers: int
+) -> tuple[Floats, Floats]:
+    """Fits offset = a + b s + ... to each side by robust least squares, s in [-1, 1].
 
     Returns:
-        (n, 4, 2) coefficients, and (n, 4) root mean square residuals.
+        (n, 4, powers) coefficients, and (n, 4) root mean square residuals.
     """
-    powers = along[:, np.newaxis] ** np.arange(2)
-    products = powers[:, :, np.newaxis] * powers[:, np.newaxis, :]
+    terms = along[:, np.newaxis] ** np.arange(powers)
+    products = terms[:, :, np.newaxis] * terms[:, np.newaxis, :]
     trust = weight
     for _ in range(_ROBUST_PASSES):
-        left = np.einsum("nks,sij->nkij", trust, products) + 1e-9 * np.eye(2)
-        right = np.einsum("nks,si->nki", trust * offset, powers)
+        left = np.einsum("nks,sij->nkij", trust, products) + 1e-9 * np.eye(powers)
+        right = np.einsum("nks,si->nki", trust * offset, terms)
         line = np.linalg.solve(left, right[..., np.newaxis])[..., 0]
-        miss = np.abs(offset - np.einsum("nki,si->nks", line, powers))
+        miss = np.abs(offset - np.einsum("nki,si->nks", line, terms))
         scale = 1.5 * np.median(miss, axis=-1, keepdims=True) + 0.03
         trust = weight / (1.0 + (miss / (2.0 * scale)) ** 2)
     count = np.maximum((weight > 0.0).sum(axis=-1), 1)
@@ -168,7 +215,11 @@ def _intersect(middle: Floats, side: Floats, normal: Floats, line: Floats) -> Fl
     """Returns where each side's line meets the previous side's."""
     here = middle + line[..., :1] * normal
     forwards = 0.5 * side + line[..., 1:] * normal
-    there, back = np.roll(here, 1, axis=1), np.roll(forwards, 1, axis=1)
+    return _meet(here, forwards, np.roll(here, 1, axis=1), np.roll(forwards, 1, axis=1))
+
+
+def _meet(here: Floats, forwards: Floats, there: Floats, back: Floats) -> Floats:
+    """Returns where lines through `here` meet those through `there`, (n, 4, 2) each."""
     cross = forwards[..., 0] * back[..., 1] - forwards[..., 1] * back[..., 0]
     gap = there - here
     share = gap[..., 0] * back[..., 1] - gap[..., 1] * back[..., 0]

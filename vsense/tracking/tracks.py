@@ -1,8 +1,8 @@
 """Tracks: what is known of one robot from timestep to timestep.
 
 A track believes a sighting only where the robot can have driven since it was last seen. A
-robot that is not seen is carried on at its last velocity for a moment, then held, with an age
-that grows and a confidence that falls, and in the end it is forgotten.
+robot that is not seen is carried on at its last velocity for a moment, then held, with an age and
+a covariance that grow and a confidence that falls, and in the end it is forgotten.
 """
 
 from __future__ import annotations
@@ -11,9 +11,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from vsense.tracking.views import Sighting
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.tracking.views import HEIGHT_DOUBT_M, Sighting
+from vsense.tracking.views import covariances as view_covariances
 
 _NEW_VELOCITY = 0.6
+_HELD_SHARE = 0.3
+_ANY_YAW = math.pi**2 / 3.0
+"""Variance of a heading of which nothing is known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +35,10 @@ class Limits:
         carry_s: How long a robot that is not seen is carried on at its last velocity (0.3).
         fade_s: Time constant of the confidence of a robot that is not seen (1.0).
         forget_s: Age at which a robot is left out of the arena state (5.0).
+        height_doubt_m: Standard deviation of the markers' heights (0.002).
+        speed_doubt: How far off a robot is found where it is carried on, as a share of its
+            greatest speed: robots turn, stop and start without a warning (0.2).
+        turn_doubt_rad_s: The same for its heading, per second (1.5).
     """
 
     max_speed_m_s: float = 0.25
@@ -36,6 +47,9 @@ class Limits:
     carry_s: float = 0.3
     fade_s: float = 1.0
     forget_s: float = 5.0
+    height_doubt_m: float = HEIGHT_DOUBT_M
+    speed_doubt: float = 0.2
+    turn_doubt_rad_s: float = 1.5
 
 
 class Track:
@@ -55,6 +69,7 @@ class Track:
         self.seen = True
         self._trust = 1.0
         self._velocity = (0.0, 0.0)
+        self._turn_rad_s = 0.0
         self._stray: Sighting | None = None
         self._strays = 0
 
@@ -88,6 +103,8 @@ class Track:
                 keep * self._velocity[0] + _NEW_VELOCITY * vx,
                 keep * self._velocity[1] + _NEW_VELOCITY * vy,
             )
+            turn = math.remainder(sighting.yaw_rad - self.last.yaw_rad, math.tau) / elapsed
+            self._turn_rad_s = keep * self._turn_rad_s + _NEW_VELOCITY * turn
         self.last = sighting
 
     def _doubt(self, sighting: Sighting, limits: Limits) -> None:
@@ -103,22 +120,44 @@ class Track:
         """Speed over ground, smoothed over about two timesteps."""
         return math.hypot(*self._velocity)
 
-    def position_m(self, now_ns: int, limits: Limits) -> tuple[float, float]:
-        """Returns where the robot is taken to be at `now_ns`."""
-        if self.seen:
-            return self.last.x_m, self.last.y_m
-        ahead = min(max(1e-9 * (now_ns - self.last.capture_ns), 0.0), limits.carry_s)
+    def pose(self, now_ns: int, limits: Limits) -> tuple[float, float, float]:
+        """Returns where the robot is taken to be at `now_ns`: x, y [m] and yaw [rad]."""
+        ahead = min(self.age_s(now_ns), limits.carry_s)
+        if ahead == 0.0:
+            return self.last.x_m, self.last.y_m, self.last.yaw_rad
+        yaw = math.remainder(self.last.yaw_rad + ahead * self._turn_rad_s, math.tau)
         return (
             self.last.x_m + ahead * self._velocity[0],
             self.last.y_m + ahead * self._velocity[1],
+            yaw if yaw > -math.pi else math.pi,
         )
+
+    def age_s(self, now_ns: int) -> float:
+        """Returns how long ago it was seen, at `now_ns`."""
+        return max(1e-9 * (now_ns - self.last.capture_ns), 0.0)
 
     def confidence(self, now_ns: int, limits: Limits) -> float:
         """Returns the confidence at `now_ns`, in [0, 1]."""
         if self.seen:
             return self._trust
-        age = max(1e-9 * (now_ns - self.last.capture_ns), 0.0)
-        return self._trust * math.exp(-age / limits.fade_s)
+        return self._trust * math.exp(-self.age_s(now_ns) / limits.fade_s)
+
+
+def covariances(tracks: Sequence[Track], now_ns: int, limits: Limits) -> NDArray[np.float64]:
+    """Returns the covariances of the errors of tracks' poses, (n, 3, 3): x, y [m] and yaw [rad].
+
+    They are the pictures', and what the robots may have done since. Where a robot is held after
+    having been carried on, it may have driven on or not.
+    """
+    spread = view_covariances([track.last for track in tracks])
+    age = np.array([track.age_s(now_ns) for track in tracks])
+    held = np.maximum(age - limits.carry_s, 0.0)
+    gone = limits.max_speed_m_s * (limits.speed_doubt * age + _HELD_SHARE * held)
+    spread[:, 0, 0] += gone**2
+    spread[:, 1, 1] += gone**2
+    turned = (limits.turn_doubt_rad_s * age) ** 2
+    spread[:, 2, 2] = np.minimum(spread[:, 2, 2] + turned, _ANY_YAW)
+    return spread
 
 
 def _reaches(last: Sighting, now: Sighting, limits: Limits) -> bool:

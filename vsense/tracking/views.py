@@ -7,8 +7,10 @@ and are never merged.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +18,19 @@ from numpy.typing import NDArray
 from vsense.arena import DETECTION, UNNAMED, Frame
 from vsense.tracking.camera import Camera
 
-_HEIGHT_DOUBT_M = 0.002
+Floats = NDArray[np.float64]
+Spread = tuple[float, float, float, float, float, float]
+"""Covariance of x, y and yaw: xx, xy, x yaw, yy, y yaw, yaw yaw."""
+
+HEIGHT_DOUBT_M = 0.002
+"""Standard deviation of the markers' heights, where nothing better is known."""
+
 MERGE_M = 0.03
 """Views of one tag at most this far apart are the same marker: less than half a robot."""
+
+_FADE = 0.15
+_LEAST_FADE = 0.01
+_UPPER = np.triu_indices(3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,9 +42,13 @@ class Sighting:
         x_m: The disc's centre, x in the arena frame.
         y_m: The disc's centre, y in the arena frame.
         yaw_rad: Heading in (-pi, pi].
-        capture_ns: When, the mean over the cameras with the position's weights.
-        weight: Inverse variance of the position [1/m^2].
+        capture_ns: When, the mean over the cameras with the weights.
+        weight: What it counts when views are merged [1/m^2]: the inverse variance of the
+            position, less near the picture's border, so that nothing jumps where a view begins.
         cameras: Ids of the cameras, sorted.
+        spread: Covariance of what the pictures tell.
+        lean: How far x and y [m] are off where the marker is one standard deviation higher than
+            it is taken to be; the same marker for all cameras.
     """
 
     tag: int
@@ -42,33 +58,97 @@ class Sighting:
     capture_ns: int
     weight: float
     cameras: tuple[str, ...]
+    spread: Spread
+    lean: tuple[float, float]
 
 
-def place_views(
-    frame: Frame, camera: Camera, found: NDArray[np.void], heights_m: Mapping[int, float]
+def covariances(sightings: Sequence[Sighting]) -> Floats:
+    """Returns the covariance of x, y [m] and yaw [rad], (n, 3, 3), the heights' doubt in it."""
+    whole = np.zeros((len(sightings), 3, 3))
+    if len(sightings) == 0:
+        return whole
+    upper = np.array([sighting.spread for sighting in sightings])
+    whole[:, _UPPER[0], _UPPER[1]] = upper
+    whole[:, _UPPER[1], _UPPER[0]] = upper
+    lean = np.array([sighting.lean for sighting in sightings])
+    whole[:, :2, :2] += lean[:, :, np.newaxis] * lean[:, np.newaxis]
+    return whole
+
+
+class Placed(NamedTuple):
+    """One camera's named detections, sorted by tag.
+
+    Attributes:
+        rows: (n,) DETECTION.
+        height_m: (n,) of their markers above the floor.
+        ground_m: (n, 2) the discs' centres in the arena.
+    """
+
+    rows: NDArray[np.void]
+    height_m: Floats
+    ground_m: Floats
+
+
+def place_markers(
+    camera: Camera, found: NDArray[np.void], heights_m: Mapping[int, float]
+) -> Placed:
+    """Puts one camera's named detections into the arena.
+
+    Args:
+        camera: The camera.
+        found: (n,) DETECTION.
+        heights_m: Height of each tag's marker above the floor; other tags are left out.
+    """
+    tags = found["tag"].tolist()
+    order = sorted(
+        (row for row, tag in enumerate(tags) if tag != UNNAMED and tag in heights_m),
+        key=lambda row: tags[row],
+    )
+    rows = found[order]
+    height_m = np.array([heights_m[tags[row]] for row in order])
+    pixels = np.stack((rows["x_px"], rows["y_px"]), axis=-1)
+    ground_m = camera.to_plane(pixels, height_m) if order else np.zeros((0, 2))
+    return Placed(rows, height_m, ground_m)
+
+
+def make_views(
+    frame: Frame, camera: Camera, placed: Placed, height_doubt_m: float = HEIGHT_DOUBT_M
 ) -> list[Sighting]:
-    """Returns one frame's named detections as places in the arena, sorted.
+    """Returns what one camera sees as sightings.
 
     A view far from the camera's foot point weighs less, because a wrong height shifts it more.
 
     Args:
         frame: The picture.
         camera: The camera that took it.
-        found: (n,) DETECTION.
-        heights_m: Height of each tag's marker above the floor; other tags are left out.
+        placed: What is in it.
+        height_doubt_m: Standard deviation of the markers' heights.
     """
-    named = found[found["tag"] != UNNAMED]
-    named = named[[int(tag) in heights_m for tag in named["tag"]]] if len(named) else named
-    height = np.array([heights_m[int(tag)] for tag in named["tag"]])
-    pixels = np.stack((named["x_px"], named["y_px"]), axis=-1)
-    ground = camera.to_plane(pixels, height)
-    reach = np.hypot(*(ground - camera.position_m[:2]).T) / (camera.position_m[2] - height)
-    weight = 1.0 / (1.0 / named["weight"] + (_HEIGHT_DOUBT_M * reach) ** 2)
-    views = [
-        Sighting(int(tag), float(x), float(y), float(yaw), frame.capture_ns, float(w), (camera.id,))
-        for tag, (x, y), yaw, w in zip(named["tag"], ground, named["yaw_rad"], weight, strict=True)
+    rows, height_m, ground_m = placed
+    if len(rows) == 0:
+        return []
+    pixels = np.stack((rows["x_px"], rows["y_px"]), axis=-1)
+    away = (camera.position_m[:2] - ground_m) / (camera.position_m[2] - height_m)[:, np.newaxis]
+    lean = height_doubt_m * away
+    spread = rows["covariance"]
+    own = 0.5 * (spread[:, 0, 0] + spread[:, 1, 1])
+    weight = _fade(camera, pixels) / (own + (lean**2).sum(axis=1))
+    facts = zip(
+        rows["tag"].tolist(), ground_m.tolist(), rows["yaw_rad"].tolist(), weight.tolist(),
+        spread[:, _UPPER[0], _UPPER[1]].tolist(), lean.tolist(), strict=True,
+    )  # fmt: skip
+    return [
+        Sighting(tag, x, y, yaw, frame.capture_ns, w, (camera.id,), tuple(own), tuple(shift))
+        for tag, (x, y), yaw, w, own, shift in facts
     ]
-    return sorted(views, key=_order)
+
+
+def _fade(camera: Camera, pixels: Floats) -> Floats:
+    """Returns what views count near the picture's border, where they begin and end."""
+    size = np.array((camera.width_px, camera.height_px))
+    inside = 0.5 * size - np.abs(pixels + 0.5 - 0.5 * size)
+    share = np.clip(inside.min(axis=1) / (_FADE * size.min()), 0.0, 1.0)
+    return np.asarray(np.maximum(share**2 * (3.0 - 2.0 * share), _LEAST_FADE))
 
 
 def merge_views(views: Iterable[Sighting]) -> dict[int, list[Sighting]]:
@@ -91,13 +171,13 @@ def merge_views(views: Iterable[Sighting]) -> dict[int, list[Sighting]]:
 def _order(view: Sighting) -> tuple[object, ...]:
     """Sorts views by all that they are, so that only equal ones can change places."""
     place = (view.x_m, view.y_m, view.yaw_rad)
-    return view.tag, view.cameras, place, view.weight, view.capture_ns
+    return view.tag, view.cameras, place, view.weight, view.capture_ns, view.spread, view.lean
 
 
 def _belongs(view: Sighting, cluster: list[Sighting]) -> bool:
     return all(
         view.cameras != other.cameras
-        and np.hypot(view.x_m - other.x_m, view.y_m - other.y_m) <= MERGE_M
+        and math.hypot(view.x_m - other.x_m, view.y_m - other.y_m) <= MERGE_M
         for other in cluster
     )
 
@@ -111,6 +191,9 @@ def _merge(cluster: list[Sighting]) -> Sighting:
     yaw = np.array([view.yaw_rad for view in cluster])
     first = cluster[0].capture_ns
     later = share @ np.array([view.capture_ns - first for view in cluster], dtype=np.float64)
+    # The pictures' errors are independent; the marker has one height for all of them.
+    spread = share**2 @ np.array([view.spread for view in cluster])
+    lean = share @ np.array([view.lean for view in cluster])
     return Sighting(
         tag=cluster[0].tag,
         x_m=float(share @ np.array([view.x_m for view in cluster])),
@@ -119,6 +202,8 @@ def _merge(cluster: list[Sighting]) -> Sighting:
         capture_ns=first + round(float(later)),
         weight=float(weight.sum()),
         cameras=tuple(sorted(camera for view in cluster for camera in view.cameras)),
+        spread=tuple(spread.tolist()),
+        lean=tuple(lean.tolist()),
     )
 
 

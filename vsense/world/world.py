@@ -107,9 +107,8 @@ class World:
         self.arena, self.timestep_s = arena, timestep_s
         self.params: dict[str, str] = {}
         self.fields = by_id(fields, timestep_s)
-        self._inventory = Inventory(entities)
+        self._inventory, self._seed = Inventory(entities), seed
         self._first_floor = floor if floor is not None else Floor()
-        self._seed = seed
         self.reset()
 
     def reset(self) -> None:

@@ -1,0 +1,161 @@
+"""`vsense bench identity`: a long run of the arena tracker, and every name that it gave judged.
+
+Robots drive, turn and spin below four overlapping cameras, now and then nearly touching. Nobody
+takes part but vsense, and no time is measured.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.arena import ArenaState, Frame
+from vsense.bench.frames import (
+    EXPOSURE_S,
+    FRAMES_PER_S,
+    MARKER_M,
+    SPEED_M_S,
+    Swarm,
+    cameras,
+)
+from vsense.lab.bodies import Body
+from vsense.lab.camera_spec import CameraSpec
+from vsense.lab.studio import Studio
+from vsense.tracking.arena_tracker import ArenaTracker
+from vsense.tracking.codes import choose_tags
+from vsense.tracking.families import MarkerFamily, load_family
+
+Floats = NDArray[np.float64]
+
+FAMILIES = ("arrow4x4", "arrow4x4-thesis")
+ROBOTS = 20
+MISNAMED_M = 0.035
+"""A name farther than a robot's radius from that robot is wrong."""
+
+_BLUR_MM = 2.2
+_REACH_M = (2.0, 1.45)
+_CENTRE_M = (1.0, 0.75)
+_SEED = 5
+_SAY_EVERY = 250
+
+
+@dataclass(slots=True)
+class Tally:
+    """How one family's markers fared.
+
+    Attributes:
+        family: The marker family.
+        robot_frames: Robots times timesteps.
+        named: Of these, how often the arena state had the robot seen at its place.
+        wrong_ids: Robots that the arena state had seen at places where they were not.
+        swaps: Of these, how many were another robot's places.
+        wrong_readings: The same for what the pictures alone said.
+        joined: Tags that joined the roster; there are none.
+        square_mm2: Sum of the squared distances to the truth of those named.
+    """
+
+    family: str
+    robot_frames: int = 0
+    named: int = 0
+    wrong_ids: int = 0
+    swaps: int = 0
+    wrong_readings: int = 0
+    joined: int = 0
+    square_mm2: float = 0.0
+
+    def judge(self, state: ArenaState, truth: dict[int, Floats]) -> None:
+        """Compares an arena state with where the robots are, x and y in m by tag."""
+        self.robot_frames += len(truth)
+        self.joined = len(state.joined)
+        for row in state.robots[state.robots["seen"]]:
+            place = np.array((row["x_m"], row["y_m"]))
+            tag = int(row["tag"])
+            error_m = float(np.hypot(*(place - truth[tag]))) if tag in truth else np.inf
+            if error_m < MISNAMED_M:
+                self.named += 1
+                self.square_mm2 += 1e6 * error_m**2
+            else:
+                self.wrong_ids += 1
+                self.swaps += any(np.hypot(*(place - p)) < MISNAMED_M for p in truth.values())
+        for tag, x_m, y_m, _ in state.sightings.tolist():
+            there = tag in truth and np.hypot(*(truth[tag] - (x_m, y_m))) < MISNAMED_M
+            self.wrong_readings += not there
+
+    def report(self) -> dict[str, Any]:
+        """Returns the figures, with `named_share` and `position_rms_mm`."""
+        values = asdict(self)
+        square = values.pop("square_mm2")
+        share = self.named / max(self.robot_frames, 1)
+        rms = float(np.sqrt(square / self.named)) if self.named else float("nan")
+        return values | {"named_share": share, "position_rms_mm": rms}
+
+
+def run(timesteps: int, say: Callable[[str], None]) -> dict[str, Any]:
+    """Runs the benchmark.
+
+    Args:
+        timesteps: How many of each family.
+        say: Told what is being done.
+
+    Returns:
+        The report: `rows`, one for each of `FAMILIES`, see `Tally`.
+    """
+    return {"rows": [_follow(family, timesteps, say).report() for family in FAMILIES]}
+
+
+def _follow(name: str, timesteps: int, say: Callable[[str], None]) -> Tally:
+    """Tracks one family's robots for a while."""
+    family = load_family(name)
+    assert isinstance(family, MarkerFamily), "the shipped families are of arrows"
+    tags = choose_tags(family, ROBOTS, _BLUR_MM, seed=14)
+    rig = cameras(2, 2)
+    tracker = ArenaTracker.for_family(rig, family, dict.fromkeys(tags, MARKER_M))
+    tally = Tally(name)
+    for timestep, (frames, poses) in enumerate(_shots(name, tags, timesteps)):
+        if timestep % _SAY_EVERY == 0:
+            say(f"{name}: timestep {timestep} of {timesteps}")
+        tally.judge(tracker.update(frames), dict(zip(tags, poses[:, :2], strict=True)))
+    tracker.close()
+    return tally
+
+
+def _shots(name: str, tags: list[int], timesteps: int) -> Iterator[tuple[list[Frame], Floats]]:
+    """Yields each timestep's pictures, and where the robots are in the middle of the exposure."""
+    rig = cameras(2, 2)
+    bodies = tuple(Body(tag, MARKER_M) for tag in tags)
+    spec = CameraSpec(rig, (), bodies, name, 100_000_000, "", Path(), _SEED)
+    studio = Studio(spec)
+    images = np.empty(spec.shape, dtype=np.uint8)
+    dark = np.zeros(len(tags), dtype=np.uint16)
+    swarm = Swarm(len(tags), _SEED, _REACH_M)
+    centre = np.array((*_CENTRE_M, 0.0))
+    half_m = 0.5 * EXPOSURE_S * SPEED_M_S
+    for timestep in range(timesteps):
+        poses = swarm.drive() + centre
+        ahead = np.stack((np.cos(poses[:, 2]), np.sin(poses[:, 2])), axis=-1)
+        way = np.column_stack((half_m * ahead, np.zeros(len(poses))))
+        studio.prepare(timestep, images)
+        through = np.array([poses + share * way for share in (-0.67, 0.0, 0.67)])
+        studio.expose(timestep, through, dark, images)
+        time_ns = round(1e9 * timestep / FRAMES_PER_S)
+        frames = [
+            Frame(camera.id, image, timestep, time_ns, time_ns)
+            for camera, image in zip(rig, images, strict=True)
+        ]
+        yield frames, poses
+
+
+def table(report: dict[str, Any]) -> str:
+    """Returns the report for a person."""
+    return "\n".join(
+        f"{row['family']}: {row['robot_frames']} robot-frames, {100.0 * row['named_share']:.4f} %"
+        f" named, {row['wrong_ids']} wrong ids, {row['swaps']} of them swaps,"
+        f" {row['wrong_readings']} wrong readings, {row['joined']} joined;"
+        f" position rms {row['position_rms_mm']:.3f} mm"
+        for row in report["rows"]
+    )

@@ -1,0 +1,180 @@
+"""What a robot's daemon costs: bytes, memory, and instructions of a control step.
+
+Sizes and instruction counts are exact and the same on every machine with the pinned compiler;
+what cannot be measured here is said, never guessed.
+"""
+
+from __future__ import annotations
+
+import re
+import select
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from vsense.build import SHIPPED_CONTROLLER, cache_directory, source_tree
+from vsense.compiling import BuildError, Sources, native
+from vsense.lab.microcontrollers import Microcontrollers
+from vsense.robot import building
+from vsense.robot.targets import TARGETS, toolchain
+
+SIZE_MAX = 120_000
+"""[byte] of the daemon for ARMv5 with a controller in it."""
+
+STEP_MAX = 25_000
+"""Instructions of a control step on ARMv5, the protocol's among them."""
+
+STEPS = 1000
+HERE = Path(__file__).parent
+
+Say = Callable[[str], None]
+
+
+def run(say: Say) -> dict[str, Any]:
+    """Measures everything that can be measured here.
+
+    Args:
+        say: is told what goes on.
+
+    Returns:
+        `sizes` [byte] by target, `step_instructions`, `memory_kb` of both processes on this
+        machine; None where something is missing, and `missing` says what.
+    """
+    missing: list[str] = []
+    with tempfile.TemporaryDirectory(prefix="vsense-bench-") as folder:
+        sizes = _sizes(Path(folder), say, missing)
+        return {
+            "controller": SHIPPED_CONTROLLER,
+            "sizes": sizes,
+            "size_max": SIZE_MAX,
+            "step_instructions": step_instructions(Path(folder), say, missing),
+            "step_max": STEP_MAX,
+            "memory_kb": _memory_kb(Path(folder) / "host", say) if sizes["host"] else None,
+            "missing": [
+                *missing,
+                "memory on ARM: an emulated processor shows the emulator's; the board test"
+                " (tests/board) reads it from an ARM kernel",
+            ],
+        }
+
+
+def table(report: dict[str, Any]) -> str:
+    """Returns the report for a person."""
+    lines = [f"vsensed with the controller '{report['controller']}', static and stripped:"]
+    for target, size in report["sizes"].items():
+        limit = f" of {report['size_max']:,} allowed" if target == "epuck" else ""
+        lines.append(f"  {target:<8} {f'{size:,} bytes{limit}' if size else 'not built'}")
+    count = report["step_instructions"]
+    told = f"{count:,} of {report['step_max']:,} allowed" if count else "not counted"
+    lines.append(f"instructions of a control step on ARMv5, protocol included: {told}")
+    memory = report["memory_kb"]
+    lines.append(f"resident memory of both processes here: {f'{memory} kB' if memory else '?'}")
+    return "\n".join([*lines, *(f"not measured: {text}" for text in report["missing"])])
+
+
+def _sizes(folder: Path, say: Say, missing: list[str]) -> dict[str, int | None]:
+    """Builds the daemon for every target."""
+    sizes: dict[str, int | None] = {}
+    for target in TARGETS:
+        say(f"building vsensed for {target}; the first time takes a minute")
+        try:
+            sizes[target] = building.build(SHIPPED_CONTROLLER, target, folder / target).size
+        except BuildError as error:
+            sizes[target] = None
+            missing.append(f"size for {target}: {str(error).splitlines()[0]}")
+    return sizes
+
+
+def step_instructions(folder: Path, say: Say, missing: list[str]) -> int | None:
+    """Counts the instructions of a control step on an emulated ARM926, host and kernel left out.
+
+    Args:
+        folder: for what is built.
+        say: is told what goes on.
+        missing: is told what is not there.
+    """
+    qemu = shutil.which("qemu-arm")
+    if qemu is None:
+        missing.append("instructions: no qemu-arm; sudo apt install qemu-user")
+        return None
+    say("counting instructions")
+    try:
+        program, plugin = folder / "steps", folder / "icount.so"
+        _build_steps(program)
+        _build_plugin(plugin)
+    except BuildError as error:
+        missing.append(f"instructions: {str(error).splitlines()[0]}")
+        return None
+    # Two lengths of each: their difference is free of what happens once.
+    costs = {}
+    for mode in ("live", "host"):
+        few, many = (_count(qemu, plugin, program, mode, n) for n in (STEPS // 10, STEPS))
+        costs[mode] = (many - few) / (STEPS - STEPS // 10)
+    return round(costs["live"] - costs["host"])
+
+
+def _build_steps(program: Path) -> None:
+    tree = source_tree()
+    own = [path for path in tree.daemon_sources() if path.name != "main.c"]
+    sources = Sources(
+        [*own, HERE / "robot_steps.c"], tree.controller(SHIPPED_CONTROLLER), tree.includes()
+    )
+    sources.link(toolchain(TARGETS["epuck"], cache_directory()), program)
+
+
+def _build_plugin(plugin: Path) -> None:
+    source = HERE / "icount.c"
+    done = native().run(["-shared", "-fPIC", "-O2", "-o", str(plugin), str(source)])
+    if done.returncode != 0:
+        raise BuildError(f"{source} does not build: {done.stderr.strip()}")
+
+
+def _count(qemu: str, plugin: Path, program: Path, mode: str, steps: int) -> int:
+    """Runs a program on the emulated processor; gives how many instructions it took."""
+    command = [qemu, "-cpu", "arm926", "-plugin", str(plugin), "-d", "plugin"]
+    # Without an environment: its size would shift the count.
+    done = subprocess.run(
+        [*command, str(program), mode, str(steps)], capture_output=True, text=True, env={}
+    )
+    found = re.search(r"^instructions: (\d+)$", done.stderr, re.M)
+    if done.returncode != 0 or found is None:
+        raise BuildError(f"{' '.join(command)} failed: {done.stderr.strip()}")
+    if mode == "live" and int(done.stdout) != steps:
+        raise BuildError(f"robot_steps lived {done.stdout.strip()} of {steps} control steps")
+    return int(found[1])
+
+
+def _memory_kb(program: Path, say: Say) -> int:
+    """Starts the daemon on an emulated base and reads what both processes hold, in kB.
+
+    A page that both hold counts once.
+    """
+    say("measuring memory")
+    base = Microcontrollers(["argos"])
+    words = ["--host", "127.0.0.1", "--port", "9", "--tag", "1", "--base", base.bases[0]]
+    daemon = subprocess.Popen([program, *words], stderr=subprocess.DEVNULL)
+    try:
+        end_ns = time.monotonic_ns() + 2_000_000_000
+        while time.monotonic_ns() < end_ns:
+            ready = select.select(base.readable(), [], [], 0.001)[0]
+            base.receive(ready, time.monotonic_ns())
+            base.advance(time.monotonic_ns())
+        return sum(map(_resident_kb, [daemon.pid, *_children(daemon.pid)]))
+    finally:
+        daemon.terminate()
+        daemon.wait()
+        base.close()
+
+
+def _children(pid: int) -> list[int]:
+    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def _resident_kb(pid: int) -> int:
+    found = re.search(r"^Pss:\s+(\d+) kB$", Path(f"/proc/{pid}/smaps_rollup").read_text(), re.M)
+    assert found is not None
+    return int(found[1])

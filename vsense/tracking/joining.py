@@ -1,0 +1,190 @@
+"""The roster grows: a robot whose valid tag nobody has named before is believed in the end.
+
+One reading proves nothing. A stranger joins when it was read as the same tag for long enough, at
+one place that moves no faster than robots do, with no word to the contrary; and only if it cannot
+be a robot of the roster that is missing and has something lying on its marker.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.tracking.families import MarkerFamily, SquareFamily
+from vsense.tracking.strangers import could_be
+from vsense.tracking.views import MERGE_M, Sighting
+
+_Place = tuple[float, float]
+_Key = tuple[str, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Strangers:
+    """What one camera's picture shows of tags that are not on its detector's roster.
+
+    Attributes:
+        family: The marker family.
+        roster: The detector's roster.
+        height_m: Height of the markers above the floor, taken for strangers, too.
+        tags: (n,) what was read.
+        places: (n, 2) where in the arena [m].
+    """
+
+    family: MarkerFamily | SquareFamily
+    roster: Collection[int]
+    height_m: float
+    tags: NDArray[np.int32]
+    places: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class JoinLimits:
+    """What it takes to join.
+
+    Attributes:
+        timesteps: So many readings without one to the contrary (10).
+        last_s: Over at least this time (1.0).
+        gap_s: The longest time without a reading (0.5).
+        max_speed_m_s: Greatest speed of a robot (0.25).
+        slack_m: Added to how far it can have come (0.02).
+    """
+
+    timesteps: int = 10
+    last_s: float = 1.0
+    gap_s: float = 0.5
+    max_speed_m_s: float = 0.25
+    slack_m: float = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Newcomer:
+    """A tag that joins the roster of its family, and the height of its marker [m]."""
+
+    family: str
+    tag: int
+    height_m: float
+
+
+@dataclass(slots=True)
+class _Candidate:
+    first_ns: int
+    last_ns: int
+    place: _Place
+    readings: int = 1
+
+
+class Joining:
+    """Gathers evidence for tags that are on no roster; to be called from one thread."""
+
+    def __init__(self, limits: JoinLimits | None = None) -> None:
+        """Begins without any candidate."""
+        self._limits = limits or JoinLimits()
+        self._candidates: dict[_Key, _Candidate] = {}
+
+    def update(
+        self,
+        now_ns: int,
+        seen: Mapping[str, Strangers],
+        sightings: Mapping[int, Sequence[Sighting]],
+        known: Collection[int],
+    ) -> list[Newcomer]:
+        """Takes one timestep.
+
+        Args:
+            now_ns: Its capture time.
+            seen: By the camera's id, what its picture shows.
+            sightings: The sightings of the tags on the roster.
+            known: All tags on any roster; none of them can join.
+
+        Returns:
+            Who joins now, sorted.
+        """
+        self._drop_old(now_ns)
+        cameras = [seen[camera] for camera in sorted(seen)]
+        places = _gather(cameras, known)
+        if not places:
+            return []
+        named = [(s.x_m, s.y_m) for found in sightings.values() for s in found]
+        for key, mine in places.items():
+            others = [p for other, theirs in places.items() if other != key for p in theirs]
+            if _is_one(mine) and not _near_any(mine[0], [*others, *named]):
+                self._read(key, mine[0], now_ns)
+            else:
+                self._candidates.pop(key, None)
+        return [
+            Newcomer(*key, height_m)
+            for key, height_m in self._ready(now_ns, cameras, sightings)
+            if key in places
+        ]
+
+    def _read(self, key: _Key, place: _Place, now_ns: int) -> None:
+        """Counts a reading; one from where the candidate cannot have come begins anew."""
+        candidate = self._candidates.get(key)
+        if candidate is not None:
+            elapsed_s = 1e-9 * (now_ns - candidate.last_ns)
+            reach_m = self._limits.slack_m + self._limits.max_speed_m_s * elapsed_s
+            if math.dist(candidate.place, place) <= reach_m:
+                candidate.readings += 1
+                candidate.last_ns, candidate.place = now_ns, place
+                return
+        self._candidates[key] = _Candidate(now_ns, now_ns, place)
+
+    def _drop_old(self, now_ns: int) -> None:
+        oldest_ns = now_ns - round(1e9 * self._limits.gap_s)
+        self._candidates = {k: c for k, c in self._candidates.items() if c.last_ns >= oldest_ns}
+
+    def _ready(
+        self,
+        now_ns: int,
+        cameras: Iterable[Strangers],
+        sightings: Mapping[int, Sequence[Sighting]],
+    ) -> list[tuple[_Key, float]]:
+        """Returns who has been read often enough, and can be nobody of the roster."""
+        ready = {
+            key
+            for key, candidate in self._candidates.items()
+            if candidate.readings >= self._limits.timesteps
+            and now_ns - candidate.first_ns >= 1e9 * self._limits.last_s
+        }
+        heights_m: dict[_Key, float] = {}
+        for strangers in cameras if ready else ():
+            missing = [tag for tag in strangers.roster if tag not in sightings]
+            for tag in strangers.tags.tolist():
+                key = strangers.family.name, tag
+                if key in ready and _may_be_missing(strangers.family, tag, missing):
+                    ready.discard(key)
+                heights_m[key] = strangers.height_m
+        return sorted((key, heights_m[key]) for key in ready & heights_m.keys())
+
+
+def _gather(cameras: Iterable[Strangers], known: Collection[int]) -> dict[_Key, list[_Place]]:
+    """Returns where each tag was read that may join."""
+    places: dict[_Key, list[_Place]] = {}
+    for strangers in cameras:
+        for tag, (x_m, y_m) in zip(strangers.tags.tolist(), strangers.places.tolist(), strict=True):
+            if tag not in known:
+                places.setdefault((strangers.family.name, tag), []).append((x_m, y_m))
+    return places
+
+
+def _is_one(places: Sequence[_Place]) -> bool:
+    """Whether all places are the same marker's."""
+    return all(math.dist(places[0], place) <= MERGE_M for place in places[1:])
+
+
+def _near_any(place: _Place, others: Iterable[_Place]) -> bool:
+    return any(math.dist(place, other) <= MERGE_M for other in others)
+
+
+def _may_be_missing(family: MarkerFamily | SquareFamily, read: int, missing: Iterable[int]) -> bool:
+    """Whether a robot of the roster that nobody sees may look like this.
+
+    Square markers' words differ in so many cells that none becomes another.
+    """
+    if isinstance(family, SquareFamily):
+        return False
+    return any(could_be(family, tag, read) for tag in missing)
