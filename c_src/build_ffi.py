@@ -41,9 +41,21 @@ HEADERS = [
     "c_src/vs_contacts.h",
     "c_src/vs_physics.h",
     "c_src/vs_ring.h",
+    "c_src/epuck_bytes.h",
     "c_src/epuck_argos.h",
+    "c_src/epuck_asercom.h",
+    "c_src/epuck_gctronic.h",
+    "c_src/epuck_york.h",
+    "c_src/epuck_boards.h",
+    "firmware_bridge/fw_body.h",
     "firmware_bridge/fw_line.h",
+    "firmware_bridge/fw_uart.h",
+    "firmware_bridge/fw_i2c.h",
     "firmware_bridge/fw_argos.h",
+    "firmware_bridge/fw_asercom.h",
+    "firmware_bridge/fw_gctronic.h",
+    "firmware_bridge/fw_york.h",
+    "firmware_bridge/fw_boards.h",
 ]
 """Every header that Python sees, each after those that it builds on."""
 

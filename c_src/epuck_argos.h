@@ -26,12 +26,13 @@ enum {
     EPUCK_ARGOS_CONFIG_LEN = 4,    /* [bytes] configuration after the wake-up */
     EPUCK_ARGOS_ACTUATOR_LEN = 12, /* [bytes] host to PIC */
     EPUCK_ARGOS_SENSOR_LEN = 72,   /* [bytes] PIC to host */
+    EPUCK_ARGOS_BAUD = 115200,
     EPUCK_ARGOS_BYTE_NS = 86806,   /* [ns] one byte on the line, 10 bits */
     EPUCK_ARGOS_RING_LEDS = 8,     /* ring LEDs, bits 0 to 7 of `leds` */
     EPUCK_ARGOS_LED_BODY = 256,    /* bit 8 of `leds` */
     EPUCK_ARGOS_LED_FRONT = 512,   /* bit 9 of `leds` */
     EPUCK_ARGOS_LED_ALL = 1023,    /* every bit of `leds` that means something */
-    EPUCK_ARGOS_PROX_MAX = 4096,   /* raw proximity and light lie within +-this */
+    EPUCK_ARGOS_PROX_MAX = 4096,   /* raw proximity lies within +- this, light within 0..this */
     EPUCK_ARGOS_RESET = 82         /* 'R': PIC applies the frame, then waits for
                                       a wake-up byte again */
 };
@@ -67,8 +68,9 @@ void epuck_argos_put_sensors(const struct epuck_argos_sensors *sensors,
 
 /* Reads the 72 bytes of a sensor frame.
  * Returns 0, or -1 if no PIC would send them: a lost byte shifts every later
- * one, and only implausible values show it (flag not 0 or 1, pad not 0,
- * proximity or light out of range). *sensors is then left alone. */
+ * one, and only implausible values show it (flag not 0 or 1, pad, accelerometer
+ * or microphones not 0, proximity or light out of range). *sensors is then left
+ * alone. Range-and-bearing may be anything: an earlier host may have enabled it. */
 int epuck_argos_get_sensors(const uint8_t frame[EPUCK_ARGOS_SENSOR_LEN],
                             struct epuck_argos_sensors *sensors);
 

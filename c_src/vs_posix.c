@@ -36,7 +36,7 @@ void vs_posix_keep_from_children(int fd)
     fcntl(fd, F_SETFD, FD_CLOEXEC);
 }
 
-static int set_raw(int fd)
+static int set_raw(int fd, speed_t speed)
 {
     struct termios settings;
 
@@ -48,14 +48,14 @@ static int set_raw(int fd)
     settings.c_cflag = CS8 | CREAD | CLOCAL;
     settings.c_cc[VMIN] = 1;
     settings.c_cc[VTIME] = 0;
-    if (cfsetispeed(&settings, B115200) != 0 || cfsetospeed(&settings, B115200) != 0)
+    if (cfsetispeed(&settings, speed) != 0 || cfsetospeed(&settings, speed) != 0)
         return -1;
     if (tcsetattr(fd, TCSANOW, &settings) != 0)
         return -1;
     return tcflush(fd, TCIOFLUSH);
 }
 
-static int lock(int fd, uint64_t wait_ns)
+int vs_posix_lock(int fd, uint64_t wait_ns)
 {
     uint64_t until_ns = vs_posix_now_ns() + wait_ns;
 
@@ -69,17 +69,20 @@ static int lock(int fd, uint64_t wait_ns)
     return VS_OK;
 }
 
-int vs_posix_open_serial(const char *path, uint64_t wait_ns, int *fd)
+int vs_posix_open_serial(const char *path, uint32_t baud, uint64_t wait_ns, int *fd)
 {
-    int opened = open(path, O_RDWR | O_NOCTTY | O_NONBLOCK);
+    int opened;
     int err;
     int why;
 
+    if (baud != 115200 && baud != 230400)
+        return VS_ERR_ARGUMENT;
+    opened = open(path, O_RDWR | O_NOCTTY | O_NONBLOCK);
     if (opened < 0)
         return VS_ERR_IO;
     vs_posix_keep_from_children(opened);
-    err = lock(opened, wait_ns);
-    if (err == VS_OK && set_raw(opened) != 0)
+    err = vs_posix_lock(opened, wait_ns);
+    if (err == VS_OK && set_raw(opened, baud == 115200 ? B115200 : B230400) != 0)
         err = VS_ERR_IO;
     if (err != VS_OK) {
         why = errno;
@@ -97,8 +100,7 @@ static uint64_t io_now_ns(void *context)
     return vs_posix_now_ns();
 }
 
-/* VS_OK: fd is ready for events, VS_ERR_BUSY: time is up. */
-static int wait_for(int fd, short events, uint64_t deadline_ns)
+int vs_posix_wait(int fd, short events, uint64_t deadline_ns)
 {
     for (;;) {
         struct pollfd line = {fd, events, 0};
@@ -131,7 +133,7 @@ static int io_read(void *context, uint8_t *buf, size_t cap, uint64_t deadline_ns
     int fd = *(const int *)context;
 
     for (;;) {
-        int err = wait_for(fd, POLLIN, deadline_ns);
+        int err = vs_posix_wait(fd, POLLIN, deadline_ns);
         ssize_t len;
 
         if (err != VS_OK)
@@ -154,7 +156,7 @@ static int io_write(void *context, const uint8_t *buf, size_t len, uint64_t dead
     size_t done = 0;
 
     while (done < len) {
-        int err = wait_for(fd, POLLOUT, deadline_ns);
+        int err = vs_posix_wait(fd, POLLOUT, deadline_ns);
         ssize_t step;
 
         if (err != VS_OK)

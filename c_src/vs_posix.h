@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 /*
- * vs_posix.h - the POSIX edge of the library: clock, serial port, lock. The only
- * file of c_src that talks to an operating system.
+ * vs_posix.h - the POSIX edge of the library: clock, waiting, lock, serial port. Beside
+ * it only vs_i2c_posix.h talks to an operating system.
  */
 #ifndef VS_POSIX_H
 #define VS_POSIX_H
@@ -22,13 +22,22 @@ int vs_posix_timeout_ms(uint64_t now_ns, uint64_t deadline_ns);
 /* Closes fd in whatever program a child of this process becomes. */
 void vs_posix_keep_from_children(int fd);
 
+/* Waits until fd is ready for poll()'s events, at the longest until deadline_ns (past:
+ * looks once). VS_OK, VS_ERR_BUSY: time is up, VS_ERR_HANGUP, VS_ERR_IO. */
+int vs_posix_wait(int fd, short events, uint64_t deadline_ns);
+
+/* Takes fd's flock(). While another process holds it this one waits, at the longest
+ * wait_ns. VS_OK, VS_ERR_LOCKED, or VS_ERR_IO with errno set. */
+int vs_posix_lock(int fd, uint64_t wait_ns);
+
 /*
- * Opens a serial port raw, 115200 baud 8N1, non-blocking, never as the controlling
- * terminal and kept from children, drops what it had buffered and holds its flock(). While another
- * process holds the lock it waits, at the longest wait_ns.
- * VS_OK and the descriptor in *fd, VS_ERR_LOCKED, or VS_ERR_IO with errno set.
+ * Opens a serial port raw, 8N1 at 115200 or 230400 baud, non-blocking, never as the
+ * controlling terminal and kept from children, drops what it had buffered and takes
+ * its lock.
+ * VS_OK and the descriptor in *fd, VS_ERR_ARGUMENT: another baud, VS_ERR_LOCKED, or
+ * VS_ERR_IO with errno set.
  */
-int vs_posix_open_serial(const char *path, uint64_t wait_ns, int *fd);
+int vs_posix_open_serial(const char *path, uint32_t baud, uint64_t wait_ns, int *fd);
 
 /* Lets io work on *fd. *fd has to outlive io. */
 void vs_posix_io(struct vs_io *io, int *fd);

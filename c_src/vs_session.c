@@ -294,6 +294,8 @@ static uint32_t clock_bound_us(const struct vs_clock *clock, uint64_t now_ns)
 
     if (vs_clock_estimate(clock, now_ns, &offset_ns, &bound_ns) != VS_OK)
         return VS_NEVER_US;
+    if (bound_ns <= UINT32_MAX)
+        return (uint32_t)bound_ns / 1000 + 1;
     bound_ns = bound_ns / 1000 + 1;
     return bound_ns < VS_NEVER_US ? (uint32_t)bound_ns : VS_NEVER_US - 1;
 }

@@ -5,72 +5,74 @@ enum { MOTOR_MAX_STEPS_S = 1000, RING_LED_MASK = 0xFF };
 
 #define NS_PER_US 1000u
 
-static int16_t clamp(int16_t steps_s)
-{
-    if (steps_s > MOTOR_MAX_STEPS_S)
-        return MOTOR_MAX_STEPS_S;
-    return steps_s < -MOTOR_MAX_STEPS_S ? -MOTOR_MAX_STEPS_S : steps_s;
-}
-
 static void wait_for_host(struct fw_argos *fw)
 {
-    fw->outputs.leds &= (uint16_t)~RING_LED_MASK;
+    fw->body.outputs.leds &= (uint16_t)~RING_LED_MASK;
     fw->state = FW_ARGOS_WAKE;
 }
 
 void fw_argos_init(struct fw_argos *fw)
 {
     *fw = (struct fw_argos){0};
-    fw_line_init(&fw->rx, EPUCK_ARGOS_BYTE_NS);
-    fw_line_init(&fw->tx, EPUCK_ARGOS_BYTE_NS);
+    fw_body_init(&fw->body, MOTOR_MAX_STEPS_S);
+    fw_uart_init(&fw->uart, EPUCK_ARGOS_BYTE_NS);
     wait_for_host(fw);
 }
 
-static void send_sensors(struct fw_argos *fw, uint64_t now_ns)
+void fw_argos_reset(struct fw_argos *fw, uint64_t now_us)
 {
-    uint8_t frame[EPUCK_ARGOS_SENSOR_LEN];
-
-    if (fw->sample)
-        fw->sample(fw->context, now_ns / NS_PER_US, &fw->inputs);
-    epuck_argos_put_sensors(&fw->inputs, frame);
-    fw->unsent += (uint32_t)(sizeof frame - fw_line_put(&fw->tx, frame, sizeof frame, now_ns));
-    fw->busy_until_ns = fw->tx.free_ns;
-    fw->sending = 1;
+    fw_body_reset(&fw->body, now_us);
+    fw_uart_reset(&fw->uart);
+    fw->old = (struct epuck_argos_actuators){0};
+    fw->got = 0;
+    wait_for_host(fw);
 }
 
-static void apply(struct fw_argos *fw, uint64_t now_ns)
+static void send_sensors(struct fw_argos *fw)
 {
+    const struct fw_inputs *inputs = &fw->body.inputs;
+    struct epuck_argos_sensors sensors;
+    uint8_t frame[EPUCK_ARGOS_SENSOR_LEN];
+    int i;
+
+    for (i = 0; i < 8; i++) {
+        sensors.prox[i] = inputs->prox[i];
+        sensors.light[i] = inputs->light[i];
+    }
+    sensors.battery_low = inputs->battery_mv < FW_ARGOS_BATTERY_LOW_MV;
+    epuck_argos_put_sensors(&sensors, frame);
+    fw_uart_send(&fw->uart, frame, sizeof frame);
+}
+
+static void apply(struct fw_argos *fw)
+{
+    struct fw_body *body = &fw->body;
+    uint64_t now_us = fw->uart.lived_ns / NS_PER_US;
     struct epuck_argos_actuators new;
+    int32_t left = body->outputs.left_steps_s;
+    int32_t right = body->outputs.right_steps_s;
 
     epuck_argos_get_actuators(fw->frame, &new);
     if (new.left_steps_s != fw->old.left_steps_s)
-        fw->outputs.left_steps_s = clamp(new.left_steps_s);
+        left = new.left_steps_s;
     if (new.right_steps_s != fw->old.right_steps_s)
-        fw->outputs.right_steps_s = clamp(new.right_steps_s);
-    fw->outputs.leds ^= (uint16_t)(new.leds ^ fw->old.leds);
+        right = new.right_steps_s;
+    fw_body_drive(body, left, right, now_us);
+    fw_body_feed(body, now_us);
+    body->outputs.leds ^= (uint16_t)(new.leds ^ fw->old.leds);
+    body->applied_us = now_us;
     fw->old = new;
     fw->frames++;
-    fw->applied_us = now_ns / NS_PER_US;
     if (new.reset == EPUCK_ARGOS_RESET)
         wait_for_host(fw);
     else if (new.ircom_enable)
-        fw->busy_until_ns = now_ns + (uint64_t)FW_ARGOS_IRCOM_US * NS_PER_US;
+        fw_uart_keep_busy(&fw->uart, FW_ARGOS_IRCOM_US);
     else
-        send_sensors(fw, now_ns);
-}
-
-/* What kept the program from its ring is over. */
-static void idle(struct fw_argos *fw, uint64_t now_ns)
-{
-    fw->busy_until_ns = 0;
-    if (!fw->sending)
-        send_sensors(fw, now_ns);
-    else
-        fw->sending = 0;
+        send_sensors(fw);
 }
 
 /* Returns 1 if the byte completed an actuator frame. */
-static int consume(struct fw_argos *fw, uint8_t byte, uint64_t now_ns)
+static int consume(struct fw_argos *fw, uint8_t byte)
 {
     if (fw->state == FW_ARGOS_WAKE) {
         fw->state = FW_ARGOS_CONFIG;
@@ -82,7 +84,7 @@ static int consume(struct fw_argos *fw, uint8_t byte, uint64_t now_ns)
         if (fw->got == EPUCK_ARGOS_CONFIG_LEN) {
             fw->state = FW_ARGOS_FRAME;
             fw->got = 0;
-            send_sensors(fw, now_ns);
+            send_sensors(fw);
         }
         return 0;
     }
@@ -91,81 +93,52 @@ static int consume(struct fw_argos *fw, uint8_t byte, uint64_t now_ns)
     if (fw->got < EPUCK_ARGOS_ACTUATOR_LEN)
         return 0;
     fw->got = 0;
-    apply(fw, now_ns);
+    apply(fw);
     return 1;
-}
-
-static void interrupt(struct fw_argos *fw, uint8_t byte)
-{
-    if (fw->sending)
-        fw->overlapped++;
-    fw->ring[fw->ring_write] = byte;
-    fw->ring_write = (fw->ring_write + 1) % FW_ARGOS_RING;
-    if (fw->ring_write == fw->ring_read)
-        fw->overflowed += FW_ARGOS_RING;
 }
 
 size_t fw_argos_receive(struct fw_argos *fw, const uint8_t *buf, size_t len,
                         uint64_t now_us)
 {
-    return fw_line_put(&fw->rx, buf, len, now_us * NS_PER_US);
+    return fw_line_put(&fw->uart.rx, buf, len, now_us * NS_PER_US);
 }
 
-/* Drains the receive ring until the program is busy. Returns 1 at the first frame. */
-static int run_program(struct fw_argos *fw)
+/* A frame that repeats the speed must count as another one after the watchdog's stop. */
+static int watch(struct fw_argos *fw, uint64_t now_us)
 {
-    while (fw->busy_until_ns == 0 && fw->ring_read != fw->ring_write) {
-        uint8_t byte = fw->ring[fw->ring_read];
-
-        fw->ring_read = (fw->ring_read + 1) % FW_ARGOS_RING;
-        if (consume(fw, byte, fw->lived_ns))
-            return 1;
-    }
-    return 0;
+    if (!fw_body_watch(&fw->body, now_us))
+        return 0;
+    fw->old.left_steps_s = 0;
+    fw->old.right_steps_s = 0;
+    return 1;
 }
 
 int fw_argos_advance(struct fw_argos *fw, uint64_t now_us)
 {
-    while (!run_program(fw)) {
-        uint64_t at_ns = fw_line_next_ns(&fw->rx);
-        int free_first = fw->busy_until_ns != 0 && fw->busy_until_ns <= at_ns;
-        uint8_t byte;
+    uint64_t watchdog_us = fw_body_watchdog_due_us(&fw->body);
+    uint64_t until_us = watchdog_us < now_us ? watchdog_us : now_us;
+    enum fw_uart_event event;
+    uint8_t byte;
 
-        if (free_first)
-            at_ns = fw->busy_until_ns;
-        if (at_ns > now_us * NS_PER_US)
-            return 0;
-        fw->lived_ns = at_ns;
-        if (free_first)
-            idle(fw, at_ns);
-        else if (fw_line_get(&fw->rx, at_ns, &byte))
-            interrupt(fw, byte);
+    while ((event = fw_uart_step(&fw->uart, until_us, &byte)) != FW_UART_NONE) {
+        if (event == FW_UART_IDLE && !fw->uart.sending)
+            send_sensors(fw);
+        if (event == FW_UART_BYTE && consume(fw, byte))
+            return 1;
     }
-    return 1;
+    return watch(fw, now_us);
 }
 
 size_t fw_argos_transmit(struct fw_argos *fw, uint8_t *buf, size_t cap,
                          uint64_t now_us)
 {
-    size_t len = 0;
-
-    while (len < cap && fw_line_get(&fw->tx, now_us * NS_PER_US, &buf[len]))
-        len++;
-    return len;
-}
-
-static uint64_t all_through_ns(const struct fw_line *line)
-{
-    return line->count == 0 ? UINT64_MAX : line->free_ns;
+    return fw_uart_transmitted(&fw->uart, buf, cap, now_us);
 }
 
 uint64_t fw_argos_due_us(const struct fw_argos *fw)
 {
-    uint64_t rx_ns = all_through_ns(&fw->rx);
-    uint64_t tx_ns = all_through_ns(&fw->tx);
-    uint64_t due_ns = rx_ns < tx_ns ? rx_ns : tx_ns;
+    uint64_t uart_us = fw_uart_due_us(&fw->uart);
+    uint64_t watchdog_us = fw_body_watchdog_due_us(&fw->body);
 
-    if (fw->busy_until_ns != 0 && fw->busy_until_ns < due_ns)
-        due_ns = fw->busy_until_ns;
-    return due_ns == UINT64_MAX ? UINT64_MAX : due_ns / NS_PER_US + 1;
+    return uart_us < watchdog_us ? uart_us : watchdog_us;
 }

@@ -2,7 +2,7 @@
 /*
  * fw_line.h - one direction of an emulated serial line: a bounded queue whose
  * bytes come out one by one, as fast as a real UART would carry them. A pseudo
- * terminal has no baud rate, so the pace has to come from here.
+ * terminal has no baud rate, so the pace has to come from here. So do faults.
  *
  * Freestanding. Time is an argument and only has to grow.
  */
@@ -18,7 +18,15 @@ extern "C" {
 
 enum { FW_LINE_CAPACITY = 256 }; /* [bytes] on the line at once */
 
+/* What goes wrong on the line, each once: with the n-th byte from now, 0 = not. */
+struct fw_line_faults {
+    uint32_t lose;  /* it does not arrive */
+    uint32_t flip;  /* one of its bits arrives wrong */
+    uint32_t twice; /* it arrives, and once more */
+};
+
 struct fw_line {
+    struct fw_line_faults faults; /* the owner writes */
     uint8_t bytes[FW_LINE_CAPACITY];
     uint64_t arrival_ns[FW_LINE_CAPACITY]; /* when each byte is through */
     uint64_t free_ns;                      /* when the newest byte is through */

@@ -3,22 +3,125 @@
 
 #include <string.h>
 
-const struct vs_base_ops *const vs_bases[] = {&vs_base_argos, NULL};
+#include "base_config.h"
+#include "../c_src/vs_i2c_posix.h"
 
-const struct vs_base_ops *vs_base_find(const char *text, const char **device)
+/* Every kind of base, in the order in which help names them. */
+#define BASES(LINE) \
+    LINE(argos)     \
+    LINE(asercom)   \
+    LINE(gctronic)  \
+    LINE(york)
+
+#define DECLARE(name) extern const struct vs_base_ops vs_base_##name;
+#define POINT_TO(name) &vs_base_##name,
+
+BASES(DECLARE)
+const struct vs_base_ops *const vs_bases[] = {BASES(POINT_TO) NULL};
+
+/* Source: epuck.md section 6: 1000 steps per turn of a 41 mm, and a 40 mm, wheel. */
+const struct vs_base_body vs_body_epuck = {1000, 128805};
+const struct vs_base_body vs_body_epuck2 = {1100, 125664};
+
+/* The bus of a board: the base's own, that of the board before it, or one of its own. */
+static int open_board(struct vs_base *base, const struct vs_base_config *config, int board)
 {
-    const char *colon = strchr(text, ':');
-    size_t i;
+    struct vs_boards *boards = &base->boards;
+    const char *path = config->board[board];
+    int other;
 
-    if (colon == NULL || colon[1] == '\0')
-        return NULL;
-    for (i = 0; vs_bases[i] != NULL; i++) {
-        size_t len = strlen(vs_bases[i]->name);
-
-        if (len == (size_t)(colon - text) && memcmp(text, vs_bases[i]->name, len) == 0) {
-            *device = colon + 1;
-            return vs_bases[i];
+    if (path[0] == '\0')
+        return VS_OK;
+    boards->reading.there |= (uint8_t)(1u << board);
+    if (config->ops->on_i2c && strcmp(path, config->device) == 0) {
+        boards->bus[board] = base->bus;
+        return VS_OK;
+    }
+    for (other = 0; other < board; other++) {
+        if (strcmp(path, config->board[other]) == 0) {
+            boards->bus[board] = boards->bus[other];
+            return VS_OK;
         }
     }
-    return NULL;
+    return vs_i2c_open(&boards->bus[board], path, VS_BASE_LOCK_NS, &boards->fd[board]);
+}
+
+int vs_base_open(struct vs_base *base, const struct vs_base_config *config)
+{
+    int board;
+    int err;
+
+    memset(base, 0, sizeof *base);
+    base->ops = config->ops;
+    base->boards.reading.rab_bytes = config->rab_bytes;
+    base->news = config->device;
+    err = config->ops->open(base, config);
+    for (board = 0; board < VS_BOARDS && err == VS_OK; board++) {
+        base->news = config->board[board];
+        err = open_board(base, config, board);
+    }
+    if (err == VS_OK)
+        base->news = NULL;
+    return err;
+}
+
+int vs_base_recover(struct vs_base *base)
+{
+    base->counting = 0;
+    return base->ops->recover(base);
+}
+
+static int16_t clamp(int16_t steps_s, int16_t max_steps_s)
+{
+    if (steps_s > max_steps_s)
+        return max_steps_s;
+    return steps_s < -max_steps_s ? (int16_t)-max_steps_s : steps_s;
+}
+
+static uint64_t now(const struct vs_base *base)
+{
+    return base->ops->on_i2c ? base->bus.now_ns(base->bus.context)
+                             : base->io.now_ns(base->io.context);
+}
+
+int vs_base_exchange(struct vs_base *base, const struct vs_base_command *command,
+                     struct vs_base_reading *reading)
+{
+    uint64_t deadline_ns = now(base) + VS_BASE_EXCHANGE_NS;
+    struct vs_base_command limited = *command;
+    int err;
+
+    limited.left_steps_s = clamp(command->left_steps_s, base->body->max_steps_s);
+    limited.right_steps_s = clamp(command->right_steps_s, base->body->max_steps_s);
+    limited.leds &= VS_BASE_LEDS;
+    err = base->ops->exchange(base, &limited, reading);
+    if (err != VS_OK)
+        return err;
+    vs_boards_read_ground(&base->boards, deadline_ns, &base->news);
+    reading->boards = base->boards.reading;
+    reading->step_nm = base->body->step_nm;
+    return VS_OK;
+}
+
+int vs_base_rest(struct vs_base *base, const struct vs_base_command *command)
+{
+    return vs_boards_talk(&base->boards, &command->message, now(base) + VS_BASE_REST_NS,
+                          &base->news);
+}
+
+void vs_base_count(struct vs_base *base, const uint16_t counters[2],
+                   struct vs_base_reading *reading)
+{
+    int i;
+
+    for (i = 0; i < 2; i++) {
+        int32_t grown = (uint16_t)(counters[i] - base->counters[i]);
+
+        if (base->counting)
+            base->steps[i] += grown < 0x8000 ? grown : grown - 0x10000;
+        base->counters[i] = counters[i];
+        reading->steps[i] = base->steps[i];
+    }
+    base->counting = 1;
+    reading->has_steps = 1;
 }

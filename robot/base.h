@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: MIT */
 /*
- * base.h - a base: whatever turns wheels and lights LEDs below the Linux board.
- * One base protocol is one struct of functions in one file (base_argos.c). No
- * function blocks for longer than 100 ms, recovery goes in steps, so that its
- * owner, the guard, can answer in between.
+ * base.h - a base: whatever turns wheels and lights LEDs below the Linux board. One
+ * kind of base is one struct of functions in one file of its own and one line in
+ * base.c's table; nobody else knows what it keeps in base->state. No function blocks
+ * for longer than 100 ms, recovery goes in steps, so that its owner, the guard, can
+ * answer in between.
  */
 #ifndef VS_BASE_H
 #define VS_BASE_H
@@ -11,43 +12,77 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "base_boards.h"
+#include "../c_src/vs_i2c.h"
 #include "../c_src/vs_io.h"
 
-#define VS_BASE_FRAME_MAX 128 /* [byte] largest answer of any base */
-#define VS_BASE_LEDS 0x3FF    /* bits 0-7 ring, 8 body, 9 front */
+#define VS_BASE_STATE_MAX 256  /* [byte] what a kind of base may keep */
+#define VS_BASE_DEVICE_MAX 111 /* [byte] longest path of a device or bus */
+#define VS_BASE_LEDS 0x3FF     /* bits 0-7 ring, 8 body, 9 front */
+#define VS_BASE_EXCHANGE_NS 30000000u /* [ns] longest exchange */
+#define VS_BASE_REST_NS 24000000u     /* [ns] longest pause's work; 4 unless a bus is stuck */
+#define VS_BASE_LOCK_NS 2000000000u   /* [ns] for an earlier daemon's end */
 
 struct vs_base_command {
-    int16_t left_steps_s;  /* [step/s] -1000..1000 */
-    int16_t right_steps_s; /* [step/s] -1000..1000 */
+    int16_t left_steps_s;  /* [step/s] */
+    int16_t right_steps_s; /* [step/s] */
     uint16_t leds;         /* lit ones: bits 0-7 ring, 8 body, 9 front */
+    struct vs_board_message message; /* for the range-and-bearing board */
 };
 
 /* What the base measured, in the order and scale that controller.h documents. */
 struct vs_base_reading {
     int16_t prox[8];     /* [raw] ps0..ps7, higher is nearer */
     int16_t light[8];    /* [raw] ps0..ps7, higher is brighter */
+    uint8_t blind;       /* 1: it has neither, both mean nothing */
     uint8_t battery_low; /* 0, 1 or 255 = unknown */
     uint16_t battery_mv; /* [mV] 0 = unknown */
+    uint8_t has_steps;   /* 1: steps are counted */
+    int32_t steps[2];    /* [step] of the left and right wheel, forwards, since the start */
+    uint32_t step_nm;    /* [nm] way of a wheel per step */
+    struct vs_board_reading boards;
+};
+
+/* What the robots that one protocol may sit on differ in. */
+struct vs_base_body {
+    int16_t max_steps_s; /* [step/s] what its motors can do */
+    uint32_t step_nm;    /* [nm] way of a wheel per step */
+};
+
+extern const struct vs_base_body vs_body_epuck;
+extern const struct vs_base_body vs_body_epuck2;
+
+/* "mode=extension|bluetooth": one option of a kind of base; the first value is the
+ * default. */
+struct vs_base_choice {
+    const char *name;          /* NULL ends a list of choices */
+    const char *const *values; /* ended by NULL */
 };
 
 struct vs_base;
+struct vs_base_config;
 
 struct vs_base_ops {
-    const char *name; /* before the colon of --base */
-    const char *help; /* one line */
+    const char *name;   /* before the colon of --base */
+    const char *help;   /* lines without the last newline */
+    const char *device; /* an example */
+    uint8_t on_i2c;     /* 1: the device is a bus that boards may sit on, too */
+    const struct vs_base_choice *choices; /* at most VS_BASE_CHOICES, then NULL */
 
-    /* Opens the device and prepares base->io. The base's state is unknown until
-     * recover gave VS_OK. VS_OK, VS_ERR_IO with errno set, or VS_ERR_LOCKED. */
-    int (*open)(struct vs_base *base, const char *device);
+    /* Opens the device, prepares base->io or base->bus and sets base->body. What the
+     * base does is unknown until recover gave VS_OK. VS_OK, VS_ERR_IO with errno set,
+     * or VS_ERR_LOCKED. */
+    int (*open)(struct vs_base *base, const struct vs_base_config *config);
 
     /* One step of finding the base in whatever state it is, wheels at 0 and LEDs
      * off at the end. VS_OK: found; VS_ERR_BUSY: call again; VS_ERR_SILENT: nothing
      * answered, calling again starts over; VS_ERR_IO, VS_ERR_HANGUP. */
     int (*recover)(struct vs_base *base);
 
-    /* Commands and reads, in at most 30 ms. VS_OK; VS_ERR_LATE: commanded, but
-     * *reading is not written; VS_ERR_BUSY: nothing was done. After any other
-     * error the base has to be recovered first. */
+    /* Commands and reads, in at most 30 ms. VS_OK: the base has answered, and as far
+     * as its protocol can tell it does as commanded; VS_ERR_LATE: commanded, but
+     * *reading is not written; VS_ERR_BUSY: not, or not surely, commanded: call again.
+     * After any other error the base has to be recovered first. */
     int (*exchange)(struct vs_base *base, const struct vs_base_command *command,
                     struct vs_base_reading *reading);
 
@@ -58,23 +93,42 @@ struct vs_base_ops {
 /* Caller-owned; must not move once it is open. */
 struct vs_base {
     const struct vs_base_ops *ops;
-    struct vs_io io;
-    int fd; /* of the device: both processes hold it */
-    /* the protocol's own */
-    uint8_t phase;
-    uint8_t fed;         /* bytes fed without an answer */
-    uint8_t proofs;      /* in a row that it stands where we think */
-    size_t got;          /* bytes of the present answer */
-    uint64_t written_ns; /* when the command before it was written */
-    uint8_t frame[VS_BASE_FRAME_MAX];
+    const struct vs_base_body *body;
+    struct vs_io io;      /* of a base behind a serial line */
+    struct vs_i2c bus;    /* of a base on a bus */
+    int fd;               /* of the device: both processes hold it */
+    const char *news;     /* a phrase worth telling, for whoever owns the base; NULL: none */
+    struct vs_boards boards;
+    uint16_t counters[2]; /* of the wheels, as read last */
+    int32_t steps[2];
+    uint8_t counting;     /* 1: counters were read since the base was found */
+    union {
+        uint64_t for_alignment;
+        uint8_t bytes[VS_BASE_STATE_MAX];
+    } state; /* of this kind of base, all zeros at open */
 };
 
-/* Every base protocol of this daemon, ended by NULL. */
-extern const struct vs_base_ops *const vs_bases[];
-extern const struct vs_base_ops vs_base_argos;
+/* Opens what the configuration says, boards included. As ops->open; what could not be
+ * opened is then in base->news. */
+int vs_base_open(struct vs_base *base, const struct vs_base_config *config);
 
-/* Splits "argos:/dev/ttyS0": returns the base's functions and points *device at
- * what follows the colon; NULL if there is no such base, or no device. */
-const struct vs_base_ops *vs_base_find(const char *text, const char **device);
+/* ops->recover. */
+int vs_base_recover(struct vs_base *base);
+
+/* ops->exchange with a command that the body can do, and what the boards say. *reading
+ * keeps what was not measured now. */
+int vs_base_exchange(struct vs_base *base, const struct vs_base_command *command,
+                     struct vs_base_reading *reading);
+
+/* What there is to do for the boards while nobody wants an exchange. Returns 1 if there
+ * is more, to be done at once, else 0. */
+int vs_base_rest(struct vs_base *base, const struct vs_base_command *command);
+
+/* For an exchange: adds up what the wheels' counters, which wrap, say. */
+void vs_base_count(struct vs_base *base, const uint16_t counters[2],
+                   struct vs_base_reading *reading);
+
+/* Every kind of base of this daemon, ended by NULL. */
+extern const struct vs_base_ops *const vs_bases[];
 
 #endif

@@ -3,27 +3,32 @@
  * base_argos.c - IRIDIA's fixed-struct UART protocol (epuck_argos.h). The link has
  * no framing: the one thing that tells where the microcontroller stands is that it
  * sends 72 bytes right after the last byte of a frame. It must not be written to
- * while it sends.
+ * while it sends. A byte too many on the line shifts all frames that follow: it is
+ * found by holding back a frame's last byte now and then, for an answer that comes
+ * before it, or by answers that are always late. Only zeros mean the same at every shift, so a stop is three frames of
+ * them: after the first a frame may still hold what came before.
  */
-#include "base.h"
-
-#include <string.h>
+#include "base_config.h"
 
 #include "../c_src/epuck_argos.h"
+#include "../c_src/epuck_bytes.h"
 #include "../c_src/vs_posix.h"
 
-#define LOCK_WAIT_NS 2000000000u /* [ns] for an earlier daemon's end */
-#define EXCHANGE_NS 30000000u    /* [ns] 7.3 are the line's */
+#define ROUND_NS 9000000u        /* [ns] a frame and its answer: 7.3 are the line's */
 #define OWED_NS 100000000u       /* [ns] an answer that is later than this is none */
 #define QUIET_NS 10000000u       /* [ns] longer than the 6.3 ms of a burst */
 #define DRAIN_NS 40000000u       /* [ns] longest step of draining */
 #define FEED_NS 15000000u        /* [ns] a burst comes within this or not at all */
 #define PROMPT_NS 10000000u      /* [ns] an answer later than this proves nothing */
 #define LEAVE_NS 3000000u        /* [ns] the line's time for a last frame */
+#define HOLD_NS 4000000u         /* [ns] 11 bytes, and a serial driver's time for an answer */
 
 enum {
     FEEDS_MAX = EPUCK_ARGOS_ACTUATOR_LEN,
     PROOFS = 2,
+    STOP_FRAMES = 3,
+    HOLD_EVERY = 4, /* exchange's frame has its last byte held back */
+    LATES_MAX = 4,  /* in a row: as with infrared words that we never asked for */
     NO_BURST = 2 * EPUCK_ARGOS_SENSOR_LEN, /* as `got`: what is read proves nothing */
     PHASE_UNKNOWN = 0, /* nobody knows where the microcontroller stands */
     PHASE_READY,       /* it waits for a frame's first byte */
@@ -33,50 +38,74 @@ enum {
     PHASE_PROVE        /* recovery: a burst came; is it where we think? */
 };
 
+struct argos {
+    uint8_t phase;
+    uint8_t fed;         /* bytes fed without an answer */
+    uint8_t proofs;      /* in a row that it stands where we think */
+    uint8_t rounds;      /* since a last byte was held back */
+    uint8_t lates;       /* answers in a row that were too late for their exchange */
+    uint8_t zero_sent;   /* 1: the newest frame was all zeros */
+    uint8_t zeros;       /* frames of zeros in a row that were answered, up to STOP_FRAMES */
+    size_t got;          /* bytes of the present answer */
+    uint64_t written_ns; /* when the command before it was written */
+    uint8_t frame[EPUCK_ARGOS_SENSOR_LEN];
+};
+
+enum { STATE_FITS = 1 / (sizeof(struct argos) <= VS_BASE_STATE_MAX) };
+
+static struct argos *of(struct vs_base *base)
+{
+    return (struct argos *)(void *)base->state.bytes;
+}
+
 static uint64_t now(const struct vs_base *base)
 {
     return base->io.now_ns(base->io.context);
 }
 
-static int open_argos(struct vs_base *base, const char *device)
+static int open_argos(struct vs_base *base, const struct vs_base_config *config)
 {
-    int err = vs_posix_open_serial(device, LOCK_WAIT_NS, &base->fd);
+    int err = vs_posix_open_serial(config->device, EPUCK_ARGOS_BAUD, VS_BASE_LOCK_NS, &base->fd);
 
     if (err == VS_OK)
         vs_posix_io(&base->io, &base->fd);
-    base->phase = PHASE_UNKNOWN;
+    base->body = &vs_body_epuck;
     return err;
 }
 
 /* Reads on until the burst is complete (VS_OK) or time is up (VS_ERR_BUSY). */
 static int collect(struct vs_base *base, uint64_t deadline_ns)
 {
-    while (base->got < EPUCK_ARGOS_SENSOR_LEN) {
-        int len = base->io.read(base->io.context, base->frame + base->got,
-                                EPUCK_ARGOS_SENSOR_LEN - base->got, deadline_ns);
+    struct argos *a = of(base);
+
+    while (a->got < EPUCK_ARGOS_SENSOR_LEN) {
+        int len = base->io.read(base->io.context, a->frame + a->got,
+                                EPUCK_ARGOS_SENSOR_LEN - a->got, deadline_ns);
 
         if (len < 0)
             return len;
         if (len == 0)
             return VS_ERR_BUSY;
-        base->got += (size_t)len;
+        a->got += (size_t)len;
     }
     return VS_OK;
 }
 
 static int write_zeros(struct vs_base *base, size_t len)
 {
+    struct argos *a = of(base);
     static const uint8_t zeros[EPUCK_ARGOS_ACTUATOR_LEN];
 
-    base->got = 0;
-    base->written_ns = now(base);
-    return base->io.write(base->io.context, zeros, len, base->written_ns + FEED_NS);
+    a->got = 0;
+    a->written_ns = now(base);
+    return base->io.write(base->io.context, zeros, len, a->written_ns + FEED_NS);
 }
 
 /* Waits for silence. Exactly the burst that was owed before it tells as much as one
  * that was fed for. */
 static int drain(struct vs_base *base)
 {
+    struct argos *a = of(base);
     uint64_t until_ns = now(base) + DRAIN_NS;
 
     while (now(base) < until_ns) {
@@ -87,10 +116,10 @@ static int drain(struct vs_base *base)
         if (len < 0)
             return len;
         if (len == 0) {
-            base->phase = base->got == EPUCK_ARGOS_SENSOR_LEN ? PHASE_PROVE : PHASE_FEED;
+            a->phase = a->got == EPUCK_ARGOS_SENSOR_LEN ? PHASE_PROVE : PHASE_FEED;
             return VS_ERR_BUSY;
         }
-        base->got += (size_t)len;
+        a->got += (size_t)len;
     }
     return VS_ERR_BUSY;
 }
@@ -98,24 +127,25 @@ static int drain(struct vs_base *base)
 /* One byte more: completes the frame, or the greeting, that it waits for? */
 static int feed(struct vs_base *base)
 {
+    struct argos *a = of(base);
     int err = write_zeros(base, 1);
 
     if (err == VS_OK)
-        err = collect(base, base->written_ns + FEED_NS);
+        err = collect(base, a->written_ns + FEED_NS);
     if (err == VS_OK) {
-        base->phase = PHASE_PROVE;
+        a->phase = PHASE_PROVE;
         return VS_ERR_BUSY;
     }
     if (err != VS_ERR_BUSY)
         return err;
-    if (base->got > 0) {
-        base->phase = PHASE_QUIET;
+    if (a->got > 0) {
+        a->phase = PHASE_QUIET;
         return VS_ERR_BUSY;
     }
-    base->fed++;
-    if (base->fed < FEEDS_MAX)
+    a->fed++;
+    if (a->fed < FEEDS_MAX)
         return VS_ERR_BUSY;
-    base->phase = PHASE_UNKNOWN;
+    a->phase = PHASE_UNKNOWN;
     return VS_ERR_SILENT;
 }
 
@@ -124,34 +154,39 @@ static int feed(struct vs_base *base)
  * place only if the far end was awake, which a prompt answer to the last byte shows. */
 static int prove(struct vs_base *base)
 {
+    struct argos *a = of(base);
     struct epuck_argos_sensors sensors;
     int err = write_zeros(base, EPUCK_ARGOS_ACTUATOR_LEN - 1);
 
-    base->fed = 0;
-    base->phase = PHASE_QUIET;
+    a->fed = 0;
+    a->phase = PHASE_QUIET;
     if (err == VS_OK)
-        err = collect(base, base->written_ns + FEED_NS);
-    if (err != VS_ERR_BUSY || base->got > 0) {
-        base->got = NO_BURST;
-        base->proofs = 0;
+        err = collect(base, a->written_ns + FEED_NS);
+    if (err != VS_ERR_BUSY || a->got > 0) {
+        a->got = NO_BURST;
+        a->proofs = 0;
         return err == VS_OK ? VS_ERR_BUSY : err;
     }
     err = write_zeros(base, 1);
     if (err == VS_OK)
-        err = collect(base, base->written_ns + EXCHANGE_NS);
-    if (err == VS_OK && epuck_argos_get_sensors(base->frame, &sensors) != 0)
+        err = collect(base, a->written_ns + VS_BASE_EXCHANGE_NS);
+    if (err == VS_OK && epuck_argos_get_sensors(a->frame, &sensors) != 0)
         err = VS_ERR_BUSY;
-    base->proofs++;
-    if (err != VS_OK || now(base) >= base->written_ns + PROMPT_NS)
-        base->proofs = 0;
-    if (err == VS_OK)
-        base->phase = base->proofs < PROOFS ? PHASE_PROVE : PHASE_READY;
-    return err == VS_OK && base->proofs < PROOFS ? VS_ERR_BUSY : err;
+    a->proofs++;
+    if (err != VS_OK || now(base) >= a->written_ns + PROMPT_NS)
+        a->proofs = 0;
+    if (err != VS_OK)
+        return err;
+    a->phase = a->proofs < PROOFS ? PHASE_PROVE : PHASE_READY;
+    a->zeros = STOP_FRAMES; /* it stands where we think, and has got nothing else */
+    return a->proofs < PROOFS ? VS_ERR_BUSY : VS_OK;
 }
 
 static int recover_argos(struct vs_base *base)
 {
-    switch (base->phase) {
+    struct argos *a = of(base);
+
+    switch (a->phase) {
     case PHASE_FEED:
         return feed(base);
     case PHASE_PROVE:
@@ -159,55 +194,90 @@ static int recover_argos(struct vs_base *base)
     case PHASE_QUIET:
         return drain(base);
     default:
-        if (base->phase != PHASE_OWED)
-            base->got = NO_BURST;
-        base->fed = 0;
-        base->proofs = 0;
-        base->phase = PHASE_QUIET;
+        if (a->phase != PHASE_OWED)
+            a->got = NO_BURST;
+        a->fed = 0;
+        a->proofs = 0;
+        a->phase = PHASE_QUIET;
         return drain(base);
     }
+}
+
+/* The burst is complete: the frame before it was applied. */
+static void answered(struct argos *a)
+{
+    a->phase = PHASE_READY;
+    if (!a->zero_sent)
+        a->zeros = 0;
+    else if (a->zeros < STOP_FRAMES)
+        a->zeros++;
 }
 
 /* Makes sure that the microcontroller waits for a frame and nothing is unread. */
 static int settle(struct vs_base *base, uint64_t deadline_ns)
 {
+    struct argos *a = of(base);
     uint8_t stray;
     int err;
 
-    if (base->phase == PHASE_OWED) {
+    if (a->phase == PHASE_OWED) {
         err = collect(base, deadline_ns);
-        if (err == VS_ERR_BUSY && now(base) < base->written_ns + OWED_NS)
+        if (err == VS_ERR_BUSY && now(base) < a->written_ns + OWED_NS)
             return VS_ERR_BUSY;
         if (err != VS_OK)
             return err == VS_ERR_BUSY ? VS_ERR_SILENT : err;
-        base->phase = PHASE_READY;
+        answered(a);
     }
-    if (base->phase != PHASE_READY)
+    if (a->phase != PHASE_READY)
         return VS_ERR_SILENT;
     err = base->io.read(base->io.context, &stray, 1, 0);
+    return err > 0 ? VS_ERR_GARBLED : err;
+}
+
+/* Writes a frame but for its last byte, for which the far end has to wait. */
+static int hold_back(struct vs_base *base, const uint8_t frame[EPUCK_ARGOS_ACTUATOR_LEN],
+                     uint64_t deadline_ns)
+{
+    uint8_t stray;
+    int err = base->io.write(base->io.context, frame, EPUCK_ARGOS_ACTUATOR_LEN - 1, deadline_ns);
+
+    if (err != VS_OK)
+        return err;
+    err = base->io.read(base->io.context, &stray, 1, now(base) + HOLD_NS);
     return err > 0 ? VS_ERR_GARBLED : err;
 }
 
 static int write_frame(struct vs_base *base, const struct vs_base_command *command,
                        uint8_t reset, uint64_t deadline_ns)
 {
+    struct argos *a = of(base);
     struct epuck_argos_actuators actuators = {command->left_steps_s, command->right_steps_s,
                                               command->leds, 0, reset};
     uint8_t frame[EPUCK_ARGOS_ACTUATOR_LEN];
+    size_t held = 0;
+    int err = VS_OK;
 
     epuck_argos_put_actuators(&actuators, frame);
-    base->got = 0;
-    base->written_ns = now(base);
-    base->phase = PHASE_OWED;
-    return base->io.write(base->io.context, frame, sizeof frame, deadline_ns);
+    a->zero_sent = epuck_or(frame, sizeof frame) == 0;
+    a->got = 0;
+    a->phase = PHASE_OWED;
+    if (!a->zero_sent && reset == 0 && ++a->rounds >= HOLD_EVERY) {
+        a->rounds = 0;
+        held = sizeof frame - 1;
+        err = hold_back(base, frame, deadline_ns);
+    }
+    a->written_ns = now(base);
+    if (err != VS_OK)
+        return err;
+    return base->io.write(base->io.context, frame + held, sizeof frame - held, deadline_ns);
 }
 
-static int decode(const struct vs_base *base, struct vs_base_reading *reading)
+static int decode(const struct argos *a, struct vs_base_reading *reading)
 {
     struct epuck_argos_sensors sensors;
     size_t i;
 
-    if (epuck_argos_get_sensors(base->frame, &sensors) != 0)
+    if (epuck_argos_get_sensors(a->frame, &sensors) != 0)
         return VS_ERR_GARBLED;
     for (i = 0; i < 8; i++) {
         reading->prox[i] = sensors.prox[i];
@@ -222,35 +292,58 @@ static int decode(const struct vs_base *base, struct vs_base_reading *reading)
  * may still make use of a burst that is merely very late. */
 static int settled(struct vs_base *base, int err)
 {
+    struct argos *a = of(base);
+
     if (err != VS_OK && err != VS_ERR_BUSY && err != VS_ERR_SILENT)
-        base->phase = PHASE_UNKNOWN;
+        a->phase = PHASE_UNKNOWN;
     return err;
+}
+
+/* One frame and its answer. */
+static int go_round(struct vs_base *base, const struct vs_base_command *command,
+                    struct vs_base_reading *reading, uint64_t deadline_ns)
+{
+    struct argos *a = of(base);
+    int err = write_frame(base, command, 0, deadline_ns);
+
+    if (err == VS_OK)
+        err = collect(base, deadline_ns);
+    if (err == VS_ERR_BUSY && ++a->lates < LATES_MAX)
+        return VS_ERR_LATE;
+    a->lates = 0;
+    if (err == VS_OK) {
+        answered(a);
+        err = decode(a, reading);
+    }
+    return settled(base, err == VS_ERR_BUSY ? VS_ERR_GARBLED : err);
 }
 
 static int exchange_argos(struct vs_base *base, const struct vs_base_command *command,
                           struct vs_base_reading *reading)
 {
-    uint64_t deadline_ns = now(base) + EXCHANGE_NS;
+    struct argos *a = of(base);
+    uint64_t deadline_ns = now(base) + VS_BASE_EXCHANGE_NS;
+    struct vs_base_reading read = *reading;
     int err = settle(base, deadline_ns);
 
     if (err != VS_OK)
         return settled(base, err);
-    err = write_frame(base, command, 0, deadline_ns);
-    if (err == VS_OK)
-        err = collect(base, deadline_ns);
-    if (err == VS_ERR_BUSY)
+    do {
+        err = go_round(base, command, &read, deadline_ns);
+        if (err != VS_OK)
+            return err;
+    } while (a->zero_sent && a->zeros < STOP_FRAMES && now(base) + ROUND_NS <= deadline_ns);
+    if (a->zero_sent && a->zeros < STOP_FRAMES)
         return VS_ERR_LATE;
-    if (err == VS_OK) {
-        base->phase = PHASE_READY;
-        err = decode(base, reading);
-    }
-    return settled(base, err);
+    *reading = read;
+    return VS_OK;
 }
 
 static int close_argos(struct vs_base *base)
 {
+    struct argos *a = of(base);
     static const struct vs_base_command off;
-    uint64_t deadline_ns = now(base) + EXCHANGE_NS;
+    uint64_t deadline_ns = now(base) + VS_BASE_EXCHANGE_NS;
     uint8_t stray;
     int err = settle(base, deadline_ns);
 
@@ -258,14 +351,19 @@ static int close_argos(struct vs_base *base)
         err = write_frame(base, &off, EPUCK_ARGOS_RESET, deadline_ns);
     if (err != VS_OK)
         return settled(base, err);
-    base->phase = PHASE_UNKNOWN;
+    a->phase = PHASE_UNKNOWN;
     (void)base->io.read(base->io.context, &stray, 1, now(base) + LEAVE_NS);
     return VS_OK;
 }
 
+static const struct vs_base_choice choices[] = {{NULL, NULL}};
+
 const struct vs_base_ops vs_base_argos = {
     "argos",
     "argos:DEVICE  e-puck with IRIDIA's firmware on a serial port, 115200 baud",
+    "/dev/ttyS0",
+    0,
+    choices,
     open_argos,
     recover_argos,
     exchange_argos,

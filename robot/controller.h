@@ -19,8 +19,11 @@
  * virtual wall turns a robot like a real one. Where the virtual part is unknown or
  * stale the real one counts alone, and where the real one is unknown nothing does.
  * The robot's own: "proximity" and "light", 8 numbers each, ps0..ps7 at
- * vs_robot_sensor_angle_rad, raw 0..4096 (higher is nearer, brighter), and
- * "battery_low" (0 or 1).
+ * vs_robot_sensor_angle_rad, raw 0..4096 (higher is nearer, brighter); "battery_low"
+ * (0 or 1); "wheels", the way [cm] of the left and the right wheel since the daemon
+ * began, where the base counts steps; with boards on I2C (`vsensed --help`) "ground", 3
+ * numbers from 0 black to 1 white, and "range_and_bearing", laid out as the virtual one
+ * with 5 places. Its own actuator, with that board: "message", the length and 4 bytes.
  *
  * All that a controller remembers belongs into its state, never into a static
  * variable: one process may run many robots. No function here fails or blocks.

@@ -14,6 +14,7 @@ static void hold(struct vs_guard *g, uint8_t cause)
 {
     g->command.left_steps_s = 0;
     g->command.right_steps_s = 0;
+    g->command.message.length = 0;
     g->cause = cause;
     g->due = 1;
 }
@@ -30,7 +31,6 @@ static void answer(struct vs_guard *g, int result, int sensed)
 {
     if (!g->answer)
         return;
-    memset(&g->reply, 0, sizeof g->reply);
     g->reply.number = g->request.number;
     g->reply.kind = (uint8_t)g->request.kind;
     g->reply.result = result;

@@ -119,6 +119,6 @@ int vs_guard_link_stop_base(struct vs_guard_link *link)
     int err = VS_ERR_BUSY;
 
     while (err == VS_ERR_BUSY && vs_posix_now_ns() < until_ns)
-        err = link->base->ops->recover(link->base);
+        err = vs_base_recover(link->base);
     return err;
 }

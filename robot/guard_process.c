@@ -5,6 +5,7 @@
 #include <poll.h>
 #include <sys/socket.h>
 
+#include "report.h"
 #include "../c_src/vs_posix.h"
 
 #define RETRY_NS 15000000u /* [ns] between two tries on a device that fails at once */
@@ -14,22 +15,43 @@ struct process {
     struct vs_base *base;
     int socket;
     int signals_fd;
-    int result; /* newest result of the base */
+    int result;       /* newest result of the base */
+    const char *told; /* of the base's news */
 };
+
+/* A base that fails in the same way again is no news. */
+static void pass_on(struct process *p)
+{
+    if (p->base->news != NULL && p->base->news != p->told) {
+        vs_report("base: %s", p->base->news);
+        p->told = p->base->news;
+    }
+    p->base->news = NULL;
+}
 
 static void perform(struct process *p, enum vs_guard_action action)
 {
     struct vs_guard *g = &p->guard;
 
     if (action == VS_GUARD_EXCHANGE)
-        p->result = p->base->ops->exchange(p->base, &g->command, &g->reading);
+        p->result = vs_base_exchange(p->base, &g->command, &g->reading);
     else if (action == VS_GUARD_RECOVER)
-        p->result = p->base->ops->recover(p->base);
+        p->result = vs_base_recover(p->base);
     else if (action == VS_GUARD_HAND_BACK)
         p->result = p->base->ops->close(p->base);
     else
         return;
     vs_guard_done(g, p->result, vs_posix_now_ns());
+    pass_on(p);
+}
+
+/* Nothing is asked for. Returns until when to wait. */
+static uint64_t rest(struct process *p)
+{
+    int more = vs_base_rest(p->base, &p->guard.command);
+
+    pass_on(p);
+    return more ? 0 : vs_guard_deadline_ns(&p->guard);
 }
 
 static void tell(struct process *p)
@@ -77,7 +99,7 @@ int vs_guard_process(int socket, int signals_fd, struct vs_base *base, int found
         perform(&p, action);
         tell(&p);
         if (action == VS_GUARD_WAIT)
-            wait_ns = vs_guard_deadline_ns(&p.guard);
+            wait_ns = rest(&p);
         else if (p.result == VS_ERR_IO)
             wait_ns = vs_posix_now_ns() + RETRY_NS;
         hear(&p, wait_ns);

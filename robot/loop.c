@@ -45,7 +45,7 @@ static void look_at_wish(struct vs_loop *loop)
         loop->telemetry_due = 1;
     }
     if (!running && (!loop->session->open || loop->session->wanted != VS_PAUSE))
-        loop->robot.command.leds = 0;
+        vs_robot_rest(&loop->robot);
 }
 
 /* Datagrams that waited while this process slept are newer, but not fresh. */
@@ -76,7 +76,7 @@ static void look_at_state(struct vs_loop *loop, const struct vs_instant *now)
     }
 }
 
-static int same_offer(const struct vs_loop *loop)
+static uint8_t same_offer(const struct vs_loop *loop)
 {
     const struct vs_session *s = loop->session;
 
@@ -89,7 +89,7 @@ static int is_same_run(const struct vs_loop *loop)
 {
     const struct vs_session *s = loop->session;
 
-    return loop->begun && same_offer(loop) && loop->seed == s->seed &&
+    return loop->begun && loop->same_offer && loop->seed == s->seed &&
            (s->received_ns == 0 || loop->run == s->run);
 }
 
@@ -106,6 +106,7 @@ void vs_loop_event(struct vs_loop *loop, enum vs_event event, const struct vs_in
         vs_safety_init(&loop->safety);
         loop->seen_fresh_ns = 0;
         loop->telemetry_due = 1;
+        loop->same_offer = same_offer(loop);
     }
     if (event == VS_EV_GOODBYE)
         loop->begun = 0;
@@ -121,7 +122,7 @@ static void begin_run(struct vs_loop *loop)
 
     if (is_same_run(loop))
         return;
-    loop->talk_due = (uint8_t)!same_offer(loop);
+    loop->talk_due = (uint8_t)!loop->same_offer;
     vs_robot_begin(&loop->robot, s);
     memset(loop->state, 0, loop->controller->state_size);
     loop->controller->init(loop->state, &loop->robot);
@@ -130,6 +131,7 @@ static void begin_run(struct vs_loop *loop)
     loop->table_hash = s->table.hash;
     loop->seed = s->seed;
     memcpy(loop->params, s->params, sizeof loop->params);
+    loop->same_offer = 1;
 }
 
 static void run_controller(struct vs_loop *loop, const struct vs_instant *now)
@@ -141,6 +143,7 @@ static void run_controller(struct vs_loop *loop, const struct vs_instant *now)
     loop->timestep_new = 0;
     loop->robot.session_ns = now->session_ns;
     loop->robot.now_ns = now->base_ns;
+    vs_robot_begin_step(&loop->robot);
     loop->controller->step(loop->state, &loop->robot);
     loop->command = loop->robot.command;
     vs_safety_limit(&loop->command, may_move(loop, now->base_ns));
@@ -287,7 +290,8 @@ int vs_loop_telemetry(struct vs_loop *loop, const struct vs_instant *now,
         return 0;
     loop->telemetry_due = 0;
     loop->telemetry_ns = now->base_ns;
-    memset(t, 0, sizeof *t);
+    /* Not the whole payload, of which few tables use more than some bytes. */
+    memset(t, 0, offsetof(struct vs_telemetry, payload));
     t->state = actual_state(loop);
     t->stop_cause = (uint8_t)vs_loop_cause(loop, now);
     t->battery_low = loop->robot.base.battery_low;
@@ -296,7 +300,7 @@ int vs_loop_telemetry(struct vs_loop *loop, const struct vs_instant *now,
     t->left_steps_s = loop->applied.left_steps_s;
     t->right_steps_s = loop->applied.right_steps_s;
     t->leds = loop->applied.leds;
-    memcpy(t->payload, loop->robot.actuators, sizeof t->payload);
+    memcpy(t->payload, loop->robot.actuators, loop->session->table.actuator_bytes);
     return 1;
 }
 

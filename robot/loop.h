@@ -68,6 +68,7 @@ struct vs_loop {
     uint8_t talk_due;     /* the controller began with another table or other params */
     uint32_t completed;   /* control steps whose command reached the base */
     uint32_t run;         /* what init was called for */
+    uint8_t same_offer;   /* the session has table and params of the controller's begin */
     uint32_t table_hash;
     uint32_t seed;
     char params[VS_PARAMS_MAX + 1];
@@ -104,8 +105,8 @@ void vs_loop_end(struct vs_loop *loop);
 /* Why the wheels are held, or VS_CAUSE_NONE. */
 enum vs_stop_cause vs_loop_cause(const struct vs_loop *loop, const struct vs_instant *now);
 
-/* 1 if telemetry is due; t is then filled but for guard_restarts, base_errors and
- * what the session fills in. */
+/* 1 if telemetry is due; t is then filled but for guard_restarts, base_errors, what the
+ * session fills in, and what of payload the table does not use. */
 int vs_loop_telemetry(struct vs_loop *loop, const struct vs_instant *now,
                       struct vs_telemetry *t);
 

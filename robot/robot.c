@@ -2,20 +2,18 @@
 #include "robot.h"
 
 #include <limits.h>
-#include <stdlib.h>
 #include <string.h>
+
+#include "number.h"
 
 #define F4_MAX 3.4028234663852886e38 /* the largest finite single */
 
 /* Handles: 0.. an entry of the host's table, OWN.. the robot's own, NONE nobody's, FUSED..
  * both: FUSED + (own - OWN) * VS_TABLE_MAX + entry. */
-enum { NONE = -1, OWN = 1000, OWN_PROXIMITY = OWN, OWN_LIGHT, OWN_BATTERY, OWN_END, FUSED = 2000 };
+enum { NONE = -1, OWN = 1000, OWN_MESSAGE = 1900, FUSED = 2000 };
 
-#define RING 8 /* proximity sensors around the body; each sees light, too */
 #define OWN_OF(fused) (OWN + ((fused) - FUSED) / VS_TABLE_MAX)
 #define ENTRY_OF(fused) (((fused) - FUSED) % VS_TABLE_MAX)
-
-static const char *const own_names[] = {"proximity", "light", "battery_low"};
 
 const double vs_robot_sensor_angle_rad[8] = {-0.3002, -0.8011, -1.5708, -2.6442,
                                              2.6442,  1.5708,  0.7994,  0.3002};
@@ -39,12 +37,27 @@ void vs_robot_begin(struct vs_robot *robot, const struct vs_session *session)
     memset(robot->actuators, 0, sizeof robot->actuators);
     robot->random = (uint64_t)session->seed << 16 | session->config.tag;
     robot->bound = 0;
+    robot->heard_until = robot->base.boards.heard_count;
     memset(robot->asked, 0, sizeof robot->asked);
+}
+
+void vs_robot_begin_step(struct vs_robot *robot)
+{
+    uint32_t count = robot->base.boards.heard_count;
+
+    robot->heard_from = robot->heard_until <= count ? robot->heard_until : 0; /* a new guard's */
+    robot->heard_until = count;
+}
+
+void vs_robot_rest(struct vs_robot *robot)
+{
+    robot->command.leds = 0;
+    robot->command.message.length = 0;
 }
 
 int vs_robot_is_stale(const struct vs_session *session, uint64_t age_ns)
 {
-    return age_ns > session->timestep_ns / 10 * VS_STALE_TENTHS;
+    return age_ns > UINT64_MAX / 10 || 10 * age_ns > session->timestep_ns * VS_STALE_TENTHS;
 }
 
 static void complain(struct vs_robot *robot, const char *what, const char *name)
@@ -79,14 +92,13 @@ static int bind_fused(struct vs_robot *robot, const char *name)
 int vs_robot_sensor(struct vs_robot *robot, const char *name)
 {
     int index = bind(robot, name, VS_SENSOR);
-    int own;
+    int own = vs_base_sensor(name);
 
     if (index != NONE)
         return index;
     index = bind_fused(robot, name);
-    for (own = OWN; own < OWN_END; own++)
-        if (strcmp(name, own_names[own - OWN]) == 0)
-            return index == NONE ? own : FUSED + (own - OWN) * VS_TABLE_MAX + index;
+    if (own >= 0 && (robot->base_ns == 0 || vs_base_has(&robot->base, own)))
+        return index == NONE ? OWN + own : FUSED + own * VS_TABLE_MAX + index;
     if (index == NONE)
         complain(robot, "nobody offers the sensor", name);
     return index; /* nothing here to fuse it with */
@@ -96,9 +108,12 @@ int vs_robot_actuator(struct vs_robot *robot, const char *name)
 {
     int index = bind(robot, name, VS_ACTUATOR);
 
-    if (index == NONE)
-        complain(robot, "nobody offers the virtual actuator", name);
-    return index;
+    if (index != NONE)
+        return index;
+    if (strcmp(name, "message") == 0 && vs_base_has(&robot->base, VS_BASE_RAB))
+        return OWN_MESSAGE;
+    complain(robot, "nobody offers the virtual actuator", name);
+    return NONE;
 }
 
 /* Number index of a payload; the table's layout says what lies there. */
@@ -138,21 +153,9 @@ static int virtual_values(const struct vs_robot *robot, int sensor, double *valu
 
 static int own_values(const struct vs_robot *robot, int sensor, double *values, int max)
 {
-    const int16_t *ring = sensor == OWN_LIGHT ? robot->base.light : robot->base.prox;
-    int i;
-
     if (robot->base_ns == 0)
         return 0;
-    if (sensor == OWN_BATTERY) {
-        if (robot->base.battery_low == VS_BATTERY_UNKNOWN)
-            return 0;
-        if (max > 0)
-            values[0] = robot->base.battery_low;
-        return 1;
-    }
-    for (i = 0; i < RING && i < max; i++)
-        values[i] = ring[i];
-    return RING;
+    return vs_base_values(&robot->base, sensor - OWN, robot->heard_from, values, max);
 }
 
 static uint64_t virtual_age_ns(const struct vs_robot *robot, int sensor)
@@ -167,7 +170,7 @@ static uint64_t virtual_age_ns(const struct vs_robot *robot, int sensor)
 /* A virtual part that is stale would hold a robot before a door that has opened. */
 static int fused_values(const struct vs_robot *robot, int sensor, double *values, int max)
 {
-    double more[RING];
+    double more[VS_BASE_NUMBERS_MAX];
     int count = own_values(robot, OWN_OF(sensor), values, max);
     int both;
     int i;
@@ -212,6 +215,17 @@ static double clip(double value, double low, double high)
     return value >= low ? value : low;
 }
 
+/* What the robot's own board says to the others. */
+static void actuate_message(struct vs_board_message *message, int index, double value)
+{
+    uint8_t byte = (uint8_t)(value == value ? clip(value, 0.0, 255.0) : 0.0);
+
+    if (index == 0)
+        message->length = byte < sizeof message->data ? byte : sizeof message->data;
+    else if (index > 0 && (size_t)index <= sizeof message->data)
+        message->data[index - 1] = byte;
+}
+
 void vs_robot_actuate(struct vs_robot *robot, int actuator, int index, double value)
 {
     const struct vs_entry *entry;
@@ -221,6 +235,8 @@ void vs_robot_actuate(struct vs_robot *robot, int actuator, int index, double va
     uint8_t *at;
     uint32_t raw;
 
+    if (actuator == OWN_MESSAGE)
+        actuate_message(&robot->command.message, index, value);
     if (actuator < 0 || (uint32_t)actuator >= robot->session->table.count)
         return;
     entry = &robot->session->table.entries[actuator];
@@ -262,7 +278,7 @@ double vs_robot_param(struct vs_robot *robot, const char *name, double fallback)
 {
     const char *line = find_param(robot->session->params, name);
     const char *text;
-    char *end;
+    size_t len;
     double value;
     size_t at;
 
@@ -271,8 +287,9 @@ double vs_robot_param(struct vs_robot *robot, const char *name, double fallback)
     at = (size_t)(line - robot->session->params);
     robot->asked[at / 8] |= (uint8_t)(1u << at % 8);
     text = line + strlen(name) + 1;
-    value = strtod(text, &end);
-    if (end != text && (*end == '\n' || *end == '\0') && value - value == 0.0)
+    text += strspn(text, " \t");
+    len = vs_number_read(text, &value);
+    if (len > 0 && (text[len] == '\n' || text[len] == '\0'))
         return value;
     complain(robot, "expected a number as parameter", name);
     return fallback;

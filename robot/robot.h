@@ -6,7 +6,7 @@
 #ifndef VS_ROBOT_H
 #define VS_ROBOT_H
 
-#include "base.h"
+#include "base_sensors.h"
 #include "controller.h"
 #include "../c_src/vs_session.h"
 
@@ -21,6 +21,8 @@ struct vs_robot {
     struct vs_base_command command;
     uint8_t actuators[VS_ACTUATOR_BYTES]; /* virtual ones, as TELEMETRY carries them */
     uint64_t random;
+    uint32_t heard_from;    /* messages of the board before this one are old */
+    uint32_t heard_until;   /* those that this control step sees */
     uint32_t bound;         /* bit n: entry n of the table is bound */
     uint8_t asked[VS_PARAMS_MAX / 8]; /* bit n: the parameter at params[n] was asked for */
     /* told, unless NULL, what init asked for in vain: what, and its name */
@@ -31,6 +33,12 @@ struct vs_robot {
 /* Makes the robot ready for a controller's init: nothing bound, nothing set, the
  * random generator seeded. */
 void vs_robot_begin(struct vs_robot *robot, const struct vs_session *session);
+
+/* A control step begins: what the base's boards heard since the one before is new. */
+void vs_robot_begin_step(struct vs_robot *robot);
+
+/* Outside a run: LEDs off, nothing to say. */
+void vs_robot_rest(struct vs_robot *robot);
 
 /* The first parameter "name=value" behind after (NULL: of all) that no controller asked
  * for, NULL if there is none. */

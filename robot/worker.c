@@ -292,10 +292,9 @@ static int open_files(struct vs_worker *w)
         vs_report("cannot make a pipe: %s", strerror(errno));
         return 1;
     }
-    w->base.ops = o->base;
-    err = o->base->open(&w->base, o->device);
+    err = vs_base_open(&w->base, &o->base);
     if (err != VS_OK)
-        vs_report("cannot open the base %s: %s", o->device,
+        vs_report("cannot open the base %s: %s", w->base.news,
                   err == VS_ERR_IO ? strerror(errno) : vs_strerror(err));
     return err == VS_OK ? 0 : 1;
 }
@@ -326,7 +325,7 @@ int vs_worker_run(struct vs_worker *w, const struct vs_options *options)
         return status;
     if (start_guard(w, 0) != 0)
         return w->status;
-    vs_report("up: controller '%s', base %s, host %s:%u", vs_controller.name, options->device,
+    vs_report("up: controller '%s', base %s, host %s:%u", vs_controller.name, options->base.device,
               options->host, (unsigned int)options->port);
     w->round_ns = vs_posix_now_ns();
     while (!w->ended) {

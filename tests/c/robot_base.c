@@ -18,27 +18,27 @@ static uint64_t recover(struct world *w)
         steps++;
         CHECK(steps < 500);
     }
-    CHECK(w->fw.outputs.left_steps_s == 0);
-    CHECK(w->fw.outputs.right_steps_s == 0);
+    CHECK(w->fw.body.outputs.left_steps_s == 0);
+    CHECK(w->fw.body.outputs.right_steps_s == 0);
     CHECK(w->fw.state == FW_ARGOS_FRAME && w->fw.got == 0);
-    CHECK(w->leds_lost || w->fw.outputs.leds == 0);
+    CHECK(w->leds_lost || w->fw.body.outputs.leds == 0);
     return w->now_ns - began_ns;
 }
 
 /* A command must arrive as it is. */
 static void prove_aligned(struct world *w)
 {
-    struct vs_base_command command = {300, -200, 0x105};
+    struct vs_base_command command = {300, -200, 0x105, {0, {0}}};
     struct vs_base_reading reading;
 
     w->allowed[0] = command.left_steps_s;
     w->allowed[1] = command.right_steps_s;
-    w->fw.inputs.prox[3] = 1234;
-    w->fw.inputs.light[5] = 96;
-    w->fw.inputs.battery_low = 1;
+    w->fw.body.inputs.prox[3] = 1234;
+    w->fw.body.inputs.light[5] = 96;
+    w->fw.body.inputs.battery_mv = 3000;
     CHECK(w->base.ops->exchange(&w->base, &command, &reading) == VS_OK);
-    CHECK(w->fw.outputs.left_steps_s == 300 && w->fw.outputs.right_steps_s == -200);
-    CHECK(w->leds_lost || w->fw.outputs.leds == 0x105);
+    CHECK(w->fw.body.outputs.left_steps_s == 300 && w->fw.body.outputs.right_steps_s == -200);
+    CHECK(w->leds_lost || w->fw.body.outputs.leds == 0x105);
     CHECK(reading.prox[3] == 1234 && reading.light[5] == 4000 && reading.battery_low == 1);
 }
 
@@ -64,7 +64,7 @@ static void test_every_clean_state(void)
             watch(&w);
             took_ns = recover(&w);
             CHECK(took_ns < 240 * MS);
-            CHECK(w.fw.overlapped == 0);
+            CHECK(w.fw.uart.overlapped == 0);
             prove_aligned(&w);
         }
     }
@@ -136,7 +136,7 @@ static void test_amid_garbage(uint32_t seed)
  * no speed that was not commanded ever does. */
 static void test_stalls(uint32_t seed)
 {
-    struct vs_base_command command = {0, 0, 0};
+    struct vs_base_command command = {0, 0, 0, {0, {0}}};
     struct vs_base_reading reading;
     struct world w;
     int lost = 1;
@@ -165,6 +165,84 @@ static void test_stalls(uint32_t seed)
     prove_aligned(&w);
 }
 
+/* Bytes too many on the line shift every frame that follows, and nothing shows it: what
+ * the wheels do then is nobody's wish, but a stop must stop them, however they are shifted. */
+static void test_shifted_stop(uint32_t seed)
+{
+    struct vs_base_command command = {500, -400, 0x3FF, {0, {0}}};
+    static const struct vs_base_command off;
+    struct vs_base_reading reading;
+    uint8_t noise[EPUCK_ARGOS_ACTUATOR_LEN];
+    struct world w;
+    int calls = 0;
+    size_t i;
+    int err;
+
+    begin(&w, seed);
+    recover(&w);
+    CHECK(vs_base_exchange(&w.base, &command, &reading) == VS_OK);
+    for (i = 0; i < sizeof noise; i++)
+        noise[i] = (uint8_t)draw(&w.random, 256);
+    feed(&w, noise, draw(&w.random, sizeof noise));
+    pass(&w, 5 * MS);
+    for (i = draw(&w.random, 3); i > 0; i--) {
+        command.left_steps_s = (int16_t)(draw(&w.random, 2000) - 1000);
+        if (vs_base_exchange(&w.base, &command, &reading) != VS_OK)
+            return; /* noise that shows is no case for a stop */
+    }
+    while ((err = vs_base_exchange(&w.base, &off, &reading)) == VS_ERR_LATE)
+        CHECK(++calls < 20);
+    if (err != VS_OK)
+        recover(&w);
+    CHECK(w.fw.body.outputs.left_steps_s == 0 && w.fw.body.outputs.right_steps_s == 0);
+}
+
+/* While it drives, such a shift is found within a few exchanges, and mended. */
+static void test_shift_is_found(uint32_t seed)
+{
+    struct vs_base_command command = {500, -400, 0x3FF, {0, {0}}};
+    struct vs_base_reading reading;
+    uint8_t noise[EPUCK_ARGOS_ACTUATOR_LEN];
+    struct world w;
+    int calls = 0;
+    int err;
+    size_t i;
+
+    begin(&w, seed);
+    recover(&w);
+    CHECK(vs_base_exchange(&w.base, &command, &reading) == VS_OK);
+    for (i = 0; i < sizeof noise; i++)
+        noise[i] = (uint8_t)draw(&w.random, 256);
+    feed(&w, noise, 1 + draw(&w.random, sizeof noise - 1));
+    pass(&w, 5 * MS);
+    do {
+        err = vs_base_exchange(&w.base, &command, &reading);
+        pass(&w, 40 * MS);
+        CHECK(++calls < 12);
+    } while (err == VS_OK || err == VS_ERR_LATE || err == VS_ERR_BUSY);
+    recover(&w);
+    prove_aligned(&w);
+}
+
+/* A burst that lost bytes, or is that of a shifted stream, is no reading; but for shifts
+ * that put whole light values where proximity is expected. */
+static void test_shifted_bursts(void)
+{
+    struct epuck_argos_sensors sensors = {{12, 1, 300, 4096, 77, 5, 256, 900},
+                                          {3900, 3000, 2048, 1, 4096, 10, 512, 3333},
+                                          0};
+    uint8_t stream[3 * EPUCK_ARGOS_SENSOR_LEN];
+    struct epuck_argos_sensors read;
+    size_t shift;
+
+    for (shift = 0; shift < 3; shift++)
+        epuck_argos_put_sensors(&sensors, stream + shift * EPUCK_ARGOS_SENSOR_LEN);
+    CHECK(epuck_argos_get_sensors(stream, &read) == 0);
+    for (shift = 1; shift < EPUCK_ARGOS_SENSOR_LEN; shift++)
+        CHECK(epuck_argos_get_sensors(stream + shift, &read) == -1 ||
+              (shift >= 30 && shift <= 42 && shift % 2 == 0));
+}
+
 /* Clean end, then the next daemon: no LED is left inverted. */
 static void test_hand_back(void)
 {
@@ -176,18 +254,18 @@ static void test_hand_back(void)
     CHECK(w.base.ops->close(&w.base) == VS_OK);
     pass(&w, 20 * MS);
     CHECK(w.fw.state == FW_ARGOS_WAKE);
-    CHECK(w.fw.outputs.left_steps_s == 0 && w.fw.outputs.right_steps_s == 0);
-    CHECK(w.fw.outputs.leds == 0);
+    CHECK(w.fw.body.outputs.left_steps_s == 0 && w.fw.body.outputs.right_steps_s == 0);
+    CHECK(w.fw.body.outputs.leds == 0);
     watch(&w);
     recover(&w);
     prove_aligned(&w);
-    CHECK(w.fw.overlapped == 0);
+    CHECK(w.fw.uart.overlapped == 0);
 }
 
 /* A microcontroller that is switched off: every call ends, and says so. */
 static void test_silence(void)
 {
-    struct vs_base_command off = {0, 0, 0};
+    static const struct vs_base_command off;
     struct vs_base_reading reading;
     struct world w;
     uint64_t began_ns;
@@ -216,10 +294,13 @@ int main(int argc, char *argv[])
     test_every_clean_state();
     test_hand_back();
     test_silence();
+    test_shifted_bursts();
     for (seed = 1; seed <= worlds; seed++) {
         test_after_garbage(seed);
         test_amid_garbage(seed);
         test_stalls(seed);
+        test_shifted_stop(seed);
+        test_shift_is_found(seed);
     }
     return 0;
 }

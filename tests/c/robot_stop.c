@@ -26,7 +26,7 @@ static uint64_t longest_ns;
 
 static int wheels_turn(const struct world *w)
 {
-    return w->fw.outputs.left_steps_s != 0 || w->fw.outputs.right_steps_s != 0;
+    return w->fw.body.outputs.left_steps_s != 0 || w->fw.body.outputs.right_steps_s != 0;
 }
 
 static void perform(struct life *l, enum vs_guard_action action)
@@ -35,9 +35,9 @@ static void perform(struct life *l, enum vs_guard_action action)
     int result = VS_OK;
 
     if (action == VS_GUARD_EXCHANGE)
-        result = base->ops->exchange(base, &l->guard.command, &l->guard.reading);
+        result = vs_base_exchange(base, &l->guard.command, &l->guard.reading);
     else if (action == VS_GUARD_RECOVER)
-        result = base->ops->recover(base);
+        result = vs_base_recover(base);
     else
         result = base->ops->close(base);
     vs_guard_done(&l->guard, result, l->world.now_ns);
@@ -75,7 +75,7 @@ static int live_until(struct life *l, uint64_t until_ns)
 
 static void ask(struct life *l, enum vs_guard_kind kind, int16_t speed)
 {
-    struct vs_guard_request request = {(uint32_t)kind, 1, {speed, (int16_t)-speed, 0},
+    struct vs_guard_request request = {(uint32_t)kind, 1, {speed, (int16_t)-speed, 0, {0, {0}}},
                                        l->world.now_ns + EXPIRY_NS};
 
     if (vs_guard_listens(&l->guard))

@@ -6,12 +6,14 @@
 
 #include <string.h>
 
-#include "base.h"
+#include "base_config.h"
 #include "epuck_argos.h"
 #include "fw_argos.h"
 #include "robot_check.h"
 
 #define MS 1000000u
+
+extern const struct vs_base_ops vs_base_argos;
 
 struct world {
     struct fw_argos fw;
@@ -61,8 +63,8 @@ static inline void on_frame(struct world *w)
 
     w->watched++;
     if (w->watched == 1) {
-        w->first_left = w->fw.outputs.left_steps_s;
-        w->first_right = w->fw.outputs.right_steps_s;
+        w->first_left = w->fw.body.outputs.left_steps_s;
+        w->first_right = w->fw.body.outputs.right_steps_s;
     } else if (w->watching) {
         CHECK(frame->left_steps_s == 0 || frame->left_steps_s == w->allowed[0]);
         CHECK(frame->right_steps_s == 0 || frame->right_steps_s == w->allowed[1]);
@@ -128,6 +130,7 @@ static inline void begin(struct world *w, uint32_t seed)
     w->random = seed * 2654435761u + 1u;
     w->now_ns = 1000 * MS;
     w->base.ops = &vs_base_argos;
+    w->base.body = &vs_body_epuck;
     w->base.io.context = w;
     w->base.io.now_ns = io_now;
     w->base.io.read = io_read;

@@ -52,7 +52,7 @@ class Pic:
 
     @property
     def outputs(self) -> tuple[int, int, int]:
-        out = self.fw.outputs
+        out = self.fw.body.outputs
         return out.left_steps_s, out.right_steps_s, out.leds
 
 
@@ -74,9 +74,9 @@ def test_power_on_waits_for_wake_up_and_configuration() -> None:
 
 
 def test_frame_is_applied_then_answered(pic: Pic) -> None:
-    pic.fw.inputs.prox = list(range(100, 108))
-    pic.fw.inputs.light = list(range(3000, 3008))
-    pic.fw.inputs.battery_low = 1
+    pic.fw.body.inputs.prox = list(range(100, 108))
+    pic.fw.body.inputs.light = list(range(3000, 3008))
+    pic.fw.body.inputs.battery_mv = 3399
     burst = pic.exchange(frame(500, -500, 0x81, 0x03))
     assert pic.outputs == (500, -500, 0x81 | lib.EPUCK_ARGOS_LED_BODY | lib.EPUCK_ARGOS_LED_FRONT)
     assert struct.unpack_from("<8h", burst, 8) == tuple(range(100, 108))
@@ -93,18 +93,10 @@ def test_bit_0_is_the_front_led_and_bit_1_the_body(pic: Pic) -> None:
     assert pic.outputs[2] == lib.EPUCK_ARGOS_LED_BODY
 
 
-def test_inputs_are_sampled_when_the_frame_is_composed(pic: Pic) -> None:
-    times = []
-
-    @ffi.callback("void(void *, uint64_t, struct epuck_argos_sensors *)")
-    def sample(context: Any, time_us: int, sensors: Any) -> None:
-        times.append(time_us)
-        sensors.prox[0] = 321
-
-    pic.fw.sample = sample
-    burst = pic.exchange(frame())
-    assert struct.unpack_from("<h", burst, 8) == (321,)
-    assert times == [pic.fw.applied_us]
+def test_battery_is_low_below_3400_mv(pic: Pic) -> None:
+    for battery_mv, low in ((3400, 0), (3399, 1)):
+        pic.fw.body.inputs.battery_mv = battery_mv
+        assert struct.unpack_from("<H", pic.exchange(frame()), 24) == (low,)
 
 
 @given(st.integers(-(2**15), 2**15 - 1), st.integers(-(2**15), 2**15 - 1))
@@ -139,7 +131,7 @@ def test_both_directions_keep_the_lines_pace(pic: Pic) -> None:
     last_in_us = start_us + 12 * BYTE_NS // 1000
     assert pic.live(last_in_us - start_us) == b"" and pic.fw.frames == 0
     assert len(pic.live(1)) == 0 and pic.fw.frames == 1
-    assert pic.fw.applied_us == last_in_us
+    assert pic.fw.body.applied_us == last_in_us
     got = b""
     for count in range(1, BURST + 1):
         due_us = (12 * BYTE_NS + count * BYTE_NS) // 1000 + start_us + 1
@@ -160,13 +152,13 @@ def test_bytes_during_the_answer_wait_in_the_ring(pic: Pic) -> None:
     pic.say(frame(10, 10) + frame(20, 20))
     assert len(pic.live(7350)) == BURST
     assert pic.outputs[:2] == (20, 20)
-    assert pic.fw.overlapped == 12
+    assert pic.fw.uart.overlapped == 12
 
 
 def test_ring_without_overflow_test_loses_everything(pic: Pic) -> None:
     pic.say(frame(10, 10) + bytes(64))
     assert len(pic.live(100_000)) == BURST
-    assert (pic.fw.overlapped, pic.fw.overflowed, pic.fw.got) == (64, 64, 0)
+    assert (pic.fw.uart.overlapped, pic.fw.uart.overflowed, pic.fw.got) == (64, 64, 0)
 
 
 def test_answers_that_nobody_takes_are_counted(pic: Pic) -> None:
@@ -176,7 +168,7 @@ def test_answers_that_nobody_takes_are_counted(pic: Pic) -> None:
         pic.now_us += 20_000
         while lib.fw_argos_advance(pic.fw, pic.now_us):
             pass
-    assert pic.fw.unsent == 4 * BURST - lib.FW_LINE_CAPACITY
+    assert pic.fw.uart.unsent == 4 * BURST - lib.FW_LINE_CAPACITY
 
 
 def test_ircom_word_delays_the_answer(pic: Pic) -> None:
@@ -209,8 +201,11 @@ def test_any_bytes_in_any_pieces_at_any_pace_give_the_same_frames(
             parts += busy.live((end_us - busy.now_us) // (looked - look))
         assert parts == got
     assert lazy.live(500_000) == busy.live(500_000)
-    for name in ("frames", "applied_us", "overlapped", "overflowed", "got", "state"):
+    for name in ("frames", "got", "state"):
         assert getattr(lazy.fw, name) == getattr(busy.fw, name)
+    for name in ("overlapped", "overflowed"):
+        assert getattr(lazy.fw.uart, name) == getattr(busy.fw.uart, name)
+    assert lazy.fw.body.applied_us == busy.fw.body.applied_us
     assert lazy.outputs == busy.outputs
 
 
@@ -224,8 +219,15 @@ def test_actuator_frame_read_and_written_is_the_same(data: bytes) -> None:
     assert bytes(out) == bytes(a & b for a, b in zip(data, known))
 
 
-@given(st.lists(st.integers(-4096, 4096), min_size=16, max_size=16), st.integers(0, 1))
-def test_sensor_frame_written_and_read_is_the_same(values: list[int], battery: int) -> None:
+@given(
+    st.lists(st.integers(-4096, 4096), min_size=8, max_size=8),
+    st.lists(st.integers(0, 4096), min_size=8, max_size=8),
+    st.integers(0, 1),
+)
+def test_sensor_frame_written_and_read_is_the_same(
+    prox: list[int], light: list[int], battery: int
+) -> None:
+    values = prox + light
     sensors = ffi.new("struct epuck_argos_sensors *", {"prox": values[:8], "light": values[8:]})
     sensors.battery_low = battery
     data = ffi.new("uint8_t[72]")
@@ -248,7 +250,7 @@ def test_torn_words_in_a_sensor_frame_are_noticed(shift: int) -> None:
 def test_firmware_compiles_freestanding_and_needs_nothing(tmp_path: Path) -> None:
     cc = require_tool("cc", "build-essential")
     target = tmp_path / "firmware.o"
-    sources = [*(ROOT / "firmware_bridge").glob("*.c"), ROOT / "c_src" / "epuck_argos.c"]
+    sources = [*(ROOT / "firmware_bridge").glob("*.c"), *(ROOT / "c_src").glob("epuck_*.c")]
     command = [cc, "-std=c99", "-ffreestanding", "-nostdlib", "-r", "-Os", "-fno-stack-protector"]
     command += ["-pedantic", "-Wall", "-Wextra", "-Wshadow", "-Wconversion", "-Werror"]
     command += ["-I", str(ROOT / "c_src"), "-o", str(target), *map(str, sources)]
@@ -259,3 +261,40 @@ def test_firmware_compiles_freestanding_and_needs_nothing(tmp_path: Path) -> Non
     kinds = {line.split()[-1]: line.split()[-2] for line in lines}
     assert {n for n, k in kinds.items() if k == "U"} <= {"memset", "memcpy"}
     assert {n for n, k in kinds.items() if k in "dDbBC"} == set()
+
+
+@pytest.mark.parametrize(("fault", "got"), [("lose", 11), ("flip", 0), ("twice", 1)])
+def test_line_faults_come_once_with_the_byte_they_are_for(pic: Pic, fault: str, got: int) -> None:
+    setattr(pic.fw.uart.rx.faults, fault, 3)
+    pic.exchange(frame(256, 256))
+    assert pic.fw.got == got
+    right = {"lose": 0, "flip": 256 + 0x10, "twice": 0}[fault]
+    assert pic.outputs[1] == right
+
+
+def test_reset_loses_everything_but_the_robot(pic: Pic) -> None:
+    pic.fw.body.inputs.prox[0] = 77
+    pic.exchange(frame(300, 300, ring=3))
+    pic.say(frame(400, 400)[:5])
+    pic.live(1000)
+    lib.fw_argos_reset(pic.fw, pic.now_us)
+    assert pic.outputs == (0, 0, 0) and pic.fw.state == lib.FW_ARGOS_WAKE
+    burst = pic.exchange(bytes(5))
+    assert struct.unpack_from("<h", burst, 8) == (77,)
+    pic.exchange(frame(300, 300, ring=3))
+    assert pic.outputs == (300, 300, 3)
+
+
+def test_watchdog_stops_a_host_that_falls_silent(pic: Pic) -> None:
+    pic.exchange(frame(300, 300))
+    pic.live(10_000_000)
+    assert pic.outputs[:2] == (300, 300), "stock firmware never stops"
+    pic.exchange(frame(0, 0))
+    pic.fw.body.watchdog_us = 500_000
+    pic.exchange(frame(200, 200))
+    pic.live(470_000)
+    assert pic.outputs[:2] == (200, 200)
+    pic.live(50_000)
+    assert pic.outputs[:2] == (0, 0) and pic.fw.body.stops == 1
+    pic.exchange(frame(200, 200))
+    assert pic.outputs[:2] == (200, 200), "the same speed again counts as another one"

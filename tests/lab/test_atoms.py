@@ -43,6 +43,7 @@ def spec_of(directory: Path, truth: str) -> dict[str, Any]:
             {"index": 1, "tag": 31, "x_m": 0.5, "y_m": 0.1, "yaw_rad": 1.0},
             {"index": 0, "tag": 30, "x_m": 0, "y_m": 0, "yaw_rad": 0},
         ],
+        "bases": ["argos", "argos"],
         "objects": [{"tag": 22, "x_m": -0.5, "y_m": 0.2, "yaw_rad": -1.0}],
         "boxes": [{"x_m": 1, "y_m": 0, "yaw_rad": 0, "size_x_m": 0.01, "size_y_m": 2}],
         "cylinders": [{"x_m": -1, "y_m": 0, "radius_m": 0.1}],
@@ -85,7 +86,7 @@ def test_bodies_are_the_robots_by_index_then_the_objects(atoms: Atoms, ring: Sha
     poses, leds = TruthReader(ring.name).at(EPOCH_NS)
     np.testing.assert_array_equal(poses, [[0, 0, 0], [0.5, 0.1, 1.0], [-0.5, 0.2, -1.0]])
     np.testing.assert_array_equal(leds, [0, 0, 0])
-    assert len(set(atoms.controllers.slaves)) == 2
+    assert len(set(atoms.controllers.devices)) == 2
 
 
 @pytest.mark.parametrize("late_ns", [0, 1, TICK_NS - 1])
@@ -102,7 +103,7 @@ def test_ticks_that_are_late_are_caught_up_with(
 def test_an_actuator_frame_moves_the_truth_from_its_time_on(
     atoms: Atoms, ring: SharedBlock, spec: dict[str, Any]
 ) -> None:
-    fd = os.open(atoms.controllers.slaves[0], os.O_RDWR | os.O_NOCTTY)
+    fd = os.open(atoms.controllers.devices[0], os.O_RDWR | os.O_NOCTTY)
     write(atoms, fd, WAKE_AND_CONFIG, EPOCH_NS + 3 * TICK_NS)
     atoms.step([], EPOCH_NS + 5 * TICK_NS)
     write(atoms, fd, forward(500, ring=0b101), EPOCH_NS + 5 * TICK_NS)
@@ -121,7 +122,7 @@ def test_an_actuator_frame_moves_the_truth_from_its_time_on(
 
 
 def test_it_wakes_for_bytes_in_flight_and_else_for_ticks(atoms: Atoms) -> None:
-    fd = os.open(atoms.controllers.slaves[0], os.O_RDWR | os.O_NOCTTY)
+    fd = os.open(atoms.controllers.devices[0], os.O_RDWR | os.O_NOCTTY)
     assert atoms.wake_ns() == EPOCH_NS + TICK_NS
     write(atoms, fd, WAKE_AND_CONFIG, EPOCH_NS + 1000)
     assert atoms.wake_ns() < EPOCH_NS + 1_000_000
@@ -217,7 +218,8 @@ def test_the_process_serves_robots_until_its_input_ends(
     process = start(spec)
     assert process.stdout is not None
     answer = json.loads(process.stdout.readline())
-    fd = os.open(answer["slaves"][1], os.O_RDWR | os.O_NOCTTY)
+    devices = [base.removeprefix("argos:") for base in answer["bases"]]
+    fd = os.open(devices[1], os.O_RDWR | os.O_NOCTTY)
     os.write(fd, WAKE_AND_CONFIG)
     burst(fd)
     process.send_signal(signal.SIGINT)
@@ -234,7 +236,7 @@ def test_the_process_serves_robots_until_its_input_ends(
     assert report["sent_bytes"] == 144
     newest_ns = TruthReader(ring.name).newest_ns()
     assert newest_ns == answer["epoch_ns"] + report["ticks"] * TICK_NS
-    assert not any(os.path.exists(slave) for slave in answer["slaves"])
+    assert not any(os.path.exists(device) for device in devices)
 
 
 @pytest.mark.system

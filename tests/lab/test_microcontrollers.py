@@ -19,8 +19,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from vsense.lab.firmware import LIGHT_RAW
 from vsense.lab.microcontrollers import (
-    LIGHT_RAW,
     Actuation,
     ActuationLog,
     Microcontrollers,
@@ -51,7 +51,7 @@ class Daemon:
         self.open()
 
     def open(self) -> None:
-        self.fd = os.open(self.controllers.slaves[self.robot], os.O_RDWR | os.O_NOCTTY)
+        self.fd = os.open(self.controllers.devices[self.robot], os.O_RDWR | os.O_NOCTTY)
 
     def close(self) -> None:
         os.close(self.fd)
@@ -97,7 +97,7 @@ def _available(fd: int) -> int:
 
 @pytest.fixture
 def controllers() -> Iterator[Microcontrollers]:
-    two = Microcontrollers(2)
+    two = Microcontrollers(["argos"] * 2)
     yield two
     two.close()
 
@@ -187,7 +187,7 @@ def test_reset_leads_back_to_the_wake_up(daemon: Daemon) -> None:
 @given(st.binary(max_size=60))
 def test_from_any_garbage_zeros_lead_to_a_whole_frame(garbage: bytes) -> None:
     """One 0x00 at a time, each with time for the slowest answer, until a burst comes."""
-    controllers = Microcontrollers(1)
+    controllers = Microcontrollers(["argos"])
     daemon = Daemon(controllers)
     if garbage:
         daemon.write(garbage)
@@ -235,7 +235,7 @@ def test_a_terminal_that_nobody_reads_blocks_nobody(daemon: Daemon) -> None:
 def test_more_than_the_line_holds_waits_its_turn(daemon: Daemon) -> None:
     """A flood arrives byte for byte as if it had been written at the line's pace."""
     flood = b"".join(actuators(number, -number) for number in range(26))
-    calm = Microcontrollers(1)
+    calm = Microcontrollers(["argos"])
     reference = Daemon(calm)
     reference.wake()
     for at in range(0, len(flood), 12):
@@ -278,7 +278,7 @@ def test_too_few_terminals_is_one_clear_error(monkeypatch: pytest.MonkeyPatch) -
 
     monkeypatch.setattr(os, "openpty", openpty)
     with pytest.raises(LabError, match="2 of 3, then: No space left"):
-        Microcontrollers(3)
+        Microcontrollers(["argos"] * 3)
 
 
 actuations = st.builds(

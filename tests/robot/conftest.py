@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import pytest
@@ -16,9 +16,21 @@ STRICT = ["-std=c99", "-D_POSIX_C_SOURCE=200809L", "-pedantic", "-Wall", "-Wextr
 STRICT += ["-Wconversion", "-Werror", "-I", str(ROOT / "c_src"), "-I", str(ROOT / "robot")]
 
 
-def build(target: Path, controller: Path, *more: str) -> Path:
-    """Builds `vsensed` with a controller, under the sanitizers."""
-    sources = [*ROOT.glob("c_src/*.c"), *ROOT.glob("robot/*.c"), controller]
+def build(
+    target: Path, controller: Path, *more: str, instead: Mapping[str, Path] | None = None
+) -> Path:
+    """Builds `vsensed` with a controller, under the sanitizers.
+
+    Args:
+        target: the program.
+        controller: its source.
+        more: arguments for the compiler.
+        instead: sources to be taken in place of the shipped ones of these names.
+    """
+    left_out = instead or {}
+    shipped = [*ROOT.glob("c_src/*.c"), *ROOT.glob("robot/*.c")]
+    sources = [path for path in shipped if path.name not in left_out]
+    sources += [*left_out.values(), controller]
     command = [require_tool("cc", "build-essential"), *STRICT, "-DVS_NO_ATOMICS", "-O1", "-g"]
     command += ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
     command += ["-o", str(target), *map(str, sources), "-lm", *more]
@@ -47,8 +59,8 @@ def rigs(program: Path) -> Iterator[Callable[..., Rig]]:
     """Makes rigs whose daemon gets more arguments."""
     made: list[Rig] = []
 
-    def make(*more: str) -> Rig:
-        made.append(Rig(program, *more))
+    def make(*more: str, **changes: str) -> Rig:
+        made.append(Rig(program, *more, **changes))
         return made[-1]
 
     yield make

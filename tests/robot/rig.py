@@ -217,7 +217,10 @@ class Daemon:
     def __init__(self, program: Path, *arguments: str) -> None:
         # In a process group of its own: the kernel ignores Ctrl-Z in one that nobody waits for.
         self.process = subprocess.Popen(
-            [program, *arguments], stderr=subprocess.PIPE, preexec_fn=os.setpgrp
+            [program, *arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            preexec_fn=os.setpgrp,
         )
         assert self.process.stderr is not None
         self.stderr = self.process.stderr.fileno()
@@ -231,6 +234,12 @@ class Daemon:
         task = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children")
         children = task.read_text().split() if task.exists() else []
         return int(children[0]) if children else None
+
+    @property
+    def printed(self) -> str:
+        """What it printed on standard output, once it has ended."""
+        assert self.process.stdout is not None and self.process.poll() is not None
+        return self.process.stdout.read().decode()
 
     def read(self) -> None:
         """Takes what it said."""
@@ -248,8 +257,9 @@ class Daemon:
         self.process.wait()
         if guard is not None and Path(f"/proc/{guard}").exists():
             os.kill(guard, signal.SIGKILL)
-        assert self.process.stderr is not None
-        self.process.stderr.close()
+        for pipe in (self.process.stdout, self.process.stderr):
+            assert pipe is not None
+            pipe.close()
 
 
 class Rig:
@@ -261,11 +271,12 @@ class Rig:
             measured while it was large says nothing.
     """
 
-    def __init__(self, program: Path, *more: str) -> None:
+    def __init__(self, program: Path, *more: str, kind: str = "argos", options: str = "") -> None:
         self._program = program
         self._more = more
+        self._options = options
         self.host = Host()
-        self.base = Microcontrollers(1)
+        self.base = Microcontrollers([kind])
         self.applied: list[Actuation] = []
         self.held_up_ns = 0
         self.plugged = True
@@ -273,8 +284,13 @@ class Rig:
 
     @property
     def device(self) -> str:
-        """The pseudo-terminal that is the robot's serial port."""
-        return self.base.slaves[0]
+        """The pseudo-terminal that is the robot's serial port, or the socket that is its bus."""
+        return self.base.devices[0]
+
+    @property
+    def link(self) -> Any:
+        """The line to the microcontroller, and its C structs."""
+        return self.base.links[0]
 
     @property
     def daemon(self) -> Daemon:
@@ -287,10 +303,18 @@ class Rig:
         last = self.applied[-1] if self.applied else None
         return last is not None and (last.left_steps_s, last.right_steps_s) != (0, 0)
 
+    def words(self, **changes: str) -> list[str]:
+        """A daemon's arguments, with some of them changed."""
+        words = {"host": "127.0.0.1", "port": str(self.host.port), "tag": str(TAG)}
+        words |= {"base": self.base.bases[0] + self._options, **changes}
+        return [word for name, value in words.items() for word in (f"--{name}", value)]
+
     def start(self) -> Daemon:
         """Starts a daemon."""
-        arguments = ["--host", "127.0.0.1", "--port", str(self.host.port), "--tag", str(TAG)]
-        arguments += ["--base", f"argos:{self.device}", *self._more]
+        return self.begin(*self.words(), *self._more)
+
+    def begin(self, *arguments: str) -> Daemon:
+        """Starts a daemon with these arguments alone."""
         self.daemons.append(Daemon(self._program, *arguments))
         return self.daemon
 
@@ -313,7 +337,7 @@ class Rig:
         masters = self.base.readable() if self.plugged else []
         pipes = [d.stderr for d in self.daemons if d.open]
         watched = [*masters, *self.host.descriptors(), *pipes]
-        ready = set(select.select(watched, [], [], 0.001)[0])
+        ready = set(select.select(watched, [], [], self._wait_s(began_ns))[0])
         now_ns = time.monotonic_ns()
         if self.plugged:
             self.base.receive([m for m in masters if m in ready], now_ns)
@@ -323,6 +347,11 @@ class Rig:
             if daemon.open and daemon.stderr in ready:
                 daemon.read()
         self.held_up_ns = max(self.held_up_ns, time.monotonic_ns() - began_ns - MS)
+
+    def _wait_s(self, now_ns: int) -> float:
+        """A millisecond, or less if the base has something to do."""
+        due_ns = self.base.due_ns if self.plugged else None
+        return 0.001 if due_ns is None else min(max(due_ns - now_ns, 0) / 1e9, 0.001)
 
     def run(self) -> None:
         """Has the host want a run, and waits until the wheels turn and the robot says so."""

@@ -145,7 +145,7 @@ def test_worker_killed_and_started_again(rig: Rig) -> None:
     def mend() -> None:
         guard = guards.pop()
         rig.wait_for(lambda: not alive(guard), "the guard's end")
-        assert rig.base._firmware[0].state == lib.FW_ARGOS_FRAME
+        assert rig.base.links[0].program.state.state == lib.FW_ARGOS_FRAME
         start()
 
     guards: list[int | None] = []
@@ -243,7 +243,7 @@ def test_daemon_finds_a_microcontroller_in_mid_frame(rigs: Callable[..., Rig], c
     half = bytes([0x2C, 1, 0x2C, 1, 0, 0, 0xFF, 3, 0, 0, 0])[:count]
     line = os.open(rig.device, os.O_RDWR | os.O_NOCTTY)
     os.write(line, bytes(5) + half)
-    rig.wait_for(lambda: rig.base._firmware[0].got == count, "half a frame")
+    rig.wait_for(lambda: rig.base.links[0].program.state.got == count, "half a frame")
     os.close(line)
     rig.start()
     rig.run()

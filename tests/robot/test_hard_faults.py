@@ -13,6 +13,7 @@ import pytest
 
 from tests.robot.rig import MS, TABLE, Daemon, Rig, S
 from tests.robot.test_faults import alive, told
+from vsense.lab.links import Terminal
 from vsense.link.table import Direction, Entry, Table
 from vsense.link.wire import GoodbyeCause, Wanted
 
@@ -44,19 +45,19 @@ def probes(probe: Path) -> Iterator[Callable[..., Rig]]:
 def lose_a_byte(rig: Rig, at: int, match: Callable[[bytes], bool]) -> list[bytes]:
     """Has the line swallow one byte of the first frame that matches; returns the frames cut."""
     cut: list[bytes] = []
-    receive = rig.base.receive
+    link = rig.base.links[0]
+    assert isinstance(link, Terminal)
 
-    def faulty(masters: list[int], now_ns: int) -> None:
-        for master in masters:
-            data = os.read(master, 256)
-            if len(data) == FRAME and not cut and match(data):
-                cut.append(data)
-                data = data[:at] + data[at + 1 :]
-            rig.base._waiting[rig.base._robots[master]] += data
-            rig.base._busy.add(rig.base._robots[master])
-        receive([], now_ns)
+    def faulty(now_ns: int) -> None:
+        data = os.read(link._master, 256)
+        if len(data) == FRAME and not cut and match(data):
+            cut.append(data)
+            data = data[:at] + data[at + 1 :]
+        link._waiting += data
+        link._offer(now_ns)
+        link._plan(now_ns)
 
-    rig.base.receive = faulty  # type: ignore[method-assign, assignment]
+    link.receive = faulty  # type: ignore[method-assign]
     return cut
 
 

@@ -284,7 +284,7 @@ class Floor:
         self.tags = tags
         self.applied: dict[int, list[Actuation]] = {tag: [] for tag in tags}
         self.held_up_ns = 0
-        self._bases = Microcontrollers(len(tags))
+        self._bases = Microcontrollers(["argos"] * len(tags))
         self._daemon = build.daemon()
         self._daemons: dict[int, Program] = {}
         self._parts: list[Part] = []
@@ -303,7 +303,7 @@ class Floor:
         """Starts a robot's daemon, in place of the one that may run."""
         if tag in self._daemons:
             self.disconnect(tag)
-        device = self._bases.slaves[self.tags.index(tag)]
+        device = self._bases.devices[self.tags.index(tag)]
         words = ["--host", "127.0.0.1", "--port", str(port), "--tag", str(tag)]
         words += ["--uid", f"{tag:032x}", "--base", f"argos:{device}"]
         self._daemons[tag] = Program(str(self._daemon), *words)

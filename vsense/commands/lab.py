@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from vsense.commands import arguments
+from vsense.lab.bases import BASES
 
 HELP = "run an experiment on this machine: rendered cameras, emulated robots, real code"
 
@@ -38,6 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="take only the first N robots of the file",
     )
+    _add_base(parser)
     parser.add_argument(
         "--blind", action="store_true", help="hold the virtual sensors at 0: the control experiment"
     )
@@ -54,6 +56,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--json",
         action="store_true",
         help="print the summary as one JSON object on standard output",
+    )
+
+
+def _add_base(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--base",
+        choices=BASES,
+        default=BASES[0],
+        help="what the emulated robots are based on, as in vsensed --base; mixed: one after the"
+        " other (default: argos)",
     )
 
 

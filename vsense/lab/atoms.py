@@ -3,14 +3,16 @@
 `python -m vsense.lab.atoms` reads one line of JSON from standard input, the spec:
 
     {"robots":  [{"index": 0, "tag": 23, "x_m": 0.1, "y_m": 0.2, "yaw_rad": 0.0}, ...],
+     "bases":   ["argos", ...],
      "objects": [{"tag": 22, "x_m": -0.5, "y_m": 0.0, "yaw_rad": 0.0}, ...],
      "boxes":   [{"x_m": 1.2, "y_m": 0, "yaw_rad": 0, "size_x_m": 0.01, "size_y_m": 2}, ...],
      "cylinders": [{"x_m": 0.5, "y_m": 0.5, "radius_m": 0.1}, ...],
      "truth": "name of the truth ring", "log": "path of the actuation log",
      "directory": "run directory", "seed": 1}
 
-It answers with one line of JSON, `{"slaves": ["/dev/pts/3", ...], "epoch_ns": ...}`: the terminal
-of every robot in the order of the indices, and the time of the first tick. Then it lives in real
+It answers with one line of JSON, `{"bases": ["argos:/dev/pts/3", ...], "epoch_ns": ...}`: what the
+daemon of every robot finds its base at, in the order of the indices, and the time of the first
+tick. Then it lives in real
 time, 10 ms per tick, until standard input ends or on SIGTERM; Ctrl-C is its parent's to handle.
 Bodies in the truth ring are the robots by index, then the objects. At the end it leaves
 `atoms.json` in the run directory: how late ticks were, what went over the serial lines, CPU time.
@@ -33,12 +35,12 @@ import numpy as np
 from vsense.errors import VsenseError
 from vsense.lab.atoms_spec import AtomsSpec
 from vsense.lab.microcontrollers import ActuationLog, Microcontrollers
+from vsense.lab.physics import TICK_NS as TICK_NS
 from vsense.lab.physics import Physics
 from vsense.lab.proximity import ProximityRing
 from vsense.lab.shared import LabError
 from vsense.lab.truth import TruthWriter
 
-TICK_NS = 10_000_000
 FLUSH_TICKS = 100
 """The log reaches the disk at least once per second."""
 
@@ -50,9 +52,9 @@ class Atoms:
         """Puts everything in its place; the first tick is now.
 
         Raises:
-            LabError: no pseudo-terminals, no truth ring, or a log that cannot be written.
+            LabError: no terminals or sockets, no truth ring, or a log that cannot be written.
         """
-        self.controllers = Microcontrollers(len(spec.robots))
+        self.controllers = Microcontrollers(spec.bases)
         self._physics = Physics(spec.robots, spec.objects, spec.boxes, now_ns, spec.cylinders)
         self._rings = ProximityRing(self._physics.near, spec.seed)
         self._leds = np.zeros(len(self._physics.poses), dtype=np.uint16)
@@ -67,11 +69,11 @@ class Atoms:
         due_ns, tick_ns = self.controllers.due_ns, self._tick_ns + TICK_NS
         return tick_ns if due_ns is None else min(due_ns, tick_ns)
 
-    def step(self, masters: list[int], now_ns: int) -> None:
+    def step(self, ready: list[int], now_ns: int) -> None:
         """Lives on to `now_ns`: all ticks that are due, then the bytes that came.
 
         Args:
-            masters: descriptors of `controllers.readable()` that have bytes.
+            ready: descriptors of `controllers.readable()` that have bytes.
             now_ns: the host's monotonic clock, never going back.
         """
         while self._tick_ns + TICK_NS <= now_ns:
@@ -80,8 +82,8 @@ class Atoms:
             self._actuate(self._tick_ns)
             self._physics.tick(self._tick_ns)
             self._publish()
-        if masters:
-            self.controllers.receive(masters, now_ns)
+        if ready:
+            self.controllers.receive(ready, now_ns)
         self._actuate(now_ns)
 
     def report(self) -> dict[str, Any]:
@@ -98,7 +100,7 @@ class Atoms:
         }
 
     def close(self) -> None:
-        """Ends the log and hangs the terminals up."""
+        """Ends the log and hangs everything up."""
         self._log.flush()
         self._truth.close()
         self.controllers.close()
@@ -152,7 +154,7 @@ def main() -> int:
         signal.signal(signal.SIGTERM, lambda number, frame: ended.append(number))
         epoch_ns = time.monotonic_ns()
         atoms = Atoms(spec, epoch_ns)
-        print(json.dumps({"slaves": atoms.controllers.slaves, "epoch_ns": epoch_ns}), flush=True)
+        print(json.dumps({"bases": atoms.controllers.bases, "epoch_ns": epoch_ns}), flush=True)
         started_s = time.process_time()
         live(atoms, stdin, ended)
         _leave(atoms, spec.directory / "atoms.json", time.process_time() - started_s)

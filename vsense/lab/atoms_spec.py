@@ -23,6 +23,7 @@ class AtomsSpec:
 
     Attributes:
         robots: (m, 3) x_m, y_m, yaw_rad by robot index, arena frame.
+        bases: what each robot is based on, of `vsense.lab.bases.KINDS`.
         objects: (k, 3) likewise of tagged bodies that never move.
         boxes: (b, 5) x_m, y_m, yaw_rad, size_x_m, size_y_m of walls and boxes.
         cylinders: (c, 3) x_m, y_m, radius_m of what stands and is round.
@@ -33,6 +34,7 @@ class AtomsSpec:
     """
 
     robots: NDArray[np.float64]
+    bases: list[str]
     objects: NDArray[np.float64]
     boxes: NDArray[np.float64]
     cylinders: NDArray[np.float64]
@@ -67,6 +69,7 @@ class AtomsSpec:
             raise UsageError("spec: cylinders: expected radii above 0")
         return cls(
             robots[order, 2:],
+            _bases(spec, len(robots)),
             _rows(spec, "objects", ("tag", *_POSE))[:, 1:],
             boxes,
             cylinders,
@@ -75,6 +78,13 @@ class AtomsSpec:
             Path(_text(spec, "directory")),
             int(_number(spec, "seed", "spec: ")),
         )
+
+
+def _bases(spec: dict[str, Any], count: int) -> list[str]:
+    bases = spec.get("bases")
+    if not isinstance(bases, list) or len(bases) != count:
+        raise UsageError(f"spec: bases: expected a list of {count} texts, not {bases!r}")
+    return [str(base) for base in bases]
 
 
 def _rows(spec: dict[str, Any], name: str, fields: tuple[str, ...]) -> NDArray[np.float64]:

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from vsense.config.specs import Experiment, Pose
+from vsense.lab.bases import bases_of
 from vsense.lab.physics import obstacles
 from vsense.lab.processes import describe_exit, end
 from vsense.lab.shared import LabError
@@ -18,10 +19,10 @@ _CYLINDER = ("x_m", "y_m", "radius_m")
 
 
 class Floor:
-    """The running `atoms` process: true physics, and a microcontroller behind a terminal each.
+    """The running `atoms` process: true physics, and a microcontroller for each robot.
 
     Attributes:
-        ttys: the robots' terminals in the experiment's order.
+        bases: what the robots' daemons find their bases at, in the experiment's order.
         log: where every applied motor command is noted.
     """
 
@@ -32,6 +33,7 @@ class Floor:
         truth: str,
         seed: int,
         directory: Path,
+        base: str,
     ) -> None:
         """Puts robots, objects and walls in their places.
 
@@ -41,6 +43,7 @@ class Floor:
             truth: name of the truth ring.
             seed: seed of the proximity sensors' noise.
             directory: where the log goes.
+            base: what the robots are based on, of `vsense.lab.bases.BASES`.
 
         Raises:
             LabError: the process cannot do its work.
@@ -52,8 +55,9 @@ class Floor:
             stdout=subprocess.PIPE,
             start_new_session=True,
         )
-        answer = self._ask(_spec(experiment, poses, truth, seed, self.log))
-        self.ttys: list[str] = json.loads(answer)["slaves"]
+        spec = _spec(experiment, poses, truth, seed, self.log)
+        spec["bases"] = bases_of(base, len(experiment.robots))
+        self.bases: list[str] = json.loads(self._ask(spec))["bases"]
 
     def check(self) -> None:
         """Raises LabError where the process has ended by itself."""

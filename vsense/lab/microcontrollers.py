@@ -1,19 +1,18 @@
-"""The microcontrollers of the lab's robots: real firmware code behind real pseudo-terminals."""
+"""The microcontrollers of the lab's robots: real firmware code behind what real daemons open."""
 
 from __future__ import annotations
 
-import os
 import struct
-import tty
-from collections.abc import Iterable
+import tempfile
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.lab.links import Link, make_link
 from vsense.lab.shared import LabError
-from vsense.native import ffi, lib
 
 ACTUATION = np.dtype(
     [
@@ -24,26 +23,18 @@ ACTUATION = np.dtype(
         ("leds", "<u2"),
     ]
 )
-"""One actuator frame as a microcontroller applied it; an actuation log is these, end to end.
+"""What a microcontroller made motors and LEDs do; an actuation log is these, end to end.
 
-`time_ns` is the host's monotonic clock when the firmware applied the frame; `robot` the robot's
-index; the speeds are those that the motors turn with from then on; `leds` what is lit from then
-on, bits 0-7 ring, 8 body, 9 front.
+`time_ns` is the host's monotonic clock when the firmware did so; `robot` the robot's index; the
+speeds are those that the motors turn with from then on; `leds` what is lit from then on, bits 0-7
+ring, 8 body, 9 front.
 """
 
-LIGHT_RAW = 3000
-"""What every light sensor reads, higher is darker: the lab's rooms are evenly lit."""
-
 _RECORD = struct.Struct("<qHhhH")
-_FIFO_NS = 16 * lib.EPUCK_ARGOS_BYTE_NS
-"""A serial driver hands bytes on when its buffer of 16 is full or the line falls silent. So does
-a terminal here: bytes come out of it when this time has passed or all are through, not one by one,
-which would wake a daemon for each."""
-_NEVER_US = 2**64 - 1
 
 
 class Actuation(NamedTuple):
-    """One actuator frame as a microcontroller applied it: a row of `ACTUATION`."""
+    """What a microcontroller made motors and LEDs do: a row of `ACTUATION`."""
 
     time_ns: int
     robot: int
@@ -53,153 +44,126 @@ class Actuation(NamedTuple):
 
 
 class Microcontrollers:
-    """One emulated microcontroller and its terminal per robot.
+    """One emulated microcontroller, and what its daemon opens, per robot.
 
-    A terminal's other end is held open here: daemons come and go, the microcontroller and what
-    it remembers stay. Nothing here waits: bytes that nobody reads are lost when the terminal is
-    full, as on a wire. Time is an argument in ns and never goes back.
+    The other ends are held open here: daemons come and go, the microcontroller and what it
+    remembers stay. Nothing here waits: bytes that nobody reads are lost when a terminal is full,
+    as on a wire. Time is an argument in ns and never goes back.
 
     Attributes:
-        slaves: path of the terminal that each robot's daemon opens.
+        links: of each robot; tests make faults in their C structs.
+        bases: what goes behind `--base` of each robot's daemon.
         due_ns: when `advance` has something to do again, None while all lines are idle.
     """
 
-    def __init__(self, count: int) -> None:
-        """Powers `count` microcontrollers on.
+    def __init__(self, kinds: Sequence[str]) -> None:
+        """Powers microcontrollers on.
+
+        Args:
+            kinds: base of each robot, of `vsense.lab.bases.KINDS`.
 
         Raises:
-            LabError: there are not that many pseudo-terminals.
+            LabError: no such kind, or there are not that many pseudo-terminals or sockets.
         """
-        self._firmware: Any = ffi.new("struct fw_argos[]", count)
-        self._programs = [self._firmware + robot for robot in range(count)]
-        for program in self._programs:
-            lib.fw_argos_init(program)
-        self._prox = self._inputs("prox", count)
-        self._inputs("light", count)[:] = LIGHT_RAW
-        self._bytes: Any = ffi.new("uint8_t[]", lib.FW_LINE_CAPACITY)
-        self._waiting = [b""] * count
-        self._handed_ns = [0] * count
-        self._busy: set[int] = set()
-        self._sent_bytes = self._lost_bytes = 0
         self.due_ns: int | None = None
-        self._ends: list[tuple[int, int]] = []
+        self.links: list[Link] = []
+        self._folder = tempfile.TemporaryDirectory(prefix="vsense-")
+        self._busy: set[int] = set()
         try:
-            for _ in range(count):
-                self._ends.append(_raw_terminal())
+            for robot, kind in enumerate(kinds):
+                self.links.append(make_link(kind, Path(self._folder.name) / f"{robot}.i2c"))
         except OSError as error:
-            made = len(self._ends)
+            made = len(self.links)
             self.close()
-            raise LabError(f"pseudo-terminals: {made} of {count}, then: {error.strerror}") from None
-        self._robots = {master: robot for robot, (master, _) in enumerate(self._ends)}
-        self.slaves = [os.ttyname(slave) for _, slave in self._ends]
+            raise LabError(
+                f"emulated robots: {made} of {len(kinds)}, then: {error.strerror or error}"
+            ) from None
+        except LabError:
+            self.close()
+            raise
+        self.bases = [f"{kind}:{link.device}" for kind, link in zip(kinds, self.links)]
+
+    @property
+    def devices(self) -> list[str]:
+        """What each robot's daemon opens: a terminal's path, or `unix:` and a socket's."""
+        return [link.device for link in self.links]
 
     def readable(self) -> list[int]:
         """The descriptors whose bytes `receive` would take now."""
-        return [master for master, robot in self._robots.items() if not self._waiting[robot]]
+        return [fd for link in self.links if (fd := link.readable()) is not None]
 
-    def receive(self, masters: Iterable[int], now_ns: int) -> None:
+    def receive(self, descriptors: Iterable[int], now_ns: int) -> None:
         """Puts what daemons wrote on the lines to their microcontrollers.
 
         Args:
-            masters: the descriptors of `readable` that have bytes.
+            descriptors: those of `readable` that have bytes.
             now_ns: when the bytes came.
         """
-        for master in masters:
-            robot = self._robots[master]
-            self._waiting[robot] += os.read(master, lib.FW_LINE_CAPACITY)
-            self._offer(robot, now_ns)
-            self._busy.add(robot)
-        self._plan(now_ns)
+        ready = set(descriptors)
+        for robot, link in enumerate(self.links):
+            if ready and link.readable() in ready:
+                link.receive(now_ns)
+                self._busy.add(robot)
+        self._plan()
 
     def advance(self, now_ns: int) -> list[Actuation]:
         """Lets all microcontrollers live on to `now_ns` and hands out the bytes they sent.
 
         Returns:
-            The actuator frames applied since the last call, in order for each robot.
+            What motors and LEDs did since the last call, in order for each robot.
         """
-        applied: list[Actuation] = []
-        for robot in sorted(self._busy):
-            program = self._programs[robot]
-            while lib.fw_argos_advance(program, now_ns // 1000):
-                applied.append(_applied(program, robot))
-            self._offer(robot, now_ns)
-            due_ns = lib.fw_argos_due_us(program) * 1000
-            if now_ns >= min(self._handed_ns[robot] + _FIFO_NS, due_ns):
-                self._transmit(robot, now_ns)
-        self._plan(now_ns)
+        applied = [
+            Actuation(out.time_ns, robot, out.left_steps_s, out.right_steps_s, out.leds)
+            for robot in sorted(self._busy)
+            for out in self.links[robot].advance(now_ns)
+        ]
+        self._plan()
         return applied
 
     def sense(self, prox_raw: NDArray[np.int16]) -> None:
         """Sets what the proximity sensors (count, 8) measure from now on, ps0..ps7."""
-        self._prox[:] = prox_raw
+        for link, raw in zip(self.links, prox_raw):
+            link.program.proximity[:] = raw
+
+    def wake(self) -> None:
+        """Looks at every microcontroller with the next `advance`: somebody touched its state."""
+        self._busy.update(range(len(self.links)))
 
     def counters(self) -> dict[str, int]:
         """What went over the lines since power on, summed over all robots.
 
-        `frames`, `overlapped_bytes` and `overflowed_bytes` as in `fw_argos.h`; `sent_bytes` to
-        the daemons, and `lost_bytes` that a full terminal did not take.
+        `frames` are the commands that reached a microcontroller; `overlapped_bytes` and
+        `overflowed_bytes` as in `fw_uart.h`; `failed_transactions` as in `fw_i2c.h`; `sent_bytes`
+        to the daemons, and `lost_bytes` that a full terminal did not take.
         """
-        return {
-            "sent_bytes": self._sent_bytes,
-            "lost_bytes": self._lost_bytes,
-            "frames": sum(program.frames for program in self._programs),
-            "overlapped_bytes": sum(program.overlapped for program in self._programs),
-            "overflowed_bytes": sum(program.overflowed for program in self._programs),
-        }
+        totals = dict.fromkeys(("sent_bytes", "lost_bytes", "frames"), 0)
+        faults = dict.fromkeys(
+            ("overlapped_bytes", "overflowed_bytes", "transactions", "failed_transactions"), 0
+        )
+        for link in self.links:
+            totals["sent_bytes"] += link.sent_bytes
+            totals["lost_bytes"] += link.lost_bytes
+            totals["frames"] += getattr(link.program.state, link.program.kind.count)
+            for name, value in link.faults().items():
+                faults[name] += value
+        return totals | faults
 
     def close(self) -> None:
-        """Hangs all terminals up."""
-        for ends in self._ends:
-            for descriptor in ends:
-                os.close(descriptor)
-        self._ends = []
+        """Hangs everything up."""
+        for link in self.links:
+            link.close()
+        self.links = []
+        self._folder.cleanup()
 
-    def _inputs(self, field: str, count: int) -> NDArray[np.int16]:
-        """A view (count, 8) of one array in the inputs of all firmwares."""
-        view: NDArray[np.int16] = np.ndarray(
-            (count, 8),
-            dtype=np.int16,
-            buffer=ffi.buffer(self._firmware),
-            offset=ffi.offsetof("struct fw_argos", "inputs", field),
-            strides=(ffi.sizeof("struct fw_argos"), 2),
-        )
-        return view
-
-    def _offer(self, robot: int, now_ns: int) -> None:
-        waiting = self._waiting[robot]
-        if waiting:
-            took = lib.fw_argos_receive(
-                self._programs[robot], waiting, len(waiting), now_ns // 1000
-            )
-            self._waiting[robot] = waiting[took:]
-
-    def _transmit(self, robot: int, now_ns: int) -> None:
-        count = lib.fw_argos_transmit(
-            self._programs[robot], self._bytes, lib.FW_LINE_CAPACITY, now_ns // 1000
-        )
-        if not count:
-            return
-        self._handed_ns[robot] = now_ns
-        try:
-            written = os.write(self._ends[robot][0], ffi.buffer(self._bytes, count))
-        except BlockingIOError:
-            written = 0
-        self._sent_bytes += written
-        self._lost_bytes += count - written
-
-    def _plan(self, now_ns: int) -> None:
+    def _plan(self) -> None:
         """Forgets who has become idle and sets when there is something to do again."""
-        soonest_us = _NEVER_US
-        for robot in list(self._busy):
-            due_us = lib.fw_argos_due_us(self._programs[robot])
-            soonest_us = min(soonest_us, due_us)
-            if due_us == _NEVER_US and not self._waiting[robot]:
-                self._busy.remove(robot)
-        self.due_ns = min(soonest_us * 1000, now_ns + _FIFO_NS) if self._busy else None
+        dues = {robot: self.links[robot].due_ns for robot in self._busy}
+        self._busy = {robot for robot, due_ns in dues.items() if due_ns is not None}
+        self.due_ns = min((due for due in dues.values() if due is not None), default=None)
 
 
 class ActuationLog:
-    """Writes every applied actuator frame to a file of `ACTUATION` records."""
+    """Writes all that motors and LEDs did to a file of `ACTUATION` records."""
 
     def __init__(self, path: Path) -> None:
         """Starts an empty log.
@@ -240,22 +204,3 @@ def read_actuations(path: Path) -> NDArray[np.void]:
     except OSError as error:
         raise LabError(f"{path}: {error.strerror}") from None
     return np.frombuffer(content, dtype=ACTUATION, count=len(content) // ACTUATION.itemsize)
-
-
-def _raw_terminal() -> tuple[int, int]:
-    """A new pseudo-terminal that changes no byte: its master, which never blocks, and slave."""
-    master, slave = os.openpty()
-    tty.setraw(slave)
-    os.set_blocking(master, False)
-    return master, slave
-
-
-def _applied(program: Any, robot: int) -> Actuation:
-    outputs = program.outputs
-    return Actuation(
-        program.applied_us * 1000,
-        robot,
-        outputs.left_steps_s,
-        outputs.right_steps_s,
-        outputs.leds,
-    )

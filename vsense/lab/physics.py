@@ -16,6 +16,8 @@ AXLE_M: float = lib.vs_axle_m
 """Distance between the wheels' contact points. Source: epuck.md section 6."""
 STEP_M: float = lib.vs_step_m
 """Way of a wheel per motor step: 41 mm wheels, 1000 steps per turn. Source: epuck.md section 6."""
+TICK_NS: int = lib.VS_TICK_NS
+"""Contacts are looked at this often, in ns."""
 MAX_SPEED_STEPS_S: int = lib.VS_MAX_STEPS_S
 """Fastest speed that the motor library takes. Source: epuck.md section 1.3."""
 

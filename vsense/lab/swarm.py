@@ -26,7 +26,7 @@ class Robot:
     Attributes:
         tag: number on its marker.
         name: the experiment's name for it.
-        tty: the pseudo-terminal behind which its microcontroller is.
+        base: what its daemon finds its microcontroller at, `KIND:DEVICE`.
         clock_offset_ns: how far its own clock is ahead of the host's.
         clock_drift_ppm: how much too fast its own clock runs.
         trace: where its daemon notes every control step.
@@ -34,7 +34,7 @@ class Robot:
 
     tag: int
     name: str
-    tty: str
+    base: str
     clock_offset_ns: int
     clock_drift_ppm: float
     trace: Path
@@ -68,12 +68,12 @@ class Swarm:
         self._processes: dict[int, subprocess.Popen[bytes]] = {}
         self.robots: list[Robot] = []
 
-    def start(self, tag: int, name: str, tty: str) -> Robot:
+    def start(self, tag: int, name: str, base: str) -> Robot:
         """Starts the daemon of one robot and leaves a script that starts it again."""
         robot = Robot(
             tag,
             name,
-            tty,
+            base,
             self._random.randrange(-CLOCK_OFFSET_NS, CLOCK_OFFSET_NS),
             round(self._random.uniform(-CLOCK_DRIFT_PPM, CLOCK_DRIFT_PPM), 3),
             self._directory / f"{tag}.trace",
@@ -137,7 +137,7 @@ class Swarm:
             str(self._daemon),
             *("--host", self._host, "--port", str(self._port)),
             *("--tag", str(robot.tag), "--name", robot.name, "--uid", uid),
-            *("--base", f"argos:{robot.tty}", "--trace", str(robot.trace.resolve())),
+            *("--base", robot.base, "--trace", str(robot.trace.resolve())),
             *("--clock-offset-ns", str(robot.clock_offset_ns)),
             *("--clock-drift-ppm", str(robot.clock_drift_ppm)),
         ]

@@ -1,0 +1,48 @@
+/* SPDX-License-Identifier: MIT */
+#include "epuck_bytes.h"
+
+void epuck_put_u16(uint8_t at[2], uint16_t value)
+{
+    at[0] = (uint8_t)(value & 0xFFu);
+    at[1] = (uint8_t)(value >> 8);
+}
+
+uint16_t epuck_get_u16(const uint8_t at[2])
+{
+    return (uint16_t)(at[0] | (uint16_t)(at[1] << 8));
+}
+
+int16_t epuck_get_s16(const uint8_t at[2])
+{
+    int32_t value = epuck_get_u16(at);
+
+    return (int16_t)(value < 0x8000 ? value : value - 0x10000);
+}
+
+void epuck_zero(uint8_t *at, size_t len)
+{
+    size_t i;
+
+    for (i = 0; i < len; i++)
+        at[i] = 0;
+}
+
+uint8_t epuck_xor(const uint8_t *at, size_t len)
+{
+    uint8_t sum = 0;
+    size_t i;
+
+    for (i = 0; i < len; i++)
+        sum ^= at[i];
+    return sum;
+}
+
+uint8_t epuck_or(const uint8_t *at, size_t len)
+{
+    uint8_t any = 0;
+    size_t i;
+
+    for (i = 0; i < len; i++)
+        any |= at[i];
+    return any;
+}

@@ -1,0 +1,208 @@
+/* SPDX-License-Identifier: MIT */
+#include "fw_york.h"
+
+#include "epuck_bytes.h"
+
+enum { OTHER_MASK = 3, LOW_BYTE = 0xFF };
+
+static uint64_t byte_us(const struct fw_york *fw, int index)
+{
+    return fw->first_us + (uint64_t)index * FW_I2C_BYTE_US;
+}
+
+/* Stores the bytes that have come by now_us. */
+static void store(struct fw_york *fw, uint64_t now_us)
+{
+    uint16_t *at = &fw->registers[fw->pointer];
+
+    while (fw->stored < fw->expected && byte_us(fw, fw->stored) <= now_us) {
+        uint8_t byte = fw->incoming[fw->stored];
+
+        *at = (uint16_t)(fw->stored == 0 ? byte : *at | (uint16_t)(byte << 8));
+        fw->stored++;
+        fw->dirty = 1;
+    }
+}
+
+static int32_t signed_register(const struct fw_york *fw, uint8_t number)
+{
+    uint8_t bytes[2];
+
+    epuck_put_u16(bytes, fw->registers[number]);
+    return epuck_get_s16(bytes);
+}
+
+/* One round of the main loop. */
+static void loop(struct fw_york *fw, uint64_t now_us)
+{
+    struct fw_body *body = &fw->body;
+    struct fw_outputs was = body->outputs;
+    struct fw_outputs *is = &body->outputs;
+
+    fw_body_drive(body, signed_register(fw, EPUCK_YORK_LEFT_SPEED),
+                  signed_register(fw, EPUCK_YORK_RIGHT_SPEED), now_us);
+    fw->registers[EPUCK_YORK_LEFT_SPEED] = (uint16_t)is->left_steps_s;
+    fw->registers[EPUCK_YORK_RIGHT_SPEED] = (uint16_t)is->right_steps_s;
+    fw->registers[EPUCK_YORK_RING_LEDS] &= LOW_BYTE;
+    fw->registers[EPUCK_YORK_OTHER_LEDS] &= OTHER_MASK;
+    fw->registers[EPUCK_YORK_SENSING] &= 1;
+    is->leds = epuck_york_get_leds(fw->registers[EPUCK_YORK_RING_LEDS],
+                                   fw->registers[EPUCK_YORK_OTHER_LEDS]);
+    if (is->left_steps_s == was.left_steps_s && is->right_steps_s == was.right_steps_s &&
+        is->leds == was.leds)
+        return;
+    fw->torn += fw->stored < fw->expected && (fw->pointer == EPUCK_YORK_LEFT_SPEED ||
+                                              fw->pointer == EPUCK_YORK_RIGHT_SPEED);
+    body->applied_us = now_us;
+    fw->changed = 1;
+}
+
+static void watch(struct fw_york *fw, uint64_t now_us)
+{
+    if (!fw_body_watch(&fw->body, now_us))
+        return;
+    fw->registers[EPUCK_YORK_LEFT_SPEED] = 0;
+    fw->registers[EPUCK_YORK_RIGHT_SPEED] = 0;
+    fw->changed = 1;
+}
+
+static uint64_t next_loop_us(const struct fw_york *fw)
+{
+    return (fw->lived_us / FW_YORK_LOOP_US + 1) * FW_YORK_LOOP_US;
+}
+
+/* Rounds of the loop that would find everything as it was are left out. */
+static void live(struct fw_york *fw, uint64_t now_us)
+{
+    while (fw->dirty || fw->stored < fw->expected) {
+        uint64_t at_us = next_loop_us(fw);
+
+        if (at_us > now_us)
+            break;
+        watch(fw, at_us);
+        store(fw, at_us);
+        fw->dirty = 0;
+        loop(fw, at_us);
+        fw->lived_us = at_us;
+    }
+    watch(fw, now_us);
+    if (!fw->dirty && fw->stored == fw->expected && fw->lived_us < now_us)
+        fw->lived_us = now_us;
+}
+
+static enum fw_i2c_result write(void *context, const uint8_t *buf, size_t len, uint64_t first_us)
+{
+    struct fw_york *fw = context;
+    size_t i;
+
+    live(fw, first_us);
+    store(fw, first_us);
+    if (first_us < fw->booted_us || len > EPUCK_YORK_WRITE_LEN)
+        return FW_I2C_NACK;
+    fw->pointer = buf[0];
+    fw->stored = 0;
+    fw->expected = (uint8_t)(len - 1);
+    for (i = 1; i < len; i++)
+        fw->incoming[i - 1] = buf[i];
+    fw->first_us = first_us + FW_I2C_BYTE_US;
+    if (len == 1)
+        return FW_I2C_ACK;
+    fw->writes++;
+    if (fw->pointer == EPUCK_YORK_LEFT_SPEED || fw->pointer == EPUCK_YORK_RIGHT_SPEED)
+        fw_body_feed(&fw->body, first_us);
+    return FW_I2C_ACK;
+}
+
+static uint16_t tear(struct fw_york *fw, uint16_t steps)
+{
+    if (fw->tear == 0)
+        return steps;
+    fw->tear--;
+    return fw->tear == 0 ? (uint16_t)(steps - 0x100) : steps;
+}
+
+/* What a register holds now; those of the sensors are the loop's. */
+static uint16_t value_of(struct fw_york *fw, uint8_t number, uint64_t now_us)
+{
+    const struct fw_inputs *inputs = &fw->body.inputs;
+    int senses = fw->always_senses || fw->registers[EPUCK_YORK_SENSING] != 0;
+
+    if (number == EPUCK_YORK_LEFT_STEPS || number == EPUCK_YORK_RIGHT_STEPS)
+        return tear(fw, fw_body_steps(&fw->body, number - EPUCK_YORK_LEFT_STEPS, now_us));
+    if (number < EPUCK_YORK_PROX || number >= EPUCK_YORK_REGISTERS)
+        return fw->registers[number];
+    if (!senses)
+        return 0;
+    if (number < EPUCK_YORK_LIGHT)
+        return (uint16_t)inputs->prox[number - EPUCK_YORK_PROX];
+    return (uint16_t)(EPUCK_YORK_RAW_MAX - inputs->light[number - EPUCK_YORK_LIGHT]);
+}
+
+static enum fw_i2c_result read(void *context, uint8_t *buf, size_t len, uint64_t first_us)
+{
+    struct fw_york *fw = context;
+    uint8_t bytes[3] = {0};
+
+    live(fw, first_us);
+    store(fw, first_us);
+    if (first_us < fw->booted_us)
+        return FW_I2C_NACK;
+    if (len > EPUCK_YORK_READ_LEN)
+        return FW_I2C_STUCK;
+    bytes[0] = fw->left_over;
+    epuck_put_u16(bytes + fw->has_left_over, value_of(fw, fw->pointer, first_us));
+    buf[0] = bytes[0];
+    if (len == 2)
+        buf[1] = bytes[1];
+    fw->left_over = bytes[len];
+    fw->has_left_over = (uint8_t)(fw->has_left_over + 2u - len > 0);
+    return FW_I2C_ACK;
+}
+
+/* Its interrupt keeps no errors. */
+static void error(void *context)
+{
+    (void)context;
+}
+
+void fw_york_init(struct fw_york *fw)
+{
+    *fw = (struct fw_york){.always_senses = 0};
+    fw_body_init(&fw->body, EPUCK_YORK_SPEED_MAX);
+    fw->device = (struct fw_i2c_device){fw, EPUCK_YORK_ADDRESS, write, read, error};
+}
+
+void fw_york_reset(struct fw_york *fw, uint64_t now_us)
+{
+    int i;
+
+    fw_body_reset(&fw->body, now_us);
+    for (i = 0; i < FW_YORK_REGISTERS; i++)
+        fw->registers[i] = 0;
+    fw->expected = fw->stored = 0;
+    fw->has_left_over = 0;
+    fw->dirty = 0;
+    fw->changed = 1;
+    fw->lived_us = now_us;
+    fw->booted_us = now_us + FW_YORK_BOOT_US;
+}
+
+int fw_york_advance(struct fw_york *fw, uint64_t now_us)
+{
+    int changed;
+
+    live(fw, now_us);
+    changed = fw->changed;
+    fw->changed = 0;
+    return changed;
+}
+
+uint64_t fw_york_due_us(const struct fw_york *fw)
+{
+    uint64_t watchdog_us = fw_body_watchdog_due_us(&fw->body);
+    uint64_t loop_us = FW_NEVER_US;
+
+    if (fw->dirty || fw->stored < fw->expected)
+        loop_us = next_loop_us(fw);
+    return loop_us < watchdog_us ? loop_us : watchdog_us;
+}

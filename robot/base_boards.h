@@ -1,0 +1,68 @@
+/* SPDX-License-Identifier: MIT */
+/*
+ * base_boards.h - the boards beside a base, each on an I2C bus that may be the base's
+ * own. The ground sensors are read after the base, if the exchange's time allows; range
+ * and bearing, which takes a transaction per byte, has the pauses between exchanges. One
+ * that does not answer is left alone for a second. Pure.
+ */
+#ifndef VS_BASE_BOARDS_H
+#define VS_BASE_BOARDS_H
+
+#include "../c_src/epuck_boards.h"
+#include "../c_src/vs_i2c.h"
+
+#define VS_BOARD_HEARD 8             /* messages that a reading holds */
+#define VS_BOARD_REGISTERS 8         /* of one message heard */
+#define VS_BOARD_REST_NS 1000000000u /* [ns] without a board that does not answer */
+#define VS_BOARD_SAY_NS 100000000u   /* [ns] until the same message is said again */
+
+enum { VS_BOARD_GROUND = 0, VS_BOARD_RAB = 1, VS_BOARDS = 2 };
+
+/* What the robot says to the others, again and again until it says something else. */
+struct vs_board_message {
+    uint8_t length; /* 0: nothing */
+    uint8_t data[4];
+};
+
+struct vs_board_reading {
+    uint8_t there;        /* bit n: the robot has board n */
+    uint8_t has_ground;   /* 1: ground is measured */
+    uint8_t has_rab;      /* 1: heard is up to date */
+    uint8_t rab_bytes;    /* of a message heard */
+    int16_t ground[3];    /* [raw] left, centre, right, higher is brighter */
+    uint32_t heard_count; /* messages heard since the start */
+    struct epuck_rab_message heard[VS_BOARD_HEARD]; /* the n-th, from 0, is at n % 8 */
+};
+
+/* The caller fills bus (transfer NULL: no such board), reading.there and reading.rab_bytes (2 or 4), all else is 0 at
+ * first. */
+struct vs_boards {
+    struct vs_i2c bus[VS_BOARDS];
+    int fd[VS_BOARDS];       /* of buses that are not the base's */
+    uint8_t silent;          /* bit n: board n does not answer */
+    uint8_t settings;        /* range and bearing: how many settings were written */
+    uint8_t saying;          /* bytes of the message being written that are */
+    struct vs_board_message message; /* being written, or said last */
+    uint8_t listening;       /* 1: there may be more in its queue */
+    uint8_t hearing;         /* 1: a message was taken, its registers are being read */
+    uint8_t held_count;      /* registers read */
+    uint8_t held[VS_BOARD_REGISTERS];
+    uint64_t rest_ns[VS_BOARDS]; /* left alone until then */
+    uint64_t polled_ns;      /* range and bearing: the newest poll */
+    uint64_t wrote_ns;       /* range and bearing: the newest message or setting */
+    struct vs_board_reading reading;
+};
+
+/* Reads the ground sensors. No transaction begins that could end after deadline_ns. *news
+ * becomes a phrase if the board falls silent or speaks again, else it is left alone. */
+void vs_boards_read_ground(struct vs_boards *boards, uint64_t deadline_ns, const char **news);
+
+/* Lets range and bearing say message, if it is time, and takes what was heard. What there is
+ * no time for goes on with the next call: returns 1 if that is so, else 0. */
+int vs_boards_talk(struct vs_boards *boards, const struct vs_board_message *message,
+                   uint64_t deadline_ns, const char **news);
+
+/* 1 if every board on a bus answers and is ready. */
+int vs_boards_are_well(const struct vs_boards *boards);
+
+#endif

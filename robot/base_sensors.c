@@ -1,0 +1,141 @@
+/* SPDX-License-Identifier: MIT */
+#include "base_sensors.h"
+
+#include <string.h>
+
+#include "../c_src/vs_body.h"
+
+#define CM_PER_NM 1e-7
+#define RAD_PER_E4 1e-4
+/* Range of a message, 0.0867 exp(9.0642 - 0.0056507 raw) cm, as a power.
+ * Source: argos3-epuck real_epuck_range_and_bearing_sensor.cpp. */
+#define RANGE_CM 749.514846
+#define RANGE_BASE 0.99436518665
+
+enum { RING = 8, GROUND = 3, PLACE = 6 };
+
+static const char *const names[VS_BASE_SENSORS] = {"proximity", "light",  "battery_low",
+                                                   "ground",    "wheels", "range_and_bearing"};
+
+int vs_base_sensor(const char *name)
+{
+    int i;
+
+    for (i = 0; i < VS_BASE_SENSORS; i++)
+        if (strcmp(name, names[i]) == 0)
+            return i;
+    return -1;
+}
+
+int vs_base_has(const struct vs_base_reading *reading, int sensor)
+{
+    switch (sensor) {
+    case VS_BASE_PROXIMITY:
+    case VS_BASE_LIGHT:
+        return !reading->blind;
+    case VS_BASE_GROUND:
+        return reading->boards.there >> VS_BOARD_GROUND & 1;
+    case VS_BASE_WHEELS:
+        return reading->has_steps;
+    case VS_BASE_RAB:
+        return reading->boards.there >> VS_BOARD_RAB & 1;
+    default:
+        return sensor == VS_BASE_BATTERY;
+    }
+}
+
+static int ring_values(const int16_t *ring, int count, double *values, int max)
+{
+    int i;
+
+    for (i = 0; i < count && i < max; i++)
+        values[i] = ring[i];
+    return count;
+}
+
+static int ground_values(const struct vs_base_reading *reading, double *values, int max)
+{
+    int i;
+
+    if (!reading->boards.has_ground)
+        return 0;
+    for (i = 0; i < GROUND && i < max; i++)
+        values[i] = (double)reading->boards.ground[i] / (double)EPUCK_GROUND_MAX;
+    return GROUND;
+}
+
+static int wheel_values(const struct vs_base_reading *reading, double *values, int max)
+{
+    int i;
+
+    for (i = 0; i < 2 && i < max; i++)
+        values[i] = (double)reading->steps[i] * reading->step_nm * CM_PER_NM;
+    return 2;
+}
+
+static double range_cm(uint16_t raw)
+{
+    double factor = RANGE_BASE;
+    double cm = RANGE_CM;
+
+    for (; raw > 0; raw >>= 1, factor *= factor)
+        if (raw & 1)
+            cm *= factor;
+    return cm;
+}
+
+/* Number `at` of a message's place. */
+static double place_value(const struct epuck_rab_message *message, int at)
+{
+    if (at == 0)
+        return range_cm(message->range_raw);
+    return at == 1 ? message->bearing_e4rad * RAD_PER_E4 : message->data[at - 2];
+}
+
+static int rab_values(const struct vs_base_reading *reading, uint32_t heard_from, double *values,
+                      int max)
+{
+    const struct vs_board_reading *boards = &reading->boards;
+    uint32_t fresh = boards->heard_count - heard_from;
+    int count = fresh < VS_BASE_HEARD_MAX ? (int)fresh : VS_BASE_HEARD_MAX;
+    int i;
+
+    if (!boards->has_rab)
+        return 0;
+    for (i = 0; i < VS_BASE_NUMBERS_MAX && i < max; i++) {
+        uint32_t number = boards->heard_count - 1 - (uint32_t)((i - 1) / PLACE);
+
+        if (i == 0)
+            values[i] = count;
+        else if ((i - 1) / PLACE < count)
+            values[i] = place_value(&boards->heard[number % VS_BOARD_HEARD], (i - 1) % PLACE);
+        else
+            values[i] = 0.0;
+    }
+    return VS_BASE_NUMBERS_MAX;
+}
+
+int vs_base_values(const struct vs_base_reading *reading, int sensor, uint32_t heard_from,
+                   double *values, int max)
+{
+    if (!vs_base_has(reading, sensor))
+        return 0;
+    switch (sensor) {
+    case VS_BASE_PROXIMITY:
+        return ring_values(reading->prox, RING, values, max);
+    case VS_BASE_LIGHT:
+        return ring_values(reading->light, RING, values, max);
+    case VS_BASE_GROUND:
+        return ground_values(reading, values, max);
+    case VS_BASE_WHEELS:
+        return wheel_values(reading, values, max);
+    case VS_BASE_RAB:
+        return rab_values(reading, heard_from, values, max);
+    default:
+        if (reading->battery_low == VS_BATTERY_UNKNOWN)
+            return 0;
+        if (max > 0)
+            values[0] = reading->battery_low;
+        return 1;
+    }
+}

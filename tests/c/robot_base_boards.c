@@ -1,0 +1,225 @@
+/* SPDX-License-Identifier: MIT */
+/*
+ * The boards beside a base, on its bus: what the ground sensors say, every message heard
+ * once and in order, every message said, and nothing of it at the base's cost.
+ */
+#include "robot_bus.h"
+
+#define PI_E4 31416
+
+static struct vs_base_command still; /* whose message goes out */
+
+/* The guard's pause after an exchange. */
+static void rest(struct bus_world *w)
+{
+    uint64_t began_ns;
+    int more;
+
+    do {
+        began_ns = w->now_ns;
+        more = vs_base_rest(&w->base, &still);
+        CHECK(w->now_ns - began_ns <= VS_BASE_REST_NS);
+        CHECK(w->fault_one_in != 0 || w->now_ns - began_ns <= 5 * MS);
+    } while (more);
+}
+
+static int exchange(struct bus_world *w)
+{
+    uint64_t began_ns = w->now_ns;
+    int err = vs_base_exchange(&w->base, &still, &w->reading);
+
+    CHECK(w->now_ns - began_ns <= 30 * MS);
+    if (err == VS_OK)
+        rest(w);
+    if (w->now_ns < began_ns + 50 * MS)
+        bus_pass(w, began_ns + 50 * MS - w->now_ns);
+    return err;
+}
+
+static void start(struct bus_world *w, uint8_t rab_bytes, uint32_t seed)
+{
+    int i;
+
+    memset(&still, 0, sizeof still);
+    bus_begin(w, &vs_base_gctronic, seed);
+    bus_board(w, VS_BOARD_GROUND, rab_bytes);
+    bus_board(w, VS_BOARD_RAB, rab_bytes);
+    w->rab.is_stock = rab_bytes == 2;
+    CHECK(bus_recover(w) == VS_OK);
+    for (i = 0; i < 4; i++)
+        CHECK(exchange(w) == VS_OK);
+    CHECK(w->reading.boards.has_rab && w->rab.on_robot == 0 && w->rab.power == 115);
+    CHECK(w->rab.bits == 8 * rab_bytes);
+}
+
+static void test_ground(void)
+{
+    static const int16_t floors[3] = {0, 511, 1023};
+    struct bus_world w;
+    int i;
+
+    start(&w, 2, 1);
+    memcpy(w.ground.ground, floors, sizeof floors);
+    CHECK(exchange(&w) == VS_OK && w.reading.boards.has_ground);
+    for (i = 0; i < 3; i++)
+        CHECK(w.reading.boards.ground[i] == floors[i]);
+    w.ground.ground[1] = 1024; /* no sensor says that */
+    CHECK(exchange(&w) == VS_OK && !w.reading.boards.has_ground);
+}
+
+static struct epuck_rab_message make_message(uint32_t number, uint8_t bytes)
+{
+    struct epuck_rab_message message = {{0}, 0, 0};
+    int i;
+
+    for (i = 0; i < bytes; i++)
+        message.data[i] = (uint8_t)(number >> (i % 2 * 8) & 0xFF);
+    message.bearing_e4rad = (int16_t)((int32_t)(number * 7919u % (2 * PI_E4 + 1)) - PI_E4);
+    message.range_raw = (uint16_t)(number * 31u);
+    return message;
+}
+
+static void check_heard(const struct bus_world *w, uint32_t number, uint8_t bytes)
+{
+    const struct vs_board_reading *boards = &w->reading.boards;
+    const struct epuck_rab_message *heard = &boards->heard[number % VS_BOARD_HEARD];
+    struct epuck_rab_message message = make_message(number, bytes);
+
+    CHECK(memcmp(heard->data, message.data, 4) == 0);
+    CHECK(heard->bearing_e4rad == message.bearing_e4rad);
+    CHECK(heard->range_raw == message.range_raw);
+}
+
+static void test_hears_every_message_once(uint8_t bytes, uint32_t seed)
+{
+    struct bus_world w;
+    uint32_t sent = 0;
+    uint32_t checked = 0;
+    int i;
+
+    start(&w, bytes, seed);
+    for (i = 0; i < 200; i++) {
+        uint32_t more = draw(&w.random, i < 150 ? 5 : 1);
+
+        for (; more > 0; more--, sent++) {
+            struct epuck_rab_message message = make_message(sent, bytes);
+
+            fw_rab_hear(&w.rab, &message);
+        }
+        CHECK(exchange(&w) == VS_OK);
+        CHECK(w.reading.boards.heard_count - checked <= VS_BOARD_HEARD);
+        for (; checked < w.reading.boards.heard_count; checked++)
+            check_heard(&w, checked, bytes);
+    }
+    CHECK(checked == sent && sent > 100 && w.rab.overflowed == 0);
+}
+
+/* What comes from the right has a bearing below 0. */
+static void test_bearing_is_signed(void)
+{
+    struct epuck_rab_message message = {{1, 2, 0, 0}, -15708, 900};
+    struct bus_world w;
+
+    start(&w, 2, 4);
+    fw_rab_hear(&w.rab, &message);
+    CHECK(exchange(&w) == VS_OK && exchange(&w) == VS_OK);
+    CHECK(w.reading.boards.heard_count == 1);
+    CHECK(w.reading.boards.heard[0].bearing_e4rad == -15708);
+    message.bearing_e4rad = INT16_MIN; /* beyond -pi: no board says that */
+    fw_rab_hear(&w.rab, &message);
+    CHECK(exchange(&w) == VS_OK && exchange(&w) == VS_OK);
+    CHECK(w.reading.boards.heard_count == 1 && w.rab.queue_count == 0);
+}
+
+/* A new message at once, the same one again and again, but no faster than the air takes. */
+static void test_says_its_message(uint8_t bytes)
+{
+    uint32_t number = bytes == 2 ? 0x0200 : 0x04030200;
+    struct bus_world w;
+    uint32_t sent;
+    uint32_t i;
+
+    start(&w, bytes, 5);
+    for (i = 0; i < 5; i++)
+        CHECK(exchange(&w) == VS_OK);
+    CHECK(w.rab.sent == 0);
+    for (i = 1; i < 300; i++) {
+        struct vs_board_message message = {4, {(uint8_t)i, 2, 3, 4}};
+
+        still.message = message;
+        CHECK(exchange(&w) == VS_OK);
+        CHECK(w.rab.sent == i && w.rab.sent_number == (number | (i & 0xFF)));
+    }
+    sent = w.rab.sent;
+    for (i = 0; i < 20; i++)
+        CHECK(exchange(&w) == VS_OK);
+    CHECK(w.rab.sent >= sent + 9 && w.rab.sent <= sent + 11);
+    still.message.length = 1; /* the other bytes are 0 then */
+    CHECK(exchange(&w) == VS_OK && w.rab.sent_number == (299 & 0xFF));
+    still.message.length = 0;
+    sent = w.rab.sent;
+    for (i = 0; i < 20; i++)
+        CHECK(exchange(&w) == VS_OK);
+    CHECK(w.rab.sent == sent);
+}
+
+/* A board that is not there, or falls silent, is told once, costs little, and comes back. */
+static void test_missing_board(void)
+{
+    struct bus_world w;
+    uint32_t transfers;
+    int i;
+
+    start(&w, 4, 6);
+    w.rab.device.address = w.ground.device.address = 0x7F;
+    CHECK(exchange(&w) == VS_OK && exchange(&w) == VS_OK);
+    CHECK(!w.reading.boards.has_ground && !w.reading.boards.has_rab && w.base.news != NULL);
+    w.base.news = NULL;
+    transfers = w.transfers;
+    for (i = 0; i < 15; i++)
+        CHECK(exchange(&w) == VS_OK && w.base.news == NULL); /* 50 ms each */
+    CHECK(w.transfers - transfers == 15); /* its own */
+    w.rab.device.address = EPUCK_RAB_ADDRESS;
+    w.ground.device.address = EPUCK_GROUND_ADDRESS;
+    fw_rab_init(&w.rab); /* it was reset: its settings are gone */
+    for (i = 0; i < 15; i++)
+        CHECK(exchange(&w) == VS_OK);
+    CHECK(w.reading.boards.has_ground && w.reading.boards.has_rab && w.base.news != NULL);
+    CHECK(w.rab.bits == 32);
+}
+
+/* A board that holds the bus costs the base one time-out a second. */
+static void test_stuck_board(uint32_t seed)
+{
+    struct bus_world w;
+    int goods = 0;
+    int i;
+
+    start(&w, 2, seed);
+    w.fault_one_in = 10;
+    for (i = 0; i < 200; i++) {
+        int err = exchange(&w);
+
+        if (err != VS_OK && err != VS_ERR_BUSY)
+            (void)bus_recover(&w);
+        goods += err == VS_OK;
+    }
+    CHECK(goods > 20);
+}
+
+int main(void)
+{
+    uint32_t seed;
+
+    test_ground();
+    test_bearing_is_signed();
+    test_says_its_message(2);
+    test_says_its_message(4);
+    test_missing_board();
+    for (seed = 1; seed <= 20; seed++) {
+        test_hears_every_message_once(2, seed);
+        test_hears_every_message_once(4, seed);
+        test_stuck_board(seed);
+    }
+    return 0;
+}

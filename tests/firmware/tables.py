@@ -1,0 +1,78 @@
+"""Every base's bytes, written from the tables in the sources by hand, without our C code.
+
+The tables are those of `firmware_bridge/README.md`; what follows here is their independent encoder.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from functools import reduce
+from operator import xor
+
+RING_SIZES = {"extension": 20, "bluetooth": 16, "bluetooth+ground": 16}
+"""Bytes that asercom answers to 'N' and 'O'."""
+
+
+def code(letter: str) -> int:
+    """A binary command of asercom."""
+    return 256 - ord(letter)
+
+
+def asercom_poll(
+    mode: str, left: int, right: int, leds: dict[int, int], ground: bool = False
+) -> bytes:
+    """Sets speeds and some LEDs, asks for everything, ends."""
+    packet = bytes([code("D")]) + struct.pack("<hh", left, right)
+    for number, state in leds.items():
+        packet += bytes([code("L"), number, state])
+    letters = "NOQb" + ("M" if ground else "") + "E"
+    return packet + bytes(code(letter) for letter in letters) + b"\x00"
+
+
+def asercom_reply(
+    mode: str,
+    prox: Sequence[int],
+    light: Sequence[int],
+    steps: tuple[int, int],
+    battery: int,
+    commanded: tuple[int, int],
+    ground: Sequence[int] = (),
+) -> bytes:
+    """What comes back for that."""
+    pad = bytes(RING_SIZES[mode] - 16)
+    reply = struct.pack("<8h", *prox) + pad + struct.pack("<8h", *light) + pad
+    reply += struct.pack("<HHH", *steps, battery)
+    if ground:
+        reply += struct.pack("<5H", *ground, 0, 0)
+    return reply + struct.pack("<hh", *commanded)
+
+
+def checked(packet: bytes) -> bytes:
+    """With the XOR of all bytes behind it."""
+    return packet + bytes([reduce(xor, packet, 0)])
+
+
+def gctronic_actuators(left: int, right: int, leds: int) -> bytes:
+    """20 bytes: LED n of the ring is bit n; the odd ones are RGB, and lit red."""
+    red = sum((leds >> (2 * i) & 1) << i for i in range(4))
+    rgb = b"".join(bytes([100 * (leds >> (2 * i + 1) & 1), 0, 0]) for i in range(4))
+    return checked(struct.pack("<hhBB", left, right, 0, red) + rgb + b"\x00")
+
+
+def gctronic_sensors(prox: Sequence[int], light: Sequence[int], steps: tuple[int, int]) -> bytes:
+    """47 bytes: microphones and remote control say nothing, the selector stands at 10."""
+    rings = struct.pack("<16h", *prox, *light)
+    return checked(rings + bytes(8) + bytes([10]) + struct.pack("<HH", *steps) + b"\x00")
+
+
+def york_write(register: int, value: int) -> bytes:
+    """Register, low, high."""
+    return struct.pack("<BH", register, value & 0xFFFF)
+
+
+def rab_registers(data: Sequence[int], bearing_e4rad: int, range_raw: int) -> dict[int, int]:
+    """What the range-and-bearing board's registers hold of a message."""
+    high, low = struct.pack(">h", bearing_e4rad)
+    far, near = struct.pack(">H", range_raw)
+    return {2: data[0], 1: data[1], 11: data[2], 10: data[3], 3: high, 4: low, 5: far, 6: near}

@@ -1,0 +1,194 @@
+"""The protocols' bytes against the tables, and that what is written is read again."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.firmware import tables
+from vsense.native import ffi, lib
+
+MODES = list(tables.RING_SIZES)
+
+raw = st.lists(st.integers(0, 4095), min_size=8, max_size=8)
+word = st.integers(0, 65535)
+speed = st.integers(-1000, 1000)
+led_bits = st.integers(0, 0x3FF)
+
+
+def mode_of(name: str) -> Any:
+    return ffi.addressof(lib.epuck_asercom_modes, MODES.index(name))
+
+
+def settable(mode: str) -> int:
+    return 0xFF if mode == "extension" else 0x3FF
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_modes_have_the_links_speeds_and_sizes(mode: str) -> None:
+    found = mode_of(mode)
+    assert found.baud == (230400 if mode == "extension" else 115200)
+    assert found.ring == tables.RING_SIZES[mode]
+    ground = (800, 900, 1000) if mode == "bluetooth+ground" else ()
+    reply = tables.asercom_reply(mode, [0] * 8, [0] * 8, (0, 0), 0, (0, 0), ground)
+    assert lib.epuck_asercom_reply_len(found) == len(reply)
+
+
+def test_the_examples_of_the_sources() -> None:
+    """epuck.md 1.3: set +400/-400, ask for proximity and counters."""
+    assert tables.asercom_poll("extension", 400, -400, {})[:5] == bytes.fromhex("BC900170FE")
+    assert [tables.code(letter) for letter in "NQE"] == [0xB2, 0xAF, 0xBB]
+    assert bytes(lib.epuck_asercom_resync) == bytes(36) + b"\rV\r"
+    assert tables.york_write(2, -100) == bytes([2, 0x9C, 0xFF])
+    assert tables.gctronic_actuators(0, 0, 0) == bytes(20)
+
+
+@given(st.sampled_from(MODES), speed, speed, led_bits, led_bits)
+def test_asercom_poll(mode: str, left: int, right: int, leds: int, change: int) -> None:
+    poll = ffi.new("struct epuck_asercom_poll *", [left, right, leds, change])
+    packet = ffi.new("uint8_t[]", lib.EPUCK_ASERCOM_REQUEST_MAX)
+    length = lib.epuck_asercom_put_poll(mode_of(mode), poll, packet)
+    numbers = [n for n in range(10) if change & settable(mode) & 1 << n]
+    states = {n: leds >> n & 1 for n in numbers}
+    wanted = tables.asercom_poll(mode, left, right, states, mode == "bluetooth+ground")
+    assert bytes(ffi.buffer(packet, length)) == wanted
+
+
+@given(st.sampled_from(MODES), raw, raw, word, word, word, speed, speed, st.data())
+def test_asercom_reply(mode, prox, light, left, right, battery, ahead, back, data) -> None:
+    count = 3 if mode == "bluetooth+ground" else 0
+    ground = data.draw(st.lists(st.integers(0, 1023), min_size=count, max_size=count))
+    reply = tables.asercom_reply(mode, prox, light, (left, right), battery, (ahead, back), ground)
+    got = ffi.new("struct epuck_asercom_sensors *")
+    assert lib.epuck_asercom_get_reply(mode_of(mode), reply, got) == 0
+    assert (list(got.prox), list(got.light), list(got.steps)) == (prox, light, [left, right])
+    assert (got.battery, got.left_steps_s, got.right_steps_s) == (battery, ahead, back)
+    assert list(got.ground)[:count] == ground
+
+
+@given(raw, raw, st.integers(0, 7), st.sampled_from([-1, -32768, 4096, 32767]), st.booleans())
+def test_asercom_values_that_no_sensor_gives(prox, light, place, value, is_light) -> None:
+    (light if is_light else prox)[place] = value
+    reply = tables.asercom_reply("extension", prox, light, (0, 0), 0, (0, 0))
+    got = ffi.new("struct epuck_asercom_sensors *", {"battery": 77})
+    assert lib.epuck_asercom_get_reply(mode_of("extension"), reply, got) == -1
+    assert got.battery == 77, "left alone"
+
+
+@pytest.mark.parametrize(
+    ("battery", "mv", "low"),
+    [(2560, 4200, 0), (2070, 3400, 0), (2069, 3399, 1), (1, 0, 0), (0, 0, 1)],
+)
+def test_asercom_battery_of_both_hardwares(battery: int, mv: int, low: int) -> None:
+    assert lib.epuck_asercom_battery_mv(battery) == mv
+    assert lib.epuck_asercom_battery_low(battery) == low
+
+
+@given(st.integers(-32768, 32767), st.integers(-32768, 32767), st.integers(0, 255))
+def test_gctronic_actuators(left: int, right: int, leds: int) -> None:
+    fields = ffi.new("struct epuck_gctronic_actuators *", [left, right, leds])
+    packet = ffi.new("uint8_t[20]")
+    lib.epuck_gctronic_put_actuators(fields, packet)
+    assert bytes(packet) == tables.gctronic_actuators(left, right, leds)
+    read = ffi.new("struct epuck_gctronic_actuators *")
+    assert lib.epuck_gctronic_get_actuators(packet, read) == 0
+    assert (read.left_steps_s, read.right_steps_s, read.leds) == (left, right, leds)
+
+
+@given(raw, raw, word, word)
+def test_gctronic_sensors(prox: list[int], light: list[int], left: int, right: int) -> None:
+    packet = tables.gctronic_sensors(prox, light, (left, right))
+    read = ffi.new("struct epuck_gctronic_sensors *")
+    assert lib.epuck_gctronic_get_sensors(packet, read) == 0
+    assert (list(read.prox), list(read.light), list(read.steps)) == (prox, light, [left, right])
+    again = ffi.new("uint8_t[47]")
+    lib.epuck_gctronic_put_sensors(read, again)
+    assert bytes(again) == packet
+
+
+@given(raw, raw, st.integers(0, 47 * 8 - 1))
+def test_gctronic_notices_every_flipped_bit(prox: list[int], light: list[int], bit: int) -> None:
+    packet = bytearray(tables.gctronic_sensors(prox, light, (1, 2)))
+    packet[bit // 8] ^= 1 << bit % 8
+    read = ffi.new("struct epuck_gctronic_sensors *")
+    assert lib.epuck_gctronic_get_sensors(bytes(packet), read) == -1
+
+
+@pytest.mark.parametrize("byte", [0x00, 0xFF])
+def test_a_bus_that_is_stuck_is_no_answer(byte: int) -> None:
+    read = ffi.new("struct epuck_gctronic_sensors *")
+    assert lib.epuck_gctronic_get_sensors(bytes([byte]) * 47, read) == -1
+
+
+@given(st.integers(0, 255), st.integers(-32768, 65535))
+def test_york_write(register: int, value: int) -> None:
+    out = ffi.new("uint8_t[3]")
+    lib.epuck_york_put_write(register, value & 0xFFFF, out)
+    assert bytes(out) == tables.york_write(register, value)
+
+
+def test_york_registers_are_those_of_the_map() -> None:
+    assert (lib.EPUCK_YORK_ADDRESS, lib.EPUCK_GCTRONIC_ADDRESS) == (0x1F, 0x1F)
+    assert (lib.EPUCK_YORK_RING_LEDS, lib.EPUCK_YORK_OTHER_LEDS) == (0, 1)
+    assert (lib.EPUCK_YORK_LEFT_SPEED, lib.EPUCK_YORK_LEFT_STEPS) == (2, 4)
+    assert (lib.EPUCK_YORK_SENSING, lib.EPUCK_YORK_PROX, lib.EPUCK_YORK_LIGHT) == (6, 7, 15)
+
+
+@given(led_bits)
+def test_york_leds_are_split_and_joined(leds: int) -> None:
+    """Bit 0 of register 1 is the front LED, bit 1 the body."""
+    other = lib.epuck_york_other_leds(leds)
+    assert other == (leds >> 9 & 1) | (leds >> 8 & 1) << 1
+    assert lib.epuck_york_get_leds(leds & 0xFF, other) == leds
+
+
+@given(st.lists(st.integers(0, 1023), min_size=3, max_size=3))
+def test_ground_registers_are_big_endian(ground: list[int]) -> None:
+    out = ffi.new("uint8_t[6]")
+    lib.epuck_ground_put(ground, out)
+    assert bytes(out) == b"".join(value.to_bytes(2, "big") for value in ground)
+    read = ffi.new("int16_t[3]")
+    assert lib.epuck_ground_get(out, read) == 0
+    assert list(read) == ground
+
+
+def test_ground_that_no_sensor_gives() -> None:
+    read = ffi.new("int16_t[3]", [1, 2, 3])
+    assert lib.epuck_ground_get(b"\x00\x00\x04\x00\x00\x00", read) == -1
+    assert list(read) == [1, 2, 3]
+
+
+message = st.tuples(
+    st.lists(st.integers(0, 255), min_size=4, max_size=4), st.integers(-31415, 31415), word
+)
+
+
+@given(message, st.sampled_from([2, 4]))
+def test_messages_are_read_register_by_register(said: Any, size: int) -> None:
+    data, bearing, distance = said
+    held = tables.rab_registers(data, bearing, distance)
+    count = ffi.new("size_t *")
+    registers = lib.epuck_rab_reads(size, count)
+    assert sorted(registers[i] for i in range(count[0])) == sorted(
+        {2, 1, 3, 4, 5, 6} | ({10, 11} if size == 4 else set())
+    )
+    read = ffi.new("struct epuck_rab_message *")
+    assert lib.epuck_rab_get(bytes(held[registers[i]] for i in range(count[0])), size, read) == 0
+    assert list(read.data) == data[:size] + [0] * (4 - size)
+    assert (read.bearing_e4rad, read.range_raw) == (bearing, distance)
+
+
+def test_a_bearing_beyond_pi_is_no_bearing() -> None:
+    read = ffi.new("struct epuck_rab_message *")
+    assert lib.epuck_rab_get(bytes([0, 0, 0x80, 0x00, 0, 0]), 2, read) == -1
+    assert lib.epuck_rab_get(bytes([0, 0, 0xC2, 0xF0, 0, 0]), 2, read) == 0
+    assert read.bearing_e4rad == -15632, "signed: to the right"
+
+
+def test_messages_are_sent_from_the_highest_byte_on() -> None:
+    """A board shifts what it gets; register 14 sends. Source: I2CSlaveDrv.c of argos3-epuck."""
+    assert list(lib.epuck_rab_writes(4)[0:4]) == [13, 19, 20, 14]
+    assert list(lib.epuck_rab_writes(2)[0:2]) == [13, 14]

@@ -1,0 +1,258 @@
+"""What a daemon opens in the lab: a pseudo-terminal, or a bus on a socket, with firmware behind it.
+
+Time is an argument in ns and never goes back. Nothing here waits: what nobody takes is lost, as on
+a wire.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import struct
+import tty
+from collections import deque
+from pathlib import Path
+from typing import Any, Protocol
+
+from vsense.lab.firmware import GROUND_RAW, NEVER_US, PROGRAMS, Kind, Outputs, Program
+from vsense.lab.shared import LabError
+from vsense.native import ffi, lib
+
+_REQUEST = struct.Struct("<IBB")
+"""Of a bus on a socket: number, address, bytes to read; what is written follows."""
+_REPLY = struct.Struct("<IB")
+"""Number, 0 = acknowledged; what was read follows."""
+_GREETING = b"\x01"
+_FIFO_BYTES = 16
+"""A serial driver hands bytes on when its buffer is full or the line falls silent. So does a
+terminal here: bytes come out of it when the time of so many has passed or all are through, not
+one by one, which would wake a daemon for each."""
+
+
+class Link(Protocol):
+    """What a daemon opens, with a program behind it.
+
+    Attributes:
+        device: the path that goes into `--base KIND:DEVICE`.
+        program: the microcontroller.
+        due_ns: when `advance` has something to do again, None while all is quiet.
+        sent_bytes, lost_bytes: to the daemon; lost are those that it was not there for.
+    """
+
+    device: str
+    program: Program
+    due_ns: int | None
+    sent_bytes: int
+    lost_bytes: int
+
+    def readable(self) -> int | None:
+        """The descriptor whose input `receive` would take now, None while it takes nothing."""
+
+    def receive(self, now_ns: int) -> None:
+        """Takes what the daemon wrote."""
+
+    def advance(self, now_ns: int) -> list[Outputs]:
+        """Lives on to `now_ns`, hands out what was sent, and says what motors and LEDs did."""
+
+    def faults(self) -> dict[str, int]:
+        """Counters of what a good host never makes happen; names as in `Microcontrollers`."""
+
+    def close(self) -> None:
+        """Hangs up."""
+
+
+class Terminal:
+    """A program behind a pseudo-terminal; see `Link`. Daemons come and go, it stays."""
+
+    def __init__(self, kind: Kind) -> None:
+        """Raises OSError where there are no more terminals."""
+        self.program = Program(kind)
+        self.due_ns: int | None = None
+        self.sent_bytes = self.lost_bytes = 0
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.device = os.ttyname(self._slave)
+        self._fifo_ns = _FIFO_BYTES * kind.byte_ns
+        self._receive = getattr(lib, f"{kind.prefix}_receive")
+        self._transmit = getattr(lib, f"{kind.prefix}_transmit")
+        self._bytes: Any = ffi.new("uint8_t[]", lib.FW_LINE_CAPACITY)
+        self._waiting = b""
+        self._handed_ns = 0
+
+    def readable(self) -> int | None:
+        return None if self._waiting else self._master
+
+    def receive(self, now_ns: int) -> None:
+        self._waiting += os.read(self._master, lib.FW_LINE_CAPACITY)
+        self._offer(now_ns)
+        self._plan(now_ns)
+
+    def advance(self, now_ns: int) -> list[Outputs]:
+        done = self.program.advance(now_ns)
+        self._offer(now_ns)
+        if now_ns >= min(self._handed_ns + self._fifo_ns, self.program.due_us() * 1000):
+            self._hand_out(now_ns)
+        self._plan(now_ns)
+        return done
+
+    def faults(self) -> dict[str, int]:
+        uart = self.program.state.uart
+        return {"overlapped_bytes": uart.overlapped, "overflowed_bytes": uart.overflowed}
+
+    def close(self) -> None:
+        os.close(self._master)
+        os.close(self._slave)
+
+    def _offer(self, now_ns: int) -> None:
+        """Puts on the line what it has room for."""
+        if self._waiting:
+            waiting = self._waiting
+            took = self._receive(self.program.state, waiting, len(waiting), now_ns // 1000)
+            self._waiting = waiting[took:]
+
+    def _hand_out(self, now_ns: int) -> None:
+        count = self._transmit(
+            self.program.state, self._bytes, lib.FW_LINE_CAPACITY, now_ns // 1000
+        )
+        if not count:
+            return
+        self._handed_ns = now_ns
+        try:
+            written = os.write(self._master, ffi.buffer(self._bytes, count))
+        except BlockingIOError:
+            written = 0
+        self.sent_bytes += written
+        self.lost_bytes += count - written
+
+    def _plan(self, now_ns: int) -> None:
+        due_us = self.program.due_us()
+        if due_us == NEVER_US and not self._waiting:
+            self.due_ns = None
+        else:
+            self.due_ns = min(due_us * 1000, now_ns + self._fifo_ns)
+
+
+class Bus:
+    """A program, ground sensors and range and bearing on an I2C bus; see `Link`.
+
+    The bus is a Unix socket of packets (`firmware_bridge/README.md`). One daemon at a time has
+    it: the next one's greeting waits until the one before has gone.
+
+    Attributes:
+        wires: the C struct of the bus; tests make its faults there.
+        ground, rab: the C structs of the boards.
+    """
+
+    def __init__(self, kind: Kind, path: Path) -> None:
+        """Raises OSError where there can be no such socket."""
+        self.program = Program(kind)
+        self.due_ns: int | None = None
+        self.sent_bytes = self.lost_bytes = 0
+        self.device = f"unix:{path}"
+        self.wires: Any = ffi.new("struct fw_i2c *")
+        self.ground: Any = ffi.new("struct fw_ground *")
+        self.rab: Any = ffi.new("struct fw_rab *")
+        lib.fw_i2c_init(self.wires)
+        lib.fw_ground_init(self.ground)
+        lib.fw_rab_init(self.rab)
+        for i in range(3):
+            self.ground.ground[i] = GROUND_RAW
+        for chip in (self.program.state, self.ground, self.rab):
+            lib.fw_i2c_add(self.wires, ffi.addressof(chip, "device"))
+        self._bytes: Any = ffi.new("uint8_t[]", 256)
+        self._replies: deque[tuple[int, bytes]] = deque()
+        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._daemon: socket.socket | None = None
+        try:
+            self._listener.bind(str(path))
+        except OSError:
+            self._listener.close()
+            raise
+        self._listener.listen()
+        self._listener.setblocking(False)
+
+    def readable(self) -> int | None:
+        return (self._daemon or self._listener).fileno()
+
+    def receive(self, now_ns: int) -> None:
+        if self._daemon is None:
+            self._daemon = self._listener.accept()[0]
+            self._daemon.setblocking(False)
+            self._send(_GREETING)
+            return
+        try:
+            request = self._daemon.recv(256)
+        except ConnectionError:
+            request = b""
+        if len(request) < _REQUEST.size:
+            self._hang_up()
+        else:
+            self._transfer(request, now_ns)
+        self._plan()
+
+    def advance(self, now_ns: int) -> list[Outputs]:
+        done = self.program.advance(now_ns)
+        while self._replies and self._replies[0][0] <= now_ns:
+            self._send(self._replies.popleft()[1])
+        self._plan()
+        return done
+
+    def faults(self) -> dict[str, int]:
+        wires = self.wires
+        return {"transactions": wires.transactions, "failed_transactions": wires.failed}
+
+    def close(self) -> None:
+        self._hang_up()
+        self._listener.close()
+
+    def _transfer(self, request: bytes, now_ns: int) -> None:
+        number, address, count = _REQUEST.unpack_from(request)
+        out = request[_REQUEST.size :]
+        result = lib.fw_i2c_transfer(
+            self.wires, address, out, len(out), self._bytes, count, now_ns // 1000
+        )
+        if result == lib.FW_I2C_STUCK:
+            return
+        acknowledged = result == lib.FW_I2C_ACK
+        read = bytes(ffi.buffer(self._bytes, count)) if acknowledged else b""
+        reply = _REPLY.pack(number, 0 if acknowledged else 1) + read
+        self._replies.append((self.wires.free_us * 1000, reply))
+
+    def _send(self, packet: bytes) -> None:
+        try:
+            assert self._daemon is not None
+            self._daemon.send(packet)
+        except (BlockingIOError, ConnectionError):
+            self.lost_bytes += len(packet)
+        else:
+            self.sent_bytes += len(packet)
+
+    def _hang_up(self) -> None:
+        if self._daemon is not None:
+            self._daemon.close()
+        self._daemon = None
+        self._replies.clear()
+
+    def _plan(self) -> None:
+        due_ns = self.program.due_us() * 1000
+        if self._replies:
+            due_ns = min(due_ns, self._replies[0][0])
+        self.due_ns = None if due_ns == NEVER_US * 1000 else due_ns
+
+
+def make_link(name: str, path: Path) -> Link:
+    """Makes an emulated robot's link.
+
+    Args:
+        name: the kind of base, of `PROGRAMS`.
+        path: where its socket would go, if it is on a bus.
+
+    Raises:
+        LabError: there is no such kind.
+        OSError: there are no more terminals, or there can be no such socket.
+    """
+    kind = PROGRAMS.get(name)
+    if kind is None:
+        raise LabError(f"no base {name!r} in the lab: expected one of {', '.join(PROGRAMS)}")
+    return Terminal(kind) if kind.byte_ns else Bus(kind, path)
