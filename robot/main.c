@@ -4,10 +4,13 @@
  * worker.h) has network, clock and controller; the guard (guard.h) owns the base and
  * stops it whatever becomes of the worker.
  */
+#include <errno.h>
 #include <fcntl.h>
 #include <stdio.h>
+#include <string.h>
 #include <unistd.h>
 
+#include "check.h"
 #include "options.h"
 #include "report.h"
 #include "worker.h"
@@ -44,13 +47,49 @@ static int uid_of_machine(struct vs_options *options)
     return len < 0 ? -1 : vs_options_make_uid(options, text);
 }
 
+/* Reads a settings file whole. 0, or -1 and why. */
+static int load(const char *file, struct vs_settings *settings, char *why, size_t why_size)
+{
+    int fd = open(file, O_RDONLY | O_NONBLOCK);
+    ssize_t len = 0;
+
+    settings->len = 0;
+    while (fd >= 0 && settings->len <= VS_SETTINGS_MAX &&
+           (len = read(fd, settings->text + settings->len, sizeof settings->text -
+                       settings->len)) > 0)
+        settings->len += (size_t)len;
+    if (fd < 0 || len < 0)
+        snprintf(why, why_size, "%s: cannot be read: %s", file, strerror(errno));
+    else if (settings->len > VS_SETTINGS_MAX || memchr(settings->text, 0, settings->len) != NULL)
+        snprintf(why, why_size, "%s: expected a text of at most %d bytes", file, VS_SETTINGS_MAX);
+    else
+        len = 1;
+    if (fd >= 0)
+        close(fd);
+    return len == 1 ? 0 : -1;
+}
+
+/* Reads settings file and command line. */
+static enum vs_options_result read_options(struct vs_options *options, int argc, char *argv[],
+                                           char *why, size_t why_size)
+{
+    static struct vs_settings settings;
+    const char *file = vs_options_config(argc, argv);
+
+    vs_options_init(options);
+    if (file != NULL && (load(file, &settings, why, why_size) != 0 ||
+                         vs_options_read_settings(options, file, &settings, why, why_size) != 0))
+        return VS_OPTIONS_BAD;
+    return vs_options_read(options, argc, argv, why, why_size);
+}
+
 int main(int argc, char *argv[])
 {
     static struct vs_worker worker;
     struct vs_options options;
-    char why[200];
+    char why[400];
 
-    switch (vs_options_read(&options, argc, argv, why, sizeof why)) {
+    switch (read_options(&options, argc, argv, why, sizeof why)) {
     case VS_OPTIONS_HELP:
         print_help();
         return 0;
@@ -63,6 +102,8 @@ int main(int argc, char *argv[])
     default:
         break;
     }
+    if (options.check)
+        return vs_check_run(&options);
     vs_report_as(options.tag);
     if (!options.has_uid && uid_of_machine(&options) != 0) {
         vs_report("no machine id in %s: give --uid, 32 hexadecimal digits", MACHINE_ID);

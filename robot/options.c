@@ -5,11 +5,15 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "number.h"
+
 #define CLOCK_MAX_NS INT64_C(1000000000000000000)
 #define DRIFT_MAX_PPM 100000.0
 
 const char vs_options_help[] =
     "usage: vsensed --host ADDRESS --port PORT --tag TAG --base BASE [options]\n"
+    "       vsensed --config FILE [options]\n"
+    "       vsensed --check --config FILE\n"
     "\n"
     "Runs one robot: its controller gets the virtual sensors of the host, its base the\n"
     "controller's commands. Wheels stop when the host falls silent for 400 ms, on SIGTERM,\n"
@@ -18,11 +22,16 @@ const char vs_options_help[] =
     "  --host ADDRESS   the host's numeric IPv4 address\n"
     "  --port PORT      the host's port, TCP and UDP\n"
     "  --tag TAG        number of the marker on the robot's back, 0..65535\n"
-    "  --base BASE      what turns the wheels, see below\n"
+    "  --base BASE      what turns the wheels: KIND:DEVICE[,OPTION]..., see below\n"
     "  --uid HEX        32 hexadecimal digits that no other robot has\n"
     "                   (default: /etc/machine-id mixed with the tag)\n"
     "  --name NAME      for people, at most 31 bytes (default: robot_TAG)\n"
-    "  --version        print the version and end\n"
+    "  --config FILE    a file of settings, one in a line: the name of an option without\n"
+    "                   its dashes, = and its value, such as: port = 4050. What the\n"
+    "                   command line says wins\n"
+    "  --check          look whether clock, network, host and base are well, say what is\n"
+    "                   wrong and how to mend it, and end: 0 all is well, 1 it is not\n"
+    "  --version        print the version and the controller, and end\n"
     "  --help           print this and end\n"
     "\n"
     "Test aids:\n"
@@ -30,6 +39,10 @@ const char vs_options_help[] =
     "  --clock-offset-ns N    session's clock = CLOCK_MONOTONIC * (1 + F / 1e6) + N\n"
     "  --clock-drift-ppm F\n"
     "\n"
+    "Options of every base, for boards on an I2C bus (/dev/i2c-3):\n"
+    "  ground=BUS             ground sensors, address 0x60\n"
+    "  rab=BUS                range and bearing, address 0x20\n"
+    "  rab_bytes=2|4          length of its messages (default: 2)\n"
     "Bases:\n";
 
 struct reading {
@@ -41,7 +54,7 @@ struct reading {
 
 static int refuse(const struct reading *r, const char *expected)
 {
-    snprintf(r->why, r->why_size, "%s: expected %s, got '%s'", r->option, expected, r->value);
+    snprintf(r->why, r->why_size, "%s: expected %s, got '%.100s'", r->option, expected, r->value);
     return -1;
 }
 
@@ -111,8 +124,11 @@ static int take_name(const struct reading *r, struct vs_options *o)
 
 static int take_base(const struct reading *r, struct vs_options *o)
 {
-    o->base = vs_base_find(r->value, &o->device);
-    return o->base != NULL ? 0 : refuse(r, "a base and its device, such as argos:/dev/ttyS0");
+    char expected[160];
+
+    return vs_base_configure(&o->base, r->value, expected, sizeof expected) == 0
+               ? 0
+               : refuse(r, expected);
 }
 
 static int take_offset(const struct reading *r, struct vs_options *o)
@@ -128,10 +144,10 @@ static int take_offset(const struct reading *r, struct vs_options *o)
 
 static int take_drift(const struct reading *r, struct vs_options *o)
 {
-    char *end;
-    double ppm = strtod(r->value, &end);
+    double ppm = 0.0;
+    size_t len = vs_number_read(r->value, &ppm);
 
-    if (end == r->value || *end != '\0' || !(ppm >= -DRIFT_MAX_PPM && ppm <= DRIFT_MAX_PPM))
+    if (len == 0 || r->value[len] != '\0' || !(ppm >= -DRIFT_MAX_PPM && ppm <= DRIFT_MAX_PPM))
         return refuse(r, "parts per million, from -100000 to 100000");
     o->clock_drift_ppb = (int64_t)(ppm * 1000.0 + (ppm < 0 ? -0.5 : 0.5));
     return 0;
@@ -161,37 +177,72 @@ static int take_tag(const struct reading *r, struct vs_options *o)
 }
 
 static const struct {
-    const char *name;
+    const char *name; /* in a settings file; on the command line with -- before it */
     int (*take)(const struct reading *r, struct vs_options *o); /* 0, or -1 and why */
 } table[] = {
-    {"--host", take_host},
-    {"--port", take_port},
-    {"--tag", take_tag},
-    {"--base", take_base},
-    {"--uid", take_uid},
-    {"--name", take_name},
-    {"--trace", take_trace},
-    {"--clock-offset-ns", take_offset},
-    {"--clock-drift-ppm", take_drift},
+    {"host", take_host},
+    {"port", take_port},
+    {"tag", take_tag},
+    {"base", take_base},
+    {"uid", take_uid},
+    {"name", take_name},
+    {"trace", take_trace},
+    {"clock-offset-ns", take_offset},
+    {"clock-drift-ppm", take_drift},
 };
+
+enum { OPTIONS = sizeof table / sizeof table[0] };
+
+/* Its place in the table, OPTIONS if there is no such option. */
+static size_t place(const char *name)
+{
+    size_t i = 0;
+
+    while (i < OPTIONS && strcmp(name, table[i].name) != 0)
+        i++;
+    return i;
+}
 
 /* Takes one option and its value, NULL if there is none. 0, or -1 and why. */
 static int take(struct vs_options *o, const char *name, const char *value,
                 char *why, size_t why_size)
 {
     struct reading r = {name, value, why, why_size};
-    size_t i = 0;
+    size_t i = strncmp(name, "--", 2) == 0 ? place(name + 2) : OPTIONS;
 
-    while (i < sizeof table / sizeof table[0] && strcmp(name, table[i].name) != 0)
-        i++;
-    if (i == sizeof table / sizeof table[0]) {
-        snprintf(why, why_size, "unknown option '%s'; see vsensed --help", name);
+    if (i == OPTIONS && strcmp(name, "--config") != 0) {
+        snprintf(why, why_size, "unknown option '%.100s'; see vsensed --help", name);
         return -1;
     }
     if (value == NULL) {
         snprintf(why, why_size, "%s: expected a value after it", name);
         return -1;
     }
+    return i < OPTIONS ? table[i].take(&r, o) : 0; /* --config: was read before */
+}
+
+/* Takes one line of a settings file. 0, or -1 and why. */
+static int take_line(struct vs_options *o, enum vs_settings_result kind, const char *name,
+                     const char *value, unsigned int lines[OPTIONS], unsigned int line,
+                     char *why, size_t why_size)
+{
+    struct reading r = {name, value, why, why_size};
+    size_t i = place(name);
+
+    if (kind == VS_SETTINGS_BAD) {
+        snprintf(why, why_size, "expected a setting and its value, such as 'port = 4050', got "
+                 "'%.100s'", name);
+        return -1;
+    }
+    if (i == OPTIONS) {
+        snprintf(why, why_size, "unknown setting '%.100s'; see vsensed --help", name);
+        return -1;
+    }
+    if (lines[i] != 0) {
+        snprintf(why, why_size, "%s: is set twice, before in line %u", name, lines[i]);
+        return -1;
+    }
+    lines[i] = line;
     return table[i].take(&r, o);
 }
 
@@ -206,7 +257,7 @@ static int check(struct vs_options *o, char *why, size_t why_size)
         missing = "--port";
     else if (!o->has_tag)
         missing = "--tag";
-    else if (o->base == NULL)
+    else if (o->base.ops == NULL)
         missing = "--base";
     if (missing != NULL) {
         snprintf(why, why_size, "%s is missing; see vsensed --help", missing);
@@ -217,21 +268,60 @@ static int check(struct vs_options *o, char *why, size_t why_size)
     return 0;
 }
 
+void vs_options_init(struct vs_options *options)
+{
+    memset(options, 0, sizeof *options);
+}
+
+const char *vs_options_config(int argc, char *const argv[])
+{
+    const char *file = NULL;
+    int i;
+
+    for (i = 1; i < argc; i += strcmp(argv[i], "--check") == 0 ? 1 : 2)
+        if (strcmp(argv[i], "--config") == 0 && i + 1 < argc)
+            file = argv[i + 1];
+    return file;
+}
+
+int vs_options_read_settings(struct vs_options *options, const char *file,
+                             struct vs_settings *settings, char *why, size_t why_size)
+{
+    unsigned int lines[OPTIONS] = {0};
+    enum vs_settings_result kind;
+    const char *name = "";
+    const char *value = "";
+    char what[200];
+
+    vs_settings_begin(settings);
+    while ((kind = vs_settings_next(settings, &name, &value)) != VS_SETTINGS_END)
+        if (take_line(options, kind, name, value, lines, settings->line, what, sizeof what) != 0) {
+            snprintf(why, why_size, "%s:%u: %s", file, settings->line, what);
+            return -1;
+        }
+    return 0;
+}
+
 enum vs_options_result vs_options_read(struct vs_options *options, int argc, char *const argv[],
                                        char *why, size_t why_size)
 {
-    int i;
+    int i = 1;
 
-    memset(options, 0, sizeof *options);
-    for (i = 1; i < argc; i += 2) {
+    while (i < argc) {
         const char *value = i + 1 < argc ? argv[i + 1] : NULL;
 
         if (strcmp(argv[i], "--help") == 0)
             return VS_OPTIONS_HELP;
         if (strcmp(argv[i], "--version") == 0)
             return VS_OPTIONS_VERSION;
+        if (strcmp(argv[i], "--check") == 0) {
+            options->check = 1;
+            i++;
+            continue;
+        }
         if (take(options, argv[i], value, why, why_size) != 0)
             return VS_OPTIONS_BAD;
+        i += 2;
     }
     return check(options, why, why_size) == 0 ? VS_OPTIONS_RUN : VS_OPTIONS_BAD;
 }

@@ -1,9 +1,13 @@
 /* SPDX-License-Identifier: MIT */
-/* options.h - the daemon's command line, read into a struct. Pure. */
+/*
+ * options.h - the daemon's command line and its settings file, read into a struct. Pure.
+ * What the command line says wins over the file.
+ */
 #ifndef VS_OPTIONS_H
 #define VS_OPTIONS_H
 
-#include "base.h"
+#include "base_config.h"
+#include "settings.h"
 #include "../c_src/vs_session.h"
 
 #define VSENSED_VERSION "0.1.0"
@@ -16,14 +20,25 @@ struct vs_options {
     uint8_t uid[VS_UID_SIZE];
     uint8_t has_uid;
     uint8_t has_tag;
-    const struct vs_base_ops *base;
-    const char *device;
+    uint8_t check;                    /* look whether all is well, and end */
+    struct vs_base_config base;
     const char *trace;                /* NULL: none */
     int64_t clock_offset_ns;
     int64_t clock_drift_ppb;
 };
 
 enum vs_options_result { VS_OPTIONS_RUN, VS_OPTIONS_HELP, VS_OPTIONS_VERSION, VS_OPTIONS_BAD };
+
+/* All that is not given later has its default. */
+void vs_options_init(struct vs_options *options);
+
+/* The file that argv names with --config, NULL if it names none. */
+const char *vs_options_config(int argc, char *const argv[]);
+
+/* Takes over what a settings file says: the options' names without their dashes. Its
+ * text is kept, not copied. 0, or -1 and why, which begins with file and line. */
+int vs_options_read_settings(struct vs_options *options, const char *file,
+                             struct vs_settings *settings, char *why, size_t why_size);
 
 /* Reads argv[1..]. VS_OPTIONS_BAD: why is a line without its newline that says what
  * was expected and what came. The strings of argv are kept, not copied. */

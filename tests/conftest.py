@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import shutil
 from collections.abc import Callable, Mapping
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import settings
 
 from vsense.arena import POSE, ArenaState
+from vsense.robot import building
 
 # A busy machine is no defect: no property has to hold within a wall-clock time.
 settings.register_profile("vsense", deadline=None)
@@ -26,6 +29,26 @@ def require_tool(name: str, package: str) -> str:
             pytest.fail(text)
         pytest.skip(text)
     return path
+
+
+def require_zig() -> None:
+    """Skips the test (under CI: fails it) where the pinned cross compiler is not installed."""
+    if importlib.util.find_spec("ziglang") is None:
+        text = "needs ziglang: pip install 'vsense[robot]'"
+        if os.environ.get("CI"):
+            pytest.fail(text)
+        pytest.skip(text)
+
+
+@pytest.fixture(scope="session")
+def arm_daemon(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Path of `vsensed` for ARMv5 with the pollutant controller, as `vsense robot build` makes it.
+
+    The compiler's own cache stays the user's: its C library takes a minute to build.
+    """
+    require_zig()
+    made = tmp_path_factory.mktemp("arm") / "vsensed"
+    return building.build("pollutant", "epuck", made).path
 
 
 Place = tuple[float, float, float]

@@ -15,12 +15,14 @@ FUNCTION_MAX = 40
 """Lines of a function, from its first to its last."""
 
 FORBIDDEN = {
-    "tracking": {"world", "sensors", "link", "web", "lab", "config"},
-    "world": {"tracking", "link", "web", "lab"},
-    "sensors": {"tracking", "link", "web", "lab"},
-    "config": {"link", "web", "lab"},
-    "sheets": {"world", "sensors", "link", "web", "lab", "config"},
-    "link": {"tracking", "world", "sensors", "lab", "web", "config"},
+    "tracking": {"world", "sensors", "link", "web", "lab", "run", "config"},
+    "world": {"tracking", "link", "web", "lab", "run"},
+    "sensors": {"tracking", "link", "web", "lab", "run"},
+    "actuators": {"tracking", "link", "web", "lab", "run"},
+    "config": {"link", "web", "lab", "run"},
+    "sheets": {"world", "sensors", "link", "web", "lab", "run", "config"},
+    "link": {"tracking", "world", "sensors", "lab", "run", "web", "config"},
+    "run": {"lab", "sim", "web"},
 }
 """Folder of `vsense` -> folders whose modules it must not import."""
 
@@ -28,14 +30,14 @@ DOORS = {"config": ("vsense.link.table",)}
 """Modules of forbidden folders that a folder may know all the same: sensors that no datagram
 holds are refused where the experiment file is read."""
 
-TIMELESS = ("tracking", "world", "sensors", "config")
+TIMELESS = ("tracking", "world", "sensors", "actuators", "config")
 """Folders that are told the time and never read a clock."""
 
 LIBC = {
     "errno", "fcntl", "float", "math", "poll", "signal", "stdarg", "stdbool", "stddef", "stdint",
     "stdio", "stdlib", "string", "termios", "time", "unistd", "stdatomic", "limits", "inttypes",
     "arpa/inet", "netinet/in", "netinet/tcp", "sys/file", "sys/ioctl", "sys/socket", "sys/stat",
-    "sys/types", "sys/wait", "sys/uio",
+    "sys/types", "sys/wait", "sys/uio", "sys/un", "sys/sysmacros", "linux/i2c", "linux/i2c-dev",
 }  # fmt: skip
 
 

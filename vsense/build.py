@@ -27,8 +27,8 @@ MIND_PARTS = ("err", "bytes", "wire", "table", "body", "peer", "clock", "session
 """What of `c_src/` a robot's mind needs beside `robot/`: the protocol's own files."""
 
 SYSTEM_PARTS = (
-    *("base", "base_argos", "guard", "guard_link", "guard_process", "main", "net", "options"),
-    *("report", "signals", "talk", "trace", "worker"),
+    *("base", "base_argos", "check", "guard", "guard_link", "guard_process", "main", "net"),
+    *("options", "report", "settings", "signals", "talk", "trace", "worker"),
 )
 """What of `robot/` only a daemon needs: processes, files, network, and the base."""
 

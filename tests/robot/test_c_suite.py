@@ -21,25 +21,39 @@ PROTOCOL = [
     for part in ("err", "bytes", "wire", "table", "body", "peer", "clock", "session")
 ]
 POLLUTANT = ROBOT / "controllers" / "pollutant.c"
-MINDS = [ROBOT / f"{part}.c" for part in ("loop", "guard", "safety", "robot")]
-LINE = [C_SRC / "epuck_argos.c", C_SRC / "vs_posix.c", *FIRMWARE.glob("*.c")]
+OWN = [ROBOT / f"{part}.c" for part in ("robot", "base_sensors", "number")]
+MINDS = [*(ROBOT / f"{part}.c" for part in ("loop", "guard", "safety")), *OWN]
+BASES = [*ROBOT.glob("base*.c"), *C_SRC.glob("epuck_*.c"), *C_SRC.glob("vs_i2c*.c")]
+BASES += [C_SRC / "vs_posix.c", *FIRMWARE.glob("*.c")]
 SUITES = {
-    "robot_base": [ROBOT / "base_argos.c", *LINE],
+    "robot_base": BASES,
+    "robot_base_asercom": BASES,
+    "robot_base_i2c": BASES,
+    "robot_base_boards": BASES,
+    "robot_base_config": BASES,
+    "robot_base_sensors": [*OWN, *PROTOCOL],
     "robot_guard": [ROBOT / "guard.c"],
     "robot_posix": [],
-    "robot_stop": [ROBOT / "base_argos.c", ROBOT / "guard.c", *LINE],
+    "robot_i2c_posix": [],
+    "robot_settings": [ROBOT / "settings.c"],
+    "robot_number": [ROBOT / "number.c"],
+    "robot_stop": [ROBOT / "guard.c", *BASES],
+    "robot_stop_i2c": [ROBOT / "guard.c", *BASES],
     "robot_loop": [TESTS / "robot_life.c", *MINDS, *PROTOCOL],
     "robot_inprocess": [
-        *(ROBOT / f"{part}.c" for part in ("inprocess", "loop", "safety", "robot")),
+        *(ROBOT / f"{part}.c" for part in ("inprocess", "loop", "safety")),
+        *OWN,
         *PROTOCOL,
     ],
-    "robot_controller": [ROBOT / "robot.c", ROBOT / "walk.c", POLLUTANT, *PROTOCOL],
-    "robot_walk": [ROBOT / "robot.c", ROBOT / "walk.c", POLLUTANT, *PROTOCOL],
+    "robot_controller": [*OWN, ROBOT / "walk.c", POLLUTANT, *PROTOCOL],
+    "robot_walk": [*OWN, ROBOT / "walk.c", POLLUTANT, *PROTOCOL],
 }
-RUNS = {"robot_base": "3000", "robot_loop": "300"}
+RUNS = {"robot_base": "3000", "robot_loop": "300", "robot_base_asercom": "500"}
+RUNS |= {"robot_base_i2c": "2000"}
 """How many random worlds a suite goes through."""
 
-EDGE = {"guard_link", "guard_process", "main", "net", "report", "signals", "trace", "worker"}
+EDGE = {"check", "guard_link", "guard_process", "main", "net", "report", "signals", "trace"}
+EDGE |= {"worker"}
 """The files that talk to the operating system; all others are pure."""
 
 SYSTEM = {"errno", "fcntl", "poll", "signal", "termios", "time", "unistd", "pthread"}

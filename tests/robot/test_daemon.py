@@ -37,7 +37,10 @@ def test_version_and_help(program: Path) -> None:
     [
         (["--port", "70000"], "--port: expected a number from 0 to 65535, got '70000'"),
         (["--tag", "x"], "--tag: expected a number from 0 to 65535, got 'x'"),
-        (["--base", "york:/dev/null"], "got 'york:/dev/null'"),
+        (
+            ["--base", "yrok:/dev/null"],
+            "KIND one of argos, asercom, gctronic, york, got 'yrok:/dev/null'",
+        ),
         (["--base", "argos:"], "got 'argos:'"),
         (["--uid", "12"], "--uid: expected 32 hexadecimal digits, got '12'"),
         (["--name", "n" * 32], "--name: expected 1 to 31 bytes of plain UTF-8"),
@@ -98,7 +101,7 @@ def test_virtual_sensor_decides_what_wheels_and_leds_do(rig: Rig) -> None:
 def test_real_sensor_decides_too(rig: Rig) -> None:
     rig.run()
     rig.wait_for(lambda: rig.applied[-1].left_steps_s == rig.applied[-1].right_steps_s != 0, "walk")
-    rig.base._firmware[0].inputs.prox[0] = 3000
+    rig.base.links[0].program.state.body.inputs.prox[0] = 3000
     rig.wait_for(lambda: rig.applied[-1].left_steps_s < 0 < rig.applied[-1].right_steps_s, "turn")
 
 
@@ -139,7 +142,7 @@ def test_told_to_end_it_hands_the_base_back(rig: Rig, number: signal.Signals) ->
     assert rig.daemon.process.returncode == 0
     rig.wait_for(lambda: rig.host.goodbyes, "a goodbye")
     assert rig.host.goodbyes[0].text == "the daemon was told to end"
-    rig.wait_for(lambda: rig.base._firmware[0].state == lib.FW_ARGOS_WAKE, "'R'")
+    rig.wait_for(lambda: rig.base.links[0].program.state.state == lib.FW_ARGOS_WAKE, "'R'")
     assert not rig.moving
     assert not Path(f"/proc/{guard}").exists()
 

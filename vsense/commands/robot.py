@@ -5,11 +5,14 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from vsense.commands import arguments
+
 HELP = "build vsensed for robots, and copy it to them"
 
 DESCRIPTION = (
     "What a lab does with its robots' boards. 'build' makes the daemon vsensed with a controller"
-    " in it, one static file for a kind of board."
+    " in it, one static file for a kind of board. 'deploy' copies it to all robots of a list with"
+    " ssh, writes each robot's settings, and has it start with the board."
 )
 
 
@@ -17,6 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True, dest="action")
     _add_build(actions.add_parser("build", help="build vsensed with a controller for a board"))
+    _add_deploy(actions.add_parser("deploy", help="copy vsensed to all robots of a list"))
 
 
 def _add_build(parser: argparse.ArgumentParser) -> None:
@@ -42,6 +46,55 @@ def _add_build(parser: argparse.ArgumentParser) -> None:
         help="where it goes (default: vsensed)",
     )
     parser.add_argument("--json", action="store_true", help="print what was built as JSON")
+
+
+def _add_deploy(parser: argparse.ArgumentParser) -> None:
+    """Declares what `vsense robot deploy` takes."""
+    parser.add_argument(
+        "--hosts",
+        required=True,
+        type=Path,
+        metavar="FILE",
+        help="one robot in a line: what ssh is told, tag=TAG, and if they differ from robot to"
+        " robot base=BASE, name=NAME, host=, port=, uid=; such as: root@192.168.1.30 tag=23",
+    )
+    parser.add_argument(
+        "--binary",
+        type=Path,
+        default=Path("vsensed"),
+        metavar="FILE",
+        help="the daemon, from `vsense robot build` (default: vsensed)",
+    )
+    parser.add_argument(
+        "--host",
+        metavar="ADDRESS",
+        help="numeric IPv4 address of the machine that `vsense run` will run on",
+    )
+    parser.add_argument(
+        "--port", type=arguments.port, default=4050, metavar="P", help="its port (default: 4050)"
+    )
+    parser.add_argument(
+        "--base", help="what turns the robots' wheels, such as argos:/dev/ttyS0; see vsensed --help"
+    )
+    _add_ways(parser)
+
+
+def _add_ways(parser: argparse.ArgumentParser) -> None:
+    """Declares how it is deployed."""
+    parser.add_argument(
+        "--service",
+        choices=["auto", "systemd", "init", "none"],
+        default="auto",
+        help="what starts it on the robots: a systemd unit, an init script, or nothing (default:"
+        " auto, by what the board has)",
+    )
+    parser.add_argument("--sudo", action="store_true", help="become root on the robots with sudo")
+    parser.add_argument(
+        "--check",
+        action="store_true",
+        help="have each robot look whether its base, network and clock are well (vsensed --check)",
+    )
+    parser.add_argument("--json", action="store_true", help="print the results as JSON")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -73,6 +73,13 @@ def _add_ends(parser: argparse.ArgumentParser) -> None:
         metavar="P",
         help="TCP and UDP port; 0 takes a free one (default: the file's vss_port)",
     )
+    parser.add_argument(
+        "--legacy-port",
+        type=arguments.port,
+        metavar="P",
+        help="serve robots that still run the original's client, too, on this TCP port; 0 takes a"
+        " free one (default: serve none)",
+    )
 
 
 def _add_results(parser: argparse.ArgumentParser) -> None:

@@ -1,0 +1,248 @@
+/* SPDX-License-Identifier: MIT */
+#include "check.h"
+
+#include <arpa/inet.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <netinet/in.h>
+#include <poll.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "../c_src/vs_posix.h"
+
+#define NAPS 20                 /* so many short sleeps show the timer's grain */
+#define NAP_NS 2000000u         /* [ns] each */
+#define COARSE_NS 20000000u     /* [ns] mostly later than this and no step is on time */
+#define FIRST_SANE_S 1577836800 /* [s] the beginning of 2020 */
+#define CONNECT_NS 2000000000u  /* [ns] a host on the same network takes far less */
+#define FIND_NS 4000000000u     /* [ns] the base may take to be found */
+#define ANSWER_NS 500000000u    /* [ns] and to answer then */
+
+/* One line of the report. Returns its ok. */
+static int say(const char *what, int ok, const char *format, ...)
+{
+    va_list arguments;
+
+    printf("%-8s %-4s ", what, ok ? "ok" : "BAD");
+    va_start(arguments, format);
+    vprintf(format, arguments);
+    va_end(arguments);
+    putchar('\n');
+    fflush(stdout);
+    return ok;
+}
+
+/* Puts value into its place among the count values before it, the smallest first. */
+static void insert(uint64_t *values, int count, uint64_t value)
+{
+    while (count > 0 && values[count - 1] > value) {
+        values[count] = values[count - 1];
+        count--;
+    }
+    values[count] = value;
+}
+
+/* Everything is timed with CLOCK_MONOTONIC: it has to run on, and poll() to wake soon. */
+static int check_clock(void)
+{
+    uint64_t late_ns[NAPS];
+    int i;
+
+    for (i = 0; i < NAPS; i++) {
+        uint64_t began_ns = vs_posix_now_ns();
+        uint64_t took_ns;
+
+        poll(NULL, 0, (int)(NAP_NS / 1000000u));
+        took_ns = vs_posix_now_ns() - began_ns;
+        if (took_ns < NAP_NS / 2)
+            return say("clock", 0, "CLOCK_MONOTONIC stands still: this kernel has no working timer");
+        insert(late_ns, i, took_ns > NAP_NS ? took_ns - NAP_NS : 0);
+    }
+    if (late_ns[NAPS / 2] > COARSE_NS)
+        return say("clock", 0, "timers wake %.0f ms late: end whatever keeps this board busy (top)",
+                   (double)late_ns[NAPS / 2] / 1e6);
+    if (time(NULL) < FIRST_SANE_S)
+        return say("clock", 1, "timers are good; the calendar is wrong, which only log files notice");
+    return say("clock", 1, "timers wake %.1f ms late, %.1f ms at worst",
+               (double)late_ns[NAPS / 2] / 1e6, (double)late_ns[NAPS - 1] / 1e6);
+}
+
+static int is_address(const struct vs_options *o, struct sockaddr_in *address)
+{
+    memset(address, 0, sizeof *address);
+    address->sin_family = AF_INET;
+    address->sin_port = htons(o->port);
+    return inet_pton(AF_INET, o->host, &address->sin_addr) == 1;
+}
+
+/* A datagram socket that connects says which way packets would go, without sending one. */
+static int check_route(const struct vs_options *o, const struct sockaddr_in *host)
+{
+    struct sockaddr_in own;
+    socklen_t size = sizeof own;
+    char text[INET_ADDRSTRLEN] = "?";
+    int fd = socket(AF_INET, SOCK_DGRAM, 0);
+    int why = 0;
+
+    if (fd < 0 || connect(fd, (const struct sockaddr *)host, sizeof *host) != 0 ||
+        getsockname(fd, (struct sockaddr *)&own, &size) != 0)
+        why = errno;
+    if (fd >= 0)
+        close(fd);
+    if (why != 0)
+        return say("network", 0, "no way to %s: %s; join the host's network (ip address, ip route)",
+                   o->host, strerror(why));
+    inet_ntop(AF_INET, &own.sin_addr, text, sizeof text);
+    return say("network", 1, "this board is %s on the way to %s", text, o->host);
+}
+
+/* Connects. Returns 0, or the errno of what went wrong. */
+static int try_host(const struct sockaddr_in *host)
+{
+    int fd = socket(AF_INET, SOCK_STREAM, 0);
+    struct pollfd waited = {fd, POLLOUT, 0};
+    socklen_t size = sizeof(int);
+    int why = 0;
+
+    if (fd < 0)
+        return errno;
+    fcntl(fd, F_SETFL, O_NONBLOCK);
+    if (connect(fd, (const struct sockaddr *)host, sizeof *host) != 0)
+        why = errno;
+    if (why == EINPROGRESS)
+        why = poll(&waited, 1, (int)(CONNECT_NS / 1000000u)) > 0 ? 0 : ETIMEDOUT;
+    if (why == 0 && getsockopt(fd, SOL_SOCKET, SO_ERROR, &why, &size) != 0)
+        why = errno;
+    close(fd);
+    return why;
+}
+
+static int check_host(const struct vs_options *o, const struct sockaddr_in *host)
+{
+    unsigned int port = o->port;
+    int why = try_host(host);
+
+    if (why == 0)
+        return say("host", 1, "%s answers on port %u", o->host, port);
+    if (why == ECONNREFUSED)
+        return say("host", 1, "%s is there; no experiment runs on its port %u now", o->host, port);
+    return say("host", 0, "%s does not answer on port %u: %s; is it switched on, is this its"
+               " address, does its firewall let TCP and UDP %u in?",
+               o->host, port, strerror(why), port);
+}
+
+/* What to do about a device that cannot be opened. */
+static const char *cure(int err, int why)
+{
+    if (err == VS_ERR_LOCKED)
+        return "another vsensed has it: end that one first";
+    if (why == ENOENT || why == ENODEV || why == ENXIO)
+        return "is it named right, and its driver loaded? (ls /dev)";
+    if (why == EACCES || why == EPERM)
+        return "run vsensed as root, or as a member of the device's group (ls -l)";
+    return "is it a device that such a base can have?";
+}
+
+static int is_running(int err)
+{
+    return err == VS_ERR_BUSY || err == VS_ERR_LATE;
+}
+
+/* Has the base found, wheels at 0, and asked once. VS_OK, or how it failed. */
+static int ask(struct vs_base *base, struct vs_base_reading *reading)
+{
+    static const struct vs_base_command rest;
+    uint64_t end_ns = vs_posix_now_ns() + FIND_NS;
+    int err = VS_ERR_BUSY;
+
+    while (is_running(err) || err == VS_ERR_SILENT) {
+        err = vs_base_recover(base);
+        if (err == VS_ERR_SILENT && vs_posix_now_ns() >= end_ns)
+            return err;
+    }
+    end_ns = vs_posix_now_ns() + ANSWER_NS;
+    if (err == VS_OK)
+        err = VS_ERR_BUSY;
+    while (is_running(err) && vs_posix_now_ns() < end_ns)
+        err = vs_base_exchange(base, &rest, reading);
+    return is_running(err) ? VS_ERR_SILENT : err;
+}
+
+static int hand_back(struct vs_base *base)
+{
+    uint64_t end_ns = vs_posix_now_ns() + ANSWER_NS;
+    int err = VS_ERR_BUSY;
+
+    while (is_running(err) && vs_posix_now_ns() < end_ns)
+        err = base->ops->close(base);
+    return err;
+}
+
+/* Whether the boards that the robot should have answer, too. */
+static int check_boards(struct vs_base *base, struct vs_base_reading *reading)
+{
+    static const struct vs_base_command rest;
+    uint64_t end_ns = vs_posix_now_ns() + ANSWER_NS;
+
+    while (base->news == NULL && vs_posix_now_ns() < end_ns) {
+        if (vs_base_exchange(base, &rest, reading) == VS_OK && vs_base_rest(base, &rest) == 0 &&
+            vs_boards_are_well(&base->boards))
+            return 1;
+        poll(NULL, 0, (int)(NAP_NS / 1000000u));
+    }
+    return say("base", 0, "%s: is it plugged in, is that its bus?",
+               base->news != NULL ? base->news : "a board does not answer");
+}
+
+static int check_base(const struct vs_options *o)
+{
+    static struct vs_base base;
+    const char *kind = o->base.ops->name;
+    struct vs_base_reading reading;
+    int good = 1;
+    int err;
+    int why;
+
+    memset(&reading, 0, sizeof reading);
+    err = vs_base_open(&base, &o->base);
+    why = errno;
+    if (err != VS_OK)
+        return say("base", 0, "cannot open %s: %s; %s", base.news,
+                   err == VS_ERR_IO ? strerror(why) : vs_strerror(err), cure(err, why));
+    err = ask(&base, &reading);
+    if (err == VS_OK) {
+        good = check_boards(&base, &reading);
+        err = hand_back(&base);
+    }
+    if (err != VS_OK && base.news != NULL)
+        return say("base", 0, "%s on %s: %s", kind, o->base.device, base.news);
+    if (err != VS_OK)
+        return say("base", 0, "%s on %s: %s; is the robot switched on, does it run the firmware for"
+                   " '%s', is this its line?", kind, o->base.device, vs_strerror(err), kind);
+    if (reading.battery_low == 1)
+        return say("base", 0, "%s on %s answers, but its battery is low: charge it", kind,
+                   o->base.device);
+    return say("base", good, "%s on %s answers, wheels at 0", kind, o->base.device);
+}
+
+int vs_check_run(const struct vs_options *options)
+{
+    struct sockaddr_in host;
+    int good = check_clock();
+
+    if (!is_address(options, &host)) {
+        good &= say("network", 0, "host: expected a numeric IPv4 address, got '%s'",
+                    options->host);
+    } else if (check_route(options, &host)) {
+        good &= check_host(options, &host);
+    } else {
+        good = 0;
+    }
+    good &= check_base(options);
+    return good ? 0 : 1;
+}

@@ -1,0 +1,94 @@
+/* SPDX-License-Identifier: MIT */
+/* number.h against strtod(): the same numbers from the same characters. */
+#include "../../robot/number.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "robot_check.h"
+
+static double read(const char *text, size_t len)
+{
+    double value = 77.0;
+
+    CHECK_FOR(text, vs_number_read(text, &value) == len);
+    return value;
+}
+
+static void test_numbers_and_where_they_end(void)
+{
+    CHECK(read("1.5\n", 3) == 1.5);
+    CHECK(read("-7", 2) == -7.0);
+    CHECK(read("+.25x", 4) == 0.25);
+    CHECK(read("3.", 2) == 3.0);
+    CHECK(read("2e3", 3) == 2000.0);
+    CHECK(read("2E-3,", 4) == 0.002);
+    CHECK(read("2e", 1) == 2.0);
+    CHECK(read("2e+", 1) == 2.0);
+    CHECK(read("0e999999999999", 14) == 0.0);
+    CHECK(read("1e-999999999999", 15) == 0.0);
+    CHECK(read("0.000000000000000000000000001", 29) == 1e-27);
+    CHECK(read("00000000000000000000000000012", 29) == 12.0);
+    CHECK(signbit(read("-0", 2)));
+}
+
+static void test_what_is_no_number(void)
+{
+    static const char *const texts[] = {"",    "-",   ".",   "-.", "e5",  "x1",
+                                        " 1",  "nan", "inf", "0x", "1e400", "--1"};
+    size_t i;
+
+    for (i = 0; i < sizeof texts / sizeof texts[0]; i++) {
+        size_t len = strcmp(texts[i], "0x") == 0 ? 1 : 0;
+        double value = 77.0;
+
+        CHECK_FOR(texts[i], vs_number_read(texts[i], &value) == len);
+        CHECK(len != 0 || value == 77.0);
+    }
+}
+
+/* A number of so many digits with a point somewhere and an exponent. */
+static void make(char *text, size_t size, uint32_t *random, uint32_t digits, int exponent)
+{
+    uint32_t point = draw(random, digits + 1);
+    size_t len = 0;
+    uint32_t i;
+
+    if (draw(random, 2))
+        text[len++] = '-';
+    for (i = 0; i < digits; i++) {
+        if (i == point)
+            text[len++] = '.';
+        text[len++] = (char)('0' + draw(random, 10));
+    }
+    snprintf(text + len, size - len, "e%d", exponent);
+}
+
+static void test_against_strtod(uint32_t random)
+{
+    char text[80];
+    char *end;
+    double ours;
+    double theirs;
+
+    make(text, sizeof text, &random, 1 + draw(&random, 15), (int)draw(&random, 15) - 7);
+    CHECK_FOR(text, vs_number_read(text, &ours) == strlen(text));
+    CHECK_FOR(text, ours == strtod(text, NULL));
+    make(text, sizeof text, &random, 1 + draw(&random, 40), (int)draw(&random, 500) - 250);
+    theirs = strtod(text, &end);
+    CHECK_FOR(text, vs_number_read(text, &ours) == (size_t)(end - text));
+    CHECK_FOR(text, fabs(ours - theirs) <= 1e-15 * fabs(theirs));
+}
+
+int main(void)
+{
+    uint32_t seed;
+
+    test_numbers_and_where_they_end();
+    test_what_is_no_number();
+    for (seed = 1; seed <= 100000; seed++)
+        test_against_strtod(seed * 2654435761u | 1u);
+    return 0;
+}

@@ -1,0 +1,94 @@
+"""`vsensed --check`: what is well, what is not, and how to mend it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from tests.robot.rig import Rig
+from vsense.lab.microcontrollers import Microcontrollers
+
+Check = Callable[..., tuple[int, dict[str, str]]]
+
+
+@pytest.fixture
+def idle(rigs: Callable[..., Rig]) -> Rig:
+    """A host and a base without a daemon."""
+    return rigs()
+
+
+@pytest.fixture
+def check(idle: Rig) -> Check:
+    """Runs the check; gives its exit code and what it says of each thing."""
+
+    def run(**changes: str) -> tuple[int, dict[str, str]]:
+        daemon = idle.begin("--check", *idle.words(**changes))
+        idle.wait_for(lambda: daemon.process.poll() is not None, "the end of the check", 60)
+        lines = daemon.printed.splitlines()
+        return daemon.process.returncode, {line.split()[0]: line[9:] for line in lines}
+
+    return run
+
+
+def test_all_is_well(idle: Rig, check: Check) -> None:
+    status, said = check()
+    assert list(said) == ["clock", "network", "host", "base"]
+    assert said["network"] == "ok   this board is 127.0.0.1 on the way to 127.0.0.1"
+    assert said["host"] == f"ok   127.0.0.1 answers on port {idle.host.port}"
+    assert said["base"] == f"ok   argos on {idle.device} answers, wheels at 0"
+    assert status == (0 if said["clock"].startswith("ok") else 1)
+    assert not idle.host.connected, "nobody's session is taken"
+
+
+def test_a_daemon_finds_the_base_after_a_check(idle: Rig, check: Check) -> None:
+    check()
+    idle.start()
+    idle.run()
+
+
+def test_nobody_listens(idle: Rig, check: Check) -> None:
+    idle.host.silent = True
+    idle.host.close()
+    _, said = check()
+    text = f"127.0.0.1 is there; no experiment runs on its port {idle.host.port} now"
+    assert said["host"] == f"ok   {text}"
+
+
+@pytest.mark.parametrize(
+    ("address", "words"),
+    [
+        ("localhost", "BAD  host: expected a numeric IPv4 address, got 'localhost'"),
+        ("255.255.255.255", "BAD  no way to 255.255.255.255: Permission denied; join"),
+    ],
+)
+def test_no_way_to_the_host(check: Check, address: str, words: str) -> None:
+    status, said = check(host=address)
+    assert status == 1
+    assert said["network"].startswith(words)
+    assert "host" not in said and said["base"].startswith("ok")
+
+
+def test_a_base_that_is_not_there(check: Check) -> None:
+    status, said = check(base="argos:/nowhere/ttyS0")
+    assert status == 1
+    assert said["base"].startswith("BAD  cannot open /nowhere/ttyS0: No such file or directory;")
+
+
+def test_a_base_that_is_silent(check: Check) -> None:
+    other = Microcontrollers(["argos"])
+    try:
+        status, said = check(base=f"argos:{other.devices[0]}")
+    finally:
+        other.close()
+    assert status == 1
+    assert "the base does not answer; is the robot switched on" in said["base"]
+
+
+def test_a_robot_that_runs_is_left_alone(idle: Rig, check: Check) -> None:
+    idle.start()
+    idle.run()
+    status, said = check()
+    assert status == 1
+    assert "another vsensed has it: end that one first" in said["base"]
+    idle.wait_for(lambda: idle.moving, "motion")

@@ -1,0 +1,281 @@
+"""`vsense robot deploy`: lists of robots, what travels, and what boards make of it.
+
+The `ssh` in these tests runs what it is told in a folder that stands for the board, with the
+board's own `systemctl` and `id`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import require_tool
+from vsense import cli
+from vsense.errors import ConfigError, UsageError
+from vsense.robot import hosts
+
+FAKE_DAEMON = """
+case "$1" in
+    --version) echo "vsensed 9.9, controller test 0123456789ab" ;;
+    --check)
+        cat "$3" >"$VSENSED_ROOT/checked"
+        [ ! -e "$VSENSED_ROOT/sick" ] || { echo "base     BAD  no answer"; exit 1; }
+        echo "base     ok   it answers" ;;
+    --config) echo "$$" >"$VSENSED_ROOT/started"; exec sleep 600 ;;
+esac
+"""
+
+SSH = r"""
+while [ "$1" = -o ]; do shift 2; done
+echo "$2" >>"$BOARDS/$1.told"
+case $1 in
+    *off*) echo "ssh: connect to host $1 port 22: No route to host" >&2; exit 255 ;;
+    *slow*) echo $$ >"$BOARDS/slow.pid"; exec sleep 600 ;;
+esac
+export VSENSED_ROOT="$BOARDS/$1"
+mkdir -p "$VSENSED_ROOT"
+PATH="$BOARDS/$1/bin:$BOARDS/bin:$PATH" exec sh -c "$2"
+"""
+
+
+def program(path: Path, script: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(f"#!/bin/sh\n{script}\n")
+    path.chmod(0o755)
+
+
+@pytest.fixture
+def boards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder with the boards; the daemon that is deployed is a stand-in, too."""
+    require_tool("tar", "tar")
+    folder = tmp_path / "boards"
+    program(tmp_path / "path" / "ssh", SSH)
+    program(folder / "bin" / "id", "echo 0")
+    program(folder / "bin" / "systemctl", 'echo "$@" >>"$VSENSED_ROOT/systemctl"')
+    program(folder / "bin" / "update-rc.d", 'echo "$@" >>"$VSENSED_ROOT/update-rc.d"')
+    monkeypatch.setenv("BOARDS", str(folder))
+    monkeypatch.setenv("PATH", f"{tmp_path / 'path'}:{os.environ['PATH']}")
+    # A script may stand in for a program only where the first bytes are not looked at.
+    monkeypatch.setattr("vsense.robot.deploying.load", lambda binary: binary.read_bytes())
+    program(tmp_path / "vsensed", FAKE_DAEMON)
+    monkeypatch.chdir(tmp_path)
+    return folder
+
+
+def line(fifo: int) -> int:
+    """The next number that somebody writes to a pipe."""
+    assert select.select([fifo], [], [], 30)[0], "waited in vain for a process"
+    return int(os.read(fifo, 100))
+
+
+def is_gone(pid: int) -> bool:
+    """Whether a process has ended, though maybe nobody has asked how."""
+    state = Path(f"/proc/{pid}/stat")
+    return not state.exists() or state.read_text().split()[2] == "Z"
+
+
+def deploy(tmp_path: Path, lines: str, *words: str) -> int:
+    (tmp_path / "robots.txt").write_text(lines)
+    common = ["--hosts", "robots.txt", "--host", "10.0.0.1", "--base", "argos:/dev/ttyS0"]
+    return cli.main(["robot", "deploy", *common, *words])
+
+
+def systemd(boards: Path, name: str) -> Path:
+    """A board with systemd."""
+    (boards / name / "run" / "systemd" / "system").mkdir(parents=True)
+    return boards / name
+
+
+def test_every_robot_gets_its_own_settings(
+    boards: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    left, right = systemd(boards, "root@left"), systemd(boards, "pi@right")
+    lines = "# ours\nroot@left tag=23\n\npi@right tag=24 base=york:/dev/i2c-12 port=4060 # b\n"
+    assert deploy(tmp_path, lines) == 0
+    assert "host = 10.0.0.1\nport = 4050\nbase = argos:/dev/ttyS0\ntag = 23\n" in (
+        (left / "etc/vsensed.conf").read_text()
+    )
+    assert "host = 10.0.0.1\nport = 4060\nbase = york:/dev/i2c-12\ntag = 24\n" in (
+        (right / "etc/vsensed.conf").read_text()
+    )
+    installed = left / "usr/local/bin/vsensed"
+    assert installed.read_bytes() == (tmp_path / "vsensed").read_bytes()
+    assert installed.stat().st_mode & 0o777 == 0o755
+    calls = (left / "systemctl").read_text().splitlines()
+    assert calls == ["daemon-reload", "-q enable vsensed", "stop vsensed", "start vsensed"]
+    unit = (left / "etc/systemd/system/vsensed.service").read_text()
+    assert "ExecStart=/usr/local/bin/vsensed --config /etc/vsensed.conf\n" in unit
+    out = capsys.readouterr().out.splitlines()
+    version = "vsensed 9.9, controller test 0123456789ab"
+    assert out[1] == f"root@left  23   ok  systemd: {version}"
+    assert not list(left.rglob("*.new")), "nothing half-made is left behind"
+
+
+def test_one_that_fails_keeps_nobody_else_from_working(
+    boards: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    systemd(boards, "good")
+    assert deploy(tmp_path, "off tag=1\ngood tag=2\nuser tag=3\n", "--json") == 1
+    facts = {row["robot"]: row for row in json.loads(capsys.readouterr().out)}
+    assert facts["good"]["ok"]
+    assert facts["off"]["text"] == "ssh: connect to host off port 22: No route to host"
+
+
+def test_who_is_not_root_is_told_so(
+    boards: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    program(boards / "pi@board" / "bin" / "id", "echo 1000")
+    assert deploy(tmp_path, "pi@board tag=1\n") == 1
+    assert "needs root: log in as root, or give --sudo" in capsys.readouterr().out
+    assert not (boards / "pi@board" / "etc").exists()
+    program(boards / "bin" / "sudo", 'shift; PATH="$BOARDS/bin:$PATH" exec "$@"')
+    systemd(boards, "pi@board")
+    assert deploy(tmp_path, "pi@board tag=1\n", "--sudo") == 0
+
+
+def test_a_binary_for_another_board_replaces_nothing(
+    boards: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    board = systemd(boards, "board")
+    program(board / "usr/local/bin/vsensed", "echo the old one")
+    program(tmp_path / "vsensed", "kill -ILL $$")
+    assert deploy(tmp_path, "board tag=1\n") == 1
+    assert "this board cannot run it: built for another target?" in capsys.readouterr().out
+    assert "the old one" in (board / "usr/local/bin/vsensed").read_text()
+
+
+def test_check_tells_what_is_wrong_and_starts_all_the_same(
+    boards: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    systemd(boards, "well")
+    sick = systemd(boards, "ill")
+    (sick / "sick").touch()
+    assert deploy(tmp_path, "well tag=1\nill tag=2\n", "--check") == 1
+    out = capsys.readouterr().out
+    assert "base     BAD  no answer" in out
+    assert (sick / "systemctl").read_text().endswith("stop vsensed\nstart vsensed\n")
+    assert "tag = 2" in (sick / "checked").read_text()
+
+
+def test_init_script_starts_stops_and_starts_again(
+    boards: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    board = boards / "old"
+    environment = {**os.environ, "VSENSED_ROOT": str(board)}
+    script = board / "etc/init.d/vsensed"
+
+    def call(word: str) -> int:
+        return subprocess.run([script, word], env=environment, timeout=30).returncode
+
+    board.mkdir()
+    os.mkfifo(board / "started")
+    started = os.open(board / "started", os.O_RDWR)
+    try:
+        assert deploy(tmp_path, "old tag=1\n") == 0
+        first = line(started)
+        assert call("status") == 0
+        os.kill(first, signal.SIGKILL)
+        second = line(started)
+        assert second != first, "it is started again when it dies"
+        assert deploy(tmp_path, "old tag=1\n") == 0
+        third = line(started)
+        assert third != second and is_gone(second)
+    finally:
+        call("stop")
+        os.close(started)
+    assert call("status") != 0
+    assert "init: vsensed 9.9" in capsys.readouterr().out
+
+
+def test_ctrl_c_ends_all_connections(boards: Path, tmp_path: Path) -> None:
+    (tmp_path / "robots.txt").write_text("slow tag=1\n")
+    os.mkfifo(boards / "slow.pid")
+    slow = os.open(boards / "slow.pid", os.O_RDWR)
+    shutil.copy2("/bin/true", tmp_path / "real")
+    words = ["--hosts", "robots.txt", "--host", "10.0.0.1", "--base", "argos:x"]
+    words += ["--binary", "real"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "vsense", "robot", "deploy", *words],
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(Path(cli.__file__).parent.parent)},
+    )
+    ssh = line(slow)
+    os.close(slow)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130 and said.endswith("vsense: interrupted\n")
+    assert is_gone(ssh)
+
+
+@pytest.mark.parametrize(
+    ("lines", "line", "words"),
+    [
+        ("a tag=1\nb\n", 2, "expected tag=0..65535, got no tag"),
+        ("a tag=70000\n", 1, "expected tag=0..65535, got 70000"),
+        ("a tag=1 speed=3\n", 1, "expected one of tag=VALUE, base=VALUE, name=VALUE"),
+        ("a tag=1 tag=2\n", 1, "tag= is there twice"),
+        ("a tag=1 name=$(reboot)\n", 1, "expected one of"),
+        ("-oProxyCommand=x tag=1\n", 1, "expected [user@]host, got '-oProxyCommand=x'"),
+        ("a;b tag=1\n", 1, "expected [user@]host, got 'a;b'"),
+        ("a tag=1\n\nb tag=01\n", 3, "tag 1 is in line 1, too"),
+        ("a tag=1\na tag=2\n", 2, "a is in line 1, too"),
+    ],
+)
+def test_lists_that_are_wrong(tmp_path: Path, lines: str, line: int, words: str) -> None:
+    file = tmp_path / "robots.txt"
+    file.write_text(lines)
+    with pytest.raises(ConfigError) as caught:
+        hosts.read(file)
+    assert str(caught.value).startswith(f"{file}:{line}: {words}")
+
+
+def test_a_list_without_robots(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="No such file"):
+        hosts.read(tmp_path / "robots.txt")
+    (tmp_path / "robots.txt").write_text("# none\n")
+    with pytest.raises(UsageError, match="names no robot"):
+        hosts.read(tmp_path / "robots.txt")
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["--base", "x"], "robots.txt:1: no host for this robot: add host=..., or give --host"),
+        (["--host", "h", "--base", "x"], "host: expected a numeric IPv4 address, got 'h'"),
+        (["--host", "10.0.0.1"], "robots.txt:1: no base for this robot"),
+        (["--host", "10.0.0.1", "--base", "x", "--port", "0"], "port: expected 1 to 65535"),
+        (["--host", "10.0.0.1", "--base", "x", "--binary", "no"], "make it with: vsense robot"),
+        (["--host", "10.0.0.1", "--base", "x", "--binary", "robots.txt"], "is no program"),
+    ],
+)
+def test_what_is_missing_is_told_before_anything_is_sent(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    words: list[str],
+    text: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "robots.txt").write_text("a tag=1\n")
+    shutil.copy2("/bin/true", tmp_path / "vsensed")
+    assert cli.main(["robot", "deploy", "--hosts", "robots.txt", *words]) == 2
+    assert text in capsys.readouterr().err
+
+
+def test_no_ssh(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shutil.copy2("/bin/true", tmp_path / "vsensed")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert deploy(tmp_path, "a tag=1\n") == 1
+    assert "apt install openssh-client" in capsys.readouterr().err
