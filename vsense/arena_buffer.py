@@ -18,7 +18,7 @@ from vsense.native import check, ffi, lib
 _HEAD = struct.Struct("<qqqqq")
 _TAG = np.dtype("<u4")
 _NAMES = np.dtype("u1")
-_LISTS = (POSE, _TAG, SIGHTING, _TAG, _NAMES, IMAGE_POSE)
+_LISTS: tuple[Any, ...] = (POSE, _TAG, SIGHTING, _TAG, _NAMES, IMAGE_POSE)
 _SIGHTINGS_PER_ROBOT = 4
 """A tag may be read at several places at once, and seen by several cameras."""
 _NAMES_MAX = 4096

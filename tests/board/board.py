@@ -57,11 +57,12 @@ class Kernel:
 
 
 def kernel() -> Kernel:
-    """The kernel that `get-kernel` fetched; without it the test is skipped, under CI it fails."""
+    """The kernel that `get-kernel` fetched; without it the test is skipped, or fails where the
+    board test was asked for (VSENSE_BOARD)."""
     folder = cache_directory() / "board"
     if not (folder / "vmlinuz").is_file():
         text = f"needs a kernel: {HERE.name}/get-kernel fetches it"
-        if os.environ.get("CI"):
+        if os.environ.get("VSENSE_BOARD"):
             pytest.fail(text)
         pytest.skip(text)
     modules = {path.stem: path for path in (folder / "modules").glob("*.ko")}

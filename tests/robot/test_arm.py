@@ -25,9 +25,15 @@ SUITES: dict[str, list[Path]] = {
     "test_session": wire.SESSION,
     "test_scan": [wire.C_SRC / "vs_err.c", *wire.KERNEL],
     "test_rays": [wire.C_SRC / "vs_lens.c", *wire.RAYS],
+    "test_physics": [wire.C_SRC / "vs_lens.c", *wire.FLOOR],
 }
 RUNS = {name: str(max(int(count) // 30, 10)) for name, count in robot.RUNS.items()}
 """An emulated processor lives more slowly: fewer random worlds."""
+
+
+def test_no_suite_is_forgotten() -> None:
+    programs = [p for p in (ROOT / "tests" / "c").glob("*.c") if "int main(" in p.read_text()]
+    assert {p.stem for p in programs} - {"test_latest"} == set(SUITES)
 
 
 @pytest.mark.parametrize("name", SUITES)

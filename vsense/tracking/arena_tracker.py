@@ -128,16 +128,15 @@ class ArenaTracker:
         Raises:
             TrackingError: A frame is of an unknown camera, or not of that camera's size.
         """
-        fresh = self._gate.choose(frames)
-        self.counters.old_frames = self._gate.old
-        self.counters.repeated_frames = self._gate.repeated
+        counters, gate = self.counters, self._gate
+        fresh = gate.choose(frames)
+        counters.old_frames, counters.repeated_frames = gate.old, gate.repeated
         if not fresh:
             return self._state
-        now_ns = max(frame.capture_ns for frame in fresh)
-        self._whereabouts.expect(now_ns)
+        self._whereabouts.expect(now_ns := max(frame.capture_ns for frame in fresh))
         found = self._detect(fresh)
         placed = [
-            place_markers(self._gate.cameras[frame.camera], rows, self.heights_m)
+            place_markers(gate.cameras[frame.camera], rows, self.heights_m)
             for frame, rows in zip(fresh, found, strict=True)
         ]
         sightings = self._take(fresh, placed)
