@@ -207,6 +207,8 @@ def test_ctrl_c_ends_all_connections(boards: Path, tmp_path: Path) -> None:
         stderr=subprocess.PIPE,
         text=True,
         env={**os.environ, "PYTHONPATH": str(Path(cli.__file__).parent.parent)},
+        # Whoever starts the tests in the background has them ignore Ctrl-C.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     ssh = line(slow)
     os.close(slow)
