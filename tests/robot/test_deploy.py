@@ -13,6 +13,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -53,7 +54,7 @@ def program(path: Path, script: str) -> None:
 
 
 @pytest.fixture
-def boards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def boards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """The folder with the boards; the daemon that is deployed is a stand-in, too."""
     require_tool("tar", "tar")
     folder = tmp_path / "boards"
@@ -67,7 +68,11 @@ def boards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr("vsense.robot.deploying.load", lambda binary: binary.read_bytes())
     program(tmp_path / "vsensed", FAKE_DAEMON)
     monkeypatch.chdir(tmp_path)
-    return folder
+    yield folder
+    # What was started on a board goes on when the test is over.
+    for script in folder.glob("*/etc/init.d/vsensed"):
+        board = script.parents[2]
+        subprocess.run([script, "stop"], env={**os.environ, "VSENSED_ROOT": str(board)}, timeout=30)
 
 
 def line(fifo: int) -> int:
