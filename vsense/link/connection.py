@@ -14,10 +14,24 @@ from vsense.link.streams import Inbox, Outbox
 from vsense.link.wire import DATAGRAM_MAX
 
 SEND_BUFFER = 16_384
-"""Bytes that the kernel may hold for a slow robot: with more, old readings would pile up there."""
+"""Bytes that the kernel may hold for a slow peer: with more, old readings would pile up there."""
 
 DISCARD = 4096
 """Bytes that are read and thrown away at a time, once the host has ended the conversation."""
+
+
+def prepare(sock: socket.socket, most_unsent: int) -> None:
+    """Makes an accepted socket one that never waits and holds little of what is old.
+
+    Args:
+        sock: the socket.
+        most_unsent: bytes that may wait unsent in the kernel before it takes no more.
+    """
+    sock.setblocking(False)
+    with contextlib.suppress(OSError):
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, most_unsent)
 
 
 class Connection:
@@ -43,12 +57,8 @@ class Connection:
         self.deadline_ns = deadline_ns
         self.finishing = False
         self.broken = ""
-        sock.setblocking(False)
-        with contextlib.suppress(OSError):
-            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
-            # At most one STATE waits unsent in the kernel; a newer one replaces it here, not there.
-            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, DATAGRAM_MAX)
+        # At most one STATE waits unsent in the kernel; a newer one replaces it here, not there.
+        prepare(sock, DATAGRAM_MAX)
 
     def read(self) -> bool:
         """Moves what has come into the inbox, one system call's worth; sets `broken` at the end.

@@ -7,81 +7,31 @@ notices who has gone. No robot waits for another.
 
 from __future__ import annotations
 
-import contextlib
-import selectors
 import socket
-import threading
 import time
 from collections.abc import Callable, Mapping
 
 from vsense.link.legacy_robots import LegacyRobot, LegacySwarm
-from vsense.link.ports import listen
-from vsense.link.status import EventKind, LinkError, LinkEvent
+from vsense.link.listening import Client, ListeningServer
+from vsense.link.status import EventKind, LinkEvent
 from vsense.link.wire import Values
 
 STUCK_NS = 5_000_000_000
 """A robot that takes nothing of what waits for it for this long is gone."""
 
-FINISH_S = 0.5
-"""How long the end of the experiment may take to leave."""
-
-SEND_BUFFER = 16_384
-"""Bytes that the kernel may hold for a slow robot: with more, old readings would pile up there."""
-
-_READ, _WRITE = selectors.EVENT_READ, selectors.EVENT_WRITE
-_CHUNK = 4096
-_IDLE_S = 0.25
-_JOIN_S = 5.0
-_KEEPALIVE_S = 1
+_KEEPALIVE = (1, 3)
 
 
-class _Connection:
+class _Connection(Client):
     """One robot's socket."""
 
     def __init__(self, sock: socket.socket, octet: int, robot: LegacyRobot, now_ns: int) -> None:
-        self.sock = sock
+        super().__init__(sock, robot, STUCK_NS, _KEEPALIVE, now_ns)
         self.octet = octet
         self.robot = robot
-        self.moved_ns = now_ns
-        sock.setblocking(False)
-        with contextlib.suppress(OSError):
-            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
-            # One message at most waits unsent in the kernel; a newer one replaces it here.
-            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, _CHUNK)
-            sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, _KEEPALIVE_S)
-            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, _KEEPALIVE_S)
-            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, 3)
-
-    def write(self, now_ns: int) -> str:
-        """Writes what the kernel takes now; returns why the connection is lost, or ""."""
-        try:
-            while chunk := self.robot.chunk():
-                self.robot.wrote(self.sock.send(chunk))
-                self.moved_ns = now_ns
-        except (BlockingIOError, InterruptedError):
-            stuck = now_ns - self.moved_ns > STUCK_NS
-            return f"has taken nothing for {STUCK_NS // 10**9} s" if stuck else ""
-        except OSError as error:
-            return f"is gone: {error.strerror}"
-        self.moved_ns = now_ns
-        return ""
-
-    def read(self) -> str:
-        """Reads what no such robot ever says; returns why the connection is lost, or ""."""
-        try:
-            said = self.sock.recv(_CHUNK)
-        except (BlockingIOError, InterruptedError):
-            return ""
-        except OSError as error:
-            return f"is gone: {error.strerror}"
-        if said:
-            return "says something, which the original client never does: turned away"
-        return "has left"
 
 
-class LegacyServer:
+class LegacyServer(ListeningServer):
     """Serves robots with the original client; its methods may be called by any thread."""
 
     def __init__(
@@ -104,26 +54,10 @@ class LegacyServer:
         Raises:
             LinkError: the host is unknown, or the port is taken.
         """
-        self._listener, self.port = listen(host, port)
+        super().__init__("the original's virtual sensor server", host, port, clock)
         self._swarm = swarm
         self._on_event = on_event
-        self._clock = clock
-        self._lock = threading.Lock()
         self._connections: dict[int, _Connection] = {}
-        self._ending = False
-        self._failure: BaseException | None = None
-        self._selector = selectors.DefaultSelector()
-        self._wake_in, self._wake_out = socket.socketpair()
-        for sock in (self._wake_in, self._wake_out):
-            sock.setblocking(False)
-        self._selector.register(self._wake_in, _READ)
-        self._selector.register(self._listener, _READ)
-        self._thread = threading.Thread(target=self._run, name="legacy-server", daemon=True)
-
-    def start(self) -> int:
-        """Begins to answer; returns the port."""
-        self._thread.start()
-        return self.port
 
     def publish(self, values: Mapping[int, Values], first: bool = False) -> None:
         """Sends every robot what has changed in its readings, now and without waiting for any.
@@ -135,8 +69,7 @@ class LegacyServer:
         Raises:
             LinkError: the server's thread has failed.
         """
-        if self._failure is not None:
-            raise LinkError(f"the original's virtual sensor server has failed: {self._failure!r}")
+        self._check()
         with self._lock:
             for tag, readings in values.items():
                 self._swarm.sense(tag, self._swarm.translation.payloads(readings))
@@ -163,57 +96,11 @@ class LegacyServer:
         """Ends the experiment and closes everything; can be called again."""
         self.end()
         self._ending = True
-        self._wake()
-        if self._thread.is_alive():
-            self._thread.join(_JOIN_S)
-        self._selector.close()
-        for sock in (self._listener, self._wake_in, self._wake_out):
-            sock.close()
-
-    def _wake(self) -> None:
-        try:
-            self._wake_out.send(b"\0")
-        except OSError:
-            return  # full: it is about to wake; closed: it has ended
+        self._join()
 
     # --- the server's thread
 
-    def _run(self) -> None:
-        """The thread. A failure here is a fault of ours: it is kept for the next `publish`."""
-        try:
-            while not self._ending:
-                self._turn(_IDLE_S)
-            until_ns = self._clock() + round(FINISH_S * 1e9)
-            while self._unsent() and self._clock() < until_ns:
-                self._turn(FINISH_S / 10.0)
-        except BaseException as failure:
-            self._failure = failure
-            raise
-        finally:
-            with self._lock:
-                for connection in list(self._connections.values()):
-                    self._drop(connection, "")
-
-    def _turn(self, wait_s: float) -> None:
-        """Waits for a socket, and does all that is due."""
-        for key, _ in self._selector.select(wait_s):
-            if key.fileobj is self._wake_in:
-                with contextlib.suppress(OSError):
-                    self._wake_in.recv(_CHUNK)
-            elif key.fileobj is self._listener:
-                self._accept()
-            elif key.data is not None:
-                self._hear(key.data)
-        with self._lock:
-            for connection in list(self._connections.values()):
-                self._settle(connection)
-
-    def _accept(self) -> None:
-        try:
-            sock, address = self._listener.accept()
-        except OSError:
-            return
-        origin = str(address[0])
+    def _greet(self, sock: socket.socket, origin: str) -> None:
         octet = int(origin.rpartition(".")[2]) if origin.count(".") == 3 else 0
         with self._lock:
             robot = self._swarm.join(octet)
@@ -231,31 +118,40 @@ class LegacyServer:
                 self._drop(before, "has come again")
             connection = _Connection(sock, octet, robot, self._clock())
             self._connections[octet] = connection
-            self._selector.register(sock, _READ | _WRITE, connection)
+            self._admit(connection)
         text = f"robot {robot.tag} ({robot.name}): connected with the original client"
         self._tell("connected", robot.tag, text)
 
-    def _hear(self, connection: _Connection) -> None:
+    def _hear(self, client: _Connection) -> None:
+        """Finds out who has gone; no such robot ever says anything."""
         with self._lock:
-            if self._connections.get(connection.octet) is connection and (why := connection.read()):
-                self._drop(connection, why)
+            if self._connections.get(client.octet) is not client:
+                return
+            said, why = client.read()
+            if said:
+                why = "says something, which the original client never does: turned away"
+            if why:
+                self._drop(client, why)
 
-    def _settle(self, connection: _Connection) -> None:
+    def _settle(self) -> None:
         """Writes what waits; the lock is held."""
-        why = connection.write(self._clock())
-        if why:
-            self._drop(connection, why)
-        else:
-            events = _READ | (_WRITE if connection.robot.pending else 0)
-            self._selector.modify(connection.sock, events, connection)
+        for connection in list(self._connections.values()):
+            why = connection.write(self._clock())
+            if why:
+                self._drop(connection, why)
+            else:
+                self._await(connection, connection.robot.pending)
+
+    def _let_go(self) -> None:
+        for connection in list(self._connections.values()):
+            self._drop(connection, "")
 
     def _drop(self, connection: _Connection, why: str) -> None:
         """Lets a robot go; the lock is held."""
         if self._connections.get(connection.octet) is connection:
             del self._connections[connection.octet]
         self._swarm.leave(connection.octet, connection.robot)
-        self._selector.unregister(connection.sock)
-        connection.sock.close()
+        self._dismiss(connection)
         if why:
             robot = connection.robot
             self._tell("lost", robot.tag, f"robot {robot.tag} ({robot.name}): {why}")

@@ -1,0 +1,237 @@
+"""What servers of the original system's protocols share: a thread that listens on one TCP port.
+
+Each serves clients that may be slow, stuck or gone. The thread waits in one selector; any other
+thread may write to a client at once and leave what the kernel does not take to this one.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import selectors
+import socket
+import threading
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from vsense.link.connection import prepare
+from vsense.link.ports import listen
+from vsense.link.status import LinkError
+
+FINISH_S = 0.5
+"""How long the last bytes may take to leave at the end."""
+
+_READ, _WRITE = selectors.EVENT_READ, selectors.EVENT_WRITE
+_CHUNK = 4096
+_IDLE_S = 0.25
+_JOIN_S = 5.0
+
+
+class Pending(Protocol):
+    """What is still to be written to a client."""
+
+    def chunk(self) -> memoryview | bytes:
+        """The bytes to write next; empty if there are none."""
+
+    def wrote(self, count: int) -> None:
+        """Says how many bytes of the last `chunk` the kernel took."""
+
+
+class Client:
+    """A client's socket, and what is still to be written to it.
+
+    Attributes:
+        sock: the socket.
+    """
+
+    def __init__(
+        self,
+        sock: socket.socket,
+        pending: Pending,
+        stuck_ns: int,
+        keepalive: tuple[int, int],
+        now_ns: int,
+    ) -> None:
+        """Prepares an accepted socket.
+
+        Args:
+            sock: the socket.
+            pending: what is to be written.
+            stuck_ns: a client that takes nothing of what waits for it for this long is gone.
+            keepalive: seconds of silence before the kernel asks whether it is still there, and
+                between two such questions; and how many stay unanswered before it is gone.
+            now_ns: monotonic clock.
+        """
+        self.sock = sock
+        self._pending = pending
+        self._stuck_ns = stuck_ns
+        self._moved_ns = now_ns
+        interval_s, probes = keepalive
+        # One message at most waits unsent in the kernel; a newer one replaces it here, not there.
+        prepare(sock, _CHUNK)
+        with contextlib.suppress(OSError):
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, interval_s)
+            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, interval_s)
+            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, probes)
+
+    def write(self, now_ns: int) -> str:
+        """Writes what the kernel takes now; returns why the connection is lost, or ""."""
+        try:
+            while chunk := self._pending.chunk():
+                self._pending.wrote(self.sock.send(chunk))
+                self._moved_ns = now_ns
+        except (BlockingIOError, InterruptedError):
+            stuck = now_ns - self._moved_ns > self._stuck_ns
+            return f"has taken nothing for {self._stuck_ns // 10**9} s" if stuck else ""
+        except OSError as error:
+            return f"is gone: {error.strerror}"
+        self._moved_ns = now_ns
+        return ""
+
+    def read(self) -> tuple[bytes, str]:
+        """Reads what has come; returns it, and why the connection is lost, or ""."""
+        try:
+            data = self.sock.recv(_CHUNK)
+        except (BlockingIOError, InterruptedError):
+            return b"", ""
+        except OSError as error:
+            return b"", f"is gone: {error.strerror}"
+        return data, "" if data else "has left"
+
+
+class ListeningServer:
+    """A port and the thread that serves it; a subclass says who is served and how.
+
+    Attributes:
+        port: the port's number.
+    """
+
+    def __init__(self, name: str, host: str, port: int, clock: Callable[[], int]) -> None:
+        """Takes the port; nobody is answered before `start`.
+
+        Args:
+            name: the server's name, for people.
+            host: name or address of the interface to listen on.
+            port: its number; 0 takes any that is free.
+            clock: the host's monotonic clock [ns].
+
+        Raises:
+            LinkError: the host is unknown, or the port is taken.
+        """
+        self._listener, self.port = listen(host, port)
+        self._name = name
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._ending = False
+        self._failure: BaseException | None = None
+        self._selector = selectors.DefaultSelector()
+        self._wake_in, self._wake_out = socket.socketpair()
+        for sock in (self._wake_in, self._wake_out):
+            sock.setblocking(False)
+        self._selector.register(self._wake_in, _READ)
+        self._listen(True)
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+
+    def start(self) -> int:
+        """Begins to answer; returns the port."""
+        self._thread.start()
+        return self.port
+
+    def _check(self) -> None:
+        """Raises LinkError where the thread has failed."""
+        if self._failure is not None:
+            raise LinkError(f"{self._name} has failed: {self._failure!r}")
+
+    def _wake(self) -> None:
+        try:
+            self._wake_out.send(b"\0")
+        except OSError:
+            return  # full: it is about to wake; closed: it has ended
+
+    def _join(self) -> None:
+        """Ends the thread, which has been told to, and closes everything; can be called again."""
+        self._wake()
+        if self._thread.is_alive():
+            self._thread.join(_JOIN_S)
+        self._selector.close()
+        for sock in (self._listener, self._wake_in, self._wake_out):
+            sock.close()
+
+    def _listen(self, wanted: bool) -> None:
+        """Has the thread accept further clients, or leave them in the kernel's queue."""
+        if wanted:
+            self._selector.register(self._listener, _READ)
+        else:
+            self._selector.unregister(self._listener)
+
+    def _admit(self, client: Client) -> None:
+        """Has the thread listen to a client."""
+        self._selector.register(client.sock, _READ | _WRITE, client)
+
+    def _await(self, client: Client, unsent: bool) -> None:
+        """Has the thread wait for what a client says, and while `unsent` until it takes more."""
+        self._selector.modify(client.sock, _READ | (_WRITE if unsent else 0), client)
+
+    def _dismiss(self, client: Client) -> None:
+        """Closes a client's socket."""
+        self._selector.unregister(client.sock)
+        client.sock.close()
+
+    # --- the server's thread
+
+    def _run(self) -> None:
+        """The thread. A failure here is a fault of ours: it is kept for the next caller."""
+        try:
+            while not self._ending:
+                self._turn(_IDLE_S)
+            until_ns = self._clock() + round(FINISH_S * 1e9)
+            while self._unsent() and self._clock() < until_ns:
+                self._turn(FINISH_S / 10.0)
+        except BaseException as failure:
+            self._failure = failure
+            raise
+        finally:
+            with self._lock:
+                self._let_go()
+
+    def _turn(self, wait_s: float) -> None:
+        """Waits for a socket, and does all that is due."""
+        for key, _ in self._selector.select(wait_s):
+            if key.fileobj is self._wake_in:
+                with contextlib.suppress(OSError):
+                    self._wake_in.recv(_CHUNK)
+            elif key.fileobj is not self._listener:
+                self._hear(key.data)
+            else:
+                self._accept()
+        with self._lock:
+            self._settle()
+
+    def _accept(self) -> None:
+        try:
+            sock, address = self._listener.accept()
+        except OSError:
+            return  # whoever it was has gone again
+        self._greet(sock, str(address[0]))
+
+    # --- what a subclass does
+
+    def _greet(self, sock: socket.socket, origin: str) -> None:
+        """Takes a connection in, or turns it away."""
+        raise NotImplementedError
+
+    def _hear(self, client: Any) -> None:
+        """Takes what a client says."""
+        raise NotImplementedError
+
+    def _settle(self) -> None:
+        """Writes what waits; the lock is held."""
+        raise NotImplementedError
+
+    def _let_go(self) -> None:
+        """Drops everybody; the lock is held."""
+        raise NotImplementedError
+
+    def _unsent(self) -> bool:
+        """Tells whether anything still waits to be written."""
+        raise NotImplementedError
