@@ -81,6 +81,36 @@ def add_experiment(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="refuse a file in which anything is not supported, instead of warning",
     )
+    _add_run(parser)
+
+
+def _add_run(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--duration",
+        type=seconds,
+        metavar="S",
+        help="length of a run in s (default: the file's)",
+    )
+    parser.add_argument(
+        "--seed",
+        type=natural,
+        metavar="N",
+        help="seed of everything that is drawn (default: the file's; 0 draws a fresh one)",
+    )
+    parser.add_argument(
+        "--robots",
+        type=positive,
+        metavar="N",
+        help="take only the first N robots of the file",
+    )
+    parser.add_argument(
+        "--blind", action="store_true", help="hold the virtual sensors at 0: the control experiment"
+    )
+    parser.add_argument(
+        "--json",
+        action="store_true",
+        help="print the summary as one JSON object on standard output",
+    )
 
 
 def add_settings(parser: argparse.ArgumentParser) -> None:

@@ -21,28 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     arguments.add_experiment(parser)
     arguments.add_settings(parser)
-    parser.add_argument(
-        "--duration",
-        type=arguments.seconds,
-        metavar="S",
-        help="length of the run in s (default: the file's)",
-    )
-    parser.add_argument(
-        "--seed",
-        type=arguments.natural,
-        metavar="N",
-        help="seed of poses, noise and robots (default: the file's)",
-    )
-    parser.add_argument(
-        "--robots",
-        type=arguments.positive,
-        metavar="N",
-        help="take only the first N robots of the file",
-    )
     _add_base(parser)
-    parser.add_argument(
-        "--blind", action="store_true", help="hold the virtual sensors at 0: the control experiment"
-    )
     parser.add_argument(
         "--port",
         type=arguments.port,
@@ -51,11 +30,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--output", type=Path, metavar="DIR", help="folder for picture and logs (default: runs/...)"
-    )
-    parser.add_argument(
-        "--json",
-        action="store_true",
-        help="print the summary as one JSON object on standard output",
     )
 
 

@@ -30,27 +30,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="start after S s at the latest, without whoever is missing (default: wait for all)",
     )
-    parser.add_argument(
-        "--duration",
-        type=arguments.seconds,
-        metavar="S",
-        help="length of the run in s (default: the file's)",
-    )
-    parser.add_argument(
-        "--seed",
-        type=arguments.natural,
-        metavar="N",
-        help="seed of everything that is drawn (default: the file's)",
-    )
-    parser.add_argument(
-        "--robots",
-        type=arguments.positive,
-        metavar="N",
-        help="take only the first N robots of the file",
-    )
-    parser.add_argument(
-        "--blind", action="store_true", help="hold the virtual sensors at 0: the control experiment"
-    )
     _add_results(parser)
 
 
@@ -89,11 +68,6 @@ def _add_results(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="DIR",
         help="folder for notes and figures (default: runs/...)",
-    )
-    parser.add_argument(
-        "--json",
-        action="store_true",
-        help="print the summary as one JSON object on standard output",
     )
 
 

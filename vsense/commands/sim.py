@@ -23,37 +23,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     arguments.add_experiment(parser)
     parser.add_argument(
-        "--duration",
-        type=arguments.seconds,
-        metavar="S",
-        help="length of a run in s (default: the file's)",
-    )
-    parser.add_argument(
-        "--seed",
-        type=arguments.natural,
-        metavar="N",
-        help="seed of poses, noise and robots (default: the file's; 0 takes one from the clock)",
-    )
-    parser.add_argument(
-        "--robots",
-        type=arguments.positive,
-        metavar="N",
-        help="take only the first N robots of the file",
-    )
-    parser.add_argument(
-        "--blind", action="store_true", help="hold the virtual sensors at 0: the control experiment"
-    )
-    parser.add_argument(
         "-o",
         "--output",
         type=Path,
         metavar="PATH",
         help="folder of a run (default: runs/...), or a campaign's CSV file (default: results.csv)",
-    )
-    parser.add_argument(
-        "--json",
-        action="store_true",
-        help="print the summary as one JSON object on standard output",
     )
     _add_campaign(parser)
 

@@ -64,7 +64,7 @@ def describe(experiment: Experiment) -> str:
 def _run_rows(experiment: Experiment) -> list[tuple[str, str]]:
     length = f"{experiment.length_s:g} s" if experiment.length_s else "no limit"
     steps = f", {experiment.timesteps} timesteps" if experiment.timesteps else ", timesteps"
-    seed = f"seed {experiment.seed}" if experiment.seed else "seed from the clock"
+    seed = f"seed {experiment.seed}" if experiment.seed else "a fresh seed"
     tracker = experiment.tracker
     place = "" if tracker is None else f"{tracker.host}:{tracker.port}"
     return [

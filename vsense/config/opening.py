@@ -1,8 +1,9 @@
-"""Opens the experiment that a command line names: `--set`, `--dry` and `--strict`."""
+"""Opens the experiment that a command line names: `--set`, `--dry`, `--strict` and `--seed`."""
 
 from __future__ import annotations
 
 import argparse
+import secrets
 from collections.abc import Mapping
 
 from vsense.config.experiment import load
@@ -36,6 +37,12 @@ def open_experiment(
     if options.strict:
         experiment.refuse_warnings()
     return None if options.dry else experiment
+
+
+def choose_seed(options: argparse.Namespace, experiment: Experiment) -> int:
+    """Gives a run's seed: the command line's, else the file's; for 0 a fresh one."""
+    seed = experiment.seed if options.seed is None else options.seed
+    return int(seed) or secrets.randbelow(2**32 - 1) + 1
 
 
 def _print(text: str) -> None:

@@ -179,7 +179,7 @@ class Experiment:
         length_s: length of the run; 0: no limit. To change it, give it to `load`: the wind's
             turn may be a share of it.
         ticks_per_second: timesteps in one second.
-        seed: seed of everything that is drawn; 0: the caller takes one from the clock.
+        seed: seed of everything that is drawn; 0: the caller draws one.
         host: IPv4 address of the virtual sensor server, in numbers, as the robots are told.
         port: its port.
         arena: the arena.

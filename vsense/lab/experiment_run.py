@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from vsense.config.opening import open_experiment
+from vsense.config.opening import choose_seed, open_experiment
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment
 from vsense.config.subset import first_robots
@@ -41,8 +40,7 @@ def run(options: argparse.Namespace) -> int:
     experiment = _experiment(options)
     if experiment is None:
         return 0
-    seed = experiment.seed if options.seed is None else options.seed
-    seed = seed or time.time_ns() % (2**32 - 1) + 1
+    seed = choose_seed(options, experiment)
     experiment = settle(experiment, seed)
     directory = run_directory.make(options.output, experiment.name, seed)
     port = experiment.port if options.port is None else options.port

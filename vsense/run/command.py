@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import argparse
 import threading
-import time
 from pathlib import Path
 from typing import Any
 
-from vsense.config.opening import open_experiment
+from vsense.config.opening import choose_seed, open_experiment
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment
 from vsense.config.subset import first_robots
@@ -44,8 +43,7 @@ def run(options: argparse.Namespace) -> int:
     if experiment is None:
         return 0
     experiment = first_robots(experiment, options.robots)
-    seed = experiment.seed if options.seed is None else options.seed
-    seed = seed or time.time_ns() % (2**32 - 1) + 1
+    seed = choose_seed(options, experiment)
     experiment = settle(experiment, seed, real=False)
     require_source(experiment, options.tracking)
     directory = run_directory.make(options.output, experiment.name, seed)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import argparse
 import threading
-import time
 from collections.abc import Sequence
 from typing import Any
 
 from vsense import build
-from vsense.config.opening import open_experiment
+from vsense.config.opening import choose_seed, open_experiment
 from vsense.config.specs import Experiment
 from vsense.console import Console
 from vsense.errors import UsageError
@@ -62,8 +61,7 @@ def _one(
     interrupted: threading.Event,
 ) -> int:
     """One run: figures, trajectories, and a table for people."""
-    seed = experiment.seed if options.seed is None else options.seed
-    seed = seed or time.time_ns() % (2**32 - 1) + 1
+    seed = choose_seed(options, experiment)
     library = build.shared(experiment.controller.library, experiment.path.parent)
     directory = run_directory.make(options.output, experiment.name, seed)
     console.say(

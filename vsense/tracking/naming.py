@@ -7,7 +7,7 @@ until its cells are sure.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,16 +40,14 @@ def carry_names(
     Returns:
         (n,) names.
     """
-    named = np.array(tags)
-    for tag, marker in _alone(places, expected):
-        if named[marker] not in (tag, UNNAMED):
-            named[marker] = UNNAMED
-            continue
+
+    def plausible(tag: int, marker: int) -> bool:
         column = int(np.searchsorted(roster, tag))
-        fits = column < len(roster) and reading.distance[marker, column] < _PLAUSIBLE
-        if fits and roster[column] == tag and tag not in tags:
-            named[marker] = tag
-    return named
+        if column == len(roster) or roster[column] != tag:
+            return False
+        return bool(reading.distance[marker, column] < _PLAUSIBLE)
+
+    return _carry(tags, places, expected, plausible)
 
 
 def carry_square_names(tags: Tags, places: Floats, expected: NDArray[np.void]) -> Tags:
@@ -66,11 +64,21 @@ def carry_square_names(tags: Tags, places: Floats, expected: NDArray[np.void]) -
     Returns:
         (n,) names.
     """
+    return _carry(tags, places, expected, lambda tag, marker: True)
+
+
+def _carry(
+    tags: Tags,
+    places: Floats,
+    expected: NDArray[np.void],
+    plausible: Callable[[int, int], bool],
+) -> Tags:
+    """Gives markers the names of the robots that must be there; `plausible` of tag and marker."""
     named = np.array(tags)
     for tag, marker in _alone(places, expected):
         if named[marker] not in (tag, UNNAMED):
             named[marker] = UNNAMED
-        elif tag not in tags:
+        elif tag not in tags and plausible(tag, marker):
             named[marker] = tag
     return named
 

@@ -7,7 +7,8 @@ about z; a line is blocked where it touches one, from its start to its end.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -66,32 +67,32 @@ class Bodies:
 
     def blocked(self, starts_m: ArrayLike, ends_m: ArrayLike, skip: ArrayLike = NOBODY) -> Bools:
         """See `blocked`."""
-        starts, ends, skips, each = _lines(starts_m, ends_m, skip)
-        found = np.empty(len(starts), dtype=np.bool_)
-        code = lib.vs_rays_blocked(
-            self._obstacles,
-            _pointer("const double *", starts),
-            _pointer("const double *", ends),
-            len(starts),
-            _pointer("const int32_t *", skips),
-            each,
-            _pointer("uint8_t *", found),
-        )
-        check(code, "lines of sight")
-        return found
+        return self._trace(lib.vs_rays_blocked, "uint8_t *", np.bool_, starts_m, ends_m, skip)
 
     def nearest(self, starts_m: ArrayLike, ends_m: ArrayLike, skip: ArrayLike = NOBODY) -> Floats:
         """See `nearest`."""
+        return self._trace(lib.vs_rays_nearest, "double *", np.float64, starts_m, ends_m, skip)
+
+    def _trace(
+        self,
+        kernel: Callable[..., int],
+        pointer: str,
+        dtype: type[np.generic],
+        starts_m: ArrayLike,
+        ends_m: ArrayLike,
+        skip: ArrayLike,
+    ) -> NDArray[Any]:
+        """Has the kernel say something about every line: (n,) of `dtype`."""
         starts, ends, skips, each = _lines(starts_m, ends_m, skip)
-        found = np.empty(len(starts))
-        code = lib.vs_rays_nearest(
+        found = np.empty(len(starts), dtype=dtype)
+        code = kernel(
             self._obstacles,
             _pointer("const double *", starts),
             _pointer("const double *", ends),
             len(starts),
             _pointer("const int32_t *", skips),
             each,
-            _pointer("double *", found),
+            _pointer(pointer, found),
         )
         check(code, "lines of sight")
         return found
