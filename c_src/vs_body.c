@@ -28,6 +28,8 @@ int vs_encode_hello(const struct vs_header *header, const struct vs_hello *hello
     vs_put_u16(&w, hello->capabilities);
     vs_put_text(&w, hello->name, VS_NAME_MAX);
     vs_put_text(&w, hello->controller, VS_NAME_MAX);
+    vs_put_text(&w, hello->version, VS_NAME_MAX);
+    vs_put_text(&w, hello->hash, VS_NAME_MAX);
     return vs_packet_end(&w, len);
 }
 
@@ -45,6 +47,8 @@ int vs_decode_hello(const uint8_t *body, size_t len, struct vs_hello *hello)
     b.capabilities = vs_get_u16(&r);
     vs_get_text(&r, b.name, VS_NAME_MAX);
     vs_get_text(&r, b.controller, VS_NAME_MAX);
+    vs_get_text(&r, b.version, VS_NAME_MAX);
+    vs_get_text(&r, b.hash, VS_NAME_MAX);
     err = vs_reader_end(&r);
     if (err != VS_OK)
         return err;

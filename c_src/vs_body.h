@@ -55,6 +55,8 @@ struct vs_hello {
     uint16_t capabilities;            /* none defined yet: 0 */
     char name[VS_NAME_MAX + 1];       /* for people */
     char controller[VS_NAME_MAX + 1]; /* for people */
+    char version[VS_NAME_MAX + 1];    /* of the robot's software */
+    char hash[VS_NAME_MAX + 1];       /* of the controller's source; empty if unknown */
 };
 
 struct vs_welcome {

@@ -241,6 +241,8 @@ static int give_hello(struct vs_session *s, const struct vs_header *header,
     memcpy(hello.uid, s->config.uid, VS_UID_SIZE);
     memcpy(hello.name, s->config.name, sizeof hello.name);
     memcpy(hello.controller, s->config.controller, sizeof hello.controller);
+    memcpy(hello.version, s->config.version, sizeof hello.version);
+    memcpy(hello.hash, s->config.hash, sizeof hello.hash);
     hello.nonce = s->nonce;
     hello.tag = s->config.tag;
     err = vs_encode_hello(header, &hello, buf, cap, len);

@@ -42,6 +42,8 @@ struct vs_session_config {
     uint16_t tag;
     char name[VS_NAME_MAX + 1];
     char controller[VS_NAME_MAX + 1];
+    char version[VS_NAME_MAX + 1];
+    char hash[VS_NAME_MAX + 1]; /* of the controller's source */
 };
 
 /* One sensor's newest value; data points into the session, valid until the next call. */

@@ -17,13 +17,6 @@
 
 #define MACHINE_ID "/etc/machine-id"
 
-/* Which source the controller was made of; `vsense robot build` defines it. */
-#ifdef VSENSED_CONTROLLER_HASH
-#define HASH " " VSENSED_CONTROLLER_HASH
-#else
-#define HASH ""
-#endif
-
 static void print_help(void)
 {
     size_t i;
@@ -94,7 +87,8 @@ int main(int argc, char *argv[])
         print_help();
         return 0;
     case VS_OPTIONS_VERSION:
-        printf("vsensed %s, controller %s%s\n", VSENSED_VERSION, vs_controller.name, HASH);
+        printf("vsensed %s, controller %s%s\n", VSENSED_VERSION, vs_controller.name,
+               *VSENSED_CONTROLLER_HASH ? " " VSENSED_CONTROLLER_HASH : "");
         return 0;
     case VS_OPTIONS_BAD:
         vs_report("%s", why);

@@ -12,6 +12,11 @@
 
 #define VSENSED_VERSION "0.1.0"
 
+/* Which source the controller was made of; `vsense robot build` defines it. */
+#ifndef VSENSED_CONTROLLER_HASH
+#define VSENSED_CONTROLLER_HASH ""
+#endif
+
 struct vs_options {
     const char *host;                 /* numeric IPv4 */
     uint16_t port;

@@ -255,6 +255,8 @@ static int open_session(struct vs_worker *w)
     memcpy(config.uid, o->uid, sizeof config.uid);
     memcpy(config.name, o->name, sizeof config.name);
     config.tag = o->tag;
+    memcpy(config.version, VSENSED_VERSION, sizeof VSENSED_VERSION);
+    memcpy(config.hash, VSENSED_CONTROLLER_HASH, sizeof VSENSED_CONTROLLER_HASH);
     if (name_len <= VS_NAME_MAX)
         memcpy(config.controller, vs_controller.name, name_len);
     if (name_len <= VS_NAME_MAX && vs_controller.state_size <= VS_CONTROLLER_STATE_MAX &&

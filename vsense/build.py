@@ -184,7 +184,7 @@ def compile_daemon(tree: SourceTree, controller: Path, target: Path) -> None:
     Raises:
         BuildError: the compiler is missing or refuses a source, or the folder cannot be written.
     """
-    tree.daemon(controller).link(native(), target)
+    tree.daemon(controller).link_daemon(native(), target)
 
 
 def _fingerprint(tree: SourceTree, controller: Path) -> str:

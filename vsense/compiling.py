@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 import shutil
@@ -22,6 +23,9 @@ CFLAGS = (
 LIBRARIES = ("-Wl,--gc-sections", "-Wl,--as-needed", "-lm")
 """What only the host uses of the C library is left out. The daemon needs libc alone; a user's
 controller may want sines, and only then gets libm."""
+
+HASH_DIGITS = 12
+"""Of a controller's hash so many are told: enough to tell any two apart."""
 
 APT_LINE = "sudo apt install build-essential python3-dev python3-venv"
 
@@ -111,6 +115,33 @@ class Sources:
         except BaseException:
             Path(made).unlink(missing_ok=True)
             raise
+
+    def link_daemon(self, toolchain: Toolchain, target: Path) -> str:
+        """Links a daemon that tells which controller it has; gives the controller's hash.
+
+        Raises:
+            BuildError: see `link`; or a header is missing.
+        """
+        digest = self.controller_hash(toolchain)
+        self.link(toolchain, target, [f'-DVSENSED_CONTROLLER_HASH="{digest}"'])
+        return digest
+
+    def controller_hash(self, toolchain: Toolchain) -> str:
+        """Hash of the controller's source and of every header that it does not share with all.
+
+        It says which controller runs on a robot: the same file gives the same one on any machine.
+
+        Raises:
+            BuildError: a header is missing.
+        """
+        shared = {folder.resolve() for folder in self.includes}
+        own = [p for p in self.dependencies(toolchain) if p.resolve().parent not in shared]
+        if self.controller not in own:
+            own.insert(0, self.controller)
+        digest = hashlib.sha256()
+        for path in own:
+            digest.update(os.fsencode(path.name) + b"\0" + path.read_bytes() + b"\0")
+        return digest.hexdigest()[:HASH_DIGITS]
 
     def dependencies(self, toolchain: Toolchain) -> list[Path]:
         """The controller's source and every header that it includes, but for the system's.

@@ -53,7 +53,7 @@ def bad_texts() -> list[dict[str, Any]]:
         "cut": b"\xe2\x82",
     }
     fixed = BODIES["HELLO"](HELLO)[:28]
-    bodies = {name: fixed + bytes([len(text)]) + text + b"\0" for name, text in texts.items()}
+    bodies = {name: fixed + bytes([len(text)]) + text + b"\0\0\0" for name, text in texts.items()}
     return [bad(f"name_{name}", "TEXT", seal(1, GREETING, body)) for name, body in bodies.items()]
 
 

@@ -46,6 +46,8 @@ HELLO = {
     "capabilities": 0,
     "name": "epuck_23",
     "controller": "pollutant",
+    "version": "0.1.0",
+    "hash": "0f1e2d3c4b5a6978",
 }
 REPORT = {
     "state": 1,
@@ -94,10 +96,12 @@ def good(
 def hellos() -> list[dict[str, Any]]:
     name = "é" * 15 + "x"
     longest = dict(HELLO, tag=65535, capabilities=65535, name=name, controller="c" * 31)
+    longest |= {"version": "v" * 31, "hash": "f" * 31}
+    empty = dict(HELLO, name="", controller="", version="", hash="")
     return [
         good("hello", "HELLO", GREETING, HELLO),
         good("hello_longest_names", "HELLO", EXTREME, longest),
-        good("hello_empty_names", "HELLO", GREETING, dict(HELLO, name="", controller="")),
+        good("hello_empty_names", "HELLO", GREETING, empty),
     ]
 
 

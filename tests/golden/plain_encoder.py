@@ -58,7 +58,8 @@ def seal(kind: int, header: dict[str, int], body: bytes, **broken: Any) -> bytes
 
 def hello(m: dict[str, Any]) -> bytes:
     fixed = struct.pack("<QHH", m["nonce"], m["tag"], m["capabilities"])
-    return bytes.fromhex(m["uid"]) + fixed + text8(m["name"]) + text8(m["controller"])
+    texts = [text8(m[key]) for key in ("name", "controller", "version", "hash")]
+    return bytes.fromhex(m["uid"]) + fixed + b"".join(texts)
 
 
 def welcome(m: dict[str, Any]) -> bytes:

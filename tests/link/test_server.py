@@ -25,6 +25,7 @@ def test_a_robot_joins_and_is_told_everything(server: Server, robot: MakeRobot) 
     assert event.text == "robot 1 (epuck_1): connected from 127.0.0.1, controller test"
     status = server.server.robots()[1]
     assert (status.name, status.controller, status.uid) == ("epuck_1", "test", b"\1" * 16)
+    assert (status.version, status.hash) == ("9.9", "abc")
     assert status.connected and status.udp and status.sessions == 1
     assert not server.server.robots()[2].connected
 

@@ -16,7 +16,7 @@ from tests.robot.conftest import ROOT
 from vsense import cli
 from vsense.bench import robot as robot_bench
 from vsense.build import source_tree
-from vsense.compiling import BuildError, Toolchain
+from vsense.compiling import HASH_DIGITS, BuildError, Toolchain
 from vsense.robot import building, targets
 
 POLLUTANT = ROOT / "robot" / "controllers" / "pollutant.c"
@@ -59,7 +59,7 @@ def test_arm_daemon_runs_on_the_oldest_board_and_says_what_it_is(arm_daemon: Pat
     qemu = require_tool("qemu-arm", "qemu-user")
     command = [qemu, "-cpu", "arm926", str(arm_daemon), "--version"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
-    digest = building.controller_hash(source_tree().daemon(POLLUTANT), targets.native())
+    digest = source_tree().daemon(POLLUTANT).controller_hash(targets.native())
     assert done.stdout == f"vsensed 0.1.0, controller pollutant {digest}\n", done.stderr
 
 
@@ -74,7 +74,7 @@ def test_host_build_through_the_command(
     assert facts["size"] == made.stat().st_size and facts["controller"] == str(POLLUTANT)
     done = subprocess.run([made, "--version"], capture_output=True, text=True, timeout=30)
     assert done.stdout.endswith(f"controller pollutant {facts['hash']}\n")
-    assert len(facts["hash"]) == building.HASH_DIGITS
+    assert len(facts["hash"]) == HASH_DIGITS
 
 
 def test_hash_is_of_the_controller_and_its_own_headers(tmp_path: Path) -> None:
@@ -88,7 +88,7 @@ def test_hash_is_of_the_controller_and_its_own_headers(tmp_path: Path) -> None:
         with open(place / "mine.c", "a") as source:
             source.write('#include "mine.h"\n')
         (place / "mine.h").write_text(header)
-        return building.controller_hash(source_tree().daemon(place / "mine.c"), compiler)
+        return source_tree().daemon(place / "mine.c").controller_hash(compiler)
 
     assert digest("a", "#define X 1\n") == digest("b", "#define X 1\n")
     assert digest("c", "#define X 2\n") != digest("d", "#define X 3\n")

@@ -74,6 +74,7 @@ def test_greeting_telemetry_and_talk(rig: Rig) -> None:
     rig.run()
     hello = rig.host.hellos[0]
     assert (hello.tag, hello.name, hello.controller) == (TAG, "robot_23", "pollutant")
+    assert (hello.version, hello.hash) == (vsense.__version__, "")
     assert len(hello.uid) == 16
     rig.wait_for(lambda: rig.host.last.left_steps_s != 0, "telemetry of the motion")
     last = rig.host.last

@@ -33,6 +33,7 @@ def status(tag: int, name: str, **known: object) -> RobotStatus:
     """A robot that is connected and has taken all that was sent to it."""
     values: dict[str, object] = {
         "tag": tag, "name": name, "connected": True, "uid": bytes(16), "controller": "pollutant",
+        "version": "0.1.0", "hash": "",
         "since_ns": 0, "heard_ns": 0, "udp": True, "telemetry": Telemetry(received=10),
         "sessions": 1, "sent": 10, "superseded": 0, "unsent": 0, "received": 0, "accepted": 0,
         "dropped": {},

@@ -64,7 +64,7 @@ def state_fields(message: dict[str, Any]) -> dict[str, Any]:
 def message_fields(kind: str, message: dict[str, Any]) -> tuple[str, dict[str, Any]]:
     """The C struct of a packet type and its fields."""
     if kind == "HELLO":
-        texts = {"name": c_text(message["name"]), "controller": c_text(message["controller"])}
+        texts = {key: c_text(message[key]) for key in ("name", "controller", "version", "hash")}
         return "hello", {**message, **texts, "uid": c_bytes(bytes.fromhex(message["uid"]))}
     if kind == "WELCOME":
         fields = {key: message[key] for key in ("nonce", "timestep_us", "seed")}

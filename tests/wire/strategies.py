@@ -68,7 +68,7 @@ def headers(kind: PacketType, table_hash: int | None = None) -> st.SearchStrateg
     )
 
 
-hellos = st.builds(Hello, uids, u16, texts(31), texts(31), u64, u16)
+hellos = st.builds(Hello, uids, u16, *[texts(31)] * 4, u64, u16)
 welcomes = st.builds(
     Welcome,
     tables(),

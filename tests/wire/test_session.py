@@ -32,7 +32,7 @@ from vsense.native import WireError, lib
 def test_hello_says_who_the_robot_is() -> None:
     robot = RobotSession(b"u" * 16, 23, "epuck_23", "pollutant")
     header, hello = decode(robot.connect(5 * S, nonce=77))
-    assert hello == Hello(b"u" * 16, 23, "epuck_23", "pollutant", 77)
+    assert hello == Hello(b"u" * 16, 23, "epuck_23", "pollutant", "9.9", "abc", nonce=77)
     assert (header.session, header.send_ns, header.echo_ns) == (0, 5 * S, 0)
     assert robot.tcp_out(5 * S) == b""
 

@@ -34,6 +34,8 @@ REPEAT_NS = 10_000_000
 
 STOP_PACKETS = 3
 
+_NO_HELLO = Hello(b"", 0, "", "")
+
 Address = tuple[Any, ...]
 """Where datagrams come from and go to, as the socket module says it."""
 
@@ -76,7 +78,7 @@ class HostSession:
         self.unsent = 0
         self._table = table
         self._uid: bytes | None = None
-        self._controller = ""
+        self._hello = _NO_HELLO
         self._sessions = 0
         self._presence = Presence()
         self._reporter = Reporter()
@@ -120,7 +122,7 @@ class HostSession:
         """
         event = self._greeting(hello, origin, now_ns)
         self.peer.open(session, self._table, header.send_ns, now_ns)
-        self._uid, self._controller = hello.uid, hello.controller
+        self._uid, self._hello = hello.uid, hello
         self._reporter.open(hello.uid)
         self._sessions += 1
         self._presence.open(now_ns)
@@ -267,12 +269,15 @@ class HostSession:
     def status(self, now_ns: int) -> RobotStatus:
         """A snapshot."""
         udp = self.open and self.address is not None and not self.peer.over_tcp(now_ns)
+        hello = self._hello
         return RobotStatus(
             tag=self.tag,
             name=self.name,
             connected=self.open and not self._presence.lost,
             uid=self._uid,
-            controller=self._controller,
+            controller=hello.controller,
+            version=hello.version,
+            hash=hello.hash,
             since_ns=self._presence.since_ns,
             heard_ns=self._presence.heard_ns,
             udp=udp,

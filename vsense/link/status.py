@@ -65,6 +65,8 @@ class RobotStatus:
         connected: a session is open and was heard within 1 s.
         uid: 16 bytes, who the robot is; None before its first session.
         controller: name of the controller that runs on it.
+        version: of its software; empty before its first session.
+        hash: of the controller's source; empty where nobody knows.
         since_ns: when the newest session opened, host's monotonic clock; None before the first.
         heard_ns: when its newest valid packet came, same clock.
         udp: state travels over UDP both ways; False in the TCP fallback or without a session.
@@ -83,6 +85,8 @@ class RobotStatus:
     connected: bool
     uid: bytes | None
     controller: str
+    version: str
+    hash: str
     since_ns: int | None
     heard_ns: int | None
     udp: bool

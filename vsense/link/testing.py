@@ -53,6 +53,8 @@ class RobotSession:
         config = ffi.new("struct vs_session_config *", {"uid": uid, "tag": tag})
         put_text(config.name, name)
         put_text(config.controller, controller)
+        put_text(config.version, "9.9")
+        put_text(config.hash, "abc")
         self.c = ffi.new("struct vs_session *")
         self._event = ffi.new("enum vs_event *")
         self._used = ffi.new("size_t *")

@@ -20,8 +20,7 @@ NEVER_US: int = lib.VS_NEVER_US
 """Age of a value that was never measured."""
 
 Values = Sequence[tuple[bytes, int]]
-"""One robot's readings in the table's order: payload, and its capture time [ns] on the host's
-clock, negative if it was never measured."""
+"""One robot's readings in the table's order: payload, capture time (ns, host's; < 0: never)."""
 
 
 class PacketType(IntEnum):
@@ -102,15 +101,17 @@ class Hello:
     Attributes:
         uid: 16 bytes, who the robot is, for good.
         tag: marker on its back.
-        name, controller: for people, at most 31 bytes of UTF-8.
-        nonce: reserved for authentication.
-        capabilities: none defined yet.
+        name, controller: for people; as all texts here, at most 31 bytes of UTF-8.
+        version, hash: of the robot's software, and of the controller's source, if known.
+        nonce, capabilities: reserved for authentication; none defined yet.
     """
 
     uid: bytes
     tag: int
     name: str
     controller: str
+    version: str = ""
+    hash: str = ""
     nonce: int = 0
     capabilities: int = 0
 
@@ -170,6 +171,8 @@ class Telemetry:
     payload: bytes = b""
 
 
+HELLO_PLAIN = ("uid", "tag", "nonce", "capabilities")
+HELLO_TEXTS = ("name", "controller", "version", "hash")
 HEADER_FIELDS = tuple(field.name for field in fields(Header))
 TELEMETRY_FIELDS = tuple(field.name for field in fields(Telemetry))[:-1]
 
@@ -225,11 +228,9 @@ def encode(header: Header, message: Hello | Welcome | Notice) -> bytes:
         put_text(notice.text, message.text)
         return out.take(lib.vs_encode_notice(head, notice, *out.arguments))
     if isinstance(message, Hello):
-        hello = ffi.new("struct vs_hello *")
-        hello.uid, hello.nonce, hello.tag = message.uid, message.nonce, message.tag
-        hello.capabilities = message.capabilities
-        put_text(hello.name, message.name)
-        put_text(hello.controller, message.controller)
+        hello = ffi.new("struct vs_hello *", {n: getattr(message, n) for n in HELLO_PLAIN})
+        for name in HELLO_TEXTS:
+            put_text(getattr(hello, name), getattr(message, name))
         return out.take(lib.vs_encode_hello(head, hello, *out.arguments))
     welcome = ffi.new("struct vs_welcome *")
     welcome.nonce, welcome.seed = message.nonce, message.seed
@@ -249,8 +250,9 @@ def decode(packet: bytes) -> tuple[Header, Hello | Welcome | Notice]:
     if header.type == PacketType.HELLO:
         hello = ffi.new("struct vs_hello *")
         check(lib.vs_decode_hello(body, len(body), hello), "HELLO")
-        uid, name, controller = bytes(hello.uid), text_of(hello.name), text_of(hello.controller)
-        return header, Hello(uid, hello.tag, name, controller, hello.nonce, hello.capabilities)
+        known: dict[str, Any] = {n: text_of(getattr(hello, n)) for n in HELLO_TEXTS}
+        known |= {n: getattr(hello, n) for n in HELLO_PLAIN} | {"uid": bytes(hello.uid)}
+        return header, Hello(**known)
     if header.type == PacketType.WELCOME:
         welcome = ffi.new("struct vs_welcome *")
         check(lib.vs_decode_welcome(body, len(body), welcome), "WELCOME")

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
-import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
 
 from vsense.build import cache_directory, source_tree
-from vsense.compiling import BuildError, Sources, Toolchain
+from vsense.compiling import BuildError, Toolchain
 from vsense.robot.targets import TARGETS, Target, toolchain
-
-HASH_DIGITS = 12
-"""Of the controller's hash so many are told: enough to tell any two apart."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,9 +50,8 @@ def build(controller: str, target: str, output: Path) -> Built:
     board = TARGETS[target]
     compiler = toolchain(board, cache_directory())
     sources = tree.daemon(source)
-    digest = controller_hash(sources, compiler)
     try:
-        sources.link(compiler, output, [f'-DVSENSED_CONTROLLER_HASH="{digest}"'])
+        digest = sources.link_daemon(compiler, output)
     except BuildError as error:
         raise BuildError(_explain(board, compiler, str(error))) from None
     return Built(
@@ -68,24 +62,6 @@ def build(controller: str, target: str, output: Path) -> Built:
         hash=digest,
         compiler=" ".join(Path(word).name for word in compiler.command),
     )
-
-
-def controller_hash(sources: Sources, compiler: Toolchain) -> str:
-    """Hash of a controller's source and of every header that it does not share with all others.
-
-    It says which controller runs on a robot: the same file gives the same one on any machine.
-
-    Raises:
-        BuildError: a header is missing.
-    """
-    shared = {folder.resolve() for folder in sources.includes}
-    own = [p for p in sources.dependencies(compiler) if p.resolve().parent not in shared]
-    if sources.controller not in own:
-        own.insert(0, sources.controller)
-    digest = hashlib.sha256()
-    for path in own:
-        digest.update(os.fsencode(path.name) + b"\0" + path.read_bytes() + b"\0")
-    return digest.hexdigest()[:HASH_DIGITS]
 
 
 def _explain(board: Target, compiler: Toolchain, said: str) -> str:
