@@ -7,8 +7,11 @@ import os
 import sys
 import threading
 import time
+from collections.abc import Callable
 from contextlib import suppress
-from typing import TextIO
+from typing import Literal, TextIO
+
+Level = Literal["info", "warning", "trouble"]
 
 QUIET_PERIOD_NS = 10_000_000_000
 """Where no terminal is watching, one progress line in this time is enough."""
@@ -19,6 +22,10 @@ class Console:
 
     Safe to use from several threads. Where the stream is no terminal the live line becomes a
     plain line every ten seconds.
+
+    Attributes:
+        newest: the live line, as long as it is.
+        also: is told every message, too; must not wait.
     """
 
     def __init__(self, stream: TextIO | None = None) -> None:
@@ -28,9 +35,12 @@ class Console:
         self._line = ""
         self._printed_ns: int | None = None
         self._lock = threading.Lock()
+        self.newest = ""
+        self.also: Callable[[str, Level], None] = lambda text, level: None
 
-    def say(self, text: str) -> None:
-        """Prints a message of its own."""
+    def say(self, text: str, level: Level = "info") -> None:
+        """Prints a message of its own; `level` says how bad it is."""
+        self.also(text, level)
         with self._lock, suppress(OSError):
             # Nobody may be listening any more: no reason to lose an experiment.
             self._erase()
@@ -40,6 +50,7 @@ class Console:
 
     def progress(self, line: str) -> None:
         """Replaces the live line."""
+        self.newest = line
         with self._lock, suppress(OSError):
             if self._live:
                 self._erase()

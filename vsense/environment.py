@@ -34,6 +34,8 @@ class Environment:
         sensors: the virtual sensors of all robots.
         actuators: their virtual actuators.
         table_entries: the sensor table: sensors, then actuators.
+        seed: of everything that is drawn.
+        blind: every virtual sensor is held at 0.
     """
 
     def __init__(self, experiment: Experiment, seed: int, blind: bool = False) -> None:
@@ -51,8 +53,8 @@ class Environment:
         # Nothing distributed: then the start poses of real robots are nobody's business here.
         settled = settle(experiment, seed) if experiment.distributed else experiment
         self.experiment = settled
-        self._seed = seed
-        self._blind = blind
+        self.seed = seed
+        self.blind = blind
         self._loop = _loop_functions(settled)
         self.world = _world(settled, seed, self._loop)
         self._begin()
@@ -64,9 +66,9 @@ class Environment:
     def _begin(self) -> None:
         """Equips all robots anew and calls the user's `reset`."""
         experiment, tags = self.experiment, self.world.robots["tag"].tolist()
-        self.sensors = SensorBank(experiment.sensors, tags, self._blind, self._seed)
+        self.sensors = SensorBank(experiment.sensors, tags, self.blind, self.seed)
         first = len(self.sensors.table) + 1
-        self.actuators = ActuatorBank(experiment.actuators, tags, self._seed, first)
+        self.actuators = ActuatorBank(experiment.actuators, tags, self.seed, first)
         if self._loop is not None:
             self._loop.reset(self.world)
 
@@ -76,7 +78,7 @@ class Environment:
         # It needs a compiler: whoever has no such robots does not.
         from vsense.virtual_swarm import VirtualSwarm
 
-        return VirtualSwarm(self.experiment, Table(self.table_entries), self._seed)
+        return VirtualSwarm(self.experiment, Table(self.table_entries), self.seed)
 
     def reset(self) -> None:
         """Goes back to the state before the run; what the cameras saw last stays."""

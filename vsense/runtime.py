@@ -8,30 +8,21 @@ module, the links and the lab reads a clock: every other box is told the time.
 
 from __future__ import annotations
 
-import threading
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 from vsense.arena import ArenaState, Frame
-from vsense.arena_buffer import ArenaBuffer, Stamped
 from vsense.environment import Environment
 from vsense.link.server import VirtualSensorServer
 from vsense.link.wire import Values, Wanted
-from vsense.tracking.grabbers import Grabber, GrabberError
+from vsense.tracking.grabbers import Grabber
+from vsense.watch import WATCH_TIMEOUT_S, ArenaSource, Watch
 
 START_LEAD = 3
 """START names a timestep this many ahead, so that one lost datagram delays no robot."""
-
-WATCH_TIMEOUT_S = 2.0
-"""Cameras that deliver nothing for this long have failed."""
-
-MOST_TAGS = 1024
-
-
-class NoArenaState(GrabberError):
-    """No arena state came in time; nothing has failed, and the next one may still come."""
 
 
 class Tracker(Protocol):
@@ -41,33 +32,18 @@ class Tracker(Protocol):
         """Finds and follows the robots in one timestep's pictures."""
 
 
-class ArenaSource(Protocol):
-    """Where the arena states come from: cameras of our own, or another tracker's link."""
-
-    def next(self, timeout_s: float) -> tuple[ArenaState, Sequence[Frame]]:
-        """Waits for the newest arena state.
-
-        Returns:
-            The state, and the pictures that it was made from, if they are here.
-
-        Raises:
-            VsenseError: no state came in time, or there will be no more.
-        """
-
-    def start_run(self) -> None:
-        """The robots are about to start; any thread."""
-
-    def stop_run(self) -> None:
-        """The robots have stopped; any thread."""
-
-
 class Pictures:
-    """The source with cameras of our own."""
+    """The source with cameras of our own.
+
+    Attributes:
+        record: takes the pictures that the tracker is about to be given, in the tracker's thread.
+    """
 
     def __init__(self, grabber: Grabber, tracker: Tracker) -> None:
         """Takes both, without owning them."""
         self._grabber = grabber
         self._tracker = tracker
+        self.record: Callable[[Sequence[Frame]], None] = lambda frames: None
 
     def next(self, timeout_s: float) -> tuple[ArenaState, Sequence[Frame]]:
         """Waits for pictures and tracks the robots in them.
@@ -77,6 +53,7 @@ class Pictures:
             VsenseError: the tracker has failed.
         """
         frames = self._grabber.next(timeout_s)
+        self.record(frames)
         return self._tracker.update(frames), frames
 
     def start_run(self) -> None:
@@ -115,68 +92,6 @@ class Step:
         return replace(self, frames=())
 
 
-class Watch:
-    """The thread that watches the arena: the newest arena state goes into the buffer."""
-
-    def __init__(self, source: ArenaSource, clock: Callable[[], int]) -> None:
-        self._source = source
-        self._clock = clock
-        self._buffer = ArenaBuffer(MOST_TAGS)
-        self._news = threading.Event()
-        self._ending = threading.Event()
-        self._failure: BaseException | None = None
-        self._frames: dict[int, Sequence[Frame]] = {}
-        self._given = 0
-        self._thread = threading.Thread(target=self._run, name="vsense-watch", daemon=True)
-
-    def start(self) -> None:
-        """Starts the thread."""
-        self._thread.start()
-
-    def close(self) -> None:
-        """Ends the thread; it may take until the next arena state comes."""
-        self._ending.set()
-        self._thread.join(2 * WATCH_TIMEOUT_S)
-
-    def next(self, timeout_s: float) -> tuple[Stamped, Sequence[Frame]]:
-        """Waits for an arena state that was not given yet, and gives the newest.
-
-        Returns:
-            The state with its times, and the pictures that it was made from.
-
-        Raises:
-            NoArenaState: nothing came in time.
-            VsenseError: the cameras, the tracker, or the link to it, have failed.
-        """
-        while True:
-            if not self._news.wait(timeout_s):
-                raise NoArenaState(f"no arena state in {timeout_s:g} s")
-            self._news.clear()
-            if self._failure is not None:
-                raise self._failure
-            newest = self._buffer.read()
-            # News of a state that was given already: it came between clear and read.
-            if newest is not None and newest.sequence > self._given:
-                self._given = newest.sequence
-                return newest, self._frames.get(newest.state.timestep, ())
-
-    def _run(self) -> None:
-        """The thread. A failure is kept for whoever waits for the next state."""
-        try:
-            while not self._ending.is_set():
-                state, frames = self._source.next(WATCH_TIMEOUT_S)
-                done_ns = self._clock()
-                ready_ns = max((frame.ready_ns for frame in frames), default=done_ns)
-                # Replaced whole, with the set before it: the reader may still ask for that one.
-                before = list(self._frames.items())[-1:]
-                self._frames = dict([*before, (state.timestep, frames)])
-                self._buffer.write(state, ready_ns, done_ns)
-                self._news.set()
-        except BaseException as failure:
-            self._failure = failure
-            self._news.set()
-
-
 class Runtime:
     """Calls every box of the host in order.
 
@@ -199,7 +114,9 @@ class Runtime:
         self._server = server
         self.readings: Mapping[int, Values] = {}
         self._last_timestep = -1
-        self._first_timestep: int | None = None
+        self._first_timestep: float = math.inf
+        self._lived = -1
+        self._held = False
 
     def open(self) -> None:
         """Begins to watch the arena."""
@@ -216,14 +133,44 @@ class Runtime:
             The timestep that is the run's first.
         """
         self._source.start_run()
-        self._first_timestep = self._last_timestep + START_LEAD
-        self._server.command(Wanted.RUN, self._first_timestep)
-        return self._first_timestep
+        return self.resume()
+
+    def hold(self) -> None:
+        """Has the virtual world stand still from now on; the robots must be told otherwise.
+
+        They are sent their last readings again, which say how old they are.
+        """
+        self._held, self._first_timestep = True, math.inf
+
+    def resume(self) -> int:
+        """Has world and robots go on together where they were held.
+
+        Returns:
+            The timestep in which they do.
+        """
+        first = self._last_timestep + START_LEAD
+        self._first_timestep = first - (self._lived + 1)
+        self._server.command(Wanted.RUN, first)
+        return first
 
     def stop(self) -> None:
-        """Stops all robots at once."""
+        """Stops all robots at once; the virtual world stays as it is."""
         self._server.command(Wanted.STOP)
+        self.hold()
         self._source.stop_run()
+
+    def next_run(self, environment: Environment) -> int:
+        """Goes back to before the start, in another virtual world.
+
+        Args:
+            environment: its sensors and actuators are the first one's.
+
+        Returns:
+            The number by which the robots know the run.
+        """
+        self._environment = environment
+        self._first_timestep, self._lived, self._held = math.inf, -1, False
+        return self._server.new_run()
 
     def step(self, timeout_s: float = 2 * WATCH_TIMEOUT_S) -> Step:
         """Lives one timestep: waits for its arena state and has the readings sent.
@@ -236,10 +183,8 @@ class Runtime:
         state = newest.state
         self._last_timestep = state.timestep
         run_timestep = self._run_timestep(state.timestep)
-        reports = self._server.reports()
-        payloads = {tag: report.payload for tag, report in reports.items()}
-        senders = {tag: report.uid for tag, report in reports.items()}
-        self.readings = self._environment.step(state, run_timestep, payloads, senders)
+        if not self._held:
+            self._sense(state, run_timestep)
         sent_ns = self._server.publish(state.timestep, state.capture_ns, self.readings)
         return Step(
             timestep=state.timestep,
@@ -252,7 +197,17 @@ class Runtime:
             frames=frames,
         )
 
+    def _sense(self, state: ArenaState, run_timestep: int) -> None:
+        """Lives a timestep in the virtual world."""
+        reports = self._server.reports()
+        payloads = {tag: report.payload for tag, report in reports.items()}
+        senders = {tag: report.uid for tag, report in reports.items()}
+        self.readings = self._environment.step(state, run_timestep, payloads, senders)
+
     def _run_timestep(self, timestep: int) -> int:
-        if self._first_timestep is None or timestep < self._first_timestep:
+        """The run's timestep; -1 before the run, and while it is held."""
+        run_timestep = timestep - self._first_timestep
+        if run_timestep <= self._lived:
             return -1
-        return timestep - self._first_timestep
+        self._held, self._lived = False, int(run_timestep)
+        return self._lived

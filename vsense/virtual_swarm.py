@@ -63,7 +63,7 @@ class VirtualSwarm:
             build.shared(source.library, experiment.path.parent),
             self._tags,
             table,
-            round(1e9 / experiment.ticks_per_second),
+            experiment.timestep_ns,
             seed,
             source.params_text,
         )

@@ -30,7 +30,7 @@ from vsense.link.arena_client import ArenaClient, TrackerEnded
 from vsense.link.arena_dialog import PERIOD_NS, ArenaDialog
 from vsense.link.arena_server import ArenaServer
 from vsense.link.status import LinkError
-from vsense.runtime import Watch
+from vsense.watch import Watch
 
 TAGS = (23, 24)
 ROBOT = "23 1.0 2.0 3.0 0.5 -0.25 90.0"

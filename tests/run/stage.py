@@ -14,9 +14,10 @@ from vsense.config.experiment import load
 from vsense.config.specs import Experiment
 from vsense.console import Console
 from vsense.link.status import RobotStatus
-from vsense.link.wire import Telemetry
+from vsense.link.wire import Telemetry, Wanted
 from vsense.run.runner import Runner
-from vsense.runtime import NoArenaState, Step
+from vsense.runtime import Step
+from vsense.watch import NoArenaState
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -111,9 +112,14 @@ class Stage:
         """Stands in for `Runtime.stop`."""
         self.done.append("stop")
 
-    def hush(self) -> None:
+    def hush(self, hushed: bool = True) -> None:
         """Stands in for `VirtualSensorServer.hush`."""
-        self.done.append("hush")
+        if hushed:
+            self.done.append("hush")
+
+    def command(self, wanted: Wanted, from_timestep: int = 0) -> None:
+        """Stands in for `VirtualSensorServer.command`."""
+        self.done.append(wanted.name)
 
     def robots(self) -> dict[int, RobotStatus]:
         """Stands in for `VirtualSensorServer.robots`."""

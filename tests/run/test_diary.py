@@ -22,6 +22,7 @@ def step(number: int) -> Step:
 
 def test_words_and_timesteps_are_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with Diary(tmp_path) as diary:
+        diary.begin_run(tmp_path)
         diary.say("all robots start")
         for number in range(FLUSH_TIMESTEPS):
             diary.timestep(step(number), 3, 2, 1)
@@ -43,6 +44,7 @@ def test_a_full_disk_is_told_once_and_costs_no_run(
             raise OSError(errno.ENOSPC, "No space left on device")
 
     with Diary(tmp_path) as diary:
+        diary.begin_run(tmp_path)
         diary._log.close()
         monkeypatch.setattr(diary, "_log", Full())
         for number in range(3):
@@ -56,3 +58,19 @@ def test_a_full_disk_is_told_once_and_costs_no_run(
 def test_a_directory_that_is_gone_is_one_clear_line(tmp_path: Path) -> None:
     with pytest.raises(DirectoryError, match=r"log\.txt: No such file or directory"):
         Diary(tmp_path / "gone")
+
+
+def test_every_run_has_its_own_table_and_all_share_the_log(tmp_path: Path) -> None:
+    folders = [tmp_path / "run-1", tmp_path / "run-2"]
+    with Diary(tmp_path) as diary:
+        diary.timestep(step(0), 1, 1, 0)
+        for number, folder in enumerate(folders):
+            folder.mkdir()
+            diary.begin_run(folder)
+            diary.timestep(step(number), 3, 2, 1)
+            diary.say(f"run {number}")
+        with pytest.raises(DirectoryError, match=r"timesteps\.csv: No such file or directory"):
+            diary.begin_run(tmp_path / "gone")
+    rows = [(folder / "timesteps.csv").read_text() for folder in folders]
+    assert rows == [HEADER + f"{n},{100 + n},1,2,3,4,3,2,1\n" for n in (0, 1)]
+    assert (tmp_path / "log.txt").read_text().count("run ") == 2

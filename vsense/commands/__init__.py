@@ -1,4 +1,7 @@
-"""The commands of `vsense`: one module each, with HELP, DESCRIPTION, add_arguments and run."""
+"""The commands of `vsense`: one module each, with HELP, DESCRIPTION, add_arguments and run.
+
+A module that is several commands at once has NAMES instead of HELP: the help of each by its name.
+"""
 
 from __future__ import annotations
 
@@ -19,9 +22,9 @@ def parser() -> argparse.ArgumentParser:
     for found in pkgutil.iter_modules(__path__):
         if found.name != "arguments":
             module = importlib.import_module(f"vsense.commands.{found.name}")
-            command = commands.add_parser(
-                found.name, help=module.HELP, description=module.DESCRIPTION
-            )
-            module.add_arguments(command)
-            command.set_defaults(run=module.run)
+            names = getattr(module, "NAMES", None) or {found.name: module.HELP}
+            for name, text in names.items():
+                command = commands.add_parser(name, help=text, description=module.DESCRIPTION)
+                module.add_arguments(command)
+                command.set_defaults(run=module.run, command=name)
     return whole

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 MOST_NUMBERS = 100_000
 """A range of numbers may have so many."""
@@ -24,6 +25,11 @@ def natural(text: str) -> int:
 def positive(text: str) -> int:
     """A whole number from 1 to 10000."""
     return _integer(text, 1, 10_000)
+
+
+def process(text: str) -> int:
+    """A process's number."""
+    return _integer(text, 1, 2**31 - 1)
 
 
 def port(text: str) -> int:
@@ -125,6 +131,51 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
         " library (for its parameters), 'sensor' or 'actuator' (for all virtual ones); may be"
         " given again",
     )
+
+
+def add_room(parser: argparse.ArgumentParser) -> None:
+    """Declares how the runs are seen, steered and kept: the control room."""
+    group = parser.add_argument_group("control room")
+    group.add_argument(
+        "--web",
+        type=address,
+        metavar="[ADDRESS:]PORT",
+        help="serve the control room's page there: 8080 is this machine only; 0.0.0.0:8080 is every"
+        " interface, and needs one token for looking and another for control, which are printed."
+        " The process then stays after the run, until Ctrl-C",
+    )
+    group.add_argument(
+        "--web-tokens",
+        type=Path,
+        metavar="FILE",
+        help="a file with the lines look=... and control=..., instead of tokens drawn anew",
+    )
+    group.add_argument(
+        "--hold",
+        action="store_true",
+        help="start no run by itself: wait for a key, page or command",
+    )
+    group.add_argument(
+        "--runs",
+        type=positive,
+        default=1,
+        metavar="N",
+        help="a series of N runs; the seed of each is the one before plus 1 (default: 1)",
+    )
+    group.add_argument(
+        "--record", action="store_true", help="record every run to an MCAP file from its beginning"
+    )
+    group.add_argument(
+        "--record-images",
+        action="store_true",
+        help="recordings hold the cameras' pictures, too, unchanged: for vsense replay --retrack",
+    )
+
+
+def address(text: str) -> tuple[str, int]:
+    """An address to listen on, as [ADDRESS:]PORT."""
+    host, _, number = text.rpartition(":")
+    return host.strip("[]") or "127.0.0.1", port(number)
 
 
 def numbers(text: str) -> tuple[int, ...]:

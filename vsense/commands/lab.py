@@ -31,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--output", type=Path, metavar="DIR", help="folder for picture and logs (default: runs/...)"
     )
+    arguments.add_room(parser)
 
 
 def _add_base(parser: argparse.ArgumentParser) -> None:

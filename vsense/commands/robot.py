@@ -5,14 +5,16 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from vsense.commands import arguments
+from vsense.commands import arguments, orders
 
 HELP = "build vsensed for robots, and copy it to them"
 
 DESCRIPTION = (
     "What a lab does with its robots' boards. 'build' makes the daemon vsensed with a controller"
     " in it, one static file for a kind of board. 'deploy' copies it to all robots of a list with"
-    " ssh, writes each robot's settings, and has it start with the board."
+    " ssh, writes each robot's settings, and has it start with the board. 'status' tells who is"
+    " connected to the `vsense run` or `vsense lab` on this machine: software and controller, link,"
+    " pose, battery, base errors, and what is wrong."
 )
 
 
@@ -21,6 +23,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True, dest="action")
     _add_build(actions.add_parser("build", help="build vsensed with a controller for a board"))
     _add_deploy(actions.add_parser("deploy", help="copy vsensed to all robots of a list"))
+    _add_status(actions.add_parser("status", help="show the robots of the running experiment"))
+
+
+def _add_status(parser: argparse.ArgumentParser) -> None:
+    """Declares what `vsense robot status` takes."""
+    orders.add_process(parser)
+    parser.add_argument("--json", action="store_true", help="print the table as JSON")
 
 
 def _add_build(parser: argparse.ArgumentParser) -> None:

@@ -31,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="start after S s at the latest, without whoever is missing (default: wait for all)",
     )
     _add_results(parser)
+    arguments.add_room(parser)
 
 
 def _add_ends(parser: argparse.ArgumentParser) -> None:

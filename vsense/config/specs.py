@@ -257,6 +257,11 @@ class Experiment:
         return 1.0 / self.ticks_per_second
 
     @property
+    def timestep_ns(self) -> int:
+        """Length of a timestep [ns]."""
+        return round(1e9 / self.ticks_per_second)
+
+    @property
     def timesteps(self) -> int:
         """Timesteps of the run; 0: no limit."""
         return round(self.length_s * self.ticks_per_second)

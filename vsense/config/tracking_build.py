@@ -84,6 +84,7 @@ class Tracking:
         grabber: where the pictures come from.
         tracker: makes the arena state of them.
         cameras: the arena's cameras, in the session's order.
+        record: takes the pictures that the tracker is about to be given, in the tracker's thread.
     """
 
     def __init__(self, session: TrackingSession, grabber: SetGrabber) -> None:
@@ -105,6 +106,7 @@ class Tracking:
         self.tracker = ArenaTracker(
             self.cameras, make, heights_m, Limits(speed_m_s), pin=True, whereabouts=whereabouts
         )
+        self.record: Callable[[Sequence[Frame]], None] = lambda frames: None
         self._health = Health(self.cameras, self.tracker.heights_m)
 
     def step(self, timeout_s: float) -> tuple[ArenaState, Sequence[Frame], list[CameraEvent]]:
@@ -118,6 +120,7 @@ class Tracking:
             GrabberError: no picture came in `timeout_s`.
         """
         frames = self.grabber.next(timeout_s)
+        self.record(frames)
         tracker = self.tracker
         state = tracker.update(frames)
         events = self.grabber.events()

@@ -136,7 +136,7 @@ def spec_for(experiment: Experiment, truth: str, seed: int, log: Path) -> Camera
             *(Body(thing.tag, height_m, OBJECT) for thing in experiment.objects),
         ),
         family=experiment.marker.family,
-        timestep_ns=round(1e9 / experiment.ticks_per_second),
+        timestep_ns=experiment.timestep_ns,
         truth=truth,
         log=log,
         seed=seed,

@@ -19,7 +19,9 @@ from vsense.lab import metrics, report
 from vsense.lab.session import Session
 from vsense.link.wire import Telemetry
 from vsense.pictures.story import spoken
+from vsense.room.room import Room
 from vsense.run import directory as run_directory
+from vsense.run.series import Series
 from vsense.runtime import Step
 
 COMPLAINTS_TIMESTEP = 10
@@ -45,26 +47,36 @@ def run(options: argparse.Namespace) -> int:
     directory = run_directory.make(options.output, experiment.name, seed)
     port = experiment.port if options.port is None else options.port
     _warn(console, experiment)
-    failure: VsenseError | None = None
-    with interruption() as interrupted:
+    with interruption() as interrupted, Room(options, console) as room:
         session = Session(
-            experiment, seed, directory, port, options.blind, console, interrupted, options.base
+            *(experiment, seed, directory, port, options.blind, console, interrupted),
+            *(options.base, room),
         )
-        with session:
-            session.wait_until_ready()
-            _announce(console, experiment, seed, directory)
-            try:
-                session.live(_progress(console, session))
-            except VsenseError as error:
-                failure = error
+        series = Series(directory, options.runs, room.stays, interrupted)
+        failure = _live(session, series, room, console)
         console.end_progress()
-        if session.recording.steps:
-            _report(options, session, seed, console)
-        else:
-            console.say("vsense: the run ended before its first timestep: nothing was measured")
+        _report_all(options, session, series, directory, console)
         if failure is not None:
             raise failure
-        return INTERRUPTED if interrupted.is_set() else 0
+        return INTERRUPTED if interrupted.is_set() and not series.rested else 0
+
+
+def _live(session: Session, series: Series, room: Room, console: Console) -> VsenseError | None:
+    """Lives all runs; a failure in one of them is given back, to be told after the reports."""
+    with session:
+        while True:
+            directory = series.directory(session.runner.control.run)
+            room.begin_run(session.environment, directory)
+            session.wait_until_ready()
+            _announce(console, session, directory)
+            try:
+                session.live(directory, _progress(console, session))
+                room.end_run()
+                if not series.goes_on(session.runner):
+                    return None
+                session.next_run()
+            except VsenseError as error:
+                return error
 
 
 def _experiment(options: argparse.Namespace) -> Experiment | None:
@@ -81,9 +93,10 @@ def _warn(console: Console, experiment: Experiment) -> None:
         console.say(f"vsense: {place}: its tracker is left alone: the lab has its own cameras")
 
 
-def _announce(console: Console, experiment: Experiment, seed: int, directory: Path) -> None:
+def _announce(console: Console, session: Session, directory: Path) -> None:
+    experiment = session.experiment
     console.say(
-        f"{experiment.name}: {len(experiment.robots)} robots, seed {seed},"
+        f"{experiment.name}: {len(experiment.robots)} robots, seed {session.environment.seed},"
         f" {experiment.length_s:g} s; logs in {directory}"
     )
 
@@ -112,7 +125,7 @@ def _progress(console: Console, session: Session) -> Any:
 
 def _measured(session: Session) -> str:
     """What the host knows of the experiment's success: robots in the cone, or its measures."""
-    world, source = session.world, report.pollution(session.experiment)
+    world, source = session.environment.world, report.pollution(session.experiment)
     if source is None:
         return "".join(f"  {spoken(name)} {value:.3g}" for name, value in world.results.items())
     cone, robots = world.cone(source), world.robots
@@ -124,21 +137,44 @@ def _is_lit(telemetry: Telemetry | None) -> bool:
     return telemetry is not None and bool(telemetry.leds & report.RING_LEDS)
 
 
-def _report(options: argparse.Namespace, session: Session, seed: int, console: Console) -> None:
+def _report_all(
+    options: argparse.Namespace,
+    session: Session,
+    series: Series,
+    directory: Path,
+    console: Console,
+) -> None:
+    """Measures, writes and prints what became of every run."""
+    summaries = []
+    for number, recording in enumerate(session.recordings, 1):
+        if recording.steps:
+            on_stdout = options.json and not series.several
+            summaries.append(_report(session, number, on_stdout, console))
+        else:
+            console.say("vsense: the run ended before its first timestep: nothing was measured")
+    if series.several:
+        figures = {"experiment": session.experiment.name, "runs": summaries}
+        run_directory.write_summary(directory, figures, options.json)
+
+
+def _report(session: Session, number: int, on_stdout: bool, console: Console) -> dict[str, Any]:
     """Measures, writes, prints, and draws last."""
-    measured = report.gather(session)
+    recording = session.recordings[number - 1]
+    measured = report.gather(session, recording)
     summary = {
         "experiment": session.experiment.name,
-        "seed": seed,
-        "blind": bool(options.blind),
+        "run": number,
+        "seed": recording.seed,
+        "blind": session.blind,
         "robots": len(session.experiment.robots),
         "cameras": len(session.cameras),
         **metrics.figures(measured),
         "vision": session.eyes.figures(),
-        "measures": session.recording.measures,
+        "measures": recording.measures,
     }
-    run_directory.write_summary(session.directory, summary, options.json)
+    run_directory.write_summary(recording.directory, summary, on_stdout)
     console.say(report.table(summary))
-    drawing = session.directory / f"{session.experiment.name}.png"
-    report.draw(session, measured, options.blind, seed, drawing)
-    console.say(f"picture: {drawing}")
+    path = recording.directory / f"{session.experiment.name}.png"
+    report.draw(session, recording, measured, path)
+    console.say(f"picture: {path}")
+    return summary

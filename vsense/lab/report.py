@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vsense.config.specs import Experiment
 from vsense.lab import metrics, phases
 from vsense.lab.microcontrollers import read_actuations
-from vsense.lab.session import Session
+from vsense.lab.session import Recording, Session
 from vsense.lab.shared import LabError
 from vsense.lab.stitch import top_view
 from vsense.lab.trace import read_trace
@@ -28,33 +28,33 @@ RING_LEDS = 0xFF
 LINK_COUNTERS = ("sent", "received", "dropped", "reconnects")
 
 
-def gather(session: Session) -> metrics.Run:
-    """Puts together what host, cameras, microcontrollers and daemons noted.
+def gather(session: Session, recording: Recording) -> metrics.Run:
+    """Puts together what host, cameras, microcontrollers and daemons noted of a run.
 
     The processes must have ended: their files are complete then.
 
     Raises:
         LabError: a file is missing or broken.
     """
-    experiment, recording = session.experiment, session.recording
+    experiment = session.experiment
     truth = _rows_of(read_truth(session.truth_log), [step.timestep for step in recording.steps])
     steps = _timesteps(recording.steps, truth)
     robots = len(experiment.robots)
     source = pollution(experiment)
     actuations = read_actuations(session.floor.log)
-    interrupted = session.interrupted.is_set() or not experiment.timesteps
+    whole = recording.ended == "time" and experiment.timesteps > 0
     sensors = [mounted.sensor.name for mounted in experiment.sensors]
     judged = "pollutant" if source else None
     traces = [read_trace(robot, sensors, judged) for robot in session.swarm.robots]
     return metrics.Run(
         timesteps=steps,
-        wanted=int(steps["run_timestep"][-1]) + 1 if interrupted else experiment.timesteps,
+        wanted=experiment.timesteps if whole else int(steps["run_timestep"][-1]) + 1,
         dt_ns=session.dt_ns,
         tags=tuple(robot.tag for robot in experiment.robots),
         sightings=[step.state.sightings for step in recording.steps],
         truth=metrics.Truth(
             poses=truth["poses"][:, :robots],
-            depth_m=_depth_m(session, truth["poses"], steps["run_timestep"]),
+            depth_m=_depth_m(experiment, recording, truth["poses"], steps["run_timestep"]),
             lit=(truth["leds"][:, :robots] & RING_LEDS) != 0,
         ),
         object_tags=tuple(thing.tag for thing in experiment.objects),
@@ -99,16 +99,19 @@ def _true_source(
 
 
 def _depth_m(
-    session: Session, poses: NDArray[np.float64], run_timesteps: NDArray[np.int64]
+    experiment: Experiment,
+    recording: Recording,
+    poses: NDArray[np.float64],
+    run_timesteps: NDArray[np.int64],
 ) -> NDArray[np.float64] | None:
     """How deep each robot truly is in the cone of the true source; None without a cone."""
-    experiment, source = session.experiment, pollution(session.experiment)
+    source = pollution(experiment)
     if source is None:
         return None
     robots = len(experiment.robots)
     # Where nothing is left there is no cone: everybody is far outside.
     depth_m = np.full((len(poses), robots), -np.inf)
-    shares = session.recording.album.shares
+    shares = recording.album.shares
     for row, (x_m, y_m, _) in enumerate(_true_source(source, experiment, poses)):
         if shares[row] > 0.0:
             cone = source.cone_at(x_m, y_m, int(run_timesteps[row]), shares[row])
@@ -123,13 +126,13 @@ def _within(trace: NDArray[np.void], steps: NDArray[np.void]) -> NDArray[np.void
     return np.asarray(trace[during])
 
 
-def draw(session: Session, run: metrics.Run, blind: bool, seed: int, path: Path) -> None:
-    """Draws the picture of the run.
+def draw(session: Session, recording: Recording, run: metrics.Run, path: Path) -> None:
+    """Draws the picture of a run.
 
     Raises:
         LabError: the file cannot be written.
     """
-    experiment, pictures = session.experiment, session.recording.pictures
+    experiment, pictures = session.experiment, recording.pictures
     depth_m = run.truth.depth_m
     told = Story(
         experiment,
@@ -138,7 +141,7 @@ def draw(session: Session, run: metrics.Run, blind: bool, seed: int, path: Path)
         run.truth.lit,
         None if depth_m is None else depth_m >= 0,
         run.turn,
-        session.recording.album,
+        recording.album,
     )
 
     def view(timestep: int) -> Image | None:
@@ -150,8 +153,8 @@ def draw(session: Session, run: metrics.Run, blind: bool, seed: int, path: Path)
 
     image = story.draw(
         told,
-        f"{experiment.name}{', blind' if blind else ''}",
-        f"{len(run.tags)} robots seen by {len(session.cameras)} cameras, seed {seed}",
+        f"{experiment.name}{', blind' if session.blind else ''}",
+        f"{len(run.tags)} robots seen by {len(session.cameras)} cameras, seed {recording.seed}",
         view,
     )
     if not cv2.imwrite(str(path), image):

@@ -27,7 +27,11 @@ from vsense.link.server import LinkEvent
 from vsense.link.table import Table
 from vsense.link.wire import GoodbyeCause
 from vsense.pictures.album import Album
+from vsense.room.facts import Scene
+from vsense.room.room import Room
+from vsense.run.control import Control
 from vsense.run.runner import Runner
+from vsense.run.series import next_seed
 from vsense.run.serving import make_server
 from vsense.runtime import Runtime, Step
 from vsense.tracking.arena_tracker import ArenaTracker
@@ -43,6 +47,9 @@ class Recording:
     """What the host noted during a run.
 
     Attributes:
+        seed: of everything that was drawn.
+        directory: where the run's figures go.
+        ended: what ended it, as `Runner.ended`.
         steps: the timesteps of the run, without their pictures.
         album: the virtual world and the experiment's measures over time.
         measures: what the experiment measured in all, by name.
@@ -52,6 +59,9 @@ class Recording:
     """
 
     album: Album
+    seed: int
+    directory: Path
+    ended: str = ""
     measures: dict[str, float] = field(default_factory=dict)
     steps: list[Step] = field(default_factory=list)
     pictures: dict[int, list[Frame]] = field(default_factory=dict)
@@ -75,8 +85,9 @@ class Session:
         console: Console,
         interrupted: threading.Event,
         base: str,
+        room: Room,
     ) -> None:
-        """Prepares a run; `__enter__` starts it.
+        """Prepares runs; `__enter__` starts everything.
 
         Args:
             experiment: what to run.
@@ -87,21 +98,23 @@ class Session:
             console: where to say what happens.
             interrupted: set by whoever wants the run to end early.
             base: what the robots are based on, of `vsense.lab.bases.BASES`.
+            room: where the runs are seen and steered.
         """
         self.experiment = experiment
         self.directory = directory
         self.truth_log = directory / "truth.bin"
-        self.recording = Recording(Album(experiment))
+        self.recordings: list[Recording] = []
         self.interrupted = interrupted
+        self.blind = blind
         self._seed = seed
         self._port = port
-        self._blind = blind
         self._base = base
+        self._room = room
         self._console = console
         self._stack = ExitStack()
         self._over = False
         self._ready = False
-        self.dt_ns = round(1e9 / experiment.ticks_per_second)
+        self.dt_ns = experiment.timestep_ns
 
     def __enter__(self) -> Session:
         try:
@@ -119,7 +132,7 @@ class Session:
         source = experiment.controller
         daemon = build.daemon(source.library, experiment.path.parent)
         poses = place(experiment, self._seed)
-        environment = Environment(experiment, self._seed, self._blind)
+        environment = Environment(experiment, self._seed, self.blind)
         table = Table(environment.table_entries)
         address = (experiment.host, self._port)
         self.server = make_server(experiment, table, address, self._seed, self._on_link_event)
@@ -139,12 +152,17 @@ class Session:
         self._stack.callback(self.swarm.end)
         for robot, base in zip(experiment.robots, self.floor.bases):
             self.swarm.start(robot.tag, robot.id, base)
-        self.world, self._environment = environment.world, environment
+        self.environment = environment
         self.eyes = Eyes(grabber, tracker, self._console.say)
+        self._room.recorders.watch_family(self.cameras, experiment.marker, self.eyes, tracker)
         runtime = Runtime(self.eyes, environment, self.server)
+        control = Control(self.server.command, self._console.say, self._room.holds)
         self.runner = Runner(
-            experiment, runtime, self.server, self._console, self.interrupted, self._look
+            experiment, runtime, self.server, self._console, self.interrupted, self._look, control
         )
+        text = experiment.path.read_text(encoding="utf-8", errors="replace")
+        scene = Scene("lab", text, self.blind, self.cameras, {})
+        self._room.open(scene, environment, self.server, runtime, control)
         grabber.start()
         runtime.open()
         self._stack.callback(runtime.close)
@@ -175,13 +193,14 @@ class Session:
                 f" {attendance.complaint()}{logs if attendance.absent else ''}"
             )
 
-    def _look(self) -> None:
+    def _look(self, step: Step | None) -> None:
         """Looks after the cameras and the daemons.
 
         Raises:
             LabError: one has ended before all were ready: it will not come.
         """
         self.eyes.look_after()
+        self._room.look(step)
         for robot, how in self.swarm.fallen():
             log = self.swarm.log(robot.tag)
             if not self._ready:
@@ -193,25 +212,28 @@ class Session:
                 f" start it again with {self.swarm.script(robot.tag)}"
             )
 
-    def live(self, observe: Callable[[Step], None]) -> None:
+    def live(self, directory: Path, observe: Callable[[Step], None]) -> None:
         """Starts all robots together, lives the run's timesteps, and stops them.
 
         Args:
+            directory: where the run's figures will go.
             observe: called after every timestep of the run.
 
         Raises:
             VsenseError: something has failed; what was recorded until then is there.
         """
+        recording = Recording(Album(self.experiment), self._seed, directory)
+        self.recordings.append(recording)
         canary = Canary()
         self._stack.callback(canary.close)
         failure: VsenseError | None = None
         try:
-            self._live_timesteps(observe)
+            self._live_timesteps(recording, observe)
         except VsenseError as error:
             failure = error
         self._over = True
         self.runner.stop()
-        recording, tally = self.recording, self.runner.tally
+        recording.ended, tally = self.runner.ended, self.runner.tally
         recording.lateness_ms = canary.end()
         recording.sent, recording.received = tally.sent, tally.received
         recording.dropped, recording.reconnects = tally.dropped, self.runner.reconnects
@@ -219,20 +241,31 @@ class Session:
             # Cameras starve without physics: say what failed first.
             self.floor.check()
             raise failure
-        recording.measures = self._environment.end()
+        recording.measures = self.environment.end()
 
-    def _live_timesteps(self, observe: Callable[[Step], None]) -> None:
-        pictures, album = self.recording.pictures, self.recording.album
+    def next_run(self) -> None:
+        """Goes back to before the start of the next run, whose seed is one more.
+
+        Raises:
+            VsenseError: its virtual world cannot be made, or the link has failed.
+        """
+        self._seed = next_seed(self._seed)
+        self.environment = Environment(self.experiment, self._seed, self.blind)
+        self.runner.next_run(self.environment)
+        self._over = False
+
+    def _live_timesteps(self, recording: Recording, observe: Callable[[Step], None]) -> None:
+        pictures, album = recording.pictures, recording.album
         step: Step | None = None
         try:
             for step in self.runner.timesteps():
-                self.recording.steps.append(step.without_frames())
-                album.look(step.run_timestep, self.world)
+                recording.steps.append(step.without_frames())
+                album.look(step.run_timestep, self.environment.world)
                 if step.run_timestep in album.kept:
                     pictures[step.run_timestep] = copy_frames(step.frames)
                 observe(step)
         finally:
-            album.end(self.world)
+            album.end(self.environment.world)
             if step is not None:
                 pictures[step.run_timestep] = copy_frames(step.frames)
 

@@ -150,15 +150,18 @@ class VirtualSensorServer:
         self._send_orders(network)
         return self._roster.orders.run
 
-    def hush(self) -> None:
+    def hush(self, hushed: bool = True) -> None:
         """Sends no STATE any more, so that the robots' telemetry can catch up with all sent.
 
         To be called after STOP: to the robots it is the silence of a dead host.
 
+        Args:
+            hushed: False: sends again.
+
         Raises:
             LinkError: the server has not been started, or its thread has failed.
         """
-        self._running().hushed = True
+        self._running().hushed = hushed
 
     def robots(self) -> dict[int, RobotStatus]:
         """A snapshot of every expected robot, by tag."""

@@ -9,6 +9,7 @@ from typing import Any
 from vsense.console import Console
 from vsense.robot import building, deploying, hosts
 from vsense.robot.deploying import Outcome, Plan
+from vsense.room import terminal
 
 
 def run(options: argparse.Namespace) -> int:
@@ -20,7 +21,7 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         VsenseError: it cannot be done; one clear line.
     """
-    actions = {"build": build, "deploy": deploy}
+    actions = {"build": build, "deploy": deploy, "status": terminal.robots}
     return actions[options.action](options)
 
 

@@ -20,7 +20,12 @@ REPEATS = 3
 
 
 class CameraSource:
-    """A tracking session at work; `next` belongs to one thread, the rest to any."""
+    """A tracking session at work; `next` belongs to one thread, the rest to any.
+
+    Attributes:
+        session: what it is made from.
+        tracking: its parts.
+    """
 
     def __init__(
         self,
@@ -40,7 +45,8 @@ class CameraSource:
                 open is told and tried again.
         """
         cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-        self._tracking = build(session, clock, offline=True)
+        self.session = session
+        self.tracking = build(session, clock, offline=True)
         self._tell = tell
         self._pictures = 0
         self._troubles: Counter[tuple[str, str]] = Counter()
@@ -54,9 +60,9 @@ class CameraSource:
             VsenseError: the tracker has failed.
         """
         try:
-            state, frames, events = self._tracking.step(timeout_s)
+            state, frames, events = self.tracking.step(timeout_s)
         except GrabberError:
-            self._tell_some(self._tracking.grabber.events())
+            self._tell_some(self.tracking.grabber.events())
             raise
         self._pictures += len(frames)
         self._tell_some(events)
@@ -72,13 +78,13 @@ class CameraSource:
         """What is reported: pictures, timesteps left out, and troubles of cameras."""
         return {
             "pictures": self._pictures,
-            "left_out": self._tracking.grabber.missed,
+            "left_out": self.tracking.grabber.missed,
             "camera_events": sum(self._troubles.values()),
         }
 
     def close(self) -> None:
         """Lets the cameras go; can be called again."""
-        self._tracking.close()
+        self.tracking.close()
 
     def _tell_some(self, events: Iterable[CameraEvent]) -> None:
         """Tells the same trouble a few times only."""
@@ -115,10 +121,10 @@ class RecordingSource(CameraSource):
             VsenseError: a recording or a marker family cannot be used.
         """
         super().__init__(session, tell, clock)
-        recorded = self._tracking.grabber
+        recorded = self.tracking.grabber
         assert isinstance(recorded, RecordedGrabber)
         self._player = Player(recorded, timestep_ns / 1e9, clock)
-        self._tracking.grabber = self._player
+        self.tracking.grabber = self._player
 
     def next(self, timeout_s: float) -> tuple[ArenaState, Sequence[Frame]]:
         """Waits for the next pictures and tracks the robots in them.
@@ -131,7 +137,8 @@ class RecordingSource(CameraSource):
         if self._player.still:
             # Not by way of the cameras' health: it would take them for frozen.
             frames = self._player.next(timeout_s)
-            return self._tracking.tracker.update(frames), frames
+            self.tracking.record(frames)
+            return self.tracking.tracker.update(frames), frames
         return super().next(timeout_s)
 
     def start_run(self) -> None:

@@ -1,4 +1,4 @@
-"""What happened in a run, for people to read later: what was said, and one row per timestep."""
+"""What happened, for people to read later: what was said, and one row per timestep of a run."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import threading
 import time
 from pathlib import Path
 from types import TracebackType
+from typing import TextIO
 
-from vsense.console import Console
+from vsense.console import Console, Level
 from vsense.run.directory import DirectoryError
 from vsense.runtime import Step
 
@@ -27,24 +28,43 @@ class Diary(Console):
     """
 
     def __init__(self, directory: Path) -> None:
-        """Starts the files of a run.
+        """Starts the log of all runs.
 
         Args:
-            directory: the run directory, exists.
+            directory: their directory, exists.
 
         Raises:
-            DirectoryError: they cannot be written.
+            DirectoryError: it cannot be written.
         """
         super().__init__()
         self._writing = threading.Lock()
         self._rows = 0
+        self._table: TextIO | None = None
         try:
             self._log = (directory / LOG).open("w")
-            self._table = (directory / TIMESTEPS).open("w")
-            self._table.write(HEADER)
         except OSError as error:
             raise DirectoryError(f"{error.filename}: {error.strerror}") from None
         self._good = True
+
+    def begin_run(self, directory: Path) -> None:
+        """Starts the table of a run's timesteps, and completes the one before.
+
+        Args:
+            directory: of the run, exists.
+
+        Raises:
+            DirectoryError: it cannot be written.
+        """
+        with self._writing:
+            try:
+                table, self._table = self._table, None
+                if table is not None:
+                    table.close()
+                self._table = (directory / TIMESTEPS).open("w")
+                self._table.write(HEADER)
+            except OSError as error:
+                place = error.filename or directory / TIMESTEPS
+                raise DirectoryError(f"{place}: {error.strerror}") from None
 
     def __enter__(self) -> Diary:
         return self
@@ -57,9 +77,9 @@ class Diary(Console):
     ) -> None:
         self._write("", "", close=True)
 
-    def say(self, text: str) -> None:
+    def say(self, text: str, level: Level = "info") -> None:
         """Prints a message of its own, and notes it with the time of day."""
-        super().say(text)
+        super().say(text, level)
         now_s = time.time()
         clock = time.strftime("%H:%M:%S", time.localtime(now_s)) + f".{int(now_s * 1000) % 1000:03}"
         self._write(f"{clock} {text}\n", "")
@@ -83,16 +103,16 @@ class Diary(Console):
                 return
             try:
                 self._log.write(line)
-                self._table.write(row)
+                if self._table is not None:
+                    self._table.write(row)
                 self._rows += bool(row)
-                if line or self._rows % FLUSH_TIMESTEPS == 0:
-                    self._log.flush()
-                    self._table.flush()
-                if close:
-                    self._log.close()
-                    self._table.close()
+                for file in (self._log, self._table):
+                    if file is not None and (line or self._rows % FLUSH_TIMESTEPS == 0):
+                        file.flush()
+                    if file is not None and close:
+                        file.close()
                 return
             except OSError as error:
                 self._good = False
                 reason = error.strerror
-        super().say(f"vsense: the run is no longer written down: {reason}")
+        super().say(f"vsense: the run is no longer written down: {reason}", "trouble")

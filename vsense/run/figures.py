@@ -43,7 +43,7 @@ class Figures:
     def __init__(self, experiment: Experiment) -> None:
         """Begins before the first timestep."""
         self._experiment = experiment
-        self._dt_ns = round(1e9 / experiment.ticks_per_second)
+        self._dt_ns = experiment.timestep_ns
         self._robots = {robot.tag: _Robot() for robot in experiment.robots}
         self._last_run_timestep = -1
         self._pictures = False

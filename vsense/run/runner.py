@@ -12,13 +12,16 @@ from dataclasses import dataclass
 
 from vsense.config.specs import Experiment
 from vsense.console import Console
+from vsense.environment import Environment
 from vsense.link.arena_client import TrackerEnded
 from vsense.link.server import VirtualSensorServer
 from vsense.run.attendance import Attendance
 from vsense.run.complaints import Complaints
+from vsense.run.control import DURING, Control, State
 from vsense.run.tally import Tally
-from vsense.runtime import NoArenaState, Runtime, Step
+from vsense.runtime import Runtime, Step
 from vsense.tracking.grabbers import NoMorePictures
+from vsense.watch import NoArenaState
 
 POLL_S = 0.25
 """So often a run without arena states looks whether it shall end."""
@@ -44,14 +47,13 @@ class Silence:
 
 
 class Runner:
-    """One run, from the roll call to the last telemetry; it belongs to one thread.
+    """Runs, one after the other, from roll call to last telemetry; it belongs to one thread.
 
     Attributes:
         names: the experiment's tagged bodies: tag -> name.
         tally: what the links sent and received, from the start of the server.
         reconnects: sessions that were opened in mid-run.
         silences: times without arena states in the run.
-        ended: why the run ended: "time", "interrupted", or in the words of whoever ended it.
     """
 
     def __init__(
@@ -61,42 +63,50 @@ class Runner:
         server: VirtualSensorServer,
         console: Console,
         interrupted: threading.Event,
-        look: Callable[[], None] = lambda: None,
+        look: Callable[[Step | None], None] = lambda step: None,
+        control: Control | None = None,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        """Prepares a run.
+        """Prepares the first run.
 
         Args:
             experiment: what to run.
             runtime: is open, or will be before `wait`.
             server: has been started.
             console: where to say what happens.
-            interrupted: set by whoever wants the run to end early.
-            look: called after every timestep and in every silence; what it raises ends the run.
+            interrupted: set by whoever wants everything to end.
+            look: called after every timestep and in silences; what it raises ends the run.
+            control: what people order; None: nobody can.
             clock: the host's monotonic clock [ns].
         """
-        self.tally = Tally()
+        self.tally, self.reconnects = Tally(), 0
         self._complaints = Complaints()
-        self.reconnects = 0
         self.silences: list[Silence] = []
-        self.ended = "interrupted"
         self._robots = {robot.tag: robot.id for robot in experiment.robots}
         self._objects = {thing.tag: thing.id for thing in experiment.objects}
         self.names = self._robots | self._objects
-        self._dt_ns = round(1e9 / experiment.ticks_per_second)
-        self._timesteps = experiment.timesteps
+        self._dt_ns, self._timesteps = experiment.timestep_ns, experiment.timesteps
         self._runtime = runtime
         self._server = server
         self._console = console
         self._interrupted = interrupted
         self._look = look
+        self.control = control or Control(server.command, console.say)
         self._clock = clock
         self._heard_ns: int | None = None
         self._silent, self._run_timestep = False, -1
-        self._sessions = 0
+        self._end_ns = self._sessions = 0
+
+    @property
+    def ended(self) -> str:
+        """Why the run ended: "time", "interrupted", or in the words of whoever ended it."""
+        return self.control.why
 
     def wait(self, limit_s: float | None = None) -> Attendance:
         """Lives timesteps until every robot is connected and every marker is seen.
+
+        Where runs are held until somebody starts them, it waits for that; a START that comes
+        early ends the wait at once.
 
         Args:
             limit_s: longest time to wait; None: for ever.
@@ -113,9 +123,25 @@ class Runner:
             attendance = self._call_roll(step)
             waited_ns = self._clock() - begun_ns
             over = limit_s is not None and waited_ns > limit_s * 1e9
-            if attendance.complete or over or self._interrupted.is_set():
+            if self._interrupted.is_set() or self._may_start(attendance.complete or over):
                 return attendance
-            self._console.progress(f"waiting: {attendance.progress(self._heard_ns is not None)}")
+            self._console.progress(self._waiting(attendance))
+
+    def _may_start(self, ready: bool) -> bool:
+        """Whether the run starts now; `ready`: nobody else is waited for."""
+        control = self.control
+        if control.state == State.EMERGENCY or control.asked or not ready:
+            return control.asked
+        if control.holds:
+            control.ready()
+        return not control.holds
+
+    def _waiting(self, attendance: Attendance) -> str:
+        """The live line before the run."""
+        state = self.control.state
+        word = {State.EMERGENCY: "EMERGENCY STOP, reset first", State.READY: "ready to start"}
+        there = attendance.progress(self._heard_ns is not None)
+        return f"{word.get(state, 'waiting')}: {there}"
 
     def timesteps(self) -> Iterator[Step]:
         """Starts all robots together and lives the run's timesteps.
@@ -128,23 +154,63 @@ class Runner:
         """
         self.tally.update(self._server.robots())
         self._sessions = self.tally.sessions
-        self._runtime.start()
-        begun_ns = self._clock()
-        last = self._timesteps - 1
+        if self._interrupted.is_set() or not self.control.begin(self._runtime.start):
+            return
+        length_ns, last = self._timesteps * self._dt_ns, self._timesteps - 1
+        self._end_ns = self._clock() + length_ns
         try:
-            while not self._interrupted.is_set():
+            while not self._interrupted.is_set() and self.control.state in DURING:
                 step = self._step()
+                self._obey()
                 if step is not None and step.run_timestep >= 0:
                     self._run_timestep = step.run_timestep
                     if last < 0 or step.run_timestep <= last:
                         yield step
                 # Arena states count the timesteps; where none come the clock ends the run.
-                late = self._silent and self._clock() - begun_ns > self._timesteps * self._dt_ns
+                late = self._silent and self._clock() > self._end_ns
                 if last >= 0 and (self._run_timestep >= last or late):
-                    self.ended = "time"
-                    return
+                    self.control.end("time")
         except (NoMorePictures, TrackerEnded) as end:
-            self.ended = str(end)
+            self.control.end(str(end))
+
+    def _obey(self) -> None:
+        """Holds the world while the run is paused."""
+        if self.control.state != State.PAUSED:
+            return
+        self._runtime.hold()
+        begun_ns = self._clock()
+        while self.control.state == State.PAUSED and not self._interrupted.is_set():
+            if self.control.asked:
+                self.control.begin(self._runtime.resume)
+            else:
+                self._step()
+                self._console.progress(f"paused in timestep {self._run_timestep}")
+        self._end_ns += self._clock() - begun_ns
+
+    def rest(self) -> bool:
+        """Lives on after a run, with the robots stopped, until somebody wants the next one.
+
+        Returns:
+            Whether somebody does; else somebody has interrupted.
+
+        Raises:
+            VsenseError: something has failed.
+        """
+        while not self._interrupted.is_set() and not self.control.next_asked:
+            self._step()
+            self._console.progress("the run has ended: start begins the next one")
+        return self.control.next_asked
+
+    def next_run(self, environment: Environment) -> None:
+        """Goes back to before the start of the next run, in another virtual world.
+
+        Raises:
+            VsenseError: the link has failed.
+        """
+        self._runtime.next_run(environment)
+        self.control.next_run()
+        self.silences, self._run_timestep = [], -1
+        self.tally = self.tally.anew()
 
     def stop(self) -> None:
         """Stops all robots, and waits until they have told what they received.
@@ -158,6 +224,7 @@ class Runner:
         self._runtime.stop()
         if self._silent:
             self._note_silence()
+        self.control.end("interrupted")
         self._settle()
         self.reconnects = self.tally.sessions - self._sessions
 
@@ -175,10 +242,10 @@ class Runner:
             self._heard_ns = step.arena_ns
         robots = self._server.robots()
         for status in self.tally.update(robots):
-            self._console.say(f"robot {status.name}: its guard was replaced")
+            self._console.say(f"robot {status.name}: its guard was replaced", "warning")
         for line in self._complaints.update(robots, self._clock()):
-            self._console.say(line)
-        self._look()
+            self._console.say(line, "warning")
+        self._look(step)
         return step
 
     def _call_roll(self, step: Step | None) -> Attendance:
@@ -196,7 +263,8 @@ class Runner:
         if not self._silent:
             self._silent = True
             self._console.say(
-                "no arena state for half a second: the robots stand still until there is one"
+                "no arena state for half a second: the robots stand still until there is one",
+                "trouble",
             )
         self._console.progress(f"no arena state for {silent_ns / 1e9:.1f} s")
 
@@ -217,3 +285,4 @@ class Runner:
         while self.tally.received < self.tally.sent and self._clock() < deadline_ns:
             threading.Event().wait(0.02)
             self.tally.update(self._server.robots())
+        self._server.hush(False)

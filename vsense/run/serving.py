@@ -40,7 +40,7 @@ def make_server(
         "host": host,
         "port": port,
         "table": table,
-        "timestep_ns": round(1e9 / experiment.ticks_per_second),
+        "timestep_ns": experiment.timestep_ns,
         "seed": seed,
         "params": experiment.controller.params_text,
         "expected": {robot.tag: robot.id for robot in experiment.robots},

@@ -11,7 +11,11 @@ from vsense.environment import Environment
 from vsense.link.server import LinkEvent, VirtualSensorServer
 from vsense.link.table import Table
 from vsense.link.wire import GoodbyeCause
+from vsense.room.facts import Scene
+from vsense.room.room import Room
+from vsense.run.control import Control
 from vsense.run.runner import Runner
+from vsense.run.series import next_seed
 from vsense.run.serving import make_server
 from vsense.run.sources import SteadySource, open_source
 from vsense.runtime import Runtime
@@ -38,6 +42,7 @@ class RunSession:
         tracking: tuple[str, str] | None,
         console: Console,
         interrupted: threading.Event,
+        room: Room,
         legacy_port: int | None = None,
     ) -> None:
         """Opens the source and the server; nobody is waited for yet.
@@ -49,24 +54,21 @@ class RunSession:
             address: interface and port for the robots.
             tracking: the files of a tracking session, or None; see `open_source`.
             console: where to say what happens.
-            interrupted: set by whoever wants the run to end early.
+            interrupted: set by whoever wants everything to end.
+            room: where it is seen and steered.
             legacy_port: for robots with the original's client, or None.
 
         Raises:
             VsenseError: something cannot be used; nothing is left open.
         """
         self.experiment = experiment
-        self._console = console
-        self._over = False
+        self._console, self._over = console, False
         self.environment = Environment(experiment, seed, blind)
+        table = Table(self.environment.table_entries)
         self.server: VirtualSensorServer = make_server(
-            experiment,
-            Table(self.environment.table_entries),
-            address,
-            seed,
-            self._on_link_event,
-            legacy_port,
+            experiment, table, address, seed, self._on_link_event, legacy_port
         )
+        self._seed, self._blind, self._room = seed, blind, room
         self._open(tracking, interrupted)
 
     def _open(self, tracking: tuple[str, str] | None, interrupted: threading.Event) -> None:
@@ -77,13 +79,48 @@ class RunSession:
             opened.callback(self.source.close)
             self.port = self.server.start()
             opened.callback(self._close_server)
+            self._record_pictures()
             runtime = Runtime(self.source, self.environment, self.server)
             runtime.open()
             opened.callback(runtime.close)
             # Closed first of all: the thread that watches the arena waits in it.
             opened.callback(self.source.close)
-            self.runner = Runner(experiment, runtime, self.server, console, interrupted)
+            control = Control(self.server.command, console.say, self._room.holds, self._suspends())
+            self.runner = Runner(
+                experiment, runtime, self.server, console, interrupted, self._room.look, control
+            )
+            self._room.open(self._scene(), self.environment, self.server, runtime, control)
             self._stack = opened.pop_all()
+
+    def _scene(self) -> Scene:
+        experiment = self.experiment
+        text = experiment.path.read_text(encoding="utf-8", errors="replace")
+        own = self.source.own
+        views = () if own is None else own.session.views
+        trackers = {view.camera.id: view.tracker.id for view in views}
+        return Scene("run", text, self._blind, [view.camera for view in views], trackers)
+
+    def _suspends(self) -> bool:
+        """Whether STOP only suspends a run (thesis, 2.3.1)."""
+        own = self.source.own
+        return own is not None and not own.session.record.change_root_directory_on_start
+
+    def _record_pictures(self) -> None:
+        """Has recordings hold what the tracker sees."""
+        own, recorders = self.source.own, self._room.recorders
+        if own is not None:
+            recorders.watch_session(own.session, own.tracking)
+
+    def next_run(self) -> None:
+        """Goes back to before the start of the next run, whose seed is one more.
+
+        Raises:
+            VsenseError: its virtual world cannot be made, or the link has failed.
+        """
+        self._seed = next_seed(self._seed)
+        self.environment = Environment(self.experiment, self._seed, self._blind)
+        self.runner.next_run(self.environment)
+        self._over = False
 
     def __enter__(self) -> RunSession:
         return self

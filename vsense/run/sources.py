@@ -19,8 +19,8 @@ from vsense.link.arena_listener import ArenaListener
 from vsense.link.status import LinkError
 from vsense.run.cameras import CameraSource, RecordingSource
 from vsense.run.pace import Pace
-from vsense.runtime import ArenaSource
 from vsense.tracking.grabbers import CameraEvent, GrabberError, NoMorePictures
+from vsense.watch import ArenaSource
 
 Tell = Callable[[str], None]
 """Takes a line for a person, from any thread; does not wait."""
@@ -39,6 +39,7 @@ class SteadySource:
     Attributes:
         kind: "cameras", "recording", "original" or "lines".
         name: where the states come from, for people.
+        own: cameras of our own, or recordings in their place; None: somebody else tracks.
     """
 
     def __init__(
@@ -48,6 +49,7 @@ class SteadySource:
         source: ClosableSource,
         timestep_ns: int,
         figures: Callable[[], Mapping[str, int]],
+        own: CameraSource | None = None,
     ) -> None:
         """Takes a source over.
 
@@ -57,9 +59,11 @@ class SteadySource:
             source: gives the states, at a rate of its own.
             timestep_ns: length of the experiment's timestep.
             figures: gives the source's counters.
+            own: see the class.
         """
         self.kind = kind
         self.name = name
+        self.own = own
         self._source = source
         self._pace = Pace(timestep_ns)
         self._figures = figures
@@ -149,7 +153,7 @@ def open_source(
     """
     require_source(experiment, tracking)
     tracker = experiment.tracker
-    timestep_ns = round(1e9 / experiment.ticks_per_second)
+    timestep_ns = experiment.timestep_ns
     if tracking is not None:
         return _own_cameras(experiment, tracking, timestep_ns, tell, clock)
     if isinstance(tracker, TrackerAddress):
@@ -175,10 +179,10 @@ def _own_cameras(
     cameras = f"{count} camera{'s' if count > 1 else ''} of {Path(session.file).name}"
     if session.is_live:
         live = CameraSource(session, tell_event, clock)
-        return SteadySource("cameras", cameras, live, timestep_ns, live.figures)
+        return SteadySource("cameras", cameras, live, timestep_ns, live.figures, live)
     recording = RecordingSource(session, timestep_ns, tell_event, clock)
     name = f"recordings of {cameras}"
-    return SteadySource("recording", name, recording, timestep_ns, recording.figures)
+    return SteadySource("recording", name, recording, timestep_ns, recording.figures, recording)
 
 
 def _check_roster(experiment: Experiment, session: TrackingSession) -> None:

@@ -21,7 +21,7 @@ class _Robot:
 
 @dataclass(slots=True)
 class Tally:
-    """Counters of STATE packets, from the server's start.
+    """Counters of STATE packets, from the server's start or from `anew`.
 
     A daemon counts from its own start. Of one that was killed the last telemetry is what is
     known; what it received after that is counted as lost.
@@ -38,6 +38,7 @@ class Tally:
     dropped: int = 0
     sessions: int = 0
     _robots: dict[int, _Robot] = field(default_factory=dict)
+    _earlier: tuple[int, int, int] = (0, 0, 0)
 
     def update(self, robots: Mapping[int, RobotStatus]) -> list[RobotStatus]:
         """Takes over the newest status of every robot.
@@ -50,12 +51,21 @@ class Tally:
             known = self._robots.setdefault(tag, _Robot())
             if status.telemetry is not None and _take(known, status.telemetry):
                 replaced.append(status)
-        self.sent = sum(status.sent for status in robots.values())
+        sent, received, dropped = self._earlier
+        self.sent = sum(status.sent for status in robots.values()) - sent
         self.sessions = sum(status.sessions for status in robots.values())
         heard = [r.newest for r in self._robots.values() if r.newest is not None]
-        self.received = self._before("received") + sum(_taken(t) for t in heard)
-        self.dropped = self._before("dropped") + sum(_dropped(t) for t in heard)
+        self.received = self._before("received") + sum(_taken(t) for t in heard) - received
+        self.dropped = self._before("dropped") + sum(_dropped(t) for t in heard) - dropped
         return replaced
+
+    def anew(self) -> Tally:
+        """Gives a tally that counts from here."""
+        now = (self.sent, self.received, self.dropped)
+        sent, received, dropped = (a + b for a, b in zip(self._earlier, now))
+        return Tally(
+            sessions=self.sessions, _robots=self._robots, _earlier=(sent, received, dropped)
+        )
 
     def _before(self, counter: str) -> int:
         earlier: Iterable[int] = (getattr(robot, counter) for robot in self._robots.values())

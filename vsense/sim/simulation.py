@@ -83,7 +83,7 @@ class Simulation:
         self.environment = Environment(experiment, seed, blind)
         self.record = Record(experiment)
         self.album: Album | None = None
-        self._dt_ns = round(1e9 / experiment.ticks_per_second)
+        self._dt_ns = experiment.timestep_ns
         self._physics = _floor(experiment)
         self._rings = ProximityRing(self._physics.near, seed)
         self._tracker = SimulatedTracker((*self.record.tags, *self.record.object_tags), seed)

@@ -55,14 +55,14 @@ def draw(
     images = {frame.camera: frame.image for frame in frames}
     panels = [
         [_panel(images.get(c.id), c, state, found.get(c.id), heights_m) for c in row]
-        for row in _rows(cameras)
+        for row in as_they_hang(cameras)
     ]
     widest = max(sum(p.shape[1] + _MARGIN for p in row) for row in panels)
     heights = [max(p.shape[0] for p in row) + _CAPTION + _MARGIN for row in panels]
     canvas = np.full((_HEAD + sum(heights), widest + _MARGIN, 3), 255, np.uint8)
     _head(canvas, state)
     top = _HEAD
-    for row, row_panels, height in zip(_rows(cameras), panels, heights):
+    for row, row_panels, height in zip(as_they_hang(cameras), panels, heights):
         left = _MARGIN
         for camera, panel in zip(row, row_panels):
             canvas[top : top + panel.shape[0], left : left + panel.shape[1]] = panel
@@ -73,8 +73,8 @@ def draw(
     return canvas
 
 
-def _rows(cameras: Sequence[Camera]) -> list[list[Camera]]:
-    """The cameras as seen from above: rows from high y to low y, each from low x to high x."""
+def as_they_hang(cameras: Sequence[Camera]) -> list[list[Camera]]:
+    """Gives the cameras as seen from above: rows from high y to low y, each from low x to high."""
     columns = max(1, round(math.sqrt(len(cameras))))
     ordered = sorted(cameras, key=lambda c: (-c.position_m[1], c.position_m[0]))
     rows = [ordered[k : k + columns] for k in range(0, len(ordered), columns)]

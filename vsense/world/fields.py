@@ -31,6 +31,7 @@ class Field:
     Attributes:
         id: its name.
         cell_m: side of a cell.
+        corner_m: (2,) the lowest x and y of all cells.
         evaporation_per_s: share that is lost per second, continuously: the amount falls by
             exp(-evaporation_per_s * t).
         diffusion_m2_s: how fast it spreads: the variance of a drop grows by twice this per
@@ -71,7 +72,7 @@ class Field:
                 f"field {id!r}: cells of {cell_m:g} m are {columns} x {rows} in this arena,"
                 f" expected at most {MAX_CELLS}: make them larger"
             )
-        self._corner_m = np.array(arena.centre_m[:2]) - 0.5 * cell_m * np.array([columns, rows])
+        self.corner_m = np.array(arena.centre_m[:2]) - 0.5 * cell_m * np.array([columns, rows])
         self.concentration = np.full((rows, columns), self._initial)
 
     def check(self, timestep_s: float) -> None:
@@ -193,7 +194,7 @@ class Field:
     def _grid(self, points_m: ArrayLike) -> Floats:
         """Gives places in cells, 0, 0 being the middle of the first one."""
         points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
-        return (points - self._corner_m) / self.cell_m - 0.5
+        return (points - self.corner_m) / self.cell_m - 0.5
 
     def _around(self, grid: Floats) -> tuple[NDArray[np.intp], Floats]:
         """Gives the four cells around each place, (n, 4) flat, and their shares of it."""

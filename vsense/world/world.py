@@ -12,15 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import ArenaState
-from vsense.world.entities import (
-    Arena,
-    Box,
-    Cylinder,
-    Entity,
-    Light,
-    VirtualRobot,
-    Zone,
-)
+from vsense.world.entities import Arena, Box, Cylinder, Entity, Light, VirtualRobot, Zone
 from vsense.world.fields import Field, by_id
 from vsense.world.floor import Floor
 from vsense.world.inventory import Inventory
@@ -67,6 +59,7 @@ class World:
     capture_ns = 0
     run_timestep = 0
     _settled = -1
+    _floors = 0
     _bodies: Bodies | None = None
     _painted_floor: Floor | None = None
 
@@ -114,7 +107,7 @@ class World:
     def reset(self) -> None:
         """Goes back to the start of the run; what the cameras saw last stays."""
         self._inventory.reset()
-        self._plain_floor = self._first_floor
+        self.floor = self._first_floor
         for field in self.fields.values():
             field.reset()
         self.results = Results()
@@ -175,6 +168,11 @@ class World:
         return max(self.run_timestep, 0) * self.timestep_s
 
     @property
+    def version(self) -> tuple[int, int]:
+        """Another one whenever an entity or the plain floor was changed."""
+        return self._inventory.version, self._floors
+
+    @property
     def entities(self) -> Mapping[str, Entity]:
         """What is in the world besides real robots and tagged things, by id."""
         return self._inventory.entities
@@ -231,6 +229,7 @@ class World:
     def floor(self, floor: Floor) -> None:
         self._plain_floor = floor
         self._painted_floor = None
+        self._floors += 1
 
     def bodies(self) -> Bodies:
         """Gives all that stands in the way of light and sight.

@@ -1,0 +1,176 @@
+"""The data of messages, made from what the run holds: plain numbers and texts, as JSON has them.
+
+`vsense/web/MESSAGES.md` describes every topic. Arrays become columns; what is no number is null.
+"""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import fields as fields_of
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.arena import ArenaState
+from vsense.link.table import Entry
+from vsense.link.wire import Values
+from vsense.sensors.base import layout_dtype
+from vsense.world.entities import Entity
+from vsense.world.fields import Field
+from vsense.world.floor import Floor
+from vsense.world.world import World
+
+KINDS = {
+    "Box": "box", "Cylinder": "cylinder", "Light": "light", "Zone": "zone", "VirtualRobot": "robot",
+}  # fmt: skip
+
+MOST_CELLS = 160
+"""A field is shown with at most so many columns and rows."""
+
+MOST_PIXELS = 1024
+"""A floor's picture is shown with at most so many columns and rows."""
+
+Data = dict[str, Any]
+
+
+def columns(rows: NDArray[np.void], *names: str) -> Data:
+    """Turns a structured array into a list per field.
+
+    Args:
+        rows: (n,).
+        names: the fields; without any, all but `covariance`.
+    """
+    assert rows.dtype.names is not None
+    wanted = names or tuple(name for name in rows.dtype.names if name != "covariance")
+    return {name: rows[name].tolist() for name in wanted}
+
+
+def arena(state: ArenaState, run_timestep: int) -> Data:
+    """Gives /arena: the arena state, whole."""
+    robots = columns(state.robots)
+    robots["covariance"] = [
+        None if math.isnan(row[0]) else row
+        for row in state.robots["covariance"].reshape(-1, 9).tolist()
+    ]
+    return {
+        "timestep": state.timestep,
+        "run_timestep": run_timestep,
+        "capture_ns": state.capture_ns,
+        "robots": robots,
+        "detected": state.detected,
+        "unnamed": state.unnamed,
+        "duplicates": list(state.duplicates),
+        "joined": list(state.joined),
+        "sightings": columns(state.sightings),
+        "cameras": list(state.cameras),
+        "images": columns(state.images),
+    }
+
+
+def world(world: World) -> Data:
+    """Gives /world: everything that stands or lies in the virtual world."""
+    floor = world.floor.with_zones(())
+    return {"entities": [entity(e) for e in world.entities.values()], "floor": floor_data(floor)}
+
+
+def entity(thing: Entity) -> Data:
+    """One entity: its kind and its fields."""
+    found: Data = {"kind": KINDS[type(thing).__name__]}
+    found |= {field.name: getattr(thing, field.name) for field in fields_of(thing)}
+    return found
+
+
+def floor_data(floor: Floor) -> Data:
+    """The floor without its zones, its picture as PNG."""
+    png = None
+    if floor.image is not None:
+        image = floor.image
+        step = -(-max(image.shape[:2]) // MOST_PIXELS)
+        order = [2, 1, 0, 3][: image.shape[2]]
+        encoded = cv2.imencode(".png", image[::step, ::step, order])[1]
+        png = base64.b64encode(encoded.tobytes()).decode()
+    return {
+        "color": list(floor.color),
+        "size_m": list(floor.size_m),
+        "centre_m": list(floor.centre_m),
+        "png": png,
+    }
+
+
+def signals(world: World) -> Data:
+    """Gives /signals: what the world shows and measures in this timestep."""
+    lit = np.flatnonzero(world.leds.any(axis=1))
+    cones = (world.cone(source) for source in world.sources)
+    return {
+        "timestep": world.run_timestep,
+        "time_s": world.time_s,
+        "leds": {"tag": world.robots["tag"][lit].tolist(), "color": world.leds[lit].tolist()},
+        "cones": [dict(zip(("x_m", "y_m"), c.vertices().T.tolist())) for c in cones if c],
+        "measures": {name: finite(value) for name, value in world.results.items()},
+    }
+
+
+def fields(grids: Iterable[Field]) -> Data:
+    """Gives /fields: concentrations as shares of the highest, coarse enough to be looked at."""
+    return {"fields": [_field(grid) for grid in grids]}
+
+
+def _field(grid: Field) -> Data:
+    rows, cols = grid.concentration.shape
+    step = -(-max(rows, cols) // MOST_CELLS)
+    shown = grid.concentration[::step, ::step]
+    peak = float(shown.max())
+    levels = np.round(shown * (255.0 / peak)) if peak > 0.0 else np.zeros(shown.shape)
+    return {
+        "id": grid.id,
+        "corner_m": grid.corner_m.tolist(),
+        "cell_m": grid.cell_m * step,
+        "columns": shown.shape[1],
+        "rows": shown.shape[0],
+        "peak": peak,
+        "levels": base64.b64encode(levels.astype(np.uint8).tobytes()).decode(),
+    }
+
+
+def readings(
+    sensors: Sequence[Entry], sent: Mapping[int, Values], timestep: int, capture_ns: int
+) -> Data:
+    """Gives /readings: what the robots were sent, as numbers.
+
+    Args:
+        sensors: the sensor table's sensors.
+        sent: by tag, payload and capture time per sensor.
+        timestep: of the arena state.
+        capture_ns: its capture time.
+    """
+    types = [layout_dtype(sensor.layout)[1] for sensor in sensors]
+    return {
+        "timestep": timestep,
+        "capture_ns": capture_ns,
+        "tag": list(sent),
+        "values": [
+            [np.frombuffer(data, kind).tolist() for (data, _), kind in zip(values, types)]
+            for values in sent.values()
+        ],
+        "captured_ns": [[when for _, when in values] for values in sent.values()],
+    }
+
+
+def numbers(entries: Sequence[Entry], payload: bytes) -> list[list[float]]:
+    """A robot's actuators as numbers, one list for each."""
+    found, begin = [], 0
+    for entry in entries:
+        count, kind = layout_dtype(entry.layout)
+        end = begin + count * kind.itemsize
+        found.append(np.frombuffer(payload[begin:end], kind).tolist())
+        begin = end
+    return found
+
+
+def finite(value: float) -> float | None:
+    """A number for JSON."""
+    return float(value) if math.isfinite(value) else None

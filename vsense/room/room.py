@@ -1,0 +1,145 @@
+"""The control room of one process: hub, page, recorder, keyboard, and the terminals' door."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+from vsense.console import Console, Level
+from vsense.environment import Environment
+from vsense.hub import Hub, Message
+from vsense.link.server import VirtualSensorServer
+from vsense.room import keyboard
+from vsense.room.doorbell import Doorbell, DoorbellError
+from vsense.room.facts import Scene
+from vsense.room.messages import Data
+from vsense.room.press import Press
+from vsense.room.publisher import Publisher
+from vsense.room.recorders import Recorders
+from vsense.room.web import open_web
+from vsense.run.control import Control
+from vsense.runtime import Runtime, Step
+
+
+class Room:
+    """Sees and steers the runs of one process; a context that leaves no thread and no socket.
+
+    Attributes:
+        hub: where everything is told.
+        holds: every run waits until somebody starts it.
+        stays: after the last run the process stays, for people to look and to begin another.
+        recorders: the recordings, one per run.
+    """
+
+    def __init__(self, options: argparse.Namespace, console: Console) -> None:
+        """Prepares a room that nobody can enter yet.
+
+        Args:
+            options: what `vsense.commands.arguments.add_room` declares.
+            console: where to say what happens; what is said there is told in the room, too.
+        """
+        self.hub = Hub()
+        self.holds: bool = options.hold
+        self.stays: bool = options.hold or options.web is not None
+        self._options = options
+        self._console = console
+        self._directory = Path()
+        self._stack = ExitStack()
+        self.recorders = Recorders(self.hub, options.record, options.record_images)
+        console.also = self._tell_event
+
+    def __enter__(self) -> Room:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.recorders.end_run()
+        self._stack.close()
+
+    def open(
+        self,
+        scene: Scene,
+        environment: Environment,
+        server: VirtualSensorServer,
+        runtime: Runtime,
+        control: Control,
+    ) -> None:
+        """Opens all doors.
+
+        Raises:
+            VsenseError: the page's port is taken, or a library for it is missing.
+        """
+        self._scene = scene
+        self._publisher = Publisher(
+            self.hub, scene, environment, server, runtime, control, self._others
+        )
+        control.record = self.recorders.switch
+        self._press = Press(self.hub)
+        self._stack.callback(self._press.close)
+        self._open_doors(control)
+
+    def _open_doors(self, control: Control) -> None:
+        if self._options.web is not None:
+            server, lines = open_web(self._options, self.hub, control.give)
+            self._stack.callback(server.close)
+            for line in lines:
+                self._console.say(line)
+        try:
+            self._stack.callback(Doorbell(self.status, control.give).close)
+        except DoorbellError as error:
+            self._console.say(f"vsense status and its like will not find this run: {error}")
+        if keyboard.usable():
+            self._stack.callback(keyboard.Keyboard(control.give, self._console.say).close)
+            self._console.say(keyboard.HELP)
+
+    def begin_run(self, environment: Environment, directory: Path) -> None:
+        """A run is about to be waited for.
+
+        Args:
+            environment: its virtual world.
+            directory: what it leaves goes there.
+        """
+        self._directory = directory
+        self._publisher.begin_run(environment)
+        self.recorders.begin_run(directory / f"{environment.experiment.name}.mcap")
+
+    def end_run(self) -> None:
+        """What the run leaves is complete."""
+        self.recorders.end_run()
+
+    def look(self, step: Step | None) -> None:
+        """Tells what has become of the run; see `Publisher.look`."""
+        self._publisher.look(step)
+        if step is not None:
+            self._press.offer(step.frames)
+
+    def status(self) -> Data:
+        """What a terminal is told; any thread."""
+        publisher = self._publisher
+        return {
+            "name": publisher.environment.experiment.name,
+            "command": self._scene.command,
+            "process": os.getpid(),
+            "directory": str(self._directory),
+            "run": publisher.run_data(),
+            "robots": publisher.robots_data(),
+        }
+
+    def _others(self) -> Data:
+        try:
+            free = shutil.disk_usage(self._directory).free
+        except OSError:
+            free = None
+        return {
+            "runs": self._options.runs,
+            "text": self._console.newest,
+            "recording": self.recorders.state(),
+            "disk_free_bytes": free,
+        }
+
+    def _tell_event(self, text: str, level: Level) -> None:
+        data = {"text": text, "level": level, "by": None}
+        self.hub.publish(Message("/event", time.monotonic_ns(), data))

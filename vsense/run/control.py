@@ -1,0 +1,207 @@
+"""What a run shall do: people's orders, and the state that follows from them.
+
+An order that stops anything is obeyed at once, in the thread of whoever gave it; the thread that
+lives the run finds out afterwards. Only that thread starts anything.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from enum import Enum
+
+from vsense.link.wire import Wanted
+from vsense.orders import Kind, Order, OrderError
+
+
+class State(str, Enum):
+    """How it stands with a run. READY waits for a START; the robots stand still in all but one."""
+
+    WAITING = "waiting"
+    READY = "ready"
+    RUNNING = "running"
+    PAUSED = "paused"
+    ENDED = "ended"
+    EMERGENCY = "emergency"
+
+
+BEFORE = (State.WAITING, State.READY)
+DURING = (State.RUNNING, State.PAUSED)
+
+
+class Control:
+    """The state of one run after the other. `give` and all attributes are for any thread.
+
+    Attributes:
+        state: of the present run.
+        run: its number, from 1.
+        by: who gave the last order that was obeyed; None before the first.
+        why: what ended the run: "time", or words.
+        holds: a run whose robots are all there waits for a START.
+        record: has the recording switched on or off; None where nothing can be recorded.
+    """
+
+    def __init__(
+        self,
+        command: Callable[[Wanted], None],
+        tell: Callable[[str], None],
+        holds: bool = False,
+        suspends: bool = False,
+    ) -> None:
+        """Begins before the first run.
+
+        Args:
+            command: tells all robots, from any thread.
+            tell: takes a line for people, from any thread.
+            holds: see the class.
+            suspends: STOP only suspends the run, which START resumes; RESET ends it.
+        """
+        self.state = State.WAITING
+        self.run = 1
+        self.by: str | None = None
+        self.why = "interrupted"
+        self.holds = holds
+        self.record: Callable[[bool], str] | None = None
+        self._command = command
+        self._tell = tell
+        self._suspends = suspends
+        self._asked = self._next = self._begun = False
+        self._lock = threading.RLock()
+        self._orders: dict[Kind, Callable[[Order], str]] = {
+            Kind.START: self._start,
+            Kind.PAUSE: self._pause,
+            Kind.STOP: self._stop,
+            Kind.RESET: self._reset,
+            Kind.EMERGENCY: self._emergency,
+            Kind.RECORD: self._record,
+        }
+
+    def give(self, order: Order) -> str:
+        """Carries an order out; see `vsense.orders.Give`.
+
+        Raises:
+            OrderError: it makes no sense now.
+            VsenseError: the robots cannot be told.
+        """
+        obey = self._orders.get(order.kind)
+        if obey is None:
+            raise OrderError(f"{order.kind.value}: only a replay can do that")
+        with self._lock:
+            text = obey(order)
+            self.by = order.by
+        self._tell(f"{order.by}: {text}")
+        return text
+
+    @property
+    def can(self) -> tuple[Kind, ...]:
+        """The orders that make sense now."""
+        found = {
+            State.WAITING: (Kind.START,),
+            State.READY: (Kind.START,),
+            State.RUNNING: (Kind.PAUSE, Kind.STOP, Kind.RESET),
+            State.PAUSED: (Kind.START, Kind.STOP, Kind.RESET),
+            State.ENDED: (Kind.START, Kind.RESET),
+            State.EMERGENCY: (Kind.RESET,),
+        }[self.state]
+        recording = () if self.record is None else (Kind.RECORD,)
+        return (*found, Kind.EMERGENCY, *recording)
+
+    @property
+    def asked(self) -> bool:
+        """Whether somebody wants the run to start, or to go on."""
+        return self._asked and self.state in (*BEFORE, State.PAUSED)
+
+    @property
+    def next_asked(self) -> bool:
+        """Whether somebody wants the next run."""
+        return self._next
+
+    def ready(self) -> None:
+        """All robots are there."""
+        with self._lock:
+            if self.state == State.WAITING:
+                self.state = State.READY
+
+    def begin(self, start: Callable[[], object]) -> bool:
+        """Has the run started or resumed, unless somebody has stopped it meanwhile.
+
+        Returns:
+            Whether it was.
+        """
+        with self._lock:
+            if self.state not in (*BEFORE, State.PAUSED):
+                return False
+            start()
+            self.state, self._asked, self._begun = State.RUNNING, False, True
+            return True
+
+    def end(self, why: str) -> None:
+        """The run has ended by itself."""
+        with self._lock:
+            if self.state in (*BEFORE, *DURING):
+                self.state, self.why, self._asked = State.ENDED, why, False
+
+    def next_run(self) -> None:
+        """Goes back to before the start, of the run after this one."""
+        with self._lock:
+            self.run += 1
+            if self.state != State.EMERGENCY:
+                self.state = State.WAITING
+            self.why, self._next, self._begun = "interrupted", False, False
+
+    def _start(self, order: Order) -> str:
+        if self.state == State.EMERGENCY:
+            raise OrderError("after an emergency stop: reset first")
+        if self.state == State.RUNNING:
+            raise OrderError(f"run {self.run} is going on already")
+        if self._asked:
+            raise OrderError(f"{self.by} has asked for it already")
+        self._asked = True
+        if self.state == State.ENDED:
+            self._next = True
+            return f"run {self.run + 1} begins"
+        return f"run {self.run} {'goes on' if self.state == State.PAUSED else 'starts'}"
+
+    def _pause(self, order: Order) -> str:
+        self._require(Kind.PAUSE, State.RUNNING)
+        self._command(Wanted.PAUSE)
+        self.state = State.PAUSED
+        return f"run {self.run} is paused"
+
+    def _stop(self, order: Order) -> str:
+        self._require(Kind.STOP, *DURING)
+        self._command(Wanted.STOP)
+        if self._suspends:
+            self.state, self._asked = State.PAUSED, False
+            return f"run {self.run} is suspended: start resumes it, reset ends it"
+        self.end(f"stopped by {order.by}")
+        return f"run {self.run} is stopped"
+
+    def _reset(self, order: Order) -> str:
+        self._require(Kind.RESET, *DURING, State.ENDED, State.EMERGENCY)
+        self.holds, self._asked = True, False
+        if not self._begun:
+            self.state = State.WAITING
+            return f"reset: run {self.run} waits for a start"
+        if self.state in DURING:
+            self._command(Wanted.STOP)
+            self.end(f"reset by {order.by}")
+        self.state, self._next = State.ENDED, True
+        return f"reset: run {self.run + 1} waits for a start"
+
+    def _emergency(self, order: Order) -> str:
+        self._command(Wanted.STOP)
+        if self.state not in (State.ENDED, State.EMERGENCY):
+            self.why = f"emergency stop by {order.by}"
+        self.state, self._asked = State.EMERGENCY, False
+        return "EMERGENCY STOP: all robots stand still until a reset"
+
+    def _record(self, order: Order) -> str:
+        if self.record is None:
+            raise OrderError("nothing is recorded here: start vsense with --record")
+        return self.record(order.value != 0)
+
+    def _require(self, kind: Kind, *states: State) -> None:
+        if self.state not in states:
+            now = "not running" if self.state in BEFORE else self.state.value
+            raise OrderError(f"cannot {kind.value}: run {self.run} is {now}")

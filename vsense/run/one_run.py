@@ -1,0 +1,127 @@
+"""One run with real robots, from its first timestep to its report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from vsense.errors import VsenseError
+from vsense.run import directory as run_directory
+from vsense.run import figures
+from vsense.run.attendance import Attendance, shorten
+from vsense.run.diary import Diary
+from vsense.run.figures import Figures, Moment
+from vsense.run.portrait import Portrait
+from vsense.run.session import RunSession
+from vsense.runtime import Step
+
+
+class OneRun:
+    """Lives a run and tells of it.
+
+    Attributes:
+        failure: what has ended it before its time.
+    """
+
+    def __init__(
+        self, session: RunSession, directory: Path, attendance: Attendance, diary: Diary
+    ) -> None:
+        """Begins before the first timestep.
+
+        Args:
+            session: everything that runs; its robots have been waited for.
+            directory: of this run, exists.
+            attendance: who is there.
+            diary: where to say what happens.
+        """
+        self.failure: VsenseError | None = None
+        self._session = session
+        self._experiment = session.experiment
+        self._directory = directory
+        self._attendance = attendance
+        self._diary = diary
+        self._figures = Figures(session.experiment)
+        self._portrait = Portrait(session.experiment)
+        self._results: dict[str, float] = {}
+
+    def live(self) -> None:
+        """Lives the run to its end; a failure is kept for after the report."""
+        self._diary.say("all robots start")
+        for act in (self._timesteps, self._session.stop, self._end_world):
+            try:
+                act()
+            except VsenseError as error:
+                self.failure = self.failure or error
+        self._diary.end_progress()
+
+    def _timesteps(self) -> None:
+        session = self._session
+        for step in session.runner.timesteps():
+            robots = session.server.robots()
+            moment = self._figures.observe(step, robots)
+            self._portrait.look(step.run_timestep, session.environment.world, robots)
+            self._diary.timestep(step, moment.connected, moment.seen, moment.stale)
+            lost = [status.name for status in robots.values() if not status.connected]
+            self._diary.progress(self._line(step, moment, lost))
+
+    def _end_world(self) -> None:
+        self._results = self._session.environment.end()
+
+    def _line(self, step: Step, moment: Moment, lost: list[str]) -> str:
+        """The live line."""
+        experiment = self._experiment
+        length = f"/{experiment.length_s:g}" if experiment.length_s else ""
+        robots = len(experiment.robots)
+        without = f" (not {shorten(lost)})" if lost else ""
+        return (
+            f"{step.run_timestep * experiment.timestep_s:5.1f}{length} s"
+            f"  timestep {step.run_timestep}"
+            f"  robots {moment.connected}/{robots}{without}  seen {moment.seen}/{robots}"
+            f"  stale {moment.stale}"
+            f"  capture to sent {(step.sent_ns - step.capture_ns) / 1e6:.0f} ms"
+        )
+
+    def report(self, on_stdout: bool) -> dict[str, Any] | None:
+        """Measures, writes and prints.
+
+        Args:
+            on_stdout: the figures are wanted on standard output.
+
+        Returns:
+            The figures; None where nothing was measured.
+
+        Raises:
+            DirectoryError: a file or standard output cannot be written.
+        """
+        session, environment = self._session, self._session.environment
+        if not self._figures.timesteps:
+            self._diary.say("vsense: the run ended before its first timestep: nothing was measured")
+            return None
+        summary: dict[str, Any] = {
+            "experiment": self._experiment.name,
+            "run": session.runner.control.run,
+            "seed": environment.seed,
+            "blind": environment.blind,
+            "robots": len(self._experiment.robots),
+            "source": session.source.figures(),
+            **self._figures.summary(session.runner, self._attendance, self._results),
+        }
+        run_directory.write_summary(self._directory, summary, on_stdout)
+        self._diary.say(figures.table(summary))
+        self._draw()
+        return summary
+
+    def _draw(self) -> None:
+        """Draws the picture of the run.
+
+        Raises:
+            DirectoryError: it cannot be written.
+        """
+        environment, name = self._session.environment, self._experiment.name
+        path = self._directory / f"{name}.png"
+        heading = f"{name}{', blind' if environment.blind else ''}"
+        count = len(self._experiment.robots)
+        source = self._session.source.name
+        subtitle = f"{count} robots, seed {environment.seed}; arena states from {source}"
+        if self._portrait.draw(path, environment.world, heading, subtitle):
+            self._diary.say(f"picture: {path}")

@@ -1,0 +1,88 @@
+"""One run after the other: where each leaves its things, and whether another one follows."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+from vsense.run.directory import DirectoryError
+from vsense.run.runner import Runner
+
+PATIENCE_S = 10.0
+"""In a series, a run but the first waits so long for robots; then it starts without them."""
+
+MOST_SEED = 2**32 - 1
+
+
+def next_seed(seed: int) -> int:
+    """Gives the seed of the run after the one with this seed."""
+    return seed % MOST_SEED + 1
+
+
+class Series:
+    """The runs of one process.
+
+    Attributes:
+        several: there may be more than one: each has a directory of its own.
+        rested: the last run was complete, and people only looked on: their Ctrl-C breaks nothing.
+    """
+
+    def __init__(
+        self, directory: Path, runs: int, stays: bool, interrupted: threading.Event
+    ) -> None:
+        """Begins before the first run.
+
+        Args:
+            directory: of all runs, exists.
+            runs: so many follow by themselves.
+            stays: after them, or where somebody has stopped one, people may begin another.
+            interrupted: set by whoever wants the process to end.
+        """
+        self.several = stays or runs > 1
+        self.rested = False
+        self._directory = directory
+        self._runs = runs
+        self._stays = stays
+        self._interrupted = interrupted
+
+    def directory(self, number: int) -> Path:
+        """Gives the directory of a run, from 1; it exists.
+
+        Raises:
+            DirectoryError: it cannot be made.
+        """
+        if not self.several:
+            return self._directory
+        directory = self._directory / f"run-{number}"
+        try:
+            directory.mkdir()
+        except OSError as error:
+            raise DirectoryError(f"cannot make {directory}: {error.strerror}") from None
+        return directory
+
+    def patience_s(self, number: int, wanted_s: float | None) -> float | None:
+        """How long a run waits for its robots; None: for ever.
+
+        Args:
+            number: of the run.
+            wanted_s: what the command line says.
+        """
+        return PATIENCE_S if wanted_s is None and number > 1 else wanted_s
+
+    def goes_on(self, runner: Runner) -> bool:
+        """Whether another run follows; may live on until somebody wants one.
+
+        Raises:
+            VsenseError: something has failed meanwhile.
+        """
+        control = runner.control
+        if self._interrupted.is_set():
+            return False
+        if control.next_asked or (control.why == "time" and control.run < self._runs):
+            return True
+        if not self._stays:
+            return False
+        self.rested = True
+        if runner.rest():
+            self.rested = False
+        return not self.rested
