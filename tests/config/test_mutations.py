@@ -158,6 +158,13 @@ def test_every_element_is_refused_where_it_cannot_be(
     assert wrong == []
 
 
+@pytest.mark.parametrize("name", ["\U00018cd6", "a&#10;b"])
+def test_a_distributed_things_name_must_be_printable(read_full: Read, full: str, name: str) -> None:
+    with pytest.raises(ConfigError, match="not printable") as refused:
+        read_full(full.replace('id="brick"', f'id="{name}"'))
+    assert refused.value.line == 1 + full[: full.index('id="brick"')].count("\n")
+
+
 @given(st.data())
 def test_any_change_gives_an_experiment_or_one_error_with_its_place(
     read_full: Read, full: str, data: st.DataObject

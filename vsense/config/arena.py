@@ -86,14 +86,15 @@ def _add_things(element: Element, crowd: Crowd, bodies: Bodies) -> None:
     """Adds the things of an `<entity>`, called NAME and a number from base_num."""
     prefix = crowd.element.text("id")
     _check_medium(crowd.element, bodies)
-    thing = read_thing(crowd.element, prefix, bodies.arena, False)
+    names = [f"{prefix}{number}" for number in crowd.numbers]
+    for name in names:
+        bodies.claim_id(crowd.element, name)
+    thing = read_thing(crowd.element, names[0], bodies.arena, False)
     on_floor = not isinstance(thing, (Box, Cylinder)) or thing.physical
     if on_floor and crowd.element.name != LIGHT:
         warn_of_height(element, crowd.distribution.position_m)
     _note_unseen(crowd.element, thing, bodies)
-    for number in crowd.numbers:
-        name = f"{prefix}{number}"
-        bodies.claim_id(crowd.element, name)
+    for name in names:
         spec = DistributedSpec(replace(thing, id=name), crowd.distribution, crowd.element.line)
         bodies.distributed.append(spec)
 
