@@ -293,6 +293,20 @@ class Floor:
         """Has something live in the loop."""
         self._parts.append(part)
 
+    def remove(self, part: Part) -> None:
+        """Ends something, and takes it out of the loop."""
+        self._parts.remove(part)
+        part.close()
+
+    @staticmethod
+    def clock() -> int:
+        """The clock of the loop and of the bases [ns]."""
+        return time.monotonic_ns()
+
+    def worker(self, tag: int) -> Program:
+        """A robot's daemon."""
+        return self._daemons[tag]
+
     def program(self, *words: str) -> Program:
         """Starts one of our commands."""
         made = Program.vsense(*words)
