@@ -79,7 +79,7 @@ def test_it_stands_still_until_the_run_and_then_plays_from_its_beginning(
         source.next(PATIENCE_S)
     figures = source.figures()
     assert figures["pictures"] + figures["left_out"] == PICTURES - 1
-    assert "frozen" not in {event.kind for event in events}, "standing still is no trouble"
+    assert not any("froze" in line for line in events), "standing still is no trouble"
 
 
 def test_played_pictures_keep_their_distances(source: RecordingSource) -> None:

@@ -9,6 +9,7 @@ from vsense.lab.grabber import LabGrabber
 from vsense.runtime import Pictures
 from vsense.tracking.arena_tracker import ArenaTracker
 from vsense.tracking.camera_watch import CameraWatch
+from vsense.tracking.troubles import Troubles
 
 
 class Eyes(Pictures):
@@ -44,6 +45,11 @@ class Eyes(Pictures):
     def look_after(self) -> None:
         """Looks after the cameras; one thread, when the timestep's work is done."""
         self._watch.look()
+
+    @property
+    def troubles(self) -> Troubles:
+        """What the cameras suffer from."""
+        return self._watch.troubles
 
     def start_run(self) -> None:
         """The run begins: timesteps left out count from here."""

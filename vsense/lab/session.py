@@ -161,7 +161,7 @@ class Session:
             experiment, runtime, self.server, self._console, self.interrupted, self._look, control
         )
         text = experiment.path.read_text(encoding="utf-8", errors="replace")
-        scene = Scene("lab", text, self.blind, self.cameras, {})
+        scene = Scene("lab", text, self.blind, self.cameras, {}, self.eyes.troubles)
         self._room.open(scene, environment, self.server, runtime, control)
         grabber.start()
         runtime.open()

@@ -14,6 +14,7 @@ from vsense.room.messages import Data
 from vsense.sensors.base import layout_dtype
 from vsense.tracking.camera import Camera
 from vsense.tracking.snapshot import as_they_hang
+from vsense.tracking.troubles import Troubles
 from vsense.world.entities import BODY_RADIUS_M
 
 
@@ -27,6 +28,7 @@ class Scene:
         blind: the virtual sensors are held at 0.
         cameras: our own, in no order.
         trackers: name of each camera's tracker, by camera; without one the camera's own.
+        troubles: what the cameras suffer from.
     """
 
     command: str
@@ -34,6 +36,7 @@ class Scene:
     blind: bool
     cameras: Sequence[Camera]
     trackers: dict[str, str]
+    troubles: Troubles
 
 
 def experiment(scene: Scene, environment: Environment) -> Data:

@@ -17,6 +17,7 @@ from vsense.hub import Hub, Message
 from vsense.link.server import VirtualSensorServer
 from vsense.link.table import Direction
 from vsense.room import facts, messages
+from vsense.room.cameras import CameraBoard
 from vsense.room.facts import Scene
 from vsense.room.messages import Data
 from vsense.room.robots import Roll
@@ -60,8 +61,7 @@ class Publisher:
             clock: host's monotonic clock [ns].
         """
         self.environment = environment
-        self._hub = hub
-        self._scene = scene
+        self._hub, self._scene = hub, scene
         self._server = server
         self._runtime = runtime
         self._control = control
@@ -71,6 +71,7 @@ class Publisher:
         self._sensors = [e for e in entries if e.direction == Direction.SENSOR]
         actuators = [e for e in entries if e.direction == Direction.ACTUATOR]
         self._roll = Roll({r.tag: r.id for r in environment.experiment.robots}, actuators)
+        self._cameras = CameraBoard(scene.cameras, scene.troubles)
         self._state: ArenaState | None = None
         self._times: deque[tuple[int, int]] = deque(maxlen=WINDOW)
         self._told: dict[str, object] = {}
@@ -91,6 +92,8 @@ class Publisher:
         self._tell_once("/experiment", self._control.run, self._facts, now_ns)
         if step is not None:
             self._tell_step(step, now_ns)
+        if now_ns >= self._due_ns:
+            self._publish("/cameras", now_ns, lambda: self._cameras.data(now_ns))
         self._tell_run(now_ns)
         self._publish("/robots", now_ns, lambda: self._robots(now_ns))
 
@@ -100,6 +103,7 @@ class Publisher:
     def _tell_step(self, step: Step, now_ns: int) -> None:
         self._state = step.state
         self._roll.see(step.state)
+        self._cameras.see(step.frames)
         self._times.append((step.capture_ns, step.sent_ns - step.capture_ns))
         if step.run_timestep >= 0:
             missed = max(step.run_timestep - self._run_timestep - 1, 0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
@@ -14,9 +13,7 @@ from vsense.config.tracking_build import build
 from vsense.config.tracking_specs import TrackingSession
 from vsense.tracking.grabbers import CameraEvent, GrabberError
 from vsense.tracking.grabbers_recorded import PacedGrabber, RecordedGrabber
-
-REPEATS = 3
-"""One kind of trouble of one camera is told this often, then only counted."""
+from vsense.tracking.troubles import Troubles
 
 
 class CameraSource:
@@ -25,12 +22,13 @@ class CameraSource:
     Attributes:
         session: what it is made from.
         tracking: its parts.
+        troubles: what its cameras suffer from.
     """
 
     def __init__(
         self,
         session: TrackingSession,
-        tell: Callable[[CameraEvent], None],
+        tell: Callable[[str], None],
         clock: Callable[[], int],
     ) -> None:
         """Opens the session's cameras or recordings.
@@ -49,7 +47,7 @@ class CameraSource:
         self.tracking = build(session, clock, offline=True)
         self._tell = tell
         self._pictures = 0
-        self._troubles: Counter[tuple[str, str]] = Counter()
+        self.troubles = Troubles()
 
     def next(self, timeout_s: float) -> tuple[ArenaState, Sequence[Frame]]:
         """Waits for pictures and tracks the robots in them.
@@ -79,7 +77,7 @@ class CameraSource:
         return {
             "pictures": self._pictures,
             "left_out": self.tracking.grabber.missed,
-            "camera_events": sum(self._troubles.values()),
+            "camera_events": sum(self.troubles.counts.values()),
         }
 
     def close(self) -> None:
@@ -87,12 +85,8 @@ class CameraSource:
         self.tracking.close()
 
     def _tell_some(self, events: Iterable[CameraEvent]) -> None:
-        """Tells the same trouble a few times only."""
-        for event in events:
-            key = event.camera, event.kind
-            self._troubles[key] += 1
-            if self._troubles[key] <= REPEATS:
-                self._tell(event)
+        for line in self.troubles.lines(events):
+            self._tell(line)
 
 
 class RecordingSource(CameraSource):
@@ -106,7 +100,7 @@ class RecordingSource(CameraSource):
         self,
         session: TrackingSession,
         timestep_ns: int,
-        tell: Callable[[CameraEvent], None],
+        tell: Callable[[str], None],
         clock: Callable[[], int],
     ) -> None:
         """Opens the recordings.

@@ -19,6 +19,7 @@ from vsense.run.series import next_seed
 from vsense.run.serving import make_server
 from vsense.run.sources import SteadySource, open_source
 from vsense.runtime import Runtime
+from vsense.tracking.troubles import Troubles
 
 
 class RunSession:
@@ -98,7 +99,9 @@ class RunSession:
         own = self.source.own
         views = () if own is None else own.session.views
         trackers = {view.camera.id: view.tracker.id for view in views}
-        return Scene("run", text, self._blind, [view.camera for view in views], trackers)
+        cameras = [view.camera for view in views]
+        troubles = Troubles() if own is None else own.troubles
+        return Scene("run", text, self._blind, cameras, trackers, troubles)
 
     def _suspends(self) -> bool:
         """Whether STOP only suspends a run (thesis, 2.3.1)."""

@@ -19,7 +19,7 @@ from vsense.link.arena_listener import ArenaListener
 from vsense.link.status import LinkError
 from vsense.run.cameras import CameraSource, RecordingSource
 from vsense.run.pace import Pace
-from vsense.tracking.grabbers import CameraEvent, GrabberError, NoMorePictures
+from vsense.tracking.grabbers import GrabberError, NoMorePictures
 from vsense.watch import ArenaSource
 
 Tell = Callable[[str], None]
@@ -172,15 +172,12 @@ def _own_cameras(
     session = tracking_session.load(*files)
     _check_roster(experiment, session)
 
-    def tell_event(event: CameraEvent) -> None:
-        tell(str(event))
-
     count = len(session.views)
     cameras = f"{count} camera{'s' if count > 1 else ''} of {Path(session.file).name}"
     if session.is_live:
-        live = CameraSource(session, tell_event, clock)
+        live = CameraSource(session, tell, clock)
         return SteadySource("cameras", cameras, live, timestep_ns, live.figures, live)
-    recording = RecordingSource(session, timestep_ns, tell_event, clock)
+    recording = RecordingSource(session, timestep_ns, tell, clock)
     name = f"recordings of {cameras}"
     return SteadySource("recording", name, recording, timestep_ns, recording.figures, recording)
 

@@ -1,0 +1,173 @@
+"""A hundred times something is killed or stopped while robots drive: their wheels always stop.
+
+Real `vsense run`, a tracker process, real daemons with their guards, emulated bases whose clock
+says when the wheels stood still. Whatever a fault does not concern drives on.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import re
+import signal
+import statistics
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.system.floor import MS, Floor, LinesTracker, Program, experiment
+
+pytestmark = pytest.mark.system
+
+TAGS = [23, 24, 25, 26]
+LIMIT_NS = 450 * MS
+CANARY_NS = 10 * MS
+"""The loop that keeps the bases' clock was late by more than this: the round says nothing."""
+ROUNDS = {"worker": 38, "guard": 38, "host": 12, "tracker": 12}
+VOID_MOST = 5
+SETTLE_MS = 400
+"""A fault comes at a random moment of this time after everything drives again."""
+
+
+class Stage:
+    """Everything that can be killed."""
+
+    def __init__(self, folder: Path) -> None:
+        self.floor = Floor(TAGS)
+        self._folder = folder
+        self._runs = 0
+        self._lines = LinesTracker(TAGS)
+        framework = self._lines.framework()
+        self._file = experiment(folder, framework, TAGS, 3000)
+        self.port = 0
+        self.host = self._start_host()
+        self.tracker = self._start_tracker()
+        for tag in TAGS:
+            self.floor.connect(tag, self.port)
+
+    def close(self) -> None:
+        self.floor.close()
+
+    def _start_host(self) -> Program:
+        self._runs += 1
+        words = ["run", str(self._file), "--port", str(self.port)]
+        program = self.floor.program(*words, "--output", str(self._folder / f"notes{self._runs}"))
+        waiting = r"waiting for robots on .*, port (\d+)"
+        self.floor.wait_for(program.heard(waiting), "the host")
+        found = re.search(waiting, program.said)
+        assert found is not None
+        self.port = int(found[1])
+        return program
+
+    def _start_tracker(self) -> Program:
+        words = [str(self._lines.port), *map(str, TAGS)]
+        program = Program(sys.executable, "-m", "tests.system.lines_process", *words)
+        self.floor.add(program)
+        return program
+
+    def victim(self, kind: str, tag: int) -> int:
+        """Process number of what is to suffer."""
+        if kind in ("worker", "guard"):
+            worker = self.floor.worker(tag).process.pid
+            return worker if kind == "worker" else children(worker)[0]
+        return (self.host if kind == "host" else self.tracker).process.pid
+
+    def mend(self, kind: str, number: signal.Signals, tag: int, pid: int) -> None:
+        """Undoes a fault."""
+        if kind == "guard":
+            return  # its worker has replaced it
+        if number == signal.SIGSTOP:
+            os.kill(pid, signal.SIGCONT)
+        elif kind == "worker":
+            self.floor.connect(tag, self.port)
+        elif kind == "host":
+            self.floor.remove(self.host)
+            self.host = self._start_host()
+        else:
+            self.floor.remove(self.tracker)
+            self.tracker = self._start_tracker()
+
+
+def children(pid: int) -> list[int]:
+    """The children of a process."""
+    return [int(n) for n in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+@pytest.fixture
+def stage(tmp_path: Path) -> Iterator[Stage]:
+    made = Stage(tmp_path)
+    yield made
+    made.close()
+
+
+def rounds(random_: random.Random) -> list[tuple[str, signal.Signals, int]]:
+    """What suffers what, in a random order; each kind is killed and stopped equally often."""
+    found = [
+        (kind, (signal.SIGKILL, signal.SIGSTOP)[n % 2], TAGS[n // 2 % len(TAGS)])
+        for kind, count in ROUNDS.items()
+        for n in range(count)
+    ]
+    random_.shuffle(found)
+    return found
+
+
+def one_round(
+    stage: Stage, kind: str, number: signal.Signals, tag: int, wait_ms: float
+) -> tuple[list[int], int]:
+    """Has something suffer.
+
+    Returns:
+        How long after it the wheels of all robots that it concerns stood still [ns], and the
+        canary.
+    """
+    floor = stage.floor
+    floor.wait_for(floor.moving, "motion")
+    floor.live_for(round(wait_ms * MS))
+    floor.wait_for(floor.moving, "motion")
+    concerned = [tag] if kind in ("worker", "guard") else TAGS
+    pid = stage.victim(kind, tag)
+    floor.held_up_ns = 0
+    now_ns = floor.clock()
+    os.kill(pid, number)
+
+    def rested(tag: int) -> int | None:
+        times = (a.time_ns for a in floor.applied[tag] if a.time_ns >= now_ns)
+        still = zip(times, (a for a in floor.applied[tag] if a.time_ns >= now_ns))
+        return next((t for t, a in still if (a.left_steps_s, a.right_steps_s) == (0, 0)), None)
+
+    all_rest: Callable[[], bool] = lambda: all(rested(tag) is not None for tag in concerned)  # noqa: E731
+    floor.wait_for(all_rest, f"rest after {number.name} of {kind}")
+    canary_ns = floor.held_up_ns
+    others = [other for other in TAGS if other not in concerned]
+    assert not others or floor.moving(*others), "the others drive on"
+    took_ns = [(rested(tag) or 0) - now_ns for tag in concerned]
+    stage.mend(kind, number, tag, pid)
+    for actuations in floor.applied.values():
+        del actuations[:-1]
+    return took_ns, canary_ns
+
+
+def test_whatever_is_killed_or_stopped_the_wheels_stop(stage: Stage) -> None:
+    random_ = random.Random(1)
+    waiting = rounds(random_)
+    took_ms: dict[str, list[float]] = {}
+    void = 0
+    while waiting:
+        kind, number, tag = waiting.pop()
+        took_ns, canary_ns = one_round(stage, kind, number, tag, random_.uniform(0, SETTLE_MS))
+        if canary_ns > CANARY_NS:
+            void += 1
+            waiting.insert(0, (kind, number, tag))
+            assert void <= VOID_MOST, f"the machine is too busy to measure: {void} rounds are void"
+            continue
+        took_ms.setdefault(f"{number.name} {kind}", []).extend(t / MS for t in took_ns)
+        assert max(took_ns) <= LIMIT_NS, f"{number.name} of {kind}: {max(took_ns) / MS:.0f} ms"
+    every = [ms for times in took_ms.values() for ms in times]
+    for name, times in sorted({**took_ms, "all": every}.items()):
+        print(
+            f"{name}: {len(times)}, median {statistics.median(times):.0f}, max {max(times):.0f} ms"
+        )
+    print(f"void rounds: {void}")
+    assert sum(ROUNDS.values()) == 100
