@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import base64
+import contextlib
 import itertools
 import json
 import shutil
@@ -21,6 +22,10 @@ FLAGS = (
 )  # fmt: skip
 PATIENCE_S = 60.0
 KEYS = {" ": "Space", "Escape": "Escape"}
+
+
+class BrowserError(Exception):
+    """The browser did not do what it was told; a page that is just leaving cannot."""
 
 
 class Browser:
@@ -57,7 +62,8 @@ class Browser:
         while True:
             answer = json.loads(await self._socket.receive_str())
             if answer.get("id") == number:
-                assert "error" not in answer, f"{method}: {answer['error']}"
+                if "error" in answer:
+                    raise BrowserError(f"{method}: {answer['error']['message']}")
                 return answer["result"]
 
     def open(self, url: str, width: int = 1366, height: int = 768) -> Page:
@@ -115,16 +121,18 @@ class Page:
 
     def until(self, expression: str) -> Any:
         """Waits until JavaScript gives something true, and gives that."""
-        for _ in range(1000):
+        for _ in range(300):
             # A page that is just being loaded has no answers yet.
-            found = self.value(
-                "new Promise(done => { const until = performance.now() + 200; const look = () => {"
-                f" let found; try {{ found = {expression}; }} catch {{ found = null; }}"
-                " if (found || performance.now() > until) done(found);"
-                " else setTimeout(look, 10); }; look(); })"
-            )
-            if found:
-                return found
+            with contextlib.suppress(BrowserError):
+                found = self.value(
+                    "new Promise(done => { const end = performance.now() + 200;"
+                    " const look = () => {"
+                    f" let found; try {{ found = {expression}; }} catch {{ found = null; }}"
+                    " if (found || performance.now() > end) done(found instanceof Node || found);"
+                    " else setTimeout(look, 10); }; look(); })"
+                )
+                if found:
+                    return found
         raise AssertionError(f"never true: {expression}")
 
     def text(self, selector: str) -> str:

@@ -83,7 +83,7 @@ def experiment(swarm: Swarm, cameras: int, mode: str) -> dict[str, Any]:
         "cameras": [
             {"id": f"cam{k}", "tracker": f"tracker_{k // 2}", "width_px": CAMERA_PX[0],
              "height_px": CAMERA_PX[1], "row": k // columns, "column": k % columns,
-             "position_m": list(camera_middle(k, cameras)) + [2.5], "model": {}}
+             "position_m": [*camera_middle(k, cameras), 2.5], "model": {}}
             for k in range(cameras)
         ],
         "body_radius_m": 0.035,

@@ -60,7 +60,11 @@ class Site:
             self._gate.check_origin(request.headers, needed=request.path == "/ws")
         except Stranger as reason:
             return _refusal(str(reason))
-        return await handler(request)
+        try:
+            return await handler(request)
+        except ConnectionError:
+            # It went before it got an answer: nobody will read this one either.
+            return web.Response(status=400)
 
     def _rights(self, request: web.Request) -> Rights:
         return self._gate.rights(request.query.get("token"), request.cookies)

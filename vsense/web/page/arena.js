@@ -65,8 +65,9 @@ export class Arena {
 
   /** Draws where something that it shows is new; called once per frame of the screen. */
   draw() {
-    if (!this.canvas.clientWidth) return;
     const store = this.store;
+    this.#shape(store.experiment?.arena.size_m);
+    if (!this.canvas.clientWidth) return;
     const { arena = 0, world = 0, signals = 0, fields = 0, experiment = 0, readings = 0, robots = 0 } = store.changed;
     const resized = fit(this.canvas);
     const key = [arena, world, signals, fields, experiment, readings, robots, theme.version, this.choice.tag].join();
@@ -74,6 +75,14 @@ export class Arena {
     this.key = key;
     this.hint.hidden = Boolean(store.experiment);
     this.#paint(world + experiment * 1000);
+  }
+
+  // The panel takes the arena's shape; what it leaves is for the measures below.
+  #shape(size) {
+    const shape = size ? `${(size[0] + MARGIN).toFixed(3)} / ${(size[1] + MARGIN).toFixed(3)}` : "";
+    if (shape === this.shape) return;
+    this.shape = shape;
+    this.canvas.parentElement.style.setProperty("--shape", shape || "5 / 4");
   }
 
   #paint(worldNumber) {
@@ -112,7 +121,7 @@ export class Arena {
     ground.height = canvas.height;
     const pen = ground.getContext("2d", { alpha: false });
     drawGround({
-      pen, place, store, colours: theme.colours, layers: this.layers,
+      pen, place, store, colours: theme.colours, layers: this.layers, dark: theme.isDark(),
       loaded: () => {
         this.floorLoaded = (this.floorLoaded ?? 0) + 1;
         this.key = "";

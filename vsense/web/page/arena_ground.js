@@ -7,7 +7,7 @@ let floor = { png: null, image: null };
 const clouds = new Map();
 
 /** Draws the ground; `loaded` is called when a picture in it has arrived. */
-export function drawGround({ pen, place, store, colours, layers, loaded }) {
+export function drawGround({ pen, place, store, colours, layers, dark, loaded }) {
   const [width, height] = place.size;
   const left = place.x(place.centre[0] - width / 2);
   const top = place.y(place.centre[1] + height / 2);
@@ -16,7 +16,7 @@ export function drawGround({ pen, place, store, colours, layers, loaded }) {
   pen.fillStyle = colours.floor;
   pen.fillRect(left, top, width * place.zoom, height * place.zoom);
   const world = store.world;
-  if (world?.floor) paintFloor(pen, place, world.floor, loaded);
+  if (world?.floor) paintFloor(pen, place, world.floor, dark, loaded);
   grid(pen, place, colours, left, top);
   for (const entity of world?.entities ?? []) if (entity.kind === "zone") zone(pen, place, colours, entity);
   if (layers.fields) (store.fields?.fields ?? []).forEach((field, index) => cloud(pen, place, field, index));
@@ -24,7 +24,7 @@ export function drawGround({ pen, place, store, colours, layers, loaded }) {
   scaleBar(pen, place, colours, left, top + height * place.zoom);
 }
 
-function paintFloor(pen, place, told, loaded) {
+function paintFloor(pen, place, told, dark, loaded) {
   const [r, g, b] = told.color;
   const [width, height] = told.size_m;
   const box = [
@@ -33,7 +33,7 @@ function paintFloor(pen, place, told, loaded) {
   ];
   // White is what a floor is without paint: in the dark it would only dazzle.
   if (r !== 255 || g !== 255 || b !== 255) {
-    pen.globalAlpha = 0.75;
+    pen.globalAlpha = dark ? 0.4 : 0.75;
     pen.fillStyle = `rgb(${r} ${g} ${b})`;
     pen.fillRect(...box);
     pen.globalAlpha = 1;
@@ -50,7 +50,7 @@ function paintFloor(pen, place, told, loaded) {
   }
   if (floor.image) {
     pen.imageSmoothingEnabled = false;
-    pen.globalAlpha = 0.7;
+    pen.globalAlpha = dark ? 0.4 : 0.7;
     pen.drawImage(floor.image, ...box);
     pen.globalAlpha = 1;
     pen.imageSmoothingEnabled = true;

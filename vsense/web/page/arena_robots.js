@@ -6,6 +6,7 @@ export const RING_LEDS = 8;
 export const BODY_LED = 1 << 8;
 export const FRONT_LED = 1 << 9;
 const MANY = 40;
+const SHORT_TRAIL = 25;
 const FADE_NS = 2e9;
 const RAY_M = 0.3;
 const RAY_COLOURS = ["ray", "ray2", "ray3"];
@@ -16,7 +17,10 @@ export function drawTrails({ pen, place, store, colours, chosen }) {
   pen.lineWidth = 1.2 * place.ratio;
   pen.globalAlpha = 0.6;
   pen.beginPath();
-  for (const [tag, trail] of store.trails) if (tag !== chosen) path(pen, place, trail);
+  const many = store.trails.size > MANY;
+  for (const [tag, trail] of store.trails) {
+    if (tag !== chosen) path(pen, place, many ? trail.slice(-SHORT_TRAIL) : trail);
+  }
   pen.stroke();
   pen.globalAlpha = 1;
   if (!store.trails.has(chosen)) return;

@@ -45,7 +45,16 @@ export function drawLights({ pen, place, store, colours }) {
     const y = place.y(within(told.position_m[1], place.centre[1], halfHeight));
     const white = told.color.every((part) => part === 255);
     const colour = white ? colours.lamp : `rgb(${told.color.join(" ")})`;
+    // The glow ends with the arena.
+    pen.save();
+    pen.beginPath();
+    pen.rect(
+      place.x(place.centre[0] - halfWidth), place.y(place.centre[1] + halfHeight),
+      2 * halfWidth * place.zoom, 2 * halfHeight * place.zoom,
+    );
+    pen.clip();
     for (const [radius, share] of [[0.3, 0.12], [0.18, 0.16], [0.09, 0.3]]) glow(pen, x, y, radius * place.zoom, colour, share);
+    pen.restore();
     pen.beginPath();
     pen.arc(x, y, 0.035 * place.zoom, 0, 2 * Math.PI);
     pen.fillStyle = colour;

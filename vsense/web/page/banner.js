@@ -38,14 +38,14 @@ function ofRobots(robots) {
   if (!bad.length) return [];
   const words = bad.slice(0, LISTED).map(([name, text]) => `${name}: ${text}`);
   if (bad.length > LISTED) words.push(`and ${bad.length - LISTED} more`);
-  if (bad.length === 1) return [{ level: "trouble", text: capital(words[0]), more: "" }];
+  if (bad.length === 1) return [{ level: "trouble", text: words[0], more: "" }];
   return [{ level: "trouble", text: `${count(bad.length, "robot")} in trouble`, more: words.join(" · ") }];
 }
 
 function ofCameras(cameras) {
   return (cameras?.cameras ?? [])
     .filter((camera) => camera.state !== "ok")
-    .map((camera) => ({ level: "trouble", text: `${capital(camera.id)} ${stateWords(camera.state)}`, more: camera.text ?? "" }));
+    .map((camera) => ({ level: "trouble", text: `Camera ${camera.id} ${stateWords(camera.state)}`, more: camera.text ?? "" }));
 }
 
 function ofDisk(run) {

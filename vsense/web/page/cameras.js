@@ -1,6 +1,6 @@
 // All cameras in their grid, with what the tracker found in their pictures; and their figures.
 
-import { byId, make, mark, write } from "./dom.js";
+import { byId, fit, make, mark, write } from "./dom.js";
 import { rate } from "./format.js";
 import { colours } from "./theme.js";
 
@@ -35,13 +35,16 @@ class Cell {
   /** Decodes and draws the newest picture; those that come meanwhile are passed over. */
   async draw() {
     const picture = this.store.pictures.get(this.camera.id);
+    if (fit(this.canvas) && this.bitmap) this.#paint();
     if (!picture || picture.number === this.number || this.busy) return;
     this.number = picture.number;
     this.busy = true;
     try {
       const bitmap = await createImageBitmap(new Blob([picture.blob], { type: `image/${picture.about.format}` }));
-      this.#paint(bitmap, picture.about);
-      bitmap.close();
+      this.bitmap?.close();
+      this.bitmap = bitmap;
+      this.shown = picture.about;
+      this.#paint();
     } catch {
       write(this.text, "a picture could not be read");
       this.text.hidden = false;
@@ -50,38 +53,46 @@ class Cell {
     }
   }
 
-  #paint(bitmap, about) {
-    const { canvas, pen, store } = this;
-    if (canvas.width !== bitmap.width || canvas.height !== bitmap.height) {
-      canvas.width = bitmap.width;
-      canvas.height = bitmap.height;
-    }
-    pen.drawImage(bitmap, 0, 0);
+  #paint() {
+    const { canvas, pen, store, bitmap, camera } = this;
+    const zoom = Math.min(canvas.width / bitmap.width, canvas.height / bitmap.height);
+    const [width, height] = [bitmap.width * zoom, bitmap.height * zoom];
+    const [left, top] = [(canvas.width - width) / 2, (canvas.height - height) / 2];
+    pen.fillStyle = "#20262d";
+    pen.fillRect(0, 0, canvas.width, canvas.height);
+    pen.drawImage(bitmap, left, top, width, height);
     // Found in this very picture where that is still known, else in the newest.
-    const arena = store.images.get(about.timestep) ?? store.arena;
-    if (arena?.images) this.#found(arena);
-    this.shown = about;
+    const arena = store.images.get(this.shown.timestep) ?? store.arena;
+    if (!arena?.images) return;
+    pen.save();
+    pen.translate(left, top);
+    this.#found(arena, width / camera.width_px);
+    pen.restore();
   }
 
-  #found(arena) {
+  #found(arena, zoom) {
     const { pen, canvas, camera, store } = this;
     const { tag, camera: which, x_px, y_px, yaw_px_rad } = arena.images;
     const index = arena.cameras.indexOf(camera.id);
-    const zoom = canvas.width / camera.width_px;
+    const ratio = canvas.width / Math.max(canvas.clientWidth, 1);
     const size = this.#radius(zoom);
-    pen.lineWidth = Math.max(1.5, size * 0.16);
-    pen.font = `600 ${Math.max(11, Math.round(canvas.width / 42))}px system-ui, sans-serif`;
+    const thin = Math.max(1.5 * ratio, size * 0.16);
+    const letters = Math.min(Math.max(9, canvas.clientWidth / 24), 13) * ratio;
+    pen.font = `600 ${letters}px system-ui, sans-serif`;
+    pen.lineJoin = "round";
     for (let row = 0; row < tag.length; row += 1) {
       if (which[row] !== index) continue;
       const [x, y] = [x_px[row] * zoom, y_px[row] * zoom];
       pen.strokeStyle = store.objects?.has(tag[row]) ? colours.cone : "#37d0ff";
+      pen.lineWidth = thin;
       pen.beginPath();
       pen.arc(x, y, size, 0, 2 * Math.PI);
       pen.moveTo(x, y);
       // The heading counts counter-clockwise while rows count downwards.
       pen.lineTo(x + 1.9 * size * Math.cos(yaw_px_rad[row]), y - 1.9 * size * Math.sin(yaw_px_rad[row]));
       pen.stroke();
-      pen.strokeStyle = "#000a";
+      pen.strokeStyle = "#000b";
+      pen.lineWidth = 2.5 * ratio;
       pen.strokeText(String(tag[row]), x + 1.2 * size, y - 0.9 * size);
       pen.fillStyle = "#fff";
       pen.fillText(String(tag[row]), x + 1.2 * size, y - 0.9 * size);
@@ -92,7 +103,7 @@ class Cell {
   #radius(zoom) {
     const { arena, cameras, body_radius_m: body = 0.035 } = this.store.experiment;
     const columns = Math.max(...cameras.map((camera) => camera.column)) + 1;
-    return Math.max(6, (1.25 * body * this.camera.width_px * zoom * columns) / arena.size_m[0]);
+    return Math.max(5, (1.25 * body * this.camera.width_px * zoom * columns) / arena.size_m[0]);
   }
 
   /** Says how the camera is. */

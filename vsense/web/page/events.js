@@ -10,6 +10,7 @@ export class Events {
   constructor(store) {
     this.store = store;
     this.list = byId("events");
+    this.list.append(make("li", { className: "none" }, "nothing yet"));
   }
 
   /** Adds what is new. */

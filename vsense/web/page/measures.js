@@ -19,9 +19,10 @@ export class Measures {
   tell() {
     const names = [...this.store.measures.keys()].slice(0, SHOWN);
     if (names.join("\n") !== [...this.shown.keys()].join("\n")) this.#build(names);
-    for (const [name, { number, canvas, colour }] of this.shown) {
+    for (const [name, { number, canvas, label, colour }] of this.shown) {
       const line = this.store.measures.get(name);
       write(number, reading(line.at(-1)?.[1] ?? null));
+      write(label, `${name} · at most ${reading(Math.max(...line.map(([, value]) => value ?? 0)))}`);
       fit(canvas);
       sketch(canvas, line, theme.colours[colour]);
     }
@@ -29,11 +30,11 @@ export class Measures {
 
   #build(names) {
     this.shown = new Map(
-      names.map((name, index) => [name, { number: make("b"), canvas: make("canvas"), colour: LINES[index % LINES.length] }]),
+      names.map((name, index) => [name, { number: make("b"), canvas: make("canvas"), label: make("span"), colour: LINES[index % LINES.length] }]),
     );
     this.box.replaceChildren(
-      ...[...this.shown].map(([name, { number, canvas }]) =>
-        make("div", { className: "measure" }, number, canvas, make("span", {}, name)),
+      ...[...this.shown.values()].map(({ number, canvas, label }) =>
+        make("div", { className: "measure" }, number, canvas, label),
       ),
     );
   }

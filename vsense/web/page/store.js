@@ -27,6 +27,8 @@ export class Store {
     this.robots = null;
     this.cameras = null;
     this.readings = null;
+    /** Where the run is, by whatever told it last. */
+    this.now = { timestep: -1, time_s: 0 };
     this.pictures = new Map();
     this.trails = new Map();
     this.images = new Map();
@@ -43,6 +45,7 @@ export class Store {
     else if (name === "answer") this.answers.push(data);
     else if (name === "experiment") this.#experiment(data);
     else if (PLAIN.has(name)) this[name] = data;
+    if (name === "run") this.now = { timestep: data.timestep, time_s: data.time_s };
     if (name === "arena") this.#arena(data);
     if (name === "robots") this.rows = new Map(data.tag.map((tag, row) => [tag, row]));
     if (name === "signals") this.#signals(data);
@@ -60,12 +63,13 @@ export class Store {
   #event(timeNs, data) {
     // Whoever comes anew is told the last events again.
     if (this.events.some((event) => event.timeNs === timeNs && event.text === data.text)) return;
-    this.events.push({ timeNs, run_s: this.run?.time_s ?? null, at: new Date(), ...data });
+    this.events.push({ timeNs, run_s: this.run ? this.now.time_s : null, at: new Date(), ...data });
     if (this.events.length > EVENTS_KEPT) this.events.shift();
   }
 
   #arena(data) {
     const before = this.step ?? -1;
+    this.now.timestep = data.run_timestep;
     this.step = data.run_timestep;
     // Another run began, or a replay went to another place: the old trails lead nowhere.
     if (data.run_timestep < before || data.run_timestep > before + 50) {
@@ -86,6 +90,7 @@ export class Store {
   }
 
   #signals(data) {
+    this.now.time_s = data.time_s;
     for (const [name, value] of Object.entries(data.measures ?? {})) {
       let line = this.measures.get(name);
       if (!line) this.measures.set(name, (line = []));

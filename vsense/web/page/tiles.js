@@ -8,17 +8,17 @@ const DISK_LOW = 2e9;
 /** [name, what it shows: [figure, small print, "bad" | "warn" | ""]] */
 const TILES = [
   ["run", ({ run }) => [run.runs ? `${run.run} of ${run.runs}` : `${run.run}`, run.by ? `last: ${run.by}` : ""]],
-  ["timestep", ({ run, experiment }) => [run.timestep < 0 ? "–" : String(run.timestep), `${Math.round(1000 * (experiment?.timestep_s ?? 0.1))} ms each`]],
-  ["time", ({ run }) => [clock(run.time_s), run.length_s ? `of ${clock(run.length_s, 0)}` : "without end"]],
+  ["timestep", ({ now, experiment }) => [now.timestep < 0 ? "–" : String(now.timestep), `${Math.round(1000 * (experiment?.timestep_s ?? 0.1))} ms each`]],
+  ["time", ({ run, now }) => [clock(now.time_s), run.length_s ? `of ${clock(run.length_s, 0)}` : "without end"]],
   ["rate", ({ run, experiment }) => {
     const wanted = 1 / (experiment?.timestep_s ?? 0.1);
     const slow = run.state === "running" && run.rate_hz !== null && run.rate_hz < 0.9 * wanted;
     return [rate(run.rate_hz), `${run.late ?? 0} late`, slow ? "warn" : ""];
   }],
-  ["latency", ({ run }) => (run.latency_ms ? [`${run.latency_ms.p50.toFixed(0)} ms`, "median"] : ["–", "not measured"])],
-  ["latency, worst 1 %", ({ run }) => {
+  ["latency p50", ({ run }) => (run.latency_ms ? [`${run.latency_ms.p50.toFixed(0)} ms`, "median"] : ["–", "not measured"])],
+  ["latency p99", ({ run }) => {
     if (!run.latency_ms) return ["–", ""];
-    return [`${run.latency_ms.p99.toFixed(0)} ms`, "p99", run.latency_ms.p99 > 100 ? "warn" : ""];
+    return [`${run.latency_ms.p99.toFixed(0)} ms`, "worst 1 %", run.latency_ms.p99 > 100 ? "warn" : ""];
   }],
   ["recording", ({ run }) => {
     const { on, file, bytes: size, lost_messages: gone, trouble } = run.recording ?? {};
@@ -57,7 +57,7 @@ export class Tiles {
   }
 
   #head() {
-    const { run, experiment, you } = this.store;
+    const { run, now, experiment, you } = this.store;
     const replay = experiment?.mode === "replay";
     const state = replay && run?.replay ? (run.replay.playing ? "running" : "paused") : run?.state ?? "none";
     const { dataset } = document.body;
@@ -69,9 +69,9 @@ export class Tiles {
     write(byId("name"), experiment ? experiment.name : "no run yet");
     document.title = experiment ? `${experiment.name}: ${state} – vsense` : "vsense";
     write(byId("what"), experiment ? this.#what(experiment, run) : "");
-    write(byId("time"), run ? clock(run.time_s) : "–");
+    write(byId("time"), run ? clock(now.time_s) : "–");
     write(byId("length"), run?.length_s ? ` / ${clock(run.length_s, 0)}` : "");
-    const share = run?.length_s ? Math.min(run.time_s / run.length_s, 1) : 0;
+    const share = run?.length_s ? Math.min(now.time_s / run.length_s, 1) : 0;
     document.querySelector("#progress i").style.transform = `scaleX(${share.toFixed(4)})`;
     write(byId("viewers"), you.viewer ? `${you.viewer.split(" (")[0]} of ${you.viewers} watching` : "");
     byId("viewers").title = you.viewer;
