@@ -8,6 +8,7 @@ from tests.web.browser import Browser, Page
 from tests.web.conftest import Open, Serve
 from tests.web.puppet import Puppet
 from vsense.orders import Kind, Order
+from vsense.web.server import WebServer
 from vsense.web.tokens import Tokens
 
 PLACES = "JSON.stringify(vsense.arena.drawn.robots.map(r => [r.x_px, r.y_px]))"
@@ -280,9 +281,44 @@ def test_a_lost_connection_is_shown_and_comes_back(served: Serve, opened: Open) 
     page.key("Escape")
     page.until("document.querySelector('#banner').innerText.includes('NOT DELIVERED')")
     assert puppet.state == "running"
-    type(server)(puppet.hub, puppet.give, "127.0.0.1", server.port).start()
+    again = WebServer(puppet.hub, puppet.give, "127.0.0.1", server.port)
+    again.start()
+    try:
+        state(page, "emergency")
+        page.until("vsense.connection.open && vsense.store.experiment")
+    finally:
+        again.close()
+
+
+def test_a_dead_network_is_noticed(served: Serve, opened: Open) -> None:
+    _, _, url = served(running())
+    page = opened(url)
+    page.value(
+        "(() => { const socket = vsense.connection.socket; socket.onmessage = () => {};"
+        " vsense.connection.heard = -1e9; window.dead = socket; })()"
+    )
+    page.until("vsense.connection.socket !== window.dead && vsense.connection.open")
+    page.until("document.querySelector('#banner').hidden")
+
+
+def test_a_run_that_tells_nothing_is_trouble(served: Serve, opened: Open) -> None:
+    puppet, _, url = served(running())
+    page = opened(url)
+    puppet.silent = True
+    page.until("document.querySelector('#banner').innerText.includes('No news from the run')")
+    puppet.silent = False
+    page.until("document.querySelector('#banner').hidden")
+
+
+def test_an_emergency_stop_that_nobody_confirms_is_shown(served: Serve, opened: Open) -> None:
+    _, _, url = served(running())
+    page = opened(url)
+    page.value("vsense.connection.socket.send = () => {}")
+    page.key("Escape")
+    page.until("document.querySelector('#banner').innerText.includes('NOT CONFIRMED')")
+    page.value("vsense.connection.socket.onmessage = null; vsense.connection.heard = -1e9")
     state(page, "emergency")
-    page.until("vsense.connection.open && vsense.store.experiment")
+    page.until("!document.querySelector('#banner').innerText.includes('NOT CONFIRMED')")
 
 
 def test_a_looker_has_no_buttons_and_learns_why(served: Serve, opened: Open) -> None:
@@ -303,6 +339,7 @@ def test_a_wrong_token_is_told_clearly(served: Serve, browser: Browser) -> None:
     _, _, url = served(running(), TOKENS)
     page = browser.open(url.replace(TOKENS.control, "guessed"))
     page.until("document.querySelector('h1')?.innerText === 'This token is not the right one.'")
+    page.until("document.readyState === 'complete'")
     page.value("document.querySelector('#token').value = 'to-control-it'")
     page.click("button")
     page.until("window.vsense?.store.you.control && vsense.store.arena")

@@ -20,6 +20,8 @@ HISTORY = 50
 """Events that somebody who comes later is told."""
 HEARTBEAT_S = 10.0
 """A page that does not answer for this long is gone."""
+BEAT_S = 2.0
+"""A page hears something at least this often, so that it notices when the network is gone."""
 SENTENCE_MAX = 65536
 """Bytes that a page may say at once."""
 LOOKING = "you are looking only: open the page with the control token to press buttons"
@@ -90,15 +92,22 @@ class Desk:
 
     def _introduce(self) -> None:
         """Tells everybody who they are and how many look."""
-        for viewer, rights in self._viewers.items():
-            control = rights is Rights.CONTROL
-            told = {"viewer": viewer.name, "control": control, "viewers": self.viewers}
-            viewer.post(Message("/you", 0, told))
+        for viewer in self._viewers:
+            viewer.post(self._about(viewer))
+
+    def _about(self, viewer: Viewer) -> Message:
+        control = self._viewers[viewer] is Rights.CONTROL
+        told = {"viewer": viewer.name, "control": control, "viewers": self.viewers}
+        return Message("/you", 0, told)
 
     async def _send(self, socket: web.WebSocketResponse, viewer: Viewer) -> None:
         """Sends what waits for a page, as fast as the page takes it."""
         while not socket.closed:
-            frame = self._frames.frame(await viewer.next())
+            try:
+                message = await asyncio.wait_for(viewer.next(), BEAT_S)
+            except asyncio.TimeoutError:
+                message = self._about(viewer)
+            frame = self._frames.frame(message)
             try:
                 if isinstance(frame, str):
                     await socket.send_str(frame)

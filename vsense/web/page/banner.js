@@ -5,6 +5,8 @@ import { bytes, capital, count } from "./format.js";
 import { stateWords } from "./cameras.js";
 
 const SILENT_S = 1;
+const SILENT_RUN_MS = 4000;
+const UNANSWERED_MS = 700;
 const DISK_LOW = 2e9;
 const LISTED = 3;
 
@@ -13,11 +15,14 @@ export function troubles(store, connection) {
   const found = [];
   const { run, robots, cameras, experiment } = store;
   if (!connection.open) return [lost(connection)];
+  if (connection.emergency !== null && performance.now() - connection.emergency > UNANSWERED_MS) {
+    found.push({ level: "trouble", text: "EMERGENCY STOP NOT CONFIRMED", more: "vsense has not answered yet" });
+  }
   if (run?.state === "emergency") {
     found.push({ level: "trouble", text: "EMERGENCY STOP", more: [run.by && `pressed by ${run.by}`, run.text].filter(Boolean).join(" · ") });
   }
-  if (connection.silent && experiment) {
-    found.push({ level: "trouble", text: "No news from vsense", more: "the program that runs the experiment does not answer" });
+  if (experiment && performance.now() - store.runHeard > SILENT_RUN_MS) {
+    found.push({ level: "trouble", text: "No news from the run", more: "vsense is there, but tells nothing of the experiment" });
   }
   if (run?.silent_s >= SILENT_S) {
     found.push({ level: "trouble", text: `Nothing seen for ${run.silent_s.toFixed(0)} s`, more: "no camera gives an arena state" });
@@ -29,7 +34,7 @@ export function troubles(store, connection) {
 
 function lost(connection) {
   const seconds = Math.round((performance.now() - connection.since) / 1000);
-  const text = connection.emergency ? "EMERGENCY STOP NOT DELIVERED" : "Connection lost";
+  const text = connection.emergency !== null ? "EMERGENCY STOP NOT DELIVERED" : "Connection lost";
   return { level: "lost", text, more: `trying again since ${seconds} s; the run goes on without this page, what is shown is old` };
 }
 

@@ -28,13 +28,14 @@ export class Controls {
 
   /** Sends an order. */
   order(name, value = 0) {
-    if (!this.connection.say({ order: name, value })) this.toast("not sent: there is no connection", false);
+    if (!this.connection.order(name, value)) this.toast("not sent: there is no connection", false);
   }
 
   /** Stops everything, now; nothing that the page shows is asked before. */
   emergency() {
     if (document.body.dataset.mode === "replay") return;
-    if (!this.connection.stopAll()) this.toast("EMERGENCY STOP is not delivered: there is no connection", false);
+    if (!this.store.you.control) this.order("emergency", 1);
+    else if (!this.connection.stopAll()) this.toast("EMERGENCY STOP is not delivered: there is no connection", false);
   }
 
   /** What the space bar does in this state. */

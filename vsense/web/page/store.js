@@ -14,6 +14,7 @@ export class Store {
     this.events = [];
     this.answers = [];
     this.changed = {};
+    this.runHeard = Infinity;
   }
 
   /** Forgets one run's news, as when another experiment comes. */
@@ -45,11 +46,16 @@ export class Store {
     else if (name === "answer") this.answers.push(data);
     else if (name === "experiment") this.#experiment(data);
     else if (PLAIN.has(name)) this[name] = data;
-    if (name === "run") this.now = { timestep: data.timestep, time_s: data.time_s };
+    if (name === "run") this.#run(data);
     if (name === "arena") this.#arena(data);
     if (name === "robots") this.rows = new Map(data.tag.map((tag, row) => [tag, row]));
     if (name === "signals") this.#signals(data);
     this.changed[name] = (this.changed[name] ?? 0) + 1;
+  }
+
+  #run(data) {
+    this.now = { timestep: data.timestep, time_s: data.time_s };
+    this.runHeard = performance.now();
   }
 
   #experiment(data) {
