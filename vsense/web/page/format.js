@@ -1,0 +1,46 @@
+// Numbers as people read them.
+
+const NONE = "–";
+
+/** 75.34 -> "1:15.3" */
+export function clock(seconds, digits = 1) {
+  if (seconds === null || seconds === undefined) return NONE;
+  const tens = 10 ** digits;
+  const whole = Math.round(Math.max(seconds, 0) * tens) / tens;
+  const minutes = Math.floor(whole / 60);
+  const rest = (whole - 60 * minutes).toFixed(digits).padStart(digits ? digits + 3 : 2, "0");
+  return `${minutes}:${rest}`;
+}
+
+/** 41.2 -> "41 ms", 3200 -> "3.2 s" */
+export function milliseconds(value) {
+  if (value === null || value === undefined) return NONE;
+  if (value < 999.5) return `${Math.round(value)} ms`;
+  return value < 99_950 ? `${(value / 1000).toFixed(1)} s` : `${Math.round(value / 60_000)} min`;
+}
+
+/** 212000000000 -> "212 GB" */
+export function bytes(value) {
+  if (value === null || value === undefined) return NONE;
+  const units = ["B", "kB", "MB", "GB", "TB"];
+  let unit = 0;
+  let left = value;
+  while (left >= 999.5 && unit < units.length - 1) {
+    left /= 1000;
+    unit += 1;
+  }
+  return `${left < 9.95 && unit > 0 ? left.toFixed(1) : Math.round(left)} ${units[unit]}`;
+}
+
+/** A reading, short: 3 -> "3", 0.1234 -> "0.123" */
+export function reading(value) {
+  if (value === null || value === undefined) return NONE;
+  if (Number.isInteger(value)) return String(value);
+  return Math.abs(value) >= 1000 || Math.abs(value) < 0.001 ? value.toExponential(1) : value.toFixed(3);
+}
+
+export const volts = (mv) => (mv === null || mv === undefined ? NONE : `${(mv / 1000).toFixed(2)} V`);
+export const degrees = (rad) => `${Math.round((rad * 180) / Math.PI)}°`;
+export const rate = (hz) => (hz === null || hz === undefined ? NONE : `${hz.toFixed(hz < 99.5 ? 1 : 0)} Hz`);
+export const count = (n, one, many = `${one}s`) => `${n} ${n === 1 ? one : many}`;
+export const capital = (text) => text.slice(0, 1).toUpperCase() + text.slice(1);

@@ -1,0 +1,46 @@
+// The keyboard. Escape is the emergency stop, whatever has the focus and whatever is open.
+
+import { byId, make } from "./dom.js";
+
+const PLACES = "input, select, textarea, [contenteditable]";
+
+/** Binds the keys: [keys, words, what they do, replay or live only]. */
+export function bindKeys(actions) {
+  const table = [
+    ["Escape", "Esc", "emergency stop", actions.emergency],
+    [" ", "Space", "start, pause, resume; in a replay play, pause", actions.space],
+    ["S", "⇧ S", "stop the run", actions.stop],
+    ["R", "⇧ R", "reset: the next run begins", actions.reset],
+    ["C", "⇧ C", "recording on, off", actions.record],
+    ["f", "F", "refresh on, off", actions.refresh],
+    ["1", "1", "arena and cameras", () => actions.view("both")],
+    ["2", "2", "arena only", () => actions.view("arena")],
+    ["3", "3", "cameras only", () => actions.view("cameras")],
+    ["j", "J", "next robot", () => actions.step(1)],
+    ["k", "K", "previous robot", () => actions.step(-1)],
+    ["x", "X", "no robot", actions.none],
+    ["t", "T", "light, dark", actions.theme],
+    ["?", "?", "this help", actions.help],
+  ];
+  byId("keys_list").replaceChildren(
+    ...table.flatMap(([, shown, words]) => [make("dt", {}, make("kbd", {}, shown)), make("dd", {}, words)]),
+  );
+  const byKey = new Map(table.map(([key, , , act]) => [key, act]));
+  // While the event comes down to its target: nobody on the way can keep it.
+  window.addEventListener("keydown", (event) => heard(event, byKey), { capture: true });
+}
+
+function heard(event, byKey) {
+  if (event.key === "Escape") {
+    if (!event.repeat) byKey.get("Escape")();
+    return;
+  }
+  if (event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;
+  const target = event.target;
+  if (target.matches?.(PLACES) || (event.key === " " && target.matches?.("button"))) return;
+  if (byId("keys").open && event.key !== "?") return;
+  const act = byKey.get(event.key) ?? (event.shiftKey ? undefined : byKey.get(event.key.toLowerCase()));
+  if (!act) return;
+  event.preventDefault();
+  act();
+}

@@ -1,0 +1,87 @@
+// The run in figures, and the page's head.
+
+import { byId, make, mark, write } from "./dom.js";
+import { bytes, capital, clock, rate } from "./format.js";
+
+const DISK_LOW = 2e9;
+
+/** [name, what it shows: [figure, small print, "bad" | "warn" | ""]] */
+const TILES = [
+  ["run", ({ run }) => [run.runs ? `${run.run} of ${run.runs}` : `${run.run}`, run.by ? `last: ${run.by}` : ""]],
+  ["timestep", ({ now, experiment }) => [now.timestep < 0 ? "–" : String(now.timestep), `${Math.round(1000 * (experiment?.timestep_s ?? 0.1))} ms each`]],
+  ["time", ({ run, now }) => [clock(now.time_s), run.length_s ? `of ${clock(run.length_s, 0)}` : "without end"]],
+  ["rate", ({ run, experiment }) => {
+    const wanted = 1 / (experiment?.timestep_s ?? 0.1);
+    const slow = run.state === "running" && run.rate_hz !== null && run.rate_hz < 0.9 * wanted;
+    return [rate(run.rate_hz), `${run.late ?? 0} late`, slow ? "warn" : ""];
+  }],
+  ["latency p50", ({ run }) => (run.latency_ms ? [`${run.latency_ms.p50.toFixed(0)} ms`, "median"] : ["–", "not measured"])],
+  ["latency p99", ({ run }) => {
+    if (!run.latency_ms) return ["–", ""];
+    return [`${run.latency_ms.p99.toFixed(0)} ms`, "worst 1 %", run.latency_ms.p99 > 100 ? "warn" : ""];
+  }],
+  ["recording", ({ run }) => {
+    const { on, file, bytes: size, lost_messages: gone, trouble } = run.recording ?? {};
+    const small = trouble ?? [file, gone ? `${gone} lost` : ""].filter(Boolean).join(" · ");
+    return [on ? bytes(size) : "off", small, trouble ? "bad" : gone ? "warn" : ""];
+  }],
+  ["disk left", ({ run }) => [bytes(run.disk_free_bytes), "", run.disk_free_bytes !== null && run.disk_free_bytes < DISK_LOW ? "warn" : ""]],
+];
+const WORDS = { none: "waiting for news", ended: "ended", emergency: "EMERGENCY STOP" };
+
+/** Header and tiles. */
+export class Tiles {
+  constructor(store, connection) {
+    this.store = store;
+    this.connection = connection;
+    this.tiles = TILES.map(([name]) => {
+      const parts = [make("span", {}, name), make("b", {}, "–"), make("small")];
+      return { parts, element: make("div", { className: "tile" }, ...parts) };
+    });
+    byId("tiles").append(...this.tiles.map((tile) => tile.element));
+  }
+
+  /** Renews the figures; called a few times per second. */
+  tell() {
+    this.#head();
+    if (!this.store.run) return;
+    TILES.forEach(([, show], index) => {
+      const { parts, element } = this.tiles[index];
+      const [figure, small, level = ""] = show(this.store);
+      write(parts[1], figure);
+      write(parts[2], small);
+      if (parts[2].title !== small) parts[2].title = small;
+      mark(element, "bad", level === "bad");
+      mark(element, "warn", level === "warn");
+    });
+  }
+
+  #head() {
+    const { run, now, experiment, you } = this.store;
+    const replay = experiment?.mode === "replay";
+    const state = replay && run?.replay ? (run.replay.playing ? "running" : "paused") : run?.state ?? "none";
+    const { dataset } = document.body;
+    dataset.state = state;
+    dataset.mode = experiment?.mode ?? "none";
+    dataset.link = this.connection.open ? "open" : "lost";
+    const shown = replay ? (run?.replay?.playing ? "replay" : "replay, paused") : WORDS[state] ?? state;
+    write(byId("state"), this.connection.open ? capital(shown) : "No connection");
+    write(byId("name"), experiment ? experiment.name : "no run yet");
+    document.title = experiment ? `${experiment.name}: ${state} – vsense` : "vsense";
+    write(byId("what"), experiment ? this.#what(experiment, run) : "");
+    write(byId("time"), run ? clock(now.time_s) : "–");
+    write(byId("length"), run?.length_s ? ` / ${clock(run.length_s, 0)}` : "");
+    const share = run?.length_s ? Math.min(now.time_s / run.length_s, 1) : 0;
+    document.querySelector("#progress i").style.transform = `scaleX(${share.toFixed(4)})`;
+    write(byId("viewers"), you.viewer ? `${you.viewer.split(" (")[0]} of ${you.viewers} watching` : "");
+    byId("viewers").title = you.viewer;
+  }
+
+  #what(experiment, run) {
+    const parts = [];
+    if (run) parts.push(run.runs ? `run ${run.run} of ${run.runs}` : `run ${run.run}`);
+    parts.push(`${experiment.robots.length} robots`, `seed ${experiment.seed}`);
+    if (experiment.blind) parts.push("blind");
+    return parts.join(" · ");
+  }
+}
