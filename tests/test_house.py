@@ -23,6 +23,7 @@ FORBIDDEN = {
     "sheets": {"world", "sensors", "link", "web", "lab", "run", "config"},
     "link": {"tracking", "world", "sensors", "lab", "run", "web", "config"},
     "run": {"lab", "sim", "web"},
+    "recording": {"lab", "run", "sim", "link", "sensors", "world", "web"},
 }
 """Folder of `vsense` -> folders whose modules it must not import."""
 

@@ -1,0 +1,179 @@
+"""What waits to be written: a queue with bounds, and what is missing where it was full."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from dataclasses import dataclass
+
+from vsense.arena import Frame
+from vsense.hub import Message
+from vsense.recording import form
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A picture that nobody has encoded yet.
+
+    Attributes:
+        frame: it, in memory of its own.
+        time_ns: when it came.
+        update: which call of the tracker it belongs to, counted from 0.
+        pictures: how many belong to that call.
+    """
+
+    frame: Frame
+    time_ns: int
+    update: int
+    pictures: int
+
+
+Item = Message | Picture
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """How much may wait.
+
+    Attributes:
+        message_bytes: of messages, as they are kept.
+        picture_bytes: of pictures.
+        message_ns: when the oldest has waited for so long, messages are left out.
+        picture_ns: the same for pictures, which are dropped first.
+    """
+
+    message_bytes: int = 64 << 20
+    picture_bytes: int = 128 << 20
+    message_ns: int = 10_000_000_000
+    picture_ns: int = 3_000_000_000
+
+
+@dataclass(slots=True)
+class _Gap:
+    from_ns: int
+    to_ns: int
+    why: str
+    messages: int = 0
+    pictures: int = 0
+
+
+class Waiting:
+    """The queue; any thread may put, one takes.
+
+    Attributes:
+        KEEP_UP: what gaps usually come from.
+        lost: messages and pictures that were left out.
+        why: what a gap that begins now comes from.
+    """
+
+    KEEP_UP = "it could not be written as fast as it came"
+
+    def __init__(self, bounds: Bounds) -> None:
+        """Begins empty."""
+        self.lost = 0
+        self.why = self.KEEP_UP
+        self._bounds = bounds
+        self._items: deque[tuple[Item, int, int]] = deque()
+        self._bytes = {Message: 0, Picture: 0}
+        self._gaps: dict[type, _Gap] = {}
+        self._changed = threading.Condition()
+
+    def put(self, items: list[Item], sizes: list[int], now_ns: int) -> bool:
+        """Puts items of one kind, all or none.
+
+        Args:
+            items: what.
+            sizes: how many bytes each is about.
+            now_ns: host's monotonic clock.
+
+        Returns:
+            Whether there was room. Where there was none, the next that finds room has a `/gap`
+            before it.
+        """
+        kind = type(items[0])
+        with self._changed:
+            if not self._has_room(kind, sum(sizes), now_ns):
+                self._leave_out(kind, len(items), now_ns)
+                return False
+            self._end_gap(kind, now_ns)
+            for item, size in zip(items, sizes):
+                self._append(item, size, now_ns)
+            self._changed.notify()
+        return True
+
+    def mark(self, message: Message) -> None:
+        """Puts a message for which there is always room; for marks of gaps."""
+        with self._changed:
+            self._append(message, 200, message.time_ns)
+            self._changed.notify()
+
+    def take(self, timeout_s: float) -> Item | None:
+        """Takes the oldest, or nothing where nothing comes in `timeout_s`."""
+        with self._changed:
+            if not self._items and timeout_s > 0.0:
+                self._changed.wait(timeout_s)
+            if not self._items:
+                return None
+            item, size, _ = self._items.popleft()
+            self._bytes[type(item)] -= size
+            return item
+
+    def wake(self) -> None:
+        """Has `take` return now."""
+        with self._changed:
+            self._changed.notify()
+
+    def end(self, now_ns: int) -> None:
+        """Marks gaps that are still open; nothing comes any more."""
+        with self._changed:
+            for kind in list(self._gaps):
+                self._end_gap(kind, now_ns)
+
+    def abandon(self) -> None:
+        """Leaves out everything that waits."""
+        with self._changed:
+            self.lost += len(self._items)
+            self._items.clear()
+            self._bytes = dict.fromkeys(self._bytes, 0)
+
+    def _has_room(self, kind: type, size: int, now_ns: int) -> bool:
+        oldest_ns = self._items[0][2] if self._items else now_ns
+        bounds = self._bounds
+        if kind is Picture:
+            most, patience_ns = bounds.picture_bytes, bounds.picture_ns
+        else:
+            most, patience_ns = bounds.message_bytes, bounds.message_ns
+        return self._bytes[kind] + size <= most and now_ns - oldest_ns <= patience_ns
+
+    def _leave_out(self, kind: type, number: int, now_ns: int) -> None:
+        self.lost += number
+        gap = self._gaps.setdefault(kind, _Gap(now_ns, now_ns, self.why))
+        gap.to_ns = now_ns
+        if kind is Picture:
+            gap.pictures += number
+        else:
+            gap.messages += number
+
+    def _end_gap(self, kind: type, now_ns: int) -> None:
+        gap = self._gaps.pop(kind, None)
+        if gap is not None:
+            counts = gap.messages, gap.pictures
+            self._append(gap_message(now_ns, gap.from_ns, gap.to_ns, counts, gap.why), 200, now_ns)
+
+    def _append(self, item: Item, size: int, now_ns: int) -> None:
+        self._items.append((item, size, now_ns))
+        self._bytes[type(item)] += size
+
+
+def gap_message(
+    now_ns: int, from_ns: int, to_ns: int, counts: tuple[int, int], why: str
+) -> Message:
+    """Makes the mark of a gap; `counts` are the messages and pictures that are missing."""
+    data = {
+        "from_ns": from_ns,
+        "to_ns": to_ns,
+        "messages": counts[0],
+        "pictures": counts[1],
+        "why": why,
+    }
+    return Message(form.GAP, now_ns, data)
