@@ -7,12 +7,14 @@ import json
 import os
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from tests.recording.conftest import BEGIN_NS, picture
 from vsense.hub import Hub, Message
 from vsense.recording.disk import WholeFile
 from vsense.recording.reader import open_recording
@@ -108,3 +110,31 @@ def test_what_is_written_by_half_is_taken_back(
     file.append(b"soul")
     file.close()
     assert (tmp_path / "file").read_bytes() == b"headsoul"
+
+
+def test_a_disk_that_hangs_holds_nobody_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    hanging, go_on = threading.Event(), threading.Event()
+
+    def hang(fd: int) -> None:
+        hanging.set()
+        assert go_on.wait(60.0)
+
+    hub, now = Hub(), [BEGIN_NS]
+    path = tmp_path / "run.mcap"
+    recorder = Recorder(hub, path, pictures=True, clock=lambda: now[0])
+    monkeypatch.setattr(os, "fdatasync", hang)
+    hub.publish(Message("/run", now[0], {"n": 0}))
+    assert hanging.wait(60.0)
+    # The oldest that waits is a second older each time: first pictures are left out, then all.
+    for second in range(1, 15):
+        now[0] = BEGIN_NS + second * 1_000_000_000
+        hub.publish(Message("/run", now[0], {"n": second}))
+        recorder.pictures([picture(second)])
+    go_on.set()
+    recorder.close()
+    with open_recording(path) as recording:
+        assert [m.data["n"] for m in recording.messages({"/run"})] == list(range(12))
+        seen = [m.data["timestep"] for m in recording.messages({"/picture/left"})]
+        assert seen == [1, 2, 3, 4]
+        gaps = {(gap.messages, gap.pictures) for gap in recording.gaps}
+        assert gaps == {(3, 0), (0, 10)}

@@ -42,7 +42,7 @@ class Bounds:
         picture_ns: the same for pictures, which are dropped first.
     """
 
-    message_bytes: int = 64 << 20
+    message_bytes: int = 16 << 20
     picture_bytes: int = 128 << 20
     message_ns: int = 10_000_000_000
     picture_ns: int = 3_000_000_000
