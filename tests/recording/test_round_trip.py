@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import threading
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -18,6 +19,7 @@ from vsense.hub import Hub, Message
 from vsense.recording.form import RecordingError
 from vsense.recording.reader import open_recording
 from vsense.recording.recorder import Recorder
+from vsense.recording.schemas import schema
 from vsense.recording.waiting import Bounds
 
 values = st.recursive(
@@ -182,3 +184,33 @@ def test_the_middle_is_found_with_and_without_index(tmp_path: Path) -> None:
             assert [m.data["n"] for m in recording.messages(start_s=9.65)] == [97, 98, 99]
             newest = recording.newest(None, before_s=5.0)
             assert {t: m.data["n"] for t, m in newest.items()} == {"/world": -1, "/arena": 49}
+
+
+def test_many_threads_may_tell(tmp_path: Path) -> None:
+    hub = Hub()
+    recorder = Recorder(hub, tmp_path / "run.mcap")
+
+    def tell(teller: int) -> None:
+        for number in range(500):
+            hub.publish(Message(f"/teller/{teller}", number, {"n": number}))
+
+    threads = [threading.Thread(target=tell, args=(teller,)) for teller in range(6)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    recorder.close()
+    assert recorder.state()["lost_messages"] == 0
+    with open_recording(tmp_path / "run.mcap") as recording:
+        for teller in range(6):
+            told = [m.data["n"] for m in recording.messages({f"/teller/{teller}"})]
+            assert told == list(range(500))
+
+
+def test_every_topic_has_a_schema_that_is_one() -> None:
+    for topic in ("/experiment", "/run", "/arena", "/own", "/gap", "/tracker"):
+        name, text = schema(topic, blob=False)
+        assert name == "vsense" + topic.replace("/", ".")
+        assert json.loads(text)["type"] == "object"
+    fields = json.loads(schema("/picture/left", blob=True)[1])["properties"]
+    assert fields["data"] == {"type": "string", "contentEncoding": "base64"}

@@ -19,6 +19,9 @@ from vsense.recording import form
 MAX_CHUNK_BYTES = 256 << 20
 """A chunk that says to be larger is damaged: ours end at 4 MB, or after one picture."""
 
+FAULTS = (McapError, ValueError, OverflowError, KeyError, struct.error, zstandard.ZstdError)
+"""All that the readers of `mcap.records` raise where bytes are no such record."""
+
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 
@@ -81,7 +84,7 @@ def unpack(record: bytes) -> memoryview:
         if size > MAX_CHUNK_BYTES:
             raise DamagedError("a chunk too large to be one")
         data = _decompress(chunk, size)
-    except (McapError, ValueError, struct.error, zstandard.ZstdError) as error:
+    except FAULTS as error:
         raise DamagedError(str(error)) from None
     if len(data) != size or (chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc):
         raise DamagedError("a chunk that is not what was packed")
@@ -107,7 +110,7 @@ def channel(record: bytes | memoryview) -> tuple[int, Kept]:
     """
     try:
         found = Channel.read(stream(record))
-    except (McapError, ValueError, struct.error) as error:
+    except FAULTS as error:
         raise DamagedError(str(error)) from None
     return found.id, Kept(found.topic, form.BLOB in found.metadata)
 

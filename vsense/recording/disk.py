@@ -36,9 +36,10 @@ class WholeFile:
             try:
                 self.append(head)
                 beginning.rename(path)
+                _sync_folder(path.parent)
             except OSError:
                 os.close(self._fd)
-                beginning.unlink()
+                beginning.unlink(missing_ok=True)
                 raise
         except OSError as error:
             raise RecordingError(f"{path}: cannot be written: {error.strerror}") from None
@@ -73,6 +74,16 @@ def _sync(fd: int) -> None:
         # What has no disk behind it, such as a pipe or a device, has nothing to wait for.
         if error.errno not in (errno.EINVAL, errno.ENOTSUP):
             raise
+
+
+def _sync_folder(folder: Path) -> None:
+    """Has the disk know a new file's name, too."""
+    fd = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        with suppress(OSError):
+            os.fsync(fd)
+    finally:
+        os.close(fd)
 
 
 class Outbox(io.BytesIO):

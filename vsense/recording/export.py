@@ -11,7 +11,7 @@ from typing import Any
 from vsense.hub import Message
 from vsense.recording import form
 from vsense.recording.form import RecordingError
-from vsense.recording.reader import Recording
+from vsense.recording.reader import Recording, read_gap
 
 Row = list[Any]
 
@@ -150,13 +150,14 @@ def _event(message: Message) -> Iterable[Row]:
 
 
 def _gap(message: Message) -> Iterable[Row]:
-    data = message.data
-    length_s = (data["to_ns"] - data["from_ns"]) / 1e9
-    text = (
-        f"{length_s:.3f} s before this are not recorded whole ({data['messages']} messages,"
-        f" {data['pictures']} pictures): {data['why']}"
-    )
-    yield ["gap", None, text]
+    gap = read_gap(message.data)
+    if gap is not None:
+        length_s = (gap.to_ns - gap.from_ns) / 1e9
+        text = (
+            f"{length_s:.3f} s before this are not recorded whole ({gap.messages} messages,"
+            f" {gap.pictures} pictures): {gap.why}"
+        )
+        yield ["gap", None, text]
 
 
 def _cell(value: Any) -> Any:

@@ -38,38 +38,6 @@ NOT_RECORDED = (PICTURE, "/readings/", "/you", "/answer")
 """Live pictures are scaled and lossy, one robot's readings are in `/readings` already, and the
 rest is between the server and one page."""
 
-_TEXTS = {
-    "/experiment": "What the run is: arena, robots, sensors, cameras, and the experiment's file.",
-    "/run": "Where the run is: state, timestep, rates, recording.",
-    "/arena": "The tracker's arena state of a timestep. m, rad, ns; covariance of x, y, yaw.",
-    "/world": "The virtual things in the arena.",
-    "/signals": "Virtual LEDs and cones, and the experiment's measures.",
-    "/fields": "Fields as rasters.",
-    "/readings": "The virtual sensors' readings, as sent to the robots.",
-    "/robots": "What is known of every robot.",
-    "/cameras": "How the cameras are.",
-    "/event": "Something that people were told.",
-    GAP: "What is missing here: from, to [ns], how many messages and pictures, and why.",
-    TRACKER: "What the tracker is made from, and what it remembered before the next picture.",
-}
-_TIME = {
-    "type": "object",
-    "title": "time",
-    "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}},
-}
-_BYTES = {"type": "string", "contentEncoding": "base64"}
-_PICTURE_SCHEMA = {
-    "title": "foxglove.CompressedImage",
-    "description": "A compressed image; `vsense` holds the message's own data",
-    "type": "object",
-    "properties": {
-        "timestamp": _TIME,
-        "frame_id": {"type": "string"},
-        "data": _BYTES,
-        "format": {"type": "string"},
-    },
-}
-
 
 class RecordingError(VsenseError):
     """A recording that cannot be written or read; one line that names the file."""
@@ -126,14 +94,6 @@ def is_recorded(topic: str) -> bool:
 def has_blob(message: Message) -> bool:
     """Whether a message is kept as Foxglove keeps pictures."""
     return bool(message.blob) or message.topic.startswith(PICTURE)
-
-
-def schema(topic: str, blob: bool) -> tuple[str, bytes]:
-    """Gives name and JSON schema of a channel."""
-    if blob:
-        return "foxglove.CompressedImage", json.dumps(_PICTURE_SCHEMA).encode()
-    text = {"title": topic, "type": "object", "description": _TEXTS.get(topic, "")}
-    return f"vsense{topic.replace('/', '.')}", json.dumps(text).encode()
 
 
 def encode(message: Message, utc_shift_ns: int) -> bytes:

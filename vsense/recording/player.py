@@ -11,7 +11,7 @@ from typing import Any
 from vsense.hub import Hub, Message
 from vsense.orders import Kind, Order, OrderError
 from vsense.recording import form
-from vsense.recording.reader import Recording
+from vsense.recording.reader import Recording, read_gap
 
 SLOWEST, FASTEST = 0.1, 100.0
 RUN_NS = 250_000_000
@@ -227,8 +227,7 @@ class Player:
     def _publish(self, message: Message) -> None:
         topic, data = message.topic, message.data
         if topic == form.GAP:
-            self._hub.publish(_missing(message))
-            return
+            return self._publish_gap(message)
         if topic not in _PASSING:
             self._current[topic] = message
         if topic == "/run":
@@ -241,12 +240,21 @@ class Player:
 
     def _publish_readings(self, message: Message) -> None:
         """Publishes the readings of those robots that somebody looks at."""
-        columns = ("tag", "values", "captured_ns")
-        for row, tag in enumerate(message.data.get("tag", ())):
+        columns = {n: c for n, c in message.data.items() if isinstance(c, list)}
+        for row, tag in enumerate(columns.get("tag", ())):
             topic = f"/readings/{tag}"
             if self._hub.wants(topic):
-                one = {name: message.data[name][row : row + 1] for name in columns}
+                one = {name: column[row : row + 1] for name, column in columns.items()}
                 self._hub.publish(Message(topic, message.time_ns, {**message.data, **one}))
+
+    def _publish_gap(self, message: Message) -> None:
+        """Tells people what is missing here."""
+        gap = read_gap(message.data)
+        if gap is not None:
+            length_s = (gap.to_ns - gap.from_ns) / 1e9
+            text = f"here {length_s:.1f} s are not recorded whole: {gap.why}"
+            data = {"text": text, "level": "warning", "by": None}
+            self._hub.publish(Message("/event", message.time_ns, data))
 
     def _tell_all(self) -> None:
         """Publishes everything that lasts, for somebody who knows nothing."""
@@ -269,10 +277,3 @@ class Player:
         time_ns = self._recording.begin_ns + round(1e9 * replay["position_s"])
         data = {**(last.data if last else {}), "can": _CAN, "replay": replay}
         self._hub.publish(Message("/run", last.time_ns if last else time_ns, data))
-
-
-def _missing(gap: Message) -> Message:
-    """Tells people of a gap."""
-    length_s = (gap.data.get("to_ns", 0) - gap.data.get("from_ns", 0)) / 1e9
-    text = f"here {length_s:.1f} s are not recorded whole: {gap.data.get('why', '')}"
-    return Message("/event", gap.time_ns, {"text": text, "level": "warning", "by": None})

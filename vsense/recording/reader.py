@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -97,7 +97,7 @@ class Recording:
         """What is missing, as far as it was noticed while recording."""
         if self._gaps is None:
             marks = (message.data for message in self.messages({form.GAP}))
-            self._gaps = [gap for gap in map(_gap, marks) if gap is not None]
+            self._gaps = [gap for gap in map(read_gap, marks) if gap is not None]
         return self._gaps
 
     def messages(self, topics: Choice = None, start_s: float = 0.0) -> Iterator[Message]:
@@ -228,7 +228,8 @@ def _test(topics: Choice) -> Callable[[str], bool]:
     return topics if callable(topics) else frozenset(topics).__contains__
 
 
-def _gap(data: Any) -> Gap | None:
+def read_gap(data: Mapping[str, Any]) -> Gap | None:
+    """Reads the data of a `/gap`; None: it is damaged."""
     try:
         times = int(data["from_ns"]), int(data["to_ns"])
         return Gap(*times, int(data["messages"]), int(data["pictures"]), str(data["why"]))

@@ -90,7 +90,7 @@ class Recorder:
 
     def describe_tracker(self, description: Mapping[str, Any]) -> None:
         """Says what the tracker is made from, before the first pictures; see `tracker_made`."""
-        self._tracker = description
+        self._tracker, self._has_memory = description, False
 
     def pictures(self, frames: Sequence[Frame], tracker: ArenaTracker | None = None) -> None:
         """Takes the pictures that the tracker is about to be given.

@@ -102,6 +102,8 @@ def retrack(options: argparse.Namespace) -> int:
             if interrupted.is_set():
                 return INTERRUPTED
         console.end_progress()
+        if recording.damaged:
+            console.say(f"vsense: {len(recording.damaged)} parts of {options.file} are damaged")
         if options.json:
             print(json.dumps(asdict(tracking.comparison)))
         else:

@@ -137,7 +137,7 @@ class Retracking:
                     self._compare(message)
                 else:
                     yield from self._look(message)
-        except (KeyError, TypeError, ValueError, IndexError) as error:
+        except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
             name = self._recording.path
             raise RecordingError(f"{name}: cannot be tracked again: {error!r}") from None
         finally:

@@ -12,7 +12,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import BinaryIO
 
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import ChunkIndex, Footer, Header, Metadata, MetadataIndex
 
@@ -27,7 +26,7 @@ _FOOTER = struct.Struct("<QQI")
 _TAIL = _HEAD.size + _FOOTER.size + len(MAGIC)
 _MAX_RECORD = 64 << 20
 """Of records that are no chunk."""
-_FAULTS = (McapError, ValueError, struct.error, KeyError, DamagedError)
+_FAULTS = (*chunks.FAULTS, DamagedError)
 
 
 @dataclass(frozen=True, slots=True)

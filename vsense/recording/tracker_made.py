@@ -36,6 +36,8 @@ Made = dict[str, Any]
 `trackers`: by id `family`, `heading_deg`, `heights_m` (pairs of tag and height), `open_roster`;
 `limits`, `plan`, `workers`; `versions` of what computed."""
 
+_MOST_WORKERS = 64
+
 
 def of_family(
     cameras: Sequence[Camera], family: str, heights_m: Mapping[int, float], workers: int = 2
@@ -137,6 +139,8 @@ def _make(made: Made) -> ArenaTracker:
 
     roster = {tag: h for id in sees.values() for tag, h in _heights_m(trackers[id]).items()}
     limits, workers = Limits(**made["limits"]), int(made["workers"])
+    if workers > _MOST_WORKERS:
+        raise ValueError(f"{workers} workers")
     return ArenaTracker(
         cameras, detectors, roster, limits, workers=workers, whereabouts=whereabouts
     )

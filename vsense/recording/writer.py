@@ -8,7 +8,7 @@ from mcap.writer import CompressionType, Writer
 
 from vsense import __version__
 from vsense.hub import Message
-from vsense.recording import form
+from vsense.recording import form, schemas
 from vsense.recording.disk import Outbox, WholeFile
 from vsense.recording.form import Head
 
@@ -109,7 +109,7 @@ class RecordingWriter:
     def _channel(self, message: Message) -> int:
         key = message.topic, form.has_blob(message)
         if key not in self._channels:
-            name, text = form.schema(*key)
+            name, text = schemas.schema(*key)
             schema = self._mcap.register_schema(name, "jsonschema", text)
             marks = {form.BLOB: "base64"} if key[1] else {}
             self._channels[key] = self._mcap.register_channel(message.topic, "json", schema, marks)
