@@ -28,7 +28,7 @@ FLUSH_S = 0.5
 """Time from disk to disk; with what the writing itself takes, less than a second."""
 RETRY_S = 1.0
 _CLOSE_S = 30.0
-_FIRST_SIZE = 16_384
+_FIRST_SIZE = 2_048
 """How large a message of a topic is taken to be before one was seen."""
 
 # Measured on rendered and on real pictures: the smallest and the fastest of the lossless ones.
@@ -86,7 +86,8 @@ class Recorder:
 
     def take(self, message: Message) -> None:
         """Takes a message from the hub."""
-        self._put(message)
+        size = self._sizes.get(message.topic, _FIRST_SIZE)
+        self._waiting.put([message], [size], self._clock())
 
     def describe_tracker(self, description: Mapping[str, Any]) -> None:
         """Says what the tracker is made from, before the first pictures; see `tracker_made`."""
@@ -106,17 +107,17 @@ class Recorder:
         if not self._keeps_pictures or self._off_since_ns is not None or not frames:
             return
         now_ns = self._clock()
+        kept: list[Item] = []
+        sizes: list[int] = []
         if not self._has_memory and tracker is not None and self._tracker is not None:
-            memory = tracker_memory.freeze(tracker)
-            data = {"made": self._tracker, "memory": memory}
-            if not self._put(Message(form.TRACKER, now_ns, data)):
-                return
-        kept: list[Item] = [
-            Picture(replace(f, image=f.image.copy()), now_ns, self._updates, len(frames))
-            for f in frames
-        ]
+            data = {"made": self._tracker, "memory": tracker_memory.freeze(tracker)}
+            kept.append(Message(form.TRACKER, now_ns, data))
+            sizes.append(_FIRST_SIZE)
+        for frame in frames:
+            copy = replace(frame, image=frame.image.copy())
+            kept.append(Picture(copy, now_ns, self._updates, len(frames)))
+            sizes.append(frame.image.nbytes)
         self._updates += 1
-        sizes = [frame.image.nbytes for frame in frames]
         self._has_memory = self._waiting.put(kept, sizes, now_ns)
 
     def pause(self) -> None:
@@ -162,10 +163,6 @@ class Recorder:
             self._closing.set()
         self._waiting.wake()
         self._thread.join(_CLOSE_S)
-
-    def _put(self, message: Message) -> bool:
-        size = self._sizes.get(message.topic, _FIRST_SIZE)
-        return self._waiting.put([message], [size], self._clock())
 
     def _run(self) -> None:
         due_s = time.monotonic() + FLUSH_S

@@ -23,8 +23,9 @@ from vsense.recording.form import RecordingError
 from vsense.recording.reader import Recording
 from vsense.tracking.arena_tracker import ArenaTracker
 
-_REMEMBERED = 200
-"""Timesteps whose new state waits for the recorded one."""
+_REMEMBERED = 500
+"""Timesteps whose new state waits for the recorded one, or the other way round: pictures may have
+been written later than what was said of them."""
 
 
 @dataclass(slots=True)
@@ -120,7 +121,8 @@ class Retracking:
         self._made: dict[str, Any] | None = None
         self._frames: list[Frame] = []
         self._update = -1
-        self._states: dict[int, dict[str, Any]] = {}
+        self._now: dict[int, dict[str, Any]] = {}
+        self._before: dict[int, Mapping[str, Any]] = {}
 
     def states(self) -> Iterator[ArenaState]:
         """Tracks to the recording's end; gives each new arena state.
@@ -134,9 +136,11 @@ class Retracking:
                 if message.topic == form.TRACKER:
                     self._begin(message)
                 elif message.topic == "/arena":
-                    self._compare(message)
+                    self._before[message.data["timestep"]] = message.data
+                    self._compare(message.data["timestep"])
                 else:
                     yield from self._look(message)
+            self.comparison.no_pictures += len(self._before)
         except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
             name = self._recording.path
             raise RecordingError(f"{name}: cannot be tracked again: {error!r}") from None
@@ -179,17 +183,19 @@ class Retracking:
         if len(self._frames) == data["pictures"]:
             state = self._tracker.update(self._frames)
             self._frames.clear()
-            self._states[state.timestep] = arena_data(state)
-            if len(self._states) > _REMEMBERED:
-                del self._states[next(iter(self._states))]
+            self._now[state.timestep] = arena_data(state)
+            if len(self._now) > _REMEMBERED:
+                del self._now[next(iter(self._now))]
+            self._compare(state.timestep)
             yield state
 
-    def _compare(self, message: Message) -> None:
-        now = self._states.get(message.data["timestep"])
-        if now is None:
+    def _compare(self, timestep: int) -> None:
+        """Compares a timestep if both states of it are known."""
+        if timestep in self._now and timestep in self._before:
+            self.comparison.add(self._before.pop(timestep), self._now[timestep])
+        elif len(self._before) > _REMEMBERED:
+            del self._before[next(iter(self._before))]
             self.comparison.no_pictures += 1
-        else:
-            self.comparison.add(message.data, now)
 
 
 def _needed(topic: str) -> bool:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 from vsense.arena import Frame
 from vsense.hub import Message
@@ -30,6 +31,10 @@ class Picture:
 
 Item = Message | Picture
 
+_MESSAGES, _PICTURES = "messages", "pictures"
+_SMALL = 200
+"""About how many bytes the mark of a gap is."""
+
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
@@ -53,12 +58,29 @@ class _Gap:
     from_ns: int
     to_ns: int
     why: str
-    messages: int = 0
-    pictures: int = 0
+    left_out: int = 0
+
+
+@dataclass(slots=True)
+class _Queue:
+    """What of one kind waits: item, size, and when it was put."""
+
+    items: deque[tuple[Item, int, int]] = field(default_factory=deque)
+    bytes: int = 0
+
+    def append(self, item: Item, size: int, now_ns: int) -> None:
+        self.items.append((item, size, now_ns))
+        self.bytes += size
+
+    def take(self) -> Item:
+        item, size, _ = self.items.popleft()
+        self.bytes -= size
+        return item
 
 
 class Waiting:
-    """The queue; any thread may put, one takes.
+    """The queue; any thread may put, one takes: messages first, so that pictures, which take long
+    to encode, never hold them up.
 
     Attributes:
         KEEP_UP: what gaps usually come from.
@@ -73,13 +95,12 @@ class Waiting:
         self.lost = 0
         self.why = self.KEEP_UP
         self._bounds = bounds
-        self._items: deque[tuple[Item, int, int]] = deque()
-        self._bytes = {Message: 0, Picture: 0}
-        self._gaps: dict[type, _Gap] = {}
+        self._queues = {_MESSAGES: _Queue(), _PICTURES: _Queue()}
+        self._gaps: dict[str, _Gap] = {}
         self._changed = threading.Condition()
 
-    def put(self, items: list[Item], sizes: list[int], now_ns: int) -> bool:
-        """Puts items of one kind, all or none.
+    def put(self, items: Sequence[Item], sizes: Sequence[int], now_ns: int) -> bool:
+        """Puts items, all or none; where a picture is among them they all wait with the pictures.
 
         Args:
             items: what.
@@ -87,36 +108,35 @@ class Waiting:
             now_ns: host's monotonic clock.
 
         Returns:
-            Whether there was room. Where there was none, the next that finds room has a `/gap`
-            before it.
+            Whether there was room. Where there was none, the next that finds room is told of by a
+            `/gap`.
         """
-        kind = type(items[0])
+        kind = _PICTURES if any(isinstance(item, Picture) for item in items) else _MESSAGES
         with self._changed:
             if not self._has_room(kind, sum(sizes), now_ns):
                 self._leave_out(kind, len(items), now_ns)
                 return False
             self._end_gap(kind, now_ns)
             for item, size in zip(items, sizes):
-                self._append(item, size, now_ns)
+                self._queues[kind].append(item, size, now_ns)
             self._changed.notify()
         return True
 
     def mark(self, message: Message) -> None:
         """Puts a message for which there is always room; for marks of gaps."""
         with self._changed:
-            self._append(message, 200, message.time_ns)
+            self._queues[_MESSAGES].append(message, _SMALL, message.time_ns)
             self._changed.notify()
 
     def take(self, timeout_s: float) -> Item | None:
-        """Takes the oldest, or nothing where nothing comes in `timeout_s`."""
+        """Takes the oldest message, or picture, or nothing where nothing comes in `timeout_s`."""
         with self._changed:
-            if not self._items and timeout_s > 0.0:
+            if timeout_s > 0.0 and not any(queue.items for queue in self._queues.values()):
                 self._changed.wait(timeout_s)
-            if not self._items:
-                return None
-            item, size, _ = self._items.popleft()
-            self._bytes[type(item)] -= size
-            return item
+            for queue in self._queues.values():
+                if queue.items:
+                    return queue.take()
+            return None
 
     def wake(self) -> None:
         """Has `take` return now."""
@@ -132,37 +152,32 @@ class Waiting:
     def abandon(self) -> None:
         """Leaves out everything that waits."""
         with self._changed:
-            self.lost += len(self._items)
-            self._items.clear()
-            self._bytes = dict.fromkeys(self._bytes, 0)
+            for queue in self._queues.values():
+                while queue.items:
+                    queue.take()
+                    self.lost += 1
 
-    def _has_room(self, kind: type, size: int, now_ns: int) -> bool:
-        oldest_ns = self._items[0][2] if self._items else now_ns
-        bounds = self._bounds
-        if kind is Picture:
+    def _has_room(self, kind: str, size: int, now_ns: int) -> bool:
+        queue, bounds = self._queues[kind], self._bounds
+        oldest_ns = queue.items[0][2] if queue.items else now_ns
+        if kind == _PICTURES:
             most, patience_ns = bounds.picture_bytes, bounds.picture_ns
         else:
             most, patience_ns = bounds.message_bytes, bounds.message_ns
-        return self._bytes[kind] + size <= most and now_ns - oldest_ns <= patience_ns
+        return queue.bytes + size <= most and now_ns - oldest_ns <= patience_ns
 
-    def _leave_out(self, kind: type, number: int, now_ns: int) -> None:
+    def _leave_out(self, kind: str, number: int, now_ns: int) -> None:
         self.lost += number
         gap = self._gaps.setdefault(kind, _Gap(now_ns, now_ns, self.why))
         gap.to_ns = now_ns
-        if kind is Picture:
-            gap.pictures += number
-        else:
-            gap.messages += number
+        gap.left_out += number
 
-    def _end_gap(self, kind: type, now_ns: int) -> None:
+    def _end_gap(self, kind: str, now_ns: int) -> None:
         gap = self._gaps.pop(kind, None)
         if gap is not None:
-            counts = gap.messages, gap.pictures
-            self._append(gap_message(now_ns, gap.from_ns, gap.to_ns, counts, gap.why), 200, now_ns)
-
-    def _append(self, item: Item, size: int, now_ns: int) -> None:
-        self._items.append((item, size, now_ns))
-        self._bytes[type(item)] += size
+            counts = (0, gap.left_out) if kind == _PICTURES else (gap.left_out, 0)
+            message = gap_message(now_ns, gap.from_ns, gap.to_ns, counts, gap.why)
+            self._queues[kind].append(message, _SMALL, now_ns)
 
 
 def gap_message(
