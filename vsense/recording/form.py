@@ -23,6 +23,9 @@ PROFILE = "vsense"
 FORMAT = (1, 0)
 """Of what is written: the first number rises when an older vsense could not read it any more."""
 
+_MOST_NS = 1 << 63
+"""No clock shows more."""
+
 HEAD = "vsense"
 """Name of the metadata record that every recording begins with."""
 EXPERIMENT = "experiment"
@@ -81,7 +84,10 @@ class Head:
                     f"{file}: is a recording of format {found}, written by vsense {version};"
                     f" this vsense reads format {FORMAT[0]}"
                 )
-            return cls(version, int(values["begin_ns"]), int(values["utc_shift_ns"]))
+            head = cls(version, int(values["begin_ns"]), int(values["utc_shift_ns"]))
+            if max(abs(head.begin_ns), abs(head.utc_shift_ns)) > _MOST_NS:
+                raise ValueError
+            return head
         except (KeyError, ValueError):
             raise RecordingError(f"{file}: its head is damaged") from None
 
