@@ -24,6 +24,7 @@ FORBIDDEN = {
     "link": {"tracking", "world", "sensors", "lab", "run", "web", "config"},
     "run": {"lab", "sim", "web"},
     "web": {"lab", "run", "sim", "link", "sensors", "actuators", "world", "tracking", "config"},
+    "recording": {"lab", "run", "sim", "link", "sensors", "world", "web"},
 }
 """Folder of `vsense` -> folders whose modules it must not import."""
 

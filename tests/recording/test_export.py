@@ -1,0 +1,132 @@
+"""Tables of a recording."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import pytest
+
+from tests.recording.conftest import BEGIN_NS, record
+from vsense import cli
+from vsense.hub import Message
+from vsense.recording.export import EVENTS, ROBOTS, TRAJECTORIES, export_csv
+from vsense.recording.form import RecordingError
+from vsense.recording.reader import open_recording
+
+STEP_NS = 100_000_000
+SENSORS = [{"name": "light", "count": 3}, {"name": "gps", "count": 2}, {"bad": 1}]
+
+
+def arena(timestep: int) -> Message:
+    spread = [1e-6, 2e-6, 3e-6, 2e-6, 4e-6, 5e-6, 3e-6, 5e-6, 6e-6]
+    robots = {
+        "tag": [3, 7],
+        "x_m": [0.1, 0.2],
+        "y_m": [-0.1, -0.2],
+        "yaw_rad": [3.0, -3.0],
+        "speed_m_s": [0.1, 0.0],
+        "capture_ns": [1, 2],
+        "age_ns": [0, 5],
+        "confidence": [1.0, 0.5],
+        "cameras": [2, 0],
+        "seen": [True, False],
+        "covariance": [spread, None],
+    }
+    data = {"timestep": timestep, "run_timestep": timestep - 1, "robots": robots}
+    return Message("/arena", BEGIN_NS + timestep * STEP_NS, data)
+
+
+def messages() -> list[Message]:
+    at = BEGIN_NS + STEP_NS
+    readings = {
+        "timestep": 1,
+        "capture_ns": 1_000_000_000,
+        "tag": [3, 7],
+        "values": [[[0.1, 0.2, 0.3], [1.0, 2.0]], [[0.4], [3.0, 4.0]]],
+        "captured_ns": [[900_000_000, -1], [1_000_000_000, 1_000_000_000]],
+    }
+    robots = {name: [None, None] for name in ROBOTS} | {
+        "tag": [3, 7],
+        "name": ["a", "b, the second"],
+        "connected": [True, False],
+        "trouble": ["", "x"],
+    }
+    del robots["hash"]
+    gap = {"from_ns": at, "to_ns": at + STEP_NS, "messages": 4, "pictures": 5, "why": "full"}
+    return [
+        Message("/experiment", BEGIN_NS, {"sensors": SENSORS}),
+        arena(1),
+        arena(2),
+        Message("/readings", at, readings),
+        Message("/robots", at, robots),
+        Message("/signals", at, {"timestep": 1, "measures": {"cleaned": 0.5}}),
+        Message("/signals", at + STEP_NS, {"timestep": 2, "measures": {"late": 1, "cleaned": 0.7}}),
+        Message("/signals", at + STEP_NS, {"timestep": 3, "measures": {}}),
+        Message("/event", at, {"text": 'robot "a" is lost', "level": "warning", "by": None}),
+        Message("/gap", at + STEP_NS, gap),
+        Message("/arena", at, {"damaged": True}),
+        Message("/event", at, {}),
+    ]
+
+
+def rows(path: Path) -> list[list[str]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.reader(file))
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    return record(tmp_path / "run.mcap", messages())
+
+
+def test_tables_hold_what_was_recorded(file: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "made" / "tables"
+    with open_recording(file) as recording:
+        assert export_csv(recording, folder) == {
+            "trajectories": 4, "readings": 2, "robots": 2, "measures": 2, "events": 2,
+        }  # fmt: skip
+    head, first, second, *_ = rows(folder / "trajectories.csv")
+    assert head == list(TRAJECTORIES)
+    assert first[:12] == ["0.1", "1", "0", "3", "0.1", "-0.1", "3.0", "0.1", "0", "1.0", "2", "1"]
+    assert first[12:] == ["1e-06", "2e-06", "3e-06", "4e-06", "5e-06", "6e-06"]
+    assert second[12:] == [""] * 6
+    assert rows(folder / "readings.csv") == [
+        ["time_s", "timestep", "tag", "light_0", "light_1", "light_2", "light_age_s",
+         "gps_0", "gps_1", "gps_age_s"],
+        ["0.1", "1", "3", "0.1", "0.2", "0.3", "0.1", "1.0", "2.0", ""],
+        ["0.1", "1", "7", "0.4", "", "", "0.0", "3.0", "4.0", "0.0"],
+    ]  # fmt: skip
+    head, first, second = rows(folder / "robots.csv")
+    assert head == ["time_s", *ROBOTS]
+    assert second[:4] == ["0.1", "7", "b, the second", "0"] and second[-1] == "x"
+    assert rows(folder / "measures.csv") == [
+        ["time_s", "timestep", "cleaned", "late"],
+        ["0.1", "1", "0.5", ""],
+        ["0.2", "2", "0.7", "1"],
+    ]
+    head, event, gap = rows(folder / "events.csv")
+    assert head == list(EVENTS)
+    assert event == ["0.1", "warning", "", 'robot "a" is lost']
+    assert gap[1] == "gap" and "0.100 s before this" in gap[3] and gap[3].endswith(": full")
+
+
+def test_nothing_is_written_over(file: Path, tmp_path: Path) -> None:
+    (tmp_path / "robots.csv").write_text("mine")
+    with open_recording(file) as recording:
+        with pytest.raises(RecordingError, match=r"robots\.csv: is there already"):
+            export_csv(recording, tmp_path)
+        with pytest.raises(RecordingError, match="cannot be written"):
+            export_csv(recording, file / "folder")
+    assert (tmp_path / "robots.csv").read_text() == "mine"
+    assert not (tmp_path / "events.csv").exists()
+
+
+def test_the_command(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["export", str(file), "--csv"]) == 0
+    assert f"{tmp_path / 'run' / 'trajectories'}.csv: 4 rows" in capsys.readouterr().out
+    assert cli.main(["export", str(file)]) == 1
+    file.write_bytes(file.read_bytes()[:-1])
+    assert cli.main(["export", str(file), "-o", str(tmp_path / "again")]) == 0
+    assert "was cut off: its last second may be missing" in capsys.readouterr().err
+    assert cli.main(["export", str(tmp_path / "nothing")]) == 1

@@ -1,0 +1,216 @@
+"""What is recorded comes back as it was, in our reader and in that of `mcap`."""
+
+from __future__ import annotations
+
+import json
+import threading
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+
+from tests.recording.conftest import BEGIN_NS, picture, record
+from vsense.hub import Hub, Message
+from vsense.recording.form import RecordingError
+from vsense.recording.reader import open_recording
+from vsense.recording.recorder import Recorder
+from vsense.recording.schemas import schema
+from vsense.recording.waiting import Bounds
+
+values = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers(-(2**70), 2**70)
+    | st.floats(allow_nan=False, allow_infinity=False)
+    | st.text(),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(), inner, max_size=4),
+    max_leaves=12,
+)
+topics = st.sampled_from(["/arena", "/run", "/event", "/own thing", "/ünusual"])
+messages = st.builds(
+    Message,
+    topics,
+    st.integers(0, 2**60),
+    st.dictionaries(st.text(), values, max_size=5),
+    st.binary(max_size=20),
+)
+
+
+@given(st.lists(messages, max_size=12))
+def test_messages_come_back_as_they_were(sent: list[Message]) -> None:
+    with TemporaryDirectory() as folder:
+        path = record(Path(folder) / "run.mcap", sent)
+        with open_recording(path) as recording:
+            assert recording.complete
+            assert list(recording.messages()) == sent
+            newest = {message.topic: message for message in sent}
+            assert recording.newest(None) == newest
+            for topic in newest:
+                mine = [message for message in sent if message.topic == topic]
+                assert list(recording.messages({topic})) == mine
+
+
+def test_nan_and_numpy_become_what_json_knows(tmp_path: Path) -> None:
+    data = {"x": [1.0, float("nan")], "n": np.int64(3), "a": np.array([0.5, np.nan]), "t": (1, 2)}
+    with open_recording(record(tmp_path / "run.mcap", [Message("/a", 1, data)])) as recording:
+        (message,) = recording.messages()
+    assert message.data == {"x": [1.0, None], "n": 3, "a": [0.5, None], "t": [1, 2]}
+
+
+def test_what_json_cannot_hold_is_told_once_and_counted(tmp_path: Path) -> None:
+    hub, told = Hub(), []
+    hub.join(told.append, lambda topic: topic == "/event")
+    recorder = Recorder(hub, tmp_path / "run.mcap")
+    for _ in range(3):
+        hub.publish(Message("/bad", 1, {"x": object()}))
+    hub.publish(Message("/good", 1, {}))
+    recorder.close()
+    assert recorder.state()["lost_messages"] == 3
+    assert [m.data["text"] for m in told] == [
+        "messages /bad cannot be recorded: object cannot be recorded"
+    ]
+    with open_recording(tmp_path / "run.mcap") as recording:
+        assert [m.topic for m in recording.messages()] == ["/good"]
+
+
+def test_pictures_come_back_bit_for_bit_and_show_in_other_tools(tmp_path: Path) -> None:
+    sent = [picture(number) for number in range(3)]
+    path = record(tmp_path / "run.mcap", [], sent)
+    with open_recording(path) as recording:
+        found = list(recording.messages())
+    for frame, message in zip(sent, found, strict=True):
+        image = cv2.imdecode(np.frombuffer(message.blob, np.uint8), cv2.IMREAD_GRAYSCALE)
+        assert np.array_equal(image, frame.image)
+        assert message.topic == "/picture/left"
+        assert message.data["capture_ns"] == frame.capture_ns
+        assert message.data["ready_ns"] == frame.ready_ns
+        assert message.data["timestep"] == frame.timestep
+    with path.open("rb") as file:
+        for schema, channel, raw in make_reader(file, validate_crcs=True).iter_messages():
+            assert schema is not None and schema.name == "foxglove.CompressedImage"
+            assert (channel.topic, channel.message_encoding) == ("/picture/left", "json")
+            assert json.loads(raw.data)["format"] == "png"
+
+
+def test_other_tools_read_all_of_it(tmp_path: Path) -> None:
+    experiment = {"name": "pollutant", "seed": 7, "file_text": "<argos-configuration/>"}
+    sent = [Message("/experiment", BEGIN_NS, experiment)]
+    sent += [Message("/arena", BEGIN_NS + n, {"n": n}) for n in range(500)]
+    path = record(tmp_path / "run.mcap", sent)
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        assert reader.get_header().profile == "vsense"
+        summary = reader.get_summary()
+        assert summary is not None and summary.statistics is not None
+        assert summary.statistics.message_count == len(sent)
+        assert [json.loads(raw.data) for _, _, raw in reader.iter_messages()] == [
+            message.data for message in sent
+        ]
+        metadata = {record.name: record.metadata for record in reader.iter_metadata()}
+    assert metadata["experiment"] == {key: str(value) for key, value in experiment.items()}
+    assert metadata["vsense"]["begin_ns"] == str(BEGIN_NS)
+
+
+def test_only_what_belongs_into_a_recording_is_wanted(tmp_path: Path) -> None:
+    hub = Hub()
+    recorder = Recorder(hub, tmp_path / "run.mcap")
+    assert hub.wants("/arena") and hub.wants("/readings") and hub.wants("/anything")
+    assert not hub.wants("/picture/left") and not hub.wants("/readings/23")
+    recorder.pictures([picture(1)])
+    recorder.close()
+    with open_recording(tmp_path / "run.mcap") as recording:
+        assert list(recording.messages()) == []
+
+
+def test_switched_off_it_says_what_is_missing_and_asks_for_news(tmp_path: Path) -> None:
+    hub, now = Hub(), [BEGIN_NS]
+    recorder = Recorder(hub, tmp_path / "run.mcap", pictures=True, clock=lambda: now[0])
+    for on in (True, False, True):
+        joined = hub.joined
+        (recorder.resume if on else recorder.pause)()
+        assert recorder.state()["on"] is on
+        now[0] += 1_000_000_000
+        hub.publish(Message("/run", now[0], {"on": on}))
+        recorder.pictures([picture(int(on))])
+    assert hub.joined == joined + 1
+    recorder.close()
+    recorder.close()
+    with open_recording(tmp_path / "run.mcap") as recording:
+        assert [m.data["on"] for m in recording.messages({"/run"})] == [True, True]
+        assert len(list(recording.messages({"/picture/left"}))) == 2
+        (gap,) = recording.gaps
+        assert (gap.from_ns, gap.to_ns) == (BEGIN_NS + 10**9, BEGIN_NS + 2 * 10**9)
+
+
+def test_pictures_are_left_out_first(tmp_path: Path) -> None:
+    hub = Hub()
+    bounds = Bounds(picture_bytes=10, message_bytes=1 << 20)
+    recorder = Recorder(hub, tmp_path / "run.mcap", pictures=True, bounds=bounds)
+    recorder.pictures([picture(1), picture(1, "right")])
+    hub.publish(Message("/run", 1, {}))
+    recorder.close()
+    with open_recording(tmp_path / "run.mcap") as recording:
+        assert [m.topic for m in recording.messages()] == ["/run", "/gap"]
+        (gap,) = recording.gaps
+        assert (gap.messages, gap.pictures) == (0, 2)
+
+
+def test_a_recording_is_never_written_over(tmp_path: Path) -> None:
+    path = record(tmp_path / "run.mcap", [])
+    before = path.read_bytes()
+    with pytest.raises(RecordingError, match="is there already"):
+        Recorder(Hub(), path)
+    (tmp_path / "file").touch()
+    with pytest.raises(RecordingError, match="cannot be written: "):
+        Recorder(Hub(), tmp_path / "file" / "run.mcap")
+    assert path.read_bytes() == before
+
+
+def test_the_middle_is_found_with_and_without_index(tmp_path: Path) -> None:
+    sent = [Message("/world", BEGIN_NS, {"n": -1})]
+    sent += [Message("/arena", BEGIN_NS + n * 10**8, {"n": n}) for n in range(100)]
+    whole = record(tmp_path / "whole.mcap", sent)
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole.read_bytes()[:-20])
+    for path, complete in ((whole, True), (cut, False)):
+        with open_recording(path) as recording:
+            assert recording.complete is complete
+            assert recording.duration_s == pytest.approx(9.9)
+            assert [m.data["n"] for m in recording.messages(start_s=9.65)] == [97, 98, 99]
+            newest = recording.newest(None, before_s=5.0)
+            assert {t: m.data["n"] for t, m in newest.items()} == {"/world": -1, "/arena": 49}
+
+
+def test_many_threads_may_tell(tmp_path: Path) -> None:
+    hub = Hub()
+    recorder = Recorder(hub, tmp_path / "run.mcap")
+
+    def tell(teller: int) -> None:
+        for number in range(500):
+            hub.publish(Message(f"/teller/{teller}", number, {"n": number}))
+
+    threads = [threading.Thread(target=tell, args=(teller,)) for teller in range(6)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    recorder.close()
+    assert recorder.state()["lost_messages"] == 0
+    with open_recording(tmp_path / "run.mcap") as recording:
+        for teller in range(6):
+            told = [m.data["n"] for m in recording.messages({f"/teller/{teller}"})]
+            assert told == list(range(500))
+
+
+def test_every_topic_has_a_schema_that_is_one() -> None:
+    for topic in ("/experiment", "/run", "/arena", "/own", "/gap", "/tracker"):
+        name, text = schema(topic, blob=False)
+        assert name == "vsense" + topic.replace("/", ".")
+        assert json.loads(text)["type"] == "object"
+    fields = json.loads(schema("/picture/left", blob=True)[1])["properties"]
+    assert fields["data"] == {"type": "string", "contentEncoding": "base64"}

@@ -1,0 +1,165 @@
+"""Recordings as CSV tables, for whatever reads tables. README.md describes the columns."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from vsense.hub import Message
+from vsense.recording import form
+from vsense.recording.form import RecordingError
+from vsense.recording.reader import Recording, read_gap
+
+Row = list[Any]
+
+_POSES = ("x_m", "y_m", "yaw_rad", "speed_m_s", "age_ns", "confidence", "cameras", "seen")
+_SPREADS = (0, 1, 2, 4, 5, 8)
+"""Places of a covariance's upper half in its nine numbers."""
+TRAJECTORIES = (
+    "time_s", "timestep", "run_timestep", "tag", *_POSES,
+    "covariance_xx_m2", "covariance_xy_m2", "covariance_x_yaw_m_rad",
+    "covariance_yy_m2", "covariance_y_yaw_m_rad", "covariance_yaw_yaw_rad2",
+)  # fmt: skip
+ROBOTS = (
+    "tag", "name", "connected", "heard_ms", "udp", "pose_age_ms", "seen", "doubt", "state",
+    "stop_cause", "battery_mv", "battery_low", "leds", "left_steps_s", "right_steps_s",
+    "base_errors", "guard_restarts", "sessions", "version", "controller", "hash", "trouble",
+)  # fmt: skip
+EVENTS = ("time_s", "level", "by", "text")
+TABLES = ("trajectories", "readings", "robots", "measures", "events")
+
+
+def export_csv(recording: Recording, folder: Path) -> dict[str, int]:
+    """Writes a recording's tables.
+
+    Args:
+        recording: what to write.
+        folder: where; made if need be, must not hold such tables.
+
+    Returns:
+        How many rows each table has.
+
+    Raises:
+        RecordingError: there are tables already, or they cannot be written.
+    """
+    paths = {name: folder / f"{name}.csv" for name in TABLES}
+    for path in paths.values():
+        if path.exists():
+            raise RecordingError(f"{path}: is there already; expected another folder")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with ExitStack() as stack:
+            files = {
+                name: stack.enter_context(path.open("x", encoding="utf-8", newline=""))
+                for name, path in paths.items()
+            }
+            writers = {name: csv.writer(file).writerow for name, file in files.items()}
+            return _Export(recording, writers).write()
+    except OSError as error:
+        raise RecordingError(f"{folder}: cannot be written: {error.strerror}") from None
+
+
+class _Export:
+    """One export; damaged messages are left out."""
+
+    def __init__(self, recording: Recording, write: Mapping[str, Callable[[Row], Any]]) -> None:
+        self._recording = recording
+        self._write = write
+        self._rows = dict.fromkeys(TABLES, 0)
+        sensors = recording.experiment.get("sensors", [])
+        self._sensors = [(str(s["name"]), int(s["count"])) for s in sensors if _is_sensor(s)]
+        self._measures = self._measure_names()
+
+    def write(self) -> dict[str, int]:
+        write = self._write
+        write["trajectories"](list(TRAJECTORIES))
+        write["robots"](["time_s", *ROBOTS])
+        write["events"](list(EVENTS))
+        write["measures"](["time_s", "timestep", *self._measures])
+        names = [[f"{s}_{n}" for n in range(count)] + [f"{s}_age_s"] for s, count in self._sensors]
+        write["readings"](["time_s", "timestep", "tag", *(n for each in names for n in each)])
+        rows: dict[str, tuple[str, Callable[[Message], Iterable[Row]]]] = {
+            "/arena": ("trajectories", _poses),
+            "/readings": ("readings", self._readings),
+            "/robots": ("robots", _robots),
+            "/signals": ("measures", self._measure),
+            "/event": ("events", _event),
+            form.GAP: ("events", _gap),
+        }
+        for message in self._recording.messages(rows.keys()):
+            table, make = rows[message.topic]
+            time_s = round((message.time_ns - self._recording.begin_ns) / 1e9, 9)
+            try:
+                made = [[time_s, *row] for row in make(message)]
+            except (KeyError, TypeError, ValueError, IndexError, AttributeError):
+                continue
+            for row in made:
+                write[table](row)
+            self._rows[table] += len(made)
+        return self._rows
+
+    def _measure_names(self) -> list[str]:
+        """All measures of the recording, in their order of appearance."""
+        names: dict[str, None] = {}
+        for message in self._recording.messages({"/signals"}):
+            measures = message.data.get("measures")
+            if isinstance(measures, dict):
+                names |= dict.fromkeys(measures)
+        return list(names)
+
+    def _measure(self, message: Message) -> Iterable[Row]:
+        measures = message.data["measures"]
+        if measures:
+            yield [message.data["timestep"], *(measures.get(name) for name in self._measures)]
+
+    def _readings(self, message: Message) -> Iterable[Row]:
+        data = message.data
+        for tag, values, taken in zip(data["tag"], data["values"], data["captured_ns"]):
+            row: Row = [data["timestep"], tag]
+            for place, (_, count) in enumerate(self._sensors):
+                numbers, taken_ns = values[place], taken[place]
+                row += [*numbers, *([None] * (count - len(numbers)))][:count]
+                row.append(None if taken_ns < 0 else (data["capture_ns"] - taken_ns) / 1e9)
+            yield row
+
+
+def _is_sensor(sensor: Any) -> bool:
+    return isinstance(sensor, dict) and "name" in sensor and isinstance(sensor.get("count"), int)
+
+
+def _poses(message: Message) -> Iterable[Row]:
+    data, robots = message.data, message.data["robots"]
+    head = [data["timestep"], data.get("run_timestep")]
+    columns = zip(robots["tag"], robots["covariance"], *(robots[name] for name in _POSES))
+    for tag, spread, *values in columns:
+        spreads = [None] * len(_SPREADS) if spread is None else [spread[n] for n in _SPREADS]
+        yield [*head, tag, *map(_cell, values), *spreads]
+
+
+def _robots(message: Message) -> Iterable[Row]:
+    columns = [message.data.get(name) or [] for name in ROBOTS]
+    for row in range(len(columns[0])):
+        yield [_cell(column[row]) if row < len(column) else None for column in columns]
+
+
+def _event(message: Message) -> Iterable[Row]:
+    yield [message.data.get("level"), message.data.get("by"), message.data["text"]]
+
+
+def _gap(message: Message) -> Iterable[Row]:
+    gap = read_gap(message.data)
+    if gap is not None:
+        length_s = (gap.to_ns - gap.from_ns) / 1e9
+        text = (
+            f"{length_s:.3f} s before this are not recorded whole ({gap.messages} messages,"
+            f" {gap.pictures} pictures): {gap.why}"
+        )
+        yield ["gap", None, text]
+
+
+def _cell(value: Any) -> Any:
+    """Yes and no as 1 and 0: every tool reads these."""
+    return int(value) if isinstance(value, bool) else value

@@ -1,0 +1,279 @@
+"""Plays a recording: the same messages again, at their pace or another, from anywhere."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from vsense.hub import Hub, Message
+from vsense.orders import Kind, Order, OrderError
+from vsense.recording import form
+from vsense.recording.reader import Recording, read_gap
+
+SLOWEST, FASTEST = 0.1, 100.0
+RUN_NS = 250_000_000
+"""So often `/run` says where the replay is, while it plays."""
+IDLE_NS = 1_000_000_000
+"""And so often while it does not."""
+PICTURE_NS = 250_000_000
+"""Of each camera no more than one picture in this time, as in a run."""
+LATE_NS = 1_000_000_000
+"""Whoever is later than this does not try to catch up."""
+_BURST = 50
+_CAN = ["play", "pause", "speed", "seek"]
+_PASSING = ("/event", form.GAP)
+"""News of a moment: not told again to those who come later."""
+
+
+class Player:
+    """One recording at play; begins paused at its beginning."""
+
+    def __init__(
+        self,
+        recording: Recording,
+        hub: Hub,
+        clock: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        """Takes both, without owning them.
+
+        Args:
+            recording: from now on this player's alone.
+            hub: gets the messages.
+            clock: monotonic [ns].
+        """
+        self._recording = recording
+        self._hub = hub
+        self._clock = clock
+        self._duration_ns = round(1e9 * recording.duration_s)
+        self._orders = threading.Condition()
+        self._playing = False
+        self._speed = 1.0
+        self._from_ns, self._anchor_ns = 0, clock()
+        self._seeking, self._changed, self._closed = True, True, False
+        self._coming: Iterator[Message] = iter(())
+        self._next: Message | None = None
+        self._current: dict[str, Message] = {}
+        self._joined = hub.joined
+        self._told_ns = 0
+        self._shown_ns: dict[str, int] = {}
+        self._thread: threading.Thread | None = None
+
+    def start(self) -> None:
+        """Plays on a thread of its own, until `close`."""
+        self._thread = threading.Thread(target=self._live, name="replay", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Ends the thread."""
+        with self._orders:
+            self._closed = True
+            self._orders.notify()
+        if self._thread is not None:
+            self._thread.join()
+
+    def give(self, order: Order) -> str:
+        """Carries out PLAY, PAUSE, SPEED and SEEK; see `vsense.orders.Give`.
+
+        Raises:
+            OrderError: a replay does not know the order, or its value.
+        """
+        carry_out = {
+            Kind.PLAY: lambda: self._play(order.value != 0.0),
+            Kind.PAUSE: lambda: self._play(False),
+            Kind.SPEED: lambda: self._set_speed(order.value),
+            Kind.SEEK: lambda: self._seek(order.value),
+        }.get(order.kind)
+        if carry_out is None:
+            raise OrderError(f"{order.kind.value}: a replay can only {', '.join(_CAN)}")
+        with self._orders:
+            text = carry_out()
+            self._changed = True
+            self._orders.notify()
+        return text
+
+    @property
+    def position_s(self) -> float:
+        """Where it is, since the recording's beginning."""
+        with self._orders:
+            return self._position_ns() / 1e9
+
+    @property
+    def playing(self) -> bool:
+        """Whether it plays."""
+        return self._playing
+
+    def step(self) -> int:
+        """Publishes what is due; for tests, and for the thread.
+
+        Returns:
+            How long nothing is due, if nobody gives an order [ns].
+        """
+        now_ns = self._clock()
+        with self._orders:
+            position_ns = self._position_ns()
+            seeking, self._seeking = self._seeking, False
+            changed, self._changed = self._changed, False
+            playing = self._playing
+        if seeking:
+            self._begin_at(position_ns)
+        if seeking or self._hub.joined != self._joined:
+            self._tell_all()
+            changed = True
+        wait_ns = self._publish_due(position_ns) if playing else IDLE_NS
+        told_ns = now_ns - self._told_ns
+        period_ns = RUN_NS if playing else IDLE_NS
+        if changed or told_ns >= period_ns:
+            self._tell_run(now_ns)
+        return min(wait_ns, period_ns)
+
+    def _live(self) -> None:
+        while not self._closed:
+            wait_ns = self.step()
+            with self._orders:
+                if not (self._closed or self._changed):
+                    self._orders.wait(wait_ns / 1e9)
+
+    def _position_ns(self) -> int:
+        if not self._playing:
+            return self._from_ns
+        gone_ns = round((self._clock() - self._anchor_ns) * self._speed)
+        return min(self._from_ns + gone_ns, self._duration_ns)
+
+    def _anchor(self, position_ns: int) -> None:
+        self._from_ns, self._anchor_ns = position_ns, self._clock()
+
+    def _play(self, on: bool) -> str:
+        position_ns = self._position_ns()
+        if on and not self._playing and position_ns >= self._duration_ns:
+            position_ns, self._seeking = 0, True
+        self._anchor(position_ns)
+        self._playing = on
+        return f"plays from {position_ns / 1e9:.1f} s" if on else "paused"
+
+    def _set_speed(self, speed: float) -> str:
+        if not SLOWEST <= speed <= FASTEST:
+            raise OrderError(f"speed: {speed:g}, expected {SLOWEST:g} to {FASTEST:g}")
+        self._anchor(self._position_ns())
+        self._speed = speed
+        return f"plays at {speed:g} times the real speed"
+
+    def _seek(self, to_s: float) -> str:
+        if not math.isfinite(to_s):
+            raise OrderError(f"seek: {to_s}, expected seconds since the beginning")
+        self._anchor(min(max(round(1e9 * to_s), 0), self._duration_ns))
+        self._seeking = True
+        return f"now at {self._from_ns / 1e9:.1f} s"
+
+    def _begin_at(self, position_ns: int) -> None:
+        """Opens the recording at a place, and finds out what was the newest there."""
+        before_s = (position_ns + 1) / 1e9
+        self._shown_ns.clear()
+        if position_ns > 0:
+            self._current = self._recording.newest(self._is_lasting, before_s)
+            self._coming = self._recording.messages(self._wants, before_s)
+        else:
+            self._current = {}
+            self._coming = self._recording.messages(self._wants)
+        self._next = next(self._coming, None)
+
+    def _is_lasting(self, topic: str) -> bool:
+        if topic.startswith(form.PICTURE):
+            return self._hub.wants(topic)
+        return topic not in _PASSING and topic != form.TRACKER
+
+    def _wants(self, topic: str) -> bool:
+        """Whether a message is worth being decoded."""
+        if topic.startswith(form.PICTURE):
+            now_ns = self._clock()
+            shown_ns = self._shown_ns.get(topic)
+            if shown_ns is not None and now_ns - shown_ns < PICTURE_NS:
+                return False
+            if not self._hub.wants(topic):
+                return False
+            self._shown_ns[topic] = now_ns
+        return topic != form.TRACKER
+
+    def _publish_due(self, position_ns: int) -> int:
+        """Publishes up to a place; gives how long the next one has time [ns]."""
+        for _ in range(_BURST):
+            if self._next is None:
+                return self._end(position_ns)
+            message = self._next
+            at_ns = message.time_ns - self._recording.begin_ns
+            if at_ns > position_ns:
+                return round((at_ns - position_ns) / self._speed)
+            self._publish(message)
+            self._next = next(self._coming, None)
+            if position_ns - at_ns > LATE_NS * max(self._speed, 1.0) and at_ns > 0:
+                with self._orders:
+                    if self._playing and not self._seeking:
+                        self._anchor(at_ns)
+                return 0
+        return 0
+
+    def _end(self, position_ns: int) -> int:
+        """There is nothing more: pauses where the recording ends."""
+        if position_ns < self._duration_ns:
+            return round((self._duration_ns - position_ns) / self._speed)
+        with self._orders:
+            if self._playing and not self._seeking:
+                self._anchor(self._duration_ns)
+                self._playing, self._changed = False, True
+        return 0
+
+    def _publish(self, message: Message) -> None:
+        topic, data = message.topic, message.data
+        if topic == form.GAP:
+            return self._publish_gap(message)
+        if topic not in _PASSING:
+            self._current[topic] = message
+        if topic == "/run":
+            return self._tell_run(self._clock())
+        if topic == "/experiment":
+            message = Message(topic, message.time_ns, {**data, "mode": "replay"})
+        self._hub.publish(message)
+        if topic == "/readings":
+            self._publish_readings(message)
+
+    def _publish_readings(self, message: Message) -> None:
+        """Publishes the readings of those robots that somebody looks at."""
+        columns = {n: c for n, c in message.data.items() if isinstance(c, list)}
+        for row, tag in enumerate(columns.get("tag", ())):
+            topic = f"/readings/{tag}"
+            if self._hub.wants(topic):
+                one = {name: column[row : row + 1] for name, column in columns.items()}
+                self._hub.publish(Message(topic, message.time_ns, {**message.data, **one}))
+
+    def _publish_gap(self, message: Message) -> None:
+        """Tells people what is missing here."""
+        gap = read_gap(message.data)
+        if gap is not None:
+            length_s = (gap.to_ns - gap.from_ns) / 1e9
+            text = f"here {length_s:.1f} s are not recorded whole: {gap.why}"
+            data = {"text": text, "level": "warning", "by": None}
+            self._hub.publish(Message("/event", message.time_ns, data))
+
+    def _tell_all(self) -> None:
+        """Publishes everything that lasts, for somebody who knows nothing."""
+        self._joined = self._hub.joined
+        for message in list(self._current.values()):
+            if message.topic != "/run":
+                self._publish(message)
+
+    def _tell_run(self, now_ns: int) -> None:
+        """Publishes `/run` as recorded, with where the replay is."""
+        self._told_ns = now_ns
+        with self._orders:
+            replay: dict[str, Any] = {
+                "position_s": self._position_ns() / 1e9,
+                "duration_s": self._duration_ns / 1e9,
+                "speed": self._speed,
+                "playing": self._playing,
+            }
+        last = self._current.get("/run")
+        time_ns = self._recording.begin_ns + round(1e9 * replay["position_s"])
+        data = {**(last.data if last else {}), "can": _CAN, "replay": replay}
+        self._hub.publish(Message("/run", last.time_ns if last else time_ns, data))

@@ -1,0 +1,256 @@
+"""Records what the hub tells and the cameras see, on a thread of its own.
+
+Whoever publishes only puts it into a queue. The thread encodes it and brings it to the disk twice
+a second, so that whatever ends the process loses less than the last second. Where it cannot keep
+up, pictures are left out first; where the disk is full, everything that the queue does not hold;
+both leave a mark in the recording.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+
+from vsense.arena import Frame
+from vsense.hub import Hub, Listener, Message
+from vsense.recording import form, tracker_memory
+from vsense.recording.waiting import Bounds, Item, Picture, Waiting, gap_message
+from vsense.recording.writer import RecordingWriter
+from vsense.tracking.arena_tracker import ArenaTracker
+
+FLUSH_S = 0.5
+"""Time from disk to disk; with what the writing itself takes, less than a second."""
+RETRY_S = 1.0
+_CLOSE_S = 30.0
+_FIRST_SIZE = 2_048
+"""How large a message of a topic is taken to be before one was seen."""
+
+# Measured on rendered and on real pictures: the smallest and the fastest of the lossless ones.
+_PNG = (
+    *(cv2.IMWRITE_PNG_COMPRESSION, 1),
+    *(cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY),
+    *(cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_AVG),
+)
+
+
+class Recorder:
+    """One recording of one run; all methods may be called by any thread.
+
+    Attributes:
+        path: where it is.
+    """
+
+    def __init__(
+        self,
+        hub: Hub,
+        path: Path,
+        pictures: bool = False,
+        bounds: Bounds | None = None,
+        clock: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        """Begins to record.
+
+        Args:
+            hub: what it tells is recorded; trouble with the disk is told there.
+            path: where; there must be nothing.
+            pictures: whether pictures are kept that are handed to `pictures`.
+            bounds: how much may wait.
+            clock: the host's monotonic clock [ns].
+
+        Raises:
+            RecordingError: the file cannot be made, or there is one already.
+        """
+        self.path = path
+        self._hub = hub
+        self._keeps_pictures = pictures
+        self._clock = clock
+        self._waiting = Waiting(bounds or Bounds())
+        self._writer = RecordingWriter(path, clock(), time.time_ns() - clock())
+        self._sizes: dict[str, int] = {}
+        self._tracker: Mapping[str, Any] | None = None
+        self._updates, self._has_memory = 0, False
+        self._trouble: str | None = None
+        self._off_since_ns: int | None = None
+        self._unfit: set[str] = set()
+        self._closing = threading.Event()
+        self._lock = threading.Lock()
+        self._listener: Listener | None = hub.join(self.take, form.is_recorded)
+        self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
+        self._thread.start()
+
+    def take(self, message: Message) -> None:
+        """Takes a message from the hub."""
+        size = self._sizes.get(message.topic, _FIRST_SIZE)
+        self._waiting.put([message], [size], self._clock())
+
+    def describe_tracker(self, description: Mapping[str, Any]) -> None:
+        """Says what the tracker is made from, before the first pictures; see `tracker_made`."""
+        self._tracker, self._has_memory = description, False
+
+    def pictures(self, frames: Sequence[Frame], tracker: ArenaTracker | None = None) -> None:
+        """Takes the pictures that the tracker is about to be given.
+
+        To be called in the tracker's thread, right before `tracker.update(frames)`. They are
+        copied. At the beginning and after a gap, what the tracker remembers is recorded, too: from
+        there on, the same pictures make the same arena states.
+
+        Args:
+            frames: all that the tracker will be given, in that order.
+            tracker: the tracker, where it is ours.
+        """
+        if not self._keeps_pictures or self._off_since_ns is not None or not frames:
+            return
+        now_ns = self._clock()
+        kept: list[Item] = []
+        sizes: list[int] = []
+        if not self._has_memory and tracker is not None and self._tracker is not None:
+            data = {"made": self._tracker, "memory": tracker_memory.freeze(tracker)}
+            kept.append(Message(form.TRACKER, now_ns, data))
+            sizes.append(_FIRST_SIZE)
+        for frame in frames:
+            copy = replace(frame, image=frame.image.copy())
+            kept.append(Picture(copy, now_ns, self._updates, len(frames)))
+            sizes.append(frame.image.nbytes)
+        self._updates += 1
+        self._has_memory = self._waiting.put(kept, sizes, now_ns)
+
+    def pause(self) -> None:
+        """Stops recording until `resume`; nothing happens where it has stopped."""
+        with self._lock:
+            if self._listener is not None:
+                self._hub.leave(self._listener)
+                self._listener, self._off_since_ns = None, self._clock()
+
+    def resume(self) -> None:
+        """Goes on recording; the recording says what is missing."""
+        with self._lock:
+            if self._listener is not None or self._closing.is_set():
+                return
+            now_ns, since_ns = self._clock(), self._off_since_ns or 0
+            why = "recording was switched off"
+            self._waiting.mark(gap_message(now_ns, since_ns, now_ns, (0, 0), why))
+            self._has_memory, self._off_since_ns = False, None
+            # Joining anew: whoever publishes then tells again what changes rarely.
+            self._listener = self._hub.join(self.take, form.is_recorded)
+
+    def state(self) -> dict[str, Any]:
+        """How it goes: the "recording" of the message `/run`."""
+        return {
+            "on": self._listener is not None,
+            "file": str(self.path),
+            "bytes": self._writer.bytes,
+            "lost_messages": self._waiting.lost,
+            "trouble": self._trouble,
+        }
+
+    def close(self) -> None:
+        """Writes what waits, and the index of everything; can be called again.
+
+        A disk that does not take it leaves a recording without its last part.
+        """
+        with self._lock:
+            listener, self._listener = self._listener, None
+            if listener is not None:
+                self._hub.leave(listener)
+            if not self._closing.is_set():
+                self._waiting.end(self._clock())
+            self._closing.set()
+        self._waiting.wake()
+        self._thread.join(_CLOSE_S)
+
+    def _run(self) -> None:
+        due_s = time.monotonic() + FLUSH_S
+        while not self._closing.is_set():
+            item = self._waiting.take(max(due_s - time.monotonic(), 0.0))
+            if item is not None:
+                self._add(item)
+            if time.monotonic() >= due_s or self._writer.is_full:
+                due_s = time.monotonic() + FLUSH_S
+                # However long the disk takes to have room.
+                while not self._flush() and not self._closing.wait(RETRY_S):
+                    pass
+        self._finish()
+
+    def _add(self, item: Item) -> None:
+        """Encodes one item into the chunk that is being made."""
+        topic = f"{form.PICTURE}{item.frame.camera}" if isinstance(item, Picture) else item.topic
+        try:
+            message = _encoded(item, topic) if isinstance(item, Picture) else item
+            self._sizes[topic] = self._writer.add(message)
+        except (TypeError, ValueError, RecursionError, cv2.error) as error:
+            self._waiting.lost += 1
+            if topic not in self._unfit:
+                self._unfit.add(topic)
+                self._tell(f"messages {topic} cannot be recorded: {error}")
+
+    def _flush(self) -> bool:
+        """Brings the chunk to the disk.
+
+        Returns:
+            Whether the disk took it.
+        """
+        try:
+            self._writer.flush()
+        except OSError as error:
+            if self._trouble is None:
+                self._trouble = self._waiting.why = str(error.strerror)
+                self._tell(
+                    f"recording is suspended: {self.path} cannot be written: {error.strerror};"
+                    " the run goes on without it, and so does the recording as soon as it can"
+                )
+            return False
+        if self._trouble is not None:
+            self._trouble, self._waiting.why = None, Waiting.KEEP_UP
+            self._rejoin()
+            self._tell(f"recording goes on: {self.path} can be written again", "info")
+        return True
+
+    def _finish(self) -> None:
+        """Writes what waits, if the disk takes it, and the index."""
+        while self._flush() and (item := self._waiting.take(0.0)) is not None:
+            self._add(item)
+            while not self._writer.is_full and (item := self._waiting.take(0.0)) is not None:
+                self._add(item)
+        self._waiting.abandon()
+        try:
+            self._writer.close()
+        except OSError as error:
+            self._trouble = str(error.strerror)
+            self._tell(f"the end of the recording is missing: {self.path}: {error.strerror}")
+
+    def _rejoin(self) -> None:
+        """Comes to the hub as if new: whoever publishes tells again what changes rarely."""
+        with self._lock:
+            if self._listener is not None:
+                self._hub.leave(self._listener)
+                self._listener = self._hub.join(self.take, form.is_recorded)
+
+    def _tell(self, text: str, level: str = "trouble") -> None:
+        data = {"text": text, "level": level, "by": None}
+        self._hub.publish(Message("/event", self._clock(), data))
+
+
+def _encoded(picture: Picture, topic: str) -> Message:
+    """Makes the message of a picture."""
+    frame = picture.frame
+    blob = cv2.imencode(".png", frame.image, _PNG)[1].tobytes()
+    height_px, width_px = frame.image.shape
+    data = {
+        "camera": frame.camera,
+        "timestep": frame.timestep,
+        "capture_ns": frame.capture_ns,
+        "ready_ns": frame.ready_ns,
+        "format": "png",
+        "width_px": width_px,
+        "height_px": height_px,
+        "scale": 1,
+        "update": picture.update,
+        "pictures": picture.pictures,
+    }
+    return Message(topic, picture.time_ns, data, blob)

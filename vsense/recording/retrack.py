@@ -1,0 +1,222 @@
+"""Runs the tracker again on recorded pictures, and compares what it says with what it said.
+
+With the recorded settings both are the same in every bit. The tracker's memory is recorded where
+pictures begin, at the beginning and after each gap, so that they are the same from anywhere.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import cv2
+import numpy as np
+
+from vsense.arena import ArenaState, Frame
+from vsense.hub import Message
+from vsense.recording import form, tracker_made, tracker_memory
+from vsense.recording.arena_data import arena_data
+from vsense.recording.form import RecordingError
+from vsense.recording.reader import Recording
+from vsense.tracking.arena_tracker import ArenaTracker
+
+_REMEMBERED = 500
+"""Timesteps whose new state waits for the recorded one, or the other way round: pictures may have
+been written later than what was said of them."""
+
+
+@dataclass(slots=True)
+class Comparison:
+    """How two trackings of the same pictures differ.
+
+    Attributes:
+        timesteps: arena states that were compared.
+        equal: those of them that are the same in every bit.
+        no_pictures: recorded arena states whose pictures are not in the recording.
+        robots: poses that are in both.
+        position_m: the largest distance between two of them.
+        heading_rad: the largest angle between two of them.
+        only_before: robots in timesteps where only the recorded tracking has them.
+        only_now: and where only the new one does.
+        fields: in how many timesteps each field differs.
+        first: the first timestep that differs, or None.
+        gaps: how often the pictures are interrupted.
+        versions: by name, what computed then and what now, where they differ.
+    """
+
+    timesteps: int = 0
+    equal: int = 0
+    no_pictures: int = 0
+    robots: int = 0
+    position_m: float = 0.0
+    heading_rad: float = 0.0
+    only_before: int = 0
+    only_now: int = 0
+    fields: dict[str, int] = field(default_factory=dict)
+    first: int | None = None
+    gaps: int = 0
+    versions: dict[str, tuple[str, str]] = field(default_factory=dict)
+
+    def add(self, before: Mapping[str, Any], now: Mapping[str, Any]) -> None:
+        """Compares two data of `/arena`.
+
+        Raises:
+            KeyError, TypeError, ValueError: the recorded one is damaged.
+        """
+        different = [name for name in now if not _same(before.get(name), now[name])]
+        self.timesteps += 1
+        self.equal += not different
+        if different and self.first is None:
+            self.first = now["timestep"]
+        for name in different:
+            self.fields[name] = self.fields.get(name, 0) + 1
+        was, here = _poses(before["robots"]), _poses(now["robots"])
+        self.only_before += len(was.keys() - here.keys())
+        self.only_now += len(here.keys() - was.keys())
+        for tag in was.keys() & here.keys():
+            (x0, y0, yaw0), (x1, y1, yaw1) = was[tag], here[tag]
+            self.robots += 1
+            self.position_m = max(self.position_m, math.hypot(x1 - x0, y1 - y0))
+            turn_rad = abs(math.remainder(yaw1 - yaw0, math.tau))
+            self.heading_rad = max(self.heading_rad, turn_rad)
+
+    def lines(self) -> list[str]:
+        """What there is to tell people."""
+        lines = [f"{self.timesteps} timesteps compared, {self.equal} the same in every bit"]
+        if self.no_pictures:
+            lines.append(f"{self.no_pictures} timesteps without pictures: not compared")
+        if self.gaps:
+            lines.append(f"the pictures are interrupted {self.gaps} times")
+        for name, (then, now) in sorted(self.versions.items()):
+            lines.append(f"{name} was {then}, now {now}: the last bits may differ")
+        if self.equal < self.timesteps:
+            where = ", ".join(f"{name} {count}" for name, count in sorted(self.fields.items()))
+            lines += [
+                f"the first timestep that differs: {self.first}; by field: {where}",
+                f"{self.robots} poses in both: up to {1e3 * self.position_m:.3f} mm and"
+                f" {math.degrees(self.heading_rad):.3f} degrees apart",
+                f"robots only in the recording: {self.only_before}, only now: {self.only_now}"
+                " (robots times timesteps)",
+            ]
+        return lines
+
+
+class Retracking:
+    """The tracker at work on a recording."""
+
+    def __init__(self, recording: Recording, change: Callable[[dict[str, Any]], dict[str, Any]]):
+        """Takes the recording.
+
+        Args:
+            recording: one with pictures.
+            change: gives the description of the tracker to run, from the recorded one.
+        """
+        self.comparison = Comparison()
+        self._recording = recording
+        self._change = change
+        self._tracker: ArenaTracker | None = None
+        self._made: dict[str, Any] | None = None
+        self._frames: list[Frame] = []
+        self._update = -1
+        self._now: dict[int, dict[str, Any]] = {}
+        self._before: dict[int, Mapping[str, Any]] = {}
+
+    def states(self) -> Iterator[ArenaState]:
+        """Tracks to the recording's end; gives each new arena state.
+
+        Raises:
+            RecordingError: there is nothing to track in the recording.
+            VsenseError: the settings make no tracker.
+        """
+        try:
+            for message in self._recording.messages(_needed):
+                if message.topic == form.TRACKER:
+                    self._begin(message)
+                elif message.topic == "/arena":
+                    self._before[message.data["timestep"]] = message.data
+                    self._compare(message.data["timestep"])
+                else:
+                    yield from self._look(message)
+            self.comparison.no_pictures += len(self._before)
+        except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+            name = self._recording.path
+            raise RecordingError(f"{name}: cannot be tracked again: {error!r}") from None
+        finally:
+            if self._tracker is not None:
+                self._tracker.close()
+        if self._tracker is None:
+            raise RecordingError(
+                f"{self._recording.path}: holds no pictures of our own cameras to track again;"
+                " record with record_image"
+            )
+
+    def _begin(self, message: Message) -> None:
+        """Makes the tracker; after a gap, gives it the memory it had then."""
+        made = dict(message.data["made"])
+        changed = self._change(made)
+        self._frames.clear()
+        if self._tracker is None:
+            now = tracker_made.versions()
+            then = {name: str(made["versions"].get(name)) for name in now}
+            self.comparison.versions = {n: (then[n], now[n]) for n in now if then[n] != now[n]}
+        else:
+            self.comparison.gaps += 1
+        if self._tracker is None or changed != self._made:
+            if self._tracker is not None:
+                self._tracker.close()
+            self._tracker, self._made = tracker_made.make(changed), changed
+        if changed == made:
+            tracker_memory.restore(self._tracker, message.data["memory"])
+
+    def _look(self, message: Message) -> Iterator[ArenaState]:
+        """Takes a picture; when all of a timestep are there, tracks."""
+        if self._tracker is None:
+            return
+        data = message.data
+        if data["update"] != self._update:
+            self._frames.clear()
+        self._update = data["update"]
+        self._frames.append(_frame(message))
+        if len(self._frames) == data["pictures"]:
+            state = self._tracker.update(self._frames)
+            self._frames.clear()
+            self._now[state.timestep] = arena_data(state)
+            if len(self._now) > _REMEMBERED:
+                del self._now[next(iter(self._now))]
+            self._compare(state.timestep)
+            yield state
+
+    def _compare(self, timestep: int) -> None:
+        """Compares a timestep if both states of it are known."""
+        if timestep in self._now and timestep in self._before:
+            self.comparison.add(self._before.pop(timestep), self._now[timestep])
+        elif len(self._before) > _REMEMBERED:
+            del self._before[next(iter(self._before))]
+            self.comparison.no_pictures += 1
+
+
+def _needed(topic: str) -> bool:
+    return topic in (form.TRACKER, "/arena") or topic.startswith(form.PICTURE)
+
+
+def _frame(message: Message) -> Frame:
+    data = message.data
+    image = cv2.imdecode(np.frombuffer(message.blob, dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
+    if image is None:
+        raise ValueError(f"a picture of camera {data['camera']} is damaged")
+    gray = np.asarray(image, dtype=np.uint8)
+    times = int(data["timestep"]), int(data["capture_ns"]), int(data["ready_ns"])
+    return Frame(str(data["camera"]), gray, *times)
+
+
+def _same(before: Any, now: Any) -> bool:
+    # As text: 0.0 and -0.0 are equal, but not the same.
+    return before == now and json.dumps(before) == json.dumps(now)
+
+
+def _poses(columns: Mapping[str, Any]) -> dict[int, tuple[float, float, float]]:
+    rows = zip(columns["tag"], columns["x_m"], columns["y_m"], columns["yaw_rad"], strict=True)
+    return {tag: (x, y, yaw) for tag, x, y, yaw in rows}

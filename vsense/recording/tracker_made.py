@@ -1,0 +1,175 @@
+"""What an arena tracker is made from, as JSON can hold it, and a tracker made from that.
+
+The lab and a tracking session build their trackers in different ways; both are cameras, each with
+what is looked for in its pictures, and limits. Marker families are written out, so that a family
+of the user's own comes with the recording.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from importlib import resources
+from pathlib import Path
+from statistics import median
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import cv2
+import numpy as np
+
+from vsense import __version__
+from vsense.config.tracking_build import CameraDetectors
+from vsense.config.tracking_specs import TrackingSession
+from vsense.errors import VsenseError
+from vsense.tracking.arena_tracker import ArenaTracker
+from vsense.tracking.camera import Camera
+from vsense.tracking.detector import Detector
+from vsense.tracking.detectors import make_detector
+from vsense.tracking.families import MarkerFamily, SquareFamily, load_family
+from vsense.tracking.tracks import Limits
+from vsense.tracking.whereabouts import SearchPlan, Whereabouts
+
+Made = dict[str, Any]
+"""`cameras`: camera files; `sees`: by the camera's id the tracker that looks at its pictures;
+`trackers`: by id `family`, `heading_deg`, `heights_m` (pairs of tag and height), `open_roster`;
+`limits`, `plan`, `workers`; `versions` of what computed."""
+
+_MOST_WORKERS = 64
+
+
+def of_family(
+    cameras: Sequence[Camera], family: str, heights_m: Mapping[int, float], workers: int = 2
+) -> Made:
+    """Describes `ArenaTracker.for_family(cameras, load_family(family), heights_m)`.
+
+    Raises:
+        VsenseError: there is no such family.
+    """
+    tracker = _tracker(family, 0.0, heights_m, True)
+    sees = {camera.id: "robots" for camera in cameras}
+    return _made(cameras, sees, {"robots": tracker}, Limits(), SearchPlan(), workers)
+
+
+def of_session(session: TrackingSession) -> Made:
+    """Describes the tracker of `vsense.config.tracking_build.Tracking`.
+
+    Raises:
+        VsenseError: there is no such family.
+    """
+    specs = {view.tracker.id: view.tracker for view in session.views}
+    trackers = {
+        id: _tracker(spec.family, spec.heading_deg, spec.heights_m, spec.open_roster)
+        for id, spec in specs.items()
+    }
+    return _made(
+        [view.camera for view in session.views],
+        {view.camera.id: view.tracker.id for view in session.views},
+        trackers,
+        Limits(max(spec.max_speed_m_s for spec in specs.values())),
+        SearchPlan(session.key_frame_period, session.square_size_m),
+        2,
+    )
+
+
+def make(made: Made) -> ArenaTracker:
+    """Makes the tracker that was described.
+
+    Raises:
+        VsenseError: the description does not make one.
+    """
+    try:
+        return _make(made)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise VsenseError(f"the description of the tracker is damaged: {error!r}") from None
+
+
+def versions() -> dict[str, str]:
+    """Of what decides the last bit of a result."""
+    return {"vsense": __version__, "opencv": cv2.__version__, "numpy": np.__version__}
+
+
+def _made(
+    cameras: Sequence[Camera],
+    sees: Mapping[str, str],
+    trackers: Mapping[str, Made],
+    limits: Limits,
+    plan: SearchPlan,
+    workers: int,
+) -> Made:
+    return {
+        "cameras": [json.loads(camera.to_json()) for camera in cameras],
+        "sees": dict(sees),
+        "trackers": dict(trackers),
+        "limits": asdict(limits),
+        "plan": asdict(plan),
+        "workers": workers,
+        "versions": versions(),
+    }
+
+
+def _tracker(
+    family: str, heading_deg: float, heights_m: Mapping[int, float], open_roster: bool
+) -> Made:
+    load_family(family)
+    if family.endswith(".json"):
+        text = Path(family).read_text(encoding="utf-8")
+    else:
+        file = resources.files("vsense.tracking") / "families" / f"{family}.json"
+        text = file.read_text(encoding="utf-8")
+    return {
+        "family": json.loads(text),
+        "heading_deg": heading_deg,
+        "heights_m": [[tag, height_m] for tag, height_m in heights_m.items()],
+        "open_roster": open_roster,
+    }
+
+
+def _make(made: Made) -> ArenaTracker:
+    cameras = [Camera.from_json(json.dumps(camera)) for camera in made["cameras"]]
+    sees: dict[str, str] = made["sees"]
+    trackers = {id: made["trackers"][id] for id in sees.values()}
+    families = {id: _family(tracker) for id, tracker in trackers.items()}
+    whereabouts = Whereabouts(SearchPlan(**made["plan"]))
+
+    def detectors() -> CameraDetectors:
+        each = {id: _detector(t, families[id], whereabouts) for id, t in trackers.items()}
+        return CameraDetectors({camera.id: each[sees[camera.id]] for camera in cameras})
+
+    roster = {tag: h for id in sees.values() for tag, h in _heights_m(trackers[id]).items()}
+    limits, workers = Limits(**made["limits"]), int(made["workers"])
+    if workers > _MOST_WORKERS:
+        raise ValueError(f"{workers} workers")
+    return ArenaTracker(
+        cameras, detectors, roster, limits, workers=workers, whereabouts=whereabouts
+    )
+
+
+def _family(tracker: Made) -> MarkerFamily | SquareFamily:
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "family.json"
+        file.write_text(json.dumps(tracker["family"]), encoding="utf-8")
+        family = load_family(str(file))
+    if isinstance(family, SquareFamily):
+        return replace(family, heading_deg=family.heading_deg + tracker["heading_deg"])
+    return family
+
+
+def _detector(
+    tracker: Made, family: MarkerFamily | SquareFamily, whereabouts: Whereabouts
+) -> Detector:
+    heights_m = _heights_m(tracker)
+    usual_m = median(heights_m.values()) if heights_m else 0.0
+    return make_detector(
+        family,
+        sorted(heights_m),
+        usual_m,
+        whereabouts,
+        set(heights_m.values()),
+        bool(tracker["open_roster"]),
+    )
+
+
+def _heights_m(tracker: Made) -> dict[int, float]:
+    return {int(tag): float(height_m) for tag, height_m in tracker["heights_m"]}

@@ -1,0 +1,124 @@
+"""Writes messages into an MCAP file, by whole chunks that are on the disk when they are told so."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mcap.writer import CompressionType, Writer
+
+from vsense import __version__
+from vsense.hub import Message
+from vsense.recording import form, schemas
+from vsense.recording.disk import Outbox, WholeFile
+from vsense.recording.form import Head
+
+CHUNK_BYTES = 4 << 20
+"""A chunk ends at this size, even before its time."""
+_NEVER = 1 << 62
+_MOST_NS = (1 << 64) - 1
+
+
+class RecordingWriter:
+    """One recording that grows; for one thread.
+
+    Attributes:
+        path: where it is.
+    """
+
+    def __init__(self, path: Path, begin_ns: int, utc_shift_ns: int) -> None:
+        """Makes the file.
+
+        Args:
+            path: where; there must be nothing.
+            begin_ns: now, host's monotonic clock.
+            utc_shift_ns: what that clock is behind UTC.
+
+        Raises:
+            RecordingError: it cannot be made, or there is one already.
+        """
+        self.path = path
+        self._utc_shift_ns = utc_shift_ns
+        self._outbox = Outbox()
+        # Chunks end where `flush` says: channels then stand in the chunk that uses them first.
+        self._mcap = Writer(self._outbox, _NEVER, CompressionType.ZSTD)
+        self._mcap.start(form.PROFILE, f"vsense {__version__}")
+        self._mcap.add_metadata(form.HEAD, Head(__version__, begin_ns, utc_shift_ns).as_metadata())
+        self._channels: dict[tuple[str, bool], int] = {}
+        self._experiment: dict[str, str] = {}
+        self._gathered = 0
+        self._file = WholeFile(path, self._outbox.getvalue())
+        self._outbox.clear()
+
+    @property
+    def bytes(self) -> int:
+        """Bytes on the disk."""
+        return self._file.length
+
+    @property
+    def is_full(self) -> bool:
+        """Whether what was added since the last chunk is as much as a chunk holds."""
+        return self._gathered >= CHUNK_BYTES
+
+    def add(self, message: Message) -> int:
+        """Adds a message to the chunk that is being made.
+
+        Returns:
+            Its size as it is kept.
+
+        Raises:
+            ValueError, TypeError, RecursionError: JSON cannot hold it.
+        """
+        data = form.encode(message, self._utc_shift_ns)
+        time_ns = min(max(message.time_ns + self._utc_shift_ns, 0), _MOST_NS)
+        self._mcap.add_message(self._channel(message), time_ns, data, time_ns)
+        self._gathered += len(data)
+        if message.topic == "/experiment":
+            self._keep_experiment(message)
+        return len(data)
+
+    def flush(self) -> None:
+        """Ends the chunk and waits until the disk has it.
+
+        Raises:
+            OSError: the disk does not take it. The file ends with its last whole chunk, and this
+                chunk waits for the next try, before which nothing should be added.
+        """
+        if self._gathered:
+            self._mcap.flush()  # type: ignore[no-untyped-call]
+            self._gathered = 0
+        self._to_disk()
+
+    def close(self) -> None:
+        """Writes the index of everything, and lets the file go.
+
+        Raises:
+            OSError: the disk does not take it; without its index the recording is still one.
+        """
+        try:
+            self.flush()
+            self._mcap.finish()  # type: ignore[no-untyped-call]
+            self._to_disk()
+        finally:
+            self._file.close()
+
+    def _to_disk(self) -> None:
+        if self._outbox.waiting:
+            self._file.append(self._outbox.getvalue())
+            self._outbox.clear()
+
+    def _channel(self, message: Message) -> int:
+        key = message.topic, form.has_blob(message)
+        if key not in self._channels:
+            name, text = schemas.schema(*key)
+            schema = self._mcap.register_schema(name, "jsonschema", text)
+            marks = {form.BLOB: "base64"} if key[1] else {}
+            self._channels[key] = self._mcap.register_channel(message.topic, "json", schema, marks)
+        return self._channels[key]
+
+    def _keep_experiment(self, message: Message) -> None:
+        """Writes down for other tools what was done here."""
+        wanted = ("name", "version", "seed", "blind", "command", "file_text")
+        values = {key: str(message.data[key]) for key in wanted if key in message.data}
+        if values != self._experiment:
+            self._experiment = values
+            self._mcap.add_metadata(form.EXPERIMENT, values)
