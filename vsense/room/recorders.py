@@ -126,7 +126,7 @@ class Recorders:
         return dict(OFF) if recorder is None else recorder.state()
 
     def _open(self) -> Recorder:
-        recorder = _recording().recorder.Recorder(self._hub, self._path, self._pictures)
+        recorder: Recorder = _recording().recorder.Recorder(self._hub, self._path, self._pictures)
         if self._tracker is not None:
             recorder.describe_tracker(self._tracker)
         self._recorder = recorder
