@@ -104,7 +104,8 @@ class Recorder:
             frames: all that the tracker will be given, in that order.
             tracker: the tracker, where it is ours.
         """
-        if not self._keeps_pictures or self._off_since_ns is not None or not frames:
+        wanted = self._keeps_pictures and self._off_since_ns is None
+        if not wanted or not frames or self._closing.is_set():
             return
         now_ns = self._clock()
         kept: list[Item] = []
@@ -132,10 +133,7 @@ class Recorder:
         with self._lock:
             if self._listener is not None or self._closing.is_set():
                 return
-            now_ns, since_ns = self._clock(), self._off_since_ns or 0
-            why = "recording was switched off"
-            self._waiting.mark(gap_message(now_ns, since_ns, now_ns, (0, 0), why))
-            self._has_memory, self._off_since_ns = False, None
+            self._end_pause()
             # Joining anew: whoever publishes then tells again what changes rarely.
             self._listener = self._hub.join(self.take, form.is_recorded)
 
@@ -159,10 +157,19 @@ class Recorder:
             if listener is not None:
                 self._hub.leave(listener)
             if not self._closing.is_set():
+                self._end_pause()
                 self._waiting.end(self._clock())
             self._closing.set()
         self._waiting.wake()
         self._thread.join(_CLOSE_S)
+
+    def _end_pause(self) -> None:
+        """Marks the gap that `pause` has begun."""
+        since_ns, now_ns = self._off_since_ns, self._clock()
+        if since_ns is not None:
+            why = "recording was switched off"
+            self._waiting.mark(gap_message(now_ns, since_ns, now_ns, (0, 0), why))
+            self._has_memory, self._off_since_ns = False, None
 
     def _run(self) -> None:
         due_s = time.monotonic() + FLUSH_S
