@@ -11,13 +11,13 @@ import pytest
 
 from tests.recording.conftest import record
 from tests.recording.scene import CAMERAS, FAMILY, HEIGHTS_M, STRANGER, TIMESTEPS, frames
+from vsense.arena_data import arena_data
 from vsense.config import tracking_session
 from vsense.config.recording_files import one_tracker, write_session_files
 from vsense.config.tracking_build import build
 from vsense.errors import UsageError, VsenseError
 from vsense.hub import Hub, Message
 from vsense.recording import tracker_made, tracker_memory
-from vsense.recording.arena_data import arena_data
 from vsense.recording.form import RecordingError
 from vsense.recording.reader import open_recording
 from vsense.recording.recorder import Recorder

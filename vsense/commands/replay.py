@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", type=Path, help="the recording (.mcap)")
     parser.add_argument(
         "--web",
-        type=_address,
+        type=arguments.address,
         default=("127.0.0.1", 8080),
         metavar="[ADDRESS:]PORT",
         help="where the page is; without an address, this machine only (default: 8080)",
@@ -69,11 +69,6 @@ def run(options: argparse.Namespace) -> int:
     if options.set or options.session or options.json:
         raise UsageError("--set, --session and --json belong to --retrack")
     return replaying.play(options, _make_server)
-
-
-def _address(text: str) -> tuple[str, int]:
-    host, _, port = text.rpartition(":")
-    return host.strip("[]") or "127.0.0.1", arguments.port(port)
 
 
 def _make_server(options: argparse.Namespace, hub: Hub, give: Give) -> Server:

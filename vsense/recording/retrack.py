@@ -16,9 +16,9 @@ import cv2
 import numpy as np
 
 from vsense.arena import ArenaState, Frame
+from vsense.arena_data import arena_data
 from vsense.hub import Message
 from vsense.recording import form, tracker_made, tracker_memory
-from vsense.recording.arena_data import arena_data
 from vsense.recording.form import RecordingError
 from vsense.recording.reader import Recording
 from vsense.tracking.arena_tracker import ArenaTracker

@@ -13,9 +13,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from vsense.arena import ArenaState
 from vsense.link.table import Entry
 from vsense.link.wire import Values
 from vsense.sensors.base import layout_dtype
@@ -35,40 +33,6 @@ MOST_PIXELS = 1024
 """A floor's picture is shown with at most so many columns and rows."""
 
 Data = dict[str, Any]
-
-
-def columns(rows: NDArray[np.void], *names: str) -> Data:
-    """Turns a structured array into a list per field.
-
-    Args:
-        rows: (n,).
-        names: the fields; without any, all but `covariance`.
-    """
-    assert rows.dtype.names is not None
-    wanted = names or tuple(name for name in rows.dtype.names if name != "covariance")
-    return {name: rows[name].tolist() for name in wanted}
-
-
-def arena(state: ArenaState, run_timestep: int) -> Data:
-    """Gives /arena: the arena state, whole."""
-    robots = columns(state.robots)
-    robots["covariance"] = [
-        None if math.isnan(row[0]) else row
-        for row in state.robots["covariance"].reshape(-1, 9).tolist()
-    ]
-    return {
-        "timestep": state.timestep,
-        "run_timestep": run_timestep,
-        "capture_ns": state.capture_ns,
-        "robots": robots,
-        "detected": state.detected,
-        "unnamed": state.unnamed,
-        "duplicates": list(state.duplicates),
-        "joined": list(state.joined),
-        "sightings": columns(state.sightings),
-        "cameras": list(state.cameras),
-        "images": columns(state.images),
-    }
 
 
 def world(world: World) -> Data:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from vsense.arena import ArenaState
+from vsense.arena_data import arena_data
 from vsense.environment import Environment
 from vsense.hub import Hub, Message
 from vsense.link.server import VirtualSensorServer
@@ -111,9 +112,7 @@ class Publisher:
             self._late += missed + late
             self._run_timestep = step.run_timestep
         world = self.environment.world
-        self._publish(
-            "/arena", step.capture_ns, lambda: messages.arena(step.state, step.run_timestep)
-        )
+        self._publish("/arena", step.capture_ns, lambda: _arena(step))
         self._tell_once("/world", world.version, lambda: messages.world(world), now_ns)
         self._publish("/signals", step.capture_ns, lambda: messages.signals(world))
         if world.fields and now_ns >= self._fields_due_ns:
@@ -201,6 +200,10 @@ class Publisher:
     def _publish(self, topic: str, time_ns: int, make: Callable[[], Data]) -> None:
         if self._hub.wants(topic):
             self._hub.publish(Message(topic, time_ns, make()))
+
+
+def _arena(step: Step) -> Data:
+    return {**arena_data(step.state), "run_timestep": step.run_timestep}
 
 
 def _silence_s(age_ns: int) -> float:

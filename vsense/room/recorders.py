@@ -8,8 +8,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
+import vsense.recording
 from vsense.arena import Frame
-from vsense.errors import UsageError
 from vsense.hub import Hub
 from vsense.room.messages import Data
 
@@ -139,11 +139,8 @@ def _recording() -> ModuleType:
     Raises:
         UsageError: that is missing.
     """
-    try:
-        import vsense.recording.recorder
-        import vsense.recording.tracker_made
-    except ImportError as error:
-        raise UsageError(
-            f"recordings need the library {error.name!r}: pip install 'vsense[record]'"
-        ) from None
+    vsense.recording.require()
+    import vsense.recording.recorder
+    import vsense.recording.tracker_made
+
     return vsense.recording

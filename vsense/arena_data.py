@@ -18,18 +18,19 @@ def arena_data(state: ArenaState) -> dict[str, Any]:
     return {
         "timestep": state.timestep,
         "capture_ns": state.capture_ns,
-        "robots": _columns(state.robots),
+        "robots": columns(state.robots),
         "detected": state.detected,
         "unnamed": state.unnamed,
         "duplicates": [int(tag) for tag in state.duplicates],
         "joined": [int(tag) for tag in state.joined],
-        "sightings": _columns(state.sightings),
+        "sightings": columns(state.sightings),
         "cameras": list(state.cameras),
-        "images": _columns(state.images),
+        "images": columns(state.images),
     }
 
 
-def _columns(rows: NDArray[np.void]) -> dict[str, list[Any]]:
+def columns(rows: NDArray[np.void]) -> dict[str, list[Any]]:
+    """Gives a list per field of a structured array (n,)."""
     return {
         name: _spreads(rows[name]) if name == "covariance" else rows[name].tolist()
         for name in rows.dtype.names or ()
