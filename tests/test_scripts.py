@@ -64,8 +64,8 @@ def test_callers_folder_is_kept(tree: Path) -> None:
     done = demo(tree, "mine.argos", "--output", "out", CDPATH=f"{tree}")
     assert done.returncode == 0, done.stderr
     place = tree.parent / "elsewhere"
-    assert done.stdout == f"{place}\n<lab><mine.argos><--output><out>"
-    assert (tree / ".venv/bin/calls").read_text().split("--editable ")[1] == f"{tree}\n"
+    assert done.stdout == f"{place}\n<lab><mine.argos><--web><0><--output><out>"
+    assert (tree / ".venv/bin/calls").read_text().split("--editable ")[1] == f"{tree}[web,record]\n"
     assert (tree / ".venv/built").read_text().strip()
     assert list(place.iterdir()) == []
 
@@ -75,7 +75,7 @@ def test_second_start_builds_nothing(tree: Path) -> None:
     calls = tree / ".venv/bin/calls"
     before = calls.read_text()
     done = demo(tree, "--json", CC="no-such-compiler")
-    assert done.stdout.endswith("<lab><pollutant><--json>"), done.stderr
+    assert done.stdout.endswith("<lab><pollutant><--web><0><--json>"), done.stderr
     assert calls.read_text() == before
     (tree / "c_src/a.c").write_text("int edited;\n")
     assert demo(tree).returncode == 0

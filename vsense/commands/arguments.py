@@ -141,8 +141,7 @@ def add_room(parser: argparse.ArgumentParser) -> None:
         type=address,
         metavar="[ADDRESS:]PORT",
         help="serve the control room's page there: 8080 is this machine only; 0.0.0.0:8080 is every"
-        " interface, and needs one token for looking and another for control, which are printed."
-        " The process then stays after the run, until Ctrl-C",
+        " interface, and needs one token for looking and another for control, which are printed",
     )
     group.add_argument(
         "--web-tokens",
@@ -153,7 +152,8 @@ def add_room(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--hold",
         action="store_true",
-        help="start no run by itself: wait for a key, page or command",
+        help="start no run by itself, but with a key, on the page or with vsense start; after a run"
+        " wait for the next one, until Ctrl-C",
     )
     group.add_argument(
         "--runs",

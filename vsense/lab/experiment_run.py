@@ -52,7 +52,7 @@ def run(options: argparse.Namespace) -> int:
             *(experiment, seed, directory, port, options.blind, console, interrupted),
             *(options.base, room),
         )
-        series = Series(directory, options.runs, room.stays, interrupted)
+        series = Series(directory, options.runs, room.holds, interrupted)
         failure = _live(session, series, room, console)
         console.end_progress()
         _report_all(options, session, series, directory, console)
@@ -154,7 +154,7 @@ def _report_all(
             console.say("vsense: the run ended before its first timestep: nothing was measured")
     if series.several:
         figures = {"experiment": session.experiment.name, "runs": summaries}
-        run_directory.write_summary(directory, figures, options.json)
+        run_directory.write_summary(directory, figures, options.json, run_directory.SERIES)
 
 
 def _report(session: Session, number: int, on_stdout: bool, console: Console) -> dict[str, Any]:

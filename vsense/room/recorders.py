@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import importlib
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-import vsense.recording
+from vsense import recording
 from vsense.arena import Frame
 from vsense.hub import Hub
 from vsense.room.messages import Data
@@ -139,8 +140,7 @@ def _recording() -> ModuleType:
     Raises:
         UsageError: that is missing.
     """
-    vsense.recording.require()
-    import vsense.recording.recorder
-    import vsense.recording.tracker_made
-
-    return vsense.recording
+    recording.require()
+    importlib.import_module("vsense.recording.recorder")
+    importlib.import_module("vsense.recording.tracker_made")
+    return recording

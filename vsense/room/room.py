@@ -30,8 +30,8 @@ class Room:
 
     Attributes:
         hub: where everything is told.
-        holds: every run waits until somebody starts it.
-        stays: after the last run the process stays, for people to look and to begin another.
+        holds: every run waits until somebody starts it, and after the last one the process stays
+            for people to look, and to begin another.
         recorders: the recordings, one per run.
     """
 
@@ -44,7 +44,6 @@ class Room:
         """
         self.hub = Hub()
         self.holds: bool = options.hold
-        self.stays: bool = options.hold or options.web is not None
         self._options = options
         self._console = console
         self._directory = Path()

@@ -18,6 +18,7 @@ from vsense.room.room import Room
 from vsense.run import directory as run_directory
 from vsense.run.attendance import Attendance, shorten
 from vsense.run.diary import Diary
+from vsense.run.directory import SERIES
 from vsense.run.one_run import OneRun
 from vsense.run.series import Series
 from vsense.run.session import RunSession
@@ -112,7 +113,7 @@ class Command:
         self._diary = diary
         self._room = room
         self._interrupted = interrupted
-        self._series = Series(directory, options.runs, room.stays, interrupted)
+        self._series = Series(directory, options.runs, room.holds, interrupted)
 
     def run(self) -> int:
         """Lives all runs; see `run`."""
@@ -136,9 +137,11 @@ class Command:
             while self._one_run(session, summaries) and self._series.goes_on(session.runner):
                 session.next_run()
         diary.end_progress()
+        if summaries and not self._series.several:
+            run_directory.print_summary(summaries[0], options.json)
         if self._series.several:
             figures = {"experiment": experiment.name, "runs": summaries}
-            run_directory.write_summary(self._directory, figures, options.json)
+            run_directory.write_summary(self._directory, figures, options.json, SERIES)
         return INTERRUPTED if self._interrupted.is_set() and not self._series.rested else 0
 
     def _one_run(self, session: RunSession, summaries: list[dict[str, Any]]) -> bool:
@@ -150,7 +153,7 @@ class Command:
         Raises:
             VsenseError: something has failed; what was measured until then is reported first.
         """
-        number, several = session.runner.control.run, self._series.several
+        number = session.runner.control.run
         directory = self._series.directory(number)
         self._room.begin_run(session.environment, directory)
         attendance = self._wait(session, number)
@@ -162,7 +165,7 @@ class Command:
         one = OneRun(session, directory, attendance, self._diary)
         one.live()
         self._room.end_run()
-        summary = one.report(self._options.json and not several)
+        summary = one.report()
         if summary is not None:
             summaries.append(summary)
         if one.failure is not None:

@@ -10,6 +10,8 @@ from pathlib import Path
 from vsense.errors import VsenseError
 
 SUMMARY = "summary.json"
+SERIES = "series.json"
+"""What a run leaves, and what several together do."""
 
 
 class DirectoryError(VsenseError):
@@ -42,16 +44,29 @@ def make(wanted: Path | None, name: str, seed: int) -> Path:
     return directory.resolve()
 
 
-def write_summary(directory: Path, summary: Mapping[str, object], on_stdout: bool) -> None:
-    """Writes a run's figures, and prints them where they are wanted.
+def write_summary(
+    directory: Path, summary: Mapping[str, object], on_stdout: bool, name: str = SUMMARY
+) -> None:
+    """Writes figures, and prints them where they are wanted.
 
     Raises:
         DirectoryError: the file, or standard output, cannot be written.
     """
-    text = json.dumps(summary, indent=2)
     try:
-        (directory / SUMMARY).write_text(text + "\n")
-        if on_stdout:
-            print(text, flush=True)
+        (directory / name).write_text(json.dumps(summary, indent=2) + "\n")
     except OSError as error:
-        raise DirectoryError(f"{error.filename or 'standard output'}: {error.strerror}") from None
+        raise DirectoryError(f"{directory / name}: {error.strerror}") from None
+    print_summary(summary, on_stdout)
+
+
+def print_summary(summary: Mapping[str, object], on_stdout: bool) -> None:
+    """Prints figures where they are wanted.
+
+    Raises:
+        DirectoryError: standard output cannot be written.
+    """
+    try:
+        if on_stdout:
+            print(json.dumps(summary, indent=2), flush=True)
+    except OSError as error:
+        raise DirectoryError(f"standard output: {error.strerror}") from None

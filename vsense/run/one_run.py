@@ -81,17 +81,14 @@ class OneRun:
             f"  capture to sent {(step.sent_ns - step.capture_ns) / 1e6:.0f} ms"
         )
 
-    def report(self, on_stdout: bool) -> dict[str, Any] | None:
-        """Measures, writes and prints.
-
-        Args:
-            on_stdout: the figures are wanted on standard output.
+    def report(self) -> dict[str, Any] | None:
+        """Measures, writes, and tells.
 
         Returns:
             The figures; None where nothing was measured.
 
         Raises:
-            DirectoryError: a file or standard output cannot be written.
+            DirectoryError: a file cannot be written.
         """
         session, environment = self._session, self._session.environment
         if not self._figures.timesteps:
@@ -106,7 +103,7 @@ class OneRun:
             "source": session.source.figures(),
             **self._figures.summary(session.runner, self._attendance, self._results),
         }
-        run_directory.write_summary(self._directory, summary, on_stdout)
+        run_directory.write_summary(self._directory, summary, False)
         self._diary.say(figures.table(summary))
         self._draw()
         return summary

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from pathlib import Path
 
+from vsense.run.control import State
 from vsense.run.directory import DirectoryError
 from vsense.run.runner import Runner
 
@@ -23,26 +24,27 @@ class Series:
     """The runs of one process.
 
     Attributes:
-        several: there may be more than one: each has a directory of its own.
+        several: there may be more than one: each has a directory of its own. Of what was meant to
+            be one run, only those after a reset have.
         rested: the last run was complete, and people only looked on: their Ctrl-C breaks nothing.
     """
 
     def __init__(
-        self, directory: Path, runs: int, stays: bool, interrupted: threading.Event
+        self, directory: Path, runs: int, holds: bool, interrupted: threading.Event
     ) -> None:
         """Begins before the first run.
 
         Args:
             directory: of all runs, exists.
             runs: so many follow by themselves.
-            stays: after them, or where somebody has stopped one, people may begin another.
+            holds: after them, or where somebody has stopped one, people may begin another.
             interrupted: set by whoever wants the process to end.
         """
-        self.several = stays or runs > 1
+        self.several = holds or runs > 1
         self.rested = False
         self._directory = directory
         self._runs = runs
-        self._stays = stays
+        self._holds = holds
         self._interrupted = interrupted
 
     def directory(self, number: int) -> Path:
@@ -51,6 +53,7 @@ class Series:
         Raises:
             DirectoryError: it cannot be made.
         """
+        self.several |= number > 1
         if not self.several:
             return self._directory
         directory = self._directory / f"run-{number}"
@@ -80,7 +83,8 @@ class Series:
             return False
         if control.next_asked or (control.why == "time" and control.run < self._runs):
             return True
-        if not self._stays:
+        # After an emergency stop somebody has to look first, however the run was started.
+        if not self._holds and control.state != State.EMERGENCY:
             return False
         self.rested = True
         if runner.rest():
