@@ -22,9 +22,11 @@ from vsense.config.tracking_specs import TrackingSession
 from vsense.console import Console
 from vsense.errors import UsageError, VsenseError
 from vsense.interruption import INTERRUPTED, interruption
+from vsense.room.track_room import TrackRoom
 from vsense.tracking import snapshot
 from vsense.tracking.grabbers import CameraEvent, GrabberError, NoMorePictures
 from vsense.tracking.picture_recorder import BackgroundRecorder, PictureRecorder, RecordingError
+from vsense.tracking.troubles import Troubles
 from vsense.tracking_talk import Talk
 
 FIRST_PICTURE_NS = 15_000_000_000
@@ -50,8 +52,10 @@ def run(options: argparse.Namespace) -> int:
         interrupted = stack.enter_context(interruption())
         tracking = build(session, time.monotonic_ns, options.offline)
         stack.callback(tracking.close)
-        tracked = TrackingRun(options, session, tracking, interrupted)
-        tracked.live()
+        console, troubles = Console(), Troubles()
+        room = stack.enter_context(TrackRoom(options, session, troubles, console))
+        talk = Talk(console, time.monotonic_ns, timesteps(options, tracking), troubles)
+        TrackingRun(options, session, tracking, interrupted, talk, room).live()
         return INTERRUPTED if interrupted.is_set() else 0
 
 
@@ -64,6 +68,8 @@ class TrackingRun:
         session: TrackingSession,
         tracking: Tracking,
         interrupted: threading.Event,
+        talk: Talk,
+        room: TrackRoom,
     ) -> None:
         """Prepares a run.
 
@@ -72,12 +78,15 @@ class TrackingRun:
             session: what the two files say.
             tracking: the session at work.
             interrupted: set by whoever wants the run to end.
+            talk: tells people how it goes.
+            room: where it can be looked at.
         """
         self._options = options
         self._session = session
         self._tracking = tracking
         self._interrupted = interrupted
-        self._talk = Talk(Console(), time.monotonic_ns, self._timesteps())
+        self._talk = talk
+        self._room = room
         self._recorder = begin_recording(session, self._talk)
         self._last: tuple[ArenaState, Sequence[Frame]] | None = None
 
@@ -133,12 +142,7 @@ class TrackingRun:
             self._recorder.write(frames)
         self._talk.events(events)
         self._talk.timestep(state, len(frames))
-
-    def _timesteps(self) -> int | None:
-        """How many there will be, where that is known."""
-        known = self._tracking.grabber.timesteps
-        wanted: int | None = self._options.frames
-        return wanted if known is None else min(known, known if wanted is None else wanted)
+        self._room.look(state, frames)
 
     def _draw(self, path: Path) -> None:
         """Draws the last state into a file."""
@@ -152,6 +156,13 @@ class TrackingRun:
             path.write_bytes(cv2.imencode(suffix, picture)[1].tobytes())
         except OSError as error:
             raise VsenseError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def timesteps(options: argparse.Namespace, tracking: Tracking) -> int | None:
+    """Gives how many there will be, where that is known."""
+    known = tracking.grabber.timesteps
+    wanted: int | None = options.frames
+    return wanted if known is None else min(known, known if wanted is None else wanted)
 
 
 def begin_recording(session: TrackingSession, talk: Talk) -> BackgroundRecorder | None:

@@ -20,13 +20,20 @@ _DRAW_NS = 100_000_000
 class Talk:
     """Keeps the live line up to date and says once what need not be said for ever."""
 
-    def __init__(self, console: Console, clock: Callable[[], int], timesteps: int | None) -> None:
+    def __init__(
+        self,
+        console: Console,
+        clock: Callable[[], int],
+        timesteps: int | None,
+        troubles: Troubles | None = None,
+    ) -> None:
         """Begins the count.
 
         Args:
             console: where to talk.
             clock: the host's monotonic clock [ns].
             timesteps: how many there will be, or None.
+            troubles: where to count what happens to cameras; None: where nobody else looks.
         """
         self._console = console
         self._clock = clock
@@ -37,7 +44,7 @@ class Talk:
         self._pictures = 0
         self._detected = 0
         self._recent: deque[tuple[int, int]] = deque()
-        self._troubles = Troubles()
+        self._troubles = troubles or Troubles()
         self._joined: set[int] = set()
 
     def say(self, text: str) -> None:

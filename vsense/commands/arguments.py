@@ -135,20 +135,8 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
 
 def add_room(parser: argparse.ArgumentParser) -> None:
     """Declares how the runs are seen, steered and kept: the control room."""
+    add_web(parser)
     group = parser.add_argument_group("control room")
-    group.add_argument(
-        "--web",
-        type=address,
-        metavar="[ADDRESS:]PORT",
-        help="serve the control room's page there: 8080 is this machine only; 0.0.0.0:8080 is every"
-        " interface, and needs one token for looking and another for control, which are printed",
-    )
-    group.add_argument(
-        "--web-tokens",
-        type=Path,
-        metavar="FILE",
-        help="a file with the lines look=... and control=..., instead of tokens drawn anew",
-    )
     group.add_argument(
         "--hold",
         action="store_true",
@@ -169,6 +157,24 @@ def add_room(parser: argparse.ArgumentParser) -> None:
         "--record-images",
         action="store_true",
         help="recordings hold the cameras' pictures, too, unchanged: for vsense replay --retrack",
+    )
+
+
+def add_web(parser: argparse.ArgumentParser) -> None:
+    """Declares the page."""
+    group = parser.add_argument_group("page")
+    group.add_argument(
+        "--web",
+        type=address,
+        metavar="[ADDRESS:]PORT",
+        help="serve the control room's page there: 8080 is this machine only; 0.0.0.0:8080 is every"
+        " interface, and needs one token for looking and another for control, which are printed",
+    )
+    group.add_argument(
+        "--web-tokens",
+        type=Path,
+        metavar="FILE",
+        help="a file with the lines look=... and control=..., instead of tokens drawn anew",
     )
 
 

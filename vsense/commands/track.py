@@ -39,6 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--frames", type=arguments.natural, metavar="N", help="end after N timesteps"
     )
+    arguments.add_web(parser)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -31,6 +31,28 @@ WINDOW = 100
 """Rates and latencies are those of so many timesteps."""
 
 
+class Rates:
+    """How often arena states come, and how old pictures are when all is done with them."""
+
+    def __init__(self, window: int) -> None:
+        """Begins without any; only the newest `window` timesteps count."""
+        self._times: deque[tuple[int, int]] = deque(maxlen=window)
+
+    def add(self, capture_ns: int, done_ns: int) -> None:
+        """Counts a timestep."""
+        self._times.append((capture_ns, done_ns - capture_ns))
+
+    def data(self) -> Data:
+        """Gives "rate_hz" and "latency_ms" of /run."""
+        if len(self._times) < 2:
+            return {"rate_hz": 0.0, "latency_ms": None}
+        captures, ages = np.array(self._times).T
+        rate_hz = (len(captures) - 1) / max((captures[-1] - captures[0]) / 1e9, 1e-9)
+        p50, p99 = np.percentile(ages / 1e6, (50, 99))
+        latency = {"p50": round(float(p50), 2), "p99": round(float(p99), 2)}
+        return {"rate_hz": round(float(rate_hz), 2), "latency_ms": latency}
+
+
 class Publisher:
     """Makes the messages of one process's runs.
 
@@ -74,7 +96,7 @@ class Publisher:
         self._roll = Roll({r.tag: r.id for r in environment.experiment.robots}, actuators)
         self._cameras = CameraBoard(scene.cameras, scene.troubles)
         self._state: ArenaState | None = None
-        self._times: deque[tuple[int, int]] = deque(maxlen=WINDOW)
+        self._rates = Rates(WINDOW)
         self._told: dict[str, object] = {}
         self._due_ns = self._fields_due_ns = self._late = 0
         self._run_timestep = self._joined = -1
@@ -105,7 +127,7 @@ class Publisher:
         self._state = step.state
         self._roll.see(step.state)
         self._cameras.see(step.frames)
-        self._times.append((step.capture_ns, step.sent_ns - step.capture_ns))
+        self._rates.add(step.capture_ns, step.sent_ns)
         if step.run_timestep >= 0:
             missed = max(step.run_timestep - self._run_timestep - 1, 0)
             late = step.sent_ns - step.capture_ns > self._timestep_ns
@@ -165,20 +187,10 @@ class Publisher:
             "time_s": round(max(self._run_timestep, 0) * experiment.timestep_s, 3),
             "length_s": experiment.length_s or None,
             "late": self._late,
-            **self._rates(),
+            **self._rates.data(),
             "silent_s": None if newest_ns is None else _silence_s(now_ns - newest_ns),
             **self._others(),
         }
-
-    def _rates(self) -> Data:
-        """Arena states per second, and how old a picture is when the readings leave."""
-        if len(self._times) < 2:
-            return {"rate_hz": 0.0, "latency_ms": None}
-        captures, ages = np.array(self._times).T
-        rate_hz = (len(captures) - 1) / max((captures[-1] - captures[0]) / 1e9, 1e-9)
-        p50, p99 = np.percentile(ages / 1e6, (50, 99))
-        latency = {"p50": round(float(p50), 2), "p99": round(float(p99), 2)}
-        return {"rate_hz": round(float(rate_hz), 2), "latency_ms": latency}
 
     def _tell_run(self, now_ns: int) -> None:
         control = self._control
