@@ -44,7 +44,9 @@ def world(world: World) -> Data:
 def entity(thing: Entity) -> Data:
     """One entity: its kind and its fields."""
     found: Data = {"kind": KINDS[type(thing).__name__]}
-    found |= {field.name: getattr(thing, field.name) for field in fields_of(thing)}
+    for field in fields_of(thing):
+        value = getattr(thing, field.name)
+        found[field.name] = list(value) if isinstance(value, tuple) else value
     return found
 
 

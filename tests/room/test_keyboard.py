@@ -1,0 +1,79 @@
+"""Keys pressed in a real terminal, which gets its settings back."""
+
+from __future__ import annotations
+
+import os
+import pty
+import sys
+import termios
+from collections.abc import Iterator
+from threading import Event
+
+import pytest
+
+from vsense.orders import Kind, Order, OrderError
+from vsense.room import keyboard
+
+PATIENCE_S = 20.0
+
+
+@pytest.fixture
+def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """The end at which somebody types; the other one is standard input."""
+    fingers, line = pty.openpty()
+    with os.fdopen(line, "r") as typed:
+        monkeypatch.setattr(sys, "stdin", typed)
+        yield fingers
+    os.close(fingers)
+
+
+class Desk:
+    def __init__(self, most: int) -> None:
+        self.kinds: list[Kind] = []
+        self.full = Event()
+        self._most = most
+
+    def give(self, order: Order) -> str:
+        assert order.by == "keyboard"
+        self.kinds.append(order.kind)
+        if len(self.kinds) == self._most:
+            self.full.set()
+        if order.kind == Kind.RESET:
+            raise OrderError("nothing to reset")
+        return "done"
+
+
+def test_each_key_is_one_order_without_enter(terminal: int) -> None:
+    desk, said = Desk(6), list[str]()
+    before = termios.tcgetattr(sys.stdin.fileno())
+    keys = keyboard.Keyboard(desk.give, said.append)
+    os.write(terminal, b"s?P x\n")
+    os.write(terminal, b"re")
+    assert not desk.full.wait(0.2)
+    os.write(terminal, b"\x1b")
+    assert desk.full.wait(PATIENCE_S)
+    keys.close()
+    assert desk.kinds == [
+        Kind.START, Kind.PAUSE, Kind.STOP, Kind.RESET, Kind.EMERGENCY, Kind.EMERGENCY
+    ]  # fmt: skip
+    assert said == ["nothing to reset"]
+    assert termios.tcgetattr(sys.stdin.fileno()) == before, "the terminal is as it was"
+
+
+def test_an_arrow_is_no_emergency(terminal: int) -> None:
+    desk = Desk(1)
+    keys = keyboard.Keyboard(desk.give, lambda text: None)
+    os.write(terminal, b"\x1b[A")
+    assert not desk.full.wait(0.3)
+    os.write(terminal, b"p")
+    assert desk.full.wait(PATIENCE_S)
+    keys.close()
+    assert desk.kinds == [Kind.PAUSE]
+
+
+def test_nobody_sits_at_a_pipe(monkeypatch: pytest.MonkeyPatch) -> None:
+    out, into = os.pipe()
+    os.close(into)
+    with os.fdopen(out) as end:
+        monkeypatch.setattr(sys, "stdin", end)
+        assert not keyboard.usable()
