@@ -313,14 +313,23 @@ class Floor:
         self.add(made)
         return made
 
-    def connect(self, tag: int, port: int) -> None:
-        """Starts a robot's daemon, in place of the one that may run."""
+    def connect(
+        self, tag: int, port: int, host: str = "127.0.0.1", where: tuple[str, ...] = ()
+    ) -> None:
+        """Starts a robot's daemon, in place of the one that may run.
+
+        Args:
+            tag: which robot.
+            port: of the host.
+            host: its address.
+            where: words before the command, such as those of another network namespace.
+        """
         if tag in self._daemons:
             self.disconnect(tag)
         device = self._bases.devices[self.tags.index(tag)]
-        words = ["--host", "127.0.0.1", "--port", str(port), "--tag", str(tag)]
+        words = ["--host", host, "--port", str(port), "--tag", str(tag)]
         words += ["--uid", f"{tag:032x}", "--base", f"argos:{device}"]
-        self._daemons[tag] = Program(str(self._daemon), *words)
+        self._daemons[tag] = Program(*where, str(self._daemon), *words)
 
     def disconnect(self, tag: int) -> None:
         """Kills a robot's worker; its guard stops the wheels."""
