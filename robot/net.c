@@ -131,6 +131,23 @@ static void connecting(struct vs_net *net, struct vs_session *session,
     }
 }
 
+/* The robot may have got another address, which only a new socket takes: as soon as the host
+ * hears from there it answers there, long before the connection is given up. */
+static void renew_udp(struct vs_net *net, uint64_t now_ns)
+{
+    int fd = new_socket(SOCK_DGRAM);
+
+    net->next_ns = now_ns + VS_NET_RETRY_NS;
+    if (fd < 0)
+        return;
+    if (start_connect(net, fd) != 0) {
+        close(fd);
+        return;
+    }
+    drop(net, UDP);
+    net->fds[UDP] = fd;
+}
+
 enum vs_net_result vs_net_tick(struct vs_net *net, struct vs_session *session,
                                uint64_t now_ns, uint64_t session_ns)
 {
@@ -145,6 +162,9 @@ enum vs_net_result vs_net_tick(struct vs_net *net, struct vs_session *session,
         vs_net_close(net, session, "the host is silent", now_ns, VS_NET_RETRY_NS);
         return VS_NET_LOST;
     }
+    if (net->phase == VS_NET_UP && now_ns - net->heard_ns >= VS_NET_MOVED_NS &&
+        now_ns >= net->next_ns)
+        renew_udp(net, now_ns);
     return VS_NET_NOTHING;
 }
 

@@ -11,9 +11,10 @@
 #include "../c_src/vs_session.h"
 
 #define VS_NET_RETRY_NS 200000000u    /* [ns] between two tries to connect */
-#define VS_NET_ATTEMPT_NS 500000000u  /* [ns] a try may take */
+#define VS_NET_ATTEMPT_NS 300000000u  /* [ns] a try may take */
 #define VS_NET_REFUSED_NS 1000000000u /* [ns] until the next try once refused */
 #define VS_NET_TAKEN_NS 5000000000u   /* [ns] until the next try once taken over */
+#define VS_NET_MOVED_NS 500000000u    /* [ns] without a valid packet: try new UDP sockets */
 #define VS_NET_SILENCE_NS 2000000000u /* [ns] without a valid packet: connect anew */
 
 enum vs_net_phase { VS_NET_DOWN = 0, VS_NET_CONNECTING = 1, VS_NET_UP = 2 };
@@ -31,7 +32,7 @@ struct vs_net {
     uint16_t port;
     int fds[2];         /* TCP, UDP; -1 = none */
     uint8_t phase;      /* enum vs_net_phase */
-    uint64_t next_ns;   /* DOWN: try then; CONNECTING: give up then */
+    uint64_t next_ns;   /* DOWN: try then; CONNECTING: give up then; UP: no new UDP socket before */
     uint64_t heard_ns;  /* UP: newest valid packet, else when it came up */
     uint64_t nonce;
     int trouble;        /* errno of the newest try that got no way, 0 = none */

@@ -99,7 +99,9 @@ def test_a_series_goes_on_whatever_happens(
     assert [run["missing_at_start"] for run in runs] == [[f"epuck_{LATE}_0"], [], []]
     lived = [run["timesteps"] + run["late_timesteps"] for run in runs]
     assert all(count >= 10 * LENGTH_S for count in lived) and all(r["timesteps"] > 25 for r in runs)
-    assert runs[2]["link"]["reconnects"] == 1
+    assert runs[2]["link"]["reconnects"] <= 1, (
+        "after a short time the session goes on, else a new one"
+    )
     for number in (1, 2, 3):
         left = {path.name for path in (tmp_path / "notes" / f"run-{number}").iterdir()}
         assert left == {"summary.json", "timesteps.csv", "wander.png", "wander.mcap"}
