@@ -207,6 +207,30 @@ def test_a_camera_that_is_lost_is_shown(served: Serve, opened: Open) -> None:
     page.until("document.querySelector('.cell.bad strong').innerText.includes('no picture')")
 
 
+def test_whatever_comes_first_and_whatever_is_missing_no_panel_fails(
+    served: Serve, opened: Open
+) -> None:
+    """Messages in any order, and one whose columns are all empty."""
+    puppet, _, url = served(running(), paced=False)
+    page = opened(url, "window.vsense?.connection.open")
+    page.value("window.failed = []; console.error = error => failed.push(String(error))")
+    arena, run = puppet.arena(), puppet.run_message()
+    messages = [
+        ("/arena", arena), ("/signals", puppet.signals()), ("/robots", puppet.robots()),
+        ("/run", run | {"latency_ms": None, "rate_hz": None, "disk_free_bytes": None}),
+        ("/arena", arena | {"robots": {name: [] for name in arena["robots"]}}),
+        ("/robots", {name: [] for name in puppet.robots()}),
+    ]  # fmt: skip
+    for topic, data in messages:
+        drawn = page.value("vsense.arena.drawn.count")
+        puppet.publish(topic, data)
+        if topic == "/arena":
+            page.until(f"vsense.arena.drawn.count > {drawn}")
+    page.until("document.querySelector('#robots_note').innerText.startsWith('0 of 0')")
+    page.until("document.querySelector('#tiles').innerText.includes('not measured')")
+    assert page.value("failed") == []
+
+
 def test_pictures_are_shown_and_hidden_ones_are_not_made(served: Serve, opened: Open) -> None:
     puppet, _, url = served(running())
     page = opened(url)

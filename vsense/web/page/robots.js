@@ -54,7 +54,9 @@ export class Robots {
 
   /** Renews the table; called a few times per second. */
   tell() {
-    const { robots, rows } = this.store;
+    const { robots, rows, experiment } = this.store;
+    // Who only tracks knows no robots, but markers.
+    this.table.closest(".card").hidden = !robots && experiment?.mode === "track";
     if (!robots) return;
     this.sorted = [...rows.keys()].map((tag) => this.store.robot(tag)).sort((a, b) => this.#compare(a, b));
     this.heads.forEach((head, column) => {
