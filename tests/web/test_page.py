@@ -258,6 +258,18 @@ def test_without_refresh_next_to_nothing_is_made(served: Serve, opened: Open) ->
     page.until("vsense.store.changed.world >= 2")
 
 
+def test_a_hidden_page_costs_next_to_nothing(served: Serve, opened: Open) -> None:
+    puppet, _, url = served(running())
+    page = opened(url)
+    hide = "Object.defineProperty(document, 'hidden', { value: %s, configurable: true });"
+    told = " document.dispatchEvent(new Event('visibilitychange'))"
+    page.value(hide % "true" + told)
+    wait_until_unwanted(page, puppet, "/arena")
+    page.value(hide % "false" + told)
+    number = page.value("vsense.store.changed.arena")
+    page.until(f"vsense.store.changed.arena > {number}")
+
+
 def wait_until_unwanted(page: Page, puppet: Puppet, topic: str) -> None:
     """The page and the server need a moment; each round waits for the page."""
     for _ in range(100):
