@@ -34,8 +34,10 @@ class Browser:
     def __init__(self, program: str) -> None:
         self.loop = asyncio.new_event_loop()
         self._folder = tempfile.mkdtemp(prefix="vsense-browser-")
+        # It ends with whoever started it, even if that one is killed.
+        follow = ["setpriv", "--pdeathsig", "TERM"] if shutil.which("setpriv") else []
         self._process = subprocess.Popen(
-            [program, *FLAGS, f"--user-data-dir={self._folder}", "about:blank"],
+            [*follow, program, *FLAGS, f"--user-data-dir={self._folder}", "about:blank"],
             stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
         assert self._process.stderr is not None
@@ -82,7 +84,11 @@ class Browser:
         self._process.wait()
         self._wait(self._session.close())
         self.loop.close()
-        shutil.rmtree(self._folder, ignore_errors=True)
+        # Its children write a last word after it.
+        for _ in range(100):
+            shutil.rmtree(self._folder, ignore_errors=True)
+            if not Path(self._folder).exists():
+                return
 
 
 class Page:
