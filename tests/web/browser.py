@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import base64
+import collections
 import contextlib
 import itertools
 import json
 import shutil
 import subprocess
 import tempfile
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +45,8 @@ class Browser:
         assert self._process.stderr is not None
         lines = (line for line in self._process.stderr if "DevTools listening on" in line)
         self._url = next(lines).split()[-1]
+        # Whatever else it says is read and dropped: it would stand still before a full pipe.
+        threading.Thread(target=collections.deque, args=(lines, 0), daemon=True).start()
         self._numbers = itertools.count(1)
         self._wait(self._connect())
 
