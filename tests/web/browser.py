@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import base64
+import collections
 import contextlib
 import itertools
 import json
 import shutil
 import subprocess
 import tempfile
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -34,13 +36,17 @@ class Browser:
     def __init__(self, program: str) -> None:
         self.loop = asyncio.new_event_loop()
         self._folder = tempfile.mkdtemp(prefix="vsense-browser-")
+        # It ends with whoever started it, even if that one is killed.
+        follow = ["setpriv", "--pdeathsig", "TERM"] if shutil.which("setpriv") else []
         self._process = subprocess.Popen(
-            [program, *FLAGS, f"--user-data-dir={self._folder}", "about:blank"],
+            [*follow, program, *FLAGS, f"--user-data-dir={self._folder}", "about:blank"],
             stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
         assert self._process.stderr is not None
         lines = (line for line in self._process.stderr if "DevTools listening on" in line)
         self._url = next(lines).split()[-1]
+        # Whatever else it says is read and dropped: it would stand still before a full pipe.
+        threading.Thread(target=collections.deque, args=(lines, 0), daemon=True).start()
         self._numbers = itertools.count(1)
         self._wait(self._connect())
 
@@ -82,7 +88,11 @@ class Browser:
         self._process.wait()
         self._wait(self._session.close())
         self.loop.close()
-        shutil.rmtree(self._folder, ignore_errors=True)
+        # Its children write a last word after it.
+        for _ in range(100):
+            shutil.rmtree(self._folder, ignore_errors=True)
+            if not Path(self._folder).exists():
+                return
 
 
 class Page:

@@ -129,7 +129,8 @@ class Puppet:
             self.publish("/arena", self.arena())
             self.publish("/signals", self.signals())
             self._readings()
-        self.publish("/robots", self.robots())
+        if self.mode != "track":
+            self.publish("/robots", self.robots())
         if self.total % 5 == 0:
             self.publish("/fields", play.fields(self.time_s))
         if self.total % 10 == 0:
@@ -159,6 +160,8 @@ class Puppet:
                           "lost_messages": 0, "trouble": self.recording_trouble},
             "disk_free_bytes": 212_000_000_000,
         }  # fmt: skip
+        if self.mode == "track":
+            made["can"] = ["stop", "record"]
         if self.mode == "replay":
             made["can"] = ["play", "speed", "seek"]
             made["recording"] = {"on": False, "file": None, "bytes": 0, "lost_messages": 0,

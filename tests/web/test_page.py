@@ -207,6 +207,30 @@ def test_a_camera_that_is_lost_is_shown(served: Serve, opened: Open) -> None:
     page.until("document.querySelector('.cell.bad strong').innerText.includes('no picture')")
 
 
+def test_whatever_comes_first_and_whatever_is_missing_no_panel_fails(
+    served: Serve, opened: Open
+) -> None:
+    """Messages in any order, and one whose columns are all empty."""
+    puppet, _, url = served(running(), paced=False)
+    page = opened(url, "window.vsense?.connection.open")
+    page.value("window.failed = []; console.error = error => failed.push(String(error))")
+    arena, run = puppet.arena(), puppet.run_message()
+    messages = [
+        ("/arena", arena), ("/signals", puppet.signals()), ("/robots", puppet.robots()),
+        ("/run", run | {"latency_ms": None, "rate_hz": None, "disk_free_bytes": None}),
+        ("/arena", arena | {"robots": {name: [] for name in arena["robots"]}}),
+        ("/robots", {name: [] for name in puppet.robots()}),
+    ]  # fmt: skip
+    for topic, data in messages:
+        drawn = page.value("vsense.arena.drawn.count")
+        puppet.publish(topic, data)
+        if topic == "/arena":
+            page.until(f"vsense.arena.drawn.count > {drawn}")
+    page.until("document.querySelector('#robots_note').innerText.startsWith('0 of 0')")
+    page.until("document.querySelector('#tiles').innerText.includes('not measured')")
+    assert page.value("failed") == []
+
+
 def test_pictures_are_shown_and_hidden_ones_are_not_made(served: Serve, opened: Open) -> None:
     puppet, _, url = served(running())
     page = opened(url)
@@ -232,6 +256,18 @@ def test_without_refresh_next_to_nothing_is_made(served: Serve, opened: Open) ->
     page.until(f"vsense.store.changed.arena > {number}")
     # What was missed meanwhile is told again.
     page.until("vsense.store.changed.world >= 2")
+
+
+def test_a_hidden_page_costs_next_to_nothing(served: Serve, opened: Open) -> None:
+    puppet, _, url = served(running())
+    page = opened(url)
+    hide = "Object.defineProperty(document, 'hidden', { value: %s, configurable: true });"
+    told = " document.dispatchEvent(new Event('visibilitychange'))"
+    page.value(hide % "true" + told)
+    wait_until_unwanted(page, puppet, "/arena")
+    page.value(hide % "false" + told)
+    number = page.value("vsense.store.changed.arena")
+    page.until(f"vsense.store.changed.arena > {number}")
 
 
 def wait_until_unwanted(page: Page, puppet: Puppet, topic: str) -> None:

@@ -45,6 +45,7 @@ class Viewer:
         self._lock = threading.Lock()
         self._letters: deque[Message] = deque(maxlen=EVENTS_MAX)
         self._news: dict[str, Message] = {}
+        self._woken = False
         self._topics = LIVE
         self._extra: frozenset[str] = frozenset()
         self._look: int | None = None
@@ -70,9 +71,11 @@ class Viewer:
                 self._letters.append(message)
             else:
                 self._news[message.topic] = message
-        # The loop is closed when the server ends while the run goes on.
-        with contextlib.suppress(RuntimeError):
-            self._loop.call_soon_threadsafe(self._ready.set)
+            wakes, self._woken = not self._woken, True
+        if wakes:
+            # The loop is closed when the server ends while the run goes on.
+            with contextlib.suppress(RuntimeError):
+                self._loop.call_soon_threadsafe(self._ready.set)
 
     def post(self, message: Message) -> None:
         """Puts an answer in the line of events; the web server's thread only."""
@@ -84,6 +87,7 @@ class Viewer:
         """Waits for what is to be sent next: events and answers first, then the longest waiting."""
         while True:
             self._ready.clear()
+            # While too many are underway nobody has to wake this one: `got` will.
             if self._got is None or self._sent - self._got < UNDERWAY_MAX:
                 message = self._pop()
                 if message is not None:
@@ -93,6 +97,7 @@ class Viewer:
 
     def _pop(self) -> Message | None:
         with self._lock:
+            self._woken = False
             if self._letters:
                 return self._letters.popleft()
             topic = next(iter(self._news), None)

@@ -15,15 +15,18 @@ export class Events {
 
   /** Adds what is new. */
   tell() {
-    if (this.seen === this.store.changed.event) return;
-    this.seen = this.store.changed.event;
-    this.list.replaceChildren(...this.store.events.slice(-SHOWN).reverse().map(row));
+    const { store } = this;
+    const key = `${store.changed.event} ${store.run === null}`;
+    if (this.seen === key || !store.events.length) return;
+    this.seen = key;
+    this.list.replaceChildren(...store.events.slice(-SHOWN).reverse().map((event) => row(event, store)));
   }
 }
 
-function row({ text, level, by, at, run_s }) {
-  const when = run_s === null ? at.toLocaleTimeString() : clock(run_s);
+function row({ text, level, by, timeNs, run_s }, store) {
+  const at = new Date(store.wall(timeNs)).toLocaleTimeString();
+  const when = run_s === null ? at : clock(run_s);
   const words = make("span", {}, text);
   if (by) words.append(make("em", {}, ` — ${by}`));
-  return make("li", { className: level ?? "info", title: at.toLocaleTimeString() }, make("time", {}, when), words);
+  return make("li", { className: level ?? "info", title: at }, make("time", {}, when), words);
 }

@@ -71,8 +71,8 @@ function take(topic, timeNs, data, blob) {
 /** Words and figures, a few times per second: nobody reads faster. */
 function tell() {
   telling = performance.now();
-  for (const panel of panels) panel.tell();
-  showBanner(troubles(store, connection));
+  safely(() => showBanner(troubles(store, connection)));
+  for (const panel of panels) safely(() => panel.tell());
   const shown = JSON.stringify(cameras.shown);
   if (shown !== pictures && connection.say({ pictures: cameras.shown })) pictures = shown;
 }
@@ -83,12 +83,21 @@ function soon() {
 
 /** Pictures, with every frame of the screen in which something is new. */
 function frame() {
+  requestAnimationFrame(frame);
   if (controls.refresh) {
-    arena.draw();
-    cameras.draw();
+    safely(() => arena.draw());
+    safely(() => cameras.draw());
   }
   if (performance.now() - telling >= TELL_EVERY_MS) tell();
-  requestAnimationFrame(frame);
+}
+
+/** A panel that meets something that it does not expect must not take the others along. */
+function safely(act) {
+  try {
+    act();
+  } catch (error) {
+    console.error(error);
+  }
 }
 
 // A hidden page draws nothing, but its title and its words stay true.

@@ -4,16 +4,23 @@ import { byId, make, mark, write } from "./dom.js";
 import { count, milliseconds, volts } from "./format.js";
 
 const STALE_MS = 500;
+const LONG_NAME = 12;
 
 // name of the column, head, what it shows, what it is sorted by, whether it is bad
 const COLUMNS = [
-  ["name", "robot", (r) => r.name || String(r.tag), (r) => r.tag, () => false],
+  ["name", "robot", (r) => label(r), (r) => r.tag, () => false],
   ["state", "state", (r) => (r.connected ? r.state : "away"), (r) => `${r.connected} ${r.state}`, (r) => !r.connected],
   ["heard", "link", (r) => milliseconds(r.heard_ms), (r) => r.heard_ms ?? Infinity, (r) => r.heard_ms > STALE_MS],
   ["pose", "pose", (r) => milliseconds(r.pose_age_ms), (r) => r.pose_age_ms ?? Infinity, (r) => r.pose_age_ms > STALE_MS],
   ["battery", "battery", (r) => volts(r.battery_mv), (r) => r.battery_mv ?? Infinity, (r) => r.battery_low],
   ["errors", "errors", (r) => String(r.base_errors ?? 0), (r) => -(r.base_errors ?? 0), (r) => r.base_errors > 0],
 ];
+
+// A long name is cut off where two of them may still look the same.
+function label({ tag, name }) {
+  if (!name) return String(tag);
+  return name.length > LONG_NAME ? `${tag} ${name}` : name;
+}
 
 /** What is to be said about a robot beyond its row; "" where all is well. */
 export function words(robot) {
@@ -54,7 +61,9 @@ export class Robots {
 
   /** Renews the table; called a few times per second. */
   tell() {
-    const { robots, rows } = this.store;
+    const { robots, rows, experiment } = this.store;
+    // Who only tracks knows no robots, but markers.
+    this.table.closest(".card").hidden = !robots && experiment?.mode === "track";
     if (!robots) return;
     this.sorted = [...rows.keys()].map((tag) => this.store.robot(tag)).sort((a, b) => this.#compare(a, b));
     this.heads.forEach((head, column) => {
@@ -84,6 +93,7 @@ export class Robots {
     const { body, lamp, cells, wordsRow, wordsCell } = this.bodies.get(robot.tag) ?? this.#make(robot.tag);
     COLUMNS.forEach(([, , show, , bad], column) => {
       write(cells[column], show(robot));
+      if (!column) cells[column].parentElement.title = robot.name ?? "";
       if (column) mark(cells[column], "bad", bad(robot));
     });
     mark(lamp, "on", robot.leds & 0xff);

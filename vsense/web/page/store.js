@@ -4,6 +4,7 @@ const TRAIL = 80;
 const STEPS_KEPT = 24;
 const MEASURES_KEPT = 600;
 const EVENTS_KEPT = 200;
+const OLD_MS = 2000;
 const PLAIN = new Set(["you", "run", "arena", "world", "signals", "fields", "robots", "cameras", "readings"]);
 
 /** Holds everything; `changed` grows per topic, so that panels see what is new to them. */
@@ -15,11 +16,14 @@ export class Store {
     this.answers = [];
     this.changed = {};
     this.runHeard = Infinity;
+    this.ahead = Infinity;
   }
 
   /** Forgets one run's news, as when another experiment comes. */
   clear() {
     this.experiment = null;
+    this.objects = new Set();
+    this.names = new Map();
     this.run = null;
     this.arena = null;
     this.world = null;
@@ -38,8 +42,14 @@ export class Store {
     this.peaks = new Map();
   }
 
+  /** What the wall's clock showed [ms] at a time of the host's: no message comes before it is made. */
+  wall(timeNs) {
+    return timeNs / 1e6 + this.ahead;
+  }
+
   /** Takes one message. */
   take(topic, timeNs, data, blob) {
+    if (timeNs > 0) this.ahead = Math.min(this.ahead, Date.now() - timeNs / 1e6);
     const [, name, rest] = topic.split("/");
     if (blob) this.pictures.set(rest, { about: data, blob, number: (this.pictures.get(rest)?.number ?? 0) + 1 });
     else if (name === "event") this.#event(timeNs, data);
@@ -69,7 +79,9 @@ export class Store {
   #event(timeNs, data) {
     // Whoever comes anew is told the last events again.
     if (this.events.some((event) => event.timeNs === timeNs && event.text === data.text)) return;
-    this.events.push({ timeNs, run_s: this.run ? this.now.time_s : null, at: new Date(), ...data });
+    // What happened before the page came has no place on its run's clock, but on the wall's.
+    const old = !this.run || (Date.now() - this.wall(timeNs)) > OLD_MS;
+    this.events.push({ timeNs, run_s: old ? null : this.now.time_s, ...data });
     if (this.events.length > EVENTS_KEPT) this.events.shift();
   }
 
@@ -109,7 +121,7 @@ export class Store {
 
   /** What people call a tag. */
   name(tag) {
-    return this.names?.get(tag) ?? String(tag);
+    return this.names.get(tag) ?? String(tag);
   }
 
   /** The chosen robot's row of `/robots`, or null. */
