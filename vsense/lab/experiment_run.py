@@ -58,7 +58,7 @@ def run(options: argparse.Namespace) -> int:
         _report_all(options, session, series, directory, console)
         if failure is not None:
             raise failure
-        return INTERRUPTED if interrupted.is_set() and not series.rested else 0
+        return INTERRUPTED if series.was_broken(session.runner.control) else 0
 
 
 def _live(session: Session, series: Series, room: Room, console: Console) -> VsenseError | None:

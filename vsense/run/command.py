@@ -142,7 +142,7 @@ class Command:
         if self._series.several:
             figures = {"experiment": experiment.name, "runs": summaries}
             run_directory.write_summary(self._directory, figures, options.json, SERIES)
-        return INTERRUPTED if self._interrupted.is_set() and not self._series.rested else 0
+        return INTERRUPTED if self._series.was_broken(session.runner.control) else 0
 
     def _one_run(self, session: RunSession, summaries: list[dict[str, Any]]) -> bool:
         """Waits, lives a run and reports.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from pathlib import Path
 
-from vsense.run.control import State
+from vsense.run.control import BEFORE, Control, State
 from vsense.run.directory import DirectoryError
 from vsense.run.runner import Runner
 
@@ -26,7 +26,6 @@ class Series:
     Attributes:
         several: there may be more than one: each has a directory of its own. Of what was meant to
             be one run, only those after a reset have.
-        rested: the last run was complete, and people only looked on: their Ctrl-C breaks nothing.
     """
 
     def __init__(
@@ -41,7 +40,6 @@ class Series:
             interrupted: set by whoever wants the process to end.
         """
         self.several = holds or runs > 1
-        self.rested = False
         self._directory = directory
         self._runs = runs
         self._holds = holds
@@ -86,7 +84,10 @@ class Series:
         # After an emergency stop somebody has to look first, however the run was started.
         if not self._holds and control.state != State.EMERGENCY:
             return False
-        self.rested = True
-        if runner.rest():
-            self.rested = False
-        return not self.rested
+        return runner.rest()
+
+    def was_broken(self, control: Control) -> bool:
+        """Whether a Ctrl-C has cost anything: a run, or the wait for the only one."""
+        if not self._interrupted.is_set() or control.why != "interrupted":
+            return False
+        return control.state not in BEFORE or control.run == 1
