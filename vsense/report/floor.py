@@ -23,7 +23,7 @@ from vsense.world.entities import Arena
 
 MOST_CELLS = 1_000
 """A floor is drawn with at most so many cells along a side."""
-_LEFT, _TOP, _BOTTOM, _RIGHT = 50, 30, 46, 10
+_LEFT, _TOP, _BOTTOM, _RIGHT = 50, 30, 46, 18
 _CORNERS = 0.5 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 _ROUND = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from vsense.pictures.canvas import INK, MUTED, SCALE, Canvas, Colour, Floats, Image
+from vsense.pictures.canvas import INK, MUTED, SCALE, Canvas, Colour, Floats, round_number
 from vsense.report.findings import Findings
 from vsense.report.floor import Map, arena_of, draw_map, framed, map_origin, map_width
 from vsense.report.picture import Picture, part
@@ -125,11 +125,12 @@ def _outlined(findings: Findings, map_: Map) -> Map:
     return map_
 
 
-def _heat(share: float) -> Image:
+def _heat(share: float) -> Colour:
     """The colour of a share of the greatest: viridis backwards, dark is much."""
     level = np.uint8(255 - round(255 * float(np.sqrt(min(max(share, 0.0), 1.0)))))
     table = cv2.applyColorMap(np.array([[level]], np.uint8), cv2.COLORMAP_VIRIDIS)
-    return np.asarray(table[0, 0], np.uint8)
+    blue, green, red = (int(part) for part in table[0, 0])
+    return blue, green, red
 
 
 def _heat_bar(whole: Canvas, map_: Map, most: float) -> None:
@@ -138,9 +139,10 @@ def _heat_bar(whole: Canvas, map_: Map, most: float) -> None:
     height = map_.canvas.image.shape[0] / SCALE
     for place in range(round(height)):
         box = np.array([[left, top + place], [left + 14, top + place]])
-        whole.lines(box, tuple(int(v) for v in _heat((1.0 - place / height) ** 2)), 1.0)
-    for share in (0.0, 0.0625, 0.25, 0.5625, 1.0):
-        y = top + height * (1.0 - np.sqrt(share))
+        whole.lines(box, _heat((1.0 - place / height) ** 2), 1.0)
+    values = {0.0, most, *(round_number(most * share) for share in (0.04, 0.2, 0.5))}
+    for value in values:
+        y = top + height * (1.0 - np.sqrt(value / most))
         whole.lines(np.array([[left + 14, y], [left + 18, y]]), MUTED)
-        whole.text(f"{share * most:.3g}", left + 22, y + 5, INK, SMALL)
+        whole.text(f"{value:.3g}", left + 22, y + 5, INK, SMALL)
     whole.text("time [s]", left - 6, top - 12, INK, SMALL)

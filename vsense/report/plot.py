@@ -115,8 +115,9 @@ class Plot:
         """
         height, width = canvas.image.shape[0] / SCALE, canvas.image.shape[1] / SCALE
         self.canvas, self.x, self.y = canvas, x, y
-        whole = (_LEFT, _TOP, width - _RIGHT, height - _BOTTOM)
-        self.left, self.top, self.right, self.bottom = frame or whole
+        whole = (float(_LEFT), float(_TOP), width - _RIGHT, height - _BOTTOM)
+        edges: tuple[float, float, float, float] = frame or whole
+        self.left, self.top, self.right, self.bottom = edges
         self._grid()
 
     def at(self, x: ArrayLike, y: ArrayLike) -> Floats:
@@ -176,13 +177,15 @@ class Plot:
         box = np.array([[x0, self.top], [x1, self.top], [x1, self.bottom], [x0, self.bottom]])
         veil(self.canvas, [box], colour, 0.45)
 
-    def mark(self, x: float, words: str, colour: Colour, row: int = 0) -> None:
-        """Draws an upright line with words beside its upper end, `row` lines lower."""
-        at = float(self.at(x, self.y.low)[0])
-        self.canvas.lines(np.array([[at, self.top], [at, self.bottom]]), colour, 1.0)
-        right = at + 6 + width_of(words, SMALL) > self.right
-        left = at - 6 - width_of(words, SMALL) if right else at + 6
-        write(self.canvas, words, left, self.top + 12 + 17 * row, colour)
+    def marks(self, marks: Sequence[tuple[float, str]], colour: Colour) -> None:
+        """Draws upright lines with words beside their upper ends, each a line lower."""
+        for x, _ in marks:
+            at = float(self.at(x, self.y.low)[0])
+            self.canvas.lines(np.array([[at, self.top], [at, self.bottom]]), colour, 1.0)
+        for row, (x, words) in enumerate(marks):
+            at, width = float(self.at(x, self.y.low)[0]), width_of(words, SMALL)
+            left = at + 6 if at + 6 + width <= self.right else at - 6 - width
+            write(self.canvas, words, left, self.top + 12 + 19 * row, colour)
 
     def level(self, y: float, words: str) -> None:
         """Draws a broken level line with words at its right end."""
@@ -190,7 +193,7 @@ class Plot:
             height = float(self.at(self.x.low, y)[1])
             self.canvas.lines(np.array([[left, height], [left + 5, height]]), MUTED)
         width = width_of(words, SMALL)
-        self.canvas.text(words, self.right - width, height - 6, MUTED, SMALL)
+        write(self.canvas, words, self.right - width, height - 7, MUTED)
 
     def legend(self, names: Sequence[tuple[str, Colour]]) -> None:
         """Names the colours, above the frame at the right."""

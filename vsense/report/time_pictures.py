@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsense.pictures.canvas import INK, SCALE, Canvas, Colour, Floats, width_of
 from vsense.pictures.story import spoken
@@ -116,7 +117,7 @@ def _counts(findings: Findings, canvas: Canvas, end_s: float, count: int) -> Non
     plot.legend(names)
 
 
-def _strips(plot: Plot, table: Floats, begin_s: float, strip_s: float) -> None:
+def _strips(plot: Plot, table: NDArray[np.uint8], begin_s: float, strip_s: float) -> None:
     """Draws a row for each robot, a column for each time."""
     edges = plot.at(begin_s + strip_s * np.arange(table.shape[1] + 1), 0.0)[:, 0]
     edges = np.clip(edges, plot.left, plot.right)
@@ -148,9 +149,8 @@ def latencies(findings: Findings) -> Picture | None:
     x = Range(float(edges[0]), float(edges[-1]), "latency, capture to sent [ms]", log=True)
     plot = Plot(canvas, x, spanning(shares, "share of timesteps [%]"))
     plot.bars(edges, shares, BLUE)
-    for row, name in enumerate(("p50", "p95", "p99")):
-        value = stats[f"{name}_ms"]
-        plot.mark(value, f"{_PLAIN[name]} {value:.3g} ms", INK, row)
+    marks = [(stats[f"{name}_ms"], words) for name, words in _PLAIN.items()]
+    plot.marks([(ms, f"{words} {ms:.3g} ms") for ms, words in marks], INK)
     caption = (
         f"Distribution of the latency over {len(values)} timesteps: from the middle of the"
         " cameras' exposure to the moment when the readings made from it were sent to the robots."
