@@ -13,7 +13,7 @@ from vsense.recording.reader import Recording
 from vsense.report.facts import Facts, number, read_facts
 from vsense.report.flow import Cameras, Flow, Latencies, Measures
 from vsense.report.health import FINE, UNSEEN, Roll, Strips
-from vsense.report.tracks import Tracks
+from vsense.report.tracks import UNSEEN_NS, Tracks
 
 MOST_EVENTS = 500
 IN_CONE, LIT_IN_CONE = "robots_in_cone", "lit_in_cone"
@@ -112,8 +112,19 @@ class Gatherer:
         self.tracks.take(capture_ns, data["robots"])
         seen = self.tracks.places_m.keys()
         self.flow.take(capture_ns, run_timestep, len(seen), self.roll.connected)
-        known = self.facts.robots or self.tracks.of
-        self.strips.take(capture_ns, {tag: FINE if tag in seen else UNSEEN for tag in known})
+        if not self.roll.of:
+            self.strips.take(capture_ns, dict.fromkeys(seen, FINE))
+        self._miss(capture_ns)
+
+    def _miss(self, capture_ns: int) -> None:
+        """Notes who has not been seen for longer than a moment."""
+        since = {}
+        for tag in self.facts.robots or self.tracks.of:
+            track = self.tracks.of.get(tag)
+            seen_ns = track.last_ns if track is not None else self.flow.begin_ns
+            if seen_ns is not None and capture_ns - seen_ns > UNSEEN_NS:
+                since[tag] = seen_ns
+        self.strips.take(capture_ns, dict.fromkeys(since, UNSEEN), since)
 
     def _signals(self, message: Message) -> None:
         if not self._going:

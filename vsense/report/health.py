@@ -17,6 +17,7 @@ UNKNOWN, FINE, STOPPED, UNSEEN, LOST = range(5)
 
 BINS = 1024
 BIN_TIMESTEPS = 5
+_NONE: Mapping[int, int] = {}
 MOST_LOSSES = 1_000
 """Link losses of one recording that are listed one by one."""
 
@@ -95,28 +96,22 @@ class Roll:
         """Takes a `/robots`.
 
         Returns:
-            How each robot is, by tag.
+            How each robot is, by tag: `FINE`, `STOPPED` or `LOST`.
 
         Raises:
             KeyError, TypeError, ValueError: it is damaged.
         """
         tags = [int(tag) for tag in data["tag"]]
         none = [None] * len(tags)
-        names = ("connected", "seen", "stop_cause", "battery_mv", "base_errors", "leds")
+        names = ("connected", "stop_cause", "battery_mv", "base_errors", "leds")
         columns = [data.get(name) or none for name in names]
         states: dict[int, int] = {}
         self.lit = set()
-        for tag, connected, seen, cause, battery, errors, leds in zip(tags, *columns, strict=True):
+        for tag, connected, cause, battery, errors, leds in zip(tags, *columns, strict=True):
             health = self.of.get(tag) or self.of.setdefault(tag, Health())
             health.take(bool(connected), str(cause or ""), battery, errors)
             self._link(time_ns, tag, bool(connected))
-            states[tag] = FINE
-            if cause:
-                states[tag] = STOPPED
-            if seen is False:
-                states[tag] = UNSEEN
-            if not connected:
-                states[tag] = LOST
+            states[tag] = LOST if not connected else STOPPED if cause else FINE
             if isinstance(leds, int) and leds & 0xFF:
                 self.lit.add(tag)
         self.connected = sum(state != LOST for state in states.values())
@@ -149,18 +144,35 @@ class Strips:
         self._rows: dict[int, NDArray[np.uint8]] = {}
         self._used = 0
 
-    def take(self, time_ns: int, states: Mapping[int, int]) -> None:
-        """Takes how the robots are now, by tag."""
+    def take(
+        self, time_ns: int, states: Mapping[int, int], since: Mapping[int, int] = _NONE
+    ) -> None:
+        """Takes how the robots are now.
+
+        Args:
+            time_ns: now.
+            states: by tag.
+            since: tags of robots that have been so since a time before; [ns].
+        """
         if self.begin_ns is None:
             self.begin_ns = time_ns
-        place = max(time_ns - self.begin_ns, 0) // self.bin_ns
+        place = self._place(time_ns)
         while place >= BINS:
             self._halve()
-            place //= 2
+            place = self._place(time_ns)
         self._used = max(self._used, place + 1)
         for tag, state in states.items():
-            row = self._rows.setdefault(tag, np.zeros(BINS, np.uint8))
-            row[place] = max(row[place], state)
+            row = self._rows.get(tag)
+            if row is None:
+                row = self._rows[tag] = np.zeros(BINS, np.uint8)
+            if tag in since:
+                part = row[min(self._place(since[tag]), place) : place + 1]
+                np.maximum(part, state, out=part)
+            elif row[place] < state:
+                row[place] = state
+
+    def _place(self, time_ns: int) -> int:
+        return max(time_ns - (self.begin_ns or 0), 0) // self.bin_ns
 
     def table(self) -> tuple[list[int], NDArray[np.uint8]]:
         """Gives the tags, and (robots, times) how they were."""

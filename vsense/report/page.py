@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
 
 from vsense import __version__
 from vsense.pictures.story import spoken
 from vsense.report.compare import Group, quantities, table
-from vsense.report.findings import Findings
+from vsense.report.findings import Findings, RobotRow
 from vsense.report.markup import DASH, Counter, figure_of, note, share_of, tiles
 from vsense.report.picture import Picture
 from vsense.report.style import CSS
@@ -59,7 +59,9 @@ def page(chapters: Sequence[Chapter], comparisons: Sequence[Comparison]) -> str:
     for place, comparison in enumerate(comparisons):
         parts.append(_compared(comparison, place, counter))
     for place, chapter in enumerate(chapters):
-        parts += _run(chapter, place, counter, first=not many)
+        if many:
+            parts.append(f'<h2 id="run-{place}">{escape(chapter.findings.label)}</h2>\n')
+        parts += _run(chapter, counter)
     parts.append(
         f'<footer class="soft">Made by vsense {escape(__version__)}, <code>vsense report</code>.'
         "</footer></body></html>\n"
@@ -73,7 +75,7 @@ def _contents(chapters: Sequence[Chapter], comparisons: Sequence[Comparison]) ->
         for place, each in enumerate(comparisons)
     ]
     links += [
-        (f"run-{place}", f"{each.findings.label} ({each.findings.path.name})")
+        (f"run-{place}", f"{each.findings.label} ({each.findings.path})")
         for place, each in enumerate(chapters)
     ]
     rows = "".join(f'<li><a href="#{to}">{escape(words)}</a></li>' for to, words in links)
@@ -88,8 +90,9 @@ def _compared(comparison: Comparison, place: int, counter: Counter) -> str:
     figures = "".join(counter.figure(*drawn) for drawn in comparison.pictures)
     return (
         f'<h2 id="compared-{place}"{first}>{escape(title)}</h2>\n'
-        f'<p>Runs: {escape(conditions)}.</p>\n<div class="figures">{figures}</div>\n<h3>End values</h3>\n'
-        f"{_statistics(groups, counter)}<h3>Runs</h3>\n{_runs(groups, counter)}"
+        f'<p>Runs: {escape(conditions)}.</p>\n<div class="figures">{figures}</div>\n'
+        f"<h3>End values</h3>\n{_statistics(groups, counter)}"
+        f"<h3>Runs</h3>\n{_runs(groups, counter)}"
     )
 
 
@@ -138,12 +141,10 @@ def _runs(groups: Sequence[Group], counter: Counter) -> str:
     return counter.table("The recordings", caption, heads, rows, texts=(0, 1, 8))
 
 
-def _run(chapter: Chapter, place: int, counter: Counter, first: bool) -> Iterator[str]:
+def _run(chapter: Chapter, counter: Counter) -> Iterator[str]:
     findings = chapter.findings
-    kind = " class=first" if first else ""
     begun = findings.begun
     when = f", recorded {begun:%Y-%m-%d %H:%M} UTC" if begun is not None else ""
-    yield f'<h2 id="run-{place}"{kind}>{escape(findings.label)}</h2>\n'
     file = f"{findings.path} (vsense {findings.version}{when})"
     yield f'<p class="soft">{escape(file)}</p>\n'
     yield from _notes(findings)
@@ -209,37 +210,46 @@ def _measures(findings: Findings, counter: Counter) -> str:
     return counter.table("Measures", "The mean is over timesteps.", heads, rows)
 
 
+_ROBOTS: Sequence[tuple[str, Callable[[RobotRow], str]]] = (
+    ("tag", lambda row: str(row.tag)),
+    ("robot", lambda row: row.name),
+    ("distance [m]", lambda row: f"{row.distance_m:.2f}"),
+    ("mean speed [m/s]", lambda row: DASH if row.speed_m_s is None else f"{row.speed_m_s:.3f}"),
+    ("seen [%]", lambda row: share_of(row.seen)),
+    ("longest unseen [s]", lambda row: f"{row.longest_unseen_s:.1f}"),
+    ("connected [%]", lambda row: share_of(row.connected)),
+    ("links lost", lambda row: DASH if row.losses is None else str(row.losses)),
+    ("stops", lambda row: "; ".join(f"{n} × {why}" for why, n in row.stops.items()) or DASH),
+    ("base errors", lambda row: figure_of(row.base_errors)),
+    ("battery, least [V]", lambda row: figure_of(row.battery_mv and row.battery_mv / 1e3)),
+)
+"""Columns of the robots' table; those that say nothing of any robot are left out."""
+
+
 def _robots(findings: Findings, counter: Counter) -> str:
-    rows = [
-        [
-            str(row.tag),
-            row.name,
-            figure_of(row.distance_m),
-            DASH if row.speed_m_s is None else f"{row.speed_m_s:.3f}",
-            share_of(row.seen),
-            f"{row.longest_unseen_s:.1f}",
-            share_of(row.connected),
-            DASH if row.losses is None else str(row.losses),
-            "; ".join(f"{why}: {count}" for why, count in row.stops.items()) or DASH,
-            figure_of(row.battery_mv and row.battery_mv / 1e3),
-        ]
-        for row in findings.robots
-    ]
-    heads = (
-        "tag", "robot", "distance [m]", "mean speed [m/s]", "seen [%]", "longest unseen [s]",
-        "connected [%]", "links lost", "stops", "battery, least [V]",
-    )  # fmt: skip
+    columns = [(head, [cell(row) for row in findings.robots]) for head, cell in _ROBOTS]
+    columns = [(head, cells) for head, cells in columns if set(cells) != {DASH}]
+    heads = [head for head, _ in columns]
     caption = (
-        "Distance and speed while a robot was seen, times of more than 1 s without it left out,"
-        " moves of less than 5 mm added up first. Stops: how often its wheels were held and nobody"
-        f" wanted that, by cause. {DASH}: nobody told, or none."
+        "Distance and speed while a robot was seen: times of more than 1 s without it are left out,"
+        " and moves of less than 5 mm count once they add up. Stops: how often its wheels were held"
+        f" and nobody wanted that, by cause. {DASH}: none, or nobody told."
     )
-    return counter.table("The robots", caption, heads, rows, texts=(1, 8))
+    words = [place for place, head in enumerate(heads) if head in ("robot", "stops")]
+    rows = list(zip(*(cells for _, cells in columns)))
+    return counter.table("The robots", caption, heads, rows, texts=words)
 
 
 def _amiss(findings: Findings, counter: Counter) -> str:
+    flow, late = findings.found.flow, findings.found.late
+    words = ""
+    if findings.found.ran:
+        words = f"<p>{flow.missed} of {flow.lived + flow.missed} timesteps of the run were missed"
+        words += "" if late is None else f"; the run counted {late} as late or missed"
+        words += ".</p>\n"
     if not findings.amiss:
-        return "<p>No gaps in the recording, no silences, no lost links, no camera trouble.</p>\n"
+        words += "<p>No gaps in the recording, no silences, no lost links,"
+        return words + " no camera trouble.</p>\n"
     rows = [
         [
             one.kind,
@@ -251,7 +261,7 @@ def _amiss(findings: Findings, counter: Counter) -> str:
     ]
     caption = _shown(len(rows), len(findings.amiss))
     heads = ("what", "from [s]", "for [s]", "")
-    return counter.table("Loss and gaps", caption, heads, rows, texts=(0, 3))
+    return words + counter.table("Loss and gaps", caption, heads, rows, texts=(0, 3))
 
 
 def _events(findings: Findings, counter: Counter) -> str:

@@ -8,7 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from vsense.recording.form import RecordingError
-from vsense.report import compare, compare_pictures, findings, ground_pictures, time_pictures
+from vsense.report import (
+    compare,
+    compare_pictures,
+    findings,
+    occupancy_picture,
+    time_pictures,
+    way_picture,
+)
 from vsense.report.findings import Findings, read_findings
 from vsense.report.markup import encode
 from vsense.report.page import Chapter, Comparison, Drawn, page
@@ -16,8 +23,8 @@ from vsense.report.picture import Picture
 
 PAGE = "report.html"
 _MAKERS: Sequence[Callable[[Findings], Picture | None]] = (
-    ground_pictures.ways,
-    ground_pictures.occupancy,
+    way_picture.ways,
+    occupancy_picture.occupancy,
     time_pictures.measures,
     time_pictures.robots,
     time_pictures.latencies,

@@ -55,7 +55,8 @@ thead th { border-bottom: 1.5px solid var(--ink); vertical-align: bottom; }
 thead th.of { text-align: center; border-bottom: 1px solid var(--line); }
 th, td { padding: .26rem .55rem; text-align: left; border-bottom: 1px solid var(--line); }
 th { font-weight: 600; }
-td.n, th.n { text-align: right; white-space: nowrap; }
+td.n, th.n { text-align: right; }
+td.n { white-space: nowrap; }
 tbody th { font-weight: 400; }
 details { margin-top: 1rem; }
 summary { cursor: pointer; font-weight: 600; }

@@ -33,9 +33,9 @@ MOST_MEASURES = 12
 """Measures of one experiment that are drawn."""
 _CHART_PX = 150
 _STATES: dict[int, tuple[str, Colour]] = {
-    FINE: ("seen and connected", (240, 222, 196)),
+    FINE: ("seen and connected", (236, 212, 178)),
     STOPPED: ("stopped", PINK),
-    UNSEEN: ("not seen", AMBER),
+    UNSEEN: ("not seen for 1 s", AMBER),
     LOST: ("no link", ORANGE),
 }
 _BINS = 60
@@ -77,7 +77,7 @@ def robots(findings: Findings) -> Picture | None:
     if not table.size or not found.flow.lived:
         return None
     row = min(18.0, max(700.0 / len(tags), 5.0))
-    below = 34 + _CHART_PX + 48
+    below = 34 + _CHART_PX + 72
     canvas = Canvas(WIDE_PX, round(below + row * len(tags) + 50))
     end_s = max(findings.run_s, 1e-3)
     _counts(findings, canvas, end_s, len(found.facts.robots) or len(tags))
@@ -86,8 +86,9 @@ def robots(findings: Findings) -> Picture | None:
     frame = (110.0, float(below), WIDE_PX - 16.0, below + row * len(tags))
     plot = Plot(canvas, Range(0.0, end_s, RUN_TIME), Range(0.0, 1.0, "", bare=True), frame)
     _strips(plot, table, begin_s, strip_s)
-    for place, tag in enumerate(tags if row >= 11.0 else ()):
-        words = str(tag)
+    step = -(-14 // round(row))
+    for place in range(0, len(tags), step):
+        words = str(tags[place])
         y = below + row * (place + 0.5) + 5
         canvas.text(words, 100 - width_of(words, SMALL), y, INK, SMALL)
     canvas.text(f"{len(tags)} robots, a row each", 110, below - 12, INK, TEXT)
@@ -95,7 +96,8 @@ def robots(findings: Findings) -> Picture | None:
     caption = (
         f"Above: how many robots were seen by the cameras and connected in {part(findings)};"
         " grey: nothing was recorded, or no arena state came. Below: how each robot was, by tag,"
-        f" the worst in each {strip_s:g} s. Stopped: its wheels were held and nobody wanted that."
+        f" the worst in each {strip_s:g} s. Not seen: for more than 1 s. Stopped: its wheels were held"
+        " and nobody wanted that."
     )
     return Picture("robots", canvas.image, "Robots seen and connected", caption, True)
 
@@ -182,7 +184,7 @@ def latency_over_time(findings: Findings) -> Picture | None:
     plot.level(found.facts.timestep_s * 1e3, "one timestep")
     caption = (
         f"Latency over time: median (line) and range (band) in pieces of {piece_s:.3g} s."
-        " What is above one timestep reached the robots later than the next picture was taken."
+        " Readings above one timestep left after the next picture was taken."
     )
     return Picture("latency-over-time", canvas.image, "Latency over time", caption, False)
 

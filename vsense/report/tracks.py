@@ -35,6 +35,7 @@ class Track:
         distance_m: driven, along sightings at least `STILL_M` apart.
         followed_s: time between sightings that `distance_m` was driven in.
         longest_unseen_s: the longest time without a sighting, pauses left out.
+        last_ns: when it was seen last.
     """
 
     def __init__(self) -> None:
@@ -47,7 +48,7 @@ class Track:
         self._anchor: tuple[float, float] | None = None
         self._kept: tuple[float, float] | None = None
         self._last: tuple[float, float] | None = None
-        self._last_ns = 0
+        self.last_ns = 0
 
     @property
     def points_m(self) -> Floats:
@@ -60,7 +61,7 @@ class Track:
         self.seen += 1
         here = (x_m, y_m)
         if self._anchor is not None:
-            unseen_ns = time_ns - self._last_ns
+            unseen_ns = time_ns - self.last_ns
             self.longest_unseen_s = max(self.longest_unseen_s, unseen_ns / 1e9)
             if unseen_ns > UNSEEN_NS:
                 self.lift()
@@ -76,7 +77,7 @@ class Track:
                 self._anchor = here
         if self._kept is None or math.dist(self._kept, here) >= self._spacing_m:
             self._keep(here)
-        self._last, self._last_ns = here, time_ns
+        self._last, self.last_ns = here, time_ns
 
     def lift(self) -> None:
         """Ends the present piece of the way: what follows is not joined to it."""
