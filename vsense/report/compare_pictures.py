@@ -8,9 +8,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from vsense.pictures.canvas import INK, Canvas, Colour, width_of
-from vsense.pictures.story import spoken
 from vsense.report.compare import Group, curve, measure_names, statistics
-from vsense.report.picture import RUN_TIME, Picture
+from vsense.report.picture import MOST_MEASURES, RUN_TIME, Picture, plain
 from vsense.report.plot import BLUE, COLOURS, HALF_PX, ORANGE, SMALL, Plot, Range, spanning
 
 _HEIGHT_PX = 320
@@ -20,9 +19,10 @@ _CONDITIONS = {"sighted": BLUE, "blind": ORANGE}
 
 def draw(members: Sequence[Group]) -> Iterator[Picture]:
     """Draws the groups of one experiment: two pictures for each measure."""
-    for name in measure_names(members):
-        yield _over_time(members, name)
-        yield _ends(members, name)
+    for place, name in enumerate(measure_names(members)[:MOST_MEASURES], start=1):
+        file = f"{place:02d}-{_file(name)}"
+        yield _over_time(members, name, file)
+        yield _ends(members, name, f"{file}-end")
 
 
 def _colour(group: Group) -> Colour:
@@ -36,10 +36,10 @@ def _pale(colour: Colour) -> Colour:
 
 def _file(name: str) -> str:
     """A name as files may have it."""
-    return re.sub(r"[^\w-]+", "-", name)
+    return re.sub(r"[^A-Za-z0-9_]+", "-", name)[:40].strip("-")
 
 
-def _over_time(members: Sequence[Group], name: str) -> Picture:
+def _over_time(members: Sequence[Group], name: str, file: str) -> Picture:
     series = {
         id(run): run.found.measures.of[name]
         for group in members
@@ -51,7 +51,7 @@ def _over_time(members: Sequence[Group], name: str) -> Picture:
     tops += [v for _, c in curves if c is not None for v in (c.mean + c.spread).tolist()]
     end_s = max(times[-1] for times, _ in series.values())
     canvas = Canvas(HALF_PX, _HEIGHT_PX)
-    plot = Plot(canvas, Range(0.0, max(end_s, 1e-3), RUN_TIME), spanning(tops, spoken(name)))
+    plot = Plot(canvas, Range(0.0, max(end_s, 1e-3), RUN_TIME), spanning(tops, plain(name)))
     for group, found in curves:
         if found is not None and len(group.runs) > 1:
             low, high = found.mean - found.spread, found.mean + found.spread
@@ -66,16 +66,15 @@ def _over_time(members: Sequence[Group], name: str) -> Picture:
             plot.line(found.time_s, found.mean, _colour(group), 2.5, steps=True)
     plot.legend([(f"{g.condition} (n = {len(g.runs)})", _colour(g)) for g in members])
     caption = (
-        f"{spoken(name).capitalize()} over time in {len(series)} runs of {members[0].experiment}."
+        f"{plain(name).capitalize()} over time in {len(series)} runs of {members[0].experiment}."
         " Thin: single runs; thick: their mean; band: mean ± one standard deviation of the runs,"
         " both as far as all runs of a condition last."
     )
-    title = f"{spoken(name)} over time"
-    file = f"{_file(members[0].experiment)}-{_file(name)}"
+    title = f"{plain(name)} over time"
     return Picture(file, canvas.image, title.capitalize(), caption, False)
 
 
-def _ends(members: Sequence[Group], name: str) -> Picture:
+def _ends(members: Sequence[Group], name: str, file: str) -> Picture:
     columns = [
         (group, [run.measures[name]["end"] for run in group.runs if name in run.measures])
         for group in members
@@ -86,7 +85,7 @@ def _ends(members: Sequence[Group], name: str) -> Picture:
     every = [value for _, values in columns for value in values]
     every += [s.mean + sign * (s.spread or 0.0) for s in spans for sign in (-1.0, 1.0)]
     x = Range(0.5, len(columns) + 0.5, "", bare=True)
-    plot = Plot(canvas, x, spanning(every, f"{spoken(name)}, at the end"))
+    plot = Plot(canvas, x, spanning(every, f"{plain(name)}, at the end"))
     for place, ((group, values), found) in enumerate(zip(columns, spans), start=1):
         colour, spread = _colour(group), found.spread or 0.0
         offsets = 0.16 * (np.arange(len(values)) / max(len(values) - 1, 1) - 0.5)
@@ -99,9 +98,8 @@ def _ends(members: Sequence[Group], name: str) -> Picture:
         middle = float(plot.at(place, 0.0)[0])
         canvas.text(words, middle - width_of(words, SMALL) / 2, plot.bottom + 20, INK, SMALL)
     caption = (
-        f"{spoken(name).capitalize()} at the end of each run of {members[0].experiment}: a dot for"
+        f"{plain(name).capitalize()} at the end of each run of {members[0].experiment}: a dot for"
         " each run; line: mean ± one standard deviation."
     )
-    title = f"{spoken(name)} at the end"
-    file = f"{_file(members[0].experiment)}-{_file(name)}-end"
+    title = f"{plain(name)} at the end"
     return Picture(file, canvas.image, title.capitalize(), caption, False)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,6 +10,14 @@ from vsense.world.entities import BODY_RADIUS_M, Arena
 
 TIMESTEP_S = 0.1
 """Where a recording does not say how long a timestep is."""
+TIMESTEPS_S = 1e-3, 60.0
+"""No timestep is shorter, and none is longer."""
+MOST = 1e15
+"""Numbers beyond this are damage."""
+MOST_M = 1e4
+"""No place is further away than this, either way."""
+LEAST_M = 0.1
+"""No arena is smaller."""
 MOST_ASPECT = 4.0
 """An arena that is longer than so many of its widths is not drawn as it stands."""
 
@@ -55,12 +62,14 @@ def read_facts(data: Mapping[str, Any]) -> Facts:
     blind, seed = data.get("blind"), data.get("seed")
     timestep_s, radius_m = number(data.get("timestep_s")), number(data.get("body_radius_m"))
     length_s = number(data.get("length_s"))
+    if timestep_s is not None and not TIMESTEPS_S[0] <= timestep_s <= TIMESTEPS_S[1]:
+        timestep_s = None
     return Facts(
         name=_text(data.get("name")),
         seed=seed if isinstance(seed, int) else None,
         blind=blind if isinstance(blind, bool) else None,
         command=_text(data.get("command")),
-        timestep_s=timestep_s if timestep_s is not None and timestep_s > 0.0 else TIMESTEP_S,
+        timestep_s=TIMESTEP_S if timestep_s is None else timestep_s,
         length_s=length_s if length_s is not None and length_s > 0.0 else None,
         arena=_arena(data.get("arena")),
         robots=_names(data.get("robots")),
@@ -71,10 +80,27 @@ def read_facts(data: Mapping[str, Any]) -> Facts:
 
 
 def number(value: Any) -> float | None:
-    """A finite number, or None."""
-    if isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value):
+    """A number, or None; `MOST` bounds it."""
+    if isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= MOST:
         return float(value)
     return None
+
+
+def clock_ns(value: Any) -> int:
+    """A time of the host's clock [ns].
+
+    Raises:
+        ValueError: it is none.
+    """
+    if not isinstance(value, int) or abs(value) >= 1 << 62:
+        raise ValueError("expected nanoseconds")
+    return value
+
+
+def entities(world: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """The entities of a `/world`."""
+    found = world.get("entities")
+    return [each for each in found if isinstance(each, dict)] if isinstance(found, list) else []
 
 
 def numbers(values: Any, count: int) -> tuple[float, ...] | None:
@@ -101,8 +127,8 @@ def _arena(data: Any) -> Arena | None:
     if not isinstance(data, dict):
         return None
     size_m, centre_m = numbers(data.get("size_m"), 2), numbers(data.get("centre_m"), 2)
-    if size_m is None or centre_m is None or not 0.0 < min(size_m) <= max(size_m) < 1e4:
+    if size_m is None or centre_m is None or not LEAST_M <= min(size_m) <= max(size_m) < MOST_M:
         return None
-    if max(size_m) > MOST_ASPECT * min(size_m):
+    if max(map(abs, centre_m)) > MOST_M or max(size_m) > MOST_ASPECT * min(size_m):
         return None
     return Arena((size_m[0], size_m[1], 0.0), (centre_m[0], centre_m[1], 0.0))

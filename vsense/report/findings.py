@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.recording.form import RecordingError
 from vsense.recording.reader import Gap, Recording, open_recording
 from vsense.report.flow import SILENCE_NS
 from vsense.report.gather import Gatherer, gather
@@ -154,11 +155,16 @@ def read_findings(path: Path, progress: Callable[[float], None] = lambda share: 
         progress: is told now and then which share of it was read, 0..1.
 
     Raises:
-        RecordingError: it is no recording that can be read.
+        RecordingError: it is no recording that can be read, or it holds nothing.
     """
     with open_recording(path) as recording:
         whole_s = max(recording.duration_s, 1e-9)
         found = gather(recording, lambda read_s: progress(min(max(read_s / whole_s, 0.0), 1.0)))
+        if not (found.flow.lived or found.measures.of or found.roll.of or found.events):
+            raise RecordingError(
+                f"{path}: holds nothing that a report could show; expected arena states, measures,"
+                " robots or events"
+            )
         flow = found.flow
         zero_ns = recording.begin_ns if flow.begin_ns is None else flow.begin_ns
         return Findings(

@@ -16,13 +16,16 @@ from vsense.pictures import arena_view
 from vsense.pictures.arena_view import CONE, Scene
 from vsense.pictures.canvas import INK, MUTED, SCALE, Canvas, Colour, Floats, Image, width_of
 from vsense.pictures.painting import FLOOR_PX_PER_M, Lamp, Painting
-from vsense.report.facts import MOST_ASPECT, number, numbers
-from vsense.report.gather import ODD, Cone, Gatherer
+from vsense.report.facts import MOST_ASPECT, entities, number, numbers
+from vsense.report.gather import ODD, Gatherer
 from vsense.report.plot import TEXT, ticks
 from vsense.world.entities import Arena
 
 MOST_CELLS = 1_000
 """A floor is drawn with at most so many cells along a side."""
+NEAR_SIZES = 20.0
+"""What is further away than so many sizes of the arena is not drawn."""
+_FAR_PX = 20_000
 _LEFT, _TOP, _BOTTOM, _RIGHT = 50, 30, 46, 18
 _CORNERS = 0.5 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 _ROUND = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
@@ -73,7 +76,8 @@ def draw_map(found: Gatherer, width: int, solid: bool = True) -> Map:
     centre, half = np.array(arena.centre_m[:2]), np.array(arena.size_m[:2]) / 2.0
 
     def place(points_m: Floats) -> Floats:
-        return np.asarray((points_m - centre) * [zoom, -zoom] + half * zoom)
+        places = (points_m - centre) * [zoom, -zoom] + half * zoom
+        return np.asarray(np.clip(places, -_FAR_PX, _FAR_PX))
 
     picture = arena_view.draw(_scene(found, arena)) if solid else None
     if picture is not None:
@@ -142,28 +146,22 @@ def _scene(found: Gatherer, arena: Arena) -> Scene:
 def _painting(found: Gatherer, arena: Arena) -> Painting:
     """The recorded world as pictures know it; what is damaged in it is left out."""
     centre = np.array(arena.centre_m[:2])
-    entities = [e for e in found.world.get("entities") or [] if isinstance(e, dict)]
-    solids = [(_physical(e), outline - centre) for e in entities for outline in _outlines(e)]
-    cones = tuple(_from(last, centre) for _, last in found.cones.values())
+    things = entities(found.world)
+    near_m = NEAR_SIZES * max(arena.size_m)
+    outlines = ((bool(e.get("physical")), o - centre) for e in things for o in _outlines(e))
+    solids = [(physical, o) for physical, o in outlines if np.abs(o).max() < near_m]
+    cones = (np.array(last) - centre for _, last in found.cones.values())
     return Painting(
         arena=arena,
         floor=_floor(found.world, arena),
         fields=(),
         virtual=tuple(outline for physical, outline in solids if not physical),
         physical=tuple(outline for physical, outline in solids if physical),
-        lamps=tuple(lamp for e in entities for lamp in _lamps(e, centre)),
-        cones=cones,
-        strangers=np.array(list(_strangers(entities, centre))).reshape(-1, 3),
+        lamps=tuple(lamp for e in things for lamp in _lamps(e, centre)),
+        cones=tuple(cone for cone in cones if np.abs(cone).max() < near_m),
+        strangers=np.array(list(_strangers(things, centre, near_m))).reshape(-1, 3),
         leds=np.zeros((0, 3), np.uint8),
     )
-
-
-def _from(cone: Cone, centre: Floats) -> Floats:
-    return np.asarray(np.array(cone) - centre)
-
-
-def _physical(entity: Mapping[str, Any]) -> bool:
-    return bool(entity.get("physical"))
 
 
 def _outlines(entity: Mapping[str, Any]) -> Iterator[Floats]:
@@ -187,11 +185,15 @@ def _lamps(entity: Mapping[str, Any], centre: Floats) -> Iterator[Lamp]:
         yield Lamp(np.array(at) - centre, colour or (255, 255, 255))
 
 
-def _strangers(entities: list[dict[str, Any]], centre: Floats) -> Iterator[tuple[float, ...]]:
-    for entity in entities:
+def _strangers(
+    things: list[Mapping[str, Any]], centre: Floats, near_m: float
+) -> Iterator[tuple[float, ...]]:
+    for entity in things:
         pose = numbers([entity.get(name) for name in ("x_m", "y_m", "yaw_rad")], 3)
         if entity.get("kind") == "robot" and pose is not None:
-            yield pose[0] - float(centre[0]), pose[1] - float(centre[1]), pose[2]
+            x_m, y_m = pose[0] - float(centre[0]), pose[1] - float(centre[1])
+            if max(abs(x_m), abs(y_m)) < near_m:
+                yield x_m, y_m, pose[2]
 
 
 def _colour(value: Any) -> tuple[int, int, int] | None:
@@ -218,8 +220,8 @@ def _floor(world: Mapping[str, Any], arena: Arena) -> Image | None:
         _lay_picture(colours, data, across, up)
     except (*ODD, binascii.Error, cv2.error):
         pass
-    for entity in world.get("entities") or []:
-        colour = _colour(entity.get("color")) if isinstance(entity, dict) else None
+    for entity in entities(world):
+        colour = _colour(entity.get("color"))
         if colour is not None and entity.get("kind") == "zone":
             colours[_inside(entity, across, up)] = (*colour, 255)
     return None if (colours[..., :3] == 255).all() else colours

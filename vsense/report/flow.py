@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from vsense.report.facts import number
+from vsense.report.facts import clock_ns, number
 
 SILENCE_NS = 500_000_000
 """From here on a time without an arena state is worth a line."""
@@ -98,7 +98,7 @@ class Latencies:
         Raises:
             KeyError, TypeError, ValueError: it is damaged.
         """
-        capture_ns = int(data["capture_ns"])
+        capture_ns = clock_ns(data["capture_ns"])
         self.time_ns.append(capture_ns)
         self.latency_ms.append((sent_ns - capture_ns) / 1e6)
 

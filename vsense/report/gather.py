@@ -10,7 +10,7 @@ import numpy as np
 
 from vsense.hub import Message
 from vsense.recording.reader import Recording
-from vsense.report.facts import Facts, number, read_facts
+from vsense.report.facts import MOST_M, Facts, clock_ns, number, read_facts
 from vsense.report.flow import Cameras, Flow, Latencies, Measures
 from vsense.report.health import FINE, UNSEEN, Roll, Strips
 from vsense.report.tracks import UNSEEN_NS, Tracks
@@ -99,7 +99,7 @@ class Gatherer:
         data = message.data
         run_timestep = data.get("run_timestep")
         run_timestep = run_timestep if isinstance(run_timestep, int) else -1
-        capture_ns = int(data["capture_ns"])
+        capture_ns = clock_ns(data["capture_ns"])
         if run_timestep >= 0 and not self.ran:
             connected, self.ran = self.roll.connected, True
             self._begin()
@@ -194,7 +194,7 @@ def read_cone(data: Mapping[str, Any]) -> Cone:
         KeyError, TypeError, ValueError: it is damaged.
     """
     corners = tuple((float(x), float(y)) for x, y in zip(data["x_m"], data["y_m"], strict=True))
-    if len(corners) != 3 or not np.isfinite(corners).all():
+    if len(corners) != 3 or not (np.abs(corners) < MOST_M).all():
         raise ValueError("expected a triangle")
     return corners
 

@@ -5,9 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from vsense.pictures.canvas import Image
+from vsense.pictures.story import spoken
 from vsense.report.findings import Findings
 
 RUN_TIME = "time since the run began [s]"
+MOST_MEASURES = 12
+"""Measures of one experiment that are drawn."""
+_MOST_LETTERS = 44
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,3 +38,8 @@ def part(findings: Findings) -> str:
     if not findings.found.ran:
         return "the whole recording (it holds no run)"
     return f"the run ({findings.run_s:.1f} s)"
+
+
+def plain(name: str) -> str:
+    """A measure's name for a picture, whose letters are ASCII."""
+    return spoken(name)[:_MOST_LETTERS].encode("ascii", "replace").decode()

@@ -109,8 +109,10 @@ def _write(read: Sequence[Findings], folder: Path) -> Report:
 
     comparisons = []
     if len(read) > 1:
-        for members in compare.by_experiment(compare.groups(read)).values():
-            drawn = keep("compared-", compare_pictures.draw(members))
+        experiments = compare.by_experiment(compare.groups(read)).values()
+        for place, members in enumerate(experiments, start=1):
+            prefix = "compared-" if len(experiments) == 1 else f"compared-{place}-"
+            drawn = keep(prefix, compare_pictures.draw(members))
             comparisons.append(Comparison(members, drawn))
     chapters = []
     for place, one in enumerate(read, start=1):
@@ -118,5 +120,5 @@ def _write(read: Sequence[Findings], folder: Path) -> Report:
         made = (make(one) for make in _MAKERS)
         pictures = [picture for picture in made if picture is not None]
         chapters.append(Chapter(one, keep(prefix, pictures)))
-    files[0].write_text(page(chapters, comparisons), encoding="utf-8")
+    files[0].write_text(page(chapters, comparisons), encoding="utf-8", errors="replace")
     return Report(files, read)

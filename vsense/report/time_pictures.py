@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.pictures.canvas import INK, SCALE, Canvas, Colour, Floats, width_of
-from vsense.pictures.story import spoken
 from vsense.report.findings import Findings
 from vsense.report.gather import IN_CONE
 from vsense.report.health import FINE, LOST, STOPPED, UNKNOWN, UNSEEN
-from vsense.report.picture import RUN_TIME, Picture, part
+from vsense.report.picture import MOST_MEASURES, RUN_TIME, Picture, part, plain
 from vsense.report.plot import (
     AMBER,
     BLUE,
@@ -29,8 +28,6 @@ from vsense.report.plot import (
     spanning,
 )  # fmt: skip
 
-MOST_MEASURES = 12
-"""Measures of one experiment that are drawn."""
 _CHART_PX = 150
 _STATES: dict[int, tuple[str, Colour]] = {
     FINE: ("seen and connected", (236, 212, 178)),
@@ -51,7 +48,7 @@ def measures(findings: Findings) -> Picture | None:
     for place, (name, (times, values)) in enumerate(series.items()):
         x = Range(min(0.0, times[0]), max(findings.run_s, times[-1], 1e-3), RUN_TIME)
         frame = (54, each * place + 34, HALF_PX - 16, each * (place + 1) - 50)
-        plot = Plot(canvas, x, spanning(values, spoken(name)), frame)
+        plot = Plot(canvas, x, spanning(values, plain(name)), frame)
         shade_gaps(plot, findings)
         plot.line(times, values, BLUE, 2.0, steps=True)
     caption = f"What the experiment measured in {part(findings)}, a value for each timestep"
@@ -96,8 +93,8 @@ def robots(findings: Findings) -> Picture | None:
     caption = (
         f"Above: how many robots were seen by the cameras and connected in {part(findings)};"
         " grey: nothing was recorded, or no arena state came. Below: how each robot was, by tag,"
-        f" the worst in each {strip_s:g} s. Not seen: for more than 1 s. Stopped: its wheels were held"
-        " and nobody wanted that."
+        f" the worst in each {strip_s:g} s. Not seen: for more than 1 s. Stopped: its wheels were"
+        " held and nobody wanted that."
     )
     return Picture("robots", canvas.image, "Robots seen and connected", caption, True)
 
@@ -152,7 +149,7 @@ def latencies(findings: Findings) -> Picture | None:
     plot = Plot(canvas, x, spanning(shares, "share of timesteps [%]"))
     plot.bars(edges, shares, BLUE)
     marks = [(stats[f"{name}_ms"], words) for name, words in _PLAIN.items()]
-    plot.marks([(ms, f"{words} {ms:.3g} ms") for ms, words in marks], INK)
+    plot.marks([(ms, f"{words}: {ms:.3g} ms") for ms, words in marks], INK)
     caption = (
         f"Distribution of the latency over {len(values)} timesteps: from the middle of the"
         " cameras' exposure to the moment when the readings made from it were sent to the robots."

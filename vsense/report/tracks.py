@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.report.facts import number
+from vsense.report.facts import MOST_M, number
 
 Floats = NDArray[np.float64]
 
@@ -125,7 +125,7 @@ class Tracks:
         rows = [
             (int(tag), float(x), float(y))
             for tag, x, y, seen in zip(*columns, strict=True)
-            if seen and number(x) is not None and number(y) is not None
+            if seen and _is_place(x) and _is_place(y)
         ]
         self.states += 1
         self.places_m = {}
@@ -142,3 +142,8 @@ class Tracks:
         """The run pauses: what the robots do now is no part of their ways."""
         for track in self.of.values():
             track.lift()
+
+
+def _is_place(value: Any) -> bool:
+    known = number(value)
+    return known is not None and abs(known) < MOST_M

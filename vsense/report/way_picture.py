@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from vsense.pictures.canvas import INK, SCALE, Colour, Floats
+from vsense.report.facts import entities
 from vsense.report.findings import Findings
 from vsense.report.floor import Map, arena_of, draw_map, framed, map_width
 from vsense.report.gather import Gatherer
@@ -68,9 +69,9 @@ def _caption(findings: Findings, count: int, newest_m: float | None) -> str:
 
 def _shapes(found: Gatherer) -> Iterator[str]:
     """What the shapes are that stand in this arena."""
-    entities = [e for e in found.world.get("entities") or [] if isinstance(e, dict)]
-    solids = [bool(e.get("physical")) for e in entities if e.get("kind") in ("box", "cylinder")]
-    kinds = {e.get("kind") for e in entities}
+    things = entities(found.world)
+    solids = [bool(e.get("physical")) for e in things if e.get("kind") in ("box", "cylinder")]
+    kinds = [e.get("kind") for e in things]
     words = {
         "grey: real obstacles": True in solids,
         "purple: virtual obstacles": False in solids,
