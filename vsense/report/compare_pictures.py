@@ -66,9 +66,9 @@ def _over_time(members: Sequence[Group], name: str, file: str) -> Picture:
             plot.line(found.time_s, found.mean, _colour(group), 2.5, steps=True)
     plot.legend([(f"{g.condition} (n = {len(g.runs)})", _colour(g)) for g in members])
     caption = (
-        f"{plain(name).capitalize()} over time in {len(series)} runs of {members[0].experiment}."
-        " Thin: single runs; thick: their mean; band: mean ± one standard deviation of the runs,"
-        " both as far as all runs of a condition last."
+        f"{len(series)} runs of {members[0].experiment}. Thin: single runs; thick: their mean;"
+        " band: mean ± one standard deviation of the runs. Both end with the shortest run of a"
+        " condition."
     )
     title = f"{plain(name)} over time"
     return Picture(file, canvas.image, title.capitalize(), caption, False)
@@ -98,8 +98,8 @@ def _ends(members: Sequence[Group], name: str, file: str) -> Picture:
         middle = float(plot.at(place, 0.0)[0])
         canvas.text(words, middle - width_of(words, SMALL) / 2, plot.bottom + 20, INK, SMALL)
     caption = (
-        f"{plain(name).capitalize()} at the end of each run of {members[0].experiment}: a dot for"
-        " each run; line: mean ± one standard deviation."
+        f"A dot for each run of {members[0].experiment}: the last value. Lines: mean ± one standard"
+        " deviation of the runs."
     )
     title = f"{plain(name)} at the end"
     return Picture(file, canvas.image, title.capitalize(), caption, False)

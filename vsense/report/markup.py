@@ -78,7 +78,7 @@ def encode(picture: Picture) -> bytes:
     Raises:
         RecordingError: it cannot be made.
     """
-    done, data = cv2.imencode(".png", picture.image, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    done, data = cv2.imencode(".png", picture.image, [cv2.IMWRITE_PNG_COMPRESSION, 6])
     if not done:
         raise RecordingError(f"{picture.name}.png: cannot be made")
     return data.tobytes()

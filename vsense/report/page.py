@@ -219,7 +219,7 @@ _ROBOTS: Sequence[tuple[str, Callable[[RobotRow], str]]] = (
     ("longest unseen [s]", lambda row: f"{row.longest_unseen_s:.1f}"),
     ("connected [%]", lambda row: share_of(row.connected)),
     ("links lost", lambda row: DASH if row.losses is None else str(row.losses)),
-    ("stops", lambda row: "; ".join(f"{n} × {why}" for why, n in row.stops.items()) or DASH),
+    ("stops", lambda row: DASH if row.losses is None else str(sum(row.stops.values()))),
     ("base errors", lambda row: figure_of(row.base_errors)),
     ("battery, least [V]", lambda row: figure_of(row.battery_mv and row.battery_mv / 1e3)),
 )
@@ -233,11 +233,25 @@ def _robots(findings: Findings, counter: Counter) -> str:
     caption = (
         "Distance and speed while a robot was seen: times of more than 1 s without it are left out,"
         " and moves of less than 5 mm count once they add up. Stops: how often its wheels were held"
-        f" and nobody wanted that, by cause. {DASH}: none, or nobody told."
+        f" and nobody wanted that. {DASH}: nobody told."
     )
-    words = [place for place, head in enumerate(heads) if head in ("robot", "stops")]
     rows = list(zip(*(cells for _, cells in columns)))
-    return counter.table("The robots", caption, heads, rows, texts=words)
+    told = counter.table("The robots", caption, heads, rows, texts=[heads.index("robot")])
+    return told + _stops(findings, counter)
+
+
+def _stops(findings: Findings, counter: Counter) -> str:
+    """Why robots stopped; nothing where none did."""
+    causes = dict.fromkeys(why for row in findings.robots for why in row.stops)
+    rows = []
+    for why in list(causes)[:MOST_ROWS]:
+        stopped = [row for row in findings.robots if why in row.stops]
+        names = ", ".join(f"{row.name} ({row.stops[why]})" for row in stopped)
+        rows.append([why, str(sum(row.stops[why] for row in stopped)), names])
+    if not rows:
+        return ""
+    heads = ("cause", "times", "robots (times)")
+    return counter.table("Stops by cause", "", heads, rows, texts=(0, 2))
 
 
 def _amiss(findings: Findings, counter: Counter) -> str:

@@ -76,8 +76,15 @@ footer { margin-top: 3rem; padding-top: .8rem; border-top: 1px solid var(--line)
   h2 { break-before: page; }
   h2.first { break-before: auto; }
   h2, h3 { break-after: avoid; }
-  .figures { grid-template-columns: 1fr 1fr; }
-  tr { break-inside: avoid; }
+  .figures { display: block; }
+  figure { display: inline-block; width: 48.5%; vertical-align: top; margin: 0 1% 5mm 0; }
+  figure.wide { display: block; width: 100%; }
+  .tiles { grid-template-columns: repeat(4, 1fr); }
+  .scroll { overflow: visible; }
+  table { font-size: 7.5pt; }
+  th, td { padding: 1pt 3pt; }
+  figcaption, caption { font-size: 8.5pt; }
+  tr, .tiles { break-inside: avoid; }
   details, nav { display: none; }
 }
 @page { margin: 16mm; }

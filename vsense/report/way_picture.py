@@ -18,6 +18,8 @@ from vsense.report.plot import COLOURS, GREY, WIDE_PX, pieces, write
 NEWEST_WIDTHS = 25.0
 """Ways that together are longer than so many widths of the arena cannot be told apart: what is
 older is grey then."""
+MOST_TIMES = 12.0
+"""Ways so many times as long would make everything grey: what is older is left out then."""
 MOST_NAMES = 30
 """More robots than these are not named."""
 _NAME_PX = 50
@@ -32,11 +34,12 @@ def ways(findings: Findings) -> Picture | None:
     map_ = draw_map(found, map_width(arena, WIDE_PX))
     all_ = {tag: track.points_m for tag, track in sorted(found.tracks.of.items())}
     newest_m = NEWEST_WIDTHS * arena.size_m[0] / len(all_)
-    long = sum(_length_m(way) for way in all_.values()) > newest_m * len(all_)
+    times = sum(_length_m(way) for way in all_.values()) / (newest_m * len(all_))
+    long = times > 1.0
     newest = {tag: _tail(way, newest_m) if long else way for tag, way in all_.items()}
     colours = {tag: COLOURS[place % len(COLOURS)] for place, tag in enumerate(all_)}
     before = map_.canvas.image.copy()
-    for way in all_.values() if long else ():
+    for way in all_.values() if 1.0 < times < MOST_TIMES else ():
         _line(map_, way, GREY, 0.5)
     for tag, way in newest.items():
         _line(map_, way, colours[tag], 1.5)
@@ -47,18 +50,18 @@ def ways(findings: Findings) -> Picture | None:
         _ends(map_, pieces(way), colours[tag], found.facts.body_radius_m, not long)
     if len(all_) <= MOST_NAMES:
         _names(map_, all_)
-    length_m = newest_m if long else None
-    caption = _caption(findings, len(all_), length_m)
+    caption = _caption(findings, len(all_), times, newest_m)
     return Picture("ways", framed(map_, arena).image, "Trajectories", caption, True)
 
 
-def _caption(findings: Findings, count: int, newest_m: float | None) -> str:
+def _caption(findings: Findings, count: int, times: float, newest_m: float) -> str:
     ends = "ring of a robot's size: where it was last seen"
     ends += ", with its tag" if count <= MOST_NAMES else ""
-    if newest_m is None:
+    if times <= 1.0:
         ways = f"Hollow circle: where a robot was first seen; {ends}."
     else:
-        ways = f"Coloured: the last {newest_m:.3g} m of each; grey: all before; {ends}."
+        before = "grey: all before" if times < MOST_TIMES else "see the occupancy for all before"
+        ways = f"Only the last {newest_m:.3g} m of each ({before}); {ends}."
     shapes = "; ".join(_shapes(findings.found))
     return (
         f"Ways of {count} robots in {part(findings)}, as tracked from above. {ways}"
