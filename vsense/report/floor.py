@@ -21,7 +21,7 @@ from vsense.report.gather import ODD, Gatherer
 from vsense.report.plot import TEXT, ticks
 from vsense.world.entities import Arena
 
-MOST_CELLS = 1_000
+MOST_CELLS = 1_800
 """A floor is drawn with at most so many cells along a side."""
 NEAR_SIZES = 20.0
 """What is further away than so many sizes of the arena is not drawn."""
@@ -207,7 +207,7 @@ def _colour(value: Any) -> tuple[int, int, int] | None:
 def _floor(world: Mapping[str, Any], arena: Arena) -> Image | None:
     """The floor with its zones, (h, w, 4) red, green, blue, alpha; None: it is white."""
     size = np.array(arena.size_m[:2])
-    per_m = min(2 * FLOOR_PX_PER_M, MOST_CELLS / size.max())
+    per_m = min(6 * FLOOR_PX_PER_M, MOST_CELLS / size.max())
     columns, rows = (max(round(side * per_m), 1) for side in size)
     x = ((np.arange(columns) + 0.5) / columns - 0.5) * size[0] + arena.centre_m[0]
     y = (0.5 - (np.arange(rows) + 0.5) / rows) * size[1] + arena.centre_m[1]

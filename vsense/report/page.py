@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
 
 from vsense import __version__
-from vsense.pictures.story import spoken
+from vsense.report import tables
 from vsense.report.compare import Group, quantities, table
-from vsense.report.findings import Findings, RobotRow
+from vsense.report.findings import Findings
 from vsense.report.markup import DASH, Counter, figure_of, note, share_of, tiles
 from vsense.report.picture import Picture
 from vsense.report.style import CSS
-
-MOST_ROWS = 200
-"""Rows of a list that are shown; a page that nobody can scroll through helps nobody."""
 
 Drawn = tuple[Picture, bytes]
 
@@ -152,11 +149,11 @@ def _run(chapter: Chapter, counter: Counter) -> Iterator[str]:
     figures = "".join(counter.figure(*drawn) for drawn in chapter.pictures)
     yield f'<div class="figures">{figures}</div>\n'
     if findings.measures:
-        yield f"<h3>Measures</h3>\n{_measures(findings, counter)}"
+        yield f"<h3>Measures</h3>\n{tables.measures(findings, counter)}"
     if findings.robots:
-        yield f"<h3>Robots</h3>\n{_robots(findings, counter)}"
-    yield f"<h3>Loss and gaps</h3>\n{_amiss(findings, counter)}"
-    yield f"<h3>Events</h3>\n{_events(findings, counter)}"
+        yield f"<h3>Robots</h3>\n{tables.robots(findings, counter)}"
+    yield f"<h3>Loss and gaps</h3>\n{tables.amiss(findings, counter)}"
+    yield f"<h3>Events</h3>\n{tables.events(findings, counter)}"
     text = findings.found.facts.file_text
     if text:
         yield "<details><summary>The experiment's file</summary>"
@@ -199,101 +196,3 @@ def _tiles(findings: Findings) -> Iterator[tuple[str, str]]:
         yield "timesteps missed", f"{found.flow.missed} of {whole}"
     if found.late is not None:
         yield "timesteps late", str(found.late)
-
-
-def _measures(findings: Findings, counter: Counter) -> str:
-    rows = [
-        [spoken(name), *(figure_of(values[key]) for key in ("end", "mean", "min", "max"))]
-        for name, values in findings.measures.items()
-    ]
-    heads = ("measure", "at the end", "mean over the run", "least", "greatest")
-    return counter.table("Measures", "The mean is over timesteps.", heads, rows)
-
-
-_ROBOTS: Sequence[tuple[str, Callable[[RobotRow], str]]] = (
-    ("tag", lambda row: str(row.tag)),
-    ("robot", lambda row: row.name),
-    ("distance [m]", lambda row: f"{row.distance_m:.2f}"),
-    ("mean speed [m/s]", lambda row: DASH if row.speed_m_s is None else f"{row.speed_m_s:.3f}"),
-    ("seen [%]", lambda row: share_of(row.seen)),
-    ("longest unseen [s]", lambda row: f"{row.longest_unseen_s:.1f}"),
-    ("connected [%]", lambda row: share_of(row.connected)),
-    ("links lost", lambda row: DASH if row.losses is None else str(row.losses)),
-    ("stops", lambda row: DASH if row.losses is None else str(sum(row.stops.values()))),
-    ("base errors", lambda row: figure_of(row.base_errors)),
-    ("battery, least [V]", lambda row: figure_of(row.battery_mv and row.battery_mv / 1e3)),
-)
-"""Columns of the robots' table; those that say nothing of any robot are left out."""
-
-
-def _robots(findings: Findings, counter: Counter) -> str:
-    columns = [(head, [cell(row) for row in findings.robots]) for head, cell in _ROBOTS]
-    columns = [(head, cells) for head, cells in columns if set(cells) != {DASH}]
-    heads = [head for head, _ in columns]
-    caption = (
-        "Distance and speed while a robot was seen: times of more than 1 s without it are left out,"
-        " and moves of less than 5 mm count once they add up. Stops: how often its wheels were held"
-        f" and nobody wanted that. {DASH}: nobody told."
-    )
-    rows = list(zip(*(cells for _, cells in columns)))
-    told = counter.table("The robots", caption, heads, rows, texts=[heads.index("robot")])
-    return told + _stops(findings, counter)
-
-
-def _stops(findings: Findings, counter: Counter) -> str:
-    """Why robots stopped; nothing where none did."""
-    causes = dict.fromkeys(why for row in findings.robots for why in row.stops)
-    rows = []
-    for why in list(causes)[:MOST_ROWS]:
-        stopped = [row for row in findings.robots if why in row.stops]
-        names = ", ".join(f"{row.name} ({row.stops[why]})" for row in stopped)
-        rows.append([why, str(sum(row.stops[why] for row in stopped)), names])
-    if not rows:
-        return ""
-    heads = ("cause", "times", "robots (times)")
-    return counter.table("Stops by cause", "", heads, rows, texts=(0, 2))
-
-
-def _amiss(findings: Findings, counter: Counter) -> str:
-    flow, late = findings.found.flow, findings.found.late
-    words = ""
-    if findings.found.ran:
-        words = f"<p>{flow.missed} of {flow.lived + flow.missed} timesteps of the run were missed"
-        words += "" if late is None else f"; the run counted {late} as late or missed"
-        words += ".</p>\n"
-    if not findings.amiss:
-        words += "<p>No gaps in the recording, no silences, no lost links,"
-        return words + " no camera trouble.</p>\n"
-    rows = [
-        [
-            one.kind,
-            f"{one.from_s:.1f}",
-            "to the end" if one.to_s is None else f"{one.to_s - one.from_s:.1f}",
-            one.text,
-        ]
-        for one in findings.amiss[:MOST_ROWS]
-    ]
-    caption = _shown(len(rows), len(findings.amiss))
-    heads = ("what", "from [s]", "for [s]", "")
-    return words + counter.table("Loss and gaps", caption, heads, rows, texts=(0, 3))
-
-
-def _events(findings: Findings, counter: Counter) -> str:
-    events = findings.found.events
-    if not events:
-        return "<p>None.</p>\n"
-    rows = [
-        [
-            f"{(event.time_ns - findings.zero_ns) / 1e9:.1f}",
-            event.level,
-            event.text + (f" ({event.by})" if event.by else ""),
-        ]
-        for event in events[:MOST_ROWS]
-    ]
-    caption = _shown(len(rows), len(events) + findings.found.more_events)
-    heads = ("time [s]", "level", "text")
-    return counter.table("Events", caption, heads, rows, texts=(1, 2))
-
-
-def _shown(shown: int, count: int) -> str:
-    return "" if shown == count else f"The first {shown} of {count}."

@@ -28,6 +28,7 @@ GREY: Colour = (200, 194, 190)
 
 _LEFT, _RIGHT, _TOP, _BOTTOM = 54, 16, 34, 50
 _MOST_COLUMNS = 800
+_LOG_STEPS = ((1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9), (1, 2, 3, 5, 7), (1, 2, 5), (1,))
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,9 +63,13 @@ class Range:
         if not self.log:
             return ticks(self.low, self.high, most)
         powers = range(int(np.floor(np.log10(self.low))), int(np.ceil(np.log10(self.high))) + 1)
-        found = [step * 10.0**power for power in powers for step in (1, 2, 5)]
-        inside = [value for value in found if self.low * 0.999 <= value <= self.high * 1.001]
-        return inside if len(inside) <= most else [v for v in inside if f"{v:e}"[0] == "1"]
+        inside: list[float] = []
+        for steps in _LOG_STEPS:
+            found = [step * 10.0**power for power in powers for step in steps]
+            inside = [value for value in found if self.low * 0.999 <= value <= self.high * 1.001]
+            if len(inside) <= most + 2:
+                break
+        return inside
 
 
 def spanning(values: ArrayLike, label: str, from_zero: bool = True) -> Range:
