@@ -23,6 +23,8 @@ from vsense.world.entities import Arena
 
 MOST_CELLS = 1_800
 """A floor is drawn with at most so many cells along a side."""
+FLOOR_SHARE = 0.5
+"""How much of the floor's colour is left."""
 NEAR_SIZES = 20.0
 """What is further away than so many sizes of the arena is not drawn."""
 _FAR_PX = 20_000
@@ -224,6 +226,8 @@ def _floor(world: Mapping[str, Any], arena: Arena) -> Image | None:
         colour = _colour(entity.get("color"))
         if colour is not None and entity.get("kind") == "zone":
             colours[_inside(entity, across, up)] = (*colour, 255)
+    # Paler than it is, so that ways upon it can be seen.
+    colours[..., :3] = 255 - (FLOOR_SHARE * (255.0 - colours[..., :3])).astype(np.uint8)
     return None if (colours[..., :3] == 255).all() else colours
 
 

@@ -146,7 +146,8 @@ def latencies(findings: Findings) -> Picture | None:
     shares = np.histogram(values, edges)[0] / len(values) * 100.0
     canvas = Canvas(HALF_PX, 300)
     x = Range(float(edges[0]), float(edges[-1]), "latency, capture to sent [ms]", log=True)
-    plot = Plot(canvas, x, spanning(shares, "share of timesteps [%]"))
+    y = Range(0.0, 1.25 * float(shares.max()), "share of timesteps [%]")
+    plot = Plot(canvas, x, y)
     plot.bars(edges, shares, BLUE)
     marks = [(stats[f"{name}_ms"], words) for name, words in _PLAIN.items()]
     plot.marks([(ms, f"{words}: {ms:.3g} ms") for ms, words in marks], INK)
