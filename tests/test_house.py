@@ -25,6 +25,7 @@ FORBIDDEN = {
     "run": {"lab", "sim", "web"},
     "web": {"lab", "run", "sim", "link", "sensors", "actuators", "world", "tracking", "config"},
     "recording": {"lab", "run", "sim", "link", "sensors", "world", "web"},
+    "report": {"lab", "run", "sim", "link", "web", "room"},
 }
 """Folder of `vsense` -> folders whose modules it must not import."""
 

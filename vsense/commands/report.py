@@ -1,0 +1,63 @@
+"""`vsense report`: recordings as pictures, one page, and numbers."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+HELP = "make pictures and a page from recordings; several are compared"
+
+DESCRIPTION = (
+    "Makes report.html, one page that holds everything it shows, and its pictures as PNG:"
+    " trajectories, occupancy, the experiment's measures, robots seen and connected, latency, loss"
+    " and gaps. Several recordings are compared as well, each experiment's sighted runs with its"
+    " blind ones. Nothing is written over."
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declares the command's arguments."""
+    parser.add_argument(
+        "files", type=Path, nargs="+", metavar="FILE", help="the recordings (.mcap)"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="FOLDER",
+        help="folder for the report, made if need be, else empty (default: FILE without .mcap and"
+        " with -report; of several: report)",
+    )
+    parser.add_argument("--json", action="store_true", help="print the figures as JSON")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Makes the report; see `vsense.report.report`."""
+    # Imported here: `vsense --help` must not wait for OpenCV.
+    from vsense import recording
+    from vsense.console import Console
+
+    recording.require()
+    from vsense.report.report import make_report
+
+    files: list[Path] = options.files
+    alone = files[0].with_name(f"{files[0].stem}-report")
+    folder = options.output or (alone if len(files) == 1 else Path("report"))
+    console = Console()
+    made = make_report(
+        files, folder, lambda path, share: console.progress(f"reading {path}: {100 * share:.0f} %")
+    )
+    console.end_progress()
+    for one in made.findings:
+        if not one.complete:
+            console.say(f"vsense: {one.path} was cut off: its last second may be missing")
+        if one.damaged:
+            console.say(f"vsense: {one.damaged} parts of {one.path} are damaged")
+        if not one.found.ran:
+            console.say(f"vsense: {one.path} holds no run: all of it is shown")
+    if options.json:
+        print(json.dumps(made.as_json(), indent=1))
+    else:
+        print(f"{made.files[0]}: {len(made.files) - 1} pictures beside it")
+    return 0

@@ -1,0 +1,1 @@
+"""Reports: what recordings say, as pictures, one HTML page, and numbers."""

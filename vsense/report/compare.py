@@ -1,0 +1,171 @@
+"""Several runs side by side: curves with mean and spread, and the statistics of single values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vsense.pictures.canvas import Floats
+from vsense.pictures.story import spoken
+from vsense.report.findings import Findings
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """Runs of one experiment under one condition.
+
+    Attributes:
+        experiment: its name.
+        condition: "sighted", "blind" or "condition unknown".
+        runs: the runs, one at least.
+    """
+
+    experiment: str
+    condition: str
+    runs: Sequence[Findings]
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """A measure of a group over time, as far as all of its runs last.
+
+    Attributes:
+        time_s: (n,).
+        mean: (n,) over the runs.
+        spread: (n,) sample standard deviation; 0 for a single run.
+    """
+
+    time_s: Floats
+    mean: Floats
+    spread: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Statistics:
+    """One value of each run of a group.
+
+    Attributes:
+        values: as the runs are in the group; runs without it are left out.
+        mean, median: of these.
+        spread: sample standard deviation; None for a single value.
+    """
+
+    values: Sequence[float]
+    mean: float
+    spread: float | None
+    median: float
+
+
+def groups(runs: Sequence[Findings]) -> list[Group]:
+    """Sorts runs by experiment and condition, the sighted before the blind."""
+    sorted_: dict[tuple[str, str], list[Findings]] = {}
+    for run in runs:
+        facts = run.found.facts
+        blind = {None: "condition unknown", False: "sighted", True: "blind"}[facts.blind]
+        sorted_.setdefault((facts.name or "unnamed experiment", blind), []).append(run)
+    order = sorted(sorted_, key=lambda key: (key[0], key[1] != "sighted", key[1]))
+    return [Group(*key, sorted_[key]) for key in order]
+
+
+def by_experiment(found: Sequence[Group]) -> dict[str, list[Group]]:
+    """Puts the groups of each experiment together."""
+    experiments: dict[str, list[Group]] = {}
+    for group in found:
+        experiments.setdefault(group.experiment, []).append(group)
+    return experiments
+
+
+def measure_names(found: Sequence[Group]) -> list[str]:
+    """All measures of some groups, in their order of appearance."""
+    runs = (run for group in found for run in group.runs)
+    return list(dict.fromkeys(name for run in runs for name in run.found.measures.of))
+
+
+def curve(group: Group, name: str) -> Curve | None:
+    """A measure of a group over time; None: no run has it."""
+    series = [run.found.measures.of[name] for run in group.runs if name in run.found.measures.of]
+    if not series:
+        return None
+    step_s = min(run.found.facts.timestep_s for run in group.runs)
+    begin_s = max(times[0] for times, _ in series)
+    end_s = min(times[-1] for times, _ in series)
+    if end_s < begin_s:
+        return None
+    count = min(max(int((end_s - begin_s) / step_s + 1e-6) + 1, 2), 20_000)
+    grid = np.linspace(begin_s, end_s, count)
+    rows = np.array([held(np.array(times), np.array(values), grid) for times, values in series])
+    spread = rows.std(axis=0, ddof=1) if len(rows) > 1 else np.zeros(count)
+    return Curve(grid, rows.mean(axis=0), spread)
+
+
+def held(times: Floats, values: Floats, grid: Floats) -> Floats:
+    """Values at other times, (n,): each lasts until the next."""
+    places = np.searchsorted(times, grid + 1e-9, side="right") - 1
+    return np.asarray(values[np.clip(places, 0, len(values) - 1)])
+
+
+def quantities(run: Findings) -> dict[str, float]:
+    """What of a run is compared as single numbers, by a name with its unit."""
+    found: dict[str, float] = {}
+    for name, values in run.measures.items():
+        found[f"{spoken(name)}, at the end"] = values["end"]
+        found[f"{spoken(name)}, mean over the run"] = values["mean"]
+    moved = [row for row in run.robots if row.speed_m_s is not None]
+    if moved:
+        found["distance per robot [m]"] = float(np.mean([row.distance_m for row in moved]))
+        speeds = [row.speed_m_s for row in moved if row.speed_m_s is not None]
+        found["speed per robot [m/s]"] = float(np.mean(speeds))
+    latency = run.latency
+    if latency:
+        found["latency, median [ms]"] = latency["p50_ms"]
+    return found
+
+
+def statistics(values: Sequence[float]) -> Statistics:
+    """Summarises one value of each run, one at least."""
+    spread = float(np.std(values, ddof=1)) if len(values) > 1 else None
+    return Statistics(values, float(np.mean(values)), spread, float(np.median(values)))
+
+
+def table(found: Sequence[Group]) -> dict[str, dict[str, Statistics]]:
+    """The statistics of one experiment's groups, by quantity and condition."""
+    rows: dict[str, dict[str, list[float]]] = {}
+    for group in found:
+        for run in group.runs:
+            for name, value in quantities(run).items():
+                rows.setdefault(name, {}).setdefault(group.condition, []).append(value)
+    return {
+        name: {condition: statistics(values) for condition, values in columns.items()}
+        for name, columns in rows.items()
+    }
+
+
+def as_json(found: Sequence[Group]) -> list[Mapping[str, Any]]:
+    """The comparison for `--json`: statistics by experiment, condition and quantity."""
+    rows: list[Mapping[str, Any]] = []
+    for experiment, members in by_experiment(found).items():
+        statistics_ = table(members)
+        for group in members:
+            values = {
+                name: {
+                    "n": len(columns[group.condition].values),
+                    "mean": columns[group.condition].mean,
+                    "standard_deviation": columns[group.condition].spread,
+                    "median": columns[group.condition].median,
+                }
+                for name, columns in statistics_.items()
+                if group.condition in columns
+            }
+            files = [str(run.path) for run in group.runs]
+            rows.append(
+                {
+                    "experiment": experiment,
+                    "condition": group.condition,
+                    "files": files,
+                    "quantities": values,
+                }
+            )
+    return rows

@@ -1,0 +1,134 @@
+"""What does not change during a recording, from its `/experiment`; every field may be missing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from vsense.world.entities import BODY_RADIUS_M, Arena
+
+TIMESTEP_S = 0.1
+"""Where a recording does not say how long a timestep is."""
+TIMESTEPS_S = 1e-3, 60.0
+"""No timestep is shorter, and none is longer."""
+MOST = 1e15
+"""Numbers beyond this are damage."""
+MOST_M = 1e4
+"""No place is further away than this, either way."""
+LEAST_M = 0.1
+"""No arena is smaller."""
+MOST_ASPECT = 4.0
+"""An arena that is longer than so many of its widths is not drawn as it stands."""
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What was run.
+
+    Attributes:
+        name: of the experiment; "" unknown.
+        seed: what everything was drawn from; None unknown.
+        blind: the virtual sensors were held at 0; None unknown.
+        command: the command that ran it, "" unknown.
+        timestep_s: length of a timestep [s].
+        length_s: wanted length of the run [s]; None: none, or unknown.
+        arena: where it was; None unknown.
+        robots: names of the robots by tag; empty: unknown.
+        objects: names of tagged objects by tag.
+        body_radius_m: of a robot.
+        file_text: the experiment's file, "" unknown.
+    """
+
+    name: str
+    seed: int | None
+    blind: bool | None
+    command: str
+    timestep_s: float
+    length_s: float | None
+    arena: Arena | None
+    robots: Mapping[int, str]
+    objects: Mapping[int, str]
+    body_radius_m: float
+    file_text: str
+
+    def is_robot(self, tag: int) -> bool:
+        """Whether a tag is that of a robot that takes part."""
+        return tag in self.robots if self.robots else tag not in self.objects
+
+
+def read_facts(data: Mapping[str, Any]) -> Facts:
+    """Reads the data of `/experiment`; what is missing or damaged stays unknown."""
+    blind, seed = data.get("blind"), data.get("seed")
+    timestep_s, radius_m = number(data.get("timestep_s")), number(data.get("body_radius_m"))
+    length_s = number(data.get("length_s"))
+    if timestep_s is not None and not TIMESTEPS_S[0] <= timestep_s <= TIMESTEPS_S[1]:
+        timestep_s = None
+    return Facts(
+        name=_text(data.get("name")),
+        seed=seed if isinstance(seed, int) else None,
+        blind=blind if isinstance(blind, bool) else None,
+        command=_text(data.get("command")),
+        timestep_s=TIMESTEP_S if timestep_s is None else timestep_s,
+        length_s=length_s if length_s is not None and length_s > 0.0 else None,
+        arena=_arena(data.get("arena")),
+        robots=_names(data.get("robots")),
+        objects=_names(data.get("objects")),
+        body_radius_m=radius_m if radius_m is not None and 0.0 < radius_m < 1.0 else BODY_RADIUS_M,
+        file_text=_text(data.get("file_text")),
+    )
+
+
+def number(value: Any) -> float | None:
+    """A number, or None; `MOST` bounds it."""
+    if isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= MOST:
+        return float(value)
+    return None
+
+
+def clock_ns(value: Any) -> int:
+    """A time of the host's clock [ns].
+
+    Raises:
+        ValueError: it is none.
+    """
+    if not isinstance(value, int) or abs(value) >= 1 << 62:
+        raise ValueError("expected nanoseconds")
+    return value
+
+
+def entities(world: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """The entities of a `/world`."""
+    found = world.get("entities")
+    return [each for each in found if isinstance(each, dict)] if isinstance(found, list) else []
+
+
+def numbers(values: Any, count: int) -> tuple[float, ...] | None:
+    """So many finite numbers, or None."""
+    if not isinstance(values, Sequence) or isinstance(values, str) or len(values) < count:
+        return None
+    found = [number(value) for value in values[:count]]
+    return None if None in found else tuple(value for value in found if value is not None)
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else ""
+
+
+def _names(rows: Any) -> dict[int, str]:
+    if not isinstance(rows, list):
+        return {}
+    fits = (r for r in rows if isinstance(r, dict) and isinstance(r.get("tag"), int))
+    return {row["tag"]: str(row.get("name") or row["tag"]) for row in fits}
+
+
+def _arena(data: Any) -> Arena | None:
+    """The arena, where it can be drawn as it stands."""
+    if not isinstance(data, dict):
+        return None
+    size_m, centre_m = numbers(data.get("size_m"), 2), numbers(data.get("centre_m"), 2)
+    if size_m is None or centre_m is None or not LEAST_M <= min(size_m) <= max(size_m) < MOST_M:
+        return None
+    if max(map(abs, centre_m)) > MOST_M or max(size_m) > MOST_ASPECT * min(size_m):
+        return None
+    return Arena((size_m[0], size_m[1], 0.0), (centre_m[0], centre_m[1], 0.0))

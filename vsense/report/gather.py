@@ -1,0 +1,212 @@
+"""Goes through a recording once and keeps what a report needs: little, however long it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vsense.hub import Message
+from vsense.recording.reader import Recording
+from vsense.report.facts import MOST_M, Facts, clock_ns, number, read_facts
+from vsense.report.flow import Cameras, Flow, Latencies, Measures
+from vsense.report.health import FINE, UNSEEN, Roll, Strips
+from vsense.report.tracks import UNSEEN_NS, Tracks
+
+MOST_EVENTS = 500
+IN_CONE, LIT_IN_CONE = "robots_in_cone", "lit_in_cone"
+"""Measures that the report counts itself, where there is a pollutant: chapter 5's figures."""
+
+Cone = tuple[tuple[float, float], ...]
+ODD = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError)
+"""What a damaged message raises."""
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something that people were told: when, how bad, by whom, and the words."""
+
+    time_ns: int
+    level: str
+    by: str
+    text: str
+
+
+class Gatherer:
+    """What was found in a recording so far.
+
+    Where there is a run, ways, measures, robots, latencies and silences are those of the run;
+    where there is none, those of everything recorded.
+
+    Attributes:
+        facts: what was run.
+        ran: whether there is a run.
+        odd: messages that could not be understood.
+        world: the newest `/world`, as it came.
+        cones: the first and the newest polluted triangle of each source.
+        late: timesteps whose readings left late, as the run counted them; None unknown.
+        state: the run's state at the recording's end, "" unknown.
+        events: what people were told, the first `MOST_EVENTS`.
+        more_events: how many others there were.
+    """
+
+    def __init__(self, facts: Facts) -> None:
+        """Begins before the first message."""
+        self.facts = facts
+        self.ran = False
+        self.odd = 0
+        self.world: Mapping[str, Any] = {}
+        self.cones: dict[int, tuple[Cone, Cone]] = {}
+        self.late: int | None = None
+        self.state = ""
+        self.events: list[Event] = []
+        self.more_events = 0
+        self._going = True
+        self._begin()
+        self._takers: dict[str, Callable[[Message], None]] = {
+            "/arena": self._arena,
+            "/signals": self._signals,
+            "/readings": self._readings,
+            "/robots": self._robots,
+            "/cameras": lambda m: self.cameras.take(m.time_ns, m.data),
+            "/run": self._run,
+            "/world": self._world,
+            "/event": self._event,
+        }
+
+    def _begin(self) -> None:
+        """The run begins: what was before it does not count."""
+        self.tracks = Tracks(self.facts.is_robot)
+        self.roll, self.flow, self.latencies = Roll(), Flow(), Latencies()
+        self.measures, self.cameras = Measures(), Cameras()
+        self.strips = Strips(round(self.facts.timestep_s * 1e9))
+
+    @property
+    def topics(self) -> frozenset[str]:
+        """The topics of the messages that it wants."""
+        return frozenset(self._takers)
+
+    def take(self, message: Message) -> None:
+        """Takes a message; one that is damaged is counted and left out."""
+        try:
+            self._takers[message.topic](message)
+        except ODD:
+            self.odd += 1
+
+    def _arena(self, message: Message) -> None:
+        data = message.data
+        run_timestep = data.get("run_timestep")
+        run_timestep = run_timestep if isinstance(run_timestep, int) else -1
+        capture_ns = clock_ns(data["capture_ns"])
+        if run_timestep >= 0 and not self.ran:
+            connected, self.ran = self.roll.connected, True
+            self._begin()
+            self.roll.connected = connected
+        self._going = run_timestep >= 0 or not self.ran
+        if not self._going:
+            self.flow.pass_over(capture_ns)
+            self.tracks.lift()
+            return
+        self.tracks.take(capture_ns, data["robots"])
+        seen = self.tracks.places_m.keys()
+        self.flow.take(capture_ns, run_timestep, len(seen), self.roll.connected)
+        if not self.roll.of:
+            self.strips.take(capture_ns, dict.fromkeys(seen, FINE))
+        self._miss(capture_ns)
+
+    def _miss(self, capture_ns: int) -> None:
+        """Notes who has not been seen for longer than a moment."""
+        since = {}
+        for tag in self.facts.robots or self.tracks.of:
+            track = self.tracks.of.get(tag)
+            seen_ns = track.last_ns if track is not None else self.flow.begin_ns
+            if seen_ns is not None and capture_ns - seen_ns > UNSEEN_NS:
+                since[tag] = seen_ns
+        self.strips.take(capture_ns, dict.fromkeys(since, UNSEEN), since)
+
+    def _signals(self, message: Message) -> None:
+        if not self._going:
+            return
+        data = message.data
+        time_s, begin_ns = number(data.get("time_s")), self.flow.begin_ns
+        if not self.ran or time_s is None:
+            time_s = (message.time_ns - (message.time_ns if begin_ns is None else begin_ns)) / 1e9
+        measures = dict(data.get("measures") or {})
+        cones = [read_cone(cone) for cone in data.get("cones") or []]
+        for number_, cone in enumerate(cones):
+            self.cones[number_] = (self.cones.get(number_, (cone, cone))[0], cone)
+        if self.cones:
+            inside = [tag for tag, at in self.tracks.places_m.items() if _any_holds(cones, at)]
+            measures.setdefault(IN_CONE, len(inside))
+            # What the LEDs were one timestep ago: the robots tell later than the world.
+            measures.setdefault(LIT_IN_CONE, sum(tag in self.roll.lit for tag in inside))
+        self.measures.take(time_s, measures)
+
+    def _readings(self, message: Message) -> None:
+        if self._going:
+            self.latencies.take(message.time_ns, message.data)
+
+    def _robots(self, message: Message) -> None:
+        if self._going:
+            self.strips.take(message.time_ns, self.roll.take(message.time_ns, message.data))
+
+    def _run(self, message: Message) -> None:
+        self.state = str(message.data.get("state") or "")
+        late = message.data.get("late")
+        self.late = late if isinstance(late, int) else self.late
+
+    def _world(self, message: Message) -> None:
+        self.world = message.data
+
+    def _event(self, message: Message) -> None:
+        if len(self.events) >= MOST_EVENTS:
+            self.more_events += 1
+            return
+        data = message.data
+        level, by = str(data.get("level") or "info"), str(data.get("by") or "")
+        self.events.append(Event(message.time_ns, level, by, str(data["text"])))
+
+
+def gather(recording: Recording, progress: Callable[[float], None]) -> Gatherer:
+    """Goes through a recording.
+
+    Args:
+        recording: what to read.
+        progress: is told now and then how many seconds of it were read.
+
+    Raises:
+        RecordingError: it cannot be read any more.
+    """
+    found = Gatherer(read_facts(recording.experiment))
+    for place, message in enumerate(recording.messages(found.topics)):
+        found.take(message)
+        if place % 500 == 0:
+            progress((message.time_ns - recording.begin_ns) / 1e9)
+    return found
+
+
+def read_cone(data: Mapping[str, Any]) -> Cone:
+    """Reads a polluted triangle.
+
+    Raises:
+        KeyError, TypeError, ValueError: it is damaged.
+    """
+    corners = tuple((float(x), float(y)) for x, y in zip(data["x_m"], data["y_m"], strict=True))
+    if len(corners) != 3 or not (np.abs(corners) < MOST_M).all():
+        raise ValueError("expected a triangle")
+    return corners
+
+
+def _any_holds(cones: Sequence[Cone], at: tuple[float, float]) -> bool:
+    return any(_holds(cone, at) for cone in cones)
+
+
+def _holds(cone: Cone, at: tuple[float, float]) -> bool:
+    """Whether a point lies in a triangle, its border included."""
+    turns = [
+        (bx - ax) * (at[1] - ay) - (by - ay) * (at[0] - ax)
+        for (ax, ay), (bx, by) in zip(cone, (*cone[1:], cone[0]), strict=True)
+    ]
+    return min(turns) >= 0.0 or max(turns) <= 0.0

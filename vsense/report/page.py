@@ -1,0 +1,198 @@
+"""The page of a report: one HTML file that holds everything it shows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from html import escape
+
+from vsense import __version__
+from vsense.report import tables
+from vsense.report.compare import Group, quantities, table
+from vsense.report.findings import Findings
+from vsense.report.markup import DASH, Counter, figure_of, note, share_of, tiles
+from vsense.report.picture import Picture
+from vsense.report.style import CSS
+
+Drawn = tuple[Picture, bytes]
+
+
+@dataclass(frozen=True, slots=True)
+class Chapter:
+    """One recording: what it says, and its pictures with their PNGs."""
+
+    findings: Findings
+    pictures: Sequence[Drawn]
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """The runs of one experiment: their groups, and the pictures with their PNGs."""
+
+    groups: Sequence[Group]
+    pictures: Sequence[Drawn]
+
+
+def page(chapters: Sequence[Chapter], comparisons: Sequence[Comparison]) -> str:
+    """Makes the page.
+
+    Args:
+        chapters: the recordings, one at least.
+        comparisons: of each experiment's runs; empty for a single recording.
+    """
+    counter = Counter()
+    many = len(chapters) > 1
+    name = chapters[0].findings.label if not many else f"{len(chapters)} runs compared"
+    parts = [
+        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(name)}'
+        ' – vsense report</title>\n<meta name="viewport"'
+        ' content="width=device-width, initial-scale=1">\n'
+        f"<style>{CSS}</style></head><body>\n<header><h1>{escape(name)}</h1>"
+        '<p class="soft">What the recordings of vsense say. Times are in seconds since a run began,'
+        " lengths in metres in the arena's frame.</p></header>\n"
+    ]
+    if many:
+        parts.append(_contents(chapters, comparisons))
+    for place, comparison in enumerate(comparisons):
+        parts.append(_compared(comparison, place, counter))
+    for place, chapter in enumerate(chapters):
+        if many:
+            parts.append(f'<h2 id="run-{place}">{escape(chapter.findings.label)}</h2>\n')
+        parts += _run(chapter, counter)
+    parts.append(
+        f'<footer class="soft">Made by vsense {escape(__version__)}, <code>vsense report</code>.'
+        "</footer></body></html>\n"
+    )
+    return "".join(parts)
+
+
+def _contents(chapters: Sequence[Chapter], comparisons: Sequence[Comparison]) -> str:
+    links = [
+        (f"compared-{place}", f"{each.groups[0].experiment}: runs compared")
+        for place, each in enumerate(comparisons)
+    ]
+    links += [
+        (f"run-{place}", f"{each.findings.label} ({each.findings.path})")
+        for place, each in enumerate(chapters)
+    ]
+    rows = "".join(f'<li><a href="#{to}">{escape(words)}</a></li>' for to, words in links)
+    return f"<nav><ul>{rows}</ul></nav>\n"
+
+
+def _compared(comparison: Comparison, place: int, counter: Counter) -> str:
+    groups = comparison.groups
+    conditions = ", ".join(f"{len(g.runs)} {g.condition}" for g in groups)
+    title = f"{groups[0].experiment}: runs compared"
+    first = " class=first" if place == 0 else ""
+    figures = "".join(counter.figure(*drawn) for drawn in comparison.pictures)
+    return (
+        f'<h2 id="compared-{place}"{first}>{escape(title)}</h2>\n'
+        f'<p>Runs: {escape(conditions)}.</p>\n<div class="figures">{figures}</div>\n'
+        f"<h3>End values</h3>\n{_statistics(groups, counter)}"
+        f"<h3>Runs</h3>\n{_runs(groups, counter)}"
+    )
+
+
+def _statistics(groups: Sequence[Group], counter: Counter) -> str:
+    rows = []
+    for name, columns in table(groups).items():
+        row = [name]
+        for group in groups:
+            found = columns.get(group.condition)
+            if found is None:
+                row += ["0", DASH, DASH, DASH]
+            else:
+                numbers = (found.mean, found.spread, found.median)
+                row += [str(len(found.values)), *(figure_of(value) for value in numbers)]
+        rows.append(row)
+    heads = ["quantity", *(["n", "mean", "SD", "median"] * len(groups))]
+    caption = "One value of each run; SD: sample standard deviation over the runs."
+    over = [("", 1), *((group.condition, 4) for group in groups)]
+    return counter.table(f"Runs of {groups[0].experiment}", caption, heads, rows, over=over)
+
+
+def _runs(groups: Sequence[Group], counter: Counter) -> str:
+    rows = []
+    for group in groups:
+        for run in group.runs:
+            facts, values = run.found.facts, quantities(run)
+            seen = [row.seen for row in run.robots]
+            rows.append(
+                [
+                    str(run.path),
+                    group.condition,
+                    DASH if facts.seed is None else str(facts.seed),
+                    f"{run.run_s:.1f}",
+                    str(len(run.robots)),
+                    share_of(sum(seen) / len(seen) if seen else None),
+                    figure_of(values.get("latency, median [ms]")),
+                    str(run.found.flow.missed),
+                    "whole" if run.complete and not run.damaged else "cut off or damaged",
+                ]
+            )
+    heads = (
+        "recording", "condition", "seed", "length [s]", "robots", "seen [%]",
+        "median latency [ms]", "timesteps missed", "file",
+    )  # fmt: skip
+    caption = "Seen: mean share of the timesteps in which a robot was seen."
+    return counter.table("The recordings", caption, heads, rows, texts=(0, 1, 8))
+
+
+def _run(chapter: Chapter, counter: Counter) -> Iterator[str]:
+    findings = chapter.findings
+    begun = findings.begun
+    when = f", recorded {begun:%Y-%m-%d %H:%M} UTC" if begun is not None else ""
+    file = f"{findings.path} (vsense {findings.version}{when})"
+    yield f'<p class="soft">{escape(file)}</p>\n'
+    yield from _notes(findings)
+    yield tiles(_tiles(findings))
+    figures = "".join(counter.figure(*drawn) for drawn in chapter.pictures)
+    yield f'<div class="figures">{figures}</div>\n'
+    if findings.measures:
+        yield f"<h3>Measures</h3>\n{tables.measures(findings, counter)}"
+    if findings.robots:
+        yield f"<h3>Robots</h3>\n{tables.robots(findings, counter)}"
+    yield f"<h3>Loss and gaps</h3>\n{tables.amiss(findings, counter)}"
+    yield f"<h3>Events</h3>\n{tables.events(findings, counter)}"
+    text = findings.found.facts.file_text
+    if text:
+        yield "<details><summary>The experiment's file</summary>"
+        yield f"<pre>{escape(text)}</pre></details>\n"
+
+
+def _notes(findings: Findings) -> Iterator[str]:
+    found = findings.found
+    if not findings.complete:
+        yield note("This recording was cut off: its last second may be missing.", "warning")
+    if findings.damaged:
+        words = f"{findings.damaged} parts of this recording are damaged and left out."
+        yield note(words, "trouble")
+    if found.odd:
+        yield note(f"{found.odd} messages could not be understood and are left out.", "warning")
+    if found.flow.lived and not found.ran:
+        words = "This recording holds no run: everything shown is from the whole recording."
+        yield note(words, "warning")
+    if findings.lacks:
+        yield note(f"Not in this recording: {', '.join(findings.lacks)}.", "warning")
+
+
+def _tiles(findings: Findings) -> Iterator[tuple[str, str]]:
+    found, latency = findings.found, findings.latency
+    seen = [row.seen for row in findings.robots]
+    linked = [row.connected for row in findings.robots if row.connected is not None]
+    wanted_s = found.facts.length_s
+    length = f"{findings.run_s:.1f}" + (f" of {wanted_s:g} s" if wanted_s and found.ran else " s")
+    yield ("run" if found.ran else "recorded"), length
+    yield "robots", str(len(findings.robots))
+    if found.flow.lived:
+        yield "seen", f"{share_of(sum(seen) / len(seen) if seen else None)} %"
+    if linked:
+        yield "connected", f"{share_of(sum(linked) / len(linked))} %"
+    if latency:
+        yield "latency, median", f"{latency['p50_ms']:.3g} ms"
+        yield "latency, 99 %", f"{latency['p99_ms']:.3g} ms"
+    whole = found.flow.lived + found.flow.missed
+    if whole and found.ran:
+        yield "timesteps missed", f"{found.flow.missed} of {whole}"
+    if found.late is not None:
+        yield "timesteps late", str(found.late)

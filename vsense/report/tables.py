@@ -1,0 +1,114 @@
+"""The tables of one recording: measures, robots, what was amiss, and events."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from vsense.pictures.story import spoken
+from vsense.report.findings import Findings, RobotRow
+from vsense.report.markup import DASH, Counter, figure_of, share_of
+
+MOST_ROWS = 200
+"""Rows of a list that are shown; a page that nobody can scroll through helps nobody."""
+
+
+def measures(findings: Findings, counter: Counter) -> str:
+    """Each measure's last, mean, least and greatest value."""
+    rows = [
+        [spoken(name), *(figure_of(values[key]) for key in ("end", "mean", "min", "max"))]
+        for name, values in findings.measures.items()
+    ]
+    heads = ("measure", "at the end", "mean over the run", "least", "greatest")
+    return counter.table("Measures", "The mean is over timesteps.", heads, rows)
+
+
+_ROBOTS: Sequence[tuple[str, Callable[[RobotRow], str]]] = (
+    ("tag", lambda row: str(row.tag)),
+    ("robot", lambda row: row.name),
+    ("distance [m]", lambda row: f"{row.distance_m:.2f}"),
+    ("mean speed [m/s]", lambda row: DASH if row.speed_m_s is None else f"{row.speed_m_s:.3f}"),
+    ("seen [%]", lambda row: share_of(row.seen)),
+    ("between sightings, most [s]", lambda row: f"{row.longest_unseen_s:.1f}"),
+    ("connected [%]", lambda row: share_of(row.connected)),
+    ("links lost", lambda row: DASH if row.losses is None else str(row.losses)),
+    ("stops", lambda row: DASH if row.losses is None else str(sum(row.stops.values()))),
+    ("base errors", lambda row: figure_of(row.base_errors)),
+    ("battery, least [V]", lambda row: figure_of(row.battery_mv and row.battery_mv / 1e3)),
+)
+"""Columns of the robots' table; those that say nothing of any robot are left out."""
+
+
+def robots(findings: Findings, counter: Counter) -> str:
+    """A row for each robot, and why they stopped."""
+    columns = [(head, [cell(row) for row in findings.robots]) for head, cell in _ROBOTS]
+    columns = [(head, cells) for head, cells in columns if set(cells) != {DASH}]
+    heads = [head for head, _ in columns]
+    caption = (
+        "Distance and speed while a robot was seen: times of more than 1 s without it are left out,"
+        " and moves of less than 5 mm count once they add up. Stops: how often its wheels were held"
+        f" and nobody wanted that. {DASH}: nobody told."
+    )
+    rows = list(zip(*(cells for _, cells in columns)))
+    told = counter.table("The robots", caption, heads, rows, texts=[heads.index("robot")])
+    return told + _stops(findings, counter)
+
+
+def _stops(findings: Findings, counter: Counter) -> str:
+    """Why robots stopped; nothing where none did."""
+    causes = dict.fromkeys(why for row in findings.robots for why in row.stops)
+    rows = []
+    for why in list(causes)[:MOST_ROWS]:
+        stopped = [row for row in findings.robots if why in row.stops]
+        names = ", ".join(f"{row.name} ({row.stops[why]})" for row in stopped)
+        rows.append([why, str(sum(row.stops[why] for row in stopped)), names])
+    if not rows:
+        return ""
+    heads = ("cause", "times", "robots (times)")
+    return counter.table("Stops by cause", "", heads, rows, texts=(0, 2))
+
+
+def amiss(findings: Findings, counter: Counter) -> str:
+    """What was lost, silent or in trouble."""
+    flow, late = findings.found.flow, findings.found.late
+    words = ""
+    if findings.found.ran:
+        words = f"<p>{flow.missed} of {flow.lived + flow.missed} timesteps of the run were missed"
+        words += "" if late is None else f"; the run counted {late} as late or missed"
+        words += ".</p>\n"
+    if not findings.amiss:
+        words += "<p>No gaps in the recording, no silences, no lost links,"
+        return words + " no camera trouble.</p>\n"
+    rows = [
+        [
+            one.kind,
+            f"{one.from_s:.1f}",
+            "to the end" if one.to_s is None else f"{one.to_s - one.from_s:.1f}",
+            one.text,
+        ]
+        for one in findings.amiss[:MOST_ROWS]
+    ]
+    caption = _shown(len(rows), len(findings.amiss))
+    heads = ("what", "from [s]", "for [s]", "")
+    return words + counter.table("Loss and gaps", caption, heads, rows, texts=(0, 3))
+
+
+def events(findings: Findings, counter: Counter) -> str:
+    """What people were told."""
+    told = findings.found.events
+    if not told:
+        return "<p>None.</p>\n"
+    rows = [
+        [
+            f"{(event.time_ns - findings.zero_ns) / 1e9:.1f}",
+            event.level,
+            event.text + (f" ({event.by})" if event.by else ""),
+        ]
+        for event in told[:MOST_ROWS]
+    ]
+    caption = _shown(len(rows), len(told) + findings.found.more_events)
+    heads = ("time [s]", "level", "text")
+    return counter.table("Events", caption, heads, rows, texts=(1, 2))
+
+
+def _shown(shown: int, count: int) -> str:
+    return "" if shown == count else f"The first {shown} of {count}."

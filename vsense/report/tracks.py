@@ -1,0 +1,149 @@
+"""Where the robots were: thinned ways, driven distances, and how long each spot was occupied.
+
+All of it stays small however long a recording is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.report.facts import MOST_M, number
+
+Floats = NDArray[np.float64]
+
+CELL_M = 0.05
+"""Occupancy is counted in squares of this side."""
+STILL_M = 0.005
+"""Shorter moves count once they add up to this: a standing robot's pose trembles."""
+UNSEEN_NS = 1_000_000_000
+"""A way that was not seen for longer is not guessed: neither drawn nor counted."""
+MOST_POINTS = 4_000
+"""A robot's way is thinned to half of its points when it has as many."""
+
+
+class Track:
+    """One robot's way, from one sighting to the next.
+
+    Attributes:
+        seen: timesteps in which it was seen.
+        distance_m: driven, along sightings at least `STILL_M` apart.
+        followed_s: time between sightings that `distance_m` was driven in.
+        longest_unseen_s: the longest time without a sighting, pauses left out.
+        last_ns: when it was seen last.
+    """
+
+    def __init__(self) -> None:
+        """Begins before the first sighting."""
+        self.seen = 0
+        self.distance_m = self.followed_s = self.longest_unseen_s = 0.0
+        self._points: list[tuple[float, float]] = []
+        self._spacing_m = STILL_M
+        self._most = MOST_POINTS
+        self._anchor: tuple[float, float] | None = None
+        self._kept: tuple[float, float] | None = None
+        self._last: tuple[float, float] | None = None
+        self.last_ns = 0
+
+    @property
+    def points_m(self) -> Floats:
+        """The way, (n, 2) arena frame; a row of NaN is where it was not seen for a while."""
+        points = [*self._points, *([self._last] if self._last is not None else [])]
+        return np.array(points, np.float64).reshape(-1, 2)
+
+    def see(self, time_ns: int, x_m: float, y_m: float) -> None:
+        """Takes a sighting."""
+        self.seen += 1
+        here = (x_m, y_m)
+        if self._anchor is not None:
+            unseen_ns = time_ns - self.last_ns
+            self.longest_unseen_s = max(self.longest_unseen_s, unseen_ns / 1e9)
+            if unseen_ns > UNSEEN_NS:
+                self.lift()
+            else:
+                self.followed_s += unseen_ns / 1e9
+        if self._anchor is None:
+            self._anchor = here
+            self._keep(here)
+        else:
+            step_m = math.dist(self._anchor, here)
+            if step_m >= STILL_M:
+                self.distance_m += step_m
+                self._anchor = here
+        if self._kept is None or math.dist(self._kept, here) >= self._spacing_m:
+            self._keep(here)
+        self._last, self.last_ns = here, time_ns
+
+    def lift(self) -> None:
+        """Ends the present piece of the way: what follows is not joined to it."""
+        if self._last is not None:
+            self._points += [self._last, (math.nan, math.nan)]
+        self._anchor = self._kept = self._last = None
+
+    def _keep(self, here: tuple[float, float]) -> None:
+        self._kept = here
+        self._points.append(here)
+        if len(self._points) >= self._most:
+            self._spacing_m *= 2.0
+            places = enumerate(self._points)
+            self._points = [p for place, p in places if place % 2 == 0 or math.isnan(p[0])]
+            self._most = max(MOST_POINTS, 2 * len(self._points))
+
+
+class Tracks:
+    """All robots' ways.
+
+    Attributes:
+        of: the ways by tag.
+        objects_m: where tagged objects were last, by tag.
+        states: arena states taken.
+        cells: robots' timesteps by square (column, row) of `CELL_M`; (0, 0) begins at the origin.
+        places_m: where the robots of the newest state were seen, by tag.
+    """
+
+    def __init__(self, is_robot: Callable[[int], bool]) -> None:
+        """Begins empty; `is_robot` tells robots from objects by their tags."""
+        self.of: dict[int, Track] = {}
+        self.objects_m: dict[int, tuple[float, float]] = {}
+        self.states = 0
+        self.cells: Counter[tuple[int, int]] = Counter()
+        self.places_m: dict[int, tuple[float, float]] = {}
+        self._is_robot = is_robot
+
+    def take(self, capture_ns: int, robots: Mapping[str, Any]) -> None:
+        """Takes the robots of an arena state, in columns.
+
+        Raises:
+            KeyError, TypeError, ValueError: it is damaged; then nothing of it was taken.
+        """
+        columns = (robots["tag"], robots["x_m"], robots["y_m"], robots["seen"])
+        rows = [
+            (int(tag), float(x), float(y))
+            for tag, x, y, seen in zip(*columns, strict=True)
+            if seen and _is_place(x) and _is_place(y)
+        ]
+        self.states += 1
+        self.places_m = {}
+        for tag, x_m, y_m in rows:
+            if not self._is_robot(tag):
+                self.objects_m[tag] = (x_m, y_m)
+                continue
+            self.places_m[tag] = (x_m, y_m)
+            track = self.of.get(tag) or self.of.setdefault(tag, Track())
+            track.see(capture_ns, x_m, y_m)
+            self.cells[math.floor(x_m / CELL_M), math.floor(y_m / CELL_M)] += 1
+
+    def lift(self) -> None:
+        """The run pauses: what the robots do now is no part of their ways."""
+        for track in self.of.values():
+            track.lift()
+
+
+def _is_place(value: Any) -> bool:
+    known = number(value)
+    return known is not None and abs(known) < MOST_M
