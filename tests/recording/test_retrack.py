@@ -147,7 +147,7 @@ def test_settings_that_are_none() -> None:
 
 
 def test_recordings_that_cannot_be_tracked_again(tmp_path: Path) -> None:
-    path = record(tmp_path / "none.mcap", [Message("/arena", 1, {"timestep": 1})])
+    path = record(tmp_path / "none.mcap", [Message("/arena", 1, {"timestep": 1, "capture_ns": 1})])
     with pytest.raises(RecordingError, match=r"none\.mcap: holds no pictures"):
         again(path)
     for name, data in (

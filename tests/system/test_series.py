@@ -48,7 +48,7 @@ def start(floor: Floor, cameras: NetworkCameras, folder: Path) -> tuple[Program,
     """Starts the series; gives it and the port for robots."""
     file = experiment(folder, "<framework>", TAGS, LENGTH_S)
     words = ["run", str(file), "--tracking", *cameras.files(folder), "--runs", "3", "--json"]
-    words += ["--start-after", "3", "--host", HOST, "--port", "0", "--record"]
+    words += ["--start-after", "3", "--host", HOST, "--port", "0", "--record", "--record-images"]
     program = floor.program(*words, "--output", str(folder / "notes"))
     waiting = r"waiting for robots on .*, port (\d+)"
     floor.wait_for(program.heard(waiting), "its port")
@@ -105,3 +105,7 @@ def test_a_series_goes_on_whatever_happens(
     for number in (1, 2, 3):
         left = {path.name for path in (tmp_path / "notes" / f"run-{number}").iterdir()}
         assert left == {"summary.json", "timesteps.csv", "wander.png", "wander.mcap"}
+    again = floor.program("replay", str(tmp_path / "notes/run-2/wander.mcap"), "--retrack")
+    floor.wait_for(lambda: again.ended, "the tracker's second look")
+    compared = re.match(r"(\d+) timesteps compared, \1 the same in every bit\n", again.printed)
+    assert compared and int(compared[1]) > 25, again.printed + again.said

@@ -136,8 +136,9 @@ class Retracking:
                 if message.topic == form.TRACKER:
                     self._begin(message)
                 elif message.topic == "/arena":
-                    self._before[message.data["timestep"]] = message.data
-                    self._compare(message.data["timestep"])
+                    # By capture time: a run numbers its timesteps itself, whatever cameras do.
+                    self._before[message.data["capture_ns"]] = message.data
+                    self._compare(message.data["capture_ns"])
                 else:
                     yield from self._look(message)
             self.comparison.no_pictures += len(self._before)
@@ -183,16 +184,18 @@ class Retracking:
         if len(self._frames) == data["pictures"]:
             state = self._tracker.update(self._frames)
             self._frames.clear()
-            self._now[state.timestep] = arena_data(state)
+            self._now[state.capture_ns] = arena_data(state)
             if len(self._now) > _REMEMBERED:
                 del self._now[next(iter(self._now))]
-            self._compare(state.timestep)
+            self._compare(state.capture_ns)
             yield state
 
-    def _compare(self, timestep: int) -> None:
-        """Compares a timestep if both states of it are known."""
-        if timestep in self._now and timestep in self._before:
-            self.comparison.add(self._before.pop(timestep), self._now[timestep])
+    def _compare(self, capture_ns: int) -> None:
+        """Compares an arena state if both of this capture time are known."""
+        if capture_ns in self._now and capture_ns in self._before:
+            before = self._before.pop(capture_ns)
+            number = {"timestep": before["timestep"]}
+            self.comparison.add(before, self._now[capture_ns] | number)
         elif len(self._before) > _REMEMBERED:
             del self._before[next(iter(self._before))]
             self.comparison.no_pictures += 1

@@ -83,11 +83,12 @@ class Recorders:
             return "recording is off"
 
     def watch_session(self, session: TrackingSession, tracking: Tracking) -> None:
-        """Has recordings hold the pictures of a tracking session.
+        """Has recordings hold the pictures of a tracking session, if it or its file wants them.
 
         Raises:
             VsenseError: a library is missing.
         """
+        self._pictures |= session.record.record_image
         if self._pictures:
             made = _recording().tracker_made.of_session(session)
             tracking.record = self._watched(made, tracking.tracker)
