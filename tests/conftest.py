@@ -20,6 +20,20 @@ settings.register_profile("vsense", deadline=None)
 settings.load_profile("vsense")
 
 
+ALONE = (
+    *("tests/system/", "tests/board/", "tests/web/", "tests/recording/test_crash.py"),
+    *(f"tests/robot/test_{name}.py" for name in ("bases", "daemon", "faults", "hard_faults")),
+)
+"""Tests that need the machine for themselves: real programs that keep or measure times."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Marks the tests of `ALONE`."""
+    for item in items:
+        if item.nodeid.startswith(ALONE):
+            item.add_marker("alone")
+
+
 def require_tool(name: str, package: str) -> str:
     """Gives the tool's path, or skips the test (under CI: fails it), naming the Debian package."""
     path = shutil.which(name)
