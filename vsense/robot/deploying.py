@@ -169,6 +169,7 @@ class _Crew:
         self._told = told
         self._lock = threading.Lock()
         self._running: set[subprocess.Popen[bytes]] = set()
+        self._abandoned = False
 
     def serve(self, robot: RobotHost) -> Outcome:
         """Deploys to one robot."""
@@ -180,21 +181,25 @@ class _Crew:
         return outcome
 
     def abandon(self) -> None:
-        """Ends all connections."""
+        """Ends all connections, and begins no other."""
         with self._lock:
+            self._abandoned = True
             for process in self._running:
                 process.kill()
 
     def _connect(self, robot: RobotHost) -> Outcome:
-        # In a session of its own: Ctrl-C is ours to handle, and no terminal is asked for anything.
-        process = subprocess.Popen(
-            [*SSH, robot.destination, self._plan.command()],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            start_new_session=True,
-        )
+        # Under the lock: a connection that has just begun must not be missed by `abandon`.
         with self._lock:
+            if self._abandoned:
+                return Outcome(robot, False, "interrupted")
+            # In a session of its own: Ctrl-C is ours, and no terminal is asked for anything.
+            process = subprocess.Popen(
+                [*SSH, robot.destination, self._plan.command()],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                start_new_session=True,
+            )
             self._running.add(process)
         try:
             out, err = process.communicate(self._plan.archive(robot), TIMEOUT_S)
