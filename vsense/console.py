@@ -41,6 +41,10 @@ class Console:
     def say(self, text: str, level: Level = "info") -> None:
         """Prints a message of its own; `level` says how bad it is."""
         self.also(text, level)
+        self.whisper(text)
+
+    def whisper(self, text: str) -> None:
+        """Prints a message that nobody else is told and nothing keeps, such as a secret."""
         with self._lock, suppress(OSError):
             # Nobody may be listening any more: no reason to lose an experiment.
             self._erase()

@@ -36,6 +36,10 @@ _FAR_M = 1e6
 """Where those stand who are in nobody's way."""
 
 
+REST_NS = 400_000_000
+"""Without an arena state for longer they stood still, as real robots do."""
+
+
 class VirtualSwarm:
     """The virtual robots of an experiment that its controller drives.
 
@@ -81,9 +85,11 @@ class VirtualSwarm:
             capture_ns: of the next arena state.
         """
         scene = self._scene
-        if scene is None or not scene.holds(world):
-            # Something else has moved, or was put there or taken away.
-            start_ns = capture_ns if scene is None else world.capture_ns
+        # After a pause, or a time without arena states, they go on from where they stood.
+        anew = scene is None or capture_ns - world.capture_ns > REST_NS
+        if scene is None or anew or not scene.holds(world):
+            # Or something else has moved, or was put there or taken away.
+            start_ns = capture_ns if anew else world.capture_ns
             scene = self._scene = _Scene(world, self._tags, start_ns, self._seed + self._scenes)
             self._scenes += 1
             scene.drive(self._wheels, start_ns)

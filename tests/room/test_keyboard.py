@@ -63,7 +63,7 @@ def test_each_key_is_one_order_without_enter(terminal: int) -> None:
 def test_an_arrow_is_no_emergency(terminal: int) -> None:
     desk = Desk(1)
     keys = keyboard.Keyboard(desk.give, lambda text: None)
-    os.write(terminal, b"\x1b[A")
+    os.write(terminal, b"\x1b[A\x1b[1;5C\x1bOP")
     assert not desk.full.wait(0.3)
     os.write(terminal, b"p")
     assert desk.full.wait(PATIENCE_S)
@@ -77,3 +77,13 @@ def test_nobody_sits_at_a_pipe(monkeypatch: pytest.MonkeyPatch) -> None:
     with os.fdopen(out) as end:
         monkeypatch.setattr(sys, "stdin", end)
         assert not keyboard.usable()
+
+
+@pytest.mark.parametrize("typed", [b"\x1b\x1b", b"\x1bs", b"\x1b[A\x1b"])
+def test_an_escape_among_other_keys_is_an_emergency(terminal: int, typed: bytes) -> None:
+    desk = Desk(1)
+    keys = keyboard.Keyboard(desk.give, lambda text: None)
+    os.write(terminal, typed)
+    assert desk.full.wait(PATIENCE_S)
+    keys.close()
+    assert desk.kinds[0] == Kind.EMERGENCY

@@ -69,6 +69,7 @@ class Stage:
         self.timestep = 0
         self.calls = 0
         self.first: int | None = None
+        self.lived = -1
         self.runner = Runner(
             self.experiment,
             self,  # type: ignore[arg-type]
@@ -111,6 +112,22 @@ class Stage:
     def stop(self) -> None:
         """Stands in for `Runtime.stop`."""
         self.done.append("stop")
+
+    def hold(self) -> None:
+        """Stands in for `Runtime.hold`."""
+        self.done.append("hold")
+        self.lived, self.first = self.timestep - (self.first or 0), None
+
+    def resume(self) -> int:
+        """Stands in for `Runtime.resume`."""
+        self.done.append("resume")
+        self.first = self.timestep + 3 - (self.lived + 1)
+        return self.timestep + 3
+
+    def next_run(self, environment: object) -> int:
+        """Stands in for `Runtime.next_run`."""
+        self.first = None
+        return 2
 
     def hush(self, hushed: bool = True) -> None:
         """Stands in for `VirtualSensorServer.hush`."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+
 import pytest
 
 from vsense.link.wire import Wanted
@@ -158,3 +160,49 @@ def test_what_is_offered_is_obeyed_and_nothing_else(state: State) -> None:
         else:
             with pytest.raises(OrderError):
                 played.give(kind)
+
+
+def test_a_start_that_was_only_asked_for_can_be_withdrawn(played: Played) -> None:
+    played.give(Kind.START)
+    assert played.give(Kind.STOP, "Bob") == "the start is withdrawn"
+    assert not played.control.asked and played.commands == []
+    played.begin()
+    played.give(Kind.PAUSE)
+    played.give(Kind.START)
+    assert played.give(Kind.PAUSE) == "run 1 stays paused"
+    assert not played.control.asked
+    played.give(Kind.STOP)
+    played.give(Kind.START)
+    assert played.give(Kind.STOP) == "the start is withdrawn"
+    assert not played.control.next_asked
+
+
+def test_a_reset_holds_one_run_only(running: Played) -> None:
+    running.give(Kind.RESET)
+    running.control.next_run()
+    assert running.control.holds
+    running.give(Kind.START)
+    running.begin()
+    running.control.end("time")
+    running.control.next_run()
+    assert not running.control.holds
+
+
+def test_an_emergency_just_before_the_start_is_left_by_a_reset(played: Played) -> None:
+    played.give(Kind.EMERGENCY)
+    assert not played.begin()
+    assert played.give(Kind.RESET) == "reset: run 2 waits for a start"
+    assert played.control.next_asked
+
+
+def test_a_slow_disk_holds_up_no_emergency_stop(played: Played) -> None:
+    def slow(on: bool) -> str:
+        thread = threading.Thread(target=played.give, args=(Kind.EMERGENCY,))
+        thread.start()
+        thread.join(20)
+        assert not thread.is_alive()
+        return "recording"
+
+    played.control.record = slow
+    played.give(Kind.RECORD, value=1)
+    assert played.commands == [Wanted.STOP]

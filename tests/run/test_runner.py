@@ -7,6 +7,7 @@ import pytest
 from tests.run.stage import DT_NS, MS, S, Stage, experiment
 from vsense.errors import VsenseError
 from vsense.link.arena_client import TrackerEnded
+from vsense.orders import Kind, Order
 from vsense.tracking.grabbers import NoMorePictures
 
 
@@ -136,3 +137,47 @@ def test_new_sessions_and_guards_in_mid_run_are_counted(stage: Stage) -> None:
     stage.runner.stop()
     assert stage.runner.reconnects == 2
     assert stage.said.getvalue().count("its guard was replaced") == 1
+
+
+def test_a_start_waits_for_somebody_to_start(stage: Stage) -> None:
+    stage.connected = set()
+    give = stage.runner.control.give
+    stage.acts = {
+        2: lambda: give(Order(Kind.START, "Ann")),
+        6: lambda: setattr(stage, "connected", {min(stage.tags)}),
+    }
+    found = stage.runner.wait()
+    assert stage.calls == 6 and len(found.absent) == 1, "and for no more than one"
+
+
+def test_a_moment_without_an_arena_state_makes_nobody_disappear(stage: Stage) -> None:
+    stage.acts = {
+        1: lambda: setattr(stage, "connected", set()),
+        3: lambda: setattr(stage, "silent", True),
+        4: lambda: setattr(stage, "connected", stage.tags),
+    }
+    assert stage.runner.wait().complete and stage.calls == 4
+
+
+def test_a_paused_run_lives_no_timestep_and_goes_on(stage: Stage) -> None:
+    give = stage.runner.control.give
+    stage.acts = {
+        6: lambda: give(Order(Kind.PAUSE, "Ann")),
+        12: lambda: give(Order(Kind.START, "Ann")),
+    }
+    stage.runner.wait()
+    lived = [step.run_timestep for step in stage.runner.timesteps()]
+    assert stage.done == ["start", "PAUSE", "hold", "resume"]
+    assert lived[:3] == [0, 1, 2] and lived[-1] == 4 and stage.runner.ended == "time"
+
+
+def test_after_a_run_it_rests_until_somebody_wants_the_next(stage: Stage) -> None:
+    stage.runner.wait()
+    assert len(list(stage.runner.timesteps())) == 5
+    stage.runner.stop()
+    calls = stage.calls
+    stage.acts = {calls + 3: lambda: stage.runner.control.give(Order(Kind.START, "Ann"))}
+    assert stage.runner.rest() and stage.calls == calls + 3
+    stage.runner.next_run(None)  # type: ignore[arg-type]
+    assert (stage.runner.control.run, stage.runner.control.asked) == (2, True)
+    assert (stage.runner.tally.sent, stage.runner.silences) == (0, [])

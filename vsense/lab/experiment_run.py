@@ -64,19 +64,19 @@ def run(options: argparse.Namespace) -> int:
 def _live(session: Session, series: Series, room: Room, console: Console) -> VsenseError | None:
     """Lives all runs; a failure in one of them is given back, to be told after the reports."""
     with session:
-        while True:
-            directory = series.directory(session.runner.control.run)
-            room.begin_run(session.environment, directory)
-            session.wait_until_ready()
-            _announce(console, session, directory)
-            try:
+        try:
+            while True:
+                directory = series.directory(session.runner.control.run)
+                room.begin_run(session.environment, directory)
+                session.wait_until_ready()
+                _announce(console, session, directory)
                 session.live(directory, _progress(console, session))
                 room.end_run()
                 if not series.goes_on(session.runner):
                     return None
                 session.next_run()
-            except VsenseError as error:
-                return error
+        except VsenseError as error:
+            return error
 
 
 def _experiment(options: argparse.Namespace) -> Experiment | None:

@@ -186,7 +186,8 @@ class Session:
             self.floor.check()
             raise
         self._ready = True
-        if not attendance.complete and not self.interrupted.is_set():
+        started = self.interrupted.is_set() or self.runner.control.asked
+        if not attendance.complete and not started:
             logs = f" (the robots' logs are in {self.directory / 'robots'})"
             raise LabError(
                 f"the swarm is not ready after {READY_TIMEOUT_S:.0f} s;"

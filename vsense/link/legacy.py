@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -42,6 +43,7 @@ class MixedServer(VirtualSensorServer):
         self._on_event = Teller(options["on_event"]).tell
         self._legacy: LegacyServer | None = None
         self._first_timestep: int | None = None
+        self._legacy_lock = threading.Lock()
 
     def start(self) -> int:
         """Takes both ports; see `VirtualSensorServer.start`."""
@@ -59,11 +61,13 @@ class MixedServer(VirtualSensorServer):
     def publish(self, timestep: int, capture_ns: int, values: Mapping[int, Values]) -> int:
         """Sends a timestep's readings to all robots; see `VirtualSensorServer.publish`."""
         sent_ns = super().publish(timestep, capture_ns, values)
-        first = self._first_timestep is not None and timestep >= self._first_timestep
-        if first:
-            self._first_timestep = None
-        if self._legacy is not None:
-            self._legacy.publish(values, first)
+        # Under the lock: a command that ends them must not come between flag and start.
+        with self._legacy_lock:
+            first = self._first_timestep is not None and timestep >= self._first_timestep
+            if first:
+                self._first_timestep = None
+            if self._legacy is not None:
+                self._legacy.publish(values, first)
         return sent_ns
 
     def command(self, wanted: Wanted, from_timestep: int = 0) -> None:
@@ -73,11 +77,12 @@ class MixedServer(VirtualSensorServer):
         other state: whatever is not a run is the end to them.
         """
         super().command(wanted, from_timestep)
-        if wanted == Wanted.RUN:
-            self._first_timestep = from_timestep
-        elif self._legacy is not None:
-            self._first_timestep = None
-            self._legacy.end()
+        with self._legacy_lock:
+            if wanted == Wanted.RUN:
+                self._first_timestep = from_timestep
+            elif self._legacy is not None:
+                self._first_timestep = None
+                self._legacy.end()
 
     def robots(self) -> dict[int, RobotStatus]:
         """A snapshot of every expected robot, by tag; see `VirtualSensorServer.robots`."""

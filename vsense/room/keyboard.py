@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import select
 import sys
 import termios
@@ -22,6 +23,9 @@ KEYS = {
     "\x1b": Kind.EMERGENCY,
     "e": Kind.EMERGENCY,
 }
+_SEQUENCE = re.compile(r"\x1b(?:\[[0-?]*[ -/]*[@-~]|O[ -~])")
+"""What a terminal sends for arrows and the like."""
+
 HELP = "keys: s start, p pause, x stop, r reset, Esc or e EMERGENCY STOP; Ctrl-C ends vsense"
 
 
@@ -77,7 +81,7 @@ class Keyboard:
 
     def _press(self, keys: str) -> None:
         """Carries out what was pressed; an arrow key is no Esc, though it begins with one."""
-        pressed = [keys] if keys.startswith("\x1b") else list(keys.lower())
+        pressed = _SEQUENCE.sub("", keys).lower()
         for kind in (KEYS[key] for key in pressed if key in KEYS):
             try:
                 self._give(Order(kind, "keyboard"))

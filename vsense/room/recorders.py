@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from vsense import recording
 from vsense.arena import Frame
+from vsense.errors import VsenseError
 from vsense.hub import Hub
 from vsense.room.messages import Data
 
@@ -29,28 +30,29 @@ OFF: Data = {"on": False, "file": None, "bytes": 0, "lost_messages": 0, "trouble
 class Recorders:
     """Makes and ends recordings; its methods may be called by any thread."""
 
-    def __init__(self, hub: Hub, wanted: bool, pictures: bool) -> None:
+    def __init__(
+        self, hub: Hub, wanted: bool, pictures: bool, trouble: Callable[[str], None]
+    ) -> None:
         """Prepares recordings.
 
         Args:
             hub: what is recorded.
             wanted: every run is recorded from its beginning; else only when somebody wants it.
             pictures: cameras' pictures are recorded, too.
+            trouble: takes a line about what cannot be recorded; any thread.
         """
         self._tracker: Mapping[str, Any] | None = None
         self._hub = hub
         self._wanted = wanted
         self._pictures = pictures
-        self._path = Path()
+        self._trouble = trouble
+        self._path: Path | None = None
         self._recorder: Recorder | None = None
         self._lock = threading.RLock()
 
     def begin_run(self, path: Path) -> None:
-        """A run begins; `path` is where its recording goes.
-
-        Raises:
-            VsenseError: it cannot be made, or a library is missing.
-        """
+        """A run begins; `path` is where its recording goes."""
+        self.end_run()
         with self._lock:
             self._path = path
             if self._wanted:
@@ -59,28 +61,31 @@ class Recorders:
     def end_run(self) -> None:
         """Completes the run's recording."""
         with self._lock:
-            recorder, self._recorder = self._recorder, None
+            recorder, self._recorder, self._path = self._recorder, None, None
         if recorder is not None:
             recorder.close()
 
     def switch(self, on: bool) -> str:
-        """Switches the recording on or off; gives a line for people.
+        """Switches the recording on or off; gives a line for people, and waits for no disk.
 
         Raises:
-            VsenseError: it cannot be made, or a library is missing.
+            UsageError: a library is missing.
         """
+        recording.require()
         with self._lock:
-            self._wanted = on
-            recorder = self._recorder
-            if recorder is None and on:
-                return f"recording to {self._open().path}"
-            if recorder is None:
-                return "nothing was being recorded"
-            if on:
-                recorder.resume()
-                return f"recording goes on in {recorder.path}"
-            recorder.pause()
-            return "recording is off"
+            self._wanted, recorder, path = on, self._recorder, self._path
+        if path is None:
+            return f"the next run is {'' if on else 'not '}recorded"
+        if recorder is None and on:
+            threading.Thread(target=self._open_late, name="vsense-record", daemon=True).start()
+            return f"recording to {path}"
+        if recorder is None:
+            return "nothing was being recorded"
+        if on:
+            recorder.resume()
+            return f"recording goes on in {recorder.path}"
+        recorder.pause()
+        return "recording is off"
 
     def watch_session(self, session: TrackingSession, tracking: Tracking) -> None:
         """Has recordings hold the pictures of a tracking session, if it or its file wants them.
@@ -88,7 +93,8 @@ class Recorders:
         Raises:
             VsenseError: a library is missing.
         """
-        self._pictures |= session.record.record_image
+        wanted = session.record.record_image
+        self._wanted, self._pictures = self._wanted or wanted, self._pictures or wanted
         if self._pictures:
             made = _recording().tracker_made.of_session(session)
             tracking.record = self._watched(made, tracking.tracker)
@@ -127,12 +133,25 @@ class Recorders:
         recorder = self._recorder
         return dict(OFF) if recorder is None else recorder.state()
 
-    def _open(self) -> Recorder:
-        recorder: Recorder = _recording().recorder.Recorder(self._hub, self._path, self._pictures)
+    def _open_late(self) -> None:
+        with self._lock:
+            if self._wanted and self._recorder is None:
+                self._open()
+
+    def _open(self) -> None:
+        """Begins the run's recording; what hinders it is told."""
+        if self._path is None:
+            return
+        try:
+            recorder: Recorder = _recording().recorder.Recorder(
+                self._hub, self._path, self._pictures
+            )
+        except VsenseError as error:
+            self._trouble(f"run not recorded: {error}")
+            return
         if self._tracker is not None:
             recorder.describe_tracker(self._tracker)
         self._recorder = recorder
-        return recorder
 
 
 def _recording() -> ModuleType:

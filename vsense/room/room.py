@@ -48,7 +48,10 @@ class Room:
         self._console = console
         self._directory = Path()
         self._stack = ExitStack()
-        self.recorders = Recorders(self.hub, options.record, options.record_images)
+        self.recorders = Recorders(
+            self.hub, options.record or options.record_images, options.record_images, self._trouble
+        )
+        self._failed = False
         console.also = self._tell_event
 
     def __enter__(self) -> Room:
@@ -85,7 +88,8 @@ class Room:
             server, lines = open_web(self._options, self.hub, control.give)
             self._stack.callback(server.close)
             for line in lines:
-                self._console.say(line)
+                # With its tokens: neither the pages nor the log may have them.
+                self._console.whisper(line)
         try:
             self._stack.callback(Doorbell(self.status, control.give).close)
         except DoorbellError as error:
@@ -95,7 +99,7 @@ class Room:
             self._console.say(keyboard.HELP)
 
     def begin_run(self, environment: Environment, directory: Path) -> None:
-        """A run is about to be waited for.
+        """A run is about to be waited for. What cannot be recorded is told, and costs no run.
 
         Args:
             environment: its virtual world.
@@ -110,10 +114,19 @@ class Room:
         self.recorders.end_run()
 
     def look(self, step: Step | None) -> None:
-        """Tells what has become of the run; see `Publisher.look`."""
-        self._publisher.look(step)
-        if step is not None:
-            self._press.offer(step.frames)
+        """Tells what has become of the run; see `Publisher.look`.
+
+        A fault of ours in it is told once and ends the telling, not the run.
+        """
+        if self._failed:
+            return
+        try:
+            self._publisher.look(step)
+            if step is not None:
+                self._press.offer(step.frames)
+        except Exception as error:
+            self._failed = True
+            self._trouble(f"the page and the recording are told nothing any more: {error!r}")
 
     def status(self) -> Data:
         """What a terminal is told; any thread."""
@@ -138,6 +151,9 @@ class Room:
             "recording": self.recorders.state(),
             "disk_free_bytes": free,
         }
+
+    def _trouble(self, text: str) -> None:
+        self._console.say(text, "trouble")
 
     def _tell_event(self, text: str, level: Level) -> None:
         data = {"text": text, "level": level, "by": None}

@@ -132,17 +132,28 @@ class Command:
             _legacy_port(options.legacy_port, port),
         )
         summaries: list[dict[str, Any]] = []
+        failure: VsenseError | None = None
         with session:
             self._announce(session, host)
-            while self._one_run(session, summaries) and self._series.goes_on(session.runner):
-                session.next_run()
+            try:
+                while self._one_run(session, summaries) and self._series.goes_on(session.runner):
+                    session.next_run()
+            except VsenseError as error:
+                failure = error
         diary.end_progress()
+        self._tell(summaries)
+        if failure is not None:
+            raise failure
+        return INTERRUPTED if self._series.was_broken(session.runner.control) else 0
+
+    def _tell(self, summaries: list[dict[str, Any]]) -> None:
+        """Writes and prints the figures of all runs."""
+        options = self._options
         if summaries and not self._series.several:
             run_directory.print_summary(summaries[0], options.json)
         if self._series.several:
-            figures = {"experiment": experiment.name, "runs": summaries}
+            figures = {"experiment": self._experiment.name, "runs": summaries}
             run_directory.write_summary(self._directory, figures, options.json, SERIES)
-        return INTERRUPTED if self._series.was_broken(session.runner.control) else 0
 
     def _one_run(self, session: RunSession, summaries: list[dict[str, Any]]) -> bool:
         """Waits, lives a run and reports.
@@ -161,7 +172,10 @@ class Command:
             self._diary.end_progress()
             self._diary.say("vsense: interrupted before the run: nothing was measured")
             return False
-        self._diary.begin_run(directory)
+        try:
+            self._diary.begin_run(directory)
+        except run_directory.DirectoryError as error:
+            self._diary.say(f"no table of this run's timesteps: {error}", "trouble")
         one = OneRun(session, directory, attendance, self._diary)
         one.live()
         self._room.end_run()

@@ -37,7 +37,6 @@ class Control:
         run: its number, from 1.
         by: who gave the last order that was obeyed; None before the first.
         why: what ended the run: "time", or words.
-        holds: a run whose robots are all there waits for a START.
         record: has the recording switched on or off; None where nothing can be recorded.
     """
 
@@ -53,19 +52,19 @@ class Control:
         Args:
             command: tells all robots, from any thread.
             tell: takes a line for people, from any thread.
-            holds: see the class.
+            holds: a run whose robots are all there waits for a START.
             suspends: STOP only suspends the run, which START resumes; RESET ends it.
         """
         self.state = State.WAITING
         self.run = 1
         self.by: str | None = None
         self.why = "interrupted"
-        self.holds = holds
+        self._holds = holds
         self.record: Callable[[bool], str] | None = None
         self._command = command
         self._tell = tell
         self._suspends = suspends
-        self._asked = self._next = self._begun = False
+        self._asked = self._next = self._begun = self._waits = False
         self._lock = threading.RLock()
         self._orders: dict[Kind, Callable[[Order], str]] = {
             Kind.START: self._start,
@@ -86,9 +85,14 @@ class Control:
         obey = self._orders.get(order.kind)
         if obey is None:
             raise OrderError(f"{order.kind.value}: only a replay can do that")
-        with self._lock:
+        if order.kind == Kind.RECORD:
+            # A disk may take its time: that must hold up no emergency stop.
             text = obey(order)
             self.by = order.by
+        else:
+            with self._lock:
+                text = obey(order)
+                self.by = order.by
         self._tell(f"{order.by}: {text}")
         return text
 
@@ -105,6 +109,16 @@ class Control:
         }[self.state]
         recording = () if self.record is None else (Kind.RECORD,)
         return (*found, Kind.EMERGENCY, *recording)
+
+    @property
+    def holds(self) -> bool:
+        """Whether the run waits for a START, once its robots are all there."""
+        return self._holds or self._waits
+
+    @property
+    def begun(self) -> bool:
+        """Whether the run is past its wait."""
+        return self._begun
 
     @property
     def asked(self) -> bool:
@@ -129,10 +143,11 @@ class Control:
             Whether it was.
         """
         with self._lock:
+            self._begun = True
             if self.state not in (*BEFORE, State.PAUSED):
                 return False
             start()
-            self.state, self._asked, self._begun = State.RUNNING, False, True
+            self.state, self._asked, self._waits = State.RUNNING, False, False
             return True
 
     def end(self, why: str) -> None:
@@ -163,12 +178,18 @@ class Control:
         return f"run {self.run} {'goes on' if self.state == State.PAUSED else 'starts'}"
 
     def _pause(self, order: Order) -> str:
+        if self._asked and self.state == State.PAUSED:
+            self._asked = False
+            return f"run {self.run} stays paused"
         self._require(Kind.PAUSE, State.RUNNING)
         self._command(Wanted.PAUSE)
         self.state = State.PAUSED
         return f"run {self.run} is paused"
 
     def _stop(self, order: Order) -> str:
+        if self._asked and self.state not in DURING:
+            self._asked = self._next = False
+            return "the start is withdrawn"
         self._require(Kind.STOP, *DURING)
         self._command(Wanted.STOP)
         if self._suspends:
@@ -179,7 +200,7 @@ class Control:
 
     def _reset(self, order: Order) -> str:
         self._require(Kind.RESET, *DURING, State.ENDED, State.EMERGENCY)
-        self.holds, self._asked = True, False
+        self._waits, self._asked = True, False
         if not self._begun:
             self.state = State.WAITING
             return f"reset: run {self.run} waits for a start"
@@ -193,7 +214,7 @@ class Control:
         self._command(Wanted.STOP)
         if self.state not in (State.ENDED, State.EMERGENCY):
             self.why = f"emergency stop by {order.by}"
-        self.state, self._asked = State.EMERGENCY, False
+        self.state, self._asked, self._next = State.EMERGENCY, False, False
         return "EMERGENCY STOP: all robots stand still until a reset"
 
     def _record(self, order: Order) -> str:

@@ -86,9 +86,6 @@ class OneRun:
 
         Returns:
             The figures; None where nothing was measured.
-
-        Raises:
-            DirectoryError: a file cannot be written.
         """
         session, environment = self._session, self._session.environment
         if not self._figures.timesteps:
@@ -103,9 +100,13 @@ class OneRun:
             "source": session.source.figures(),
             **self._figures.summary(session.runner, self._attendance, self._results),
         }
-        run_directory.write_summary(self._directory, summary, False)
         self._diary.say(figures.table(summary))
-        self._draw()
+        try:
+            run_directory.write_summary(self._directory, summary, False)
+            self._draw()
+        except run_directory.DirectoryError as error:
+            # A full disk costs this run's files, not the runs that follow.
+            self._diary.say(f"the run's figures are not kept: {error}", "trouble")
         return summary
 
     def _draw(self) -> None:

@@ -87,8 +87,7 @@ class Runner:
         self.names = self._robots | self._objects
         self._dt_ns, self._timesteps = experiment.timestep_ns, experiment.timesteps
         self._runtime = runtime
-        self._server = server
-        self._console = console
+        self._server, self._console = server, console
         self._interrupted = interrupted
         self._look = look
         self.control = control or Control(server.command, console.say)
@@ -96,6 +95,7 @@ class Runner:
         self._heard_ns: int | None = None
         self._silent, self._run_timestep = False, -1
         self._end_ns = self._sessions = 0
+        self._seen: frozenset[int] = frozenset()
 
     @property
     def ended(self) -> str:
@@ -123,15 +123,21 @@ class Runner:
             attendance = self._call_roll(step)
             waited_ns = self._clock() - begun_ns
             over = limit_s is not None and waited_ns > limit_s * 1e9
-            if self._interrupted.is_set() or self._may_start(attendance.complete or over):
+            anybody = len(attendance.absent) < len(self._robots)
+            if self._interrupted.is_set() or self._may_start(attendance.complete or over, anybody):
                 return attendance
             self._console.progress(self._waiting(attendance))
 
-    def _may_start(self, ready: bool) -> bool:
-        """Whether the run starts now; `ready`: nobody else is waited for."""
+    def _may_start(self, ready: bool, anybody: bool) -> bool:
+        """Whether the run starts now.
+
+        Args:
+            ready: nobody else is waited for.
+            anybody: a robot is connected; without one not even an order starts a run.
+        """
         control = self.control
         if control.state == State.EMERGENCY or control.asked or not ready:
-            return control.asked
+            return control.asked and anybody
         if control.holds:
             control.ready()
         return not control.holds
@@ -161,12 +167,12 @@ class Runner:
         try:
             while not self._interrupted.is_set() and self.control.state in DURING:
                 step = self._step()
-                self._obey()
                 if step is not None and step.run_timestep >= 0:
                     self._run_timestep = step.run_timestep
                     if last < 0 or step.run_timestep <= last:
                         yield step
                 # Arena states count the timesteps; where none come the clock ends the run.
+                self._obey()
                 late = self._silent and self._clock() > self._end_ns
                 if last >= 0 and (self._run_timestep >= last or late):
                     self.control.end("time")
@@ -249,10 +255,13 @@ class Runner:
         return step
 
     def _call_roll(self, step: Step | None) -> Attendance:
-        seen = set() if step is None else step.state.robots["tag"][step.state.robots["seen"]]
+        # A moment without an arena state makes nobody disappear.
+        if step is not None:
+            robots = step.state.robots
+            self._seen = frozenset(robots["tag"][robots["seen"]].tolist())
         links = self._server.robots()
         connected = {tag for tag, status in links.items() if status.connected}
-        return Attendance.take(self._robots, self._objects, connected, set(map(int, seen)))
+        return Attendance.take(self._robots, self._objects, connected, self._seen)
 
     def _hear_nothing(self) -> None:
         if self._heard_ns is None:
@@ -273,7 +282,7 @@ class Runner:
         assert self._heard_ns is not None
         self._silent = False
         duration_s = (self._clock() - self._heard_ns) / 1e9
-        if self._run_timestep >= 0:
+        if self._run_timestep >= 0 and self.control.state != State.PAUSED:
             self.silences.append(Silence(self._run_timestep, duration_s))
         return duration_s
 

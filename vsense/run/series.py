@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from pathlib import Path
 
-from vsense.run.control import BEFORE, Control, State
+from vsense.run.control import Control, State
 from vsense.run.directory import DirectoryError
 from vsense.run.runner import Runner
 
@@ -87,7 +87,7 @@ class Series:
         return runner.rest()
 
     def was_broken(self, control: Control) -> bool:
-        """Whether a Ctrl-C has cost anything: a run, or the wait for the only one."""
-        if not self._interrupted.is_set() or control.why != "interrupted":
-            return False
-        return control.state not in BEFORE or control.run == 1
+        """Whether a Ctrl-C has cost anything: part of a run, or runs that were still to come."""
+        cut = control.begun and control.why == "interrupted"
+        finished = control.run if control.begun and not cut else control.run - 1
+        return self._interrupted.is_set() and (cut or finished < self._runs)

@@ -72,6 +72,7 @@ class WebServer:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._ending: asyncio.Event | None = None
         self._thread: threading.Thread | None = None
+        self._failure: BaseException | None = None
 
     def start(self) -> Addresses:
         """Takes the port and begins to serve.
@@ -90,6 +91,8 @@ class WebServer:
         )
         self._thread.start()
         ready.wait()
+        if self._failure is not None:
+            raise VsenseError(f"the page cannot be served: {self._failure!r}")
         return self._addresses()
 
     def close(self) -> None:
@@ -115,16 +118,20 @@ class WebServer:
         """The thread's life."""
         self._loop = asyncio.get_running_loop()
         self._ending = asyncio.Event()
-        site = Site(self._hub, self._give, self._host, self.port, self.tokens)
-        runner = web.AppRunner(site.app, access_log=None, shutdown_timeout=1.0)
         try:
+            site = Site(self._hub, self._give, self._host, self.port, self.tokens)
+            runner = web.AppRunner(site.app, access_log=None, shutdown_timeout=1.0)
             await runner.setup()
             await web.SockSite(runner, listening).start()
+        except BaseException as failure:
+            # Whoever waits for a server that could not begin must not wait for ever.
+            self._failure = failure
+            ready.set()
+            raise
+        try:
             ready.set()
             await self._ending.wait()
         finally:
-            # Whoever waits for a server that could not begin must not wait for ever.
-            ready.set()
             await _in_time(site.close)
             await _in_time(runner.cleanup)
 

@@ -81,7 +81,7 @@ export class Connection {
     this.#tell();
     if (typeof frame === "string") {
       const [topic, timeNs, data] = JSON.parse(frame);
-      if (topic === "/answer") this.#answer();
+      if (topic === "/answer") this.#answer(data.ok);
       this.take(topic, timeNs, data, null);
       return;
     }
@@ -90,9 +90,10 @@ export class Connection {
     this.take(topic, timeNs, data, new Uint8Array(frame, 4 + length));
   }
 
-  #answer() {
+  // An emergency stop that was refused is still asked for.
+  #answer(ok) {
     this.answered += 1;
-    if (this.answered >= this.awaited) this.emergency = null;
+    if (ok && this.answered >= this.awaited) this.emergency = null;
   }
 
   // The server keeps only so many frames on their way; the rest waits where newer ones replace it.
