@@ -20,11 +20,8 @@ settings.register_profile("vsense", deadline=None)
 settings.load_profile("vsense")
 
 
-ALONE = (
-    *("tests/system/", "tests/board/", "tests/web/", "tests/recording/test_crash.py"),
-    *(f"tests/robot/test_{name}.py" for name in ("bases", "daemon", "faults", "hard_faults")),
-)
-"""Tests that need the machine for themselves: real programs that keep or measure times."""
+ALONE = ("tests/system/", "tests/board/", "tests/web/test_lab_page.py")
+"""Tests that need the machine for themselves: whole labs and runs that keep or measure times."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
