@@ -76,9 +76,10 @@ class Watch:
         while True:
             if not self._news.wait(timeout_s):
                 raise NoArenaState(f"no arena state in {timeout_s:g} s")
-            self._news.clear()
+            # A failure is for every caller: the thread is no more.
             if self._failure is not None:
                 raise self._failure
+            self._news.clear()
             newest = self._buffer.read()
             # News of a state that was given already: it came between clear and read.
             if newest is not None and newest.sequence > self._given:

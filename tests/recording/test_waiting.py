@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import time
+from pathlib import Path
+
+import pytest
+
 from tests.recording.conftest import picture
-from vsense.hub import Message
+from vsense.hub import Hub, Message
+from vsense.recording.recorder import Recorder
 from vsense.recording.waiting import Bounds, Item, Picture, Waiting
 
 BOUNDS = Bounds(message_bytes=10, picture_bytes=10, message_ns=100, picture_ns=50)
@@ -70,3 +76,20 @@ def test_what_is_abandoned_is_lost() -> None:
     waiting.abandon()
     assert waiting.lost == 2 and waiting.take(0.0) is None
     assert waiting.put([message(1)], [10], 0)
+
+
+def test_a_fault_of_ours_ends_the_recording_and_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hub, told = Hub(), list[Message]()
+    hub.join(told.append, lambda topic: topic == "/event")
+    recorder = Recorder(hub, tmp_path / "run.mcap")
+    monkeypatch.setattr(recorder, "_add", None)
+    hub.publish(Message("/arena", 1, {}))
+    end_s = time.monotonic() + 20
+    while not told and time.monotonic() < end_s:
+        time.sleep(0.01)
+    recorder.close()
+    assert "recording has failed" in told[0].data["text"] and told[0].data["level"] == "trouble"
+    state = recorder.state()
+    assert not state["on"] and "recording has failed" in state["trouble"]

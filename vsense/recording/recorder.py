@@ -172,6 +172,15 @@ class Recorder:
             self._has_memory, self._off_since_ns = False, None
 
     def _run(self) -> None:
+        """The thread. A fault of ours ends the recording, and is told."""
+        try:
+            self._record()
+        except Exception as error:
+            self._trouble = f"recording has failed: {error!r}"
+            self._tell(f"recording has failed: {self.path}: {error!r}")
+            self.pause()
+
+    def _record(self) -> None:
         due_s = time.monotonic() + FLUSH_S
         while not self._closing.is_set():
             item = self._waiting.take(max(due_s - time.monotonic(), 0.0))

@@ -197,14 +197,18 @@ class Runner:
         """Lives on after a run, with the robots stopped, until somebody wants the next one.
 
         Returns:
-            Whether somebody does; else somebody has interrupted.
+            Whether somebody does; else somebody has interrupted, or there can be none.
 
         Raises:
             VsenseError: something has failed.
         """
-        while not self._interrupted.is_set() and not self.control.next_asked:
-            self._step()
-            self._console.progress("the run has ended: start begins the next one")
+        try:
+            while not self._interrupted.is_set() and not self.control.next_asked:
+                self._step()
+                self._console.progress("the run has ended: start begins the next one")
+        except (NoMorePictures, TrackerEnded) as end:
+            self._console.say(f"there can be no other run: {end}")
+            return False
         return self.control.next_asked
 
     def next_run(self, environment: Environment) -> None:
@@ -264,9 +268,7 @@ class Runner:
         return Attendance.take(self._robots, self._objects, connected, self._seen)
 
     def _hear_nothing(self) -> None:
-        if self._heard_ns is None:
-            return
-        silent_ns = self._clock() - self._heard_ns
+        silent_ns = 0 if self._heard_ns is None else self._clock() - self._heard_ns
         if silent_ns < SILENCE_NS:
             return
         if not self._silent:
