@@ -158,7 +158,8 @@ class Page:
         self.call("Input.dispatchKeyEvent", type="keyUp", **about)
 
     def click(self, selector: str) -> None:
-        """Clicks into the middle of an element."""
+        """Clicks into the middle of an element, once it takes clicks."""
+        self.until(f"!document.querySelector({selector!r}).disabled")
         x, y = self.value(
             f"(() => {{ const box = document.querySelector({selector!r}).getBoundingClientRect();"
             " return [box.x + box.width / 2, box.y + box.height / 2]; })()"
