@@ -24,11 +24,18 @@ ALONE = ("tests/system/", "tests/board/", "tests/web/test_lab_page.py")
 """Tests that need the machine for themselves: whole labs and runs that keep or measure times."""
 
 
+PACED = tuple(
+    f"tests/robot/test_{name}.py" for name in ("bases", "daemon", "faults", "hard_faults")
+)
+"""Tests of one daemon in real time: they share the machine with their like only."""
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Marks the tests of `ALONE`."""
-    for item in items:
-        if item.nodeid.startswith(ALONE):
-            item.add_marker("alone")
+    """Marks the tests of `ALONE` and `PACED`."""
+    for mark, places in (("alone", ALONE), ("paced", PACED)):
+        for item in items:
+            if item.nodeid.startswith(places):
+                item.add_marker(mark)
 
 
 def require_tool(name: str, package: str) -> str:

@@ -177,7 +177,8 @@ class _Crew:
             outcome = self._connect(robot)
         except OSError as error:
             outcome = Outcome(robot, False, f"ssh does not start: {error.strerror}")
-        self._told(outcome)
+        if not self._abandoned:
+            self._told(outcome)
         return outcome
 
     def abandon(self) -> None:
