@@ -230,6 +230,16 @@ def test_a_scene_that_changes_all_the_time_does_not_hold_virtual_robots(
     assert ghost_of(moving)[0] == pytest.approx(ghost_of(still)[0], abs=0.005)
 
 
+def test_a_virtual_robot_stands_still_through_a_pause(tmp_path: Path, state: States) -> None:
+    here = environment(tmp_path, GHOST.replace("X", "-0.5"))
+    live(here, state, 10)
+    before_m = ghost_of(here)[0]
+    live(here, state, 1, 610)
+    assert ghost_of(here)[0] == pytest.approx(before_m, abs=1e-6)
+    live(here, state, 2, 611)
+    assert 0.0 < ghost_of(here)[0] - before_m < 0.05, "and goes on from there"
+
+
 def test_a_virtual_robot_cannot_push_a_real_one(tmp_path: Path, state: States) -> None:
     here = environment(tmp_path, GHOST.replace("X", "-0.5"))
     for step in range(45):
