@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from vsense.virtual_swarm import VirtualSwarm
 
 
+MOST_SEED = 2**32 - 1
+
+
 class Environment:
     """World, virtual sensors and virtual actuators of one run. It reads no clock.
 
@@ -86,6 +89,14 @@ class Environment:
         self._loop = _loop_functions(self.experiment)
         self._begin()
         self._swarm = self._virtual_swarm()
+
+    def following(self) -> Environment:
+        """Gives the environment of the run after this one, whose seed is one more.
+
+        Raises:
+            VsenseError: something in the experiment cannot be made.
+        """
+        return Environment(self.experiment, self.seed % MOST_SEED + 1, self.blind)
 
     def step(
         self,

@@ -72,6 +72,15 @@ class Hub:
         """Whether anybody wants messages of a topic now."""
         return any(listener.wants(topic) for listener in self._listeners)
 
+    def tell(self, topic: str, time_ns: int, make: Callable[[], Mapping[str, Any]]) -> None:
+        """Publishes a message whose data is made only if somebody wants it."""
+        if self.wants(topic):
+            self.publish(Message(topic, time_ns, make()))
+
+    def event(self, text: str, level: str, time_ns: int) -> None:
+        """Tells people a line: /event; `level` is "info", "warning" or "trouble"."""
+        self.publish(Message("/event", time_ns, {"text": text, "level": level, "by": None}))
+
     def publish(self, message: Message) -> None:
         """Gives a message to all who want it."""
         for listener in self._listeners:

@@ -115,7 +115,7 @@ def test_outline_of_a_turned_box_follows_its_turn(experiment: Experiment) -> Non
     most=st.integers(2, 9),
 )
 def test_ticks_are_round_rising_and_inside(low: float, high: float, most: int) -> None:
-    ticks = chart._ticks(low, high, most)
+    ticks = chart.ticks(low, high, most)
     step = np.diff(ticks)
     assert len(ticks) >= 1 and len(ticks) <= most + 1
     assert np.all(step > 0)

@@ -17,12 +17,13 @@ from vsense.config.recording_files import one_tracker, write_session_files
 from vsense.config.tracking_build import build
 from vsense.errors import UsageError, VsenseError
 from vsense.hub import Hub, Message
-from vsense.recording import tracker_made, tracker_memory
+from vsense.recording import tracker_made
 from vsense.recording.form import RecordingError
 from vsense.recording.reader import open_recording
 from vsense.recording.recorder import Recorder
 from vsense.recording.retrack import Comparison, Retracking
 from vsense.recording.tracker_settings import change_settings
+from vsense.tracking import memory as tracker_memory
 from vsense.tracking.arena_tracker import ArenaTracker
 from vsense.tracking.families import load_family
 from vsense.tracking.picture_recorder import PictureRecorder

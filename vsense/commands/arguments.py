@@ -160,15 +160,17 @@ def add_room(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_web(parser: argparse.ArgumentParser) -> None:
-    """Declares the page."""
+def add_web(parser: argparse.ArgumentParser, default: tuple[str, int] | None = None) -> None:
+    """Declares the page; without a default there is none unless it is wanted."""
     group = parser.add_argument_group("page")
     group.add_argument(
         "--web",
         type=address,
+        default=default,
         metavar="[ADDRESS:]PORT",
         help="serve the control room's page there: 8080 is this machine only; 0.0.0.0:8080 is every"
-        " interface, and needs one token for looking and another for control, which are printed",
+        " interface, and needs one token for looking and another for control, which are printed"
+        + (f" (default: {default[1]})" if default else ""),
     )
     group.add_argument(
         "--web-tokens",

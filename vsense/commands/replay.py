@@ -4,15 +4,9 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from vsense.commands import arguments
 from vsense.errors import UsageError
-
-if TYPE_CHECKING:
-    from vsense.hub import Hub
-    from vsense.orders import Give
-    from vsense.recording.replaying import Server
 
 HELP = "play a recording in the page, or run the tracker on its pictures again"
 
@@ -26,13 +20,7 @@ DESCRIPTION = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     parser.add_argument("file", type=Path, help="the recording (.mcap)")
-    parser.add_argument(
-        "--web",
-        type=arguments.address,
-        default=("127.0.0.1", 8080),
-        metavar="[ADDRESS:]PORT",
-        help="where the page is; without an address, this machine only (default: 8080)",
-    )
+    arguments.add_web(parser, ("127.0.0.1", 8080))
     parser.add_argument(
         "--speed", type=float, default=1.0, metavar="X", help="times the real speed (default: 1)"
     )
@@ -63,21 +51,10 @@ def run(options: argparse.Namespace) -> int:
 
     recording.require()
     from vsense.recording import replaying
+    from vsense.room.web import make_server
 
     if options.retrack:
         return replaying.retrack(options)
     if options.set or options.session or options.json:
         raise UsageError("--set, --session and --json belong to --retrack")
-    return replaying.play(options, _make_server)
-
-
-def _make_server(options: argparse.Namespace, hub: Hub, give: Give) -> Server:
-    """Makes the page's server.
-
-    Raises:
-        VsenseError: what it needs is not installed.
-    """
-    # Only here: whoever tracks again needs no page.
-    from vsense.web.server import WebServer
-
-    return WebServer(hub, give, *options.web)
+    return replaying.play(options, make_server)

@@ -31,7 +31,6 @@ from vsense.room.facts import Scene
 from vsense.room.room import Room
 from vsense.run.control import Control
 from vsense.run.runner import Runner
-from vsense.run.series import next_seed
 from vsense.run.serving import make_server
 from vsense.runtime import Runtime, Step
 from vsense.tracking.arena_tracker import ArenaTracker
@@ -223,7 +222,7 @@ class Session:
         Raises:
             VsenseError: something has failed; what was recorded until then is there.
         """
-        recording = Recording(Album(self.experiment), self._seed, directory)
+        recording = Recording(Album(self.experiment), self.environment.seed, directory)
         self.recordings.append(recording)
         canary = Canary()
         self._stack.callback(canary.close)
@@ -250,8 +249,7 @@ class Session:
         Raises:
             VsenseError: its virtual world cannot be made, or the link has failed.
         """
-        self._seed = next_seed(self._seed)
-        self.environment = Environment(self.experiment, self._seed, self.blind)
+        self.environment = self.environment.following()
         self.runner.next_run(self.environment)
         self._over = False
 

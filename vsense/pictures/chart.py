@@ -85,12 +85,12 @@ class _Axis:
 
     def grid(self, canvas: Canvas, unit: str, left: float) -> None:
         """Numbers and lines along both axes."""
-        for value in _ticks(self._low, self._high, 5):
+        for value in ticks(self._low, self._high, 5):
             y = self.at(0.0, value)[1]
             canvas.lines(np.array([[self.left, y], [self.right, y]]), GRID)
             label = f"{value:g}"
             canvas.text(label, self.left - 10 - width_of(label, TEXT), y + 5, MUTED, TEXT)
-        for time_s in _ticks(0.0, self._end_s, 4 + round((self.right - self.left) / 400)):
+        for time_s in ticks(0.0, self._end_s, 4 + round((self.right - self.left) / 400)):
             x = self.at(time_s, 0.0)[0]
             canvas.lines(np.array([[x, self.bottom], [x, self.bottom + 6]]), MUTED)
             label = f"{time_s:g} s"
@@ -107,7 +107,7 @@ def _line_names(canvas: Canvas, ends: list[tuple[float, str, Colour]], x: float)
         lowest = y
 
 
-def _ticks(low: float, high: float, most: int) -> Floats:
+def ticks(low: float, high: float, most: int) -> Floats:
     """Round values between two ends, at most `most` steps of 1, 2 or 5 times a power of ten."""
     raw = (high - low) / most
     power = 10.0 ** np.floor(np.log10(raw))

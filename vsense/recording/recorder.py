@@ -19,9 +19,10 @@ import cv2
 
 from vsense.arena import Frame
 from vsense.hub import Hub, Listener, Message
-from vsense.recording import form, tracker_memory
+from vsense.recording import form
 from vsense.recording.waiting import Bounds, Item, Picture, Waiting, gap_message
 from vsense.recording.writer import RecordingWriter
+from vsense.tracking import memory
 from vsense.tracking.arena_tracker import ArenaTracker
 
 FLUSH_S = 0.5
@@ -111,7 +112,7 @@ class Recorder:
         kept: list[Item] = []
         sizes: list[int] = []
         if not self._has_memory and tracker is not None and self._tracker is not None:
-            data = {"made": self._tracker, "memory": tracker_memory.freeze(tracker)}
+            data = {"made": self._tracker, "memory": memory.freeze(tracker)}
             kept.append(Message(form.TRACKER, now_ns, data))
             sizes.append(_FIRST_SIZE)
         for frame in frames:
@@ -248,8 +249,7 @@ class Recorder:
                 self._listener = self._hub.join(self.take, form.is_recorded)
 
     def _tell(self, text: str, level: str = "trouble") -> None:
-        data = {"text": text, "level": level, "by": None}
-        self._hub.publish(Message("/event", self._clock(), data))
+        self._hub.event(text, level, self._clock())
 
 
 def _encoded(picture: Picture, topic: str) -> Message:

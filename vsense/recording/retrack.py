@@ -18,9 +18,10 @@ import numpy as np
 from vsense.arena import ArenaState, Frame
 from vsense.arena_data import arena_data
 from vsense.hub import Message
-from vsense.recording import form, tracker_made, tracker_memory
+from vsense.recording import form, tracker_made
 from vsense.recording.form import RecordingError
 from vsense.recording.reader import Recording
+from vsense.tracking import memory
 from vsense.tracking.arena_tracker import ArenaTracker
 
 _REMEMBERED = 500
@@ -170,7 +171,7 @@ class Retracking:
                 self._tracker.close()
             self._tracker, self._made = tracker_made.make(changed), changed
         if changed == made:
-            tracker_memory.restore(self._tracker, message.data["memory"])
+            memory.restore(self._tracker, message.data["memory"])
 
     def _look(self, message: Message) -> Iterator[ArenaState]:
         """Takes a picture; when all of a timestep are there, tracks."""

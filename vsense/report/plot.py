@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vsense.pictures import chart
 from vsense.pictures.canvas import GRID, INK, MUTED, SCALE, Canvas, Colour, Floats, width_of
 
 TEXT = 0.46
@@ -85,12 +86,8 @@ def spanning(values: ArrayLike, label: str, from_zero: bool = True) -> Range:
 
 
 def ticks(low: float, high: float, most: int) -> list[float]:
-    """Round values between two ends, at most about `most`, 1, 2 or 5 times a power of ten apart."""
-    raw = (high - low) / most
-    power = 10.0 ** np.floor(np.log10(raw))
-    step = next(s * power for s in (1, 2, 5, 10) if s * power >= raw * (1.0 - 1e-9))
-    first, last = np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9)
-    return [float(f"{place * step:.10g}") + 0.0 for place in np.arange(first, last + 1)]
+    """Those of charts, to be written in full: without the last bits' noise, and no -0."""
+    return [float(f"{value:.10g}") + 0.0 for value in chart.ticks(low, high, most)]
 
 
 class Plot:

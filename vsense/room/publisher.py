@@ -43,7 +43,7 @@ class Rates:
         self._times.append((capture_ns, done_ns - capture_ns))
 
     def data(self) -> Data:
-        """Gives "rate_hz" and "latency_ms" of /run."""
+        """Gives "rate_hz" and "latency_ms" of /run; any thread."""
         if len(self._times) < 2:
             return {"rate_hz": 0.0, "latency_ms": None}
         captures, ages = np.array(self._times).T
@@ -116,9 +116,9 @@ class Publisher:
         if step is not None:
             self._tell_step(step, now_ns)
         if now_ns >= self._due_ns:
-            self._publish("/cameras", now_ns, lambda: self._cameras.data(now_ns))
+            self._hub.tell("/cameras", now_ns, lambda: self._cameras.data(now_ns))
         self._tell_run(now_ns)
-        self._publish("/robots", now_ns, lambda: self._robots(now_ns))
+        self._hub.tell("/robots", now_ns, self.robots_data)
 
     def _facts(self) -> Data:
         return facts.experiment(self._scene, self.environment)
@@ -130,16 +130,16 @@ class Publisher:
         self._rates.add(step.capture_ns, step.sent_ns)
         if step.run_timestep >= 0:
             missed = max(step.run_timestep - self._run_timestep - 1, 0)
-            late = step.sent_ns - step.capture_ns > self._timestep_ns
+            late = step.sent_ns - step.capture_ns > self.environment.experiment.timestep_ns
             self._late += missed + late
             self._run_timestep = step.run_timestep
         world = self.environment.world
-        self._publish("/arena", step.capture_ns, lambda: _arena(step))
+        self._hub.tell("/arena", step.capture_ns, lambda: _arena(step))
         self._tell_once("/world", world.version, lambda: messages.world(world), now_ns)
-        self._publish("/signals", step.capture_ns, lambda: messages.signals(world))
+        self._hub.tell("/signals", step.capture_ns, lambda: messages.signals(world))
         if world.fields and now_ns >= self._fields_due_ns:
             self._fields_due_ns = now_ns + FIELDS_NS
-            self._publish("/fields", now_ns, lambda: messages.fields(world.fields.values()))
+            self._hub.tell("/fields", now_ns, lambda: messages.fields(world.fields.values()))
         self._tell_readings(step)
 
     def _tell_readings(self, step: Step) -> None:
@@ -150,22 +150,15 @@ class Publisher:
                 chosen = {tag: sent[tag] for tag in tags}
                 return messages.readings(self._sensors, chosen, step.timestep, step.capture_ns)
 
-            self._publish(topic, step.sent_ns, data)
+            self._hub.tell(topic, step.sent_ns, data)
 
         tell("/readings", list(sent))
         for tag in sent:
             tell(f"/readings/{tag}", [tag])
 
-    @property
-    def _timestep_ns(self) -> int:
-        return self.environment.experiment.timestep_ns
-
     def robots_data(self) -> Data:
         """Gives /robots; any thread."""
-        return self._robots(self._clock())
-
-    def _robots(self, now_ns: int) -> Data:
-        return self._roll.data(self._server.robots(), self._state, now_ns)
+        return self._roll.data(self._server.robots(), self._state, self._clock())
 
     def begin_run(self, environment: Environment) -> None:
         """The next run is about to be waited for."""
@@ -199,7 +192,7 @@ class Publisher:
             return
         self._told["/run"] = key
         self._due_ns = now_ns + SECOND_NS
-        self._publish("/run", now_ns, self.run_data)
+        self._hub.tell("/run", now_ns, self.run_data)
 
     def _tell_once(
         self, topic: str, version: object, make: Callable[[], Data], now_ns: int
@@ -208,10 +201,6 @@ class Publisher:
         if self._told.get(topic) != version and self._hub.wants(topic):
             self._told[topic] = version
             self._hub.publish(Message(topic, now_ns, make()))
-
-    def _publish(self, topic: str, time_ns: int, make: Callable[[], Data]) -> None:
-        if self._hub.wants(topic):
-            self._hub.publish(Message(topic, time_ns, make()))
 
 
 def _arena(step: Step) -> Data:

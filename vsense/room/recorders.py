@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import importlib
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from vsense import recording
@@ -96,7 +94,10 @@ class Recorders:
         wanted = session.record.record_image
         self._wanted, self._pictures = self._wanted or wanted, self._pictures or wanted
         if self._pictures:
-            made = _recording().tracker_made.of_session(session)
+            recording.require()
+            from vsense.recording import tracker_made
+
+            made = tracker_made.of_session(session)
             tracking.record = self._watched(made, tracking.tracker)
 
     def watch_family(
@@ -112,8 +113,11 @@ class Recorders:
             VsenseError: a library is missing.
         """
         if self._pictures:
+            recording.require()
+            from vsense.recording import tracker_made
+
             heights_m = dict(tracker.heights_m)
-            made = _recording().tracker_made.of_family(cameras, marker.family, heights_m)
+            made = tracker_made.of_family(cameras, marker.family, heights_m)
             source.record = self._watched(made, tracker)
 
     def _watched(
@@ -143,24 +147,13 @@ class Recorders:
         if self._path is None:
             return
         try:
-            recorder: Recorder = _recording().recorder.Recorder(
-                self._hub, self._path, self._pictures
-            )
+            recording.require()
+            from vsense.recording.recorder import Recorder
+
+            recorder = Recorder(self._hub, self._path, self._pictures)
         except VsenseError as error:
             self._trouble(f"run not recorded: {error}")
             return
         if self._tracker is not None:
             recorder.describe_tracker(self._tracker)
         self._recorder = recorder
-
-
-def _recording() -> ModuleType:
-    """The package with recordings. Whoever records nothing needs no library for it.
-
-    Raises:
-        UsageError: that is missing.
-    """
-    recording.require()
-    importlib.import_module("vsense.recording.recorder")
-    importlib.import_module("vsense.recording.tracker_made")
-    return recording

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from vsense.console import Console, Level
 from vsense.environment import Environment
-from vsense.hub import Hub, Message
+from vsense.hub import Hub
 from vsense.link.server import VirtualSensorServer
 from vsense.room import keyboard
 from vsense.room.doorbell import Doorbell, DoorbellError
@@ -156,5 +156,4 @@ class Room:
         self._console.say(text, "trouble")
 
     def _tell_event(self, text: str, level: Level) -> None:
-        data = {"text": text, "level": level, "by": None}
-        self.hub.publish(Message("/event", time.monotonic_ns(), data))
+        self.hub.event(text, level, time.monotonic_ns())

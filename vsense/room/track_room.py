@@ -15,7 +15,7 @@ from vsense.arena import ArenaState, Frame
 from vsense.arena_data import arena_data
 from vsense.config.tracking_specs import TrackingSession
 from vsense.console import Console, Level
-from vsense.hub import Hub, Message
+from vsense.hub import Hub
 from vsense.orders import Order, OrderError
 from vsense.room import facts
 from vsense.room.cameras import CameraBoard
@@ -86,21 +86,18 @@ class TrackRoom:
         self._rates.add(state.capture_ns, now_ns)
         if self._joined != self._hub.joined:
             self._joined, self._due_ns = self._hub.joined, 0
-            self._publish("/experiment", now_ns, self._facts)
+            self._hub.tell("/experiment", now_ns, self._facts)
         if now_ns >= self._due_ns:
             self._due_ns = now_ns + SECOND_NS
-            self._publish("/cameras", now_ns, lambda: self._board.data(now_ns))
-            self._publish("/run", now_ns, self._run)
-        self._publish("/arena", state.capture_ns, lambda: {**arena_data(state), "run_timestep": -1})
+            self._hub.tell("/cameras", now_ns, lambda: self._board.data(now_ns))
+            self._hub.tell("/run", now_ns, self._run)
+        self._hub.tell(
+            "/arena", state.capture_ns, lambda: {**arena_data(state), "run_timestep": -1}
+        )
         self._press.offer(frames)
 
-    def _publish(self, topic: str, time_ns: int, make: Callable[[], Data]) -> None:
-        if self._hub.wants(topic):
-            self._hub.publish(Message(topic, time_ns, make()))
-
     def _tell_event(self, text: str, level: Level) -> None:
-        data = {"text": text, "level": level, "by": None}
-        self._publish("/event", self._clock(), lambda: data)
+        self._hub.event(text, level, self._clock())
 
     def _run(self) -> Data:
         return {

@@ -6,12 +6,26 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vsense.errors import UsageError
 from vsense.hub import Hub
 from vsense.orders import Give
 
 if TYPE_CHECKING:
     from vsense.web.server import WebServer
+
+
+def make_server(options: argparse.Namespace, hub: Hub, give: Give) -> WebServer:
+    """Makes the page's server, which does not serve yet; see `open_web`.
+
+    Raises:
+        VsenseError: the library for it is missing, or the tokens cannot be read.
+    """
+    # Here and not above: whoever wants no page needs no library for it.
+    from vsense.web.server import WebServer
+    from vsense.web.tokens import read_tokens
+
+    host, port = options.web
+    tokens: Path | None = options.web_tokens
+    return WebServer(hub, give, host, port, None if tokens is None else read_tokens(tokens))
 
 
 def open_web(options: argparse.Namespace, hub: Hub, give: Give) -> tuple[WebServer, list[str]]:
@@ -26,19 +40,9 @@ def open_web(options: argparse.Namespace, hub: Hub, give: Give) -> tuple[WebServ
         The server, which is the caller's to close, and what people shall be told.
 
     Raises:
-        UsageError: the library for it is missing.
-        VsenseError: the port is taken, or the tokens cannot be read.
+        VsenseError: the library for it is missing, the port is taken, or the tokens cannot be read.
     """
-    try:
-        from vsense.web.server import WebServer
-        from vsense.web.tokens import read_tokens
-    except ImportError as error:
-        raise UsageError(
-            f"the page needs the library {error.name!r}: pip install 'vsense[web]'"
-        ) from None
-    host, port = options.web
-    tokens: Path | None = options.web_tokens
-    server = WebServer(hub, give, host, port, None if tokens is None else read_tokens(tokens))
+    server = make_server(options, hub, give)
     found = server.start()
     lines = [f"control room: {found.control}"]
     if found.look != found.control:

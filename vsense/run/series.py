@@ -12,13 +12,6 @@ from vsense.run.runner import Runner
 PATIENCE_S = 10.0
 """In a series, a run but the first waits so long for robots; then it starts without them."""
 
-MOST_SEED = 2**32 - 1
-
-
-def next_seed(seed: int) -> int:
-    """Gives the seed of the run after the one with this seed."""
-    return seed % MOST_SEED + 1
-
 
 class Series:
     """The runs of one process.

@@ -15,7 +15,6 @@ from vsense.room.facts import Scene
 from vsense.room.room import Room
 from vsense.run.control import Control
 from vsense.run.runner import Runner
-from vsense.run.series import next_seed
 from vsense.run.serving import make_server
 from vsense.run.sources import SteadySource, open_source
 from vsense.runtime import Runtime
@@ -69,7 +68,7 @@ class RunSession:
         self.server: VirtualSensorServer = make_server(
             experiment, table, address, seed, self._on_link_event, legacy_port
         )
-        self._seed, self._blind, self._room = seed, blind, room
+        self._room = room
         self._open(tracking, interrupted)
 
     def _open(self, tracking: tuple[str, str] | None, interrupted: threading.Event) -> None:
@@ -101,7 +100,7 @@ class RunSession:
         trackers = {view.camera.id: view.tracker.id for view in views}
         cameras = [view.camera for view in views]
         troubles = Troubles() if own is None else own.troubles
-        return Scene("run", text, self._blind, cameras, trackers, troubles)
+        return Scene("run", text, self.environment.blind, cameras, trackers, troubles)
 
     def _suspends(self) -> bool:
         """Whether STOP only suspends a run (thesis, 2.3.1)."""
@@ -120,8 +119,7 @@ class RunSession:
         Raises:
             VsenseError: its virtual world cannot be made, or the link has failed.
         """
-        self._seed = next_seed(self._seed)
-        self.environment = Environment(self.experiment, self._seed, self._blind)
+        self.environment = self.environment.following()
         self.runner.next_run(self.environment)
         self._over = False
 
