@@ -16,6 +16,7 @@ from vsense.tracking.grabbers import GrabberError
 from vsense.tracking.grabbers_device import Controls, DeviceSource
 from vsense.tracking.grabbers_live import LATE_AFTER, LiveGrabber
 from vsense.tracking.grabbers_picture import PictureError
+from vsense.tracking.source import Shot
 
 SIZE = (64, 48)
 PATIENCE_S = 30.0
@@ -37,12 +38,12 @@ class Fake:
             raise failure
         return self.refuses
 
-    def read(self) -> np.ndarray:
+    def read(self) -> Shot:
         self.reading.release()
         thing = self.comes.get()
         if isinstance(thing, Exception):
             raise thing
-        return thing
+        return Shot(thing)
 
     def close(self) -> None:
         pass
@@ -144,7 +145,7 @@ def test_a_camera_that_is_late_again_and_again_is_not_waited_for() -> None:
 
 
 def test_damaged_pictures_and_wrong_sizes_are_left_out_and_told() -> None:
-    a = opened(Fake(["gain_raw 7"]))
+    a = opened(Fake(["does not take gain_raw 7"]))
     with live(a=a) as grabber:
         a.comes.put(PictureError("is no picture"))
         a.comes.put(picture(1, (10, 10)))
@@ -201,7 +202,7 @@ def test_a_camera_on_the_network_is_opened_read_lost_and_opened_again() -> None:
             pictures = 0
             with pytest.raises(GrabberError, match="gives no more pictures"):
                 while True:
-                    image = source.read()
+                    image = source.read().image
                     assert image.shape == SIZE[::-1] and abs(float(image.mean()) - 90) < 3
                     pictures += 1
             assert pictures >= 10

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import cv2
 
 from vsense.tracking.grabbers import GrabberError
-from vsense.tracking.grabbers_picture import Image, to_grey
+from vsense.tracking.grabbers_picture import to_grey
+from vsense.tracking.source import Shot
 
 OPEN_TIMEOUT_MS = 5000
 READ_TIMEOUT_MS = 3000
@@ -50,10 +51,7 @@ class DeviceSource:
         self._capture: cv2.VideoCapture | None = None
 
     def open(self) -> list[str]:
-        """Opens the camera and sets its controls.
-
-        Returns:
-            What the camera did not take, one text per control.
+        """Opens the camera and sets its controls; see `vsense.tracking.source.Source.open`.
 
         Raises:
             GrabberError: It does not open.
@@ -65,10 +63,14 @@ class DeviceSource:
         self._capture = capture
         # A picture that has waited in the driver is old; not every backend can do without.
         capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
-        return [what for what, key, value in self._settings() if not capture.set(key, value)]
+        return [
+            f"does not take {what}"
+            for what, key, value in self._settings()
+            if not capture.set(key, value)
+        ]
 
-    def read(self) -> Image:
-        """Waits for the next picture, (h, w) uint8.
+    def read(self) -> Shot:
+        """Waits for the next picture.
 
         Raises:
             PictureError: The picture cannot be used; the next one may be good.
@@ -82,7 +84,7 @@ class DeviceSource:
             raise GrabberError(f"{self._device} has failed: {error.err}") from None
         if not whole or image is None:
             raise GrabberError(f"{self._device} gives no more pictures")
-        return to_grey(image)
+        return Shot(to_grey(image))
 
     def close(self) -> None:
         """Lets the camera go; can be called again."""

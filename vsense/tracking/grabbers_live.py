@@ -9,12 +9,12 @@ import threading
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 from vsense.arena import Frame
 from vsense.tracking.grabbers import CameraEvent, GrabberError
 from vsense.tracking.grabbers_picture import Image, PictureError
 from vsense.tracking.grabbers_recorded import wrong_size
+from vsense.tracking.source import Source
 
 RETRY_S = 1.0
 PATIENCE_S = 0.05
@@ -23,28 +23,6 @@ MOST_EVENTS = 256
 """Nobody may listen for long: only the newest are kept."""
 LATE_AFTER = 10
 """A camera that was waited for in vain this often is not waited for any more."""
-
-
-class Source(Protocol):
-    """One camera; belongs to one thread."""
-
-    def open(self) -> list[str]:
-        """Opens it; gives what it did not take of what it was asked for.
-
-        Raises:
-            GrabberError: It does not open.
-        """
-
-    def read(self) -> Image:
-        """Waits for the next picture, (h, w) uint8.
-
-        Raises:
-            PictureError: The picture cannot be used; the next one may be good.
-            GrabberError: The camera is gone.
-        """
-
-    def close(self) -> None:
-        """Lets it go; can be called again."""
 
 
 @dataclass(slots=True)
@@ -162,8 +140,8 @@ class LiveGrabber:
         camera = self._cameras[id]
         while not self._ended.is_set():
             try:
-                refused = camera.source.open()
-                self._arrive(id, camera, refused)
+                said = camera.source.open()
+                self._arrive(id, camera, said)
                 while not self._ended.is_set():
                     self._grab(id, camera)
             except GrabberError as error:
@@ -174,7 +152,7 @@ class LiveGrabber:
     def _grab(self, id: str, camera: _Camera) -> None:
         """Waits for one picture; a damaged one is told and forgotten."""
         try:
-            image = camera.source.read()
+            image = camera.source.read().image
         except PictureError as error:
             with self._news:
                 self._tell(id, "damaged", str(error))
@@ -187,10 +165,10 @@ class LiveGrabber:
             camera.newest = (image, arrived_ns, arrived_ns)
             self._news.notify_all()
 
-    def _arrive(self, id: str, camera: _Camera, refused: list[str]) -> None:
+    def _arrive(self, id: str, camera: _Camera, said: list[str]) -> None:
         with self._news:
-            for control in refused:
-                self._tell(id, "control", f"does not take {control}")
+            for text in said:
+                self._tell(id, "control", text)
             if camera.told_gone:
                 self._tell(id, "back", "is back")
             camera.present, camera.told_gone, camera.late = True, False, 0
