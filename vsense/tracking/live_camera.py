@@ -217,6 +217,8 @@ class LiveCamera:
             self._said.update(said)
             self._pulse.forget()
             self._due_ns, self.opened = self._clock() + FIRST_NS, True
+            # Worth waiting for, unless it opened before and gave nothing.
+            self.present = not self._gone
 
     def _leave(self, reason: str) -> None:
         with self._news:
