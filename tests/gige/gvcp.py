@@ -20,6 +20,7 @@ REGISTERS = {
     "height": 0x104,
     "binning_horizontal": 0x108,
     "gain_raw": 0x110,
+    "gain_auto": 0x114,
     "sensor_height": 0x118,
     "sensor_width": 0x11C,
     "exposure_us": 0x120,

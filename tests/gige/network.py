@@ -28,6 +28,8 @@ CAMERAS = [
     Camera.looking_down(f"cam{n}", x, y, 2.4, 1100.0, SIZE_PX) for n, (x, y) in enumerate(PLACES_M)
 ]
 RATE_HZ = 10
+FIRST = 10
+"""The last number of the first camera's address."""
 PHASES_MS = (0, 23, 47, 71)
 """Cameras that run freely expose when they like."""
 
@@ -54,37 +56,39 @@ class GigeCameras:
         self._family = load_family(FAMILY)
         self._folder = folder
         net = f"10.214.{os.getpid() % 250 + 1}"
-        self.net = Namespaces("vsg", net, INTERFACE, {n: 10 + n for n in range(len(CAMERAS))})
+        self.net = Namespaces("vsg", net, INTERFACE, {n: FIRST + n for n in range(len(CAMERAS))})
         self._running: dict[int, subprocess.Popen[str]] = {}
         if jumbo:
             self.net.set_mtu(9000)
         for n, camera in enumerate(CAMERAS):
             np.save(self._picture(n), render(camera, self._family, list(robots), Look(), seed=n))
 
-    def start(self, number: int, *words: str) -> None:
-        """Starts a camera that shows its picture; `words` go to `scene_camera`."""
-        self.kill(number)
-        python = [sys.executable, "-m", "tests.gige.scene_camera", INTERFACE]
-        what = [str(self._picture(number)), "--serial", f"S{number}"]
-        when = ["--phase-ms", str(PHASES_MS[number])]
-        process = subprocess.Popen(
-            [*self.net.command(number), *python, *what, *when, *words],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            cwd=ROOT,
-        )
-        self._running[number] = process
-        assert process.stdout is not None
-        assert process.stdout.readline() == "ready\n", f"camera {number} has not started"
+    def start(self, *numbers: int, words: Sequence[str] = ()) -> None:
+        """Starts cameras that show their pictures, all four by default.
 
-    def start_plain(self, number: int) -> None:
-        """Starts Debian's simulator as it is."""
-        self.kill(number)
+        Args:
+            numbers: which; those that run are ended first.
+            words: for `scene_camera`.
+        """
+        numbers = numbers or tuple(range(len(CAMERAS)))
+        for number in numbers:
+            self.kill(number)
+            self._running[number] = self._scene_camera(number, words)
+        for number in numbers:
+            stdout = self._running[number].stdout
+            assert stdout is not None
+            assert stdout.readline() == "ready\n", f"camera {number} has not started"
+
+    def start_plain(self, *numbers: int) -> None:
+        """Starts Debian's simulators as they are, all four by default."""
         program = require_tool("arv-fake-gv-camera-0.8", "aravis-tools")
-        words = [program, "-i", INTERFACE, "-s", f"P{number}"]
-        self._running[number] = subprocess.Popen([*self.net.command(number), *words], text=True)
-        self.registers(number)
+        numbers = numbers or tuple(range(len(CAMERAS)))
+        for number in numbers:
+            self.kill(number)
+            words = [program, "-i", INTERFACE, "-s", f"P{number}"]
+            self._running[number] = subprocess.Popen([*self.net.command(number), *words], text=True)
+        for number in numbers:
+            self.registers(number)
 
     def tell(self, number: int, line: str) -> None:
         """Has a camera obey a line."""
@@ -119,8 +123,14 @@ class GigeCameras:
     def same_address(self, first: int, second: int) -> None:
         """Starts the second camera again, with the first one's address."""
         self.kill(second)
-        self.net.renumber(second, int(self.address(first).rpartition(".")[2]))
+        self.net.renumber(second, FIRST + first)
         self.start(second)
+
+    def own_address(self, number: int) -> None:
+        """Starts a camera again, with the address that is its own."""
+        self.kill(number)
+        self.net.renumber(number, FIRST + number)
+        self.start(number)
 
     def files(
         self, folder: Path, settings: Mapping[str, Any], features: Mapping[str, str] | None = None
@@ -158,6 +168,18 @@ class GigeCameras:
         for number in list(self._running):
             self.kill(number)
         self.net.close()
+
+    def _scene_camera(self, number: int, words: Sequence[str]) -> subprocess.Popen[str]:
+        python = [sys.executable, "-m", "tests.gige.scene_camera", INTERFACE]
+        what = [str(self._picture(number)), "--serial", f"S{number}"]
+        when = ["--phase-ms", str(PHASES_MS[number])]
+        return subprocess.Popen(
+            [*self.net.command(number), *python, *what, *when, *words],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            cwd=ROOT,
+        )
 
     def _picture(self, number: int) -> Path:
         return self._folder / f"cam{number}.npy"
