@@ -14,10 +14,10 @@ _IN_CONTROL = 0b11
 """Exclusive access and control access. Source: GigE Vision 2.0, register CCP."""
 _CHECK_RANGES = 1
 _NEVER_ADJUST = 0
+"""Of the packet size: it is chosen once, before a stream is made."""
 _opening = threading.Lock()
 """Aravis reads the descriptions of all cameras with one and the same parser's memory. Source:
 Aravis 0.8.26, arvdomparser.c, `_parse_memory`."""
-"""Of the packet size: it is chosen once, before a stream is made."""
 
 
 def locate(name: str) -> str:
@@ -201,6 +201,10 @@ class AravisCamera:
     def packet_delay_us(self) -> float:
         """Pause between two packets."""
         return float(call(self._lib.arv_camera_gv_get_packet_delay, self.handle)) / 1e3
+
+    def stop(self) -> None:
+        """Has it send no pictures: a program that died may have left it at work."""
+        call(self._lib.arv_camera_stop_acquisition, self.handle)
 
     def close(self) -> None:
         """Lets it go, and gives control back; can be called again."""
