@@ -61,6 +61,11 @@ class Script:
         self.comes.put(thing)
         assert self.waits.acquire(timeout=30.0)
 
+    def wait(self, time_ns: int) -> None:
+        """Lets time go by, for the host and for the camera."""
+        self.now_ns += time_ns
+        self.stamp_ns += time_ns
+
     def shot(self, after_ns: int = PERIOD_NS, stamp_ns: int | None = None) -> Shot:
         """The next picture; by default a good one, one period after the last."""
         self.now_ns += after_ns
@@ -191,10 +196,10 @@ def test_a_camera_that_does_not_take_its_size_is_not_opened_again_and_again(stag
 
 def test_a_camera_that_falls_silent_is_told_though_its_thread_waits(stage: Stage) -> None:
     for _ in range(SOON):
-        stage.bad.now_ns += PERIOD_NS
+        stage.bad.wait(PERIOD_NS)
         stage.step()
     assert stage.kinds() == []
-    stage.bad.now_ns += SILENCE_NS - SOON * PERIOD_NS + 1
+    stage.bad.wait(SILENCE_NS - SOON * PERIOD_NS + 1)
     stage.step()
     assert stage.told == [("gone", "is gone: gives no pictures any more")]
     for _ in range(10):
