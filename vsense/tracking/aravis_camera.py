@@ -70,7 +70,7 @@ class AravisCamera:
             AravisError: It does not answer.
         """
         self._lib, self._ffi = load().lib, load().ffi
-        self.is_gige = is_address(name)
+        self._name, self.is_gige = name, is_address(name)
         if self.is_gige and not answers(name):
             # Aravis would ask for seconds, and all other cameras would have to wait.
             raise AravisError(f"no camera answers at {name}")
@@ -97,6 +97,9 @@ class AravisCamera:
             return True
         if not self._lib.arv_gv_device_is_controller(self._device):
             return False
+        if not answers(self._name):
+            # Aravis would ask for two seconds and a half.
+            raise AravisError(f"no camera answers at {self._name}")
         value = self._ffi.new("uint32_t *")
         read = self._lib.arv_device_read_register
         call(read, self._device, _CONTROL_CHANNEL_PRIVILEGE, value)

@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from vsense.tracking.aravis import AravisError
-from vsense.tracking.aravis_camera import AravisCamera, locate
+from vsense.tracking.aravis_camera import AravisCamera, is_address, locate
 from vsense.tracking.aravis_stream import AravisStream
 from vsense.tracking.genicam_settings import GenicamSettings, apply
 from vsense.tracking.grabbers import GrabberError
 from vsense.tracking.links import Links, Stream
+from vsense.tracking.routes import controlled
 from vsense.tracking.source import Shot
 
 SILENCE_S = 0.4
 """A camera that says nothing for this long, and for three periods, is silent."""
 PERIODS = 3
+_CONTROLLED = "another program controls it, or did until seconds ago"
 FIRST_S = 2.0
 """Some need a while for their first picture."""
 
@@ -59,10 +61,13 @@ class GenicamSource:
             return []
         self.close()
         name = locate(self._device)
+        if is_address(name) and controlled(name):
+            # Some cameras do not even answer who asks for control: Aravis would ask for seconds.
+            raise AravisError(_CONTROLLED)
         camera = AravisCamera(name)
         try:
             if not camera.in_control:
-                raise AravisError("another program controls it, or did until seconds ago")
+                raise AravisError(_CONTROLLED)
             camera.stop()
             told = apply(camera, self._settings)
             if camera.is_gige:

@@ -10,8 +10,9 @@ from pathlib import Path
 _GET_ADDRESS = 0x8915
 """SIOCGIFADDR. Source: Linux, netdevice(7)."""
 _CONTROL_PORT = 3956
-_ASK_VERSION = struct.pack(">BBHHHI", 0x42, 0x01, 0x0080, 4, 1, 0)
-"""READREG of register 0, which everybody may read. Source: GigE Vision 2.0, GVCP."""
+_READ_PRIVILEGE = struct.pack(">BBHHHI", 0x42, 0x01, 0x0080, 4, 1, 0x0A00)
+"""READREG of the control channel privilege, which everybody may read. Source: GigE Vision 2.0."""
+_CONTROLLED = 0b11
 _ASK_AGAIN = 3
 _WAIT_S = 0.15
 
@@ -29,17 +30,24 @@ def host_address(address: str) -> str | None:
 
 def answers(address: str) -> bool:
     """Whether a GigE camera answers at an address; asks some times, for half a second in all."""
+    return controlled(address) is not None
+
+
+def controlled(address: str) -> bool | None:
+    """Whether any program controls the GigE camera at an address; None: none answers there."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as question:
         question.settimeout(_WAIT_S)
         for _ in range(_ASK_AGAIN):
             try:
                 question.connect((address, _CONTROL_PORT))
-                question.send(_ASK_VERSION)
-                return bool(question.recv(64))
+                question.send(_READ_PRIVILEGE)
+                answer = question.recv(64)
             except OSError:
                 # Nobody answers, or the system knows that nobody is there.
                 continue
-    return False
+            # A camera that refuses to say is there all the same: opening it will tell more.
+            return len(answer) >= 12 and bool(answer[11] & _CONTROLLED)
+    return None
 
 
 def interface_of(host: str) -> str | None:
