@@ -25,6 +25,7 @@ typedef struct { uint32_t domain; int code; char *message; } GError;
 void g_error_free(GError *);
 void g_free(void *);
 void g_object_unref(void *);
+void g_object_set(void *, const char *, ...);
 void *g_inet_address_new_from_string(const char *);
 
 void arv_update_device_list(void);

@@ -18,6 +18,10 @@ from vsense.tracking.grabbers_picture import Image, PictureError
 BUFFERS = 8
 """One is being filled, one is the newest, two timesteps are with the tracker, others with a
 recorder."""
+WAITING = 2
+"""Pictures for which the system keeps memory until Aravis fetches their packets: its usual 200 kB
+are less than one. It gives no more than net.core.rmem_max, and needs it for users only who may
+not open packet sockets: Aravis takes one where it can."""
 KEEP_FREE = 2
 """With fewer buffers left to fill, a picture is copied and its buffer goes back at once."""
 
@@ -53,6 +57,9 @@ class AravisStream:
             raise AravisError("gives no pictures: its stream does not open")
         self._stream: Any = self._ffi.gc(stream, self._lib.g_object_unref)
         size = call(self._lib.arv_camera_get_payload, camera.handle)
+        if camera.is_gige:
+            wanted = self._ffi.cast("int", WAITING * size)
+            self._lib.g_object_set(stream, b"socket-buffer-size", wanted, self._ffi.NULL)
         for _ in range(BUFFERS):
             self._lib.arv_stream_push_buffer(stream, self._lib.arv_buffer_new_allocate(size))
         call(self._lib.arv_camera_start_acquisition, camera.handle)
