@@ -1,0 +1,110 @@
+"""Finds markers in the pictures of a camera that nobody has calibrated yet.
+
+The detectors know how large a marker is in the picture from the camera's calibration. Where there
+is none, the picture is searched for markers of one size after the other; the size at which there
+are most is the picture's scale.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import count
+
+import numpy as np
+
+from vsense.arena import UNNAMED
+from vsense.tracking.camera import Camera
+from vsense.tracking.detectors import make_detector
+from vsense.tracking.families import MarkerFamily, SquareFamily
+from vsense.tracking.grabbers_picture import Image
+from vsense.tracking.whereabouts import Whereabouts
+
+_LEAST_CELL_PX, _MOST_CELL_PX = 1.5, 20.0
+"""Smaller cells cannot be read, with larger ones there is no arena in the picture."""
+_ARROW_RATIO, _SQUARE_RATIO = 1.1, 1.25
+"""From one size to the next: what is 12 and 25 % larger or smaller than expected is found."""
+_REST = 8
+"""So many pictures after a search in vain go by before the next one."""
+_AWAY_M = 2.0
+_STEP_NS = 100_000_000
+_NAME = "camera"
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """The markers in one picture.
+
+    Attributes:
+        count: how many there are.
+        tags: the numbers that could be read, sorted.
+    """
+
+    count: int
+    tags: tuple[int, ...]
+
+
+NOTHING = Found(0, ())
+
+
+class MarkerFinder:
+    """Finds and reads the markers of one family, whatever their numbers are.
+
+    Attributes:
+        px_per_m: the picture's scale, as soon as markers have told it.
+    """
+
+    def __init__(self, family: MarkerFamily | SquareFamily, px_per_m: float | None = None) -> None:
+        """Prepares to look.
+
+        Args:
+            family: the markers.
+            px_per_m: the picture's scale, where it is known.
+        """
+        self._family = family
+        self._known = px_per_m is not None
+        self._times = count(_STEP_NS, _STEP_NS)
+        self._rest = 0
+        self.px_per_m = px_per_m
+
+    def look(self, image: Image) -> Found:
+        """Looks for markers in an (h, w) uint8 picture."""
+        if self.px_per_m is not None:
+            found = self._at(image, self.px_per_m)
+            if found.count or self._known:
+                return found
+        if self._rest > 0:
+            self._rest -= 1
+            return NOTHING
+        scale = self._search(image)
+        if scale is None:
+            self._rest = _REST
+            return NOTHING
+        self.px_per_m = scale
+        return self._at(image, scale)
+
+    def _search(self, image: Image) -> float | None:
+        """Gives the middle of the scales at which there are most markers, None without any."""
+        cell_m = 1e-3 * self._family.cell_mm
+        ratio = _SQUARE_RATIO if isinstance(self._family, SquareFamily) else _ARROW_RATIO
+        steps = int(np.log(_MOST_CELL_PX / _LEAST_CELL_PX) / np.log(ratio)) + 1
+        scales = _LEAST_CELL_PX / cell_m * ratio ** np.arange(steps)
+        fits = 1e-3 * self._family.disc_diameter_mm * scales < min(image.shape)
+        found = [self._at(image, float(scale)) for scale in scales[fits]]
+        # What can be read is a marker; what merely looks like one is believed where nothing is.
+        worth = np.array([(len(each.tags), each.count) for each in found]) @ (1000, 1)
+        if len(worth) == 0 or worth.max() == 0:
+            return None
+        best = np.flatnonzero(worth == worth.max())
+        return float(np.exp(np.log(scales[fits][best]).mean()))
+
+    def _at(self, image: Image, px_per_m: float) -> Found:
+        """Looks for markers of one size."""
+        height, width = image.shape
+        camera = Camera.looking_down(_NAME, 0.0, 0.0, _AWAY_M, _AWAY_M * px_per_m, (width, height))
+        seen = Whereabouts()
+        seen.expect(next(self._times))
+        rows = make_detector(self._family, (), 0.0, seen).detect(image, camera)
+        tags = {int(tag) for tag in rows["tag"] if tag != UNNAMED}
+        if _NAME in seen.strangers:
+            tags |= {int(tag) for tag in seen.strangers[_NAME].tags}
+        return Found(len(rows), tuple(sorted(tags)))
