@@ -164,7 +164,26 @@ class Listed:
         return tuple(filter(None, (self.id, self.serial, self.mac, self.address)))
 
 
-_asking = threading.Lock()
+class _Question:
+    """Asks who is there, once for all who want to know at the same time."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._begun = self._done = 0
+        self._answer: list[Listed] = []
+
+    def ask(self) -> list[Listed]:
+        """Gives an answer to a question that was put after this call."""
+        before = self._begun
+        with self._lock:
+            if self._done <= before:
+                self._begun += 1
+                self._answer = _ask()
+                self._done = self._begun
+            return self._answer
+
+
+_question = _Question()
 
 
 def listed() -> list[Listed]:
@@ -173,6 +192,11 @@ def listed() -> list[Listed]:
     Raises:
         AravisError: The library is not there.
     """
+    load()
+    return _question.ask()
+
+
+def _ask() -> list[Listed]:
     ffi, lib = load().ffi, load().lib
     questions = (
         lib.arv_get_device_id,
@@ -183,10 +207,9 @@ def listed() -> list[Listed]:
         lib.arv_get_device_model,
         lib.arv_get_device_serial_nbr,
     )
-    with _asking:
-        lib.arv_update_device_list()
-        rows = [[ask(n) for ask in questions] for n in range(lib.arv_get_n_devices())]
-        texts = [[ffi.string(t).decode(errors="replace") if t else "" for t in r] for r in rows]
+    lib.arv_update_device_list()
+    rows = [[ask(n) for ask in questions] for n in range(lib.arv_get_n_devices())]
+    texts = [[ffi.string(t).decode(errors="replace") if t else "" for t in r] for r in rows]
     cameras = [Listed(*row) for row in texts if row[1] in (GIGE, USB3)]
     # Where the address of a USB3 camera would be, Aravis has a word that is none.
     cameras = [c if c.protocol == GIGE else replace(c, address="") for c in cameras]

@@ -89,9 +89,7 @@ class Links:
                 self._check(interface, everybody)
             self._streams = everybody
 
-    def _check(
-        self, interface: str, everybody: dict[str, tuple[str, str | None, Stream]]
-    ) -> None:
+    def _check(self, interface: str, everybody: dict[str, tuple[str, str | None, Stream]]) -> None:
         carried = self._speed(interface)
         loads = {c: s.bit_s for c, (_, way, s) in everybody.items() if way == interface}
         total = sum(loads.values())

@@ -1,0 +1,193 @@
+"""What a GenICam camera is asked for, and how it is told: every value is read back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from vsense.tracking.aravis import AravisError
+from vsense.tracking.aravis_camera import AravisCamera
+from vsense.tracking.grabbers_device import Controls
+from vsense.tracking.source import Bounds, Value, absent, refused, said
+
+FREE = "free"
+SOFTWARE = "software"
+PIXEL_FORMATS = ("Mono8", "BayerRG8", "BayerGB8", "BayerGR8", "BayerBG8")
+"""One byte per pixel. Bayer is taken as grey: the camera's white balance makes grey grey."""
+
+_NAMES = {
+    "exposure_time_abs": ("ExposureTimeAbs", "ExposureTime"),
+    "gain_raw": ("GainRaw", "Gain"),
+    "offset_x": ("OffsetX",),
+    "offset_y": ("OffsetY",),
+    "width": ("Width",),
+    "height": ("Height",),
+    "pixel_format": ("PixelFormat",),
+}
+"""What the resources file calls it, and what cameras do: the older name first."""
+_AUTOMATIC = ("ExposureAuto", "GainAuto")
+
+
+@dataclass(frozen=True, slots=True)
+class GenicamSettings:
+    """What a camera is asked for; None leaves its own choice.
+
+    Attributes:
+        controls: Size, rate, exposure and gain.
+        offset_px: Left upper corner of the part of the sensor that is read.
+        pixel_format: One of `PIXEL_FORMATS`; None: the first of them that it has.
+        packet_size: Bytes of a packet with its IP header; None: the largest that gets through.
+        packet_delay_us: Pause between two packets.
+        trigger: `FREE`, `SOFTWARE`, or the name of a line such as "Line1".
+        features: Names and values of other features, set in this order.
+    """
+
+    controls: Controls
+    offset_px: tuple[int, int] | None = None
+    pixel_format: str | None = None
+    packet_size: int | None = None
+    packet_delay_us: float | None = None
+    trigger: str = FREE
+    features: tuple[tuple[str, str], ...] = ()
+
+
+def apply(camera: AravisCamera, settings: GenicamSettings) -> list[str]:
+    """Sets everything.
+
+    Returns:
+        What the camera refused or rounded; see `vsense.tracking.source.Source.open`.
+
+    Raises:
+        AravisError: It does not answer, or gives no pictures that can be used.
+    """
+    return _Setting(camera, settings).all()
+
+
+class _Setting:
+    """One camera that is being set."""
+
+    def __init__(self, camera: AravisCamera, settings: GenicamSettings) -> None:
+        self._camera = camera
+        self._settings = settings
+        self._said: list[str] = []
+
+    def all(self) -> list[str]:
+        """Sets everything; gives what the camera made of it."""
+        camera, settings, controls = self._camera, self._settings, self._settings.controls
+        for automatic in _AUTOMATIC:
+            wanted = controls.exposure_us if automatic == "ExposureAuto" else controls.gain_raw
+            if wanted is not None and camera.has(automatic):
+                self._feature(automatic, automatic, "Off")
+        self._pixels()
+        self._times()
+        if controls.exposure_us is not None:
+            self._control("exposure_time_abs", controls.exposure_us)
+        if controls.gain_raw is not None:
+            self._control("gain_raw", controls.gain_raw)
+        for name, value in settings.features:
+            if camera.has(name):
+                self._feature(name, name, value)
+            else:
+                self._said.append(absent(name))
+        if camera.is_gige:
+            self._packets()
+        return self._said
+
+    def _pixels(self) -> None:
+        """Sets the format, and what part of the sensor is read."""
+        camera = self._camera
+        formats = camera.formats()
+        usable = [name for name in PIXEL_FORMATS if name in formats]
+        if not usable:
+            known = ", ".join(PIXEL_FORMATS)
+            raise AravisError(
+                f"has the pixel formats {', '.join(formats)}, expected one of {known}"
+            )
+        self._control("pixel_format", self._settings.pixel_format or usable[0])
+        if camera.get("PixelFormat") not in PIXEL_FORMATS:
+            self._control("pixel_format", usable[0])
+        size_px, offset_px = self._settings.controls.size_px, self._settings.offset_px
+        if size_px is not None:
+            # A part that begins far right cannot be made wide: it begins at the left first.
+            for name in ("OffsetX", "OffsetY"):
+                if camera.has(name):
+                    self._feature(name, name, 0)
+            self._control("width", size_px[0])
+            self._control("height", size_px[1])
+        if offset_px is not None:
+            self._control("offset_x", offset_px[0])
+            self._control("offset_y", offset_px[1])
+
+    def _times(self) -> None:
+        """Sets rate and trigger, in this order: a rate makes the camera run freely."""
+        camera = self._camera
+        trigger, rate_hz = self._settings.trigger, self._settings.controls.rate_hz
+        if trigger != FREE:
+            source = "Software" if trigger == SOFTWARE else trigger
+            camera.set_trigger(source)
+            self._note("trigger", source, camera.get("TriggerSource"))
+        elif rate_hz is not None:
+            try:
+                camera.set_rate(rate_hz)
+                self._note("frame_rate", rate_hz, camera.rate_hz)
+            except AravisError as error:
+                self._said.append(f"{refused('frame_rate', rate_hz, None)}: {error}")
+        else:
+            camera.set_trigger(None)
+
+    def _packets(self) -> None:
+        """Says how the pictures come through the network."""
+        camera = self._camera
+        size, delay_us = self._settings.packet_size, self._settings.packet_delay_us
+        try:
+            camera.set_packets(size, delay_us)
+            if size is not None:
+                self._note("packet_size", size, camera.packet_size)
+            if delay_us is not None:
+                self._note("packet_delay", delay_us, camera.packet_delay_us)
+        except AravisError as error:
+            self._said.append(f"does not take packet_size or packet_delay: {error}")
+
+    def _control(self, name: str, value: Value) -> None:
+        """Sets what the resources file has its own name for, by the camera's name for it."""
+        feature = next((f for f in _NAMES[name] if self._camera.has(f)), None)
+        if feature is None:
+            self._said.append(absent(name))
+        else:
+            self._feature(name, feature, value)
+
+    def _feature(self, name: str, feature: str, value: Value) -> None:
+        """Sets a feature, reads it back, and notes where the two differ."""
+        camera = self._camera
+        bounds = None if isinstance(value, str) else camera.bounds(feature)
+        try:
+            camera.set(feature, value if isinstance(value, str) else _digits(value))
+        except AravisError as error:
+            kept = refused(name, value, _like(value, camera.get(feature)), bounds)
+            # Bounds say it all; otherwise the camera's own words may help.
+            self._said.append(kept if bounds else f"{kept} ({error})")
+        else:
+            self._note(name, value, _like(value, camera.get(feature)), bounds)
+
+    def _note(self, name: str, wanted: Value, got: Value, bounds: Bounds | None = None) -> None:
+        text = said(name, wanted, got, bounds)
+        if text is not None:
+            self._said.append(text)
+
+
+def _digits(value: float) -> str:
+    """Writes a number with all its digits, whole ones without a point."""
+    return str(int(value)) if float(value).is_integer() else repr(float(value))
+
+
+def _like(wanted: Value, text: str) -> Value:
+    """Reads what a camera says as what it was asked for: a number, or a word."""
+    if isinstance(wanted, str):
+        try:
+            # A number that was written as text: "8000" and "8000.0" are the same.
+            return wanted if float(wanted) == float(text) else text
+        except ValueError:
+            return text
+    try:
+        return float(text)
+    except ValueError:
+        return text

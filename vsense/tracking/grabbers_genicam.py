@@ -1,0 +1,122 @@
+"""A GigE Vision or USB3 Vision camera, through Aravis."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from vsense.tracking.aravis import AravisError
+from vsense.tracking.aravis_camera import AravisCamera, locate
+from vsense.tracking.aravis_stream import AravisStream
+from vsense.tracking.genicam_settings import GenicamSettings, apply
+from vsense.tracking.grabbers import GrabberError
+from vsense.tracking.links import Links, Stream
+from vsense.tracking.source import Shot
+
+SILENCE_S = 0.4
+"""A camera that says nothing for this long, and for three periods, is silent."""
+PERIODS = 3
+
+
+class GenicamSource:
+    """A camera behind Aravis; belongs to one thread, except for `trigger`."""
+
+    def __init__(
+        self,
+        device: str,
+        settings: GenicamSettings,
+        clock: Callable[[], int],
+        links: Links | None = None,
+    ) -> None:
+        """Notes what to open.
+
+        Args:
+            device: IPv4 address, id, serial number or MAC address.
+            settings: What it is asked for.
+            clock: The host's monotonic clock [ns].
+            links: Who else is on the network.
+        """
+        self._device = device
+        self._settings = settings
+        self._clock = clock
+        self._links = links or Links()
+        self._camera: AravisCamera | None = None
+        self._stream: AravisStream | None = None
+        self._resumed = False
+        rate_hz = settings.controls.rate_hz
+        self._patience_s = max(SILENCE_S, PERIODS / rate_hz if rate_hz else 0.0)
+
+    def open(self) -> list[str]:
+        """Opens the camera; see `vsense.tracking.source.Source.open`.
+
+        One that was silent and still obeys is not set anew: then the network was gone, not the
+        camera.
+        """
+        if self._obeys():
+            self._resumed = True
+            return []
+        self.close()
+        name = locate(self._device)
+        camera = AravisCamera(name)
+        try:
+            if not camera.in_control:
+                raise AravisError("another program controls it, or did until seconds ago")
+            told = apply(camera, self._settings)
+            if camera.is_gige:
+                self._claim(camera, name)
+            self._stream = AravisStream(camera)
+        except BaseException:
+            camera.close()
+            raise
+        self._camera, self._resumed = camera, False
+        return told
+
+    def read(self) -> Shot:
+        """Waits for the next picture.
+
+        Raises:
+            PictureError: It is damaged; the next one may be good.
+            GrabberError: None comes.
+        """
+        if self._stream is None:
+            raise GrabberError(f"{self._device} is not open")
+        got = self._stream.read(self._patience_s)
+        if got is None:
+            raise GrabberError(f"gives no pictures for {self._patience_s:g} s")
+        self._resumed = False
+        image, stamp_ns, age_ns = got
+        return Shot(image, stamp_ns, self._clock() - max(age_ns, 0))
+
+    def trigger(self) -> None:
+        """Has a picture taken now; from any thread. A camera that is not open takes none.
+
+        Raises:
+            AravisError: It does not answer, or refuses.
+        """
+        camera = self._camera
+        if camera is not None:
+            camera.trigger()
+
+    def close(self) -> None:
+        """Lets it go; can be called again."""
+        stream, self._stream = self._stream, None
+        camera, self._camera = self._camera, None
+        try:
+            if stream is not None:
+                stream.close()
+        except AravisError:
+            # It is gone already: there is nobody to stop.
+            pass
+        finally:
+            if camera is not None:
+                camera.close()
+
+    def _obeys(self) -> bool:
+        """Whether the camera is open and under control, and may only have been cut off."""
+        return self._camera is not None and not self._resumed and self._camera.in_control
+
+    def _claim(self, camera: AravisCamera, address: str) -> None:
+        """Refuses to send more than the network carries."""
+        size_px = int(camera.get("Width")), int(camera.get("Height"))
+        rate_hz = self._settings.controls.rate_hz or camera.rate_hz
+        stream = Stream(size_px, rate_hz, camera.packet_size)
+        self._links.claim(self._device, address, stream)
