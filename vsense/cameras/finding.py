@@ -110,7 +110,7 @@ def _told_twice(found: Sequence[FoundCamera]) -> list[FoundCamera]:
     counts = Counter(camera.address for camera in found if camera.kind == GIGE)
 
     def marked(camera: FoundCamera) -> FoundCamera:
-        others = [o.id for o in found if o.address == camera.address and o.mac != camera.mac]
+        others = [o.id for o in found if o.address == camera.address and o is not camera]
         if counts[camera.address] < 2 or not others:
             return camera
         text = f"has the address of {', '.join(others)}, too: give each one of its own"

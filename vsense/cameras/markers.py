@@ -53,24 +53,34 @@ class MarkerFinder:
         px_per_m: the picture's scale, as soon as markers have told it.
     """
 
-    def __init__(self, family: MarkerFamily | SquareFamily, px_per_m: float | None = None) -> None:
+    def __init__(
+        self,
+        family: MarkerFamily | SquareFamily,
+        calibration: Camera | None = None,
+        height_m: float = 0.0,
+    ) -> None:
         """Prepares to look.
 
         Args:
             family: the markers.
-            px_per_m: the picture's scale, where it is known.
+            calibration: the calibrated camera, where it is one.
+            height_m: of the markers above the floor; without calibration it does not matter.
         """
         self._family = family
-        self._known = px_per_m is not None
+        self._calibration = calibration
+        self._height_m = height_m
         self._times = count(_STEP_NS, _STEP_NS)
         self._rest = 0
-        self.px_per_m = px_per_m
+        self.px_per_m: float | None = None
 
     def look(self, image: Image) -> Found:
         """Looks for markers in an (h, w) uint8 picture."""
+        calibration = self._calibration
+        if calibration is not None and image.shape == (calibration.height_px, calibration.width_px):
+            return self._through(image, calibration, self._height_m)
         if self.px_per_m is not None:
             found = self._at(image, self.px_per_m)
-            if found.count or self._known:
+            if found.count:
                 return found
         if self._rest > 0:
             self._rest -= 1
@@ -101,10 +111,15 @@ class MarkerFinder:
         """Looks for markers of one size."""
         height, width = image.shape
         camera = Camera.looking_down(_NAME, 0.0, 0.0, _AWAY_M, _AWAY_M * px_per_m, (width, height))
+        return self._through(image, camera, 0.0)
+
+    def _through(self, image: Image, camera: Camera, height_m: float) -> Found:
+        """Looks for markers as a calibrated camera sees them."""
         seen = Whereabouts()
         seen.expect(next(self._times))
-        rows = make_detector(self._family, (), 0.0, seen).detect(image, camera)
+        rows = make_detector(self._family, (), height_m, seen).detect(image, camera)
+        # No tag is on the roster: those that can be read are strangers all.
         tags = {int(tag) for tag in rows["tag"] if tag != UNNAMED}
-        if _NAME in seen.strangers:
-            tags |= {int(tag) for tag in seen.strangers[_NAME].tags}
+        if camera.id in seen.strangers:
+            tags |= {int(tag) for tag in seen.strangers[camera.id].tags}
         return Found(len(rows), tuple(sorted(tags)))

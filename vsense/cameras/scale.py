@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import argparse
 from dataclasses import dataclass
 
 import numpy as np
 
+from vsense.errors import UsageError
 from vsense.tracking.camera import Camera
 
 SPEED_M_S = 0.13
@@ -24,6 +26,25 @@ class Scale:
 
     px_per_m: float
     source: str
+
+
+def known_scale(options: argparse.Namespace, calibration: Camera | None) -> Scale | None:
+    """Gives the scale that the user tells, None where markers have to.
+
+    Args:
+        options: `px_per_m`, `focal_px` with `height_m`, and `marker_height`.
+        calibration: the camera's.
+
+    Raises:
+        UsageError: one of a pair is missing.
+    """
+    if options.px_per_m is not None:
+        return Scale(options.px_per_m, "--px-per-m")
+    if (options.focal_px is None) != (options.height_m is None):
+        raise UsageError("expected --focal-px together with --height-m")
+    if options.focal_px is not None:
+        return of_lens(options.focal_px, options.height_m)
+    return None if calibration is None else of_camera(calibration, options.marker_height)
 
 
 def of_camera(camera: Camera, height_m: float) -> Scale:

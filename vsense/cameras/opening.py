@@ -1,0 +1,179 @@
+"""From what the user calls a camera to a source of its pictures, whatever kind it is."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import cv2
+
+from vsense.cameras import v4l2
+from vsense.cameras.knobs import GenicamKnobs, Knobs, V4l2Knobs
+from vsense.cameras.networks import networks, stranded
+from vsense.cameras.v4l2_controls import Device
+from vsense.config import resources as resources_file
+from vsense.config.live_cameras import make_source
+from vsense.config.tracking_specs import CAMERA, GENICAM, GrabberSpec
+from vsense.errors import UsageError
+from vsense.tracking import aravis
+from vsense.tracking.aravis import AravisError, Listed
+from vsense.tracking.aravis_camera import AravisCamera, is_address
+from vsense.tracking.genicam_settings import FREE, SOFTWARE, GenicamSettings
+from vsense.tracking.grabbers import GrabberError
+from vsense.tracking.grabbers_device import Controls
+from vsense.tracking.grabbers_genicam import GenicamSource
+from vsense.tracking.grabbers_picture import PictureError
+from vsense.tracking.links import Links
+from vsense.tracking.source import Shot, Source
+
+MOST_DAMAGED = 20
+"""A camera that gives so many damaged pictures in a row gives no pictures."""
+
+
+class Camera:
+    """A camera's pictures, and its knobs while it is open; for one thread.
+
+    Attributes:
+        id: what the user calls it.
+        source: its pictures.
+        knobs: exposure and gain; None: it has no such.
+    """
+
+    def __init__(self, id: str, source: Source, knobs: Knobs | None) -> None:
+        """Takes a camera that is not open yet."""
+        self.id = id
+        self.source = source
+        self.knobs = knobs
+
+    def picture(self) -> Shot:
+        """Waits for a good picture.
+
+        Raises:
+            GrabberError: the camera is gone, or gives damaged ones only.
+        """
+        reason = ""
+        for _ in range(MOST_DAMAGED):
+            try:
+                return self.source.read()
+            except PictureError as error:
+                reason = str(error)
+        raise GrabberError(f"gives damaged pictures only: {reason}")
+
+
+def make(spec: GrabberSpec, clock: Callable[[], int] = time.monotonic_ns) -> Camera:
+    """Makes the source of a camera's pictures; it is not open yet."""
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    source = make_source(spec, clock, Links())
+    if isinstance(source, GenicamSource):
+        return Camera(spec.id, source, GenicamKnobs(lambda: source.camera))
+    return Camera(spec.id, source, _v4l2_knobs(spec.source))
+
+
+def choose(id: str, wanted: Controls, resources: str | None = None) -> GrabberSpec:
+    """Finds out which camera a user means.
+
+    Args:
+        id: see `vsense.commands.cameras`.
+        wanted: what it is asked for on the command line.
+        resources: path of the resources file whose grabbers are meant.
+
+    Raises:
+        UsageError: there is no such camera, or the file cannot be read.
+        ConfigError: the resources file is wrong.
+        GrabberError: it is there and does not open.
+    """
+    if resources is not None:
+        return _of_file(id, wanted, resources)
+    if (id.isdecimal() and len(id) < 4) or id.startswith("/dev/") or "://" in id:
+        return _spec(id, CAMERA, id, wanted)
+    return _of_aravis(id, wanted)
+
+
+def _of_aravis(id: str, wanted: Controls) -> GrabberSpec:
+    """Chooses a GigE or USB3 Vision camera; it keeps its own rate where none is wanted."""
+    missing, listed = "", list[Listed]()
+    try:
+        listed = aravis.listed()
+    except AravisError as error:
+        missing = f"; {error}"
+    mine = [camera for camera in listed if id in camera.names]
+    if len(mine) > 1:
+        who = " and ".join(f"{camera.id} ({camera.mac})" for camera in mine)
+        raise UsageError(f"{id!r} is what {len(mine)} cameras are called: {who}")
+    if not mine and (missing or not is_address(id)):
+        raise UsageError(f"no camera {id!r}: {_known(listed)}{missing}")
+    device = (mine[0].address or mine[0].id) if mine else id
+    try:
+        camera = AravisCamera(device)
+    except AravisError as error:
+        if mine:
+            lost = stranded(mine[0].address, networks())
+            raise GrabberError(f"{id}: {lost or error}") from None
+        raise UsageError(f"no camera answers at {id}: {_known(listed)}") from None
+    try:
+        rate_hz = wanted.rate_hz or camera.rate_hz
+    finally:
+        camera.close()
+    return _spec(id, GENICAM, device, replace(wanted, rate_hz=rate_hz))
+
+
+def _known(listed: Sequence[Listed]) -> str:
+    """Says which cameras there are."""
+    known = [camera.id for camera in listed] + [device.path for device in v4l2.devices()]
+    if not known:
+        return "there are none; see vsense cameras"
+    return f"there {'is' if len(known) == 1 else 'are'} {', '.join(known)}"
+
+
+def _of_file(id: str, wanted: Controls, path: str) -> GrabberSpec:
+    """Chooses what a resources file says, and sets what the command line says otherwise."""
+    resources = resources_file.load(path)
+    live = {name: spec for name, spec in resources.grabbers.items() if spec.is_live}
+    if id not in live:
+        known = ", ".join(live) or "none"
+        raise UsageError(f"no camera {id!r} among the grabbers of {path}: there are {known}")
+    spec = live[id]
+    if isinstance(spec.settings, GenicamSettings):
+        settings = replace(spec.settings, controls=_over(spec.settings.controls, wanted))
+        # Whoever looks through one camera has nobody who triggers all of them.
+        trigger = FREE if settings.trigger == SOFTWARE else settings.trigger
+        settings = replace(settings, trigger=trigger)
+        return replace(spec, settings=settings, frame_rate_hz=settings.controls.rate_hz)
+    controls = _over(spec.settings or Controls(), wanted)
+    return replace(spec, settings=controls, frame_rate_hz=controls.rate_hz)
+
+
+def _over(controls: Controls, wanted: Controls) -> Controls:
+    """Gives what is wanted, and what the file says of the rest."""
+    return Controls(
+        wanted.size_px or controls.size_px,
+        wanted.rate_hz or controls.rate_hz,
+        controls.exposure_us if wanted.exposure_us is None else wanted.exposure_us,
+        controls.gain_raw if wanted.gain_raw is None else wanted.gain_raw,
+    )
+
+
+def _spec(id: str, kind: str, device: str, controls: Controls) -> GrabberSpec:
+    return GrabberSpec(
+        id=id,
+        type=kind,
+        source=device,
+        timestamps=None,
+        frame_rate_hz=controls.rate_hz,
+        start_s=0.0,
+        settings=GenicamSettings(controls) if kind == GENICAM else controls,
+        line=0,
+    )
+
+
+def _v4l2_knobs(device: str) -> Knobs | None:
+    """Opens the knobs of a device node; streams have none."""
+    path = f"/dev/video{device}" if device.isdecimal() else device
+    if not path.startswith("/dev/"):
+        return None
+    try:
+        return V4l2Knobs(Device(path))
+    except OSError:
+        # Then its pictures do not come, either, and that is told.
+        return None
