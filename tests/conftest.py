@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ctypes
 import importlib.util
 import os
 import shutil
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 import pytest
@@ -20,7 +22,7 @@ settings.register_profile("vsense", deadline=None)
 settings.load_profile("vsense")
 
 
-ALONE = ("tests/system/", "tests/board/", "tests/web/test_lab_page.py")
+ALONE = ("tests/system/", "tests/gige/", "tests/board/", "tests/web/test_lab_page.py")
 """Tests that need the machine for themselves: whole labs and runs that keep or measure times."""
 
 
@@ -42,20 +44,29 @@ def require_tool(name: str, package: str) -> str:
     """Gives the tool's path, or skips the test (under CI: fails it), naming the Debian package."""
     path = shutil.which(name)
     if path is None:
-        text = f"needs {name}: apt install {package}"
-        if os.environ.get("CI"):
-            pytest.fail(text)
-        pytest.skip(text)
+        _lack(f"needs {name}: apt install {package}")
     return path
+
+
+def require_library(name: str, package: str) -> None:
+    """Skips the test (under CI: fails it) where a shared library is not there."""
+    try:
+        ctypes.CDLL(name)
+    except OSError:
+        _lack(f"needs {name}: apt install {package}")
 
 
 def require_zig() -> None:
     """Skips the test (under CI: fails it) where the pinned cross compiler is not installed."""
     if importlib.util.find_spec("ziglang") is None:
-        text = "needs ziglang: pip install 'vsense[robot]'"
-        if os.environ.get("CI"):
-            pytest.fail(text)
-        pytest.skip(text)
+        _lack("needs ziglang: pip install 'vsense[robot]'")
+
+
+def _lack(text: str) -> NoReturn:
+    """Skips the test; under CI, where everything is there, fails it."""
+    if os.environ.get("CI"):
+        pytest.fail(text)
+    pytest.skip(text)
 
 
 @pytest.fixture(scope="session")

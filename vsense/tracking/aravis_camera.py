@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ipaddress
+import threading
 from typing import Any
 
 from vsense.tracking.aravis import AravisError, call, listed, load
@@ -14,6 +15,9 @@ _IN_CONTROL = 0b11
 _CHECK_RANGES = 1
 _NEVER_ADJUST = 0
 """Of the packet size: it is chosen once, before a stream is made."""
+_opening = threading.Lock()
+"""Aravis reads the descriptions of all cameras with one and the same parser's memory. Source:
+Aravis 0.8.26, arvdomparser.c, `_parse_memory`."""
 
 
 def locate(name: str) -> str:
@@ -67,12 +71,13 @@ class AravisCamera:
         """
         self._lib, self._ffi = load().lib, load().ffi
         self.is_gige = is_address(name)
-        device = self._gige_device(name) if self.is_gige else None
-        self.handle = self._owned(
-            call(self._lib.arv_camera_new, name.encode())
-            if device is None
-            else call(self._lib.arv_camera_new_with_device, device)
-        )
+        with _opening:
+            device = self._gige_device(name) if self.is_gige else None
+            self.handle = self._owned(
+                call(self._lib.arv_camera_new, name.encode())
+                if device is None
+                else call(self._lib.arv_camera_new_with_device, device)
+            )
         self._device = self._lib.arv_camera_get_device(self.handle)
         self._lib.arv_device_set_range_check_policy(self._device, _CHECK_RANGES)
         if self.is_gige:
@@ -196,6 +201,10 @@ class AravisCamera:
     def packet_delay_us(self) -> float:
         """Pause between two packets."""
         return float(call(self._lib.arv_camera_gv_get_packet_delay, self.handle)) / 1e3
+
+    def stop(self) -> None:
+        """Has it send no pictures: a program that died may have left it at work."""
+        call(self._lib.arv_camera_stop_acquisition, self.handle)
 
     def close(self) -> None:
         """Lets it go, and gives control back; can be called again."""

@@ -65,6 +65,7 @@ class GenicamSource:
         try:
             if not camera.in_control:
                 raise AravisError("another program controls it, or did until seconds ago")
+            camera.stop()
             told = apply(camera, self._settings)
             if camera.is_gige:
                 self._claim(camera, name)

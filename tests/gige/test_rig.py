@@ -1,0 +1,59 @@
+"""The test's own cameras are what they are taken for: looked at with our library and without."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from tests.gige.network import CAMERAS, RATE_HZ, SIZE_PX, GigeCameras
+from vsense.tracking.aravis import listed
+from vsense.tracking.grabbers_device import Controls
+from vsense.tracking.grabbers_genicam import GenicamSettings, GenicamSource
+
+
+def source(
+    rig: GigeCameras, exposure_us: float, gain_raw: float, pixel_format: str | None = None
+) -> GenicamSource:
+    """The first camera."""
+    controls = Controls(SIZE_PX, RATE_HZ, exposure_us, gain_raw)
+    settings = GenicamSettings(controls, pixel_format=pixel_format)
+    return GenicamSource(rig.address(0), settings, time.monotonic_ns)
+
+
+def picture(source: GenicamSource) -> np.ndarray:
+    """A picture as the camera is set."""
+    assert source.open() == []
+    try:
+        return source.read().image.astype(float)
+    finally:
+        source.close()
+
+
+@pytest.fixture(params=["scenes", "plain"])
+def started(request: pytest.FixtureRequest, rig: GigeCameras) -> Iterator[GigeCameras]:
+    """All four cameras, with our pictures and as Debian has them."""
+    (rig.start if request.param == "scenes" else rig.start_plain)()
+    yield rig
+    for number in range(len(CAMERAS)):
+        rig.kill(number)
+
+
+def test_all_four_answer_from_their_own_addresses(started: GigeCameras) -> None:
+    found = [camera for camera in listed() if camera.address.startswith("10.214.")]
+    assert [c.address for c in found] == [started.address(n) for n in range(len(CAMERAS))]
+    assert len({camera.serial for camera in found}) == len(CAMERAS)
+    assert {(c.protocol, c.vendor, c.model) for c in found} == {("GigEVision", "Aravis", "Fake")}
+
+
+def test_brightness_follows_exposure_and_gain(rig: GigeCameras) -> None:
+    rig.start(0)
+    scene = picture(source(rig, 8000, 0))
+    assert scene.shape == SIZE_PX[::-1]
+    half, as_before = picture(source(rig, 4000, 0)), picture(source(rig, 4000, 6))
+    assert half.mean() == pytest.approx(0.5 * scene.mean(), rel=0.03)
+    assert as_before.mean() == pytest.approx(scene.mean(), rel=0.03)
+    bayer = picture(source(rig, 8000, 0, "BayerRG8"))
+    assert np.abs(bayer - scene).mean() < 2.0, "the world is grey"

@@ -1,0 +1,105 @@
+"""`vsense track` with four GigE Vision cameras at once: with our pictures, and Debian's own."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.gige.conftest import ROBOTS
+from tests.gige.network import CAMERAS, RATE_HZ, SIZE_PX, GigeCameras
+
+pytestmark = pytest.mark.system
+
+SETTINGS: dict[str, Any] = {"width": SIZE_PX[0], "height": SIZE_PX[1], "exposure_time_abs": 8000}
+
+
+@contextmanager
+def tracked(files: Sequence[str]) -> Iterator[subprocess.Popen[str]]:
+    """Has the program at work; ends it with Ctrl-C."""
+    command = [sys.executable, "-m", "vsense", "track", *files]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.send_signal(signal.SIGINT)
+
+
+def states(process: subprocess.Popen[str]) -> Iterator[dict[str, Any]]:
+    """The arena states that it prints."""
+    assert process.stdout is not None
+    return map(json.loads, process.stdout)
+
+
+def talk(process: subprocess.Popen[str]) -> str:
+    """What it has said, once it is over."""
+    assert process.stdout is not None and process.stderr is not None
+    process.stdout.read()
+    said = process.stderr.read()
+    process.wait()
+    return said
+
+
+def test_all_robots_are_found_and_all_features_are_in_the_cameras(
+    rig: GigeCameras, tmp_path: Path
+) -> None:
+    rig.start()
+    features = {"BinningVertical": "1", "GainAuto": "Continuous", "BinningHorizontal": "2"}
+    settings = SETTINGS | {"exposure_time_abs": 8000.4, "gain_raw": 1, "offset_x": 0}
+    with tracked(rig.files(tmp_path, settings, features)) as process:
+        all_seen = (s for s in states(process) if sum(r["seen"] for r in s["robots"]) == 4)
+        where = {r["tag"]: (r["x_m"], r["y_m"]) for r in next(all_seen)["robots"]}
+        registers = [rig.registers(n) for n in range(len(CAMERAS))]
+        process.send_signal(signal.SIGINT)
+        said = talk(process)
+    for robot in ROBOTS:
+        assert where[robot.tag] == pytest.approx((robot.x_m, robot.y_m), abs=0.003)
+    for camera, values in zip(CAMERAS, registers):
+        assert values["exposure_us"] == 8000 and values["gain_raw"] == 1
+        assert values["gain_auto"] == 2 and values["binning_horizontal"] == 2
+        assert (values["width"], values["height"]) == SIZE_PX
+        assert values["period_us"] == 1_000_000 // RATE_HZ
+        assert f"vsense: camera {camera.id}: takes 8000 for exposure_time_abs 8000.4\n" in said
+    assert process.returncode == 130
+    assert [rig.registers(n)["controlled"] for n in range(len(CAMERAS))] == [0, 0, 0, 0]
+
+
+def test_a_setting_that_a_camera_refuses_is_told_with_its_bounds(
+    rig: GigeCameras, tmp_path: Path
+) -> None:
+    rig.start()
+    files = rig.files(tmp_path, SETTINGS | {"gain_raw": 99}, {"BlackLevelRaw": "3"})
+    with tracked(files) as process:
+        next(s for s in states(process) if sum(r["seen"] for r in s["robots"]) == 4)
+        process.send_signal(signal.SIGINT)
+        said = talk(process)
+    for number, camera in enumerate(CAMERAS):
+        line = f"vsense: camera {camera.id}: does not take gain_raw 99 (0 to 10): keeps 0\n"
+        assert line in said
+        assert f"vsense: camera {camera.id}: has no BlackLevelRaw\n" in said
+        assert rig.registers(number)["gain_raw"] == 0
+
+
+def test_the_simulator_as_debian_has_it_shows_its_ramp(rig: GigeCameras, tmp_path: Path) -> None:
+    rig.start_plain()
+    files = rig.files(tmp_path, SETTINGS | {"gain_raw": 7})
+    with tracked(files) as process:
+        found = [state for state, _ in zip(states(process), range(2 * RATE_HZ))]
+        registers = [rig.registers(n) for n in range(len(CAMERAS))]
+        process.send_signal(signal.SIGINT)
+        said = talk(process)
+    assert all(state["robots"] == [] for state in found)
+    for values in registers:
+        assert (values["exposure_us"], values["gain_raw"]) == (8000, 7)
+        assert (values["width"], values["height"]) == SIZE_PX
+    assert process.returncode == 130
+    assert "is gone" not in said and "damaged" not in said

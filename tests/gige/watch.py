@@ -1,0 +1,82 @@
+"""Watches a tracking session at work on cameras, until something has happened."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from tests.gige.network import GigeCameras
+from vsense.arena import ArenaState, Frame
+from vsense.config.tracking_build import build
+from vsense.config.tracking_session import load
+from vsense.tracking.grabbers import CameraEvent, GrabberError
+
+PATIENCE_S = 60.0
+STEP_S = 0.5
+
+
+class Watch:
+    """A tracking session, stepped by the test.
+
+    Attributes:
+        events: everything that was told so far.
+        frames: pictures so far, by the camera's id.
+        spreads_ms: of each timestep with all cameras: from its first to its last capture.
+        state: the newest arena state.
+    """
+
+    def __init__(self, rig: GigeCameras, folder: Path, **settings: object) -> None:
+        """Opens all four cameras."""
+        resources, experiment = rig.files(folder, settings)
+        session = load(resources, experiment)
+        self._tracking = build(session, time.monotonic_ns, offline=False)
+        self.events: list[CameraEvent] = []
+        self.frames = {camera.id: 0 for camera in rig.cameras}
+        self.spreads_ms: list[float] = []
+        self.state: ArenaState | None = None
+
+    def step(self) -> None:
+        """Takes one timestep, if there is one."""
+        try:
+            self.state, frames, events = self._tracking.step(STEP_S)
+        except GrabberError:
+            # No camera at all is there: what happened to them is told all the same.
+            frames, events = [], self._tracking.grabber.events()
+        self.events += events
+        for frame in frames:
+            self.frames[frame.camera] += 1
+        if len(frames) == len(self.frames):
+            self.spreads_ms.append(_spread_ms(frames))
+
+    def until(self, condition: Callable[[], object], what: str) -> None:
+        """Watches until something is so; fails after much longer than it can take."""
+        end_s = time.monotonic() + PATIENCE_S
+        while not condition():
+            told = "\n".join(map(str, self.events))
+            assert time.monotonic() < end_s, f"waited in vain for {what}; told was:\n{told}"
+            self.step()
+
+    def all_deliver(self, count: int = 5) -> None:
+        """Watches until every camera has given so many more pictures."""
+        self.delivered(*self.frames, count=count)
+
+    def delivered(self, *cameras: str, count: int = 5) -> None:
+        """Watches until these cameras have given so many more pictures."""
+        wanted = {camera: self.frames[camera] + count for camera in cameras}
+        enough = lambda: all(self.frames[c] >= n for c, n in wanted.items())  # noqa: E731
+        self.until(enough, f"pictures of {', '.join(cameras)}")
+
+    def told(self, camera: str, kind: str, since: int = 0) -> CameraEvent | None:
+        """The last event of a kind, of those since a number of events."""
+        found = [e for e in self.events[since:] if (e.camera, e.kind) == (camera, kind)]
+        return found[-1] if found else None
+
+    def close(self) -> None:
+        """Lets the cameras go."""
+        self._tracking.close()
+
+
+def _spread_ms(frames: Sequence[Frame]) -> float:
+    times = [frame.capture_ns for frame in frames]
+    return (max(times) - min(times)) / 1e6

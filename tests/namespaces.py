@@ -1,0 +1,110 @@
+"""Network namespaces on one bridge: machines of their own, as far as the network can tell."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from collections.abc import Mapping
+
+import pytest
+
+from tests.conftest import require_tool
+
+
+class Namespaces:
+    """Namespaces with an address each, on a bridge of the host.
+
+    Attributes:
+        host: The host's address.
+    """
+
+    def __init__(self, prefix: str, net: str, inside: str, numbers: Mapping[int, int]) -> None:
+        """Makes them; skips the test where that is not allowed.
+
+        Args:
+            prefix: Three letters that begin all names.
+            net: The first three numbers of all addresses.
+            inside: The interface's name in each namespace.
+            numbers: The last number of the address of each member, by member.
+        """
+        self._ip = require_tool("ip", "iproute2")
+        self.host = f"{net}.1"
+        self._net, self._inside = net, inside
+        self._numbers = dict(numbers)
+        self._bridge = f"{prefix}{os.getpid() % 100000}"
+        made = subprocess.run(
+            [self._ip, "link", "add", self._bridge, "type", "bridge"],
+            capture_output=True,
+            text=True,
+        )
+        if made.returncode != 0:
+            pytest.skip(f"no network namespaces here: {made.stderr.strip()}")
+        try:
+            self._do("addr", "add", f"{self.host}/24", "brd", "+", "dev", self._bridge)
+            self._do("link", "set", self._bridge, "up")
+            for member in numbers:
+                self._make(member)
+        except AssertionError:
+            self.close()
+            raise
+
+    def command(self, member: int) -> tuple[str, ...]:
+        """What a program in a member's network begins with."""
+        return (self._ip, "netns", "exec", self._space(member))
+
+    def address(self, member: int) -> str:
+        """A member's address."""
+        return f"{self._net}.{self._numbers[member]}"
+
+    def cut(self, member: int) -> None:
+        """Pulls a member's cable."""
+        self._do("link", "set", self._outer(member), "down")
+
+    def restore(self, member: int) -> None:
+        """Plugs it in again."""
+        self._do("link", "set", self._outer(member), "up")
+
+    def renumber(self, member: int, number: int) -> None:
+        """Gives a member another address, the last number of which this is."""
+        inside = ("-n", self._space(member))
+        self._numbers[member] = number
+        self._do(*inside, "addr", "flush", "dev", self._inside)
+        self._do(*inside, "addr", "add", *self._cidr(member), "dev", self._inside)
+
+    def set_mtu(self, size_bytes: int) -> None:
+        """Has all interfaces carry packets of up to this size."""
+        for member in self._numbers:
+            self._do("link", "set", self._outer(member), "mtu", str(size_bytes))
+            inside = ("-n", self._space(member), "link", "set", self._inside)
+            self._do(*inside, "mtu", str(size_bytes))
+
+    def close(self) -> None:
+        """Takes everything away."""
+        for member in self._numbers:
+            gone = [self._ip, "netns", "del", self._space(member)]
+            subprocess.run(gone, capture_output=True, check=False)
+        subprocess.run([self._ip, "link", "del", self._bridge], capture_output=True, check=False)
+
+    def _make(self, member: int) -> None:
+        space, outer = self._space(member), self._outer(member)
+        inner = ("peer", "name", self._inside, "netns", space)
+        self._do("netns", "add", space)
+        self._do("link", "add", outer, "type", "veth", *inner)
+        self._do("link", "set", outer, "master", self._bridge, "up")
+        self._do("-n", space, "addr", "add", *self._cidr(member), "dev", self._inside)
+        self._do("-n", space, "link", "set", self._inside, "up")
+
+    def _cidr(self, member: int) -> tuple[str, ...]:
+        """Without a broadcast address nobody there hears a camera being looked for."""
+        return f"{self.address(member)}/24", "brd", "+"
+
+    def _space(self, member: int) -> str:
+        return f"{self._bridge}-{member}"
+
+    def _outer(self, member: int) -> str:
+        """The host's end of the cable; an interface's name holds 15 characters."""
+        return f"{self._bridge}x{list(self._numbers).index(member)}"
+
+    def _do(self, *words: str) -> None:
+        done = subprocess.run([self._ip, *words], capture_output=True, text=True)
+        assert done.returncode == 0, f"ip {' '.join(words)}: {done.stderr}"
