@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from vsense.cameras import listing
+from vsense.cameras import listing, showing, tuning
 
 
 def run(options: argparse.Namespace) -> int:
@@ -13,5 +13,5 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         VsenseError: it cannot be done; one clear line.
     """
-    actions = {None: listing.run, "list": listing.run}
-    return actions[options.action](options)
+    actions = {"list": listing.run, "show": showing.run, "tune": tuning.run}
+    return actions[options.action or "list"](options)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -38,13 +39,17 @@ class Camera:
         id: what the user calls it.
         source: its pictures.
         knobs: exposure and gain; None: it has no such.
+        rate_hz: pictures per second that it was asked for, where it was.
     """
 
-    def __init__(self, id: str, source: Source, knobs: Knobs | None) -> None:
+    def __init__(
+        self, id: str, source: Source, knobs: Knobs | None, rate_hz: float | None = None
+    ) -> None:
         """Takes a camera that is not open yet."""
         self.id = id
         self.source = source
         self.knobs = knobs
+        self.rate_hz = rate_hz
 
     def picture(self) -> Shot:
         """Waits for a good picture.
@@ -66,8 +71,20 @@ def make(spec: GrabberSpec, clock: Callable[[], int] = time.monotonic_ns) -> Cam
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     source = make_source(spec, clock, Links())
     if isinstance(source, GenicamSource):
-        return Camera(spec.id, source, GenicamKnobs(lambda: source.camera))
-    return Camera(spec.id, source, _v4l2_knobs(spec.source))
+        return Camera(spec.id, source, GenicamKnobs(lambda: source.camera), spec.frame_rate_hz)
+    return Camera(spec.id, source, _v4l2_knobs(spec.source), spec.frame_rate_hz)
+
+
+def wanted_of(options: argparse.Namespace) -> Controls:
+    """Gives what the command line asks a camera for.
+
+    Raises:
+        UsageError: one of width and height is missing.
+    """
+    if (options.width is None) != (options.height is None):
+        raise UsageError("expected --width together with --height")
+    size_px = None if options.width is None else (options.width, options.height)
+    return Controls(size_px, options.rate, options.exposure, options.gain)
 
 
 def choose(id: str, wanted: Controls, resources: str | None = None) -> GrabberSpec:

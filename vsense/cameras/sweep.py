@@ -37,6 +37,8 @@ GAINS = 4
 """So many gains are tried, from the least to the greatest."""
 SETTLING = 4
 """So many pictures go by after a change: those on their way still have the values of before."""
+PERIOD_SHARE = 0.9
+"""A longer exposure than this share of a period makes a camera slower."""
 
 HEAD = ("exposure", "gain", "mean", "lightest 1 %", "saturated", "noise", "blur", "markers")
 
@@ -129,7 +131,8 @@ def tried(tuner: Measured, knobs: Knobs, interrupted: threading.Event) -> Iterat
     Raises:
         GrabberError: the camera is gone, or refuses.
     """
-    period_us = None
+    rate_hz = tuner.camera.rate_hz
+    period_us = None if rate_hz is None else PERIOD_SHARE * 1e6 / rate_hz
     for exposure_us in exposures(knobs.bounds(EXPOSURE), tuner.cell_m, tuner.speed_m_s, period_us):
         for gain in gains(knobs.bounds(GAIN)):
             if interrupted.is_set():

@@ -16,7 +16,7 @@ from vsense.cameras.block import Block
 from vsense.cameras.knobs import EXPOSURE, GAIN
 from vsense.cameras.markers import MarkerFinder
 from vsense.cameras.measures import brightness, noise
-from vsense.cameras.opening import Camera, choose, make
+from vsense.cameras.opening import Camera, choose, make, wanted_of
 from vsense.cameras.panel import View
 from vsense.cameras.saving import WARM_UP
 from vsense.cameras.scale import Scale, known_scale
@@ -26,7 +26,6 @@ from vsense.interruption import INTERRUPTED, interruption
 from vsense.tracking.camera import Camera as Calibration
 from vsense.tracking.families import FamilyError, load_family
 from vsense.tracking.grabbers import GrabberError
-from vsense.tracking.grabbers_device import Controls
 from vsense.tracking.grabbers_picture import Image
 
 PERIOD_NS = 500_000_000
@@ -99,12 +98,10 @@ def run(options: argparse.Namespace) -> int:
         UsageError: there is no such camera, or options contradict each other.
         VsenseError: it does not open, or there is no such marker family.
     """
-    size_px = (options.width, options.height) if options.width else None
-    wanted = Controls(size_px, options.rate, options.exposure, options.gain)
     with ExitStack() as stack:
         interrupted = stack.enter_context(interruption())
         calibration = calibration_of(options)
-        camera = make(choose(options.id, wanted, options.resources))
+        camera = make(choose(options.id, wanted_of(options), options.resources))
         tuner = Tuner(camera, options, calibration)
         stack.callback(camera.source.close)
         for text in _opened(camera):
@@ -130,9 +127,7 @@ def calibration_of(options: argparse.Namespace) -> Calibration | None:
     resources = resources_file.load(options.resources)
     if options.camera not in resources.cameras:
         known = ", ".join(resources.cameras) or "none"
-        raise UsageError(
-            f"no camera {options.camera!r} in {options.resources}: there are {known}"
-        )
+        raise UsageError(f"no camera {options.camera!r} in {options.resources}: there are {known}")
     return resources_file.load_camera(resources, resources.cameras[options.camera])
 
 

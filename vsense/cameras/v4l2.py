@@ -1,4 +1,5 @@
 """STUB until wip-checks."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass

@@ -26,14 +26,113 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print the list as JSON")
     actions = parser.add_subparsers(title="actions", metavar="ACTION", dest="action")
     _add_list(actions.add_parser("list", help="show what is there (as without an action)"))
+    _add_show(actions.add_parser("show", help="look through a camera, or take one picture"))
+    _add_tune(actions.add_parser("tune", help="help with a camera's exposure and gain"))
 
 
 def _add_list(parser: argparse.ArgumentParser) -> None:
     """Declares what `vsense cameras list` takes."""
     # Without a default of its own: --json before the action counts, too.
+    _add_json(parser)
+
+
+def _add_show(parser: argparse.ArgumentParser) -> None:
+    """Declares what `vsense cameras show` takes."""
+    _add_camera(parser)
+    parser.add_argument(
+        "--save",
+        type=Path,
+        metavar="FILE",
+        help="take one picture into a file (.png, .jpg, .pgm) instead of showing it in the page",
+    )
+    arguments.add_web(parser, ("127.0.0.1", 8080))
+
+
+def _add_tune(parser: argparse.ArgumentParser) -> None:
+    """Declares what `vsense cameras tune` takes."""
+    _add_camera(parser)
+    parser.add_argument(
+        "--sweep",
+        action="store_true",
+        help="try exposures and gains, say which are best, and put the camera's own values back",
+    )
+    _add_json(parser)
+    group = parser.add_argument_group("what is in the picture")
+    group.add_argument(
+        "--family", default="arrow4x4", metavar="NAME", help="of the markers (default: arrow4x4)"
+    )
+    group.add_argument(
+        "--speed",
+        type=_positive,
+        default=0.13,
+        metavar="M/S",
+        help="of the robots (default: 0.13, the e-puck's greatest)",
+    )
+    group.add_argument(
+        "--px-per-m",
+        type=_positive,
+        metavar="PX",
+        help="pixels per metre at the markers (default: told by the markers in the picture)",
+    )
+    group.add_argument(
+        "--focal-px", type=_positive, metavar="PX", help="or: focal length, with --height-m"
+    )
+    group.add_argument(
+        "--height-m", type=_positive, metavar="M", help="from the lens down to the markers"
+    )
+    group.add_argument(
+        "--camera", metavar="ID", help="or: the calibrated camera of the resources file"
+    )
+    group.add_argument(
+        "--marker-height",
+        type=_positive,
+        default=0.06,
+        metavar="M",
+        help="of the markers above the floor, for --camera (default: 0.06)",
+    )
+
+
+def _add_camera(parser: argparse.ArgumentParser) -> None:
+    """Declares which camera is meant, and what it is asked for."""
+    parser.add_argument("id", metavar="ID", help=_ID)
+    group = parser.add_argument_group("the camera")
+    group.add_argument(
+        "--resources",
+        metavar="FILE",
+        help="take ID for a grabber of this resources file, with all its settings",
+    )
+    group.add_argument("--exposure", type=_positive, metavar="US", help="exposure time in us")
+    group.add_argument("--gain", type=_gain, metavar="RAW", help="in the camera's own unit")
+    group.add_argument("--width", type=arguments.positive, metavar="PX", help="with --height")
+    group.add_argument("--height", type=arguments.positive, metavar="PX", help="with --width")
+    group.add_argument("--rate", type=_positive, metavar="HZ", help="pictures per second")
+
+
+def _add_json(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--json", action="store_true", default=argparse.SUPPRESS, help="print it as JSON"
     )
+
+
+def _positive(text: str) -> float:
+    value = _number(text)
+    if not 0.0 < value <= 1e7:
+        raise argparse.ArgumentTypeError(f"'{text}': expected a number above 0")
+    return value
+
+
+def _gain(text: str) -> float:
+    value = _number(text)
+    if not 0.0 <= value <= 1e6:
+        raise argparse.ArgumentTypeError(f"'{text}': expected a number from 0")
+    return value
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is no number") from None
 
 
 def run(options: argparse.Namespace) -> int:
