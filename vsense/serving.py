@@ -11,8 +11,6 @@ import threading
 import time
 from contextlib import ExitStack, closing
 
-import cv2
-
 from vsense.config import tracking_session
 from vsense.config.tracking_build import Tracking, build
 from vsense.config.tracking_specs import TrackingSession
@@ -22,6 +20,7 @@ from vsense.link.arena_server import ArenaServer
 from vsense.run_pictures import RunPictures
 from vsense.tracking.grabbers import GrabberError, NoMorePictures
 from vsense.tracking.image_poses import ImagePoses
+from vsense.tracking.opencv_manners import teach_opencv
 from vsense.tracking_run import begin_recording
 from vsense.tracking_talk import Talk
 
@@ -41,7 +40,7 @@ def run(options: argparse.Namespace) -> int:
         VsenseError: it cannot go on; one clear line.
     """
     session = tracking_session.load(options.resources, options.experiment)
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    teach_opencv()
     console = Console()
     talk = Talk(console, time.monotonic_ns, None)
     cameras = [view.camera for view in session.views]

@@ -25,6 +25,7 @@ from vsense.interruption import INTERRUPTED, interruption
 from vsense.room.track_room import TrackRoom
 from vsense.tracking import snapshot
 from vsense.tracking.grabbers import CameraEvent, GrabberError, NoMorePictures
+from vsense.tracking.opencv_manners import teach_opencv
 from vsense.tracking.picture_recorder import BackgroundRecorder, PictureRecorder, RecordingError
 from vsense.tracking.troubles import Troubles
 from vsense.tracking_talk import Talk
@@ -47,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
     session = tracking_session.load(options.resources, options.experiment)
     if options.offline and session.is_live:
         raise UsageError(f"--offline: {options.experiment} uses cameras, expected recordings")
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    teach_opencv()
     with ExitStack() as stack:
         interrupted = stack.enter_context(interruption())
         tracking = build(session, time.monotonic_ns, options.offline)

@@ -20,7 +20,9 @@ XS = "{http://www.w3.org/2001/XMLSchema}"
 
 RESOURCES = """<arena_tracking_system>
 <grabbers><grabber id="d" type="directory" path="." />
-<grabber id="c" type="camera" device="0" /></grabbers>
+<grabber id="c" type="camera" device="0" />
+<grabber id="g" type="genicam" device="10.0.0.5" frame_rate="10" packet_size="1500"
+pixel_format="Mono8"><feature name="BlackLevelRaw" value="0" /></grabber></grabbers>
 <trackers><tracker id="t" tags="1 2"><robots tags="2" robot_height="1" /></tracker></trackers>
 <cameras><camera id="c" calibration="c.json" /></cameras></arena_tracking_system>"""
 
@@ -87,7 +89,9 @@ def test_every_attribute_of_a_schema_is_explained(schema: str) -> None:
 def test_the_shipped_examples_are_well_formed_and_known(tmp_path: Path) -> None:
     text = (package.files("vsense.config") / "examples" / "resources.xml").read_bytes()
     found = resources.read(text, "resources.xml", tmp_path)
-    assert {g.type for g in found.grabbers.values()} == {"directory", "video", "camera"}
+    assert {g.type for g in found.grabbers.values()} == {
+        "directory", "video", "camera", "genicam",
+    }  # fmt: skip
     text = (package.files("vsense.config") / "examples" / "experiment.xml").read_bytes()
     assert parse(text, "experiment.xml").name == "arena_tracking"
 

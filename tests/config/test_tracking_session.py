@@ -15,6 +15,7 @@ from vsense.config import resources, tracking_session
 from vsense.config.tracking_specs import TrackingSession
 from vsense.errors import ConfigError, UsageError, VsenseError
 from vsense.tracking.camera import Camera
+from vsense.tracking.grabbers_device import Controls
 
 RESOURCES = """<?xml version="1.0" ?>
 <arena_tracking_system xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"
@@ -143,7 +144,7 @@ def test_everything_in_the_examples_is_understood(read_text: Read, folder: Path)
     assert (record.record_image, record.change_root_directory_on_start) == (True, False)
     assert (record.root_directory, record.image_format) == (folder / "kept", "pgm")
     usb = session.resources.grabbers["usb"]
-    assert (usb.size_px, usb.exposure_us, usb.gain_raw) == ((640, 480), 8000.0, 12.0)
+    assert usb.settings == Controls((640, 480), 30.0, 8000.0, 12.0)
 
 
 def test_square_markers_can_be_turned_on_their_robots_and_arrows_cannot(read_text: Read) -> None:

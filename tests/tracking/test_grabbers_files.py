@@ -79,6 +79,44 @@ def test_any_damage_gives_a_picture_or_one_error(data: bytes, suffix: str, at: i
         assert str(error).startswith("a ")
 
 
+def claiming(suffix: str, width: int, height: int) -> bytes:
+    """A picture whose header claims another size than it has."""
+    data = bytearray(encoded(suffix, scene()))
+    place, size = (16, 4) if suffix == ".png" else (data.find(b"\xff\xc0") + 5, 2)
+    sides = (width, height) if suffix == ".png" else (height, width)
+    data[place : place + 2 * size] = b"".join(side.to_bytes(size, "big") for side in sides)
+    return bytes(data)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+def test_a_picture_that_claims_to_be_enormous_is_refused_before_it_costs_memory(
+    suffix: str,
+) -> None:
+    with pytest.raises(PictureError) as caught:
+        decode(claiming(suffix, 32767, 30000), "a")
+    assert str(caught.value) == (
+        "a claims to have 32767 x 30000 pixels, expected at most 50000000 pixels"
+    )
+    assert decode(encoded(suffix, scene()), "a", 48 * 64).shape == (48, 64)
+    with pytest.raises(PictureError, match=r"^a claims to have 64 x 48 pixels"):
+        decode(encoded(suffix, scene()), "a", 48 * 64 - 1)
+
+
+@pytest.mark.parametrize(
+    "filling",
+    [
+        b"\xff\xe0\x00\x08\xff\xc0\xff\xff\xff\xff",  # looks like a header inside of a segment
+        b"\xff\xff\xff\xfe\x00\x02",  # any number of 0xff, then an empty comment
+        b"\xff\x01\xff\xd0",  # markers without a length
+        b"\x00\x11\xff\x00",  # garbage between segments
+    ],
+)
+def test_the_size_in_a_jpeg_is_found_behind_whatever_comes_before(filling: bytes) -> None:
+    whole = encoded(".jpg", scene())
+    with pytest.raises(PictureError, match=r"^a claims to have 64 x 48 pixels"):
+        decode(whole[:2] + filling + whole[2:], "a", 100)
+
+
 def test_a_directory_is_in_natural_order_and_leaves_out_what_is_no_picture(tmp_path: Path) -> None:
     for name in ("b10.png", "b9.png", "notes.txt", "b9.json"):
         (tmp_path / name).write_bytes(b"x")

@@ -1,4 +1,4 @@
-"""Camera health: dark, frozen, moved and contradicting cameras are noticed, good ones are not."""
+"""Camera health: every trouble that pictures show is noticed, and good pictures are none."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.tracking.synthetic import Look, Robot, render
-from vsense.arena import DETECTION, Frame
+from tests.tracking.synthetic import HEIGHT_M, Look, Robot, render
+from vsense.arena import DETECTION, UNNAMED, Frame
 from vsense.tracking.camera import Camera
+from vsense.tracking.detectors import make_detector
 from vsense.tracking.families import load_family
 from vsense.tracking.health import Agreement, CameraHealth, Health, HealthLimits
 from vsense.tracking.steadiness import Steadiness
@@ -57,6 +58,115 @@ def test_a_dark_camera_is_told_once_and_its_end_once(good: list[np.ndarray], dar
     ]
     told = kinds(CameraHealth(CAMERA, LIMITS), [*good[:2], *nothing, *good[2:6]])
     assert [t for t in told if t[1] in ("dark", "light")] == [(4, "dark"), (10, "light")]
+
+
+def exposed(gain: float, ground: float, timestep: int = 0) -> np.ndarray:
+    """A picture of 32 robots on a floor of this grey, `gain` times as long exposed."""
+    robots = [Robot(k + 1, 0.24 * (k % 8) - 0.85, 0.3 * (k // 8) - 0.6, 0.7 + k) for k in range(32)]
+    look = Look(noise=0.0, light=0.2, ground=ground)
+    picture = gain * render(CAMERA, load_family("arrow4x4"), robots, look, seed=1)
+    noise = np.random.default_rng(timestep).normal(0.0, 2.5, picture.shape)
+    return np.clip(picture + noise, 0, 255).astype(np.uint8)
+
+
+def plain(grey: int, share: float = 1.0, rest: int = 100) -> np.ndarray:
+    """A picture of one grey in its upper `share`, and of another below."""
+    picture = np.full(SIZE[::-1], rest, np.uint8)
+    picture[: round(share * SIZE[1])] = grey
+    return picture
+
+
+@pytest.mark.parametrize("gain", [3.5, 8.0, 30.0])
+def test_a_saturated_camera_is_told_once_and_its_end_once(
+    good: list[np.ndarray], gain: float
+) -> None:
+    white = [exposed(gain, 118.0, k) for k in range(6)]
+    camera = CameraHealth(CAMERA, LIMITS)
+    told = kinds(camera, [*good[:2], *white, *good[2:6]])
+    assert told == [(4, "saturated"), (10, "exposed")]
+
+
+def test_a_saturated_camera_is_told_with_how_much() -> None:
+    camera = CameraHealth(CAMERA, LIMITS)
+    told = [str(event) for _ in range(3) for event in camera.look(plain(255, 0.9))]
+    assert told == ["camera a: is overexposed: 90 % of its picture is at full scale"]
+
+
+@pytest.mark.parametrize(
+    ("gain", "ground", "named", "kind"),
+    [
+        (1.0, 205.0, 29, None),
+        (1.5, 205.0, 30, None),
+        (2.5, 205.0, 12, "saturated"),
+        (1.5, 118.0, 30, None),
+        (2.0, 118.0, 27, None),
+        (3.25, 118.0, 0, "saturated"),
+    ],
+)
+def test_saturated_is_where_markers_cannot_be_read(
+    gain: float, ground: float, named: int, kind: str | None
+) -> None:
+    picture = exposed(gain, ground)
+    rows = make_detector(load_family("arrow4x4"), range(1, 33), HEIGHT_M).detect(picture, CAMERA)
+    assert np.count_nonzero(rows["tag"] != UNNAMED) == pytest.approx(named, abs=3)
+    camera = CameraHealth(CAMERA, LIMITS)
+    assert [e.kind for _ in range(3) for e in camera.look(picture)] == ([kind] if kind else [])
+
+
+@pytest.mark.parametrize(
+    ("picture", "kind"),
+    [
+        (plain(255), "saturated"),
+        (plain(250), "saturated"),
+        (plain(249), "dark"),
+        (plain(128), "dark"),
+        (plain(0), "dark"),
+        (plain(255, 0.82), "saturated"),
+        (plain(255, 0.82, rest=0), "saturated"),
+        (plain(255, 0.75), None),
+        (plain(240, 0.95), None),
+        (plain(255, 0.06, rest=10), None),
+        (plain(255, 0.02, rest=5), "dark"),
+    ],
+)
+def test_too_much_light_too_little_and_enough(picture: np.ndarray, kind: str | None) -> None:
+    camera = CameraHealth(CAMERA, LIMITS)
+    noise = np.zeros_like(picture)
+    told = []
+    for k in range(3):
+        # One pixel that differs: this is about light, not about standstill.
+        noise[0, 0] = k % 2
+        told += [event.kind for event in camera.look(picture ^ noise)]
+    assert told == ([kind] if kind else [])
+
+
+def test_paper_and_a_lamp_on_the_floor_are_no_trouble(good: list[np.ndarray]) -> None:
+    pictures = [image.copy() for image in good]
+    for image in pictures:
+        image[60:360, 90:500] = 255
+        cv2.circle(image, (640, 450), 60, 255, -1)
+    assert kinds(CameraHealth(CAMERA, LIMITS), pictures) == []
+
+
+@pytest.mark.parametrize("grey", [0, 255])
+def test_one_grey_all_over_is_not_taken_for_standstill(grey: int) -> None:
+    told = kinds(CameraHealth(CAMERA, LIMITS), [plain(grey)] * 8)
+    assert told == [(2, "saturated" if grey else "dark")]
+
+
+def test_every_trouble_of_light_and_standstill_is_told_at_its_third_picture(
+    good: list[np.ndarray],
+) -> None:
+    troubles = {
+        "dark": [plain(3)] * 3,
+        "saturated": [plain(255)] * 3,
+        # The picture before is a good one: it is the first of the four that are the same.
+        "frozen": [good[1]] * 3,
+    }
+    for kind, pictures in troubles.items():
+        told = kinds(CameraHealth(CAMERA, LIMITS), [*good[:2], *pictures, *good[2:5]])
+        assert [place for place, each in told if each == kind] == [4], kind
+        assert len(told) == 2 and told[1][0] == 7, kind
 
 
 def test_a_frozen_camera_is_told_once_and_its_end_once(good: list[np.ndarray]) -> None:

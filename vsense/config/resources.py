@@ -10,9 +10,10 @@ import os
 import re
 from pathlib import Path
 
+from vsense.config import camera_grabbers
 from vsense.config.element import Element
 from vsense.config.tracking_specs import (
-    CAMERA,
+    CAMERA_TYPES,
     GRABBER_TYPES,
     CameraSpec,
     GrabberSpec,
@@ -28,8 +29,6 @@ DEFAULT_HEIGHT_M = 0.06
 DEFAULT_SPEED_M_S = 0.25
 """An e-puck drives 0.13 m/s, with a margin."""
 
-_MAX_RATE_HZ = 1000.0
-_MAX_SIDE_PX = 20_000
 _MAX_TAG = 65_535
 _RANGE = re.compile(r"([0-9]{1,9})(?:-([0-9]{1,9}))?")
 
@@ -134,11 +133,9 @@ def _section(root: Element, name: str, kind: str) -> dict[str, Element]:
 
 def _read_grabber(id: str, element: Element, folder: Path) -> GrabberSpec:
     kind = element.choice("type", GRABBER_TYPES)
-    rate_hz = None
-    if element.has("frame_rate"):
-        rate_hz = element.number("frame_rate", 0.01, _MAX_RATE_HZ, "pictures per second")
-    if kind == CAMERA:
-        return _read_camera_grabber(id, element, rate_hz)
+    if kind in CAMERA_TYPES:
+        return camera_grabbers.read(id, kind, element)
+    rate_hz = camera_grabbers.rate_hz(element)
     timestamps = folder / element.text("timestamps") if element.has("timestamps") else None
     if timestamps is not None and rate_hz is not None:
         raise element.error("stands beside 'timestamps'; expected one of the two", "frame_rate")
@@ -149,34 +146,9 @@ def _read_grabber(id: str, element: Element, folder: Path) -> GrabberSpec:
         timestamps=timestamps,
         frame_rate_hz=rate_hz,
         start_s=element.number("start_time", -1e9, 1e9, "s", 0.0),
-        size_px=None,
-        exposure_us=None,
-        gain_raw=None,
+        settings=None,
         line=element.line,
     )
-
-
-def _read_camera_grabber(id: str, element: Element, rate_hz: float | None) -> GrabberSpec:
-    size_px = None
-    if element.has("width") or element.has("height"):
-        width = element.integer("width", 1, _MAX_SIDE_PX)
-        size_px = (width, element.integer("height", 1, _MAX_SIDE_PX))
-    return GrabberSpec(
-        id=id,
-        type=CAMERA,
-        source=element.text("device", None, "a device such as '/dev/video0', or a URL"),
-        timestamps=None,
-        frame_rate_hz=rate_hz,
-        start_s=0.0,
-        size_px=size_px,
-        exposure_us=_optional(element, "exposure_time_abs", 1.0, 1e7, "microseconds"),
-        gain_raw=_optional(element, "gain_raw", 0.0, 1e6, ""),
-        line=element.line,
-    )
-
-
-def _optional(element: Element, key: str, low: float, high: float, unit: str) -> float | None:
-    return element.number(key, low, high, unit) if element.has(key) else None
 
 
 def _read_tracker(id: str, element: Element, folder: Path) -> TrackerSpec:

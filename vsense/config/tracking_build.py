@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import ArenaState, Frame
+from vsense.config.live_cameras import live_grabber
 from vsense.config.tracking_specs import (
     DIRECTORY,
     CameraTrackerSpec,
@@ -28,9 +29,7 @@ from vsense.tracking.detector import Detector
 from vsense.tracking.detectors import make_detector
 from vsense.tracking.families import SquareFamily, load_family
 from vsense.tracking.grabbers import CameraEvent, GrabberError
-from vsense.tracking.grabbers_device import Controls, DeviceSource
 from vsense.tracking.grabbers_directory import DirectoryRecording
-from vsense.tracking.grabbers_live import LiveGrabber
 from vsense.tracking.grabbers_recorded import PacedGrabber, RecordedGrabber, Recording
 from vsense.tracking.grabbers_video import VideoRecording
 from vsense.tracking.health import Health
@@ -155,16 +154,10 @@ def build(session: TrackingSession, clock: Callable[[], int], offline: bool) -> 
 def _grabber(session: TrackingSession, clock: Callable[[], int], offline: bool) -> SetGrabber:
     sizes_px = {v.camera.id: (v.camera.width_px, v.camera.height_px) for v in session.views}
     if session.is_live:
-        sources = {v.camera.id: _device(v.grabber) for v in session.views}
-        return LiveGrabber(sources, sizes_px, clock)
+        return live_grabber(session, sizes_px, clock)
     recordings = {v.camera.id: _recording(session, v.grabber) for v in session.views}
     recorded = RecordedGrabber(recordings, sizes_px, clock)
     return recorded if offline else PacedGrabber(recorded, clock)
-
-
-def _device(spec: GrabberSpec) -> DeviceSource:
-    controls = Controls(spec.size_px, spec.frame_rate_hz, spec.exposure_us, spec.gain_raw)
-    return DeviceSource(spec.source, controls)
 
 
 def _recording(session: TrackingSession, spec: GrabberSpec) -> Recording:

@@ -21,6 +21,7 @@ from vsense.config.tracking_specs import (
     TrackingSession,
 )
 from vsense.config.xml import parse
+from vsense.tracking.genicam_settings import FREE
 
 DEFAULT_PORT = 4040
 """Of the original tracking server. Source: iridia.md section 1a."""
@@ -115,11 +116,22 @@ def _check_together(session: TrackingSession, elements: list[Element]) -> None:
             other = session.views[0].grabber.id
             message = f"a camera and a recording ({view.grabber.id!r} and {other!r}) do not mix"
             raise element.error(message, "grabber")
+        _check_trigger(view.grabber, session.views[0].grabber, element)
         for tag, height in view.tracker.heights_m.items():
             known, tracker = heights_m.setdefault(tag, (height, view.tracker.id))
             if known != height:
                 message = f"tag {tag} has another height in {tracker!r}: {known:g} m, {height:g} m"
                 raise element.error(message, "tracker")
+
+
+def _check_trigger(grabber: GrabberSpec, first: GrabberSpec, element: Element) -> None:
+    """Refuses cameras of which some are triggered and others not, or not in the same way."""
+    ways = [f"trigger {g.trigger!r} at {g.frame_rate_hz or 0:g} Hz" for g in (grabber, first)]
+    if FREE in (grabber.trigger, first.trigger):
+        ways = [f"trigger {g.trigger!r}" for g in (grabber, first)]
+    if ways[0] != ways[1]:
+        message = f"{grabber.id!r} has {ways[0]}, {first.id!r} has {ways[1]}: expected the same"
+        raise element.error(message, "grabber")
 
 
 def _read_record(root: Element, folder: Path) -> RecordSpec:

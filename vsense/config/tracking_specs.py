@@ -12,11 +12,15 @@ from pathlib import Path
 
 from vsense.errors import ConfigError
 from vsense.tracking.camera import Camera
+from vsense.tracking.genicam_settings import FREE, GenicamSettings
+from vsense.tracking.grabbers_device import Controls
 
 DIRECTORY = "directory"
 VIDEO = "video"
 CAMERA = "camera"
-GRABBER_TYPES = (DIRECTORY, VIDEO, CAMERA)
+GENICAM = "genicam"
+CAMERA_TYPES = (CAMERA, GENICAM)
+GRABBER_TYPES = (DIRECTORY, VIDEO, *CAMERA_TYPES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,14 +30,12 @@ class GrabberSpec:
     Attributes:
         id: its name in the experiment file.
         type: one of `GRABBER_TYPES`.
-        source: the directory, the video file, or the device or URL.
+        source: the directory, the video file, or the camera: its device, URL, address or id.
         timestamps: table of the pictures' capture times, or None.
         frame_rate_hz: pictures per second, of a recording without timestamps or wanted of a
             camera; None: what the video or the camera says itself.
         start_s: when the first picture of a recording without timestamps was taken.
-        size_px: width and height wanted of a camera, or None.
-        exposure_us: `exposure_time_abs` of a camera, or None.
-        gain_raw: gain of a camera in its own unit, or None.
+        settings: what a camera is asked for; None: it is a recording.
         line: line of its element.
     """
 
@@ -43,15 +45,18 @@ class GrabberSpec:
     timestamps: Path | None
     frame_rate_hz: float | None
     start_s: float
-    size_px: tuple[int, int] | None
-    exposure_us: float | None
-    gain_raw: float | None
+    settings: Controls | GenicamSettings | None
     line: int
 
     @property
     def is_live(self) -> bool:
         """Whether it is a camera and no recording."""
-        return self.type == CAMERA
+        return self.type in CAMERA_TYPES
+
+    @property
+    def trigger(self) -> str:
+        """What makes a camera take a picture; see `GenicamSettings`."""
+        return self.settings.trigger if isinstance(self.settings, GenicamSettings) else FREE
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,13 +6,12 @@ import threading
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
-import cv2
-
 from vsense.arena import ArenaState, Frame
 from vsense.config.tracking_build import build
 from vsense.config.tracking_specs import TrackingSession
 from vsense.tracking.grabbers import CameraEvent, GrabberError
 from vsense.tracking.grabbers_recorded import PacedGrabber, RecordedGrabber
+from vsense.tracking.opencv_manners import teach_opencv
 from vsense.tracking.troubles import Troubles
 
 
@@ -42,7 +41,7 @@ class CameraSource:
             VsenseError: a recording or a marker family cannot be used. A camera that does not
                 open is told and tried again.
         """
-        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+        teach_opencv()
         self.session = session
         self.tracking = build(session, clock, offline=True)
         self._tell = tell

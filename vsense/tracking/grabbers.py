@@ -24,8 +24,8 @@ class CameraEvent:
 
     Attributes:
         camera: Its id.
-        kind: One word: "gone", "back", "late", "damaged", "size", "control", "dark", "light",
-            "frozen", "running", "moved", "steady", "crowded", "clear" or "apart".
+        kind: One word: what begins and what ends it are in `vsense.tracking.troubles.ENDS`;
+            "clock" and "control" are over as soon as they are told.
         text: What happened, without the camera's name.
     """
 

@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
 
 from vsense.tracking.grabbers import GrabberError
-from vsense.tracking.grabbers_picture import to_grey
-from vsense.tracking.source import Shot
+from vsense.tracking.grabbers_picture import Image, PictureError, decode, is_jpeg, to_grey
+from vsense.tracking.source import Shot, absent, refused, said
 
 OPEN_TIMEOUT_MS = 5000
 READ_TIMEOUT_MS = 3000
 """A stream that says nothing for this long has ended."""
+BUFFERS = 2
+"""One is filled while the other is read. With one alone every second picture of a camera that
+sends without pause is lost; with more, a reader that was late gets old ones."""
 
+_AUTOMATIC_EXPOSURE = (0, 3)
 _MANUAL_EXPOSURE = 1
+"""Source: Linux, V4L2_CID_EXPOSURE_AUTO."""
 _EXPOSURE_UNIT_US = 100.0
 """V4L2 counts exposure_time_absolute in 100 us. Source: Linux, V4L2_CID_EXPOSURE_ABSOLUTE."""
+_MJPEG = cv2.VideoWriter.fourcc(*"MJPG")
+_PACKETS = -1
+"""Value of CAP_PROP_FORMAT at which OpenCV hands over a stream's packets as they came."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +45,30 @@ class Controls:
     gain_raw: float | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class _Setting:
+    """One wanted value.
+
+    Attributes:
+        name: As the user wrote it.
+        wanted: In the user's unit.
+        key: OpenCV's property.
+        unit: The property's unit in the user's.
+        control: Whether a camera may be without it; sizes and rates they all have.
+    """
+
+    name: str
+    wanted: float
+    key: int
+    unit: float = 1.0
+    control: bool = False
+
+    @property
+    def value(self) -> float:
+        """For OpenCV: a number of whole units, where they are not the user's."""
+        return self.wanted if self.unit == 1.0 else max(1.0, round(self.wanted / self.unit))
+
+
 class DeviceSource:
     """A camera behind OpenCV; belongs to one thread."""
 
@@ -46,7 +79,9 @@ class DeviceSource:
             device: "/dev/video0", a number such as "0", or a URL.
             controls: What it is asked for.
         """
-        self._device = device
+        self._device = f"/dev/video{device}" if device.isdecimal() else device
+        self._is_v4l2 = self._device.startswith("/dev/")
+        self._in_packets = False
         self._controls = controls
         self._capture: cv2.VideoCapture | None = None
 
@@ -61,13 +96,10 @@ class DeviceSource:
         if not capture.isOpened():
             raise GrabberError(f"{self._device} does not open")
         self._capture = capture
-        # A picture that has waited in the driver is old; not every backend can do without.
-        capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
-        return [
-            f"does not take {what}"
-            for what, key, value in self._settings()
-            if not capture.set(key, value)
-        ]
+        try:
+            return self._set_up(capture)
+        except cv2.error as error:
+            raise GrabberError(f"{self._device} does not open: {error.err}") from None
 
     def read(self) -> Shot:
         """Waits for the next picture.
@@ -79,12 +111,20 @@ class DeviceSource:
         if self._capture is None:
             raise GrabberError(f"{self._device} is not open")
         try:
-            whole, image = self._capture.read()
+            whole = self._capture.grab()
         except cv2.error as error:
             raise GrabberError(f"{self._device} has failed: {error.err}") from None
-        if not whole or image is None:
+        if not whole:
             raise GrabberError(f"{self._device} gives no more pictures")
-        return Shot(to_grey(image))
+        try:
+            whole, image = self._capture.retrieve()
+        except cv2.error:
+            whole, image = False, None
+        if not whole or image is None:
+            raise PictureError("a picture cannot be decoded")
+        if self._in_packets:
+            return Shot(_unpack(image.tobytes()))
+        return Shot(to_grey(image), self._stamp_ns(self._capture))
 
     def close(self) -> None:
         """Lets the camera go; can be called again."""
@@ -94,36 +134,91 @@ class DeviceSource:
 
     def _opened(self) -> cv2.VideoCapture:
         """Opens with the backend that fits: V4L2 for a device, time limits for a stream."""
-        device = self._device
-        if device.isdecimal() or device.startswith("/dev/"):
-            path = f"/dev/video{device}" if device.isdecimal() else device
-            return cv2.VideoCapture(path, cv2.CAP_V4L2)
+        if self._is_v4l2:
+            return cv2.VideoCapture(self._device, cv2.CAP_V4L2)
         limits = [
             cv2.CAP_PROP_OPEN_TIMEOUT_MSEC,
             OPEN_TIMEOUT_MS,
             cv2.CAP_PROP_READ_TIMEOUT_MSEC,
             READ_TIMEOUT_MS,
         ]
-        capture = cv2.VideoCapture(device, cv2.CAP_FFMPEG, limits)
-        return capture if capture.isOpened() else cv2.VideoCapture(device)
+        capture = cv2.VideoCapture(self._device, cv2.CAP_FFMPEG, limits)
+        return capture if capture.isOpened() else cv2.VideoCapture(self._device)
 
-    def _settings(self) -> list[tuple[str, int, float]]:
-        """The wanted controls: name and value, OpenCV's property, its value."""
+    def _set_up(self, capture: cv2.VideoCapture) -> list[str]:
+        """Sets what is wanted, reads all of it back, and says what is different."""
+        if self._is_v4l2:
+            capture.set(cv2.CAP_PROP_BUFFERSIZE, BUFFERS)
+            if self._controls.exposure_us is not None:
+                capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, _MANUAL_EXPOSURE)
+        # One by one in this order, and read back after the last: a rate depends on the size, and
+        # an exposure time on the rate.
+        settings = self._settings()
+        taken = [capture.set(each.key, each.value) for each in settings]
+        told = [self._compare(capture, each, took) for each, took in zip(settings, taken)]
+        # A JPEG that was cut off or has another size is mended and stretched in silence by FFmpeg;
+        # by itself it is decoded here, and told.
+        packed = not self._is_v4l2 and int(capture.get(cv2.CAP_PROP_FOURCC)) == _MJPEG
+        self._in_packets = packed and bool(capture.set(cv2.CAP_PROP_FORMAT, _PACKETS))
+        return [text for text in told if text is not None]
+
+    def _compare(self, capture: cv2.VideoCapture, each: _Setting, took: bool) -> str | None:
+        """Says what became of one setting, None where it is as wanted."""
+        got = capture.get(each.key) * each.unit
+        known = math.isfinite(got) and (got > 0.0 or (got == 0.0 and self._is_v4l2))
+        if not known:
+            missing = each.control and self._is_v4l2 and not took
+            return absent(each.name) if missing else refused(each.name, each.wanted, None)
+        text = said(each.name, each.wanted, got)
+        if each.key == cv2.CAP_PROP_EXPOSURE and self._is_v4l2:
+            automatic = capture.get(cv2.CAP_PROP_AUTO_EXPOSURE) in _AUTOMATIC_EXPOSURE
+            return refused(each.name, each.wanted, "automatic exposure") if automatic else text
+        if text is None or took:
+            return text
+        # What FFmpeg has for a stream's rate is often a guess.
+        guess = each.key == cv2.CAP_PROP_FPS and not self._is_v4l2
+        return refused(each.name, each.wanted, None if guess else got)
+
+    def _settings(self) -> list[_Setting]:
+        """The wanted controls, in the order in which they are set."""
         wanted = self._controls
-        settings: list[tuple[str, int, float]] = []
+        settings = []
         if wanted.size_px is not None:
             width, height = wanted.size_px
-            settings.append((f"width {width}", cv2.CAP_PROP_FRAME_WIDTH, width))
-            settings.append((f"height {height}", cv2.CAP_PROP_FRAME_HEIGHT, height))
+            settings.append(_Setting("width", width, cv2.CAP_PROP_FRAME_WIDTH))
+            settings.append(_Setting("height", height, cv2.CAP_PROP_FRAME_HEIGHT))
         if wanted.rate_hz is not None:
-            name = f"frame_rate {wanted.rate_hz:g}"
-            settings.append((name, cv2.CAP_PROP_FPS, wanted.rate_hz))
+            settings.append(_Setting("frame_rate", wanted.rate_hz, cv2.CAP_PROP_FPS))
         if wanted.exposure_us is not None:
-            name = f"exposure_time_abs {wanted.exposure_us:g}"
-            settings.append((name, cv2.CAP_PROP_AUTO_EXPOSURE, _MANUAL_EXPOSURE))
-            units = wanted.exposure_us / _EXPOSURE_UNIT_US
-            settings.append((name, cv2.CAP_PROP_EXPOSURE, max(1.0, round(units))))
+            exposure = "exposure_time_abs", wanted.exposure_us, cv2.CAP_PROP_EXPOSURE
+            settings.append(_Setting(*exposure, _EXPOSURE_UNIT_US, control=True))
         if wanted.gain_raw is not None:
-            name = f"gain_raw {wanted.gain_raw:g}"
-            settings.append((name, cv2.CAP_PROP_GAIN, wanted.gain_raw))
+            gain = "gain_raw", wanted.gain_raw, cv2.CAP_PROP_GAIN
+            settings.append(_Setting(*gain, control=True))
         return settings
+
+    def _stamp_ns(self, capture: cv2.VideoCapture) -> int | None:
+        """When the kernel got the picture that was read last, by its own clock; None: unknown.
+
+        Only V4L2 has that: its position in the "film" is the buffer's stamp, to the microsecond.
+        Of a stream it is the presentation time. For JPEGs over HTTP, which have none, FFmpeg
+        counts pictures at 25 Hz whenever they came, or gives nothing at all: no clock.
+        Source: OpenCV 4.11 and 5.0, CAP_PROP_POS_MSEC of its backends.
+        """
+        if not self._is_v4l2:
+            return None
+        position_ms = capture.get(cv2.CAP_PROP_POS_MSEC)
+        if not math.isfinite(position_ms) or position_ms <= 0.0:
+            return None
+        return round(1000.0 * position_ms) * 1000
+
+
+def _unpack(packet: bytes) -> Image:
+    """Decodes a packet of a stream of JPEGs.
+
+    Raises:
+        PictureError: it is none, or a damaged one.
+    """
+    if not is_jpeg(packet):
+        raise PictureError("a picture is no JPEG, in a stream of JPEGs")
+    return decode(packet, "a picture")

@@ -15,6 +15,8 @@ from vsense.tracking.source import Shot
 SILENCE_S = 0.4
 """A camera that says nothing for this long, and for three periods, is silent."""
 PERIODS = 3
+FIRST_S = 2.0
+"""Some need a while for their first picture."""
 
 
 class GenicamSource:
@@ -42,6 +44,7 @@ class GenicamSource:
         self._camera: AravisCamera | None = None
         self._stream: AravisStream | None = None
         self._resumed = False
+        self._running = False
         rate_hz = settings.controls.rate_hz
         self._patience_s = max(SILENCE_S, PERIODS / rate_hz if rate_hz else 0.0)
 
@@ -73,7 +76,7 @@ class GenicamSource:
         except BaseException:
             camera.close()
             raise
-        self._camera, self._resumed = camera, False
+        self._camera, self._resumed, self._running = camera, False, False
         return told
 
     def read(self) -> Shot:
@@ -85,10 +88,11 @@ class GenicamSource:
         """
         if self._stream is None:
             raise GrabberError(f"{self._device} is not open")
-        got = self._stream.read(self._patience_s)
+        patience_s = self._patience_s if self._running else FIRST_S
+        got = self._stream.read(patience_s)
         if got is None:
-            raise GrabberError(f"gives no pictures for {self._patience_s:g} s")
-        self._resumed = False
+            raise GrabberError(f"gives no pictures for {patience_s:g} s")
+        self._running, self._resumed = True, False
         image, stamp_ns, age_ns = got
         return Shot(image, stamp_ns, self._clock() - max(age_ns, 0))
 

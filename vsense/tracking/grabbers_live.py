@@ -1,6 +1,6 @@
-"""Cameras that run freely: each on a thread of its own, the newest picture of each per timestep.
+"""Cameras that run by themselves: the newest picture of each per timestep.
 
-A camera that disappears is told, retried and taken back; the others go on without it.
+A camera that disappears is told, tried again and taken back; the others go on without it.
 """
 
 from __future__ import annotations
@@ -8,40 +8,29 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from functools import partial
 
 from vsense.arena import Frame
 from vsense.tracking.grabbers import CameraEvent, GrabberError
-from vsense.tracking.grabbers_picture import Image, PictureError
-from vsense.tracking.grabbers_recorded import wrong_size
+from vsense.tracking.live_camera import LiveCamera
+from vsense.tracking.software_trigger import SoftwareTrigger
 from vsense.tracking.source import Source
 
-RETRY_S = 1.0
+RETRY_S = 0.5
 PATIENCE_S = 0.05
 """So long a timestep waits for the other cameras once the first picture is there."""
 MOST_EVENTS = 256
 """Nobody may listen for long: only the newest are kept."""
-LATE_AFTER = 10
-"""A camera that was waited for in vain this often is not waited for any more."""
-
-
-@dataclass(slots=True)
-class _Camera:
-    """What is known of one camera; guarded by the grabber's lock."""
-
-    source: Source
-    size_px: tuple[int, int]
-    newest: tuple[Image, int, int] | None = None
-    present: bool = False
-    told_gone: bool = False
-    late: int = 0
+JOIN_S = 1.5
+"""A camera that answers ends within this; one that does not is left to itself."""
 
 
 class LiveGrabber:
-    """A set of free-running cameras.
+    """A set of cameras that run freely, or are triggered together.
 
-    A timestep is complete when every present camera has a picture that was not given before, or
-    after `patience_s`. The capture time is when the picture arrived: OpenCV knows no better.
+    A timestep is complete when every camera that gives pictures has one that was not given before,
+    or after `patience_s`. The capture time is the camera's own, mapped to the host's clock, or
+    else when the picture arrived.
 
     Attributes:
         timesteps: None: nobody knows how many there will be.
@@ -56,6 +45,9 @@ class LiveGrabber:
         sources: Mapping[str, Source],
         sizes_px: Mapping[str, tuple[int, int]],
         clock: Callable[[], int],
+        rates_hz: Mapping[str, float | None] | None = None,
+        together_s: float | None = None,
+        trigger: SoftwareTrigger | None = None,
         patience_s: float = PATIENCE_S,
         retry_s: float = RETRY_S,
     ) -> None:
@@ -65,23 +57,40 @@ class LiveGrabber:
             sources: By the camera's id.
             sizes_px: Width and height that each camera's pictures must have.
             clock: The host's monotonic clock [ns].
+            rates_hz: Pictures per second that each camera should give, where known.
+            together_s: Pictures taken further apart are not of one timestep; None: they may be.
+            trigger: What has them taken; is closed together with this.
             patience_s: How long a timestep waits for missing cameras.
             retry_s: Time between attempts to open a camera.
         """
         self._clock = clock
         self._patience_s = patience_s
-        self._retry_s = retry_s
+        self._together_ns = None if together_s is None else round(1e9 * together_s)
+        self._trigger = trigger
         self._timestep = 0
         self._news = threading.Condition()
         self._ended = threading.Event()
         self._events: deque[CameraEvent] = deque(maxlen=MOST_EVENTS)
-        self._cameras = {c: _Camera(source, sizes_px[c]) for c, source in sources.items()}
+        rates = rates_hz or {}
+        self._cameras = {
+            c: self._camera(c, s, sizes_px[c], rates.get(c), retry_s) for c, s in sources.items()
+        }
         self._threads = [
-            threading.Thread(target=self._live, args=(c,), name=f"grab {c}", daemon=True)
-            for c in self._cameras
+            threading.Thread(target=camera.live, daemon=True) for camera in self._cameras.values()
         ]
         for thread in self._threads:
             thread.start()
+
+    def _camera(
+        self,
+        id: str,
+        source: Source,
+        size_px: tuple[int, int],
+        rate_hz: float | None,
+        retry_s: float,
+    ) -> LiveCamera:
+        tell = partial(self._tell, id)
+        return LiveCamera(source, size_px, rate_hz, self._news, tell, self._clock, retry_s)
 
     def next(self, timeout_s: float) -> Sequence[Frame]:
         """Waits for the newest picture of every camera that delivers.
@@ -90,12 +99,16 @@ class LiveGrabber:
             GrabberError: No camera delivered in `timeout_s`.
         """
         with self._news:
-            if not self._news.wait_for(self._any_fresh, timeout_s) or self._ended.is_set():
+            found = self._news.wait_for(self._any_fresh, timeout_s) and not self._ended.is_set()
+            if found:
+                self._news.wait_for(self._all_fresh, self._patience_s)
+            for camera in self._cameras.values():
+                camera.watch(self._clock())
+            if not found:
                 raise GrabberError(f"no camera gave a picture in {timeout_s:g} s")
-            self._news.wait_for(self._all_fresh, self._patience_s)
-            frames = [self._take(c, camera) for c, camera in self._cameras.items()]
+            frames = self._take()
             self._timestep += 1
-        return [frame for frame in frames if frame is not None]
+        return frames
 
     def events(self) -> list[CameraEvent]:
         """Gives what happened since the last call."""
@@ -107,78 +120,41 @@ class LiveGrabber:
     def close(self) -> None:
         """Ends all threads; one that waits for its camera ends when that answers."""
         self._ended.set()
+        if self._trigger is not None:
+            self._trigger.close()
+        for camera in self._cameras.values():
+            camera.end()
         with self._news:
             self._news.notify_all()
         for thread in self._threads:
-            thread.join(self._retry_s + 1.0)
+            thread.join(JOIN_S)
 
     def _any_fresh(self) -> bool:
         return self._ended.is_set() or any(c.newest is not None for c in self._cameras.values())
 
     def _all_fresh(self) -> bool:
-        """Whether every camera that is worth waiting for has delivered."""
+        """Whether every camera that gives pictures has one for this timestep."""
+        oldest_ns = self._oldest_ns()
         return self._ended.is_set() or all(
-            camera.newest is not None or not camera.present or camera.late >= LATE_AFTER
+            camera.newest.capture_ns >= oldest_ns if camera.newest else not camera.present
             for camera in self._cameras.values()
         )
 
-    def _take(self, id: str, camera: _Camera) -> Frame | None:
-        if camera.newest is None:
-            camera.late += camera.present
-            if camera.late == LATE_AFTER and camera.present:
-                self._tell(id, "late", "is open but gives no pictures; not waiting for it")
-            return None
-        image, capture_ns, ready_ns = camera.newest
-        camera.newest = None
-        if camera.late >= LATE_AFTER:
-            self._tell(id, "back", "gives pictures again")
-        camera.late = 0
-        return Frame(id, image, self._timestep, capture_ns, ready_ns)
+    def _oldest_ns(self) -> int:
+        """Gives when a picture must have been taken to be one of this timestep."""
+        if self._together_ns is None:
+            return 0
+        times_ns = [c.newest.capture_ns for c in self._cameras.values() if c.newest is not None]
+        return max(times_ns, default=0) - self._together_ns
 
-    def _live(self, id: str) -> None:
-        """One camera's thread: opens it as often as it takes, and keeps its newest picture."""
-        camera = self._cameras[id]
-        while not self._ended.is_set():
-            try:
-                said = camera.source.open()
-                self._arrive(id, camera, said)
-                while not self._ended.is_set():
-                    self._grab(id, camera)
-            except GrabberError as error:
-                self._leave(id, camera, str(error))
-            self._ended.wait(self._retry_s)
-        camera.source.close()
-
-    def _grab(self, id: str, camera: _Camera) -> None:
-        """Waits for one picture; a damaged one is told and forgotten."""
-        try:
-            image = camera.source.read().image
-        except PictureError as error:
-            with self._news:
-                self._tell(id, "damaged", str(error))
-            return
-        arrived_ns = self._clock()
-        with self._news:
-            if image.shape[::-1] != tuple(camera.size_px):
-                self._tell(id, "size", wrong_size(image, camera.size_px))
-                return
-            camera.newest = (image, arrived_ns, arrived_ns)
-            self._news.notify_all()
-
-    def _arrive(self, id: str, camera: _Camera, said: list[str]) -> None:
-        with self._news:
-            for text in said:
-                self._tell(id, "control", text)
-            if camera.told_gone:
-                self._tell(id, "back", "is back")
-            camera.present, camera.told_gone, camera.late = True, False, 0
-
-    def _leave(self, id: str, camera: _Camera, reason: str) -> None:
-        with self._news:
-            if not camera.told_gone:
-                self._tell(id, "gone", f"is gone, trying again every {self._retry_s:g} s: {reason}")
-            camera.present, camera.told_gone = False, True
-            self._news.notify_all()
+    def _take(self) -> list[Frame]:
+        oldest_ns = self._oldest_ns()
+        taken = {c: camera.pop() for c, camera in self._cameras.items()}
+        return [
+            Frame(c, t.image, self._timestep, t.capture_ns, t.ready_ns)
+            for c, t in taken.items()
+            if t is not None and t.capture_ns >= oldest_ns
+        ]
 
     def _tell(self, id: str, kind: str, text: str) -> None:
         self._events.append(CameraEvent(id, kind, text))

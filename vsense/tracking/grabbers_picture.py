@@ -13,10 +13,17 @@ from vsense.tracking.grabbers import GrabberError
 
 Image = NDArray[np.uint8]
 
+MOST_PIXELS = 50_000_000
+"""More than any camera has that looks at an arena, and so few that a picture takes megabytes."""
+
 _PNG = b"\x89PNG\r\n\x1a\n"
 _PNG_END = b"IEND\xaeB`\x82"
 _JPEG = b"\xff\xd8"
 _JPEG_END = b"\xff\xd9"
+_BARE = (0x01, *range(0xD0, 0xD9))
+"""JPEG markers that nothing belongs to. Source: ITU-T T.81, table B.1."""
+_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+"""JPEG markers that begin a picture, with its size. Source: ITU-T T.81, table B.1."""
 
 
 class PictureError(GrabberError):
@@ -64,20 +71,30 @@ def read_picture(path: Path) -> Image:
     return decode(data, path.name)
 
 
-def decode(data: bytes, name: str) -> Image:
+def decode(data: bytes, name: str, most_pixels: int = MOST_PIXELS) -> Image:
     """Decodes a picture file's bytes.
+
+    Args:
+        data: All of them.
+        name: What to call it in messages.
+        most_pixels: A PNG or JPEG that claims to be larger is refused before any memory is spent
+            on it: four damaged bytes can ask for 2 GB. Other formats have OpenCV's limit of 2^30.
 
     Returns:
         (h, w) uint8.
 
     Raises:
-        PictureError: it is cut off, or is no picture; the message begins with `name`.
+        PictureError: it is cut off, too large, or is no picture; the message begins with `name`.
     """
     if not data:
         raise PictureError(f"{name} is empty")
     # Some versions of OpenCV fill the missing part of a picture with grey and say nothing.
     if not _is_whole(data):
         raise PictureError(f"{name} is cut off after {len(data)} bytes")
+    width, height = _claimed_size(data)
+    if width * height > most_pixels:
+        most = f"at most {most_pixels} pixels"
+        raise PictureError(f"{name} claims to have {width} x {height} pixels, expected {most}")
     try:
         image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
     except cv2.error:
@@ -85,6 +102,32 @@ def decode(data: bytes, name: str) -> Image:
     if image is None or image.size == 0:
         raise PictureError(f"{name} is no picture, or a damaged one")
     return to_grey(image)
+
+
+def is_jpeg(data: bytes) -> bool:
+    """Whether this begins like a JPEG."""
+    return data.startswith(_JPEG)
+
+
+def _claimed_size(data: bytes) -> tuple[int, int]:
+    """Width and height as the header of a PNG or JPEG has them; zeros where it has none."""
+    if data.startswith(_PNG) and data[12:16] == b"IHDR":
+        return int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
+    if not is_jpeg(data):
+        return 0, 0
+    place = len(_JPEG)
+    while (place := data.find(b"\xff", place)) >= 0:
+        marker = data[place + 1] if place + 1 < len(data) else 0
+        if marker in _FRAMES:
+            height, width = data[place + 5 : place + 7], data[place + 7 : place + 9]
+            return int.from_bytes(width, "big"), int.from_bytes(height, "big")
+        if marker == 0xFF:
+            place += 1
+        elif marker == 0 or marker in _BARE:
+            place += 2
+        else:
+            place += 2 + max(2, int.from_bytes(data[place + 2 : place + 4], "big"))
+    return 0, 0
 
 
 def _is_whole(data: bytes) -> bool:

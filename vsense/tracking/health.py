@@ -1,8 +1,8 @@
-"""Camera health: dark, frozen, moved, crowded, or contradicting neighbours; told from pictures.
+"""Camera health: dark, saturated, frozen, moved, crowded, or contradicting neighbours.
 
-Darkness and standstill are looked for in every picture, movement in a few cameras per timestep
-by turns, so that many cameras cost no more than few. All of it is told once when it begins and
-once when it ends.
+Light and standstill are looked for in every picture, movement in a few cameras per timestep by
+turns, so that many cameras cost no more than few. All of it is told once when it begins and once
+when it ends.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ from vsense.tracking.grabbers import CameraEvent
 from vsense.tracking.steadiness import FAR, Steadiness
 
 _STEP = 16
+_FULL_SCALE = 250
+"""Grey from which a pixel holds all that it can: noise and a picture's compression cost a few."""
 
 _Gap = tuple[int, NDArray[np.float64]]
 """A tag, and its place in one camera less its place in another [m]."""
@@ -32,6 +34,10 @@ class HealthLimits:
     Attributes:
         dark_level: Mean grey below which a picture is dark (12).
         contrast: Standard deviation of grey below which a picture shows nothing (3).
+        full_share: Share of a picture at full scale from which it is saturated (0.8). Measured on
+            rendered arenas whose exposure rises: on a white floor all markers are read up to 0.74
+            and a third lose their names at 0.94, on a grey floor three in four at 0.85. Paper and
+            the reflections of lamps stay far below.
         frames: Pictures in a row after which it is told (3).
         moved_px: Shift of the background that is a moved camera (1.0).
         apart_m: Distance between two cameras' views of the same markers that is too much (0.008).
@@ -43,6 +49,7 @@ class HealthLimits:
 
     dark_level: float = 12.0
     contrast: float = 3.0
+    full_share: float = 0.8
     frames: int = 3
     moved_px: float = 1.0
     apart_m: float = 0.008
@@ -77,6 +84,7 @@ class CameraHealth:
         self._limits = limits
         self._last: NDArray[np.uint8] | None = None
         self._dark = _Alarm(limits.frames)
+        self._saturated = _Alarm(limits.frames)
         self._frozen = _Alarm(limits.frames)
         self._moved = _Alarm(limits.frames)
         self._crowded = _Alarm(limits.frames)
@@ -85,18 +93,34 @@ class CameraHealth:
     def look(self, image: NDArray[np.uint8]) -> list[CameraEvent]:
         """Looks at a picture (h, w); gives what has begun or ended."""
         sample = image[::_STEP, ::_STEP].copy()
-        # A sensor's noise never repeats: the same bytes are the same picture once more.
-        frozen = self._last is not None and bool(np.array_equal(sample, self._last))
-        self._last = sample
+        return self._look_at_light(sample) + self._look_for_standstill(sample)
+
+    def _look_at_light(self, sample: NDArray[np.uint8]) -> list[CameraEvent]:
+        """Tells pictures that show nothing, for want of light or for too much of it."""
+        full = float((sample >= _FULL_SCALE).mean())
+        saturated = full >= self._limits.full_share
         dark = sample.mean() < self._limits.dark_level or sample.std() < self._limits.contrast
         events = []
-        if self._dark.update(bool(dark)):
-            level = f"went dark, or is covered (mean grey {sample.mean():.0f})"
-            events.append(self._event(self._dark.on, "dark", level, "light", "sees light again"))
-        if self._frozen.update(frozen):
-            text = f"froze: the same picture {self._limits.frames + 1} times"
-            events.append(self._event(self._frozen.on, "frozen", text, "running", "runs again"))
+        if self._dark.update(bool(dark) and not saturated):
+            text = f"went dark, or is covered (mean grey {sample.mean():.0f})"
+            events.append(self._event(self._dark.on, "dark", text, "light", "sees light again"))
+        if self._saturated.update(saturated):
+            on = self._saturated.on
+            text = f"is overexposed: {100 * full:.0f} % of its picture is at full scale"
+            after = "is no longer overexposed"
+            events.append(self._event(on, "saturated", text, "exposed", after))
         return events
+
+    def _look_for_standstill(self, sample: NDArray[np.uint8]) -> list[CameraEvent]:
+        """Tells a picture that comes again and again."""
+        # A sensor's noise never repeats: the same bytes are the same picture once more. Only
+        # where all is black or all is white there is no noise to tell by.
+        same = self._last is not None and bool(np.array_equal(sample, self._last))
+        self._last = sample
+        if not self._frozen.update(same and sample.min() != sample.max()):
+            return []
+        text = f"froze: the same picture {self._limits.frames + 1} times"
+        return [self._event(self._frozen.on, "frozen", text, "running", "runs again")]
 
     def count(self, overflowed: bool) -> list[CameraEvent]:
         """Takes whether a picture held more than the detector's tables; gives what has changed."""
@@ -114,7 +138,7 @@ class CameraHealth:
             image: (h, w) uint8.
             rows: The picture's DETECTION array: robots are no background.
         """
-        if self._dark.on:
+        if self._dark.on or self._saturated.on:
             return []
         markers_px = None if rows is None else np.stack((rows["x_px"], rows["y_px"]), axis=-1)
         shift_px = self._steadiness.shift_px(image, markers_px)

@@ -14,6 +14,10 @@ REPEATS = 3
 ENDS = {
     "back": ("gone",),
     "light": ("dark",),
+    "exposed": ("saturated",),
+    "whole": ("damaged",),
+    "fits": ("size",),
+    "prompt": ("slow",),
     "running": ("frozen",),
     "steady": ("moved", "apart"),
     "clear": ("crowded",),

@@ -1,0 +1,90 @@
+"""Makes the live cameras of a tracking session: their sources, what they share, their trigger."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from vsense.config.tracking_specs import GrabberSpec, TrackingSession
+from vsense.tracking import aravis
+from vsense.tracking.aravis_camera import is_address
+from vsense.tracking.genicam_settings import FREE, SOFTWARE, GenicamSettings
+from vsense.tracking.grabbers_device import Controls, DeviceSource
+from vsense.tracking.grabbers_genicam import GenicamSource
+from vsense.tracking.grabbers_live import LiveGrabber
+from vsense.tracking.links import USUAL_PACKET, LinkError, Links, Stream
+from vsense.tracking.software_trigger import SoftwareTrigger
+from vsense.tracking.source import Source
+
+
+def make_source(spec: GrabberSpec, clock: Callable[[], int], links: Links) -> Source:
+    """Makes the source of a grabber that is a camera.
+
+    Args:
+        spec: the grabber.
+        clock: the host's monotonic clock [ns].
+        links: the networks that the cameras share.
+    """
+    if isinstance(spec.settings, GenicamSettings):
+        return GenicamSource(spec.source, spec.settings, clock, links)
+    return DeviceSource(spec.source, spec.settings or Controls())
+
+
+def live_grabber(
+    session: TrackingSession,
+    sizes_px: Mapping[str, tuple[int, int]],
+    clock: Callable[[], int],
+) -> LiveGrabber:
+    """Starts all cameras of a session.
+
+    Args:
+        session: its views are all live.
+        sizes_px: width and height by the cameras' ids.
+        clock: the host's monotonic clock [ns].
+
+    Raises:
+        ConfigError: the library for them is missing, or they would send more than their network
+            carries; names the place in the resources file.
+    """
+    links = Links()
+    _check(session, links)
+    sources = {v.camera.id: make_source(v.grabber, clock, links) for v in session.views}
+    rates_hz = {v.camera.id: v.grabber.frame_rate_hz for v in session.views}
+    triggers = {v.grabber.trigger for v in session.views}
+    rate_hz = session.views[0].grabber.frame_rate_hz
+    if triggers == {FREE} or rate_hz is None:
+        return LiveGrabber(sources, sizes_px, clock, rates_hz)
+    trigger = None
+    if triggers == {SOFTWARE}:
+        triggered = {c: s for c, s in sources.items() if isinstance(s, GenicamSource)}
+        trigger = SoftwareTrigger(triggered, rate_hz, clock)
+    return LiveGrabber(sources, sizes_px, clock, rates_hz, 0.5 / rate_hz, trigger)
+
+
+def _check(session: TrackingSession, links: Links) -> None:
+    """Refuses what can be refused before a camera is opened."""
+    genicam = [v for v in session.views if isinstance(v.grabber.settings, GenicamSettings)]
+    there: list[aravis.Listed] = []
+    for view in genicam:
+        grabber = view.grabber
+        assert isinstance(grabber.settings, GenicamSettings)
+        try:
+            if not there and not is_address(grabber.source):
+                there = aravis.listed()
+            aravis.load()
+        except aravis.AravisError as error:
+            raise session.resources.error(grabber.line, f"<grabber> type: {error}") from None
+        known = [c.address for c in there if grabber.source in c.names]
+        address = grabber.source if is_address(grabber.source) else next(iter(known), "")
+        size_px = grabber.settings.controls.size_px
+        size_px = size_px or (view.camera.width_px, view.camera.height_px)
+        packet = grabber.settings.packet_size or USUAL_PACKET
+        try:
+            if address:
+                links.claim(grabber.source, address, Stream(size_px, _rate(grabber), packet))
+        except LinkError as error:
+            raise session.resources.error(grabber.line, f"<grabber> frame_rate: {error}") from None
+
+
+def _rate(grabber: GrabberSpec) -> float:
+    assert grabber.frame_rate_hz is not None
+    return grabber.frame_rate_hz
