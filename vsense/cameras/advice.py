@@ -13,8 +13,8 @@ from vsense.cameras.measures import Brightness
 from vsense.cameras.scale import Scale, blur_px
 
 MOST_BLUR_CELLS = 0.8
-"""Blur of 2.4 px cost no number where a cell is 3 px (set S3), 3.2 px 1.5 % where it is 4 px (S4),
-and 2.4 px up to 15 % where it is 2 px (F2): what counts is the share of a cell, and 0.8 is enough."""
+"""Blur of 2.4 px cost no number where a cell is 3 px (hard set S3), 3.2 px 1.5 % where it is 4 px
+(S4), and 2.4 px up to 15 % where it is 2 px (F2): what counts is the share of a cell."""
 GOOD_BLUR_CELLS = 0.5
 """What to aim at: half of a cell costs nothing in any set."""
 MOST_NOISE = 6.0
@@ -108,16 +108,17 @@ def _sharper(reading: Reading) -> str:
     exposure_us = rounded(longest)
     better = reading.blur_of(exposure_us)
     return (
-        f"blur {blur:.1f} px: above {MOST_BLUR_CELLS * cell:.1f} px cells of {cell:.1f} px are lost;"
-        f" exposure {exposure_us:g} us would give {better:.1f} px, then raise gain or light"
+        f"blur {blur:.1f} px: above {MOST_BLUR_CELLS * cell:.1f} px cells of {cell:.1f} px are"
+        f" lost; exposure {exposure_us:g} us would give {better:.1f} px, then raise gain or light"
     )
 
 
 def _darker(reading: Reading) -> str:
-    """Says how to get less light: less gain first, it is of no use then."""
+    """Says how to get less light: less gain first, which brings nothing but noise then."""
     if reading.exposure_us is None:
-        return "less exposure or gain"
-    return f"less gain, or exposure {rounded(reading.exposure_us / 2.0):g} us"
+        return "less gain or exposure"
+    shorter = f"exposure {rounded(reading.exposure_us / 2.0):g} us"
+    return f"less gain, or {shorter}" if reading.gain else shorter
 
 
 def _brighter(reading: Reading) -> str:

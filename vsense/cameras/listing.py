@@ -11,9 +11,9 @@ from vsense.cameras.finding import find
 
 NOTHING = (
     "no camera found. What to check:",
-    "  power and cable: does the lamp at the camera's socket shine (PoE needs a switch that gives it)?",
-    "  network: is this host on the cameras' network, and does its firewall pass UDP port 3956?",
-    "  /dev/video*: is there one, and are you in the group video (groups; adduser NAME video)?",
+    "  power and cable: does the camera's lamp shine? PoE needs a switch or an injector for it.",
+    "  network: is this host on the cameras' network (ip -4 addr)? Does its firewall pass UDP 3956?",
+    "  /dev/video*: is there one, and are you in the group video (groups)?",
 )
 
 

@@ -5,14 +5,15 @@ from __future__ import annotations
 import json
 import sys
 import threading
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
 
 from vsense.cameras import panel
 from vsense.cameras.advice import (
+    GOOD_BLUR_CELLS,
     GOOD_LIGHT,
     LEAST_LIGHT,
     MOST_BLUR_CELLS,
@@ -91,7 +92,9 @@ class Row:
             blur <= 1.0,
         )
         dim = max(GOOD_LIGHT - light.light, 0.0) / GOOD_LIGHT
-        return len(self.view.found.tags), sum(good), -(noise + blur + dim)
+        # Less blur than what costs nothing is no gain, but needs gain.
+        smear = max(blur - GOOD_BLUR_CELLS / MOST_BLUR_CELLS, 0.0)
+        return len(self.view.found.tags), sum(good), -(noise + smear + dim)
 
 
 def run(tuner: Measured, interrupted: threading.Event, as_json: bool) -> None:
@@ -117,7 +120,14 @@ def run(tuner: Measured, interrupted: threading.Event, as_json: bool) -> None:
     except GrabberError as error:
         raise VsenseError(f"{camera.id}: {error}") from None
     finally:
-        _put_back(camera.id, put_back, own)
+        end = _put_back(put_back, own)
+        if not interrupted.is_set():
+            _tell(scaled(rows), block, as_json)
+        print(f"vsense: {camera.id}: {end}", file=sys.stderr)
+
+
+def _tell(rows: Sequence[Row], block: Block, as_json: bool) -> None:
+    """Prints what was measured, and what is best."""
     best = max(rows, key=lambda row: row.worth, default=None)
     if as_json:
         print(json.dumps(facts(rows, best), indent=2))
@@ -133,8 +143,9 @@ def tried(tuner: Measured, knobs: Knobs, interrupted: threading.Event) -> Iterat
     """
     rate_hz = tuner.camera.rate_hz
     period_us = None if rate_hz is None else PERIOD_SHARE * 1e6 / rate_hz
+    left = gains(knobs.bounds(GAIN))
     for exposure_us in exposures(knobs.bounds(EXPOSURE), tuner.cell_m, tuner.speed_m_s, period_us):
-        for gain in gains(knobs.bounds(GAIN)):
+        for gain in list(left):
             if interrupted.is_set():
                 return
             knobs.turn(EXPOSURE, exposure_us)
@@ -146,7 +157,19 @@ def tried(tuner: Measured, knobs: Knobs, interrupted: threading.Event) -> Iterat
             row = Row(tuner.view(first, second, None))
             yield row
             if row.reading.light.light >= GOOD_LIGHT:
+                # With a longer exposure a gain that saturates now does so all the more.
+                glares = row.reading.light.saturated > MOST_SATURATED
+                left = left[: max(left.index(gain) + (not glares), 1)]
                 break
+
+
+def scaled(rows: Sequence[Row]) -> list[Row]:
+    """Gives all rows the scale that markers have told in the one that showed most of them."""
+    known = [row for row in rows if row.reading.scale is not None]
+    if not known:
+        return list(rows)
+    scale = max(known, key=lambda row: len(row.view.found.tags)).reading.scale
+    return [Row(replace(r.view, reading=replace(r.reading, scale=scale))) for r in rows]
 
 
 def exposures(
@@ -169,7 +192,7 @@ def exposures(
     return [*within, max(rounded(high), 1.0)]
 
 
-def gains(bounds: Bounds | None) -> list[float | None]:
+def gains(bounds: Bounds | None) -> Sequence[float | None]:
     """Gives the gains to try, rising; None leaves the camera its own."""
     if bounds is None or bounds[0] >= bounds[1]:
         return [None]
@@ -226,12 +249,11 @@ def _cells(row: Row) -> tuple[str, ...]:
     )
 
 
-def _put_back(id: str, put_back: Any, own: dict[str, float | None]) -> None:
-    """Sets the camera as it was, and says so: it must not stay as the last row was."""
+def _put_back(put_back: Callable[[], None], own: Mapping[str, float | None]) -> str:
+    """Sets the camera as it was; says how that went: it must not stay as the last row was."""
     try:
         put_back()
     except GrabberError as error:
-        print(f"vsense: {id}: {error}", file=sys.stderr)
-        return
+        return str(error)
     values = ", ".join(f"{name} {value:g}" for name, value in own.items() if value is not None)
-    print(f"vsense: {id}: has its own values again: {values}", file=sys.stderr)
+    return f"has its own values again: {values}"

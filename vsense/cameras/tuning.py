@@ -1,4 +1,4 @@
-"""`vsense cameras tune`: watches a camera's pictures, and says what exposure and gain make of them."""
+"""`vsense cameras tune`: watches what exposure and gain make of a camera's pictures."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from vsense.config import resources as resources_file
 from vsense.errors import UsageError
 from vsense.interruption import INTERRUPTED, interruption
 from vsense.tracking.camera import Camera as Calibration
-from vsense.tracking.families import FamilyError, load_family
+from vsense.tracking.families import load_family
 from vsense.tracking.grabbers import GrabberError
 from vsense.tracking.grabbers_picture import Image
 
@@ -189,17 +189,23 @@ class Watch:
 
     def _draw_next(self) -> list[str]:
         """Takes pictures for one period, and draws what they are like."""
-        camera, begun_ns, count = self._tuner.camera, self._clock(), 0
-        before, now = None, camera.picture().image
+        begun_ns, times_ns = self._clock(), list[int]()
+        before, now = None, self._taken(times_ns)
         while before is None or self._clock() - begun_ns < PERIOD_NS:
             if self._interrupted.is_set():
                 return []
-            before, now, count = now, camera.picture().image, count + 1
-        rate_hz = 1e9 * count / max(self._clock() - begun_ns, 1)
+            before, now = now, self._taken(times_ns)
+        rate_hz = 1e9 * (len(times_ns) - 1) / max(times_ns[-1] - times_ns[0], 1)
         view = self._tuner.view(before, now, rate_hz)
         lines = panel.lines(view, self._block.has_blocks)
         self._block.draw([*lines, "", "Ctrl-C ends"])
         return lines
+
+    def _taken(self, times_ns: list[int]) -> Image:
+        """Takes a picture, and notes when it came."""
+        shot = self._tuner.camera.picture()
+        times_ns.append(self._clock() if shot.arrived_ns is None else shot.arrived_ns)
+        return shot.image
 
     def _reopen(self) -> None:
         while not self._interrupted.wait(RETRY_S):
