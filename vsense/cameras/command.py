@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from vsense.cameras import listing, showing, tuning
+from vsense.cameras import beginning, listing, showing, tuning
 
 
 def run(options: argparse.Namespace) -> int:
@@ -13,5 +13,10 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         VsenseError: it cannot be done; one clear line.
     """
-    actions = {"list": listing.run, "show": showing.run, "tune": tuning.run}
+    actions = {
+        "list": listing.run,
+        "show": showing.run,
+        "tune": tuning.run,
+        "init": beginning.run,
+    }
     return actions[options.action or "list"](options)

@@ -12,7 +12,7 @@ from vsense.cameras.finding import find
 NOTHING = (
     "no camera found. What to check:",
     "  power and cable: does the camera's lamp shine? PoE needs a switch or an injector for it.",
-    "  network: is this host on the cameras' network (ip -4 addr)? Does its firewall pass UDP 3956?",
+    "  network: is this host on the cameras' network (ip -4 addr)? A firewall passes UDP 3956?",
     "  /dev/video*: is there one, and are you in the group video (groups)?",
 )
 

@@ -28,6 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_list(actions.add_parser("list", help="show what is there (as without an action)"))
     _add_show(actions.add_parser("show", help="look through a camera, or take one picture"))
     _add_tune(actions.add_parser("tune", help="help with a camera's exposure and gain"))
+    _add_init(actions.add_parser("init", help="write the configuration files for what is there"))
 
 
 def _add_list(parser: argparse.ArgumentParser) -> None:
@@ -90,6 +91,19 @@ def _add_tune(parser: argparse.ArgumentParser) -> None:
         metavar="M",
         help="of the markers above the floor, for --camera (default: 0.06)",
     )
+
+
+def _add_init(parser: argparse.ArgumentParser) -> None:
+    """Declares what `vsense cameras init` takes."""
+    parser.add_argument(
+        "directory",
+        type=Path,
+        nargs="?",
+        default=Path(),
+        metavar="DIR",
+        help="where resources.xml, experiment.xml and their schemas go (default: here)",
+    )
+    parser.add_argument("--force", action="store_true", help="write over files that are there")
 
 
 def _add_camera(parser: argparse.ArgumentParser) -> None:
