@@ -1,0 +1,189 @@
+"""Which V4L2 cameras there are, and what they can do: asked of the kernel, without a library.
+
+Source of all numbers and layouts: Linux, <linux/videodev2.h> and <asm-generic/ioctl.h>.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import re
+import struct
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+Ioctl = Callable[[int, int, bytearray], object]
+"""Descriptor, request, and the struct that the kernel fills; OSError where it refuses."""
+
+Fields = tuple[Any, ...]
+
+_CAPABILITY = struct.Struct("=16s32s32s3I12x")
+"""driver, card, bus_info, version, capabilities, device_caps."""
+_FORMAT = struct.Struct("=3I32s2I12x")
+"""index, type, flags, description, pixelformat, mbus_code."""
+_SIZE = struct.Struct("=3I6I8x")
+"""index, pixel_format, type; width and height, or least, most and step of each."""
+_INTERVAL = struct.Struct("=5I6I8x")
+"""index, pixel_format, width, height, type; a fraction in s, or the least, most and step."""
+
+_READ, _WRITE = 2, 1
+
+
+def _request(direction: int, number: int, layout: struct.Struct) -> int:
+    """The number of an ioctl of V4L2."""
+    return direction << 30 | layout.size << 16 | ord("V") << 8 | number
+
+
+QUERYCAP = _request(_READ, 0, _CAPABILITY)
+ENUM_FMT = _request(_READ | _WRITE, 2, _FORMAT)
+ENUM_FRAMESIZES = _request(_READ | _WRITE, 74, _SIZE)
+ENUM_FRAMEINTERVALS = _request(_READ | _WRITE, 75, _INTERVAL)
+
+_HAS_DEVICE_CAPS = 0x80000000
+_CAPTURES = {0x00000001: 1, 0x00001000: 9}
+"""Capability to capture -> the buffer type that goes with it: in one plane, or in several."""
+_DISCRETE = 1
+_MOST = 256
+"""No camera has more formats, sizes or rates; a driver that never ends its list might."""
+
+_NODE = re.compile(r"video([0-9]+)")
+
+
+@dataclass(frozen=True, slots=True)
+class V4l2Device:
+    """A camera as the kernel describes it.
+
+    Attributes:
+        path: Its node.
+        name: What its maker calls it; "" where it cannot be opened.
+        bus: Where it is plugged in.
+        driver: The kernel's driver.
+        formats: What it can send, as four letters each.
+        size_px: Width and height of its largest picture; None: unknown.
+        rate_hz: The most pictures per second at that size; None: unknown.
+        trouble: Why it cannot be used; "" where it can.
+    """
+
+    path: str
+    name: str
+    bus: str
+    formats: tuple[str, ...]
+    size_px: tuple[int, int] | None
+    rate_hz: float | None
+    trouble: str
+    driver: str = ""
+
+
+def devices(folder: Path = Path("/dev"), ioctl: Ioctl = fcntl.ioctl) -> list[V4l2Device]:
+    """Lists what can capture; a node that does not open is listed with the reason."""
+    try:
+        names = os.listdir(folder)
+    except OSError:
+        return []
+    numbers = sorted(int(match[1]) for match in map(_NODE.fullmatch, names) if match)
+    asked = (_ask(folder / f"video{number}", ioctl) for number in numbers)
+    return [device for device in asked if device is not None]
+
+
+def _ask(path: Path, ioctl: Ioctl) -> V4l2Device | None:
+    """Opens a node and asks it; None where it cannot capture."""
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
+    except OSError as error:
+        return V4l2Device(str(path), "", "", (), None, None, _reason(error))
+    try:
+        return _Node(descriptor, ioctl).describe(str(path))
+    finally:
+        os.close(descriptor)
+
+
+def _reason(error: OSError) -> str:
+    if error.errno == errno.EACCES:
+        return "no permission: add yourself to the group video"
+    return f"does not open: {error.strerror}"
+
+
+class _Node:
+    """An opened node."""
+
+    def __init__(self, descriptor: int, ioctl: Ioctl) -> None:
+        self._descriptor = descriptor
+        self._ioctl = ioctl
+
+    def describe(self, path: str) -> V4l2Device | None:
+        """Asks for everything; None where it is no V4L2 device, or cannot capture."""
+        answer = self._call(QUERYCAP, _CAPABILITY, bytes(16), bytes(32), bytes(32), 0, 0, 0)
+        if answer is None:
+            return None
+        driver, card, bus, _, capabilities, own = answer
+        # The capabilities are those of all of the camera's nodes; its own are this node's.
+        can = own if capabilities & _HAS_DEVICE_CAPS else capabilities
+        kinds = [kind for flag, kind in _CAPTURES.items() if can & flag]
+        if not kinds:
+            return None
+        formats = list(self._formats(kinds[0]))
+        size_px, rate_hz = self._best(formats)
+        names = tuple(_four_letters(code) for code in formats)
+        about = _text(card), _text(bus), names, size_px, rate_hz
+        return V4l2Device(path, *about, trouble="", driver=_text(driver))
+
+    def _best(self, formats: list[int]) -> tuple[tuple[int, int] | None, float | None]:
+        """The largest picture in any format, and the highest rate that it comes at."""
+        sizes = {code: set(self._sizes(code)) for code in formats}
+        known = set().union(*sizes.values())
+        if not known:
+            return None, None
+        largest = max(known, key=lambda size: (size[0] * size[1], size))
+        having = [code for code in formats if largest in sizes[code]]
+        rates = [rate for code in having for rate in self._rates(code, largest)]
+        return largest, max(rates, default=None)
+
+    def _formats(self, kind: int) -> Iterator[int]:
+        for index in range(_MOST):
+            answer = self._call(ENUM_FMT, _FORMAT, index, kind, 0, bytes(32), 0, 0)
+            if answer is None:
+                return
+            yield answer[4]
+
+    def _sizes(self, code: int) -> Iterator[tuple[int, int]]:
+        for index in range(_MOST):
+            answer = self._call(ENUM_FRAMESIZES, _SIZE, index, code, 0, *[0] * 6)
+            if answer is None:
+                return
+            if answer[2] != _DISCRETE:
+                yield answer[4], answer[7]
+                return
+            yield answer[3], answer[4]
+
+    def _rates(self, code: int, size_px: tuple[int, int]) -> Iterator[float]:
+        for index in range(_MOST):
+            asked = (index, code, *size_px, 0, *[0] * 6)
+            answer = self._call(ENUM_FRAMEINTERVALS, _INTERVAL, *asked)
+            if answer is None:
+                return
+            # The fraction of a discrete interval, and the least of any others, in the same place.
+            if answer[5] > 0:
+                yield answer[6] / answer[5]
+            if answer[4] != _DISCRETE:
+                return
+
+    def _call(self, request: int, layout: struct.Struct, *fields: int | bytes) -> Fields | None:
+        """One question; None where the list has ended, or this is not to be asked here."""
+        memory = bytearray(layout.pack(*fields))
+        try:
+            self._ioctl(self._descriptor, request, memory)
+        except OSError:
+            return None
+        return layout.unpack(memory)
+
+
+def _text(field: bytes) -> str:
+    return field.split(b"\0")[0].decode(errors="replace")
+
+
+def _four_letters(code: int) -> str:
+    """A format's name; the highest bit only says that its bytes are the other way round."""
+    return (code & 0x7FFFFFFF).to_bytes(4, "little").decode("ascii", "replace").rstrip()
