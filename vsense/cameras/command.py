@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import os
+import sys
 
-from vsense.cameras import beginning, listing, showing, tuning
+from vsense.cameras import beginning, listing, shooting, showing, tuning
 
 
 def run(options: argparse.Namespace) -> int:
@@ -18,5 +20,11 @@ def run(options: argparse.Namespace) -> int:
         "show": showing.run,
         "tune": tuning.run,
         "init": beginning.run,
+        "shoot": shooting.run,
     }
-    return actions[options.action or "list"](options)
+    try:
+        return actions[options.action or "list"](options)
+    except BrokenPipeError:
+        # Whoever read the output has seen enough, and nothing more can be written there.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0

@@ -11,12 +11,15 @@ from dataclasses import dataclass
 from itertools import count
 
 import numpy as np
+from numpy.typing import NDArray
 
-from vsense.arena import UNNAMED
+from vsense.arena import DETECTION, IMAGE_POSE, UNNAMED
 from vsense.tracking.camera import Camera
 from vsense.tracking.detectors import make_detector
 from vsense.tracking.families import MarkerFamily, SquareFamily
 from vsense.tracking.grabbers_picture import Image
+from vsense.tracking.image_poses import image_poses
+from vsense.tracking.views import Placed
 from vsense.tracking.whereabouts import Whereabouts
 
 _LEAST_CELL_PX, _MOST_CELL_PX = 1.5, 20.0
@@ -35,15 +38,37 @@ class Found:
     """The markers in one picture.
 
     Attributes:
-        count: how many there are.
-        tags: the numbers that could be read, sorted.
+        rows: (n,) DETECTION, the tag wherever it could be read.
+        camera: through which they were found, calibrated or as good as can be guessed.
+        height_m: of the markers above the floor that this camera sees.
     """
 
-    count: int
-    tags: tuple[int, ...]
+    rows: NDArray[np.void]
+    camera: Camera | None
+    height_m: float = 0.0
+
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        return len(self.rows)
+
+    @property
+    def tags(self) -> tuple[int, ...]:
+        """The numbers that could be read, sorted."""
+        return tuple(sorted({int(tag) for tag in self.rows["tag"] if tag != UNNAMED}))
+
+    def poses(self) -> NDArray[np.void]:
+        """Gives those that could be read as IMAGE_POSE of the first of an arena's cameras."""
+        if self.camera is None:
+            return np.zeros(0, dtype=IMAGE_POSE)
+        rows = self.rows[self.rows["tag"] != UNNAMED]
+        height_m = np.full(len(rows), self.height_m)
+        at_px = np.stack((rows["x_px"], rows["y_px"]), axis=-1)
+        ground_m = self.camera.to_plane(at_px, height_m)
+        return image_poses(0, self.camera, Placed(rows, height_m, ground_m))
 
 
-NOTHING = Found(0, ())
+NOTHING = Found(np.zeros(0, dtype=DETECTION), None)
 
 
 class MarkerFinder:
@@ -118,8 +143,11 @@ class MarkerFinder:
         seen = Whereabouts()
         seen.expect(next(self._times))
         rows = make_detector(self._family, (), height_m, seen).detect(image, camera)
-        # No tag is on the roster: those that can be read are strangers all.
-        tags = {int(tag) for tag in rows["tag"] if tag != UNNAMED}
-        if camera.id in seen.strangers:
-            tags |= {int(tag) for tag in seen.strangers[camera.id].tags}
-        return Found(len(rows), tuple(sorted(tags)))
+        strangers = seen.strangers.get(camera.id)
+        if strangers is not None and len(rows):
+            # No tag is on the roster: those that can be read are strangers all.
+            places = np.column_stack((strangers.places, np.full(len(strangers.tags), height_m)))
+            at_px = np.stack((rows["x_px"], rows["y_px"]), axis=-1)
+            for tag, place_px in zip(strangers.tags, camera.project(places)):
+                rows["tag"][np.hypot(*(at_px - place_px).T).argmin()] = tag
+        return Found(rows, camera, height_m)

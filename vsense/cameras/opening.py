@@ -6,8 +6,7 @@ import argparse
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-
-import cv2
+from pathlib import Path
 
 from vsense.cameras import v4l2
 from vsense.cameras.knobs import GenicamKnobs, Knobs, V4l2Knobs
@@ -26,10 +25,14 @@ from vsense.tracking.grabbers_device import Controls
 from vsense.tracking.grabbers_genicam import GenicamSource
 from vsense.tracking.grabbers_picture import PictureError
 from vsense.tracking.links import Links
+from vsense.tracking.opencv_manners import teach_opencv
 from vsense.tracking.source import Shot, Source
 
 MOST_DAMAGED = 20
 """A camera that gives so many damaged pictures in a row gives no pictures."""
+
+NODE_DIGITS = 4
+"""A number that is shorter is one of /dev/video*, a longer one a serial number."""
 
 
 class Camera:
@@ -51,11 +54,27 @@ class Camera:
         self.knobs = knobs
         self.rate_hz = rate_hz
 
+    def open(self) -> list[str]:
+        """Opens it; see `vsense.tracking.source.Source.open`.
+
+        Raises:
+            GrabberError: it does not open; names it.
+        """
+        try:
+            return self.source.open()
+        except GrabberError as error:
+            raise self.named(error) from None
+
+    def named(self, error: GrabberError) -> GrabberError:
+        """Gives an error that says which camera it is about."""
+        text = str(error)
+        return error if text.startswith(self.id) else GrabberError(f"{self.id}: {text}")
+
     def picture(self) -> Shot:
         """Waits for a good picture.
 
         Raises:
-            GrabberError: the camera is gone, or gives damaged ones only.
+            GrabberError: the camera is gone, or gives damaged ones only; names it.
         """
         reason = ""
         for _ in range(MOST_DAMAGED):
@@ -63,12 +82,14 @@ class Camera:
                 return self.source.read()
             except PictureError as error:
                 reason = str(error)
-        raise GrabberError(f"gives damaged pictures only: {reason}")
+            except GrabberError as error:
+                raise self.named(error) from None
+        raise GrabberError(f"{self.id}: gives damaged pictures only: {reason}")
 
 
 def make(spec: GrabberSpec, clock: Callable[[], int] = time.monotonic_ns) -> Camera:
     """Makes the source of a camera's pictures; it is not open yet."""
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    teach_opencv()
     source = make_source(spec, clock, Links())
     if isinstance(source, GenicamSource):
         return Camera(spec.id, source, GenicamKnobs(lambda: source.camera), spec.frame_rate_hz)
@@ -102,8 +123,13 @@ def choose(id: str, wanted: Controls, resources: str | None = None) -> GrabberSp
     """
     if resources is not None:
         return _of_file(id, wanted, resources)
-    if (id.isdecimal() and len(id) < 4) or id.startswith("/dev/") or "://" in id:
+    if "://" in id:
         return _spec(id, CAMERA, id, wanted)
+    node = f"/dev/video{id}" if id.isdecimal() and len(id) < NODE_DIGITS else id
+    if node.startswith("/dev/"):
+        if not Path(node).exists():
+            raise UsageError(f"no camera {node}: {_known(())}")
+        return _spec(id, CAMERA, node, wanted)
     return _of_aravis(id, wanted)
 
 
@@ -153,12 +179,17 @@ def _of_file(id: str, wanted: Controls, path: str) -> GrabberSpec:
     spec = live[id]
     if isinstance(spec.settings, GenicamSettings):
         settings = replace(spec.settings, controls=_over(spec.settings.controls, wanted))
-        # Whoever looks through one camera has nobody who triggers all of them.
-        trigger = FREE if settings.trigger == SOFTWARE else settings.trigger
-        settings = replace(settings, trigger=trigger)
-        return replace(spec, settings=settings, frame_rate_hz=settings.controls.rate_hz)
+        return free(replace(spec, settings=settings, frame_rate_hz=settings.controls.rate_hz))
     controls = _over(spec.settings or Controls(), wanted)
     return replace(spec, settings=controls, frame_rate_hz=controls.rate_hz)
+
+
+def free(spec: GrabberSpec) -> GrabberSpec:
+    """Has a camera run freely whose session would trigger it: one alone has nobody who does."""
+    settings = spec.settings
+    if not isinstance(settings, GenicamSettings) or settings.trigger != SOFTWARE:
+        return spec
+    return replace(spec, settings=replace(settings, trigger=FREE))
 
 
 def _over(controls: Controls, wanted: Controls) -> Controls:

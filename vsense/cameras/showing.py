@@ -6,33 +6,31 @@ import argparse
 import sys
 import threading
 import time
+from collections import deque
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
 
-from vsense.arena import POSE, ArenaState
+from vsense.arena import POSE, ArenaState, Frame
 from vsense.cameras import saving
+from vsense.cameras.looking import session_of, sizes_of
+from vsense.cameras.markers import MarkerFinder
 from vsense.cameras.opening import choose, make, wanted_of
 from vsense.config.live_cameras import live_grabber
-from vsense.config.tracking_specs import (
-    CameraTrackerSpec,
-    GrabberSpec,
-    RecordSpec,
-    Resources,
-    TrackerSpec,
-    TrackingSession,
-)
+from vsense.config.tracking_specs import GrabberSpec, TrackingSession
 from vsense.console import Console
 from vsense.interruption import INTERRUPTED, interruption
 from vsense.room.track_room import TrackRoom
-from vsense.tracking.camera import Camera as Calibration
-from vsense.tracking.grabbers import GrabberError
+from vsense.tracking.families import load_family
+from vsense.tracking.grabbers import CameraEvent, GrabberError
+from vsense.tracking.grabbers_picture import Image
 from vsense.tracking.health import Health
 from vsense.tracking.troubles import Troubles
 
-AWAY_M, FOCAL = 2.5, 1.0
-"""Where nobody has calibrated a camera: that it hangs so high, and sees as far as it is high."""
+WINDOW = 20
+"""The rate is that of so many pictures."""
 SILENCE_S = 0.5
 
 
@@ -48,81 +46,106 @@ def run(options: argparse.Namespace) -> int:
     with ExitStack() as stack:
         interrupted = stack.enter_context(interruption())
         spec = choose(options.id, wanted_of(options), options.resources)
-        size_px = _look(spec, options.save)
+        finder = MarkerFinder(load_family(options.family))
+        image = _look(spec, options.save)
         if options.save is None:
+            finder.look(image)
             console, troubles = Console(), Troubles()
-            session = _session(spec, size_px)
+            sizes_px = {spec.id: (image.shape[1], image.shape[0])}
+            session = session_of(spec.id, [spec], sizes_px, finder.px_per_m)
             room = stack.enter_context(TrackRoom(options, session, troubles, console))
-            _live(session, room, console, troubles, interrupted)
+            Show(session, finder, room, console, troubles).live(interrupted)
         return INTERRUPTED if interrupted.is_set() else 0
 
 
-def _look(spec: GrabberSpec, save: Path | None) -> tuple[int, int]:
-    """Takes a first picture, and keeps it if that is wanted; gives width and height.
+def _look(spec: GrabberSpec, save: Path | None) -> Image:
+    """Takes a first picture, and keeps it if that is wanted.
 
     Raises:
         VsenseError: the camera gives none, or the file cannot be written.
     """
     camera = make(spec)
     try:
-        for text in camera.source.open():
-            print(f"vsense: {spec.id}: {text}", file=sys.stderr)
+        told = camera.open()
         image = camera.picture().image if save is None else saving.settled(camera)
-    except GrabberError as error:
-        raise GrabberError(f"{spec.id}: {error}") from None
     finally:
         camera.source.close()
-    height, width = image.shape
     if save is not None:
+        height, width = image.shape
+        for text in told:
+            print(f"vsense: {spec.id}: {text}", file=sys.stderr)
         saving.save(image, save)
         print(save)
         print(f"vsense: {width} x {height} px, mean grey {image.mean():.0f}", file=sys.stderr)
-    return width, height
+    return image
 
 
-def _session(spec: GrabberSpec, size_px: tuple[int, int]) -> TrackingSession:
-    """Makes a tracking session that looks through one camera and tracks nobody."""
-    focal_px = FOCAL * max(size_px)
-    calibration = Calibration.looking_down(spec.id, 0.0, 0.0, AWAY_M, focal_px, size_px)
-    tracker = TrackerSpec("no tracker", "arrow4x4", 0.0, {}, 1.0, True, 0)
-    view = CameraTrackerSpec(spec, calibration, tracker, 0)
-    record = RecordSpec(False, False, Path(), "png", 0)
-    resources = Resources(spec.id, {spec.id: spec}, {}, {})
-    return TrackingSession(spec.id, resources, 0, 1, 0.3, (view,), record)
+class Show:
+    """Pictures in the page, with the markers that can be read in them."""
 
+    def __init__(
+        self,
+        session: TrackingSession,
+        finder: MarkerFinder,
+        room: TrackRoom,
+        console: Console,
+        troubles: Troubles,
+    ) -> None:
+        """Prepares to show the session's one camera.
 
-def _live(
-    session: TrackingSession,
-    room: TrackRoom,
-    console: Console,
-    troubles: Troubles,
-    interrupted: threading.Event,
-) -> None:
-    """Shows pictures until it is interrupted; a camera that goes is told and taken back."""
-    calibration = session.views[0].camera
-    sizes_px = {calibration.id: (calibration.width_px, calibration.height_px)}
-    health = Health([calibration], {})
-    nobody = np.zeros(0, dtype=POSE)
-    begun_ns, pictures = time.monotonic_ns(), 0
-    grabber = live_grabber(session, sizes_px, time.monotonic_ns)
-    console.say("Ctrl-C ends")
-    try:
-        while not interrupted.is_set():
-            try:
-                frames = grabber.next(SILENCE_S)
-            except GrabberError:
-                frames = []
-            events = [*grabber.events(), *(health.look(frames, {}) if frames else [])]
-            for line in troubles.lines(events):
-                console.say(f"vsense: {line}")
-            if not frames:
-                continue
-            pictures += 1
-            capture_ns = frames[0].capture_ns
-            room.look(ArenaState(frames[0].timestep, capture_ns, nobody, 0), frames)
-            rate_hz = 1e9 * pictures / max(time.monotonic_ns() - begun_ns, 1)
-            mean = f"mean grey {frames[0].image.mean():.0f}"
-            console.progress(f"{session.file}: {pictures} pictures, {rate_hz:.1f}/s, {mean}")
-    finally:
-        console.end_progress()
-        grabber.close()
+        Args:
+            session: looks through the camera.
+            finder: looks for markers.
+            room: where it can be looked at.
+            console: what a person is told.
+            troubles: what the camera suffers from.
+        """
+        self._session = session
+        self._finder = finder
+        self._room = room
+        self._console = console
+        self._troubles = troubles
+        self._health = Health([session.views[0].camera], {})
+        self._times_ns: deque[int] = deque(maxlen=WINDOW)
+
+    def live(self, interrupted: threading.Event) -> None:
+        """Shows until it is interrupted; a camera that goes is told, and taken back."""
+        grabber = live_grabber(self._session, sizes_of(self._session), time.monotonic_ns)
+        self._console.say("Ctrl-C ends")
+        try:
+            while not interrupted.is_set():
+                try:
+                    frames = grabber.next(SILENCE_S)
+                except GrabberError:
+                    frames = []
+                self._tell(grabber.events())
+                if frames:
+                    self._tell(self._health.look(frames, {}))
+                    self._show(frames)
+        finally:
+            self._console.end_progress()
+            grabber.close()
+
+    def _show(self, frames: Sequence[Frame]) -> None:
+        """Shows the camera's picture."""
+        (frame,) = frames
+        found = self._finder.look(frame.image)
+        state = ArenaState(
+            frame.timestep,
+            frame.capture_ns,
+            np.zeros(0, dtype=POSE),
+            len(found.tags),
+            cameras=(frame.camera,),
+            images=found.poses(),
+        )
+        self._room.look(state, frames)
+        self._times_ns.append(frame.capture_ns)
+        since_ns = max(self._times_ns[-1] - self._times_ns[0], 1)
+        self._console.progress(
+            f"{frame.camera}: {1e9 * (len(self._times_ns) - 1) / since_ns:.1f} pictures/s,"
+            f" mean grey {frame.image.mean():.0f}, {found.count} markers"
+        )
+
+    def _tell(self, events: Iterable[CameraEvent]) -> None:
+        for line in self._troubles.lines(events):
+            self._console.say(f"vsense: {line}")

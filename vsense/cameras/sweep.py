@@ -118,7 +118,7 @@ def run(tuner: Measured, interrupted: threading.Event, as_json: bool) -> None:
             if live:
                 block.draw(table(rows, None))
     except GrabberError as error:
-        raise VsenseError(f"{camera.id}: {error}") from None
+        raise camera.named(error) from None
     finally:
         end = _put_back(put_back, own)
         if not interrupted.is_set():

@@ -65,7 +65,7 @@ def _row(camera: FoundCamera) -> tuple[str, ...]:
         camera.id,
         camera.kind,
         camera.address or _UNKNOWN,
-        camera.model,
+        camera.model or _UNKNOWN,
         size,
         rate,
         formats(details.formats),

@@ -104,7 +104,7 @@ def run(options: argparse.Namespace) -> int:
         camera = make(choose(options.id, wanted_of(options), options.resources))
         tuner = Tuner(camera, options, calibration)
         stack.callback(camera.source.close)
-        for text in _opened(camera):
+        for text in camera.open():
             print(f"vsense: {options.id}: {text}", file=sys.stderr)
         if options.sweep:
             sweep.run(tuner, interrupted, options.json)
@@ -131,33 +131,19 @@ def calibration_of(options: argparse.Namespace) -> Calibration | None:
     return resources_file.load_camera(resources, resources.cameras[options.camera])
 
 
-def _opened(camera: Camera) -> list[str]:
-    try:
-        return camera.source.open()
-    except GrabberError as error:
-        raise GrabberError(f"{camera.id}: {error}") from None
-
-
 def _watch(tuner: Tuner, interrupted: threading.Event, as_json: bool) -> None:
     """Draws a block again and again on a terminal, else one."""
     camera = tuner.camera
     if as_json or not sys.stdout.isatty():
         for _ in range(WARM_UP):
-            _picture(camera)
-        view = tuner.view(_picture(camera), _picture(camera), None)
+            camera.picture()
+        view = tuner.view(camera.picture().image, camera.picture().image, None)
         if as_json:
             print(json.dumps(panel.facts(view), indent=2))
         else:
             print("\n".join(panel.lines(view, Block(sys.stdout).has_blocks)))
         return
     Watch(tuner, interrupted, Block(sys.stdout)).live()
-
-
-def _picture(camera: Camera) -> Image:
-    try:
-        return camera.picture().image
-    except GrabberError as error:
-        raise GrabberError(f"{camera.id}: {error}") from None
 
 
 class Watch:
@@ -183,8 +169,7 @@ class Watch:
             try:
                 last = self._draw_next()
             except GrabberError as error:
-                gone = f"gone, trying again every {RETRY_S:g} s: {error}"
-                self._block.draw([*last, f"camera    {gone}"])
+                self._block.draw([*last, "", f"gone, trying again every {RETRY_S:g} s: {error}"])
                 self._reopen()
 
     def _draw_next(self) -> list[str]:

@@ -38,7 +38,7 @@ _GRABBERS = """\
 _TRACKERS = """\
     <!--
       family        the printed markers, see "vsense markers"
-      tags          the numbers of the markers in the arena; "vsense markers" prints these for auto:20
+      tags          the numbers of the markers in the arena; these are "auto:20" of vsense markers
       robot_height  of the markers above the floor [m]
       max_speed     of a robot [m/s]
     -->

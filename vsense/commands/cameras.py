@@ -29,6 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_show(actions.add_parser("show", help="look through a camera, or take one picture"))
     _add_tune(actions.add_parser("tune", help="help with a camera's exposure and gain"))
     _add_init(actions.add_parser("init", help="write the configuration files for what is there"))
+    _add_shoot(actions.add_parser("shoot", help="take pictures of a board with all cameras"))
 
 
 def _add_list(parser: argparse.ArgumentParser) -> None:
@@ -59,9 +60,6 @@ def _add_tune(parser: argparse.ArgumentParser) -> None:
     )
     _add_json(parser)
     group = parser.add_argument_group("what is in the picture")
-    group.add_argument(
-        "--family", default="arrow4x4", metavar="NAME", help="of the markers (default: arrow4x4)"
-    )
     group.add_argument(
         "--speed",
         type=_positive,
@@ -106,6 +104,46 @@ def _add_init(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--force", action="store_true", help="write over files that are there")
 
 
+def _add_shoot(parser: argparse.ArgumentParser) -> None:
+    """Declares what `vsense cameras shoot` takes."""
+    parser.add_argument(
+        "resources", metavar="RESOURCES", help="the resources file: all its cameras take part"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        default=Path("shoot"),
+        metavar="DIR",
+        help="gets a folder per camera (default: shoot)",
+    )
+    parser.add_argument(
+        "--board",
+        metavar="BOARD",
+        help="say in which pictures this board is seen, such as charuco:7x5:80mm:4X4_50; see vsense"
+        " calibrate",
+    )
+    parser.add_argument(
+        "--every",
+        type=_positive,
+        metavar="S",
+        help="take a picture every S seconds, instead of with the Enter key",
+    )
+    parser.add_argument(
+        "--count",
+        type=arguments.positive,
+        metavar="N",
+        help="end after N pictures, with --every (default: with Ctrl-C)",
+    )
+    parser.add_argument(
+        "--name",
+        default="floor",
+        metavar="WORD",
+        help="the pictures are WORD_01, WORD_02, ... (default: floor)",
+    )
+    _add_json(parser)
+
+
 def _add_camera(parser: argparse.ArgumentParser) -> None:
     """Declares which camera is meant, and what it is asked for."""
     parser.add_argument("id", metavar="ID", help=_ID)
@@ -120,6 +158,12 @@ def _add_camera(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--width", type=arguments.positive, metavar="PX", help="with --height")
     group.add_argument("--height", type=arguments.positive, metavar="PX", help="with --width")
     group.add_argument("--rate", type=_positive, metavar="HZ", help="pictures per second")
+    parser.add_argument(
+        "--family",
+        default="arrow4x4",
+        metavar="NAME",
+        help="the markers to look for in its pictures (default: arrow4x4)",
+    )
 
 
 def _add_json(parser: argparse.ArgumentParser) -> None:
