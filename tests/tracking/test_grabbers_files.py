@@ -79,6 +79,22 @@ def test_any_damage_gives_a_picture_or_one_error(data: bytes, suffix: str, at: i
         assert str(error).startswith("a ")
 
 
+@pytest.mark.parametrize("length", [300, 1 << 20, (1 << 31) - 1, (1 << 32) - 1])
+def test_a_png_that_claims_more_data_than_it_has_is_refused_before_it_costs_memory(
+    length: int,
+) -> None:
+    data = bytearray(encoded(".png", np.zeros((48, 64), np.uint8)))
+    place = data.find(b"IDAT") - 4
+    data[place : place + 4] = length.to_bytes(4, "big")
+    with pytest.raises(PictureError, match=rf"^a is cut off after {len(data)} bytes$"):
+        decode(bytes(data), "a")
+
+
+@pytest.mark.parametrize("behind", [b"\r\n", b"\0" * 500, b"\xff" * 16, b"\r\n" + b"\0" * 9])
+def test_a_little_behind_a_jpeg_is_no_damage(behind: bytes) -> None:
+    assert decode(encoded(".jpg", scene()) + behind, "a").shape == (48, 64)
+
+
 def claiming(suffix: str, width: int, height: int) -> bytes:
     """A picture whose header claims another size than it has."""
     data = bytearray(encoded(suffix, scene()))

@@ -7,7 +7,7 @@ import threading
 from typing import Any
 
 from vsense.tracking.aravis import AravisError, call, listed, load
-from vsense.tracking.routes import host_address
+from vsense.tracking.routes import answers, host_address
 
 _CONTROL_CHANNEL_PRIVILEGE = 0x0A00
 _IN_CONTROL = 0b11
@@ -71,6 +71,9 @@ class AravisCamera:
         """
         self._lib, self._ffi = load().lib, load().ffi
         self.is_gige = is_address(name)
+        if self.is_gige and not answers(name):
+            # Aravis would ask for seconds, and all other cameras would have to wait.
+            raise AravisError(f"no camera answers at {name}")
         with _opening:
             device = self._gige_device(name) if self.is_gige else None
             self.handle = self._owned(

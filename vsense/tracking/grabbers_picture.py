@@ -17,7 +17,6 @@ MOST_PIXELS = 50_000_000
 """More than any camera has that looks at an arena, and so few that a picture takes megabytes."""
 
 _PNG = b"\x89PNG\r\n\x1a\n"
-_PNG_END = b"IEND\xaeB`\x82"
 _JPEG = b"\xff\xd8"
 _JPEG_END = b"\xff\xd9"
 _BARE = (0x01, *range(0xD0, 0xD9))
@@ -112,28 +111,40 @@ def is_jpeg(data: bytes) -> bool:
 def _claimed_size(data: bytes) -> tuple[int, int]:
     """Width and height as the header of a PNG or JPEG has them; zeros where it has none."""
     if data.startswith(_PNG) and data[12:16] == b"IHDR":
-        return int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
+        return _number(data, 16, 4), _number(data, 20, 4)
     if not is_jpeg(data):
         return 0, 0
     place = len(_JPEG)
     while (place := data.find(b"\xff", place)) >= 0:
         marker = data[place + 1] if place + 1 < len(data) else 0
         if marker in _FRAMES:
-            height, width = data[place + 5 : place + 7], data[place + 7 : place + 9]
-            return int.from_bytes(width, "big"), int.from_bytes(height, "big")
+            return _number(data, place + 7, 2), _number(data, place + 5, 2)
         if marker == 0xFF:
             place += 1
         elif marker == 0 or marker in _BARE:
             place += 2
         else:
-            place += 2 + max(2, int.from_bytes(data[place + 2 : place + 4], "big"))
+            place += 2 + max(2, _number(data, place + 2, 2))
     return 0, 0
 
 
+def _number(data: bytes, place: int, length: int) -> int:
+    return int.from_bytes(data[place : place + length], "big")
+
+
 def _is_whole(data: bytes) -> bool:
-    """Whether a PNG or JPEG has its end; other formats are taken as they are."""
+    """Whether a PNG or JPEG has its end; other formats are taken as they are.
+
+    A little may come behind it: cameras on the network send line ends along, others fill up.
+    """
     if data.startswith(_PNG):
-        return _PNG_END in data[-64:]
+        # From chunk to chunk: OpenCV takes memory for all that a chunk says it holds, up to 2 GB.
+        place = len(_PNG)
+        while place + 12 <= len(data):
+            name, place = data[place + 4 : place + 8], place + 12 + _number(data, place, 4)
+            if name == b"IEND":
+                return place <= len(data)
+        return False
     if data.startswith(_JPEG):
-        return data.rstrip(b"\0").endswith(_JPEG_END)
+        return _JPEG_END in data.rstrip(b"\0")[-64:]
     return True

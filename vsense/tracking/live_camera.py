@@ -181,7 +181,7 @@ class LiveCamera:
 
     def _repeat(self) -> None:
         """A picture with the stamp of the one before is no new one."""
-        self.present = False
+        self._miss()
         if self._pulse.repeats == PICTURES:
             self._spell.frozen = True
             self._tell("frozen", f"froze: the same picture {PICTURES + 1} times")
@@ -229,4 +229,5 @@ class LiveCamera:
     def _lose(self, reason: str) -> None:
         if not self._gone:
             self._tell("gone", f"is gone: {reason}")
+        self._pulse.skip()
         self._gone, self.present, self.newest = True, False, None
