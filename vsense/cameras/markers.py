@@ -61,7 +61,7 @@ class Found:
         """Gives those that could be read as IMAGE_POSE of the first of an arena's cameras."""
         if self.camera is None:
             return np.zeros(0, dtype=IMAGE_POSE)
-        rows = self.rows[self.rows["tag"] != UNNAMED]
+        rows = np.sort(self.rows[self.rows["tag"] != UNNAMED], order="tag")
         height_m = np.full(len(rows), self.height_m)
         at_px = np.stack((rows["x_px"], rows["y_px"]), axis=-1)
         ground_m = self.camera.to_plane(at_px, height_m)
@@ -126,10 +126,11 @@ class MarkerFinder:
         fits = 1e-3 * self._family.disc_diameter_mm * scales < min(image.shape)
         found = [self._at(image, float(scale)) for scale in scales[fits]]
         # What can be read is a marker; what merely looks like one is believed where nothing is.
-        worth = np.array([(len(each.tags), each.count) for each in found]) @ (1000, 1)
-        if len(worth) == 0 or worth.max() == 0:
+        worth = [(len(each.tags), each.count) for each in found]
+        most = max(worth, default=(0, 0))
+        if most == (0, 0):
             return None
-        best = np.flatnonzero(worth == worth.max())
+        best = [number for number, each in enumerate(worth) if each == most]
         return float(np.exp(np.log(scales[fits][best]).mean()))
 
     def _at(self, image: Image, px_per_m: float) -> Found:
