@@ -61,7 +61,9 @@ def test_dim_light_takes_exposure_as_far_as_blur_allows_and_then_gain() -> None:
     assert text.endswith("; exposure 10000 us (blur 0.9 px)")
     text = advise(reading(exposure_us=5_000.0, light=20.0, mean=14.0))
     assert text.endswith("; exposure 20000 us (blur 1.7 px), then gain")
-    assert advise(reading(exposure_us=20_300.0, light=100.0)).endswith("more gain, or better more lamps")
+    assert advise(reading(exposure_us=20_300.0, light=100.0)).endswith(
+        "more gain, or better more lamps"
+    )
 
 
 def test_a_covered_lens_is_asked_about() -> None:

@@ -22,7 +22,9 @@ def test_markers_are_read_and_tell_the_scale() -> None:
 def test_where_they_are_is_where_they_were_drawn() -> None:
     poses = MarkerFinder(load_family("arrow4x4")).look(arena()).poses()
     assert poses["tag"].tolist() == list(TAGS)
-    points = np.array([(-0.25, -0.15, 0.06), (0.2, -0.2, 0.06), (-0.2, 0.2, 0.06), (0.25, 0.1, 0.06)])
+    points = np.array(
+        [(-0.25, -0.15, 0.06), (0.2, -0.2, 0.06), (-0.2, 0.2, 0.06), (0.25, 0.1, 0.06)]
+    )
     at_px = np.stack((poses["x_px"], poses["y_px"]), axis=-1)
     assert np.abs(at_px - CALIBRATION.project(points)).max() < 0.5
     turned = np.angle(np.exp(1j * (poses["yaw_px_rad"] - np.arange(4))))

@@ -80,7 +80,7 @@ def test_unplugged_in_the_middle_is_one_line(capsys: pytest.CaptureFixture[str])
         scripted.fails = GONE if reads == 30 else None
 
     scripted.after_read = unplug
-    with pytest.raises(GrabberError, match="cam: gives no pictures for 0.4 s"):
+    with pytest.raises(GrabberError, match=r"cam: gives no pictures for 0.4 s"):
         sweep.run(tuner(scripted), threading.Event(), False)
     assert scripted.values == {EXPOSURE: 10_000.0, GAIN: 0.0}
     assert "own values again" in capsys.readouterr().err

@@ -259,7 +259,9 @@ def _end(shoot: Shoot, options: argparse.Namespace, console: Console) -> None:
         console.say("vsense: no picture was taken")
         return
     floor = " --floor 'floor_*'" if any(n.startswith(FLOOR) for n in shoot.moments) else ""
-    console.say(f"{len(shoot.moments)} moments in {options.output}. What comes next:")
+    count = len(shoot.moments)
+    moments = f"{count} moment{'' if count == 1 else 's'}"
+    console.say(f"{moments} in {options.output}. What comes next:")
     board = options.board or "BOARD"
     console.say(
         f"  vsense calibrate rig --board {board} --pictures {options.output}{floor} -o cameras"

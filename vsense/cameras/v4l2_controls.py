@@ -27,7 +27,7 @@ class Control(IntEnum):
 
 
 class Device:
-    """An opened device node."""
+    """A device node, open as long as the process: a command looks through few of them."""
 
     def __init__(self, path: str, ioctl: Ioctl = fcntl.ioctl) -> None:
         """Opens it.
@@ -62,7 +62,3 @@ class Device:
         except OSError:
             return None
         return None if answer[7] & _DISABLED else (answer[3], answer[4])
-
-    def close(self) -> None:
-        """Closes it."""
-        os.close(self._file)
