@@ -32,11 +32,7 @@ class Namespaces:
         self._net, self._inside = net, inside
         self._numbers = dict(numbers)
         self._bridge = f"{prefix}{os.getpid() % 100000}"
-        made = subprocess.run(
-            [self._ip, "link", "add", self._bridge, "type", "bridge"],
-            capture_output=True,
-            text=True,
-        )
+        made = self._try("link", "add", self._bridge, "type", "bridge")
         if made.returncode != 0:
             pytest.skip(f"no network namespaces here: {made.stderr.strip()}")
         try:
@@ -54,7 +50,11 @@ class Namespaces:
 
     def address(self, member: int) -> str:
         """A member's address."""
-        return f"{self._net}.{self._numbers[member]}"
+        return self.number(self._numbers[member])
+
+    def number(self, number: int) -> str:
+        """The address in this network that ends with a number."""
+        return f"{self._net}.{number}"
 
     def cut(self, member: int) -> None:
         """Pulls a member's cable."""
@@ -81,9 +81,10 @@ class Namespaces:
     def close(self) -> None:
         """Takes everything away."""
         for member in self._numbers:
-            gone = [self._ip, "netns", "del", self._space(member)]
-            subprocess.run(gone, capture_output=True, check=False)
-        subprocess.run([self._ip, "link", "del", self._bridge], capture_output=True, check=False)
+            # A namespace ends some time after it was told to, and its cable with it.
+            self._try("link", "del", self._outer(member))
+            self._try("netns", "del", self._space(member))
+        self._try("link", "del", self._bridge)
 
     def _make(self, member: int) -> None:
         space, outer = self._space(member), self._outer(member)
@@ -105,6 +106,9 @@ class Namespaces:
         """The host's end of the cable; an interface's name holds 15 characters."""
         return f"{self._bridge}x{list(self._numbers).index(member)}"
 
+    def _try(self, *words: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run([self._ip, *words], capture_output=True, text=True, check=False)
+
     def _do(self, *words: str) -> None:
-        done = subprocess.run([self._ip, *words], capture_output=True, text=True)
+        done = self._try(*words)
         assert done.returncode == 0, f"ip {' '.join(words)}: {done.stderr}"

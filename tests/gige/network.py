@@ -30,7 +30,7 @@ CAMERAS = [
 RATE_HZ = 10
 FIRST = 10
 """The last number of the first camera's address."""
-PHASES_MS = (0, 23, 47, 71)
+PHASES_MS = (0, 13, 29, 41)
 """Cameras that run freely expose when they like."""
 
 
@@ -155,7 +155,7 @@ class GigeCameras:
             pictures = f'type="directory" path="pictures/{camera.id}"'
             times = f'\n             timestamps="pictures/{camera.id}/timestamps.csv" />'
             assert pictures + times in text
-            mine = {"device": self.address(number), "frame_rate": RATE_HZ, **settings}
+            mine = {"device": self.net.number(FIRST + number), "frame_rate": RATE_HZ, **settings}
             words = " ".join(f'{name}="{value}"' for name, value in mine.items())
             grabber = f'type="genicam" {words}>{inside}\n    </grabber>'
             text = text.replace(pictures + times, grabber)

@@ -75,7 +75,8 @@ class Scene:
         self._pictures = pictures
         self._shown = 0
         self._last: np.ndarray | None = None
-        self._noises: list[np.ndarray] = []
+        # Drawn before anybody waits for a picture, and again for another size only.
+        self._noises = _noises(pictures[0].shape)
 
     def next(self, where: tuple[int, int, int, int], brightness: float) -> np.ndarray:
         """Gives the next picture of a region: x, y, width and height [px], uint8."""
@@ -97,11 +98,15 @@ class Scene:
         return self._last
 
     def _noise(self, shape: tuple[int, int]) -> np.ndarray:
-        if not self._noises or self._noises[0].shape != shape:
-            rng = np.random.default_rng(0)
-            noises = rng.normal(0.0, 1.0, (NOISES, *shape))
-            self._noises = list(np.rint(noises).astype(np.float32))
+        if self._noises[0].shape != shape:
+            self._noises = _noises(shape)
         return self._noises[self._shown % NOISES]
+
+
+def _noises(shape: tuple[int, ...]) -> list[np.ndarray]:
+    """Draws `NOISES` pictures of noise, (h, w) float32 each."""
+    drawn = np.random.default_rng(0).normal(0.0, 1.0, (NOISES, *shape))
+    return list(np.rint(drawn).astype(np.float32))
 
 
 class SceneCamera:

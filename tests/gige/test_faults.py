@@ -86,5 +86,6 @@ def test_all_expose_together_when_told_so(rig: GigeCameras, watch: Callable[...,
     together.until(lambda: len(together.spreads_ms) >= 3 * RATE_HZ, "timesteps of four")
     middle = [sorted(w.spreads_ms)[len(w.spreads_ms) // 2] for w in (free, together)]
     print("ms from the first to the last capture of a timestep, freely and together:", middle)
-    assert middle[1] < middle[0] / 5
+    # The simulators look for a trigger every 10 ms.
+    assert middle[1] < middle[0] / 3
     assert rig.registers(VICTIM)["trigger_mode"] == 1

@@ -8,7 +8,7 @@ import math
 import sys
 from typing import Any
 
-from vsense.bench import identity, robot, tracking, world
+from vsense.bench import grabbing, identity, robot, tracking, world
 
 
 def run(options: argparse.Namespace) -> int:
@@ -19,6 +19,9 @@ def run(options: argparse.Namespace) -> int:
     elif options.subject == "identity":
         report = identity.run(options.timesteps, _say)
         text = identity.table(report)
+    elif options.subject == "grabbing":
+        report = grabbing.run(options.rounds, options.device, _say)
+        text = grabbing.table(report)
     elif options.subject == "robot":
         report = robot.run(_say)
         text = robot.table(report)

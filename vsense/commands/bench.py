@@ -7,14 +7,16 @@ import argparse
 from vsense.commands import arguments
 from vsense.errors import UsageError
 
-HELP = "measure the detectors, the tracker's names, the virtual world, or the robots' daemon"
+HELP = "measure detectors, the tracker's names, cameras, the virtual world, the robots' daemon"
 
 DESCRIPTION = (
     "'tracking' renders pictures of 20 robots on a cluttered floor and lets vsense's detectors,"
     " cv2.aruco and, if pupil-apriltags is installed, AprilTag 3 find them, in turns, in one run."
     " 'identity' tracks 20 robots below four cameras for a long time and judges every name."
     " 'world' times the virtual world's timestep for 15, 100 and 1000 robots with 24 light"
-    " sensors each, and a simulation of the pollutant experiment. 'robot' says how large vsensed"
+    " sensors each, and a simulation of the pollutant experiment. 'grabbing' says what a GigE"
+    " camera's pictures cost on top of finding markers in them, with Aravis' fake camera or your"
+    " own (--device). 'robot' says how large vsensed"
     " is on every kind of board, how much memory it holds, and how many instructions a control"
     " step takes."
 )
@@ -28,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     parser.add_argument(
         "subject",
-        choices=["tracking", "identity", "world", "robot"],
+        choices=["tracking", "identity", "grabbing", "world", "robot"],
         help="what is measured",
     )
     parser.add_argument(
@@ -56,6 +58,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help=f"identity: how many, of each marker family (default: {_TIMESTEPS})",
     )
+    parser.add_argument(
+        "--device", metavar="ID", help="grabbing: a GigE camera's address, id or serial number"
+    )
     parser.add_argument("--json", action="store_true", help="print the report as one JSON object")
 
 
@@ -69,6 +74,7 @@ def run(options: argparse.Namespace) -> int:
         ("pictures", "tracking"),
         ("walk", "tracking"),
         ("timesteps", "identity"),
+        ("device", "grabbing"),
     ):
         if options.subject != subject and getattr(options, option) is not None:
             raise UsageError(f"--{option}: 'vsense bench {options.subject}' has none")

@@ -107,7 +107,10 @@ def _check_together(session: TrackingSession, elements: list[Element]) -> None:
     first: dict[tuple[str, str], int] = {}
     heights_m: dict[int, tuple[float, str]] = {}
     for view, element in zip(session.views, elements):
-        for key, id in (("grabber", view.grabber.id), ("camera", view.camera.id)):
+        used = [("grabber", view.grabber.id), ("camera", view.camera.id)]
+        if view.grabber.is_live:
+            used.append(("grabber", f"the device {view.grabber.source}"))
+        for key, id in used:
             if (key, id) in first:
                 line = first[key, id]
                 raise element.error(f"{id!r} is used already, in line {line}", key)

@@ -49,7 +49,7 @@ class CameraBoard:
         return {
             "id": id,
             "rate_hz": None if not span_s else round(pictures / span_s, 2),
-            "dropped": self._troubles.counts[id, "damaged"] + self._troubles.counts[id, "late"],
+            "dropped": self._troubles.counts[id, "damaged"],
             "state": state,
             "text": text,
         }

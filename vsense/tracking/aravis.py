@@ -85,6 +85,10 @@ int64_t g_get_real_time(void);
 """
 
 
+_loading = threading.Lock()
+"""All cameras' threads begin at once, and the library's types must be the same for all."""
+
+
 class AravisError(GrabberError):
     """What the library or a camera refuses, in words for the user."""
 
@@ -98,7 +102,8 @@ def load() -> SimpleNamespace:
     Raises:
         AravisError: It is not there; says which package brings it.
     """
-    found = _load()
+    with _loading:
+        found = _load()
     if isinstance(found, str):
         raise AravisError(
             f"GigE and USB3 Vision cameras need the library Aravis ({found}):"

@@ -98,10 +98,8 @@ class _Setting:
         formats = camera.formats()
         usable = [name for name in PIXEL_FORMATS if name in formats]
         if not usable:
-            known = ", ".join(PIXEL_FORMATS)
-            raise AravisError(
-                f"has the pixel formats {', '.join(formats)}, expected one of {known}"
-            )
+            has, known = ", ".join(formats), ", ".join(PIXEL_FORMATS)
+            raise AravisError(f"has the pixel formats {has}; expected one of {known}")
         self._control("pixel_format", self._settings.pixel_format or usable[0])
         if camera.get("PixelFormat") not in PIXEL_FORMATS:
             self._control("pixel_format", usable[0])
@@ -162,9 +160,11 @@ class _Setting:
         try:
             camera.set(feature, value if isinstance(value, str) else _digits(value))
         except AravisError as error:
-            kept = refused(name, value, _like(value, camera.get(feature)), bounds)
+            beyond = bounds is not None and not bounds[0] <= float(value) <= bounds[1]
+            kept = _like(value, camera.get(feature))
             # Bounds say it all; otherwise the camera's own words may help.
-            self._said.append(kept if bounds else f"{kept} ({error})")
+            told = refused(name, value, kept, bounds if beyond else None)
+            self._said.append(told if beyond else f"{told} ({error})")
         else:
             self._note(name, value, _like(value, camera.get(feature)), bounds)
 

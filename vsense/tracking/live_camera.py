@@ -171,13 +171,12 @@ class LiveCamera:
         self._news.notify_all()
 
     def _spoiled(self, reason: str) -> None:
-        """A damaged picture is told and forgotten."""
+        """A damaged picture is told and forgotten; whoever listens counts them."""
         self._due_ns = self._clock() + self._silence_ns
         self._miss()
         self._spell.good = 0
         self._spell.damaged += 1
-        if self._spell.damaged == 1:
-            self._tell("damaged", reason)
+        self._tell("damaged", reason)
 
     def _repeat(self) -> None:
         """A picture with the stamp of the one before is no new one."""
