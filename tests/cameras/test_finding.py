@@ -205,6 +205,12 @@ def test_a_camera_that_is_there_and_does_not_open_is_a_failure(there: pytest.Mon
     assert told.value.exit_code == 1
 
 
+def test_a_camera_of_another_program_is_not_opened_twice(there: pytest.MonkeyPatch) -> None:
+    set_opened(there, busy=(FIRST.address,))
+    with pytest.raises(GrabberError, match="Maker-A-1: another program controls it"):
+        choose("Maker-A-1", Controls())
+
+
 def test_urls_are_taken_as_they_are(there: pytest.MonkeyPatch) -> None:
     spec = choose("rtsp://10.0.0.7/arena", Controls(rate_hz=10.0))
     assert (spec.type, spec.source, spec.settings) == (

@@ -16,6 +16,7 @@ from vsense.tracking.grabbers import GrabberError
 from vsense.tracking.source import Bounds
 
 GIGE, USB3, V4L2 = "GigE", "USB3", "V4L2"
+BUSY = "another program controls it, or did until seconds ago"
 _WORKERS = 8
 """A camera that does not answer takes seconds to say so: the others do not wait for it."""
 _EXPOSURE = ("ExposureTimeAbs", "ExposureTime")
@@ -136,7 +137,7 @@ def _told(camera: FoundCamera) -> FoundCamera:
     opened = AravisCamera(camera.address or camera.id)
     try:
         details = read(opened)
-        busy = "" if opened.in_control else "another program controls it, or did until seconds ago"
+        busy = "" if opened.in_control else BUSY
     finally:
         opened.close()
     return replace(camera, details=details, trouble=busy)

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from vsense.cameras import v4l2
+from vsense.cameras.finding import BUSY
 from vsense.cameras.knobs import GenicamKnobs, Knobs, V4l2Knobs
 from vsense.cameras.networks import networks, stranded
 from vsense.cameras.v4l2_controls import Device
@@ -155,6 +156,9 @@ def _of_aravis(id: str, wanted: Controls) -> GrabberSpec:
             raise GrabberError(f"{id}: {lost or error}") from None
         raise UsageError(f"no camera answers at {id}: {_known(listed)}") from None
     try:
+        # Asked once more when it is opened; but whoever waits is told now.
+        if not camera.in_control:
+            raise GrabberError(f"{id}: {BUSY}")
         rate_hz = wanted.rate_hz or camera.rate_hz
     finally:
         camera.close()

@@ -195,7 +195,7 @@ def _sizes(specs: list[GrabberSpec], console: Console) -> dict[str, Size]:
             console.say(f"vsense: {error}")
         finally:
             camera.source.close()
-    console.progress("")
+    console.end_progress()
     if not sizes_px:
         raise VsenseError("no camera gives pictures")
     return sizes_px
@@ -251,7 +251,6 @@ def _typed() -> queue.Queue[str | None]:
 
 def _end(shoot: Shoot, options: argparse.Namespace, console: Console) -> None:
     """Says what was taken, and what comes next."""
-    console.progress("")
     console.end_progress()
     if options.json:
         print(json.dumps(shoot.moments, indent=2))
