@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from vsense.cameras import finding, listing, opening, v4l2
+from vsense.cameras.discovery import Heard
 from vsense.cameras.finding import FoundCamera
 from vsense.cameras.networks import Network
 from vsense.cameras.opening import choose, free, wanted_of
@@ -66,6 +67,7 @@ def there(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     for module in (finding, opening):
         monkeypatch.setattr(module, "AravisCamera", type("Opened", (Opened,), {}))
         monkeypatch.setattr(module, "networks", lambda: NETWORKS)
+        monkeypatch.setattr(module, "heard", lambda: [])
     return monkeypatch
 
 
@@ -114,6 +116,24 @@ def test_a_camera_of_another_network_says_so(there: pytest.MonkeyPatch) -> None:
     assert "169.254.3.4" in trouble and "eth1 192.168.10.1/24" in trouble
     set_opened(there)
     assert by_id()["Maker-A-9"].trouble == "", "a router leads to it"
+
+
+def test_cameras_that_only_answer_to_everybody_are_listed(there: pytest.MonkeyPatch) -> None:
+    lost = Heard("192.168.11.9", "00:09", "Maker", "A", "9")
+    same = Heard(FIRST.address, FIRST.mac, "Maker", "A", "1")
+    deaf = Heard("192.168.10.8", "00:08", "Maker", "A", "8")
+    for module in (finding, opening):
+        there.setattr(module, "heard", lambda: [lost, same, deaf])
+    cameras = by_id()
+    assert len(cameras) == 6, "those that Aravis hears are there once"
+    assert "is at 192.168.11.9, but this host is on eth1" in cameras["Maker-A-9"].trouble
+    assert cameras["Maker-A-8"].trouble == finding.DEAF
+    with pytest.raises(GrabberError, match=r"Maker-A-9: is at 192\.168\.11\.9, but this host"):
+        choose("Maker-A-9", Controls())
+    without_library(there)
+    found, missing = finding.find()
+    assert [camera.id for camera in found][:3] == ["Maker-A-9", "Maker-A-1", "Maker-A-8"]
+    assert found[1].trouble == "needs Aravis" and "apt-get" in missing
 
 
 def test_a_camera_of_another_program_is_listed_with_the_reason(there: pytest.MonkeyPatch) -> None:

@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 from vsense.cameras import v4l2
+from vsense.cameras.discovery import Heard, heard
 from vsense.cameras.networks import networks, stranded
 from vsense.tracking import aravis
 from vsense.tracking.aravis import AravisError, Listed
@@ -17,6 +18,7 @@ from vsense.tracking.source import Bounds
 
 GIGE, USB3, V4L2 = "GigE", "USB3", "V4L2"
 BUSY = "another program controls it, or did until seconds ago"
+DEAF = "answers to everybody, but not to this host alone: look at its network mask and the firewall"
 _WORKERS = 8
 """A camera that does not answer takes seconds to say so: the others do not wait for it."""
 _EXPOSURE = ("ExposureTimeAbs", "ExposureTime")
@@ -84,13 +86,35 @@ def find() -> tuple[list[FoundCamera], str]:
         The cameras, and why GigE and USB3 Vision cameras could not be looked for, or "".
     """
     devices = [_of_v4l2(device) for device in v4l2.devices()]
-    try:
-        listed = aravis.listed()
-    except AravisError as error:
-        return devices, str(error)
-    found = _told_twice([_of_aravis(each) for each in listed])
     with ThreadPoolExecutor(_WORKERS) as workers:
-        return [*workers.map(_asked, found), *devices], ""
+        answers = workers.submit(heard)
+        missing, listed = "", list[Listed]()
+        try:
+            listed = aravis.listed()
+        except AravisError as error:
+            missing = str(error)
+        found = _told_twice([_of_aravis(each) for each in listed])
+        lost = _unheard(answers.result(), listed, missing)
+        return [*workers.map(_asked, found), *lost, *devices], missing
+
+
+def _unheard(answers: Sequence[Heard], listed: Sequence[Listed], missing: str) -> list[FoundCamera]:
+    """Gives the GigE cameras that answer, and that Aravis does not hear, with the reason."""
+    known = {(camera.mac.lower(), camera.address) for camera in listed}
+    there = networks()
+    return [
+        FoundCamera(
+            each.id,
+            GIGE,
+            each.address,
+            f"{each.vendor} {each.model}",
+            each.serial,
+            each.mac,
+            trouble=stranded(each.address, there) or ("needs Aravis" if missing else DEAF),
+        )
+        for each in answers
+        if (each.mac, each.address) not in known
+    ]
 
 
 def _of_v4l2(device: v4l2.V4l2Device) -> FoundCamera:

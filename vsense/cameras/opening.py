@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from vsense.cameras import v4l2
+from vsense.cameras.discovery import heard
 from vsense.cameras.finding import BUSY
 from vsense.cameras.knobs import GenicamKnobs, Knobs, V4l2Knobs
 from vsense.cameras.networks import networks, stranded
@@ -145,6 +146,10 @@ def _of_aravis(id: str, wanted: Controls) -> GrabberSpec:
     if len(mine) > 1:
         who = " and ".join(f"{camera.id} ({camera.mac})" for camera in mine)
         raise UsageError(f"{id!r} is what {len(mine)} cameras are called: {who}")
+    for far in () if mine else heard():
+        text = stranded(far.address, networks())
+        if text and id in (far.id, far.serial, far.mac, far.address):
+            raise GrabberError(f"{id}: {text}")
     if not mine and (missing or not is_address(id)):
         raise UsageError(f"no camera {id!r}: {_known(listed)}{missing}")
     device = (mine[0].address or mine[0].id) if mine else id
