@@ -205,8 +205,12 @@ def _by_hand(shoot: Shoot, names: Names, interrupted: threading.Event, console: 
     """Takes a moment with every line that is typed, until there are no more."""
     lines = _typed()
     console.say("Enter takes a picture; 'tilt' or another word begins a new series; 'q' ends")
+    asked = ""
     while not interrupted.is_set():
-        console.progress(f"{names.next}? ")
+        if names.next != asked:
+            # Once and not always: what is being typed stands behind it.
+            asked = names.next
+            console.progress(f"{asked}? ")
         shoot.idle()
         try:
             line = lines.get_nowait()
