@@ -71,6 +71,10 @@ class Namespaces:
         self._do(*inside, "addr", "flush", "dev", self._inside)
         self._do(*inside, "addr", "add", *self._cidr(member), "dev", self._inside)
 
+    def forget(self) -> None:
+        """Has the host ask anew who has which address; by itself it does so after ten seconds."""
+        self._do("neigh", "flush", "dev", self._bridge)
+
     def set_mtu(self, size_bytes: int) -> None:
         """Has all interfaces carry packets of up to this size."""
         for member in self._numbers:

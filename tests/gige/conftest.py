@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Iterator
 
 import pytest
 
 from tests.gige.network import GigeCameras
-from tests.gige.watch import Watch
 from tests.tracking.synthetic import Robot
 
 ROBOTS = [
@@ -26,17 +24,3 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[GigeCameras]:
     made = GigeCameras(tmp_path_factory.mktemp("scenes"), ROBOTS)
     yield made
     made.close()
-
-
-@pytest.fixture
-def watch(rig: GigeCameras, tmp_path: Path) -> Iterator[Callable[..., Watch]]:
-    """Makes a watch on all four cameras; arguments are attributes of their grabbers."""
-    made: list[Watch] = []
-
-    def make(**settings: object) -> Watch:
-        made.append(Watch(rig, tmp_path, **settings))
-        return made[-1]
-
-    yield make
-    for each in made:
-        each.close()

@@ -17,12 +17,11 @@ from statistics import median
 
 from tests.gige.conftest import ROBOTS
 from tests.gige.faults import FAULTS, VICTIM, Fault
-from tests.gige.network import CAMERAS, RATE_HZ, SIZE_PX, GigeCameras
+from tests.gige.network import CAMERAS, RATE_HZ, SIZE, SIZE_PX, GigeCameras
 from tests.gige.watch import Watch
 
 NAME = CAMERAS[VICTIM].id
 OTHER = CAMERAS[0].id
-SIZE = {"width": SIZE_PX[0], "height": SIZE_PX[1]}
 REST = 15
 """Pictures between two faults."""
 

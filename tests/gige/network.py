@@ -23,6 +23,8 @@ ROOT = Path(__file__).parent.parent.parent
 INTERFACE = "eth0"
 FAMILY = "arrow4x4"
 SIZE_PX = (640, 480)
+SIZE = {"width": SIZE_PX[0], "height": SIZE_PX[1]}
+"""As attributes of a grabber."""
 PLACES_M = ((-0.4, -0.3), (0.4, -0.3), (-0.4, 0.3), (0.4, 0.3))
 CAMERAS = [
     Camera.looking_down(f"cam{n}", x, y, 2.4, 1100.0, SIZE_PX) for n, (x, y) in enumerate(PLACES_M)
@@ -130,6 +132,7 @@ class GigeCameras:
         """Starts a camera again, with the address that is its own."""
         self.kill(number)
         self.net.renumber(number, FIRST + number)
+        self.net.forget()
         self.start(number)
 
     def files(

@@ -12,7 +12,7 @@ import pytest
 
 from tests.gige.conftest import ROBOTS
 from tests.gige.faults import VICTIM
-from tests.gige.network import CAMERAS, SIZE_PX, GigeCameras
+from tests.gige.network import CAMERAS, SIZE, GigeCameras
 from tests.system.floor import MS, Floor, experiment
 
 pytestmark = pytest.mark.system
@@ -31,7 +31,7 @@ def test_robots_drive_by_what_four_cameras_see(
     rig: GigeCameras, floor: Floor, tmp_path: Path
 ) -> None:
     rig.start()
-    settings = {"width": SIZE_PX[0], "height": SIZE_PX[1], "trigger": "software"}
+    settings = {**SIZE, "trigger": "software"}
     file = experiment(tmp_path, "<framework>", TAGS, 600)
     words = ["--tracking", *rig.files(tmp_path, settings), "--port", "0", "--json"]
     program = floor.program("run", str(file), *words, "--output", str(tmp_path / "notes"))

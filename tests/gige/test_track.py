@@ -14,11 +14,11 @@ from typing import Any
 import pytest
 
 from tests.gige.conftest import ROBOTS
-from tests.gige.network import CAMERAS, RATE_HZ, SIZE_PX, GigeCameras
+from tests.gige.network import CAMERAS, RATE_HZ, SIZE, SIZE_PX, GigeCameras
 
 pytestmark = pytest.mark.system
 
-SETTINGS: dict[str, Any] = {"width": SIZE_PX[0], "height": SIZE_PX[1], "exposure_time_abs": 8000}
+SETTINGS: dict[str, Any] = {**SIZE, "exposure_time_abs": 8000}
 
 
 @contextmanager

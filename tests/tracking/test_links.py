@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from vsense.tracking.gvcp import answers, controlled
 from vsense.tracking.links import LinkError, Links, Stream
-from vsense.tracking.routes import answers, host_address, interface_of, speed_bit_s
+from vsense.tracking.routes import host_address, interface_of, speed_bit_s
 
 SIZE = (1620, 1220)
 GIGABIT = 1e9
@@ -109,3 +110,4 @@ def test_an_interface_says_what_it_carries_or_does_not(
 
 def test_where_no_camera_is_none_answers() -> None:
     assert not answers("127.77.77.77")
+    assert not controlled("127.77.77.77")

@@ -94,6 +94,16 @@ def test_pictures_that_come_too_slowly_are_told_within_three_of_them_and_once(
     assert not pulse.slow
 
 
+def test_a_fast_camera_may_pause_for_a_moment() -> None:
+    pulse, now_ns, changes = Pulse(100.0), 0, []
+    for period_ms in ([10] * 30 + [40]) * 3 + [20] * 40:
+        now_ns += period_ms * MS
+        pulse.capture_ns(shot(now_ns), now_ns)
+        changes.append(pulse.rate_change())
+    slow = [number for number, rate in enumerate(changes) if rate is not None]
+    assert len(slow) == 1 and 93 < slow[0] <= 93 + 25, "told within half a second"
+
+
 def test_one_late_picture_and_a_rate_that_nobody_asked_for_are_no_trouble() -> None:
     for pulse in (Pulse(10.0), Pulse(None)):
         now_ns = 0

@@ -95,7 +95,8 @@ def run(rounds: int, device: str | None, say: Say) -> dict[str, Any]:
 def table(report: dict[str, Any]) -> str:
     """Returns the report for a person."""
     lines = [
-        f"{'work':16} {'packets':>8} {'CPU ms/picture':>15} {'pictures':>9} {'damaged':>8} {'age ms':>7}"
+        f"{'work':16} {'packets':>8} {'CPU ms/picture':>15} {'pictures':>9} {'damaged':>8}"
+        f" {'age ms':>7}"
     ]
     for row in report["rows"]:
         age = "-" if row["age_ms"] is None else f"{row['age_ms']:.1f}"

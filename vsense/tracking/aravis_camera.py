@@ -7,11 +7,9 @@ import threading
 from typing import Any
 
 from vsense.tracking.aravis import AravisError, call, listed, load
-from vsense.tracking.routes import answers, host_address
+from vsense.tracking.gvcp import CONTROL, IN_CONTROL, answers
+from vsense.tracking.routes import host_address
 
-_CONTROL_CHANNEL_PRIVILEGE = 0x0A00
-_IN_CONTROL = 0b11
-"""Exclusive access and control access. Source: GigE Vision 2.0, register CCP."""
 _CHECK_RANGES = 1
 _NEVER_ADJUST = 0
 """Of the packet size: it is chosen once, before a stream is made."""
@@ -70,7 +68,7 @@ class AravisCamera:
             AravisError: It does not answer.
         """
         self._lib, self._ffi = load().lib, load().ffi
-        self.is_gige = is_address(name)
+        self._name, self.is_gige = name, is_address(name)
         if self.is_gige and not answers(name):
             # Aravis would ask for seconds, and all other cameras would have to wait.
             raise AravisError(f"no camera answers at {name}")
@@ -97,10 +95,13 @@ class AravisCamera:
             return True
         if not self._lib.arv_gv_device_is_controller(self._device):
             return False
+        if not answers(self._name):
+            # Aravis would ask for two seconds and a half.
+            raise AravisError(f"no camera answers at {self._name}")
         value = self._ffi.new("uint32_t *")
         read = self._lib.arv_device_read_register
-        call(read, self._device, _CONTROL_CHANNEL_PRIVILEGE, value)
-        return bool(value[0] & _IN_CONTROL)
+        call(read, self._device, CONTROL, value)
+        return bool(value[0] & IN_CONTROL)
 
     def has(self, feature: str) -> bool:
         """Whether the camera has a feature now; some come and go with others."""

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from vsense.tracking.aravis import AravisError
-from vsense.tracking.aravis_camera import AravisCamera, locate
+from vsense.tracking.aravis_camera import AravisCamera, is_address, locate
 from vsense.tracking.aravis_stream import AravisStream
 from vsense.tracking.genicam_settings import GenicamSettings, apply
 from vsense.tracking.grabbers import GrabberError
+from vsense.tracking.gvcp import controlled
 from vsense.tracking.links import Links, Stream
 from vsense.tracking.source import Shot
 
@@ -17,6 +18,10 @@ SILENCE_S = 0.4
 PERIODS = 3
 FIRST_S = 2.0
 """Some need a while for their first picture."""
+FORGOTTEN_NS = 3_500_000_000
+"""A program that died is forgotten after its heartbeat's time, usually 3 s."""
+
+_HELD = "another program controls it, or did until seconds ago"
 
 
 class GenicamSource:
@@ -45,6 +50,7 @@ class GenicamSource:
         self._stream: AravisStream | None = None
         self._resumed = False
         self._running = False
+        self._held_until_ns = 0
         rate_hz = settings.controls.rate_hz
         self._patience_s = max(SILENCE_S, PERIODS / rate_hz if rate_hz else 0.0)
 
@@ -64,10 +70,11 @@ class GenicamSource:
             return []
         self.close()
         name = locate(self._device)
+        self._check_control(name)
         camera = AravisCamera(name)
         try:
             if not camera.in_control:
-                raise AravisError("another program controls it, or did until seconds ago")
+                raise AravisError(_HELD)
             camera.stop()
             told = apply(camera, self._settings)
             if camera.is_gige:
@@ -123,6 +130,18 @@ class GenicamSource:
     def _obeys(self) -> bool:
         """Whether the camera is open and under control, and may only have been cut off."""
         return self._camera is not None and not self._resumed and self._camera.in_control
+
+    def _check_control(self, name: str) -> None:
+        """Refuses a camera that is somebody else's.
+
+        Some do not even answer who asks for control, and Aravis would ask for seconds; some take
+        the question who has it for a sign of life of who had it, and so it is not asked too often.
+        """
+        now_ns = self._clock()
+        if is_address(name) and now_ns >= self._held_until_ns and controlled(name):
+            self._held_until_ns = now_ns + FORGOTTEN_NS
+        if now_ns < self._held_until_ns:
+            raise AravisError(_HELD)
 
     def _claim(self, camera: AravisCamera, address: str) -> None:
         """Refuses to send more than the network carries."""

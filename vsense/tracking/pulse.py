@@ -16,6 +16,7 @@ STEADY_NS = 20_000_000
 """Pictures that are late by the same amount up to this are not late: the clock is behind."""
 PICTURES = 3
 """So many pictures show what a single one may only suggest."""
+SPAN_S = 0.3
 SLOW = 1.5
 PROMPT = 1.25
 """Intervals, relative to the wanted one, from which pictures are too slow, and no longer are."""
@@ -70,12 +71,14 @@ class Pulse:
             rate_hz: How many per second are wanted; None: nobody knows.
         """
         self._period_ns = None if rate_hz is None else 1e9 / rate_hz
+        # Fast cameras may pause for a moment: their rate is that of some tenths of a second.
+        self._intervals = max(PICTURES, round(SPAN_S * (rate_hz or 0.0)))
         self.forget()
 
     def forget(self) -> None:
         """Begins anew: the camera was opened again."""
         self._clock = ClockMap()
-        self._times_ns: deque[int] = deque(maxlen=PICTURES + 1)
+        self._times_ns: deque[int] = deque(maxlen=self._intervals + 1)
         self._stamp_ns: int | None = None
         self.repeats = 0
         self.slow = False
@@ -105,9 +108,9 @@ class Pulse:
 
     def rate_change(self) -> float | None:
         """Gives the rate [Hz] where pictures have become too slow, or are no longer."""
-        if self._period_ns is None or len(self._times_ns) <= PICTURES:
+        if self._period_ns is None or len(self._times_ns) <= self._intervals:
             return None
-        interval_ns = (self._times_ns[-1] - self._times_ns[0]) / PICTURES
+        interval_ns = (self._times_ns[-1] - self._times_ns[0]) / self._intervals
         limit = PROMPT if self.slow else SLOW
         if (interval_ns > limit * self._period_ns) == self.slow:
             return None

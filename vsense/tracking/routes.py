@@ -9,11 +9,7 @@ from pathlib import Path
 
 _GET_ADDRESS = 0x8915
 """SIOCGIFADDR. Source: Linux, netdevice(7)."""
-_CONTROL_PORT = 3956
-_ASK_VERSION = struct.pack(">BBHHHI", 0x42, 0x01, 0x0080, 4, 1, 0)
-"""READREG of register 0, which everybody may read. Source: GigE Vision 2.0, GVCP."""
-_ASK_AGAIN = 3
-_WAIT_S = 0.15
+_ANY_PORT = 9
 
 
 def host_address(address: str) -> str | None:
@@ -21,25 +17,10 @@ def host_address(address: str) -> str | None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             # Of a datagram socket this only chooses the way: nothing is sent.
-            probe.connect((address, _CONTROL_PORT))
+            probe.connect((address, _ANY_PORT))
         except OSError:
             return None
         return str(probe.getsockname()[0])
-
-
-def answers(address: str) -> bool:
-    """Whether a GigE camera answers at an address; asks some times, for half a second in all."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as question:
-        question.settimeout(_WAIT_S)
-        for _ in range(_ASK_AGAIN):
-            try:
-                question.connect((address, _CONTROL_PORT))
-                question.send(_ASK_VERSION)
-                return bool(question.recv(64))
-            except OSError:
-                # Nobody answers, or the system knows that nobody is there.
-                continue
-    return False
 
 
 def interface_of(host: str) -> str | None:

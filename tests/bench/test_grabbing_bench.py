@@ -1,0 +1,50 @@
+"""The benchmark of GigE cameras, with the fake one in a network of its own. No time is asserted."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+from tests.conftest import require_library, require_tool
+from vsense import cli
+from vsense.bench import grabbing
+
+
+@pytest.mark.system
+def test_every_way_of_working_is_measured_on_all_pictures() -> None:
+    """In a network of its own: loopback is one for all tests that run at the same time."""
+    require_tool("arv-fake-gv-camera-0.8", "aravis-tools")
+    require_library("libaravis-0.8.so.0", "libaravis-0.8-0")
+    alone = [require_tool("unshare", "util-linux"), "--net", "sh", "-c"]
+    bench = f"ip link set lo up && {sys.executable} -m vsense bench grabbing --rounds 1 --json"
+    done = subprocess.run([*alone, bench], capture_output=True, text=True, env=os.environ)
+    if "unshare failed" in done.stderr:
+        pytest.skip(f"no network namespaces here: {done.stderr.strip()}")
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    ways = [(row["work"], row["packet_size"]) for row in report["rows"]]
+    assert ways == [
+        (work, size) for size in grabbing.PACKETS for work in ("detect", "grab", "grab and detect")
+    ]
+    each = round(grabbing.TURN_S * grabbing.RATE_HZ)
+    assert all(row["pictures"] == each and row["cpu_ms"] > 0.0 for row in report["rows"])
+    lines = grabbing.table(report).splitlines()
+    assert len(lines) == 1 + len(ways) + len(grabbing.PACKETS)
+    assert lines[-1].startswith("grabbing a picture of 1620 x 1220 px costs ")
+
+
+def test_without_a_camera_the_package_is_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(grabbing.shutil, "which", lambda name: None)
+    assert cli.main(["bench", "grabbing"]) == 1
+    assert "apt-get install aravis-tools, or give --device" in capsys.readouterr().err
+
+
+def test_a_device_is_for_cameras(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["bench", "world", "--device", "1"]) == 2
+    assert "--device: 'vsense bench world' has none" in capsys.readouterr().err
