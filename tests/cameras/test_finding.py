@@ -35,13 +35,11 @@ class Opened:
     """A camera that answers, or does not."""
 
     silent: tuple[str, ...] = ()
-    busy: tuple[str, ...] = ()
     rate_hz = 25.0
 
     def __init__(self, name: str) -> None:
         if name in self.silent:
             raise AravisError("does not answer")
-        self.in_control = name not in self.busy
 
     def has(self, feature: str) -> bool:
         return feature in FEATURES
@@ -68,6 +66,7 @@ def there(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
         monkeypatch.setattr(module, "AravisCamera", type("Opened", (Opened,), {}))
         monkeypatch.setattr(module, "networks", lambda: NETWORKS)
         monkeypatch.setattr(module, "heard", lambda: [])
+        monkeypatch.setattr(module, "controlled", lambda address: False)
     return monkeypatch
 
 
@@ -78,6 +77,11 @@ def set_there(monkeypatch: pytest.MonkeyPatch, listed: list[Listed]) -> None:
 def set_opened(monkeypatch: pytest.MonkeyPatch, **how: tuple[str, ...]) -> None:
     for module in (finding, opening):
         monkeypatch.setattr(module, "AravisCamera", type("Opened", (Opened,), how))
+
+
+def set_busy(monkeypatch: pytest.MonkeyPatch, *addresses: str) -> None:
+    for module in (finding, opening):
+        monkeypatch.setattr(module, "controlled", lambda address: address in addresses)
 
 
 def by_id() -> dict[str, FoundCamera]:
@@ -137,10 +141,11 @@ def test_cameras_that_only_answer_to_everybody_are_listed(there: pytest.MonkeyPa
 
 
 def test_a_camera_of_another_program_is_listed_with_the_reason(there: pytest.MonkeyPatch) -> None:
-    set_opened(there, busy=(FIRST.address,), silent=(SECOND.address,))
+    set_opened(there, silent=(FIRST.address, SECOND.address))
+    set_busy(there, FIRST.address)
     cameras = by_id()
     assert "another program controls it" in cameras["Maker-A-1"].trouble
-    assert cameras["Maker-A-1"].details.size_px == (1620, 1220), "whoever listens may still ask"
+    assert cameras["Maker-A-1"].details.size_px is None, "asking it would disturb"
     assert cameras["Maker-A-2"].trouble == "does not open: does not answer"
 
 
@@ -225,8 +230,8 @@ def test_a_camera_that_is_there_and_does_not_open_is_a_failure(there: pytest.Mon
     assert told.value.exit_code == 1
 
 
-def test_a_camera_of_another_program_is_not_opened_twice(there: pytest.MonkeyPatch) -> None:
-    set_opened(there, busy=(FIRST.address,))
+def test_a_camera_of_another_program_is_not_opened(there: pytest.MonkeyPatch) -> None:
+    set_busy(there, FIRST.address)
     with pytest.raises(GrabberError, match="Maker-A-1: another program controls it"):
         choose("Maker-A-1", Controls())
 

@@ -14,6 +14,7 @@ from vsense.tracking import aravis
 from vsense.tracking.aravis import AravisError, Listed
 from vsense.tracking.aravis_camera import AravisCamera
 from vsense.tracking.grabbers import GrabberError
+from vsense.tracking.gvcp import controlled
 from vsense.tracking.source import Bounds
 
 GIGE, USB3, V4L2 = "GigE", "USB3", "V4L2"
@@ -158,13 +159,14 @@ def _asked(camera: FoundCamera) -> FoundCamera:
 
 
 def _told(camera: FoundCamera) -> FoundCamera:
+    # Opening a camera that another program has takes seconds, and asking it would disturb.
+    if camera.kind == GIGE and controlled(camera.address):
+        return replace(camera, trouble=BUSY)
     opened = AravisCamera(camera.address or camera.id)
     try:
-        details = read(opened)
-        busy = "" if opened.in_control else BUSY
+        return replace(camera, details=read(opened))
     finally:
         opened.close()
-    return replace(camera, details=details, trouble=busy)
 
 
 def read(camera: AravisCamera) -> Details:

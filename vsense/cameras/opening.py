@@ -26,6 +26,7 @@ from vsense.tracking.grabbers import GrabberError
 from vsense.tracking.grabbers_device import Controls
 from vsense.tracking.grabbers_genicam import GenicamSource
 from vsense.tracking.grabbers_picture import PictureError
+from vsense.tracking.gvcp import controlled
 from vsense.tracking.links import Links
 from vsense.tracking.opencv_manners import teach_opencv
 from vsense.tracking.source import Shot, Source
@@ -153,6 +154,8 @@ def _of_aravis(id: str, wanted: Controls) -> GrabberSpec:
     if not mine and (missing or not is_address(id)):
         raise UsageError(f"no camera {id!r}: {_known(listed)}{missing}")
     device = (mine[0].address or mine[0].id) if mine else id
+    if is_address(device) and controlled(device):
+        raise GrabberError(f"{id}: {BUSY}")
     try:
         camera = AravisCamera(device)
     except AravisError as error:
@@ -161,9 +164,6 @@ def _of_aravis(id: str, wanted: Controls) -> GrabberSpec:
             raise GrabberError(f"{id}: {lost or error}") from None
         raise UsageError(f"no camera answers at {id}: {_known(listed)}") from None
     try:
-        # Asked once more when it is opened; but whoever waits is told now.
-        if not camera.in_control:
-            raise GrabberError(f"{id}: {BUSY}")
         rate_hz = wanted.rate_hz or camera.rate_hz
     finally:
         camera.close()
