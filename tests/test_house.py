@@ -26,6 +26,7 @@ FORBIDDEN = {
     "web": {"lab", "run", "sim", "link", "sensors", "actuators", "world", "tracking", "config"},
     "recording": {"lab", "run", "sim", "link", "sensors", "world", "web"},
     "report": {"lab", "run", "sim", "link", "web", "room"},
+    "cameras": {"lab", "run", "sim", "world", "sensors", "actuators", "link", "web"},
 }
 """Folder of `vsense` -> folders whose modules it must not import."""
 

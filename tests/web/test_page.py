@@ -153,6 +153,17 @@ def test_reload_in_mid_run_recovers_everything(served: Serve, opened: Open) -> N
     page.until("vsense.store.pictures.size === 4")
 
 
+def test_a_camera_that_is_only_looked_through_gets_all_the_room(
+    served: Serve, opened: Open
+) -> None:
+    _, _, url = served(Puppet(robots=0, cameras=1, mode="track"))
+    page = opened(url)
+    page.until("document.querySelector('#main').dataset.view === 'cameras'")
+    assert "seed" not in page.text("header") or "null" not in page.text("header")
+    page.key("1")
+    page.until("document.querySelector('#main').dataset.view === 'both'")
+
+
 def test_a_second_viewer_sees_who_pressed(served: Serve, opened: Open) -> None:
     _, _, url = served(running())
     first, second = opened(url), opened(url)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from importlib import resources
@@ -15,6 +16,7 @@ from vsense.tracking.picture_recorder import TIMESTAMPS, folder_names
 
 RESOURCES = "resources.xml"
 EXPERIMENT = "experiment.xml"
+_TAGS_WIDTH = 80
 SCHEMAS = ("resources.xsd", "experiment.xsd")
 
 
@@ -45,20 +47,29 @@ def write_session_files(
     Raises:
         OSError: A file cannot be written.
     """
+    write_schemas(directory)
+    text = resources_text(cameras, trackers)
+    (directory / RESOURCES).write_text(text, encoding="utf-8")
+    (directory / EXPERIMENT).write_text(experiment_text(cameras, trackers), encoding="utf-8")
+
+
+def write_schemas(directory: Path) -> None:
+    """Writes the schemas of both files into `directory / "schema"`, for editors.
+
+    Raises:
+        OSError: A file cannot be written.
+    """
     (directory / "schema").mkdir(exist_ok=True)
     for name in SCHEMAS:
         schema = (resources.files("vsense.config") / "schema" / name).read_text(encoding="utf-8")
         (directory / "schema" / name).write_text(schema, encoding="utf-8")
-    text = resources_text(cameras, trackers)
-    (directory / RESOURCES).write_text(text, encoding="utf-8")
-    (directory / EXPERIMENT).write_text(experiment_text(cameras, trackers), encoding="utf-8")
 
 
 def resources_text(cameras: Sequence[Camera], trackers: Mapping[str, TrackerSpec]) -> str:
     """Gives the resources file of a recording; see `write_session_files`."""
     folders = folder_names(cameras)
     lines = [
-        _head("arena_tracking_system", "resources.xsd"),
+        head("arena_tracking_system", "resources.xsd"),
         "  <grabbers>",
     ]
     for camera in cameras:
@@ -69,7 +80,7 @@ def resources_text(cameras: Sequence[Camera], trackers: Mapping[str, TrackerSpec
         )
     lines += ["  </grabbers>", "", "  <trackers>"]
     for tracker in {tracker.id: tracker for tracker in trackers.values()}.values():
-        lines += _tracker(tracker)
+        lines += tracker_lines(tracker)
     lines += ["  </trackers>", "", "  <cameras>"]
     for camera in cameras:
         file = f"cameras/{folders[camera.id]}.json"
@@ -80,16 +91,24 @@ def resources_text(cameras: Sequence[Camera], trackers: Mapping[str, TrackerSpec
 
 def experiment_text(cameras: Iterable[Camera], trackers: Mapping[str, TrackerSpec]) -> str:
     """Gives the experiment file of a recording; see `write_session_files`."""
+    return session_text([(f"pictures of {c.id}", c.id, trackers[c.id].id) for c in cameras])
+
+
+def session_text(views: Iterable[tuple[str, str, str]]) -> str:
+    """Gives an experiment file.
+
+    Args:
+        views: The ids of each camera's grabber, of the camera itself, and of its tracker.
+    """
     lines = [
-        _head("arena_tracking", "experiment.xsd"),
+        head("arena_tracking", "experiment.xsd"),
         '  <arena_state_tracker server_port="4040" opt_key_frame_period="1">',
     ]
-    for camera in cameras:
-        grabber = quoteattr("pictures of " + camera.id)
-        lines.append(
-            f"    <camera_state_tracker grabber={grabber} camera={quoteattr(camera.id)}"
-            f" tracker={quoteattr(trackers[camera.id].id)} />"
-        )
+    lines += [
+        f"    <camera_state_tracker grabber={quoteattr(grabber)} camera={quoteattr(camera)}"
+        f" tracker={quoteattr(tracker)} />"
+        for grabber, camera, tracker in views
+    ]
     lines += ["  </arena_state_tracker>", "", '  <experiment_record record_image="false" />', ""]
     return "\n".join([*lines, "</arena_tracking>", ""])
 
@@ -105,7 +124,8 @@ def tag_ranges(tags: Iterable[int]) -> str:
     return " ".join(f"{a}-{b}" if a < b else f"{a}" for a, b in ranges)
 
 
-def _head(root: str, schema: str) -> str:
+def head(root: str, schema: str) -> str:
+    """Gives the first lines of a file, up to and with the outermost element's first tag."""
     return (
         '<?xml version="1.0" ?>\n'
         f'<{root} xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"\n'
@@ -113,7 +133,8 @@ def _head(root: str, schema: str) -> str:
     )
 
 
-def _tracker(spec: TrackerSpec) -> list[str]:
+def tracker_lines(spec: TrackerSpec) -> list[str]:
+    """Gives a tracker's element."""
     heights_m, family = spec.heights_m, spec.family
     if family.endswith(".json"):
         # Its path starts from the folder of another file.
@@ -121,11 +142,12 @@ def _tracker(spec: TrackerSpec) -> list[str]:
     usual_m = Counter(heights_m.values()).most_common(1)[0][0]
     others = sorted({height for height in heights_m.values() if height != usual_m})
     heading = f' heading="{spec.heading_deg:g}"' if spec.heading_deg else ""
+    tags = f"\n{' ' * 19}".join(textwrap.wrap(tag_ranges(heights_m), _TAGS_WIDTH))
     closed = "" if spec.open_roster else ' roster="closed"'
     tracker = (
         f"    <tracker id={quoteattr(spec.id)} family={quoteattr(family)}{heading}"
         f' robot_height="{usual_m:g}"\n             max_speed="{spec.max_speed_m_s:g}"{closed}\n'
-        f'             tags="{tag_ranges(heights_m)}"'
+        f'             tags="{tags}"'
     )
     if not others:
         return [f"{tracker} />"]

@@ -54,6 +54,11 @@ class GenicamSource:
         rate_hz = settings.controls.rate_hz
         self._patience_s = max(SILENCE_S, PERIODS / rate_hz if rate_hz else 0.0)
 
+    @property
+    def camera(self) -> AravisCamera | None:
+        """The opened camera, for the thread that reads; None while it is closed."""
+        return self._camera
+
     def open(self) -> list[str]:
         """Opens the camera; see `vsense.tracking.source.Source.open`.
 

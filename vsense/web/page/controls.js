@@ -12,6 +12,7 @@ export class Controls {
     this.connection = connection;
     this.refresh = true;
     this.view = "both";
+    this.suited = false;
     this.buttons = [...document.querySelectorAll("[data-order]")];
     for (const button of this.buttons) {
       button.addEventListener("click", (event) => this.#pressed(button, event));
@@ -57,11 +58,18 @@ export class Controls {
     this.tellServer();
   }
 
-  setView(view) {
+  setView(view, keep = true) {
     this.view = ["both", "arena", "cameras"].includes(view) ? view : "both";
     byId("main").dataset.view = this.view;
     for (const button of document.querySelectorAll("[data-view]:is(button)")) press(button, button.dataset.view === this.view);
-    remember("view", this.view);
+    if (keep) remember("view", this.view);
+  }
+
+  /** A camera that is only looked through has no arena: it gets all the room, once. */
+  #suit(experiment) {
+    if (this.suited || !experiment) return;
+    this.suited = true;
+    if (experiment.mode === "track" && !experiment.robots.length) this.setView("cameras", false);
   }
 
   /** Whether the page is seen and refreshes: else the server makes next to nothing for it. */
@@ -76,6 +84,7 @@ export class Controls {
   /** Shows what makes sense now. */
   tell() {
     const { run, you } = this.store;
+    this.#suit(this.store.experiment);
     const state = run?.state ?? "none";
     const can = run?.can ?? [];
     document.body.dataset.rights = you.control ? "control" : "look";

@@ -80,7 +80,8 @@ export class Tiles {
   #what(experiment, run) {
     const parts = [];
     if (run) parts.push(run.runs ? `run ${run.run} of ${run.runs}` : `run ${run.run}`);
-    parts.push(`${experiment.robots.length} robots`, `seed ${experiment.seed}`);
+    parts.push(`${experiment.robots.length} robots`);
+    if (experiment.seed !== null) parts.push(`seed ${experiment.seed}`);
     if (experiment.blind) parts.push("blind");
     return parts.join(" · ");
   }

@@ -1,0 +1,234 @@
+"""The whole command with a real GigE Vision camera on loopback: Aravis' own simulator."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import re
+import signal
+import subprocess
+import sys
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import pytest
+
+from tests.conftest import require_library, require_tool
+from vsense.config import resources
+
+pytestmark = pytest.mark.system
+
+SERIAL = f"V{os.getpid()}"
+ID = f"Aravis-Fake-{SERIAL}"
+ADDRESS = "127.0.0.1"
+PATIENCE_S = 60.0
+ROOT = Path(__file__).parent.parent.parent
+PROGRAM = [sys.executable, "-m", "vsense", "cameras"]
+
+
+def start() -> subprocess.Popen[bytes]:
+    program = require_tool("arv-fake-gv-camera-0.8", "aravis-tools")
+    camera = subprocess.Popen([program, "-i", ADDRESS, "-s", SERIAL], stderr=subprocess.DEVNULL)
+    for _ in range(20):
+        if any(row["id"] == ID for row in json.loads(run("--json").stdout)):
+            return camera
+    camera.kill()
+    raise AssertionError("the simulator is not found: does another one hold this address?")
+
+
+@pytest.fixture
+def camera() -> Iterator[subprocess.Popen[bytes]]:
+    """A camera that is found."""
+    require_library("libaravis-0.8.so.0", "libaravis-0.8-0")
+    started = start()
+    yield started
+    started.kill()
+    started.wait()
+
+
+def run(*words: str, code: int = 0, **how: object) -> subprocess.CompletedProcess[str]:
+    """Runs an action; nothing it says is ever a traceback."""
+    done = subprocess.run(
+        [*PROGRAM, *words], capture_output=True, text=True, timeout=PATIENCE_S, cwd=ROOT,
+        **{"stdin": subprocess.DEVNULL, **how} if "input" not in how else how,
+    )  # fmt: skip
+    assert done.returncode == code, (words, done.stdout, done.stderr)
+    assert "Traceback" not in done.stderr
+    return done
+
+
+def mine() -> dict[str, object]:
+    """What the list says of the camera."""
+    (row,) = [row for row in json.loads(run("list", "--json").stdout) if row["id"] == ID]
+    return row
+
+
+def test_from_the_list_to_a_file_that_loads(
+    camera: subprocess.Popen[bytes], tmp_path: Path
+) -> None:
+    row = mine()
+    assert (row["kind"], row["address"], row["serial"]) == ("GigE", ADDRESS, SERIAL)
+    assert (row["width_px"], row["height_px"], row["rate_hz"]) == (512, 512, 25.0)
+    assert row["exposure_bounds_us"] == [10.0, 1e7] and row["trouble"] is None
+    lines = run().stdout.splitlines()
+    assert lines[0].split() == ["id", "kind", "address", "model", "resolution", "rate", "formats"]
+    assert any(line.startswith(ID) and "512x512" in line for line in lines)
+
+    run("init", str(tmp_path))
+    read = resources.load(tmp_path / "resources.xml")
+    (own,) = [id for id, spec in read.grabbers.items() if spec.source == ADDRESS]
+    path = str(tmp_path / "resources.xml")
+    told = json.loads(run("tune", own, "--resources", path, "--json").stdout)
+    assert (told["width_px"], told["exposure_us"], told["tags"]) == (512, 10_000.0, [])
+    refused = run("tune", "nix", "--resources", path, code=2).stderr
+    assert refused.startswith("vsense: no camera 'nix' among the grabbers of") and own in refused
+
+
+def test_one_picture_into_a_file(camera: subprocess.Popen[bytes], tmp_path: Path) -> None:
+    for name in ("a.png", "a.jpg", "a.pgm"):
+        path = tmp_path / name
+        done = run("show", SERIAL, "--save", str(path), "--width", "320", "--height", "200")
+        assert done.stdout == f"{path}\n"
+        image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        assert image is not None and image.shape == (200, 320)
+        assert 100 < image.mean() < 160, "a ramp"
+    told = run("show", ADDRESS, "--save", str(path), "--gain", "99").stderr
+    assert "does not take gain_raw 99 (0 to 10): keeps 0" in told
+    assert run("show", ID, "--save", "a.gif", code=2).stderr.count("\n") == 1
+    unwritable = run("show", ID, "--save", str(tmp_path / "no/a.png"), code=1).stderr
+    assert "cannot be written" in unwritable
+    unknown = run("show", "nix", "--save", str(path), code=2).stderr
+    assert unknown.startswith("vsense: no camera 'nix': there") and ID in unknown
+
+
+def test_a_sweep_leaves_the_camera_as_it_was(camera: subprocess.Popen[bytes]) -> None:
+    done = run("tune", ID, "--sweep", "--json", "--gain", "2", "--exposure", "3000")
+    told = json.loads(done.stdout)
+    means = {(row["exposure_us"], row["gain"]): row["mean"] for row in told["rows"]}
+    assert means[2000.0, 0.0] < means[5000.0, 0.0] < means[10_000.0, 0.0]
+    assert told["best"]["saturated"] <= 0.01
+    assert "own values again: exposure_time_abs 3000, gain_raw 2" in done.stderr
+    row = mine()
+    assert (row["exposure_us"], row["gain"]) == (3000.0, 2.0)
+
+
+def test_ctrl_c_in_a_sweep_leaves_the_camera_as_it_was(camera: subprocess.Popen[bytes]) -> None:
+    command, terminal = on_terminal("tune", ID, "--sweep")
+    read_until(terminal, rb"(?s)markers.*us.*us")
+    command.send_signal(signal.SIGINT)
+    rest = read_until(terminal, rb"own values again[^\n]*\n")
+    assert command.wait(PATIENCE_S) == 130 and b"Traceback" not in rest
+    row = mine()
+    assert (row["exposure_us"], row["gain"]) == (10_000.0, 0.0)
+
+
+def on_terminal(*words: str) -> tuple[subprocess.Popen[bytes], int]:
+    """Starts an action on a terminal of its own; gives that, too."""
+    ours, theirs = pty.openpty()
+    command = subprocess.Popen(
+        [*PROGRAM, *words], stdin=theirs, stdout=theirs, stderr=theirs, cwd=ROOT
+    )
+    os.close(theirs)
+    return command, ours
+
+
+def read_until(terminal: int, pattern: bytes) -> bytes:
+    """Reads what is drawn until it shows something."""
+    drawn = b""
+    while not re.search(pattern, drawn):
+        try:
+            drawn += os.read(terminal, 65536)
+        except OSError:
+            raise AssertionError(f"ended without {pattern!r}: {drawn!r}") from None
+    return drawn
+
+
+def test_unplugged_and_back_while_somebody_watches(camera: subprocess.Popen[bytes]) -> None:
+    command, terminal = on_terminal("tune", ID)
+    try:
+        read_until(terminal, rb"pictures/s.*\n(?s:.*)advice")
+        camera.kill()
+        camera.wait()
+        read_until(terminal, rb"gone, trying again")
+        second = start()
+        try:
+            read_until(terminal, rb"pictures/s.*\n(?s:.*)advice")
+            command.send_signal(signal.SIGINT)
+            assert command.wait(PATIENCE_S) == 130
+        finally:
+            second.kill()
+            second.wait()
+    finally:
+        command.kill()
+
+
+def test_live_in_the_page_until_ctrl_c(camera: subprocess.Popen[bytes]) -> None:
+    command = subprocess.Popen(
+        [*PROGRAM, "show", ID, "--web", "0"], stderr=subprocess.PIPE, text=True, cwd=ROOT
+    )
+    try:
+        assert command.stderr is not None
+        told = [command.stderr.readline() for _ in range(3)]
+        url = re.search(r"http://\S+", told[0])
+        assert url is not None and "Ctrl-C ends" in told[1], told
+        with urllib.request.urlopen(url[0], timeout=PATIENCE_S) as page:
+            assert b"vsense" in page.read()
+        assert ID in told[2] and "mean grey" in told[2]
+        command.send_signal(signal.SIGINT)
+        assert command.wait(PATIENCE_S) == 130
+        assert "Traceback" not in command.stderr.read()
+    finally:
+        command.kill()
+
+
+def test_a_camera_of_another_program_is_listed_and_does_not_open(
+    camera: subprocess.Popen[bytes], tmp_path: Path
+) -> None:
+    holder = subprocess.Popen(
+        [*PROGRAM, "show", ID, "--web", "0"], stderr=subprocess.PIPE, text=True, cwd=ROOT
+    )
+    try:
+        assert holder.stderr is not None
+        while "mean grey" not in holder.stderr.readline():
+            pass
+        row = mine()
+        assert "another program controls it" in str(row["trouble"])
+        assert row["width_px"] is None and row["address"] == ADDRESS
+        refused = run("show", ID, "--save", str(tmp_path / "a.png"), code=1).stderr
+        assert "another program" in refused and refused.count("\n") == 1
+    finally:
+        holder.kill()
+        holder.wait()
+
+
+def test_moments_with_all_cameras_of_a_file(
+    camera: subprocess.Popen[bytes], tmp_path: Path
+) -> None:
+    path = tmp_path / "resources.xml"
+    path.write_text(
+        f'<arena_tracking_system><grabbers><grabber id="cam1" type="genicam" device="{ADDRESS}"'
+        ' frame_rate="10" trigger="software" /></grabbers><trackers /><cameras />'
+        "</arena_tracking_system>"
+    )
+    folder = tmp_path / "shoot"
+    words = ("shoot", str(path), "-o", str(folder), "--board", "charuco:7x5:80mm:4X4_50")
+    done = run(*words, input="\ntilt\n")
+    assert "floor_01: cam1 no board" in done.stderr and "vsense calibrate rig" in done.stderr
+    done = run(*words, "--every", "0.2", "--count", "1", "--json")
+    assert json.loads(done.stdout) == {"floor_02": {"cam1": 0}}
+    taken = sorted(path.name for path in (folder / "cam1").iterdir())
+    assert taken == ["floor_01.png", "floor_02.png", "tilt_01.png"]
+
+
+def test_nobody_reads_the_output(camera: subprocess.Popen[bytes]) -> None:
+    for words in (("list", "--json"), ("tune", ID)):
+        command = subprocess.Popen(
+            [*PROGRAM, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=ROOT
+        )
+        assert command.stdout is not None and command.stderr is not None
+        command.stdout.close()
+        assert command.stderr.read() == b""
+        assert command.wait(PATIENCE_S) == 0

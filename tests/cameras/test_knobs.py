@@ -1,0 +1,140 @@
+"""Exposure and gain are asked, turned and put back; the cameras are scripted."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from vsense.cameras.knobs import EXPOSURE, GAIN, GenicamKnobs, V4l2Knobs
+from vsense.cameras.v4l2_controls import Control, Device
+from vsense.tracking.aravis import AravisError
+from vsense.tracking.grabbers import GrabberError
+
+NEW = {"ExposureAuto": "Continuous", "ExposureTime": "8000.5", "GainAuto": "Off", "Gain": "2"}
+OLD = {"ExposureTimeAbs": "8000", "GainRaw": "12"}
+
+
+class Genicam:
+    """Features as text; while a camera sets one by itself nobody else can."""
+
+    def __init__(self, features: dict[str, str]) -> None:
+        self.features = dict(features)
+        self.order: list[str] = []
+
+    def has(self, name: str) -> bool:
+        return name in self.features
+
+    def get(self, name: str) -> str:
+        return self.features[name]
+
+    def set(self, name: str, value: str) -> None:
+        if name == "ExposureTime" and self.features["ExposureAuto"] != "Off":
+            raise AravisError("is set by the camera itself")
+        self.order.append(name)
+        self.features[name] = value
+
+    def bounds(self, name: str) -> tuple[float, float] | None:
+        return 10.0, 1e6
+
+
+def knobs(camera: Any) -> GenicamKnobs:
+    return GenicamKnobs(lambda: camera)
+
+
+@pytest.mark.parametrize("features", [OLD, NEW])
+def test_old_and_new_names_are_one_knob(features: dict[str, str]) -> None:
+    made = knobs(Genicam(features))
+    assert made.value(EXPOSURE) == pytest.approx(8000.0, abs=1.0)
+    assert made.bounds(EXPOSURE) == (10.0, 1e6)
+    made.turn(EXPOSURE, 5000.0)
+    made.turn(GAIN, 1.0)
+    assert made.value(EXPOSURE) == 5000.0 and made.value(GAIN) == 1.0
+
+
+def test_what_the_camera_does_by_itself_is_off_while_it_is_turned_and_on_again() -> None:
+    camera = Genicam(NEW)
+    made = knobs(camera)
+    put_back = made.remember()
+    made.turn(EXPOSURE, 5000.0)
+    assert camera.features["ExposureAuto"] == "Off"
+    put_back()
+    assert camera.features == NEW
+    assert camera.order[-2:] == ["ExposureAuto", "GainAuto"], "last, else nothing could be set"
+
+
+def test_a_camera_that_is_gone_or_has_none() -> None:
+    gone = knobs(None)
+    assert gone.value(EXPOSURE) is None and gone.bounds(GAIN) is None
+    with pytest.raises(GrabberError):
+        gone.turn(EXPOSURE, 1.0)
+    bare = knobs(Genicam({}))
+    assert bare.value(GAIN) is None
+    with pytest.raises(GrabberError, match="has no gain_raw"):
+        bare.turn(GAIN, 1.0)
+
+
+def test_values_cannot_be_put_back_into_a_camera_that_is_gone() -> None:
+    there: list[Any] = [Genicam(OLD)]
+    made = GenicamKnobs(lambda: there[0])
+    put_back = made.remember()
+    there[0] = None
+    with pytest.raises(GrabberError, match="is gone"):
+        put_back()
+
+
+class Driver:
+    """A V4L2 driver's controls, behind its ioctls."""
+
+    def __init__(self, values: dict[int, int]) -> None:
+        self.values = dict(values)
+
+    def __call__(self, file: int, request: int, data: bytes) -> bytes:
+        (control,) = struct.unpack_from("I", data)
+        if control not in self.values:
+            raise OSError(22, "Invalid argument")
+        if request & 0xFF == 36:
+            return struct.pack("II32siiiiI8x", control, 1, b"name", 3, 2047, 1, 250, 0)
+        if request & 0xFF == 28:
+            value = struct.unpack("Ii", data)[1]
+            if value > 2047:
+                raise OSError(34, "Numerical result out of range")
+            self.values[control] = value
+        return struct.pack("Ii", control, self.values[control])
+
+
+WEBCAM = {Control.EXPOSURE: 250, Control.EXPOSURE_AUTO: 3, Control.GAIN: 64}
+
+
+@pytest.fixture
+def node(tmp_path: Path) -> str:
+    (tmp_path / "video0").touch()
+    return str(tmp_path / "video0")
+
+
+def test_v4l2_counts_in_100_us(node: str) -> None:
+    driver = Driver(WEBCAM)
+    made = V4l2Knobs(Device(node, driver))
+    assert made.value(EXPOSURE) == 25_000.0 and made.value(GAIN) == 64.0
+    assert made.bounds(EXPOSURE) == (300.0, 204_700.0) and made.bounds(GAIN) == (3.0, 2047.0)
+    put_back = made.remember()
+    made.turn(EXPOSURE, 5000.0)
+    assert driver.values[Control.EXPOSURE] == 50 and driver.values[Control.EXPOSURE_AUTO] == 1
+    with pytest.raises(GrabberError, match="does not take gain_raw 5000"):
+        made.turn(GAIN, 5000.0)
+    put_back()
+    assert driver.values == WEBCAM
+
+
+def test_a_device_without_controls(node: str) -> None:
+    made = V4l2Knobs(Device(node, Driver({})))
+    assert made.value(EXPOSURE) is None and made.bounds(EXPOSURE) is None
+    with pytest.raises(GrabberError):
+        made.turn(EXPOSURE, 5000.0)
+
+
+def test_a_real_file_is_no_device(node: str) -> None:
+    device = Device(node)
+    assert device.get(Control.GAIN) is None and not device.set(Control.GAIN, 1)

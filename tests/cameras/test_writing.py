@@ -1,0 +1,123 @@
+"""What `vsense cameras init` writes loads, and is left alone where it is there already."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import pytest
+
+from tests.cameras.stage import CALIBRATION, found
+from vsense.cameras import beginning, writing
+from vsense.cameras.finding import USB3, V4L2, Details, FoundCamera
+from vsense.config import resources, tracking_session
+from vsense.errors import UsageError, VsenseError
+from vsense.tracking.genicam_settings import GenicamSettings
+from vsense.tracking.grabbers_device import Controls
+
+WEBCAM = found(
+    id="/dev/video0", kind=V4L2, address="usb-1", serial="", mac="", model="Webcam -- 2",
+    details=Details((1280, 720), ("YUYV",), 30.0),
+)  # fmt: skip
+BUSY = found(id="Maker-Model-8", serial="8", trouble="another program <x> & -- controls it")
+USB = found(id="Maker-U-9", kind=USB3, address="", serial="9")
+
+
+def write(folder: Path, cameras: list[FoundCamera]) -> None:
+    writing.write(folder, cameras, [31, 1843])
+
+
+def test_what_is_written_loads(tmp_path: Path) -> None:
+    write(tmp_path, [found(), WEBCAM, BUSY, USB])
+    read = resources.load(tmp_path / "resources.xml")
+    assert list(read.grabbers) == ["cam1", "cam2", "cam3", "cam4"] == list(read.cameras)
+    first = read.grabbers["cam1"]
+    assert first.source == "192.168.10.11" and isinstance(first.settings, GenicamSettings)
+    assert first.settings.controls == Controls((1620, 1220), 10.0, 10_000.0, 3.0)
+    assert first.settings.offset_px == (0, 0) and first.settings.pixel_format == "Mono8"
+    assert first.settings.trigger == "software", "several cameras expose together"
+    assert read.grabbers["cam2"].settings == Controls((1280, 720), 10.0)
+    assert read.grabbers["cam3"].source == "Maker-Model-8", "its address may be another's, too"
+    assert read.grabbers["cam4"].source == "Maker-U-9"
+    assert set(read.trackers["robots"].heights_m) == {31, 1843}
+
+
+def test_session_loads_once_the_cameras_are_calibrated(tmp_path: Path) -> None:
+    write(tmp_path, [found(), WEBCAM])
+    (tmp_path / "cameras").mkdir()
+    for id in ("cam1", "cam2"):
+        (tmp_path / "cameras" / f"{id}.json").write_text(CALIBRATION.to_json())
+    session = tracking_session.load(tmp_path / "resources.xml", tmp_path / "experiment.xml")
+    assert [view.grabber.id for view in session.views] == ["cam1", "cam2"]
+    assert [view.camera.id for view in session.views] == ["cam1", "cam2"]
+
+
+def test_it_is_pleasant_to_edit(tmp_path: Path) -> None:
+    write(tmp_path, [found(), BUSY])
+    text = (tmp_path / "resources.xml").read_text()
+    assert max(map(len, text.splitlines())) <= 110
+    assert "Maker Model, serial 7, Maker-Model-7, 00:0f:31:00:00:07" in text
+    assert "exposure 10 to 10000000 us, gain 0 to 24" in text
+    assert "NOT READY: another program" in text
+    for name in ("exposure_time_abs", "gain_raw", "trigger", "packet_size", "<feature name="):
+        assert name in text.partition("-->")[0], "explained where it is used"
+    assert sorted(path.name for path in (tmp_path / "schema").iterdir()) == [
+        "experiment.xsd",
+        "resources.xsd",
+    ]
+
+
+def test_one_camera_runs_freely_and_unknown_values_are_left_out(tmp_path: Path) -> None:
+    write(tmp_path, [found(details=Details())])
+    (spec,) = resources.load(tmp_path / "resources.xml").grabbers.values()
+    assert isinstance(spec.settings, GenicamSettings)
+    assert spec.settings == GenicamSettings(Controls(rate_hz=10.0))
+
+
+def test_slow_cameras_are_not_asked_for_more() -> None:
+    slow = Details((640, 480), ("Mono8",), 7.5)
+    assert 'frame_rate="7.5"' in writing.grabber("cam1", found(details=slow), "free")
+
+
+def run(folder: Path, force: bool = False) -> int:
+    return beginning.run(argparse.Namespace(directory=folder, force=force))
+
+
+def test_init_says_what_comes_next(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(beginning, "find", lambda: ([found(), BUSY], ""))
+    assert run(tmp_path / "lab") == 0
+    out, err = capsys.readouterr()
+    assert out.split() == [str(tmp_path / "lab" / f"{n}.xml") for n in ("resources", "experiment")]
+    for command in ("cameras tune cam1", "cameras shoot", "calibrate rig", "vsense track"):
+        assert command in err
+    assert "vsense: cam2: Maker-Model-8: another program" in err
+
+
+def test_init_writes_over_nothing_unless_it_is_told_to(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(beginning, "find", lambda: ([found()], ""))
+    (tmp_path / "experiment.xml").write_text("mine")
+    with pytest.raises(UsageError, match=r"experiment\.xml: is there already; --force"):
+        run(tmp_path)
+    assert (tmp_path / "experiment.xml").read_text() == "mine"
+    assert run(tmp_path, force=True) == 0
+    resources.load(tmp_path / "resources.xml")
+
+
+def test_init_without_cameras_says_what_to_check(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(beginning, "find", lambda: ([], "no library"))
+    with pytest.raises(VsenseError, match="no camera found"):
+        run(tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_init_where_nothing_can_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(beginning, "find", lambda: ([found()], ""))
+    (tmp_path / "file").touch()
+    with pytest.raises(VsenseError, match="cannot be written"):
+        run(tmp_path / "file" / "lab")

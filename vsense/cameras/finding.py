@@ -1,0 +1,196 @@
+"""Which cameras are there, and what is wrong with those that cannot be used as they are."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+
+from vsense.cameras import v4l2
+from vsense.cameras.discovery import Heard, heard
+from vsense.cameras.networks import networks, stranded
+from vsense.tracking import aravis
+from vsense.tracking.aravis import AravisError, Listed
+from vsense.tracking.aravis_camera import AravisCamera
+from vsense.tracking.grabbers import GrabberError
+from vsense.tracking.gvcp import controlled
+from vsense.tracking.source import Bounds
+
+GIGE, USB3, V4L2 = "GigE", "USB3", "V4L2"
+BUSY = "another program controls it, or did until seconds ago"
+DEAF = "answers to everybody, but not to this host alone: look at its network mask and the firewall"
+_WORKERS = 8
+"""A camera that does not answer takes seconds to say so: the others do not wait for it."""
+_EXPOSURE = ("ExposureTimeAbs", "ExposureTime")
+_GAIN = ("GainRaw", "Gain")
+
+
+@dataclass(frozen=True, slots=True)
+class Details:
+    """What a camera that could be asked says of itself; None and empty: it did not say.
+
+    Attributes:
+        size_px: width and height of its pictures.
+        formats: names of its pixel formats.
+        rate_hz: pictures per second.
+        exposure_us: exposure time.
+        exposure_bounds_us: the least and the greatest one.
+        gain: in its own unit.
+        gain_bounds: the least and the greatest one.
+    """
+
+    size_px: tuple[int, int] | None = None
+    formats: tuple[str, ...] = ()
+    rate_hz: float | None = None
+    exposure_us: float | None = None
+    exposure_bounds_us: Bounds | None = None
+    gain: float | None = None
+    gain_bounds: Bounds | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class FoundCamera:
+    """A camera that is there.
+
+    Attributes:
+        id: what is written into device=, and what commands take.
+        kind: `GIGE`, `USB3` or `V4L2`.
+        address: IPv4 address of GigE, bus of the others; may be empty.
+        model: vendor and model, or the device's name.
+        serial: serial number; may be empty.
+        mac: MAC address of GigE, GUID of USB3; may be empty.
+        details: what it says of itself.
+        trouble: why it cannot be used as it is, without its name; empty: it can.
+    """
+
+    id: str
+    kind: str
+    address: str
+    model: str
+    serial: str = ""
+    mac: str = ""
+    details: Details = field(default_factory=Details)
+    trouble: str = ""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All that a user may call it."""
+        address = self.address if self.kind == GIGE else ""
+        return tuple(filter(None, (self.id, address, self.serial, self.mac)))
+
+
+def find() -> tuple[list[FoundCamera], str]:
+    """Looks for cameras; takes a second or two.
+
+    Returns:
+        The cameras, and why GigE and USB3 Vision cameras could not be looked for, or "".
+    """
+    devices = [_of_v4l2(device) for device in v4l2.devices()]
+    with ThreadPoolExecutor(_WORKERS) as workers:
+        answers = workers.submit(heard)
+        missing, listed = "", list[Listed]()
+        try:
+            listed = aravis.listed()
+        except AravisError as error:
+            missing = str(error)
+        found = _told_twice([_of_aravis(each) for each in listed])
+        lost = _unheard(answers.result(), listed, missing)
+        return [*workers.map(_asked, found), *lost, *devices], missing
+
+
+def _unheard(answers: Sequence[Heard], listed: Sequence[Listed], missing: str) -> list[FoundCamera]:
+    """Gives the GigE cameras that answer, and that Aravis does not hear, with the reason."""
+    known = {(camera.mac.lower(), camera.address) for camera in listed}
+    there = networks()
+    return [
+        FoundCamera(
+            each.id,
+            GIGE,
+            each.address,
+            f"{each.vendor} {each.model}",
+            each.serial,
+            each.mac,
+            trouble=stranded(each.address, there) or ("needs Aravis" if missing else DEAF),
+        )
+        for each in answers
+        if (each.mac, each.address) not in known
+    ]
+
+
+def _of_v4l2(device: v4l2.V4l2Device) -> FoundCamera:
+    details = Details(device.size_px, tuple(device.formats), device.rate_hz)
+    return FoundCamera(
+        device.path, V4L2, device.bus, device.name, details=details, trouble=device.trouble
+    )
+
+
+def _of_aravis(listed: Listed) -> FoundCamera:
+    kind = GIGE if listed.protocol == aravis.GIGE else USB3
+    model = listed.model if listed.vendor in listed.model else f"{listed.vendor} {listed.model}"
+    return FoundCamera(listed.id, kind, listed.address, model, listed.serial, listed.mac)
+
+
+def _told_twice(found: Sequence[FoundCamera]) -> list[FoundCamera]:
+    """Marks those that share an address: whoever speaks to one disturbs the other."""
+    counts = Counter(camera.address for camera in found if camera.kind == GIGE)
+
+    def marked(camera: FoundCamera) -> FoundCamera:
+        others = [o.id for o in found if o.address == camera.address and o is not camera]
+        if counts[camera.address] < 2 or not others:
+            return camera
+        text = f"has the address of {', '.join(others)}, too: give each one of its own"
+        return replace(camera, trouble=text)
+
+    return [marked(camera) for camera in found]
+
+
+def _asked(camera: FoundCamera) -> FoundCamera:
+    """Asks a camera about itself."""
+    if camera.trouble:
+        return camera
+    try:
+        return _told(camera)
+    except GrabberError as error:
+        # A camera of another network may be reached through a router: only where it does not
+        # answer that is the trouble.
+        lost = stranded(camera.address, networks()) if camera.kind == GIGE else ""
+        return replace(camera, trouble=lost or f"does not open: {error}")
+
+
+def _told(camera: FoundCamera) -> FoundCamera:
+    # Opening a camera that another program has takes seconds, and asking it would disturb.
+    if camera.kind == GIGE and controlled(camera.address):
+        return replace(camera, trouble=BUSY)
+    opened = AravisCamera(camera.address or camera.id)
+    try:
+        return replace(camera, details=read(opened))
+    finally:
+        opened.close()
+
+
+def read(camera: AravisCamera) -> Details:
+    """Asks an opened camera about itself.
+
+    Raises:
+        AravisError: it does not answer.
+    """
+    exposure_us, exposure_bounds_us = _number(camera, _EXPOSURE)
+    gain, gain_bounds = _number(camera, _GAIN)
+    return Details(
+        (int(camera.get("Width")), int(camera.get("Height"))),
+        tuple(camera.formats()),
+        camera.rate_hz,
+        exposure_us,
+        exposure_bounds_us,
+        gain,
+        gain_bounds,
+    )
+
+
+def _number(camera: AravisCamera, names: Sequence[str]) -> tuple[float | None, Bounds | None]:
+    """Reads the first feature that the camera has of some."""
+    name = next((each for each in names if camera.has(each)), None)
+    if name is None:
+        return None, None
+    return float(camera.get(name)), camera.bounds(name)

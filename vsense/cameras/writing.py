@@ -1,0 +1,157 @@
+"""The configuration files for cameras that were found, ready to edit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+from vsense.cameras.finding import V4L2, FoundCamera
+from vsense.config import recording_files
+from vsense.config.recording_files import EXPERIMENT, RESOURCES
+from vsense.config.resources import DEFAULT_HEIGHT_M, DEFAULT_SPEED_M_S
+from vsense.config.tracking_specs import CAMERA, GENICAM, TrackerSpec
+from vsense.tracking.genicam_settings import FREE, PIXEL_FORMATS, SOFTWARE
+
+RATE_HZ = 10.0
+"""The thesis's rate: sixteen cameras share a link, and a camera may be able to do more."""
+FAMILY = "arrow4x4"
+TRACKER = "robots"
+
+_GRABBERS = """\
+    <!--
+      Cameras. Whatever one of them refuses or rounds is told when it is opened.
+
+      device             an IP address, or an id, serial number or MAC address of "vsense cameras"
+      width, height      [px] what it is calibrated with; offset_x, offset_y: where on the sensor
+      frame_rate         [1/s] also what the network's load and "too slow" are judged by
+      exposure_time_abs  [us] longer is brighter, and smears robots that move
+      gain_raw           in the camera's own unit: higher is brighter and noisier
+      trigger            "free", "software": all expose together, or a line such as "Line1"
+      pixel_format       "Mono8", or BayerRG8 and the like where there is no Mono8
+      packet_size        [bytes] left out: the largest that gets through; packet_delay: [us]
+
+      Any other feature of a camera is set by its name, inside its element:
+      <feature name="BlackLevelRaw" value="0" />
+    -->
+"""
+_TRACKERS = """\
+    <!--
+      family        the printed markers, see "vsense markers"
+      tags          the numbers of the markers in the arena; these are "auto:20" of vsense markers
+      robot_height  of the markers above the floor [m]
+      max_speed     of a robot [m/s]
+    -->
+"""
+_CAMERAS = """\
+    <!-- Where the cameras hang, and their lenses: the files that "vsense calibrate" writes. -->
+"""
+
+
+def resources_text(found: Sequence[FoundCamera], tags: Sequence[int]) -> str:
+    """Gives the resources file.
+
+    Args:
+        found: the cameras.
+        tags: the roster.
+    """
+    tracker = TrackerSpec(
+        TRACKER, FAMILY, 0.0, dict.fromkeys(tags, DEFAULT_HEIGHT_M), DEFAULT_SPEED_M_S, True, 0
+    )
+    together = sum(camera.kind != V4L2 for camera in found) > 1
+    lines = [recording_files.head("arena_tracking_system", "resources.xsd"), "  <grabbers>"]
+    lines.append(_GRABBERS)
+    for id, camera in zip(ids(found), found):
+        lines += [_comment(camera), grabber(id, camera, SOFTWARE if together else FREE), ""]
+    lines += ["  </grabbers>", "", "  <trackers>", _TRACKERS.rstrip("\n")]
+    lines += recording_files.tracker_lines(tracker)
+    lines += ["  </trackers>", "", "  <cameras>", _CAMERAS.rstrip("\n")]
+    lines += [f'    <camera id="{id}" calibration="cameras/{id}.json" />' for id in ids(found)]
+    return "\n".join([*lines, "  </cameras>", "", "</arena_tracking_system>", ""])
+
+
+def experiment_text(found: Sequence[FoundCamera]) -> str:
+    """Gives the experiment file."""
+    return recording_files.session_text([(id, id, TRACKER) for id in ids(found)])
+
+
+def ids(found: Sequence[FoundCamera]) -> list[str]:
+    """Gives the cameras' ids in the files: short, and plain enough for a folder's name."""
+    return [f"cam{number}" for number in range(1, len(found) + 1)]
+
+
+def grabber(id: str, camera: FoundCamera, trigger: str) -> str:
+    """Gives a camera's element."""
+    details = camera.details
+    genicam = camera.kind != V4L2
+    rows: list[dict[str, object]] = [
+        {"id": id, "type": GENICAM if genicam else CAMERA, "device": device(camera)}
+    ]
+    if details.size_px is not None:
+        rows.append({"width": details.size_px[0], "height": details.size_px[1]})
+        if genicam:
+            rows[-1] |= {"offset_x": 0, "offset_y": 0}
+    rows.append({"frame_rate": min(details.rate_hz or RATE_HZ, RATE_HZ)})
+    rows[-1] |= {"exposure_time_abs": details.exposure_us, "gain_raw": details.gain}
+    if genicam:
+        usable = [name for name in PIXEL_FORMATS if name in details.formats]
+        rows.append({"trigger": trigger, "pixel_format": usable[0] if usable else None})
+    return f"    <grabber {_joined(rows)} />"
+
+
+def device(camera: FoundCamera) -> str:
+    """Gives what a camera is opened by: its address is fastest, where it is its own."""
+    return camera.id if camera.trouble or camera.kind == V4L2 else camera.address or camera.id
+
+
+def write(directory: Path, found: Sequence[FoundCamera], tags: Sequence[int]) -> list[Path]:
+    """Writes both files, the folder for the calibration, and the schemas for editors.
+
+    Returns:
+        The two files.
+
+    Raises:
+        OSError: one cannot be written.
+    """
+    directory.mkdir(parents=True, exist_ok=True)
+    recording_files.write_schemas(directory)
+    texts = {RESOURCES: resources_text(found, tags), EXPERIMENT: experiment_text(found)}
+    for name, text in texts.items():
+        (directory / name).write_text(text, encoding="utf-8")
+    return [directory / name for name in texts]
+
+
+def _joined(rows: Sequence[dict[str, object]]) -> str:
+    """Gives attributes, a line for each row, one below the other."""
+    lines = [
+        " ".join(
+            f"{name}={quoteattr(_text(value))}" for name, value in row.items() if value is not None
+        )
+        for row in rows
+    ]
+    return f"\n{' ' * 13}".join(line for line in lines if line)
+
+
+def _comment(camera: FoundCamera) -> str:
+    """Says which camera it is, what it takes, and what is wrong with it."""
+    details = camera.details
+    parts = [camera.model]
+    parts += [f"serial {camera.serial}"] if camera.serial else []
+    parts += [camera.id, camera.mac] if camera.kind != V4L2 else [camera.address]
+    lines = [", ".join(filter(None, parts))]
+    bounds = {"exposure": (details.exposure_bounds_us, " us"), "gain": (details.gain_bounds, "")}
+    takes = [
+        f"{name} {_text(limits[0])} to {_text(limits[1])}{unit}"
+        for name, (limits, unit) in bounds.items()
+        if limits is not None
+    ]
+    lines += [", ".join(takes)] if takes else []
+    lines += [f"formats {' '.join(details.formats)}"] if details.formats else []
+    lines += [f"NOT READY: {camera.trouble}"] if camera.trouble else []
+    # Two dashes would end the comment.
+    text = "\n         ".join(lines).replace("--", "- -")
+    return f"    <!-- {text} -->"
+
+
+def _text(value: object) -> str:
+    return f"{value:.10g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,201 @@
+"""`vsense cameras`: what is plugged in, how it looks, and how it is set up."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from vsense.commands import arguments
+
+HELP = "find cameras, look through them, set them up"
+
+DESCRIPTION = (
+    "Without an action it lists the cameras: GigE Vision, USB3 Vision, V4L2. 'show' looks through"
+    " one, 'tune' helps with its exposure and gain, 'init' writes the configuration files for all"
+    " that are there, and 'shoot' takes pictures of a board with all of them for vsense calibrate."
+)
+
+_ID = (
+    "what `vsense cameras` lists as its id or address, its serial number, /dev/video0, a URL, or"
+    " with --resources the id of a grabber"
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declares the command's arguments."""
+    parser.add_argument("--json", action="store_true", help="print the list as JSON")
+    actions = parser.add_subparsers(title="actions", metavar="ACTION", dest="action")
+    _add_list(actions.add_parser("list", help="show what is there (as without an action)"))
+    _add_show(actions.add_parser("show", help="look through a camera, or take one picture"))
+    _add_tune(actions.add_parser("tune", help="help with a camera's exposure and gain"))
+    _add_init(actions.add_parser("init", help="write the configuration files for what is there"))
+    _add_shoot(actions.add_parser("shoot", help="take pictures of a board with all cameras"))
+
+
+def _add_list(parser: argparse.ArgumentParser) -> None:
+    """Declares what `vsense cameras list` takes."""
+    # Without a default of its own: --json before the action counts, too.
+    _add_json(parser)
+
+
+def _add_show(parser: argparse.ArgumentParser) -> None:
+    """Declares what `vsense cameras show` takes."""
+    _add_camera(parser)
+    parser.add_argument(
+        "--save",
+        type=Path,
+        metavar="FILE",
+        help="take one picture into a file (.png, .jpg, .pgm) instead of showing it in the page",
+    )
+    arguments.add_web(parser, ("127.0.0.1", 8080))
+
+
+def _add_tune(parser: argparse.ArgumentParser) -> None:
+    """Declares what `vsense cameras tune` takes."""
+    _add_camera(parser)
+    parser.add_argument(
+        "--sweep",
+        action="store_true",
+        help="try exposures and gains, say which are best, and put the camera's own values back",
+    )
+    _add_json(parser)
+    group = parser.add_argument_group("what is in the picture")
+    group.add_argument(
+        "--speed",
+        type=_positive,
+        default=0.13,
+        metavar="M/S",
+        help="of the robots (default: 0.13, the e-puck's greatest)",
+    )
+    group.add_argument(
+        "--px-per-m",
+        type=_positive,
+        metavar="PX",
+        help="pixels per metre at the markers (default: told by the markers in the picture)",
+    )
+    group.add_argument(
+        "--focal-px", type=_positive, metavar="PX", help="or: focal length, with --height-m"
+    )
+    group.add_argument(
+        "--height-m", type=_positive, metavar="M", help="from the lens down to the markers"
+    )
+    group.add_argument(
+        "--camera", metavar="ID", help="or: the calibrated camera of the resources file"
+    )
+    group.add_argument(
+        "--marker-height",
+        type=_positive,
+        default=0.06,
+        metavar="M",
+        help="of the markers above the floor, for --camera (default: 0.06)",
+    )
+
+
+def _add_init(parser: argparse.ArgumentParser) -> None:
+    """Declares what `vsense cameras init` takes."""
+    parser.add_argument(
+        "directory",
+        type=Path,
+        nargs="?",
+        default=Path(),
+        metavar="DIR",
+        help="where resources.xml, experiment.xml and their schemas go (default: here)",
+    )
+    parser.add_argument("--force", action="store_true", help="write over files that are there")
+
+
+def _add_shoot(parser: argparse.ArgumentParser) -> None:
+    """Declares what `vsense cameras shoot` takes."""
+    parser.add_argument(
+        "resources", metavar="RESOURCES", help="the resources file: all its cameras take part"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        default=Path("shoot"),
+        metavar="DIR",
+        help="gets a folder per camera (default: shoot)",
+    )
+    parser.add_argument(
+        "--board",
+        metavar="BOARD",
+        help="say in which pictures this board is seen, such as charuco:7x5:80mm:4X4_50; see vsense"
+        " calibrate",
+    )
+    parser.add_argument(
+        "--every",
+        type=_positive,
+        metavar="S",
+        help="take a picture every S seconds, instead of with the Enter key",
+    )
+    parser.add_argument(
+        "--count",
+        type=arguments.positive,
+        metavar="N",
+        help="end after N pictures, with --every (default: with Ctrl-C)",
+    )
+    parser.add_argument(
+        "--name",
+        default="floor",
+        metavar="WORD",
+        help="the pictures are WORD_01, WORD_02, ... (default: floor)",
+    )
+    _add_json(parser)
+
+
+def _add_camera(parser: argparse.ArgumentParser) -> None:
+    """Declares which camera is meant, and what it is asked for."""
+    parser.add_argument("id", metavar="ID", help=_ID)
+    group = parser.add_argument_group("the camera")
+    group.add_argument(
+        "--resources",
+        metavar="FILE",
+        help="take ID for a grabber of this resources file, with all its settings",
+    )
+    group.add_argument("--exposure", type=_positive, metavar="US", help="exposure time in us")
+    group.add_argument("--gain", type=_gain, metavar="RAW", help="in the camera's own unit")
+    group.add_argument("--width", type=arguments.positive, metavar="PX", help="with --height")
+    group.add_argument("--height", type=arguments.positive, metavar="PX", help="with --width")
+    group.add_argument("--rate", type=_positive, metavar="HZ", help="pictures per second")
+    parser.add_argument(
+        "--family",
+        default="arrow4x4",
+        metavar="NAME",
+        help="the markers to look for in its pictures (default: arrow4x4)",
+    )
+
+
+def _add_json(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--json", action="store_true", default=argparse.SUPPRESS, help="print it as JSON"
+    )
+
+
+def _positive(text: str) -> float:
+    value = _number(text)
+    if not 0.0 < value <= 1e7:
+        raise argparse.ArgumentTypeError(f"'{text}': expected a number above 0")
+    return value
+
+
+def _gain(text: str) -> float:
+    value = _number(text)
+    if not 0.0 <= value <= 1e6:
+        raise argparse.ArgumentTypeError(f"'{text}': expected a number from 0")
+    return value
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is no number") from None
+
+
+def run(options: argparse.Namespace) -> int:
+    """Runs an action; see `vsense.cameras.command`."""
+    # Imported here: `vsense --help` must not wait for OpenCV.
+    from vsense.cameras import command
+
+    return command.run(options)
