@@ -77,15 +77,17 @@ def _until_over(watch: Watch, fault: Fault, rig: GigeCameras) -> tuple[float | N
     fault.mend(rig)
     ended_s = time.monotonic()
     had = watch.frames[NAME]
-    said_ms: float | None = None
-    picture_ms: float | None = None
-    while picture_ms is None or (fault.after is not None and said_ms is None):
-        watch.step()
-        if picture_ms is None and watch.frames[NAME] > had:
-            picture_ms = _ms_since(ended_s)
-        if fault.after is not None and said_ms is None and watch.told(NAME, fault.after, before):
-            said_ms = _ms_since(ended_s)
-    return said_ms, picture_ms
+    times_ms: dict[str, float] = {}
+
+    def over() -> bool:
+        if watch.frames[NAME] > had:
+            times_ms.setdefault("picture", _ms_since(ended_s))
+        if fault.after is not None and watch.told(NAME, fault.after, before):
+            times_ms.setdefault("told", _ms_since(ended_s))
+        return "picture" in times_ms and (fault.after is None or "told" in times_ms)
+
+    watch.until(over, fault.after or "a picture")
+    return times_ms.get("told"), times_ms["picture"]
 
 
 def _ms_since(begin_s: float) -> float:

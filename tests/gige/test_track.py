@@ -107,7 +107,7 @@ def test_a_user_without_rights_on_the_network_gets_whole_pictures_too(
         assert len([state for state, _ in zip(full, range(2 * RATE_HZ))]) == 2 * RATE_HZ
         process.send_signal(signal.SIGINT)
         said = talk(process)
-    assert said.count("lacks packets") < len(CAMERAS), "the first packets may be lost"
+    assert "lacks packets" not in said
 
 
 def test_the_simulator_as_debian_has_it_shows_its_ramp(rig: GigeCameras, tmp_path: Path) -> None:

@@ -13,6 +13,10 @@ from vsense.tracking.routes import host_address
 _CHECK_RANGES = 1
 _NEVER_ADJUST = 0
 """Of the packet size: it is chosen once, before a stream is made."""
+_NO_PACKET_SOCKET = 1
+"""Of the stream: where it may, Aravis opens a packet socket, which hears all cameras until its
+filter is set a moment later. What it hears then is taken for this camera's own, whose pictures may
+be left out as late for the next hundred. Source: Aravis 0.8.26, arvgvstream.c."""
 _opening = threading.Lock()
 """Aravis reads the descriptions of all cameras with one and the same parser's memory. Source:
 Aravis 0.8.26, arvdomparser.c, `_parse_memory`."""
@@ -83,6 +87,7 @@ class AravisCamera:
         self._lib.arv_device_set_range_check_policy(self._device, _CHECK_RANGES)
         if self.is_gige:
             self._lib.arv_gv_device_set_packet_size_adjustment(self._device, _NEVER_ADJUST)
+            self._lib.arv_gv_device_set_stream_options(self._device, _NO_PACKET_SOCKET)
 
     @property
     def in_control(self) -> bool:

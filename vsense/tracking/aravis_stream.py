@@ -20,8 +20,7 @@ BUFFERS = 8
 recorder."""
 WAITING = 2
 """Pictures for which the system keeps memory until Aravis fetches their packets: its usual 200 kB
-are less than one. It gives no more than net.core.rmem_max, and needs it for users only who may
-not open packet sockets: Aravis takes one where it can."""
+are less than one. It gives no more than net.core.rmem_max."""
 KEEP_FREE = 2
 """With fewer buffers left to fill, a picture is copied and its buffer goes back at once."""
 
@@ -48,6 +47,8 @@ class AravisStream:
         """
         self._lib, self._ffi = load().lib, load().ffi
         self._camera = camera
+        # It comes before its memory is set aside, or in the middle: its damage says nothing.
+        self._first = True
         # Pictures may outlive this object, and are let go of by any thread.
         self._lock = threading.RLock()
         stream = call(
@@ -80,7 +81,11 @@ class AravisStream:
         status = self._lib.arv_buffer_get_status(buffer)
         if status != _WHOLE:
             self._give_back(buffer)
+            if self._first:
+                self._first = False
+                return self.read(timeout_s)
             raise PictureError(f"a picture {_DAMAGE.get(status, 'is damaged')}")
+        self._first = False
         age_ns = 1000 * self._lib.g_get_real_time()
         age_ns -= self._lib.arv_buffer_get_system_timestamp(buffer)
         stamp_ns = int(self._lib.arv_buffer_get_timestamp(buffer))
