@@ -52,8 +52,7 @@ def test_brightness_follows_exposure_and_gain(rig: GigeCameras) -> None:
     rig.start(0)
     scene = picture(source(rig, 8000, 0))
     assert scene.shape == SIZE_PX[::-1]
-    half, as_before = picture(source(rig, 4000, 0)), picture(source(rig, 4000, 6))
+    half = picture(source(rig, 4000, 0))
     assert half.mean() == pytest.approx(0.5 * scene.mean(), rel=0.03)
-    assert as_before.mean() == pytest.approx(scene.mean(), rel=0.03)
-    bayer = picture(source(rig, 8000, 0, "BayerRG8"))
-    assert np.abs(bayer - scene).mean() < 2.0, "the world is grey"
+    bayer = picture(source(rig, 4000, 6, "BayerRG8"))
+    assert bayer.mean() == pytest.approx(scene.mean(), rel=0.03), "the world is grey"
