@@ -111,3 +111,20 @@ def test_the_simulator_as_debian_has_it_shows_its_ramp(rig: GigeCameras, tmp_pat
         assert (values["width"], values["height"]) == SIZE_PX
     assert process.returncode == 130
     assert "is gone" not in said and "damaged" not in said
+
+
+def test_a_program_that_died_gets_its_cameras_back_when_it_is_started_again(
+    rig: GigeCameras, tmp_path: Path
+) -> None:
+    rig.start()
+    files = rig.files(tmp_path, SETTINGS)
+    with tracked(files) as first:
+        next(state for state in states(first) if len(state["robots"]) == len(CAMERAS))
+        first.kill()
+    with tracked(files) as second:
+        next(state for state in states(second) if len(state["robots"]) == len(CAMERAS))
+        second.send_signal(signal.SIGINT)
+        said = talk(second)
+    for camera in CAMERAS:
+        assert f"camera {camera.id}: is gone: another program controls it" in said
+        assert f"camera {camera.id}: is back" in said
