@@ -7,6 +7,7 @@ looks at it lets go, the buffer goes back to be filled again.
 from __future__ import annotations
 
 import threading
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,20 @@ _DAMAGE = {
 """By Aravis' buffer status."""
 
 
+_MOST_WAITING = Path("/proc/sys/net/core/rmem_max")
+
+
+def _scant(picture_bytes: int) -> str:
+    """Says that the system has no room for a whole picture, if so: then packets are lost easily."""
+    try:
+        room_bytes = int(_MOST_WAITING.read_text())
+    except (OSError, ValueError):
+        return ""
+    if room_bytes >= picture_bytes:
+        return ""
+    return f" (net.core.rmem_max is {room_bytes}, less than its {picture_bytes} bytes)"
+
+
 class AravisStream:
     """Pictures of one camera from now on; for one thread."""
 
@@ -58,6 +73,7 @@ class AravisStream:
             raise AravisError("gives no pictures: its stream does not open")
         self._stream: Any = self._ffi.gc(stream, self._lib.g_object_unref)
         size = call(self._lib.arv_camera_get_payload, camera.handle)
+        self._scant = _scant(size) if camera.is_gige else ""
         if camera.is_gige:
             wanted = self._ffi.cast("int", WAITING * size)
             self._lib.g_object_set(stream, b"socket-buffer-size", wanted, self._ffi.NULL)
@@ -84,7 +100,7 @@ class AravisStream:
             if self._first:
                 self._first = False
                 return self.read(timeout_s)
-            raise PictureError(f"a picture {_DAMAGE.get(status, 'is damaged')}")
+            raise PictureError(f"a picture {_DAMAGE.get(status, 'is damaged')}{self._scant}")
         self._first = False
         age_ns = 1000 * self._lib.g_get_real_time()
         age_ns -= self._lib.arv_buffer_get_system_timestamp(buffer)
