@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -117,7 +118,7 @@ def test_a_camera_that_dies_is_told_and_the_rest_goes_on_until_ctrl_c(
         process.stdout.read()
         talk = process.stderr.read()
     assert process.returncode == 130
-    assert "vsense: camera b: is gone, trying again every 1 s: " in talk
+    assert re.search("vsense: camera b: is gone: .*; trying again every", talk)
     assert "robots detected per timestep" in talk
 
 

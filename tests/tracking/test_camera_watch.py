@@ -83,3 +83,10 @@ def test_the_same_trouble_is_told_a_few_times_and_then_counted() -> None:
     assert lines[-1].endswith("(more of this is only counted)")
     assert troubles.lines([CameraEvent("c8", "gone", "does not answer")]) != []
     assert troubles.summary() == [f"camera c7: {REPEATS + 2} times gone"]
+
+
+def test_every_setting_that_a_camera_refuses_is_told() -> None:
+    troubles = Troubles()
+    settings = [CameraEvent("c7", "control", f"has no Feature{n}") for n in range(REPEATS + 2)]
+    assert troubles.lines(settings) == [str(event) for event in settings]
+    assert troubles.summary() == []

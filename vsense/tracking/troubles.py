@@ -24,6 +24,8 @@ ENDS = {
 }
 """Which kinds of trouble lasts until when; all others are over as soon as they are told."""
 
+_EACH_ITS_OWN = ("control",)
+"""Kinds whose events are not the same trouble again: each is about another setting."""
 _LASTING = frozenset(kind for kinds in ENDS.values() for kind in kinds)
 
 
@@ -47,7 +49,9 @@ class Troubles:
             key = event.camera, event.kind
             self.counts[key] += 1
             self._keep(event)
-            if self.counts[key] <= REPEATS:
+            if event.kind in _EACH_ITS_OWN:
+                told.append(str(event))
+            elif self.counts[key] <= REPEATS:
                 last = self.counts[key] == REPEATS
                 told.append(f"{event}{' (more of this is only counted)' if last else ''}")
         return told
@@ -66,5 +70,5 @@ class Troubles:
         return [
             f"camera {camera}: {count} times {kind}"
             for (camera, kind), count in sorted(self.counts.items())
-            if count > REPEATS
+            if count > REPEATS and kind not in _EACH_ITS_OWN
         ]
