@@ -87,7 +87,7 @@ class GigeCameras:
         numbers = numbers or tuple(range(len(CAMERAS)))
         for number in numbers:
             self.kill(number)
-            words = [program, "-i", INTERFACE, "-s", f"P{number}"]
+            words = [program, "-i", INTERFACE, "-s", self.serial(number)]
             self._running[number] = subprocess.Popen([*self.net.command(number), *words], text=True)
         for number in numbers:
             self.registers(number)
@@ -121,6 +121,10 @@ class GigeCameras:
     def address(self, number: int) -> str:
         """A camera's IPv4 address."""
         return self.net.address(number)
+
+    def serial(self, number: int) -> str:
+        """A camera's serial number, which no camera of another test at work has."""
+        return f"S{os.getpid()}-{number}"
 
     def same_address(self, first: int, second: int) -> None:
         """Starts the second camera again, with the first one's address."""
@@ -174,7 +178,7 @@ class GigeCameras:
 
     def _scene_camera(self, number: int, words: Sequence[str]) -> subprocess.Popen[str]:
         python = [sys.executable, "-m", "tests.gige.scene_camera", INTERFACE]
-        what = [str(self._picture(number)), "--serial", f"S{number}"]
+        what = [str(self._picture(number)), "--serial", self.serial(number)]
         when = ["--phase-ms", str(PHASES_MS[number])]
         return subprocess.Popen(
             [*self.net.command(number), *python, *what, *when, *words],
