@@ -48,25 +48,41 @@ def loopback() -> Iterator[None]:
         subprocess.run([IP, "netns", "del", SPACE], check=True)
 
 
-def start() -> subprocess.Popen[bytes]:
-    program = require_tool("arv-fake-gv-camera-0.8", "aravis-tools")
-    words = [*ALONE, program, "-i", ADDRESS, "-s", SERIAL]
-    camera = subprocess.Popen(words, stderr=subprocess.DEVNULL)
-    for _ in range(20):
-        if any(row["id"] == ID for row in json.loads(run("--json").stdout)):
-            return camera
-    camera.kill()
-    raise AssertionError("the simulator is not found: does another one hold this address?")
+class Simulator:
+    """The camera: it can be switched off and on."""
+
+    def __init__(self) -> None:
+        self._program = require_tool("arv-fake-gv-camera-0.8", "aravis-tools")
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def start(self) -> None:
+        """Switches it on, and waits until it answers."""
+        words = [*ALONE, self._program, "-i", ADDRESS, "-s", SERIAL]
+        self._process = subprocess.Popen(words, stderr=subprocess.DEVNULL)
+        ask = (
+            f"from vsense.tracking.gvcp import answers; raise SystemExit(not answers('{ADDRESS}'))"
+        )
+        for _ in range(20):
+            if subprocess.run([*ALONE, sys.executable, "-c", ask], cwd=ROOT).returncode == 0:
+                return
+        self.kill()
+        raise AssertionError("the simulator does not answer: does another hold this address?")
+
+    def kill(self) -> None:
+        """Switches it off."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
 
 
 @pytest.fixture
-def camera() -> Iterator[subprocess.Popen[bytes]]:
-    """A camera that is found."""
+def camera(loopback: None) -> Iterator[Simulator]:
+    """A camera that answers."""
     require_library("libaravis-0.8.so.0", "libaravis-0.8-0")
-    started = start()
-    yield started
-    started.kill()
-    started.wait()
+    simulator = Simulator()
+    simulator.start()
+    yield simulator
+    simulator.kill()
 
 
 def run(*words: str, code: int = 0, **how: object) -> subprocess.CompletedProcess[str]:
@@ -86,9 +102,7 @@ def mine() -> dict[str, object]:
     return row
 
 
-def test_from_the_list_to_a_file_that_loads(
-    camera: subprocess.Popen[bytes], tmp_path: Path
-) -> None:
+def test_from_the_list_to_a_file_that_loads(camera: Simulator, tmp_path: Path) -> None:
     row = mine()
     assert (row["kind"], row["address"], row["serial"]) == ("GigE", ADDRESS, SERIAL)
     assert (row["width_px"], row["height_px"], row["rate_hz"]) == (512, 512, 25.0)
@@ -107,16 +121,16 @@ def test_from_the_list_to_a_file_that_loads(
     assert refused.startswith("vsense: no camera 'nix' among the grabbers of") and own in refused
 
 
-def test_one_picture_into_a_file(camera: subprocess.Popen[bytes], tmp_path: Path) -> None:
-    for name in ("a.png", "a.jpg", "a.pgm"):
+def test_one_picture_into_a_file(camera: Simulator, tmp_path: Path) -> None:
+    for name, by in (("a.png", SERIAL), ("a.jpg", ADDRESS)):
         path = tmp_path / name
-        done = run("show", SERIAL, "--save", str(path), "--width", "320", "--height", "200")
+        size = ("--width", "320", "--height", "200")
+        done = run("show", by, "--save", str(path), *size, "--gain", "99")
         assert done.stdout == f"{path}\n"
         image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
         assert image is not None and image.shape == (200, 320)
         assert 100 < image.mean() < 160, "a ramp"
-    told = run("show", ADDRESS, "--save", str(path), "--gain", "99").stderr
-    assert "does not take gain_raw 99 (0 to 10): keeps 0" in told
+        assert "does not take gain_raw 99 (0 to 10): keeps 0" in done.stderr
     assert run("show", ID, "--save", "a.gif", code=2).stderr.count("\n") == 1
     unwritable = run("show", ID, "--save", str(tmp_path / "no/a.png"), code=1).stderr
     assert "cannot be written" in unwritable
@@ -124,7 +138,7 @@ def test_one_picture_into_a_file(camera: subprocess.Popen[bytes], tmp_path: Path
     assert unknown.startswith("vsense: no camera 'nix': there") and ID in unknown
 
 
-def test_a_sweep_leaves_the_camera_as_it_was(camera: subprocess.Popen[bytes]) -> None:
+def test_a_sweep_leaves_the_camera_as_it_was(camera: Simulator) -> None:
     done = run("tune", ID, "--sweep", "--json", "--gain", "2", "--exposure", "3000")
     told = json.loads(done.stdout)
     means = {(row["exposure_us"], row["gain"]): row["mean"] for row in told["rows"]}
@@ -135,7 +149,7 @@ def test_a_sweep_leaves_the_camera_as_it_was(camera: subprocess.Popen[bytes]) ->
     assert (row["exposure_us"], row["gain"]) == (3000.0, 2.0)
 
 
-def test_ctrl_c_in_a_sweep_leaves_the_camera_as_it_was(camera: subprocess.Popen[bytes]) -> None:
+def test_ctrl_c_in_a_sweep_leaves_the_camera_as_it_was(camera: Simulator) -> None:
     command, terminal = on_terminal("tune", ID, "--sweep")
     read_until(terminal, rb"(?s)markers.*us.*us")
     command.send_signal(signal.SIGINT)
@@ -166,26 +180,21 @@ def read_until(terminal: int, pattern: bytes) -> bytes:
     return drawn
 
 
-def test_unplugged_and_back_while_somebody_watches(camera: subprocess.Popen[bytes]) -> None:
+def test_unplugged_and_back_while_somebody_watches(camera: Simulator) -> None:
     command, terminal = on_terminal("tune", ID)
     try:
         read_until(terminal, rb"pictures/s.*\n(?s:.*)advice")
         camera.kill()
-        camera.wait()
         read_until(terminal, rb"gone, trying again")
-        second = start()
-        try:
-            read_until(terminal, rb"pictures/s.*\n(?s:.*)advice")
-            command.send_signal(signal.SIGINT)
-            assert command.wait(PATIENCE_S) == 130
-        finally:
-            second.kill()
-            second.wait()
+        camera.start()
+        read_until(terminal, rb"pictures/s.*\n(?s:.*)advice")
+        command.send_signal(signal.SIGINT)
+        assert command.wait(PATIENCE_S) == 130
     finally:
         command.kill()
 
 
-def test_live_in_the_page_until_ctrl_c(camera: subprocess.Popen[bytes]) -> None:
+def test_live_in_the_page_until_ctrl_c(camera: Simulator) -> None:
     command = subprocess.Popen(
         [*ALONE, *PROGRAM, "show", ID, "--web", "0"], stderr=subprocess.PIPE, text=True, cwd=ROOT
     )
@@ -206,7 +215,7 @@ def test_live_in_the_page_until_ctrl_c(camera: subprocess.Popen[bytes]) -> None:
 
 
 def test_a_camera_of_another_program_is_listed_and_does_not_open(
-    camera: subprocess.Popen[bytes], tmp_path: Path
+    camera: Simulator, tmp_path: Path
 ) -> None:
     holder = subprocess.Popen(
         [*ALONE, *PROGRAM, "show", ID, "--web", "0"], stderr=subprocess.PIPE, text=True, cwd=ROOT
@@ -225,9 +234,7 @@ def test_a_camera_of_another_program_is_listed_and_does_not_open(
         holder.wait()
 
 
-def test_moments_with_all_cameras_of_a_file(
-    camera: subprocess.Popen[bytes], tmp_path: Path
-) -> None:
+def test_moments_with_all_cameras_of_a_file(camera: Simulator, tmp_path: Path) -> None:
     path = tmp_path / "resources.xml"
     path.write_text(
         f'<arena_tracking_system><grabbers><grabber id="cam1" type="genicam" device="{ADDRESS}"'
@@ -244,7 +251,7 @@ def test_moments_with_all_cameras_of_a_file(
     assert taken == ["floor_01.png", "floor_02.png", "tilt_01.png"]
 
 
-def test_nobody_reads_the_output(camera: subprocess.Popen[bytes]) -> None:
+def test_nobody_reads_the_output(camera: Simulator) -> None:
     for words in (("list", "--json"), ("tune", ID)):
         command = subprocess.Popen(
             [*ALONE, *PROGRAM, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=ROOT

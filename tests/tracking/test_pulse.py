@@ -68,6 +68,16 @@ def test_a_jump_of_the_clock_is_noticed_within_three_pictures_and_undone(jump_ns
     assert sum(jumps) == 1 and jumps.index(True) < PICTURES
 
 
+@pytest.mark.parametrize("late", [1, 2])
+def test_a_camera_whose_first_pictures_were_late_has_not_jumped(late: int) -> None:
+    clock = ClockMap()
+    for number in range(10):
+        taken_ns = number * PERIOD_NS
+        delay_ns = S if number < late else 3 * MS
+        mapped_ns, jumped = clock.capture_ns(taken_ns, taken_ns + delay_ns)
+        assert not jumped and mapped_ns == taken_ns + delay_ns
+
+
 def test_pictures_that_queued_up_are_no_jump() -> None:
     clock = ClockMap()
     for number in range(30):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 
 from vsense.tracking.source import Shot
 
@@ -53,12 +54,18 @@ class ClockMap:
     def _has_jumped(self, stamp_ns: int, apart_ns: int) -> bool:
         if self._newest_ns is None or not self._apart_ns:
             return False
-        least_ns = min(self._apart_ns)
-        if stamp_ns < self._newest_ns or apart_ns < least_ns - JUMP_NS:
+        if stamp_ns < self._newest_ns:
             return True
-        last = [*self._apart_ns, apart_ns][-PICTURES:]
-        late = all(ns > least_ns + JUMP_NS for ns in last)
-        return late and max(last) - min(last) < STEADY_NS
+        least_ns, before = min(self._apart_ns), [*self._apart_ns][-PICTURES:]
+        if apart_ns < least_ns - JUMP_NS:
+            # After pictures that were late by chance, one that is not is no jump.
+            return len(before) == PICTURES and _steady(before)
+        last = [*before, apart_ns][-PICTURES:]
+        return _steady(last) and all(ns > least_ns + JUMP_NS for ns in last)
+
+
+def _steady(times_ns: Sequence[int]) -> bool:
+    return max(times_ns) - min(times_ns) < STEADY_NS
 
 
 class Pulse:
