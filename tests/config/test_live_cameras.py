@@ -94,7 +94,8 @@ def test_one_camera_by_two_names_is_refused(folder: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(aravis, "_load", lambda: None)
     monkeypatch.setattr(aravis, "listed", lambda: [one])
     text = refusal(session(folder, device="77"))
-    assert "resources.xml:4: " in text and "77 are the same camera, at 192.0.2.1" in text
+    assert "resources.xml:4: <grabber> device: " in text
+    assert "'192.0.2.1' and '77' are the same camera, at 192.0.2.1" in text
 
 
 @pytest.mark.parametrize(

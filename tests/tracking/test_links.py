@@ -65,13 +65,6 @@ def test_other_networks_and_those_that_tell_no_speed_do_not_count() -> None:
         shared.claim(address, address, Stream(SIZE, 50.0))
 
 
-def test_one_camera_cannot_be_two() -> None:
-    shared = links()
-    shared.claim("a", "10.0.0.1", Stream(SIZE, 1.0))
-    with pytest.raises(LinkError, match=r"a and b are the same camera, at 10\.0\.0\.1"):
-        shared.claim("b", "10.0.0.1", Stream(SIZE, 1.0))
-
-
 def test_any_number_of_threads_may_claim() -> None:
     shared, refused = links(), []
 

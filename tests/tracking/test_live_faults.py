@@ -37,6 +37,7 @@ class Script:
         self.comes: queue.Queue[Shot | Exception] = queue.Queue()
         self.waits = threading.Semaphore(0)
         self.stuck_ns = 0
+        self.closes: threading.Event | None = None
         self.opened = 0
         self.size = SIZE
         self.refuses: list[str] = []
@@ -54,7 +55,9 @@ class Script:
         return thing
 
     def close(self) -> None:
-        pass
+        """Takes as long as a silent camera does, where a test says so."""
+        if self.closes is not None:
+            assert self.closes.wait(30.0)
 
     def give(self, thing: Shot | Exception) -> None:
         """Hands one thing over, and waits until it was judged."""
@@ -162,7 +165,7 @@ def test_a_fault_is_told_within_three_pictures_and_its_end_when_it_is_over(
 
 
 def test_a_clock_that_jumps_is_told_and_times_are_right_again(stage: Stage) -> None:
-    for jump_ns in (10**10, -(10**11), 250_000_000):
+    for jump_ns in (10**10, -(10**11), 250_000_000, -70_000_000):
         stage.told.clear()
         stage.step(stage.bad.shot(stamp_ns=jump_ns))
         for _ in range(SOON - 1):
@@ -185,6 +188,49 @@ def test_a_camera_that_has_another_size_after_a_restart_is_opened_anew(stage: St
     cameras = [stage.step(stage.bad.shot()) for _ in range(5)]
     assert cameras[-1] == {"bad", "good"}
     assert stage.kinds() == ["size", "fits"]
+
+
+def test_a_camera_that_takes_long_to_close_delays_no_other(stage: Stage) -> None:
+    stage.bad.closes = threading.Event()
+    stage.bad.size = (32, 24)
+    for _ in range(SOON - 1):
+        stage.step(stage.bad.shot())
+    stage.bad.comes.put(stage.bad.shot())
+    for _ in range(20):
+        assert stage.step() == {"good"}
+    assert stage.bad.opened == 1
+    stage.bad.closes.set()
+    assert stage.bad.waits.acquire(timeout=30.0)
+    assert stage.bad.opened == 2
+    stage.step(stage.bad.shot())
+    assert stage.kinds() == ["size", "fits"], "the time without it is not told as its absence"
+
+
+def test_a_camera_that_froze_is_opened_anew_once(stage: Stage) -> None:
+    for _ in range(20):
+        stage.step(same_stamp(stage.bad))
+    assert stage.bad.opened == 2
+    assert stage.kinds() == ["frozen"]
+
+
+def test_a_slow_camera_that_was_switched_off_and_on_is_prompt_again(stage: Stage) -> None:
+    for _ in range(SOON + 1):
+        stage.step(stage.bad.shot(3 * PERIOD_NS))
+    stage.step(GrabberError("unplugged"))
+    for _ in range(10):
+        stage.step(stage.bad.shot())
+    assert stage.kinds() == ["slow", "gone", "back", "prompt"]
+
+
+def test_whatever_a_camera_raises_is_told_and_it_is_tried_again(stage: Stage) -> None:
+    stage.step(ValueError("invalid literal for int()"))
+    assert stage.told[0] == (
+        "gone",
+        "is gone: ValueError: invalid literal for int(); trying again every 0 s",
+    )
+    stage.step(stage.bad.shot())
+    assert stage.kinds() == ["gone", "back"]
+    assert stage.bad.opened == 2
 
 
 def test_a_camera_that_does_not_take_its_size_is_not_opened_again_and_again(stage: Stage) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from vsense.config.tracking_specs import GrabberSpec, TrackingSession
+from vsense.config.tracking_specs import CameraTrackerSpec, GrabberSpec, TrackingSession
 from vsense.tracking import aravis
 from vsense.tracking.aravis_camera import is_address
 from vsense.tracking.genicam_settings import FREE, SOFTWARE, GenicamSettings
@@ -63,26 +63,39 @@ def live_grabber(
 def _check(session: TrackingSession, links: Links) -> None:
     """Refuses what can be refused before a camera is opened."""
     genicam = [v for v in session.views if isinstance(v.grabber.settings, GenicamSettings)]
+    if not genicam:
+        return
     there: list[aravis.Listed] = []
+    try:
+        aravis.load()
+        if not all(is_address(view.grabber.source) for view in genicam):
+            there = aravis.listed()
+    except aravis.AravisError as error:
+        line = genicam[0].grabber.line
+        raise session.resources.error(line, f"<grabber> type: {error}") from None
+    first: dict[str, str] = {}
     for view in genicam:
         grabber = view.grabber
-        assert isinstance(grabber.settings, GenicamSettings)
-        try:
-            if not there and not is_address(grabber.source):
-                there = aravis.listed()
-            aravis.load()
-        except aravis.AravisError as error:
-            raise session.resources.error(grabber.line, f"<grabber> type: {error}") from None
         known = [c.address for c in there if grabber.source in c.names]
         address = grabber.source if is_address(grabber.source) else next(iter(known), "")
-        size_px = grabber.settings.controls.size_px
-        size_px = size_px or (view.camera.width_px, view.camera.height_px)
-        packet = grabber.settings.packet_size or USUAL_PACKET
-        try:
-            if address:
-                links.claim(grabber.source, address, Stream(size_px, _rate(grabber), packet))
-        except LinkError as error:
-            raise session.resources.error(grabber.line, f"<grabber> frame_rate: {error}") from None
+        if not address:
+            continue
+        if address in first:
+            text = f"{first[address]!r} and {grabber.source!r} are the same camera, at {address}"
+            raise session.resources.error(grabber.line, f"<grabber> device: {text}")
+        first[address] = grabber.source
+        _claim(session, view, address, links)
+
+
+def _claim(session: TrackingSession, view: CameraTrackerSpec, address: str, links: Links) -> None:
+    grabber = view.grabber
+    assert isinstance(grabber.settings, GenicamSettings)
+    size_px = grabber.settings.controls.size_px or (view.camera.width_px, view.camera.height_px)
+    packet = grabber.settings.packet_size or USUAL_PACKET
+    try:
+        links.claim(grabber.source, address, Stream(size_px, _rate(grabber), packet))
+    except LinkError as error:
+        raise session.resources.error(grabber.line, f"<grabber> frame_rate: {error}") from None
 
 
 def _rate(grabber: GrabberSpec) -> float:

@@ -5,8 +5,10 @@ Only the three modules aravis* know it. Debian has it as libaravis-0.8-0.
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache
 from types import SimpleNamespace
@@ -77,6 +79,7 @@ int arv_buffer_get_status(void *);
 const void *arv_buffer_get_data(void *, size_t *);
 int arv_buffer_get_image_width(void *);
 int arv_buffer_get_image_height(void *);
+unsigned arv_buffer_get_image_pixel_format(void *);
 void arv_buffer_get_image_padding(void *, int *, int *);
 uint64_t arv_buffer_get_timestamp(void *);
 uint64_t arv_buffer_get_system_timestamp(void *);
@@ -122,8 +125,12 @@ def _load() -> SimpleNamespace | str:
     try:
         # A library's handle looks into those that it was linked with: GLib's functions come along.
         lib = ffi.dlopen("libaravis-0.8.so.0")
+        for function in re.findall(r"\b\w+(?=\()", _DECLARATIONS):
+            getattr(lib, function)
     except OSError as error:
         return str(error)
+    except AttributeError as error:
+        return f"0.8.23 or newer, this one is too old: {error}"
     return SimpleNamespace(ffi=ffi, lib=lib)
 
 
@@ -185,7 +192,9 @@ class _Question:
         with self._lock:
             if self._done <= before:
                 self._begun += 1
-                self._answer = _ask()
+                # In a thread of its own: Ctrl-C must not disturb the library in its waiting.
+                with ThreadPoolExecutor(1, "asking") as asker:
+                    self._answer = asker.submit(_ask).result()
                 self._done = self._begun
             return self._answer
 

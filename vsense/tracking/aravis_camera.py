@@ -14,9 +14,7 @@ _CHECK_RANGES = 1
 _NEVER_ADJUST = 0
 """Of the packet size: it is chosen once, before a stream is made."""
 _NO_PACKET_SOCKET = 1
-"""Of the stream: where it may, Aravis opens a packet socket, which hears all cameras until its
-filter is set a moment later. What it hears then is taken for this camera's own, whose pictures may
-be left out as late for the next hundred. Source: Aravis 0.8.26, arvgvstream.c."""
+"""Of the stream."""
 _opening = threading.Lock()
 """Aravis reads the descriptions of all cameras with one and the same parser's memory. Source:
 Aravis 0.8.26, arvdomparser.c, `_parse_memory`."""
@@ -87,7 +85,6 @@ class AravisCamera:
         self._lib.arv_device_set_range_check_policy(self._device, _CHECK_RANGES)
         if self.is_gige:
             self._lib.arv_gv_device_set_packet_size_adjustment(self._device, _NEVER_ADJUST)
-            self._lib.arv_gv_device_set_stream_options(self._device, _NO_PACKET_SOCKET)
 
     @property
     def in_control(self) -> bool:
@@ -100,8 +97,7 @@ class AravisCamera:
             return True
         if not self._lib.arv_gv_device_is_controller(self._device):
             return False
-        if not answers(self._name):
-            # Aravis would ask for two seconds and a half.
+        if not self.answers:
             raise AravisError(f"no camera answers at {self._name}")
         value = self._ffi.new("uint32_t *")
         read = self._lib.arv_device_read_register
@@ -179,12 +175,23 @@ class AravisCamera:
             call(self._lib.arv_camera_set_trigger, self.handle, source.encode())
 
     def trigger(self) -> None:
-        """Has a picture taken now; from any thread.
+        """Has a picture taken now; from any thread, and in vain after `close`.
 
         Raises:
             AravisError: The camera does not answer, or refuses.
         """
-        call(self._lib.arv_camera_software_trigger, self.handle)
+        handle = self.handle
+        if handle is not None:
+            call(self._lib.arv_camera_software_trigger, handle)
+
+    def use_plain_socket(self) -> None:
+        """Has its stream come through a socket of its own, and not through one that hears all."""
+        self._lib.arv_gv_device_set_stream_options(self._device, _NO_PACKET_SOCKET)
+
+    @property
+    def answers(self) -> bool:
+        """Whether the camera answers quick questions: Aravis would ask it for seconds."""
+        return not self.is_gige or answers(self._name)
 
     @property
     def packet_size(self) -> int:
@@ -216,11 +223,11 @@ class AravisCamera:
         call(self._lib.arv_camera_stop_acquisition, self.handle)
 
     def close(self) -> None:
-        """Lets it go, and gives control back; can be called again."""
-        self._device = None
-        if self.handle is not None:
-            handle, self.handle = self.handle, None
-            self._ffi.release(handle)
+        """Lets it go, and gives control back; can be called again.
+
+        A thread that is just triggering it has it a moment longer.
+        """
+        self._device = self.handle = None
 
     def _gige_device(self, address: str) -> Any:
         """Opens by address, past Aravis' search: that would keep all other cameras waiting."""

@@ -37,6 +37,8 @@ _DAMAGE = {
 """By Aravis' buffer status."""
 
 
+_BYTE_FORMATS = (0x01080001, 0x01080008, 0x01080009, 0x0108000A, 0x0108000B)
+"""Mono8 and the four Bayer formats of 8 bits. Source: GenICam PFNC 2.4."""
 _MOST_WAITING = Path("/proc/sys/net/core/rmem_max")
 
 
@@ -66,14 +68,20 @@ class AravisStream:
         self._first = True
         # Pictures may outlive this object, and are let go of by any thread.
         self._lock = threading.RLock()
+        size = call(self._lib.arv_camera_get_payload, camera.handle)
+        self._scant = _scant(size) if camera.is_gige else ""
+        if camera.is_gige and not self._scant:
+            # Where it may, Aravis opens a packet socket: that has room enough of its own, but hears
+            # all cameras until its filter is set a moment later. What it hears then is taken for
+            # this camera's own, whose pictures may be left out as late for the next hundred.
+            # Source: Aravis 0.8.26, arvgvstream.c.
+            camera.use_plain_socket()
         stream = call(
             self._lib.arv_camera_create_stream, camera.handle, self._ffi.NULL, self._ffi.NULL
         )
         if not stream:
             raise AravisError("gives no pictures: its stream does not open")
         self._stream: Any = self._ffi.gc(stream, self._lib.g_object_unref)
-        size = call(self._lib.arv_camera_get_payload, camera.handle)
-        self._scant = _scant(size) if camera.is_gige else ""
         if camera.is_gige:
             wanted = self._ffi.cast("int", WAITING * size)
             self._lib.g_object_set(stream, b"socket-buffer-size", wanted, self._ffi.NULL)
@@ -113,7 +121,8 @@ class AravisStream:
             stream, self._stream = self._stream, None
         if stream is not None:
             try:
-                call(self._lib.arv_camera_stop_acquisition, self._camera.handle)
+                if self._camera.answers:
+                    call(self._lib.arv_camera_stop_acquisition, self._camera.handle)
             finally:
                 self._ffi.release(stream)
 
@@ -124,6 +133,10 @@ class AravisStream:
         width = self._lib.arv_buffer_get_image_width(buffer)
         height = self._lib.arv_buffer_get_image_height(buffer)
         self._lib.arv_buffer_get_image_padding(buffer, padding, padding + 1)
+        kind = self._lib.arv_buffer_get_image_pixel_format(buffer)
+        if kind not in _BYTE_FORMATS:
+            self._give_back(buffer)
+            raise PictureError(f"a picture has the pixel format {kind:#010x}, expected 8 bits")
         row = width + padding[0]
         if width <= 0 or height <= 0 or row * height > size[0]:
             self._give_back(buffer)

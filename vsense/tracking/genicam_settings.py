@@ -14,7 +14,7 @@ SOFTWARE = "software"
 PIXEL_FORMATS = ("Mono8", "BayerRG8", "BayerGB8", "BayerGR8", "BayerBG8")
 """One byte per pixel. Bayer is taken as grey: the camera's white balance makes grey grey."""
 
-_NAMES = {
+NAMES = {
     "exposure_time_abs": ("ExposureTimeAbs", "ExposureTime"),
     "gain_raw": ("GainRaw", "Gain"),
     "offset_x": ("OffsetX",),
@@ -147,7 +147,7 @@ class _Setting:
 
     def _control(self, name: str, value: Value) -> None:
         """Sets what the resources file has its own name for, by the camera's name for it."""
-        feature = next((f for f in _NAMES[name] if self._camera.has(f)), None)
+        feature = next((f for f in NAMES[name] if self._camera.has(f)), None)
         if feature is None:
             self._said.append(absent(name))
         else:

@@ -11,7 +11,7 @@ from vsense.tracking.grabbers import GrabberError
 from vsense.tracking.grabbers_picture import Image, PictureError, decode, is_jpeg, to_grey
 from vsense.tracking.source import Shot, absent, refused, said
 
-OPEN_TIMEOUT_MS = 5000
+OPEN_TIMEOUT_MS = 2000
 READ_TIMEOUT_MS = 3000
 """A stream that says nothing for this long has ended."""
 BUFFERS = 2
@@ -143,7 +143,10 @@ class DeviceSource:
             READ_TIMEOUT_MS,
         ]
         capture = cv2.VideoCapture(self._device, cv2.CAP_FFMPEG, limits)
-        return capture if capture.isOpened() else cv2.VideoCapture(self._device)
+        if capture.isOpened() or "://" in self._device:
+            # Whatever else OpenCV would try with a URL has no time limit.
+            return capture
+        return cv2.VideoCapture(self._device)
 
     def _set_up(self, capture: cv2.VideoCapture) -> list[str]:
         """Sets what is wanted, reads all of it back, and says what is different."""

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 
 from vsense.tracking.aravis import AravisError
 from vsense.tracking.aravis_camera import AravisCamera, is_address, locate
 from vsense.tracking.aravis_stream import AravisStream
-from vsense.tracking.genicam_settings import GenicamSettings, apply
+from vsense.tracking.genicam_settings import FREE, GenicamSettings, apply
 from vsense.tracking.grabbers import GrabberError
-from vsense.tracking.gvcp import controlled
+from vsense.tracking.gvcp import HELD, controlled
 from vsense.tracking.links import Links, Stream
 from vsense.tracking.source import Shot
 
@@ -20,8 +21,8 @@ FIRST_S = 2.0
 """Some need a while for their first picture."""
 FORGOTTEN_NS = 3_500_000_000
 """A program that died is forgotten after its heartbeat's time, usually 3 s."""
-
-_HELD = "another program controls it, or did until seconds ago"
+MOST_AGE_NS = 1_000_000_000
+"""No picture is older when it is read; the host's wall clock, by which it was noted, may jump."""
 
 
 class GenicamSource:
@@ -74,7 +75,7 @@ class GenicamSource:
         camera = AravisCamera(name)
         try:
             if not camera.in_control:
-                raise AravisError(_HELD)
+                raise AravisError(HELD)
             camera.stop()
             told = apply(camera, self._settings)
             if camera.is_gige:
@@ -95,13 +96,15 @@ class GenicamSource:
         """
         if self._stream is None:
             raise GrabberError(f"{self._device} is not open")
-        patience_s = self._patience_s if self._running else FIRST_S
+        patience_s = self._patience_s if self._running else max(FIRST_S, self._patience_s)
         got = self._stream.read(patience_s)
         if got is None:
             raise GrabberError(f"gives no pictures for {patience_s:g} s")
         self._running, self._resumed = True, False
         image, stamp_ns, age_ns = got
-        return Shot(image, stamp_ns, self._clock() - max(age_ns, 0))
+        known = 0 <= age_ns < MOST_AGE_NS
+        # A camera without a clock of its own stamps everything with 0.
+        return Shot(image, stamp_ns or None, self._clock() - age_ns if known else None)
 
     def trigger(self) -> None:
         """Has a picture taken now; from any thread. A camera that is not open takes none.
@@ -117,15 +120,11 @@ class GenicamSource:
         """Lets it go; can be called again."""
         stream, self._stream = self._stream, None
         camera, self._camera = self._camera, None
-        try:
-            if stream is not None:
-                stream.close()
-        except AravisError:
-            # It is gone already: there is nobody to stop.
-            pass
-        finally:
-            if camera is not None:
-                camera.close()
+        if camera is None or camera.answers:
+            _let_go(stream, camera)
+        else:
+            # Aravis says goodbye for many seconds to a camera that does not answer.
+            threading.Thread(target=_let_go, args=(stream, camera), daemon=True).start()
 
     def _obeys(self) -> bool:
         """Whether the camera is open and under control, and may only have been cut off."""
@@ -141,11 +140,27 @@ class GenicamSource:
         if is_address(name) and now_ns >= self._held_until_ns and controlled(name):
             self._held_until_ns = now_ns + FORGOTTEN_NS
         if now_ns < self._held_until_ns:
-            raise AravisError(_HELD)
+            raise AravisError(HELD)
 
     def _claim(self, camera: AravisCamera, address: str) -> None:
         """Refuses to send more than the network carries."""
         size_px = int(camera.get("Width")), int(camera.get("Height"))
-        rate_hz = self._settings.controls.rate_hz or camera.rate_hz
+        rate_hz = self._settings.controls.rate_hz
+        if rate_hz is None or self._settings.trigger == FREE:
+            # What it kept, which may not be what it was asked for.
+            rate_hz = camera.rate_hz
         stream = Stream(size_px, rate_hz, camera.packet_size)
         self._links.claim(self._device, address, stream)
+
+
+def _let_go(stream: AravisStream | None, camera: AravisCamera | None) -> None:
+    """Ends a camera's stream, and gives control back."""
+    try:
+        if stream is not None:
+            stream.close()
+    except AravisError:
+        # It is gone already: there is nobody to stop.
+        pass
+    finally:
+        if camera is not None:
+            camera.close()

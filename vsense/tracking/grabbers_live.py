@@ -22,7 +22,7 @@ PATIENCE_S = 0.05
 MOST_EVENTS = 256
 """Nobody may listen for long: only the newest are kept."""
 JOIN_S = 1.5
-"""A camera that answers ends within this; one that does not is left to itself."""
+"""Cameras that answer end within this; those that do not are left to themselves."""
 
 
 class LiveGrabber:
@@ -126,8 +126,9 @@ class LiveGrabber:
             camera.end()
         with self._news:
             self._news.notify_all()
+        deadline_ns = self._clock() + round(1e9 * JOIN_S)
         for thread in self._threads:
-            thread.join(JOIN_S)
+            thread.join(max(deadline_ns - self._clock(), 0) / 1e9)
 
     def _any_fresh(self) -> bool:
         return self._ended.is_set() or any(c.newest is not None for c in self._cameras.values())

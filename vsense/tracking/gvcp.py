@@ -8,12 +8,14 @@ from __future__ import annotations
 import socket
 import struct
 
+PORT = 3956
 CONTROL = 0x0A00
 """The register that tells who controls the camera. Source: GigE Vision 2.0, CCP."""
 IN_CONTROL = 0b11
 """Its bits for exclusive access and for control."""
 
-_PORT = 3956
+HELD = "another program controls it, or did until seconds ago"
+
 _VERSION = 0x0000
 _ASK_AGAIN = 3
 _WAIT_S = 0.15
@@ -43,7 +45,7 @@ def _read(address: str, register: int) -> bytes | None:
         line.settimeout(_WAIT_S)
         for _ in range(_ASK_AGAIN):
             try:
-                line.connect((address, _PORT))
+                line.connect((address, PORT))
                 line.send(question)
                 return line.recv(64)
             except OSError:

@@ -20,7 +20,7 @@ _LEADER_AND_TRAILER = 2
 
 
 class LinkError(GrabberError):
-    """More pictures than a network carries, or one camera for two."""
+    """More pictures than a network carries."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ class Links:
         self._way = way
         self._speed = speed
         self._lock = threading.Lock()
-        self._streams: dict[str, tuple[str, str | None, Stream]] = {}
+        self._streams: dict[str, tuple[str | None, Stream]] = {}
 
     def claim(self, camera: str, address: str, stream: Stream) -> None:
         """Notes what a camera sends from now on, instead of what was noted of it before.
@@ -75,23 +75,19 @@ class Links:
             stream: What it sends.
 
         Raises:
-            LinkError: The network does not carry that beside the others, or another camera has
-                this address; nothing is noted then.
+            LinkError: The network does not carry that beside the others; nothing is noted then.
         """
         with self._lock:
             others = {c: noted for c, noted in self._streams.items() if c != camera}
-            for other, (taken, _, _) in others.items():
-                if taken == address:
-                    raise LinkError(f"{other} and {camera} are the same camera, at {address}")
             interface = self._way(address)
-            everybody = others | {camera: (address, interface, stream)}
+            everybody = others | {camera: (interface, stream)}
             if interface is not None:
                 self._check(interface, everybody)
             self._streams = everybody
 
-    def _check(self, interface: str, everybody: dict[str, tuple[str, str | None, Stream]]) -> None:
+    def _check(self, interface: str, everybody: dict[str, tuple[str | None, Stream]]) -> None:
         carried = self._speed(interface)
-        loads = {c: s.bit_s for c, (_, way, s) in everybody.items() if way == interface}
+        loads = {c: s.bit_s for c, (way, s) in everybody.items() if way == interface}
         total = sum(loads.values())
         if carried is None or total <= carried:
             return

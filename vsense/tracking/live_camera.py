@@ -88,6 +88,7 @@ class LiveCamera:
         self._ended = threading.Event()
         self._pulse = Pulse(rate_hz)
         self._silence_ns = max(SILENCE_NS, round(PICTURES * 1e9 / rate_hz) if rate_hz else 0)
+        self._first_ns = max(FIRST_NS, self._silence_ns)
         self._due_ns = 0
         self._said: set[str] = set()
         self._gone = False
@@ -98,16 +99,27 @@ class LiveCamera:
 
     def live(self) -> None:
         """Opens the camera and takes pictures, until `end`; the camera's thread."""
+        try:
+            while not self._ended.is_set():
+                try:
+                    self._use()
+                except GrabberError as error:
+                    self._leave(str(error))
+                except Exception as error:
+                    # Whatever is wrong with one camera must neither end its thread nor be hidden.
+                    self._leave(f"{type(error).__name__}: {error}")
+                self._ended.wait(self._retry_s)
+        finally:
+            self._source.close()
+
+    def _use(self) -> None:
+        """Opens the camera and takes pictures, until it must be opened anew."""
+        self._arrive(self._source.open())
         while not self._ended.is_set():
-            try:
-                said = self._source.open()
-                self._arrive(said)
-                while not self._ended.is_set() and self._take():
-                    pass
-            except GrabberError as error:
-                self._leave(str(error))
-            self._ended.wait(self._retry_s)
-        self._source.close()
+            if not self._take():
+                # Not under the lock: a camera that has fallen silent takes its time to close.
+                self._source.close()
+                return
 
     def end(self) -> None:
         """Has the thread end, once the camera answers."""
@@ -138,9 +150,8 @@ class LiveCamera:
                 return self._misfit(shot.image)
             self._fits()
             if self._pulse.repeated(shot):
-                self._repeat()
-            else:
-                self._accept(shot, arrived_ns)
+                return self._repeat()
+            self._accept(shot, arrived_ns)
         return True
 
     def _accept(self, shot: Shot, arrived_ns: int) -> None:
@@ -158,7 +169,7 @@ class LiveCamera:
                 self._tell("prompt", f"gives {rate} again")
         if self._spell.frozen:
             self._tell("running", "runs again")
-            self._spell.frozen = False
+            self._spell.frozen = self._spell.reopened = False
         self._spell.good += 1
         if self._spell.damaged and self._spell.good >= WHOLE:
             told = f"gives whole pictures again, after {self._spell.damaged} damaged ones"
@@ -178,12 +189,15 @@ class LiveCamera:
         self._spell.damaged += 1
         self._tell("damaged", reason)
 
-    def _repeat(self) -> None:
-        """A picture with the stamp of the one before is no new one."""
+    def _repeat(self) -> bool:
+        """A picture with the stamp of the one before is no new one; opening anew may help."""
         self._miss()
-        if self._pulse.repeats == PICTURES:
+        if self._pulse.repeats < PICTURES:
+            return True
+        if not self._spell.frozen:
             self._spell.frozen = True
             self._tell("frozen", f"froze: the same picture {PICTURES + 1} times")
+        return not self._open_anew()
 
     def _misfit(self, image: Image) -> bool:
         """Leaves a picture of a wrong size out; opening the camera anew may set it right."""
@@ -191,11 +205,14 @@ class LiveCamera:
         self._miss()
         if self._spell.misfits == 1:
             self._tell("size", wrong_size(image, (self._size_px[0], self._size_px[1])))
-        if self._spell.misfits < PICTURES or self._spell.reopened:
-            return True
-        self._spell.reopened = True
-        self._source.close()
-        return False
+        return self._spell.misfits < PICTURES or not self._open_anew()
+
+    def _open_anew(self) -> bool:
+        """Whether the camera shall be opened anew: once for each trouble."""
+        if self._spell.reopened:
+            return False
+        self._spell.reopened, self.opened = True, False
+        return True
 
     def _miss(self) -> None:
         """A picture came that cannot be used: nobody shall wait for it."""
@@ -205,7 +222,7 @@ class LiveCamera:
     def _fits(self) -> None:
         if self._spell.misfits:
             self._tell("fits", "has the size of its calibration again")
-        self._spell.misfits, self._spell.reopened = 0, False
+            self._spell.misfits, self._spell.reopened = 0, False
 
     def _arrive(self, said: list[str]) -> None:
         """The camera is open; it is back when it gives a picture."""
@@ -215,7 +232,7 @@ class LiveCamera:
                     self._tell("control", text)
             self._said.update(said)
             self._pulse.forget()
-            self._due_ns, self.opened = self._clock() + FIRST_NS, True
+            self._due_ns, self.opened = self._clock() + self._first_ns, True
             # Worth waiting for, unless it opened before and gave nothing.
             self.present = not self._gone
 

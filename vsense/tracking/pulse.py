@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from itertools import pairwise
+from statistics import median
 
 from vsense.tracking.source import Shot
 
@@ -13,13 +15,15 @@ that runs 50 ppm wrong moves by 0.3 ms."""
 JUMP_NS = 100_000_000
 """A camera's clock that is so far off all at once has jumped; networks are not late by so much
 for several pictures in the same way."""
+BEHIND_NS = 40_000_000
+"""One that falls back by so much and stays there has jumped, too: it costs triggered pictures."""
 STEADY_NS = 20_000_000
 """Pictures that are late by the same amount up to this are not late: the clock is behind."""
 PICTURES = 3
 """So many pictures show what a single one may only suggest."""
 SPAN_S = 0.3
-SLOW = 1.5
-PROMPT = 1.25
+SLOW = 1.25
+PROMPT = 1.1
 """Intervals, relative to the wanted one, from which pictures are too slow, and no longer are."""
 
 
@@ -61,7 +65,7 @@ class ClockMap:
             # After pictures that were late by chance, one that is not is no jump.
             return len(before) == PICTURES and _steady(before)
         last = [*before, apart_ns][-PICTURES:]
-        return _steady(last) and all(ns > least_ns + JUMP_NS for ns in last)
+        return _steady(last) and all(ns > least_ns + BEHIND_NS for ns in last)
 
 
 def _steady(times_ns: Sequence[int]) -> bool:
@@ -78,17 +82,17 @@ class Pulse:
             rate_hz: How many per second are wanted; None: nobody knows.
         """
         self._period_ns = None if rate_hz is None else 1e9 / rate_hz
+        self.slow = False
+        self.repeats = 0
+        self._stamp_ns: int | None = None
         # Fast cameras may pause for a moment: their rate is that of some tenths of a second.
         self._intervals = max(PICTURES, round(SPAN_S * (rate_hz or 0.0)))
         self.forget()
 
     def forget(self) -> None:
-        """Begins anew: the camera was opened again."""
+        """Begins anew: the camera was opened again. What was slow or frozen may still be so."""
         self._clock = ClockMap()
         self._times_ns: deque[int] = deque(maxlen=self._intervals + 1)
-        self._stamp_ns: int | None = None
-        self.repeats = 0
-        self.slow = False
 
     def skip(self) -> None:
         """A picture came that could not be used: the time to the next one says nothing."""
@@ -117,7 +121,8 @@ class Pulse:
         """Gives the rate [Hz] where pictures have become too slow, or are no longer."""
         if self._period_ns is None or len(self._times_ns) <= self._intervals:
             return None
-        interval_ns = (self._times_ns[-1] - self._times_ns[0]) / self._intervals
+        # The median: a single picture that never came is no rate.
+        interval_ns = median(b - a for a, b in pairwise(self._times_ns))
         limit = PROMPT if self.slow else SLOW
         if (interval_ns > limit * self._period_ns) == self.slow:
             return None
