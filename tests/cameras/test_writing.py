@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.cameras.stage import CALIBRATION, found
-from vsense.cameras import beginning, writing
+from vsense.cameras import init, writing
 from vsense.cameras.finding import USB3, V4L2, Details, FoundCamera
 from vsense.config import resources, tracking_session
 from vsense.config.tracking_specs import GrabberSpec
@@ -137,13 +137,13 @@ def test_no_name_of_a_camera_ends_a_comment(tmp_path: Path) -> None:
 
 
 def run(folder: Path, force: bool = False) -> int:
-    return beginning.run(argparse.Namespace(directory=folder, force=force))
+    return init.run(argparse.Namespace(directory=folder, force=force))
 
 
 def test_init_says_what_comes_next(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(beginning, "find", lambda: ([found(), BUSY], ""))
+    monkeypatch.setattr(init, "find", lambda: ([found(), BUSY], ""))
     assert run(tmp_path / "lab") == 0
     out, err = capsys.readouterr()
     assert out.split() == [str(tmp_path / "lab" / f"{n}.xml") for n in ("resources", "experiment")]
@@ -155,7 +155,7 @@ def test_init_says_what_comes_next(
 def test_init_writes_over_nothing_unless_it_is_told_to(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(beginning, "find", lambda: ([found()], ""))
+    monkeypatch.setattr(init, "find", lambda: ([found()], ""))
     (tmp_path / "experiment.xml").write_text("mine")
     with pytest.raises(UsageError, match=r"experiment\.xml: is there already; --force"):
         run(tmp_path)
@@ -167,14 +167,14 @@ def test_init_writes_over_nothing_unless_it_is_told_to(
 def test_init_without_cameras_says_what_to_check(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(beginning, "find", lambda: ([], "no library"))
+    monkeypatch.setattr(init, "find", lambda: ([], "no library"))
     with pytest.raises(VsenseError, match="no camera found"):
         run(tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_init_where_nothing_can_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(beginning, "find", lambda: ([found()], ""))
+    monkeypatch.setattr(init, "find", lambda: ([found()], ""))
     (tmp_path / "file").touch()
     with pytest.raises(VsenseError, match="cannot be written"):
         run(tmp_path / "file" / "lab")

@@ -9,9 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from vsense.cameras import v4l2
+from vsense.cameras.controls import CameraControls, GenicamControls, V4l2Controls
 from vsense.cameras.discovery import heard
 from vsense.cameras.finding import BUSY
-from vsense.cameras.knobs import GenicamKnobs, Knobs, V4l2Knobs
 from vsense.cameras.networks import networks, stranded
 from vsense.cameras.v4l2_controls import Device
 from vsense.config import resources as resources_file
@@ -39,22 +39,22 @@ NODE_DIGITS = 4
 
 
 class Camera:
-    """A camera's pictures, and its knobs while it is open; for one thread.
+    """A camera's pictures, and its controls while it is open; for one thread.
 
     Attributes:
         id: what the user calls it.
         source: its pictures.
-        knobs: exposure and gain; None: it has no such.
+        controls: exposure and gain; None: it has no such.
         rate_hz: pictures per second that it was asked for, where it was.
     """
 
     def __init__(
-        self, id: str, source: Source, knobs: Knobs | None, rate_hz: float | None = None
+        self, id: str, source: Source, controls: CameraControls | None, rate_hz: float | None = None
     ) -> None:
         """Takes a camera that is not open yet."""
         self.id = id
         self.source = source
-        self.knobs = knobs
+        self.controls = controls
         self.rate_hz = rate_hz
 
     def open(self) -> list[str]:
@@ -95,8 +95,8 @@ def make(spec: GrabberSpec, clock: Callable[[], int] = time.monotonic_ns) -> Cam
     teach_opencv()
     source = make_source(spec, clock, Links())
     if isinstance(source, GenicamSource):
-        return Camera(spec.id, source, GenicamKnobs(lambda: source.camera), spec.frame_rate_hz)
-    return Camera(spec.id, source, _v4l2_knobs(spec.source), spec.frame_rate_hz)
+        return Camera(spec.id, source, GenicamControls(lambda: source.camera), spec.frame_rate_hz)
+    return Camera(spec.id, source, _v4l2_controls(spec.source), spec.frame_rate_hz)
 
 
 def wanted_of(options: argparse.Namespace) -> Controls:
@@ -224,13 +224,13 @@ def _spec(id: str, kind: str, device: str, controls: Controls) -> GrabberSpec:
     )
 
 
-def _v4l2_knobs(device: str) -> Knobs | None:
-    """Opens the knobs of a device node; streams have none."""
+def _v4l2_controls(device: str) -> CameraControls | None:
+    """Opens the controls of a device node; streams have none."""
     path = f"/dev/video{device}" if device.isdecimal() else device
     if not path.startswith("/dev/"):
         return None
     try:
-        return V4l2Knobs(Device(path))
+        return V4l2Controls(Device(path))
     except OSError:
         # Then its pictures do not come, either, and that is told.
         return None

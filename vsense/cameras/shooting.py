@@ -15,10 +15,10 @@ from pathlib import Path
 from vsense.arena import Frame
 from vsense.calibration.board import Board
 from vsense.calibration.corners import CornerFinder
-from vsense.cameras.looking import Size, session_of, sizes_of
 from vsense.cameras.naming import FLOOR, Names
 from vsense.cameras.opening import free, make
 from vsense.cameras.saving import save
+from vsense.cameras.session import Size, session_of, sizes_of
 from vsense.config import resources as resources_file
 from vsense.config.live_cameras import live_grabber
 from vsense.config.tracking_build import SetGrabber

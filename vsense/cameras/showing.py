@@ -15,9 +15,9 @@ import numpy as np
 
 from vsense.arena import POSE, ArenaState, Frame
 from vsense.cameras import saving
-from vsense.cameras.looking import session_of, sizes_of
 from vsense.cameras.markers import MarkerFinder
 from vsense.cameras.opening import choose, make, wanted_of
+from vsense.cameras.session import session_of, sizes_of
 from vsense.config.live_cameras import live_grabber
 from vsense.config.tracking_specs import GrabberSpec, TrackingSession
 from vsense.console import Console
