@@ -12,7 +12,6 @@ import pytest
 from vsense.cameras import finding, listing, opening, v4l2
 from vsense.cameras.discovery import Heard
 from vsense.cameras.finding import FoundCamera
-from vsense.cameras.networks import Network
 from vsense.cameras.opening import choose, free, wanted_of
 from vsense.cameras.v4l2 import V4l2Device
 from vsense.config.tracking_specs import GENICAM
@@ -22,6 +21,7 @@ from vsense.tracking.aravis import GIGE, USB3, AravisError, Listed
 from vsense.tracking.genicam_settings import FREE, GenicamSettings
 from vsense.tracking.grabbers import GrabberError
 from vsense.tracking.grabbers_device import Controls
+from vsense.tracking.routes import Network
 
 FIRST = Listed("Maker-A-1", GIGE, "192.168.10.11", "00:01", "Maker", "A", "1")
 SECOND = Listed("Maker-A-2", GIGE, "192.168.10.12", "00:02", "Maker", "A", "2")

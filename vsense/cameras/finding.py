@@ -9,16 +9,16 @@ from dataclasses import dataclass, field, replace
 
 from vsense.cameras import v4l2
 from vsense.cameras.discovery import Heard, heard
-from vsense.cameras.networks import networks, stranded
+from vsense.cameras.networks import stranded
 from vsense.tracking import aravis
 from vsense.tracking.aravis import AravisError, Listed
 from vsense.tracking.aravis_camera import AravisCamera
 from vsense.tracking.grabbers import GrabberError
-from vsense.tracking.gvcp import controlled
+from vsense.tracking.gvcp import HELD, controlled
+from vsense.tracking.routes import networks
 from vsense.tracking.source import Bounds
 
 GIGE, USB3, V4L2 = "GigE", "USB3", "V4L2"
-BUSY = "another program controls it, or did until seconds ago"
 DEAF = "answers to everybody, but not to this host alone: look at its network mask and the firewall"
 _WORKERS = 8
 """A camera that does not answer takes seconds to say so: the others do not wait for it."""
@@ -161,7 +161,7 @@ def _asked(camera: FoundCamera) -> FoundCamera:
 def _told(camera: FoundCamera) -> FoundCamera:
     # Opening a camera that another program has takes seconds, and asking it would disturb.
     if camera.kind == GIGE and controlled(camera.address):
-        return replace(camera, trouble=BUSY)
+        return replace(camera, trouble=HELD)
     opened = AravisCamera(camera.address or camera.id)
     try:
         return replace(camera, details=read(opened))

@@ -11,8 +11,7 @@ from pathlib import Path
 from vsense.cameras import v4l2
 from vsense.cameras.controls import CameraControls, GenicamControls, V4l2Controls
 from vsense.cameras.discovery import heard
-from vsense.cameras.finding import BUSY
-from vsense.cameras.networks import networks, stranded
+from vsense.cameras.networks import stranded
 from vsense.cameras.v4l2_controls import Device
 from vsense.config import resources as resources_file
 from vsense.config.live_cameras import make_source
@@ -26,9 +25,10 @@ from vsense.tracking.grabbers import GrabberError
 from vsense.tracking.grabbers_device import Controls
 from vsense.tracking.grabbers_genicam import GenicamSource
 from vsense.tracking.grabbers_picture import PictureError
-from vsense.tracking.gvcp import controlled
+from vsense.tracking.gvcp import HELD, controlled
 from vsense.tracking.links import Links
 from vsense.tracking.opencv_manners import teach_opencv
+from vsense.tracking.routes import networks
 from vsense.tracking.source import Shot, Source
 
 MOST_DAMAGED = 20
@@ -155,7 +155,7 @@ def _of_aravis(id: str, wanted: Controls) -> GrabberSpec:
         raise UsageError(f"no camera {id!r}: {_known(listed)}{missing}")
     device = (mine[0].address or mine[0].id) if mine else id
     if is_address(device) and controlled(device):
-        raise GrabberError(f"{id}: {BUSY}")
+        raise GrabberError(f"{id}: {HELD}")
     try:
         camera = AravisCamera(device)
     except AravisError as error:
