@@ -11,9 +11,11 @@ from pathlib import Path
 from vsense.cameras import v4l2
 from vsense.cameras.controls import CameraControls, GenicamControls, V4l2Controls
 from vsense.cameras.discovery import heard
+from vsense.cameras.finding import RATE_HZ, rate_of
 from vsense.cameras.networks import stranded
 from vsense.cameras.v4l2_controls import Device
 from vsense.config import resources as resources_file
+from vsense.config.camera_grabbers import EXPOSURES_US, GAINS, RATES_HZ, SIDES_PX
 from vsense.config.live_cameras import make_source
 from vsense.config.tracking_specs import CAMERA, GENICAM, GrabberSpec
 from vsense.errors import UsageError
@@ -36,6 +38,15 @@ MOST_DAMAGED = 20
 
 NODE_DIGITS = 4
 """A number that is shorter is one of /dev/video*, a longer one a serial number."""
+
+_TAKEN = {
+    "width": SIDES_PX,
+    "height": SIDES_PX,
+    "rate": RATES_HZ,
+    "exposure": EXPOSURES_US,
+    "gain": GAINS,
+}
+"""What options may be, by their names."""
 
 
 class Camera:
@@ -103,8 +114,13 @@ def wanted_of(options: argparse.Namespace) -> Controls:
     """Gives what the command line asks a camera for.
 
     Raises:
-        UsageError: one of width and height is missing.
+        UsageError: one of width and height is missing, or a value is beyond what the resources
+            file takes.
     """
+    for name, bounds in _TAKEN.items():
+        value = getattr(options, name)
+        if value is not None and not bounds[0] <= value <= bounds[1]:
+            raise UsageError(f"--{name}: {value:g} is not from {bounds[0]:g} to {bounds[1]:g}")
     if (options.width is None) != (options.height is None):
         raise UsageError("expected --width together with --height")
     size_px = None if options.width is None else (options.width, options.height)
@@ -128,7 +144,7 @@ def choose(id: str, wanted: Controls, resources: str | None = None) -> GrabberSp
         return _of_file(id, wanted, resources)
     if "://" in id:
         return _spec(id, CAMERA, id, wanted)
-    node = f"/dev/video{id}" if id.isdecimal() and len(id) < NODE_DIGITS else id
+    node = v4l2.node(id) if len(id) < NODE_DIGITS else id
     if node.startswith("/dev/"):
         if not Path(node).exists():
             raise UsageError(f"no camera {node}: {_known(())}")
@@ -164,7 +180,7 @@ def _of_aravis(id: str, wanted: Controls) -> GrabberSpec:
             raise GrabberError(f"{id}: {lost or error}") from None
         raise UsageError(f"no camera answers at {id}: {_known(listed)}") from None
     try:
-        rate_hz = wanted.rate_hz or camera.rate_hz
+        rate_hz = wanted.rate_hz or rate_of(camera) or RATE_HZ
     finally:
         camera.close()
     return _spec(id, GENICAM, device, replace(wanted, rate_hz=rate_hz))
@@ -226,7 +242,7 @@ def _spec(id: str, kind: str, device: str, controls: Controls) -> GrabberSpec:
 
 def _v4l2_controls(device: str) -> CameraControls | None:
     """Opens the controls of a device node; streams have none."""
-    path = f"/dev/video{device}" if device.isdecimal() else device
+    path = v4l2.node(device)
     if not path.startswith("/dev/"):
         return None
     try:

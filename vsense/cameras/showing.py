@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
         spec = choose(options.id, wanted_of(options), options.resources)
         finder = MarkerFinder(load_family(options.family))
         image = _look(spec, options.save)
-        if options.save is None:
+        if options.save is None and not interrupted.is_set():
             finder.look(image)
             console, troubles = Console(), Troubles()
             sizes_px = {spec.id: (image.shape[1], image.shape[0])}

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
-from vsense.cameras.finding import V4L2, FoundCamera
+from vsense.cameras.finding import RATE_HZ, V4L2, FoundCamera
 from vsense.config import recording_files
 from vsense.config.camera_grabbers import EXPOSURES_US, GAINS, RATES_HZ, SIDES_PX
 from vsense.config.recording_files import EXPERIMENT, RESOURCES
@@ -16,8 +16,6 @@ from vsense.config.tracking_specs import CAMERA, GENICAM, TrackerSpec
 from vsense.tracking.genicam_settings import FREE, PIXEL_FORMATS, SOFTWARE
 from vsense.tracking.source import Bounds
 
-RATE_HZ = 10.0
-"""The thesis's rate: sixteen cameras share a link, and a camera may be able to do more."""
 FAMILY = "arrow4x4"
 TRACKER = "robots"
 
@@ -89,6 +87,7 @@ def way(found: Sequence[FoundCamera]) -> tuple[str, list[float]]:
     Returns:
         The trigger, and the rate of each camera: a common one where they are triggered.
     """
+    # No camera is asked for more than the usual: many of them share a link.
     rates_hz = [min(_within(c.details.rate_hz, RATES_HZ) or RATE_HZ, RATE_HZ) for c in found]
     if len(found) < 2 or any(camera.kind == V4L2 for camera in found):
         return FREE, rates_hz
