@@ -60,6 +60,8 @@ def test_a_gain_in_db_may_be_negative() -> None:
         ('gain_raw="12"', 'gain_raw="-1000.5"', 2, "gain_raw: -1000.5 is out of range"),
         (' name="GammaEnable"', "", 5, "name: is missing, expected a feature of the camera"),
         (' value="7"', "", 5, "value: is missing, expected what the feature is set to"),
+        ('"GammaEnable"', '"PixelFormat"', 5, "'PixelFormat' is what the grabber's attribute"),
+        ('"GammaEnable"', '"TriggerMode"', 5, "attribute 'trigger' sets"),
         ("<feature name", "<feature color='' name", 5, "color"),
         ("<feature ", "<futures ", 5, "in <grabber>; known there are: feature"),
         ('trigger="software"', 'trigger=""', 2, "trigger"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from vsense.config.element import Element
 from vsense.config.tracking_specs import CAMERA, GENICAM, GrabberSpec
-from vsense.tracking.genicam_settings import FREE, PIXEL_FORMATS, GenicamSettings
+from vsense.tracking.genicam_settings import FREE, PIXEL_FORMATS, GenicamSettings, attribute_of
 from vsense.tracking.grabbers_device import Controls
 
 RATES_HZ = (0.01, 1000.0)
@@ -85,7 +85,6 @@ def _genicam(element: Element, controls: Controls) -> GenicamSettings:
         pixel_format = element.choice("pixel_format", PIXEL_FORMATS)
     if element.has("packet_size"):
         packet_size = element.integer("packet_size", *_PACKET_BYTES)
-    features = element.children("feature")
     return GenicamSettings(
         controls=controls,
         offset_px=offset_px,
@@ -93,14 +92,17 @@ def _genicam(element: Element, controls: Controls) -> GenicamSettings:
         packet_size=packet_size,
         packet_delay_us=_optional(element, "packet_delay", 0.0, 1e6, "microseconds"),
         trigger=element.text("trigger", FREE),
-        features=tuple(
-            (
-                feature.text("name", None, "a feature of the camera, such as BlackLevelRaw"),
-                feature.text("value", None, "what the feature is set to"),
-            )
-            for feature in features
-        ),
+        features=tuple(_feature(each) for each in element.children("feature")),
     )
+
+
+def _feature(element: Element) -> tuple[str, str]:
+    """Reads a feature's name and value; those with an attribute of their own are refused."""
+    name = element.text("name", None, "a feature of the camera, such as BlackLevelRaw")
+    own = attribute_of(name)
+    if own is not None:
+        raise element.error(f"{name!r} is what the grabber's attribute {own!r} sets", "name")
+    return name, element.text("value", None, "what the feature is set to")
 
 
 def _optional(element: Element, key: str, low: float, high: float, unit: str) -> float | None:
