@@ -11,6 +11,7 @@ from vsense.tracking.aravis import AravisError
 from vsense.tracking.aravis_camera import AravisCamera
 from vsense.tracking.genicam_settings import NAMES
 from vsense.tracking.grabbers import GrabberError
+from vsense.tracking.grabbers_device import EXPOSURE_UNIT_US
 from vsense.tracking.source import Bounds
 
 EXPOSURE, GAIN = "exposure_time_abs", "gain_raw"
@@ -18,8 +19,8 @@ EXPOSURE, GAIN = "exposure_time_abs", "gain_raw"
 
 _AUTOMATIC = {EXPOSURE: "ExposureAuto", GAIN: "GainAuto"}
 _CONTROLS = {EXPOSURE: Control.EXPOSURE, GAIN: Control.GAIN}
-_UNITS = {EXPOSURE: 100.0, GAIN: 1.0}
-"""V4L2 counts exposures in 100 us. Source: Linux, V4L2_CID_EXPOSURE_ABSOLUTE."""
+_UNITS = {EXPOSURE: EXPOSURE_UNIT_US, GAIN: 1.0}
+"""Of V4L2, in ours."""
 _MANUAL = {EXPOSURE: (Control.EXPOSURE_AUTO, 1), GAIN: (Control.AUTOGAIN, 0)}
 
 
