@@ -22,14 +22,15 @@ settings.register_profile("vsense", deadline=None)
 settings.load_profile("vsense")
 
 
-ALONE = ("tests/system/", "tests/gige/", "tests/board/", "tests/web/test_lab_page.py")
+ALONE = ("tests/system/", "tests/board/", "tests/web/test_lab_page.py")
 """Tests that need the machine for themselves: whole labs and runs that keep or measure times."""
 
 
-PACED = tuple(
-    f"tests/robot/test_{name}.py" for name in ("bases", "daemon", "faults", "hard_faults")
+PACED = (
+    "tests/gige/",
+    *(f"tests/robot/test_{name}.py" for name in ("bases", "daemon", "faults", "hard_faults")),
 )
-"""Tests of one daemon in real time: they share the machine with their like only."""
+"""Tests of one daemon or four cameras in real time: they share the machine with their like only."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -44,7 +45,7 @@ def require_tool(name: str, package: str) -> str:
     """Gives the tool's path, or skips the test (under CI: fails it), naming the Debian package."""
     path = shutil.which(name)
     if path is None:
-        _lack(f"needs {name}: apt install {package}")
+        lack(f"needs {name}: apt install {package}")
     return path
 
 
@@ -53,16 +54,16 @@ def require_library(name: str, package: str) -> None:
     try:
         ctypes.CDLL(name)
     except OSError:
-        _lack(f"needs {name}: apt install {package}")
+        lack(f"needs {name}: apt install {package}")
 
 
 def require_zig() -> None:
     """Skips the test (under CI: fails it) where the pinned cross compiler is not installed."""
     if importlib.util.find_spec("ziglang") is None:
-        _lack("needs ziglang: pip install 'vsense[robot]'")
+        lack("needs ziglang: pip install 'vsense[robot]'")
 
 
-def _lack(text: str) -> NoReturn:
+def lack(text: str) -> NoReturn:
     """Skips the test; under CI, where everything is there, fails it."""
     if os.environ.get("CI"):
         pytest.fail(text)

@@ -64,7 +64,7 @@ def restore(rig: GigeCameras) -> None:
 FAULTS = [
     Fault("switched off and on", lambda rig: rig.kill(VICTIM), "gone", "gone", begin_again, "back"),
     Fault("cable out, and in at once", cut, "gone", "gives no pictures", restore, "back"),
-    Fault("cable out for long", cut, "gone", "gives no pictures", restore, "back", lasts=40),
+    Fault("cable out for long", cut, "gone", "gives no pictures", restore, "back", lasts=35),
     Fault(
         "started again with another size",
         lambda rig: rig.start(VICTIM, words=OTHER_SIZE),

@@ -13,7 +13,7 @@ import numpy as np
 
 from tests.conftest import require_library, require_tool
 from tests.gige.gvcp import Reader
-from tests.namespaces import Namespaces
+from tests.namespaces import FreeNet, Namespaces
 from tests.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense.config.recording_files import experiment_text, one_tracker, resources_text
 from vsense.tracking.camera import Camera
@@ -25,10 +25,15 @@ FAMILY = "arrow4x4"
 SIZE_PX = (640, 480)
 SIZE = {"width": SIZE_PX[0], "height": SIZE_PX[1]}
 """As attributes of a grabber."""
+MIDDLE_PX = (320, 240)
+MIDDLE = {"width": 320, "height": 240, "offset_x": 160, "offset_y": 120}
+"""The middle of the pictures: two of them fit into what a socket usually holds, 212,992 bytes."""
 PLACES_M = ((-0.4, -0.3), (0.4, -0.3), (-0.4, 0.3), (0.4, 0.3))
-CAMERAS = [
-    Camera.looking_down(f"cam{n}", x, y, 2.4, 1100.0, SIZE_PX) for n, (x, y) in enumerate(PLACES_M)
-]
+CAMERAS, MIDDLES = (
+    [Camera.looking_down(f"cam{n}", x, y, 2.4, 1100.0, px) for n, (x, y) in enumerate(PLACES_M)]
+    for px in (SIZE_PX, MIDDLE_PX)
+)
+"""Their calibrations, for whole pictures and for the middles."""
 RATE_HZ = 10
 FIRST = 10
 """The last number of the first camera's address."""
@@ -57,9 +62,10 @@ class GigeCameras:
         self._robots = robots
         self._family = load_family(FAMILY)
         self._folder = folder
-        net = f"10.214.{os.getpid() % 250 + 1}"
-        self.net = Namespaces("vsg", net, INTERFACE, {n: FIRST + n for n in range(len(CAMERAS))})
         self._running: dict[int, subprocess.Popen[str]] = {}
+        self._free = FreeNet("10.214")
+        numbers = {n: FIRST + n for n in range(len(CAMERAS))}
+        self.net = Namespaces("vsg", self._free.net, INTERFACE, numbers)
         if jumbo:
             self.net.set_mtu(9000)
         for n, camera in enumerate(CAMERAS):
@@ -140,7 +146,11 @@ class GigeCameras:
         self.start(number)
 
     def files(
-        self, folder: Path, settings: Mapping[str, Any], features: Mapping[str, str] | None = None
+        self,
+        folder: Path,
+        settings: Mapping[str, Any],
+        features: Mapping[str, str] | None = None,
+        cameras: Sequence[Camera] = CAMERAS,
     ) -> tuple[str, str]:
         """Writes the two files of a tracking session with all four.
 
@@ -148,16 +158,17 @@ class GigeCameras:
             folder: where to.
             settings: attributes of every <grabber>.
             features: of every grabber: names and values.
+            cameras: their calibrations, for pictures as the settings have them.
         """
         heights_m = dict.fromkeys((robot.tag for robot in self._robots), HEIGHT_M)
-        trackers = one_tracker(self.cameras, FAMILY, heights_m)
-        text = resources_text(self.cameras, trackers)
+        trackers = one_tracker(cameras, FAMILY, heights_m)
+        text = resources_text(cameras, trackers)
         inside = "".join(
             f'\n      <feature name="{name}" value="{value}" />'
             for name, value in (features or {}).items()
         )
         (folder / "cameras").mkdir(exist_ok=True)
-        for number, camera in enumerate(self.cameras):
+        for number, camera in enumerate(cameras):
             (folder / "cameras" / f"{camera.id}.json").write_text(camera.to_json())
             pictures = f'type="directory" path="pictures/{camera.id}"'
             times = f'\n             timestamps="pictures/{camera.id}/timestamps.csv" />'
@@ -167,7 +178,7 @@ class GigeCameras:
             grabber = f'type="genicam" {words}>{inside}\n    </grabber>'
             text = text.replace(pictures + times, grabber)
         (folder / "resources.xml").write_text(text)
-        (folder / "experiment.xml").write_text(experiment_text(self.cameras, trackers))
+        (folder / "experiment.xml").write_text(experiment_text(cameras, trackers))
         return str(folder / "resources.xml"), str(folder / "experiment.xml")
 
     def close(self) -> None:
@@ -175,6 +186,7 @@ class GigeCameras:
         for number in list(self._running):
             self.kill(number)
         self.net.close()
+        self._free.close()
 
     def _scene_camera(self, number: int, words: Sequence[str]) -> subprocess.Popen[str]:
         python = [sys.executable, "-m", "tests.gige.scene_camera", INTERFACE]

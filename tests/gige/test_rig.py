@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.gige.network import CAMERAS, RATE_HZ, SIZE_PX, GigeCameras
+from tests.gige.faults import VICTIM
+from tests.gige.network import CAMERAS, RATE_HZ, SIZE, SIZE_PX, GigeCameras
+from tests.gige.watch import Watch
 from vsense.tracking.aravis import listed
 from vsense.tracking.grabbers_device import Controls
 from vsense.tracking.grabbers_genicam import GenicamSettings, GenicamSource
@@ -32,17 +34,9 @@ def picture(source: GenicamSource) -> np.ndarray:
         source.close()
 
 
-@pytest.fixture(params=["scenes", "plain"])
-def started(request: pytest.FixtureRequest, rig: GigeCameras) -> Iterator[GigeCameras]:
-    """All four cameras, with our pictures and as Debian has them."""
-    (rig.start if request.param == "scenes" else rig.start_plain)()
-    yield rig
-    for number in range(len(CAMERAS)):
-        rig.kill(number)
-
-
-def test_all_four_answer_from_their_own_addresses(started: GigeCameras) -> None:
-    mine = {started.serial(n): started.address(n) for n in range(len(CAMERAS))}
+def test_all_four_answer_from_their_own_addresses(rig: GigeCameras) -> None:
+    rig.start()
+    mine = {rig.serial(n): rig.address(n) for n in range(len(CAMERAS))}
     found = [camera for camera in listed() if camera.serial in mine]
     assert {camera.serial: camera.address for camera in found} == mine and len(found) == len(mine)
     assert {(c.protocol, c.vendor, c.model) for c in found} == {("GigEVision", "Aravis", "Fake")}
@@ -56,3 +50,21 @@ def test_brightness_follows_exposure_and_gain(rig: GigeCameras) -> None:
     assert half.mean() == pytest.approx(0.5 * scene.mean(), rel=0.03)
     bayer = picture(source(rig, 4000, 6, "BayerRG8"))
     assert bayer.mean() == pytest.approx(scene.mean(), rel=0.03), "the world is grey"
+
+
+def test_two_cameras_with_one_address_are_both_named(rig: GigeCameras, tmp_path: Path) -> None:
+    rig.start(1, 2, 3)
+    rig.same_address(VICTIM, 0)
+    watch = Watch(rig, tmp_path, **SIZE)
+    name, others = CAMERAS[VICTIM].id, [camera.id for camera in CAMERAS[2:]]
+    try:
+        watch.until(lambda: watch.told(name, "gone"), "word of it")
+        event = watch.told(name, "gone")
+        assert event is not None
+        assert all(rig.serial(n) in event.text for n in (0, VICTIM))
+        assert f"address {rig.address(VICTIM)}" in event.text
+        watch.delivered(*others)
+        rig.own_address(0)
+        watch.all_deliver()
+    finally:
+        watch.close()

@@ -15,7 +15,16 @@ import pytest
 
 from tests.conftest import require_tool
 from tests.gige.conftest import ROBOTS
-from tests.gige.network import CAMERAS, RATE_HZ, SIZE, SIZE_PX, GigeCameras
+from tests.gige.faults import VICTIM, hold
+from tests.gige.network import (
+    CAMERAS,
+    MIDDLE,
+    MIDDLES,
+    RATE_HZ,
+    SIZE,
+    SIZE_PX,
+    GigeCameras,
+)
 
 pytestmark = pytest.mark.system
 
@@ -52,24 +61,33 @@ def talk(process: subprocess.Popen[str]) -> str:
     return said
 
 
-def test_all_robots_are_found_and_what_a_camera_makes_of_its_settings_is_told(
+def full(process: subprocess.Popen[str]) -> Iterator[dict[str, Any]]:
+    """The states in which every robot is seen."""
+    return (s for s in states(process) if sum(robot["seen"] for robot in s["robots"]) == 4)
+
+
+def test_what_a_camera_makes_of_its_settings_is_told_and_any_user_gets_whole_pictures(
     rig: GigeCameras, tmp_path: Path
 ) -> None:
+    """Without rights on the network, the packets wait in the little memory that a socket has."""
     rig.start()
+    setpriv = require_tool("setpriv", "util-linux")
+    user = [setpriv, "--bounding-set", "-net_raw", "--inh-caps", "-net_raw"]
     features = {"BlackLevelRaw": "3", "GainAuto": "Continuous", "BinningHorizontal": "2"}
-    settings = SETTINGS | {"exposure_time_abs": 8000.4, "gain_raw": 99}
-    with tracked(rig.files(tmp_path, settings, features)) as process:
-        all_seen = (s for s in states(process) if sum(r["seen"] for r in s["robots"]) == 4)
-        where = {r["tag"]: (r["x_m"], r["y_m"]) for r in next(all_seen)["robots"]}
+    settings = MIDDLE | {"exposure_time_abs": 8000.4, "gain_raw": 99}
+    with tracked(rig.files(tmp_path, settings, features, MIDDLES), *user) as process:
+        found = [state for state, _ in zip(full(process), range(2 * RATE_HZ))]
         registers = [rig.registers(n) for n in range(len(CAMERAS))]
         process.send_signal(signal.SIGINT)
         said = talk(process)
+    assert len(found) == 2 * RATE_HZ and "lacks packets" not in said
+    where = {robot["tag"]: (robot["x_m"], robot["y_m"]) for robot in found[0]["robots"]}
     for robot in ROBOTS:
         assert where[robot.tag] == pytest.approx((robot.x_m, robot.y_m), abs=0.003)
     for camera, values in zip(CAMERAS, registers):
         assert values["exposure_us"] == 8000 and values["gain_raw"] == 0
         assert values["gain_auto"] == 2 and values["binning_horizontal"] == 2
-        assert (values["width"], values["height"]) == SIZE_PX
+        assert {name: values[name] for name in MIDDLE} == MIDDLE
         assert values["period_us"] == 1_000_000 // RATE_HZ
         name = f"vsense: camera {camera.id}:"
         assert f"{name} takes 8000 for exposure_time_abs 8000.4\n" in said
@@ -77,24 +95,6 @@ def test_all_robots_are_found_and_what_a_camera_makes_of_its_settings_is_told(
         assert f"{name} has no BlackLevelRaw\n" in said
     assert process.returncode == 130
     assert [rig.registers(n)["controlled"] for n in range(len(CAMERAS))] == [0, 0, 0, 0]
-
-
-def test_a_user_without_rights_on_the_network_gets_whole_pictures_too(
-    rig: GigeCameras, tmp_path: Path
-) -> None:
-    """The packets of a picture wait in the system's memory, which usually holds less than one."""
-    most_bytes = int(Path("/proc/sys/net/core/rmem_max").read_text())
-    if most_bytes < 2 * SIZE_PX[0] * SIZE_PX[1]:
-        pytest.skip(f"needs two pictures of memory, net.core.rmem_max is {most_bytes}")
-    rig.start()
-    setpriv = require_tool("setpriv", "util-linux")
-    user = [setpriv, "--bounding-set", "-net_raw", "--inh-caps", "-net_raw"]
-    with tracked(rig.files(tmp_path, SETTINGS), *user) as process:
-        full = (s for s in states(process) if sum(r["seen"] for r in s["robots"]) == 4)
-        assert len([state for state, _ in zip(full, range(2 * RATE_HZ))]) == 2 * RATE_HZ
-        process.send_signal(signal.SIGINT)
-        said = talk(process)
-    assert "lacks packets" not in said
 
 
 def test_the_simulator_as_debian_has_it_shows_its_ramp(rig: GigeCameras, tmp_path: Path) -> None:
@@ -113,18 +113,35 @@ def test_the_simulator_as_debian_has_it_shows_its_ramp(rig: GigeCameras, tmp_pat
     assert "is gone" not in said and "damaged" not in said
 
 
-def test_a_program_that_died_gets_its_cameras_back_when_it_is_started_again(
+def test_cameras_that_others_hold_come_when_released_and_those_of_a_dead_program_by_themselves(
     rig: GigeCameras, tmp_path: Path
 ) -> None:
+    """One program dies; another one holds a camera all the time and goes on living."""
     rig.start()
+    other = hold(rig)
     files = rig.files(tmp_path, SETTINGS)
+    theirs = {robot.tag for robot in ROBOTS} - {ROBOTS[VICTIM].tag}
     with tracked(files) as first:
-        next(state for state in states(first) if len(state["robots"]) == len(CAMERAS))
+        for state in states(first):
+            seen = {robot["tag"] for robot in state["robots"]}
+            assert seen <= theirs, "nobody gets pictures of a camera that others hold"
+            if seen == theirs:
+                break
         first.kill()
+        said = talk(first)
+    assert f"camera {CAMERAS[VICTIM].id}: is gone: another program controls it" in said
     with tracked(files) as second:
-        next(state for state in states(second) if len(state["robots"]) == len(CAMERAS))
+        assert second.stderr is not None
+        heard = []
+        for line in second.stderr:
+            heard.append(line)
+            if f"camera {CAMERAS[VICTIM].id}: is gone" in line:
+                break
+        other.release()
+        other.close()
+        next(full(second))
         second.send_signal(signal.SIGINT)
-        said = talk(second)
+        said = "".join(heard) + talk(second)
     for camera in CAMERAS:
         assert f"camera {camera.id}: is gone: another program controls it" in said
         assert f"camera {camera.id}: is back" in said

@@ -12,7 +12,7 @@ class Networks(Namespaces):
     """Namespaces with an address each; the host is at `HOST`."""
 
     def __init__(self, robots: list[int]) -> None:
-        """Makes them; skips the test where that is not allowed."""
+        """Makes them; skips the test (under CI: fails it) where that is not allowed."""
         super().__init__("vsb", NET, "wlan0", {tag: 10 + n for n, tag in enumerate(robots)})
 
     def restore(self, tag: int) -> None:
