@@ -200,7 +200,8 @@ def _of_file(id: str, wanted: Controls, path: str) -> GrabberSpec:
     live = {name: spec for name, spec in resources.grabbers.items() if spec.is_live}
     if id not in live:
         known = ", ".join(live) or "none"
-        raise UsageError(f"no camera {id!r} among the grabbers of {path}: there are {known}")
+        are = "is" if len(live) == 1 else "are"
+        raise UsageError(f"no camera {id!r} among the grabbers of {path}: there {are} {known}")
     spec = live[id]
     if isinstance(spec.settings, GenicamSettings):
         settings = replace(spec.settings, controls=_over(spec.settings.controls, wanted))
