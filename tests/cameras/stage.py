@@ -9,8 +9,8 @@ from functools import cache
 import numpy as np
 
 from tests.tracking.synthetic import Look, Robot, render
+from vsense.cameras.controls import EXPOSURE, GAIN
 from vsense.cameras.finding import GIGE, Details, FoundCamera
-from vsense.cameras.knobs import EXPOSURE, GAIN
 from vsense.cameras.opening import Camera
 from vsense.cameras.tuning import Tuner
 from vsense.tracking.camera import Camera as Calibration
@@ -37,12 +37,13 @@ def arena() -> np.ndarray:
 
 
 class Scripted:
-    """A source and its knobs.
+    """A source and its controls.
 
     Attributes:
         values: exposure [us] and gain [dB]; noise grows with the gain.
         fails: raised instead of a picture, if it is set.
         reads: how many pictures were asked for.
+        keeps: why its own values cannot be put back, if they cannot.
     """
 
     def __init__(self, fails: Exception | None = None) -> None:
@@ -51,6 +52,7 @@ class Scripted:
         self.fails = fails
         self.reads = 0
         self.opened = False
+        self.keeps = ""
         self.after_read: Callable[[int], None] = lambda reads: None
         self._random = np.random.default_rng(1)
 
@@ -78,13 +80,19 @@ class Scripted:
     def bounds(self, name: str) -> Bounds | None:
         return {EXPOSURE: (10.0, 1e6), GAIN: (0.0, 24.0)}[name]
 
-    def turn(self, name: str, value: float) -> None:
+    def set(self, name: str, value: float) -> None:
         self.turned.append((name, value))
         self.values[name] = value
 
     def remember(self) -> Callable[[], None]:
         own = dict(self.values)
-        return lambda: self.values.update(own)
+
+        def put_back() -> None:
+            if self.keeps:
+                raise GrabberError(self.keeps)
+            self.values.update(own)
+
+        return put_back
 
 
 def options(**values: object) -> argparse.Namespace:

@@ -10,7 +10,7 @@ from ipaddress import IPv4Interface
 import pytest
 
 from vsense.cameras.discovery import Heard, heard, parse
-from vsense.cameras.networks import Network
+from vsense.tracking.routes import Network
 
 LOOPBACK = Network("lo", IPv4Interface("127.0.0.1/8"))
 LISTEN_S = 2.0

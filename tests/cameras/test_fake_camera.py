@@ -68,6 +68,11 @@ class Simulator:
         self.kill()
         raise AssertionError("the simulator does not answer: does another hold this address?")
 
+    def silence(self) -> None:
+        """Has it answer nothing any more; it can only be killed then."""
+        assert self._process is not None
+        self._process.send_signal(signal.SIGSTOP)
+
     def kill(self) -> None:
         """Switches it off."""
         if self._process is not None:
@@ -157,6 +162,20 @@ def test_ctrl_c_in_a_sweep_leaves_the_camera_as_it_was(camera: Simulator) -> Non
     assert command.wait(PATIENCE_S) == 130 and b"Traceback" not in rest
     row = mine()
     assert (row["exposure_us"], row["gain"]) == (10_000.0, 0.0)
+
+
+def test_a_camera_that_falls_silent_in_a_sweep_is_not_said_to_be_as_it_was(
+    camera: Simulator,
+) -> None:
+    command, terminal = on_terminal("tune", ID, "--sweep")
+    try:
+        read_until(terminal, rb"(?s)markers.*us.*us")
+        camera.silence()
+        rest = read_until(terminal, rb"not put back: exposure_time_abs: [^\n]*\n")
+        assert command.wait(PATIENCE_S) == 1
+        assert b"best" not in rest and b"own values again" not in rest
+    finally:
+        command.kill()
 
 
 def on_terminal(*words: str) -> tuple[subprocess.Popen[bytes], int]:

@@ -12,7 +12,6 @@ import pytest
 from vsense.cameras import finding, listing, opening, v4l2
 from vsense.cameras.discovery import Heard
 from vsense.cameras.finding import FoundCamera
-from vsense.cameras.networks import Network
 from vsense.cameras.opening import choose, free, wanted_of
 from vsense.cameras.v4l2 import V4l2Device
 from vsense.config.tracking_specs import GENICAM
@@ -22,6 +21,7 @@ from vsense.tracking.aravis import GIGE, USB3, AravisError, Listed
 from vsense.tracking.genicam_settings import FREE, GenicamSettings
 from vsense.tracking.grabbers import GrabberError
 from vsense.tracking.grabbers_device import Controls
+from vsense.tracking.routes import Network
 
 FIRST = Listed("Maker-A-1", GIGE, "192.168.10.11", "00:01", "Maker", "A", "1")
 SECOND = Listed("Maker-A-2", GIGE, "192.168.10.12", "00:02", "Maker", "A", "2")
@@ -74,7 +74,7 @@ def set_there(monkeypatch: pytest.MonkeyPatch, listed: list[Listed]) -> None:
     monkeypatch.setattr(aravis, "listed", lambda: listed)
 
 
-def set_opened(monkeypatch: pytest.MonkeyPatch, **how: tuple[str, ...]) -> None:
+def set_opened(monkeypatch: pytest.MonkeyPatch, **how: object) -> None:
     for module in (finding, opening):
         monkeypatch.setattr(module, "AravisCamera", type("Opened", (Opened,), how))
 
@@ -190,6 +190,20 @@ def test_a_camera_is_chosen_by_any_of_its_names(id: str, there: pytest.MonkeyPat
     assert spec.settings.controls == Controls(rate_hz=25.0, exposure_us=5000.0)
 
 
+def test_a_camera_that_does_not_tell_its_rate_is_listed_and_opened(
+    there: pytest.MonkeyPatch,
+) -> None:
+    def rate_hz(camera: Opened) -> float:
+        raise AravisError("there is no feature AcquisitionFrameRate")
+
+    set_opened(there, rate_hz=property(rate_hz))
+    first = by_id()["Maker-A-1"]
+    assert first.trouble == "" and first.details.rate_hz is None
+    assert first.details.size_px == (1620, 1220)
+    assert choose("Maker-A-1", Controls()).frame_rate_hz == 10.0
+    assert choose("Maker-A-1", Controls(rate_hz=5.0)).frame_rate_hz == 5.0
+
+
 def test_usb3_is_opened_by_its_id(there: pytest.MonkeyPatch) -> None:
     assert choose("guid", Controls()).source == "Maker-U-3"
 
@@ -275,8 +289,35 @@ def test_a_grabber_brings_all_its_settings(tmp_path: Path) -> None:
         choose("cam1", Controls(), str(tmp_path / "nix.xml"))
 
 
+def asked(**values: float) -> argparse.Namespace:
+    """What the command line asks a camera for."""
+    nothing = dict.fromkeys(("width", "height", "rate", "exposure", "gain"))
+    return argparse.Namespace(**{**nothing, **values})
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("rate", 1e7, "--rate: 1e[+]07 is not from 0.01 to 1000"),
+        ("rate", 0.0, "--rate: 0 is not from 0.01"),
+        ("rate", float("nan"), "--rate: nan is not from"),
+        ("exposure", 0.5, "--exposure: 0.5 is not from 1 to 1e[+]07"),
+        ("gain", -2000.0, "--gain: -2000 is not from -1000"),
+        ("gain", float("inf"), "--gain: inf is not from"),
+        ("width", 30_000, "--width: 30000 is not from 1 to 20000"),
+    ],
+)
+def test_what_no_resources_file_takes_no_option_takes(name: str, value: float, words: str) -> None:
+    with pytest.raises(UsageError, match=words):
+        wanted_of(asked(**{name: value}))
+
+
+def test_a_gain_in_db_may_be_negative() -> None:
+    assert wanted_of(asked(gain=-1.5)) == Controls(gain_raw=-1.5)
+
+
 def test_width_and_height_go_together() -> None:
-    given = argparse.Namespace(width=640, height=None, rate=None, exposure=None, gain=None)
+    given = asked(width=640)
     with pytest.raises(UsageError, match="--width together with --height"):
         wanted_of(given)
     given.height = 480

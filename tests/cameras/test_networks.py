@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
 from ipaddress import IPv4Interface
 
-from vsense.cameras.networks import Network, networks, stranded
+import pytest
+
+from tests.conftest import require_tool
+from vsense.cameras.networks import stranded
+from vsense.tracking.routes import Network, networks
 
 KNOWN = [
     Network("lo", IPv4Interface("127.0.0.1/8")),
@@ -15,6 +23,44 @@ KNOWN = [
 
 def test_this_host_is_on_its_own_loopback() -> None:
     assert Network("lo", IPv4Interface("127.0.0.1/8")) in networks()
+
+
+@pytest.fixture
+def space() -> Iterator[str]:
+    """A network namespace whose interface p1 has three addresses, the last one with a label."""
+    ip, name = require_tool("ip", "iproute2"), f"vsnet{os.getpid() % 100_000}"
+    made = subprocess.run([ip, "netns", "add", name], capture_output=True, text=True)
+    if made.returncode != 0:
+        pytest.skip(f"no network namespaces here: {made.stderr.strip()}")
+    try:
+        for words in (
+            ("link", "add", "p1", "type", "veth", "peer", "name", "p2"),
+            ("addr", "add", "10.9.0.1/24", "dev", "p1"),
+            ("addr", "add", "192.168.10.1/16", "dev", "p1"),
+            ("addr", "add", "192.168.11.1/24", "label", "p1:2", "dev", "p1"),
+            ("link", "set", "p1", "up"),
+        ):
+            subprocess.run([ip, "-n", name, *words], check=True)
+        yield name
+    finally:
+        subprocess.run([ip, "netns", "del", name], check=True)
+
+
+def test_each_address_of_an_interface_leads_to_it(space: str) -> None:
+    code = (
+        "from vsense.tracking.routes import interface_of, networks\n"
+        "for each in networks(): print(each, interface_of(str(each.address.ip)))\n"
+        "print(interface_of('10.9.0.2'))"
+    )
+    done = subprocess.run(
+        ["ip", "netns", "exec", space, sys.executable, "-c", code], capture_output=True, text=True
+    )
+    assert done.stdout.splitlines() == [
+        "p1 10.9.0.1/24 p1",
+        "p1 192.168.10.1/16 p1",
+        "p1 192.168.11.1/24 p1",
+        "None",
+    ], done.stderr
 
 
 def test_a_camera_on_one_of_the_networks_is_well() -> None:

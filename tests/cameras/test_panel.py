@@ -8,9 +8,9 @@ import numpy as np
 
 from tests.cameras.stage import Scripted, tuner
 from vsense.cameras import panel
-from vsense.cameras.block import Block
 from vsense.cameras.measures import brightness
 from vsense.cameras.panel import WIDTH, View, histogram
+from vsense.cameras.terminal_block import Block
 
 
 def view() -> View:

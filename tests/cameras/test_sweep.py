@@ -9,7 +9,7 @@ import pytest
 
 from tests.cameras.stage import GONE, Scripted, tuner
 from vsense.cameras import sweep
-from vsense.cameras.knobs import EXPOSURE, GAIN
+from vsense.cameras.controls import EXPOSURE, GAIN
 from vsense.cameras.opening import Camera
 from vsense.cameras.sweep import Row, exposures, gains, scaled, tried
 from vsense.errors import VsenseError
@@ -48,7 +48,7 @@ def test_all_rows_get_the_scale_that_one_has_told() -> None:
 
 def test_own_values_are_back_and_told(capsys: pytest.CaptureFixture[str]) -> None:
     scripted = Scripted()
-    sweep.run(tuner(scripted), threading.Event(), False)
+    assert sweep.run(tuner(scripted), threading.Event(), False)
     assert scripted.values == {EXPOSURE: 10_000.0, GAIN: 0.0} and scripted.turned
     out, err = capsys.readouterr()
     assert err == "vsense: cam: has its own values again: exposure_time_abs 10000, gain_raw 0\n"
@@ -83,10 +83,36 @@ def test_unplugged_in_the_middle_is_one_line(capsys: pytest.CaptureFixture[str])
     with pytest.raises(GrabberError, match=r"cam: gives no pictures for 0.4 s"):
         sweep.run(tuner(scripted), threading.Event(), False)
     assert scripted.values == {EXPOSURE: 10_000.0, GAIN: 0.0}
-    assert "own values again" in capsys.readouterr().err
+    out, err = capsys.readouterr()
+    assert "own values again" in err
+    assert out == "", "nothing is concluded from what was measured until then"
 
 
-def test_a_camera_without_knobs_has_nothing_to_try() -> None:
+def test_values_that_are_not_put_back_are_told(capsys: pytest.CaptureFixture[str]) -> None:
+    scripted = Scripted()
+    scripted.keeps = "exposure_time_abs: timeout"
+    assert not sweep.run(tuner(scripted), threading.Event(), False)
+    told = capsys.readouterr().err
+    assert told == "vsense: cam: not put back: exposure_time_abs: timeout\n"
+
+
+def test_a_camera_that_falls_silent_is_not_said_to_be_as_it_was(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    scripted = Scripted()
+
+    def silence(reads: int) -> None:
+        if reads == 30:
+            scripted.fails, scripted.keeps = GONE, "exposure_time_abs: timeout"
+
+    scripted.after_read = silence
+    with pytest.raises(GrabberError, match="cam: gives no pictures"):
+        sweep.run(tuner(scripted), threading.Event(), True)
+    out, err = capsys.readouterr()
+    assert out == "" and err == "vsense: cam: not put back: exposure_time_abs: timeout\n"
+
+
+def test_a_camera_without_controls_has_nothing_to_try() -> None:
     made = tuner(Scripted())
     made.camera = Camera("stream", Scripted(), None)
     with pytest.raises(VsenseError, match="stream: does not tell its exposure"):

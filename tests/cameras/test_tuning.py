@@ -11,8 +11,8 @@ import pytest
 
 from tests.cameras.stage import CALIBRATION, DAMAGED, GONE, Scripted, options, tuner
 from vsense.cameras import tuning
-from vsense.cameras.block import Block
 from vsense.cameras.opening import MOST_DAMAGED, Camera
+from vsense.cameras.terminal_block import Block
 from vsense.cameras.tuning import Tuner, Watch, calibration_of
 from vsense.errors import UsageError
 from vsense.tracking.grabbers import GrabberError

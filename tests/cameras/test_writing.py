@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import re
 from pathlib import Path
 
 import pytest
 
 from tests.cameras.stage import CALIBRATION, found
-from vsense.cameras import beginning, writing
+from vsense.cameras import init, writing
 from vsense.cameras.finding import USB3, V4L2, Details, FoundCamera
 from vsense.config import resources, tracking_session
+from vsense.config.tracking_specs import GrabberSpec
 from vsense.errors import UsageError, VsenseError
 from vsense.tracking.genicam_settings import GenicamSettings
 from vsense.tracking.grabbers_device import Controls
@@ -35,21 +37,77 @@ def test_what_is_written_loads(tmp_path: Path) -> None:
     assert first.source == "192.168.10.11" and isinstance(first.settings, GenicamSettings)
     assert first.settings.controls == Controls((1620, 1220), 10.0, 10_000.0, 3.0)
     assert first.settings.offset_px == (0, 0) and first.settings.pixel_format == "Mono8"
-    assert first.settings.trigger == "software", "several cameras expose together"
     assert read.grabbers["cam2"].settings == Controls((1280, 720), 10.0)
     assert read.grabbers["cam3"].source == "Maker-Model-8", "its address may be another's, too"
     assert read.grabbers["cam4"].source == "Maker-U-9"
     assert set(read.trackers["robots"].heights_m) == {31, 1843}
 
 
-def test_session_loads_once_the_cameras_are_calibrated(tmp_path: Path) -> None:
-    write(tmp_path, [found(), WEBCAM])
-    (tmp_path / "cameras").mkdir()
-    for id in ("cam1", "cam2"):
-        (tmp_path / "cameras" / f"{id}.json").write_text(CALIBRATION.to_json())
-    session = tracking_session.load(tmp_path / "resources.xml", tmp_path / "experiment.xml")
-    assert [view.grabber.id for view in session.views] == ["cam1", "cam2"]
-    assert [view.camera.id for view in session.views] == ["cam1", "cam2"]
+def session(folder: Path, cameras: list[FoundCamera]) -> list[GrabberSpec]:
+    """The grabbers of a whole session that loads once all cameras are calibrated."""
+    write(folder, cameras)
+    (folder / "cameras").mkdir()
+    for id in writing.ids(cameras):
+        (folder / "cameras" / f"{id}.json").write_text(CALIBRATION.to_json())
+    loaded = tracking_session.load(folder / "resources.xml", folder / "experiment.xml")
+    assert [view.camera.id for view in loaded.views] == writing.ids(cameras)
+    return [view.grabber for view in loaded.views]
+
+
+def rated(number: int, rate_hz: float | None) -> FoundCamera:
+    """A GigE camera with a rate of its own."""
+    return found(
+        id=f"Maker-Model-{number}", address=f"192.168.10.{number}",
+        details=Details((640, 480), ("Mono8",), rate_hz),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("cameras", "trigger", "rates_hz"),
+    [
+        ([found()], "free", [10.0]),
+        ([WEBCAM], "free", [10.0]),
+        ([rated(1, 25.0), rated(2, 25.0)], "software", [10.0, 10.0]),
+        ([rated(1, 25.0), USB], "software", [10.0, 10.0]),
+        ([found(), WEBCAM], "free", [10.0, 10.0]),
+        ([rated(1, 10.0), rated(2, 7.5), WEBCAM], "free", [10.0, 7.5, 10.0]),
+        ([rated(1, 10.0), rated(2, 7.5)], "software", [7.5, 7.5]),
+        ([rated(1, 1.0 / 3.0), rated(2, 25.0)], "software", [0.333333, 0.333333]),
+        ([rated(1, None), rated(2, 7.5), rated(3, 0.0)], "software", [7.5, 7.5, 7.5]),
+        ([rated(1, 25.0), BUSY], "software", [10.0, 10.0]),
+    ],
+)
+def test_a_session_of_any_cameras_loads_once_they_are_calibrated(
+    cameras: list[FoundCamera], trigger: str, rates_hz: list[float], tmp_path: Path
+) -> None:
+    grabbers = session(tmp_path, cameras)
+    assert {grabber.trigger for grabber in grabbers} == {trigger}, "else no session takes them"
+    assert [grabber.frame_rate_hz for grabber in grabbers] == rates_hz
+
+
+@pytest.mark.parametrize(
+    ("details", "expected"),
+    [
+        (Details(gain=-1.5), Controls(rate_hz=10.0, gain_raw=-1.5)),
+        (Details(gain=1e-5), Controls(rate_hz=10.0, gain_raw=1e-5)),
+        (Details(gain=-1e9), Controls(rate_hz=10.0)),
+        (Details(exposure_us=0.5), Controls(rate_hz=10.0)),
+        (Details(exposure_us=1e9), Controls(rate_hz=10.0)),
+        (Details(exposure_us=1e7), Controls(rate_hz=10.0, exposure_us=1e7)),
+        (Details(rate_hz=0.005), Controls(rate_hz=10.0)),
+        (Details(rate_hz=float("nan"), gain=float("inf")), Controls(rate_hz=10.0)),
+        (Details((0, 480)), Controls(rate_hz=10.0)),
+        (Details((640, 30_000)), Controls(rate_hz=10.0)),
+    ],
+)
+def test_values_that_no_resources_file_takes_are_left_out(
+    details: Details, expected: Controls, tmp_path: Path
+) -> None:
+    (grabber,) = session(tmp_path, [found(details=details)])
+    assert isinstance(grabber.settings, GenicamSettings)
+    assert grabber.settings.controls == expected
+    text = (tmp_path / "resources.xml").read_text()
+    assert not re.search(r'="-?[0-9.]+e', text), "the schema's decimals have no exponents"
 
 
 def test_it_is_pleasant_to_edit(tmp_path: Path) -> None:
@@ -74,19 +132,18 @@ def test_one_camera_runs_freely_and_unknown_values_are_left_out(tmp_path: Path) 
     assert spec.settings == GenicamSettings(Controls(rate_hz=10.0))
 
 
-def test_slow_cameras_are_not_asked_for_more() -> None:
-    slow = Details((640, 480), ("Mono8",), 7.5)
-    assert 'frame_rate="7.5"' in writing.grabber("cam1", found(details=slow), "free")
+def test_no_name_of_a_camera_ends_a_comment(tmp_path: Path) -> None:
+    session(tmp_path, [found(model="A---B-->", details=Details())])
 
 
 def run(folder: Path, force: bool = False) -> int:
-    return beginning.run(argparse.Namespace(directory=folder, force=force))
+    return init.run(argparse.Namespace(directory=folder, force=force))
 
 
 def test_init_says_what_comes_next(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(beginning, "find", lambda: ([found(), BUSY], ""))
+    monkeypatch.setattr(init, "find", lambda: ([found(), BUSY], ""))
     assert run(tmp_path / "lab") == 0
     out, err = capsys.readouterr()
     assert out.split() == [str(tmp_path / "lab" / f"{n}.xml") for n in ("resources", "experiment")]
@@ -98,7 +155,7 @@ def test_init_says_what_comes_next(
 def test_init_writes_over_nothing_unless_it_is_told_to(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(beginning, "find", lambda: ([found()], ""))
+    monkeypatch.setattr(init, "find", lambda: ([found()], ""))
     (tmp_path / "experiment.xml").write_text("mine")
     with pytest.raises(UsageError, match=r"experiment\.xml: is there already; --force"):
         run(tmp_path)
@@ -110,14 +167,14 @@ def test_init_writes_over_nothing_unless_it_is_told_to(
 def test_init_without_cameras_says_what_to_check(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(beginning, "find", lambda: ([], "no library"))
+    monkeypatch.setattr(init, "find", lambda: ([], "no library"))
     with pytest.raises(VsenseError, match="no camera found"):
         run(tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_init_where_nothing_can_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(beginning, "find", lambda: ([found()], ""))
+    monkeypatch.setattr(init, "find", lambda: ([found()], ""))
     (tmp_path / "file").touch()
     with pytest.raises(VsenseError, match="cannot be written"):
         run(tmp_path / "file" / "lab")

@@ -42,6 +42,11 @@ def test_a_camera_with_an_address_and_a_rate_is_enough() -> None:
     assert found.trigger == "free"
 
 
+def test_a_gain_in_db_may_be_negative() -> None:
+    settings = read(FULL.replace('gain_raw="12"', 'gain_raw="-1.5"')).settings
+    assert isinstance(settings, GenicamSettings) and settings.controls.gain_raw == -1.5
+
+
 @pytest.mark.parametrize(
     "old, new, line, words",
     [
@@ -52,8 +57,11 @@ def test_a_camera_with_an_address_and_a_rate_is_enough() -> None:
         ('"20.5"', '"soon"', 2, "packet_delay: 'soon' is not a number"),
         ('"16"', '"-1"', 2, "offset_x: -1 is out of range"),
         ('width="640" ', "", 2, "width: is missing"),
+        ('gain_raw="12"', 'gain_raw="-1000.5"', 2, "gain_raw: -1000.5 is out of range"),
         (' name="GammaEnable"', "", 5, "name: is missing, expected a feature of the camera"),
         (' value="7"', "", 5, "value: is missing, expected what the feature is set to"),
+        ('"GammaEnable"', '"PixelFormat"', 5, "'PixelFormat' is what the grabber's attribute"),
+        ('"GammaEnable"', '"TriggerMode"', 5, "attribute 'trigger' sets"),
         ("<feature name", "<feature color='' name", 5, "color"),
         ("<feature ", "<futures ", 5, "in <grabber>; known there are: feature"),
         ('trigger="software"', 'trigger=""', 2, "trigger"),

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from vsense.cameras.measures import Brightness
 from vsense.cameras.scale import Scale, blur_px
+from vsense.tracking.health import HealthLimits
 
 MOST_BLUR_CELLS = 0.8
 """Blur of 2.4 px cost no number where a cell is 3 px (hard set S3), 3.2 px 1.5 % where it is 4 px
@@ -25,8 +26,8 @@ GOOD_LIGHT = 200.0
 """White at 200 leaves room for where the light is stronger."""
 MOST_SATURATED = 0.01
 """Beyond this edges of paper swell into what is saturated: they move by what they glare."""
-DARK_MEAN = 12.0
-"""As in `vsense.tracking.health`: a picture that shows nothing."""
+DARK_MEAN = HealthLimits().dark_level
+"""A picture below shows nothing."""
 
 
 @dataclass(frozen=True, slots=True)

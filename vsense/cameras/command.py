@@ -6,7 +6,7 @@ import argparse
 import os
 import sys
 
-from vsense.cameras import beginning, listing, shooting, showing, tuning
+from vsense.cameras import init, listing, shooting, showing, tuning
 
 
 def run(options: argparse.Namespace) -> int:
@@ -19,7 +19,7 @@ def run(options: argparse.Namespace) -> int:
         "list": listing.run,
         "show": showing.run,
         "tune": tuning.run,
-        "init": beginning.run,
+        "init": init.run,
         "shoot": shooting.run,
     }
     try:

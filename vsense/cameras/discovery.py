@@ -15,9 +15,9 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
-from vsense.cameras.networks import Network, networks
+from vsense.tracking.gvcp import PORT
+from vsense.tracking.routes import Network, networks
 
-PORT = 3956
 LISTEN_S = 0.6
 """A camera answers within half a second."""
 
@@ -101,7 +101,7 @@ def parse(data: bytes) -> Heard | None:
 
 def _ask(ears: socket.socket, network: Network, port: int) -> None:
     """Asks everybody who is plugged into one interface."""
-    interface = socket.if_nametoindex(network.name.partition(":")[0])
+    interface = socket.if_nametoindex(network.name)
     way = struct.pack("i4s4x", interface, network.address.ip.packed)
     ears.sendmsg([_QUESTION], [(socket.IPPROTO_IP, _IP_PKTINFO, way)], 0, (_EVERYBODY, port))
 

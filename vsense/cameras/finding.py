@@ -8,22 +8,24 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 from vsense.cameras import v4l2
+from vsense.cameras.controls import EXPOSURE, GAIN
 from vsense.cameras.discovery import Heard, heard
-from vsense.cameras.networks import networks, stranded
+from vsense.cameras.networks import stranded
 from vsense.tracking import aravis
 from vsense.tracking.aravis import AravisError, Listed
 from vsense.tracking.aravis_camera import AravisCamera
+from vsense.tracking.genicam_settings import NAMES
 from vsense.tracking.grabbers import GrabberError
-from vsense.tracking.gvcp import controlled
+from vsense.tracking.gvcp import HELD, controlled
+from vsense.tracking.routes import networks
 from vsense.tracking.source import Bounds
 
 GIGE, USB3, V4L2 = "GigE", "USB3", "V4L2"
-BUSY = "another program controls it, or did until seconds ago"
 DEAF = "answers to everybody, but not to this host alone: look at its network mask and the firewall"
 _WORKERS = 8
 """A camera that does not answer takes seconds to say so: the others do not wait for it."""
-_EXPOSURE = ("ExposureTimeAbs", "ExposureTime")
-_GAIN = ("GainRaw", "Gain")
+RATE_HZ = 10.0
+"""The thesis's rate: what a camera is asked for that does not tell its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,7 +163,7 @@ def _asked(camera: FoundCamera) -> FoundCamera:
 def _told(camera: FoundCamera) -> FoundCamera:
     # Opening a camera that another program has takes seconds, and asking it would disturb.
     if camera.kind == GIGE and controlled(camera.address):
-        return replace(camera, trouble=BUSY)
+        return replace(camera, trouble=HELD)
     opened = AravisCamera(camera.address or camera.id)
     try:
         return replace(camera, details=read(opened))
@@ -175,17 +177,26 @@ def read(camera: AravisCamera) -> Details:
     Raises:
         AravisError: it does not answer.
     """
-    exposure_us, exposure_bounds_us = _number(camera, _EXPOSURE)
-    gain, gain_bounds = _number(camera, _GAIN)
+    exposure_us, exposure_bounds_us = _number(camera, NAMES[EXPOSURE])
+    gain, gain_bounds = _number(camera, NAMES[GAIN])
     return Details(
         (int(camera.get("Width")), int(camera.get("Height"))),
         tuple(camera.formats()),
-        camera.rate_hz,
+        rate_of(camera),
         exposure_us,
         exposure_bounds_us,
         gain,
         gain_bounds,
     )
+
+
+def rate_of(camera: AravisCamera) -> float | None:
+    """Gives the pictures per second of an opened camera; None: it does not tell."""
+    try:
+        return camera.rate_hz
+    except AravisError:
+        # Some have no such feature, or only while they run freely.
+        return None
 
 
 def _number(camera: AravisCamera, names: Sequence[str]) -> tuple[float | None, Bounds | None]:

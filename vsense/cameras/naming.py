@@ -10,6 +10,11 @@ _PLAIN = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,60}")
 _NUMBERED = re.compile(r"(.*)_([0-9]{1,6})")
 
 
+def is_plain(text: str) -> bool:
+    """Whether a text is a word that can be a file's name everywhere."""
+    return _PLAIN.fullmatch(text) is not None
+
+
 class Names:
     """Gives each moment its name.
 
@@ -31,7 +36,7 @@ class Names:
         words = text.strip()
         if not words:
             name = self.next
-        elif not _PLAIN.fullmatch(words):
+        elif not is_plain(words):
             return ""
         else:
             name = words if _NUMBERED.fullmatch(words) else self._first_free(words)

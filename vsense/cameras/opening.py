@@ -9,12 +9,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from vsense.cameras import v4l2
+from vsense.cameras.controls import CameraControls, GenicamControls, V4l2Controls
 from vsense.cameras.discovery import heard
-from vsense.cameras.finding import BUSY
-from vsense.cameras.knobs import GenicamKnobs, Knobs, V4l2Knobs
-from vsense.cameras.networks import networks, stranded
+from vsense.cameras.finding import RATE_HZ, rate_of
+from vsense.cameras.networks import stranded
 from vsense.cameras.v4l2_controls import Device
 from vsense.config import resources as resources_file
+from vsense.config.camera_grabbers import EXPOSURES_US, GAINS, RATES_HZ, SIDES_PX
 from vsense.config.live_cameras import make_source
 from vsense.config.tracking_specs import CAMERA, GENICAM, GrabberSpec
 from vsense.errors import UsageError
@@ -26,9 +27,10 @@ from vsense.tracking.grabbers import GrabberError
 from vsense.tracking.grabbers_device import Controls
 from vsense.tracking.grabbers_genicam import GenicamSource
 from vsense.tracking.grabbers_picture import PictureError
-from vsense.tracking.gvcp import controlled
+from vsense.tracking.gvcp import HELD, controlled
 from vsense.tracking.links import Links
 from vsense.tracking.opencv_manners import teach_opencv
+from vsense.tracking.routes import networks
 from vsense.tracking.source import Shot, Source
 
 MOST_DAMAGED = 20
@@ -37,24 +39,33 @@ MOST_DAMAGED = 20
 NODE_DIGITS = 4
 """A number that is shorter is one of /dev/video*, a longer one a serial number."""
 
+_TAKEN = {
+    "width": SIDES_PX,
+    "height": SIDES_PX,
+    "rate": RATES_HZ,
+    "exposure": EXPOSURES_US,
+    "gain": GAINS,
+}
+"""What options may be, by their names."""
+
 
 class Camera:
-    """A camera's pictures, and its knobs while it is open; for one thread.
+    """A camera's pictures, and its controls while it is open; for one thread.
 
     Attributes:
         id: what the user calls it.
         source: its pictures.
-        knobs: exposure and gain; None: it has no such.
+        controls: exposure and gain; None: it has no such.
         rate_hz: pictures per second that it was asked for, where it was.
     """
 
     def __init__(
-        self, id: str, source: Source, knobs: Knobs | None, rate_hz: float | None = None
+        self, id: str, source: Source, controls: CameraControls | None, rate_hz: float | None = None
     ) -> None:
         """Takes a camera that is not open yet."""
         self.id = id
         self.source = source
-        self.knobs = knobs
+        self.controls = controls
         self.rate_hz = rate_hz
 
     def open(self) -> list[str]:
@@ -95,16 +106,21 @@ def make(spec: GrabberSpec, clock: Callable[[], int] = time.monotonic_ns) -> Cam
     teach_opencv()
     source = make_source(spec, clock, Links())
     if isinstance(source, GenicamSource):
-        return Camera(spec.id, source, GenicamKnobs(lambda: source.camera), spec.frame_rate_hz)
-    return Camera(spec.id, source, _v4l2_knobs(spec.source), spec.frame_rate_hz)
+        return Camera(spec.id, source, GenicamControls(lambda: source.camera), spec.frame_rate_hz)
+    return Camera(spec.id, source, _v4l2_controls(spec.source), spec.frame_rate_hz)
 
 
 def wanted_of(options: argparse.Namespace) -> Controls:
     """Gives what the command line asks a camera for.
 
     Raises:
-        UsageError: one of width and height is missing.
+        UsageError: one of width and height is missing, or a value is beyond what the resources
+            file takes.
     """
+    for name, bounds in _TAKEN.items():
+        value = getattr(options, name)
+        if value is not None and not bounds[0] <= value <= bounds[1]:
+            raise UsageError(f"--{name}: {value:g} is not from {bounds[0]:g} to {bounds[1]:g}")
     if (options.width is None) != (options.height is None):
         raise UsageError("expected --width together with --height")
     size_px = None if options.width is None else (options.width, options.height)
@@ -128,7 +144,7 @@ def choose(id: str, wanted: Controls, resources: str | None = None) -> GrabberSp
         return _of_file(id, wanted, resources)
     if "://" in id:
         return _spec(id, CAMERA, id, wanted)
-    node = f"/dev/video{id}" if id.isdecimal() and len(id) < NODE_DIGITS else id
+    node = v4l2.node(id) if len(id) < NODE_DIGITS else id
     if node.startswith("/dev/"):
         if not Path(node).exists():
             raise UsageError(f"no camera {node}: {_known(())}")
@@ -155,7 +171,7 @@ def _of_aravis(id: str, wanted: Controls) -> GrabberSpec:
         raise UsageError(f"no camera {id!r}: {_known(listed)}{missing}")
     device = (mine[0].address or mine[0].id) if mine else id
     if is_address(device) and controlled(device):
-        raise GrabberError(f"{id}: {BUSY}")
+        raise GrabberError(f"{id}: {HELD}")
     try:
         camera = AravisCamera(device)
     except AravisError as error:
@@ -164,7 +180,7 @@ def _of_aravis(id: str, wanted: Controls) -> GrabberSpec:
             raise GrabberError(f"{id}: {lost or error}") from None
         raise UsageError(f"no camera answers at {id}: {_known(listed)}") from None
     try:
-        rate_hz = wanted.rate_hz or camera.rate_hz
+        rate_hz = wanted.rate_hz or rate_of(camera) or RATE_HZ
     finally:
         camera.close()
     return _spec(id, GENICAM, device, replace(wanted, rate_hz=rate_hz))
@@ -224,13 +240,13 @@ def _spec(id: str, kind: str, device: str, controls: Controls) -> GrabberSpec:
     )
 
 
-def _v4l2_knobs(device: str) -> Knobs | None:
-    """Opens the knobs of a device node; streams have none."""
-    path = f"/dev/video{device}" if device.isdecimal() else device
+def _v4l2_controls(device: str) -> CameraControls | None:
+    """Opens the controls of a device node; streams have none."""
+    path = v4l2.node(device)
     if not path.startswith("/dev/"):
         return None
     try:
-        return V4l2Knobs(Device(path))
+        return V4l2Controls(Device(path))
     except OSError:
         # Then its pictures do not come, either, and that is told.
         return None

@@ -15,10 +15,10 @@ from pathlib import Path
 from vsense.arena import Frame
 from vsense.calibration.board import Board
 from vsense.calibration.corners import CornerFinder
-from vsense.cameras.looking import Size, session_of, sizes_of
-from vsense.cameras.naming import FLOOR, Names
+from vsense.cameras.naming import FLOOR, Names, is_plain
 from vsense.cameras.opening import free, make
 from vsense.cameras.saving import save
+from vsense.cameras.session import Size, session_of, sizes_of
 from vsense.config import resources as resources_file
 from vsense.config.live_cameras import live_grabber
 from vsense.config.tracking_build import SetGrabber
@@ -45,8 +45,10 @@ def run(options: argparse.Namespace) -> int:
         0, 130 after Ctrl-C, or 1 where nothing was taken.
 
     Raises:
+        UsageError: options contradict each other, or the series' name is no plain word.
         VsenseError: there is no camera, none opens, or a picture cannot be written.
     """
+    _check(options)
     board = Board.parse(options.board) if options.board else None
     resources = resources_file.load(options.resources)
     specs = [spec for spec in resources.grabbers.values() if spec.is_live]
@@ -70,6 +72,14 @@ def run(options: argparse.Namespace) -> int:
         if interrupted.is_set():
             return INTERRUPTED
         return 0 if shoot.moments else 1
+
+
+def _check(options: argparse.Namespace) -> None:
+    """Refuses options that say nothing, or would write elsewhere."""
+    if options.count is not None and options.every is None:
+        raise UsageError("--count: expected --every, too: with Enter you end it yourself")
+    if not is_plain(options.name):
+        raise UsageError(f"--name: {options.name!r} is no plain word of letters, digits, - and _")
 
 
 class Shoot:

@@ -15,9 +15,9 @@ import numpy as np
 
 from vsense.arena import POSE, ArenaState, Frame
 from vsense.cameras import saving
-from vsense.cameras.looking import session_of, sizes_of
 from vsense.cameras.markers import MarkerFinder
 from vsense.cameras.opening import choose, make, wanted_of
+from vsense.cameras.session import session_of, sizes_of
 from vsense.config.live_cameras import live_grabber
 from vsense.config.tracking_specs import GrabberSpec, TrackingSession
 from vsense.console import Console
@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
         spec = choose(options.id, wanted_of(options), options.resources)
         finder = MarkerFinder(load_family(options.family))
         image = _look(spec, options.save)
-        if options.save is None:
+        if options.save is None and not interrupted.is_set():
             finder.look(image)
             console, troubles = Console(), Troubles()
             sizes_px = {spec.id: (image.shape[1], image.shape[0])}

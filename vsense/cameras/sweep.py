@@ -23,10 +23,10 @@ from vsense.cameras.advice import (
     advise,
     rounded,
 )
-from vsense.cameras.block import Block
-from vsense.cameras.knobs import EXPOSURE, GAIN, Knobs
+from vsense.cameras.controls import EXPOSURE, GAIN, CameraControls
 from vsense.cameras.opening import Camera
 from vsense.cameras.panel import View
+from vsense.cameras.terminal_block import Block
 from vsense.errors import VsenseError
 from vsense.tracking.grabbers import GrabberError
 from vsense.tracking.grabbers_picture import Image
@@ -97,33 +97,38 @@ class Row:
         return len(self.view.found.tags), sum(good), -(noise + smear + dim)
 
 
-def run(tuner: Measured, interrupted: threading.Event, as_json: bool) -> None:
+def run(tuner: Measured, interrupted: threading.Event, as_json: bool) -> bool:
     """Tries exposures and gains, prints a row for each, and puts the camera's own values back.
 
+    Returns:
+        Whether the camera has its own values again.
+
     Raises:
-        VsenseError: the camera has no such controls, is gone, or refuses.
+        VsenseError: the camera has no such controls, is gone, or refuses; nothing is concluded.
     """
     camera = tuner.camera
-    knobs = camera.knobs
-    if knobs is None or knobs.value(EXPOSURE) is None:
+    controls = camera.controls
+    if controls is None or controls.value(EXPOSURE) is None:
         raise VsenseError(f"{camera.id}: does not tell its exposure: there is nothing to try")
-    own = {name: knobs.value(name) for name in (EXPOSURE, GAIN)}
-    put_back = knobs.remember()
+    own = {name: controls.value(name) for name in (EXPOSURE, GAIN)}
+    put_back = controls.remember()
     rows: list[Row] = []
     block = Block(sys.stdout)
     live = sys.stdout.isatty() and not as_json
     try:
-        for row in tried(tuner, knobs, interrupted):
+        for row in tried(tuner, controls, interrupted):
             rows.append(row)
             if live:
                 block.draw(table(rows, None))
+        if not interrupted.is_set():
+            _tell(scaled(rows), block, as_json)
     except GrabberError as error:
         raise camera.named(error) from None
     finally:
-        end = _put_back(put_back, own)
-        if not interrupted.is_set():
-            _tell(scaled(rows), block, as_json)
+        # Whatever has happened: it must not stay as the last row was.
+        is_back, end = _put_back(put_back, own)
         print(f"vsense: {camera.id}: {end}", file=sys.stderr)
+    return is_back
 
 
 def _tell(rows: Sequence[Row], block: Block, as_json: bool) -> None:
@@ -135,7 +140,7 @@ def _tell(rows: Sequence[Row], block: Block, as_json: bool) -> None:
         block.draw([*table(rows, best), *conclusion(best)])
 
 
-def tried(tuner: Measured, knobs: Knobs, interrupted: threading.Event) -> Iterator[Row]:
+def tried(tuner: Measured, controls: CameraControls, interrupted: threading.Event) -> Iterator[Row]:
     """Measures one exposure after the other; gain is raised where the picture is too dark.
 
     Raises:
@@ -143,14 +148,16 @@ def tried(tuner: Measured, knobs: Knobs, interrupted: threading.Event) -> Iterat
     """
     rate_hz = tuner.camera.rate_hz
     period_us = None if rate_hz is None else PERIOD_SHARE * 1e6 / rate_hz
-    left = gains(knobs.bounds(GAIN))
-    for exposure_us in exposures(knobs.bounds(EXPOSURE), tuner.cell_m, tuner.speed_m_s, period_us):
+    left = gains(controls.bounds(GAIN))
+    for exposure_us in exposures(
+        controls.bounds(EXPOSURE), tuner.cell_m, tuner.speed_m_s, period_us
+    ):
         for gain in list(left):
             if interrupted.is_set():
                 return
-            knobs.turn(EXPOSURE, exposure_us)
+            controls.set(EXPOSURE, exposure_us)
             if gain is not None:
-                knobs.turn(GAIN, gain)
+                controls.set(GAIN, gain)
             for _ in range(SETTLING):
                 tuner.camera.picture()
             first, second = tuner.camera.picture().image.copy(), tuner.camera.picture().image
@@ -249,11 +256,11 @@ def _cells(row: Row) -> tuple[str, ...]:
     )
 
 
-def _put_back(put_back: Callable[[], None], own: Mapping[str, float | None]) -> str:
-    """Sets the camera as it was; says how that went: it must not stay as the last row was."""
+def _put_back(put_back: Callable[[], None], own: Mapping[str, float | None]) -> tuple[bool, str]:
+    """Sets the camera as it was; gives whether it is, and says so."""
     try:
         put_back()
     except GrabberError as error:
-        return str(error)
+        return False, f"not put back: {error}"
     values = ", ".join(f"{name} {value:g}" for name, value in own.items() if value is not None)
-    return f"has its own values again: {values}"
+    return True, f"has its own values again: {values}"

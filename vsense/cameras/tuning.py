@@ -12,14 +12,14 @@ from contextlib import ExitStack
 
 from vsense.cameras import panel, sweep
 from vsense.cameras.advice import Reading
-from vsense.cameras.block import Block
-from vsense.cameras.knobs import EXPOSURE, GAIN
+from vsense.cameras.controls import EXPOSURE, GAIN
 from vsense.cameras.markers import MarkerFinder
 from vsense.cameras.measures import brightness, noise
 from vsense.cameras.opening import Camera, choose, make, wanted_of
 from vsense.cameras.panel import View
 from vsense.cameras.saving import WARM_UP
 from vsense.cameras.scale import Scale, known_scale
+from vsense.cameras.terminal_block import Block
 from vsense.config import resources as resources_file
 from vsense.errors import UsageError
 from vsense.interruption import INTERRUPTED, interruption
@@ -86,8 +86,8 @@ class Tuner:
 
     def _value(self, name: str) -> float | None:
         """Gives what a camera says of itself, and else what it was asked for."""
-        knobs = self.camera.knobs
-        value = None if knobs is None else knobs.value(name)
+        controls = self.camera.controls
+        value = None if controls is None else controls.value(name)
         return self._wanted[name] if value is None else value
 
 
@@ -106,11 +106,12 @@ def run(options: argparse.Namespace) -> int:
         stack.callback(camera.source.close)
         for text in camera.open():
             print(f"vsense: {options.id}: {text}", file=sys.stderr)
+        code = 0
         if options.sweep:
-            sweep.run(tuner, interrupted, options.json)
+            code = 0 if sweep.run(tuner, interrupted, options.json) else 1
         else:
             _watch(tuner, interrupted, options.json)
-        return INTERRUPTED if interrupted.is_set() else 0
+        return INTERRUPTED if interrupted.is_set() else code
 
 
 def calibration_of(options: argparse.Namespace) -> Calibration | None:

@@ -77,6 +77,11 @@ class V4l2Device:
     driver: str = ""
 
 
+def node(device: str) -> str:
+    """Gives the node of a device that may be a number alone: "/dev/video0" of "0"."""
+    return f"/dev/video{device}" if device.isdecimal() else device
+
+
 def devices(folder: Path = Path("/dev"), ioctl: Ioctl = fcntl.ioctl) -> list[V4l2Device]:
     """Lists what can capture; a node that does not open is listed with the reason."""
     try:

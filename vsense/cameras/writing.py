@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
-from vsense.cameras.finding import V4L2, FoundCamera
+from vsense.cameras.finding import RATE_HZ, V4L2, FoundCamera
 from vsense.config import recording_files
+from vsense.config.camera_grabbers import EXPOSURES_US, GAINS, RATES_HZ, SIDES_PX
 from vsense.config.recording_files import EXPERIMENT, RESOURCES
 from vsense.config.resources import DEFAULT_HEIGHT_M, DEFAULT_SPEED_M_S
 from vsense.config.tracking_specs import CAMERA, GENICAM, TrackerSpec
 from vsense.tracking.genicam_settings import FREE, PIXEL_FORMATS, SOFTWARE
+from vsense.tracking.source import Bounds
 
-RATE_HZ = 10.0
-"""The thesis's rate: sixteen cameras share a link, and a camera may be able to do more."""
 FAMILY = "arrow4x4"
 TRACKER = "robots"
 
@@ -58,11 +59,11 @@ def resources_text(found: Sequence[FoundCamera], tags: Sequence[int]) -> str:
     tracker = TrackerSpec(
         TRACKER, FAMILY, 0.0, dict.fromkeys(tags, DEFAULT_HEIGHT_M), DEFAULT_SPEED_M_S, True, 0
     )
-    together = sum(camera.kind != V4L2 for camera in found) > 1
+    trigger, rates_hz = way(found)
     lines = [recording_files.head("arena_tracking_system", "resources.xsd"), "  <grabbers>"]
     lines.append(_GRABBERS)
-    for id, camera in zip(ids(found), found):
-        lines += [_comment(camera), grabber(id, camera, SOFTWARE if together else FREE), ""]
+    for id, camera, rate_hz in zip(ids(found), found, rates_hz):
+        lines += [_comment(camera), grabber(id, camera, trigger, rate_hz), ""]
     lines += ["  </grabbers>", "", "  <trackers>", _TRACKERS.rstrip("\n")]
     lines += recording_files.tracker_lines(tracker)
     lines += ["  </trackers>", "", "  <cameras>", _CAMERAS.rstrip("\n")]
@@ -80,19 +81,34 @@ def ids(found: Sequence[FoundCamera]) -> list[str]:
     return [f"cam{number}" for number in range(1, len(found) + 1)]
 
 
-def grabber(id: str, camera: FoundCamera, trigger: str) -> str:
-    """Gives a camera's element."""
+def way(found: Sequence[FoundCamera]) -> tuple[str, list[float]]:
+    """Chooses how the cameras of a session take their pictures, which all do in the same way.
+
+    Returns:
+        The trigger, and the rate of each camera: a common one where they are triggered.
+    """
+    # No camera is asked for more than the usual: many of them share a link.
+    rates_hz = [min(_within(c.details.rate_hz, RATES_HZ) or RATE_HZ, RATE_HZ) for c in found]
+    if len(found) < 2 or any(camera.kind == V4L2 for camera in found):
+        return FREE, rates_hz
+    return SOFTWARE, [min(rates_hz)] * len(found)
+
+
+def grabber(id: str, camera: FoundCamera, trigger: str, rate_hz: float) -> str:
+    """Gives a camera's element, without what a resources file does not take."""
     details = camera.details
     genicam = camera.kind != V4L2
     rows: list[dict[str, object]] = [
         {"id": id, "type": GENICAM if genicam else CAMERA, "device": device(camera)}
     ]
-    if details.size_px is not None:
-        rows.append({"width": details.size_px[0], "height": details.size_px[1]})
+    size_px = details.size_px
+    if size_px is not None and None not in [_within(side, SIDES_PX) for side in size_px]:
+        rows.append({"width": size_px[0], "height": size_px[1]})
         if genicam:
             rows[-1] |= {"offset_x": 0, "offset_y": 0}
-    rows.append({"frame_rate": min(details.rate_hz or RATE_HZ, RATE_HZ)})
-    rows[-1] |= {"exposure_time_abs": details.exposure_us, "gain_raw": details.gain}
+    rows.append({"frame_rate": rate_hz})
+    rows[-1] |= {"exposure_time_abs": _within(details.exposure_us, EXPOSURES_US)}
+    rows[-1] |= {"gain_raw": _within(details.gain, GAINS)}
     if genicam:
         usable = [name for name in PIXEL_FORMATS if name in details.formats]
         rows.append({"trigger": trigger, "pixel_format": usable[0] if usable else None})
@@ -119,6 +135,11 @@ def write(directory: Path, found: Sequence[FoundCamera], tags: Sequence[int]) ->
     for name, text in texts.items():
         (directory / name).write_text(text, encoding="utf-8")
     return [directory / name for name in texts]
+
+
+def _within(value: float | None, bounds: Bounds) -> float | None:
+    """Gives what a resources file takes; None: it is not known, or beyond."""
+    return value if value is not None and bounds[0] <= value <= bounds[1] else None
 
 
 def _joined(rows: Sequence[dict[str, object]]) -> str:
@@ -149,9 +170,10 @@ def _comment(camera: FoundCamera) -> str:
     lines += [f"formats {' '.join(details.formats)}"] if details.formats else []
     lines += [f"NOT READY: {camera.trouble}"] if camera.trouble else []
     # Two dashes would end the comment.
-    text = "\n         ".join(lines).replace("--", "- -")
+    text = re.sub("-(?=-)", "- ", "\n         ".join(lines))
     return f"    <!-- {text} -->"
 
 
 def _text(value: object) -> str:
-    return f"{value:.10g}" if isinstance(value, float) else str(value)
+    """Writes a value; numbers without an exponent, which the schema's decimals do not have."""
+    return f"{value:.6f}".rstrip("0").rstrip(".") if isinstance(value, float) else str(value)

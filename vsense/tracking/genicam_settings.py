@@ -24,6 +24,15 @@ NAMES = {
     "pixel_format": ("PixelFormat",),
 }
 """What the resources file calls it, and what cameras do: the older name first."""
+_TIMES = {
+    "AcquisitionFrameRate": "frame_rate",
+    "AcquisitionFrameRateAbs": "frame_rate",
+    "TriggerMode": "trigger",
+    "TriggerSource": "trigger",
+    "GevSCPSPacketSize": "packet_size",
+    "GevSCPD": "packet_delay",
+}
+"""What Aravis sets by itself for these."""
 _AUTOMATIC = ("ExposureAuto", "GainAuto")
 
 
@@ -48,6 +57,12 @@ class GenicamSettings:
     packet_delay_us: float | None = None
     trigger: str = FREE
     features: tuple[tuple[str, str], ...] = ()
+
+
+def attribute_of(feature: str) -> str | None:
+    """Gives the resources file's own name for a feature, None where it has none."""
+    named = {f: name for name, features in NAMES.items() for f in features}
+    return named.get(feature) or _TIMES.get(feature)
 
 
 def apply(camera: AravisCamera, settings: GenicamSettings) -> list[str]:

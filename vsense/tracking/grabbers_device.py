@@ -21,7 +21,7 @@ sends without pause is lost; with more, a reader that was late gets old ones."""
 _AUTOMATIC_EXPOSURE = (0, 3)
 _MANUAL_EXPOSURE = 1
 """Source: Linux, V4L2_CID_EXPOSURE_AUTO."""
-_EXPOSURE_UNIT_US = 100.0
+EXPOSURE_UNIT_US = 100.0
 """V4L2 counts exposure_time_absolute in 100 us. Source: Linux, V4L2_CID_EXPOSURE_ABSOLUTE."""
 _MJPEG = cv2.VideoWriter.fourcc(*"MJPG")
 _PACKETS = -1
@@ -194,7 +194,7 @@ class DeviceSource:
             settings.append(_Setting("frame_rate", wanted.rate_hz, cv2.CAP_PROP_FPS))
         if wanted.exposure_us is not None:
             exposure = "exposure_time_abs", wanted.exposure_us, cv2.CAP_PROP_EXPOSURE
-            settings.append(_Setting(*exposure, _EXPOSURE_UNIT_US, control=True))
+            settings.append(_Setting(*exposure, EXPOSURE_UNIT_US, control=True))
         if wanted.gain_raw is not None:
             gain = "gain_raw", wanted.gain_raw, cv2.CAP_PROP_GAIN
             settings.append(_Setting(*gain, control=True))

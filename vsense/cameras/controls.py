@@ -1,0 +1,179 @@
+"""Exposure and gain of a camera that is giving pictures: asked, turned, and put back."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Protocol
+
+from vsense.cameras.v4l2_controls import Control, Device
+from vsense.tracking.aravis import AravisError
+from vsense.tracking.aravis_camera import AravisCamera
+from vsense.tracking.genicam_settings import NAMES
+from vsense.tracking.grabbers import GrabberError
+from vsense.tracking.grabbers_device import EXPOSURE_UNIT_US
+from vsense.tracking.source import Bounds
+
+EXPOSURE, GAIN = "exposure_time_abs", "gain_raw"
+"""As the resources file calls them: exposure in us, gain in the camera's own unit."""
+
+_AUTOMATIC = {EXPOSURE: "ExposureAuto", GAIN: "GainAuto"}
+_CONTROLS = {EXPOSURE: Control.EXPOSURE, GAIN: Control.GAIN}
+_UNITS = {EXPOSURE: EXPOSURE_UNIT_US, GAIN: 1.0}
+"""Of V4L2, in ours."""
+_MANUAL = {EXPOSURE: (Control.EXPOSURE_AUTO, 1), GAIN: (Control.AUTOGAIN, 0)}
+
+
+class CameraControls(Protocol):
+    """A camera's `EXPOSURE` and `GAIN`; belongs to its source's thread."""
+
+    def value(self, name: str) -> float | None:
+        """Reads one; None: the camera does not have it, or does not tell."""
+
+    def bounds(self, name: str) -> Bounds | None:
+        """Gives the least and the greatest value; None: nobody knows."""
+
+    def set(self, name: str, value: float) -> None:
+        """Sets one, and what would set it by itself off; the camera may round.
+
+        Raises:
+            GrabberError: it refuses.
+        """
+
+    def remember(self) -> Callable[[], None]:
+        """Notes how the camera is set.
+
+        Returns:
+            What sets it so again, and reads it back. Raises GrabberError at the first setting
+            that is not as it was, or that the camera does not answer about.
+        """
+
+
+class GenicamControls:
+    """Those of a camera behind Aravis."""
+
+    def __init__(self, opened: Callable[[], AravisCamera | None]) -> None:
+        """Takes what gives the opened camera, None while it is gone."""
+        self._opened = opened
+
+    def value(self, name: str) -> float | None:
+        """Reads one; see `CameraControls`."""
+        camera, feature = self._feature(name)
+        return None if camera is None or feature is None else float(camera.get(feature))
+
+    def bounds(self, name: str) -> Bounds | None:
+        """Gives the least and the greatest value; see `CameraControls`."""
+        camera, feature = self._feature(name)
+        return None if camera is None or feature is None else camera.bounds(feature)
+
+    def set(self, name: str, value: float) -> None:
+        """Sets one; see `CameraControls`."""
+        camera, feature = self._feature(name)
+        if camera is None or feature is None:
+            raise GrabberError(f"has no {name}")
+        if camera.has(_AUTOMATIC[name]):
+            camera.set(_AUTOMATIC[name], "Off")
+        camera.set(feature, f"{value:.0f}" if float(value).is_integer() else repr(value))
+
+    def remember(self) -> Callable[[], None]:
+        """Notes how the camera is set; see `CameraControls`."""
+        camera, kept, automatic = self._opened(), list[tuple[str, str, str]](), set[str]()
+        for name in (EXPOSURE, GAIN):
+            feature = self._feature(name)[1]
+            if camera is not None and feature is not None:
+                kept.append((name, feature, camera.get(feature)))
+                if camera.has(_AUTOMATIC[name]) and camera.get(_AUTOMATIC[name]) != "Off":
+                    automatic.add(name)
+        # What a camera does by itself is taken up last: until then it could not be set.
+        for feature in _AUTOMATIC.values():
+            if camera is not None and camera.has(feature):
+                kept.append((feature, feature, camera.get(feature)))
+
+        def put_back() -> None:
+            now = self._opened()
+            if now is None:
+                raise GrabberError("the camera is gone")
+            for name, feature, value in kept:
+                _set_back(now, name, feature, value, name in automatic)
+
+        return put_back
+
+    def _feature(self, name: str) -> tuple[AravisCamera | None, str | None]:
+        camera = self._opened()
+        if camera is None:
+            return None, None
+        return camera, next((f for f in NAMES[name] if camera.has(f)), None)
+
+
+class V4l2Controls:
+    """Those of a V4L2 device, which hears beside whoever takes its pictures."""
+
+    def __init__(self, device: Device) -> None:
+        """Takes the device."""
+        self._device = device
+
+    def value(self, name: str) -> float | None:
+        """Reads one; see `CameraControls`."""
+        value = self._device.get(_CONTROLS[name])
+        return None if value is None else value * _UNITS[name]
+
+    def bounds(self, name: str) -> Bounds | None:
+        """Gives the least and the greatest value; see `CameraControls`."""
+        bounds = self._device.bounds(_CONTROLS[name])
+        return None if bounds is None else (bounds[0] * _UNITS[name], bounds[1] * _UNITS[name])
+
+    def set(self, name: str, value: float) -> None:
+        """Sets one; see `CameraControls`."""
+        control, manual = _MANUAL[name]
+        if self._device.get(control) is not None:
+            self._device.set(control, manual)
+        if not self._device.set(_CONTROLS[name], max(round(value / _UNITS[name]), 0)):
+            raise GrabberError(f"does not take {name} {value:g}")
+
+    def remember(self) -> Callable[[], None]:
+        """Notes how the camera is set; see `CameraControls`."""
+        kept = {name: self._device.get(control) for name, control in _CONTROLS.items()}
+        modes = {name: self._device.get(control) for name, (control, _) in _MANUAL.items()}
+
+        def put_back() -> None:
+            for name, value in kept.items():
+                automatic = modes[name] not in (None, _MANUAL[name][1])
+                self._set_back(name, _CONTROLS[name], value, automatic)
+            for name, mode in modes.items():
+                self._set_back(f"automatic {name}", _MANUAL[name][0], mode, False)
+
+        return put_back
+
+    def _set_back(self, name: str, control: Control, value: int | None, automatic: bool) -> None:
+        """Sets a control as it was, and reads it back; see the function of this name."""
+        if value is None:
+            return
+        self._device.set(control, value)
+        now = self._device.get(control)
+        if now is None:
+            raise GrabberError(f"{name}: the device does not answer")
+        if not automatic and now != value:
+            unit = _UNITS.get(name, 1.0)
+            raise GrabberError(f"{name} is {now * unit:g}, and was {value * unit:g}")
+
+
+def _set_back(camera: AravisCamera, name: str, feature: str, value: str, automatic: bool) -> None:
+    """Sets a feature as it was, and reads it back; one that is `automatic` may have moved on."""
+    reason = ""
+    try:
+        camera.set(feature, value)
+    except AravisError as error:
+        reason = f" ({error})"
+    try:
+        now = camera.get(feature)
+    except AravisError as error:
+        raise GrabberError(f"{name}: {error}") from None
+    if not automatic and not _same(now, value):
+        raise GrabberError(f"{name} is {now}, and was {value}{reason}")
+
+
+def _same(now: str, before: str) -> bool:
+    try:
+        return math.isclose(float(now), float(before), rel_tol=1e-6)
+    except ValueError:
+        return now == before
