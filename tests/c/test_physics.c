@@ -5,6 +5,7 @@
  */
 #include <float.h>
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "robot_check.h"
@@ -205,13 +206,13 @@ static void test_trigonometry(void)
     CHECK(vs_wrap_angle(3.14159265358979324) > 3.0 && vs_wrap_angle(-3.14159265358979324) > 3.0);
 }
 
-int main(void)
+int main(int argc, char *argv[])
 {
-    uint32_t seed;
+    uint32_t seed, seeds = argc > 1 ? (uint32_t)strtoul(argv[1], NULL, 10) : 300;
 
     test_trigonometry();
     test_a_pile_comes_apart();
-    for (seed = 0; seed < 300; seed++)
+    for (seed = 0; seed < seeds; seed++)
         test_any_crowd(seed);
     return 0;
 }

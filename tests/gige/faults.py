@@ -10,7 +10,7 @@ from tests.gige.network import GigeCameras
 
 VICTIM = 1
 """The camera that has the fault."""
-OTHER_SIZE = ("--size", "320x240", "--sensor")
+OTHER_SIZE = ("--size", "300x200", "--sensor")
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ FAULTS = [
         "started again with another size",
         lambda rig: rig.start(VICTIM, words=OTHER_SIZE),
         "size",
-        "320 x 240",
+        "300 x 200",
         begin_again,
         "fits",
     ),

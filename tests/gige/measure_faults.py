@@ -17,7 +17,7 @@ from statistics import median
 
 from tests.gige.conftest import ROBOTS
 from tests.gige.faults import FAULTS, VICTIM, Fault
-from tests.gige.network import CAMERAS, RATE_HZ, SIZE, SIZE_PX, GigeCameras
+from tests.gige.network import CAMERAS, MIDDLE_PX, RATE_HZ, GigeCameras
 from tests.gige.watch import Watch
 
 NAME = CAMERAS[VICTIM].id
@@ -32,9 +32,8 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--only", default="", help="part of the name of a fault")
     words = parser.parse_args()
-    print(
-        f"{len(CAMERAS)} cameras of {SIZE_PX[0]} x {SIZE_PX[1]} px at {RATE_HZ} Hz; median (most)"
-    )
+    size = " x ".join(map(str, MIDDLE_PX))
+    print(f"{len(CAMERAS)} cameras of {size} px at {RATE_HZ} Hz; median (most)")
     print(f"{'fault':34} {'told':>14} {'end told':>14} {'first picture':>14}  ms")
     for fault in FAULTS:
         if words.only in fault.name:
@@ -50,7 +49,7 @@ def measured(fault: Fault, rounds: int) -> tuple[list[float], list[float], list[
         rig = GigeCameras(Path(folder), ROBOTS)
         try:
             rig.start()
-            watch = Watch(rig, Path(folder), **SIZE)
+            watch = Watch(rig, Path(folder))
             for _ in range(rounds):
                 watch.all_deliver(REST)
                 told.append(_until_told(watch, fault, rig))

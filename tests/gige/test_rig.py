@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.gige.faults import VICTIM
-from tests.gige.network import CAMERAS, RATE_HZ, SIZE, SIZE_PX, GigeCameras
+from tests.gige.network import CAMERAS, RATE_HZ, SIZE_PX, GigeCameras
 from tests.gige.watch import Watch
 from vsense.tracking.aravis import listed
 from vsense.tracking.grabbers_device import Controls
@@ -55,7 +55,7 @@ def test_brightness_follows_exposure_and_gain(rig: GigeCameras) -> None:
 def test_two_cameras_with_one_address_are_both_named(rig: GigeCameras, tmp_path: Path) -> None:
     rig.start(1, 2, 3)
     rig.same_address(VICTIM, 0)
-    watch = Watch(rig, tmp_path, **SIZE)
+    watch = Watch(rig, tmp_path)
     name, others = CAMERAS[VICTIM].id, [camera.id for camera in CAMERAS[2:]]
     try:
         watch.until(lambda: watch.told(name, "gone"), "word of it")

@@ -12,7 +12,7 @@ import pytest
 
 from tests.gige.conftest import ROBOTS
 from tests.gige.faults import VICTIM
-from tests.gige.network import CAMERAS, SIZE, GigeCameras
+from tests.gige.network import CAMERAS, MIDDLE, MIDDLES, GigeCameras
 from tests.system.floor import MS, Floor, experiment
 
 pytestmark = pytest.mark.system
@@ -31,9 +31,9 @@ def test_robots_drive_by_what_four_cameras_see(
     rig: GigeCameras, floor: Floor, tmp_path: Path
 ) -> None:
     rig.start()
-    settings = {**SIZE, "trigger": "software"}
+    settings = {**MIDDLE, "trigger": "software"}
     file = experiment(tmp_path, "<framework>", TAGS, 600)
-    words = ["--tracking", *rig.files(tmp_path, settings), "--port", "0", "--json"]
+    words = ["--tracking", *rig.files(tmp_path, settings, cameras=MIDDLES), "--port", "0", "--json"]
     program = floor.program("run", str(file), *words, "--output", str(tmp_path / "notes"))
     waiting = r"waiting for robots on .*, port (\d+)"
     floor.wait_for(program.heard(waiting), "its port")

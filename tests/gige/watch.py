@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from tests.gige.network import GigeCameras
+from tests.gige.network import MIDDLE, MIDDLES, GigeCameras
 from vsense.arena import ArenaState, Frame
 from vsense.config.tracking_build import build
 from vsense.config.tracking_session import load
@@ -17,7 +17,9 @@ STEP_S = 0.5
 
 
 class Watch:
-    """A tracking session, stepped by the test.
+    """A tracking session on the middles of all pictures, stepped by the test.
+
+    Those are small enough for the memory that any socket has: nothing here depends on it.
 
     Attributes:
         events: everything that was told so far.
@@ -27,8 +29,8 @@ class Watch:
     """
 
     def __init__(self, rig: GigeCameras, folder: Path, **settings: object) -> None:
-        """Opens all four cameras."""
-        resources, experiment = rig.files(folder, settings)
+        """Opens all four cameras; the settings are more attributes of every <grabber>."""
+        resources, experiment = rig.files(folder, MIDDLE | settings, cameras=MIDDLES)
         session = load(resources, experiment)
         self._tracking = build(session, time.monotonic_ns, offline=False)
         self.events: list[CameraEvent] = []

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import fcntl
+import hashlib
+import os
 import subprocess
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from multiprocessing.pool import ThreadPool
 from pathlib import Path
 
 import pytest
@@ -14,40 +18,87 @@ from tests.robot.rig import Rig
 ROOT = Path(__file__).parent.parent.parent
 STRICT = ["-std=c99", "-D_POSIX_C_SOURCE=200809L", "-pedantic", "-Wall", "-Wextra", "-Wshadow"]
 STRICT += ["-Wconversion", "-Werror", "-I", str(ROOT / "c_src"), "-I", str(ROOT / "robot")]
+FLAGS = [*STRICT, "-DVS_NO_ATOMICS", "-O1", "-g"]
+FLAGS += ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 
 
-def build(
-    target: Path, controller: Path, *more: str, instead: Mapping[str, Path] | None = None
-) -> Path:
-    """Builds `vsensed` with a controller, under the sanitizers.
+Build = Callable[..., Path]
 
-    Args:
-        target: the program.
-        controller: its source.
-        more: arguments for the compiler.
-        instead: sources to be taken in place of the shipped ones of these names.
+
+class Builder:
+    """Builds daemons under the sanitizers; what they have in common is compiled once.
+
+    Workers of one run share it: each of them would need most of the objects.
     """
-    left_out = instead or {}
-    shipped = [*ROOT.glob("c_src/*.c"), *ROOT.glob("robot/*.c")]
-    sources = [path for path in shipped if path.name not in left_out]
-    sources += [*left_out.values(), controller]
-    command = [require_tool("cc", "build-essential"), *STRICT, "-DVS_NO_ATOMICS", "-O1", "-g"]
-    command += ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
-    command += ["-o", str(target), *map(str, sources), "-lm", *more]
+
+    def __init__(self, folder: Path) -> None:
+        """Compiles nothing yet; the objects go to a folder."""
+        self._folder = folder
+
+    def __call__(
+        self,
+        target: Path,
+        controller: Path,
+        *more: str,
+        instead: Mapping[str, Path] | None = None,
+    ) -> Path:
+        """Builds `vsensed` with a controller.
+
+        Args:
+            target: the program.
+            controller: its source.
+            more: arguments for the compiler.
+            instead: sources to be taken in place of the shipped ones of these names.
+        """
+        left_out = instead or {}
+        shipped = [*ROOT.glob("c_src/*.c"), *ROOT.glob("robot/*.c")]
+        flags = [*FLAGS, *(word for word in more if not word.startswith("-Wl,"))]
+        objects = self._objects([p for p in shipped if p.name not in left_out], flags)
+        sources = [*left_out.values(), controller]
+        _cc(target, *FLAGS, *sources, *objects, "-lm", *more)
+        return target
+
+    def _objects(self, sources: Sequence[Path], flags: Sequence[str]) -> list[Path]:
+        """Gives the sources compiled with these flags, by all processors where need be."""
+        folder = self._folder / hashlib.sha256(" ".join(flags).encode()).hexdigest()[:8]
+        folder.mkdir(parents=True, exist_ok=True)
+        made = [folder / f"{source.stem}.o" for source in sources]
+        with open(folder / "lock", "w") as lock, ThreadPool() as pool:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            missing = [pair for pair in zip(sources, made) if not pair[1].exists()]
+            pool.starmap(lambda source, target: _compile(source, target, flags), missing)
+        return made
+
+
+def _compile(source: Path, target: Path, flags: Sequence[str]) -> None:
+    # A compiler that was broken off must not leave what looks like an object.
+    begun = target.with_suffix(".new")
+    _cc(begun, *flags, "-c", source)
+    begun.rename(target)
+
+
+def _cc(target: Path, *words: str | Path) -> None:
+    command = [require_tool("cc", "build-essential"), *map(str, words), "-o", str(target)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    return target
 
 
 @pytest.fixture(scope="session")
-def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def build(tmp_path_factory: pytest.TempPathFactory) -> Build:
+    """Builds daemons with controllers: see `Builder`."""
+    folder = tmp_path_factory.getbasetemp()
+    return Builder((folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder) / "objects")
+
+
+@pytest.fixture(scope="session")
+def program(tmp_path_factory: pytest.TempPathFactory, build: Build) -> Path:
     """Path of `vsensed` with the pollutant controller."""
     target = tmp_path_factory.mktemp("daemon") / "vsensed"
     return build(target, ROOT / "robot" / "controllers" / "pollutant.c")
 
 
 @pytest.fixture(scope="session")
-def probe(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def probe(tmp_path_factory: pytest.TempPathFactory, build: Build) -> Path:
     """Path of `vsensed` with the controller of `probe.c` and the faults that it can make."""
     target = tmp_path_factory.mktemp("probe") / "vsensed"
     wrap = "-Wl,--wrap=fork,--wrap=recv"

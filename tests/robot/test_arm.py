@@ -28,7 +28,8 @@ SUITES: dict[str, list[Path]] = {
     "test_physics": [wire.C_SRC / "vs_lens.c", *wire.FLOOR],
 }
 RUNS = {name: str(max(int(count) // 30, 10)) for name, count in robot.RUNS.items()}
-"""An emulated processor lives more slowly: fewer random worlds."""
+RUNS |= {"test_physics": "30", "test_rays": "5"}
+"""An emulated processor lives more slowly: fewer random worlds; of the crowds, every fifth."""
 
 
 def test_no_suite_is_forgotten() -> None:

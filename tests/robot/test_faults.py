@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.robot.conftest import build
+from tests.robot.conftest import Build
 from tests.robot.rig import MS, Rig, S
 from vsense.link.wire import StopCause, Wanted
 from vsense.native import lib
@@ -212,7 +212,9 @@ const struct vs_controller vs_controller = {"faulty", sizeof(int), init, step};
 
 
 @pytest.mark.parametrize("fault", ["continue", "*(volatile int *)0 = 1"])
-def test_controller_that_hangs_or_crashes_stops_the_wheels(tmp_path: Path, fault: str) -> None:
+def test_controller_that_hangs_or_crashes_stops_the_wheels(
+    tmp_path: Path, build: Build, fault: str
+) -> None:
     source = tmp_path / "faulty.c"
     source.write_text(FAULTY.replace("FAULT", fault))
     rig = Rig(build(tmp_path / "vsensed", source))
