@@ -33,8 +33,20 @@ PACED = (
 """Tests of one daemon or four cameras in real time: they share the machine with their like only."""
 
 
+LONG = (
+    "tests/packaging/",
+    "tests/robot/test_building.py",
+    "tests/robot/test_arm.py",
+    "tests/cameras/test_fake_camera.py",
+    "tests/robot/test_c_suite.py",
+    "tests/web/",
+)
+"""Files of a few long tests: they begin first, so that no worker is left alone with one."""
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Marks the tests of `ALONE` and `PACED`."""
+    """Puts the tests of `LONG` first, and marks those of `ALONE` and `PACED`."""
+    items.sort(key=lambda item: not item.nodeid.startswith(LONG))
     for mark, places in (("alone", ALONE), ("paced", PACED)):
         for item in items:
             if item.nodeid.startswith(places):
