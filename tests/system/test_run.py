@@ -240,7 +240,7 @@ def test_cameras_that_go_are_missed_and_taken_back(tmp_path: Path) -> None:
         cameras.off.add("b")
         pair.wait_for(program.heard("camera b: is gone: "), "word of it")
         pair.live_for(500 * MS)
-        assert pair.moving() and "no arena state" not in program.said, "the other one goes on"
+        assert pair.moving() and "no arena state for" not in program.said, "the other one goes on"
         cameras.off.add("a")
         pair.wait_for(pair.resting, "rest")
         pair.wait_for(program.heard("no arena state for half a second"), "word of it")
