@@ -15,13 +15,14 @@ import pytest
 from vsense.tracking.grabbers import GrabberError
 from vsense.tracking.grabbers_live import LiveGrabber
 from vsense.tracking.grabbers_picture import PictureError
-from vsense.tracking.live_camera import SILENCE_NS, WHOLE
-from vsense.tracking.source import Shot
+from vsense.tracking.live_camera import WHOLE
+from vsense.tracking.source import SILENCE_S, Shot
 from vsense.tracking.troubles import ENDS, Troubles
 
 SIZE = (64, 48)
 RATE_HZ = 10.0
 PERIOD_NS = 100_000_000
+SILENCE_NS = round(1e9 * SILENCE_S)
 SOON = 3
 """Pictures within which a fault must be told."""
 RECOVERED = 30

@@ -9,7 +9,7 @@ from typing import Protocol
 from vsense.cameras.v4l2_controls import Control, Device
 from vsense.tracking.aravis import AravisError
 from vsense.tracking.aravis_camera import AravisCamera
-from vsense.tracking.genicam_settings import NAMES
+from vsense.tracking.genicam_settings import NAMES, digits
 from vsense.tracking.grabbers import GrabberError
 from vsense.tracking.grabbers_device import EXPOSURE_UNIT_US
 from vsense.tracking.source import Bounds
@@ -73,7 +73,7 @@ class GenicamControls:
             raise GrabberError(f"has no {name}")
         if camera.has(_AUTOMATIC[name]):
             camera.set(_AUTOMATIC[name], "Off")
-        camera.set(feature, f"{value:.0f}" if float(value).is_integer() else repr(value))
+        camera.set(feature, digits(value))
 
     def remember(self) -> Callable[[], None]:
         """Notes how the camera is set; see `CameraControls`."""

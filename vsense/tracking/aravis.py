@@ -50,7 +50,6 @@ void *arv_camera_get_device(void *);
 int arv_camera_is_gv_device(void *);
 void arv_camera_set_frame_rate(void *, double, GError **);
 double arv_camera_get_frame_rate(void *, GError **);
-void arv_camera_get_frame_rate_bounds(void *, double *, double *, GError **);
 void arv_camera_set_trigger(void *, const char *, GError **);
 void arv_camera_clear_triggers(void *, GError **);
 void arv_camera_software_trigger(void *, GError **);

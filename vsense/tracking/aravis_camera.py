@@ -157,12 +157,6 @@ class AravisCamera:
         """Pictures per second; cameras have many names for it."""
         return float(call(self._lib.arv_camera_get_frame_rate, self.handle))
 
-    def rate_bounds_hz(self) -> tuple[float, float]:
-        """Gives the least and greatest rate."""
-        low, high = self._ffi.new("double *"), self._ffi.new("double *")
-        call(self._lib.arv_camera_get_frame_rate_bounds, self.handle, low, high)
-        return low[0], high[0]
-
     def set_rate(self, rate_hz: float) -> None:
         """Sets the rate; the camera keeps within its bounds, and triggers are off afterwards."""
         call(self._lib.arv_camera_set_frame_rate, self.handle, rate_hz)

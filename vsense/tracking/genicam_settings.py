@@ -173,7 +173,7 @@ class _Setting:
         camera = self._camera
         bounds = None if isinstance(value, str) else camera.bounds(feature)
         try:
-            camera.set(feature, value if isinstance(value, str) else _digits(value))
+            camera.set(feature, value if isinstance(value, str) else digits(value))
         except AravisError as error:
             beyond = bounds is not None and not bounds[0] <= float(value) <= bounds[1]
             kept = _like(value, camera.get(feature))
@@ -189,7 +189,7 @@ class _Setting:
             self._said.append(text)
 
 
-def _digits(value: float) -> str:
+def digits(value: float) -> str:
     """Writes a number with all its digits, whole ones without a point."""
     return str(int(value)) if float(value).is_integer() else repr(float(value))
 

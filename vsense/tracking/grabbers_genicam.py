@@ -12,13 +12,8 @@ from vsense.tracking.genicam_settings import FREE, GenicamSettings, apply
 from vsense.tracking.grabbers import GrabberError
 from vsense.tracking.gvcp import HELD, controlled
 from vsense.tracking.links import Links, Stream
-from vsense.tracking.source import Shot
+from vsense.tracking.source import FIRST_S, Shot, silence_s
 
-SILENCE_S = 0.4
-"""A camera that says nothing for this long, and for three periods, is silent."""
-PERIODS = 3
-FIRST_S = 2.0
-"""Some need a while for their first picture."""
 FORGOTTEN_NS = 3_500_000_000
 """A program that died is forgotten after its heartbeat's time, usually 3 s."""
 MOST_AGE_NS = 1_000_000_000
@@ -52,8 +47,7 @@ class GenicamSource:
         self._resumed = False
         self._running = False
         self._held_until_ns = 0
-        rate_hz = settings.controls.rate_hz
-        self._patience_s = max(SILENCE_S, PERIODS / rate_hz if rate_hz else 0.0)
+        self._patience_s = silence_s(settings.controls.rate_hz)
 
     @property
     def camera(self) -> AravisCamera | None:

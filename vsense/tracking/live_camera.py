@@ -10,12 +10,8 @@ from vsense.tracking.grabbers import GrabberError
 from vsense.tracking.grabbers_picture import Image, PictureError
 from vsense.tracking.grabbers_recorded import wrong_size
 from vsense.tracking.pulse import PICTURES, Pulse
-from vsense.tracking.source import Shot, Source
+from vsense.tracking.source import FIRST_S, Shot, Source, silence_s
 
-SILENCE_NS = 400_000_000
-"""A camera that gives nothing for this long, and for three periods, is gone."""
-FIRST_NS = 2_000_000_000
-"""Some need a while for their first picture."""
 WHOLE = 10
 """So many good pictures after a damaged one, and they come whole again."""
 
@@ -87,8 +83,8 @@ class LiveCamera:
         self._retry_s = retry_s
         self._ended = threading.Event()
         self._pulse = Pulse(rate_hz)
-        self._silence_ns = max(SILENCE_NS, round(PICTURES * 1e9 / rate_hz) if rate_hz else 0)
-        self._first_ns = max(FIRST_NS, self._silence_ns)
+        self._silence_ns = round(1e9 * silence_s(rate_hz))
+        self._first_ns = max(round(1e9 * FIRST_S), self._silence_ns)
         self._due_ns = 0
         self._said: set[str] = set()
         self._gone = False

@@ -16,6 +16,12 @@ Value = float | str
 Bounds = tuple[float, float]
 """The smallest and the largest value that a camera takes."""
 
+SILENCE_S = 0.4
+"""A camera that says nothing for this long, and for three periods, is silent."""
+PERIODS = 3
+FIRST_S = 2.0
+"""Some need a while for their first picture."""
+
 _SAME = 1e-6
 """Relative difference below which a number read back is the number asked for."""
 
@@ -61,6 +67,15 @@ class Source(Protocol):
 
     def close(self) -> None:
         """Lets it go; can be called again."""
+
+
+def silence_s(rate_hz: float | None) -> float:
+    """Gives how long a camera may say nothing between two pictures [s].
+
+    Args:
+        rate_hz: Pictures per second that it should give; None: unknown.
+    """
+    return max(SILENCE_S, PERIODS / rate_hz if rate_hz else 0.0)
 
 
 def absent(name: str) -> str:
