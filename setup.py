@@ -4,7 +4,7 @@ The wheel carries, beside the Python package:
 * `vsense/_native.abi3.so`, the tiny C library behind cffi;
 * `vsense/_sources/`, the C sources from which a user's controller is built later;
 * `vsense/_sources/bin/vsensed`, the daemon for this machine with the shipped controller.
-An editable install and a checkout use the folders of the checkout instead (`vsense/build.py`).
+An editable install and a checkout use the folders of the checkout instead (`vsense/robot/build.py`).
 """
 
 import shutil
@@ -32,7 +32,7 @@ class BuildWithSources(build_py):
                     copy.parent.mkdir(parents=True, exist_ok=True)
                     shutil.copy2(source, copy)
         sys.path.insert(0, str(ROOT))
-        from vsense import build
+        from vsense.robot import build
 
         tree = build.SourceTree(target)
         build.compile_daemon(tree, tree.controller("pollutant"), tree.prebuilt)

@@ -15,14 +15,14 @@ import pytest
 from hypothesis import settings
 
 from vsense.arena import POSE, ArenaState
-from vsense.robot import building
+from vsense.robot import boards
 
 # A busy machine is no defect: no property has to hold within a wall-clock time.
 settings.register_profile("vsense", deadline=None)
 settings.load_profile("vsense")
 
 
-ALONE = ("tests/system/", "tests/board/", "tests/web/test_lab_page.py")
+ALONE = ("tests/system/", "tests/board/", "tests/ui/test_lab_page.py")
 """Tests that need the machine for themselves: whole labs and runs that keep or measure times."""
 
 
@@ -37,7 +37,7 @@ LONG = (
     "tests/packaging/",
     "tests/robot/test_building.py",
     "tests/robot/test_arm.py",
-    "tests/cameras/test_fake_camera.py",
+    "tests/camera_setup/test_fake_camera.py",
     "tests/robot/test_c_suite.py",
     "tests/web/",
 )
@@ -90,7 +90,7 @@ def arm_daemon(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """
     require_zig()
     made = tmp_path_factory.mktemp("arm") / "vsensed"
-    return building.build("pollutant", "epuck", made).path
+    return boards.build("pollutant", "epuck", made).path
 
 
 Place = tuple[float, float, float]

@@ -30,7 +30,7 @@ FORBIDDEN = {
 }
 """Folder of `vsense` -> folders whose modules it must not import."""
 
-DOORS = {"config": ("vsense.link.table",)}
+DOORS = {"config": ("vsense.link.robots.table",)}
 """Modules of forbidden folders that a folder may know all the same: sensors that no datagram
 holds are refused where the experiment file is read."""
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from vsense.config.element import Element
-from vsense.config.xml import parse
 from vsense.sensors.base import Scope
 from vsense.world.entities import Arena
 from vsense.world.fields import Field
 from vsense.world.pollution import PollutantSource
 from vsense.world.world import World
+from vsense.xml.element import Element
+from vsense.xml.parsing import parse
 
 ARENA = Arena((2.0, 2.0, 1.0), (0.0, 0.0, 0.5))
 STEP_NS = 100_000_000

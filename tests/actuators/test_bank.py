@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from vsense.actuators.bank import ActuatorBank
 from vsense.actuators.base import ActuatorError, MountedActuator
 from vsense.arena import ArenaState
-from vsense.quality import Quality, Scale
 from vsense.sensors.bank import TableEntry
+from vsense.sensors.quality import Quality, Scale
 from vsense.world.world import World
 
 States = Callable[..., ArenaState]

@@ -13,13 +13,13 @@ from tests.actuators.conftest import element_of
 from vsense.actuators import registry
 from vsense.actuators.base import ActuatorError
 from vsense.errors import ConfigError
-from vsense.quality import Quality
 from vsense.sensors.base import Scope
+from vsense.sensors.quality import Quality
 
 NEW_ACTUATOR = """
 from dataclasses import dataclass
 
-from vsense.quality import Scale
+from vsense.sensors.quality import Scale
 
 ELEMENTS = ("virtual_lamp_actuator",)
 _SHARE = Scale(low=0.0, high=1.0)

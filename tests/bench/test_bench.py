@@ -8,21 +8,22 @@ import numpy as np
 import pytest
 
 from vsense import cli
-from vsense.bench import output, tracking
-from vsense.bench.contestants import Found, Single, crossing
-from vsense.bench.frames import FrameSet, Painter, Truth, cameras
+from vsense.bench import tracking
+from vsense.bench.contestants import FoundTags, Single, crossing
+from vsense.bench.frames import FrameSet, FrameTruth, Painter, cameras
+from vsense.commands import bench
 
 RIG = cameras(1, 1)
 
 
-def frame_set(truth: Truth) -> FrameSet:
+def frame_set(truth: FrameTruth) -> FrameSet:
     image = np.zeros((8, 8), dtype=np.uint8)
     return FrameSet("test", "arrow4x4", (1, 2, 3), RIG, (image,), (truth,))
 
 
 def test_the_judge_counts_what_is_named_where_it_is() -> None:
-    truth = Truth(np.array([1, 2, 3]), np.array([(10.0, 10.0), (50.0, 50.0), (90.0, 90.0)]))
-    found = Found(np.array([1, 2, 7]), np.array([(10.3, 10.4), (90.0, 90.0), (5.0, 5.0)]))
+    truth = FrameTruth(np.array([1, 2, 3]), np.array([(10.0, 10.0), (50.0, 50.0), (90.0, 90.0)]))
+    found = FoundTags(np.array([1, 2, 7]), np.array([(10.3, 10.4), (90.0, 90.0), (5.0, 5.0)]))
     contestant = Single("somebody", frame_set(truth), lambda image, camera: found)
     _, seen = contestant.run()
     row = tracking.judge(contestant, [2.0, 3.0, 10.0], seen)
@@ -69,4 +70,4 @@ def test_the_report_is_as_promised(capsys: pytest.CaptureFixture[str]) -> None:
     assert set(report["set16"]) == {"threads", "ms", "times_floor"}
     assert report["set16"]["threads"] == 2
     assert "round 1 of 1" in captured.err
-    assert "16 cameras" in output.table(report)
+    assert "16 cameras" in bench.table(report)

@@ -9,7 +9,7 @@ import pytest
 
 from vsense import cli
 from vsense.arena import POSE, SIGHTING, ArenaState
-from vsense.bench.identity import FAMILIES, ROBOTS, Tally
+from vsense.bench.identity import FAMILIES, ROBOTS, IdentityScore
 
 TRUTH = {1: np.array((0.0, 0.0)), 2: np.array((1.0, 0.0)), 3: np.array((2.0, 0.0))}
 
@@ -25,7 +25,7 @@ def state(
 
 
 def test_a_robot_that_is_only_remembered_is_not_named() -> None:
-    tally = Tally("arrow4x4")
+    tally = IdentityScore("arrow4x4")
     tally.judge(state((1, 0.003, True), (2, 1.0, False)), TRUTH)
     report = tally.report()
     assert (report["robot_frames"], report["named"], report["wrong_ids"]) == (3, 1, 0)
@@ -34,13 +34,13 @@ def test_a_robot_that_is_only_remembered_is_not_named() -> None:
 
 
 def test_a_name_elsewhere_is_wrong_and_at_another_robot_s_place_a_swap() -> None:
-    tally = Tally("arrow4x4")
+    tally = IdentityScore("arrow4x4")
     tally.judge(state((1, 1.01, True), (2, 0.5, True), (9, 2.0, True)), TRUTH)
     assert (tally.named, tally.wrong_ids, tally.swaps) == (0, 3, 2)
 
 
 def test_readings_are_judged_whatever_the_tracker_made_of_them() -> None:
-    tally = Tally("arrow4x4")
+    tally = IdentityScore("arrow4x4")
     tally.judge(state(readings=((1, 0.01), (1, 0.5), (7, 0.0))), TRUTH)
     assert tally.wrong_readings == 2 and tally.wrong_ids == 0
 

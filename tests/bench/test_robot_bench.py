@@ -8,7 +8,7 @@ import pytest
 
 from tests.conftest import require_tool, require_zig
 from vsense.bench import robot
-from vsense.robot import targets
+from vsense.robot import boards
 
 
 def test_a_control_step_takes_so_many_instructions_at_most(tmp_path: Path) -> None:
@@ -33,7 +33,7 @@ def test_what_is_missing_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 def test_table_of_a_machine_that_can_measure_nothing() -> None:
     report = {
         "controller": "pollutant",
-        "sizes": dict.fromkeys(targets.TARGETS),
+        "sizes": dict.fromkeys(boards.TARGETS),
         "size_max": robot.SIZE_MAX,
         "step_instructions": None,
         "step_max": robot.STEP_MAX,
@@ -41,7 +41,7 @@ def test_table_of_a_machine_that_can_measure_nothing() -> None:
         "missing": ["everything"],
     }
     text = robot.table(report)
-    assert text.count("not built") == len(targets.TARGETS)
+    assert text.count("not built") == len(boards.TARGETS)
     assert "not counted" in text and text.endswith("not measured: everything")
     report |= {"sizes": {"epuck": 108_900}, "step_instructions": 24_423, "memory_kb": 204}
     text = robot.table(report)

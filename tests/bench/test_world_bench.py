@@ -14,7 +14,7 @@ from vsense.sensors.geometry import RING_HEIGHT_M, RING_RADIUS_M
 
 
 def test_a_step_senses_all_lights_anew() -> None:
-    swarm = world.Swarm(30)
+    swarm = world.SensingSwarm(30)
     first, second = swarm.step(), swarm.step()
     assert set(first) == set(range(30))
     for sent in (first, second):
@@ -24,7 +24,7 @@ def test_a_step_senses_all_lights_anew() -> None:
     assert readings == pytest.approx(by_hand(swarm), rel=1e-5)
 
 
-def by_hand(swarm: world.Swarm) -> np.ndarray:  # type: ignore[type-arg]
+def by_hand(swarm: world.SensingSwarm) -> np.ndarray:  # type: ignore[type-arg]
     """clip01(sum (I/d)^2) over the lights whose rays meet no body, ray by ray."""
     robots, lights = swarm.world.robots, swarm.world.lights()
     expected = np.zeros((len(robots), world.SENSORS))
@@ -52,7 +52,7 @@ def meets(start: np.ndarray, way: np.ndarray, robots: np.ndarray) -> bool:  # ty
 
 
 def test_robots_stand_in_each_others_light_and_not_in_each_other() -> None:
-    swarm = world.Swarm(200)
+    swarm = world.SensingSwarm(200)
     swarm.step()
     robots = swarm.world.robots
     places = np.stack((robots["x_m"], robots["y_m"]), axis=1)

@@ -20,7 +20,7 @@ import pytest
 from tests.board.initramfs import archive
 from tests.board.usb_bus import UsbBus
 from tests.conftest import require_tool
-from vsense.build import cache_directory
+from vsense.robot.build import cache_directory
 
 HERE = Path(__file__).parent
 HOST = "10.0.2.2"

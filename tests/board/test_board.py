@@ -12,9 +12,9 @@ import pytest
 from tests.board.board import HOST, I2C, UART, Board
 from tests.conftest import require_zig
 from tests.robot.rig import MS, Rig
-from vsense.build import cache_directory
 from vsense.lab.microcontrollers import Microcontrollers
-from vsense.robot.targets import TARGETS, toolchain
+from vsense.robot.boards import TARGETS, toolchain
+from vsense.robot.build import cache_directory
 
 pytestmark = pytest.mark.system
 

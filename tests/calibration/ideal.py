@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.calibration.board import Board
-from vsense.calibration.start import Pose
-from vsense.calibration.views import Shoot, View
+from vsense.calibration.placement import BoardPose
+from vsense.calibration.views import BoardViews, View
+from vsense.cameras.camera import Camera
 from vsense.config.specs import Arena
 from vsense.lab.board_studio import board_plan
-from vsense.lab.rig import rig
-from vsense.tracking.camera import Camera
+from vsense.lab.camera_spec import rig
 
 BOARD = Board.parse("charuco:7x5:80mm:4X4_50")
 ARENA = Arena((3.0, 2.4, 1.0), (0.0, 0.0, 0.5))
@@ -24,7 +24,9 @@ ORIGIN = (float(PLAN[0][1].shift[0]), float(PLAN[0][1].shift[1]), 0.0)
 """Where the board's origin is at moment floor_00, which is not turned."""
 
 
-def see(camera: Camera, moment: str, pose: Pose, noise: NDArray[np.float64] | None = None) -> View:
+def see(
+    camera: Camera, moment: str, pose: BoardPose, noise: NDArray[np.float64] | None = None
+) -> View:
     """One camera's view, empty where the board is out of sight."""
     pixels = camera.project(pose.apply(BOARD.points_m))
     if noise is not None:
@@ -34,11 +36,11 @@ def see(camera: Camera, moment: str, pose: Pose, noise: NDArray[np.float64] | No
 
 
 def shoot(
-    plan: Sequence[tuple[str, Pose]],
+    plan: Sequence[tuple[str, BoardPose]],
     cameras: Sequence[Camera] = CAMERAS,
     sigma_px: float = 0.04,
     seed: int = 1,
-) -> Shoot:
+) -> BoardViews:
     """All views with eight corners or more."""
     rng = np.random.default_rng(seed)
     shape = (len(BOARD.points_m), 2)
@@ -49,7 +51,7 @@ def shoot(
     ]
     views = sorted((v for v in views if len(v.ids) >= 8), key=lambda v: (v.camera, v.moment))
     names = [camera.id for camera in cameras]
-    return Shoot(
+    return BoardViews(
         {camera.id: (camera.width_px, camera.height_px) for camera in cameras},
         views,
         {name: sum(view.camera == name for view in views) for name in names},

@@ -8,9 +8,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense.calibration.board import CHARUCO, CHESSBOARD, Board, dictionary_name
-from vsense.calibration.corners import CornerFinder
-from vsense.calibration.sheet import dark_cells, page, raster
+from vsense.calibration.board import (
+    CHARUCO,
+    CHESSBOARD,
+    Board,
+    dark_cells,
+    dictionary_name,
+    page,
+    raster,
+)
+from vsense.calibration.views import CornerFinder
 from vsense.errors import UsageError
 
 boards = st.builds(
@@ -127,7 +134,7 @@ def test_page_holds_the_board_in_its_true_size(board: Board) -> None:
 
 
 def test_print_on_a4_is_found_again() -> None:
-    from vsense.sheets import raster as paper
+    from vsense.markers import paper
 
     board = Board.parse("charuco:5x7:36mm:4X4_50")
     sheet = page(board)

@@ -11,8 +11,8 @@ import pytest
 
 from tests.calibration.ideal import BOARD, CAMERAS, ORIGIN, PLAN, arena_errors_m, arena_grid, shoot
 from vsense.calibration.views import write_corners
+from vsense.cameras.camera import Camera
 from vsense.cli import main
-from vsense.tracking.camera import Camera
 
 CHESSBOARDS = Path(__file__).parents[1] / "data" / "wall-tags-chessboards"
 AT = f"--origin={ORIGIN[0]},{ORIGIN[1]},0"

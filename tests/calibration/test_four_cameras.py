@@ -17,13 +17,12 @@ import numpy as np
 import pytest
 
 from vsense.calibration.board import Board
-from vsense.calibration.floor import Floor
+from vsense.calibration.floor import FloorReference
 from vsense.calibration.lens import camera_of, lens_of
-from vsense.calibration.precision import check_board
 from vsense.calibration.rig import Rig, RigSolver, Trust
-from vsense.calibration.solution import Solution
-from vsense.calibration.views import Shoot, View
-from vsense.tracking.camera import Camera
+from vsense.calibration.solution import Solution, check_board
+from vsense.calibration.views import BoardViews, View
+from vsense.cameras.camera import Camera
 
 DATA = Path(__file__).parents[1] / "data" / "four-cameras"
 BOARD = Board.parse("charuco:4x5:54mm:4X4_1000:inverted")
@@ -31,7 +30,7 @@ SIZE = (1280, 720)
 
 
 @lru_cache
-def shoot() -> Shoot:
+def shoot() -> BoardViews:
     seen: dict[tuple[str, str], list[tuple[int, float, float]]] = {}
     with (DATA / "xy.csv").open() as file:
         for row in csv.DictReader(file):
@@ -42,7 +41,7 @@ def shoot() -> Shoot:
         for (camera, moment), found in sorted(seen.items())
     ]
     names = sorted({view.camera for view in views})
-    return Shoot(dict.fromkeys(names, SIZE), views, dict.fromkeys(names, 57))
+    return BoardViews(dict.fromkeys(names, SIZE), views, dict.fromkeys(names, 57))
 
 
 @lru_cache
@@ -64,7 +63,7 @@ def theirs() -> tuple[Camera, ...]:
 @lru_cache
 def ours(trust: Trust) -> Solution:
     lenses = {camera.id: lens_of(camera) for camera in theirs()}
-    return RigSolver(Rig(shoot(), BOARD, Floor(), lenses, trust)).solve()
+    return RigSolver(Rig(shoot(), BOARD, FloorReference(), lenses, trust)).solve()
 
 
 def test_measure_gives_the_reference_of_their_cameras() -> None:

@@ -12,22 +12,21 @@ import pytest
 
 from tests.calibration.ideal import BOARD, CAMERAS, SIZE, see
 from vsense.calibration.board import Board
-from vsense.calibration.corners import CornerFinder
 from vsense.calibration.intrinsics import calibrate_lens, calibrate_lenses
 from vsense.calibration.lens import lens_of
+from vsense.calibration.placement import BoardPose, first_lens, poses_in_camera
 from vsense.calibration.solution import CalibrationError
-from vsense.calibration.start import Pose, first_lens, poses_in_camera
-from vsense.calibration.views import Shoot, View
+from vsense.calibration.views import BoardViews, CornerFinder, View
 from vsense.lab.board_studio import board_at
 
 CHESSBOARDS = Path(__file__).parents[1] / "data" / "wall-tags-chessboards"
 CAMERA = CAMERAS[0]
 NAME = CAMERA.id
 
-Draw = Callable[[np.random.Generator], Pose]
+Draw = Callable[[np.random.Generator], BoardPose]
 
 
-def pose(rng: np.random.Generator, reach: float, low: float, high: float, tilt: float) -> Pose:
+def pose(rng: np.random.Generator, reach: float, low: float, high: float, tilt: float) -> BoardPose:
     place = rng.uniform((-0.8, -0.6), (0.8, 0.6)) * reach + CAMERA.position_m[:2]
     leaning = np.array((*rng.uniform(-tilt, tilt, 2), 0.0))
     return board_at(
@@ -42,7 +41,7 @@ def views(count: int, draw: Draw, seed: int = 1) -> list[View]:
     return [view for view in taken if len(view.ids) >= 8]
 
 
-def good(rng: np.random.Generator) -> Pose:
+def good(rng: np.random.Generator) -> BoardPose:
     return pose(rng, 1.0, 0.2, 0.9, 0.6)
 
 
@@ -92,7 +91,7 @@ STILL = pose(np.random.default_rng(3), 0.3, 0.3, 0.4, 0.5)
 
 
 def test_every_poor_camera_is_named() -> None:
-    nothing = Shoot({"a": SIZE, "b": SIZE}, [], {"a": 4, "b": 0})
+    nothing = BoardViews({"a": SIZE, "b": SIZE}, [], {"a": 4, "b": 0})
     with pytest.raises(CalibrationError, match=r"a: .* none of 4 pictures.*; b: .* none of 0"):
         calibrate_lenses(nothing, BOARD)
 
@@ -121,7 +120,7 @@ def test_real_chessboards() -> None:
         assert seen is not None, path.name
         found.append(View("phone", path.stem, *seen))
     assert len(found) == 17
-    shoot = Shoot({"phone": (816, 612)}, found, {"phone": 17})
+    shoot = BoardViews({"phone": (816, 612)}, found, {"phone": 17})
     solution = calibrate_lenses(shoot, board)
     assert not solution.rejected
     assert solution.rms_px <= 0.20

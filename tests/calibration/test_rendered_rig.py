@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from tests.calibration.ideal import BOARD, CAMERAS, arena_errors_m
-from vsense.calibration.corners import CornerFinder
-from vsense.calibration.floor import Floor
+from vsense.calibration.floor import FloorReference
 from vsense.calibration.intrinsics import calibrate_lenses
 from vsense.calibration.lens import lens_of
 from vsense.calibration.rig import Rig, RigSolver, Trust
-from vsense.calibration.views import Shoot, View
+from vsense.calibration.views import BoardViews, CornerFinder, View
 from vsense.lab.board_studio import BoardStudio, board_plan
 
 PLAN = board_plan(CAMERAS, BOARD, 12, 20, 3)
@@ -19,7 +18,7 @@ POSES = dict(PLAN)
 
 
 @pytest.fixture(scope="module")
-def shoot() -> Shoot:
+def shoot() -> BoardViews:
     """What is found in about 55 rendered pictures."""
     studio, finder = BoardStudio(CAMERAS, BOARD, 3), CornerFinder(BOARD)
     views = []
@@ -31,10 +30,10 @@ def shoot() -> Shoot:
             if found is not None:
                 views.append(View(shot.camera, moment, *found))
     views.sort(key=lambda view: (view.camera, view.moment))
-    return Shoot({c.id: (c.width_px, c.height_px) for c in CAMERAS}, views, counts)
+    return BoardViews({c.id: (c.width_px, c.height_px) for c in CAMERAS}, views, counts)
 
 
-def test_corners_are_found_to_a_twentieth_of_a_pixel(shoot: Shoot) -> None:
+def test_corners_are_found_to_a_twentieth_of_a_pixel(shoot: BoardViews) -> None:
     cameras = {camera.id: camera for camera in CAMERAS}
     errors = [
         view.pixels
@@ -46,11 +45,11 @@ def test_corners_are_found_to_a_twentieth_of_a_pixel(shoot: Shoot) -> None:
     assert np.sqrt(np.mean(size**2)) < 0.07 and np.median(size) < 0.05
 
 
-def test_robots_anywhere_are_right_to_2_mm_and_step_less_than_1_mm(shoot: Shoot) -> None:
+def test_robots_anywhere_are_right_to_2_mm_and_step_less_than_1_mm(shoot: BoardViews) -> None:
     found = calibrate_lenses(shoot, BOARD)
     lenses = {camera.id: lens_of(camera) for camera in found.cameras}
     x, y, _ = PLAN[0][1].shift
-    floor = Floor(flat=("floor_*",), origin=(float(x), float(y), 0.0))
+    floor = FloorReference(flat=("floor_*",), origin=(float(x), float(y), 0.0))
     solution = RigSolver(Rig(shoot, BOARD, floor, lenses, Trust.FREE)).solve()
     for height_m in (0.0, 0.06, 0.12):
         worst, step = arena_errors_m(solution.cameras, height_m)

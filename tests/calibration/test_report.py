@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from tests.calibration.ideal import BOARD, CAMERAS
-from vsense.calibration import picture, report
-from vsense.calibration.drawing import alarm, heat
+from vsense.calibration import report
+from vsense.calibration.report import alarm, heat
 from vsense.calibration.solution import Solution, ViewResult, bad_views, huber_limit_px, rms
 from vsense.pictures.canvas import Canvas, round_number
 
@@ -58,12 +58,12 @@ def test_lines_name_cameras_what_was_left_out_and_notes() -> None:
 
 
 def test_picture_has_a_panel_per_camera_and_shows_larger_residuals_redder() -> None:
-    image = picture.draw("title", "subtitle", SOLUTION, BOARD)
+    image = report.draw("title", "subtitle", SOLUTION, BOARD)
     assert image.shape[0] > 900 and image.shape[1] > 1200 and image.dtype == np.uint8
     calm = replace(
         SOLUTION, views=tuple(replace(v, residuals=v.residuals * 0) for v in SOLUTION.views)
     )
-    quiet = picture.draw("title", "subtitle", calm, BOARD)
+    quiet = report.draw("title", "subtitle", calm, BOARD)
     assert quiet.shape == image.shape
     hue = [int((i[..., 2].astype(int) - i[..., 0] > 60).sum()) for i in (quiet, image)]
     assert hue[1] > hue[0]

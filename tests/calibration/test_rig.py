@@ -7,33 +7,27 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.calibration.ideal import (
-    BOARD,
-    CAMERAS,
-    ORIGIN,
-    PLAN,
-    arena_errors_m,
-    arena_grid,
-    shoot,
-)
-from vsense.calibration.floor import Floor
+from tests.calibration.ideal import BOARD, CAMERAS, ORIGIN, PLAN, arena_errors_m, arena_grid, shoot
+from vsense.calibration.floor import FloorReference
 from vsense.calibration.lens import lens_of
-from vsense.calibration.precision import check_board
+from vsense.calibration.placement import BoardPose
 from vsense.calibration.rig import Rig, RigSolver, Trust
-from vsense.calibration.solution import CalibrationError, Solution
-from vsense.calibration.start import Pose
-from vsense.calibration.views import Shoot, View
+from vsense.calibration.solution import CalibrationError, Solution, check_board
+from vsense.calibration.views import BoardViews, View
 from vsense.errors import UsageError
 
 LENSES = {camera.id: lens_of(camera) for camera in CAMERAS}
-FLOOR = Floor(flat=("floor_*",), origin=ORIGIN)
+FLOOR = FloorReference(flat=("floor_*",), origin=ORIGIN)
 SHOOT = shoot(PLAN)
 SHIFT = np.array((15.0, -9.0))
 WRONG = (1.004, 1.004, 1.008, 0.993, 1.2, 1.0, 1.0, 1.0, 1.0)
 
 
 def solve(
-    seen: Shoot = SHOOT, floor: Floor = FLOOR, trust: Trust = Trust.HOLD, lenses=LENSES
+    seen: BoardViews = SHOOT,
+    floor: FloorReference = FLOOR,
+    trust: Trust = Trust.HOLD,
+    lenses=LENSES,
 ) -> Solution:
     return RigSolver(Rig(seen, BOARD, floor, lenses, trust)).solve()
 
@@ -77,7 +71,7 @@ def test_thick_board_raises_the_cameras() -> None:
 
 
 def test_without_a_floor_the_best_moment_is_the_frame_and_is_named() -> None:
-    solution = solve(floor=Floor())
+    solution = solve(floor=FloorReference())
     assert "no floor was given" in solution.notes[0]
     best = next(m for m, (turn, _) in solution.bodies.items() if np.array_equal(turn, np.eye(3)))
     assert best in solution.notes[0]
@@ -115,7 +109,7 @@ def test_floor_that_is_no_moment_is_refused() -> None:
         solve(floor=replace(FLOOR, flat=("x*",)))
 
 
-def known(sigma_m: float) -> Floor:
+def known(sigma_m: float) -> FloorReference:
     """Twelve points or more per camera, measured as well as `sigma_m`."""
     rng = np.random.default_rng(4)
     true = {str(k): point for k, point in enumerate(arena_grid(0.3, 0.0))}
@@ -126,7 +120,7 @@ def known(sigma_m: float) -> Floor:
             if camera.contains(pixel[np.newaxis], 4.0)[0]:
                 views.append(View(camera.id, f"point {id}", np.zeros(1, np.int64), pixel[None]))
     measured = {id: point + rng.normal(0.0, sigma_m, 3) for id, point in true.items()}
-    return Floor(points_m=measured, sightings=tuple(views), sigma_m=max(sigma_m, 1e-4))
+    return FloorReference(points_m=measured, sightings=tuple(views), sigma_m=max(sigma_m, 1e-4))
 
 
 @pytest.mark.parametrize(("sigma_m", "limit_m"), [(0.0, 5e-4), (1e-3, 2e-3)])
@@ -160,9 +154,9 @@ def test_board_measures_itself() -> None:
 
 def test_one_camera_above_one_board_is_a_rig() -> None:
     one = CAMERAS[:1]
-    lying = [("here", Pose(np.eye(3), np.array((-0.8, -0.6, 0.0))))]
+    lying = [("here", BoardPose(np.eye(3), np.array((-0.8, -0.6, 0.0))))]
     seen = shoot(lying, one)
-    floor = Floor(flat=("here",), origin=(-0.8, -0.6, 0.0))
+    floor = FloorReference(flat=("here",), origin=(-0.8, -0.6, 0.0))
     solution = RigSolver(
         Rig(seen, BOARD, floor, {one[0].id: LENSES[one[0].id]}, Trust.HOLD)
     ).solve()

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
+from vsense.commands.arguments import open_experiment
 from vsense.config.description import bytes_down, bytes_up
 from vsense.config.experiment import load
-from vsense.config.opening import open_experiment
 from vsense.config.specs import Experiment
 from vsense.errors import ConfigError, UsageError
-from vsense.link.table import Direction, Entry, Table
+from vsense.link.robots.table import Direction, Entry, Table
 from vsense.native import ffi, lib
 
 Read = Callable[..., Experiment]

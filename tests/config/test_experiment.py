@@ -17,8 +17,8 @@ from vsense.config.experiment import load, shipped
 from vsense.config.placement import place
 from vsense.config.specs import Experiment, Pose
 from vsense.errors import ConfigError, UsageError
-from vsense.link.table import Table
-from vsense.link.wire import Header, Hello, Welcome, encode
+from vsense.link.robots.table import Table
+from vsense.link.robots.wire import Header, Hello, Welcome, encode
 from vsense.sensors import registry
 
 Read = Callable[..., Experiment]

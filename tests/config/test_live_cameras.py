@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from vsense.cameras import aravis, networks
+from vsense.cameras.camera import Camera
 from vsense.config import tracking_session
 from vsense.config.tracking_build import build
 from vsense.config.tracking_specs import TrackingSession
 from vsense.errors import ConfigError
-from vsense.tracking import aravis, links
-from vsense.tracking.camera import Camera
 
 CAMERAS = 4
 
@@ -74,8 +74,10 @@ def test_more_than_the_network_carries_is_refused_with_the_sum(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(aravis, "_load", lambda: None)
-    monkeypatch.setattr(links, "_interface", lambda address: "eth1")
-    monkeypatch.setattr(links.Links.__init__, "__defaults__", (links._interface, lambda i: 1e9))
+    monkeypatch.setattr(networks, "_interface", lambda address: "eth1")
+    monkeypatch.setattr(
+        networks.NetworkLoad.__init__, "__defaults__", (networks._interface, lambda i: 1e9)
+    )
     text = refusal(session(folder, frame_rate="40"))
     assert text.startswith(
         f"{folder}/resources.xml:5: <grabber> frame_rate: eth1 carries 1000 Mbit/s, the cameras on"

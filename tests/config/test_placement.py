@@ -12,8 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense.config.experiment import load
-from vsense.config.footprints import Footprint, of_entity, of_robot
-from vsense.config.placement import MIN_GAP_M, place, settle
+from vsense.config.placement import MIN_GAP_M, Footprint, of_entity, of_robot, place, settle
 from vsense.config.specs import BODY_RADIUS_M, Experiment, Pose
 from vsense.errors import ConfigError
 from vsense.world.entities import Box, Cylinder, Entity, Light

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from vsense.config.specs import Experiment
 from vsense.errors import ConfigError
-from vsense.tracking.families import load_family
+from vsense.markers.families import load_family
 from vsense.world.entities import VIRTUAL_TAG_MIN
 
 Read = Callable[..., Experiment]

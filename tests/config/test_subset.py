@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from vsense.config.experiment import load
-from vsense.config.subset import first_robots
+from vsense.config.experiment import first_robots, load
 from vsense.errors import UsageError
 
 

@@ -8,8 +8,8 @@ from collections.abc import Callable
 import pytest
 
 from vsense.arena import wrap_angle
-from vsense.config.colors import NAMED
 from vsense.config.specs import Experiment
+from vsense.config.things import NAMED
 from vsense.errors import ConfigError
 from vsense.sensors.range_and_bearing import RangeAndBearingSensor
 from vsense.world.entities import Box, Cylinder, Entity, Light, Zone

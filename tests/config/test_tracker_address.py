@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from vsense.config.tracker_address import JsonLinesTracker, TrackerAddress, read_tracker
-from vsense.config.xml import parse
 from vsense.errors import ConfigError
+from vsense.xml.parsing import parse
 
 
 def read(

@@ -12,13 +12,13 @@ import pytest
 
 from tests.tracking.synthetic import Look, Robot, render
 from vsense.arena import Frame
+from vsense.cameras.camera import Camera
+from vsense.cameras.grabber import NoMorePictures
 from vsense.config import tracking_session
 from vsense.config.tracking_build import Tracking, build
 from vsense.config.tracking_specs import TrackingSession
 from vsense.errors import ConfigError
-from vsense.tracking.camera import Camera
-from vsense.tracking.families import load_family
-from vsense.tracking.grabbers import NoMorePictures
+from vsense.markers.families import load_family
 
 TIMESTEPS = 7
 SIZE = (600, 480)

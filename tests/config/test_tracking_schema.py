@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
+from vsense.cameras.camera import Camera
 from vsense.config import resources, tracking_session
-from vsense.config.element import Element
-from vsense.config.recording_files import SCHEMAS, one_tracker, tag_ranges, write_session_files
 from vsense.config.tracking_specs import TrackerSpec
-from vsense.config.xml import parse
-from vsense.tracking.camera import Camera
+from vsense.recording.pictures import SCHEMAS, one_tracker, tag_ranges, write_session_files
+from vsense.xml.element import Element
+from vsense.xml.parsing import parse
 
 XS = "{http://www.w3.org/2001/XMLSchema}"
 

@@ -13,7 +13,7 @@ from tests.conftest import States
 from vsense.config.experiment import load, shipped
 from vsense.config.placement import settle
 from vsense.config.specs import BODY_RADIUS_M
-from vsense.environment import Environment
+from vsense.run.environment import Environment
 
 FOLDER = Path(str(resources.files("vsense") / "experiments"))
 

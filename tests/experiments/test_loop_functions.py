@@ -10,8 +10,8 @@ import pytest
 from tests.conftest import Place, States
 from vsense.config.experiment import load
 from vsense.config.placement import settle
-from vsense.environment import Environment
 from vsense.errors import VsenseError
+from vsense.run.environment import Environment
 from vsense.world.entities import Light, Zone
 
 AWAY: Place = (0.0, 1.15, 0.0)

@@ -17,8 +17,8 @@ import pytest
 
 from tests.conftest import require_tool
 from tests.experiments.permutation import p_value
-from vsense import build
 from vsense.config.experiment import shipped
+from vsense.robot import build
 from vsense.sim.job import Job, Setup
 from vsense.sim.watch import Task, simulate_all
 

@@ -15,9 +15,9 @@ from tests.conftest import require_library, require_tool
 from tests.gige.gvcp import Reader
 from tests.namespaces import FreeNet, Namespaces
 from tests.tracking.synthetic import HEIGHT_M, Look, Robot, render
-from vsense.config.recording_files import experiment_text, one_tracker, resources_text
-from vsense.tracking.camera import Camera
-from vsense.tracking.families import load_family
+from vsense.cameras.camera import Camera
+from vsense.markers.families import load_family
+from vsense.recording.pictures import experiment_text, one_tracker, resources_text
 
 ROOT = Path(__file__).parent.parent.parent
 INTERFACE = "eth0"

@@ -11,9 +11,9 @@ import pytest
 from tests.gige.faults import VICTIM
 from tests.gige.network import CAMERAS, RATE_HZ, SIZE_PX, GigeCameras
 from tests.gige.watch import Watch
-from vsense.tracking.aravis import listed
-from vsense.tracking.grabbers_device import Controls
-from vsense.tracking.grabbers_genicam import GenicamSettings, GenicamSource
+from vsense.cameras.aravis import listed
+from vsense.cameras.genicam import GenicamSettings, GenicamSource
+from vsense.cameras.opencv_source import Controls
 
 
 def source(

@@ -16,15 +16,7 @@ import pytest
 from tests.conftest import require_tool
 from tests.gige.conftest import ROBOTS
 from tests.gige.faults import VICTIM, hold
-from tests.gige.network import (
-    CAMERAS,
-    MIDDLE,
-    MIDDLES,
-    RATE_HZ,
-    SIZE,
-    SIZE_PX,
-    GigeCameras,
-)
+from tests.gige.network import CAMERAS, MIDDLE, MIDDLES, RATE_HZ, SIZE, SIZE_PX, GigeCameras
 
 pytestmark = pytest.mark.system
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from tests.gige.network import MIDDLE, MIDDLES, GigeCameras
 from vsense.arena import ArenaState, Frame
+from vsense.cameras.grabber import CameraEvent, GrabberError
 from vsense.config.tracking_build import build
 from vsense.config.tracking_session import load
-from vsense.tracking.grabbers import CameraEvent, GrabberError
 
 PATIENCE_S = 60.0
 STEP_S = 0.5

@@ -19,12 +19,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense.errors import UsageError
-from vsense.lab.atoms import FLUSH_TICKS, TICK_NS, Atoms
-from vsense.lab.atoms_spec import AtomsSpec
 from vsense.lab.microcontrollers import read_actuations
-from vsense.lab.physics import STEP_M
+from vsense.lab.physics_process import FLUSH_TICKS, TICK_NS, PhysicsProcess, PhysicsSpec
 from vsense.lab.shared import LabError, SharedBlock
 from vsense.lab.truth import TruthReader, make_ring
+from vsense.world.physics import STEP_M
 
 EPOCH_NS = 5_000_000_000
 PATIENCE_S = 20.0
@@ -67,14 +66,14 @@ def spec(tmp_path: Path, ring: SharedBlock) -> dict[str, Any]:
 
 
 @pytest.fixture
-def atoms(spec: dict[str, Any]) -> Iterator[Atoms]:
-    parsed = AtomsSpec.parse(json.dumps(spec).encode())
-    one = Atoms(parsed, EPOCH_NS)
+def atoms(spec: dict[str, Any]) -> Iterator[PhysicsProcess]:
+    parsed = PhysicsSpec.parse(json.dumps(spec).encode())
+    one = PhysicsProcess(parsed, EPOCH_NS)
     yield one
     one.close()
 
 
-def write(atoms: Atoms, fd: int, content: bytes, now_ns: int) -> None:
+def write(atoms: PhysicsProcess, fd: int, content: bytes, now_ns: int) -> None:
     """Has robot 0 hear some bytes now, all at once."""
     os.write(fd, content)
     master = atoms.controllers.readable()[0]
@@ -82,7 +81,9 @@ def write(atoms: Atoms, fd: int, content: bytes, now_ns: int) -> None:
     atoms.step([master], now_ns)
 
 
-def test_bodies_are_the_robots_by_index_then_the_objects(atoms: Atoms, ring: SharedBlock) -> None:
+def test_bodies_are_the_robots_by_index_then_the_objects(
+    atoms: PhysicsProcess, ring: SharedBlock
+) -> None:
     poses, leds = TruthReader(ring.name).at(EPOCH_NS)
     np.testing.assert_array_equal(poses, [[0, 0, 0], [0.5, 0.1, 1.0], [-0.5, 0.2, -1.0]])
     np.testing.assert_array_equal(leds, [0, 0, 0])
@@ -91,7 +92,7 @@ def test_bodies_are_the_robots_by_index_then_the_objects(atoms: Atoms, ring: Sha
 
 @pytest.mark.parametrize("late_ns", [0, 1, TICK_NS - 1])
 def test_ticks_that_are_late_are_caught_up_with(
-    atoms: Atoms, ring: SharedBlock, late_ns: int
+    atoms: PhysicsProcess, ring: SharedBlock, late_ns: int
 ) -> None:
     atoms.step([], EPOCH_NS + 100 * TICK_NS + late_ns)
     assert atoms.report()["ticks"] == 100
@@ -101,7 +102,7 @@ def test_ticks_that_are_late_are_caught_up_with(
 
 
 def test_an_actuator_frame_moves_the_truth_from_its_time_on(
-    atoms: Atoms, ring: SharedBlock, spec: dict[str, Any]
+    atoms: PhysicsProcess, ring: SharedBlock, spec: dict[str, Any]
 ) -> None:
     fd = os.open(atoms.controllers.devices[0], os.O_RDWR | os.O_NOCTTY)
     write(atoms, fd, WAKE_AND_CONFIG, EPOCH_NS + 3 * TICK_NS)
@@ -121,7 +122,7 @@ def test_an_actuator_frame_moves_the_truth_from_its_time_on(
     os.close(fd)
 
 
-def test_it_wakes_for_bytes_in_flight_and_else_for_ticks(atoms: Atoms) -> None:
+def test_it_wakes_for_bytes_in_flight_and_else_for_ticks(atoms: PhysicsProcess) -> None:
     fd = os.open(atoms.controllers.devices[0], os.O_RDWR | os.O_NOCTTY)
     assert atoms.wake_ns() == EPOCH_NS + TICK_NS
     write(atoms, fd, WAKE_AND_CONFIG, EPOCH_NS + 1000)
@@ -162,7 +163,7 @@ def test_a_wrong_spec_says_what_and_where(
         place = place[key]
     place[path[-1]] = value
     with pytest.raises(UsageError, match=text):
-        AtomsSpec.parse(json.dumps(spec).encode())
+        PhysicsSpec.parse(json.dumps(spec).encode())
 
 
 json_values = st.recursive(
@@ -178,19 +179,19 @@ json_values = st.recursive(
 @given(st.binary(max_size=20) | json_values.map(lambda value: json.dumps(value).encode()))
 def test_any_spec_is_read_or_refused_with_one_line(line: bytes) -> None:
     with pytest.raises(UsageError) as caught:
-        AtomsSpec.parse(line)
+        PhysicsSpec.parse(line)
     assert "\n" not in str(caught.value)
 
 
 def test_a_log_that_cannot_be_written_is_one_clear_error(spec: dict[str, Any]) -> None:
     spec["log"] = "/nowhere/actuations.bin"
     with pytest.raises(LabError, match=r"/nowhere/actuations.bin: No such file"):
-        Atoms(AtomsSpec.parse(json.dumps(spec).encode()), EPOCH_NS)
+        PhysicsProcess(PhysicsSpec.parse(json.dumps(spec).encode()), EPOCH_NS)
 
 
 def start(spec: Any) -> subprocess.Popen[bytes]:
     process = subprocess.Popen(
-        [sys.executable, "-W", "ignore", "-m", "vsense.lab.atoms"],
+        [sys.executable, "-W", "ignore", "-m", "vsense.lab.physics_process"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

@@ -16,21 +16,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from vsense.cameras.camera import Camera
+from vsense.cameras.grabber import GrabberError
 from vsense.config.specs import Arena
-from vsense.lab.backdrop import Box
+from vsense.lab.backdrop import Block
 from vsense.lab.bodies import Body
-from vsense.lab.camera_spec import CameraSpec
+from vsense.lab.camera_spec import LabCameraSpec, rig
 from vsense.lab.cameras import SAMPLES
-from vsense.lab.frame_bank import SLOTS
 from vsense.lab.grabber import LabGrabber
 from vsense.lab.optics import sample_times_ns
-from vsense.lab.rig import rig
-from vsense.lab.shared import LabError
+from vsense.lab.shared import SLOTS, LabError
 from vsense.lab.studio import Studio
-from vsense.lab.truth import TruthReader, TruthWriter, make_ring
-from vsense.lab.truth_log import read_truth
-from vsense.tracking.camera import Camera
-from vsense.tracking.grabbers import GrabberError
+from vsense.lab.truth import TruthReader, TruthWriter, make_ring, read_truth
 
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 20.0
@@ -42,7 +39,7 @@ ORPHAN = """
 import sys
 from pathlib import Path
 from vsense.lab.camera_spec import CameraSpec
-from vsense.lab.frame_bank import SLOTS
+from vsense.lab.shared import SLOTS
 from vsense.lab.grabber import LabGrabber
 
 grabber = LabGrabber(CameraSpec.from_json(sys.stdin.readline()))
@@ -62,7 +59,7 @@ def small_cameras() -> tuple[Camera, ...]:
 
 
 @pytest.fixture
-def spec(tmp_path: Path) -> Iterator[CameraSpec]:
+def spec(tmp_path: Path) -> Iterator[LabCameraSpec]:
     """Two small cameras over a robot that slowly turns and a thing that stands."""
     ring = make_ring(len(BODIES))
     writer = TruthWriter(ring.name, len(BODIES))
@@ -70,9 +67,9 @@ def spec(tmp_path: Path) -> Iterator[CameraSpec]:
     for when_ns, turn in ((now_ns - 100 * SECOND_NS, 0.0), (now_ns + 1000 * SECOND_NS, 3.0)):
         poses = np.array([(0.1, 0.02, turn), (0.0, -0.05, 1.0)])
         writer.write(when_ns, poses, np.array([0xFF, 0]))
-    yield CameraSpec(
+    yield LabCameraSpec(
         cameras=small_cameras(),
-        boxes=(Box(0.1, 0.12, 0.0, 0.3, 0.02, 0.05),),
+        boxes=(Block(0.1, 0.12, 0.0, 0.3, 0.02, 0.05),),
         bodies=BODIES,
         family="arrow4x4",
         timestep_ns=TIMESTEP_NS,
@@ -85,7 +82,7 @@ def spec(tmp_path: Path) -> Iterator[CameraSpec]:
 
 
 @contextmanager
-def running(spec: CameraSpec) -> Iterator[LabGrabber]:
+def running(spec: LabCameraSpec) -> Iterator[LabGrabber]:
     grabber = LabGrabber(spec)
     try:
         yield grabber
@@ -143,7 +140,7 @@ def test_pictures_come_as_triggered_and_as_the_studio_draws_them(spec, capfd) ->
     assert capfd.readouterr().err == ""
 
 
-def test_the_newest_pictures_win(spec: CameraSpec) -> None:
+def test_the_newest_pictures_win(spec: LabCameraSpec) -> None:
     with running(spec) as grabber:
         grabber.start(soon_ns())
         wait_for_end(grabber.pid)
@@ -153,7 +150,7 @@ def test_the_newest_pictures_win(spec: CameraSpec) -> None:
         assert grabber.missed == len(log) - 1
 
 
-def test_the_first_call_starts_the_cameras_just_after_the_newest_truth(spec: CameraSpec) -> None:
+def test_the_first_call_starts_the_cameras_just_after_the_newest_truth(spec: LabCameraSpec) -> None:
     ring = make_ring(len(BODIES))
     writer = TruthWriter(ring.name, len(BODIES))
     start_ns = time.monotonic_ns()
@@ -167,7 +164,7 @@ def test_the_first_call_starts_the_cameras_just_after_the_newest_truth(spec: Cam
     assert since_ns % 10_000_000 == 5_000_000
 
 
-def test_end_of_input_ends_it_in_the_middle_of_waiting(spec: CameraSpec) -> None:
+def test_end_of_input_ends_it_in_the_middle_of_waiting(spec: LabCameraSpec) -> None:
     with running(spec) as grabber:
         grabber.start(hours_away_ns())
     assert grabber._process.returncode == 0
@@ -175,7 +172,7 @@ def test_end_of_input_ends_it_in_the_middle_of_waiting(spec: CameraSpec) -> None
     grabber.close()
 
 
-def test_sigterm_ends_it_cleanly(spec: CameraSpec) -> None:
+def test_sigterm_ends_it_cleanly(spec: LabCameraSpec) -> None:
     with running(spec) as grabber:
         grabber.start(hours_away_ns())
         os.kill(grabber.pid, signal.SIGTERM)
@@ -183,7 +180,7 @@ def test_sigterm_ends_it_cleanly(spec: CameraSpec) -> None:
             grabber.next(PATIENCE_S)
 
 
-def test_a_killed_process_is_a_clear_error(spec: CameraSpec) -> None:
+def test_a_killed_process_is_a_clear_error(spec: LabCameraSpec) -> None:
     with running(spec) as grabber:
         grabber.start(hours_away_ns())
         os.kill(grabber.pid, signal.SIGKILL)
@@ -211,7 +208,7 @@ def test_a_spec_that_cannot_be_followed_is_one_clear_line(spec, change, reason, 
     assert said.startswith(f"cameras: {reason}") and said.count("\n") == 1
 
 
-def test_nothing_is_left_when_the_host_is_killed(spec: CameraSpec) -> None:
+def test_nothing_is_left_when_the_host_is_killed(spec: LabCameraSpec) -> None:
     before = set(os.listdir("/dev/shm"))
     command = [sys.executable, "-c", ORPHAN, str(hours_away_ns())]
     pipe = subprocess.PIPE
@@ -225,10 +222,10 @@ def test_nothing_is_left_when_the_host_is_killed(spec: CameraSpec) -> None:
     assert not [name for name in set(os.listdir("/dev/shm")) - before if "frames" in name]
 
 
-def test_spec_survives_its_line(spec: CameraSpec) -> None:
-    assert CameraSpec.from_json(spec.to_json()) == spec
+def test_spec_survives_its_line(spec: LabCameraSpec) -> None:
+    assert LabCameraSpec.from_json(spec.to_json()) == spec
     with pytest.raises(LabError, match="camera spec"):
-        CameraSpec.from_json('{"cameras": []}')
+        LabCameraSpec.from_json('{"cameras": []}')
     with pytest.raises(LabError, match="one size"):
         replace(spec, cameras=())
 

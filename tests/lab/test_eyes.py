@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from vsense.arena import DETECTION, Frame
+from vsense.cameras.camera import Camera
 from vsense.lab.eyes import Eyes
 from vsense.tracking.arena_tracker import ArenaTracker
-from vsense.tracking.camera import Camera
 
 CAMERA = Camera.looking_down("top", 0.0, 0.0, 2.4, 400.0, (320, 240))
 

@@ -13,9 +13,7 @@ import pytest
 
 from tests.firmware import tables
 from vsense.errors import UsageError
-from vsense.lab.bases import BASES, KINDS, MIXED, bases_of
-from vsense.lab.firmware import GROUND_RAW, PROGRAMS
-from vsense.lab.links import Bus
+from vsense.lab.links import BASES, GROUND_RAW, KINDS, MIXED, PROGRAMS, Bus, bases_of
 from vsense.lab.microcontrollers import Actuation, Microcontrollers
 from vsense.lab.shared import LabError
 

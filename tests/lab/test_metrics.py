@@ -20,7 +20,7 @@ TURN = 6
 FIRST = 40
 
 
-def make_run() -> metrics.Run:
+def make_run() -> metrics.MeasuredRun:
     """Two robots, the first in the cone, everything as it should be."""
     steps = np.zeros(TIMESTEPS, metrics.TIMESTEP)
     steps["run_timestep"] = np.arange(TIMESTEPS)
@@ -34,7 +34,7 @@ def make_run() -> metrics.Run:
     depth_m = np.tile([0.1, -0.1], (TIMESTEPS, 1))
     lit = np.tile([True, False], (TIMESTEPS, 1))
     sightings = [np.array([(7, 0.001, 0.0, 0.0), (9, 1.0, 0.0, 0.0)], SIGHTING)] * TIMESTEPS
-    return metrics.Run(
+    return metrics.MeasuredRun(
         timesteps=steps,
         wanted=TIMESTEPS,
         dt_ns=DT_NS,
@@ -73,7 +73,7 @@ def make_actuations(steps: np.ndarray) -> np.ndarray:
     return rows.reshape(-1)
 
 
-def without(run: metrics.Run, row: int) -> metrics.Run:
+def without(run: metrics.MeasuredRun, row: int) -> metrics.MeasuredRun:
     """The same run, in which the host missed one timestep and the robots with it."""
     keep = np.arange(TIMESTEPS) != row
     truth = run.truth

@@ -19,13 +19,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vsense.lab.firmware import LIGHT_RAW
-from vsense.lab.microcontrollers import (
-    Actuation,
-    ActuationLog,
-    Microcontrollers,
-    read_actuations,
-)
+from vsense.lab.links import LIGHT_RAW
+from vsense.lab.microcontrollers import Actuation, ActuationLog, Microcontrollers, read_actuations
 from vsense.lab.shared import LabError
 
 BYTE_NS = 86_806

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from vsense.cameras.camera import Camera
 from vsense.cli import main
 from vsense.config.experiment import load
 from vsense.lab.camera_spec import spec_for
 from vsense.lab.recorder import record
-from vsense.tracking.camera import Camera
 
 TIMESTEPS = 4
 ROBOTS = 6

@@ -11,17 +11,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from vsense.cameras.camera import Camera
 from vsense.config.specs import Arena
-from vsense.lab.backdrop import FULL_DN, Backdrop, Box
+from vsense.lab.backdrop import FULL_DN, Backdrop, Block
 from vsense.lab.bodies import INK, OBJECT, PAPER, ROBOT, Body, BodySprites
-from vsense.lab.optics import RayMap, sample_times_ns
+from vsense.lab.camera_spec import rig
+from vsense.lab.optics import READ_NOISE, SHOT_NOISE, RayMap, Sensor, sample_times_ns, to_levels
 from vsense.lab.renderer import CameraRenderer
-from vsense.lab.rig import rig
 from vsense.lab.scene import LIGHT_SWING, Scene
-from vsense.lab.sensor import READ_NOISE, SHOT_NOISE, Sensor, to_levels
 from vsense.lab.shared import LabError
-from vsense.tracking.camera import Camera
-from vsense.tracking.families import load_family
+from vsense.markers.families import load_family
 
 ARENA = Arena((3.0, 2.4, 1.0), (0.0, 0.0, 0.5))
 FAMILY = load_family("arrow4x4")
@@ -47,7 +46,7 @@ def corner_camera() -> Camera:
 class Shot:
     """One small camera with one body, and the pictures it takes."""
 
-    def __init__(self, boxes: tuple[Box, ...] = (), kind: str = ROBOT, seed: int = 3) -> None:
+    def __init__(self, boxes: tuple[Block, ...] = (), kind: str = ROBOT, seed: int = 3) -> None:
         self.camera = corner_camera()
         self.rays = RayMap(self.camera)
         self.scene = Scene([self.rays], seed, 25)
@@ -78,7 +77,7 @@ class Shot:
 
 
 @lru_cache(maxsize=4)
-def shot(boxes: tuple[Box, ...] = (), kind: str = ROBOT) -> Shot:
+def shot(boxes: tuple[Block, ...] = (), kind: str = ROBOT) -> Shot:
     return Shot(boxes, kind)
 
 
@@ -206,9 +205,9 @@ def test_bodies_at_the_border_and_beyond_are_cut(x: float, y: float, yaw: float)
 def test_a_wall_hides_what_is_lower_and_behind() -> None:
     camera = corner_camera()
     x, y = camera.to_plane(np.array([280.0, 220.0]), HEIGHT_M)
-    in_front = Box(x, y, 0.3, 0.2, 0.2, 0.1)
+    in_front = Block(x, y, 0.3, 0.2, 0.2, 0.1)
     assert np.array_equal(shot((in_front,)).take((x, y, 0.0)), shot((in_front,)).empty())
-    lower = Box(x, y, 0.3, 0.2, 0.2, 0.05)
+    lower = Block(x, y, 0.3, 0.2, 0.2, 0.05)
     found = shot((lower,)).ink(shot((lower,)).take((x, y, 0.0)), np.array((x, y)))
     assert np.hypot(*(found - expected_ink(camera, (x, y, 0.0)))) < 0.1
 
@@ -240,4 +239,4 @@ def test_bodies_that_cannot_be_are_refused() -> None:
     with pytest.raises(LabError, match="height_m: 0"):
         Body(1, 0.0)
     with pytest.raises(LabError, match="sizes must be positive"):
-        Box(0, 0, 0, 1, 1, 0)
+        Block(0, 0, 0, 1, 1, 0)

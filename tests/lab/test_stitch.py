@@ -7,8 +7,8 @@ import pytest
 
 from vsense.arena import Frame
 from vsense.config.specs import Arena
+from vsense.lab.camera_spec import rig
 from vsense.lab.optics import RayMap, vignetting
-from vsense.lab.rig import rig
 from vsense.lab.stitch import top_view
 
 ARENA = Arena((3.0, 2.4, 1.0), (0.2, -0.1, 0.5))

@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 
 from vsense.arena import wrap_angle
 from vsense.lab.shared import LabError, SharedBlock
-from vsense.lab.truth import SLOTS, TruthReader, TruthWriter, make_ring
-from vsense.lab.truth_log import TruthLog, read_truth
+from vsense.lab.truth import SLOTS, TruthLog, TruthReader, TruthWriter, make_ring, read_truth
 
 WRITER = """
 import sys

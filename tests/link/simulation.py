@@ -14,13 +14,13 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import count
 
-from vsense.link.roster import Roster
-from vsense.link.session import HostSession, Orders
-from vsense.link.status import LinkEvent
-from vsense.link.streams import Inbox
-from vsense.link.table import Direction, Entry, Table
-from vsense.link.testing import Event, RobotSession
-from vsense.link.wire import Telemetry, Wanted
+from vsense.link.robots.roster import Roster
+from vsense.link.robots.session import HostSession, Orders
+from vsense.link.robots.status import LinkEvent
+from vsense.link.robots.streams import Inbox
+from vsense.link.robots.table import Direction, Entry, Table
+from vsense.link.robots.testing import RobotEvent, RobotSession
+from vsense.link.robots.wire import Telemetry, Wanted
 
 MS = 1_000_000
 S = 1000 * MS
@@ -76,7 +76,7 @@ class Robot:
         self.session = RobotSession(b"u" * 16, TAG)
         self.offset_ns = offset_ns
         self.seen: list[tuple[int, int, int]] = []
-        self.events: list[Event] = []
+        self.events: list[RobotEvent] = []
         self.due_ns = 0
         self.control_step = 0
         self.pushes = 0
@@ -86,13 +86,13 @@ class Robot:
         self.session = RobotSession(b"u" * 16, TAG)
         self.control_step = self.pushes = 0
 
-    def heard(self, events: list[Event], now_ns: int) -> None:
+    def heard(self, events: list[RobotEvent], now_ns: int) -> None:
         """Acts on events; now_ns is the host's clock."""
         self.events += events
         session = self.session
-        if Event.OPEN in events:
+        if RobotEvent.OPEN in events:
             self.due_ns = now_ns
-        if Event.STATE not in events:
+        if RobotEvent.STATE not in events:
             return
         c = session.c
         self.seen.append((c.peer.session, c.peer.rx_sequence, c.capture_ns))

@@ -26,11 +26,10 @@ from tests.link.arena_rig import (
 )
 from tests.link.rig import Clock
 from vsense.arena import ArenaState
-from vsense.link.arena_client import ArenaClient, TrackerEnded
-from vsense.link.arena_dialog import PERIOD_NS, ArenaDialog
-from vsense.link.arena_server import ArenaServer
-from vsense.link.status import LinkError
-from vsense.watch import Watch
+from vsense.link.robots.status import LinkError
+from vsense.link.trackers.client import PERIOD_NS, ArenaClient, ArenaDialog, TrackerEnded
+from vsense.link.trackers.server import ArenaServer
+from vsense.run.watch import Watch
 
 TAGS = (23, 24)
 ROBOT = "23 1.0 2.0 3.0 0.5 -0.25 90.0"

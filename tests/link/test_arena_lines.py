@@ -17,12 +17,19 @@ from hypothesis import strategies as st
 
 from tests.link.arena_rig import PATIENCE_S, Told, state
 from tests.link.rig import Clock
-from vsense.arena_lines import to_json
-from vsense.link import arena_lines
-from vsense.link.arena_lines import LINE_MAX, ClockMap, Line, LineInbox, parse
-from vsense.link.arena_listener import SILENCE_NS, ArenaListener
-from vsense.link.arena_wire import Report
-from vsense.link.status import LinkError
+from vsense.arena import to_json
+from vsense.link.robots.status import LinkError
+from vsense.link.trackers import lines as arena_lines
+from vsense.link.trackers.lines import (
+    LINE_MAX,
+    SILENCE_NS,
+    ArenaListener,
+    Line,
+    LineInbox,
+    SenderClock,
+    parse,
+)
+from vsense.link.trackers.protocol import TrackerReport
 
 EXAMPLE = (
     '{"timestep": 17, "capture_ns": 81234567890123, "send_ns": 81234601234567, "robots": ['
@@ -79,7 +86,7 @@ def tracker(listener: ArenaListener) -> Iterator[Tracker]:
 
 def test_the_documented_example_is_read() -> None:
     assert parse(EXAMPLE.encode()) == Line(
-        17, 81234567890123, 81234601234567, (Report(23, 0.512, -0.103, 1.5708),)
+        17, 81234567890123, 81234601234567, (TrackerReport(23, 0.512, -0.103, 1.5708),)
     )
 
 
@@ -105,7 +112,7 @@ def test_the_page_about_it_is_true(listener: ArenaListener) -> None:
 def test_what_vsense_track_writes_is_read() -> None:
     arena = state(12, (23, 0.5, 0.25, 3.0), (24, 1.0, 1.0, 0.0), unseen=(24,))
     line = parse(to_json(arena).encode())
-    assert line == Line(12, 1012, 1012, (Report(23, 0.5, 0.25, 3.0),))
+    assert line == Line(12, 1012, 1012, (TrackerReport(23, 0.5, 0.25, 3.0),))
 
 
 @pytest.mark.parametrize(
@@ -194,7 +201,7 @@ def test_capture_times_are_never_early_by_more_than_the_quickest_line(
     delays_ns: list[int], shift_ns: int
 ) -> None:
     """Every line was captured 30 ms before it was sent, on a clock with another zero."""
-    clock = ClockMap()
+    clock = SenderClock()
     quickest_ns = delays_ns[0]
     for step, delay_ns in enumerate(delays_ns):
         true_ns = 10**15 + step * 100 * MS

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense.arena import ArenaState
-from vsense.link.arena_repair import FORGET_NS, REPAIRED, Repair
-from vsense.link.arena_wire import Report
+from vsense.link.trackers.protocol import TrackerReport
+from vsense.link.trackers.repair import FORGET_NS, REPAIRED, Repair
 
 TICK_NS = 100_000_000
 TAGS = (1, 2, 3)
@@ -20,19 +20,19 @@ TAGS = (1, 2, 3)
 class Story:
     """States at a pace of one in 100 ms."""
 
-    def __init__(self, *first: Report) -> None:
+    def __init__(self, *first: TrackerReport) -> None:
         self.repair = Repair(TAGS)
         self.tick = 0
         if first:
             self.see(*first)
 
-    def see(self, *reports: Report, after: int = 1) -> ArenaState:
+    def see(self, *reports: TrackerReport, after: int = 1) -> ArenaState:
         self.tick += after
         return self.repair.update(reports, self.tick, self.tick * TICK_NS)
 
 
-def at(tag: int, x_m: float, y_m: float = 0.0) -> Report:
-    return Report(tag, x_m, y_m, 0.5)
+def at(tag: int, x_m: float, y_m: float = 0.0) -> TrackerReport:
+    return TrackerReport(tag, x_m, y_m, 0.5)
 
 
 def test_reports_become_poses_sorted_by_tag() -> None:
@@ -120,7 +120,7 @@ def test_speed_follows_the_robot() -> None:
     st.lists(
         st.lists(
             st.builds(
-                Report,
+                TrackerReport,
                 st.integers(0, 6),
                 st.floats(-1.0, 1.0),
                 st.floats(-1.0, 1.0),
@@ -132,7 +132,7 @@ def test_speed_follows_the_robot() -> None:
     )
 )
 def test_only_the_experiments_tags_ever_appear_and_every_report_is_accounted_for(
-    states: list[list[Report]],
+    states: list[list[TrackerReport]],
 ) -> None:
     story = Story()
     for reports in states:

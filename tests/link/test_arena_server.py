@@ -24,9 +24,8 @@ from tests.link.arena_rig import (
     state,
 )
 from tests.link.rig import Clock
-from vsense.link.arena_server import STUCK_NS, ArenaServer
-from vsense.link.arena_session import ArenaSession
-from vsense.link.status import LinkError
+from vsense.link.robots.status import LinkError
+from vsense.link.trackers.server import STUCK_NS, ArenaServer, ArenaSession
 
 ROBOT = (23, 0.1, -0.2, math.pi / 2)
 TEXT = "23 23.50 46.25 -45.000 0.10000 -0.20000 90.000"

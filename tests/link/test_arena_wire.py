@@ -11,17 +11,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.link.arena_rig import locate, message, state
-from vsense.link.arena_wire import (
+from vsense.link.robots.status import LinkError
+from vsense.link.trackers.protocol import (
     ROBOTS_MAX,
     STATE_MAX,
-    Command,
-    Report,
     StateInbox,
+    TrackerCommand,
+    TrackerReport,
     decode_state,
     encode_command,
     encode_state,
 )
-from vsense.link.status import LinkError
 
 TAGS = st.integers(0, 2**32 - 1)
 PLACES = st.floats(-9999.0, 9999.0)
@@ -30,9 +30,9 @@ ROBOTS = st.lists(st.tuples(TAGS, PLACES, PLACES, TURNS), max_size=5)
 
 
 def test_commands_are_three_big_endian_words() -> None:
-    assert encode_command(Command.START_EXPERIMENT) == b"\0\0\0\0"
-    assert encode_command(Command.STOP_EXPERIMENT) == b"\0\0\0\1"
-    assert encode_command(Command.ONE_SHOT) == b"\0\0\0\2"
+    assert encode_command(TrackerCommand.START_EXPERIMENT) == b"\0\0\0\0"
+    assert encode_command(TrackerCommand.STOP_EXPERIMENT) == b"\0\0\0\1"
+    assert encode_command(TrackerCommand.ONE_SHOT) == b"\0\0\0\2"
 
 
 def test_state_is_length_and_seven_tokens_per_robot() -> None:
@@ -74,7 +74,7 @@ def test_defect_10_angles_wrap_at_half_a_turn(degrees: float) -> None:
 
 def test_other_ways_to_write_numbers_are_understood() -> None:
     body = b"12 5 -1 nonsense 3.5e2 1e-1 +2 -180 "
-    assert decode_state(body) == (12, [Report(5, 0.1, 2.0, math.pi)])
+    assert decode_state(body) == (12, [TrackerReport(5, 0.1, 2.0, math.pi)])
 
 
 @pytest.mark.parametrize(

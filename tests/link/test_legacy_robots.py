@@ -10,10 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.link.legacy_rig import ClosedError, Robot
-from vsense.link.legacy_robots import LegacyRobot, LegacySwarm, by_octet
-from vsense.link.legacy_wire import Translation
-from vsense.link.status import LinkError
-from vsense.link.table import Entry
+from vsense.link.legacy.protocol import LegacyRobot, LegacySwarm, Translation, by_octet
+from vsense.link.robots.status import LinkError
+from vsense.link.robots.table import Entry
 
 TRANSLATION = Translation([Entry(1, "pollutant", "f4"), Entry(2, "rgb_ground", "4*u1")])
 CHOICES = [bytes([k, k, k]) for k in range(3)]

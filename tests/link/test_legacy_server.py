@@ -10,12 +10,11 @@ from collections.abc import Iterator
 import pytest
 
 from tests.link.legacy_rig import Client, Relay
-from vsense.link.legacy import MixedServer
-from vsense.link.legacy_robots import LegacySwarm
-from vsense.link.legacy_wire import Translation
-from vsense.link.status import LinkError, LinkEvent
-from vsense.link.table import Entry, Table
-from vsense.link.wire import Values, Wanted
+from vsense.link.legacy.protocol import LegacySwarm, Translation
+from vsense.link.legacy.server import MixedServer
+from vsense.link.robots.status import LinkError, LinkEvent
+from vsense.link.robots.table import Entry, Table
+from vsense.link.robots.wire import Values, Wanted
 
 PATIENCE_S = 20.0
 TABLE = Table([Entry(1, "pollutant", "f4"), Entry(2, "gps", "3*f4")])

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.link.legacy_rig import real
-from vsense.link.legacy_wire import SENSORS, Translation, encode_real, update
-from vsense.link.status import LinkError
-from vsense.link.table import Direction, Entry
+from vsense.link.legacy.protocol import SENSORS, Translation, encode_real, update
+from vsense.link.robots.status import LinkError
+from vsense.link.robots.table import Direction, Entry
 
 SIZES = {1: 36, 2: 96, 3: 36, 4: 36, 5: 3, 6: 12, 7: 12, 8: 48}
 """Source: iridia.md section 1b; 8: four reals."""

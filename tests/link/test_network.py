@@ -10,13 +10,12 @@ from collections.abc import Iterator
 import pytest
 
 from tests.link.rig import PATIENCE_S, TABLE, Frozen
-from vsense.link.links import FINISH_NS, Shared
-from vsense.link.network import IDLE_NS, Network
-from vsense.link.ports import Ports, bind
-from vsense.link.roster import Roster
-from vsense.link.status import LinkEvent
-from vsense.link.testing import RobotSession
-from vsense.link.wire import GoodbyeCause
+from vsense.link.robots.links import FINISH_NS, ServerState
+from vsense.link.robots.network import IDLE_NS, Ports, ServerThread, bind
+from vsense.link.robots.roster import Roster
+from vsense.link.robots.status import LinkEvent
+from vsense.link.robots.testing import RobotSession
+from vsense.link.robots.wire import GoodbyeCause
 
 
 class Hand:
@@ -27,8 +26,8 @@ class Hand:
         self.port = ports.port
         self.told: list[LinkEvent] = []
         roster = Roster({1: "epuck_1", 2: "epuck_2"}, TABLE, 10**8, 1, "")
-        self.shared = Shared(roster, threading.Lock(), frozen, self.told.append)
-        self.network = Network(self.shared, ports)
+        self.shared = ServerState(roster, threading.Lock(), frozen, self.told.append)
+        self.network = ServerThread(self.shared, ports)
         self.settle()
 
     def settle(self) -> None:

@@ -8,8 +8,8 @@ from contextlib import closing
 
 import pytest
 
-from vsense.link.ports import Ports, bind
-from vsense.link.status import LinkError
+from vsense.link.robots.network import Ports, bind
+from vsense.link.robots.status import LinkError
 
 
 @pytest.fixture

@@ -12,8 +12,8 @@ from tests.link.rig import Frozen, Server
 from tests.link.simulation import CALM, MS, TIMESTEP_NS, S, Simulation, Weather
 from tests.link.test_server import MakeRobot
 from tests.link.test_session import weathers
-from vsense.link.reports import LIFE_NS, Report, Reporter
-from vsense.link.wire import Header, PacketType, Telemetry
+from vsense.link.robots.status import LIFE_NS, ActuatorReport, Reporter
+from vsense.link.robots.wire import Header, PacketType, Telemetry
 
 UID = b"u" * 16
 RUN = 1
@@ -72,7 +72,7 @@ def test_a_robot_that_falls_silent_is_left_out_after_a_second() -> None:
     simulation = Simulation(1)
     simulation.robot.pushes = 3
     simulation.run(1 * S)
-    assert simulation.host.report(RUN, simulation.now_ns) == Report(UID, b"\3\0\0\0")
+    assert simulation.host.report(RUN, simulation.now_ns) == ActuatorReport(UID, b"\3\0\0\0")
     simulation.weather = Weather(up=False)
     simulation.break_tcp(told=False)
     assert simulation.host.report(RUN, simulation.now_ns) is not None, "one lost report is nothing"
@@ -92,7 +92,7 @@ def test_a_robot_that_talks_but_makes_no_control_step_is_left_out_too() -> None:
         reporter.take(*said(7), now_ns)
     assert reporter.report(RUN, 3 * S) is None
     reporter.take(*said(8), 3 * S)
-    assert reporter.report(RUN, 3 * S + LIFE_NS - 1) == Report(UID, b"x")
+    assert reporter.report(RUN, 3 * S + LIFE_NS - 1) == ActuatorReport(UID, b"x")
 
 
 @pytest.mark.parametrize("run", [0, 2])
@@ -113,7 +113,7 @@ def test_a_session_begins_and_ends_without_a_report() -> None:
     reporter.open(b"v" * 16)
     assert reporter.report(RUN, 1) is None
     reporter.take(*said(1), 2)
-    assert reporter.report(RUN, 3) == Report(b"v" * 16, b"x")
+    assert reporter.report(RUN, 3) == ActuatorReport(b"v" * 16, b"x")
 
 
 def test_the_server_gives_the_reports_of_its_robots_and_of_its_run(
@@ -125,7 +125,7 @@ def test_the_server_gives_the_reports_of_its_robots_and_of_its_run(
     one.timestep(1)
     one.say(Telemetry(control_step=5, payload=b"\4\0\0\0"))
     one.until(lambda: 1 in still.server.reports())
-    one.until(lambda: still.server.reports()[1] == Report(bytes([1]) * 16, b"\4\0\0\0"))
+    one.until(lambda: still.server.reports()[1] == ActuatorReport(bytes([1]) * 16, b"\4\0\0\0"))
     frozen.advance(LIFE_NS)
     assert still.server.reports() == {}
     one.say(Telemetry(control_step=6, payload=b"\5\0\0\0"))

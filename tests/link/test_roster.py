@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense.link.roster import Roster
-from vsense.link.status import LinkEvent, Teller, cut_text
-from vsense.link.table import Entry, Table
-from vsense.link.wire import (
+from vsense.link.robots.roster import Roster
+from vsense.link.robots.status import LinkEvent, Teller, cut_text
+from vsense.link.robots.table import Entry, Table
+from vsense.link.robots.wire import (
     TEXT_MAX,
     GoodbyeCause,
     Header,

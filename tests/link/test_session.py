@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.link.simulation import CALM, HOUR_NS, MS, TABLE, TAG, S, Simulation, Weather
-from vsense.link.session import HEARTBEAT_NS, HostSession, Orders
-from vsense.link.testing import Event
-from vsense.link.wire import Wanted
+from vsense.link.robots.session import HEARTBEAT_NS, HostSession, Orders
+from vsense.link.robots.testing import RobotEvent
+from vsense.link.robots.wire import Wanted
 
 weathers = st.builds(
     Weather,
@@ -148,7 +148,7 @@ def test_blocked_udp_goes_over_tcp_and_comes_back(down: bool, up: bool) -> None:
     simulation.run(S)
     assert told(simulation) == ["connected", "no_udp", "udp_back"]
     assert simulation.host.status(simulation.now_ns).udp
-    assert Event.UDP_LOST in simulation.robot.events  # both ends say so
+    assert RobotEvent.UDP_LOST in simulation.robot.events  # both ends say so
     assert not simulation.robot.session.c.udp_lost
 
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense.link.streams import Inbox, Outbox
-from vsense.link.wire import PACKET_MAX, Header, Notice, PacketType, encode
+from vsense.link.robots.streams import Inbox, Outbox
+from vsense.link.robots.wire import PACKET_MAX, Header, Notice, PacketType, encode
 from vsense.native import WireError, lib
 
 packets = st.builds(

@@ -13,10 +13,10 @@ from vsense.arena import POSE, ArenaState
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment
 from vsense.pictures import arena_view, chart, story
-from vsense.pictures.album import Album
-from vsense.pictures.arena_view import DARK, LIT, VIRTUAL, WIDTH_PX, Scene
+from vsense.pictures.album import RunSamples
+from vsense.pictures.arena_view import DARK, LIT, VIRTUAL, WIDTH_PX, ArenaMoment
 from vsense.pictures.canvas import SCALE, Canvas
-from vsense.pictures.chart import Chart, Series
+from vsense.pictures.chart import Chart, ChartSeries
 from vsense.pictures.painting import paint
 from vsense.world.entities import Box, Cylinder, Light, VirtualRobot, Zone
 from vsense.world.fields import Field
@@ -47,7 +47,9 @@ def make_world(experiment: Experiment, *entities: object, fields: tuple[Field, .
 
 
 def draw(experiment: Experiment, world: World, lit: tuple[bool, bool] = (False, False)) -> object:
-    scene = Scene("now", "", None, paint(world, experiment), POSES, np.array(lit), np.empty((0,)))
+    scene = ArenaMoment(
+        "now", "", None, paint(world, experiment), POSES, np.array(lit), np.empty((0,))
+    )
     return arena_view.draw(scene)
 
 
@@ -128,14 +130,14 @@ def test_ticks_are_round_rising_and_inside(low: float, high: float, most: int) -
 def test_chart_draws_a_constant_and_negative_values() -> None:
     canvas = Canvas(800, 400)
     values = np.array([-1.0, -1.0, 0.0])
-    series = [Series("a", values, LIT), Series("b", np.zeros(3), DARK)]
+    series = [ChartSeries("a", values, LIT), ChartSeries("b", np.zeros(3), DARK)]
     chart.draw(canvas, Chart("m", np.arange(4.0), series, 0.0, [(1.0, "here")]), 20, 40, 760)
     reds = (canvas.finished() == np.array(LIT)).all(axis=-1)
     assert reds.any()
 
 
-def run_album(experiment: Experiment, timesteps: range) -> Album:
-    album, world = Album(experiment), make_world(experiment)
+def run_album(experiment: Experiment, timesteps: range) -> RunSamples:
+    album, world = RunSamples(experiment), make_world(experiment)
     for timestep in timesteps:
         world.results["half"] = timestep / 2.0
         world.results["always"] = 3.0
@@ -144,9 +146,9 @@ def run_album(experiment: Experiment, timesteps: range) -> Album:
     return album
 
 
-def make_story(experiment: Experiment, timesteps: range, turn: int | None) -> story.Story:
+def make_story(experiment: Experiment, timesteps: range, turn: int | None) -> story.RunFigure:
     n = len(timesteps)
-    return story.Story(
+    return story.RunFigure(
         experiment,
         np.array(timesteps),
         np.tile(POSES, (n, 1, 1)),
@@ -169,7 +171,7 @@ def test_missed_timestep_shows_the_one_before_and_a_short_run_shows_its_end(
     experiment: Experiment,
 ) -> None:
     lived = [t for t in range(100) if t != 49]
-    album, world = Album(experiment), make_world(experiment)
+    album, world = RunSamples(experiment), make_world(experiment)
     for timestep in lived:
         album.look(timestep, world)
     album.end(world)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from vsense.arena import Frame
-from vsense.hub import Hub, Message
+from vsense.message_bus import Message, MessageBus
 from vsense.recording.recorder import Recorder
 
 BEGIN_NS = 5_000_000_000
@@ -16,7 +16,7 @@ BEGIN_NS = 5_000_000_000
 
 def record(path: Path, messages: Iterable[Message], pictures: Iterable[Frame] = ()) -> Path:
     """Records messages, and pictures one by one, at BEGIN_NS."""
-    hub = Hub()
+    hub = MessageBus()
     recorder = Recorder(hub, path, pictures=True, clock=lambda: BEGIN_NS)
     for message in messages:
         hub.publish(message)

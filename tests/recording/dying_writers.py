@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from vsense.arena import Frame
-from vsense.hub import Hub, Message
+from vsense.message_bus import Message, MessageBus
 from vsense.recording.recorder import Recorder
 
 AT_ONCE = 10
@@ -31,7 +31,7 @@ def live(folder: Path, number: int) -> None:
     path.write_bytes(bytes(SAID.size))
     with path.open("r+b") as file:
         said = mmap.mmap(file.fileno(), SAID.size)
-    hub = Hub()
+    hub = MessageBus()
     recorder = Recorder(hub, folder / f"{number}.mcap", pictures=True)
     image = np.random.default_rng(number).integers(0, 255, (60, 80), dtype=np.uint8)
     count = 0

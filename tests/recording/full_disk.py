@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from vsense.hub import Hub, Message
+from vsense.message_bus import Message, MessageBus
 from vsense.recording.recorder import Recorder
 from vsense.recording.waiting import Bounds
 
@@ -25,7 +25,7 @@ class Run:
     """A run that publishes ten times faster than real ones."""
 
     def __init__(self, path: Path) -> None:
-        self.hub = Hub()
+        self.hub = MessageBus()
         self.events: list[str] = []
         self.hub.join(
             lambda message: self.events.append(message.data["level"]),

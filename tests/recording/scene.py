@@ -8,8 +8,8 @@ from functools import cache
 
 from tests.tracking.synthetic import HEIGHT_M, Robot, render
 from vsense.arena import Frame
-from vsense.tracking.camera import Camera
-from vsense.tracking.families import MarkerFamily, load_family
+from vsense.cameras.camera import Camera
+from vsense.markers.families import MarkerFamily, load_family
 
 FAMILY = "arrow4x4"
 STEP_NS = 100_000_000

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 
 from tests.recording.conftest import BEGIN_NS, picture, record
-from vsense.hub import Message
-from vsense.recording import scan
+from vsense.message_bus import Message
+from vsense.recording import chunks
 from vsense.recording.form import RecordingError
 from vsense.recording.reader import open_recording
 
@@ -107,7 +107,7 @@ def test_files_that_are_no_recordings(whole: bytes, tmp_path: Path) -> None:
         "late": (late, "its head is damaged"),
         "empty": (b"", "is empty, expected a recording"),
         "text": (b"timestep,tag\n1,2\n", "is no MCAP file, expected a recording of vsense"),
-        "short": (scan.MAGIC[:5], "ends within its head"),
+        "short": (chunks.MAGIC[:5], "ends within its head"),
         "head": (whole[:30], "ends within its head, or its head is damaged"),
         "foreign": (foreign.read_bytes(), "is an MCAP file of the profile 'ros2'"),
         "newer": (newer.read_bytes(), "is a recording of format 2.0, written by vsense"),

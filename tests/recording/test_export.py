@@ -9,7 +9,7 @@ import pytest
 
 from tests.recording.conftest import BEGIN_NS, record
 from vsense import cli
-from vsense.hub import Message
+from vsense.message_bus import Message
 from vsense.recording.export import EVENTS, ROBOTS, TRAJECTORIES, export_csv
 from vsense.recording.form import RecordingError
 from vsense.recording.reader import open_recording

@@ -15,10 +15,10 @@ from typing import Any
 import pytest
 
 from tests.recording.conftest import BEGIN_NS, picture
-from vsense.hub import Hub, Message
-from vsense.recording.disk import WholeFile
+from vsense.message_bus import Message, MessageBus
 from vsense.recording.reader import open_recording
 from vsense.recording.recorder import Recorder
+from vsense.recording.writer import WholeFile
 
 
 def record(how: str, path: Path, *more: str) -> dict[str, Any]:
@@ -76,7 +76,7 @@ def test_a_small_disk(small_disk: Path) -> None:
 def test_a_disk_that_stays_full_leaves_a_recording_without_its_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    hub = Hub()
+    hub = MessageBus()
     recorder = Recorder(hub, tmp_path / "run.mcap")
     hub.publish(Message("/run", 1, {}))
     whole = os.pwrite
@@ -119,7 +119,7 @@ def test_a_disk_that_hangs_holds_nobody_up(tmp_path: Path, monkeypatch: pytest.M
         hanging.set()
         assert go_on.wait(60.0)
 
-    hub, now = Hub(), [BEGIN_NS]
+    hub, now = MessageBus(), [BEGIN_NS]
     path = tmp_path / "run.mcap"
     recorder = Recorder(hub, path, pictures=True, clock=lambda: now[0])
     monkeypatch.setattr(os, "fdatasync", hang)

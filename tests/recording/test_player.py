@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from tests.recording.conftest import BEGIN_NS, picture, record
-from vsense.hub import Hub, Listener, Message
-from vsense.orders import Kind, Order, OrderError
+from vsense.message_bus import Listener, Message, MessageBus
 from vsense.recording.player import Player
 from vsense.recording.reader import Recording, open_recording
+from vsense.run.control import Order, OrderError, OrderKind
 
 SECOND_NS = 1_000_000_000
 READINGS = {"tag": [7, 23], "values": [[[1.0]], [[2.0]]], "captured_ns": [[5], [6]]}
@@ -23,7 +23,7 @@ class Replay:
 
     def __init__(self, recording: Recording) -> None:
         self.now_ns = 77
-        self.hub = Hub()
+        self.hub = MessageBus()
         self.recording = recording
         self.seen: list[Message] = []
         self.player = Player(recording, self.hub, lambda: self.now_ns)
@@ -32,7 +32,7 @@ class Replay:
     def look(self, wants: Callable[[str], bool] = lambda topic: True) -> Listener:
         return self.hub.join(self.seen.append, wants)
 
-    def order(self, kind: Kind, value: float = 0.0) -> str:
+    def order(self, kind: OrderKind, value: float = 0.0) -> str:
         return self.player.give(Order(kind, "test", value))
 
     def live(self, seconds: float) -> list[Message]:
@@ -69,30 +69,30 @@ def replay(tmp_path: Path) -> Iterator[Replay]:
 def test_it_begins_paused_and_ends_paused(replay: Replay) -> None:
     assert {m.topic for m in replay.live(5.0)} == {"/run"}
     assert not replay.player.playing and replay.player.position_s == 0.0
-    assert replay.order(Kind.PLAY, 1) == "plays from 0.0 s"
+    assert replay.order(OrderKind.PLAY, 1) == "plays from 0.0 s"
     assert replay.arenas(20.0) == list(range(101))
     assert not replay.player.playing and replay.player.position_s == 10.0
-    replay.order(Kind.PLAY, 1)
+    replay.order(OrderKind.PLAY, 1)
     assert replay.arenas(1.0) == list(range(11)), "from its end it plays from its beginning"
 
 
 def test_it_keeps_pace_and_changes_it(replay: Replay) -> None:
-    replay.order(Kind.PLAY, 1)
+    replay.order(OrderKind.PLAY, 1)
     assert replay.arenas(1.05) == list(range(11))
-    replay.order(Kind.SPEED, 10)
+    replay.order(OrderKind.SPEED, 10)
     assert replay.arenas(0.1) == list(range(11, 21))
-    replay.order(Kind.SPEED, 0.5)
+    replay.order(OrderKind.SPEED, 0.5)
     assert replay.arenas(1.0) == list(range(21, 26))
-    replay.order(Kind.PAUSE)
+    replay.order(OrderKind.PAUSE)
     assert replay.arenas(3.0) == []
-    replay.order(Kind.PLAY, 1)
-    replay.order(Kind.PLAY, 0)
+    replay.order(OrderKind.PLAY, 1)
+    replay.order(OrderKind.PLAY, 0)
     assert replay.player.position_s == pytest.approx(2.55)
 
 
 def test_a_seek_tells_what_was_current_there(replay: Replay) -> None:
     replay.live(0.0)
-    assert replay.order(Kind.SEEK, 4.0) == "now at 4.0 s"
+    assert replay.order(OrderKind.SEEK, 4.0) == "now at 4.0 s"
     told = {m.topic: m.data for m in replay.live(0.0)}
     assert told["/arena"] == {"n": 40}
     assert told["/experiment"] == {"mode": "replay", "name": "x"}
@@ -101,25 +101,25 @@ def test_a_seek_tells_what_was_current_there(replay: Replay) -> None:
         "position_s": 4.0, "duration_s": 10.0, "speed": 1.0, "playing": False,
     }  # fmt: skip
     assert "/event" not in told and "/gap" not in told
-    replay.order(Kind.PLAY, 1)
+    replay.order(OrderKind.PLAY, 1)
     assert replay.arenas(0.2) == [41, 42]
-    replay.order(Kind.SEEK, -5.0)
+    replay.order(OrderKind.SEEK, -5.0)
     assert replay.arenas(0.15) == [0, 1]
-    replay.order(Kind.SEEK, 1e9)
+    replay.order(OrderKind.SEEK, 1e9)
     assert replay.arenas(1.0) == [100]
     assert replay.player.position_s == 10.0
 
 
 def test_events_come_once_and_gaps_as_events(replay: Replay) -> None:
-    replay.order(Kind.PLAY, 1)
+    replay.order(OrderKind.PLAY, 1)
     texts = [m.data["text"] for m in replay.live(11.0) if m.topic == "/event"]
     assert texts == ["hello", "here 1.0 s are not recorded whole: the disk"]
 
 
 def test_newcomers_hear_what_lasts(replay: Replay) -> None:
-    replay.order(Kind.PLAY, 1)
+    replay.order(OrderKind.PLAY, 1)
     replay.live(3.0)
-    replay.order(Kind.PAUSE)
+    replay.order(OrderKind.PAUSE)
     replay.live(0.1)
     assert [m.topic for m in replay.live(0.1)] == []
     replay.look()
@@ -127,13 +127,13 @@ def test_newcomers_hear_what_lasts(replay: Replay) -> None:
 
 
 def test_readings_of_one_robot_are_cut_out_where_somebody_looks(replay: Replay) -> None:
-    replay.order(Kind.PLAY, 1)
+    replay.order(OrderKind.PLAY, 1)
     (mine,) = (m.data for m in replay.live(0.1) if m.topic == "/readings/23")
     assert mine == {"tag": [23], "values": [[[2.0]]], "captured_ns": [[6]]}
 
 
 def test_pictures_come_where_somebody_looks_and_not_too_many(replay: Replay) -> None:
-    replay.order(Kind.PLAY, 1)
+    replay.order(OrderKind.PLAY, 1)
     # Recorded last, and both at the same moment.
     pictures = [m for m in replay.live(11.0) if m.topic == "/picture/left"]
     assert len(pictures) == 1 and pictures[0].blob.startswith(b"\x89PNG")
@@ -142,15 +142,15 @@ def test_pictures_come_where_somebody_looks_and_not_too_many(replay: Replay) -> 
 @pytest.mark.parametrize(
     ("kind", "value", "expected"),
     [
-        (Kind.START, 0, "start: a replay can only play, pause, speed, seek"),
-        (Kind.EMERGENCY, 0, "emergency: a replay can only"),
-        (Kind.SPEED, 0, "speed: 0, expected 0.1 to 100"),
-        (Kind.SPEED, float("nan"), "speed: nan, expected"),
-        (Kind.SEEK, float("inf"), "seek: inf, expected seconds"),
+        (OrderKind.START, 0, "start: a replay can only play, pause, speed, seek"),
+        (OrderKind.EMERGENCY, 0, "emergency: a replay can only"),
+        (OrderKind.SPEED, 0, "speed: 0, expected 0.1 to 100"),
+        (OrderKind.SPEED, float("nan"), "speed: nan, expected"),
+        (OrderKind.SEEK, float("inf"), "seek: inf, expected seconds"),
     ],
 )
 def test_orders_that_a_replay_does_not_know(
-    replay: Replay, kind: Kind, value: float, expected: str
+    replay: Replay, kind: OrderKind, value: float, expected: str
 ) -> None:
     with pytest.raises(OrderError, match=expected):
         replay.order(kind, value)
@@ -159,7 +159,7 @@ def test_orders_that_a_replay_does_not_know(
 def test_the_thread_plays_to_the_end(tmp_path: Path) -> None:
     sent = [Message("/arena", BEGIN_NS + n * 1_000_000, {"n": n}) for n in range(200)]
     path = record(tmp_path / "run.mcap", sent)
-    hub, seen = Hub(), []
+    hub, seen = MessageBus(), []
     with open_recording(path) as recording:
         player = Player(recording, hub)
         ended = threading.Event()
@@ -172,7 +172,7 @@ def test_the_thread_plays_to_the_end(tmp_path: Path) -> None:
 
         hub.join(take, lambda topic: topic in ("/arena", "/run"))
         player.start()
-        player.give(Order(Kind.PLAY, "test", 1))
+        player.give(Order(OrderKind.PLAY, "test", 1))
         assert ended.wait(30.0)
         player.close()
     assert seen == list(range(200))

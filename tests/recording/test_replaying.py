@@ -15,9 +15,8 @@ from tests.recording.conftest import BEGIN_NS, record
 from tests.recording.test_retrack import MADE, lab, session_files, track
 from vsense import cli
 from vsense.commands import replay
-from vsense.hub import Hub, Message
-from vsense.orders import Give, Kind, Order
-from vsense.recording import replaying
+from vsense.message_bus import Message, MessageBus
+from vsense.run.control import Give, Order, OrderKind
 from vsense.tracking.arena_tracker import ArenaTracker
 
 __all__ = ["lab"]
@@ -27,7 +26,7 @@ __all__ = ["lab"]
 class Page:
     """Somebody at the page: waits for an arena state, then presses Ctrl-C in the terminal."""
 
-    hub: Hub
+    hub: MessageBus
     give: Give
     look: str = "http://look"
     control: str = "http://control"
@@ -38,7 +37,7 @@ class Page:
         return self
 
     def take(self, message: Message) -> None:
-        assert self.give(Order(Kind.PAUSE, "viewer 1")) == "paused"
+        assert self.give(Order(OrderKind.PAUSE, "viewer 1")) == "paused"
         os.kill(os.getpid(), signal.SIGINT)
 
     def close(self) -> None:
@@ -52,11 +51,11 @@ def test_it_plays_until_somebody_interrupts(
     options = argparse.Namespace(file=file, speed=2.0)
     pages: list[Page] = []
 
-    def make(options: argparse.Namespace, hub: Hub, give: Give) -> Page:
+    def make(options: argparse.Namespace, hub: MessageBus, give: Give) -> Page:
         pages.append(Page(hub, give))
         return pages[0]
 
-    assert replaying.play(options, make) == 130
+    assert replay.play(options, make) == 130
     assert pages[0].closed
     told = capsys.readouterr().err
     assert "in http://control" in told and "only to look: http://look" in told

@@ -11,22 +11,21 @@ import pytest
 
 from tests.recording.conftest import record
 from tests.recording.scene import CAMERAS, FAMILY, HEIGHTS_M, STRANGER, TIMESTEPS, frames
-from vsense.arena_data import arena_data
+from vsense.arena import arena_data
 from vsense.config import tracking_session
-from vsense.config.recording_files import one_tracker, write_session_files
 from vsense.config.tracking_build import build
 from vsense.errors import UsageError, VsenseError
-from vsense.hub import Hub, Message
+from vsense.markers.families import load_family
+from vsense.message_bus import Message, MessageBus
 from vsense.recording import tracker_made
 from vsense.recording.form import RecordingError
+from vsense.recording.pictures import PictureRecorder, one_tracker, write_session_files
 from vsense.recording.reader import open_recording
 from vsense.recording.recorder import Recorder
-from vsense.recording.retrack import Comparison, Retracking
-from vsense.recording.tracker_settings import change_settings
+from vsense.recording.retrack import RetrackComparison, Retracking
+from vsense.recording.tracker_made import change_settings
 from vsense.tracking import memory as tracker_memory
 from vsense.tracking.arena_tracker import ArenaTracker
-from vsense.tracking.families import load_family
-from vsense.tracking.picture_recorder import PictureRecorder
 
 Change = Callable[[dict[str, Any]], dict[str, Any]]
 MADE = tracker_made.of_family(CAMERAS, FAMILY, HEIGHTS_M)
@@ -54,7 +53,7 @@ def track(
     path: Path, tracker: ArenaTracker, made: dict[str, Any], begin: int = 0, off: range = range(0)
 ) -> Path:
     """Tracks the scene and records it from a timestep on, without those in `off`."""
-    hub, recorder = Hub(), None
+    hub, recorder = MessageBus(), None
     for timestep in range(TIMESTEPS):
         if timestep == begin:
             recorder = Recorder(hub, path, pictures=True)
@@ -73,7 +72,7 @@ def track(
     return path
 
 
-def again(path: Path, change: Change = lambda made: made) -> Comparison:
+def again(path: Path, change: Change = lambda made: made) -> RetrackComparison:
     with open_recording(path) as recording:
         tracking = Retracking(recording, change)
         for _ in tracking.states():

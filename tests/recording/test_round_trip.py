@@ -15,11 +15,10 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 
 from tests.recording.conftest import BEGIN_NS, picture, record
-from vsense.hub import Hub, Message
-from vsense.recording.form import RecordingError
+from vsense.message_bus import Message, MessageBus
+from vsense.recording.form import RecordingError, schema
 from vsense.recording.reader import open_recording
 from vsense.recording.recorder import Recorder
-from vsense.recording.schemas import schema
 from vsense.recording.waiting import Bounds
 
 values = st.recursive(
@@ -63,7 +62,7 @@ def test_nan_and_numpy_become_what_json_knows(tmp_path: Path) -> None:
 
 
 def test_what_json_cannot_hold_is_told_once_and_counted(tmp_path: Path) -> None:
-    hub, told = Hub(), []
+    hub, told = MessageBus(), []
     hub.join(told.append, lambda topic: topic == "/event")
     recorder = Recorder(hub, tmp_path / "run.mcap")
     for _ in range(3):
@@ -117,7 +116,7 @@ def test_other_tools_read_all_of_it(tmp_path: Path) -> None:
 
 
 def test_only_what_belongs_into_a_recording_is_wanted(tmp_path: Path) -> None:
-    hub = Hub()
+    hub = MessageBus()
     recorder = Recorder(hub, tmp_path / "run.mcap")
     assert hub.wants("/arena") and hub.wants("/readings") and hub.wants("/anything")
     assert not hub.wants("/picture/left") and not hub.wants("/readings/23")
@@ -128,7 +127,7 @@ def test_only_what_belongs_into_a_recording_is_wanted(tmp_path: Path) -> None:
 
 
 def test_switched_off_it_says_what_is_missing_and_asks_for_news(tmp_path: Path) -> None:
-    hub, now = Hub(), [BEGIN_NS]
+    hub, now = MessageBus(), [BEGIN_NS]
     recorder = Recorder(hub, tmp_path / "run.mcap", pictures=True, clock=lambda: now[0])
     for on in (True, False, True):
         joined = hub.joined
@@ -152,7 +151,7 @@ def test_switched_off_it_says_what_is_missing_and_asks_for_news(tmp_path: Path) 
 
 
 def test_pictures_are_left_out_first(tmp_path: Path) -> None:
-    hub = Hub()
+    hub = MessageBus()
     bounds = Bounds(picture_bytes=10, message_bytes=1 << 20)
     recorder = Recorder(hub, tmp_path / "run.mcap", pictures=True, bounds=bounds)
     recorder.pictures([picture(1), picture(1, "right")])
@@ -168,10 +167,10 @@ def test_a_recording_is_never_written_over(tmp_path: Path) -> None:
     path = record(tmp_path / "run.mcap", [])
     before = path.read_bytes()
     with pytest.raises(RecordingError, match="is there already"):
-        Recorder(Hub(), path)
+        Recorder(MessageBus(), path)
     (tmp_path / "file").touch()
     with pytest.raises(RecordingError, match="cannot be written: "):
-        Recorder(Hub(), tmp_path / "file" / "run.mcap")
+        Recorder(MessageBus(), tmp_path / "file" / "run.mcap")
     assert path.read_bytes() == before
 
 
@@ -191,7 +190,7 @@ def test_the_middle_is_found_with_and_without_index(tmp_path: Path) -> None:
 
 
 def test_many_threads_may_tell(tmp_path: Path) -> None:
-    hub = Hub()
+    hub = MessageBus()
     recorder = Recorder(hub, tmp_path / "run.mcap")
 
     def tell(teller: int) -> None:

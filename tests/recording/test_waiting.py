@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from tests.recording.conftest import picture
-from vsense.hub import Hub, Message
+from vsense.message_bus import Message, MessageBus
 from vsense.recording.recorder import Recorder
-from vsense.recording.waiting import Bounds, Item, Picture, Waiting
+from vsense.recording.waiting import Bounds, Item, Waiting, WaitingPicture
 
 BOUNDS = Bounds(message_bytes=10, picture_bytes=10, message_ns=100, picture_ns=50)
 
@@ -19,8 +19,8 @@ def message(number: int) -> Message:
     return Message("/run", number, {})
 
 
-def image(number: int) -> Picture:
-    return Picture(picture(number), number, number, 1)
+def image(number: int) -> WaitingPicture:
+    return WaitingPicture(picture(number), number, number, 1)
 
 
 def everything(waiting: Waiting) -> list[Item]:
@@ -81,7 +81,7 @@ def test_what_is_abandoned_is_lost() -> None:
 def test_a_fault_of_ours_ends_the_recording_and_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    hub, told = Hub(), list[Message]()
+    hub, told = MessageBus(), list[Message]()
     hub.join(told.append, lambda topic: topic == "/event")
     recorder = Recorder(hub, tmp_path / "run.mcap")
     monkeypatch.setattr(recorder, "_add", None)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.recording.conftest import BEGIN_NS, record
-from vsense.hub import Message
+from vsense.message_bus import Message
 from vsense.recording.writer import RecordingWriter
 
 STEP_NS = 100_000_000

@@ -23,12 +23,12 @@ from tests.report.runs import (
     write,
     write_cut_off,
 )
-from vsense.hub import Message
+from vsense.message_bus import Message
 from vsense.recording.form import RecordingError
 from vsense.report.findings import Findings, as_json, read_findings
 from vsense.report.gather import IN_CONE, LIT_IN_CONE
 from vsense.report.health import FINE, LOST, STOPPED, UNSEEN, Strips
-from vsense.report.tracks import CELL_M, MOST_POINTS, Track
+from vsense.report.tracks import CELL_M, MOST_POINTS, RobotTrack
 
 
 @pytest.fixture(scope="module")
@@ -183,7 +183,7 @@ def test_figures_are_json(found: Findings) -> None:
 
 
 def test_a_long_way_stays_small_and_true() -> None:
-    track = Track()
+    track = RobotTrack()
     angles = np.linspace(0.0, 400.0 * np.pi, 120_000)
     for place, angle in enumerate(angles):
         track.see(place * STEP_NS, float(np.cos(angle)), float(np.sin(angle)))

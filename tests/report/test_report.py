@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from tests.report.runs import messages, write, write_cut_off
 from vsense import cli
-from vsense.hub import Message
+from vsense.message_bus import Message
 from vsense.recording.form import RecordingError
 from vsense.report.report import PAGE, make_report
 

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any
 
 from vsense.lab.microcontrollers import Actuation, Microcontrollers
-from vsense.link.peer import Peer
-from vsense.link.table import Entry, Table
-from vsense.link.wire import (
+from vsense.link.robots.peer import Peer
+from vsense.link.robots.table import Entry, Table
+from vsense.link.robots.wire import (
     GoodbyeCause,
     Header,
     Hello,

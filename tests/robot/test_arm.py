@@ -15,8 +15,8 @@ from tests.conftest import require_tool, require_zig
 from tests.robot import test_c_suite as robot
 from tests.wire import test_c_suite as wire
 from tests.wire.c_vectors import write_vectors
-from vsense.build import cache_directory
-from vsense.robot.targets import TARGETS, toolchain
+from vsense.robot.boards import TARGETS, toolchain
+from vsense.robot.build import cache_directory
 
 ROOT = robot.ROOT
 SUITES: dict[str, list[Path]] = {

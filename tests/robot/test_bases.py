@@ -16,8 +16,8 @@ import pytest
 from tests.robot.conftest import ROOT, Build
 from tests.robot.rig import CLEAN, MS, POLLUTED, TAG, Host, Rig
 from tests.robot.test_faults import SILENCE_NS, still_within
-from vsense.lab.bases import KINDS
-from vsense.link.wire import Wanted
+from vsense.lab.links import KINDS
+from vsense.link.robots.wire import Wanted
 from vsense.native import ffi, lib
 
 RING = 0xFF

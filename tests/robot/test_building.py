@@ -15,9 +15,9 @@ from tests.conftest import require_tool, require_zig
 from tests.robot.conftest import ROOT
 from vsense import cli
 from vsense.bench import robot as robot_bench
-from vsense.build import source_tree
-from vsense.compiling import HASH_DIGITS, BuildError, Toolchain
-from vsense.robot import building, targets
+from vsense.robot import boards
+from vsense.robot.build import source_tree
+from vsense.robot.compiling import HASH_DIGITS, BuildError, Toolchain
 
 POLLUTANT = ROOT / "robot" / "controllers" / "pollutant.c"
 
@@ -50,7 +50,7 @@ def test_arm_daemon_is_small_with_the_largest_shipped_controller(tmp_path: Path)
     require_zig()
     controllers = source_tree().controllers()
     largest = max(controllers, key=lambda name: controllers[name].stat().st_size)
-    built = building.build(largest, "epuck", tmp_path / "vsensed")
+    built = boards.build(largest, "epuck", tmp_path / "vsensed")
     print(f"vsensed for ARMv5 with {largest}: {built.size} bytes")
     assert built.size <= robot_bench.SIZE_MAX
 
@@ -59,7 +59,7 @@ def test_arm_daemon_runs_on_the_oldest_board_and_says_what_it_is(arm_daemon: Pat
     qemu = require_tool("qemu-arm", "qemu-user")
     command = [qemu, "-cpu", "arm926", str(arm_daemon), "--version"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
-    digest = source_tree().daemon(POLLUTANT).controller_hash(targets.native())
+    digest = source_tree().daemon(POLLUTANT).controller_hash(boards.native())
     assert done.stdout == f"vsensed 0.1.0, controller pollutant {digest}\n", done.stderr
 
 
@@ -79,7 +79,7 @@ def test_host_build_through_the_command(
 
 def test_hash_is_of_the_controller_and_its_own_headers(tmp_path: Path) -> None:
     require_tool("cc", "build-essential")
-    compiler = targets.native()
+    compiler = boards.native()
 
     def digest(folder: str, header: str) -> str:
         place = tmp_path / folder
@@ -100,7 +100,7 @@ def test_no_cross_compiler_names_both_that_there_are(
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(BuildError, match=r"pip install 'vsense\[robot\]'.*apt install gcc-") as no:
-        targets.toolchain(targets.TARGETS[name], tmp_path)
+        boards.toolchain(boards.TARGETS[name], tmp_path)
     assert "\n" not in str(no.value)
 
 
@@ -109,7 +109,7 @@ def test_debians_compiler_is_taken_where_zig_is_not(
 ) -> None:
     program(tmp_path / "bin", "arm-linux-gnueabi-gcc", "exit 0")
     monkeypatch.setenv("PATH", str(tmp_path / "bin"))
-    found = targets.toolchain(targets.TARGETS["epuck"], tmp_path)
+    found = boards.toolchain(boards.TARGETS["epuck"], tmp_path)
     assert found.command == ("arm-linux-gnueabi-gcc",)
     assert {"-static", "-march=armv5te"} <= set(found.flags)
 
@@ -118,8 +118,8 @@ def test_zig_is_asked_for_every_board_and_keeps_its_cache_with_ours(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: object())
-    for target in targets.TARGETS.values():
-        found = targets.toolchain(target, tmp_path)
+    for target in boards.TARGETS.values():
+        found = boards.toolchain(target, tmp_path)
         assert found.command[1:] == ("-m", "ziglang", "cc") and "-target" in found.flags
         assert found.environment["ZIG_GLOBAL_CACHE_DIR"] == str(tmp_path / "zig")
 
@@ -133,11 +133,11 @@ def test_a_newer_zig_that_cannot_link_is_told_from_a_fault_of_the_users(
     )
     program(tmp_path, "zig", script)
     fake = Toolchain((str(tmp_path / "zig"),))
-    monkeypatch.setattr(building, "toolchain", lambda target, cache: fake)
+    monkeypatch.setattr(boards, "toolchain", lambda target, cache: fake)
     (tmp_path / "x.c").write_text("int x;\n")
     monkeypatch.chdir(tmp_path)
     with pytest.raises(BuildError, match=r"zig 0\.17\.0 cannot link for ARMv5: .*==0\.15\.2"):
-        building.build("x.c", "epuck", tmp_path / "vsensed")
+        boards.build("x.c", "epuck", tmp_path / "vsensed")
     assert not (tmp_path / "vsensed").exists()
 
 

@@ -12,7 +12,7 @@ import pytest
 
 import vsense
 from tests.robot.rig import CLEAN, MS, POLLUTED, TAG, Rig, S
-from vsense.link.wire import StopCause, Wanted
+from vsense.link.robots.wire import StopCause, Wanted
 from vsense.native import lib
 
 RING = 0xFF

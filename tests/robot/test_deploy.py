@@ -21,7 +21,7 @@ import pytest
 from tests.conftest import require_tool
 from vsense import cli
 from vsense.errors import ConfigError, UsageError
-from vsense.robot import hosts
+from vsense.robot import deploying
 
 FAKE_DAEMON = """
 case "$1" in
@@ -241,16 +241,16 @@ def test_lists_that_are_wrong(tmp_path: Path, lines: str, line: int, words: str)
     file = tmp_path / "robots.txt"
     file.write_text(lines)
     with pytest.raises(ConfigError) as caught:
-        hosts.read(file)
+        deploying.read(file)
     assert str(caught.value).startswith(f"{file}:{line}: {words}")
 
 
 def test_a_list_without_robots(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="No such file"):
-        hosts.read(tmp_path / "robots.txt")
+        deploying.read(tmp_path / "robots.txt")
     (tmp_path / "robots.txt").write_text("# none\n")
     with pytest.raises(UsageError, match="names no robot"):
-        hosts.read(tmp_path / "robots.txt")
+        deploying.read(tmp_path / "robots.txt")
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ import pytest
 
 from tests.robot.conftest import Build
 from tests.robot.rig import MS, Rig, S
-from vsense.link.wire import StopCause, Wanted
+from vsense.link.robots.wire import StopCause, Wanted
 from vsense.native import lib
 
 CANARY_NS = 8 * MS

@@ -14,8 +14,8 @@ import pytest
 from tests.robot.rig import MS, TABLE, Daemon, Rig, S
 from tests.robot.test_faults import alive, told
 from vsense.lab.links import Terminal
-from vsense.link.table import Direction, Entry, Table
-from vsense.link.wire import GoodbyeCause, Wanted
+from vsense.link.robots.table import Direction, Entry, Table
+from vsense.link.robots.wire import GoodbyeCause, Wanted
 
 FRAME = 12
 """[byte] of a frame to the microcontroller."""

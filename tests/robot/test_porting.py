@@ -10,9 +10,9 @@ import pytest
 
 from tests.conftest import require_tool
 from tests.robot.conftest import ROOT, STRICT
-from vsense.config import porting
+from vsense.config import argos
 from vsense.config.argos import ACTUATORS, SENSORS
-from vsense.config.devices import virtual_devices
+from vsense.config.controllers import virtual_devices
 
 PAGE = ROOT / "robot" / "README.md"
 CONTROLLERS = ROOT / "robot" / "controllers"
@@ -63,7 +63,7 @@ def test_a_controller_in_c_plus_plus_is_linked_as_the_page_says(tmp_path: Path) 
 
 
 def test_warnings_point_to_a_heading_of_the_page_and_to_devices_that_exist() -> None:
-    file, _, heading = porting.PAGE.partition(", ")
+    file, _, heading = argos.PAGE.partition(", ")
     assert ROOT / file == PAGE
     assert f"## {heading.strip(chr(39))}\n" in PAGE.read_text(encoding="utf-8")
     known = {name for names in virtual_devices().values() for name in names}

@@ -12,12 +12,12 @@ import numpy as np
 from vsense.arena import POSE, ArenaState
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment
-from vsense.console import Console
-from vsense.link.status import RobotStatus
-from vsense.link.wire import Telemetry, Wanted
+from vsense.link.robots.status import RobotStatus
+from vsense.link.robots.wire import Telemetry, Wanted
 from vsense.run.runner import Runner
-from vsense.runtime import Step
-from vsense.watch import NoArenaState
+from vsense.run.runtime import Step
+from vsense.run.watch import NoArenaState
+from vsense.terminal import Console
 
 MS = 1_000_000
 S = 1_000_000_000

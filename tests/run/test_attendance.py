@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense.run.attendance import Attendance, shorten
+from vsense.run.robots import Readiness, shorten
 
 ROBOTS = {30: "epuck_30_1", 4: "epuck_4_2", 17: "epuck_17_3"}
 OBJECTS = {99: "polluter_99_0"}
@@ -14,7 +14,7 @@ tags = st.sets(st.sampled_from([*ROBOTS, *OBJECTS, 5]))
 
 @given(tags, tags)
 def test_everybody_is_there_or_named(connected: set[int], seen: set[int]) -> None:
-    found = Attendance.take(ROBOTS, OBJECTS, connected, seen)
+    found = Readiness.take(ROBOTS, OBJECTS, connected, seen)
     assert found.absent == tuple(n for t, n in ROBOTS.items() if t not in connected)
     assert found.unseen == tuple(n for t, n in (ROBOTS | OBJECTS).items() if t not in seen)
     everybody = connected >= ROBOTS.keys() and seen >= (ROBOTS | OBJECTS).keys()
@@ -24,7 +24,7 @@ def test_everybody_is_there_or_named(connected: set[int], seen: set[int]) -> Non
 
 
 def test_the_words_name_who_is_missing_in_which_way() -> None:
-    found = Attendance.take(ROBOTS, OBJECTS, {4, 17}, {30, 17, 4})
+    found = Readiness.take(ROBOTS, OBJECTS, {4, 17}, {30, 17, 4})
     assert found.progress() == (
         "2 of 3 robots connected (not epuck_30_1), 3 of 4 markers seen (not polluter_99_0)"
     )
@@ -32,7 +32,7 @@ def test_the_words_name_who_is_missing_in_which_way() -> None:
         "2 of 3 robots connected (not epuck_30_1), no arena state yet"
     )
     assert found.complaint() == "not connected: epuck_30_1; not seen: polluter_99_0"
-    assert Attendance.take(ROBOTS, {}, set(ROBOTS), set(ROBOTS)).progress() == (
+    assert Readiness.take(ROBOTS, {}, set(ROBOTS), set(ROBOTS)).progress() == (
         "3 of 3 robots connected, 3 of 3 markers seen"
     )
 

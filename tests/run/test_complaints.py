@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 from tests.run.test_tally import status
-from vsense.link.status import RobotStatus
-from vsense.link.wire import StopCause
-from vsense.run.complaints import PATIENCE_NS, Complaints
+from vsense.link.robots.status import RobotStatus
+from vsense.link.robots.wire import StopCause
+from vsense.run.robots import PATIENCE_NS, RobotAlarms
 
 STEP_NS = PATIENCE_NS // 4
 
 
 def lines(history: list[RobotStatus]) -> list[str]:
-    complaints = Complaints()
+    complaints = RobotAlarms()
     return [
         line
         for number, now in enumerate(history)

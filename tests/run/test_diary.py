@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from vsense.arena import POSE, ArenaState
-from vsense.run.diary import FLUSH_TIMESTEPS, HEADER, Diary
-from vsense.run.directory import DirectoryError
-from vsense.runtime import Step
+from vsense.run.directory import FLUSH_TIMESTEPS, HEADER, DirectoryError, RunLog
+from vsense.run.runtime import Step
 
 
 def step(number: int) -> Step:
@@ -21,7 +20,7 @@ def step(number: int) -> Step:
 
 
 def test_words_and_timesteps_are_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with Diary(tmp_path) as diary:
+    with RunLog(tmp_path) as diary:
         diary.begin_run(tmp_path)
         diary.say("all robots start")
         for number in range(FLUSH_TIMESTEPS):
@@ -43,7 +42,7 @@ def test_a_full_disk_is_told_once_and_costs_no_run(
         def write(self, text: str) -> int:
             raise OSError(errno.ENOSPC, "No space left on device")
 
-    with Diary(tmp_path) as diary:
+    with RunLog(tmp_path) as diary:
         diary.begin_run(tmp_path)
         diary._log.close()
         monkeypatch.setattr(diary, "_log", Full())
@@ -57,12 +56,12 @@ def test_a_full_disk_is_told_once_and_costs_no_run(
 
 def test_a_directory_that_is_gone_is_one_clear_line(tmp_path: Path) -> None:
     with pytest.raises(DirectoryError, match=r"log\.txt: No such file or directory"):
-        Diary(tmp_path / "gone")
+        RunLog(tmp_path / "gone")
 
 
 def test_every_run_has_its_own_table_and_all_share_the_log(tmp_path: Path) -> None:
     folders = [tmp_path / "run-1", tmp_path / "run-2"]
-    with Diary(tmp_path) as diary:
+    with RunLog(tmp_path) as diary:
         diary.timestep(step(0), 1, 1, 0)
         for number, folder in enumerate(folders):
             folder.mkdir()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 from tests.run.stage import Stage, experiment
-from vsense.link.wire import StopCause, Telemetry
+from vsense.link.robots.wire import StopCause, Telemetry
 from vsense.run.figures import Figures, table
 
 

@@ -7,7 +7,7 @@ from random import Random
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense.run.pace import Pace
+from vsense.run.runtime import Pace
 
 MS = 1_000_000
 STEP_NS = 100 * MS

@@ -10,8 +10,8 @@ import pytest
 
 from tests.conftest import States
 from tests.run.stage import DT_NS, S, Stage, experiment
-from vsense.environment import Environment
 from vsense.run.directory import DirectoryError
+from vsense.run.environment import Environment
 from vsense.run.portrait import Portrait
 
 

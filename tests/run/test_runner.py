@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from tests.run.stage import DT_NS, MS, S, Stage, experiment
+from vsense.cameras.grabber import NoMorePictures
 from vsense.errors import VsenseError
-from vsense.link.arena_client import TrackerEnded
-from vsense.orders import Kind, Order
-from vsense.tracking.grabbers import NoMorePictures
+from vsense.link.trackers.client import TrackerEnded
+from vsense.run.control import Order, OrderKind
 
 
 @pytest.fixture
@@ -127,7 +127,7 @@ def test_a_failure_gets_through(stage: Stage) -> None:
 
 
 def test_new_sessions_and_guards_in_mid_run_are_counted(stage: Stage) -> None:
-    from vsense.link.wire import Telemetry
+    from vsense.link.robots.wire import Telemetry
 
     tag = stage.experiment.robots[0].tag
     told = Telemetry(received=10, guard_restarts=1)
@@ -143,7 +143,7 @@ def test_a_start_waits_for_somebody_to_start(stage: Stage) -> None:
     stage.connected = set()
     give = stage.runner.control.give
     stage.acts = {
-        2: lambda: give(Order(Kind.START, "Ann")),
+        2: lambda: give(Order(OrderKind.START, "Ann")),
         6: lambda: setattr(stage, "connected", {min(stage.tags)}),
     }
     found = stage.runner.wait()
@@ -162,8 +162,8 @@ def test_a_moment_without_an_arena_state_makes_nobody_disappear(stage: Stage) ->
 def test_a_paused_run_lives_no_timestep_and_goes_on(stage: Stage) -> None:
     give = stage.runner.control.give
     stage.acts = {
-        6: lambda: give(Order(Kind.PAUSE, "Ann")),
-        12: lambda: give(Order(Kind.START, "Ann")),
+        6: lambda: give(Order(OrderKind.PAUSE, "Ann")),
+        12: lambda: give(Order(OrderKind.START, "Ann")),
     }
     stage.runner.wait()
     lived = [step.run_timestep for step in stage.runner.timesteps()]
@@ -176,7 +176,7 @@ def test_after_a_run_it_rests_until_somebody_wants_the_next(stage: Stage) -> Non
     assert len(list(stage.runner.timesteps())) == 5
     stage.runner.stop()
     calls = stage.calls
-    stage.acts = {calls + 3: lambda: stage.runner.control.give(Order(Kind.START, "Ann"))}
+    stage.acts = {calls + 3: lambda: stage.runner.control.give(Order(OrderKind.START, "Ann"))}
     assert stage.runner.rest() and stage.calls == calls + 3
     stage.runner.next_run(None)  # type: ignore[arg-type]
     assert (stage.runner.control.run, stage.runner.control.asked) == (2, True)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from vsense.link.status import RobotStatus
-from vsense.link.wire import Telemetry
-from vsense.run.tally import Tally
+from vsense.link.robots.status import RobotStatus
+from vsense.link.robots.wire import Telemetry
+from vsense.run.robots import LinkCounters
 
 
 def status(sent: int, sessions: int = 1, **telemetry: int) -> RobotStatus:
@@ -31,13 +31,13 @@ def status(sent: int, sessions: int = 1, **telemetry: int) -> RobotStatus:
 
 
 def test_repeated_packets_do_not_count_as_received() -> None:
-    tally = Tally()
+    tally = LinkCounters()
     tally.update({7: status(100, received=110, old=9, foreign=2, corrupt=1)})
     assert (tally.sent, tally.received, tally.dropped) == (100, 98, 12)
 
 
 def test_restarted_daemon_adds_to_what_the_first_had_received() -> None:
-    tally = Tally()
+    tally = LinkCounters()
     tally.update({7: status(100, received=100)})
     tally.update({7: status(150, sessions=2, received=5)})
     tally.update({7: status(200, sessions=2, received=60, old=1)})
@@ -46,7 +46,7 @@ def test_restarted_daemon_adds_to_what_the_first_had_received() -> None:
 
 
 def test_replaced_guard_is_told_once_and_again_after_a_restart() -> None:
-    tally = Tally()
+    tally = LinkCounters()
     assert tally.update({7: status(1, received=1)}) == []
     assert len(tally.update({7: status(2, received=2, guard_restarts=1)})) == 1
     assert tally.update({7: status(3, received=3, guard_restarts=1)}) == []
@@ -54,7 +54,7 @@ def test_replaced_guard_is_told_once_and_again_after_a_restart() -> None:
 
 
 def test_robot_that_never_spoke_has_received_nothing() -> None:
-    tally = Tally()
+    tally = LinkCounters()
     silent = status(10)
     tally.update({7: silent})
     assert (tally.sent, tally.received) == (10, 0)

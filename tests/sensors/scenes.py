@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import POSE, ArenaState
-from vsense.config.element import Element
-from vsense.config.xml import parse
 from vsense.sensors import registry
 from vsense.sensors.base import MountedSensor, Scope
 from vsense.world.entities import Box, Cylinder, Entity, Light
 from vsense.world.world import World
+from vsense.xml.element import Element
+from vsense.xml.parsing import parse
 
 STEP_NS = 100_000_000
 

@@ -12,9 +12,9 @@ import pytest
 from numpy.typing import NDArray
 
 from vsense.arena import ArenaState
-from vsense.quality import Quality, Scale
 from vsense.sensors.bank import SensorBank, TableEntry
 from vsense.sensors.base import MountedSensor, SensorError, layout_dtype
+from vsense.sensors.quality import Quality, Scale
 from vsense.sensors.updating import ALWAYS, Updating
 from vsense.world.entities import VIRTUAL_TAG_MIN, VirtualRobot
 from vsense.world.world import NEVER_NS, World

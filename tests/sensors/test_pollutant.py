@@ -11,11 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense.arena import ArenaState
-from vsense.config.xml import parse
 from vsense.errors import ConfigError
 from vsense.sensors.base import Scope
 from vsense.sensors.pollutant import PollutantSensor, from_xml
 from vsense.world.world import World
+from vsense.xml.parsing import parse
 
 States = Callable[..., ArenaState]
 

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 import vsense.sensors
-from vsense.config.xml import parse
 from vsense.errors import ConfigError
-from vsense.quality import Quality
 from vsense.sensors import registry
 from vsense.sensors.base import Scope, SensorError
+from vsense.sensors.quality import Quality
+from vsense.xml.parsing import parse
 
 NEW_SENSOR = """
 from dataclasses import dataclass

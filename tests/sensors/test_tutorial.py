@@ -10,14 +10,14 @@ import pytest
 
 from tests.conftest import require_tool
 from tests.sensors.scenes import STEP_NS, arena_state
-from vsense import build
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment
-from vsense.environment import Environment
-from vsense.link.table import Table
-from vsense.link.wire import Wanted
+from vsense.link.robots.table import Table
+from vsense.link.robots.wire import Wanted
+from vsense.robot import build
+from vsense.robot.inprocess import Robots
+from vsense.run.environment import Environment
 from vsense.sensors import registry
-from vsense.sim.robots import Robots
 
 README = Path(build.__file__).parent / "sensors" / "README.md"
 FILE = re.compile(r"^`([\w.]+)`:\n\n```\w+\n(.*?)^```$", re.DOTALL | re.MULTILINE)

@@ -10,8 +10,8 @@ import pytest
 
 from tests.sensors.scenes import element, mount
 from vsense.errors import ConfigError
-from vsense.quality import Scale
 from vsense.sensors import updating
+from vsense.sensors.quality import Scale
 from vsense.sensors.updating import ALWAYS, Updating
 
 PLAIN = SimpleNamespace(name="x")

@@ -9,9 +9,9 @@ import pytest
 
 from tests.sensors.scenes import STEP_NS, mount, world_of
 from vsense.errors import ConfigError
-from vsense.quality import Quality
 from vsense.sensors.bank import SensorBank
 from vsense.sensors.base import MountedSensor, Scope, SensorError
+from vsense.sensors.quality import Quality
 
 GOOD = """
 from dataclasses import dataclass

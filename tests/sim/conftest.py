@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import require_tool
-from vsense import build
+from vsense.robot import build
 
 PROBE = """
 #include "controller.h"

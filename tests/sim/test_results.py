@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense.errors import UsageError, VsenseError
-from vsense.sim.results import Results
+from vsense.sim.results import CampaignResults
 
 KEYS = ("sensor.noise", "light.position")
 MEASURES = {"in_cone": 3.0, "left": 0.1}
 
 
-def add(results: Results, seed: int, noise: str = "0", **measures: float | None) -> None:
+def add(results: CampaignResults, seed: int, noise: str = "0", **measures: float | None) -> None:
     fixed = {
         "experiment": "it",
         "sensor.noise": noise,
@@ -27,8 +27,8 @@ def add(results: Results, seed: int, noise: str = "0", **measures: float | None)
     results.append(fixed, {**MEASURES, **measures})
 
 
-def start(path: Path, campaign: str = "cafe0001") -> Results:
-    return Results(path, campaign, KEYS)
+def start(path: Path, campaign: str = "cafe0001") -> CampaignResults:
+    return CampaignResults(path, campaign, KEYS)
 
 
 def test_rows_are_found_again(tmp_path: Path) -> None:

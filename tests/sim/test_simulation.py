@@ -10,12 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vsense.config.experiment import load
+from vsense.config.experiment import first_robots, load
 from vsense.config.specs import BODY_RADIUS_M, Experiment
-from vsense.config.subset import first_robots
-from vsense.lab.physics import STEP_M, obstacles
 from vsense.sim.simulation import ACT_NS, Simulation
 from vsense.world.entities import Box, Cylinder
+from vsense.world.physics import STEP_M, obstacles
 
 SHORT_S = 12.0
 

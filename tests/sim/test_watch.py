@@ -14,9 +14,9 @@ from typing import Any
 
 import pytest
 
-from vsense import build
+from vsense.robot import build
 from vsense.sim.job import Job, Setup
-from vsense.sim.watch import Interrupted, RunError, Task, simulate_all
+from vsense.sim.watch import Interrupted, SimulatedRunError, Task, simulate_all
 
 TIMESTEP = 4
 """The controller fails in its fifth control step."""
@@ -94,7 +94,7 @@ def test_what_a_user_can_mend_comes_through_as_it_is(write_experiment) -> None:
     write_experiment(
         "crowded", ('min="-1.48,-1.18,0" max="1.48,1.18,0"', 'min="0,0,0" max="0,0,0"')
     )
-    with pytest.raises(RunError, match=r"crowded\.argos:\d+: .* no room") as caught:
+    with pytest.raises(SimulatedRunError, match=r"crowded\.argos:\d+: .* no room") as caught:
         results(good)
     assert caught.value.exit_code == 2
 

@@ -10,9 +10,9 @@ from pathlib import Path
 import cv2
 
 from tests.tracking.synthetic import HEIGHT_M, Look, Robot, render
-from vsense.config.recording_files import experiment_text, one_tracker, resources_text
-from vsense.tracking.camera import Camera
-from vsense.tracking.families import load_family
+from vsense.cameras.camera import Camera
+from vsense.markers.families import load_family
+from vsense.recording.pictures import experiment_text, one_tracker, resources_text
 
 PERIOD_S = 0.05
 SIZE_PX = (480, 360)

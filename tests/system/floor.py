@@ -21,8 +21,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
-from vsense import build
 from vsense.lab.microcontrollers import Actuation, Microcontrollers
+from vsense.robot import build
 
 MS = 1_000_000
 S = 1_000_000_000

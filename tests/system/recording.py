@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 
 from tests.tracking.synthetic import HEIGHT_M, Robot, render
-from vsense.tracking.camera import Camera
-from vsense.tracking.families import load_family
+from vsense.cameras.camera import Camera
+from vsense.markers.families import load_family
 
 TAGS = (1843, 31)
 

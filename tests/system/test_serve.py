@@ -16,7 +16,7 @@ import pytest
 from tests.link.arena_rig import ONE_SHOT, START, STOP, OldClient, Told
 from tests.system.recording import TAGS, make_recording
 from tests.tracking.synthetic import HEIGHT_M
-from vsense.link.arena_listener import ArenaListener
+from vsense.link.trackers.lines import ArenaListener
 
 pytestmark = pytest.mark.system
 

@@ -16,10 +16,10 @@ import cv2
 import pytest
 
 from tests.tracking.synthetic import HEIGHT_M, Look, Robot, render
+from vsense.cameras.camera import Camera
 from vsense.cli import main
-from vsense.config.recording_files import experiment_text, one_tracker, resources_text
-from vsense.tracking.camera import Camera
-from vsense.tracking.families import load_family
+from vsense.markers.families import load_family
+from vsense.recording.pictures import experiment_text, one_tracker, resources_text
 
 SIZE = (800, 600)
 CAMERAS = [Camera.looking_down(n, x, 0.0, 2.4, 1600.0, SIZE) for n, x in (("a", -0.2), ("b", 0.2))]

@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 
 from tests.tracking.synthetic import Robot
-from vsense.tracking.camera import Camera
-from vsense.tracking.markers import Family
+from vsense.cameras.camera import Camera
+from vsense.markers.family import Family
 
 _FINE = 5
 _BLOCK = 16

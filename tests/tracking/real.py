@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from vsense.tracking.dictionary import SquareFamily, load_codes
+from vsense.markers.dictionary import SquareFamily, load_codes
 
 DATA = Path(__file__).parent.parent / "data"
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from vsense.tracking.camera import Camera
-from vsense.tracking.families import MarkerFamily
+from vsense.cameras.camera import Camera
+from vsense.markers.families import MarkerFamily
 
 BLACK, WHITE = 30.0, 205.0
 HEIGHT_M = 0.06

@@ -11,10 +11,9 @@ from hypothesis import strategies as st
 
 from tests.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense.arena import DETECTION, UNNAMED, ArenaState, Frame
-from vsense.tracking.arena_tracker import ArenaTracker
-from vsense.tracking.camera import Camera
-from vsense.tracking.families import load_family
-from vsense.tracking.frame_gate import TrackingError
+from vsense.cameras.camera import Camera
+from vsense.markers.families import load_family
+from vsense.tracking.arena_tracker import ArenaTracker, TrackingError
 
 STEP_NS = 100_000_000
 SIZE = (64, 48)

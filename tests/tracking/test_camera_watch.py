@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from vsense.arena import DETECTION, Frame
+from vsense.cameras.camera import Camera
+from vsense.cameras.grabber import REPEATS, CameraEvent, Troubles
 from vsense.tracking.arena_tracker import ArenaTracker
-from vsense.tracking.camera import Camera
 from vsense.tracking.camera_watch import CameraWatch
-from vsense.tracking.grabbers import CameraEvent
-from vsense.tracking.troubles import REPEATS, Troubles
 
 CAMERA = Camera.looking_down("top", 0.0, 0.0, 2.4, 400.0, (320, 240))
 

@@ -11,9 +11,9 @@ from tests.tracking import real
 from tests.tracking.composite import Character, character, compose, noise_of
 from tests.tracking.synthetic import HEIGHT_M, Robot
 from vsense.arena import UNNAMED, wrap_angle
-from vsense.tracking.camera import Camera
-from vsense.tracking.detectors import make_detector
-from vsense.tracking.families import load_family
+from vsense.cameras.camera import Camera
+from vsense.markers.families import load_family
+from vsense.tracking.detector import make_detector
 
 ARROW_TAGS = [31, 1843, 4334, 7167, 7488, 10084, 12689, 13103]
 ARROW_TAGS += [16011, 16577, 18425, 29783, 34415, 39011, 40223, 52447]

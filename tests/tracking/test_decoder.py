@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vsense.arena import UNNAMED
-from vsense.tracking.codes import cell_blur, normal_share, outer_light
-from vsense.tracking.decoder import Decoder, Reading
-from vsense.tracking.families import load_family
+from vsense.markers.codes import cell_blur, normal_share, outer_light
+from vsense.markers.families import load_family
+from vsense.tracking.decoder import DecodedTag, Decoder
 
 ARROW = load_family("arrow4x4")
 ROSTER = [31, 1843, 4334, 7167, 7488, 10084, 12689, 13103]
@@ -41,7 +41,7 @@ def sharpness(sigma_mm: float, count: int = 1) -> np.ndarray:
 
 def read(
     tags: list[int], along_mm: float, across_mm: float, noise: np.ndarray | float = 0.0
-) -> Reading:
+) -> DecodedTag:
     both = 0.5 * (lost(along_mm) + lost(across_mm))
     cells = seen(tags, along_mm, across_mm, both) + noise
     return DECODER.decode(cells, sharpness(along_mm, len(tags)), sharpness(across_mm, len(tags)))

@@ -8,9 +8,9 @@ import pytest
 
 from tests.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense.arena import UNNAMED, wrap_angle
-from vsense.tracking.camera import Camera
+from vsense.cameras.camera import Camera
+from vsense.markers.families import load_family
 from vsense.tracking.detector import ArrowDetector
-from vsense.tracking.families import load_family
 
 ARROW = load_family("arrow4x4")
 ROSTER = [31, 1843, 4334, 7167, 7488, 10084, 12689, 13103]

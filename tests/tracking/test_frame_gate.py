@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense.arena import Frame
-from vsense.tracking.camera import Camera
-from vsense.tracking.frame_gate import FrameGate, TrackingError
+from vsense.cameras.camera import Camera
+from vsense.tracking.arena_tracker import FrameGate, TrackingError
 
 CAMERAS = [Camera.looking_down(n, 0.0, 0.0, 2.0, 100.0, (8, 6)) for n in ("b", "a", "c")]
 IMAGE = np.zeros((6, 8), np.uint8)

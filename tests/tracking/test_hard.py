@@ -9,12 +9,12 @@ from tests.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense.arena import UNNAMED, Frame
 from vsense.bench.frames import FRAMES_PER_S, MARKER_M, FrameSet, Painter, cameras
 from vsense.bench.tracking import TABLE_2_1
+from vsense.cameras.camera import Camera
+from vsense.markers.codes import choose_tags
+from vsense.markers.families import MarkerFamily, load_family
 from vsense.tracking.arena_tracker import ArenaTracker
-from vsense.tracking.camera import Camera
-from vsense.tracking.codes import choose_tags
 from vsense.tracking.detector import ArrowDetector
-from vsense.tracking.families import MarkerFamily, load_family
-from vsense.tracking.whereabouts import SearchPlan
+from vsense.tracking.prediction import SearchPlan
 
 FAMILIES = ("arrow4x4", "arrow4x4-thesis")
 ROBOTS = 20

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from vsense.arena import DETECTION, POSE, UNNAMED
-from vsense.tracking.camera import Camera
-from vsense.tracking.image_poses import ImagePoses, image_poses
-from vsense.tracking.views import place_markers
+from vsense.cameras.camera import Camera
+from vsense.tracking.views import ImagePoses, image_poses, place_markers
 
 LENS = (-0.1, 0.02, 0.0, 0.0, 0.0)
 LEFT = Camera.looking_down("left", -1.0, 0.0, 2.5, 800.0, (640, 480), LENS)

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense.tracking.families import load_family
-from vsense.tracking.joining import Joining, Newcomer, Strangers
+from vsense.markers.families import load_family
+from vsense.tracking.joining import Joining, Newcomer, UnlistedTags
 from vsense.tracking.views import Sighting
 
 STEP_NS = 100_000_000
@@ -24,10 +24,10 @@ READ = 11
 Reads = Sequence[tuple[int, float, float]]
 
 
-def strangers(*reads: tuple[int, float, float], family: object = ARROW) -> Strangers:
+def strangers(*reads: tuple[int, float, float], family: object = ARROW) -> UnlistedTags:
     tags = np.array([tag for tag, _, _ in reads], dtype=np.int32)
     places = np.array([(x, y) for _, x, y in reads]).reshape(-1, 2)
-    return Strangers(family, ROSTER, 0.06, tags, places)  # type: ignore[arg-type]
+    return UnlistedTags(family, ROSTER, 0.06, tags, places)  # type: ignore[arg-type]
 
 
 def sightings(*robots: tuple[int, float, float]) -> dict[int, list[Sighting]]:

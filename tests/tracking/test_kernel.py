@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from tests.tracking.synthetic import HEIGHT_M, Look, Robot, render
+from vsense.cameras.camera import Camera
+from vsense.markers.families import load_family
 from vsense.native import ffi, lib
-from vsense.tracking.camera import Camera
-from vsense.tracking.families import load_family
 from vsense.tracking.kernel import MARKER, Kernel
 
 ARROW = load_family("arrow4x4")

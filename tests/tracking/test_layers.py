@@ -7,12 +7,11 @@ import pytest
 
 from tests.tracking.synthetic import Look, Robot, render
 from vsense.arena import Frame
+from vsense.cameras.camera import Camera
+from vsense.markers.families import MarkerFamily, SquareFamily, load_family
 from vsense.tracking.arena_tracker import ArenaTracker
-from vsense.tracking.camera import Camera
-from vsense.tracking.families import MarkerFamily, SquareFamily, load_family
-from vsense.tracking.kernel import MARKER
-from vsense.tracking.layers import LayeredKernel, join
-from vsense.tracking.whereabouts import SearchPlan
+from vsense.tracking.kernel import MARKER, LayeredKernel, join
+from vsense.tracking.prediction import SearchPlan
 
 LENS = (-0.12, 0.02, 0.0, 0.0, 0.0)
 CAMERA = Camera.looking_down("top", 0.0, 0.0, 2.43, 1620.0, (800, 600), LENS)

@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense.arena import UNNAMED
-from vsense.tracking.codes import cell_blur
-from vsense.tracking.decoder import Decoder, Reading
-from vsense.tracking.families import load_family
+from vsense.markers.codes import cell_blur
+from vsense.markers.families import load_family
+from vsense.tracking.decoder import DecodedTag, Decoder
 from vsense.tracking.naming import carry_names, gather_evidence
-from vsense.tracking.whereabouts import EXPECTED, Whereabouts
+from vsense.tracking.prediction import EXPECTED, Prediction
 
 ARROW = load_family("arrow4x4")
 ROSTER = np.array([31, 1843, 4334], dtype=np.int32)
@@ -20,9 +20,9 @@ NOBODY = np.array([UNNAMED], dtype=np.int32)
 HERE = np.array([(0.0, 0.0)])
 
 
-def reading(*distance: float) -> Reading:
+def reading(*distance: float) -> DecodedTag:
     rows = np.array([distance])
-    return Reading(NOBODY, rows.min(axis=1), np.ones(1), rows)
+    return DecodedTag(NOBODY, rows.min(axis=1), np.ones(1), rows)
 
 
 def expected(*robots: tuple[int, float, bool]) -> np.ndarray:
@@ -30,7 +30,7 @@ def expected(*robots: tuple[int, float, bool]) -> np.ndarray:
     return np.array(rows, dtype=EXPECTED)
 
 
-def carry(tags: np.ndarray, read: Reading, robots: np.ndarray) -> list[int]:
+def carry(tags: np.ndarray, read: DecodedTag, robots: np.ndarray) -> list[int]:
     return carry_names(tags, read, ROSTER, HERE, robots).tolist()
 
 
@@ -54,7 +54,7 @@ def test_not_where_two_robots_may_be_meant() -> None:
 
 def test_not_twice_in_one_picture() -> None:
     tags = np.array([31, UNNAMED], dtype=np.int32)
-    read = Reading(tags, np.zeros(2), np.ones(2), np.full((2, 3), 0.1))
+    read = DecodedTag(tags, np.zeros(2), np.ones(2), np.full((2, 3), 0.1))
     places = np.array([(0.5, 0.0), (0.0, 0.0)])
     named = carry_names(tags, read, ROSTER, places, expected((31, 0.0, True)))
     assert named.tolist() == [31, UNNAMED]
@@ -68,7 +68,7 @@ def test_another_name_than_that_of_the_robot_that_must_be_there_is_not_believed(
 
 @given(st.sampled_from([31, 1843, 4334]), st.integers(0, 2**32 - 1))
 def test_evidence_over_pictures_names_what_no_single_one_does(tag: int, seed: int) -> None:
-    decoder, known = Decoder(ARROW, ROSTER.tolist()), Whereabouts()
+    decoder, known = Decoder(ARROW, ROSTER.tolist()), Prediction()
     word = ARROW.bits(tag).ravel().astype(float) @ cell_blur(ARROW, 1.2).T
     rng = np.random.default_rng(seed)
     sharp = np.array([0.75])
@@ -85,7 +85,7 @@ def test_evidence_over_pictures_names_what_no_single_one_does(tag: int, seed: in
 
 
 def test_evidence_is_not_carried_over_a_gap_or_a_jump() -> None:
-    decoder, known = Decoder(ARROW, ROSTER.tolist()), Whereabouts()
+    decoder, known = Decoder(ARROW, ROSTER.tolist()), Prediction()
     cells, sharp = np.full((1, 16), 0.5), np.array([0.75])
     for step, (time_ns, x_m) in enumerate([(0, 0.0), (66, 0.0), (132, 0.2), (932, 0.2)]):
         known.capture_ns = time_ns * 1_000_000
@@ -96,6 +96,6 @@ def test_evidence_is_not_carried_over_a_gap_or_a_jump() -> None:
 @pytest.mark.parametrize("count", [0, 2])
 def test_nothing_expected_changes_nothing(count: int) -> None:
     tags = np.arange(count, dtype=np.int32)
-    read = Reading(tags, np.zeros(count), np.ones(count), np.zeros((count, 3)))
+    read = DecodedTag(tags, np.zeros(count), np.ones(count), np.zeros((count, 3)))
     named = carry_names(tags, read, ROSTER, np.zeros((count, 2)), expected())
     assert named.tolist() == tags.tolist()

@@ -9,12 +9,12 @@ import pytest
 
 from tests.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense.arena import Frame, wrap_angle
+from vsense.cameras.camera import Camera
+from vsense.markers.families import load_family
 from vsense.tracking.arena_tracker import ArenaTracker
-from vsense.tracking.camera import Camera
-from vsense.tracking.families import load_family
+from vsense.tracking.prediction import SearchPlan
 from vsense.tracking.square_detector import SquareDetector
 from vsense.tracking.squares import SquareFinder
-from vsense.tracking.whereabouts import SearchPlan
 
 ARUCO = load_family("aruco_4x4_50")
 ASKEW = replace(load_family("apriltag_36h11"), heading_deg=137.0, centre_mm=(2.0, -1.5))

@@ -9,12 +9,11 @@ import pytest
 
 from tests.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense.arena import UNNAMED, Frame, wrap_angle
+from vsense.cameras.camera import Camera
+from vsense.markers.dictionary import SquareFamily
+from vsense.markers.families import FamilyError, load_family
 from vsense.tracking.arena_tracker import ArenaTracker
-from vsense.tracking.camera import Camera
-from vsense.tracking.detector import ArrowDetector
-from vsense.tracking.detectors import make_detector
-from vsense.tracking.dictionary import SquareFamily
-from vsense.tracking.families import FamilyError, load_family
+from vsense.tracking.detector import ArrowDetector, make_detector
 from vsense.tracking.square_detector import SquareDetector
 from vsense.tracking.squares import SQUARE, SquareFinder
 

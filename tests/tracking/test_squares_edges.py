@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from vsense.tracking.squares import QuadSearch, area, lengths, noise_level
 from vsense.tracking.squares_edges import fit_local_corners, fit_sides
-from vsense.tracking.squares_quads import QuadSearch, area, lengths, noise_level
 
 FINE = 16
 

@@ -16,8 +16,7 @@ import pytest
 
 from tests.tracking import real
 from tests.tracking.real import DATA, grey, square_family
-from vsense.tracking.squares import SquareFinder
-from vsense.tracking.squares_quads import area
+from vsense.tracking.squares import SquareFinder, area
 
 APRILTAG = SquareFinder(square_family("DICT_APRILTAG_36h11"))
 TRUE_TAGS = 109

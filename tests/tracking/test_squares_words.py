@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vsense.tracking.dictionary import load_codes
+from vsense.markers.dictionary import load_codes
 from vsense.tracking.squares_words import WordReader, project_squares
 
 CODES = load_codes("DICT_4X4_50")

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense.arena import UNNAMED
-from vsense.tracking.codes import BLURS_U, cell_blur, outer_light
-from vsense.tracking.families import MarkerFamily, load_family
-from vsense.tracking.strangers import could_be, stranger_reader
+from vsense.markers.codes import BLURS_U, cell_blur, outer_light
+from vsense.markers.families import MarkerFamily, load_family
+from vsense.tracking.joining import could_be, unlisted_tag_reader
 
 ARROW = load_family("arrow4x4")
 THESIS = load_family("arrow4x4-thesis")
@@ -26,7 +26,7 @@ def cells_of(family: MarkerFamily, tag: int, ahead: int, left: int) -> np.ndarra
 
 def read(family: MarkerFamily, cells: np.ndarray, ahead: int, left: int) -> int:
     rows = np.array([ahead]), np.array([left])
-    return int(stranger_reader(family).read(cells[np.newaxis], *rows)[0])
+    return int(unlisted_tag_reader(family).read(cells[np.newaxis], *rows)[0])
 
 
 @given(st.integers(0, 65535), st.integers(0, 5), st.integers(0, 5))

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense.arena import DETECTION, UNNAMED, Frame, wrap_angle
-from vsense.tracking.camera import Camera
+from vsense.cameras.camera import Camera
 from vsense.tracking.views import (
     MERGE_M,
     Sighting,

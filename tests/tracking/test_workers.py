@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from vsense.arena import DETECTION, Frame
-from vsense.tracking.camera import Camera
+from vsense.cameras.camera import Camera
 from vsense.tracking.workers import Workers
 
 CAMERAS = {f"c{n}": Camera.looking_down(f"c{n}", n, 0.0, 2.0, 100.0, (8, 6)) for n in range(5)}

@@ -16,9 +16,9 @@ from tests.wire.strategies import (
     u32,
     with_length,
 )
-from vsense.link.peer import telemetry_of
-from vsense.link.table import Direction, Table
-from vsense.link.wire import (
+from vsense.link.robots.peer import telemetry_of
+from vsense.link.robots.table import Direction, Table
+from vsense.link.robots.wire import (
     DATAGRAM_MAX,
     PACKET_MAX,
     TELEMETRY_FIELDS,

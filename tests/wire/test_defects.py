@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.wire.strategies import MS, Link, S, reseal
-from vsense.link.table import Entry, Table
-from vsense.link.testing import Event, RobotSession
-from vsense.link.wire import (
+from vsense.link.robots.table import Entry, Table
+from vsense.link.robots.testing import RobotEvent, RobotSession
+from vsense.link.robots.wire import (
     PACKET_MAX,
     Header,
     Hello,
@@ -37,7 +37,7 @@ def test_defect_01_split_segments(data: st.DataObject) -> None:
     events = []
     for start, end in zip([0, *cuts], [*cuts, len(stream)]):
         events += link.robot.tcp_in(stream[start:end], link.robot_ns(S))
-    assert events == [Event.OPEN, Event.STATE, Event.STATE]
+    assert events == [RobotEvent.OPEN, RobotEvent.STATE, RobotEvent.STATE]
     assert link.robot.c.wanted == Wanted.STOP
 
 
@@ -46,7 +46,7 @@ def test_defect_03_a_robot_that_reconnects_in_mid_run_gets_everything() -> None:
     link.greet(S)
     link.deliver(link.state(2 * S, Wanted.RUN), 2 * S)
     link.robot.disconnect()
-    assert link.greet(3 * S) == [Event.OPEN]
+    assert link.greet(3 * S) == [RobotEvent.OPEN]
     one = struct.pack("<f", 1.0)
     link.deliver(link.state(3 * S, Wanted.RUN, values=[(one, 3 * S)]), 3 * S)
     assert link.robot.c.wanted == Wanted.RUN
@@ -115,7 +115,7 @@ def test_defect_14_unchanged_is_not_dead() -> None:
     values = [(b"\0\0\x80?", 2 * S)]
     for i in range(3):
         now_ns = 2 * S + i * 50 * MS
-        assert link.deliver(link.state(now_ns, values=values), now_ns) == (0, Event.STATE)
+        assert link.deliver(link.state(now_ns, values=values), now_ns) == (0, RobotEvent.STATE)
         assert link.robot.value("pollutant") == values[0]
         assert link.robot.c.received_ns == link.robot_ns(now_ns)
 

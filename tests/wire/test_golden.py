@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from vsense.link.peer import older_us, telemetry_of
-from vsense.link.table import Direction, Entry, Table
-from vsense.link.wire import (
+from vsense.link.robots.peer import older_us, telemetry_of
+from vsense.link.robots.table import Direction, Entry, Table
+from vsense.link.robots.wire import (
     DATAGRAM_MAX,
     TELEMETRY_FIELDS,
     Header,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from vsense.link.wire import GoodbyeCause, PacketType, RefuseCode
+from vsense.link.robots.wire import GoodbyeCause, PacketType, RefuseCode
 from vsense.native import lib
 
 TEXT = (Path(__file__).parent.parent.parent / "c_src" / "PROTOCOL.md").read_text()

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.wire.strategies import tables
-from vsense.link.table import Direction, Entry, Table
+from vsense.link.robots.table import Direction, Entry, Table
 from vsense.native import WireError, ffi, lib
 
 

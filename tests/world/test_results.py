@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from vsense.world.entities import WorldError
-from vsense.world.results import Results
+from vsense.world.world import Results
 
 
 def test_numbers_by_name() -> None:

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.actuators.base import ActuatorError, Floats, MountedActuator
-from vsense.quality import Delay, Distortion, generator
 from vsense.sensors.bank import TableEntry
 from vsense.sensors.base import layout_dtype
+from vsense.sensors.quality import Delay, Distortion, generator
 from vsense.world.sightings import NEVER_NS
 from vsense.world.world import World
 

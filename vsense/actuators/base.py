@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.errors import VsenseError
-from vsense.quality import Quality, Scale
+from vsense.sensors.quality import Quality, Scale
 from vsense.world.world import World
 
 Floats = NDArray[np.float64]

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.actuators.base import Floats
-from vsense.config.element import Element
-from vsense.quality import Scale
 from vsense.sensors.base import Scope
+from vsense.sensors.quality import Scale
 from vsense.world.world import MESSAGE_MAX, World
+from vsense.xml.element import Element
 
 ELEMENTS = ("virtual_range_and_bearing_actuator",)
 

@@ -8,9 +8,9 @@ from functools import cache
 import vsense.actuators
 from vsense import devices
 from vsense.actuators.base import ActuatorError, MountedActuator, VirtualActuator
-from vsense.config.element import Element
-from vsense.quality import Quality
 from vsense.sensors.base import Scope
+from vsense.sensors.quality import Quality
+from vsense.xml.element import Element
 
 Factory = Callable[[Element, Scope], VirtualActuator]
 

@@ -2,16 +2,28 @@
 
 A contestant does passes over its pictures. What it found in the last one is judged against the
 truth, and what each pass took is kept.
+
+AprilTag 3 (pupil-apriltags) as a contestant, in a process of its own.
+
+It has been seen to crash its process when it ends, and it must not take the benchmark with it.
+This module is both ends: the parent sends a line for each pass and gets one JSON line back.
 """
 
 from __future__ import annotations
 
+import importlib
+import importlib.util
+import json
 import os
+import subprocess
+import sys
+import tempfile
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import count
-from typing import NamedTuple, Protocol
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
 
 import cv2
 import numpy as np
@@ -19,23 +31,23 @@ from numpy.typing import NDArray
 
 from vsense.arena import Frame
 from vsense.bench.frames import FRAMES_PER_S, MARKER_M, FrameSet, Image
+from vsense.cameras.camera import Camera
+from vsense.markers.families import load_family
 from vsense.tracking.arena_tracker import ArenaTracker
-from vsense.tracking.camera import Camera
 from vsense.tracking.detector import Detector
-from vsense.tracking.families import load_family
-from vsense.tracking.whereabouts import SearchPlan
+from vsense.tracking.prediction import SearchPlan
 
 MAX_THREADS = 2
 
 
-class Found(NamedTuple):
+class FoundTags(NamedTuple):
     """Markers that were named in a picture: their tags and their centres [px]."""
 
     tags: NDArray[np.int64]
     centres_px: NDArray[np.float64]
 
 
-Look = Callable[[Image, Camera], Found]
+Look = Callable[[Image, Camera], FoundTags]
 
 
 class Contestant(Protocol):
@@ -51,7 +63,7 @@ class Contestant(Protocol):
     frames: FrameSet
     threads: int
 
-    def run(self) -> tuple[list[float], list[Found]]:
+    def run(self) -> tuple[list[float], list[FoundTags]]:
         """Does one pass over the pictures.
 
         Returns:
@@ -69,7 +81,7 @@ class Single:
     def __init__(self, name: str, frames: FrameSet, look: Look, threads: int = 1) -> None:
         self.name, self.frames, self.threads, self._look = name, frames, threads, look
 
-    def run(self) -> tuple[list[float], list[Found]]:
+    def run(self) -> tuple[list[float], list[FoundTags]]:
         """Does one pass over the pictures."""
         cv2.setNumThreads(self.threads)
         times, found = [], []
@@ -84,7 +96,7 @@ class Single:
         """Nothing was started."""
 
 
-class Shared:
+class SharedOut:
     """The pictures shared out to two threads, each on a processor of its own."""
 
     def __init__(self, name: str, frames: FrameSet, looks: Sequence[Look]) -> None:
@@ -93,10 +105,10 @@ class Shared:
         turns = count()
         self._pool = ThreadPoolExecutor(len(looks), initializer=lambda: _pin(next(turns)))
 
-    def run(self) -> tuple[list[float], list[Found]]:
+    def run(self) -> tuple[list[float], list[FoundTags]]:
         """Does one pass over the pictures; whoever is free takes the next."""
         total = len(self.frames.images)
-        found: dict[int, Found] = {}
+        found: dict[int, FoundTags] = {}
         turns = iter(range(total))
 
         def work(look: Look) -> None:
@@ -120,7 +132,7 @@ class Tracked:
         self.name, self.frames, self.threads, self._plan = name, frames, 1, plan
         self._family = load_family(frames.family)
 
-    def run(self) -> tuple[list[float], list[Found]]:
+    def run(self) -> tuple[list[float], list[FoundTags]]:
         """Does one pass over the pictures, from a tracker that knows nothing."""
         camera = self.frames.cameras[0]
         heights = dict.fromkeys(self.frames.tags, MARKER_M)
@@ -134,7 +146,7 @@ class Tracked:
             times.append(1e3 * (time.perf_counter() - begin))
             seen = state.robots[state.robots["seen"]]
             points = np.column_stack((seen["x_m"], seen["y_m"], np.full(len(seen), MARKER_M)))
-            found.append(Found(seen["tag"].astype(np.int64), camera.project(points)))
+            found.append(FoundTags(seen["tag"].astype(np.int64), camera.project(points)))
         tracker.close()
         return times, found
 
@@ -145,10 +157,10 @@ class Tracked:
 def ours(detector: Detector) -> Look:
     """Makes one of vsense's detectors look."""
 
-    def look(image: Image, camera: Camera) -> Found:
+    def look(image: Image, camera: Camera) -> FoundTags:
         found = detector.detect(image, camera)
         named = found[found["tag"] >= 0]
-        return Found(
+        return FoundTags(
             named["tag"].astype(np.int64), np.stack((named["x_px"], named["y_px"]), axis=1)
         )
 
@@ -170,12 +182,12 @@ def opencv(refine: bool, window_px: int | None = None) -> Look:
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
     detector = cv2.aruco.ArucoDetector(dictionary, settings)
 
-    def look(image: Image, camera: Camera) -> Found:
+    def look(image: Image, camera: Camera) -> FoundTags:
         corners, ids, _ = detector.detectMarkers(image)
         if len(corners) == 0:
-            return Found(np.zeros(0, dtype=np.int64), np.zeros((0, 2)))
+            return FoundTags(np.zeros(0, dtype=np.int64), np.zeros((0, 2)))
         points = np.array(corners, dtype=np.float64).reshape(-1, 4, 2)
-        return Found(np.asarray(ids, dtype=np.int64).ravel(), crossing(points))
+        return FoundTags(np.asarray(ids, dtype=np.int64).ravel(), crossing(points))
 
     return look
 
@@ -195,3 +207,81 @@ def _pin(turn: int) -> None:
     if hasattr(os, "sched_setaffinity"):
         allowed = sorted(os.sched_getaffinity(0))
         os.sched_setaffinity(0, {allowed[turn % len(allowed)]})
+
+
+_OFFSET_PX = 0.5
+"""AprilTag counts pixels from their upper left corner, not from their middle."""
+
+
+def is_installed() -> bool:
+    """Tells whether pupil-apriltags can take part."""
+    return importlib.util.find_spec("pupil_apriltags") is not None
+
+
+class AprilTag:
+    """AprilTag 3 on pictures of tag36h11."""
+
+    def __init__(self, name: str, frames: FrameSet, decimate: float, threads: int) -> None:
+        """Starts the process."""
+        self.name, self.frames, self.threads = name, frames, threads
+        self._folder = tempfile.TemporaryDirectory(prefix="vsense-bench-")
+        pictures = Path(self._folder.name) / "pictures.npy"
+        np.save(pictures, np.array(frames.images))
+        self._process = subprocess.Popen(
+            [
+                sys.executable,
+                "-m",
+                "vsense.bench.contestants",
+                pictures,
+                str(decimate),
+                str(threads),
+            ],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+
+    def run(self) -> tuple[list[float], list[FoundTags]]:
+        """Does one pass over the pictures; nothing is found where the process has crashed."""
+        assert self._process.stdin is not None and self._process.stdout is not None
+        try:
+            self._process.stdin.write("\n")
+            self._process.stdin.flush()
+            answer: dict[str, Any] = json.loads(self._process.stdout.readline())
+        except (BrokenPipeError, json.JSONDecodeError):
+            return [], []
+        found = [
+            FoundTags(
+                np.array(tags, dtype=np.int64),
+                np.array(centres, dtype=np.float64).reshape(-1, 2) - _OFFSET_PX,
+            )
+            for tags, centres in answer["found"]
+        ]
+        return answer["ms"], found
+
+    def close(self) -> None:
+        """Ends the process, in whatever way it likes to end."""
+        assert self._process.stdin is not None and self._process.stdout is not None
+        self._process.stdin.close()
+        self._process.wait()
+        self._process.stdout.close()
+        self._folder.cleanup()
+
+
+def _serve(pictures: NDArray[np.uint8], decimate: float, threads: int) -> None:
+    """Answers each line on standard input with one pass over the pictures."""
+    module = importlib.import_module("pupil_apriltags")
+    detector = module.Detector(families="tag36h11", nthreads=threads, quad_decimate=decimate)
+    for _ in sys.stdin:
+        times, found = [], []
+        for picture in pictures:
+            begin = time.perf_counter()
+            seen = detector.detect(picture)
+            times.append(1e3 * (time.perf_counter() - begin))
+            found.append(([tag.tag_id for tag in seen], [tag.center.tolist() for tag in seen]))
+        print(json.dumps({"ms": times, "found": found}), flush=True)
+
+
+if __name__ == "__main__":
+    _serve(np.load(sys.argv[1]), float(sys.argv[2]), int(sys.argv[3]))

@@ -11,11 +11,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.cameras.camera import Camera
 from vsense.lab.bodies import Body
-from vsense.lab.camera_spec import CameraSpec
-from vsense.lab.rig import DISTORTION, FOCAL_PX, HEIGHT_M, SIZE_PX
+from vsense.lab.camera_spec import DISTORTION, FOCAL_PX, HEIGHT_M, SIZE_PX, LabCameraSpec
 from vsense.lab.studio import Studio
-from vsense.tracking.camera import Camera
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -35,7 +34,7 @@ _SEED = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Truth:
+class FrameTruth:
     """What is in a picture.
 
     Attributes:
@@ -65,7 +64,7 @@ class FrameSet:
     tags: tuple[int, ...]
     cameras: tuple[Camera, ...]
     images: tuple[Image, ...]
-    truth: tuple[Truth, ...]
+    truth: tuple[FrameTruth, ...]
 
 
 def cameras(columns: int, rows: int) -> tuple[Camera, ...]:
@@ -95,7 +94,7 @@ def crowd(rng: np.random.Generator, count: int, reach_m: tuple[float, float] = _
     return np.array(poses).reshape(-1, 3)
 
 
-class Swarm:
+class RenderedSwarm:
     """Robots that drive ahead at full speed and spin now and then; none touches another."""
 
     def __init__(self, count: int, seed: int, reach_m: tuple[float, float] = _REACH_M) -> None:
@@ -140,7 +139,7 @@ class Painter:
         """Builds the scene, about a second for each four cameras."""
         self._name, self._family, self._tags, self._rig = name, family, tags, rig
         bodies = tuple(Body(tag, MARKER_M) for tag in tags)
-        spec = CameraSpec(rig, (), bodies, family, 100_000_000, "", Path(), _SEED)
+        spec = LabCameraSpec(rig, (), bodies, family, 100_000_000, "", Path(), _SEED)
         self._studio = Studio(spec)
         self._images = np.empty(spec.shape, dtype=np.uint8)
         self._still = np.zeros(len(tags), dtype=np.uint16)
@@ -167,15 +166,15 @@ class Painter:
 
     def walk(self, count: int) -> FrameSet:
         """Returns pictures of the first camera in which the roster drives, turns and spins."""
-        swarm = Swarm(len(self._tags), _SEED + 2)
+        swarm = RenderedSwarm(len(self._tags), _SEED + 2)
         here = np.array((*self._rig[0].position_m[:2], 0.0))
         return self._set([self._shoot(0, swarm.drive() + here) for _ in range(count)])
 
-    def _set(self, shots: list[tuple[Camera, Image, Truth]]) -> FrameSet:
+    def _set(self, shots: list[tuple[Camera, Image, FrameTruth]]) -> FrameSet:
         rig, images, truth = zip(*shots, strict=True)
         return FrameSet(self._name, self._family, self._tags, rig, images, truth)
 
-    def _shoot(self, number: int, poses: Floats) -> tuple[Camera, Image, Truth]:
+    def _shoot(self, number: int, poses: Floats) -> tuple[Camera, Image, FrameTruth]:
         """Takes a picture with one camera, in the middle of the exposure all are at `poses`."""
         ahead = 0.5 * EXPOSURE_S * SPEED_M_S
         way = np.stack((np.cos(poses[:, 2]), np.sin(poses[:, 2]), np.zeros(len(poses))), axis=1)
@@ -187,5 +186,5 @@ class Painter:
         points = np.column_stack((poses[:, :2], np.full(len(poses), MARKER_M)))
         seen = camera.project(points)
         whole = camera.contains(seen, 30.0)
-        truth = Truth(np.array(self._tags)[whole], seen[whole])
+        truth = FrameTruth(np.array(self._tags)[whole], seen[whole])
         return camera, self._images[number].copy(), truth

@@ -16,16 +16,15 @@ from statistics import median
 from typing import Any
 
 from vsense.bench.frames import MARKER_M, Painter, cameras
+from vsense.cameras.genicam import GenicamSettings, GenicamSource
+from vsense.cameras.grabber import GrabberError
+from vsense.cameras.live_grabber import LiveGrabber
+from vsense.cameras.opencv_source import Controls
 from vsense.errors import VsenseError
-from vsense.lab.rig import SIZE_PX
-from vsense.tracking.codes import choose_tags
-from vsense.tracking.detectors import make_detector
-from vsense.tracking.families import MarkerFamily, load_family
-from vsense.tracking.genicam_settings import GenicamSettings
-from vsense.tracking.grabbers import GrabberError
-from vsense.tracking.grabbers_device import Controls
-from vsense.tracking.grabbers_genicam import GenicamSource
-from vsense.tracking.grabbers_live import LiveGrabber
+from vsense.lab.camera_spec import SIZE_PX
+from vsense.markers.codes import choose_tags
+from vsense.markers.families import MarkerFamily, load_family
+from vsense.tracking.detector import make_detector
 
 RATE_HZ = 10.0
 PACKETS = (1500, 9000)
@@ -42,7 +41,7 @@ Say = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class GrabbingRow:
     """What one way of working costs.
 
     Attributes:
@@ -139,7 +138,9 @@ def _detecting() -> Callable[[], object]:
     return lambda: detector.detect(crowd.images[0], crowd.cameras[0])
 
 
-def _turns(address: str, packet_size: int, rounds: int, detect: Callable[[], object]) -> list[Row]:
+def _turns(
+    address: str, packet_size: int, rounds: int, detect: Callable[[], object]
+) -> list[GrabbingRow]:
     """Has the ways of working take turns with one open camera."""
     settings = GenicamSettings(Controls(SIZE_PX, RATE_HZ), packet_size=packet_size)
     ways = {"detect": (False, True), "grab": (True, False), "grab and detect": (True, True)}
@@ -184,9 +185,11 @@ def _turn(
     return cpu_ms, pictures, sum(event.kind == "damaged" for event in events), ages_ms
 
 
-def _row(way: str, packet_size: int, turns: list[tuple[float, int, int, list[float]]]) -> Row:
+def _row(
+    way: str, packet_size: int, turns: list[tuple[float, int, int, list[float]]]
+) -> GrabbingRow:
     ages_ms = [ms for _, _, _, ages in turns for ms in ages]
-    return Row(
+    return GrabbingRow(
         work=way,
         packet_size=packet_size,
         cpu_ms=median(cpu for cpu, _, _, _ in turns),

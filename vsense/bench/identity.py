@@ -20,15 +20,15 @@ from vsense.bench.frames import (
     FRAMES_PER_S,
     MARKER_M,
     SPEED_M_S,
-    Swarm,
+    RenderedSwarm,
     cameras,
 )
 from vsense.lab.bodies import Body
-from vsense.lab.camera_spec import CameraSpec
+from vsense.lab.camera_spec import LabCameraSpec
 from vsense.lab.studio import Studio
+from vsense.markers.codes import choose_tags
+from vsense.markers.families import MarkerFamily, load_family
 from vsense.tracking.arena_tracker import ArenaTracker
-from vsense.tracking.codes import choose_tags
-from vsense.tracking.families import MarkerFamily, load_family
 
 Floats = NDArray[np.float64]
 
@@ -45,7 +45,7 @@ _SAY_EVERY = 250
 
 
 @dataclass(slots=True)
-class Tally:
+class IdentityScore:
     """How one family's markers fared.
 
     Attributes:
@@ -103,19 +103,19 @@ def run(timesteps: int, say: Callable[[str], None]) -> dict[str, Any]:
         say: Told what is being done.
 
     Returns:
-        The report: `rows`, one for each of `FAMILIES`, see `Tally`.
+        The report: `rows`, one for each of `FAMILIES`, see `IdentityScore`.
     """
     return {"rows": [_follow(family, timesteps, say).report() for family in FAMILIES]}
 
 
-def _follow(name: str, timesteps: int, say: Callable[[str], None]) -> Tally:
+def _follow(name: str, timesteps: int, say: Callable[[str], None]) -> IdentityScore:
     """Tracks one family's robots for a while."""
     family = load_family(name)
     assert isinstance(family, MarkerFamily), "the shipped families are of arrows"
     tags = choose_tags(family, ROBOTS, _BLUR_MM, seed=14)
     rig = cameras(2, 2)
     tracker = ArenaTracker.for_family(rig, family, dict.fromkeys(tags, MARKER_M))
-    tally = Tally(name)
+    tally = IdentityScore(name)
     for timestep, (frames, poses) in enumerate(_shots(name, tags, timesteps)):
         if timestep % _SAY_EVERY == 0:
             say(f"{name}: timestep {timestep} of {timesteps}")
@@ -128,11 +128,11 @@ def _shots(name: str, tags: list[int], timesteps: int) -> Iterator[tuple[list[Fr
     """Yields each timestep's pictures, and where the robots are in the middle of the exposure."""
     rig = cameras(2, 2)
     bodies = tuple(Body(tag, MARKER_M) for tag in tags)
-    spec = CameraSpec(rig, (), bodies, name, 100_000_000, "", Path(), _SEED)
+    spec = LabCameraSpec(rig, (), bodies, name, 100_000_000, "", Path(), _SEED)
     studio = Studio(spec)
     images = np.empty(spec.shape, dtype=np.uint8)
     dark = np.zeros(len(tags), dtype=np.uint16)
-    swarm = Swarm(len(tags), _SEED, _REACH_M)
+    swarm = RenderedSwarm(len(tags), _SEED, _REACH_M)
     centre = np.array((*_CENTRE_M, 0.0))
     half_m = 0.5 * EXPOSURE_S * SPEED_M_S
     for timestep in range(timesteps):

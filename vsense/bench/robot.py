@@ -16,11 +16,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from vsense.build import SHIPPED_CONTROLLER, cache_directory, source_tree
-from vsense.compiling import BuildError, Sources, native
 from vsense.lab.microcontrollers import Microcontrollers
-from vsense.robot import building
-from vsense.robot.targets import TARGETS, toolchain
+from vsense.robot import boards
+from vsense.robot.boards import TARGETS, toolchain
+from vsense.robot.build import SHIPPED_CONTROLLER, cache_directory, source_tree
+from vsense.robot.compiling import BuildError, Sources, native
 
 SIZE_MAX = 120_000
 """[byte] of the daemon for ARMv5 with a controller in it."""
@@ -82,7 +82,7 @@ def _sizes(folder: Path, say: Say, missing: list[str]) -> dict[str, int | None]:
     for target in TARGETS:
         say(f"building vsensed for {target}; the first time takes a minute")
         try:
-            sizes[target] = building.build(SHIPPED_CONTROLLER, target, folder / target).size
+            sizes[target] = boards.build(SHIPPED_CONTROLLER, target, folder / target).size
         except BuildError as error:
             sizes[target] = None
             missing.append(f"size for {target}: {str(error).splitlines()[0]}")

@@ -14,22 +14,22 @@ from typing import Any
 
 import numpy as np
 
-from vsense.bench import apriltag
+from vsense.bench import contestants as apriltag
 from vsense.bench.contestants import (
     MAX_THREADS,
     Contestant,
-    Found,
-    Shared,
+    FoundTags,
+    SharedOut,
     Single,
     Tracked,
     opencv,
     ours,
 )
 from vsense.bench.frames import MARKER_M, FrameSet, Image, Painter, cameras
-from vsense.tracking.codes import choose_tags
-from vsense.tracking.detectors import make_detector
-from vsense.tracking.families import MarkerFamily, load_family
-from vsense.tracking.whereabouts import SearchPlan
+from vsense.markers.codes import choose_tags
+from vsense.markers.families import MarkerFamily, load_family
+from vsense.tracking.detector import make_detector
+from vsense.tracking.prediction import SearchPlan
 
 ROBOTS = 20
 TABLE_2_1 = ((1, 0.30), (5, 0.30), (5, 0.11), (5, 0.10), (9, 0.11))
@@ -49,7 +49,7 @@ _SETS = 5
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class TrackingRow:
     """One contestant's result.
 
     Attributes:
@@ -92,7 +92,7 @@ def run(rounds: int, pictures: int, walk: int, say: Say) -> dict[str, Any]:
         for contestant in [*contestants, sixteen]:
             stack.callback(contestant.close)
         times: list[list[float]] = [[] for _ in contestants]
-        found: list[list[Found]] = [[] for _ in contestants]
+        found: list[list[FoundTags]] = [[] for _ in contestants]
         floor, copy, sets = [], [], []
         for turn in range(rounds + 1):
             say(f"round {turn} of {rounds}" if turn else "warming up")
@@ -155,7 +155,7 @@ def _single(name: str, frames: FrameSet) -> Contestant:
 
 
 def _shared(name: str, frames: FrameSet) -> Contestant:
-    return Shared(name, frames, [ours(_detector(frames)) for _ in range(MAX_THREADS)])
+    return SharedOut(name, frames, [ours(_detector(frames)) for _ in range(MAX_THREADS)])
 
 
 def _detector(frames: FrameSet) -> Any:
@@ -171,7 +171,7 @@ def _plans(moving: FrameSet) -> Iterator[Contestant]:
     yield Tracked("vsense tracker, warm fit, key frame 15", moving, SearchPlan(15, 0.11, True))
 
 
-def judge(contestant: Contestant, times: list[float], found: list[Found]) -> Row:
+def judge(contestant: Contestant, times: list[float], found: list[FoundTags]) -> TrackingRow:
     """Compares what was found with the truth."""
     present = named = wrong = 0
     squares: list[float] = []
@@ -185,7 +185,7 @@ def judge(contestant: Contestant, times: list[float], found: list[Found]) -> Row
                 squares.append(float(gap) ** 2)
             else:
                 wrong += 1
-    return Row(
+    return TrackingRow(
         detector=contestant.name,
         frames=contestant.frames.name,
         threads=contestant.threads,
@@ -210,7 +210,9 @@ def _floor(frames: FrameSet, touch: Callable[[Any], Any]) -> list[float]:
     return times
 
 
-def _report(rows: list[Row], floor_ms: float, copy_ms: float, sets: list[float]) -> dict[str, Any]:
+def _report(
+    rows: list[TrackingRow], floor_ms: float, copy_ms: float, sets: list[float]
+) -> dict[str, Any]:
     by_name = {row.detector: row.ms_per_frame for row in rows if row.threads == 1}
     mine = by_name[OURS]
     set_ms = 16.0 * float(np.median(sets))

@@ -20,16 +20,15 @@ from typing import Any
 
 import numpy as np
 
-from vsense import build
 from vsense.arena import POSE, ArenaState
-from vsense.config.element import Element
-from vsense.config.wording import Document
+from vsense.robot import build
 from vsense.sensors.bank import SensorBank
 from vsense.sensors.base import Scope
 from vsense.sensors.registry import mount
 from vsense.sim.job import Job, Setup
 from vsense.sim.watch import Task, simulate_all
 from vsense.world import Light, World
+from vsense.xml.element import Document, Element
 
 ROBOTS = (15, 100, 1000)
 SENSORS = 24
@@ -51,7 +50,7 @@ Say = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class WorldRow:
     """One size of swarm.
 
     Attributes:
@@ -65,7 +64,7 @@ class Row:
     us_per_robot: float
 
 
-class Swarm:
+class SensingSwarm:
     """Robots that drive about among lights, and what they sense.
 
     Attributes:
@@ -127,7 +126,7 @@ def run(rounds: int, say: Say, robots: Sequence[int] = ROBOTS) -> dict[str, Any]
     Raises:
         VsenseError: the experiment's controller cannot be built, or a simulation failed.
     """
-    swarms = {count: Swarm(count) for count in robots}
+    swarms = {count: SensingSwarm(count) for count in robots}
     times: dict[int, list[float]] = {count: [] for count in robots}
     floor, speedups = [], []
     simulate = simulation()
@@ -141,7 +140,7 @@ def run(rounds: int, say: Say, robots: Sequence[int] = ROBOTS) -> dict[str, Any]
             speedups.append(simulate())
     medians = {count: float(np.median(spent)) for count, spent in times.items()}
     return {
-        "rows": [asdict(Row(count, ms, 1e3 * ms / count)) for count, ms in medians.items()],
+        "rows": [asdict(WorldRow(count, ms, 1e3 * ms / count)) for count, ms in medians.items()],
         "floor_ms": float(np.median(floor[1:])),
         "sim_speedup": float(np.median(speedups)),
     }

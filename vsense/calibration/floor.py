@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.calibration.board import dictionary_name
-from vsense.calibration.start import Pose
+from vsense.calibration.placement import BoardPose
 from vsense.calibration.views import View, number_at, read_table
 from vsense.errors import ConfigError, UsageError
 
@@ -27,7 +27,7 @@ POINT_SIGMA_M = 0.001
 
 
 @dataclass(frozen=True, slots=True)
-class Floor:
+class FloorReference:
     """What ties the pictures to the arena frame.
 
     Attributes:
@@ -64,19 +64,19 @@ class Floor:
             chosen += [name for name in matching if name not in chosen]
         return chosen
 
-    def anchor(self) -> Pose:
+    def anchor(self) -> BoardPose:
         """The board's pose at the first of those moments."""
         x, y, yaw = self.origin
         cos, sin = math.cos(yaw), math.sin(yaw)
         turn = np.array(((cos, -sin, 0.0), (sin, cos, 0.0), (0.0, 0.0, 1.0)))
-        return Pose(turn, np.array((x, y, self.thickness_m)))
+        return BoardPose(turn, np.array((x, y, self.thickness_m)))
 
-    def flattened(self, pose: Pose) -> Pose:
+    def flattened(self, pose: BoardPose) -> BoardPose:
         """A pose laid down on the floor."""
         yaw = math.atan2(pose.turn[1, 0], pose.turn[0, 0])
         cos, sin = math.cos(yaw), math.sin(yaw)
         turn = np.array(((cos, -sin, 0.0), (sin, cos, 0.0), (0.0, 0.0, 1.0)))
-        return Pose(turn, np.array((pose.shift[0], pose.shift[1], self.thickness_m)))
+        return BoardPose(turn, np.array((pose.shift[0], pose.shift[1], self.thickness_m)))
 
 
 def read_points(path: Path) -> dict[str, Floats]:

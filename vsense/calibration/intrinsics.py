@@ -1,4 +1,7 @@
-"""The lens of one camera, from pictures of a board in many poses."""
+"""Tells whether pictures say enough about a lens, and what else to shoot.
+
+The lens of one camera, from pictures of a board in many poses.
+"""
 
 from __future__ import annotations
 
@@ -9,17 +12,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.calibration import advice
 from vsense.calibration.board import Board
-from vsense.calibration.bundle import (
-    CAMERA_SIZE,
-    POSE_SIZE,
-    Bundle,
-    Estimate,
-    Knowledge,
-    Sightings,
-)
+from vsense.calibration.bundle import CAMERA_SIZE, POSE_SIZE, Bundle, Estimate, Knowledge, Sightings
 from vsense.calibration.lens import LENS_SIZE, camera_of, project
+from vsense.calibration.placement import BoardPose, first_lens, poses_in_camera
 from vsense.calibration.solution import (
     CalibrationError,
     Solution,
@@ -30,10 +26,115 @@ from vsense.calibration.solution import (
     huber_limit_px,
     rms,
 )
-from vsense.calibration.start import Pose, first_lens, poses_in_camera
-from vsense.calibration.views import Shoot, View
+from vsense.calibration.views import BoardViews, View
 
 Floats = NDArray[np.float64]
+
+LEAST_VIEWS = 5
+"""Different poses of the board below which a lens is not calibrated."""
+GOOD_VIEWS = "10 to 20"
+
+_SAME_SHARE = 0.02
+"""Two views whose corners are on average nearer than this share of the picture's diagonal
+are the same pose."""
+_LEAST_TILT_DEG = 12.0
+LEAST_SPAN, GOOD_SPAN = 0.4, 0.7
+"""The share of width and height that the corners of all views have to, and ought to, span."""
+_WORST_FOCAL = 0.01
+_WORST_CENTRE = 0.02
+
+
+def distinct(size: tuple[int, int], views: Sequence[View]) -> list[View]:
+    """Returns the views that show different poses of the board, one of each."""
+    limit = _SAME_SHARE * float(np.hypot(*size))
+    kept: list[View] = []
+    for view in views:
+        if all(_apart_px(view, other) > limit for other in kept):
+            kept.append(view)
+    return kept
+
+
+def _apart_px(one: View, other: View) -> float:
+    """Mean distance between the corners that two views have in common."""
+    common, first, second = np.intersect1d(one.ids, other.ids, return_indices=True)
+    if len(common) < 3:
+        return float("inf")
+    return float(np.linalg.norm(one.pixels[first] - other.pixels[second], axis=1).mean())
+
+
+def too_few(size: tuple[int, int], views: Sequence[View], pictures: int) -> str | None:
+    """What is missing if there are too few poses of the board, else None."""
+    if not views:
+        return f"the board was found in none of {pictures} pictures; check --board, light and focus"
+    poses = len(distinct(size, views))
+    if poses >= LEAST_VIEWS:
+        return None
+    if len(views) >= LEAST_VIEWS:
+        return (
+            f"{len(views)} pictures show only {poses} different places of the board; "
+            f"move it, shoot {GOOD_VIEWS} different ones"
+        )
+    return (
+        f"the board was found in {len(views)} of {pictures} pictures; shoot {GOOD_VIEWS}, "
+        "all over the picture and tilted"
+    )
+
+
+def too_central(
+    size: tuple[int, int], views: Sequence[View], least: float = LEAST_SPAN
+) -> str | None:
+    """What is missing if the board never came near the picture's border, else None.
+
+    Args:
+        size: Width and height [px].
+        views: Where the board was seen.
+        least: The share of width and height that its corners should span.
+    """
+    pixels = np.concatenate([view.pixels for view in views])
+    span = np.ptp(pixels, axis=0) / size
+    if np.all(span >= least):
+        return None
+    return (
+        f"the board covers only {span[0]:.0%} of the picture's width and {span[1]:.0%} of its "
+        "height; bring it into the corners too, where the lens bends most"
+    )
+
+
+def too_flat(poses: Sequence[BoardPose]) -> str | None:
+    """What is missing if the board always had the same tilt, else None.
+
+    Args:
+        poses: The board's in the camera frame.
+    """
+    normals = np.array([pose.turn[:, 2] for pose in poses])
+    cosine = np.clip(normals @ normals.T, -1.0, 1.0)
+    spread = float(np.degrees(np.arccos(cosine.min())))
+    if spread >= _LEAST_TILT_DEG:
+        return None
+    return (
+        f"all views of the board have the same tilt within {spread:.0f} degrees, so focal length "
+        "and distance cannot be told apart; tilt it by 20 to 45 degrees to each side"
+    )
+
+
+def too_vague(size: tuple[int, int], lens: Floats, sigma: Floats) -> str | None:
+    """What is missing if the pictures leave the lens open, else None.
+
+    Args:
+        size: Width and height [px].
+        lens: (9,).
+        sigma: (9,) its standard deviation.
+    """
+    focal = float(np.max(sigma[:2] / lens[:2]))
+    centre = float(np.max(sigma[2:4]) / size[0])
+    if focal <= _WORST_FOCAL and centre <= _WORST_CENTRE:
+        return None
+    return (
+        f"the pictures leave the focal length open by {focal:.1%} and the picture's middle by "
+        f"{centre * size[0]:.0f} px; shoot {GOOD_VIEWS}, near, all over the picture, and tilted "
+        "by 20 to 45 degrees to each side"
+    )
+
 
 CENTRE_SHARE = 0.1
 DISTORTION_SIGMA = (1.0, 1.0, 0.02, 0.02, 1.0)
@@ -97,7 +198,7 @@ def calibrate_lens(
     Raises:
         CalibrationError: The pictures do not tell the lens.
     """
-    complaint = advice.too_few(size, views, pictures) or advice.too_central(size, views)
+    complaint = too_few(size, views, pictures) or too_central(size, views)
     if complaint:
         raise CalibrationError(f"{camera}: {complaint}")
     lens = first_lens(size, [(board.points_m[view.ids], view.pixels) for view in views])
@@ -110,13 +211,13 @@ def calibrate_lens(
         lens = estimate.lenses[0]
         residuals = bundle.residuals(estimate)
         bad = bad_views(np.array([rms(r) for r in by_view(residuals, seen)]))
-        if not bad.any() or len(bad) - bad.sum() < advice.LEAST_VIEWS:
+        if not bad.any() or len(bad) - bad.sum() < LEAST_VIEWS:
             break
         used[np.flatnonzero(used)[bad]] = False
     variance = np.diag(bundle.covariance(estimate)[0])[POSE_SIZE:]
     sigma = rms(residuals) / np.sqrt(2.0) * np.sqrt(np.maximum(variance, 0.0))
-    poses = [Pose(turn, shift) for turn, shift in zip(estimate.body_turn, estimate.body_shift)]
-    complaint = advice.too_flat(poses) or advice.too_vague(size, lens, sigma)
+    poses = [BoardPose(turn, shift) for turn, shift in zip(estimate.body_turn, estimate.body_shift)]
+    complaint = too_flat(poses) or too_vague(size, lens, sigma)
     if complaint:
         raise CalibrationError(f"{camera}: {complaint}")
     split = iter(by_view(residuals, seen))
@@ -124,7 +225,7 @@ def calibrate_lens(
     return LensFit(lens, sigma, views, each, used.tolist())
 
 
-def calibrate_lenses(shoot: Shoot, board: Board) -> Solution:
+def calibrate_lenses(shoot: BoardViews, board: Board) -> Solution:
     """Calibrates the lens of every camera by itself.
 
     The cameras' poses mean nothing: each stands one metre above the floor and looks down.
@@ -143,7 +244,7 @@ def calibrate_lenses(shoot: Shoot, board: Board) -> Solution:
     if complaints:
         raise CalibrationError("; ".join(complaints))
     sparse = [
-        (camera, advice.too_central(shoot.sizes[camera], fit.views, advice.GOOD_SPAN))
+        (camera, too_central(shoot.sizes[camera], fit.views, GOOD_SPAN))
         for camera, fit in fits.items()
     ]
     down, above = np.diag((1.0, -1.0, -1.0)), np.array((0.0, 0.0, 1.0))

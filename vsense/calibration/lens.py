@@ -1,6 +1,6 @@
 """The lens model with its derivatives, and small rotations.
 
-A lens is nine numbers: fx, fy, cx, cy [px], k1, k2, p1, p2, k3, as `vsense.tracking.camera` has
+A lens is nine numbers: fx, fy, cx, cy [px], k1, k2, p1, p2, k3, as `vsense.cameras.camera` has
 them. Everything works on many points at once.
 """
 
@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.tracking.camera import Camera
+from vsense.cameras.camera import Camera
 
 Floats = NDArray[np.float64]
 

@@ -2,7 +2,7 @@
 
 A picture belongs to the camera that its folder is named after, a video to the camera that it is
 named after. Pictures of several cameras show the same moment if their names are the same, or if
-tables of timestamps (see `vsense.tracking.grabbers_times`) say so: `timestamps.csv` in the
+tables of timestamps (see `vsense.cameras.recordings`) say so: `timestamps.csv` in the
 camera's folder, or NAME.csv beside the video NAME.mp4.
 """
 
@@ -19,9 +19,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.cameras.picture import read_picture
+from vsense.cameras.recordings import CaptureTime, read_timestamps
 from vsense.errors import UsageError
-from vsense.tracking.grabbers_picture import read_picture
-from vsense.tracking.grabbers_times import Taken, read_timestamps
 
 Image8 = NDArray[np.uint8]
 
@@ -37,7 +37,7 @@ _WORKERS = 2
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class PictureFile:
     """One picture that has not been read yet.
 
     Attributes:
@@ -53,7 +53,7 @@ class Picture:
     frame: int | None = None
 
 
-def gather(paths: Sequence[Path], every: int = 1) -> list[Picture]:
+def gather(paths: Sequence[Path], every: int = 1) -> list[PictureFile]:
     """Finds the pictures that some paths stand for.
 
     Args:
@@ -68,8 +68,8 @@ def gather(paths: Sequence[Path], every: int = 1) -> list[Picture]:
         UsageError: There are none, or two of one camera have the same name.
         ConfigError: A table of timestamps is wrong.
     """
-    pictures: list[Picture] = []
-    times: dict[tuple[str, str], Taken] = {}
+    pictures: list[PictureFile] = []
+    times: dict[tuple[str, str], CaptureTime] = {}
     for path in _expanded(paths):
         table = _table_of(path)
         for picture in _video(path, every) if path.suffix.lower() in VIDEOS else [_file(path)]:
@@ -82,7 +82,7 @@ def gather(paths: Sequence[Path], every: int = 1) -> list[Picture]:
         raise UsageError(f"{paths[0]}: no pictures; expected e.g. .png, .jpg or .mp4 files")
     if times:
         pictures = _same_moments(pictures, times)
-    known: dict[tuple[str, str], Picture] = {}
+    known: dict[tuple[str, str], PictureFile] = {}
     for one in pictures:
         other = known.setdefault((one.camera, one.moment), one)
         if other is not one:
@@ -93,10 +93,10 @@ def gather(paths: Sequence[Path], every: int = 1) -> list[Picture]:
 
 
 def look(
-    pictures: Sequence[Picture],
+    pictures: Sequence[PictureFile],
     make: Callable[[], Callable[[Image8], T]],
     progress: Callable[[int, int], None],
-) -> Iterator[tuple[Picture, tuple[int, int], T]]:
+) -> Iterator[tuple[PictureFile, tuple[int, int], T]]:
     """Reads all pictures and looks at each, on two threads.
 
     Args:
@@ -112,7 +112,7 @@ def look(
     """
     own = local()
 
-    def work(group: Sequence[Picture]) -> list[tuple[Picture, tuple[int, int], T]]:
+    def work(group: Sequence[PictureFile]) -> list[tuple[PictureFile, tuple[int, int], T]]:
         if not hasattr(own, "looks"):
             own.looks = make()
         return [(p, (i.shape[1], i.shape[0]), own.looks(i)) for p, i in _read(group)]
@@ -127,15 +127,15 @@ def look(
             yield from result
 
 
-def _groups(pictures: Sequence[Picture]) -> list[list[Picture]]:
+def _groups(pictures: Sequence[PictureFile]) -> list[list[PictureFile]]:
     """Pictures that are read together: a video in one go, files one by one."""
-    groups: dict[tuple[Path, int | None], list[Picture]] = {}
+    groups: dict[tuple[Path, int | None], list[PictureFile]] = {}
     for picture in pictures:
         groups.setdefault((picture.path, None), []).append(picture)
     return [sorted(group, key=lambda p: p.frame or 0) for group in groups.values()]
 
 
-def _read(group: Sequence[Picture]) -> Iterator[tuple[Picture, Image8]]:
+def _read(group: Sequence[PictureFile]) -> Iterator[tuple[PictureFile, Image8]]:
     if group[0].frame is None:
         yield group[0], read_picture(group[0].path)
         return
@@ -170,21 +170,21 @@ def _expanded(paths: Sequence[Path]) -> Iterator[Path]:
             raise UsageError(f"{path}: expected a picture, a video or a folder")
 
 
-def _file(path: Path) -> Picture:
-    return Picture(path.resolve().parent.name, path.stem, path)
+def _file(path: Path) -> PictureFile:
+    return PictureFile(path.resolve().parent.name, path.stem, path)
 
 
-def _video(path: Path, every: int) -> list[Picture]:
+def _video(path: Path, every: int) -> list[PictureFile]:
     video = cv2.VideoCapture(str(path))
     frames = 0
     while video.grab():
         frames += 1
     if frames == 0:
         raise UsageError(f"{path}: no video that can be read")
-    return [Picture(path.stem, f"{n:06d}", path, n) for n in range(0, frames, every)]
+    return [PictureFile(path.stem, f"{n:06d}", path, n) for n in range(0, frames, every)]
 
 
-def _table_of(path: Path) -> dict[str | int, Taken]:
+def _table_of(path: Path) -> dict[str | int, CaptureTime]:
     """The table beside a file: name of the picture, or number in the video -> when."""
     video = path.suffix.lower() in VIDEOS
     table = path.with_suffix(".csv") if video else path.parent / TABLE
@@ -195,14 +195,14 @@ def _table_of(path: Path) -> dict[str | int, Taken]:
 
 
 def _same_moments(
-    pictures: Sequence[Picture], times: dict[tuple[str, str], Taken]
-) -> list[Picture]:
+    pictures: Sequence[PictureFile], times: dict[tuple[str, str], CaptureTime]
+) -> list[PictureFile]:
     """Names moments after the trigger's number, or after when pictures were taken."""
     known = [p for p in pictures if (p.camera, p.moment) in times]
     taken = [times[p.camera, p.moment] for p in known]
     if all(row.timestep is not None for row in taken):
         return [replace(p, moment=f"{row.timestep:06d}") for p, row in zip(known, taken)]
-    named: list[Picture] = []
+    named: list[PictureFile] = []
     first_ns, cameras, number = 0, set[str](), -1
     for row, picture in sorted(zip(taken, known), key=lambda pair: pair[0].capture_ns):
         late = row.capture_ns - first_ns > SAME_MOMENT_NS

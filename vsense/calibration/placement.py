@@ -1,4 +1,6 @@
-"""Places cameras and boards one after another, each by what it shares with those before.
+"""First guesses: the pose of a board in one picture, and a lens of which nothing is known.
+
+Places cameras and boards one after another, each by what it shares with those before.
 
 Errors pile up along the way; that does no harm, as the bundle starts from here and shares them
 out among all cameras at once.
@@ -9,14 +11,104 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.calibration.lens import LENS_SIZE, project, undistorted
 from vsense.calibration.solution import CalibrationError
-from vsense.calibration.start import Pose, miss_px, poses_in_camera
 from vsense.calibration.views import View
 
 Floats = NDArray[np.float64]
+
+_FOCAL_SHARES = np.geomspace(0.4, 5.0, 16)
+"""Focal lengths that are tried, over the picture's width: 100 to 11 degrees of view."""
+_PATIENCE_PX = 100.0
+"""A point that is further off counts no more than this."""
+
+
+@dataclass(frozen=True, slots=True)
+class BoardPose:
+    """Where a body is: `turn @ point + shift` takes its points to another frame.
+
+    Attributes:
+        turn: (3, 3) rotation.
+        shift: (3,) [m].
+    """
+
+    turn: Floats
+    shift: Floats
+
+    def inverse(self) -> BoardPose:
+        """The way back."""
+        return BoardPose(self.turn.T, -self.turn.T @ self.shift)
+
+    def after(self, first: BoardPose) -> BoardPose:
+        """This pose behind another: first `first`, then this one."""
+        return BoardPose(self.turn @ first.turn, self.turn @ first.shift + self.shift)
+
+    def apply(self, points: Floats) -> Floats:
+        """Takes (n, 3) points along."""
+        return np.asarray(points @ self.turn.T + self.shift)
+
+
+def poses_in_camera(lens: Floats, points: Floats, pixels: Floats) -> list[BoardPose]:
+    """Returns the poses of a body that one picture allows, the best first.
+
+    A flat body far away looks nearly the same tilted to either side: then there are two.
+
+    Args:
+        lens: (9,).
+        points: (n, 3) in the body's frame, 4 or more.
+        pixels: (n, 2).
+    """
+    flat = bool(np.ptp(points[:, 2]) == 0.0)
+    # Slopes grow without bounds where the model of the lens is bent back on itself.
+    slopes = np.clip(np.nan_to_num(undistorted(lens, pixels)), -20.0, 20.0)
+    method = cv2.SOLVEPNP_IPPE if flat else cv2.SOLVEPNP_SQPNP
+    try:
+        _, turns, shifts, _ = cv2.solvePnPGeneric(points, slopes, np.eye(3), None, flags=method)
+    except cv2.error:
+        return []
+    poses = [
+        BoardPose(np.asarray(cv2.Rodrigues(t)[0], np.float64), np.asarray(s, np.float64).ravel())
+        for t, s in zip(turns, shifts)
+    ]
+    good = [p for p in poses if np.all(np.isfinite(p.turn)) and np.all(np.isfinite(p.shift))]
+    return sorted(good, key=lambda pose: miss_px(lens, pose, points, pixels))
+
+
+def miss_px(lens: Floats, pose: BoardPose, points: Floats, pixels: Floats) -> float:
+    """Root mean square distance of pixels from where a pose in the camera puts the points."""
+    seen = project(np.broadcast_to(lens, (len(points), LENS_SIZE)), pose.apply(points))[0]
+    squared = np.minimum(((seen - pixels) ** 2).sum(axis=1), _PATIENCE_PX**2)
+    return float(np.sqrt(squared.mean()))
+
+
+def first_lens(size: tuple[int, int], sights: Sequence[tuple[Floats, Floats]]) -> Floats:
+    """Guesses a lens without distortion.
+
+    Args:
+        size: Width and height [px].
+        sights: Points and pixels, as in `poses_in_camera`, of each picture.
+
+    Returns:
+        (9,) the lens that explains the pictures best, of those that are tried.
+    """
+    middle = ((size[0] - 1) / 2.0, (size[1] - 1) / 2.0)
+    best, least = np.zeros(LENS_SIZE), np.inf
+    for share in _FOCAL_SHARES:
+        focal = share * size[0]
+        lens = np.array([focal, focal, *middle, 0.0, 0.0, 0.0, 0.0, 0.0])
+        misses = []
+        for points, pixels in sights:
+            poses = poses_in_camera(lens, points, pixels)
+            misses.append(miss_px(lens, poses[0], points, pixels) if poses else _PATIENCE_PX)
+        total = float(np.sum(np.square(misses)))
+        if total < least:
+            best, least = lens, total
+    return best
+
 
 _LEAST_POINTS = 4
 _CANDIDATES, _JUDGES = 12, 40
@@ -32,8 +124,8 @@ class Placement:
         bodies: Moment -> pose that takes the board's to the arena frame.
     """
 
-    cameras: dict[str, Pose] = field(default_factory=dict)
-    bodies: dict[str, Pose] = field(default_factory=dict)
+    cameras: dict[str, BoardPose] = field(default_factory=dict)
+    bodies: dict[str, BoardPose] = field(default_factory=dict)
 
 
 class Placer:
@@ -84,7 +176,7 @@ class Placer:
                 links[view.camera] = links.get(view.camera, 0) + len(view.ids)
         return links
 
-    def _place_bodies(self, done: Placement, anchored: dict[str, Pose]) -> None:
+    def _place_bodies(self, done: Placement, anchored: dict[str, BoardPose]) -> None:
         """Places every board that a placed camera sees, where all of those see it best."""
         seen: dict[str, list[int]] = {}
         for number, view in enumerate(self._views):
@@ -101,7 +193,7 @@ class Placer:
                     candidates, key=lambda body: self._miss(numbers, done.cameras, {moment: body})
                 )
 
-    def _camera_pose(self, camera: str, done: Placement) -> Pose:
+    def _camera_pose(self, camera: str, done: Placement) -> BoardPose:
         """The pose at which a camera sees all the boards that are placed best."""
         numbers = [
             n
@@ -117,7 +209,7 @@ class Placer:
         return min(candidates, key=lambda pose: self._miss(numbers, {camera: pose}, done.bodies))
 
     def _miss(
-        self, numbers: Sequence[int], cameras: dict[str, Pose], bodies: dict[str, Pose]
+        self, numbers: Sequence[int], cameras: dict[str, BoardPose], bodies: dict[str, BoardPose]
     ) -> float:
         """How far off some views are if cameras and boards are there [px, summed]."""
         total = 0.0
@@ -152,7 +244,7 @@ class Placer:
         return sorted({tuple(sorted(g)): sorted(g) for g in group.values()}.values())
 
 
-def camera_from_points(lens: Floats, points: Floats, pixels: Floats) -> Pose | None:
+def camera_from_points(lens: Floats, points: Floats, pixels: Floats) -> BoardPose | None:
     """Returns the pose of a camera that sees points of the arena, None if it sees too few.
 
     Args:
@@ -165,9 +257,9 @@ def camera_from_points(lens: Floats, points: Floats, pixels: Floats) -> Pose | N
     # The solver for flat bodies wants them at z = 0 of their own frame.
     lift = np.array((0.0, 0.0, points[0, 2])) if np.ptp(points[:, 2]) == 0.0 else np.zeros(3)
     above = [p for p in poses_in_camera(lens, points - lift, pixels) if _from_above(p)]
-    return above[0].after(Pose(np.eye(3), -lift)) if above else None
+    return above[0].after(BoardPose(np.eye(3), -lift)) if above else None
 
 
-def _from_above(pose: Pose) -> bool:
+def _from_above(pose: BoardPose) -> bool:
     """Whether a camera stands on the side that z points to."""
     return bool(pose.inverse().shift[2] > 0.0)

@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from vsense.calibration.board import Board
 from vsense.calibration.bundle import CAMERA_SIZE, POSE_SIZE, Bundle, Estimate, Knowledge
-from vsense.calibration.floor import Floor
+from vsense.calibration.floor import FloorReference
 from vsense.calibration.intrinsics import NOISE_PX, any_lens
 from vsense.calibration.lens import camera_of
-from vsense.calibration.placement import Placement, Placer, camera_from_points
-from vsense.calibration.precision import floor_sigma_m
+from vsense.calibration.placement import BoardPose, Placement, Placer, camera_from_points
 from vsense.calibration.solution import (
     CalibrationError,
     Solution,
@@ -22,11 +21,11 @@ from vsense.calibration.solution import (
     assemble,
     bad_views,
     by_view,
+    floor_sigma_m,
     huber_limit_px,
     rms,
 )
-from vsense.calibration.start import Pose
-from vsense.calibration.views import Shoot, View
+from vsense.calibration.views import BoardViews, View
 
 Floats = NDArray[np.float64]
 
@@ -59,9 +58,9 @@ class Rig:
         trust: Whether the pictures may still change the lenses, and how far.
     """
 
-    shoot: Shoot
+    shoot: BoardViews
     board: Board | None
-    floor: Floor
+    floor: FloorReference
     lenses: dict[str, Floats]
     trust: Trust
 
@@ -165,9 +164,9 @@ class RigSolver:
             np.array([pose.shift for pose in poses]),
         )
 
-    def _body_pose(self, body: str, placed: Placement) -> Pose:
+    def _body_pose(self, body: str, placed: Placement) -> BoardPose:
         if self._is_point(body):
-            return Pose(np.eye(3), self._place_m(body))
+            return BoardPose(np.eye(3), self._place_m(body))
         pose = placed.bodies.get(body)
         if pose is None:
             raise CalibrationError(f"moment {body}: the corners make no board; leave it out")

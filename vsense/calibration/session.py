@@ -13,21 +13,19 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.calibration import picture, report
-from vsense.calibration.board import Board
-from vsense.calibration.corners import CornerFinder
-from vsense.calibration.floor import Floor, TagFinder, read_points, read_seen, tag_views
+from vsense.calibration import report
+from vsense.calibration import report as picture
+from vsense.calibration.board import Board, page
+from vsense.calibration.floor import FloorReference, TagFinder, read_points, read_seen, tag_views
 from vsense.calibration.intrinsics import calibrate_lenses
 from vsense.calibration.lens import lens_of
-from vsense.calibration.pictures import Picture, gather, look
-from vsense.calibration.precision import check_board
+from vsense.calibration.pictures import PictureFile, gather, look
 from vsense.calibration.rig import Rig, RigSolver, Trust
-from vsense.calibration.sheet import page
-from vsense.calibration.solution import Solution
-from vsense.calibration.views import Shoot, View, read_corners, write_corners
+from vsense.calibration.solution import Solution, check_board
+from vsense.calibration.views import BoardViews, CornerFinder, View, read_corners, write_corners
+from vsense.cameras.camera import Camera
 from vsense.errors import UsageError
-from vsense.sheets import pdf, raster
-from vsense.tracking.camera import Camera
+from vsense.markers import paper
 
 Floats = NDArray[np.float64]
 Image8 = NDArray[np.uint8]
@@ -51,9 +49,9 @@ def print_board(options: argparse.Namespace) -> int:
     board, output = Board.parse(options.board), Path(options.output)
     sheet = page(board)
     if output.suffix.lower() == ".pdf":
-        data = pdf.document([sheet])
+        data = paper.document([sheet])
     elif output.suffix.lower() == ".png":
-        data = raster.png(raster.draw(sheet, _DPI), _DPI)
+        data = paper.png(paper.draw(sheet, _DPI), _DPI)
     else:
         raise UsageError(f"{output}: expected a name that ends in .pdf or .png")
     _write(output, data)
@@ -85,7 +83,7 @@ def rig(options: argparse.Namespace) -> int:
     if options.seen:
         sightings += read_seen(options.seen, points, sorted(shoot.sizes))
     x, y, degrees = options.origin
-    floor = Floor(
+    floor = FloorReference(
         flat=tuple(options.floor or ()),
         origin=(x, y, float(np.radians(degrees))),
         thickness_m=options.thickness,
@@ -116,7 +114,7 @@ def _shoot(
     board: Board | None,
     given: dict[str, Camera],
     tags: TagFinder | None,
-) -> tuple[Shoot, list[View]]:
+) -> tuple[BoardViews, list[View]]:
     """Reads what was seen: of the board, and of tags at known places."""
     sizes = {c.id: (c.width_px, c.height_px) for c in given.values()}
     if options.corners:
@@ -127,9 +125,9 @@ def _shoot(
         if unknown and options.size is None:
             raise UsageError(f"--corners: camera {unknown[0]}: give its --size, such as 1280x720")
         counts = {c: sum(view.camera == c for view in views) for c in cameras}
-        return Shoot({c: sizes.get(c, options.size) for c in cameras}, views, counts), []
+        return BoardViews({c: sizes.get(c, options.size) for c in cameras}, views, counts), []
     if not options.pictures:
-        return Shoot(sizes, [], dict.fromkeys(sizes, 0)), []
+        return BoardViews(sizes, [], dict.fromkeys(sizes, 0)), []
     pictures = gather(options.pictures, options.every)
     if options.camera:
         pictures = [replace(picture, camera=options.camera) for picture in pictures]
@@ -141,11 +139,11 @@ def _shoot(
 
 
 def _looked(
-    pictures: Sequence[Picture],
+    pictures: Sequence[PictureFile],
     board: Board | None,
     expected: dict[str, tuple[int, int]],
     tags: TagFinder | None,
-) -> tuple[Shoot, list[View]]:
+) -> tuple[BoardViews, list[View]]:
     sizes: dict[str, tuple[int, int]] = {}
     counts: dict[str, int] = {}
     views: list[View] = []
@@ -170,17 +168,17 @@ def _looked(
         if found.corners is not None:
             views.append(View(one.camera, one.moment, *found.corners))
     _say(f"the board was found in {len(views)} of {_count(len(pictures), 'picture')}")
-    return Shoot(dict(sorted(sizes.items())), views, counts), tag_views(tagged)
+    return BoardViews(dict(sorted(sizes.items())), views, counts), tag_views(tagged)
 
 
-def _thinned(shoot: Shoot) -> Shoot:
+def _thinned(shoot: BoardViews) -> BoardViews:
     """At most so many views per camera, spread evenly: more make it slow, not better."""
     views: list[View] = []
     for camera in shoot.sizes:
         mine = shoot.of(camera)
         step = max(1.0, len(mine) / _MOST_VIEWS)
         views += [mine[int(k * step)] for k in range(min(len(mine), _MOST_VIEWS))]
-    return Shoot(shoot.sizes, views, shoot.pictures)
+    return BoardViews(shoot.sizes, views, shoot.pictures)
 
 
 def _deliver(

@@ -1,4 +1,7 @@
-"""What a calibration found, and how well it explains every view."""
+"""What a calibration found, and how well it explains every view.
+
+How good a calibration is, in millimetres of the arena.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.calibration.board import Board
 from vsense.calibration.bundle import Sightings
+from vsense.calibration.lens import lens_of, project, undistorted
 from vsense.calibration.views import View
+from vsense.cameras.camera import Camera
 from vsense.errors import VsenseError
-from vsense.tracking.camera import Camera
 
 Floats = NDArray[np.float64]
 
@@ -130,3 +135,116 @@ def assemble(
 def by_view(rows: Floats, seen: Sightings) -> list[Floats]:
     """Cuts rows, one per point, into one array per view."""
     return np.split(rows, seen.start[1:-1])
+
+
+_GRID = 7
+_FARTHEST = 4.0
+"""Places on the floor count up to so many heights of the camera away."""
+
+
+@dataclass(frozen=True, slots=True)
+class BoardCheck:
+    """The board as the cameras see it together, without its plan.
+
+    Attributes:
+        corners: Corners that two or more cameras saw at the same moment.
+        reprojection_px: Root mean square distance of these corners from where the cameras saw
+            them.
+        distances: Pairs of corners of the same moment.
+        median_mm: Median of the absolute errors of the pairs' distances.
+        sd_mm: Standard deviation of the errors.
+    """
+
+    corners: int
+    reprojection_px: float
+    distances: int
+    median_mm: float
+    sd_mm: float
+
+
+def floor_sigma_m(camera: Camera, covariance: Floats) -> float:
+    """Returns the worst standard deviation of a place on the floor that a camera sees.
+
+    NaN where it sees no floor.
+
+    Args:
+        camera: The camera.
+        covariance: (15, 15) of its turn, shift and lens.
+    """
+    axes = [np.linspace(0.0, size - 1.0, _GRID) for size in (camera.width_px, camera.height_px)]
+    pixels = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+    turn = np.reshape(camera.rotation, (3, 3))
+    slopes = undistorted(lens_of(camera), pixels)
+    rays = np.column_stack((slopes, np.ones(len(slopes)))) @ turn
+    seen = pixels[-rays[:, 2] * _FARTHEST > np.linalg.norm(rays, axis=1)]
+    if len(seen) == 0:
+        return float("nan")
+    floor = np.column_stack((camera.to_plane(seen, 0.0), np.zeros(len(seen))))
+    points = (floor - np.array(camera.position_m)) @ turn.T
+    lenses = np.broadcast_to(lens_of(camera), (len(points), 9))
+    _, by_point, by_lens = project(lenses, points)
+    by_camera = np.concatenate((np.cross(points[:, None], by_point), by_point, by_lens), axis=2)
+    to_floor = np.linalg.inv((by_point @ turn)[:, :, :2]) @ by_camera
+    spread = np.einsum("nij,jk,nlk->nil", to_floor, covariance, to_floor)
+    return float(np.sqrt(np.linalg.eigvalsh(spread)[:, -1].max()))
+
+
+def check_board(
+    cameras: Sequence[Camera], views: Sequence[View], board: Board
+) -> BoardCheck | None:
+    """Triangulates every corner that several cameras saw, and measures the board with them.
+
+    Returns:
+        The check, or None where no corner was seen by two cameras at once.
+    """
+    by_name = {camera.id: camera for camera in cameras}
+    sights: dict[tuple[str, int], list[tuple[Camera, Floats]]] = {}
+    for view in views:
+        if view.camera in by_name:
+            for corner, pixel in zip(view.ids.tolist(), view.pixels):
+                sights.setdefault((view.moment, corner), []).append((by_name[view.camera], pixel))
+    points: dict[str, dict[int, Floats]] = {}
+    residuals = []
+    for (moment, corner), seen in sights.items():
+        if len(seen) > 1:
+            point = triangulated(seen)
+            points.setdefault(moment, {})[corner] = point
+            residuals += [pixel - camera.project(point) for camera, pixel in seen]
+    if not residuals:
+        return None
+    errors = np.concatenate([_distance_errors_m(found, board) for found in points.values()]) * 1e3
+    if errors.size == 0:
+        return None
+    return BoardCheck(
+        corners=sum(len(found) for found in points.values()),
+        reprojection_px=rms(np.array(residuals)),
+        distances=errors.size,
+        median_mm=float(np.median(np.abs(errors))),
+        sd_mm=float(errors.std()),
+    )
+
+
+def triangulated(sights: Sequence[tuple[Camera, Floats]]) -> Floats:
+    """Returns the (3,) point of the arena that lies nearest to all its sights.
+
+    Args:
+        sights: Two or more cameras, each with the (2,) pixel where it sees the point.
+
+    Source: Hartley and Zisserman, Multiple View Geometry, 12.2: the linear method.
+    """
+    rows = []
+    for camera, pixel in sights:
+        x, y = undistorted(lens_of(camera), pixel[np.newaxis])[0]
+        turn = np.reshape(camera.rotation, (3, 3))
+        matrix = np.column_stack((turn, -turn @ np.array(camera.position_m)))
+        rows += [x * matrix[2] - matrix[0], y * matrix[2] - matrix[1]]
+    point = np.linalg.svd(np.array(rows))[2][-1]
+    return np.asarray(point[:3] / point[3])
+
+
+def _distance_errors_m(found: dict[int, Floats], board: Board) -> Floats:
+    """Measured minus printed distance of every pair of corners."""
+    first, second = np.triu_indices(len(found), 1)
+    places, plan = np.array(list(found.values())), board.points_m[list(found)]
+    measured = np.linalg.norm(places[first] - places[second], axis=1)
+    return np.asarray(measured - np.linalg.norm(plan[first] - plan[second], axis=1))

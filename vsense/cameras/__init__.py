@@ -1,1 +1,1 @@
-"""The command `vsense cameras`: what is plugged in, how it looks, and how it is set up."""
+"""Cameras: live ones and recordings as sources of pictures, their models and their health."""

@@ -6,22 +6,22 @@ import math
 from collections.abc import Callable
 from typing import Protocol
 
-from vsense.cameras.v4l2_controls import Control, Device
-from vsense.tracking.aravis import AravisError
-from vsense.tracking.aravis_camera import AravisCamera
-from vsense.tracking.genicam_settings import NAMES, digits
-from vsense.tracking.grabbers import GrabberError
-from vsense.tracking.grabbers_device import EXPOSURE_UNIT_US
-from vsense.tracking.source import Bounds
+from vsense.cameras.aravis import AravisError
+from vsense.cameras.aravis_camera import AravisCamera
+from vsense.cameras.genicam import NAMES, digits
+from vsense.cameras.grabber import GrabberError
+from vsense.cameras.opencv_source import EXPOSURE_UNIT_US
+from vsense.cameras.source import Bounds
+from vsense.cameras.v4l2 import V4l2Control, V4l2ControlDevice
 
 EXPOSURE, GAIN = "exposure_time_abs", "gain_raw"
 """As the resources file calls them: exposure in us, gain in the camera's own unit."""
 
 _AUTOMATIC = {EXPOSURE: "ExposureAuto", GAIN: "GainAuto"}
-_CONTROLS = {EXPOSURE: Control.EXPOSURE, GAIN: Control.GAIN}
+_CONTROLS = {EXPOSURE: V4l2Control.EXPOSURE, GAIN: V4l2Control.GAIN}
 _UNITS = {EXPOSURE: EXPOSURE_UNIT_US, GAIN: 1.0}
 """Of V4L2, in ours."""
-_MANUAL = {EXPOSURE: (Control.EXPOSURE_AUTO, 1), GAIN: (Control.AUTOGAIN, 0)}
+_MANUAL = {EXPOSURE: (V4l2Control.EXPOSURE_AUTO, 1), GAIN: (V4l2Control.AUTOGAIN, 0)}
 
 
 class CameraControls(Protocol):
@@ -108,7 +108,7 @@ class GenicamControls:
 class V4l2Controls:
     """Those of a V4L2 device, which hears beside whoever takes its pictures."""
 
-    def __init__(self, device: Device) -> None:
+    def __init__(self, device: V4l2ControlDevice) -> None:
         """Takes the device."""
         self._device = device
 
@@ -144,7 +144,9 @@ class V4l2Controls:
 
         return put_back
 
-    def _set_back(self, name: str, control: Control, value: int | None, automatic: bool) -> None:
+    def _set_back(
+        self, name: str, control: V4l2Control, value: int | None, automatic: bool
+    ) -> None:
         """Sets a control as it was, and reads it back; see the function of this name."""
         if value is None:
             return

@@ -1,110 +1,204 @@
-"""Asks for GigE cameras on every network, and hears those with addresses of other networks, too.
-
-Aravis hears a camera only if its address is on the network that it is plugged into. The classic
-fault of the first day is one that is not: asked here, such a camera answers to everybody.
-
-Source of numbers and layouts: GigE Vision 2.0, GVCP, DISCOVERY_CMD and DISCOVERY_ACK.
-"""
+"""Which cameras are there, and what is wrong with those that cannot be used as they are."""
 
 from __future__ import annotations
 
-import socket
-import struct
-import time
+from collections import Counter
 from collections.abc import Sequence
-from contextlib import suppress
-from dataclasses import dataclass
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
 
-from vsense.tracking.gvcp import PORT
-from vsense.tracking.routes import Network, networks
+from vsense.cameras import aravis, v4l2
+from vsense.cameras.aravis import AravisError, Listed
+from vsense.cameras.aravis_camera import AravisCamera
+from vsense.cameras.controls import EXPOSURE, GAIN
+from vsense.cameras.genicam import NAMES
+from vsense.cameras.gige import HELD, Heard, controlled, heard
+from vsense.cameras.grabber import GrabberError
+from vsense.cameras.networks import networks, stranded
+from vsense.cameras.source import Bounds
 
-LISTEN_S = 0.6
-"""A camera answers within half a second."""
-
-_EVERYBODY = "255.255.255.255"
-_ACKNOWLEDGE, _TO_EVERYBODY = 0x01, 0x10
-_QUESTION = struct.pack(">BBHHH", 0x42, _ACKNOWLEDGE | _TO_EVERYBODY, 0x0002, 0, 1)
-_HEAD = struct.Struct(">HHHH")
-_ANSWER = 0x0003
-_ABOUT = struct.Struct(">10x6s20x4s32x32s32s32x48x16s16s")
-"""MAC address, present IP address, manufacturer, model, serial number, the user's name."""
-_IP_PKTINFO = 8
-"""Says through which interface a datagram leaves. Source: Linux, ip(7)."""
+GIGE, USB3, V4L2 = "GigE", "USB3", "V4L2"
+DEAF = "answers to everybody, but not to this host alone: look at its network mask and the firewall"
+_WORKERS = 8
+"""A camera that does not answer takes seconds to say so: the others do not wait for it."""
+RATE_HZ = 10.0
+"""The thesis's rate: what a camera is asked for that does not tell its own."""
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
-    """A camera that has answered.
+class Details:
+    """What a camera that could be asked says of itself; None and empty: it did not say.
 
     Attributes:
-        address: its IPv4 address.
-        mac: its MAC address.
-        vendor: who made it.
-        model: its type.
-        serial: its serial number.
+        size_px: width and height of its pictures.
+        formats: names of its pixel formats.
+        rate_hz: pictures per second.
+        exposure_us: exposure time.
+        exposure_bounds_us: the least and the greatest one.
+        gain: in its own unit.
+        gain_bounds: the least and the greatest one.
     """
 
+    size_px: tuple[int, int] | None = None
+    formats: tuple[str, ...] = ()
+    rate_hz: float | None = None
+    exposure_us: float | None = None
+    exposure_bounds_us: Bounds | None = None
+    gain: float | None = None
+    gain_bounds: Bounds | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class FoundCamera:
+    """A camera that is there.
+
+    Attributes:
+        id: what is written into device=, and what commands take.
+        kind: `GIGE`, `USB3` or `V4L2`.
+        address: IPv4 address of GigE, bus of the others; may be empty.
+        model: vendor and model, or the device's name.
+        serial: serial number; may be empty.
+        mac: MAC address of GigE, GUID of USB3; may be empty.
+        details: what it says of itself.
+        trouble: why it cannot be used as it is, without its name; empty: it can.
+    """
+
+    id: str
+    kind: str
     address: str
-    mac: str
-    vendor: str
     model: str
-    serial: str
+    serial: str = ""
+    mac: str = ""
+    details: Details = field(default_factory=Details)
+    trouble: str = ""
 
     @property
-    def id(self) -> str:
-        """Vendor, model and serial number, as Aravis puts them together."""
-        return "-".join(f"{self.vendor} {self.model} {self.serial}".split())
+    def names(self) -> tuple[str, ...]:
+        """All that a user may call it."""
+        address = self.address if self.kind == GIGE else ""
+        return tuple(filter(None, (self.id, address, self.serial, self.mac)))
 
 
-def heard(
-    known: Sequence[Network] | None = None, port: int = PORT, listen_s: float = LISTEN_S
-) -> list[Heard]:
-    """Asks through all interfaces at once; takes `listen_s`.
+def find() -> tuple[list[FoundCamera], str]:
+    """Looks for cameras; takes a second or two.
 
-    Args:
-        known: this host's networks; None: asks for them, too.
-        port: where cameras listen.
-        listen_s: how long answers are waited for.
+    Returns:
+        The cameras, and why GigE and USB3 Vision cameras could not be looked for, or "".
     """
-    found: dict[Heard, None] = {}
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ears:
-        ears.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
-        ears.bind(("", 0))
-        for network in networks() if known is None else known:
-            # An interface that is down, or a firewall: the others are asked all the same.
-            with suppress(OSError):
-                _ask(ears, network, port)
-        end_s = time.monotonic() + listen_s
-        while (left_s := end_s - time.monotonic()) > 0.0:
-            ears.settimeout(left_s)
-            try:
-                camera = parse(ears.recv(2048))
-            except OSError:
-                continue
-            if camera is not None:
-                found[camera] = None
-    return sorted(found, key=lambda camera: (camera.id, camera.mac))
+    devices = [_of_v4l2(device) for device in v4l2.devices()]
+    with ThreadPoolExecutor(_WORKERS) as workers:
+        answers = workers.submit(heard)
+        missing, listed = "", list[Listed]()
+        try:
+            listed = aravis.listed()
+        except AravisError as error:
+            missing = str(error)
+        found = _told_twice([_of_aravis(each) for each in listed])
+        lost = _unheard(answers.result(), listed, missing)
+        return [*workers.map(_asked, found), *lost, *devices], missing
 
 
-def parse(data: bytes) -> Heard | None:
-    """Reads an answer; None: it is none."""
-    if len(data) < _HEAD.size + _ABOUT.size:
-        return None
-    status, answer, _, _ = _HEAD.unpack_from(data)
-    if status != 0 or answer != _ANSWER:
-        return None
-    mac, address, vendor, model, serial, _ = _ABOUT.unpack_from(data, _HEAD.size)
-    return Heard(
-        socket.inet_ntoa(address), mac.hex(":"), _text(vendor), _text(model), _text(serial)
+def _unheard(answers: Sequence[Heard], listed: Sequence[Listed], missing: str) -> list[FoundCamera]:
+    """Gives the GigE cameras that answer, and that Aravis does not hear, with the reason."""
+    known = {(camera.mac.lower(), camera.address) for camera in listed}
+    there = networks()
+    return [
+        FoundCamera(
+            each.id,
+            GIGE,
+            each.address,
+            f"{each.vendor} {each.model}",
+            each.serial,
+            each.mac,
+            trouble=stranded(each.address, there) or ("needs Aravis" if missing else DEAF),
+        )
+        for each in answers
+        if (each.mac, each.address) not in known
+    ]
+
+
+def _of_v4l2(device: v4l2.V4l2Device) -> FoundCamera:
+    details = Details(device.size_px, tuple(device.formats), device.rate_hz)
+    return FoundCamera(
+        device.path, V4L2, device.bus, device.name, details=details, trouble=device.trouble
     )
 
 
-def _ask(ears: socket.socket, network: Network, port: int) -> None:
-    """Asks everybody who is plugged into one interface."""
-    interface = socket.if_nametoindex(network.name)
-    way = struct.pack("i4s4x", interface, network.address.ip.packed)
-    ears.sendmsg([_QUESTION], [(socket.IPPROTO_IP, _IP_PKTINFO, way)], 0, (_EVERYBODY, port))
+def _of_aravis(listed: Listed) -> FoundCamera:
+    kind = GIGE if listed.protocol == aravis.GIGE else USB3
+    model = listed.model if listed.vendor in listed.model else f"{listed.vendor} {listed.model}"
+    return FoundCamera(listed.id, kind, listed.address, model, listed.serial, listed.mac)
 
 
-def _text(field: bytes) -> str:
-    return field.partition(b"\0")[0].decode(errors="replace").strip()
+def _told_twice(found: Sequence[FoundCamera]) -> list[FoundCamera]:
+    """Marks those that share an address: whoever speaks to one disturbs the other."""
+    counts = Counter(camera.address for camera in found if camera.kind == GIGE)
+
+    def marked(camera: FoundCamera) -> FoundCamera:
+        others = [o.id for o in found if o.address == camera.address and o is not camera]
+        if counts[camera.address] < 2 or not others:
+            return camera
+        text = f"has the address of {', '.join(others)}, too: give each one of its own"
+        return replace(camera, trouble=text)
+
+    return [marked(camera) for camera in found]
+
+
+def _asked(camera: FoundCamera) -> FoundCamera:
+    """Asks a camera about itself."""
+    if camera.trouble:
+        return camera
+    try:
+        return _told(camera)
+    except GrabberError as error:
+        # A camera of another network may be reached through a router: only where it does not
+        # answer that is the trouble.
+        lost = stranded(camera.address, networks()) if camera.kind == GIGE else ""
+        return replace(camera, trouble=lost or f"does not open: {error}")
+
+
+def _told(camera: FoundCamera) -> FoundCamera:
+    # Opening a camera that another program has takes seconds, and asking it would disturb.
+    if camera.kind == GIGE and controlled(camera.address):
+        return replace(camera, trouble=HELD)
+    opened = AravisCamera(camera.address or camera.id)
+    try:
+        return replace(camera, details=read(opened))
+    finally:
+        opened.close()
+
+
+def read(camera: AravisCamera) -> Details:
+    """Asks an opened camera about itself.
+
+    Raises:
+        AravisError: it does not answer.
+    """
+    exposure_us, exposure_bounds_us = _number(camera, NAMES[EXPOSURE])
+    gain, gain_bounds = _number(camera, NAMES[GAIN])
+    return Details(
+        (int(camera.get("Width")), int(camera.get("Height"))),
+        tuple(camera.formats()),
+        rate_of(camera),
+        exposure_us,
+        exposure_bounds_us,
+        gain,
+        gain_bounds,
+    )
+
+
+def rate_of(camera: AravisCamera) -> float | None:
+    """Gives the pictures per second of an opened camera; None: it does not tell."""
+    try:
+        return camera.rate_hz
+    except AravisError:
+        # Some have no such feature, or only while they run freely.
+        return None
+
+
+def _number(camera: AravisCamera, names: Sequence[str]) -> tuple[float | None, Bounds | None]:
+    """Reads the first feature that the camera has of some."""
+    name = next((each for each in names if camera.has(each)), None)
+    if name is None:
+        return None, None
+    return float(camera.get(name)), camera.bounds(name)

@@ -1,11 +1,191 @@
-"""What is wrong with a camera's address: it is on none of this host's networks."""
+"""Which of this machine's networks leads to a camera, and how much that carries.
+
+The load of cameras on the networks that they share: what would not fit is refused beforehand.
+
+What is wrong with a camera's address: it is on none of this host's networks.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from ipaddress import IPv4Address, IPv4Network
+import fcntl
+import socket
+import struct
+import threading
+from array import array
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from ipaddress import IPv4Address, IPv4Interface, IPv4Network
+from pathlib import Path
 
-from vsense.tracking.routes import Network
+from vsense.cameras.grabber import GrabberError
+
+_ADDRESSES, _MASK = 0x8912, 0x891B
+"""SIOCGIFCONF and SIOCGIFNETMASK. Source: Linux, include/uapi/linux/sockios.h."""
+_REQUEST = struct.Struct("16s4s4s16x")
+"""struct ifreq with an IPv4 address: the interface's name, family and port, address. Source:
+Linux, include/uapi/linux/if.h."""
+_ROOM = 256
+_ANY_PORT = 9
+
+
+@dataclass(frozen=True, slots=True)
+class Network:
+    """An IPv4 address of this host.
+
+    Attributes:
+        name: The interface's name, such as "eth1".
+        address: The host's address there, with the network's prefix.
+    """
+
+    name: str
+    address: IPv4Interface
+
+    def __str__(self) -> str:
+        return f"{self.name} {self.address}"
+
+
+def networks() -> list[Network]:
+    """Gives all IPv4 addresses of this host, also where one interface has several."""
+    room = array("B", bytes(_ROOM * _REQUEST.size))
+    place, _ = room.buffer_info()
+    found = []
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asked:
+        answer = fcntl.ioctl(asked, _ADDRESSES, struct.pack("iP", len(room), place))
+        (size,) = struct.unpack_from("i", answer)
+        for row in _REQUEST.iter_unpack(room.tobytes()[:size]):
+            try:
+                # Asked with the address, the kernel tells the mask of just that one.
+                mask = _REQUEST.unpack(fcntl.ioctl(asked, _MASK, _REQUEST.pack(*row)))[2]
+            except OSError:
+                # It was taken away a moment ago.
+                continue
+            text = f"{socket.inet_ntoa(row[2])}/{socket.inet_ntoa(mask)}"
+            # A further address may have a label: "eth1:2" is an address of eth1.
+            name = row[0].partition(b"\0")[0].partition(b":")[0].decode()
+            found.append(Network(name, IPv4Interface(text)))
+    return found
+
+
+def host_address(address: str) -> str | None:
+    """Gives the address that this machine has on the way to another; None: no way leads there."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            # Of a datagram socket this only chooses the way: nothing is sent.
+            probe.connect((address, _ANY_PORT))
+        except OSError:
+            return None
+        return str(probe.getsockname()[0])
+
+
+def interface_of(host: str) -> str | None:
+    """Gives the name of the network interface that has an address of this machine."""
+    mine = (each.name for each in networks() if each.address.ip == IPv4Address(host))
+    return next(mine, None)
+
+
+def speed_bit_s(interface: str, folder: Path = Path("/sys/class/net")) -> float | None:
+    """Gives what an interface carries; None: it does not say, as loopback and Wi-Fi do not."""
+    try:
+        mbit_s = float((folder / interface / "speed").read_text())
+    except (OSError, ValueError):
+        return None
+    return 1e6 * mbit_s if mbit_s > 0 else None
+
+
+USUAL_PACKET = 1500
+"""Bytes of a packet with its IP header where nothing larger was agreed: Ethernet's own limit."""
+
+_HEADERS = 20 + 8 + 8
+"""IP, UDP and GVSP. Source: GigE Vision 2.0, GVSP data block packets."""
+_ETHERNET = 14 + 4 + 8 + 12
+"""Header, checksum, preamble and the gap after it. Source: IEEE 802.3."""
+_LEADER_AND_TRAILER = 2
+
+
+class BandwidthError(GrabberError):
+    """More pictures than a network carries."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """What a camera sends.
+
+    Attributes:
+        size_px: Width and height.
+        rate_hz: Pictures per second.
+        packet_size: Bytes of a packet with its IP header.
+        bits_per_px: Of its pixel format.
+    """
+
+    size_px: tuple[int, int]
+    rate_hz: float
+    packet_size: int = USUAL_PACKET
+    bits_per_px: int = 8
+
+    @property
+    def bit_s(self) -> float:
+        """What it takes of the link [bit/s], with everything around the pixels."""
+        picture = self.size_px[0] * self.size_px[1] * self.bits_per_px // 8
+        packets = -(-picture // (self.packet_size - _HEADERS)) + _LEADER_AND_TRAILER
+        return 8.0 * self.rate_hz * (picture + packets * (_HEADERS + _ETHERNET))
+
+
+class NetworkLoad:
+    """Who sends how much over which network; for any thread."""
+
+    def __init__(
+        self,
+        way: Callable[[str], str | None] = lambda address: _interface(address),
+        speed: Callable[[str], float | None] = speed_bit_s,
+    ) -> None:
+        """Begins without any camera.
+
+        Args:
+            way: Gives the network interface that leads to an address.
+            speed: Gives what an interface carries [bit/s]; None: unknown.
+        """
+        self._way = way
+        self._speed = speed
+        self._lock = threading.Lock()
+        self._streams: dict[str, tuple[str | None, Stream]] = {}
+
+    def claim(self, camera: str, address: str, stream: Stream) -> None:
+        """Notes what a camera sends from now on, instead of what was noted of it before.
+
+        Args:
+            camera: Its name.
+            address: Its IPv4 address.
+            stream: What it sends.
+
+        Raises:
+            BandwidthError: The network does not carry that beside the others; nothing is noted then.
+        """
+        with self._lock:
+            others = {c: noted for c, noted in self._streams.items() if c != camera}
+            interface = self._way(address)
+            everybody = others | {camera: (interface, stream)}
+            if interface is not None:
+                self._check(interface, everybody)
+            self._streams = everybody
+
+    def _check(self, interface: str, everybody: dict[str, tuple[str | None, Stream]]) -> None:
+        carried = self._speed(interface)
+        loads = {c: s.bit_s for c, (way, s) in everybody.items() if way == interface}
+        total = sum(loads.values())
+        if carried is None or total <= carried:
+            return
+        parts = " + ".join(f"{bit_s / 1e6:.0f} ({c})" for c, bit_s in loads.items())
+        raise BandwidthError(
+            f"{interface} carries {carried / 1e6:.0f} Mbit/s, the cameras on it would send"
+            f" {parts} = {total / 1e6:.0f} Mbit/s: expected a lower frame_rate, smaller pictures,"
+            " or another network for some of them"
+        )
+
+
+def _interface(address: str) -> str | None:
+    host = host_address(address)
+    return None if host is None else interface_of(host)
+
 
 _LINK_LOCAL = IPv4Network("169.254.0.0/16")
 """Where a camera puts itself when nobody gives it an address. Source: RFC 3927."""
@@ -16,7 +196,7 @@ def stranded(address: str, known: Sequence[Network]) -> str:
 
     Args:
         address: the camera's IPv4 address; "" has no trouble.
-        known: from `vsense.tracking.routes.networks`.
+        known: from `vsense.cameras.networks.networks`.
 
     Returns:
         A sentence without the camera's name, or "".

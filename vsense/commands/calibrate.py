@@ -52,9 +52,9 @@ def run(options: argparse.Namespace) -> int:
     """Runs one step; see `vsense.calibration.session`."""
     # Imported here: `vsense --help` must not wait for OpenCV.
     if options.step == "example":
-        from vsense.lab import board_example
+        from vsense.lab import board_studio
 
-        return board_example.write(options.directory, options.board, options.seed)
+        return board_studio.write(options.directory, options.board, options.seed)
     from vsense.calibration import session
 
     _check(options)

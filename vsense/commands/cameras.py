@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import os
+import sys
 from pathlib import Path
 
+from vsense.camera_setup import files, listing, shooting, showing, tuning
 from vsense.commands import arguments
 
 HELP = "find cameras, look through them, set them up"
@@ -187,8 +190,21 @@ def _number(text: str) -> float:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Runs an action; see `vsense.cameras.command`."""
-    # Imported here: `vsense --help` must not wait for OpenCV.
-    from vsense.cameras import command
+    """Runs an action.
 
-    return command.run(options)
+    Raises:
+        VsenseError: it cannot be done; one clear line.
+    """
+    actions = {
+        "list": listing.run,
+        "show": showing.run,
+        "tune": tuning.run,
+        "init": files.run,
+        "shoot": shooting.run,
+    }
+    try:
+        return actions[options.action or "list"](options)
+    except BrokenPipeError:
+        # Whoever read the output has seen enough, and nothing more can be written there.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0

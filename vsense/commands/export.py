@@ -31,7 +31,7 @@ def run(options: argparse.Namespace) -> int:
     """Exports; see `vsense.recording.export`."""
     # Imported here: `vsense --help` must not wait for NumPy.
     from vsense import recording
-    from vsense.console import Console
+    from vsense.terminal import Console
 
     recording.require()
     from vsense.recording.export import export_csv

@@ -4,9 +4,26 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from vsense.commands import arguments
-from vsense.lab.bases import BASES
+from vsense.commands.arguments import choose_seed, open_experiment
+from vsense.config.experiment import first_robots
+from vsense.config.placement import settle
+from vsense.config.specs import Experiment
+from vsense.errors import VsenseError
+from vsense.lab import metrics, report
+from vsense.lab.links import BASES
+from vsense.lab.session import Session
+from vsense.link.robots.wire import Telemetry
+from vsense.pictures.story import spoken
+from vsense.run import directory as run_directory
+from vsense.run.runtime import Step
+from vsense.run.series import Series
+from vsense.terminal import INTERRUPTED, Console, interruption
+from vsense.ui.room import ControlRoom
 
 HELP = "run an experiment on this machine: rendered cameras, emulated robots, real code"
 
@@ -44,9 +61,159 @@ def _add_base(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(options: argparse.Namespace) -> int:
-    """Runs the experiment; see `vsense.lab.experiment_run.run`."""
-    # Imported here: `vsense --help` must not wait for OpenCV.
-    from vsense.lab import experiment_run
+COMPLAINTS_TIMESTEP = 10
+"""By then every controller has begun and said what it misses."""
 
-    return experiment_run.run(options)
+
+def run(options: argparse.Namespace) -> int:
+    """Runs an experiment in the lab and reports about it.
+
+    Returns:
+        0, or 130 after Ctrl-C or SIGTERM: what was measured until then is reported all the same.
+
+    Raises:
+        VsenseError: it cannot run, or something failed in mid-run; what was measured until then
+            is reported first.
+    """
+    console = Console()
+    experiment = _experiment(options)
+    if experiment is None:
+        return 0
+    seed = choose_seed(options, experiment)
+    experiment = settle(experiment, seed)
+    directory = run_directory.make(options.output, experiment.name, seed)
+    port = experiment.port if options.port is None else options.port
+    _warn(console, experiment)
+    with interruption() as interrupted, ControlRoom(options, console) as room:
+        session = Session(
+            *(experiment, seed, directory, port, options.blind, console, interrupted),
+            *(options.base, room),
+        )
+        series = Series(directory, options.runs, room.holds, interrupted)
+        failure = _live(session, series, room, console)
+        console.end_progress()
+        _report_all(options, session, series, directory, console)
+        if failure is not None:
+            raise failure
+        return INTERRUPTED if series.was_broken(session.runner.control) else 0
+
+
+def _live(
+    session: Session, series: Series, room: ControlRoom, console: Console
+) -> VsenseError | None:
+    """Lives all runs; a failure in one of them is given back, to be told after the reports."""
+    with session:
+        try:
+            while True:
+                directory = series.directory(session.runner.control.run)
+                room.begin_run(session.environment, directory)
+                session.wait_until_ready()
+                _announce(console, session, directory)
+                session.live(directory, _progress(console, session))
+                room.end_run()
+                if not series.goes_on(session.runner):
+                    return None
+                session.next_run()
+        except VsenseError as error:
+            return error
+
+
+def _experiment(options: argparse.Namespace) -> Experiment | None:
+    """The experiment with the command line's changes; None with `--dry`."""
+    experiment = open_experiment(options)
+    return None if experiment is None else first_robots(experiment, options.robots)
+
+
+def _warn(console: Console, experiment: Experiment) -> None:
+    for warning in experiment.warnings:
+        console.say(f"vsense: {warning}")
+    if experiment.tracker is not None:
+        place = f"{experiment.file}:{experiment.tracker.line}"
+        console.say(f"vsense: {place}: its tracker is left alone: the lab has its own cameras")
+
+
+def _announce(console: Console, session: Session, directory: Path) -> None:
+    experiment = session.experiment
+    console.say(
+        f"{experiment.name}: {len(experiment.robots)} robots, seed {session.environment.seed},"
+        f" {experiment.length_s:g} s; logs in {directory}"
+    )
+
+
+def _progress(console: Console, session: Session) -> Any:
+    """Makes the function that keeps the live line up to date."""
+    experiment = session.experiment
+    length = f"/{experiment.length_s:g}" if experiment.length_s else ""
+
+    def show(step: Step) -> None:
+        if step.run_timestep == COMPLAINTS_TIMESTEP:
+            for complaint in session.swarm.complaints():
+                console.say(f"vsense: {complaint}")
+        robots = session.server.robots().values()
+        connected = sum(robot.connected for robot in robots)
+        lit = sum(_is_lit(robot.telemetry) for robot in robots if robot.connected)
+        latency_ms = (step.sent_ns - step.ready_ns) / 1e6
+        console.progress(
+            f"{step.run_timestep * experiment.timestep_s:5.1f}{length} s"
+            f"  timestep {step.run_timestep}  robots {connected}/{len(robots)}"
+            f"{_measured(session)}  lit {lit}  picture to sent {latency_ms:.0f} ms"
+        )
+
+    return show
+
+
+def _measured(session: Session) -> str:
+    """What the host knows of the experiment's success: robots in the cone, or its measures."""
+    world, source = session.environment.world, report.pollution(session.experiment)
+    if source is None:
+        return "".join(f"  {spoken(name)} {value:.3g}" for name, value in world.results.items())
+    cone, robots = world.cone(source), world.robots
+    places = np.stack((robots["x_m"], robots["y_m"]), axis=-1)
+    return f"  in the cone {0 if cone is None else int(cone.contains(places).sum())}"
+
+
+def _is_lit(telemetry: Telemetry | None) -> bool:
+    return telemetry is not None and bool(telemetry.leds & report.RING_LEDS)
+
+
+def _report_all(
+    options: argparse.Namespace,
+    session: Session,
+    series: Series,
+    directory: Path,
+    console: Console,
+) -> None:
+    """Measures, writes and prints what became of every run."""
+    summaries = []
+    for number, recording in enumerate(session.recordings, 1):
+        if recording.steps:
+            on_stdout = options.json and not series.several
+            summaries.append(_report(session, number, on_stdout, console))
+        else:
+            console.say("vsense: the run ended before its first timestep: nothing was measured")
+    if series.several:
+        figures = {"experiment": session.experiment.name, "runs": summaries}
+        run_directory.write_summary(directory, figures, options.json, run_directory.SERIES)
+
+
+def _report(session: Session, number: int, on_stdout: bool, console: Console) -> dict[str, Any]:
+    """Measures, writes, prints, and draws last."""
+    recording = session.recordings[number - 1]
+    measured = report.gather(session, recording)
+    summary = {
+        "experiment": session.experiment.name,
+        "run": number,
+        "seed": recording.seed,
+        "blind": session.blind,
+        "robots": len(session.experiment.robots),
+        "cameras": len(session.cameras),
+        **metrics.figures(measured),
+        "vision": session.eyes.figures(),
+        "measures": recording.measures,
+    }
+    run_directory.write_summary(recording.directory, summary, on_stdout)
+    console.say(report.table(summary))
+    path = recording.directory / f"{session.experiment.name}.png"
+    report.draw(session, recording, measured, path)
+    console.say(f"picture: {path}")
+    return summary

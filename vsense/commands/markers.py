@@ -58,21 +58,21 @@ def run(options: argparse.Namespace) -> int:
     """Writes the sheets; their names go to standard output."""
     # Imported here: `vsense --help` must not wait for OpenCV.
     from vsense.errors import UsageError
-    from vsense.sheets import pdf, raster, sheet, tags
-    from vsense.tracking.families import load_family
+    from vsense.markers import choice, paper, sheet
+    from vsense.markers.families import load_family
 
     output: Path = options.output
     if output.suffix.lower() not in (".pdf", ".png"):
         raise UsageError(f"{output}: expected a name that ends in .pdf or .png")
     family = load_family(options.family)
-    chosen = tags.parse(options.ids, family)
+    chosen = choice.parse(options.ids, family)
     size_mm = options.size or family.disc_diameter_mm
     pages = sheet.pages(family, chosen, size_mm, options.paper)
     files = (
-        {output: pdf.document(pages)}
+        {output: paper.document(pages)}
         if output.suffix.lower() == ".pdf"
         else {
-            name: raster.png(raster.draw(page, options.dpi), options.dpi)
+            name: paper.png(paper.draw(page, options.dpi), options.dpi)
             for name, page in zip(_names(output, len(pages)), pages)
         }
     )

@@ -3,8 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import getpass
+import json
+import socket
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
 
 from vsense.commands import arguments
+from vsense.errors import UsageError, VsenseError
+from vsense.ui.control_socket import folder
 
 NAMES = {
     "status": "show how a running experiment and its robots are",
@@ -43,8 +52,151 @@ def add_process(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(options: argparse.Namespace) -> int:
-    """Asks or orders; see `vsense.room.terminal`."""
-    from vsense.room import terminal
+PATIENCE_S = 5.0
 
-    return terminal.run(options)
+
+class TerminalError(VsenseError):
+    """The running experiment does not answer, or refuses."""
+
+
+def run(options: argparse.Namespace) -> int:
+    """Asks the running experiment, or gives it an order.
+
+    Raises:
+        VsenseError: none runs, it does not answer, or it refuses.
+    """
+    if options.command == "status":
+        answer = ask({"ask": "status"}, options.process)
+        print(json.dumps(answer, indent=2) if options.json else table(answer))
+        return 0
+    kind = "emergency" if getattr(options, "emergency", False) else options.command
+    order = {"order": kind, "by": f"terminal ({getpass.getuser()})"}
+    print(ask(order, options.process)["text"])
+    return 0
+
+
+def robots(options: argparse.Namespace) -> int:
+    """Shows the robots of the running experiment.
+
+    Raises:
+        VsenseError: none runs, or it does not answer.
+    """
+    answer = ask({"ask": "status"}, options.process)
+    rows = answer["robots"]
+    print(json.dumps(rows, indent=2) if options.json else robot_table(rows))
+    return 0
+
+
+def ask(question: Mapping[str, Any], process: int | None = None) -> dict[str, Any]:
+    """Asks the experiment that runs on this machine.
+
+    Args:
+        question: see `vsense.ui.control_socket`.
+        process: its number; None: the only one there is.
+
+    Raises:
+        UsageError: none runs, or several do and none is named.
+        TerminalError: it does not answer, or refuses.
+    """
+    path = _find(process)
+    try:
+        answer = _exchange(path, json.dumps(question).encode() + b"\n")
+    except (OSError, ValueError) as error:
+        raise TerminalError(f"process {path.stem} does not answer: {error}") from None
+    if "error" in answer:
+        raise TerminalError(answer["error"])
+    return answer
+
+
+def _find(process: int | None) -> Path:
+    found = {int(path.stem): path for path in folder().glob("*.sock") if path.stem.isdigit()}
+    if process is not None:
+        if process not in found:
+            raise UsageError(f"process {process} runs no experiment; {_running(found)}")
+        return found[process]
+    alive = {number: path for number, path in found.items() if _is_alive(path)}
+    if not alive:
+        raise UsageError(
+            "no experiment runs on this machine: start one with vsense run or vsense lab"
+        )
+    if len(alive) > 1:
+        raise UsageError(f"{_running(alive)}: say which with --process")
+    return next(iter(alive.values()))
+
+
+def _running(found: Mapping[int, Path]) -> str:
+    return f"experiments run in the processes {', '.join(map(str, sorted(found))) or 'none'}"
+
+
+def _is_alive(path: Path) -> bool:
+    """Whether anybody listens; what a killed process left is taken away."""
+    with socket.socket(socket.AF_UNIX) as line:
+        line.settimeout(PATIENCE_S)
+        try:
+            line.connect(str(path))
+            return True
+        except ConnectionRefusedError:
+            with suppress(FileNotFoundError):
+                path.unlink()
+        except OSError:
+            pass
+    return False
+
+
+def _exchange(path: Path, question: bytes) -> dict[str, Any]:
+    with socket.socket(socket.AF_UNIX) as line:
+        line.settimeout(PATIENCE_S)
+        line.connect(str(path))
+        line.sendall(question)
+        data = b""
+        while chunk := line.recv(65536):
+            data += chunk
+    answer = json.loads(data)
+    if not isinstance(answer, dict):
+        raise ValueError("its answer makes no sense")
+    return answer
+
+
+def table(answer: Mapping[str, Any]) -> str:
+    """The state of the run and its robots for a person."""
+    now, rows = answer["run"], answer["robots"]
+    length = "" if now["length_s"] is None else f" of {now['length_s']:g}"
+    late = f", {now['late']} late" if now["late"] else ""
+    latency = now["latency_ms"]
+    sent = "" if latency is None else f", capture to sent {latency['p50']:.0f} ms"
+    silent = f"\nno arena state for {now['silent_s']:.1f} s" if now["silent_s"] else ""
+    return (
+        f"{answer['name']}: run {now['run']} is {now['state']}, {now['time_s']:.1f}{length} s,"
+        f" timestep {now['timestep']}{late}; {now['rate_hz']:.1f} Hz{sent}{silent}\n\n"
+        f"{robot_table(rows)}"
+    )
+
+
+def robot_table(rows: Mapping[str, list[Any]]) -> str:
+    """A line for each robot."""
+    head = ("robot", "tag", "software", "controller", "link", "pose", "battery", "base errors", "")
+    lines = [head, *(_cells({key: rows[key][n] for key in rows}) for n in range(len(rows["tag"])))]
+    widths = [max(len(line[column]) for line in lines) for column in range(len(head))]
+    return "\n".join(
+        "  ".join(cell.ljust(width) for cell, width in zip(line, widths)).rstrip() for line in lines
+    )
+
+
+def _cells(robot: Mapping[str, Any]) -> tuple[str, ...]:
+    battery_mv = robot["battery_mv"]
+    battery = {True: "low", False: "ok", None: "-"}[robot["battery_low"]]
+    return (
+        robot["name"],
+        str(robot["tag"]),
+        robot["version"] or "-",
+        " ".join(filter(None, (robot["controller"], robot["hash"]))) or "-",
+        _age(robot["heard_ms"]) if robot["connected"] else "lost" if robot["sessions"] else "never",
+        _age(robot["pose_age_ms"]),
+        f"{battery_mv / 1e3:.2f} V" if battery_mv else battery,
+        "-" if robot["base_errors"] is None else str(robot["base_errors"]),
+        robot["trouble"] or (f"{robot['state']}"),
+    )
+
+
+def _age(milliseconds: float | None) -> str:
+    return "-" if milliseconds is None else f"{milliseconds:.0f} ms"

@@ -50,8 +50,8 @@ def run(options: argparse.Namespace) -> int:
     # Imported here: `vsense --help` must not wait for OpenCV.
     from vsense.config.experiment import load
     from vsense.config.placement import settle
-    from vsense.console import Console
     from vsense.lab.recorder import record
+    from vsense.terminal import Console
 
     console = Console()
     console.progress("building the scene")

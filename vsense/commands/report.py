@@ -36,7 +36,7 @@ def run(options: argparse.Namespace) -> int:
     """Makes the report; see `vsense.report.report`."""
     # Imported here: `vsense --help` must not wait for OpenCV.
     from vsense import recording
-    from vsense.console import Console
+    from vsense.terminal import Console
 
     recording.require()
     from vsense.report.report import make_report

@@ -33,8 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Serves; see `vsense.serving.run`."""
+    """Serves; see `vsense.live.serve.run`."""
     # Imported here: `vsense --help` must not wait for OpenCV.
-    from vsense import serving
+    from vsense.live import serve
 
-    return serving.run(options)
+    return serve.run(options)

@@ -4,9 +4,23 @@ from __future__ import annotations
 
 import argparse
 import os
+import threading
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from vsense.commands import arguments
+from vsense.commands.arguments import choose_seed, open_experiment
+from vsense.config.specs import Experiment
+from vsense.errors import UsageError
+from vsense.lab import phases
+from vsense.robot import build
+from vsense.run import directory as run_directory
+from vsense.sim import campaign
+from vsense.sim.job import TRAJECTORY, Job, Setup
+from vsense.sim.settings import Sweep
+from vsense.sim.watch import Interrupted, Task, WorkerProcess, simulate_all
+from vsense.terminal import INTERRUPTED, Console, interruption
 
 HELP = "simulate an experiment with its real controller, faster than real time; campaigns"
 
@@ -69,8 +83,102 @@ def _add_campaign(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Runs the experiment, or the campaign; see `vsense.sim.command.run`."""
-    # Imported here: `vsense --help` must not wait for NumPy.
-    from vsense.sim import command
+    """Runs what the command line says.
 
-    return command.run(options)
+    Returns:
+        0, or 130 after Ctrl-C or SIGTERM.
+
+    Raises:
+        VsenseError: it cannot run, or something failed in mid-run.
+    """
+    sweep = Sweep.of(options.set, options.runs, options.seeds)
+    settings = sweep.first
+    experiment = open_experiment(options, settings)
+    if experiment is None:
+        return 0
+    setup = Setup(options.experiment, options.duration, options.robots, options.blind, settings)
+    experiment = setup.fit(experiment)
+    console = Console()
+    for warning in experiment.warnings:
+        console.say(f"vsense: {warning}")
+    with interruption() as interrupted:
+        try:
+            if sweep.seeds is None:
+                return _one(options, setup, experiment, console, interrupted)
+            if options.seed is not None:
+                raise UsageError("--seed: a campaign has --seeds")
+            return campaign.run(options, sweep, setup, console, interrupted)
+        except Interrupted:
+            console.end_progress()
+            return INTERRUPTED
+
+
+def _one(
+    options: argparse.Namespace,
+    setup: Setup,
+    experiment: Experiment,
+    console: Console,
+    interrupted: threading.Event,
+) -> int:
+    """One run: figures, trajectories, and a table for people."""
+    seed = choose_seed(options, experiment)
+    library = build.shared(experiment.controller.library, experiment.path.parent)
+    directory = run_directory.make(options.output, experiment.name, seed)
+    console.say(
+        f"{experiment.name}: {len(experiment.robots)} robots, seed {seed},"
+        f" {experiment.length_s:g} s; results in {directory}"
+    )
+    job = Job(setup, seed, str(library), str(directory))
+    show = _progress(console, experiment)
+    for _, result in simulate_all([Task(job, experiment)], 1, interrupted, show):
+        console.end_progress()
+        for complaint in result["complaints"]:
+            console.say(f"vsense: {complaint}")
+        summary = summarise(job, result)
+        run_directory.write_summary(directory, summary, options.json)
+        console.say(table(summary))
+        console.say(f"trajectories: {directory / TRAJECTORY}")
+        console.say(f"picture: {directory / experiment.name}.png")
+    return 0
+
+
+def summarise(job: Job, result: dict[str, Any]) -> dict[str, Any]:
+    """Gives a run's figures under the names that scripts rely on."""
+    duration_s = result["timesteps"] * result["timestep_s"]
+    return {
+        "experiment": result["name"],
+        "seed": job.seed,
+        "blind": job.setup.blind,
+        "settings": dict(job.setup.settings),
+        "robots": result["robots"],
+        "timesteps": result["timesteps"],
+        "duration_s": round(duration_s, 3),
+        "speedup": round(duration_s / result["wall_s"], 1),
+        "swarm": result["swarm"],
+        "measures": result["measures"],
+    }
+
+
+def table(summary: dict[str, Any]) -> str:
+    """The summary as a person reads it."""
+    rows = [
+        (
+            "run",
+            f"{summary['duration_s']:g} s of {summary['robots']} robots,"
+            f" {summary['speedup']:g} times as fast as real time",
+        )
+    ]
+    rows += phases.rows(summary["swarm"], summary["robots"])
+    rows += [("measure", f"{name} = {value:g}") for name, value in summary["measures"].items()]
+    return "\n".join(f"{name:<10}{text}" for name, text in rows)
+
+
+def _progress(console: Console, experiment: Experiment) -> Any:
+    """Makes the function that keeps the live line up to date."""
+
+    def show(workers: Sequence[WorkerProcess]) -> None:
+        done = max(worker.timesteps for worker in workers)
+        time_s = done * experiment.timestep_s
+        console.progress(f"{time_s:6.1f}/{experiment.length_s:g} s  timestep {done}")
+
+    return show

@@ -43,8 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Tracks; see `vsense.tracking_run.run`."""
+    """Tracks; see `vsense.live.track.run`."""
     # Imported here: `vsense --help` must not wait for OpenCV.
-    from vsense import tracking_run
+    from vsense.live import track
 
-    return tracking_run.run(options)
+    return track.run(options)

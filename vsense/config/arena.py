@@ -6,22 +6,26 @@ from dataclasses import replace
 from pathlib import Path
 
 from vsense.config import argos
-from vsense.config.bodies import Bodies
-from vsense.config.distribute import OBJECT, ROBOT, Crowd, read_distribute, warn_of_height
-from vsense.config.draws import DistributedSpec
-from vsense.config.element import Element
+from vsense.config.distribute import (
+    OBJECT,
+    ROBOT,
+    Crowd,
+    DistributedSpec,
+    read_distribute,
+    warn_of_height,
+)
 from vsense.config.ground import read_field, read_floor
-from vsense.config.media import Media, check_medium
-from vsense.config.robots import add_crowd, add_epuck, add_object
-from vsense.config.things import MAX_LENGTH_M, MIN_LENGTH_M, THINGS, read_thing
+from vsense.config.robots import ArenaContents, add_crowd, add_epuck, add_object
+from vsense.config.things import MAX_LENGTH_M, MIN_LENGTH_M, THINGS, Media, check_medium, read_thing
 from vsense.world.entities import Arena, Box, Cylinder, Entity
+from vsense.xml.element import Element
 
 DISTRIBUTE = "distribute"
 FIELD = "vs:field"
 LIGHT = "light"
 
 
-def read_arena(element: Element, folder: Path, media: Media, timestep_s: float) -> Bodies:
+def read_arena(element: Element, folder: Path, media: Media, timestep_s: float) -> ArenaContents:
     """Reads the arena and everything in it; tags that the file does not give are missing yet.
 
     Args:
@@ -38,7 +42,7 @@ def read_arena(element: Element, folder: Path, media: Media, timestep_s: float) 
     centre_m = element.vector("center", -high, high, "m", "0,0,0")
     if element.has("positional_grid_size"):
         element.numbers("positional_grid_size", 3, 1.0, 1e6)
-    bodies = Bodies(Arena(size_m, centre_m), folder, media, timestep_s)
+    bodies = ArenaContents(Arena(size_m, centre_m), folder, media, timestep_s)
     if (floor := element.optional_child("floor")) is not None:
         bodies.floor = read_floor(floor, folder)
         bodies.claim_id(floor, bodies.floor.id)
@@ -48,7 +52,7 @@ def read_arena(element: Element, folder: Path, media: Media, timestep_s: float) 
     return bodies
 
 
-def _read_child(element: Element, bodies: Bodies) -> None:
+def _read_child(element: Element, bodies: ArenaContents) -> None:
     if element.name in argos.ENTITIES:
         element.leave_out(argos.ENTITIES[element.name])
     elif element.name == ROBOT:
@@ -70,7 +74,7 @@ def _read_child(element: Element, bodies: Bodies) -> None:
         _note_unseen(element, thing, bodies)
 
 
-def _read_crowd(element: Element, bodies: Bodies) -> None:
+def _read_crowd(element: Element, bodies: ArenaContents) -> None:
     crowd = read_distribute(element, bodies.crowds)
     if crowd is None:
         return
@@ -82,7 +86,7 @@ def _read_crowd(element: Element, bodies: Bodies) -> None:
         _add_things(element, crowd, bodies)
 
 
-def _add_things(element: Element, crowd: Crowd, bodies: Bodies) -> None:
+def _add_things(element: Element, crowd: Crowd, bodies: ArenaContents) -> None:
     """Adds the things of an `<entity>`, called NAME and a number from base_num."""
     prefix = crowd.element.text("id")
     _check_medium(crowd.element, bodies)
@@ -99,11 +103,11 @@ def _add_things(element: Element, crowd: Crowd, bodies: Bodies) -> None:
         bodies.distributed.append(spec)
 
 
-def _check_medium(element: Element, bodies: Bodies) -> None:
+def _check_medium(element: Element, bodies: ArenaContents) -> None:
     if element.name == LIGHT:
         check_medium(element, bodies.media)
 
 
-def _note_unseen(element: Element, thing: Entity, bodies: Bodies) -> None:
+def _note_unseen(element: Element, thing: Entity, bodies: ArenaContents) -> None:
     if isinstance(thing, (Box, Cylinder)) and not thing.physical:
         bodies.unseen.append(element)

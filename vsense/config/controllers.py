@@ -1,21 +1,128 @@
-"""Reads `<controllers>`: what drives the robots."""
+"""Reads a controller's `<sensors>` and `<actuators>`: the robots' own devices, and virtual ones.
+
+Reads `<controllers>`: what drives the robots.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
-from vsense.build import source_tree
-from vsense.config import porting
-from vsense.config.bodies import Bodies
-from vsense.config.element import Element
-from vsense.config.loop import collect
+from vsense.actuators import registry as actuator_registry
+from vsense.actuators.base import MountedActuator
+from vsense.config import argos
+from vsense.config.framework import collect
+from vsense.config.robots import ArenaContents
 from vsense.config.specs import ControllerSpec
-from vsense.config.wording import shown
+from vsense.config.things import Media, check_medium
 from vsense.errors import UsageError
-from vsense.native import lib
+from vsense.link.robots.table import Direction, Entry, Table
+from vsense.native import WireError, lib
+from vsense.robot.build import source_tree
+from vsense.sensors import registry as sensor_registry
+from vsense.sensors.base import MountedSensor, Scope
+from vsense.xml.element import Element, shown
+
+SENSORS = "sensors"
+ACTUATORS = "actuators"
 
 
-def used_controller(section: Element, bodies: Bodies) -> Element:
+def virtual_devices() -> dict[str, Collection[str]]:
+    """Gives the elements of all virtual devices, by the element that holds them."""
+    return {
+        SENSORS: sensor_registry.factories().keys(),
+        ACTUATORS: actuator_registry.factories().keys(),
+    }
+
+
+def read_devices(
+    controller: Element, scope: Scope, media: Media
+) -> tuple[list[MountedSensor], list[MountedActuator]]:
+    """Mounts the virtual sensors and actuators that a controller asks for.
+
+    Args:
+        controller: its element.
+        scope: what they may refer to; sensors add their sources to it.
+        media: what they may refer to, too.
+
+    Raises:
+        ConfigError: one of them is wrong, two have the same name, or a datagram does not hold
+            them all.
+    """
+    virtual = virtual_devices()
+    sensors: list[MountedSensor] = []
+    actuators: list[MountedActuator] = []
+    entries: dict[str, tuple[Entry, int]] = {}
+    section = controller.optional_child(SENSORS)
+    for element in _virtual(section, argos.ROBOT_SENSORS, argos.SENSORS, virtual[SENSORS], media):
+        sensor = sensor_registry.mount(element, scope)
+        _add_entry(entries, element, sensor.sensor.name, sensor.sensor.layout, Direction.SENSOR)
+        sensors.append(sensor)
+    section = controller.optional_child(ACTUATORS)
+    for element in _virtual(
+        section, argos.ROBOT_ACTUATORS, argos.ACTUATORS, virtual[ACTUATORS], media
+    ):
+        actuator = actuator_registry.mount(element, scope)
+        name, layout = actuator.actuator.name, actuator.actuator.layout
+        _add_entry(entries, element, name, layout, Direction.ACTUATOR)
+        actuators.append(actuator)
+    return sensors, actuators
+
+
+def _add_entry(
+    entries: dict[str, tuple[Entry, int]],
+    element: Element,
+    name: str,
+    layout: str,
+    way: Direction,
+) -> None:
+    """Notes a device and its line in the robots' table.
+
+    Raises:
+        ConfigError: its name is there already, or the table has no room for it.
+    """
+    if name in entries:
+        entry, line = entries[name]
+        kind = entry.direction.name.lower()
+        message = f"the {kind} {name!r} is there already, in line {line}; expected another name"
+        raise element.error(message)
+    entries[name] = (Entry(len(entries) + 1, name, layout, way), element.line)
+    try:
+        Table(entry for entry, _ in entries.values())
+    except WireError as error:
+        raise element.error(str(error)) from None
+
+
+def _virtual(
+    section: Element | None,
+    real: Collection[str],
+    unsupported: Mapping[str, str],
+    virtual: Collection[str],
+    media: Media,
+) -> list[Element]:
+    """Reads the devices that robots have anyway; gives the virtual ones."""
+    if section is None:
+        return []
+    found = section.children(*real, *virtual, *unsupported)
+    for element in found:
+        if element.name in virtual:
+            argos.pass_over(element, argos.ORIGINAL_SETTINGS)
+            check_medium(element, media)
+        elif element.name in real:
+            section.optional_child(element.name)
+            check_medium(element, media)
+            _read_real_device(element)
+        else:
+            element.leave_out(unsupported[element.name])
+    return [element for element in found if element.name in virtual]
+
+
+def _read_real_device(element: Element) -> None:
+    element.choice("implementation", argos.IMPLEMENTATIONS, "default")
+    argos.pass_over(element, argos.SIMULATED_SETTINGS)
+
+
+def used_controller(section: Element, bodies: ArenaContents) -> Element:
     """Finds the one controller that the robots name.
 
     Raises:
@@ -62,7 +169,7 @@ def read_controller(element: Element, folder: Path) -> ControllerSpec:
     library = _read_library(element, folder)
     params = element.optional_child("params")
     settings = {} if params is None else collect(params, {})
-    if library == porting.STAND_STILL:
+    if library == argos.STAND_STILL:
         settings = {}
     controller = ControllerSpec(element.text("id"), library, settings, element.line)
     size = len(controller.params_text.encode())
@@ -73,16 +180,16 @@ def read_controller(element: Element, folder: Path) -> ControllerSpec:
 
 def _read_library(element: Element, folder: Path) -> str:
     """Reads which program it is; what was written for ARGoS is replaced by its port."""
-    if element.name == porting.LUA and not element.has("library"):
-        element.warn(f"is Lua, which runs on no robot: they stand still; see {porting.PAGE}")
-        return porting.STAND_STILL
+    if element.name == argos.LUA and not element.has("library"):
+        element.warn(f"is Lua, which runs on no robot: they stand still; see {argos.PAGE}")
+        return argos.STAND_STILL
     library = element.text("library", None, "a shipped controller's name or the path of a .c file")
-    if porting.is_built_for_argos(library):
-        port = porting.ported_controller(library, folder)
+    if argos.is_built_for_argos(library):
+        port = argos.ported_controller(library, folder)
         if port is None:
-            instead = f"the robots stand still; port it, see {porting.PAGE}"
+            instead = f"the robots stand still; port it, see {argos.PAGE}"
             element.warn(f"library: {shown(library)} is C++ for ARGoS, not for robots: {instead}")
-            return porting.STAND_STILL
+            return argos.STAND_STILL
         element.warn(
             f"library: {shown(library)} is C++ for ARGoS: its port {port!r} is run instead"
         )

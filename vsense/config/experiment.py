@@ -1,4 +1,7 @@
-"""Loads an experiment: finds the file, reads and checks all of it, and only then gives it out."""
+"""A smaller swarm than an experiment's file says.
+
+Loads an experiment: finds the file, reads and checks all of it, and only then gives it out.
+"""
 
 from __future__ import annotations
 
@@ -9,27 +12,44 @@ from importlib import resources
 from pathlib import Path
 
 from vsense.config.arena import DISTRIBUTE, read_arena
-from vsense.config.bodies import Bodies
-from vsense.config.controllers import read_controller, used_controller
-from vsense.config.devices import read_devices, virtual_devices
-from vsense.config.element import Element
-from vsense.config.framework import Run, read_rest, read_run
-from vsense.config.loop import read_loop_functions
-from vsense.config.media import read_media
-from vsense.config.robots import give_tags
-from vsense.config.settings import apply, check_used
-from vsense.config.specs import (
-    ControllerSpec,
-    Experiment,
-    MarkerSpec,
-    ObjectSpec,
-    RobotSpec,
+from vsense.config.controllers import (
+    read_controller,
+    read_devices,
+    used_controller,
+    virtual_devices,
 )
+from vsense.config.framework import RunSettings, read_loop_functions, read_rest, read_run
+from vsense.config.robots import ArenaContents, give_tags
+from vsense.config.settings import apply, check_used
+from vsense.config.specs import ControllerSpec, Experiment, MarkerSpec, ObjectSpec, RobotSpec
+from vsense.config.things import read_media
 from vsense.config.tracker_address import read_tracker
-from vsense.config.xml import parse
 from vsense.errors import ConfigError, UsageError
+from vsense.markers.families import known_families, load_family
 from vsense.sensors.base import Scope
-from vsense.tracking.families import known_families, load_family
+from vsense.xml.element import Element
+from vsense.xml.parsing import parse
+
+
+def first_robots(experiment: Experiment, count: int | None) -> Experiment:
+    """Keeps only the first robots of an experiment.
+
+    Args:
+        experiment: the experiment.
+        count: how many; None: all.
+
+    Raises:
+        UsageError: there are not so many, or what pollutes would be left out.
+    """
+    if count is None:
+        return experiment
+    if count > len(experiment.robots):
+        raise UsageError(f"--robots {count}: {experiment.file} has {len(experiment.robots)}")
+    left_out = {robot.tag for robot in experiment.robots[count:]}
+    if left_out & {source.tag for source in experiment.sources}:
+        raise UsageError(f"--robots {count}: would leave out what pollutes")
+    return replace(experiment, robots=experiment.robots[:count])
+
 
 SUFFIX = ".argos"
 
@@ -137,9 +157,9 @@ def _read_understood(root: Element, path: Path, length_s: float | None) -> Exper
 def _assemble(
     root: Element,
     path: Path,
-    run: Run,
+    run: RunSettings,
     marker: MarkerSpec,
-    bodies: Bodies,
+    bodies: ArenaContents,
     controller: ControllerSpec,
 ) -> Experiment:
     """Makes an experiment without virtual devices."""
@@ -168,7 +188,7 @@ def _assemble(
     )
 
 
-def _warn_of_unfelt(bodies: Bodies) -> None:
+def _warn_of_unfelt(bodies: ArenaContents) -> None:
     for element in bodies.unseen:
         element.warn(
             "is virtual, and no virtual sensor is there to feel it;"
@@ -198,7 +218,7 @@ def _read_marker(root: Element) -> MarkerSpec:
     return MarkerSpec(family, element.number("height", 0.0, 1.0, "m", 0.06), element.line)
 
 
-def _check_tags(bodies: Bodies, marker: MarkerSpec, file: str) -> None:
+def _check_tags(bodies: ArenaContents, marker: MarkerSpec, file: str) -> None:
     """Refuses a tag that the marker family does not have."""
     tags = load_family(marker.family).tags
     tagged: list[RobotSpec | ObjectSpec] = [*bodies.robots, *bodies.objects]
@@ -223,7 +243,7 @@ def _no_robot(root: Element, arena: Element) -> str:
     return message
 
 
-def _check_objects(bodies: Bodies, scope: Scope) -> None:
+def _check_objects(bodies: ArenaContents, scope: Scope) -> None:
     """Refuses an e-puck without a controller that is not the object of anything."""
     for name, element in bodies.without_controller.items():
         if bodies.tags[name] not in scope.named:

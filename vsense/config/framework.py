@@ -1,14 +1,82 @@
-"""Reads what an experiment file says about the run as a whole, and the parts of ARGoS beside it."""
+"""Reads `<loop_functions>`: a Python file whose functions are called around every timestep.
+
+Reads what an experiment file says about the run as a whole, and the parts of ARGoS beside it.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from ipaddress import IPv4Address
+from pathlib import Path
 
 from vsense.config import argos
-from vsense.config.element import Element
+from vsense.config.specs import LoopSpec
 from vsense.config.tracker_address import ENGINE
-from vsense.config.wording import shown
+from vsense.xml.element import Element, shown
+
+_KNOWN = ("library", "label")
+
+
+def read_loop_functions(root: Element, folder: Path) -> LoopSpec | None:
+    """Reads the loop functions, None where there are none that can be called.
+
+    Args:
+        root: <argos-configuration>.
+        folder: where a file with a relative path is looked for.
+
+    Raises:
+        ConfigError: an attribute is wrong, or the file is not there.
+    """
+    element = root.optional_child("loop_functions")
+    if element is None or not (element.free_attributes() or element.child_names()):
+        return None
+    library = element.text("library", None, "the path of a Python file")
+    label = element.text("label", "") if element.has("label") else ""
+    if argos.is_built_for_argos(library):
+        port = argos.ported_loop_functions(library, folder)
+        if port is None:
+            element.leave_out(
+                f"{shown(library)} is a C++ library, which is not called; loop functions are"
+                f" Python here, see {argos.PAGE}"
+            )
+            return None
+        element.warn(f"library: {shown(library)} is C++: its port {port.name!r} is called instead")
+    else:
+        port = folder / library
+        if port.suffix != ".py" or not port.is_file():
+            raise element.error(f"{shown(library)}: expected the path of a .py file", "library")
+    _check_syntax(element, port)
+    params = collect(element, {})
+    return LoopSpec(port, label, {k: v for k, v in params.items() if k not in _KNOWN}, element.line)
+
+
+def _check_syntax(element: Element, path: Path) -> None:
+    """Refuses a file that is no Python, before anything of it is run."""
+    try:
+        compile(path.read_bytes(), str(path), "exec")
+    except SyntaxError as error:
+        place = f"{path}:{error.lineno or 1}"
+        raise element.error(f"{place}: {error.msg}, expected Python", "library") from None
+    except (OSError, ValueError) as error:
+        raise element.error(f"{path}: {error}, expected Python", "library") from None
+
+
+def collect(element: Element, settings: dict[str, str], prefix: str = "") -> dict[str, str]:
+    """Flattens the user's own settings: an attribute of a child is called `child.key`.
+
+    Raises:
+        ConfigError: two settings have one name, or a value cannot stand in one line.
+    """
+    for key, value in element.free_attributes().items():
+        if any(not character.isprintable() for character in value):
+            raise element.error("holds a character that is not printable", key)
+        if prefix + key in settings:
+            raise element.error("is there twice", key)
+        settings[prefix + key] = value
+    for child in element.children():
+        collect(child, settings, f"{prefix}{child.name}.")
+    return settings
+
 
 DEFAULT_HOST = "127.0.0.1"
 DEFAULT_PORT = 4050
@@ -29,7 +97,7 @@ _MAX_THREADS = 1024
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class RunSettings:
     """How an experiment is run; the fields are those of `Experiment`."""
 
     length_s: float
@@ -39,7 +107,7 @@ class Run:
     port: int
 
 
-def read_run(root: Element, length_s: float | None) -> Run:
+def read_run(root: Element, length_s: float | None) -> RunSettings:
     """Reads `<framework>`.
 
     Args:
@@ -57,7 +125,7 @@ def read_run(root: Element, length_s: float | None) -> Run:
     if run.has("real_time"):
         run.boolean("real_time")
     host, port = _read_address(root)
-    return Run(
+    return RunSettings(
         file_length_s if length_s is None else length_s,
         ticks_per_second,
         run.integer("random_seed", 0, _MAX_SEED, 0),

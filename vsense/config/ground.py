@@ -7,12 +7,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from vsense.config.element import Element
 from vsense.config.specs import Experiment, FieldSpec, FloorSpec
 from vsense.errors import ConfigError
 from vsense.world.entities import Arena, WorldError
 from vsense.world.fields import MAX_CONCENTRATION, Field
 from vsense.world.floor import Floor, Image
+from vsense.xml.element import Element
 
 _MAX_PIXELS_PER_M = 1000.0
 _MAX_IMAGE_BYTES = 1 << 26

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
+from vsense.cameras import aravis
+from vsense.cameras.aravis_camera import is_address
+from vsense.cameras.genicam import FREE, SOFTWARE, GenicamSettings, GenicamSource
+from vsense.cameras.live_grabber import LiveGrabber, SoftwareTrigger
+from vsense.cameras.networks import USUAL_PACKET, BandwidthError, NetworkLoad, Stream
+from vsense.cameras.opencv_source import Controls, DeviceSource
+from vsense.cameras.source import Source
 from vsense.config.tracking_specs import CameraTrackerSpec, GrabberSpec, TrackingSession
-from vsense.tracking import aravis
-from vsense.tracking.aravis_camera import is_address
-from vsense.tracking.genicam_settings import FREE, SOFTWARE, GenicamSettings
-from vsense.tracking.grabbers_device import Controls, DeviceSource
-from vsense.tracking.grabbers_genicam import GenicamSource
-from vsense.tracking.grabbers_live import LiveGrabber
-from vsense.tracking.links import USUAL_PACKET, LinkError, Links, Stream
-from vsense.tracking.software_trigger import SoftwareTrigger
-from vsense.tracking.source import Source
 
 
-def make_source(spec: GrabberSpec, clock: Callable[[], int], links: Links) -> Source:
+def make_source(spec: GrabberSpec, clock: Callable[[], int], links: NetworkLoad) -> Source:
     """Makes the source of a grabber that is a camera.
 
     Args:
@@ -45,7 +43,7 @@ def live_grabber(
         ConfigError: the library for them is missing, or they would send more than their network
             carries; names the place in the resources file.
     """
-    links = Links()
+    links = NetworkLoad()
     _check(session, links)
     sources = {v.camera.id: make_source(v.grabber, clock, links) for v in session.views}
     rates_hz = {v.camera.id: v.grabber.frame_rate_hz for v in session.views}
@@ -60,7 +58,7 @@ def live_grabber(
     return LiveGrabber(sources, sizes_px, clock, rates_hz, 0.5 / rate_hz, trigger)
 
 
-def _check(session: TrackingSession, links: Links) -> None:
+def _check(session: TrackingSession, links: NetworkLoad) -> None:
     """Refuses what can be refused before a camera is opened."""
     genicam = [v for v in session.views if isinstance(v.grabber.settings, GenicamSettings)]
     if not genicam:
@@ -87,14 +85,16 @@ def _check(session: TrackingSession, links: Links) -> None:
         _claim(session, view, address, links)
 
 
-def _claim(session: TrackingSession, view: CameraTrackerSpec, address: str, links: Links) -> None:
+def _claim(
+    session: TrackingSession, view: CameraTrackerSpec, address: str, links: NetworkLoad
+) -> None:
     grabber = view.grabber
     assert isinstance(grabber.settings, GenicamSettings)
     size_px = grabber.settings.controls.size_px or (view.camera.width_px, view.camera.height_px)
     packet = grabber.settings.packet_size or USUAL_PACKET
     try:
         links.claim(grabber.source, address, Stream(size_px, _rate(grabber), packet))
-    except LinkError as error:
+    except BandwidthError as error:
         raise session.resources.error(grabber.line, f"<grabber> frame_rate: {error}") from None
 
 

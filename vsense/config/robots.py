@@ -1,26 +1,116 @@
-"""Reads robots and tagged objects, and gives tags to those whose tag the file does not say."""
+"""What is in the arena, gathered while `<arena>` is read: everything with an id or a tag.
+
+Reads robots and tagged objects, and gives tags to those whose tag the file does not say.
+"""
 
 from __future__ import annotations
 
 import re
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import islice
+from pathlib import Path
 from typing import NamedTuple
 
 from vsense.config import argos
-from vsense.config.bodies import Bodies
-from vsense.config.distribute import OBJECT, Crowd
-from vsense.config.draws import DistributedSpec
-from vsense.config.element import Element
-from vsense.config.specs import ObjectSpec, Pose, RobotSpec
-from vsense.config.things import read_place
-from vsense.config.wording import shown
+from vsense.config.distribute import OBJECT, Crowd, DistributedSpec
+from vsense.config.specs import FieldSpec, FloorSpec, ObjectSpec, Pose, RobotSpec
+from vsense.config.things import Media, read_place
+from vsense.markers.choice import AUTO_BLUR
+from vsense.markers.codes import choose_tags
+from vsense.markers.families import MarkerFamily, load_family
 from vsense.native import lib
-from vsense.sheets.tags import AUTO_BLUR
-from vsense.tracking.codes import choose_tags
-from vsense.tracking.families import MarkerFamily, load_family
-from vsense.world.entities import VirtualRobot
+from vsense.world.entities import VIRTUAL_TAG_MIN, Arena, Entity, VirtualRobot
+from vsense.xml.element import Element, shown
+
+
+@dataclass(slots=True)
+class ArenaContents:
+    """What is in the arena, while it is read.
+
+    Attributes:
+        arena: the arena.
+        folder: where files with relative paths are looked for.
+        media: what lights may refer to.
+        timestep_s: length of a timestep.
+        entities: what stands at a place that the file says.
+        distributed: what stands at a place that the seed will say.
+        robots: the real robots.
+        objects: tagged things that are no robots.
+        floor: the floor, None: not said.
+        fields: quantities spread over it.
+        controllers: by robot id the `<controller>` element that names what drives it.
+        without_controller: by id the e-pucks that nothing drives: objects, as in the thesis.
+        crowds: how many `<distribute>` were read.
+        unseen: boxes and cylinders that only virtual sensors feel.
+        untagged: elements of bodies whose tag nobody says, with the bodies' ids.
+        lines: by id the line of its element.
+    """
+
+    arena: Arena
+    folder: Path
+    media: Media
+    timestep_s: float
+    entities: list[Entity] = field(default_factory=list)
+    distributed: list[DistributedSpec] = field(default_factory=list)
+    robots: list[RobotSpec] = field(default_factory=list)
+    objects: list[ObjectSpec] = field(default_factory=list)
+    floor: FloorSpec | None = None
+    fields: list[FieldSpec] = field(default_factory=list)
+    controllers: dict[str, Element] = field(default_factory=dict)
+    without_controller: dict[str, Element] = field(default_factory=dict)
+    crowds: int = 0
+    unseen: list[Element] = field(default_factory=list)
+    untagged: list[tuple[Element, list[str]]] = field(default_factory=list)
+    lines: dict[str, int] = field(default_factory=dict)
+    _lines_of_tags: dict[int, int] = field(default_factory=dict)
+
+    @property
+    def tags(self) -> dict[str, int]:
+        """Markers of all tagged things by id."""
+        bodies: list[RobotSpec | ObjectSpec] = [*self.robots, *self.objects]
+        return {body.id: body.tag for body in bodies}
+
+    @property
+    def everything(self) -> dict[str, Entity]:
+        """All entities by id; the places of the distributed ones are not known yet."""
+        entities = [*self.entities, *(spec.entity for spec in self.distributed)]
+        return {entity.id: entity for entity in entities}
+
+    def claim_id(self, element: Element, name: str) -> None:
+        """Notes an id.
+
+        Raises:
+            ConfigError: another element has it, or it does not fit one line.
+        """
+        if not name.isprintable():
+            raise element.error(f"{name!r} holds a character that is not printable", "id")
+        if name in self.lines:
+            line = self.lines[name]
+            raise element.error(f"{name!r} is the id of another element, in line {line}", "id")
+        self.lines[name] = element.line
+
+    def claim_tag(self, element: Element, attribute: str, tag: int) -> None:
+        """Notes a tag.
+
+        Raises:
+            ConfigError: another thing wears it.
+        """
+        if tag in self._lines_of_tags:
+            line = self._lines_of_tags[tag]
+            raise element.error(f"tag {tag} is worn by another one, in line {line}", attribute)
+        self._lines_of_tags[tag] = element.line
+
+    @property
+    def worn(self) -> frozenset[int]:
+        """The tags that the file gives."""
+        return frozenset(self._lines_of_tags)
+
+    def next_virtual_tag(self) -> int:
+        """Gives a tag for another virtual robot."""
+        there = [*self.entities, *(spec.entity for spec in self.distributed)]
+        return VIRTUAL_TAG_MIN + sum(isinstance(entity, VirtualRobot) for entity in there)
+
 
 MAX_TAG = 65_535
 
@@ -41,7 +131,7 @@ class _Identity(NamedTuple):
     number: int | None
 
 
-def add_epuck(element: Element, bodies: Bodies) -> None:
+def add_epuck(element: Element, bodies: ArenaContents) -> None:
     """Reads an `<e-puck>`: a real robot, a virtual one, or without a controller an object."""
     argos.pass_over(element, argos.EPUCK_SETTINGS)
     if element.boolean("vs:virtual", False):
@@ -59,14 +149,14 @@ def add_epuck(element: Element, bodies: Bodies) -> None:
     bodies.controllers[name] = controller
 
 
-def add_object(element: Element, bodies: Bodies) -> str:
+def add_object(element: Element, bodies: ArenaContents) -> str:
     """Reads a thing with a marker on it that is no robot; gives its id."""
     name, tag, _ = _read_identity(element, bodies)
     bodies.objects.append(ObjectSpec(name, tag, _read_pose(element, bodies), None, element.line))
     return name
 
 
-def add_crowd(crowd: Crowd, bodies: Bodies) -> None:
+def add_crowd(crowd: Crowd, bodies: ArenaContents) -> None:
     """Adds the robots or objects of an `<entity>`.
 
     With vs:tags they are called NAME_TAG_NUMBER, with numbers from base_num; without, NAME and
@@ -97,7 +187,7 @@ def add_crowd(crowd: Crowd, bodies: Bodies) -> None:
         bodies.untagged.append((crowd.entity, names))
 
 
-def give_tags(bodies: Bodies, family: str) -> None:
+def give_tags(bodies: ArenaContents, family: str) -> None:
     """Gives a tag to every body whose tag the file does not say, and says so.
 
     Args:
@@ -144,7 +234,7 @@ def _well_apart(family: str, count: int) -> tuple[int, ...]:
     return tuple(range(min(count, markers.tags)))
 
 
-def _add_virtual(element: Element, bodies: Bodies) -> None:
+def _add_virtual(element: Element, bodies: ArenaContents) -> None:
     name = element.text("id")
     bodies.claim_id(element, name)
     driven = _is_driven(element, name, bodies)
@@ -152,7 +242,7 @@ def _add_virtual(element: Element, bodies: Bodies) -> None:
     bodies.entities.append(VirtualRobot(name, bodies.next_virtual_tag(), *pose, driven))
 
 
-def _add_virtual_crowd(crowd: Crowd, prefix: str, bodies: Bodies) -> None:
+def _add_virtual_crowd(crowd: Crowd, prefix: str, bodies: ArenaContents) -> None:
     element = crowd.element
     for number in crowd.numbers:
         name = f"{prefix}{number}"
@@ -162,7 +252,7 @@ def _add_virtual_crowd(crowd: Crowd, prefix: str, bodies: Bodies) -> None:
         bodies.distributed.append(DistributedSpec(robot, crowd.distribution, element.line))
 
 
-def _is_driven(element: Element, name: str, bodies: Bodies) -> bool:
+def _is_driven(element: Element, name: str, bodies: ArenaContents) -> bool:
     """Tells whether a controller drives a virtual robot; else loop functions move it."""
     controller = element.optional_child("controller")
     if controller is not None:
@@ -170,7 +260,7 @@ def _is_driven(element: Element, name: str, bodies: Bodies) -> bool:
     return controller is not None
 
 
-def _read_identity(element: Element, bodies: Bodies) -> _Identity:
+def _read_identity(element: Element, bodies: ArenaContents) -> _Identity:
     """Reads an id of the form NAME_TAG_ROBOT, or another one and the tag from vs:tag."""
     name = element.text("id")
     bodies.claim_id(element, name)
@@ -190,7 +280,7 @@ def _read_identity(element: Element, bodies: Bodies) -> _Identity:
     return _Identity(name, tag, number)
 
 
-def _read_tags(crowd: Crowd, bodies: Bodies) -> list[int]:
+def _read_tags(crowd: Crowd, bodies: ArenaContents) -> list[int]:
     entity, quantity = crowd.entity, crowd.quantity
     if not entity.has("vs:tags"):
         return [_NO_TAG] * quantity
@@ -211,7 +301,7 @@ def _check_name(element: Element, name: str) -> None:
         raise element.error(f"{name!r} has {size} bytes, expected at most {lib.VS_NAME_MAX}", "id")
 
 
-def _read_pose(element: Element, bodies: Bodies) -> Pose:
+def _read_pose(element: Element, bodies: ArenaContents) -> Pose:
     body = element.child("body")
     place = read_place(body, bodies.arena)
     x_m, y_m, z_m = place.position_m

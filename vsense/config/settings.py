@@ -11,9 +11,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 
-from vsense.config.element import Element
-from vsense.config.wording import listed
 from vsense.errors import UsageError
+from vsense.xml.element import Element, listed
 
 DEVICES = {"sensor": "sensors", "actuator": "actuators"}
 """What stands for all virtual devices of a kind, and the element that holds them."""

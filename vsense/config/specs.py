@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from vsense.actuators.base import MountedActuator
 from vsense.config.description import describe
-from vsense.config.draws import DistributedSpec, Distribution
+from vsense.config.distribute import DistributedSpec, Distribution
 from vsense.config.tracker_address import JsonLinesTracker, TrackerAddress
 from vsense.errors import ConfigError
 from vsense.sensors.base import MountedSensor

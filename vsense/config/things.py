@@ -1,15 +1,120 @@
-"""Reads what stands in the arena beside robots: boxes, cylinders, lights and zones."""
+"""Colours as experiment files name them. Source: ARGoS, color.h; there orange is 255,140,0.
+
+Reads `<media>`: ids that devices and lights refer to.
+
+In ARGoS a medium is an index of what can be sensed. Here everything in the arena is found without
+one, so of a medium only its id counts, and for range and bearing whether bodies are in the way.
+
+Reads what stands in the arena beside robots: boxes, cylinders, lights and zones.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 from vsense.arena import wrap_angle
-from vsense.config.colors import read_color
-from vsense.config.element import Element
-from vsense.world.entities import Arena, Box, Cylinder, Entity, Light, Vector, Zone
+from vsense.config import argos
+from vsense.world.entities import Arena, Box, Color, Cylinder, Entity, Light, Vector, Zone
+from vsense.xml.element import Element, listed, shown
+
+NAMED: dict[str, Color] = {
+    "black": (0, 0, 0),
+    "white": (255, 255, 255),
+    "red": (255, 0, 0),
+    "green": (0, 255, 0),
+    "blue": (0, 0, 255),
+    "magenta": (255, 0, 255),
+    "cyan": (0, 255, 255),
+    "yellow": (255, 255, 0),
+    "orange": (255, 140, 0),
+    "brown": (165, 42, 42),
+    "purple": (128, 0, 128),
+    "gray10": (26, 26, 26),
+    "gray20": (51, 51, 51),
+    "gray30": (77, 77, 77),
+    "gray40": (102, 102, 102),
+    "gray50": (127, 127, 127),
+    "gray60": (153, 153, 153),
+    "gray70": (179, 179, 179),
+    "gray80": (204, 204, 204),
+    "gray90": (229, 229, 229),
+}
+
+
+def read_color(element: Element, key: str, default: str | None = None) -> Color:
+    """Reads a colour's name, or its red, green and blue from 0 to 255 with commas between them.
+
+    Raises:
+        ConfigError: absent and required, or no colour.
+    """
+    text = element.text(key, default, "a colour such as 'yellow' or '255,255,0'")
+    if text in NAMED:
+        return NAMED[text]
+    parts = [part.strip() for part in text.split(",")]
+    if len(parts) != 3 or not all(p.isascii() and p.isdigit() and int(p) <= 255 for p in parts):
+        known = listed(NAMED)
+        raise element.error(
+            f"{shown(text)} is no colour, expected three whole numbers from 0 to 255 with commas"
+            f" between them, or one of: {known}",
+            key,
+        )
+    red, green, blue = (int(part) for part in parts)
+    return red, green, blue
+
+
+Media = Mapping[str, Element]
+"""The media by id."""
+
+OCCLUSIONS = "check_occlusions"
+"""Attribute of a range-and-bearing medium, and of the virtual sensor that uses it."""
+
+
+def read_media(root: Element) -> Media:
+    """Reads the media of an experiment.
+
+    Args:
+        root: <argos-configuration>.
+
+    Raises:
+        ConfigError: two have one id, or an attribute is wrong.
+    """
+    section = root.optional_child("media")
+    found: dict[str, Element] = {}
+    for element in section.children(*argos.MEDIA, *argos.OTHER_MEDIA) if section else ():
+        name = element.text("id")
+        if name in found:
+            line = found[name].line
+            raise element.error(f"{name!r} is the id of another medium, in line {line}", "id")
+        found[name] = element
+        if element.name in argos.OTHER_MEDIA:
+            element.leave_out("nothing is sent through it")
+            continue
+        if element.has("grid_size"):
+            element.numbers("grid_size", 3, 1.0, 1e6)
+        if element.name == "range_and_bearing":
+            element.boolean(OCCLUSIONS, True)
+    return found
+
+
+def check_medium(element: Element, media: Media) -> None:
+    """Reads the medium that a device or a light may name, and tells the device what it says.
+
+    Raises:
+        ConfigError: there is no such medium.
+    """
+    if not element.has("medium"):
+        return
+    name = element.text("medium")
+    if name not in media:
+        raise element.error(
+            f"there is no {name!r} in <media>; there are: {listed(media)}", "medium"
+        )
+    says = media[name].peek(OCCLUSIONS)
+    if element.name == argos.HEARING and says is not None and element.peek(OCCLUSIONS) is None:
+        element.set(OCCLUSIONS, says)
+
 
 MAX_LENGTH_M = 1000.0
 MIN_LENGTH_M = 0.001
@@ -17,18 +122,18 @@ _MAX_INTENSITY = 1e6
 _WALL = "wall"
 
 
-class Place(NamedTuple):
+class Placing(NamedTuple):
     """Where something stands: middle of its base, and its turn about z."""
 
     position_m: Vector
     yaw_rad: float
 
 
-ORIGIN = Place((0.0, 0.0, 0.0), 0.0)
+ORIGIN = Placing((0.0, 0.0, 0.0), 0.0)
 """Of what a seed will place."""
 
 
-def read_place(element: Element, arena: Arena, default: str | None = None) -> Place:
+def read_place(element: Element, arena: Arena, default: str | None = None) -> Placing:
     """Reads `position` and `orientation`, from a `<body>` or from the thing itself.
 
     Args:
@@ -49,7 +154,7 @@ def read_place(element: Element, arena: Arena, default: str | None = None) -> Pl
         raise element.error(
             "turns about y or x, expected 'Z,0,0': it stands upright", "orientation"
         )
-    return Place(position_m, float(wrap_angle(math.radians(z_deg))))
+    return Placing(position_m, float(wrap_angle(math.radians(z_deg))))
 
 
 def read_thing(element: Element, name: str, arena: Arena, placed: bool) -> Entity:
@@ -72,19 +177,19 @@ def read_thing(element: Element, name: str, arena: Arena, placed: bool) -> Entit
     return read(element, name, place)
 
 
-def _read_box(element: Element, name: str, place: Place) -> Box:
+def _read_box(element: Element, name: str, place: Placing) -> Box:
     size_m = element.vector("size", MIN_LENGTH_M, MAX_LENGTH_M, "m")
     return Box(name, place.position_m, size_m, place.yaw_rad, _read_solid(element, name, place))
 
 
-def _read_cylinder(element: Element, name: str, place: Place) -> Cylinder:
+def _read_cylinder(element: Element, name: str, place: Placing) -> Cylinder:
     low, high = MIN_LENGTH_M, MAX_LENGTH_M
     radius_m = element.number("radius", low, high, "m")
     height_m = element.number("height", low, high, "m")
     return Cylinder(name, place.position_m, radius_m, height_m, _read_solid(element, name, place))
 
 
-def _read_solid(element: Element, name: str, place: Place) -> bool:
+def _read_solid(element: Element, name: str, place: Placing) -> bool:
     """Reads what boxes and cylinders share; tells whether it stands in the real arena.
 
     Walls do unless told otherwise, other things do not.
@@ -105,12 +210,12 @@ def _read_solid(element: Element, name: str, place: Place) -> bool:
     return physical
 
 
-def _read_light(element: Element, name: str, place: Place) -> Light:
+def _read_light(element: Element, name: str, place: Placing) -> Light:
     intensity = element.number("intensity", 0.0, _MAX_INTENSITY)
     return Light(name, place.position_m, intensity, read_color(element, "color", "white"))
 
 
-def _read_zone(element: Element, name: str, place: Place) -> Zone:
+def _read_zone(element: Element, name: str, place: Placing) -> Zone:
     low, high = MIN_LENGTH_M, MAX_LENGTH_M
     shape = element.choice("shape", ("circle", "rectangle"))
     x_m, y_m, z_m = place.position_m
@@ -127,7 +232,7 @@ def _read_zone(element: Element, name: str, place: Place) -> Zone:
     return Zone(name, shape, x_m, y_m, radius_m, size_m, place.yaw_rad, color, value)
 
 
-_Read = Callable[[Element, str, Place], Entity]
+_Read = Callable[[Element, str, Placing], Entity]
 
 THINGS: dict[str, tuple[_Read, str]] = {
     "box": (_read_box, "body"),

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from vsense.config.element import Element
+from vsense.xml.element import Element
 
 DEFAULT_PORT = 4040
 """Of the original tracking server. Source: iridia.md section 1a."""

@@ -15,6 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import ArenaState, Frame
+from vsense.cameras.camera import Camera
+from vsense.cameras.grabber import CameraEvent, GrabberError
+from vsense.cameras.health import Health
+from vsense.cameras.recorded_grabber import CameraRecording, PacedGrabber, RecordedGrabber
+from vsense.cameras.recordings import DirectoryRecording, VideoRecording
 from vsense.config.live_cameras import live_grabber
 from vsense.config.tracking_specs import (
     DIRECTORY,
@@ -23,18 +28,11 @@ from vsense.config.tracking_specs import (
     TrackerSpec,
     TrackingSession,
 )
+from vsense.markers.families import SquareFamily, load_family
 from vsense.tracking.arena_tracker import ArenaTracker
-from vsense.tracking.camera import Camera
-from vsense.tracking.detector import Detector
-from vsense.tracking.detectors import make_detector
-from vsense.tracking.families import SquareFamily, load_family
-from vsense.tracking.grabbers import CameraEvent, GrabberError
-from vsense.tracking.grabbers_directory import DirectoryRecording
-from vsense.tracking.grabbers_recorded import PacedGrabber, RecordedGrabber, Recording
-from vsense.tracking.grabbers_video import VideoRecording
-from vsense.tracking.health import Health
+from vsense.tracking.detector import Detector, make_detector
+from vsense.tracking.prediction import Prediction, SearchPlan
 from vsense.tracking.tracks import Limits
-from vsense.tracking.whereabouts import SearchPlan, Whereabouts
 
 
 class SetGrabber(Protocol):
@@ -49,7 +47,7 @@ class SetGrabber(Protocol):
         """Timesteps that were left out because later ones were due already."""
 
     def next(self, timeout_s: float) -> Sequence[Frame]:
-        """Waits for the next timestep's pictures; see `vsense.tracking.grabbers.Grabber`."""
+        """Waits for the next timestep's pictures; see `vsense.cameras.grabber.Grabber`."""
 
     def events(self) -> list[CameraEvent]:
         """Gives what happened since the last call."""
@@ -100,7 +98,7 @@ class Tracking:
         self.cameras = [view.camera for view in session.views]
         heights_m = session.heights_m
         speed_m_s = max(view.tracker.max_speed_m_s for view in session.views)
-        whereabouts = Whereabouts(SearchPlan(session.key_frame_period, session.square_size_m))
+        whereabouts = Prediction(SearchPlan(session.key_frame_period, session.square_size_m))
         make = lambda: _detectors(session.views, whereabouts)  # noqa: E731
         self.tracker = ArenaTracker(
             self.cameras, make, heights_m, Limits(speed_m_s), pin=True, whereabouts=whereabouts
@@ -160,7 +158,7 @@ def _grabber(session: TrackingSession, clock: Callable[[], int], offline: bool) 
     return recorded if offline else PacedGrabber(recorded, clock)
 
 
-def _recording(session: TrackingSession, spec: GrabberSpec) -> Recording:
+def _recording(session: TrackingSession, spec: GrabberSpec) -> CameraRecording:
     kind = DirectoryRecording if spec.type == DIRECTORY else VideoRecording
     start_ns = round(spec.start_s * 1e9)
     try:
@@ -169,14 +167,14 @@ def _recording(session: TrackingSession, spec: GrabberSpec) -> Recording:
         raise session.resources.error(spec.line, f"<grabber> path: {error}") from None
 
 
-def _detectors(views: Sequence[CameraTrackerSpec], whereabouts: Whereabouts) -> CameraDetectors:
+def _detectors(views: Sequence[CameraTrackerSpec], whereabouts: Prediction) -> CameraDetectors:
     """Makes one detector per tracker; cameras of one tracker share it."""
     trackers = {view.tracker.id: view.tracker for view in views}
     made = {id: _detector(tracker, whereabouts) for id, tracker in trackers.items()}
     return CameraDetectors({v.camera.id: made[v.tracker.id] for v in views})
 
 
-def _detector(tracker: TrackerSpec, whereabouts: Whereabouts) -> Detector:
+def _detector(tracker: TrackerSpec, whereabouts: Prediction) -> Detector:
     """Makes the detector of a tracker's family, for one thread."""
     family = load_family(tracker.family)
     if isinstance(family, SquareFamily):

@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TypeVar
 
+from vsense.cameras.genicam import FREE
 from vsense.config import resources as resources_file
-from vsense.config.element import Element
 from vsense.config.resources import check_recording, load_camera, read_bytes
 from vsense.config.tracking_specs import (
     CameraTrackerSpec,
@@ -20,8 +20,8 @@ from vsense.config.tracking_specs import (
     TrackerSpec,
     TrackingSession,
 )
-from vsense.config.xml import parse
-from vsense.tracking.genicam_settings import FREE
+from vsense.xml.element import Element
+from vsense.xml.parsing import parse
 
 DEFAULT_PORT = 4040
 """Of the original tracking server. Source: iridia.md section 1a."""

@@ -10,10 +10,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from vsense.cameras.camera import Camera
+from vsense.cameras.genicam import FREE, GenicamSettings
+from vsense.cameras.opencv_source import Controls
 from vsense.errors import ConfigError
-from vsense.tracking.camera import Camera
-from vsense.tracking.genicam_settings import FREE, GenicamSettings
-from vsense.tracking.grabbers_device import Controls
 
 DIRECTORY = "directory"
 VIDEO = "video"

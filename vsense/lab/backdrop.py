@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.cameras.camera import Camera
 from vsense.lab.optics import Image32, RayMap, blur, vignetting
 from vsense.lab.scene import Image8, Scene
 from vsense.lab.shared import LabError
-from vsense.tracking.camera import Camera
 
 Floats = NDArray[np.float64]
 
@@ -33,7 +33,7 @@ _SHIFT = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Box:
+class Block:
     """A wall, a box or a cylinder that stands on the floor and never moves.
 
     Attributes:
@@ -85,7 +85,7 @@ class Backdrop:
         highest_m: The greatest of them.
     """
 
-    def __init__(self, rays: RayMap, scene: Scene, boxes: tuple[Box, ...]) -> None:
+    def __init__(self, rays: RayMap, scene: Scene, boxes: tuple[Block, ...]) -> None:
         """Paints the picture, about 0.1 s."""
         self.light: Image32 = scene.light(rays) * vignetting(rays.camera) * np.float32(FULL_DN)
         surface = scene.floor(rays)
@@ -102,7 +102,7 @@ def _polygon(camera: Camera, outline: Floats, height_m: float) -> NDArray[np.int
     return np.rint(camera.project(points) * (1 << _SHIFT)).astype(np.int32)
 
 
-def _stand(surface: Image8, top_m: Image32, camera: Camera, boxes: tuple[Box, ...]) -> None:
+def _stand(surface: Image8, top_m: Image32, camera: Camera, boxes: tuple[Block, ...]) -> None:
     """Paints all boxes into the surface and their heights into `top_m`, in place."""
     highest = max((box.height_m for box in boxes), default=0.0)
     outlines = [box.outline() for box in boxes]
@@ -118,7 +118,7 @@ def _stand(surface: Image8, top_m: Image32, camera: Camera, boxes: tuple[Box, ..
             cv2.fillPoly(top_m, polygon, level, cv2.LINE_8, _SHIFT)
 
 
-def _shade_foot(surface: Image8, camera: Camera, boxes: tuple[Box, ...]) -> None:
+def _shade_foot(surface: Image8, camera: Camera, boxes: tuple[Block, ...]) -> None:
     """Darkens the floor near the boxes, where less light arrives, in place."""
     shrink = 8
     height, width = surface.shape

@@ -1,23 +1,29 @@
-"""Pictures of a calibration board as the lab's cameras see it, lens and noise and all."""
+"""Pictures of a calibration board as the lab's cameras see it, lens and noise and all.
+
+Pictures to try `vsense calibrate` with, where no camera is at hand.
+"""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.calibration.board import Board
+from vsense.calibration.board import Board, raster
 from vsense.calibration.lens import turn
-from vsense.calibration.sheet import raster
-from vsense.calibration.start import Pose
+from vsense.calibration.placement import BoardPose
+from vsense.cameras.camera import Camera
+from vsense.config.specs import Arena
+from vsense.errors import UsageError
 from vsense.lab.backdrop import FULL_DN
-from vsense.lab.optics import Image32, RayMap, Window, blur, vignetting
+from vsense.lab.camera_spec import rig
+from vsense.lab.optics import Image32, RayMap, Sensor, Window, blur, to_levels, vignetting
 from vsense.lab.scene import Scene
-from vsense.lab.sensor import Sensor, to_levels
-from vsense.tracking.camera import Camera
 
 Floats = NDArray[np.float64]
 Image8 = NDArray[np.uint8]
@@ -81,7 +87,7 @@ class BoardStudio:
         self._sensor = Sensor(cameras[0].height_px, cameras[0].width_px, seed)
         self._shots = 0
 
-    def take(self, moment: str, pose: Pose) -> Iterator[BoardPicture]:
+    def take(self, moment: str, pose: BoardPose) -> Iterator[BoardPicture]:
         """Takes a picture with every camera that sees half of the board or more.
 
         Args:
@@ -95,7 +101,7 @@ class BoardStudio:
                 image = self._picture(number, window, pose)
                 yield BoardPicture(camera.id, moment, image)
 
-    def _window(self, camera: Camera, pose: Pose) -> Window | None:
+    def _window(self, camera: Camera, pose: BoardPose) -> Window | None:
         """The window that the board covers; None where a part of it is out of sight."""
         pixels = camera.project(pose.apply(self._board.points_m))
         if camera.contains(pixels, _MARGIN_PX).mean() < _LEAST_SHARE:
@@ -111,7 +117,7 @@ class BoardStudio:
             slice(max(left, 0), min(right, camera.width_px)),
         )
 
-    def _picture(self, number: int, window: Window, pose: Pose) -> Image8:
+    def _picture(self, number: int, window: Window, pose: BoardPose) -> Image8:
         surface = self._floors[number][window].astype(np.float32)
         paper, cover = self._sheet(number, window, pose)
         surface += paper - cover * surface
@@ -123,7 +129,7 @@ class BoardStudio:
         self._sensor.read(levels, noise, _EVERYTHING, image)
         return image
 
-    def _sheet(self, number: int, window: Window, pose: Pose) -> tuple[Image32, Image32]:
+    def _sheet(self, number: int, window: Window, pose: BoardPose) -> tuple[Image32, Image32]:
         """The board in a window: reflectance times cover, and cover."""
         rays = self._rays[number]
         rows, columns = window
@@ -147,7 +153,7 @@ class BoardStudio:
         return paper, cover  # type: ignore[return-value]
 
     def _on_board(
-        self, camera: Camera, x_m: Image32, y_m: Image32, pose: Pose
+        self, camera: Camera, x_m: Image32, y_m: Image32, pose: BoardPose
     ) -> tuple[Image32, Image32]:
         """Where rays to points of the floor cross the board, in its frame [m]."""
         back = pose.inverse()
@@ -161,7 +167,7 @@ class BoardStudio:
 
 def board_plan(
     cameras: Sequence[Camera], board: Board, floor: int, held: int, seed: int
-) -> list[tuple[str, Pose]]:
+) -> list[tuple[str, BoardPose]]:
     """Plans where a careful person would put the board: all over the floor, then in the air.
 
     Args:
@@ -189,7 +195,7 @@ def board_plan(
     return plan
 
 
-def _before(camera: Camera, board: Board, spot: Floats, rng: np.random.Generator) -> Pose:
+def _before(camera: Camera, board: Board, spot: Floats, rng: np.random.Generator) -> BoardPose:
     """A board held up, tilted, at a spot of the picture: (0, 0) its middle, (1, 1) a corner."""
     height = rng.uniform(0.15, 0.4) * camera.position_m[2]
     reach = (1.0 - height / camera.position_m[2]) * _reach_m(camera)
@@ -215,13 +221,53 @@ def _spread(rng: np.random.Generator, count: int) -> Floats:
     return np.asarray((rng.uniform(size=2) + steps) % 1.0)
 
 
-def _lying(board: Board, middle: Floats, yaw: float) -> Pose:
+def _lying(board: Board, middle: Floats, yaw: float) -> BoardPose:
     return board_at(board, np.array((*middle, 0.0)), np.zeros(3), yaw)
 
 
-def board_at(board: Board, middle: Floats, tilt: Floats, yaw: float) -> Pose:
+def board_at(board: Board, middle: Floats, tilt: Floats, yaw: float) -> BoardPose:
     """A board around its middle, turned about the vertical and then tilted."""
     about = turn(np.array((tilt, (0.0, 0.0, yaw))))
     rotation = about[0] @ about[1]
     half = np.array((*board.size_m, 0.0)) / 2.0
-    return Pose(rotation, middle - rotation @ half)
+    return BoardPose(rotation, middle - rotation @ half)
+
+
+ARENA = Arena((3.0, 2.4, 1.0), (0.0, 0.0, 0.5))
+FLOOR, HELD = 16, 24
+"""How many times the board lies on the floor and is held up."""
+
+_QUALITY = 95
+
+
+def write(directory: Path, board_text: str, seed: int) -> int:
+    """Writes pictures/CAMERA/MOMENT.jpg and truth/CAMERA.json; says how to go on.
+
+    Raises:
+        UsageError: The board is none, or the folder cannot be written.
+    """
+    board, cameras = Board.parse(board_text), rig(ARENA)
+    plan = board_plan(cameras, board, FLOOR, HELD, seed)
+    try:
+        (directory / "truth").mkdir(parents=True, exist_ok=True)
+        for camera in cameras:
+            (directory / "pictures" / camera.id).mkdir(parents=True, exist_ok=True)
+            (directory / "truth" / f"{camera.id}.json").write_text(camera.to_json() + "\n")
+        studio, count = BoardStudio(cameras, board, seed), 0
+        for moment, pose in plan:
+            for shot in studio.take(moment, pose):
+                data = cv2.imencode(".jpg", shot.image, (cv2.IMWRITE_JPEG_QUALITY, _QUALITY))[1]
+                path = directory / "pictures" / shot.camera / f"{moment}.jpg"
+                path.write_bytes(data.tobytes())
+                count += 1
+    except OSError as error:
+        raise UsageError(f"{directory}: cannot be written: {error.strerror}") from None
+    print(directory / "pictures")
+    x, y, _ = plan[0][1].shift
+    print(
+        f"{count} pictures of {len(cameras)} cameras; now: vsense calibrate rig --board {board} "
+        f"--pictures {directory / 'pictures'} --floor 'floor_*' --origin={x:.3f},{y:.3f},0 "
+        "-o cameras",
+        file=sys.stderr,
+    )
+    return 0

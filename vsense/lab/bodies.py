@@ -16,11 +16,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.cameras.camera import Camera
 from vsense.config.specs import BODY_RADIUS_M
 from vsense.lab.optics import BLUR_SIGMA_PX, Image32
 from vsense.lab.shared import LabError
-from vsense.tracking.camera import Camera
-from vsense.tracking.markers import Family
+from vsense.markers.family import Family
 
 Floats = NDArray[np.float64]
 

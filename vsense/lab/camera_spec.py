@@ -1,4 +1,7 @@
-"""What the camera process is told before its first picture, and what it says about each."""
+"""Where the lab's cameras hang: two by two above the arena, looking straight down.
+
+What the camera process is told before its first picture, and what it says about each.
+"""
 
 from __future__ import annotations
 
@@ -7,20 +10,69 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from vsense.config.specs import Experiment
+import numpy as np
+
+from vsense.cameras.camera import Camera
+from vsense.config.specs import Arena, Experiment
 from vsense.errors import VsenseError
-from vsense.lab.backdrop import Box
+from vsense.lab.backdrop import Block
 from vsense.lab.bodies import OBJECT, ROBOT, Body
-from vsense.lab.rig import rig
 from vsense.lab.shared import LabError
-from vsense.tracking.camera import Camera
+
+HEIGHT_M = 2.43
+"""Above the floor. Source: thesis, 2.1."""
+FOCAL_PX = 1620.0
+"""Gives 1.5 mm per pixel on the floor."""
+SIZE_PX = (1620, 1220)
+"""Width and height of a picture. Source: thesis, 2.1."""
+DISTORTION = (-0.12, 0.02, 0.0, 0.0, 0.0)
+"""A barrel of 47 px in the corners."""
+
+_TALLEST_M = 0.15
+_MARGIN_M = 0.05
+
+
+def rig(arena: Arena) -> list[Camera]:
+    """Hangs up four cameras, "cam_0_0" to "cam_1_1": column and row, from low x and y.
+
+    Each stands above the middle of its quarter of the arena and sees at least 5 cm beyond it,
+    so that every marker is whole in one picture.
+
+    Raises:
+        LabError: The arena is too large for four cameras.
+    """
+    size_x, size_y = arena.size_m[:2]
+    test = _camera("test", 0.0, 0.0)
+    corner = np.array((test.width_px - 1.0, 0.0))
+    edges = np.array(((corner[0], test.cy_px), (test.cx_px, corner[1])))
+    reach = test.to_plane(edges, _TALLEST_M)
+    reach_x, reach_y = reach[0, 0] - _MARGIN_M, reach[1, 1] - _MARGIN_M
+    if size_x > 4.0 * reach_x or size_y > 4.0 * reach_y:
+        raise LabError(
+            f"arena of {size_x:g} x {size_y:g} m: the lab's four cameras see at most "
+            f"{4.0 * reach_x:.2f} x {4.0 * reach_y:.2f} m"
+        )
+    return [
+        _camera(
+            f"cam_{column}_{row}",
+            arena.centre_m[0] + (column - 0.5) * size_x / 2.0,
+            arena.centre_m[1] + (row - 0.5) * size_y / 2.0,
+        )
+        for row in range(2)
+        for column in range(2)
+    ]
+
+
+def _camera(id: str, x_m: float, y_m: float) -> Camera:
+    return Camera.looking_down(id, x_m, y_m, HEIGHT_M, FOCAL_PX, SIZE_PX, DISTORTION)
+
 
 LITTER = 25
 """Pieces of litter per picture. Source: tracking.md section 1."""
 
 
 @dataclass(frozen=True, slots=True)
-class CameraSpec:
+class LabCameraSpec:
     """Everything that decides about the pictures.
 
     Attributes:
@@ -37,7 +89,7 @@ class CameraSpec:
     """
 
     cameras: tuple[Camera, ...]
-    boxes: tuple[Box, ...]
+    boxes: tuple[Block, ...]
     bodies: tuple[Body, ...]
     family: str
     timestep_ns: int
@@ -65,7 +117,7 @@ class CameraSpec:
         return json.dumps(values)
 
     @classmethod
-    def from_json(cls, text: str) -> CameraSpec:
+    def from_json(cls, text: str) -> LabCameraSpec:
         """Reads the line of `to_json`.
 
         Raises:
@@ -76,7 +128,7 @@ class CameraSpec:
             values["cameras"] = tuple(
                 Camera.from_json(json.dumps(camera)) for camera in values["cameras"]
             )
-            values["boxes"] = tuple(Box(**box) for box in values["boxes"])
+            values["boxes"] = tuple(Block(**box) for box in values["boxes"])
             values["bodies"] = tuple(Body(**body) for body in values["bodies"])
             values["log"] = Path(values["log"])
             return cls(**values)
@@ -109,7 +161,7 @@ class Exposure:
     render_ms: float
 
 
-def spec_for(experiment: Experiment, truth: str, seed: int, log: Path) -> CameraSpec:
+def spec_for(experiment: Experiment, truth: str, seed: int, log: Path) -> LabCameraSpec:
     """Returns the spec of an experiment's cameras.
 
     Args:
@@ -122,12 +174,12 @@ def spec_for(experiment: Experiment, truth: str, seed: int, log: Path) -> Camera
         LabError: The arena is too large for the cameras.
     """
     height_m = experiment.marker.height_m
-    return CameraSpec(
+    return LabCameraSpec(
         cameras=tuple(rig(experiment.arena)),
         boxes=(
-            *(Box(*box.position_m[:2], box.yaw_rad, *box.size_m) for box in experiment.boxes),
+            *(Block(*box.position_m[:2], box.yaw_rad, *box.size_m) for box in experiment.boxes),
             *(
-                Box(*c.position_m[:2], 0.0, 2 * c.radius_m, 2 * c.radius_m, c.height_m, True)
+                Block(*c.position_m[:2], 0.0, 2 * c.radius_m, 2 * c.radius_m, c.height_m, True)
                 for c in experiment.cylinders
             ),
         ),

@@ -1,7 +1,7 @@
 """The process that is the lab's cameras: one picture per camera and timestep, of the truth.
 
 `python -m vsense.lab.cameras` reads two lines of JSON from standard input, first
-`{"bank": NAME, "spec": {...}}` with the frame bank and the `CameraSpec`. It builds the scene, says
+`{"bank": NAME, "spec": {...}}` with the frame bank and the `LabCameraSpec`. It builds the scene, says
 `{"ready": true}`, and reads `{"epoch_ns": ...}`. From then on it says one line of JSON per
 timestep, an `Exposure`. It ends when standard input ends, on SIGTERM, or after the last timestep;
 Ctrl-C is its parent's to handle.
@@ -27,13 +27,11 @@ from typing import Any
 import numpy as np
 
 from vsense.errors import VsenseError
-from vsense.lab.camera_spec import CameraSpec, Exposure
-from vsense.lab.frame_bank import SLOTS, FrameBank
+from vsense.lab.camera_spec import Exposure, LabCameraSpec
 from vsense.lab.optics import EXPOSURE_NS, sample_times_ns
-from vsense.lab.shared import LabError
+from vsense.lab.shared import SLOTS, FrameBank, LabError
 from vsense.lab.studio import Studio
-from vsense.lab.truth import TruthReader
-from vsense.lab.truth_log import TruthLog
+from vsense.lab.truth import TruthLog, TruthReader
 
 SAMPLES = 3
 """Moments of the exposure that a picture is averaged over; robots move up to 0.8 px in it."""
@@ -43,10 +41,10 @@ PREPARE_NS = 15_000_000
 _TRUTH_POLL_NS = 500_000
 
 
-class Cameras:
+class CameraProcess:
     """The cameras at work."""
 
-    def __init__(self, spec: CameraSpec, bank: FrameBank) -> None:
+    def __init__(self, spec: LabCameraSpec, bank: FrameBank) -> None:
         """Builds the scene and opens truth ring and log.
 
         Raises:
@@ -139,10 +137,10 @@ def _work() -> None:
     if not first:
         return
     told = json.loads(first)
-    spec = CameraSpec.from_json(json.dumps(told["spec"]))
+    spec = LabCameraSpec.from_json(json.dumps(told["spec"]))
     with (
         closing(FrameBank.open(told["bank"], spec.shape)) as bank,
-        closing(Cameras(spec, bank)) as cameras,
+        closing(CameraProcess(spec, bank)) as cameras,
     ):
         _say({"ready": True})
         second = sys.stdin.readline()

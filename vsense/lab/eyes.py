@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from vsense.arena import ArenaState, Frame
+from vsense.cameras.grabber import Troubles
 from vsense.lab.grabber import LabGrabber
-from vsense.runtime import Pictures
+from vsense.run.runtime import Pictures
 from vsense.tracking.arena_tracker import ArenaTracker
 from vsense.tracking.camera_watch import CameraWatch
-from vsense.tracking.troubles import Troubles
 
 
 class Eyes(Pictures):

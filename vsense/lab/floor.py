@@ -9,16 +9,16 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from vsense.config.specs import Experiment, Pose
-from vsense.lab.bases import bases_of
-from vsense.lab.physics import obstacles
+from vsense.lab.links import bases_of
 from vsense.lab.processes import describe_exit, end
 from vsense.lab.shared import LabError
+from vsense.world.physics import obstacles
 
 _BOX = ("x_m", "y_m", "yaw_rad", "size_x_m", "size_y_m")
 _CYLINDER = ("x_m", "y_m", "radius_m")
 
 
-class Floor:
+class FloorProcess:
     """The running `atoms` process: true physics, and a microcontroller for each robot.
 
     Attributes:
@@ -43,14 +43,14 @@ class Floor:
             truth: name of the truth ring.
             seed: seed of the proximity sensors' noise.
             directory: where the log goes.
-            base: what the robots are based on, of `vsense.lab.bases.BASES`.
+            base: what the robots are based on, of `vsense.lab.links.BASES`.
 
         Raises:
             LabError: the process cannot do its work.
         """
         self.log = directory / "actuations.bin"
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "vsense.lab.atoms"],
+            [sys.executable, "-m", "vsense.lab.physics_process"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             start_new_session=True,
@@ -85,7 +85,7 @@ class Floor:
 def _spec(
     experiment: Experiment, poses: Mapping[int, Pose], truth: str, seed: int, log: Path
 ) -> dict[str, object]:
-    """What the process is told; see `vsense.lab.atoms`."""
+    """What the process is told; see `vsense.lab.physics_process`."""
     boxes, cylinders = obstacles(experiment)
     return {
         "robots": [

@@ -12,13 +12,13 @@ from collections import deque
 from contextlib import suppress
 
 from vsense.arena import Frame
-from vsense.lab.camera_spec import CameraSpec, Exposure
-from vsense.lab.frame_bank import FrameBank
+from vsense.cameras.camera import Camera
+from vsense.cameras.grabber import GrabberError
+from vsense.lab.camera_spec import Exposure, LabCameraSpec
 from vsense.lab.optics import EXPOSURE_NS
 from vsense.lab.processes import describe_exit, end
+from vsense.lab.shared import FrameBank
 from vsense.lab.truth import TruthReader
-from vsense.tracking.camera import Camera
-from vsense.tracking.grabbers import GrabberError
 
 READY_TIMEOUT_S = 20.0
 """The scene must be built within this time."""
@@ -27,7 +27,7 @@ _LEAD_NS = 50_000_000
 
 
 class LabGrabber:
-    """Rendered cameras behind the seam of `vsense.tracking.grabbers.Grabber`.
+    """Rendered cameras behind the seam of `vsense.cameras.grabber.Grabber`.
 
     Attributes:
         cameras: The cameras, in the order of the pictures.
@@ -35,7 +35,7 @@ class LabGrabber:
         missed: Timesteps that `next` left out because a newer one was there already.
     """
 
-    def __init__(self, spec: CameraSpec) -> None:
+    def __init__(self, spec: LabCameraSpec) -> None:
         """Starts the camera process, which builds its scene while the caller goes on.
 
         Raises:

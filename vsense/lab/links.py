@@ -1,4 +1,8 @@
-"""What a daemon opens in the lab: a pseudo-terminal, or a bus on a socket, with firmware behind it.
+"""What the lab's robots can be based on: names, and who gets which.
+
+The programs of the lab's microcontrollers: the C code of `firmware_bridge/`, one per robot.
+
+What a daemon opens in the lab: a pseudo-terminal, or a bus on a socket, with firmware behind it.
 
 Time is an argument in ns and never goes back. Nothing here waits: what nobody takes is lost, as on
 a wire.
@@ -11,12 +15,120 @@ import socket
 import struct
 import tty
 from collections import deque
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
-from vsense.lab.firmware import GROUND_RAW, NEVER_US, PROGRAMS, Kind, Outputs, Program
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.errors import UsageError
 from vsense.lab.shared import LabError
 from vsense.native import ffi, lib
+
+KINDS = ("argos", "asercom", "gctronic", "york")
+"""As `vsensed --base` knows them."""
+
+MIXED = "mixed"
+"""One kind after the other."""
+
+BASES = (*KINDS, MIXED)
+
+
+def bases_of(name: str, count: int) -> list[str]:
+    """The kind of base of each of `count` robots, where `name` is one of `BASES`.
+
+    Raises:
+        UsageError: it is none of them.
+    """
+    if name not in BASES:
+        raise UsageError(f"no base {name!r} in the lab: expected one of {', '.join(BASES)}")
+    kinds = KINDS if name == MIXED else (name,)
+    return [kinds[robot % len(kinds)] for robot in range(count)]
+
+
+LIGHT_RAW = 3000
+"""What every light sensor reads, higher is darker: the lab's rooms are evenly lit."""
+
+GROUND_RAW = 800
+"""What every ground sensor reads, higher is brighter: the lab's floor is a light one."""
+
+NEVER_US = 2**64 - 1
+"""In C: nothing happens by itself."""
+
+
+@dataclass(frozen=True, slots=True)
+class FirmwareKind:
+    """One kind of base that the lab can emulate.
+
+    Attributes:
+        prefix: what the program's functions in C begin with.
+        arguments: for its init, after the struct.
+        byte_ns: what one byte takes on its serial line; 0 if it is on a bus.
+        count: the field that counts the commands that reached it.
+    """
+
+    prefix: str
+    arguments: tuple[int, ...] = ()
+    byte_ns: int = 0
+    count: str = "packets"
+
+
+PROGRAMS: dict[str, FirmwareKind] = {
+    "argos": FirmwareKind("fw_argos", (), lib.EPUCK_ARGOS_BYTE_NS, "frames"),
+    "asercom": FirmwareKind("fw_asercom", (lib.EPUCK_ASERCOM_EXTENSION,), 43403),
+    "gctronic": FirmwareKind("fw_gctronic"),
+    "york": FirmwareKind("fw_york", count="writes"),
+}
+"""By the names of `vsense.lab.links`."""
+
+
+class Outputs(NamedTuple):
+    """What motors and LEDs do from `time_ns` on: speeds in steps/s, lit LEDs as bits."""
+
+    time_ns: int
+    left_steps_s: int
+    right_steps_s: int
+    leds: int
+
+
+class Program:
+    """One microcontroller's program and its state.
+
+    Attributes:
+        state: its C struct; tests make its faults there.
+        proximity: (8,) int16, what its sensors measure, raw, ps0..ps7.
+    """
+
+    def __init__(self, kind: FirmwareKind) -> None:
+        self.kind = kind
+        self.state: Any = ffi.new(f"struct {kind.prefix} *")
+        self._advance = getattr(lib, f"{kind.prefix}_advance")
+        self._due_us = getattr(lib, f"{kind.prefix}_due_us")
+        getattr(lib, f"{kind.prefix}_init")(self.state, *kind.arguments)
+        inputs = self.state.body.inputs
+        for i in range(8):
+            inputs.light[i] = LIGHT_RAW
+        for i in range(3):
+            inputs.ground[i] = GROUND_RAW
+        self.proximity: NDArray[np.int16] = np.frombuffer(ffi.buffer(inputs.prox), dtype=np.int16)
+
+    def advance(self, now_ns: int) -> list[Outputs]:
+        """Lets it live on to `now_ns`: what motors and LEDs did since the last call, in order."""
+        done = []
+        while self._advance(self.state, now_ns // 1000):
+            body = self.state.body
+            out = body.outputs
+            done.append(
+                Outputs(body.applied_us * 1000, out.left_steps_s, out.right_steps_s, out.leds)
+            )
+        return done
+
+    def due_us(self) -> int:
+        """When it has something to do again, `NEVER_US` if only a host can wake it."""
+        due: int = self._due_us(self.state)
+        return due
+
 
 _REQUEST = struct.Struct("<IBB")
 """Of a bus on a socket: number, address, bytes to read; what is written follows."""
@@ -64,7 +176,7 @@ class Link(Protocol):
 class Terminal:
     """A program behind a pseudo-terminal; see `Link`. Daemons come and go, it stays."""
 
-    def __init__(self, kind: Kind) -> None:
+    def __init__(self, kind: FirmwareKind) -> None:
         """Raises OSError where there are no more terminals."""
         self.program = Program(kind)
         self.due_ns: int | None = None
@@ -144,7 +256,7 @@ class Bus:
         ground, rab: the C structs of the boards.
     """
 
-    def __init__(self, kind: Kind, path: Path) -> None:
+    def __init__(self, kind: FirmwareKind, path: Path) -> None:
         """Raises OSError where there can be no such socket."""
         self.program = Program(kind)
         self.due_ns: int | None = None

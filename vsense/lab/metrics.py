@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vsense.arena import wrap_angle
 from vsense.config.specs import BODY_RADIUS_M
-from vsense.lab.phases import Truth as Truth
+from vsense.lab.phases import SwarmTruth as Truth
 from vsense.lab.phases import swarm
 from vsense.lab.trace import UNKNOWN_AGE
 
@@ -42,7 +42,7 @@ MISNAMED_M = BODY_RADIUS_M
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class MeasuredRun:
     """Everything that was noted during one run; arrays of robots follow `tags`.
 
     Attributes:
@@ -76,7 +76,7 @@ class Run:
     link: dict[str, int]
 
 
-def figures(run: Run) -> dict[str, Any]:
+def figures(run: MeasuredRun) -> dict[str, Any]:
     """Computes all figures of a run under the names that scripts rely on."""
     steps = run.timesteps
     late = (steps["sent_ns"] - steps["capture_ns"]) > run.dt_ns
@@ -93,7 +93,7 @@ def figures(run: Run) -> dict[str, Any]:
     }
 
 
-def tracking(run: Run) -> dict[str, float | int | None]:
+def tracking(run: MeasuredRun) -> dict[str, float | int | None]:
     """Raw detections against the truth: what the tracker believes or predicts does not count."""
     detected = []
     distance, turn = [np.empty(0)], [np.empty(0)]
@@ -112,7 +112,7 @@ def tracking(run: Run) -> dict[str, float | int | None]:
     }
 
 
-def _true_pose(run: Run, row: int, tag: int) -> NDArray[np.float64]:
+def _true_pose(run: MeasuredRun, row: int, tag: int) -> NDArray[np.float64]:
     """True pose of a tag, robot or object; far from everything where there is no such body."""
     if tag in run.tags:
         return np.asarray(run.truth.poses[row, run.tags.index(tag)])
@@ -121,7 +121,7 @@ def _true_pose(run: Run, row: int, tag: int) -> NDArray[np.float64]:
     return np.array((NOWHERE_M, NOWHERE_M, 0.0))
 
 
-def latencies(run: Run) -> dict[str, dict[str, float | None]]:
+def latencies(run: MeasuredRun) -> dict[str, dict[str, float | None]]:
     """All latencies as percentiles in ms."""
     steps = run.timesteps
     origins_ns = steps["capture_ns"] + steps["render_ns"]
@@ -164,7 +164,7 @@ def _applied_at(line: np.void, end_ns: int, applied: NDArray[np.void]) -> list[i
     return []
 
 
-def sensing(run: Run) -> dict[str, float | int | None]:
+def sensing(run: MeasuredRun) -> dict[str, float | int | None]:
     """What the controllers held against what they should have held.
 
     Every robot-timestep of the run, missed ones included, is one reading expected. It agrees when
@@ -192,7 +192,7 @@ def sensing(run: Run) -> dict[str, float | int | None]:
     }
 
 
-def _all_timesteps(run: Run) -> range:
+def _all_timesteps(run: MeasuredRun) -> range:
     """The triggers of all the run's timesteps, those that the host missed too."""
     first = int(run.timesteps["timestep"][0] - run.timesteps["run_timestep"][0])
     return range(first, first + run.wanted)
@@ -205,7 +205,9 @@ def _first_lines(trace: NDArray[np.void]) -> dict[int, np.void]:
     return {int(timestep): known[index] for timestep, index in zip(timesteps, first)}
 
 
-def _verdict(run: Run, robot: int, timestep: int, line: np.void | None) -> tuple[bool, bool] | None:
+def _verdict(
+    run: MeasuredRun, robot: int, timestep: int, line: np.void | None
+) -> tuple[bool, bool] | None:
     """Whether the robot truly was in the cone, and whether its controller held just that.
 
     None where there is no cone, or the robot was too near its edge.
@@ -232,7 +234,7 @@ def _row_at(times: NDArray[np.int64], time: np.int64) -> int | None:
     return row if row < len(times) and times[row] == time else None
 
 
-def age_errors_ms(run: Run) -> NDArray[np.float64]:
+def age_errors_ms(run: MeasuredRun) -> NDArray[np.float64]:
     """How wrong each robot was about the age of what it held, in ms, where it knew one."""
     lines = np.concatenate([trace[trace["age_ns"] != UNKNOWN_AGE] for trace in run.traces])
     true_age_ns = lines["now_ns"] - lines["capture_ns"]

@@ -60,7 +60,7 @@ class Microcontrollers:
         """Powers microcontrollers on.
 
         Args:
-            kinds: base of each robot, of `vsense.lab.bases.KINDS`.
+            kinds: base of each robot, of `vsense.lab.links.KINDS`.
 
         Raises:
             LabError: no such kind, or there are not that many pseudo-terminals or sockets.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, slots=True)
-class Truth:
+class SwarmTruth:
     """Where everything really was, per timestep that the host lived.
 
     Attributes:
@@ -33,7 +33,7 @@ class Phases(Protocol):
         """(n,) with a field `run_timestep`, rising."""
 
     @property
-    def truth(self) -> Truth:
+    def truth(self) -> SwarmTruth:
         """What truly was at these timesteps."""
 
     @property
@@ -80,7 +80,7 @@ def phase_ends(run: Phases) -> tuple[int | None, int | None]:
     return (before if before >= 0 else None), (after if after > before else None)
 
 
-def counts(truth: Truth) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
+def counts(truth: SwarmTruth) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
     """Robots in the cone, and robots lit in the cone, per timestep; None without a cone."""
     if truth.depth_m is None:
         return None

@@ -15,13 +15,17 @@ from numpy.typing import NDArray
 
 from vsense.arena import Frame
 from vsense.config.placement import place
-from vsense.config.recording_files import one_tracker, write_session_files
 from vsense.config.specs import Experiment
-from vsense.lab.camera_spec import CameraSpec, spec_for
+from vsense.lab.camera_spec import LabCameraSpec, spec_for
 from vsense.lab.optics import sample_times_ns
-from vsense.lab.physics import TICK_NS, Physics, obstacles
 from vsense.lab.studio import Studio
-from vsense.tracking.picture_recorder import PictureRecorder, RecordingError
+from vsense.recording.pictures import (
+    PictureRecorder,
+    PictureRecordingError,
+    one_tracker,
+    write_session_files,
+)
+from vsense.world.physics import TICK_NS, Physics, obstacles
 
 TRUTH = "truth.csv"
 SAMPLES = 3
@@ -93,7 +97,7 @@ def record(
     seed: int,
     suffix: str = "png",
     progress: Callable[[int], None] | None = None,
-    spec: CameraSpec | None = None,
+    spec: LabCameraSpec | None = None,
 ) -> None:
     """Records the experiment's arena as the lab's cameras see it.
 
@@ -120,14 +124,14 @@ def record(
             truth.write("timestep,capture_ns,tag,x_m,y_m,yaw_rad\n")
             _record(experiment, spec, recorder, truth, timesteps, progress)
     except OSError as error:
-        raise RecordingError(f"{directory}: cannot be written: {error.strerror}") from None
+        raise PictureRecordingError(f"{directory}: cannot be written: {error.strerror}") from None
     finally:
         recorder.close()
 
 
 def _record(
     experiment: Experiment,
-    spec: CameraSpec,
+    spec: LabCameraSpec,
     recorder: PictureRecorder,
     truth: TextIO,
     timesteps: int,

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from vsense.lab.backdrop import Backdrop
 from vsense.lab.bodies import EMISSION_DN, TEXTURE_PX_PER_M, BodySprites, Effect, Sprite
-from vsense.lab.optics import Image32, RayMap, Window
-from vsense.lab.sensor import Image8, Sensor, to_levels
+from vsense.lab.optics import Image8, Image32, RayMap, Sensor, Window, to_levels
 
 Floats = NDArray[np.float64]
 Leds = NDArray[np.uint16]

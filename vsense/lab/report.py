@@ -12,23 +12,23 @@ from numpy.typing import NDArray
 from vsense.config.specs import Experiment
 from vsense.lab import metrics, phases
 from vsense.lab.microcontrollers import read_actuations
-from vsense.lab.session import Recording, Session
+from vsense.lab.session import RunNotes, Session
 from vsense.lab.shared import LabError
 from vsense.lab.stitch import top_view
 from vsense.lab.trace import read_trace
-from vsense.lab.truth_log import read_truth
+from vsense.lab.truth import read_truth
 from vsense.pictures import story
 from vsense.pictures.arena_view import WIDTH_PX
 from vsense.pictures.canvas import Image
-from vsense.pictures.story import Story, spoken
-from vsense.runtime import Step
+from vsense.pictures.story import RunFigure, spoken
+from vsense.run.runtime import Step
 from vsense.world.pollution import PollutantSource
 
 RING_LEDS = 0xFF
 LINK_COUNTERS = ("sent", "received", "dropped", "reconnects")
 
 
-def gather(session: Session, recording: Recording) -> metrics.Run:
+def gather(session: Session, recording: RunNotes) -> metrics.MeasuredRun:
     """Puts together what host, cameras, microcontrollers and daemons noted of a run.
 
     The processes must have ended: their files are complete then.
@@ -46,7 +46,7 @@ def gather(session: Session, recording: Recording) -> metrics.Run:
     sensors = [mounted.sensor.name for mounted in experiment.sensors]
     judged = "pollutant" if source else None
     traces = [read_trace(robot, sensors, judged) for robot in session.swarm.robots]
-    return metrics.Run(
+    return metrics.MeasuredRun(
         timesteps=steps,
         wanted=experiment.timesteps if whole else int(steps["run_timestep"][-1]) + 1,
         dt_ns=session.dt_ns,
@@ -100,7 +100,7 @@ def _true_source(
 
 def _depth_m(
     experiment: Experiment,
-    recording: Recording,
+    recording: RunNotes,
     poses: NDArray[np.float64],
     run_timesteps: NDArray[np.int64],
 ) -> NDArray[np.float64] | None:
@@ -126,7 +126,7 @@ def _within(trace: NDArray[np.void], steps: NDArray[np.void]) -> NDArray[np.void
     return np.asarray(trace[during])
 
 
-def draw(session: Session, recording: Recording, run: metrics.Run, path: Path) -> None:
+def draw(session: Session, recording: RunNotes, run: metrics.MeasuredRun, path: Path) -> None:
     """Draws the picture of a run.
 
     Raises:
@@ -134,7 +134,7 @@ def draw(session: Session, recording: Recording, run: metrics.Run, path: Path) -
     """
     experiment, pictures = session.experiment, recording.pictures
     depth_m = run.truth.depth_m
-    told = Story(
+    told = RunFigure(
         experiment,
         run.timesteps["run_timestep"],
         run.truth.poses,

@@ -8,41 +8,41 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from vsense import build
 from vsense.arena import Frame
+from vsense.cameras.camera import Camera
 from vsense.config.placement import place
 from vsense.config.specs import Experiment
-from vsense.console import Console
-from vsense.environment import Environment
 from vsense.errors import VsenseError
 from vsense.lab.camera_spec import spec_for
-from vsense.lab.canary import Canary
 from vsense.lab.eyes import Eyes
-from vsense.lab.floor import Floor
+from vsense.lab.floor import FloorProcess
 from vsense.lab.grabber import LabGrabber
+from vsense.lab.processes import Canary
 from vsense.lab.shared import LabError
 from vsense.lab.swarm import Swarm
 from vsense.lab.truth import make_ring
-from vsense.link.server import LinkEvent
-from vsense.link.table import Table
-from vsense.link.wire import GoodbyeCause
-from vsense.pictures.album import Album
-from vsense.room.facts import Scene
-from vsense.room.room import Room
+from vsense.link.robots.server import LinkEvent
+from vsense.link.robots.table import Table
+from vsense.link.robots.wire import GoodbyeCause
+from vsense.markers.families import load_family
+from vsense.pictures.album import RunSamples
+from vsense.robot import build
 from vsense.run.control import Control
+from vsense.run.environment import Environment
+from vsense.run.robots import make_server
 from vsense.run.runner import Runner
-from vsense.run.serving import make_server
-from vsense.runtime import Runtime, Step
+from vsense.run.runtime import Runtime, Step
+from vsense.terminal import Console
 from vsense.tracking.arena_tracker import ArenaTracker
-from vsense.tracking.camera import Camera
-from vsense.tracking.families import load_family
+from vsense.ui.messages import ExperimentFacts
+from vsense.ui.room import ControlRoom
 
 READY_TIMEOUT_S = 20.0
 """All robots must be connected and seen within this time."""
 
 
 @dataclass(slots=True)
-class Recording:
+class RunNotes:
     """What the host noted during a run.
 
     Attributes:
@@ -57,7 +57,7 @@ class Recording:
         lateness_ms: the canary's ticks.
     """
 
-    album: Album
+    album: RunSamples
     seed: int
     directory: Path
     ended: str = ""
@@ -84,7 +84,7 @@ class Session:
         console: Console,
         interrupted: threading.Event,
         base: str,
-        room: Room,
+        room: ControlRoom,
     ) -> None:
         """Prepares runs; `__enter__` starts everything.
 
@@ -96,13 +96,13 @@ class Session:
             blind: hold the virtual sensors at 0.
             console: where to say what happens.
             interrupted: set by whoever wants the run to end early.
-            base: what the robots are based on, of `vsense.lab.bases.BASES`.
+            base: what the robots are based on, of `vsense.lab.links.BASES`.
             room: where the runs are seen and steered.
         """
         self.experiment = experiment
         self.directory = directory
         self.truth_log = directory / "truth.bin"
-        self.recordings: list[Recording] = []
+        self.recordings: list[RunNotes] = []
         self.interrupted = interrupted
         self.blind = blind
         self._seed = seed
@@ -145,7 +145,9 @@ class Session:
         self.cameras = grabber.cameras
         tracker = self._track(self.cameras)
         self._stack.callback(tracker.close)
-        self.floor = Floor(experiment, poses, truth.name, self._seed, self.directory, self._base)
+        self.floor = FloorProcess(
+            experiment, poses, truth.name, self._seed, self.directory, self._base
+        )
         self._stack.callback(self.floor.close)
         self.swarm = Swarm(daemon, experiment.host, port, self._seed, self.directory / "robots")
         self._stack.callback(self.swarm.end)
@@ -160,7 +162,7 @@ class Session:
             experiment, runtime, self.server, self._console, self.interrupted, self._look, control
         )
         text = experiment.path.read_text(encoding="utf-8", errors="replace")
-        scene = Scene("lab", text, self.blind, self.cameras, {}, self.eyes.troubles)
+        scene = ExperimentFacts("lab", text, self.blind, self.cameras, {}, self.eyes.troubles)
         self._room.open(scene, environment, self.server, runtime, control)
         grabber.start()
         runtime.open()
@@ -222,7 +224,7 @@ class Session:
         Raises:
             VsenseError: something has failed; what was recorded until then is there.
         """
-        recording = Recording(Album(self.experiment), self.environment.seed, directory)
+        recording = RunNotes(RunSamples(self.experiment), self.environment.seed, directory)
         self.recordings.append(recording)
         canary = Canary()
         self._stack.callback(canary.close)
@@ -253,7 +255,7 @@ class Session:
         self.runner.next_run(self.environment)
         self._over = False
 
-    def _live_timesteps(self, recording: Recording, observe: Callable[[Step], None]) -> None:
+    def _live_timesteps(self, recording: RunNotes, observe: Callable[[Step], None]) -> None:
         pictures, album = recording.pictures, recording.album
         step: Step | None = None
         try:

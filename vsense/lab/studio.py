@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 
 from vsense.lab.backdrop import Backdrop
 from vsense.lab.bodies import BodySprites
-from vsense.lab.camera_spec import CameraSpec
-from vsense.lab.optics import RayMap
+from vsense.lab.camera_spec import LabCameraSpec
+from vsense.lab.optics import RayMap, Sensor
 from vsense.lab.renderer import CameraRenderer
 from vsense.lab.scene import Scene
-from vsense.lab.sensor import Sensor
-from vsense.tracking.families import load_family
+from vsense.markers.families import load_family
 
 _BUILDERS = 2
 
@@ -27,7 +26,7 @@ _BUILDERS = 2
 class Studio:
     """Makes one timestep's pictures of all cameras."""
 
-    def __init__(self, spec: CameraSpec) -> None:
+    def __init__(self, spec: LabCameraSpec) -> None:
         """Builds the scene, which takes about a second.
 
         OpenCV's own threads are switched off for the whole process: they would only get in the

@@ -13,9 +13,9 @@ import threading
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from vsense.link.connection import prepare
-from vsense.link.ports import listen
-from vsense.link.status import LinkError
+from vsense.link.robots.network import listen
+from vsense.link.robots.status import LinkError
+from vsense.link.robots.streams import prepare
 
 FINISH_S = 0.5
 """How long the last bytes may take to leave at the end."""
@@ -26,7 +26,7 @@ _IDLE_S = 0.25
 _JOIN_S = 5.0
 
 
-class Pending(Protocol):
+class PendingOutput(Protocol):
     """What is still to be written to a client."""
 
     def chunk(self) -> memoryview | bytes:
@@ -46,7 +46,7 @@ class Client:
     def __init__(
         self,
         sock: socket.socket,
-        pending: Pending,
+        pending: PendingOutput,
         stuck_ns: int,
         keepalive: tuple[int, int],
         now_ns: int,

@@ -6,14 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.config.specs import Experiment
-from vsense.pictures.painting import Painting, paint
+from vsense.pictures.painting import WorldSnapshot, paint
 from vsense.world.world import World
 
 SPARE = 3
 """The very last timestep before a moment may be one that the host missed."""
 
 
-class Album:
+class RunSamples:
     """Filled timestep by timestep while a run goes on.
 
     Attributes:
@@ -32,7 +32,7 @@ class Album:
         self.kept = range(
             0 if self.moment is None else max(self.moment - SPARE, 0), self.moment or 0
         )
-        self.paintings: dict[int, Painting] = {}
+        self.paintings: dict[int, WorldSnapshot] = {}
         self.shares: list[float] = []
         self._timesteps: list[int] = []
         self._results: list[dict[str, float]] = []

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vsense.config.specs import BODY_RADIUS_M
 from vsense.pictures.canvas import INK, MUTED, SCALE, Canvas, Colour, Floats, Image
-from vsense.pictures.painting import Painting
+from vsense.pictures.painting import WorldSnapshot
 
 WIDTH_PX = 900
 """Width of a view; its height follows from the arena."""
@@ -34,7 +34,7 @@ Place = Callable[[Floats], Floats]
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
+class ArenaMoment:
     """One moment of the arena; places are relative to the arena's middle.
 
     Attributes:
@@ -50,13 +50,13 @@ class Scene:
     title: str
     note: str
     view: Image | None
-    painting: Painting
+    painting: WorldSnapshot
     poses: Floats
     lit: NDArray[np.bool_]
     trails: Floats
 
 
-def draw(scene: Scene) -> Image:
+def draw(scene: ArenaMoment) -> Image:
     """Draws a moment.
 
     Returns:
@@ -88,7 +88,7 @@ def draw(scene: Scene) -> Image:
     return canvas.image
 
 
-def _ground(canvas: Canvas, scene: Scene) -> None:
+def _ground(canvas: Canvas, scene: ArenaMoment) -> None:
     """What the cameras saw, or paper; upon it the virtual floor and the fields."""
     height, width = canvas.image.shape[:2]
     size = (width, height)
@@ -117,7 +117,7 @@ def _blend(canvas: Canvas, colour: NDArray[np.generic], share: Floats) -> None:
     canvas.image[:] = np.rint(mixed).astype(np.uint8)
 
 
-def _lamps(canvas: Canvas, painting: Painting, place: Place, zoom: float) -> None:
+def _lamps(canvas: Canvas, painting: WorldSnapshot, place: Place, zoom: float) -> None:
     """The lights; one that hangs outside of the arena is drawn at its edge."""
     half = np.array(painting.arena.size_m[:2]) / 2.0
     for lamp in painting.lamps:
@@ -129,7 +129,7 @@ def _lamps(canvas: Canvas, painting: Painting, place: Place, zoom: float) -> Non
         canvas.ring(at, 0.035 * zoom, INK, 1.0)
 
 
-def _robots(canvas: Canvas, scene: Scene, place: Place, zoom: float) -> None:
+def _robots(canvas: Canvas, scene: ArenaMoment, place: Place, zoom: float) -> None:
     """Rings with a line where they head to, red where the LEDs are on."""
     radius = BODY_RADIUS_M * zoom
     for robot in range(scene.trails.shape[1] if len(scene.trails) > 1 else 0):

@@ -17,7 +17,7 @@ _LEFT = 48
 
 
 @dataclass(frozen=True, slots=True)
-class Series:
+class ChartSeries:
     """One measure over time: its name, (n,) values and its colour."""
 
     name: str
@@ -39,7 +39,7 @@ class Chart:
 
     unit: str
     time_s: NDArray[np.float64]
-    series: Sequence[Series]
+    series: Sequence[ChartSeries]
     top: float
     marks: Sequence[tuple[float, str]] = ()
 

@@ -31,7 +31,7 @@ class Lamp:
 
 
 @dataclass(frozen=True, slots=True)
-class Painting:
+class WorldSnapshot:
     """What of the virtual world can be seen; places are relative to the arena's middle.
 
     Attributes:
@@ -58,7 +58,7 @@ class Painting:
     leds: NDArray[np.uint8]
 
 
-def paint(world: World, experiment: Experiment) -> Painting:
+def paint(world: World, experiment: Experiment) -> WorldSnapshot:
     """Takes down what the world of an experiment looks like now."""
     arena = experiment.arena
     centre = np.array(arena.centre_m[:2])
@@ -66,7 +66,7 @@ def paint(world: World, experiment: Experiment) -> Painting:
     cones = [world.cone(source) for source in experiment.sources]
     robots = world.robots[world.real_robots :]
     strangers = np.stack((robots["x_m"], robots["y_m"], robots["yaw_rad"]), axis=-1)
-    return Painting(
+    return WorldSnapshot(
         arena=arena,
         floor=_floor(world, arena),
         fields=tuple(_field(world, name, arena) for name in world.fields),

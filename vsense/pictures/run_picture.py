@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from vsense.pictures import arena_view, chart
-from vsense.pictures.arena_view import LIT, WIDTH_PX, Scene
+from vsense.pictures.arena_view import LIT, WIDTH_PX, ArenaMoment
 from vsense.pictures.canvas import INK, MUTED, SCALE, Canvas, Image
 from vsense.pictures.chart import Chart
 
@@ -18,7 +18,9 @@ CAPTION = 96
 FOOT = 64
 
 
-def draw(heading: str, subtitle: str, scenes: Sequence[Scene], charts: Sequence[Chart]) -> Image:
+def draw(
+    heading: str, subtitle: str, scenes: Sequence[ArenaMoment], charts: Sequence[Chart]
+) -> Image:
     """Draws the whole picture.
 
     Args:

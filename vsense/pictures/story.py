@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from vsense.config.specs import Experiment
 from vsense.pictures import run_picture
-from vsense.pictures.album import Album
-from vsense.pictures.arena_view import CONE, DARK, LIT, Scene
+from vsense.pictures.album import RunSamples
+from vsense.pictures.arena_view import CONE, DARK, LIT, ArenaMoment
 from vsense.pictures.canvas import Colour, Floats, Image
-from vsense.pictures.chart import Chart, Series
-from vsense.pictures.painting import Painting
+from vsense.pictures.chart import Chart, ChartSeries
+from vsense.pictures.painting import WorldSnapshot
 
 TRAIL_S = 6.0
 """So much of the way behind each robot is drawn."""
@@ -32,7 +32,7 @@ View = Callable[[int], Image | None]
 
 
 @dataclass(frozen=True, slots=True)
-class Story:
+class RunFigure:
     """What happened, at the timesteps of the run that were lived.
 
     Attributes:
@@ -51,10 +51,10 @@ class Story:
     lit: NDArray[np.bool_]
     inside: NDArray[np.bool_] | None
     turn: int | None
-    album: Album
+    album: RunSamples
 
 
-def draw(story: Story, heading: str, subtitle: str, view: View) -> Image:
+def draw(story: RunFigure, heading: str, subtitle: str, view: View) -> Image:
     """Draws the picture of a run.
 
     Args:
@@ -69,7 +69,7 @@ def draw(story: Story, heading: str, subtitle: str, view: View) -> Image:
     return run_picture.draw(heading, subtitle, _scenes(story, view), charts(story))
 
 
-def _scenes(story: Story, view: View) -> list[Scene]:
+def _scenes(story: RunFigure, view: View) -> list[ArenaMoment]:
     """The last moment before the wind turns, or half-time; and the end."""
     paintings, moment = story.album.paintings, story.album.moment
     early = [t for t in paintings if moment is not None and t < moment]
@@ -84,13 +84,13 @@ def _scenes(story: Story, view: View) -> list[Scene]:
 
 
 def _scene(
-    story: Story, timestep: int, words: str, painting: Painting, view: Image | None
-) -> Scene:
+    story: RunFigure, timestep: int, words: str, painting: WorldSnapshot, view: Image | None
+) -> ArenaMoment:
     row = int(np.searchsorted(story.run_timesteps, timestep))
     experiment = story.experiment
     middle = np.array([*experiment.arena.centre_m[:2], 0.0])
     first = max(row - round(TRAIL_S * experiment.ticks_per_second), 0)
-    return Scene(
+    return ArenaMoment(
         title=f"{words}, t = {timestep * experiment.timestep_s:.1f} s",
         note=_note(story, row),
         view=view,
@@ -101,7 +101,7 @@ def _scene(
     )
 
 
-def _note(story: Story, row: int) -> str:
+def _note(story: RunFigure, row: int) -> str:
     """What there is to say about a moment."""
     if story.inside is not None:
         inside = story.inside[row]
@@ -119,7 +119,7 @@ def spoken(name: str) -> str:
     return name.replace("_", " ")
 
 
-def charts(story: Story) -> list[Chart]:
+def charts(story: RunFigure) -> list[Chart]:
     """The swarm in the cone over time, and every measure of the experiment's own."""
     last = int(story.run_timesteps[-1]) + 1
     time_s = np.append(story.run_timesteps, last) * story.experiment.timestep_s
@@ -127,12 +127,12 @@ def charts(story: Story) -> list[Chart]:
     if story.inside is not None:
         counts = story.inside.sum(axis=1), (story.inside & story.lit).sum(axis=1)
         series = [
-            Series(name, values.astype(np.float64), colour)
+            ChartSeries(name, values.astype(np.float64), colour)
             for name, values, colour in zip(("in the cone", "lit"), counts, (CONE, LIT))
         ]
         turn_s = [] if story.turn is None else [story.turn * story.experiment.timestep_s]
         marks = [(time, "the wind turns") for time in turn_s]
         found.append(Chart("robots", time_s, series, float(story.poses.shape[1]), marks))
     for (name, values), colour in zip(story.album.measures().items(), _COLOURS):
-        found.append(Chart(spoken(name), time_s, [Series("", values, colour)], 0.0))
+        found.append(Chart(spoken(name), time_s, [ChartSeries("", values, colour)], 0.0))
     return found[:MOST_CHARTS]

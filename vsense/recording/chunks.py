@@ -1,20 +1,28 @@
-"""Records of an MCAP file from bytes that nobody vouches for: bounded, checked, never more."""
+"""Records of an MCAP file from bytes that nobody vouches for: bounded, checked, never more.
+
+Finds out what is where in a recording: from its index, or by walking through it.
+
+A recording that was ended in order has an index at its end. Any other is walked through from chunk
+to chunk, up to where it was cut off; what is damaged is left out and said.
+"""
 
 from __future__ import annotations
 
 import io
 import struct
 import zlib
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import BinaryIO
 
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk
+from mcap.records import Channel, Chunk, ChunkIndex, Footer, Header, Metadata, MetadataIndex
 
 from vsense.recording import form
+from vsense.recording.form import Head, RecordingError
 
 MAX_CHUNK_BYTES = 256 << 20
 """A chunk that says to be larger is damaged: ours end at 4 MB, or after one picture."""
@@ -130,3 +138,188 @@ def walk(data: memoryview, channels: dict[int, Kept]) -> Iterator[Raw]:
         elif opcode == Opcode.CHANNEL:
             number, kept = channel(content)
             channels[number] = kept
+
+
+MAGIC = b"\x89MCAP0\r\n"
+_TIMES = struct.Struct("<QQ")
+_FOOTER = struct.Struct("<QQI")
+_TAIL = _HEAD.size + _FOOTER.size + len(MAGIC)
+_MAX_RECORD = 64 << 20
+"""Of records that are no chunk."""
+_FAULTS = (*FAULTS, DamagedError)
+
+
+@dataclass(frozen=True, slots=True)
+class ChunkPlace:
+    """Where a chunk is.
+
+    Attributes:
+        offset: of its content in the file.
+        length: of its content.
+        begin_ns: UTC of its first message.
+        end_ns: UTC of its last one.
+        channels: whose messages are in it; None: not known.
+    """
+
+    offset: int
+    length: int
+    begin_ns: int
+    end_ns: int
+    channels: frozenset[int] | None
+
+
+@dataclass(slots=True)
+class Contents:
+    """What is where.
+
+    Attributes:
+        head: what the recording says first.
+        metadata: the other metadata records, by their names; of several the last.
+        places: the chunks in their order.
+        channels: those that are known so far.
+        complete: whether it was ended in order, and all of it is here.
+    """
+
+    head: Head
+    metadata: dict[str, dict[str, str]]
+    places: list[ChunkPlace]
+    channels: dict[int, Kept] = field(default_factory=dict)
+    complete: bool = False
+
+
+def scan(file: BinaryIO, size: int, name: str) -> Contents:
+    """Looks what is in a recording.
+
+    Args:
+        file: it.
+        size: its length in bytes.
+        name: what errors call it.
+
+    Raises:
+        RecordingError: it is no recording that this vsense reads.
+        OSError: it cannot be read.
+    """
+    _check_magic(file, size, name)
+    first = _first(file, size, name)
+    try:
+        contents = _read_index(file, size, name)
+    except _FAULTS:
+        contents = None
+    return contents or _walk(file, size, name, first)
+
+
+def _check_magic(file: BinaryIO, size: int, name: str) -> None:
+    if size == 0:
+        raise RecordingError(f"{name}: is empty, expected a recording")
+    file.seek(0)
+    begin = file.read(len(MAGIC))
+    if begin != MAGIC[: len(begin)]:
+        raise RecordingError(f"{name}: is no MCAP file, expected a recording of vsense")
+    if len(begin) < len(MAGIC):
+        raise RecordingError(f"{name}: ends within its head")
+
+
+def _first(file: BinaryIO, size: int, name: str) -> int:
+    """Reads the header; gives where the next record is."""
+    for opcode, at, length in _heads(file, len(MAGIC), size):
+        if opcode != Opcode.HEADER or length > _MAX_RECORD:
+            break
+        try:
+            header = Header.read(stream(_content(file, at, length)))
+        except _FAULTS:
+            break
+        if header.profile != form.PROFILE:
+            what = f"of the profile {header.profile[:40]!r}" if header.profile else "of no profile"
+            raise RecordingError(f"{name}: is an MCAP file {what}, expected a recording of vsense")
+        return at + length
+    raise RecordingError(f"{name}: ends within its head, or its head is damaged")
+
+
+def _heads(file: BinaryIO, at: int, size: int) -> Iterator[tuple[int, int, int]]:
+    """Hops over whole records from `at`: opcode, place and length of their contents."""
+    while at + _HEAD.size <= size:
+        file.seek(at)
+        opcode, length = _HEAD.unpack(file.read(_HEAD.size))
+        at += _HEAD.size
+        if length > size - at:
+            return
+        yield opcode, at, length
+        at += length
+
+
+def _content(file: BinaryIO, at: int, length: int) -> bytes:
+    file.seek(at)
+    return file.read(length)
+
+
+def _read_index(file: BinaryIO, size: int, name: str) -> Contents | None:
+    """Reads the index; None: there is none, or not of all."""
+    if size < 2 * _TAIL:
+        return None
+    tail = _content(file, size - _TAIL, _TAIL)
+    opcode, length = _HEAD.unpack_from(tail)
+    if (opcode, length, tail[-len(MAGIC) :]) != (Opcode.FOOTER, _FOOTER.size, MAGIC):
+        return None
+    footer = Footer.read(stream(tail[_HEAD.size : -len(MAGIC)]))
+    begin, end = footer.summary_start, size - _TAIL
+    if not 0 < begin < end:
+        return None
+    summary = _content(file, begin, end - begin)
+    checked = zlib.crc32(tail[: _HEAD.size + 16], zlib.crc32(summary))
+    if footer.summary_crc not in (0, checked):
+        return None
+    places: list[ChunkPlace] = []
+    found: dict[str, dict[str, str]] = {}
+    channels: dict[int, Kept] = {}
+    for opcode, _, content in records(memoryview(summary)):
+        if opcode == Opcode.CHANNEL:
+            number, kept = channel(content)
+            channels[number] = kept
+        elif opcode == Opcode.CHUNK_INDEX:
+            places.append(_indexed(ChunkIndex.read(stream(content)), begin))
+        elif opcode == Opcode.METADATA_INDEX:
+            index = MetadataIndex.read(stream(content))
+            _read_metadata(file, index.offset, begin, found)
+    places.sort(key=lambda place: place.offset)
+    return Contents(_head(found, name), found, places, channels, True)
+
+
+def _indexed(index: ChunkIndex, end: int) -> ChunkPlace:
+    at, length = index.chunk_start_offset + _HEAD.size, index.chunk_length - _HEAD.size
+    if length < 0 or at + length > end or length > MAX_CHUNK_BYTES:
+        raise DamagedError("a chunk outside of the file")
+    numbers = frozenset(index.message_index_offsets)
+    return ChunkPlace(at, length, index.message_start_time, index.message_end_time, numbers)
+
+
+def _read_metadata(file: BinaryIO, offset: int, end: int, found: dict[str, dict[str, str]]) -> None:
+    for opcode, at, length in _heads(file, offset, end):
+        if opcode == Opcode.METADATA and length <= _MAX_RECORD:
+            metadata = Metadata.read(stream(_content(file, at, length)))
+            found[metadata.name] = metadata.metadata
+        return
+
+
+def _walk(file: BinaryIO, size: int, name: str, first: int) -> Contents:
+    """Walks through a recording without index."""
+    places: list[ChunkPlace] = []
+    found: dict[str, dict[str, str]] = {}
+    for opcode, at, length in _heads(file, first, size):
+        if opcode == Opcode.CHUNK and _TIMES.size <= length <= MAX_CHUNK_BYTES:
+            begin_ns, end_ns = _TIMES.unpack(_content(file, at, _TIMES.size))
+            places.append(ChunkPlace(at, length, begin_ns, end_ns, None))
+        elif opcode == Opcode.METADATA and length <= _MAX_RECORD:
+            try:
+                metadata = Metadata.read(stream(_content(file, at, length)))
+            except _FAULTS:
+                continue
+            found[metadata.name] = metadata.metadata
+        elif opcode in (Opcode.DATA_END, Opcode.FOOTER):
+            break
+    return Contents(_head(found, name), found, places)
+
+
+def _head(found: Mapping[str, Mapping[str, str]], name: str) -> Head:
+    if form.HEAD not in found:
+        raise RecordingError(f"{name}: ends within its head, or its head is damaged")
+    return Head.from_metadata(found[form.HEAD], name)

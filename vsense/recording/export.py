@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from vsense.hub import Message
+from vsense.message_bus import Message
 from vsense.recording import form
 from vsense.recording.form import RecordingError
 from vsense.recording.reader import Recording, read_gap

@@ -8,10 +8,10 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from vsense.hub import Hub, Message
-from vsense.orders import Kind, Order, OrderError
+from vsense.message_bus import Message, MessageBus
 from vsense.recording import form
 from vsense.recording.reader import Recording, read_gap
+from vsense.run.control import Order, OrderError, OrderKind
 
 SLOWEST, FASTEST = 0.1, 100.0
 RUN_NS = 250_000_000
@@ -34,7 +34,7 @@ class Player:
     def __init__(
         self,
         recording: Recording,
-        hub: Hub,
+        hub: MessageBus,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         """Takes both, without owning them.
@@ -75,16 +75,16 @@ class Player:
             self._thread.join()
 
     def give(self, order: Order) -> str:
-        """Carries out PLAY, PAUSE, SPEED and SEEK; see `vsense.orders.Give`.
+        """Carries out PLAY, PAUSE, SPEED and SEEK; see `vsense.run.control.Give`.
 
         Raises:
             OrderError: a replay does not know the order, or its value.
         """
         carry_out = {
-            Kind.PLAY: lambda: self._play(order.value != 0.0),
-            Kind.PAUSE: lambda: self._play(False),
-            Kind.SPEED: lambda: self._set_speed(order.value),
-            Kind.SEEK: lambda: self._seek(order.value),
+            OrderKind.PLAY: lambda: self._play(order.value != 0.0),
+            OrderKind.PAUSE: lambda: self._play(False),
+            OrderKind.SPEED: lambda: self._set_speed(order.value),
+            OrderKind.SEEK: lambda: self._seek(order.value),
         }.get(order.kind)
         if carry_out is None:
             raise OrderError(f"{order.kind.value}: a replay can only {', '.join(_CAN)}")

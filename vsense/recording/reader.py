@@ -8,11 +8,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO
 
-from vsense.hub import Message
+from vsense.message_bus import Message
 from vsense.recording import chunks, form
-from vsense.recording.chunks import DamagedError, Kept, Raw
+from vsense.recording.chunks import ChunkPlace, Contents, DamagedError, Kept, Raw, scan
 from vsense.recording.form import RecordingError
-from vsense.recording.scan import Contents, Place, scan
 
 Choice = Collection[str] | Callable[[str], bool] | None
 """Topics by their names or by a test; None: all."""
@@ -153,7 +152,7 @@ class Recording:
                 self._unpack(place)
 
     def _newest_in(
-        self, place: Place, wanted: Callable[[str], bool], end_ns: int | None
+        self, place: ChunkPlace, wanted: Callable[[str], bool], end_ns: int | None
     ) -> dict[str, Message]:
         raws: dict[str, Raw] = {}
         for raw in self._unpack(place):
@@ -164,14 +163,14 @@ class Recording:
         messages = (self._decode(place, raw, wanted) for raw in raws.values())
         return {message.topic: message for message in messages if message is not None}
 
-    def _may_hold(self, place: Place, wanted: Callable[[str], bool]) -> bool:
+    def _may_hold(self, place: ChunkPlace, wanted: Callable[[str], bool]) -> bool:
         """Whether a chunk may have messages of such topics."""
         numbers = place.channels or self._inside.get(place.offset)
         if not numbers or not numbers <= self._channels.keys():
             return True
         return any(wanted(self._channels[number].topic) for number in numbers)
 
-    def _unpack(self, place: Place) -> list[Raw]:
+    def _unpack(self, place: ChunkPlace) -> list[Raw]:
         """Reads a chunk; one that is damaged gives what it has before the damage."""
         raws: list[Raw] = []
         try:
@@ -188,7 +187,7 @@ class Recording:
         self._inside[place.offset] = frozenset(raw.channel for raw in raws)
         return raws
 
-    def _decode(self, place: Place, raw: Raw, wanted: Callable[[str], bool]) -> Message | None:
+    def _decode(self, place: ChunkPlace, raw: Raw, wanted: Callable[[str], bool]) -> Message | None:
         kept = self._channels.get(raw.channel)
         if kept is None or not wanted(kept.topic):
             return None

@@ -18,9 +18,9 @@ from typing import Any
 import cv2
 
 from vsense.arena import Frame
-from vsense.hub import Hub, Listener, Message
+from vsense.message_bus import Listener, Message, MessageBus
 from vsense.recording import form
-from vsense.recording.waiting import Bounds, Item, Picture, Waiting, gap_message
+from vsense.recording.waiting import Bounds, Item, Waiting, WaitingPicture, gap_message
 from vsense.recording.writer import RecordingWriter
 from vsense.tracking import memory
 from vsense.tracking.arena_tracker import ArenaTracker
@@ -49,7 +49,7 @@ class Recorder:
 
     def __init__(
         self,
-        hub: Hub,
+        hub: MessageBus,
         path: Path,
         pictures: bool = False,
         bounds: Bounds | None = None,
@@ -117,7 +117,7 @@ class Recorder:
             sizes.append(_FIRST_SIZE)
         for frame in frames:
             copy = replace(frame, image=frame.image.copy())
-            kept.append(Picture(copy, now_ns, self._updates, len(frames)))
+            kept.append(WaitingPicture(copy, now_ns, self._updates, len(frames)))
             sizes.append(frame.image.nbytes)
         self._updates += 1
         self._has_memory = self._waiting.put(kept, sizes, now_ns)
@@ -196,9 +196,11 @@ class Recorder:
 
     def _add(self, item: Item) -> None:
         """Encodes one item into the chunk that is being made."""
-        topic = f"{form.PICTURE}{item.frame.camera}" if isinstance(item, Picture) else item.topic
+        topic = (
+            f"{form.PICTURE}{item.frame.camera}" if isinstance(item, WaitingPicture) else item.topic
+        )
         try:
-            message = _encoded(item, topic) if isinstance(item, Picture) else item
+            message = _encoded(item, topic) if isinstance(item, WaitingPicture) else item
             self._sizes[topic] = self._writer.add(message)
         except (TypeError, ValueError, RecursionError, cv2.error) as error:
             self._waiting.lost += 1
@@ -252,7 +254,7 @@ class Recorder:
         self._hub.event(text, level, self._clock())
 
 
-def _encoded(picture: Picture, topic: str) -> Message:
+def _encoded(picture: WaitingPicture, topic: str) -> Message:
     """Makes the message of a picture."""
     frame = picture.frame
     blob = cv2.imencode(".png", frame.image, _PNG)[1].tobytes()

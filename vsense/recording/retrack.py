@@ -15,9 +15,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from vsense.arena import ArenaState, Frame
-from vsense.arena_data import arena_data
-from vsense.hub import Message
+from vsense.arena import ArenaState, Frame, arena_data
+from vsense.message_bus import Message
 from vsense.recording import form, tracker_made
 from vsense.recording.form import RecordingError
 from vsense.recording.reader import Recording
@@ -30,7 +29,7 @@ been written later than what was said of them."""
 
 
 @dataclass(slots=True)
-class Comparison:
+class RetrackComparison:
     """How two trackings of the same pictures differ.
 
     Attributes:
@@ -115,7 +114,7 @@ class Retracking:
             recording: one with pictures.
             change: gives the description of the tracker to run, from the recorded one.
         """
-        self.comparison = Comparison()
+        self.comparison = RetrackComparison()
         self._recording = recording
         self._change = change
         self._tracker: ArenaTracker | None = None

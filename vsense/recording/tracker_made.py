@@ -3,11 +3,14 @@
 The lab and a tracking session build their trackers in different ways; both are cameras, each with
 what is looked for in its pictures, and limits. Marker families are written out, so that a family
 of the user's own comes with the recording.
+
+Other settings for a recorded tracker, as a person writes them.
 """
 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from importlib import resources
@@ -20,16 +23,15 @@ import cv2
 import numpy as np
 
 from vsense import __version__
+from vsense.cameras.camera import Camera
 from vsense.config.tracking_build import CameraDetectors
 from vsense.config.tracking_specs import TrackingSession
-from vsense.errors import VsenseError
+from vsense.errors import UsageError, VsenseError
+from vsense.markers.families import MarkerFamily, SquareFamily, load_family
 from vsense.tracking.arena_tracker import ArenaTracker
-from vsense.tracking.camera import Camera
-from vsense.tracking.detector import Detector
-from vsense.tracking.detectors import make_detector
-from vsense.tracking.families import MarkerFamily, SquareFamily, load_family
+from vsense.tracking.detector import Detector, make_detector
+from vsense.tracking.prediction import Prediction, SearchPlan
 from vsense.tracking.tracks import Limits
-from vsense.tracking.whereabouts import SearchPlan, Whereabouts
 
 Made = dict[str, Any]
 """`cameras`: camera files; `sees`: by the camera's id the tracker that looks at its pictures;
@@ -131,7 +133,7 @@ def _make(made: Made) -> ArenaTracker:
     sees: dict[str, str] = made["sees"]
     trackers = {id: made["trackers"][id] for id in sees.values()}
     families = {id: _family(tracker) for id, tracker in trackers.items()}
-    whereabouts = Whereabouts(SearchPlan(**made["plan"]))
+    whereabouts = Prediction(SearchPlan(**made["plan"]))
 
     def detectors() -> CameraDetectors:
         each = {id: _detector(t, families[id], whereabouts) for id, t in trackers.items()}
@@ -157,7 +159,7 @@ def _family(tracker: Made) -> MarkerFamily | SquareFamily:
 
 
 def _detector(
-    tracker: Made, family: MarkerFamily | SquareFamily, whereabouts: Whereabouts
+    tracker: Made, family: MarkerFamily | SquareFamily, whereabouts: Prediction
 ) -> Detector:
     heights_m = _heights_m(tracker)
     usual_m = median(heights_m.values()) if heights_m else 0.0
@@ -173,3 +175,61 @@ def _detector(
 
 def _heights_m(tracker: Made) -> dict[int, float]:
     return {int(tag): float(height_m) for tag, height_m in tracker["heights_m"]}
+
+
+HEIGHT = "tracker.height_m"
+"""Of all markers of all trackers."""
+
+
+def change_settings(made: Mapping[str, Any], settings: Mapping[str, str]) -> dict[str, Any]:
+    """Gives a description of a tracker with other settings.
+
+    Args:
+        made: the description; see `tracker_made`.
+        settings: by name, "limits.X", "plan.X", or "tracker.X" for all of its trackers.
+
+    Raises:
+        UsageError: a setting is not known, or its value is none.
+    """
+    changed = {**made, "limits": dict(made["limits"]), "plan": dict(made["plan"])}
+    changed["trackers"] = {id: dict(tracker) for id, tracker in made["trackers"].items()}
+    for key, text in settings.items():
+        if key == HEIGHT:
+            height_m = _value(key, 0.0, text)
+            for tracker in changed["trackers"].values():
+                tracker["heights_m"] = [[tag, height_m] for tag, _ in tracker["heights_m"]]
+            continue
+        parts, name = _parts(changed, key)
+        for part in parts:
+            part[name] = _value(key, part[name], text)
+    return changed
+
+
+def _parts(made: dict[str, Any], key: str) -> tuple[list[dict[str, Any]], str]:
+    """Finds what a setting is a setting of."""
+    group, _, name = key.partition(".")
+    groups = {
+        "limits": [made["limits"]],
+        "plan": [made["plan"]],
+        "tracker": list(made["trackers"].values()),
+    }
+    parts = groups.get(group, [])
+    if not any(isinstance(part.get(name), (bool, int, float)) for part in parts):
+        known = [f"{g}.{n}" for g in ("limits", "plan") for n in made[g]]
+        known += ["tracker.heading_deg", HEIGHT, "tracker.open_roster"]
+        raise UsageError(f"{key}: is no setting of the tracker; known are {', '.join(known)}")
+    return parts, name
+
+
+def _value(key: str, before: bool | float, text: str) -> bool | float:
+    """Reads a value of the same kind as the one before."""
+    kinds = {bool: "true or false", int: "a whole number", float: "a number"}
+    try:
+        if isinstance(before, bool):
+            return {"true": True, "false": False}[text]
+        value = type(before)(text)
+        if not math.isfinite(value):
+            raise ValueError
+    except (KeyError, ValueError):
+        raise UsageError(f"{key}: {text!r} is not {kinds[type(before)]}") from None
+    return value

@@ -8,12 +8,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from vsense.arena import Frame
-from vsense.hub import Message
+from vsense.message_bus import Message
 from vsense.recording import form
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class WaitingPicture:
     """A picture that nobody has encoded yet.
 
     Attributes:
@@ -29,7 +29,7 @@ class Picture:
     pictures: int
 
 
-Item = Message | Picture
+Item = Message | WaitingPicture
 
 _MESSAGES, _PICTURES = "messages", "pictures"
 _SMALL = 200
@@ -111,7 +111,7 @@ class Waiting:
             Whether there was room. Where there was none, the next that finds room is told of by a
             `/gap`.
         """
-        kind = _PICTURES if any(isinstance(item, Picture) for item in items) else _MESSAGES
+        kind = _PICTURES if any(isinstance(item, WaitingPicture) for item in items) else _MESSAGES
         with self._changed:
             if not self._has_room(kind, sum(sizes), now_ns):
                 self._leave_out(kind, len(items), now_ns)

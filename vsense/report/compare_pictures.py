@@ -9,7 +9,7 @@ import numpy as np
 
 from vsense.pictures.canvas import INK, Canvas, Colour, width_of
 from vsense.report.compare import Group, curve, measure_names, statistics
-from vsense.report.picture import MOST_MEASURES, RUN_TIME, Picture, plain
+from vsense.report.picture import MOST_MEASURES, RUN_TIME, Figure, plain
 from vsense.report.plot import BLUE, COLOURS, HALF_PX, ORANGE, SMALL, Plot, Range, spanning
 
 _HEIGHT_PX = 320
@@ -17,7 +17,7 @@ _PALE = 0.35
 _CONDITIONS = {"sighted": BLUE, "blind": ORANGE}
 
 
-def draw(members: Sequence[Group]) -> Iterator[Picture]:
+def draw(members: Sequence[Group]) -> Iterator[Figure]:
     """Draws the groups of one experiment: two pictures for each measure."""
     for place, name in enumerate(measure_names(members)[:MOST_MEASURES], start=1):
         file = f"{place:02d}-{_file(name)}"
@@ -39,7 +39,7 @@ def _file(name: str) -> str:
     return re.sub(r"[^A-Za-z0-9_]+", "-", name)[:40].strip("-")
 
 
-def _over_time(members: Sequence[Group], name: str, file: str) -> Picture:
+def _over_time(members: Sequence[Group], name: str, file: str) -> Figure:
     series = {
         id(run): run.found.measures.of[name]
         for group in members
@@ -71,10 +71,10 @@ def _over_time(members: Sequence[Group], name: str, file: str) -> Picture:
         " condition."
     )
     title = f"{plain(name)} over time"
-    return Picture(file, canvas.image, title.capitalize(), caption, False)
+    return Figure(file, canvas.image, title.capitalize(), caption, False)
 
 
-def _ends(members: Sequence[Group], name: str, file: str) -> Picture:
+def _ends(members: Sequence[Group], name: str, file: str) -> Figure:
     columns = [
         (group, [run.measures[name]["end"] for run in group.runs if name in run.measures])
         for group in members
@@ -102,4 +102,4 @@ def _ends(members: Sequence[Group], name: str, file: str) -> Picture:
         " deviation of the runs."
     )
     title = f"{plain(name)} at the end"
-    return Picture(file, canvas.image, title.capitalize(), caption, False)
+    return Figure(file, canvas.image, title.capitalize(), caption, False)

@@ -16,8 +16,8 @@ from vsense.recording.form import RecordingError
 from vsense.recording.reader import Gap, Recording, open_recording
 from vsense.report.flow import SILENCE_NS
 from vsense.report.gather import Gatherer, gather
-from vsense.report.health import Health
-from vsense.report.tracks import Track
+from vsense.report.health import LinkHealth
+from vsense.report.tracks import RobotTrack
 
 Floats = NDArray[np.float64]
 
@@ -195,7 +195,7 @@ def _tags(found: Gatherer) -> set[int]:
 
 
 def _row(found: Gatherer, tag: int) -> RobotRow:
-    track, health = found.tracks.of.get(tag, Track()), found.roll.of.get(tag, Health())
+    track, health = found.tracks.of.get(tag, RobotTrack()), found.roll.of.get(tag, LinkHealth())
     told = health.told > 0
     return RobotRow(
         tag=tag,

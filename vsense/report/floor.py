@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.pictures import arena_view
-from vsense.pictures.arena_view import CONE, Scene
+from vsense.pictures.arena_view import CONE, ArenaMoment
 from vsense.pictures.canvas import INK, MUTED, SCALE, Canvas, Colour, Floats, Image, width_of
-from vsense.pictures.painting import FLOOR_PX_PER_M, Lamp, Painting
+from vsense.pictures.painting import FLOOR_PX_PER_M, Lamp, WorldSnapshot
 from vsense.report.facts import MOST_ASPECT, entities, number, numbers
 from vsense.report.gather import ODD, Gatherer
 from vsense.report.plot import TEXT, ticks
@@ -139,13 +139,13 @@ def map_origin() -> tuple[int, int]:
     return _LEFT, _TOP
 
 
-def _scene(found: Gatherer, arena: Arena) -> Scene:
+def _scene(found: Gatherer, arena: Arena) -> ArenaMoment:
     nobody = np.zeros((0, 3))
     painting = _painting(found, arena)
-    return Scene("", "", None, painting, nobody, np.zeros(0, np.bool_), np.zeros((0, 0, 2)))
+    return ArenaMoment("", "", None, painting, nobody, np.zeros(0, np.bool_), np.zeros((0, 0, 2)))
 
 
-def _painting(found: Gatherer, arena: Arena) -> Painting:
+def _painting(found: Gatherer, arena: Arena) -> WorldSnapshot:
     """The recorded world as pictures know it; what is damaged in it is left out."""
     centre = np.array(arena.centre_m[:2])
     things = entities(found.world)
@@ -153,7 +153,7 @@ def _painting(found: Gatherer, arena: Arena) -> Painting:
     outlines = ((bool(e.get("physical")), o - centre) for e in things for o in _outlines(e))
     solids = [(physical, o) for physical, o in outlines if np.abs(o).max() < near_m]
     cones = (np.array(last) - centre for _, last in found.cones.values())
-    return Painting(
+    return WorldSnapshot(
         arena=arena,
         floor=_floor(found.world, arena),
         fields=(),

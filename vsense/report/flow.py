@@ -124,7 +124,7 @@ class Measures:
                 column.append(known)
 
 
-class Cameras:
+class CameraCounts:
     """How the cameras were.
 
     Attributes:

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from vsense.hub import Message
+from vsense.message_bus import Message
 from vsense.recording.reader import Recording
 from vsense.report.facts import MOST_M, Facts, clock_ns, number, read_facts
-from vsense.report.flow import Cameras, Flow, Latencies, Measures
-from vsense.report.health import FINE, UNSEEN, Roll, Strips
+from vsense.report.flow import CameraCounts, Flow, Latencies, Measures
+from vsense.report.health import FINE, UNSEEN, SeenRobots, Strips
 from vsense.report.tracks import UNSEEN_NS, Tracks
 
 MOST_EVENTS = 500
@@ -25,7 +25,7 @@ ODD = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowErro
 
 
 @dataclass(frozen=True, slots=True)
-class Event:
+class RecordedEvent:
     """Something that people were told: when, how bad, by whom, and the words."""
 
     time_ns: int
@@ -61,7 +61,7 @@ class Gatherer:
         self.cones: dict[int, tuple[Cone, Cone]] = {}
         self.late: int | None = None
         self.state = ""
-        self.events: list[Event] = []
+        self.events: list[RecordedEvent] = []
         self.more_events = 0
         self._going = True
         self._begin()
@@ -79,8 +79,8 @@ class Gatherer:
     def _begin(self) -> None:
         """The run begins: what was before it does not count."""
         self.tracks = Tracks(self.facts.is_robot)
-        self.roll, self.flow, self.latencies = Roll(), Flow(), Latencies()
-        self.measures, self.cameras = Measures(), Cameras()
+        self.roll, self.flow, self.latencies = SeenRobots(), Flow(), Latencies()
+        self.measures, self.cameras = Measures(), CameraCounts()
         self.strips = Strips(round(self.facts.timestep_s * 1e9))
 
     @property
@@ -166,7 +166,7 @@ class Gatherer:
             return
         data = message.data
         level, by = str(data.get("level") or "info"), str(data.get("by") or "")
-        self.events.append(Event(message.time_ns, level, by, str(data["text"])))
+        self.events.append(RecordedEvent(message.time_ns, level, by, str(data["text"])))
 
 
 def gather(recording: Recording, progress: Callable[[float], None]) -> Gatherer:

@@ -37,7 +37,7 @@ class Loss:
     to_ns: int | None = None
 
 
-class Health:
+class LinkHealth:
     """One robot's health.
 
     Attributes:
@@ -74,7 +74,7 @@ class Health:
             self.base_errors = count - self._first_errors
 
 
-class Roll:
+class SeenRobots:
     """The health of all robots.
 
     Attributes:
@@ -86,7 +86,7 @@ class Roll:
 
     def __init__(self) -> None:
         """Begins empty."""
-        self.of: dict[int, Health] = {}
+        self.of: dict[int, LinkHealth] = {}
         self.losses: list[Loss] = []
         self.lit: set[int] = set()
         self.connected = -1
@@ -108,7 +108,7 @@ class Roll:
         states: dict[int, int] = {}
         self.lit = set()
         for tag, connected, cause, battery, errors, leds in zip(tags, *columns, strict=True):
-            health = self.of.get(tag) or self.of.setdefault(tag, Health())
+            health = self.of.get(tag) or self.of.setdefault(tag, LinkHealth())
             health.take(bool(connected), str(cause or ""), battery, errors)
             self._link(time_ns, tag, bool(connected))
             states[tag] = LOST if not connected else STOPPED if cause else FINE

@@ -10,7 +10,7 @@ import cv2
 
 from vsense.pictures.canvas import SCALE
 from vsense.recording.form import RecordingError
-from vsense.report.picture import Picture
+from vsense.report.picture import Figure
 
 DASH = "–"
 """Where nobody told a value."""
@@ -23,7 +23,7 @@ class Counter:
         """Begins with 1."""
         self._figures = self._tables = 0
 
-    def figure(self, picture: Picture, png: bytes) -> str:
+    def figure(self, picture: Figure, png: bytes) -> str:
         """A picture with its caption; the picture is part of the page."""
         self._figures += 1
         height, width = (side // SCALE for side in picture.image.shape[:2])
@@ -72,7 +72,7 @@ class Counter:
         )
 
 
-def encode(picture: Picture) -> bytes:
+def encode(picture: Figure) -> bytes:
     """A picture as PNG.
 
     Raises:

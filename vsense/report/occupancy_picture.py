@@ -8,14 +8,14 @@ import numpy as np
 from vsense.pictures.canvas import INK, MUTED, SCALE, Canvas, Colour, round_number
 from vsense.report.findings import Findings
 from vsense.report.floor import Map, arena_of, draw_map, framed, map_origin, map_width
-from vsense.report.picture import Picture, part
+from vsense.report.picture import Figure, part
 from vsense.report.plot import HALF_PX, SMALL
 from vsense.report.tracks import CELL_M
 
 _BAR_PX = 84
 
 
-def occupancy(findings: Findings) -> Picture | None:
+def occupancy(findings: Findings) -> Figure | None:
     """How long robots were in each square of the arena."""
     found = findings.found
     cells = found.tracks.cells
@@ -39,7 +39,7 @@ def occupancy(findings: Findings) -> Picture | None:
         f" the sum over all robots of the time in which they were seen there. White: never."
         f" Colours follow the square root of the time, so that short stays show, too."
     )
-    return Picture("occupancy", whole.image, "Occupancy", caption, False)
+    return Figure("occupancy", whole.image, "Occupancy", caption, False)
 
 
 def _outlined(findings: Findings, map_: Map) -> Map:

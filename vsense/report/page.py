@@ -11,10 +11,10 @@ from vsense.report import tables
 from vsense.report.compare import Group, quantities, table
 from vsense.report.findings import Findings
 from vsense.report.markup import DASH, Counter, figure_of, note, share_of, tiles
-from vsense.report.picture import Picture
+from vsense.report.picture import Figure
 from vsense.report.style import CSS
 
-Drawn = tuple[Picture, bytes]
+Drawn = tuple[Figure, bytes]
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,14 +26,14 @@ class Chapter:
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class ComparedRuns:
     """The runs of one experiment: their groups, and the pictures with their PNGs."""
 
     groups: Sequence[Group]
     pictures: Sequence[Drawn]
 
 
-def page(chapters: Sequence[Chapter], comparisons: Sequence[Comparison]) -> str:
+def page(chapters: Sequence[Chapter], comparisons: Sequence[ComparedRuns]) -> str:
     """Makes the page.
 
     Args:
@@ -66,7 +66,7 @@ def page(chapters: Sequence[Chapter], comparisons: Sequence[Comparison]) -> str:
     return "".join(parts)
 
 
-def _contents(chapters: Sequence[Chapter], comparisons: Sequence[Comparison]) -> str:
+def _contents(chapters: Sequence[Chapter], comparisons: Sequence[ComparedRuns]) -> str:
     links = [
         (f"compared-{place}", f"{each.groups[0].experiment}: runs compared")
         for place, each in enumerate(comparisons)
@@ -79,7 +79,7 @@ def _contents(chapters: Sequence[Chapter], comparisons: Sequence[Comparison]) ->
     return f"<nav><ul>{rows}</ul></nav>\n"
 
 
-def _compared(comparison: Comparison, place: int, counter: Counter) -> str:
+def _compared(comparison: ComparedRuns, place: int, counter: Counter) -> str:
     groups = comparison.groups
     conditions = ", ".join(f"{len(g.runs)} {g.condition}" for g in groups)
     title = f"{groups[0].experiment}: runs compared"

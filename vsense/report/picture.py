@@ -15,7 +15,7 @@ _MOST_LETTERS = 44
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class Figure:
     """A picture of a report.
 
     Attributes:

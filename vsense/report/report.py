@@ -18,11 +18,11 @@ from vsense.report import (
 )
 from vsense.report.findings import Findings, read_findings
 from vsense.report.markup import encode
-from vsense.report.page import Chapter, Comparison, Drawn, page
-from vsense.report.picture import Picture
+from vsense.report.page import Chapter, ComparedRuns, Drawn, page
+from vsense.report.picture import Figure
 
 PAGE = "report.html"
-_MAKERS: Sequence[Callable[[Findings], Picture | None]] = (
+_MAKERS: Sequence[Callable[[Findings], Figure | None]] = (
     way_picture.ways,
     occupancy_picture.occupancy,
     time_pictures.measures,
@@ -99,7 +99,7 @@ def require_empty(folder: Path) -> None:
 def _write(read: Sequence[Findings], folder: Path) -> Report:
     files = [folder / PAGE]
 
-    def keep(prefix: str, pictures: Iterable[Picture]) -> list[Drawn]:
+    def keep(prefix: str, pictures: Iterable[Figure]) -> list[Drawn]:
         drawn = [(picture, encode(picture)) for picture in pictures]
         for picture, png in drawn:
             path = folder / f"{prefix}{picture.name}.png"
@@ -113,7 +113,7 @@ def _write(read: Sequence[Findings], folder: Path) -> Report:
         for place, members in enumerate(experiments, start=1):
             prefix = "compared-" if len(experiments) == 1 else f"compared-{place}-"
             drawn = keep(prefix, compare_pictures.draw(members))
-            comparisons.append(Comparison(members, drawn))
+            comparisons.append(ComparedRuns(members, drawn))
     chapters = []
     for place, one in enumerate(read, start=1):
         prefix = f"{place:02d}-{one.path.stem}-" if len(read) > 1 else ""

@@ -11,8 +11,8 @@ from vsense.pictures.canvas import INK, SCALE, Canvas, Colour, Floats, width_of
 from vsense.report.findings import Findings
 from vsense.report.gather import IN_CONE
 from vsense.report.health import FINE, LOST, STOPPED, UNKNOWN, UNSEEN
-from vsense.report.picture import MOST_MEASURES, RUN_TIME, Picture, part, plain
-from vsense.report.plot import (
+from vsense.report.picture import MOST_MEASURES, RUN_TIME, Figure, part, plain
+from vsense.report.plot import (  # fmt: skip
     AMBER,
     BLUE,
     GREEN,
@@ -26,7 +26,7 @@ from vsense.report.plot import (
     Plot,
     Range,
     spanning,
-)  # fmt: skip
+)
 
 _CHART_PX = 150
 _STATES: dict[int, tuple[str, Colour]] = {
@@ -38,7 +38,7 @@ _STATES: dict[int, tuple[str, Colour]] = {
 _BINS = 60
 
 
-def measures(findings: Findings) -> Picture | None:
+def measures(findings: Findings) -> Figure | None:
     """Everything that the experiment measured, one chart below the other."""
     series = dict(list(findings.found.measures.of.items())[:MOST_MEASURES])
     if not series:
@@ -57,7 +57,7 @@ def measures(findings: Findings) -> Picture | None:
             ". The report itself counted the robots in the cone, and those of them whose red LEDs"
             " were lit, from tracked poses, the cone, and telemetry, where the experiment did not"
         )
-    return Picture("measures", canvas.image, "Measures", caption + ".", False)
+    return Figure("measures", canvas.image, "Measures", caption + ".", False)
 
 
 def shade_gaps(plot: Plot, findings: Findings) -> None:
@@ -67,7 +67,7 @@ def shade_gaps(plot: Plot, findings: Findings) -> None:
             plot.shade(one.from_s, plot.x.high if one.to_s is None else one.to_s, GREY)
 
 
-def robots(findings: Findings) -> Picture | None:
+def robots(findings: Findings) -> Figure | None:
     """How many robots were seen and connected, and below how each of them was."""
     found = findings.found
     tags, table = found.strips.table()
@@ -96,7 +96,7 @@ def robots(findings: Findings) -> Picture | None:
         f" the worst in each {strip_s:g} s. Not seen: for more than 1 s. Stopped: its wheels were"
         " held and nobody wanted that."
     )
-    return Picture("robots", canvas.image, "Robots seen and connected", caption, True)
+    return Figure("robots", canvas.image, "Robots seen and connected", caption, True)
 
 
 def _counts(findings: Findings, canvas: Canvas, end_s: float, count: int) -> None:
@@ -134,7 +134,7 @@ def _strips(plot: Plot, table: NDArray[np.uint8], begin_s: float, strip_s: float
                 image[top:bottom, columns] = colours[state]
 
 
-def latencies(findings: Findings) -> Picture | None:
+def latencies(findings: Findings) -> Figure | None:
     """How the latencies are distributed."""
     values = np.array(findings.found.latencies.latency_ms)
     values = values[values > 0.0]
@@ -156,13 +156,13 @@ def latencies(findings: Findings) -> Picture | None:
         " cameras' exposure to the moment when the readings made from it were sent to the robots."
         " Logarithmic axis; lines: median, 95th and 99th percentile."
     )
-    return Picture("latency", canvas.image, "Latency", caption, False)
+    return Figure("latency", canvas.image, "Latency", caption, False)
 
 
 _PLAIN = {"p50": "median", "p95": "95 %", "p99": "99 %"}
 
 
-def latency_over_time(findings: Findings) -> Picture | None:
+def latency_over_time(findings: Findings) -> Figure | None:
     """How the latency went: its median and its range in equal pieces of the run."""
     found = findings.found
     values = np.array(found.latencies.latency_ms)
@@ -184,7 +184,7 @@ def latency_over_time(findings: Findings) -> Picture | None:
         f"Latency over time: median (line) and range (band) in pieces of {piece_s:.3g} s."
         " Readings above one timestep left after the next picture was taken."
     )
-    return Picture("latency-over-time", canvas.image, "Latency over time", caption, False)
+    return Figure("latency-over-time", canvas.image, "Latency over time", caption, False)
 
 
 def _grouped(times: Floats, values: Floats, piece_s: float) -> tuple[Floats, ...]:

@@ -27,7 +27,7 @@ MOST_POINTS = 4_000
 """A robot's way is thinned to half of its points when it has as many."""
 
 
-class Track:
+class RobotTrack:
     """One robot's way, from one sighting to the next.
 
     Attributes:
@@ -108,7 +108,7 @@ class Tracks:
 
     def __init__(self, is_robot: Callable[[int], bool]) -> None:
         """Begins empty; `is_robot` tells robots from objects by their tags."""
-        self.of: dict[int, Track] = {}
+        self.of: dict[int, RobotTrack] = {}
         self.objects_m: dict[int, tuple[float, float]] = {}
         self.states = 0
         self.cells: Counter[tuple[int, int]] = Counter()
@@ -134,7 +134,7 @@ class Tracks:
                 self.objects_m[tag] = (x_m, y_m)
                 continue
             self.places_m[tag] = (x_m, y_m)
-            track = self.of.get(tag) or self.of.setdefault(tag, Track())
+            track = self.of.get(tag) or self.of.setdefault(tag, RobotTrack())
             track.see(capture_ns, x_m, y_m)
             self.cells[math.floor(x_m / CELL_M), math.floor(y_m / CELL_M)] += 1
 

@@ -12,7 +12,7 @@ from vsense.report.facts import entities
 from vsense.report.findings import Findings
 from vsense.report.floor import Map, arena_of, draw_map, framed, map_width
 from vsense.report.gather import Gatherer
-from vsense.report.picture import Picture, part
+from vsense.report.picture import Figure, part
 from vsense.report.plot import COLOURS, GREY, WIDE_PX, pieces, write
 
 NEWEST_WIDTHS = 25.0
@@ -25,7 +25,7 @@ MOST_NAMES = 30
 _NAME_PX = 50
 
 
-def ways(findings: Findings) -> Picture | None:
+def ways(findings: Findings) -> Figure | None:
     """The robots' ways over the arena."""
     found = findings.found
     if not found.tracks.of:
@@ -51,7 +51,7 @@ def ways(findings: Findings) -> Picture | None:
     if len(all_) <= MOST_NAMES:
         _names(map_, all_)
     caption = _caption(findings, len(all_), times, newest_m)
-    return Picture("ways", framed(map_, arena).image, "Trajectories", caption, True)
+    return Figure("ways", framed(map_, arena).image, "Trajectories", caption, True)
 
 
 def _caption(findings: Findings, count: int, times: float, newest_m: float) -> str:

@@ -1,4 +1,18 @@
-"""Brings `vsensed` to robots' boards over `ssh`, all at the same time.
+"""What lies on a robot's board beside `vsensed`: its settings, and what starts it.
+
+The folder `board/` holds the files as they go there: a unit for systemd, an init script for boards
+without it (plain sh, BusyBox will do), and the script that puts everything in its place.
+
+The list of a lab's robots: who they are and how to reach them.
+
+    # robots.txt: one robot in a line
+    root@192.168.1.30  tag=23  base=argos:/dev/ttyS0
+    pi@192.168.1.31    tag=24  base=gctronic:/dev/i2c-12  name=left
+
+The first word is what `ssh` is told. The others are settings of that robot's vsensed, as in its
+settings file (see vsensed --help); "tag" must be among them.
+
+Brings `vsensed` to robots' boards over `ssh`, all at the same time.
 
 Everything travels in one connection per robot, as an archive on `ssh`'s standard input: old
 boards have no sftp, which newer `scp` needs, but all have a shell and tar.
@@ -8,6 +22,7 @@ from __future__ import annotations
 
 import io
 import ipaddress
+import re
 import shutil
 import subprocess
 import tarfile
@@ -18,8 +33,99 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from vsense.errors import ConfigError, UsageError, VsenseError
-from vsense.robot import service
-from vsense.robot.hosts import RobotHost
+
+_BOARD = Path(__file__).parent / "board"
+FILES = ("install.sh", "vsensed.init", "vsensed.service")
+
+
+def settings_text(settings: Mapping[str, str]) -> str:
+    """The settings file: one `name = value` in a line."""
+    lines = "".join(f"{name} = {value}\n" for name, value in settings.items())
+    return f"# Settings of vsensed, written by `vsense robot deploy`; see vsensed --help.\n{lines}"
+
+
+def service_files() -> dict[str, bytes]:
+    """What is the same on all boards, by name."""
+    return {name: (_BOARD / name).read_bytes() for name in FILES}
+
+
+SETTINGS = ("tag", "base", "name", "uid", "host", "port")
+"""What may be said of a robot."""
+
+_DESTINATION = re.compile(r"[A-Za-z0-9_.@:\[\]%-]+")
+_VALUE = re.compile(r"[^\s'\"\\$`]+")
+_TAG_MAX = 65535
+
+
+@dataclass(frozen=True, slots=True)
+class RobotHost:
+    """A robot's board.
+
+    Attributes:
+        destination: what `ssh` is told.
+        settings: its own, by name; "tag" is one of them.
+        line: where it stands in the file.
+    """
+
+    destination: str
+    settings: Mapping[str, str]
+    line: int
+
+
+def read(path: Path) -> list[RobotHost]:
+    """Reads such a file.
+
+    Raises:
+        UsageError: it cannot be read, or names no robot.
+        ConfigError: a line is wrong.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise UsageError(f"cannot read {path}: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise UsageError(f"cannot read {path}: it is no text") from None
+    robots = [
+        _robot(str(path), number, line.split("#")[0].split())
+        for number, line in enumerate(lines, 1)
+        if line.split("#")[0].strip()
+    ]
+    if not robots:
+        raise UsageError(
+            f"{path} names no robot: expected lines such as 'root@192.168.1.30 tag=23'"
+        )
+    _check_unique(str(path), robots)
+    return robots
+
+
+def _robot(file: str, number: int, words: list[str]) -> RobotHost:
+    destination, *rest = words
+    if not _DESTINATION.fullmatch(destination) or destination.startswith("-"):
+        raise ConfigError(file, number, f"expected [user@]host, got {destination!r}")
+    settings: dict[str, str] = {}
+    for word in rest:
+        name, equals, value = word.partition("=")
+        if not equals or name not in SETTINGS or not _VALUE.fullmatch(value):
+            expected = ", ".join(f"{known}=VALUE" for known in SETTINGS)
+            raise ConfigError(file, number, f"expected one of {expected}; got {word!r}")
+        if name in settings:
+            raise ConfigError(file, number, f"{name}= is there twice")
+        settings[name] = value
+    tag = settings.get("tag", "")
+    if not (tag.isascii() and tag.isdigit() and int(tag) <= _TAG_MAX):
+        raise ConfigError(file, number, f"expected tag=0..{_TAG_MAX}, got {tag or 'no tag'}")
+    return RobotHost(destination, settings, number)
+
+
+def _check_unique(file: str, robots: list[RobotHost]) -> None:
+    """Two robots with one tag, or two lines for one board, would fight for a session."""
+    seen: dict[str, int] = {}
+    for robot in robots:
+        for what in (robot.destination, f"tag {int(robot.settings['tag'])}"):
+            if what in seen:
+                raise ConfigError(file, robot.line, f"{what} is in line {seen[what]}, too")
+            seen[what] = robot.line
+
 
 SSH = ("ssh", "-o", "BatchMode=yes", "-o", "ConnectTimeout=10")
 """Never asks for a password: with many robots at once nobody could tell who asks."""
@@ -77,8 +183,8 @@ class Plan:
         """What a robot is sent, as a tar file."""
         files = {
             "vsensed": self.binary,
-            "vsensed.conf": service.settings_text(self.settings_of(robot)).encode(),
-            **service.files(),
+            "vsensed.conf": settings_text(self.settings_of(robot)).encode(),
+            **service_files(),
         }
         packed = io.BytesIO()
         with tarfile.open(fileobj=packed, mode="w", format=tarfile.USTAR_FORMAT) as tar:

@@ -1,4 +1,6 @@
-"""What a run shall do: people's orders, and the state that follows from them.
+"""What people press, whether on the page, in a terminal or on the keyboard: one door for all.
+
+What a run shall do: people's orders, and the state that follows from them.
 
 An order that stops anything is obeyed at once, in the thread of whoever gave it; the thread that
 lives the run finds out afterwards. Only that thread starts anything.
@@ -8,10 +10,49 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from dataclasses import dataclass
 from enum import Enum
 
-from vsense.link.wire import Wanted
-from vsense.orders import Kind, Order, OrderError
+from vsense.errors import VsenseError
+from vsense.link.robots.wire import Wanted
+
+
+class OrderError(VsenseError):
+    """An order that cannot be carried out now; one line that says why."""
+
+
+class OrderKind(str, Enum):
+    """What can be ordered. Of the last four a replay knows PLAY, SPEED and SEEK, a run RECORD."""
+
+    START = "start"
+    PAUSE = "pause"
+    STOP = "stop"
+    RESET = "reset"
+    EMERGENCY = "emergency"
+    RECORD = "record"
+    PLAY = "play"
+    SPEED = "speed"
+    SEEK = "seek"
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """One press of a button.
+
+    Attributes:
+        kind: which.
+        by: who, for people: "viewer 2 (10.0.0.7)", "terminal", "keyboard".
+        value: RECORD, PLAY: 1 on, 0 off; SPEED: times real time; SEEK: [s] since the beginning.
+    """
+
+    kind: OrderKind
+    by: str
+    value: float = 0.0
+
+
+Give = Callable[[Order], str]
+"""Carries an order out, from any thread and without waiting; gives one line that says what happens
+now. Raises OrderError where it cannot be."""
 
 
 class State(str, Enum):
@@ -66,17 +107,17 @@ class Control:
         self._suspends = suspends
         self._asked = self._next = self._begun = self._waits = False
         self._lock = threading.RLock()
-        self._orders: dict[Kind, Callable[[Order], str]] = {
-            Kind.START: self._start,
-            Kind.PAUSE: self._pause,
-            Kind.STOP: self._stop,
-            Kind.RESET: self._reset,
-            Kind.EMERGENCY: self._emergency,
-            Kind.RECORD: self._record,
+        self._orders: dict[OrderKind, Callable[[Order], str]] = {
+            OrderKind.START: self._start,
+            OrderKind.PAUSE: self._pause,
+            OrderKind.STOP: self._stop,
+            OrderKind.RESET: self._reset,
+            OrderKind.EMERGENCY: self._emergency,
+            OrderKind.RECORD: self._record,
         }
 
     def give(self, order: Order) -> str:
-        """Carries an order out; see `vsense.orders.Give`.
+        """Carries an order out; see `vsense.run.control.Give`.
 
         Raises:
             OrderError: it makes no sense now.
@@ -85,7 +126,7 @@ class Control:
         obey = self._orders.get(order.kind)
         if obey is None:
             raise OrderError(f"{order.kind.value}: only a replay can do that")
-        if order.kind == Kind.RECORD:
+        if order.kind == OrderKind.RECORD:
             # A disk may take its time: that must hold up no emergency stop.
             text = obey(order)
             self.by = order.by
@@ -97,18 +138,18 @@ class Control:
         return text
 
     @property
-    def can(self) -> tuple[Kind, ...]:
+    def can(self) -> tuple[OrderKind, ...]:
         """The orders that make sense now."""
         found = {
-            State.WAITING: (Kind.START,),
-            State.READY: (Kind.START,),
-            State.RUNNING: (Kind.PAUSE, Kind.STOP, Kind.RESET),
-            State.PAUSED: (Kind.START, Kind.STOP, Kind.RESET),
-            State.ENDED: (Kind.START, Kind.RESET),
-            State.EMERGENCY: (Kind.RESET,),
+            State.WAITING: (OrderKind.START,),
+            State.READY: (OrderKind.START,),
+            State.RUNNING: (OrderKind.PAUSE, OrderKind.STOP, OrderKind.RESET),
+            State.PAUSED: (OrderKind.START, OrderKind.STOP, OrderKind.RESET),
+            State.ENDED: (OrderKind.START, OrderKind.RESET),
+            State.EMERGENCY: (OrderKind.RESET,),
         }[self.state]
-        recording = () if self.record is None else (Kind.RECORD,)
-        return (*found, Kind.EMERGENCY, *recording)
+        recording = () if self.record is None else (OrderKind.RECORD,)
+        return (*found, OrderKind.EMERGENCY, *recording)
 
     @property
     def holds(self) -> bool:
@@ -181,7 +222,7 @@ class Control:
         if self._asked and self.state == State.PAUSED:
             self._asked = False
             return f"run {self.run} stays paused"
-        self._require(Kind.PAUSE, State.RUNNING)
+        self._require(OrderKind.PAUSE, State.RUNNING)
         self._command(Wanted.PAUSE)
         self.state = State.PAUSED
         return f"run {self.run} is paused"
@@ -190,7 +231,7 @@ class Control:
         if self._asked and self.state not in DURING:
             self._asked = self._next = False
             return "the start is withdrawn"
-        self._require(Kind.STOP, *DURING)
+        self._require(OrderKind.STOP, *DURING)
         self._command(Wanted.STOP)
         if self._suspends:
             self.state, self._asked = State.PAUSED, False
@@ -199,7 +240,7 @@ class Control:
         return f"run {self.run} is stopped"
 
     def _reset(self, order: Order) -> str:
-        self._require(Kind.RESET, *DURING, State.ENDED, State.EMERGENCY)
+        self._require(OrderKind.RESET, *DURING, State.ENDED, State.EMERGENCY)
         self._waits, self._asked = True, False
         if not self._begun:
             self.state = State.WAITING
@@ -222,7 +263,7 @@ class Control:
             raise OrderError("nothing is recorded here: start vsense with --record")
         return self.record(order.value != 0)
 
-    def _require(self, kind: Kind, *states: State) -> None:
+    def _require(self, kind: OrderKind, *states: State) -> None:
         if self.state not in states:
             now = "not running" if self.state in BEFORE else self.state.value
             raise OrderError(f"cannot {kind.value}: run {self.run} is {now}")

@@ -1,13 +1,21 @@
-"""The directory of one run: an earlier run is never written over."""
+"""The directory of one run: an earlier run is never written over.
+
+What happened, for people to read later: what was said, and one row per timestep of a run.
+"""
 
 from __future__ import annotations
 
 import json
+import threading
 import time
 from collections.abc import Mapping
 from pathlib import Path
+from types import TracebackType
+from typing import TextIO
 
 from vsense.errors import VsenseError
+from vsense.run.runtime import Step
+from vsense.terminal import Console, Level
 
 SUMMARY = "summary.json"
 SERIES = "series.json"
@@ -70,3 +78,109 @@ def print_summary(summary: Mapping[str, object], on_stdout: bool) -> None:
             print(json.dumps(summary, indent=2), flush=True)
     except OSError as error:
         raise DirectoryError(f"standard output: {error.strerror}") from None
+
+
+LOG = "log.txt"
+TIMESTEPS = "timesteps.csv"
+
+HEADER = "run_timestep,timestep,capture_ns,ready_ns,arena_ns,sent_ns,connected,seen,stale\n"
+"""Times on the host's monotonic clock; robots that are connected, seen, and hold stale readings."""
+
+FLUSH_TIMESTEPS = 10
+
+
+class RunLog(Console):
+    """A console that also writes down what it says; a context that closes its files.
+
+    A disk that fails ends the writing, never the run.
+    """
+
+    def __init__(self, directory: Path) -> None:
+        """Starts the log of all runs.
+
+        Args:
+            directory: their directory, exists.
+
+        Raises:
+            DirectoryError: it cannot be written.
+        """
+        super().__init__()
+        self._writing = threading.Lock()
+        self._rows = 0
+        self._table: TextIO | None = None
+        try:
+            self._log = (directory / LOG).open("w")
+        except OSError as error:
+            raise DirectoryError(f"{error.filename}: {error.strerror}") from None
+        self._good = True
+
+    def begin_run(self, directory: Path) -> None:
+        """Starts the table of a run's timesteps, and completes the one before.
+
+        Args:
+            directory: of the run, exists.
+
+        Raises:
+            DirectoryError: it cannot be written.
+        """
+        with self._writing:
+            try:
+                table, self._table = self._table, None
+                if table is not None:
+                    table.close()
+                self._table = (directory / TIMESTEPS).open("w")
+                self._table.write(HEADER)
+            except OSError as error:
+                place = error.filename or directory / TIMESTEPS
+                raise DirectoryError(f"{place}: {error.strerror}") from None
+
+    def __enter__(self) -> RunLog:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._write("", "", close=True)
+
+    def say(self, text: str, level: Level = "info") -> None:
+        """Prints a message of its own, and notes it with the time of day."""
+        super().say(text, level)
+        now_s = time.time()
+        clock = time.strftime("%H:%M:%S", time.localtime(now_s)) + f".{int(now_s * 1000) % 1000:03}"
+        self._write(f"{clock} {text}\n", "")
+
+    def timestep(self, step: Step, connected: int, seen: int, stale: int) -> None:
+        """Notes a timestep of the run.
+
+        Args:
+            step: the timestep.
+            connected: robots that are connected.
+            seen: robots that are seen.
+            stale: robots that hold readings too old to move on.
+        """
+        times = f"{step.capture_ns},{step.ready_ns},{step.arena_ns},{step.sent_ns}"
+        counts = f"{connected},{seen},{stale}"
+        self._write("", f"{step.run_timestep},{step.timestep},{times},{counts}\n")
+
+    def _write(self, line: str, row: str, close: bool = False) -> None:
+        with self._writing:
+            if not self._good:
+                return
+            try:
+                self._log.write(line)
+                if self._table is not None:
+                    self._table.write(row)
+                self._rows += bool(row)
+                for file in (self._log, self._table):
+                    if file is not None and (line or self._rows % FLUSH_TIMESTEPS == 0):
+                        file.flush()
+                    if file is not None and close:
+                        file.close()
+                return
+            except OSError as error:
+                self._good = False
+                reason = error.strerror
+        super().say(f"vsense: the run is no longer written down: {reason}", "trouble")

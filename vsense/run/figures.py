@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from vsense.config.specs import Experiment
-from vsense.link.status import RobotStatus
-from vsense.link.wire import StopCause
-from vsense.run.attendance import Attendance
+from vsense.link.robots.status import RobotStatus
+from vsense.link.robots.wire import StopCause
+from vsense.run.robots import Readiness
 from vsense.run.runner import Runner
-from vsense.runtime import Step
+from vsense.run.runtime import Step
 
 
 @dataclass(slots=True)
@@ -29,7 +29,7 @@ class _Robot:
 
 
 @dataclass(frozen=True, slots=True)
-class Moment:
+class TimestepSample:
     """How the robots are at one timestep: how many are connected, seen, and hold old readings."""
 
     connected: int
@@ -57,7 +57,7 @@ class Figures:
         """Timesteps that were lived."""
         return len(self._sent_ns)
 
-    def observe(self, step: Step, robots: Mapping[int, RobotStatus]) -> Moment:
+    def observe(self, step: Step, robots: Mapping[int, RobotStatus]) -> TimestepSample:
         """Counts a timestep; `robots` are the links' statuses by tag."""
         self._last_run_timestep = step.run_timestep
         self._pictures |= len(step.frames) > 0
@@ -77,14 +77,14 @@ class Figures:
                 counted.stale += held
                 stale += held
                 counted.battery_mv = status.telemetry.battery_mv
-        return Moment(
+        return TimestepSample(
             connected=sum(robots[tag].connected for tag in self._robots),
             seen=len(seen & self._robots.keys()),
             stale=stale,
         )
 
     def summary(
-        self, runner: Runner, attendance: Attendance, results: Mapping[str, float]
+        self, runner: Runner, attendance: Readiness, results: Mapping[str, float]
     ) -> dict[str, Any]:
         """Gives all figures under the names that scripts rely on.
 

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.config.specs import Experiment
-from vsense.link.status import RobotStatus
+from vsense.link.robots.status import RobotStatus
 from vsense.pictures import story
-from vsense.pictures.album import Album
-from vsense.pictures.story import Story
+from vsense.pictures.album import RunSamples
+from vsense.pictures.story import RunFigure
 from vsense.run.directory import DirectoryError
 from vsense.world.sightings import NEVER_NS
 from vsense.world.world import World
@@ -30,7 +30,7 @@ class Portrait:
     def __init__(self, experiment: Experiment) -> None:
         """Begins before the first timestep."""
         self._experiment = experiment
-        self._album = Album(experiment)
+        self._album = RunSamples(experiment)
         self._source = experiment.sources[0] if experiment.sources else None
         self._timesteps: list[int] = []
         self._poses: list[NDArray[np.float64]] = []
@@ -88,7 +88,7 @@ class Portrait:
             raise DirectoryError(f"{path}: cannot be written")
         return True
 
-    def _story(self, known: NDArray[np.bool_]) -> Story:
+    def _story(self, known: NDArray[np.bool_]) -> RunFigure:
         """Tells what happened to the robots that were seen at all."""
         seen = known.any(axis=0)
         poses = np.array(self._poses)
@@ -96,7 +96,7 @@ class Portrait:
         first = known.argmax(axis=0)
         for robot in np.flatnonzero(seen):
             poses[: first[robot], robot] = poses[first[robot], robot]
-        return Story(
+        return RunFigure(
             self._experiment,
             np.array(self._timesteps, np.int64),
             poses[:, seen],

@@ -10,18 +10,16 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+from vsense.cameras.grabber import NoMorePictures
 from vsense.config.specs import Experiment
-from vsense.console import Console
-from vsense.environment import Environment
-from vsense.link.arena_client import TrackerEnded
-from vsense.link.server import VirtualSensorServer
-from vsense.run.attendance import Attendance
-from vsense.run.complaints import Complaints
+from vsense.link.robots.server import VirtualSensorServer
+from vsense.link.trackers.client import TrackerEnded
 from vsense.run.control import DURING, Control, State
-from vsense.run.tally import Tally
-from vsense.runtime import Runtime, Step
-from vsense.tracking.grabbers import NoMorePictures
-from vsense.watch import NoArenaState
+from vsense.run.environment import Environment
+from vsense.run.robots import LinkCounters, Readiness, RobotAlarms
+from vsense.run.runtime import Runtime, Step
+from vsense.run.watch import NoArenaState
+from vsense.terminal import Console
 
 POLL_S = 0.25
 """So often a run without arena states looks whether it shall end."""
@@ -79,8 +77,8 @@ class Runner:
             control: what people order; None: nobody can.
             clock: the host's monotonic clock [ns].
         """
-        self.tally, self.reconnects = Tally(), 0
-        self._complaints = Complaints()
+        self.tally, self.reconnects = LinkCounters(), 0
+        self._complaints = RobotAlarms()
         self.silences: list[Silence] = []
         self._robots = {robot.tag: robot.id for robot in experiment.robots}
         self._objects = {thing.tag: thing.id for thing in experiment.objects}
@@ -102,7 +100,7 @@ class Runner:
         """Why the run ended: "time", "interrupted", or in the words of whoever ended it."""
         return self.control.why
 
-    def wait(self, limit_s: float | None = None) -> Attendance:
+    def wait(self, limit_s: float | None = None) -> Readiness:
         """Lives timesteps until every robot is connected and every marker is seen.
 
         Where runs are held until somebody starts them, it waits for that; a START that comes
@@ -142,7 +140,7 @@ class Runner:
             control.ready()
         return not control.holds
 
-    def _waiting(self, attendance: Attendance) -> str:
+    def _waiting(self, attendance: Readiness) -> str:
         """The live line before the run."""
         state = self.control.state
         word = {State.EMERGENCY: "EMERGENCY STOP, reset first", State.READY: "ready to start"}
@@ -258,14 +256,14 @@ class Runner:
         self._look(step)
         return step
 
-    def _call_roll(self, step: Step | None) -> Attendance:
+    def _call_roll(self, step: Step | None) -> Readiness:
         # A moment without an arena state makes nobody disappear.
         if step is not None:
             robots = step.state.robots
             self._seen = frozenset(robots["tag"][robots["seen"]].tolist())
         links = self._server.robots()
         connected = {tag for tag, status in links.items() if status.connected}
-        return Attendance.take(self._robots, self._objects, connected, self._seen)
+        return Readiness.take(self._robots, self._objects, connected, self._seen)
 
     def _hear_nothing(self) -> None:
         silent_ns = 0 if self._heard_ns is None else self._clock() - self._heard_ns

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.quality import Delay, Distortion, generator
 from vsense.sensors.base import MountedSensor, SensorError, layout_dtype, scale_of
+from vsense.sensors.quality import Delay, Distortion, generator
 from vsense.world.sightings import NEVER_NS, in_order
 from vsense.world.world import World
 

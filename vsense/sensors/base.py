@@ -23,13 +23,13 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.config.element import Element
 from vsense.errors import VsenseError
-from vsense.quality import Quality, Scale
+from vsense.sensors.quality import Quality, Scale
 from vsense.sensors.updating import ALWAYS, Updating
 from vsense.world.entities import Entity
 from vsense.world.pollution import PollutantSource
 from vsense.world.world import World
+from vsense.xml.element import Element
 
 PLAIN = Scale()
 """Of a sensor that says nothing about its numbers: one unit is 1, no bounds."""

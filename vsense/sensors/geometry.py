@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vsense.arena import wrap_angle
-from vsense.config.element import Element
 from vsense.world.world import World
+from vsense.xml.element import Element
 
 Floats = NDArray[np.float64]
 

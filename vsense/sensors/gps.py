@@ -16,10 +16,10 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.config.element import Element
-from vsense.quality import Scale
 from vsense.sensors.base import Scope
+from vsense.sensors.quality import Scale
 from vsense.world.world import World
+from vsense.xml.element import Element
 
 ELEMENTS = ("gps_virtual_sensor",)
 

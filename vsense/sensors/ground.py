@@ -17,11 +17,11 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.config.element import Element
-from vsense.quality import Scale
 from vsense.sensors.base import Scope
 from vsense.sensors.geometry import points_at
+from vsense.sensors.quality import Scale
 from vsense.world.world import World
+from vsense.xml.element import Element
 
 ELEMENTS = ("virtual_ground_sensor",)
 

@@ -22,11 +22,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.config.element import Element
-from vsense.quality import Scale
 from vsense.sensors.base import Scope
 from vsense.sensors.neighbours import Reach, without_empty
+from vsense.sensors.quality import Scale
 from vsense.world.world import World
+from vsense.xml.element import Element
 
 ELEMENTS = ("virtual_led_sensor",)
 

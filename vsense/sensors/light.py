@@ -30,12 +30,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import wrap_angle
-from vsense.config.element import Element
-from vsense.quality import Scale
 from vsense.sensors.base import Scope
 from vsense.sensors.geometry import NEAREST_M, Ring, field_of_view, rows_of, within
+from vsense.sensors.quality import Scale
 from vsense.world.rays import NOBODY
 from vsense.world.world import World
+from vsense.xml.element import Element
 
 Floats = NDArray[np.float64]
 

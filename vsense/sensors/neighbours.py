@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import wrap_angle
-from vsense.config.element import Element
 from vsense.sensors.geometry import field_of_view, rows_of, within
 from vsense.world.sightings import NEVER_NS
 from vsense.world.world import World
+from vsense.xml.element import Element
 
 Floats = NDArray[np.float64]
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from vsense.config.element import Element
 from vsense.sensors.base import Scope
 from vsense.world.entities import Box, Cylinder, Entity, Light
 from vsense.world.pollution import DEFAULT_MEMORY_NS
 from vsense.world.world import World
+from vsense.xml.element import Element
 
 Pose = tuple[float, float, float]
 """x [m], y [m], yaw [rad] in the arena; yaw is 0 for what has no heading."""

@@ -30,13 +30,13 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.config.element import Element
-from vsense.quality import Scale
 from vsense.sensors.base import Scope
 from vsense.sensors.geometry import Ring, rows_of
+from vsense.sensors.quality import Scale
 from vsense.world.entities import Box, Cylinder
 from vsense.world.rays import NOBODY, Bodies, disc_rows, entity_rows
 from vsense.world.world import World
+from vsense.xml.element import Element
 
 Floats = NDArray[np.float64]
 

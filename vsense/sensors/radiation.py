@@ -19,12 +19,12 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.config.element import Element
-from vsense.quality import Scale
 from vsense.sensors import places
 from vsense.sensors.base import Scope
 from vsense.sensors.geometry import NEAREST_M, seen_from
+from vsense.sensors.quality import Scale
 from vsense.world.world import World
+from vsense.xml.element import Element
 
 ELEMENTS = ("virtual_radiation_sensor",)
 

@@ -24,12 +24,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.config.element import Element
-from vsense.quality import Scale
 from vsense.sensors.base import Scope
 from vsense.sensors.neighbours import Pairs, Reach, without_empty
+from vsense.sensors.quality import Scale
 from vsense.world.entities import BODY_RADIUS_M
 from vsense.world.world import MESSAGE_MAX, World
+from vsense.xml.element import Element
 
 Floats = NDArray[np.float64]
 

@@ -8,8 +8,6 @@ from functools import cache
 
 import vsense.sensors
 from vsense import devices
-from vsense.config.element import Element
-from vsense.quality import Quality
 from vsense.sensors import updating
 from vsense.sensors.base import (
     MountedSensor,
@@ -19,6 +17,8 @@ from vsense.sensors.base import (
     layout_dtype,
     scale_of,
 )
+from vsense.sensors.quality import Quality
+from vsense.xml.element import Element
 
 Factory = Callable[[Element, Scope], VirtualSensor]
 

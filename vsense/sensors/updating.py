@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.config.element import Element
-from vsense.quality import Scale
+from vsense.sensors.quality import Scale
+from vsense.xml.element import Element
 
 _SPELT = re.compile(r"(always|change|own)|(threshold|every):(.*)")
 _EXPECTED = "'always', 'change', 'threshold:AMOUNT', 'every:TIMESTEPS' or 'own'"

@@ -12,10 +12,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from vsense.config.element import Element
 from vsense.errors import ConfigError
 from vsense.sensors.base import Scope, SensorError, VirtualSensor
-from vsense.users_code import UsersCode
+from vsense.world.users_code import UsersCode
+from vsense.xml.element import Element
 
 ELEMENTS = ("vs:sensor",)
 

@@ -15,14 +15,15 @@ from xml.etree import ElementTree
 import cv2
 import numpy as np
 
-from vsense import __version__, build
-from vsense.console import Console
+from vsense import __version__
 from vsense.errors import VsenseError
+from vsense.robot import build
 from vsense.sim import comparison
 from vsense.sim.job import Job, Setup
-from vsense.sim.results import DURATION, EXPERIMENT, ROBOTS, SEED, Results
+from vsense.sim.results import DURATION, EXPERIMENT, ROBOTS, SEED, CampaignResults
 from vsense.sim.settings import Sweep
-from vsense.sim.watch import Interrupted, Task, Worker, simulate_all
+from vsense.sim.watch import Interrupted, Task, WorkerProcess, simulate_all
+from vsense.terminal import Console
 
 DEFAULT_FILE = Path("results.csv")
 
@@ -49,7 +50,7 @@ def run(
     """
     path = options.output or DEFAULT_FILE
     tasks = prepare(sweep, setup)
-    results = Results(path, fingerprint(tasks[0]), sweep.keys)
+    results = CampaignResults(path, fingerprint(tasks[0]), sweep.keys)
     there = results.keys()
     todo = [
         task for task in tasks if results.key(task.job.setup.settings, task.job.seed) not in there
@@ -122,7 +123,7 @@ def _files(path: Path) -> list[Path]:
 def _simulate(
     todo: Sequence[Task],
     jobs: int,
-    results: Results,
+    results: CampaignResults,
     console: Console,
     interrupted: threading.Event,
 ) -> None:
@@ -138,7 +139,7 @@ def _simulate(
             written += 1
 
 
-def _append(results: Results, task: Task, result: dict[str, Any]) -> None:
+def _append(results: CampaignResults, task: Task, result: dict[str, Any]) -> None:
     swarm = {name: value for name, value in result["swarm"].items() if task.experiment.sources}
     fixed = {
         EXPERIMENT: result["name"],
@@ -152,11 +153,11 @@ def _append(results: Results, task: Task, result: dict[str, Any]) -> None:
 
 def _progress(
     console: Console, todo: Sequence[Task], count: Callable[[], int]
-) -> Callable[[Sequence[Worker]], None]:
+) -> Callable[[Sequence[WorkerProcess]], None]:
     """Makes the function that draws the progress bar."""
     begun_s = time.monotonic()
 
-    def show(workers: Sequence[Worker]) -> None:
+    def show(workers: Sequence[WorkerProcess]) -> None:
         under_way = sum(
             worker.timesteps / worker.task.experiment.timesteps for worker in workers if worker.task
         )
@@ -173,7 +174,11 @@ def _progress(
 
 
 def _report(
-    options: argparse.Namespace, sweep: Sweep, results: Results, path: Path, console: Console
+    options: argparse.Namespace,
+    sweep: Sweep,
+    results: CampaignResults,
+    path: Path,
+    console: Console,
 ) -> None:
     """Prints what came out, and draws it."""
     groups = group(sweep, results)
@@ -196,7 +201,7 @@ Group = tuple[dict[str, str], dict[str, list[float]]]
 """A combination of settings, and by measure what its runs gave."""
 
 
-def group(sweep: Sweep, results: Results) -> list[Group]:
+def group(sweep: Sweep, results: CampaignResults) -> list[Group]:
     """Gathers the rows of every combination of the campaign, of whatever seeds."""
     groups = []
     for settings in sweep.combinations():

@@ -22,7 +22,7 @@ Key = tuple[str, ...]
 """What tells runs of a campaign apart: the settings' values, in the file's order, and the seed."""
 
 
-class Results:
+class CampaignResults:
     """A CSV file with a line of names.
 
     Its columns are `campaign`, a fingerprint of all that the runs have in common; `experiment`; one

@@ -17,15 +17,14 @@ import numpy as np
 
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment
-from vsense.environment import Environment
-from vsense.lab.physics import Physics, obstacles
-from vsense.lab.proximity import ProximityRing
-from vsense.link.table import Table
-from vsense.link.wire import Values, Wanted
-from vsense.pictures.album import Album
-from vsense.sim.record import Record
-from vsense.sim.robots import Robots
-from vsense.sim.tracker import SimulatedTracker
+from vsense.link.robots.table import Table
+from vsense.link.robots.wire import Values, Wanted
+from vsense.pictures.album import RunSamples
+from vsense.robot.inprocess import Robots
+from vsense.run.environment import Environment
+from vsense.sim.record import Record, SimulatedTracker
+from vsense.world.physics import Physics, obstacles
+from vsense.world.proximity_ring import ProximityRing
 
 EPOCH_NS = 1_000_000_000
 """The virtual clock at the first timestep; 0 stands for "never" on the wire."""
@@ -71,7 +70,7 @@ class Simulation:
 
         Args:
             experiment: what to run; it has a length.
-            library: its controller, as `vsense.build.shared` gives it.
+            library: its controller, as `vsense.robot.build.shared` gives it.
             seed: of everything that is drawn.
             blind: hold the virtual sensors at 0.
             progress: see `Robots`.
@@ -82,7 +81,7 @@ class Simulation:
         experiment = settle(experiment, seed)
         self.environment = Environment(experiment, seed, blind)
         self.record = Record(experiment)
-        self.album: Album | None = None
+        self.album: RunSamples | None = None
         self._dt_ns = experiment.timestep_ns
         self._physics = _floor(experiment)
         self._rings = ProximityRing(self._physics.near, seed)

@@ -20,8 +20,8 @@ from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
 from vsense.lab.processes import describe_exit
 from vsense.lab.shared import SharedBlock
+from vsense.robot.inprocess import PROGRESS_BYTES, SimError
 from vsense.sim.job import Job
-from vsense.sim.robots import PROGRESS_BYTES, SimError
 from vsense.sim.simulation import WARM_UP
 
 POLL_S = 0.1
@@ -36,7 +36,7 @@ class Interrupted(Exception):
     """Nobody wants the runs any more."""
 
 
-class RunError(VsenseError):
+class SimulatedRunError(VsenseError):
     """What a run's own process could not do, in its words."""
 
     def __init__(self, text: str, exit_code: int) -> None:
@@ -63,7 +63,7 @@ class Task:
         return f"{self.label}: {words}" if self.label else words
 
 
-class Worker:
+class WorkerProcess:
     """A worker process, and what it is at.
 
     Attributes:
@@ -113,7 +113,7 @@ class Worker:
             raise SimError(f"the process that simulates {describe_exit(self._process.wait())}")
         answer: dict[str, Any] = json.loads(line)
         if "error" in answer:
-            raise RunError(self.task.named(answer["error"]), answer["exit_code"])
+            raise SimulatedRunError(self.task.named(answer["error"]), answer["exit_code"])
         if "status" in answer:
             how = describe_exit(os.waitstatus_to_exitcode(answer["status"]))
             raise SimError(f"{self._who(self.task)} {how}")
@@ -175,7 +175,7 @@ def simulate_all(
     tasks: Iterable[Task],
     processes: int,
     interrupted: threading.Event,
-    show: Callable[[Sequence[Worker]], None],
+    show: Callable[[Sequence[WorkerProcess]], None],
     limit_s: float = LIMIT_S,
 ) -> Iterator[tuple[Task, dict[str, Any]]]:
     """Does many runs, several at once.
@@ -210,16 +210,18 @@ def simulate_all(
                 show(workers)
 
 
-def _start(task: Task, stack: ExitStack, selector: selectors.BaseSelector) -> Worker:
+def _start(task: Task, stack: ExitStack, selector: selectors.BaseSelector) -> WorkerProcess:
     """Starts a process with its first run."""
-    worker = Worker()
+    worker = WorkerProcess()
     stack.callback(worker.close)
     selector.register(worker.answers, selectors.EVENT_READ, worker)
     worker.give(task)
     return worker
 
 
-def _exchange(worker: Worker, waiting: Iterator[Task]) -> Iterator[tuple[Task, dict[str, Any]]]:
+def _exchange(
+    worker: WorkerProcess, waiting: Iterator[Task]
+) -> Iterator[tuple[Task, dict[str, Any]]]:
     """Takes a result and gives the next task."""
     done, result = worker.task, worker.take()
     assert done is not None

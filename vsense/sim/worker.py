@@ -30,10 +30,10 @@ from pathlib import Path
 from typing import Any
 
 from vsense.errors import VsenseError
-from vsense.pictures.album import Album
-from vsense.sim import portrait
+from vsense.pictures.album import RunSamples
+from vsense.robot.inprocess import PROGRESS_BYTES, declarations
+from vsense.sim import job as portrait
 from vsense.sim.job import Job
-from vsense.sim.robots import PROGRESS_BYTES, declarations
 from vsense.sim.simulation import Simulation
 
 
@@ -55,7 +55,7 @@ def simulate(job: Job, progress: Any) -> dict[str, Any]:
     experiment = job.setup.load()
     run = Simulation(experiment, Path(job.library), job.seed, job.setup.blind, progress)
     if job.directory is not None:
-        run.album = Album(experiment)
+        run.album = RunSamples(experiment)
     begun_s = time.perf_counter()
     measures = run.run()
     wall_s = time.perf_counter() - begun_s

@@ -1,8 +1,14 @@
-"""The arena tracker: all cameras' pictures of a timestep in, one arena state out."""
+"""What an arena tracker counts, and how a person is told of it.
+
+Which pictures of those that came are a timestep: the newest, one of each camera, in order.
+
+The arena tracker: all cameras' pictures of a timestep in, one arena state out.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from statistics import median
 
 import cv2
@@ -10,25 +16,117 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import IMAGE_POSE, POSE, SIGHTING, ArenaState, Frame
-from vsense.tracking.camera import Camera
-from vsense.tracking.counters import TrackerCounters
-from vsense.tracking.detector import Detector
-from vsense.tracking.detectors import make_detector
-from vsense.tracking.families import MarkerFamily, SquareFamily
-from vsense.tracking.frame_gate import FrameGate, TrackingError
-from vsense.tracking.image_poses import image_poses
+from vsense.cameras.camera import Camera
+from vsense.errors import VsenseError
+from vsense.markers.families import MarkerFamily, SquareFamily
+from vsense.tracking.detector import Detector, make_detector
 from vsense.tracking.joining import Joining, JoinLimits
+from vsense.tracking.prediction import Prediction, SearchPlan
 from vsense.tracking.tracks import Limits, Track, covariances
 from vsense.tracking.views import (
     Placed,
     Sighting,
     count_unnamed,
+    image_poses,
     make_views,
     merge_views,
     place_markers,
 )
-from vsense.tracking.whereabouts import SearchPlan, Whereabouts
 from vsense.tracking.workers import Workers
+
+
+@dataclass(slots=True)
+class TrackerCounters:
+    """What the tracker has noticed since it began.
+
+    Attributes:
+        old_frames: Frames not newer than the newest timestep already done, or beaten by a
+            newer one in the same call; dropped.
+        repeated_frames: Second and further frames of one camera in one timestep; dropped.
+        out_of_reach: Sightings at places where their robot cannot have come.
+        duplicates: Tags seen at two places at once, counted each timestep.
+        overflows: Pictures with more in them than a detector's tables hold.
+    """
+
+    old_frames: int = 0
+    repeated_frames: int = 0
+    out_of_reach: int = 0
+    duplicates: int = 0
+    overflows: int = 0
+
+    def notes(self) -> list[str]:
+        """Returns a line for everything that is not zero."""
+        facts = (
+            (self.old_frames, "pictures older than the newest were dropped"),
+            (self.repeated_frames, "pictures of a camera that had delivered already were dropped"),
+            (self.overflows, "pictures held more than the detector's tables"),
+            (self.out_of_reach, "sightings were out of their robot's reach"),
+            (self.duplicates, "times a tag was at two places at once"),
+        )
+        return [f"{count} {what}" for count, what in facts if count]
+
+
+class TrackingError(VsenseError):
+    """Cameras and pictures that do not belong together."""
+
+
+class FrameGate:
+    """Lets one timestep's pictures pass, whatever the order they came in.
+
+    Attributes:
+        cameras: The arena's cameras by their ids, sorted.
+        old: Frames dropped because they were not newer than the newest timestep already done, or
+            beaten by a newer one in the same call.
+        repeated: Second and further frames of one camera in one timestep, dropped.
+    """
+
+    def __init__(self, cameras: Sequence[Camera]) -> None:
+        """Takes the arena's cameras.
+
+        Raises:
+            TrackingError: There is no camera, or two have the same id.
+        """
+        self.cameras = {camera.id: camera for camera in sorted(cameras, key=lambda c: c.id)}
+        if not cameras or len(self.cameras) != len(cameras):
+            raise TrackingError("the arena needs cameras, each with an id of its own")
+        self.old = 0
+        self.repeated = 0
+        self._newest = -1
+
+    def choose(self, frames: Sequence[Frame]) -> list[Frame]:
+        """Returns one frame per camera of the newest timestep, in the order of the cameras.
+
+        Nothing is returned where no frame is newer than those of earlier calls.
+
+        Raises:
+            TrackingError: A frame is of an unknown camera, or not of that camera's size.
+        """
+        for frame in frames:
+            self._check(frame)
+        newest = max((frame.timestep for frame in frames), default=-1)
+        if newest <= self._newest:
+            self.old += len(frames)
+            return []
+        self._newest = newest
+        now = [frame for frame in frames if frame.timestep == newest]
+        self.old += len(frames) - len(now)
+        now.sort(key=lambda frame: (frame.capture_ns, frame.ready_ns))
+        single = {frame.camera: frame for frame in now}
+        self.repeated += len(now) - len(single)
+        return [single[camera] for camera in sorted(single)]
+
+    def _check(self, frame: Frame) -> None:
+        camera = self.cameras.get(frame.camera)
+        if camera is None:
+            known = ", ".join(self.cameras)
+            raise TrackingError(f"a frame of camera {frame.camera!r}; known are {known}")
+        if frame.image.shape != (camera.height_px, camera.width_px):
+            height, width = frame.image.shape[:2]
+            raise TrackingError(
+                f"a frame of camera {camera.id} is {width} x {height} px, "
+                f"not {camera.width_px} x {camera.height_px}"
+            )
+
 
 Sightings = Mapping[int, list[Sighting]]
 
@@ -55,7 +153,7 @@ class ArenaTracker:
         limits: Limits | None = None,
         workers: int = 2,
         pin: bool = False,
-        whereabouts: Whereabouts | None = None,
+        whereabouts: Prediction | None = None,
     ) -> None:
         """Starts the workers; OpenCV's own threads are switched off for the whole process.
 
@@ -78,7 +176,7 @@ class ArenaTracker:
         self.heights_m = dict(heights_m)
         self._check_heights()
         self._limits = limits or Limits()
-        self._whereabouts = whereabouts or Whereabouts()
+        self._whereabouts = whereabouts or Prediction()
         self._whereabouts.heights_m = self.heights_m
         self._workers = Workers(make_detector, max(1, workers), pin)
         self._joining = Joining(JoinLimits(max_speed_m_s=self._limits.max_speed_m_s))
@@ -101,7 +199,7 @@ class ArenaTracker:
         """Returns a tracker of one family's markers; `heights_m` is also the roster."""
         height_m = median(heights_m.values()) if heights_m else 0.0
         roster, others_m = sorted(heights_m), set(heights_m.values())
-        whereabouts = Whereabouts(plan or SearchPlan())
+        whereabouts = Prediction(plan or SearchPlan())
         make = lambda: make_detector(  # noqa: E731
             family, roster, height_m, whereabouts, others_m, open_roster
         )

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import Frame
+from vsense.cameras.camera import Camera
+from vsense.cameras.grabber import Troubles
+from vsense.cameras.health import Health
 from vsense.tracking.arena_tracker import ArenaTracker
-from vsense.tracking.camera import Camera
-from vsense.tracking.health import Health
-from vsense.tracking.troubles import Troubles
 
 PERIOD_NS = 80_000_000
 """Pictures that follow each other faster than this are not all looked at."""

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import UNNAMED
-from vsense.tracking.codes import BLURS_U, cell_blur, normal_share, outer_light
-from vsense.tracking.families import MarkerFamily
-from vsense.tracking.strangers import stranger_reader
+from vsense.markers.codes import BLURS_U, cell_blur, normal_share, outer_light
+from vsense.markers.families import MarkerFamily
+from vsense.tracking.joining import unlisted_tag_reader
 
 Floats = NDArray[np.float64]
 Tags = NDArray[np.int32]
@@ -33,7 +33,7 @@ _MOST_UNEXPLAINED, _LEAST_VARIED = 0.6, 0.1
 not what is there, however much worse the others are. Nearly blank words differ by the second."""
 
 
-class Reading(NamedTuple):
+class DecodedTag(NamedTuple):
     """What n markers' cells say.
 
     Attributes:
@@ -78,7 +78,7 @@ class Decoder:
         self._lost = normal_share(-_REACH_U / BLURS_U)
         near = 2.0 * normal_share(_NEAR_U / BLURS_U) - 1.0
         self._sharpness = near / (1.0 - 2.0 * self._lost)
-        self._strangers = stranger_reader(family)
+        self._strangers = unlisted_tag_reader(family)
 
     def blur(self, sharpness: Floats) -> NDArray[np.intp]:
         """Returns the nearest kept blur of edges as sharp as this, elementwise."""
@@ -109,7 +109,7 @@ class Decoder:
         tags = self._strangers.read(self.brightness(cells, ahead, left), ahead, left)
         return np.where(np.isin(tags, self.tags), np.int32(UNNAMED), tags)
 
-    def decode(self, cells: Floats, sharp_ahead: Floats, sharp_left: Floats) -> Reading:
+    def decode(self, cells: Floats, sharp_ahead: Floats, sharp_left: Floats) -> DecodedTag:
         """Names markers.
 
         Args:
@@ -121,7 +121,7 @@ class Decoder:
         count, roster = len(cells), len(self.tags)
         if count == 0 or roster == 0:
             far = np.full(count, _GREATEST_ERROR)
-            return Reading(
+            return DecodedTag(
                 np.full(count, UNNAMED, np.int32),
                 far,
                 far,
@@ -142,4 +142,4 @@ class Decoder:
         alike = error < self._most_error[ahead, left, best]
         sure = (worst < _WORST_CELL) & (margin > _LEAST_MARGIN) & alike
         tags = np.where(sure, self.tags[best], np.int32(UNNAMED))
-        return Reading(tags, error, margin, distance)
+        return DecodedTag(tags, error, margin, distance)

@@ -3,6 +3,8 @@
 A detector is anything with the one method of `Detector`. `ArrowDetector` reads the project's
 arrows: the kernel finds and fits them, the decoder names them, and where a tracker says what to
 expect, known robots are fitted where they must be and keep their names.
+
+Which detector reads which marker family.
 """
 
 from __future__ import annotations
@@ -14,15 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import DETECTION
-from vsense.tracking.camera import Camera
-from vsense.tracking.decoder import Decoder, Reading, Tags
-from vsense.tracking.families import MarkerFamily
-from vsense.tracking.joining import Strangers
-from vsense.tracking.kernel import MARKER, Image
-from vsense.tracking.layers import LayeredKernel, join
-from vsense.tracking.naming import carry_names, find_strangers, gather_evidence
-from vsense.tracking.spread import OutlineSpread
-from vsense.tracking.whereabouts import NEAR_M, Whereabouts
+from vsense.cameras.camera import Camera
+from vsense.markers.dictionary import SquareFamily
+from vsense.markers.families import MarkerFamily
+from vsense.tracking.covariance import OutlineCovariance
+from vsense.tracking.decoder import DecodedTag, Decoder, Tags
+from vsense.tracking.joining import UnlistedTags
+from vsense.tracking.kernel import MARKER, Image, LayeredKernel, join
+from vsense.tracking.naming import carry_names, find_unlisted_tags, gather_evidence
+from vsense.tracking.prediction import NEAR_M, Prediction
+from vsense.tracking.square_detector import SquareDetector
 
 
 class Detector(Protocol):
@@ -44,7 +47,7 @@ class ArrowDetector:
         family: MarkerFamily,
         roster: Sequence[int],
         height_m: float,
-        whereabouts: Whereabouts | None = None,
+        whereabouts: Prediction | None = None,
         heights_m: Iterable[float] = (),
         open_roster: bool = True,
     ) -> None:
@@ -66,7 +69,7 @@ class ArrowDetector:
         self._height_m = height_m
         self._cells = family.grid**2
         self._kernel = LayeredKernel(family, height_m, heights_m)
-        self._spread = OutlineSpread(family)
+        self._spread = OutlineCovariance(family)
         self._roster = sorted(set(roster))
         self._decoder = Decoder(family, self._roster)
         self._joined: tuple[int, ...] = ()
@@ -100,7 +103,7 @@ class ArrowDetector:
             markers = join(markers, self._search_squares(image, camera, known, missing))
         return self._report(markers, camera, expected)
 
-    def _grow(self, known: Whereabouts) -> None:
+    def _grow(self, known: Prediction) -> None:
         """Takes tags that have joined into the roster."""
         joined = known.joined.get(self._family.name, ())
         if joined != self._joined:
@@ -108,7 +111,7 @@ class ArrowDetector:
             self._decoder = Decoder(self._family, [*self._roster, *joined])
 
     def _search_squares(
-        self, image: Image, camera: Camera, known: Whereabouts, robots: NDArray[np.void]
+        self, image: Image, camera: Camera, known: Prediction, robots: NDArray[np.void]
     ) -> NDArray[np.void]:
         """Searches around where robots are expected, and markers without a name were."""
         places = np.stack((robots["x_m"], robots["y_m"]), axis=1)
@@ -141,10 +144,10 @@ class ArrowDetector:
 
     def _name(
         self,
-        known: Whereabouts,
+        known: Prediction,
         camera: Camera,
         markers: NDArray[np.void],
-        reading: Reading,
+        reading: DecodedTag,
         expected: NDArray[np.void],
     ) -> Tags:
         """Names markers by where they are, and by what was gathered of them."""
@@ -155,9 +158,9 @@ class ArrowDetector:
         tags = carry_names(reading.tags, reading, decoder.tags, places, expected)
         tags = gather_evidence(tags, cells, sharpness, places, id, known, decoder)
         if self._open_roster:
-            strangers = find_strangers(tags, sharpness, known.anonymous[id], decoder)
+            strangers = find_unlisted_tags(tags, sharpness, known.anonymous[id], decoder)
             roster = decoder.tags.tolist()
-            known.strangers[id] = Strangers(self._family, roster, self._height_m, *strangers)
+            known.strangers[id] = UnlistedTags(self._family, roster, self._height_m, *strangers)
         return tags
 
 
@@ -166,3 +169,30 @@ def _has_near(expected: NDArray[np.void], markers: NDArray[np.void]) -> NDArray[
     x = expected["x_m"][:, np.newaxis] - markers["x_m"]
     y = expected["y_m"][:, np.newaxis] - markers["y_m"]
     return np.asarray((np.hypot(x, y) < NEAR_M).any(axis=1))
+
+
+def make_detector(
+    family: MarkerFamily | SquareFamily,
+    roster: Sequence[int],
+    height_m: float,
+    whereabouts: Prediction | None = None,
+    heights_m: Iterable[float] = (),
+    open_roster: bool = True,
+) -> Detector:
+    """Returns a new detector; each thread needs one of its own.
+
+    Args:
+        family: The marker family, see `families.load_family`.
+        roster: The tags in the arena; a marker with any other is reported without a name.
+        height_m: Height of most of the markers above the floor.
+        whereabouts: What the arena tracker expects, the same for all of its detectors.
+        heights_m: Other heights of markers.
+        open_roster: Tell `whereabouts` of markers with other tags, so that they can join.
+
+    Raises:
+        FamilyError: The family does not have a tag of the roster.
+    """
+    how = (roster, height_m, whereabouts, heights_m, open_roster)
+    if isinstance(family, SquareFamily):
+        return SquareDetector(family, *how)
+    return ArrowDetector(family, *how)

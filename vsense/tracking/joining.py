@@ -1,4 +1,10 @@
-"""The roster grows: a robot whose valid tag nobody has named before is believed in the end.
+"""Strangers: markers of the family whose tag is not on the roster, read without any list of tags.
+
+With a roster a marker is the one tag that fits. Without one each cell has to be sure by itself:
+the blur is taken back, and the marker is read only where no cell is anywhere near to the middle
+between black and white, for what the picture's errors become when the blur is taken back.
+
+The roster grows: a robot whose valid tag nobody has named before is believed in the end.
 
 One reading proves nothing. A stranger joins when it was read as the same tag for long enough, at
 one place that moves no faster than robots do, with no word to the contrary; and only if it cannot
@@ -10,20 +16,86 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.tracking.families import MarkerFamily, SquareFamily
-from vsense.tracking.strangers import could_be
+from vsense.arena import UNNAMED
+from vsense.markers.codes import BLURS_U, cell_blur, outer_light, usable
+from vsense.markers.families import MarkerFamily, SquareFamily
 from vsense.tracking.views import MERGE_M, Sighting
+
+Floats = NDArray[np.float64]
+Tags = NDArray[np.int32]
+
+_LEAST_ERROR = 0.015
+"""Root mean square error of a cell's brightness in the best picture."""
+_DEVIATIONS = 4.0
+"""So many standard deviations each cell must be away from the middle."""
+_ALIKE = 2
+
+
+class UnlistedTagReader:
+    """Reads one family's markers, whatever their tags are."""
+
+    def __init__(self, family: MarkerFamily) -> None:
+        """Prepares what takes the blur back, at all strengths."""
+        sigmas = (family.unit_mm * BLURS_U).tolist()
+        count = len(sigmas)
+        cells = family.grid**2
+        self._values = 1 << np.arange(cells, dtype=np.int64)
+        blurs = np.array([[cell_blur(family, a, b) for b in sigmas] for a in sigmas])
+        self._blurs = blurs.reshape(count, count, cells, cells)
+        self._inverse = np.linalg.inv(self._blurs)
+        self._gain = np.sqrt((self._inverse**2).sum(axis=3))
+        self._outer = np.array([[outer_light(family, a, b) for b in sigmas] for a in sigmas])
+
+    def read(self, cells: Floats, ahead: NDArray[np.intp], left: NDArray[np.intp]) -> Tags:
+        """Reads markers.
+
+        Args:
+            cells: (n, cells) brightness, 0 true black, 1 true white.
+            ahead: (n,) the blur along the heading, a place in `codes.BLURS_U`.
+            left: (n,) the same across the heading.
+
+        Returns:
+            (n,) tags; -1 where one cell is not sure, or where nearly all are black or white.
+        """
+        seen = cells - self._outer[ahead, left]
+        sharp = np.einsum("nij,nj->ni", self._inverse[ahead, left], seen)
+        bits = sharp > 0.5
+        again = np.einsum("nij,nj->ni", self._blurs[ahead, left], bits.astype(np.float64))
+        error = np.sqrt(((seen - again) ** 2).mean(axis=1, keepdims=True))
+        doubt = np.maximum(error, _LEAST_ERROR) * self._gain[ahead, left]
+        sure = (np.abs(sharp - 0.5) > _DEVIATIONS * doubt).all(axis=1)
+        sure &= usable(bits.sum(axis=1), bits.shape[1])
+        return np.where(sure, bits @ self._values, UNNAMED).astype(np.int32)
+
+
+@cache
+def unlisted_tag_reader(family: MarkerFamily) -> UnlistedTagReader:
+    """Returns a family's reader, which all its decoders share."""
+    return UnlistedTagReader(family)
+
+
+def could_be(family: MarkerFamily, tag: int, read: int) -> bool:
+    """Tells whether a marker that was read as `read` may be `tag`, and something lies on it.
+
+    What lies on a marker is dark and blackens cells, or is light and whitens them; a few cells may
+    be anything.
+    """
+    true, seen = family.bits(tag), family.bits(read)
+    darkened, lightened = (true & ~seen).sum(), (seen & ~true).sum()
+    return bool(min(darkened, lightened) == 0 or darkened + lightened <= _ALIKE)
+
 
 _Place = tuple[float, float]
 _Key = tuple[str, int]
 
 
 @dataclass(frozen=True, slots=True)
-class Strangers:
+class UnlistedTags:
     """What one camera's picture shows of tags that are not on its detector's roster.
 
     Attributes:
@@ -88,7 +160,7 @@ class Joining:
     def update(
         self,
         now_ns: int,
-        seen: Mapping[str, Strangers],
+        seen: Mapping[str, UnlistedTags],
         sightings: Mapping[int, Sequence[Sighting]],
         known: Collection[int],
     ) -> list[Newcomer]:
@@ -140,7 +212,7 @@ class Joining:
     def _ready(
         self,
         now_ns: int,
-        cameras: Iterable[Strangers],
+        cameras: Iterable[UnlistedTags],
         sightings: Mapping[int, Sequence[Sighting]],
     ) -> list[tuple[_Key, float]]:
         """Returns who has been read often enough, and can be nobody of the roster."""
@@ -161,7 +233,7 @@ class Joining:
         return sorted((key, heights_m[key]) for key in ready & heights_m.keys())
 
 
-def _gather(cameras: Iterable[Strangers], known: Collection[int]) -> dict[_Key, list[_Place]]:
+def _gather(cameras: Iterable[UnlistedTags], known: Collection[int]) -> dict[_Key, list[_Place]]:
     """Returns where each tag was read that may join."""
     places: dict[_Key, list[_Place]] = {}
     for strangers in cameras:

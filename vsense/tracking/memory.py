@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from vsense.tracking.arena_tracker import ArenaTracker
 from vsense.tracking.joining import _Candidate
+from vsense.tracking.prediction import Anonymous, Prediction, _Known
 from vsense.tracking.tracks import Track
 from vsense.tracking.views import Sighting
-from vsense.tracking.whereabouts import Anonymous, Whereabouts, _Known
 
 
 def freeze(tracker: ArenaTracker) -> dict[str, Any]:
@@ -86,7 +86,7 @@ def _sighting(values: Mapping[str, Any]) -> Sighting:
     return Sighting(**{**values, **lists})
 
 
-def _freeze_whereabouts(where: Whereabouts) -> dict[str, Any]:
+def _freeze_whereabouts(where: Prediction) -> dict[str, Any]:
     return {
         "timesteps": where._timesteps,
         "known": [[tag, asdict(known)] for tag, known in where._known.items()],
@@ -106,7 +106,7 @@ def _freeze_whereabouts(where: Whereabouts) -> dict[str, Any]:
     }
 
 
-def _restore_whereabouts(where: Whereabouts, values: Mapping[str, Any]) -> None:
+def _restore_whereabouts(where: Prediction, values: Mapping[str, Any]) -> None:
     where._timesteps = int(values["timesteps"])
     where._known = {
         int(tag): _Known(**{**known, "velocity": tuple(known["velocity"])})

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import UNNAMED
-from vsense.tracking.decoder import Decoder, Reading, Tags
-from vsense.tracking.whereabouts import NEAR_M, Anonymous, Whereabouts
+from vsense.tracking.decoder import DecodedTag, Decoder, Tags
+from vsense.tracking.prediction import NEAR_M, Anonymous, Prediction
 
 Floats = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ _LEAST_PICTURES = 3
 
 
 def carry_names(
-    tags: Tags, reading: Reading, roster: Tags, places: Floats, expected: NDArray[np.void]
+    tags: Tags, reading: DecodedTag, roster: Tags, places: Floats, expected: NDArray[np.void]
 ) -> Tags:
     """Gives names of expected robots to markers whose cells alone do not say enough.
 
@@ -101,7 +101,7 @@ def gather_evidence(
     sharpness: tuple[Floats, Floats],
     places: Floats,
     camera: str,
-    whereabouts: Whereabouts,
+    whereabouts: Prediction,
     decoder: Decoder,
 ) -> Tags:
     """Names markers by the mean of their cells over the pictures since they appeared.
@@ -136,7 +136,7 @@ def gather_evidence(
     return named
 
 
-def find_strangers(
+def find_unlisted_tags(
     tags: Tags, sharpness: tuple[Floats, Floats], gathered: Anonymous, decoder: Decoder
 ) -> tuple[Tags, Floats]:
     """Reads markers without a name as tags that are not on the roster.

@@ -8,16 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import DETECTION, UNNAMED, wrap_angle
-from vsense.tracking.camera import Camera
-from vsense.tracking.dictionary import SquareFamily
-from vsense.tracking.joining import Strangers
-from vsense.tracking.markers import FamilyError, Floats
+from vsense.cameras.camera import Camera
+from vsense.markers.dictionary import SquareFamily
+from vsense.markers.family import FamilyError, Floats
+from vsense.tracking.covariance import square_covariance
+from vsense.tracking.joining import UnlistedTags
 from vsense.tracking.naming import carry_square_names
-from vsense.tracking.spread import square_covariance
-from vsense.tracking.squares import SQUARE, SquareFinder
-from vsense.tracking.squares_quads import lengths
+from vsense.tracking.prediction import NEAR_M, Anonymous, Prediction
+from vsense.tracking.squares import SQUARE, SquareFinder, lengths
 from vsense.tracking.squares_words import project_squares
-from vsense.tracking.whereabouts import NEAR_M, Anonymous, Whereabouts
 
 _SCALE_DOUBT = 0.25
 _TILTED = 1.5
@@ -32,7 +31,7 @@ class SquareDetector:
         family: SquareFamily,
         roster: Sequence[int],
         height_m: float,
-        whereabouts: Whereabouts | None = None,
+        whereabouts: Prediction | None = None,
         heights_m: Iterable[float] = (),
         open_roster: bool = True,
     ) -> None:
@@ -87,7 +86,7 @@ class SquareDetector:
 
     def _note(
         self,
-        known: Whereabouts,
+        known: Prediction,
         camera: Camera,
         tags: NDArray[np.int32],
         places: Floats,
@@ -101,7 +100,7 @@ class SquareDetector:
         )
         if self._open_roster:
             rows = nameless[tags[nameless] != UNNAMED]
-            known.strangers[camera.id] = Strangers(
+            known.strangers[camera.id] = UnlistedTags(
                 self._family, roster, self._height_m, tags[rows], places[rows]
             )
 
@@ -109,7 +108,7 @@ class SquareDetector:
         self,
         image: NDArray[np.uint8],
         camera: Camera,
-        known: Whereabouts,
+        known: Prediction,
         expected: NDArray[np.void],
     ) -> tuple[NDArray[np.void], Floats]:
         """Searches what the plan says; robots that it does not find are fitted where they must be.

@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.tracking.dictionary import Codes
-from vsense.tracking.markers import Floats
+from vsense.markers.dictionary import Codes
+from vsense.markers.family import Floats
 from vsense.tracking.squares_edges import look
 
 Values = NDArray[np.float32] | NDArray[np.float64]

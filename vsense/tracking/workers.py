@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import Frame
-from vsense.tracking.camera import Camera
+from vsense.cameras.camera import Camera
 from vsense.tracking.detector import Detector
 
 

@@ -26,11 +26,10 @@ from typing import Any
 import numpy as np
 
 from vsense.errors import VsenseError
-from vsense.users_code import UsersCode, line_of
 from vsense.world.entities import Arena, WorldError
 from vsense.world.floor import Floor
-from vsense.world.results import Results
-from vsense.world.world import World
+from vsense.world.users_code import UsersCode, line_of
+from vsense.world.world import Results, World
 
 HOOKS = {"reset": 1, "pre_step": 1, "post_step": 1, "end": 1, "floor_color": 2}
 """What the file may hold, and how many arguments each is called with."""

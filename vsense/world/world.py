@@ -1,4 +1,6 @@
-"""The world of one run: what the cameras saw last, and what is not there at all.
+"""The measures of a run by name: what loop functions, actuators and others write down.
+
+The world of one run: what the cameras saw last, and what is not there at all.
 
 It reads no clock and draws from its own seed: every age follows from the capture times that the
 arena state carries. The same arena states therefore give the same world, live and in a replay.
@@ -6,21 +8,66 @@ arena state carries. The same arena states therefore give the same world, live a
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, MutableMapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import ArenaState
-from vsense.world.entities import Arena, Box, Cylinder, Entity, Light, VirtualRobot, Zone
+from vsense.world.entities import (
+    Arena,
+    Box,
+    Cylinder,
+    Entity,
+    Light,
+    VirtualRobot,
+    WorldError,
+    Zone,
+)
 from vsense.world.fields import Field, by_id
 from vsense.world.floor import Floor
 from vsense.world.inventory import Inventory
 from vsense.world.pollution import DEFAULT_MEMORY_NS, Cone, PollutantSource, Stock
 from vsense.world.rays import Bodies, disc_rows, entity_rows
-from vsense.world.results import Results
 from vsense.world.sightings import NEVER_NS as NEVER_NS
 from vsense.world.sightings import carried, known, read_only, standing, take, unseen
+
+
+class Results(MutableMapping[str, float]):
+    """Finite numbers by name; anything else is refused where it is written."""
+
+    def __init__(self) -> None:
+        self._numbers: dict[str, float] = {}
+
+    def __getitem__(self, name: str) -> float:
+        return self._numbers[name]
+
+    def __setitem__(self, name: str, number: float) -> None:
+        """Writes a measure down.
+
+        Raises:
+            WorldError: the name is none, or the number is not finite.
+        """
+        if not isinstance(name, str) or not name.strip() or not name.isprintable():
+            raise WorldError(f"a result is called {name!r:.60}, expected a name")
+        plain = isinstance(number, (int, float, np.integer, np.floating, np.bool_))
+        if not plain or not math.isfinite(number):
+            raise WorldError(f"result {name!r} is {number!r:.60}, expected a finite number")
+        self._numbers[name] = float(number)
+
+    def __delitem__(self, name: str) -> None:
+        del self._numbers[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._numbers)
+
+    def __len__(self) -> int:
+        return len(self._numbers)
+
+    def __repr__(self) -> str:
+        return repr(self._numbers)
+
 
 BODY_MEMORY_NS = DEFAULT_MEMORY_NS
 """How long a tagged thing that is not seen stands in the way where it was seen last."""

@@ -1,0 +1,34 @@
+"""`vsense cameras show` that is interrupted before there is anything to show."""
+
+from __future__ import annotations
+
+import argparse
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from tests.camera_setup.stage import Scripted
+from vsense.camera_setup import showing
+from vsense.camera_setup.opening import OpenCamera
+from vsense.config.tracking_specs import CAMERA, GrabberSpec
+
+
+def test_ctrl_c_while_the_camera_opens_starts_no_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    scripted, interrupted = Scripted(), threading.Event()
+
+    @contextmanager
+    def interruption() -> Iterator[threading.Event]:
+        yield interrupted
+
+    scripted.after_read = lambda reads: interrupted.set()
+    spec = GrabberSpec("cam", CAMERA, "/dev/video0", None, None, 0.0, None, 0)
+    monkeypatch.setattr(showing, "interruption", interruption)
+    monkeypatch.setattr(showing, "choose", lambda id, wanted, resources: spec)
+    monkeypatch.setattr(showing, "make", lambda spec: OpenCamera("cam", scripted, None))
+    monkeypatch.delattr(showing, "TrackRoom")
+    asked = dict.fromkeys(("save", "resources", "width", "height", "rate", "exposure", "gain"))
+    options = argparse.Namespace(id="cam", family="arrow4x4", **asked)
+    assert showing.run(options) == 130
+    assert scripted.reads == 1 and not scripted.opened

@@ -1,0 +1,157 @@
+"""A terminal's way to a running experiment, over a real socket."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from vsense import cli
+from vsense.commands import orders as terminal
+from vsense.errors import UsageError
+from vsense.run.control import Order, OrderError, OrderKind
+from vsense.ui.control_socket import TIMEOUT_S, ControlSocket, ControlSocketError, folder
+
+STATUS = {
+    "name": "wander", "run": {
+        "run": 2, "state": "paused", "time_s": 12.3, "length_s": 60.0, "timestep": 123, "late": 1,
+        "rate_hz": 10.0, "latency_ms": {"p50": 15.6, "p99": 20.1}, "silent_s": 0.0,
+    },
+    "robots": {
+        "name": ["epuck_23", "epuck_24"], "tag": [23, 24], "version": ["0.1.0", ""],
+        "controller": ["pollutant", ""], "hash": ["0123456789ab", ""],
+        "connected": [True, False], "sessions": [1, 0], "heard_ms": [12.0, None],
+        "pose_age_ms": [40.0, None], "battery_mv": [3700, None], "battery_low": [False, None],
+        "base_errors": [0, None], "state": ["run", "idle"], "trouble": ["", "not connected"],
+    },
+}  # fmt: skip
+
+
+class Desk:
+    """Takes orders; refuses to start."""
+
+    def __init__(self) -> None:
+        self.orders: list[Order] = []
+
+    def give(self, order: Order) -> str:
+        if order.kind == OrderKind.START:
+            raise OrderError("run 2 is going on already")
+        self.orders.append(order)
+        return f"done: {order.kind.value}"
+
+
+@pytest.fixture
+def desk() -> Desk:
+    return Desk()
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    return tmp_path / "vsense"
+
+
+@pytest.fixture
+def bell(place: Path, desk: Desk) -> Iterator[ControlSocket]:
+    made = ControlSocket(lambda: STATUS, desk.give)
+    yield made
+    made.close()
+
+
+def test_an_order_reaches_the_desk_and_says_who_gave_it(
+    bell: ControlSocket, desk: Desk, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["pause"]) == 0
+    assert cli.main(["stop", "--emergency", "--process", str(os.getpid())]) == 0
+    assert [order.kind for order in desk.orders] == [OrderKind.PAUSE, OrderKind.EMERGENCY]
+    assert desk.orders[0].by.startswith("terminal (")
+    assert capsys.readouterr().out == "done: pause\ndone: emergency\n"
+
+
+def test_a_refusal_is_one_line_and_exit_code_1(
+    bell: ControlSocket, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["start"]) == 1
+    assert capsys.readouterr().err == "vsense: run 2 is going on already\n"
+
+
+def test_the_status_shows_the_run_and_its_robots(
+    bell: ControlSocket, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["status"]) == 0
+    said = capsys.readouterr().out
+    now = "run 2 is paused, 12.3 of 60 s, timestep 123, 1 late; 10.0 Hz, capture to sent 16 ms"
+    assert said.startswith(f"wander: {now}\n")
+    rows = said.splitlines()[3:]
+    assert rows[0].split() == ["epuck_23", "23", "0.1.0", "pollutant", "0123456789ab", "12", "ms",
+                               "40", "ms", "3.70", "V", "0", "run"]  # fmt: skip
+    assert rows[1].split() == ["epuck_24", "24", "-", "-", "never", "-", "-", "-", "not",
+                               "connected"]  # fmt: skip
+    assert cli.main(["robot", "status", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == STATUS["robots"]
+
+
+def test_without_an_experiment_it_says_so(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["status"]) == 2
+    assert "no experiment runs on this machine" in capsys.readouterr().err
+    assert cli.main(["pause", "--process", "12345"]) == 2
+    assert "process 12345 runs no experiment; " in capsys.readouterr().err
+
+
+def test_what_a_killed_process_left_is_cleared_away(place: Path, bell: ControlSocket) -> None:
+    with socket.socket(socket.AF_UNIX) as dead:
+        dead.bind(str(place / "99999.sock"))
+    assert terminal.ask({"ask": "status"})["name"] == "wander"
+    assert not (place / "99999.sock").exists()
+
+
+def test_of_several_one_must_be_named(place: Path, bell: ControlSocket) -> None:
+    with socket.socket(socket.AF_UNIX) as other:
+        other.bind(str(place / "7.sock"))
+        other.listen()
+        with pytest.raises(UsageError, match=rf"processes 7, {os.getpid()}: say which with"):
+            terminal.ask({"ask": "status"})
+        assert terminal.ask({"ask": "status"}, os.getpid())["name"] == "wander"
+
+
+@pytest.mark.parametrize(
+    "line", [b"", b"\n", b"{}", b"[1]", b'{"order": "dance"}', b'{"order": "pause", "value": "x"}',
+             b"\xff\xfe", b"{" * 5000]
+)  # fmt: skip
+def test_nonsense_is_answered_and_harms_nobody(
+    bell: ControlSocket, desk: Desk, line: bytes
+) -> None:
+    with socket.socket(socket.AF_UNIX) as visitor:
+        visitor.settimeout(10)
+        visitor.connect(str(bell.path))
+        visitor.sendall(line + b"\n")
+        assert b"neither a question nor an order" in visitor.recv(4096)
+    assert desk.orders == []
+    assert terminal.ask({"ask": "status"})["name"] == "wander"
+
+
+def test_whoever_says_nothing_keeps_nobody_waiting(bell: ControlSocket) -> None:
+    assert TIMEOUT_S > 0
+    with socket.socket(socket.AF_UNIX) as silent:
+        silent.connect(str(bell.path))
+        assert terminal.ask({"ask": "status"})["name"] == "wander"
+
+
+def test_the_folder_is_for_this_user_alone(place: Path, bell: ControlSocket) -> None:
+    assert stat.S_IMODE(place.stat().st_mode) == 0o700
+    place.chmod(0o755)
+    with pytest.raises(ControlSocketError, match="others may enter it"):
+        folder()
+    place.chmod(0o700)
+
+
+def test_the_socket_goes_with_the_process(place: Path, desk: Desk) -> None:
+    bell = ControlSocket(lambda: STATUS, desk.give)
+    assert bell.path.exists()
+    bell.close()
+    assert not bell.path.exists()

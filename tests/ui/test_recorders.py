@@ -1,0 +1,105 @@
+"""One recording per run, whoever presses what and when."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from vsense.message_bus import Message, MessageBus
+from vsense.recording.reader import open_recording
+from vsense.run.directory import LOG, RunLog
+from vsense.ui.recorders import Recorders
+
+PATIENCE_S = 20.0
+
+
+class Runs:
+    """Recorders of runs that each tell one message with their number."""
+
+    def __init__(self, folder: Path, wanted: bool) -> None:
+        self.hub, self.troubles = MessageBus(), list[str]()
+        self.recorders = Recorders(self.hub, wanted, False, self.troubles.append)
+        self._folder = folder
+
+    def path(self, number: int) -> Path:
+        return self._folder / f"run-{number}.mcap"
+
+    def begin(self, number: int) -> None:
+        self.recorders.begin_run(self.path(number))
+
+    def tell(self, number: int) -> None:
+        self.hub.publish(Message("/run", number, {"run": number}))
+
+    def told(self, number: int) -> list[int]:
+        """What a run's recording holds."""
+        return [m.data["run"] for m in open_recording(self.path(number)).messages(["/run"])]
+
+
+def wait_for(condition: Callable[[], object]) -> None:
+    end_s = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < end_s
+        time.sleep(0.005)
+
+
+def test_each_run_has_a_file_of_its_own(tmp_path: Path) -> None:
+    runs = Runs(tmp_path, wanted=True)
+    for number in (1, 2):
+        runs.begin(number)
+        runs.tell(number)
+        runs.recorders.end_run()
+    assert [runs.told(1), runs.told(2)] == [[1], [2]]
+
+
+def test_what_is_pressed_between_runs_is_for_the_next_one(tmp_path: Path) -> None:
+    runs = Runs(tmp_path, wanted=False)
+    assert runs.recorders.switch(True) == "the next run is recorded"
+    assert not runs.recorders.state()["on"]
+    runs.begin(1)
+    runs.tell(1)
+    runs.recorders.end_run()
+    assert runs.recorders.switch(False) == "the next run is not recorded"
+    runs.begin(2)
+    runs.tell(2)
+    runs.recorders.end_run()
+    assert runs.told(1) == [1] and not runs.path(2).exists()
+
+
+def test_a_recording_begins_in_mid_run_and_ends_with_it(tmp_path: Path) -> None:
+    runs = Runs(tmp_path, wanted=False)
+    runs.begin(1)
+    runs.tell(1)
+    assert runs.recorders.switch(True) == f"recording to {runs.path(1)}"
+    wait_for(lambda: runs.recorders.state()["on"])
+    runs.tell(2)
+    runs.begin(2)
+    runs.tell(3)
+    runs.recorders.end_run()
+    assert [runs.told(1), runs.told(2)] == [[2], [3]]
+
+
+def test_what_cannot_be_recorded_is_told_and_costs_no_run(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    runs = Runs(tmp_path / "file", wanted=True)
+    runs.begin(1)
+    runs.tell(1)
+    runs.recorders.end_run()
+    (trouble,) = runs.troubles
+    assert trouble.startswith("run not recorded: ") and "run-1.mcap" in trouble
+    assert not runs.recorders.state()["on"]
+
+
+def test_a_secret_is_printed_and_neither_told_nor_kept(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told: list[str] = []
+    with RunLog(tmp_path) as diary:
+        diary.also = lambda text, level: told.append(text)
+        diary.whisper("control room: http://x/?token=secret")
+        diary.say("all robots start")
+    assert told == ["all robots start"]
+    assert "secret" not in (tmp_path / LOG).read_text()
+    assert "token=secret" in capsys.readouterr().err

@@ -1,0 +1,112 @@
+"""What was found, as a table for people and as data for programs.
+
+`vsense cameras list`: what is there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+from vsense.cameras.discovery import FoundCamera, find
+from vsense.cameras.genicam import PIXEL_FORMATS
+
+HEAD = ("id", "kind", "address", "model", "resolution", "rate", "formats")
+FORMATS_SHOWN = 3
+_UNKNOWN = "-"
+
+
+def lines(found: Sequence[FoundCamera]) -> list[str]:
+    """Gives a row for each camera, and what is wrong with it below that."""
+    rows = [_row(camera) for camera in found]
+    widths = [max(len(row[k]) for row in [HEAD, *rows]) for k in range(len(HEAD))]
+    table = [_joined(HEAD, widths)]
+    for camera, row in zip(found, rows):
+        table.append(_joined(row, widths))
+        if camera.trouble:
+            table.append(f"  ! {camera.trouble}")
+    return table
+
+
+def facts(camera: FoundCamera) -> dict[str, Any]:
+    """Gives a camera for programs; null is what it does not tell."""
+    details = camera.details
+    width, height = details.size_px or (None, None)
+    return {
+        "id": camera.id,
+        "kind": camera.kind,
+        "address": camera.address or None,
+        "model": camera.model,
+        "serial": camera.serial or None,
+        "mac": camera.mac or None,
+        "width_px": width,
+        "height_px": height,
+        "formats": list(details.formats),
+        "rate_hz": details.rate_hz,
+        "exposure_us": details.exposure_us,
+        "exposure_bounds_us": details.exposure_bounds_us,
+        "gain": details.gain,
+        "gain_bounds": details.gain_bounds,
+        "trouble": camera.trouble or None,
+    }
+
+
+def formats(names: Sequence[str]) -> str:
+    """Gives the first few formats, those that vsense takes before all others."""
+    usable = [name for name in PIXEL_FORMATS if name in names]
+    ordered = [*usable, *(name for name in names if name not in usable)]
+    more = len(ordered) - FORMATS_SHOWN
+    shown = " ".join(ordered[:FORMATS_SHOWN])
+    return f"{shown} +{more}" if more > 0 else shown or _UNKNOWN
+
+
+def _row(camera: FoundCamera) -> tuple[str, ...]:
+    details = camera.details
+    size = _UNKNOWN if details.size_px is None else "x".join(map(str, details.size_px))
+    rate = _UNKNOWN if details.rate_hz is None else f"{details.rate_hz:.4g} Hz"
+    return (
+        camera.id,
+        camera.kind,
+        camera.address or _UNKNOWN,
+        camera.model or _UNKNOWN,
+        size,
+        rate,
+        formats(details.formats),
+    )
+
+
+def _joined(row: Sequence[str], widths: Sequence[int]) -> str:
+    return "  ".join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip()
+
+
+NOTHING = (
+    "no camera found. What to check:",
+    "  power and cable: does the camera's lamp shine? PoE needs a switch or an injector for it.",
+    "  network: is this host on the cameras' network (ip -4 addr)? A firewall passes UDP 3956?",
+    "  /dev/video*: is there one, and are you in the group video (groups)?",
+)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Prints the table.
+
+    Returns:
+        0, also where there is none: then standard error tells what to check.
+    """
+    if sys.stderr.isatty():
+        print("asking who is there ...", end="", file=sys.stderr, flush=True)
+    found, missing = find()
+    if sys.stderr.isatty():
+        print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+    if options.json:
+        print(json.dumps([facts(camera) for camera in found], indent=2))
+    elif found:
+        print("\n".join(lines(found)))
+    if missing:
+        print(f"vsense: {missing}", file=sys.stderr)
+    if not found:
+        print("\n".join(NOTHING), file=sys.stderr)
+    return 0

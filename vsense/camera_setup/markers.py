@@ -1,0 +1,224 @@
+"""How many pixels a metre of the arena takes in a picture, and what that makes of movement.
+
+Finds markers in the pictures of a camera that nobody has calibrated yet.
+
+The detectors know how large a marker is in the picture from the camera's calibration. Where there
+is none, the picture is searched for markers of one size after the other; the size at which there
+are most is the picture's scale.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from itertools import count
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.arena import DETECTION, IMAGE_POSE, UNNAMED
+from vsense.cameras.camera import Camera
+from vsense.cameras.picture import Image
+from vsense.errors import UsageError
+from vsense.markers.families import MarkerFamily, SquareFamily
+from vsense.tracking.detector import make_detector
+from vsense.tracking.prediction import Prediction
+from vsense.tracking.views import Placed, image_poses
+
+SPEED_M_S = 0.13
+"""An e-puck's greatest speed. Source: reference/epuck.md."""
+_STEP_M = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class PictureScale:
+    """The size of things in a picture.
+
+    Attributes:
+        px_per_m: pixels per metre, at the height of the markers.
+        source: where that is known from, for the user's eyes.
+    """
+
+    px_per_m: float
+    source: str
+
+
+def known_scale(options: argparse.Namespace, calibration: Camera | None) -> PictureScale | None:
+    """Gives the scale that the user tells, None where markers have to.
+
+    Args:
+        options: `px_per_m`, `focal_px` with `height_m`, and `marker_height`.
+        calibration: the camera's.
+
+    Raises:
+        UsageError: one of a pair is missing.
+    """
+    if options.px_per_m is not None:
+        return PictureScale(options.px_per_m, "--px-per-m")
+    if (options.focal_px is None) != (options.height_m is None):
+        raise UsageError("expected --focal-px together with --height-m")
+    if options.focal_px is not None:
+        return of_lens(options.focal_px, options.height_m)
+    return None if calibration is None else of_camera(calibration, options.marker_height)
+
+
+def of_camera(camera: Camera, height_m: float) -> PictureScale:
+    """Gives the scale in the middle of a calibrated camera's picture.
+
+    Args:
+        camera: the camera.
+        height_m: of the markers above the floor.
+    """
+    middle = np.array([(camera.width_px - 1) / 2.0, (camera.height_px - 1) / 2.0])
+    x, y = camera.to_plane(middle, height_m)
+    steps = [(x, y, height_m), (x + _STEP_M, y, height_m), (x, y + _STEP_M, height_m)]
+    here, right, up = camera.project(np.array(steps))
+    area = abs(float(np.linalg.det(np.stack((right - here, up - here)))))
+    return PictureScale(area**0.5 / _STEP_M, f"calibration of {camera.id}")
+
+
+def of_lens(focal_px: float, away_m: float) -> PictureScale:
+    """Gives the scale of a camera that looks straight down.
+
+    Args:
+        focal_px: focal length.
+        away_m: from the lens to the markers.
+    """
+    return PictureScale(focal_px / away_m, f"focal length {focal_px:g} px at {away_m:g} m")
+
+
+def blur_px(exposure_us: float, speed_m_s: float, px_per_m: float) -> float:
+    """Gives how far something moves in the picture while it is exposed."""
+    return speed_m_s * 1e-6 * exposure_us * px_per_m
+
+
+_LEAST_CELL_PX, _MOST_CELL_PX = 1.5, 20.0
+"""Smaller cells cannot be read, with larger ones there is no arena in the picture."""
+_ARROW_RATIO, _SQUARE_RATIO = 1.1, 1.25
+"""From one size to the next: what is 12 and 25 % larger or smaller than expected is found."""
+_REST = 8
+"""So many pictures after a search in vain go by before the next one."""
+_AWAY_M = 2.0
+_STEP_NS = 100_000_000
+_NAME = "camera"
+
+
+@dataclass(frozen=True, slots=True)
+class FoundMarkers:
+    """The markers in one picture.
+
+    Attributes:
+        rows: (n,) DETECTION, the tag wherever it could be read.
+        camera: through which they were found, calibrated or as good as can be guessed.
+        height_m: of the markers above the floor that this camera sees.
+    """
+
+    rows: NDArray[np.void]
+    camera: Camera | None
+    height_m: float = 0.0
+
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        return len(self.rows)
+
+    @property
+    def tags(self) -> tuple[int, ...]:
+        """The numbers that could be read, sorted."""
+        return tuple(sorted({int(tag) for tag in self.rows["tag"] if tag != UNNAMED}))
+
+    def poses(self) -> NDArray[np.void]:
+        """Gives those that could be read as IMAGE_POSE of the first of an arena's cameras."""
+        if self.camera is None:
+            return np.zeros(0, dtype=IMAGE_POSE)
+        rows = np.sort(self.rows[self.rows["tag"] != UNNAMED], order="tag")
+        height_m = np.full(len(rows), self.height_m)
+        at_px = np.stack((rows["x_px"], rows["y_px"]), axis=-1)
+        ground_m = self.camera.to_plane(at_px, height_m)
+        return image_poses(0, self.camera, Placed(rows, height_m, ground_m))
+
+
+NOTHING = FoundMarkers(np.zeros(0, dtype=DETECTION), None)
+
+
+class MarkerFinder:
+    """Finds and reads the markers of one family, whatever their numbers are.
+
+    Attributes:
+        px_per_m: the picture's scale, as soon as markers have told it.
+    """
+
+    def __init__(
+        self,
+        family: MarkerFamily | SquareFamily,
+        calibration: Camera | None = None,
+        height_m: float = 0.0,
+    ) -> None:
+        """Prepares to look.
+
+        Args:
+            family: the markers.
+            calibration: the calibrated camera, where it is one.
+            height_m: of the markers above the floor; without calibration it does not matter.
+        """
+        self._family = family
+        self._calibration = calibration
+        self._height_m = height_m
+        self._times = count(_STEP_NS, _STEP_NS)
+        self._rest = 0
+        self.px_per_m: float | None = None
+
+    def look(self, image: Image) -> FoundMarkers:
+        """Looks for markers in an (h, w) uint8 picture."""
+        calibration = self._calibration
+        if calibration is not None and image.shape == (calibration.height_px, calibration.width_px):
+            return self._through(image, calibration, self._height_m)
+        if self.px_per_m is not None:
+            found = self._at(image, self.px_per_m)
+            if found.count:
+                return found
+        if self._rest > 0:
+            self._rest -= 1
+            return NOTHING
+        scale = self._search(image)
+        if scale is None:
+            self._rest = _REST
+            return NOTHING
+        self.px_per_m = scale
+        return self._at(image, scale)
+
+    def _search(self, image: Image) -> float | None:
+        """Gives the middle of the scales at which there are most markers, None without any."""
+        cell_m = 1e-3 * self._family.cell_mm
+        ratio = _SQUARE_RATIO if isinstance(self._family, SquareFamily) else _ARROW_RATIO
+        steps = int(np.log(_MOST_CELL_PX / _LEAST_CELL_PX) / np.log(ratio)) + 1
+        scales = _LEAST_CELL_PX / cell_m * ratio ** np.arange(steps)
+        fits = 1e-3 * self._family.disc_diameter_mm * scales < min(image.shape)
+        found = [self._at(image, float(scale)) for scale in scales[fits]]
+        # What can be read is a marker; what merely looks like one is believed where nothing is.
+        worth = [(len(each.tags), each.count) for each in found]
+        most = max(worth, default=(0, 0))
+        if most == (0, 0):
+            return None
+        best = [number for number, each in enumerate(worth) if each == most]
+        return float(np.exp(np.log(scales[fits][best]).mean()))
+
+    def _at(self, image: Image, px_per_m: float) -> FoundMarkers:
+        """Looks for markers of one size."""
+        height, width = image.shape
+        camera = Camera.looking_down(_NAME, 0.0, 0.0, _AWAY_M, _AWAY_M * px_per_m, (width, height))
+        return self._through(image, camera, 0.0)
+
+    def _through(self, image: Image, camera: Camera, height_m: float) -> FoundMarkers:
+        """Looks for markers as a calibrated camera sees them."""
+        seen = Prediction()
+        seen.expect(next(self._times))
+        rows = make_detector(self._family, (), height_m, seen).detect(image, camera)
+        strangers = seen.strangers.get(camera.id)
+        if strangers is not None and len(rows):
+            # No tag is on the roster: those that can be read are strangers all.
+            places = np.column_stack((strangers.places, np.full(len(strangers.tags), height_m)))
+            at_px = np.stack((rows["x_px"], rows["y_px"]), axis=-1)
+            for tag, place_px in zip(strangers.tags, camera.project(places)):
+                rows["tag"][np.hypot(*(at_px - place_px).T).argmin()] = tag
+        return FoundMarkers(rows, camera, height_m)

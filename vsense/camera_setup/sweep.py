@@ -1,0 +1,268 @@
+"""`vsense cameras tune --sweep`: tries exposures and gains, and says which are best."""
+
+from __future__ import annotations
+
+import json
+import sys
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from vsense.camera_setup import panel
+from vsense.camera_setup.advice import (
+    GOOD_BLUR_CELLS,
+    GOOD_LIGHT,
+    LEAST_LIGHT,
+    MOST_BLUR_CELLS,
+    MOST_NOISE,
+    MOST_SATURATED,
+    ExposureReading,
+    advise,
+    rounded,
+)
+from vsense.camera_setup.opening import OpenCamera
+from vsense.camera_setup.panel import PanelView
+from vsense.cameras.controls import EXPOSURE, GAIN, CameraControls
+from vsense.cameras.grabber import GrabberError
+from vsense.cameras.picture import Image
+from vsense.cameras.source import Bounds
+from vsense.errors import VsenseError
+from vsense.terminal import LiveBlock
+
+SHORTEST_US = 200.0
+"""Shorter exposures gain nothing: a robot moves by a twentieth of a pixel."""
+GAINS = 4
+"""So many gains are tried, from the least to the greatest."""
+SETTLING = 4
+"""So many pictures go by after a change: those on their way still have the values of before."""
+PERIOD_SHARE = 0.9
+"""A longer exposure than this share of a period makes a camera slower."""
+
+HEAD = ("exposure", "gain", "mean", "lightest 1 %", "saturated", "noise", "blur", "markers")
+
+
+class Measured(Protocol):
+    """What a sweep needs of `vsense.camera_setup.tuning.Tuner`."""
+
+    camera: OpenCamera
+
+    @property
+    def cell_m(self) -> float:
+        """Side of a marker's cell."""
+
+    @property
+    def speed_m_s(self) -> float:
+        """Speed of the robots."""
+
+    def view(self, first: Image, second: Image, rate_hz: float | None) -> PanelView:
+        """Measures two pictures in a row."""
+
+
+@dataclass(frozen=True, slots=True)
+class SweepRow:
+    """One exposure and gain, and what the pictures were like."""
+
+    view: PanelView
+
+    @property
+    def reading(self) -> ExposureReading:
+        """What is known of the pictures."""
+        return self.view.reading
+
+    @property
+    def worth(self) -> tuple[int, int, float]:
+        """What makes one row better than another: read markers, good properties, a clear picture.
+
+        Robots that stand still look sharp with any exposure, so what they show is not all: the
+        picture's light, noise and blur are weighed by the limits of `vsense.camera_setup.advice`.
+        """
+        reading, light = self.reading, self.reading.light
+        noise = (reading.noise or 0.0) / MOST_NOISE
+        blur = 0.0
+        if reading.exposure_us is not None and reading.speed_m_s > 0.0:
+            moved_m = 1e-6 * reading.exposure_us * reading.speed_m_s
+            blur = moved_m / (MOST_BLUR_CELLS * reading.cell_m)
+        good = (
+            light.light >= LEAST_LIGHT,
+            light.saturated <= MOST_SATURATED,
+            noise <= 1.0,
+            blur <= 1.0,
+        )
+        dim = max(GOOD_LIGHT - light.light, 0.0) / GOOD_LIGHT
+        # Less blur than what costs nothing is no gain, but needs gain.
+        smear = max(blur - GOOD_BLUR_CELLS / MOST_BLUR_CELLS, 0.0)
+        return len(self.view.found.tags), sum(good), -(noise + smear + dim)
+
+
+def run(tuner: Measured, interrupted: threading.Event, as_json: bool) -> bool:
+    """Tries exposures and gains, prints a row for each, and puts the camera's own values back.
+
+    Returns:
+        Whether the camera has its own values again.
+
+    Raises:
+        VsenseError: the camera has no such controls, is gone, or refuses; nothing is concluded.
+    """
+    camera = tuner.camera
+    controls = camera.controls
+    if controls is None or controls.value(EXPOSURE) is None:
+        raise VsenseError(f"{camera.id}: does not tell its exposure: there is nothing to try")
+    own = {name: controls.value(name) for name in (EXPOSURE, GAIN)}
+    put_back = controls.remember()
+    rows: list[SweepRow] = []
+    block = LiveBlock(sys.stdout)
+    live = sys.stdout.isatty() and not as_json
+    try:
+        for row in tried(tuner, controls, interrupted):
+            rows.append(row)
+            if live:
+                block.draw(table(rows, None))
+        if not interrupted.is_set():
+            _tell(scaled(rows), block, as_json)
+    except GrabberError as error:
+        raise camera.named(error) from None
+    finally:
+        # Whatever has happened: it must not stay as the last row was.
+        is_back, end = _put_back(put_back, own)
+        print(f"vsense: {camera.id}: {end}", file=sys.stderr)
+    return is_back
+
+
+def _tell(rows: Sequence[SweepRow], block: LiveBlock, as_json: bool) -> None:
+    """Prints what was measured, and what is best."""
+    best = max(rows, key=lambda row: row.worth, default=None)
+    if as_json:
+        print(json.dumps(facts(rows, best), indent=2))
+    elif rows:
+        block.draw([*table(rows, best), *conclusion(best)])
+
+
+def tried(
+    tuner: Measured, controls: CameraControls, interrupted: threading.Event
+) -> Iterator[SweepRow]:
+    """Measures one exposure after the other; gain is raised where the picture is too dark.
+
+    Raises:
+        GrabberError: the camera is gone, or refuses.
+    """
+    rate_hz = tuner.camera.rate_hz
+    period_us = None if rate_hz is None else PERIOD_SHARE * 1e6 / rate_hz
+    left = gains(controls.bounds(GAIN))
+    for exposure_us in exposures(
+        controls.bounds(EXPOSURE), tuner.cell_m, tuner.speed_m_s, period_us
+    ):
+        for gain in list(left):
+            if interrupted.is_set():
+                return
+            controls.set(EXPOSURE, exposure_us)
+            if gain is not None:
+                controls.set(GAIN, gain)
+            for _ in range(SETTLING):
+                tuner.camera.picture()
+            first, second = tuner.camera.picture().image.copy(), tuner.camera.picture().image
+            row = SweepRow(tuner.view(first, second, None))
+            yield row
+            if row.reading.light.light >= GOOD_LIGHT:
+                # With a longer exposure a gain that saturates now does so all the more.
+                glares = row.reading.light.saturated > MOST_SATURATED
+                left = left[: max(left.index(gain) + (not glares), 1)]
+                break
+
+
+def scaled(rows: Sequence[SweepRow]) -> list[SweepRow]:
+    """Gives all rows the scale that markers have told in the one that showed most of them."""
+    known = [row for row in rows if row.reading.scale is not None]
+    if not known:
+        return list(rows)
+    scale = max(known, key=lambda row: len(row.view.found.tags)).reading.scale
+    return [SweepRow(replace(r.view, reading=replace(r.reading, scale=scale))) for r in rows]
+
+
+def exposures(
+    bounds: Bounds | None, cell_m: float, speed_m_s: float, longest_us: float | None
+) -> list[float]:
+    """Gives the exposures to try [us], rising: 1, 2, 5, 10 and so on.
+
+    Args:
+        bounds: what the camera takes; None: it does not say.
+        cell_m: side of a marker's cell.
+        speed_m_s: of the robots.
+        longest_us: what the pictures' rate leaves room for, None: anything.
+    """
+    blurred_us = 1e6 * MOST_BLUR_CELLS * cell_m / max(speed_m_s, 0.01)
+    low, high = bounds or (SHORTEST_US, blurred_us)
+    high = min(high, blurred_us, longest_us or high)
+    low = min(max(low, SHORTEST_US), high)
+    steps = [digit * 10.0**power for power in range(7) for digit in (1, 2, 5)]
+    within = [step for step in steps if low <= step <= 0.8 * high]
+    return [*within, max(rounded(high), 1.0)]
+
+
+def gains(bounds: Bounds | None) -> Sequence[float | None]:
+    """Gives the gains to try, rising; None leaves the camera its own."""
+    if bounds is None or bounds[0] >= bounds[1]:
+        return [None]
+    low, high = bounds
+    steps = np.linspace(low, high, GAINS)
+    whole = low.is_integer() and high - low >= GAINS - 1
+    return sorted({float(round(step)) if whole else float(step) for step in steps})
+
+
+def table(rows: Sequence[SweepRow], best: SweepRow | None) -> list[str]:
+    """Gives a line for each row, the best with a mark."""
+    cells = [HEAD, *(_cells(row) for row in rows)]
+    widths = [max(len(line[k]) for line in cells) for k in range(len(HEAD))]
+    lines = ["  ".join(c.rjust(w) for c, w in zip(line, widths)) for line in cells]
+    marks = [" ", *("*" if row is best else " " for row in rows)]
+    return [f"{mark} {line}" for mark, line in zip(marks, lines)]
+
+
+def conclusion(best: SweepRow | None) -> list[str]:
+    """Says what to write into the resources file."""
+    if best is None:
+        return []
+    reading = best.reading
+    attributes = f'exposure_time_abs="{reading.exposure_us:g}"'
+    if reading.gain is not None:
+        attributes += f' gain_raw="{reading.gain:g}"'
+    advice = advise(reading)
+    return [
+        "",
+        f"* is best. For the resources file:  {attributes}",
+        *([] if advice.startswith("good") else [f"Even so: {advice}"]),
+    ]
+
+
+def facts(rows: Sequence[SweepRow], best: SweepRow | None) -> dict[str, Any]:
+    """Gives the same for programs."""
+    return {
+        "rows": [panel.facts(row.view) for row in rows],
+        "best": None if best is None else panel.facts(best.view),
+    }
+
+
+def _cells(row: SweepRow) -> tuple[str, ...]:
+    reading, light, found = row.reading, row.reading.light, row.view.found
+    return (
+        f"{reading.exposure_us:.0f} us",
+        "-" if reading.gain is None else f"{reading.gain:.4g}",
+        f"{light.mean:.0f}",
+        f"{light.light:.0f}",
+        f"{100.0 * light.saturated:.1f} %",
+        "-" if reading.noise is None else f"{reading.noise:.1f}",
+        "-" if reading.blur_px is None else f"{reading.blur_px:.2f} px",
+        f"{found.count}" if found.count == len(found.tags) else f"{len(found.tags)}/{found.count}",
+    )
+
+
+def _put_back(put_back: Callable[[], None], own: Mapping[str, float | None]) -> tuple[bool, str]:
+    """Sets the camera as it was; gives whether it is, and says so."""
+    try:
+        put_back()
+    except GrabberError as error:
+        return False, f"not put back: {error}"
+    values = ", ".join(f"{name} {value:g}" for name, value in own.items() if value is not None)
+    return True, f"has its own values again: {values}"

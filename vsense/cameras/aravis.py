@@ -1,0 +1,231 @@
+"""Aravis, the library behind GigE Vision and USB3 Vision cameras, opened when somebody asks for it.
+
+Only the three modules aravis* know it. Debian has it as libaravis-0.8-0.
+"""
+
+from __future__ import annotations
+
+import re
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import cffi
+
+from vsense.cameras.grabber import GrabberError
+
+PACKAGE = "libaravis-0.8-0"
+GIGE = "GigEVision"
+USB3 = "USB3Vision"
+
+_DECLARATIONS = """
+typedef struct { uint32_t domain; int code; char *message; } GError;
+void g_error_free(GError *);
+void g_free(void *);
+void g_object_unref(void *);
+void g_object_set(void *, const char *, ...);
+void *g_inet_address_new_from_string(const char *);
+
+void arv_update_device_list(void);
+unsigned arv_get_n_devices(void);
+const char *arv_get_device_id(unsigned);
+const char *arv_get_device_physical_id(unsigned);
+const char *arv_get_device_address(unsigned);
+const char *arv_get_device_vendor(unsigned);
+const char *arv_get_device_model(unsigned);
+const char *arv_get_device_serial_nbr(unsigned);
+const char *arv_get_device_protocol(unsigned);
+
+void *arv_gv_device_new(void *interface, void *address, GError **);
+void arv_gv_device_set_packet_size_adjustment(void *, int);
+void arv_gv_device_set_stream_options(void *, int);
+int arv_gv_device_is_controller(void *);
+void *arv_camera_new(const char *, GError **);
+void *arv_camera_new_with_device(void *, GError **);
+void *arv_camera_get_device(void *);
+int arv_camera_is_gv_device(void *);
+void arv_camera_set_frame_rate(void *, double, GError **);
+double arv_camera_get_frame_rate(void *, GError **);
+void arv_camera_set_trigger(void *, const char *, GError **);
+void arv_camera_clear_triggers(void *, GError **);
+void arv_camera_software_trigger(void *, GError **);
+const char **arv_camera_dup_available_pixel_formats_as_strings(void *, unsigned *, GError **);
+unsigned arv_camera_gv_auto_packet_size(void *, GError **);
+void arv_camera_gv_set_packet_size(void *, int, GError **);
+unsigned arv_camera_gv_get_packet_size(void *, GError **);
+void arv_camera_gv_set_packet_delay(void *, int64_t, GError **);
+int64_t arv_camera_gv_get_packet_delay(void *, GError **);
+unsigned arv_camera_get_payload(void *, GError **);
+void arv_camera_start_acquisition(void *, GError **);
+void arv_camera_stop_acquisition(void *, GError **);
+void *arv_camera_create_stream(void *, void *, void *, GError **);
+
+void arv_device_set_range_check_policy(void *, int);
+int arv_device_read_register(void *, uint64_t, uint32_t *, GError **);
+void *arv_device_get_feature(void *, const char *);
+int arv_device_is_feature_available(void *, const char *, GError **);
+void arv_device_get_integer_feature_bounds(void *, const char *, int64_t *, int64_t *, GError **);
+void arv_device_get_float_feature_bounds(void *, const char *, double *, double *, GError **);
+const char *arv_gc_feature_node_get_value_as_string(void *, GError **);
+void arv_gc_feature_node_set_value_from_string(void *, const char *, GError **);
+
+void *arv_buffer_new_allocate(size_t);
+int arv_buffer_get_status(void *);
+const void *arv_buffer_get_data(void *, size_t *);
+int arv_buffer_get_image_width(void *);
+int arv_buffer_get_image_height(void *);
+unsigned arv_buffer_get_image_pixel_format(void *);
+void arv_buffer_get_image_padding(void *, int *, int *);
+uint64_t arv_buffer_get_timestamp(void *);
+uint64_t arv_buffer_get_system_timestamp(void *);
+void arv_stream_push_buffer(void *, void *);
+void *arv_stream_timeout_pop_buffer(void *, uint64_t);
+void arv_stream_get_n_buffers(void *, int *, int *);
+int64_t g_get_real_time(void);
+"""
+
+
+_loading = threading.Lock()
+"""All cameras' threads begin at once, and the library's types must be the same for all."""
+
+
+class AravisError(GrabberError):
+    """What the library or a camera refuses, in words for the user."""
+
+
+def load() -> SimpleNamespace:
+    """Opens the library.
+
+    Returns:
+        `ffi` and `lib`; `lib` has the functions of GLib, too.
+
+    Raises:
+        AravisError: It is not there; says which package brings it.
+    """
+    with _loading:
+        found = _load()
+    if isinstance(found, str):
+        raise AravisError(
+            f"GigE and USB3 Vision cameras need the library Aravis ({found}):"
+            f" apt-get install {PACKAGE}"
+        )
+    return found
+
+
+@cache
+def _load() -> SimpleNamespace | str:
+    """Opens the library once; gives the reason where that fails."""
+    ffi = cffi.FFI()
+    ffi.cdef(_DECLARATIONS)
+    try:
+        # A library's handle looks into those that it was linked with: GLib's functions come along.
+        lib = ffi.dlopen("libaravis-0.8.so.0")
+        for function in re.findall(r"\b\w+(?=\()", _DECLARATIONS):
+            getattr(lib, function)
+    except OSError as error:
+        return str(error)
+    except AttributeError as error:
+        return f"0.8.23 or newer, this one is too old: {error}"
+    return SimpleNamespace(ffi=ffi, lib=lib)
+
+
+def call(function: Callable[..., Any], *arguments: object) -> Any:
+    """Calls a function of the library that ends with a GError.
+
+    Raises:
+        AravisError: It reports one.
+    """
+    ffi, lib = load().ffi, load().lib
+    failure = ffi.new("GError **")
+    result = function(*arguments, failure)
+    if failure[0]:
+        text = ffi.string(failure[0].message).decode(errors="replace")
+        lib.g_error_free(failure[0])
+        raise AravisError(text)
+    return result
+
+
+@dataclass(frozen=True, slots=True)
+class Listed:
+    """A camera that answered.
+
+    Attributes:
+        id: Vendor, model and serial number, as Aravis puts them together.
+        protocol: `GIGE` or `USB3`.
+        address: IPv4 address; empty for USB3.
+        mac: What no two cameras share: the MAC address, or the GUID of USB3.
+        vendor: Who made it.
+        model: Its type.
+        serial: Its serial number.
+    """
+
+    id: str
+    protocol: str
+    address: str
+    mac: str
+    vendor: str
+    model: str
+    serial: str
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All that a configuration may call it."""
+        return tuple(filter(None, (self.id, self.serial, self.mac, self.address)))
+
+
+class _Question:
+    """Asks who is there, once for all who want to know at the same time."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._begun = self._done = 0
+        self._answer: list[Listed] = []
+
+    def ask(self) -> list[Listed]:
+        """Gives an answer to a question that was put after this call."""
+        before = self._begun
+        with self._lock:
+            if self._done <= before:
+                self._begun += 1
+                # In a thread of its own: Ctrl-C must not disturb the library in its waiting.
+                with ThreadPoolExecutor(1, "asking") as asker:
+                    self._answer = asker.submit(_ask).result()
+                self._done = self._begun
+            return self._answer
+
+
+_question = _Question()
+
+
+def listed() -> list[Listed]:
+    """Asks the network and the USB which cameras there are; takes a second.
+
+    Raises:
+        AravisError: The library is not there.
+    """
+    load()
+    return _question.ask()
+
+
+def _ask() -> list[Listed]:
+    ffi, lib = load().ffi, load().lib
+    questions = (
+        lib.arv_get_device_id,
+        lib.arv_get_device_protocol,
+        lib.arv_get_device_address,
+        lib.arv_get_device_physical_id,
+        lib.arv_get_device_vendor,
+        lib.arv_get_device_model,
+        lib.arv_get_device_serial_nbr,
+    )
+    lib.arv_update_device_list()
+    rows = [[ask(n) for ask in questions] for n in range(lib.arv_get_n_devices())]
+    texts = [[ffi.string(t).decode(errors="replace") if t else "" for t in r] for r in rows]
+    cameras = [Listed(*row) for row in texts if row[1] in (GIGE, USB3)]
+    # Where the address of a USB3 camera would be, Aravis has a word that is none.
+    cameras = [c if c.protocol == GIGE else replace(c, address="") for c in cameras]
+    return sorted(cameras, key=lambda camera: (camera.protocol, camera.id))

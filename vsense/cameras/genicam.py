@@ -1,0 +1,363 @@
+"""What a GenICam camera is asked for, and how it is told: every value is read back.
+
+A GigE Vision or USB3 Vision camera, through Aravis.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from vsense.cameras.aravis import AravisError
+from vsense.cameras.aravis_camera import AravisCamera, is_address, locate
+from vsense.cameras.aravis_stream import AravisStream
+from vsense.cameras.gige import HELD, controlled
+from vsense.cameras.grabber import GrabberError
+from vsense.cameras.networks import NetworkLoad, Stream
+from vsense.cameras.opencv_source import Controls
+from vsense.cameras.source import FIRST_S, Bounds, Shot, Value, absent, refused, said, silence_s
+
+FREE = "free"
+SOFTWARE = "software"
+PIXEL_FORMATS = ("Mono8", "BayerRG8", "BayerGB8", "BayerGR8", "BayerBG8")
+"""One byte per pixel. Bayer is taken as grey: the camera's white balance makes grey grey."""
+
+NAMES = {
+    "exposure_time_abs": ("ExposureTimeAbs", "ExposureTime"),
+    "gain_raw": ("GainRaw", "Gain"),
+    "offset_x": ("OffsetX",),
+    "offset_y": ("OffsetY",),
+    "width": ("Width",),
+    "height": ("Height",),
+    "pixel_format": ("PixelFormat",),
+}
+"""What the resources file calls it, and what cameras do: the older name first."""
+_TIMES = {
+    "AcquisitionFrameRate": "frame_rate",
+    "AcquisitionFrameRateAbs": "frame_rate",
+    "TriggerMode": "trigger",
+    "TriggerSource": "trigger",
+    "GevSCPSPacketSize": "packet_size",
+    "GevSCPD": "packet_delay",
+}
+"""What Aravis sets by itself for these."""
+_AUTOMATIC = ("ExposureAuto", "GainAuto")
+
+
+@dataclass(frozen=True, slots=True)
+class GenicamSettings:
+    """What a camera is asked for; None leaves its own choice.
+
+    Attributes:
+        controls: Size, rate, exposure and gain.
+        offset_px: Left upper corner of the part of the sensor that is read.
+        pixel_format: One of `PIXEL_FORMATS`; None: the first of them that it has.
+        packet_size: Bytes of a packet with its IP header; None: the largest that gets through.
+        packet_delay_us: Pause between two packets.
+        trigger: `FREE`, `SOFTWARE`, or the name of a line such as "Line1".
+        features: Names and values of other features, set in this order.
+    """
+
+    controls: Controls
+    offset_px: tuple[int, int] | None = None
+    pixel_format: str | None = None
+    packet_size: int | None = None
+    packet_delay_us: float | None = None
+    trigger: str = FREE
+    features: tuple[tuple[str, str], ...] = ()
+
+
+def attribute_of(feature: str) -> str | None:
+    """Gives the resources file's own name for a feature, None where it has none."""
+    named = {f: name for name, features in NAMES.items() for f in features}
+    return named.get(feature) or _TIMES.get(feature)
+
+
+def apply(camera: AravisCamera, settings: GenicamSettings) -> list[str]:
+    """Sets everything.
+
+    Returns:
+        What the camera refused or rounded; see `vsense.cameras.source.Source.open`.
+
+    Raises:
+        AravisError: It does not answer, or gives no pictures that can be used.
+    """
+    return _Setting(camera, settings).all()
+
+
+class _Setting:
+    """One camera that is being set."""
+
+    def __init__(self, camera: AravisCamera, settings: GenicamSettings) -> None:
+        self._camera = camera
+        self._settings = settings
+        self._said: list[str] = []
+
+    def all(self) -> list[str]:
+        """Sets everything; gives what the camera made of it."""
+        camera, settings, controls = self._camera, self._settings, self._settings.controls
+        for automatic in _AUTOMATIC:
+            wanted = controls.exposure_us if automatic == "ExposureAuto" else controls.gain_raw
+            if wanted is not None and camera.has(automatic):
+                self._feature(automatic, automatic, "Off")
+        self._pixels()
+        self._times()
+        if controls.exposure_us is not None:
+            self._control("exposure_time_abs", controls.exposure_us)
+        if controls.gain_raw is not None:
+            self._control("gain_raw", controls.gain_raw)
+        for name, value in settings.features:
+            if camera.has(name):
+                self._feature(name, name, value)
+            else:
+                self._said.append(absent(name))
+        if camera.is_gige:
+            self._packets()
+        return self._said
+
+    def _pixels(self) -> None:
+        """Sets the format, and what part of the sensor is read."""
+        camera = self._camera
+        formats = camera.formats()
+        usable = [name for name in PIXEL_FORMATS if name in formats]
+        if not usable:
+            has, known = ", ".join(formats), ", ".join(PIXEL_FORMATS)
+            raise AravisError(f"has the pixel formats {has}; expected one of {known}")
+        self._control("pixel_format", self._settings.pixel_format or usable[0])
+        if camera.get("PixelFormat") not in PIXEL_FORMATS:
+            self._control("pixel_format", usable[0])
+        size_px, offset_px = self._settings.controls.size_px, self._settings.offset_px
+        if size_px is not None:
+            # A part that begins far right cannot be made wide: it begins at the left first.
+            for name in ("OffsetX", "OffsetY"):
+                if camera.has(name):
+                    self._feature(name, name, 0)
+            self._control("width", size_px[0])
+            self._control("height", size_px[1])
+        if offset_px is not None:
+            self._control("offset_x", offset_px[0])
+            self._control("offset_y", offset_px[1])
+
+    def _times(self) -> None:
+        """Sets rate and trigger, in this order: a rate makes the camera run freely."""
+        camera = self._camera
+        trigger, rate_hz = self._settings.trigger, self._settings.controls.rate_hz
+        if trigger != FREE:
+            source = "Software" if trigger == SOFTWARE else trigger
+            camera.set_trigger(source)
+            self._note("trigger", source, camera.get("TriggerSource"))
+        elif rate_hz is not None:
+            try:
+                camera.set_rate(rate_hz)
+                self._note("frame_rate", rate_hz, camera.rate_hz)
+            except AravisError as error:
+                self._said.append(f"{refused('frame_rate', rate_hz, None)}: {error}")
+        else:
+            camera.set_trigger(None)
+
+    def _packets(self) -> None:
+        """Says how the pictures come through the network."""
+        camera = self._camera
+        size, delay_us = self._settings.packet_size, self._settings.packet_delay_us
+        try:
+            camera.set_packets(size, delay_us)
+            if size is not None:
+                self._note("packet_size", size, camera.packet_size)
+            if delay_us is not None:
+                self._note("packet_delay", delay_us, camera.packet_delay_us)
+        except AravisError as error:
+            self._said.append(f"does not take packet_size or packet_delay: {error}")
+
+    def _control(self, name: str, value: Value) -> None:
+        """Sets what the resources file has its own name for, by the camera's name for it."""
+        feature = next((f for f in NAMES[name] if self._camera.has(f)), None)
+        if feature is None:
+            self._said.append(absent(name))
+        else:
+            self._feature(name, feature, value)
+
+    def _feature(self, name: str, feature: str, value: Value) -> None:
+        """Sets a feature, reads it back, and notes where the two differ."""
+        camera = self._camera
+        bounds = None if isinstance(value, str) else camera.bounds(feature)
+        try:
+            camera.set(feature, value if isinstance(value, str) else digits(value))
+        except AravisError as error:
+            beyond = bounds is not None and not bounds[0] <= float(value) <= bounds[1]
+            kept = _like(value, camera.get(feature))
+            # Bounds say it all; otherwise the camera's own words may help.
+            told = refused(name, value, kept, bounds if beyond else None)
+            self._said.append(told if beyond else f"{told} ({error})")
+        else:
+            self._note(name, value, _like(value, camera.get(feature)), bounds)
+
+    def _note(self, name: str, wanted: Value, got: Value, bounds: Bounds | None = None) -> None:
+        text = said(name, wanted, got, bounds)
+        if text is not None:
+            self._said.append(text)
+
+
+def digits(value: float) -> str:
+    """Writes a number with all its digits, whole ones without a point."""
+    return str(int(value)) if float(value).is_integer() else repr(float(value))
+
+
+def _like(wanted: Value, text: str) -> Value:
+    """Reads what a camera says as what it was asked for: a number, or a word."""
+    if isinstance(wanted, str):
+        try:
+            # A number that was written as text: "8000" and "8000.0" are the same.
+            return wanted if float(wanted) == float(text) else text
+        except ValueError:
+            return text
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+FORGOTTEN_NS = 3_500_000_000
+"""A program that died is forgotten after its heartbeat's time, usually 3 s."""
+MOST_AGE_NS = 1_000_000_000
+"""No picture is older when it is read; the host's wall clock, by which it was noted, may jump."""
+
+
+class GenicamSource:
+    """A camera behind Aravis; belongs to one thread, except for `trigger`."""
+
+    def __init__(
+        self,
+        device: str,
+        settings: GenicamSettings,
+        clock: Callable[[], int],
+        links: NetworkLoad | None = None,
+    ) -> None:
+        """Notes what to open.
+
+        Args:
+            device: IPv4 address, id, serial number or MAC address.
+            settings: What it is asked for.
+            clock: The host's monotonic clock [ns].
+            links: Who else is on the network.
+        """
+        self._device = device
+        self._settings = settings
+        self._clock = clock
+        self._links = links or NetworkLoad()
+        self._camera: AravisCamera | None = None
+        self._stream: AravisStream | None = None
+        self._resumed = False
+        self._running = False
+        self._held_until_ns = 0
+        self._patience_s = silence_s(settings.controls.rate_hz)
+
+    @property
+    def camera(self) -> AravisCamera | None:
+        """The opened camera, for the thread that reads; None while it is closed."""
+        return self._camera
+
+    def open(self) -> list[str]:
+        """Opens the camera; see `vsense.cameras.source.Source.open`.
+
+        One that was silent and still obeys is not set anew: then the network was gone, not the
+        camera.
+        """
+        if self._obeys():
+            self._resumed = True
+            return []
+        self.close()
+        name = locate(self._device)
+        self._check_control(name)
+        camera = AravisCamera(name)
+        try:
+            if not camera.in_control:
+                raise AravisError(HELD)
+            camera.stop()
+            told = apply(camera, self._settings)
+            if camera.is_gige:
+                self._claim(camera, name)
+            self._stream = AravisStream(camera)
+        except BaseException:
+            camera.close()
+            raise
+        self._camera, self._resumed, self._running = camera, False, False
+        return told
+
+    def read(self) -> Shot:
+        """Waits for the next picture.
+
+        Raises:
+            PictureError: It is damaged; the next one may be good.
+            GrabberError: None comes.
+        """
+        if self._stream is None:
+            raise GrabberError(f"{self._device} is not open")
+        patience_s = self._patience_s if self._running else max(FIRST_S, self._patience_s)
+        got = self._stream.read(patience_s)
+        if got is None:
+            raise GrabberError(f"gives no pictures for {patience_s:g} s")
+        self._running, self._resumed = True, False
+        image, stamp_ns, age_ns = got
+        known = 0 <= age_ns < MOST_AGE_NS
+        # A camera without a clock of its own stamps everything with 0.
+        return Shot(image, stamp_ns or None, self._clock() - age_ns if known else None)
+
+    def trigger(self) -> None:
+        """Has a picture taken now; from any thread. A camera that is not open takes none.
+
+        Raises:
+            AravisError: It does not answer, or refuses.
+        """
+        camera = self._camera
+        if camera is not None:
+            camera.trigger()
+
+    def close(self) -> None:
+        """Lets it go; can be called again."""
+        stream, self._stream = self._stream, None
+        camera, self._camera = self._camera, None
+        if camera is None or camera.answers:
+            _let_go(stream, camera)
+        else:
+            # Aravis says goodbye for many seconds to a camera that does not answer.
+            threading.Thread(target=_let_go, args=(stream, camera), daemon=True).start()
+
+    def _obeys(self) -> bool:
+        """Whether the camera is open and under control, and may only have been cut off."""
+        return self._camera is not None and not self._resumed and self._camera.in_control
+
+    def _check_control(self, name: str) -> None:
+        """Refuses a camera that is somebody else's.
+
+        Some do not even answer who asks for control, and Aravis would ask for seconds; some take
+        the question who has it for a sign of life of who had it, and so it is not asked too often.
+        """
+        now_ns = self._clock()
+        if is_address(name) and now_ns >= self._held_until_ns and controlled(name):
+            self._held_until_ns = now_ns + FORGOTTEN_NS
+        if now_ns < self._held_until_ns:
+            raise AravisError(HELD)
+
+    def _claim(self, camera: AravisCamera, address: str) -> None:
+        """Refuses to send more than the network carries."""
+        size_px = int(camera.get("Width")), int(camera.get("Height"))
+        rate_hz = self._settings.controls.rate_hz
+        if rate_hz is None or self._settings.trigger == FREE:
+            # What it kept, which may not be what it was asked for.
+            rate_hz = camera.rate_hz
+        stream = Stream(size_px, rate_hz, camera.packet_size)
+        self._links.claim(self._device, address, stream)
+
+
+def _let_go(stream: AravisStream | None, camera: AravisCamera | None) -> None:
+    """Ends a camera's stream, and gives control back."""
+    try:
+        if stream is not None:
+            stream.close()
+    except AravisError:
+        # It is gone already: there is nobody to stop.
+        pass
+    finally:
+        if camera is not None:
+            camera.close()

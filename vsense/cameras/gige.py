@@ -1,0 +1,159 @@
+"""Quick questions to a GigE camera, which need neither Aravis nor control of the camera.
+
+Aravis asks for seconds where nobody answers, and cameras are opened one after the other.
+
+Asks for GigE cameras on every network, and hears those with addresses of other networks, too.
+
+Aravis hears a camera only if its address is on the network that it is plugged into. The classic
+fault of the first day is one that is not: asked here, such a camera answers to everybody.
+
+Source of numbers and layouts: GigE Vision 2.0, GVCP, DISCOVERY_CMD and DISCOVERY_ACK.
+"""
+
+from __future__ import annotations
+
+import socket
+import struct
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+from vsense.cameras.networks import Network, networks
+
+PORT = 3956
+CONTROL = 0x0A00
+"""The register that tells who controls the camera. Source: GigE Vision 2.0, CCP."""
+IN_CONTROL = 0b11
+"""Its bits for exclusive access and for control."""
+
+HELD = "another program controls it, or did until seconds ago"
+
+_VERSION = 0x0000
+_ASK_AGAIN = 3
+_WAIT_S = 0.15
+_ANSWER_BYTES = 12
+
+
+def answers(address: str) -> bool:
+    """Whether a GigE camera answers at an address; asks some times, for half a second in all."""
+    return _read(address, _VERSION) is not None
+
+
+def controlled(address: str) -> bool:
+    """Whether a program controls the GigE camera at an address.
+
+    Cameras may take this question for a sign of life of that program: who waits for a dead one to
+    be forgotten must not ask all the time.
+    """
+    answer = _read(address, CONTROL) or b""
+    # A camera that refuses to say is there all the same: opening it will tell more.
+    return len(answer) >= _ANSWER_BYTES and bool(answer[_ANSWER_BYTES - 1] & IN_CONTROL)
+
+
+def _read(address: str, register: int) -> bytes | None:
+    """Asks for a register, which everybody may read; None: nobody answers."""
+    question = struct.pack(">BBHHHI", 0x42, 0x01, 0x0080, 4, 1, register)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
+        line.settimeout(_WAIT_S)
+        for _ in range(_ASK_AGAIN):
+            try:
+                line.connect((address, PORT))
+                line.send(question)
+                return line.recv(64)
+            except OSError:
+                # Nobody answers, or the system knows that nobody is there.
+                continue
+    return None
+
+
+LISTEN_S = 0.6
+"""A camera answers within half a second."""
+
+_EVERYBODY = "255.255.255.255"
+_ACKNOWLEDGE, _TO_EVERYBODY = 0x01, 0x10
+_QUESTION = struct.pack(">BBHHH", 0x42, _ACKNOWLEDGE | _TO_EVERYBODY, 0x0002, 0, 1)
+_HEAD = struct.Struct(">HHHH")
+_ANSWER = 0x0003
+_ABOUT = struct.Struct(">10x6s20x4s32x32s32s32x48x16s16s")
+"""MAC address, present IP address, manufacturer, model, serial number, the user's name."""
+_IP_PKTINFO = 8
+"""Says through which interface a datagram leaves. Source: Linux, ip(7)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """A camera that has answered.
+
+    Attributes:
+        address: its IPv4 address.
+        mac: its MAC address.
+        vendor: who made it.
+        model: its type.
+        serial: its serial number.
+    """
+
+    address: str
+    mac: str
+    vendor: str
+    model: str
+    serial: str
+
+    @property
+    def id(self) -> str:
+        """Vendor, model and serial number, as Aravis puts them together."""
+        return "-".join(f"{self.vendor} {self.model} {self.serial}".split())
+
+
+def heard(
+    known: Sequence[Network] | None = None, port: int = PORT, listen_s: float = LISTEN_S
+) -> list[Heard]:
+    """Asks through all interfaces at once; takes `listen_s`.
+
+    Args:
+        known: this host's networks; None: asks for them, too.
+        port: where cameras listen.
+        listen_s: how long answers are waited for.
+    """
+    found: dict[Heard, None] = {}
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ears:
+        ears.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+        ears.bind(("", 0))
+        for network in networks() if known is None else known:
+            # An interface that is down, or a firewall: the others are asked all the same.
+            with suppress(OSError):
+                _ask(ears, network, port)
+        end_s = time.monotonic() + listen_s
+        while (left_s := end_s - time.monotonic()) > 0.0:
+            ears.settimeout(left_s)
+            try:
+                camera = parse(ears.recv(2048))
+            except OSError:
+                continue
+            if camera is not None:
+                found[camera] = None
+    return sorted(found, key=lambda camera: (camera.id, camera.mac))
+
+
+def parse(data: bytes) -> Heard | None:
+    """Reads an answer; None: it is none."""
+    if len(data) < _HEAD.size + _ABOUT.size:
+        return None
+    status, answer, _, _ = _HEAD.unpack_from(data)
+    if status != 0 or answer != _ANSWER:
+        return None
+    mac, address, vendor, model, serial, _ = _ABOUT.unpack_from(data, _HEAD.size)
+    return Heard(
+        socket.inet_ntoa(address), mac.hex(":"), _text(vendor), _text(model), _text(serial)
+    )
+
+
+def _ask(ears: socket.socket, network: Network, port: int) -> None:
+    """Asks everybody who is plugged into one interface."""
+    interface = socket.if_nametoindex(network.name)
+    way = struct.pack("i4s4x", interface, network.address.ip.packed)
+    ears.sendmsg([_QUESTION], [(socket.IPPROTO_IP, _IP_PKTINFO, way)], 0, (_EVERYBODY, port))
+
+
+def _text(field: bytes) -> str:
+    return field.partition(b"\0")[0].decode(errors="replace").strip()

@@ -1,0 +1,288 @@
+"""Recordings of several cameras, put together timestep by timestep and read ahead."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import TimeoutError as FutureTimeout
+from dataclasses import dataclass
+from itertools import pairwise
+from statistics import median
+from typing import Protocol
+
+from vsense.arena import Frame
+from vsense.cameras.grabber import CameraEvent, GrabberError, NoMorePictures
+from vsense.cameras.picture import Image, PictureError
+from vsense.cameras.recordings import CaptureTime
+
+AHEAD = 2
+"""Timesteps that are read while the one before them is processed."""
+READERS = 2
+
+_PATIENCE_S = 60.0
+
+
+class CameraRecording(Protocol):
+    """One camera's pictures in the order in which they were taken."""
+
+    taken: Sequence[CaptureTime]
+
+    def read(self, place: int) -> Image:
+        """Reads the picture of a place in `taken`, (h, w) uint8.
+
+        Raises:
+            PictureError: It cannot be used.
+        """
+
+    def close(self) -> None:
+        """Lets the files go; can be called again."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedTimestep:
+    """One timestep of a recording.
+
+    Attributes:
+        timestep: Its number.
+        places: Where in each camera's recording its picture is; some may have none.
+        capture_ns: The earliest capture time among them.
+    """
+
+    timestep: int
+    places: Mapping[str, int]
+    capture_ns: int
+
+
+def moments(taken: Mapping[str, Sequence[CaptureTime]]) -> list[RecordedTimestep]:
+    """Puts the pictures of several cameras together.
+
+    Pictures belong together by their timestep where every picture has one, otherwise by their
+    times: those less than half a period after the first of them.
+    """
+    everything = [t.timestep for times in taken.values() for t in times]
+    by_timestep = all(timestep is not None for timestep in everything)
+    return _by_number(taken) if by_timestep else _by_time(taken)
+
+
+def _by_number(taken: Mapping[str, Sequence[CaptureTime]]) -> list[RecordedTimestep]:
+    groups: dict[int, dict[str, int]] = {}
+    for camera, times in taken.items():
+        for place, moment in enumerate(times):
+            groups.setdefault(moment.timestep or 0, {})[camera] = place
+    return [
+        RecordedTimestep(timestep, places, min(taken[c][p].capture_ns for c, p in places.items()))
+        for timestep, places in sorted(groups.items())
+    ]
+
+
+def _by_time(taken: Mapping[str, Sequence[CaptureTime]]) -> list[RecordedTimestep]:
+    gaps = [b.capture_ns - a.capture_ns for t in taken.values() for a, b in pairwise(t)]
+    window_ns = median(gaps) / 2 if gaps else 0.0
+    pictures = sorted(
+        (t.capture_ns, c, p) for c, times in taken.items() for p, t in enumerate(times)
+    )
+    groups: list[RecordedTimestep] = []
+    places: dict[str, int] = {}
+    first_ns = 0
+    for capture_ns, camera, place in pictures:
+        if places and (camera in places or capture_ns - first_ns > window_ns):
+            groups.append(RecordedTimestep(len(groups), places, first_ns))
+            places = {}
+        first_ns = first_ns if places else capture_ns
+        places[camera] = place
+    if places:
+        groups.append(RecordedTimestep(len(groups), places, first_ns))
+    return groups
+
+
+class RecordedGrabber:
+    """A camera set that was recorded, as fast as it is asked for.
+
+    The pictures of the next timesteps are read while the caller works on the last ones. What
+    cannot be read is left out, and told in `events`.
+
+    Attributes:
+        timesteps: How many there are.
+        missed: Timesteps that `skip` has left out.
+    """
+
+    def __init__(
+        self,
+        recordings: Mapping[str, CameraRecording],
+        sizes_px: Mapping[str, tuple[int, int]],
+        clock: Callable[[], int],
+        readers: int = READERS,
+    ) -> None:
+        """Puts the timesteps together and begins to read.
+
+        Args:
+            recordings: By the camera's id.
+            sizes_px: Width and height that each camera's pictures must have.
+            clock: The host's monotonic clock [ns], for when a picture was in memory.
+            readers: Threads that read; each reads its own cameras in order.
+        """
+        self._recordings = dict(recordings)
+        self._sizes_px = sizes_px
+        self._clock = clock
+        self._moments = moments({c: r.taken for c, r in self._recordings.items()})
+        self.timesteps: int | None = len(self._moments)
+        self.missed = 0
+        cameras = list(self._recordings)
+        self._shares = [cameras[r::readers] for r in range(min(readers, len(cameras)))]
+        self._readers = [ThreadPoolExecutor(1, "reading") for _ in self._shares]
+        self._coming: deque[tuple[RecordedTimestep, list[Future[list[Frame]]]]] = deque()
+        self._place = 0
+        self._events: list[CameraEvent] = []
+        self._lock = threading.Lock()
+
+    def next(self, timeout_s: float = _PATIENCE_S) -> Sequence[Frame]:
+        """Gives the next timestep of which there is a picture.
+
+        Raises:
+            NoMorePictures: There is none.
+            GrabberError: It could not be read in `timeout_s`.
+        """
+        while True:
+            self._read_ahead()
+            if not self._coming:
+                raise NoMorePictures(f"the recording ends after {self.timesteps} timesteps")
+            _, parts = self._coming[0]
+            try:
+                frames = [frame for part in parts for frame in part.result(timeout_s)]
+            except FutureTimeout:
+                raise GrabberError(f"no pictures from the recording in {timeout_s:g} s") from None
+            self._coming.popleft()
+            self._read_ahead()
+            if frames:
+                return frames
+
+    def due_ns(self, after: int = 0) -> int | None:
+        """Gives the capture time of what `next` will give, or of one up to `AHEAD` after it.
+
+        Returns:
+            The time [ns], or None where the recording ends before.
+        """
+        self._read_ahead()
+        return self._coming[after][0].capture_ns if after < len(self._coming) else None
+
+    def skip(self) -> None:
+        """Leaves out what `next` would have given, unread where nobody has begun to."""
+        self._read_ahead()
+        if self._coming:
+            for part in self._coming.popleft()[1]:
+                part.cancel()
+            self.missed += 1
+
+    def events(self) -> list[CameraEvent]:
+        """Gives what happened since the last call."""
+        with self._lock:
+            events, self._events = self._events, []
+        return events
+
+    def close(self) -> None:
+        """Stops reading and closes the files; can be called again."""
+        for reader in self._readers:
+            reader.shutdown(cancel_futures=True)
+        self._coming.clear()
+        self._place = len(self._moments)
+        for recording in self._recordings.values():
+            recording.close()
+
+    def _read_ahead(self) -> None:
+        while self._place < len(self._moments) and len(self._coming) <= AHEAD:
+            moment = self._moments[self._place]
+            self._place += 1
+            parts = [
+                reader.submit(self._read, moment, cameras)
+                for reader, cameras in zip(self._readers, self._shares)
+            ]
+            self._coming.append((moment, parts))
+
+    def _read(self, moment: RecordedTimestep, cameras: list[str]) -> list[Frame]:
+        """Reads the pictures of one reader's cameras."""
+        frames = []
+        for camera in cameras:
+            place = moment.places.get(camera)
+            if place is None:
+                continue
+            recording = self._recordings[camera]
+            try:
+                image = recording.read(place)
+            except PictureError as error:
+                self._tell(camera, "damaged", str(error))
+                continue
+            if image.shape[::-1] != tuple(self._sizes_px[camera]):
+                self._tell(camera, "size", wrong_size(image, self._sizes_px[camera]))
+                continue
+            capture_ns = recording.taken[place].capture_ns
+            frames.append(Frame(camera, image, moment.timestep, capture_ns, self._clock()))
+        return frames
+
+    def _tell(self, camera: str, kind: str, text: str) -> None:
+        with self._lock:
+            self._events.append(CameraEvent(camera, kind, text))
+
+
+def wrong_size(image: Image, size_px: tuple[int, int]) -> str:
+    """Says that a picture does not have the size of its camera's calibration."""
+    height, width = image.shape
+    return f"a picture of {width} x {height} px, its calibration is for {size_px[0]} x {size_px[1]}"
+
+
+class PacedGrabber:
+    """Hands a recording out at the pace in which it was taken, as if it were happening now.
+
+    Attributes:
+        timesteps: How many there are.
+    """
+
+    def __init__(self, recorded: RecordedGrabber, clock: Callable[[], int]) -> None:
+        """Starts at the first `next`; `clock` is the host's monotonic clock [ns]."""
+        self._recorded = recorded
+        self._clock = clock
+        self._shift_ns: int | None = None
+        self._ended = threading.Event()
+        self.timesteps = recorded.timesteps
+
+    @property
+    def missed(self) -> int:
+        """Timesteps left out because a later one was due already."""
+        return self._recorded.missed
+
+    def next(self, timeout_s: float = _PATIENCE_S) -> Sequence[Frame]:
+        """Waits until the next timestep is due.
+
+        Raises:
+            NoMorePictures: There is none.
+            GrabberError: None was due in `timeout_s`.
+        """
+        due_ns = self._recorded.due_ns()
+        if due_ns is None:
+            return self._recorded.next(timeout_s)
+        if self._shift_ns is None:
+            self._shift_ns = self._clock() - due_ns
+        wait_s = (due_ns + self._shift_ns - self._clock()) / 1e9
+        if wait_s > timeout_s:
+            self._ended.wait(timeout_s)
+            raise GrabberError(f"no picture of the recording was due in {timeout_s:g} s")
+        if wait_s > 0.0:
+            self._ended.wait(wait_s)
+        self._leave_out_late(self._shift_ns)
+        return self._recorded.next(timeout_s)
+
+    def _leave_out_late(self, shift_ns: int) -> None:
+        """Leaves out timesteps after which another one is due already."""
+        now_ns = self._clock() - shift_ns
+        while (after_ns := self._recorded.due_ns(1)) is not None and after_ns <= now_ns:
+            self._recorded.skip()
+
+    def events(self) -> list[CameraEvent]:
+        """Gives what happened since the last call."""
+        return self._recorded.events()
+
+    def close(self) -> None:
+        """Ends all waiting and closes the recording; can be called again."""
+        self._ended.set()
+        self._recorded.close()

@@ -1,0 +1,281 @@
+"""The spec of the `atoms` process: where everything in the lab stands at first.
+
+The process that is the lab's floor: true physics and the robots' microcontrollers.
+
+`python -m vsense.lab.physics_process` reads one line of JSON from standard input, the spec:
+
+    {"robots":  [{"index": 0, "tag": 23, "x_m": 0.1, "y_m": 0.2, "yaw_rad": 0.0}, ...],
+     "bases":   ["argos", ...],
+     "objects": [{"tag": 22, "x_m": -0.5, "y_m": 0.0, "yaw_rad": 0.0}, ...],
+     "boxes":   [{"x_m": 1.2, "y_m": 0, "yaw_rad": 0, "size_x_m": 0.01, "size_y_m": 2}, ...],
+     "cylinders": [{"x_m": 0.5, "y_m": 0.5, "radius_m": 0.1}, ...],
+     "truth": "name of the truth ring", "log": "path of the actuation log",
+     "directory": "run directory", "seed": 1}
+
+It answers with one line of JSON, `{"bases": ["argos:/dev/pts/3", ...], "epoch_ns": ...}`: what the
+daemon of every robot finds its base at, in the order of the indices, and the time of the first
+tick. Then it lives in real
+time, 10 ms per tick, until standard input ends or on SIGTERM; Ctrl-C is its parent's to handle.
+Bodies in the truth ring are the robots by index, then the objects. At the end it leaves
+`atoms.json` in the run directory: how late ticks were, what went over the serial lines, CPU time.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import select
+import signal
+import sys
+import time
+from array import array
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.errors import UsageError, VsenseError
+from vsense.lab.microcontrollers import ActuationLog, Microcontrollers
+from vsense.lab.shared import LabError
+from vsense.lab.truth import TruthWriter
+from vsense.world.physics import TICK_NS as TICK_NS
+from vsense.world.physics import Physics
+from vsense.world.proximity_ring import ProximityRing
+
+_POSE = ("x_m", "y_m", "yaw_rad")
+_SIZE = ("size_x_m", "size_y_m")
+
+
+@dataclass(frozen=True, slots=True)
+class PhysicsSpec:
+    """A lab's floor at the start.
+
+    Attributes:
+        robots: (m, 3) x_m, y_m, yaw_rad by robot index, arena frame.
+        bases: what each robot is based on, of `vsense.lab.links.KINDS`.
+        objects: (k, 3) likewise of tagged bodies that never move.
+        boxes: (b, 5) x_m, y_m, yaw_rad, size_x_m, size_y_m of walls and boxes.
+        cylinders: (c, 3) x_m, y_m, radius_m of what stands and is round.
+        truth: name of the truth ring.
+        log: path of the actuation log.
+        directory: run directory.
+        seed: seed of the sensors' noise.
+    """
+
+    robots: NDArray[np.float64]
+    bases: list[str]
+    objects: NDArray[np.float64]
+    boxes: NDArray[np.float64]
+    cylinders: NDArray[np.float64]
+    truth: str
+    log: Path
+    directory: Path
+    seed: int
+
+    @classmethod
+    def parse(cls, line: bytes) -> PhysicsSpec:
+        """Reads a spec from one line of JSON; see `vsense.lab.physics_process`.
+
+        Raises:
+            UsageError: what is wrong, and where in the spec.
+        """
+        try:
+            spec = json.loads(line)
+        except ValueError as error:
+            raise UsageError(f"spec: not JSON: {error}") from None
+        if not isinstance(spec, dict):
+            raise UsageError(f"spec: expected an object, not {spec!r}")
+        robots = _rows(spec, "robots", ("index", "tag", *_POSE))
+        order = np.argsort(robots[:, 0])
+        if not np.array_equal(robots[order, 0], np.arange(len(robots))):
+            found = [int(index) for index in robots[:, 0]]
+            raise UsageError(f"spec: robots: expected indices 0..{len(robots) - 1}, not {found}")
+        boxes = _rows(spec, "boxes", (*_POSE, *_SIZE))
+        if (boxes[:, 3:] <= 0.0).any():
+            raise UsageError("spec: boxes: expected sizes above 0")
+        cylinders = _rows(spec, "cylinders", ("x_m", "y_m", "radius_m"))
+        if (cylinders[:, 2] <= 0.0).any():
+            raise UsageError("spec: cylinders: expected radii above 0")
+        return cls(
+            robots[order, 2:],
+            _bases(spec, len(robots)),
+            _rows(spec, "objects", ("tag", *_POSE))[:, 1:],
+            boxes,
+            cylinders,
+            _text(spec, "truth"),
+            Path(_text(spec, "log")),
+            Path(_text(spec, "directory")),
+            int(_number(spec, "seed", "spec: ")),
+        )
+
+
+def _bases(spec: dict[str, Any], count: int) -> list[str]:
+    bases = spec.get("bases")
+    if not isinstance(bases, list) or len(bases) != count:
+        raise UsageError(f"spec: bases: expected a list of {count} texts, not {bases!r}")
+    return [str(base) for base in bases]
+
+
+def _rows(spec: dict[str, Any], name: str, fields: tuple[str, ...]) -> NDArray[np.float64]:
+    """The numbers (n, fields) of a list of objects."""
+    entries = spec.get(name)
+    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+        raise UsageError(f"spec: {name}: expected a list of objects, not {entries!r}")
+    rows = [
+        [_number(entry, field, f"spec: {name}[{number}].") for field in fields]
+        for number, entry in enumerate(entries)
+    ]
+    return np.array(rows, dtype=np.float64).reshape(len(rows), len(fields))
+
+
+def _number(entry: dict[str, Any], field: str, where: str) -> float:
+    value = entry.get(field)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise UsageError(f"{where}{field}: expected a finite number, not {value!r}")
+    return value
+
+
+def _text(spec: dict[str, Any], name: str) -> str:
+    value = spec.get(name)
+    if not isinstance(value, str) or not value:
+        raise UsageError(f"spec: {name}: expected a text, not {value!r}")
+    return value
+
+
+FLUSH_TICKS = 100
+"""The log reaches the disk at least once per second."""
+
+
+class PhysicsProcess:
+    """Physics, proximity and microcontrollers, tied together; the clock is an argument."""
+
+    def __init__(self, spec: PhysicsSpec, now_ns: int) -> None:
+        """Puts everything in its place; the first tick is now.
+
+        Raises:
+            LabError: no terminals or sockets, no truth ring, or a log that cannot be written.
+        """
+        self.controllers = Microcontrollers(spec.bases)
+        self._physics = Physics(spec.robots, spec.objects, spec.boxes, now_ns, spec.cylinders)
+        self._rings = ProximityRing(self._physics.near, spec.seed)
+        self._leds = np.zeros(len(self._physics.poses), dtype=np.uint16)
+        self._log = ActuationLog(spec.log)
+        self._truth = TruthWriter(spec.truth, len(self._physics.poses))
+        self._late_ns = array("q")
+        self._tick_ns = now_ns
+        self._publish()
+
+    def wake_ns(self) -> int:
+        """When `step` has something to do even if no bytes come."""
+        due_ns, tick_ns = self.controllers.due_ns, self._tick_ns + TICK_NS
+        return tick_ns if due_ns is None else min(due_ns, tick_ns)
+
+    def step(self, ready: list[int], now_ns: int) -> None:
+        """Lives on to `now_ns`: all ticks that are due, then the bytes that came.
+
+        Args:
+            ready: descriptors of `controllers.readable()` that have bytes.
+            now_ns: the host's monotonic clock, never going back.
+        """
+        while self._tick_ns + TICK_NS <= now_ns:
+            self._tick_ns += TICK_NS
+            self._late_ns.append(now_ns - self._tick_ns)
+            self._actuate(self._tick_ns)
+            self._physics.tick(self._tick_ns)
+            self._publish()
+        if ready:
+            self.controllers.receive(ready, now_ns)
+        self._actuate(now_ns)
+
+    def report(self) -> dict[str, Any]:
+        """What `atoms.json` says: ticks, their lateness in ms, counters of the serial lines."""
+        late_ms = np.array(self._late_ns or [0]) / 1e6
+        return {
+            "ticks": len(self._late_ns),
+            "lateness_ms": {
+                "p50": float(np.percentile(late_ms, 50)),
+                "p99": float(np.percentile(late_ms, 99)),
+                "max": float(late_ms.max()),
+            },
+            **self.controllers.counters(),
+        }
+
+    def close(self) -> None:
+        """Ends the log and hangs everything up."""
+        self._log.flush()
+        self._truth.close()
+        self.controllers.close()
+
+    def _actuate(self, now_ns: int) -> None:
+        for actuation in self.controllers.advance(now_ns):
+            robot = actuation.robot
+            self._physics.drive(
+                robot, actuation.left_steps_s, actuation.right_steps_s, actuation.time_ns
+            )
+            self._leds[robot] = actuation.leds
+            self._log.append(actuation)
+
+    def _publish(self) -> None:
+        self._truth.write(self._tick_ns, self._physics.poses, self._leds)
+        self.controllers.sense(self._rings.read(self._physics.bodies))
+        if len(self._late_ns) % FLUSH_TICKS == 0:
+            self._log.flush()
+
+
+def live(atoms: PhysicsProcess, stdin: int, ended: list[int]) -> None:
+    """Lives in real time until the descriptor `stdin` ends or something gets into `ended`."""
+    while not ended:
+        wait_s = max(0, atoms.wake_ns() - time.monotonic_ns()) / 1e9
+        ready = select.select([stdin, *atoms.controllers.readable()], [], [], wait_s)[0]
+        if stdin in ready:
+            ready.remove(stdin)
+            if not os.read(stdin, 4096):
+                return
+        atoms.step(ready, time.monotonic_ns())
+
+
+def _read_line(stdin: int) -> bytes:
+    """Reads up to the line's end and not a byte further, so that `select` sees all that follows."""
+    line = bytearray()
+    while not line.endswith(b"\n"):
+        byte = os.read(stdin, 1)
+        if not byte:
+            break
+        line += byte
+    return bytes(line)
+
+
+def main() -> int:
+    """Runs the process; see the module."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    stdin = sys.stdin.fileno()
+    ended: list[int] = []
+    try:
+        spec = PhysicsSpec.parse(_read_line(stdin))
+        signal.signal(signal.SIGTERM, lambda number, frame: ended.append(number))
+        epoch_ns = time.monotonic_ns()
+        atoms = PhysicsProcess(spec, epoch_ns)
+        print(json.dumps({"bases": atoms.controllers.bases, "epoch_ns": epoch_ns}), flush=True)
+        started_s = time.process_time()
+        live(atoms, stdin, ended)
+        _leave(atoms, spec.directory / "atoms.json", time.process_time() - started_s)
+    except VsenseError as error:
+        print(f"atoms: {error}", file=sys.stderr)
+        return error.exit_code
+    return 0
+
+
+def _leave(atoms: PhysicsProcess, path: Path, cpu_s: float) -> None:
+    report = {**atoms.report(), "cpu_s": cpu_s}
+    atoms.close()
+    try:
+        path.write_text(json.dumps(report, indent=2) + "\n")
+    except OSError as error:
+        raise LabError(f"{path}: {error.strerror}") from None
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""The link to robots that still run the original's client."""

@@ -1,0 +1,322 @@
+"""The original virtual sensor protocol: what the host says to a robot that still runs its client.
+
+All integers are big-endian; the robot never says anything. First the table, u32 length and
+entries (u8 sensor, u32 payload size); a bare u32 1 when the experiment starts; then at most once
+per timestep u32 length and entries (u8 sensor, payload) of what has changed; a bare u32 0 when the
+experiment ends. A real number is an i64 mantissa and an i32 exponent.
+
+Source: iridia.md section 1b; black and white location: argos3-tycho's
+ci_virtual_black_white_location_sensor.h (white x, y, black x, y).
+
+Robots with the original client, sans-I/O: what each is still to be told; one per experiment.
+
+Of readings only the newest wait: a robot that is slow to take them misses those between, as it
+would have with the original, but never holds up anybody else and never grows a queue.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import struct
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from vsense.link.robots.status import LinkError
+from vsense.link.robots.table import Direction, Entry
+
+DEFAULT_PORT = 4050
+
+START = struct.pack(">I", 1)
+END = struct.pack(">I", 0)
+
+MAX_MANTISSA = float(2**63 - 2)
+"""ARGoS's largest SInt64 less one; as a double it is 2^63."""
+
+REAL_SIZE = 12
+
+_REAL = struct.Struct(">qi")
+_ROW = struct.Struct(">BI")
+_LENGTH = struct.Struct(">I")
+_TYPES = {"u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I", "f4": "f"}
+_LAYOUT = re.compile(r"(?:(\d+)\*)?(\w\d)")
+
+
+@dataclass(frozen=True, slots=True)
+class LegacySensor:
+    """A virtual sensor of the original.
+
+    Attributes:
+        id: its number on the wire.
+        picks: which of our sensor's numbers travel, in this order.
+        reals: they travel as real numbers; False: as one byte each.
+    """
+
+    id: int
+    picks: tuple[int, ...]
+    reals: bool = True
+
+    @property
+    def size(self) -> int:
+        """Bytes of its payload."""
+        return len(self.picks) * (REAL_SIZE if self.reals else 1)
+
+
+SENSORS = {
+    "ground": LegacySensor(1, (0, 1, 2)),
+    "light": LegacySensor(2, tuple(range(8))),
+    "gps": LegacySensor(3, (0, 1, 2)),
+    "destination": LegacySensor(4, (0, 1, 2)),
+    "rgb_ground": LegacySensor(5, (0, 1, 2), reals=False),
+    "radiation": LegacySensor(6, (0,)),
+    "pollutant": LegacySensor(7, (0,)),
+    "black_white_location": LegacySensor(8, (2, 3, 0, 1)),
+}
+"""By the name of ours. The original's robots know no others."""
+
+
+def encode_real(value: float) -> bytes:
+    """Returns a finite number's 12 bytes."""
+    if value == 0.0:
+        return _REAL.pack(0, 0)
+    fraction, exponent = math.frexp(abs(value))
+    mantissa = int((fraction - 0.5) * 2.0 * MAX_MANTISSA) + 1
+    return _REAL.pack(-mantissa if value < 0.0 else mantissa, exponent)
+
+
+class Translation:
+    """Our readings in the original's words.
+
+    Attributes:
+        table: what a robot is told first.
+        unknown: names of virtual sensors that the original's robots do not know.
+    """
+
+    def __init__(self, entries: Sequence[Entry]) -> None:
+        """Prepares it.
+
+        Args:
+            entries: the sensor table: of sensors and actuators, in the order of the readings.
+
+        Raises:
+            LinkError: not one sensor of it is the original's, or one gives too few numbers.
+        """
+        sensors = [e for e in entries if e.direction == Direction.SENSOR]
+        self._rows: list[tuple[int, LegacySensor, struct.Struct]] = []
+        for index, entry in enumerate(sensors):
+            known = SENSORS.get(entry.name)
+            if known is not None:
+                self._rows.append((index, known, _numbers(entry, known)))
+        self.unknown = [entry.name for entry in sensors if entry.name not in SENSORS]
+        if not self._rows:
+            raise LinkError(
+                f"robots with the original client know none of this experiment's virtual sensors:"
+                f" {', '.join(self.unknown) or 'it has none'}"
+            )
+        rows = b"".join(_ROW.pack(known.id, known.size) for _, known, _ in self._rows)
+        self.table = _LENGTH.pack(len(rows)) + rows
+
+    def payloads(self, values: Sequence[tuple[bytes, int]]) -> dict[int, bytes]:
+        """Translates one robot's readings.
+
+        Args:
+            values: (value as on our wire, capture time) of each sensor, in the table's order;
+                a capture time below 0: not measured yet.
+
+        Returns:
+            Payloads by the sensor's number, of those that have been measured.
+        """
+        found = {}
+        for index, known, numbers in self._rows:
+            value, capture_ns = values[index]
+            if capture_ns >= 0:
+                ours = numbers.unpack_from(value)
+                found[known.id] = _payload(known, [ours[pick] for pick in known.picks])
+        return found
+
+
+def update(payloads: Iterable[tuple[int, bytes]]) -> bytes:
+    """Returns the message of a timestep, b"" where nothing has changed."""
+    body = b"".join(bytes([number]) + payload for number, payload in payloads)
+    return _LENGTH.pack(len(body)) + body if body else b""
+
+
+def _numbers(entry: Entry, known: LegacySensor) -> struct.Struct:
+    """How our own readings are read."""
+    match = _LAYOUT.fullmatch(entry.layout)
+    assert match is not None, "the table has checked it"
+    count = int(match[1] or 1)
+    if count <= max(known.picks):
+        raise LinkError(
+            f"robots with the original client expect {len(known.picks)} numbers of the sensor"
+            f" {entry.name!r}, this experiment's gives {count}"
+        )
+    return struct.Struct(f"<{count}{_TYPES[match[2]]}")
+
+
+def _payload(known: LegacySensor, numbers: Sequence[float]) -> bytes:
+    if known.reals:
+        return b"".join(map(encode_real, numbers))
+    return bytes(int(number) for number in numbers)
+
+
+OCTET_MAX = 254
+
+
+class LegacyRobot:
+    """One connection's state.
+
+    Attributes:
+        tag: the robot's.
+        name: its name in the experiment.
+        updates: timesteps in which it was told something.
+    """
+
+    def __init__(self, tag: int, name: str, table: bytes) -> None:
+        """Begins with the table."""
+        self.tag = tag
+        self.name = name
+        self.updates = 0
+        self._out = table
+        self._running = False
+        self._ended = False
+        self._newest: Mapping[int, bytes] = {}
+        self._told: dict[int, bytes] = {}
+
+    def start(self) -> None:
+        """The experiment starts, or has started before this robot came."""
+        if not self._running and not self._ended:
+            self._running = True
+            self._out += START
+
+    def end(self) -> None:
+        """The experiment ends: nothing follows, as the original's robots expect nothing more."""
+        self._ended = self._ended or self._running
+
+    def sense(self, payloads: Mapping[int, bytes]) -> None:
+        """Takes the newest readings, by the sensor's number; after the end none."""
+        if not self._ended:
+            self._newest = payloads
+
+    @property
+    def pending(self) -> bool:
+        """Whether there is anything to write."""
+        return bool(self.chunk())
+
+    def chunk(self) -> bytes:
+        """The bytes to write next; empty if there are none.
+
+        What has begun to leave is finished first. Only then is the next message made, of all
+        that differs from what this robot was told last; the end comes after the newest readings.
+        """
+        if not self._out and self._running:
+            changed = {k: p for k, p in self._newest.items() if self._told.get(k) != p}
+            self._out = update(changed.items())
+            self._told |= changed
+            self.updates += bool(changed)
+            if self._ended and not changed:
+                self._running, self._out = False, END
+        return self._out
+
+    def wrote(self, count: int) -> None:
+        """Says how many bytes of the last `chunk` the kernel took."""
+        self._out = self._out[count:]
+
+
+class LegacySwarm:
+    """Who of an experiment's robots is connected, and what all are told.
+
+    Attributes:
+        robots: those that are connected, by the last octet of their address.
+        translation: of the readings.
+    """
+
+    def __init__(self, translation: Translation, numbers: Mapping[int, tuple[int, str]]) -> None:
+        """Prepares it.
+
+        Args:
+            translation: of the readings.
+            numbers: tag and name of each robot by the last octet of its address.
+        """
+        self.translation = translation
+        self.robots: dict[int, LegacyRobot] = {}
+        self._numbers = dict(numbers)
+        self._payloads: dict[int, Mapping[int, bytes]] = {}
+        self._running = False
+
+    def join(self, octet: int) -> LegacyRobot | None:
+        """Lets a robot in, at any time; one that comes again begins anew.
+
+        Returns:
+            Its state; None if no robot of the experiment has this number.
+        """
+        if octet not in self._numbers:
+            return None
+        tag, name = self._numbers[octet]
+        robot = LegacyRobot(tag, name, self.translation.table)
+        robot.sense(self._payloads.get(tag, {}))
+        if self._running:
+            robot.start()
+        self.robots[octet] = robot
+        return robot
+
+    def leave(self, octet: int, robot: LegacyRobot) -> bool:
+        """Forgets a robot; False if it had come again meanwhile."""
+        if self.robots.get(octet) is not robot:
+            return False
+        del self.robots[octet]
+        return True
+
+    def start(self) -> None:
+        """The experiment starts."""
+        self._running = True
+        for robot in self.robots.values():
+            robot.start()
+
+    def end(self) -> None:
+        """The experiment ends."""
+        self._running = False
+        for robot in self.robots.values():
+            robot.end()
+
+    def sense(self, tag: int, payloads: Mapping[int, bytes]) -> None:
+        """Takes a robot's newest readings."""
+        self._payloads[tag] = payloads
+        for robot in self.robots.values():
+            if robot.tag == tag:
+                robot.sense(payloads)
+
+    def known(self) -> str:
+        """The numbers that are expected, for people."""
+        return ", ".join(map(str, sorted(self._numbers))) or "none"
+
+
+def by_octet(robots: Mapping[int, tuple[str, int]]) -> dict[int, tuple[int, str]]:
+    """Sorts an experiment's robots by the last octet of their addresses.
+
+    Args:
+        robots: name and number of each by tag; the number is the last part of its id
+            (NAME_TAG_NUMBER).
+
+    Returns:
+        Tag and name by number; robots whose number is no octet of an address are left out.
+
+    Raises:
+        LinkError: two have the same number, or none has one.
+    """
+    found: dict[int, tuple[int, str]] = {}
+    for tag, (name, number) in robots.items():
+        if not 1 <= number <= OCTET_MAX:
+            continue
+        if number in found:
+            raise LinkError(
+                f"{found[number][1]} and {name} have the same number {number}: with the original"
+                f" client a robot is known by it, the last octet of its address"
+            )
+        found[number] = (tag, name)
+    if not found:
+        raise LinkError(
+            "no robot's id ends with the last octet of an address (NAME_TAG_OCTET, such as"
+            " epuck_23_30): so robots with the original client are known"
+        )
+    return found

@@ -1,0 +1,257 @@
+"""The original virtual sensor server, for robots that still run the original's client.
+
+Readings leave in the caller's thread, in the timestep in which they were made, as far as the
+kernel takes them at once; a thread of the server's own listens, goes on with what was left, and
+notices who has gone. No robot waits for another.
+
+The link to a swarm in which some robots run `vsensed` and others still the original's client.
+"""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+from vsense.link.legacy.protocol import LegacyRobot, LegacySwarm
+from vsense.link.listening import Client, ListeningServer
+from vsense.link.robots.server import VirtualSensorServer
+from vsense.link.robots.status import EventKind, LinkEvent, RobotStatus, Teller
+from vsense.link.robots.wire import GoodbyeCause, Values, Wanted
+
+STUCK_NS = 5_000_000_000
+"""A robot that takes nothing of what waits for it for this long is gone."""
+
+_KEEPALIVE = (1, 3)
+
+
+class _Connection(Client):
+    """One robot's socket."""
+
+    def __init__(self, sock: socket.socket, octet: int, robot: LegacyRobot, now_ns: int) -> None:
+        super().__init__(sock, robot, STUCK_NS, _KEEPALIVE, now_ns)
+        self.octet = octet
+        self.robot = robot
+
+
+class LegacyServer(ListeningServer):
+    """Serves robots with the original client; its methods may be called by any thread."""
+
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        swarm: LegacySwarm,
+        on_event: Callable[[LinkEvent], None],
+        clock: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        """Takes the port; nobody is answered before `start`.
+
+        Args:
+            host: name or address of the interface to listen on.
+            port: its number; 0 takes any that is free.
+            swarm: who may come and what they are told; belongs to this server from now on.
+            on_event: takes what a person wants to know; must not wait, nor call the server.
+            clock: the host's monotonic clock [ns].
+
+        Raises:
+            LinkError: the host is unknown, or the port is taken.
+        """
+        super().__init__("the original's virtual sensor server", host, port, clock)
+        self._swarm = swarm
+        self._on_event = on_event
+        self._connections: dict[int, _Connection] = {}
+
+    def publish(self, values: Mapping[int, Values], first: bool = False) -> None:
+        """Sends every robot what has changed in its readings, now and without waiting for any.
+
+        Args:
+            values: by tag, the readings in the table's order.
+            first: the experiment starts with them: all robots are told, and whoever comes later.
+
+        Raises:
+            LinkError: the server's thread has failed.
+        """
+        self._check()
+        with self._lock:
+            for tag, readings in values.items():
+                self._swarm.sense(tag, self._swarm.translation.payloads(readings))
+            if first:
+                self._swarm.start()
+            now_ns = self._clock()
+            # Whoever is lost is let go by the server's thread.
+            left = [c for c in self._connections.values() if c.write(now_ns) or c.robot.pending]
+        if left:
+            self._wake()
+
+    def end(self) -> None:
+        """The experiment ends: all robots are told."""
+        with self._lock:
+            self._swarm.end()
+        self._wake()
+
+    def robots(self) -> dict[int, int]:
+        """Who is connected: how many updates each was sent, by tag."""
+        with self._lock:
+            return {robot.tag: robot.updates for robot in self._swarm.robots.values()}
+
+    def close(self) -> None:
+        """Ends the experiment and closes everything; can be called again."""
+        self.end()
+        self._ending = True
+        self._join()
+
+    # --- the server's thread
+
+    def _greet(self, sock: socket.socket, origin: str) -> None:
+        octet = int(origin.rpartition(".")[2]) if origin.count(".") == 3 else 0
+        with self._lock:
+            robot = self._swarm.join(octet)
+            before = self._connections.get(octet)
+            if robot is None:
+                sock.close()
+                self._tell(
+                    "refused",
+                    None,
+                    f"refused a robot with the original client from {origin}: no robot's number is"
+                    f" {octet}; expected: {self._swarm.known()}",
+                )
+                return
+            if before is not None:
+                self._drop(before, "has come again")
+            connection = _Connection(sock, octet, robot, self._clock())
+            self._connections[octet] = connection
+            self._admit(connection)
+        text = f"robot {robot.tag} ({robot.name}): connected with the original client"
+        self._tell("connected", robot.tag, text)
+
+    def _hear(self, client: _Connection) -> None:
+        """Finds out who has gone; no such robot ever says anything."""
+        with self._lock:
+            if self._connections.get(client.octet) is not client:
+                return
+            said, why = client.read()
+            if said:
+                why = "says something, which the original client never does: turned away"
+            if why:
+                self._drop(client, why)
+
+    def _settle(self) -> None:
+        """Writes what waits; the lock is held."""
+        for connection in list(self._connections.values()):
+            why = connection.write(self._clock())
+            if why:
+                self._drop(connection, why)
+            else:
+                self._await(connection, connection.robot.pending)
+
+    def _let_go(self) -> None:
+        for connection in list(self._connections.values()):
+            self._drop(connection, "")
+
+    def _drop(self, connection: _Connection, why: str) -> None:
+        """Lets a robot go; the lock is held."""
+        if self._connections.get(connection.octet) is connection:
+            del self._connections[connection.octet]
+        self._swarm.leave(connection.octet, connection.robot)
+        self._dismiss(connection)
+        if why:
+            robot = connection.robot
+            self._tell("lost", robot.tag, f"robot {robot.tag} ({robot.name}): {why}")
+
+    def _tell(self, kind: EventKind, tag: int | None, text: str) -> None:
+        self._on_event(LinkEvent(kind, tag, text, self._clock()))
+
+    def _unsent(self) -> bool:
+        with self._lock:
+            return any(c.robot.pending for c in self._connections.values())
+
+
+CONTROLLER = "original client"
+
+
+class MixedServer(VirtualSensorServer):
+    """A virtual sensor server that speaks the original's protocol, too, on a port of its own.
+
+    Attributes:
+        legacy_port: that port; known from the start on.
+        unknown: virtual sensors that robots with the original's client are not told.
+    """
+
+    def __init__(self, legacy_address: tuple[str, int], swarm: LegacySwarm, **options: Any) -> None:
+        """Prepares a server; nothing is opened before `start`.
+
+        Args:
+            legacy_address: interface and port for robots with the original client.
+            swarm: who of them may come.
+            options: of `VirtualSensorServer`.
+
+        Raises:
+            WireError: as `VirtualSensorServer`.
+        """
+        super().__init__(**options)
+        self.legacy_port = legacy_address[1]
+        self.unknown = tuple(swarm.translation.unknown)
+        self._legacy_address = legacy_address
+        self._swarm = swarm
+        self._on_event = Teller(options["on_event"]).tell
+        self._legacy: LegacyServer | None = None
+        self._first_timestep: int | None = None
+        self._legacy_lock = threading.Lock()
+
+    def start(self) -> int:
+        """Takes both ports; see `VirtualSensorServer.start`."""
+        host, port = self._legacy_address
+        legacy = LegacyServer(host, port, self._swarm, self._on_event)
+        try:
+            own = super().start()
+        except BaseException:
+            legacy.close()
+            raise
+        self.legacy_port = legacy.start()
+        self._legacy = legacy
+        return own
+
+    def publish(self, timestep: int, capture_ns: int, values: Mapping[int, Values]) -> int:
+        """Sends a timestep's readings to all robots; see `VirtualSensorServer.publish`."""
+        sent_ns = super().publish(timestep, capture_ns, values)
+        # Under the lock: a command that ends them must not come between flag and start.
+        with self._legacy_lock:
+            first = self._first_timestep is not None and timestep >= self._first_timestep
+            if first:
+                self._first_timestep = None
+            if self._legacy is not None:
+                self._legacy.publish(values, first)
+        return sent_ns
+
+    def command(self, wanted: Wanted, from_timestep: int = 0) -> None:
+        """Sets what every robot shall do; see `VirtualSensorServer.command`.
+
+        Robots with the original client start when the first timestep has come, and know no
+        other state: whatever is not a run is the end to them.
+        """
+        super().command(wanted, from_timestep)
+        with self._legacy_lock:
+            if wanted == Wanted.RUN:
+                self._first_timestep = from_timestep
+            elif self._legacy is not None:
+                self._first_timestep = None
+                self._legacy.end()
+
+    def robots(self) -> dict[int, RobotStatus]:
+        """A snapshot of every expected robot, by tag; see `VirtualSensorServer.robots`."""
+        found = super().robots()
+        for tag in self._legacy.robots() if self._legacy is not None else ():
+            found[tag] = replace(found[tag], connected=True, controller=CONTROLLER)
+        return found
+
+    def close(
+        self, cause: GoodbyeCause = GoodbyeCause.END, text: str = "the host has ended"
+    ) -> None:
+        """Says goodbye to every robot and closes everything; safe to call again."""
+        if self._legacy is not None:
+            self._legacy.close()
+        super().close(cause, text)

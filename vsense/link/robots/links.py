@@ -1,0 +1,299 @@
+"""All TCP connections of a server: who comes in, greets, talks, and goes.
+
+Everything that concerns one robot is done for that robot alone: a full stream keeps its newest
+STATE and is left, a broken one is closed, bytes that no robot sends end the connection that
+they came from. Only the server's thread calls this, but for `put_state` and `dirty`.
+"""
+
+from __future__ import annotations
+
+import selectors
+import socket
+import threading
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import partial
+
+from vsense.link.robots.roster import Roster
+from vsense.link.robots.session import HostSession
+from vsense.link.robots.status import LinkEvent
+from vsense.link.robots.streams import Connection
+from vsense.link.robots.wire import (
+    GoodbyeCause,
+    Notice,
+    PacketType,
+    RefuseCode,
+    decode,
+    open_packet,
+)
+from vsense.native import WireError, lib
+
+HELLO_NS = 2_000_000_000
+"""A connection that has not greeted after this long is closed."""
+
+FINISH_NS = 500_000_000
+"""How long a peer may take to read our last packet and to close its side."""
+
+STRANGERS = 64
+"""Connections without a session at a time; one more, and the oldest of them makes way."""
+
+READ, WRITE = selectors.EVENT_READ, selectors.EVENT_WRITE
+
+
+@dataclass(frozen=True, slots=True)
+class ServerState:
+    """What the server's thread and the runtime's thread have in common.
+
+    Attributes:
+        roster: robots and orders.
+        lock: guards the roster and the connections' outboxes; held for one packet at a time.
+        clock: the host's monotonic clock [ns].
+        tell: takes events; never called under the lock.
+    """
+
+    roster: Roster
+    lock: threading.Lock
+    clock: Callable[[], int]
+    tell: Callable[[LinkEvent], None]
+
+    def tell_all(self, events: Iterable[LinkEvent]) -> None:
+        """Tells events in their order."""
+        for event in events:
+            self.tell(event)
+
+
+class Connections:
+    """The TCP side of a server.
+
+    Attributes:
+        dirty: connections that another thread has left unfinished or found broken.
+    """
+
+    def __init__(
+        self,
+        shared: ServerState,
+        listener: socket.socket,
+        selector: selectors.BaseSelector,
+        opened: Callable[[HostSession], None],
+    ) -> None:
+        """Listens.
+
+        Args:
+            shared: what the threads have in common.
+            listener: the listening socket.
+            selector: calls what is registered with it with the ready events.
+            opened: called under the lock when a robot's session has opened.
+        """
+        self.dirty: set[Connection] = set()
+        self._shared = shared
+        self._listener = listener
+        self._selector = selector
+        self._opened = opened
+        self._all: dict[socket.socket, Connection] = {}
+        self._by_tag: dict[int, Connection] = {}
+        self._listening = False
+        self._finishing = False
+        self._listen()
+
+    def __len__(self) -> int:
+        return len(self._all)
+
+    def put_state(self, robot: HostSession, packet: bytes) -> None:
+        """Sends a STATE over TCP as far as the stream takes it; any thread, under the lock."""
+        connection = self._by_tag[robot.tag]
+        robot.superseded += connection.outbox.put_state(packet)
+        connection.write()
+        if connection.outbox or connection.broken:
+            self.dirty.add(connection)
+
+    def settle(self) -> None:
+        """Takes up what was left in `dirty`."""
+        with self._shared.lock:
+            dirty, self.dirty = self.dirty, set()
+        for connection in dirty:
+            self._watch(connection)
+
+    def keep_time(self, now_ns: int) -> None:
+        """Closes what has outstayed its deadline, and listens again after a pause."""
+        for connection in list(self._all.values()):
+            if connection.robot is not None:
+                if connection.robot.peer.worn:
+                    self._dismiss(connection, GoodbyeCause.RENEW, "sequence numbers used up")
+            elif connection.deadline_ns <= now_ns:
+                if not connection.finishing:
+                    text = f"{connection.origin}: connected, but did not greet within 2 s"
+                    self._shared.tell(LinkEvent("protocol_error", None, text, now_ns))
+                self._drop(connection)
+        self._listen()
+
+    def finish(self, cause: GoodbyeCause, text: str) -> None:
+        """Takes nobody in any more and says goodbye to all robots."""
+        self._finishing = True
+        self._pause()
+        for connection in list(self._all.values()):
+            if connection.robot is not None:
+                self._dismiss(connection, cause, text)
+            elif not connection.finishing:
+                self._drop(connection)
+
+    def close(self) -> None:
+        """Closes every connection."""
+        self._pause()
+        for connection in list(self._all.values()):
+            self._drop(connection)
+
+    # --- who comes
+
+    def _listen(self) -> None:
+        if not self._listening and not self._finishing:
+            self._selector.register(self._listener, READ, self._accept)
+            self._listening = True
+
+    def _pause(self) -> None:
+        if self._listening:
+            self._selector.unregister(self._listener)
+            self._listening = False
+
+    def _accept(self, _mask: int) -> None:
+        now_ns = self._shared.clock()
+        try:
+            for _ in range(STRANGERS):
+                self._welcome(*self._listener.accept(), now_ns)
+        except (BlockingIOError, InterruptedError, ConnectionError):
+            return
+        except OSError as error:
+            # Out of descriptors: the listener would be ready for ever; try again a little later.
+            self._pause()
+            text = f"cannot accept a connection: {error.strerror}"
+            self._shared.tell(LinkEvent("protocol_error", None, text, now_ns))
+
+    def _welcome(self, sock: socket.socket, address: tuple[object, ...], now_ns: int) -> None:
+        strangers = [c for c in self._all.values() if c.robot is None]
+        if len(strangers) >= STRANGERS:
+            self._drop(strangers[0])
+        connection = Connection(sock, str(address[0]), now_ns + HELLO_NS)
+        self._all[sock] = connection
+        self._selector.register(sock, READ, partial(self._serve, connection))
+
+    # --- who talks
+
+    def _serve(self, connection: Connection, mask: int) -> None:
+        if connection.sock not in self._all:
+            return  # closed earlier in this very turn
+        if mask & WRITE:
+            with self._shared.lock:
+                connection.write()
+        if mask & READ:
+            self._read(connection)
+        self._watch(connection)
+
+    def _read(self, connection: Connection) -> None:
+        if not connection.read():
+            return
+        try:
+            while not connection.finishing and (packet := connection.inbox.next()) is not None:
+                self._take(connection, packet)
+        except WireError as error:
+            self._reject(connection, error)
+
+    def _take(self, connection: Connection, packet: bytes) -> None:
+        """Acts on one packet.
+
+        Raises:
+            WireError: no robot sends this here.
+        """
+        now_ns = self._shared.clock()
+        robot = connection.robot
+        if robot is None:
+            self._greet(connection, packet, now_ns)
+            return
+        header, _ = open_packet(packet)
+        if header.type == PacketType.TELEMETRY:
+            with self._shared.lock:
+                _, events = robot.receive(packet, None, now_ns)
+            self._shared.tell_all(events)
+        elif header.type == PacketType.GOODBYE and header.session == robot.peer.session:
+            notice = decode(packet)[1]
+            assert isinstance(notice, Notice)
+            with self._shared.lock:
+                event = robot.left(notice, now_ns)
+                self._part(connection, b"", now_ns)
+            self._shared.tell(event)
+        else:
+            raise WireError(lib.VS_ERR_TYPE, "TCP")
+
+    def _greet(self, connection: Connection, packet: bytes, now_ns: int) -> None:
+        with self._shared.lock:
+            answer = self._shared.roster.greet(packet, connection.origin, now_ns)
+            robot = answer.robot
+            if robot is None:
+                self._part(connection, answer.packet, now_ns)
+            else:
+                replaced = self._by_tag.get(robot.tag)
+                if replaced is not None:
+                    self._part(replaced, answer.farewell or b"", now_ns)
+                connection.robot = robot
+                self._by_tag[robot.tag] = connection
+                connection.outbox.put(answer.packet)
+                self._opened(robot)
+        self._shared.tell(answer.event)
+
+    def _reject(self, connection: Connection, error: WireError) -> None:
+        """Ends a connection whose peer broke the protocol, and says why to a peer that has one."""
+        now_ns = self._shared.clock()
+        origin = connection.origin
+        if connection.robot is not None:
+            text = f"{connection.robot.label}: broke the protocol: {error}"
+            self._shared.tell(LinkEvent("protocol_error", connection.robot.tag, text, now_ns))
+            self._dismiss(connection, GoodbyeCause.PROTOCOL, str(error))
+        elif error.code == lib.VS_ERR_MAGIC:
+            text = f"{origin}: not a robot: {error}"
+            self._shared.tell(LinkEvent("protocol_error", None, text, now_ns))
+            self._drop(connection)
+        else:
+            answer = self._shared.roster.refuse(RefuseCode.HELLO, str(error), origin, now_ns)
+            self._part(connection, answer.packet, now_ns)
+            self._shared.tell(answer.event)
+
+    # --- who goes
+
+    def _dismiss(self, connection: Connection, cause: GoodbyeCause, text: str) -> None:
+        """Says goodbye to a robot and ends its session."""
+        robot = connection.robot
+        assert robot is not None
+        with self._shared.lock:
+            now_ns = self._shared.clock()
+            packet = robot.goodbye(cause, text, self._shared.roster.orders.run, now_ns)
+            robot.close()
+            self._part(connection, packet, now_ns)
+
+    def _part(self, connection: Connection, last: bytes, now_ns: int) -> None:
+        """Lets a connection finish with one last packet; its robot no longer talks here."""
+        if connection.robot is not None:
+            del self._by_tag[connection.robot.tag]
+        connection.finish(last, now_ns + FINISH_NS)
+        self.dirty.add(connection)
+
+    def _watch(self, connection: Connection) -> None:
+        """Has the selector wait for what the connection needs, or drops it if it is broken."""
+        if connection.sock not in self._all:
+            return
+        if connection.broken:
+            self._drop(connection)
+            return
+        mask = READ | (WRITE if connection.outbox else 0)
+        if self._selector.get_key(connection.sock).events != mask:
+            self._selector.modify(connection.sock, mask, partial(self._serve, connection))
+
+    def _drop(self, connection: Connection) -> None:
+        """Closes a connection; if a session was open on it, it ends."""
+        del self._all[connection.sock]
+        self._selector.unregister(connection.sock)
+        events: list[LinkEvent] = []
+        with self._shared.lock:
+            if (robot := connection.robot) is not None:
+                connection.robot = None
+                del self._by_tag[robot.tag]
+                events = robot.broke(connection.broken or "was closed", self._shared.clock())
+        connection.close()
+        self._shared.tell_all(events)

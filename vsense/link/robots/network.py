@@ -1,0 +1,278 @@
+"""One port number for TCP and UDP, taken whole or not at all.
+
+A robot needs to know one number, and two servers must never share it: with both halves of a
+port in different hands the swarm would listen to one host and answer another.
+
+The server's thread: one selector over TCP and UDP, and the heartbeats.
+
+It waits nowhere but in the selector, and there no longer than to the next deadline. The runtime's
+thread calls `send` for the timestep's readings, so that they leave without waiting for this one.
+"""
+
+from __future__ import annotations
+
+import errno
+import selectors
+import socket
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any
+
+from vsense.link.robots.links import FINISH_NS, READ, Connections, ServerState
+from vsense.link.robots.session import HostSession
+from vsense.link.robots.status import LinkError
+from vsense.link.robots.wire import GoodbyeCause, open_packet
+from vsense.native import WireError
+
+BACKLOG = 64
+"""Connections that the kernel keeps until they are accepted."""
+
+EPHEMERAL_TRIES = 32
+"""How often a free TCP port is given back because its UDP half is taken."""
+
+_REASONS = {
+    errno.EADDRINUSE: "is in use: another server runs there; stop it or choose another port",
+    errno.EADDRNOTAVAIL: "is not an address of this machine",
+    errno.EACCES: "needs privileges: choose a port from 1024 on",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Ports:
+    """The two non-blocking sockets of a server, both on the same port number.
+
+    Attributes:
+        tcp: the listening socket.
+        udp: the datagram socket.
+        port: their number.
+    """
+
+    tcp: socket.socket
+    udp: socket.socket
+    port: int
+
+
+def bind(host: str, port: int) -> Ports:
+    """Takes a port number on TCP and on UDP.
+
+    Args:
+        host: name or address of one of this machine's interfaces.
+        port: the number; 0 takes any that is free on both.
+
+    Raises:
+        LinkError: the host is unknown, or another program has the number on TCP or on UDP.
+    """
+    family, address = _resolve(host)
+    for _ in range(EPHEMERAL_TRIES):
+        tcp = _open(family, socket.SOCK_STREAM, address, port)
+        number = int(tcp.getsockname()[1])
+        try:
+            return Ports(tcp, _open(family, socket.SOCK_DGRAM, address, number), number)
+        except LinkError:
+            tcp.close()
+            if port != 0:
+                raise
+    raise LinkError(f"{host}: no port is free on both TCP and UDP")
+
+
+def listen(host: str, port: int) -> tuple[socket.socket, int]:
+    """Takes a port number on TCP only.
+
+    Args:
+        host: name or address of one of this machine's interfaces.
+        port: the number; 0 takes any that is free.
+
+    Returns:
+        The listening, non-blocking socket and its port number.
+
+    Raises:
+        LinkError: the host is unknown, or another program has the number.
+    """
+    family, address = _resolve(host)
+    tcp = _open(family, socket.SOCK_STREAM, address, port)
+    return tcp, int(tcp.getsockname()[1])
+
+
+def _resolve(host: str) -> tuple[int, tuple[Any, ...]]:
+    """Family and socket address of a host name; the address's second item is the port."""
+    try:
+        found = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+    except (OSError, UnicodeError) as error:
+        text = getattr(error, "strerror", None) or "not a host name"
+        raise LinkError(f"cannot listen on '{host}': {text}") from error
+    return int(found[0][0]), tuple(found[0][4])
+
+
+def _open(family: int, kind: int, address: tuple[Any, ...], port: int) -> socket.socket:
+    """Binds one non-blocking socket; a TCP socket listens.
+
+    Never SO_REUSEPORT, and SO_REUSEADDR on TCP only: there it lets a restarted server pass
+    connections in TIME_WAIT, on UDP it would let two servers share the port.
+    """
+    opened = socket.socket(family, kind)
+    try:
+        opened.setblocking(False)
+        if kind == socket.SOCK_STREAM:
+            opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        opened.bind((address[0], port, *address[2:]))
+        if kind == socket.SOCK_STREAM:
+            opened.listen(BACKLOG)
+    except OSError as error:
+        opened.close()
+        reason = _REASONS.get(error.errno or 0, f"cannot be used: {error.strerror}")
+        layer = "TCP" if kind == socket.SOCK_STREAM else "UDP"
+        raise LinkError(f"{layer} port {port} on {address[0]} {reason}") from error
+    return opened
+
+
+DATAGRAMS = 256
+"""Datagrams taken in a row before TCP and the heartbeats have their turn."""
+
+DATAGRAM_ROOM = 2048
+"""More bytes than any packet has, so that a datagram that is too long is seen to be so."""
+
+IDLE_NS = 250_000_000
+"""Longest wait in the selector: deadlines of connections are kept to this accuracy."""
+
+
+class ServerThread:
+    """The sockets of a server and the work of its thread.
+
+    Attributes:
+        strays: datagrams that belong to no open session, by reason.
+        hushed: no STATE leaves any more; everything else goes on.
+    """
+
+    def __init__(self, shared: ServerState, ports: Ports) -> None:
+        self.strays: Counter[str] = Counter()
+        self.hushed = False
+        self._shared = shared
+        self._ports = ports
+        self._due_ns = 0
+        self._ending = False
+        self._selector = selectors.DefaultSelector()
+        self._wake_in, self._wake_out = socket.socketpair()
+        self._wake_in.setblocking(False)
+        self._wake_out.setblocking(False)
+        self._selector.register(self._wake_in, READ, self._woken)
+        self._selector.register(ports.udp, READ, self._receive)
+        self._links = Connections(shared, ports.tcp, self._selector, self._opened)
+
+    # --- any thread
+
+    def send(self, robot: HostSession, now_ns: int) -> None:
+        """Sends the newest STATE to a robot with an open session; the lock is held.
+
+        Args:
+            robot: whom to.
+            now_ns: the time, read under the lock.
+        """
+        if self.hushed:
+            robot.rest(now_ns)
+            return
+        packet = robot.state(self._shared.roster.orders, now_ns)
+        by_tcp = robot.by_tcp(now_ns)
+        if robot.address is not None:
+            try:
+                self._ports.udp.sendto(packet, robot.address)
+            except OSError:
+                robot.unsent += not by_tcp
+        if by_tcp:
+            self._links.put_state(robot, packet)
+
+    def wake(self) -> None:
+        """Has the thread look at deadlines and unfinished streams at once."""
+        try:
+            self._wake_out.send(b"\0")
+        except OSError:
+            return  # full: it is about to wake; closed: it has ended
+
+    def wake_for_streams(self) -> None:
+        """As `wake`, if `send` has left a stream unfinished."""
+        if self._links.dirty:
+            self.wake()
+
+    def end(self) -> None:
+        """Has `run` return soon."""
+        self._ending = True
+        self.wake()
+
+    # --- the server's thread
+
+    def run(self) -> None:
+        """Serves until `end`."""
+        while not self._ending:
+            self.turn()
+
+    def turn(self) -> None:
+        """Waits for a socket or the next deadline, and does all that is due."""
+        wait_ns = min(max(self._due_ns - self._shared.clock(), 0), IDLE_NS)
+        for key, mask in self._selector.select(wait_ns / 1e9):
+            key.data(mask)
+        self._links.settle()
+        if self._shared.clock() >= self._due_ns:
+            self._keep_time()
+
+    def finish(self, cause: GoodbyeCause, text: str) -> None:
+        """Says goodbye to all robots and gives them a moment to read it."""
+        self._links.finish(cause, text)
+        until_ns = self._shared.clock() + FINISH_NS
+        while len(self._links) and self._shared.clock() < until_ns:
+            self.turn()
+
+    def close(self) -> None:
+        """Closes every socket."""
+        self._links.close()
+        self._selector.close()
+        for sock in (self._ports.tcp, self._ports.udp, self._wake_in, self._wake_out):
+            sock.close()
+
+    def _opened(self, robot: HostSession) -> None:
+        """The first STATE follows the WELCOME at once: who joins in mid-run waits for nothing."""
+        self.send(robot, self._shared.clock())
+        self._due_ns = 0
+
+    def _woken(self, _mask: int) -> None:
+        self._wake_in.recv(4096)
+        self._due_ns = 0
+
+    def _receive(self, _mask: int) -> None:
+        for _ in range(DATAGRAMS):
+            try:
+                datagram, source = self._ports.udp.recvfrom(DATAGRAM_ROOM)
+            except OSError:
+                return
+            self._take(datagram, source, self._shared.clock())
+
+    def _take(self, datagram: bytes, source: tuple[object, ...], now_ns: int) -> None:
+        """Gives a datagram to the robot whose session it names; answers a new address at once."""
+        try:
+            header, _ = open_packet(datagram)
+        except WireError as error:
+            self.strays[error.name] += 1
+            return
+        with self._shared.lock:
+            robot = self._shared.roster.of_session(header.session)
+            if robot is None:
+                self.strays["VS_ERR_SESSION"] += 1
+                return
+            _, events = robot.receive(datagram, source, now_ns)
+            if robot.due_ns <= now_ns:
+                self.send(robot, self._shared.clock())
+        self._shared.tell_all(events)
+
+    def _keep_time(self) -> None:
+        """Sends what is due, notices silence, and finds the next deadline."""
+        now_ns = self._shared.clock()
+        due_ns = now_ns + IDLE_NS
+        for robot in self._shared.roster.robots.values():
+            with self._shared.lock:
+                if not robot.open:
+                    continue
+                events = robot.tick(now_ns)
+                if robot.due_ns <= now_ns:
+                    self.send(robot, self._shared.clock())
+                due_ns = min(due_ns, robot.due_ns)
+            self._shared.tell_all(events)
+        self._links.keep_time(now_ns)
+        self._due_ns = due_ns

@@ -1,0 +1,307 @@
+"""The host's view of one robot: sequences, acceptance filter, counters, echoes (`vs_peer.h`).
+
+Whether a robot is there, and whether UDP reaches it: judged from times alone.
+
+Two kinds of silence look alike at first: a robot that is gone, and one whose datagrams are
+blocked. The second is told from the first by what still comes over TCP; and a robot that has
+just been welcomed may spend a whole second on trying UDP before TCP says anything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from vsense.link.robots.status import EventKind
+from vsense.link.robots.table import Direction, Table
+from vsense.link.robots.wire import (
+    DATAGRAM_MAX,
+    NEVER_US,
+    TELEMETRY_FIELDS,
+    Header,
+    Hello,
+    Notice,
+    Output,
+    Telemetry,
+    Values,
+    Wanted,
+    Welcome,
+    encode,
+    header_of,
+    header_to,
+)
+from vsense.native import WireError, ffi, lib
+
+DROPS = (
+    "malformed",
+    "checksum",
+    "body",
+    "foreign_type",
+    "foreign_session",
+    "foreign_table",
+    "foreign_run",
+    "older",
+    "repeated",
+)
+"""Reasons for dropping a packet: received = accepted + the sum of these."""
+
+SEQUENCE_RESERVE = 1000
+"""Sequence numbers that are kept for the time between noticing that they run out and the end."""
+
+
+class Peer:
+    """One robot's bookkeeping over all its sessions; its counters never go down.
+
+    Attributes:
+        last_drop: name of the error why the newest dropped packet was dropped, "" before.
+    """
+
+    def __init__(self) -> None:
+        self._peer = ffi.new("struct vs_peer *")
+        lib.vs_peer_init(self._peer)
+        self._table = Table()
+        self._sensors: list[tuple[int, int]] = []
+        self._header = ffi.new("struct vs_header *")
+        self._state = ffi.new("struct vs_state *")
+        self._payload = ffi.buffer(self._state.payload)
+        self._telemetry = ffi.new("struct vs_telemetry *")
+        self._output = Output(DATAGRAM_MAX)
+        self.last_drop = ""
+
+    def open(self, session: int, table: Table, hello_send_ns: int, now_ns: int) -> None:
+        """Opens a session.
+
+        Args:
+            session: its number, not 0, never used before by this host.
+            table: the sensor table of WELCOME.
+            hello_send_ns: send time in the HELLO's header, the robot's clock.
+            now_ns: when the HELLO came, host's clock.
+        """
+        self._table = table
+        self._sensors = [(offset, size) for _, offset, size in table.of_direction(Direction.SENSOR)]
+        lib.vs_peer_open(self._peer, session, table.hash, hello_send_ns, now_ns)
+
+    def close(self) -> None:
+        """Ends the session: every packet is foreign from now on."""
+        lib.vs_peer_close(self._peer)
+
+    def encode(self, header: Header, message: Hello | Welcome | Notice, now_ns: int) -> bytes:
+        """Makes a packet for TCP; session, table hash, times and flags are filled in.
+
+        Raises:
+            WireError: a field of the message is outside its range.
+        """
+        stamped = header_to(header)
+        lib.vs_peer_stamp(self._peer, now_ns, stamped)
+        return encode(header_of(stamped), message)
+
+    def send_state(
+        self,
+        run: int,
+        timestep: int,
+        capture_ns: int,
+        wanted: Wanted,
+        from_timestep: int,
+        values: Values,
+        now_ns: int,
+    ) -> bytes:
+        """Makes the next STATE packet; send the same bytes on every path it is to take.
+
+        Args:
+            run: number of the run, never goes down.
+            timestep: of the arena state.
+            capture_ns: when the arena was seen, host's clock.
+            wanted: the wanted run state, for ever repeated.
+            from_timestep: the robot runs from this timestep on, while RUN is wanted.
+            values: the sensors' values in the table's order.
+            now_ns: host's clock.
+
+        Raises:
+            WireError: no session is open, or VS_ERR_SEQUENCE: renew the session.
+            ValueError: the values do not fit the table.
+        """
+        self._put_values(values, capture_ns)
+        self._state.wanted = wanted
+        self._state.from_timestep = from_timestep
+        header = self._header
+        header.run, header.timestep, header.capture_ns = run, timestep, capture_ns
+        code = lib.vs_peer_send_state(
+            self._peer, self._table.cdata, header, self._state, now_ns, *self._output.arguments
+        )
+        return self._output.take(code)
+
+    def _put_values(self, values: Values, capture_ns: int) -> None:
+        if len(values) != len(self._sensors):
+            raise ValueError(f"{len(values)} values for {len(self._sensors)} sensors")
+        for rank, ((offset, size), (payload, value_ns)) in enumerate(zip(self._sensors, values)):
+            if len(payload) != size:
+                raise ValueError(f"sensor {rank}: {len(payload)} bytes, expected {size}")
+            self._payload[offset : offset + size] = payload
+            self._state.older_us[rank] = older_us(capture_ns, value_ns)
+
+    def receive_telemetry(
+        self, packet: bytes, udp: bool, now_ns: int
+    ) -> tuple[Header, Telemetry] | None:
+        """Passes one whole packet through the acceptance filter; None if it was dropped.
+
+        Args:
+            packet: a datagram, or what `packet_length` framed on TCP.
+            udp: which of the two it was.
+            now_ns: host's clock.
+        """
+        via = lib.VS_VIA_UDP if udp else lib.VS_VIA_TCP
+        data = ffi.from_buffer(packet)
+        code = lib.vs_peer_receive_telemetry(
+            self._peer,
+            self._table.cdata,
+            via,
+            data,
+            len(packet),
+            now_ns,
+            self._header,
+            self._telemetry,
+        )
+        if code < 0:
+            self.last_drop = WireError(code).name
+            return None
+        payload = bytes(ffi.buffer(self._telemetry.payload, self._table.cdata.actuator_bytes))
+        return header_of(self._header), telemetry_of(self._telemetry, payload)
+
+    def udp_silent(self, now_ns: int) -> bool:
+        """Whether no datagram of the open session was heard for 1 s."""
+        return bool(lib.vs_peer_udp_silent(self._peer, now_ns))
+
+    def over_tcp(self, now_ns: int) -> bool:
+        """Whether state must go over TCP as well as UDP: either end hears no UDP."""
+        return bool(lib.vs_peer_over_tcp(self._peer, now_ns))
+
+    @property
+    def session(self) -> int:
+        """Number of the open session, 0 if none is."""
+        return int(self._peer.session)
+
+    @property
+    def udp_heard(self) -> bool:
+        """Whether a datagram of the open session has come."""
+        return bool(self._peer.udp_heard)
+
+    @property
+    def heard_ns(self) -> int:
+        """When the newest accepted packet (or the greeting) came, host's clock."""
+        return int(self._peer.rx_ns)
+
+    @property
+    def worn(self) -> bool:
+        """Whether the session has hardly a sequence number left: it must be renewed."""
+        return bool(self._peer.tx_sequence > lib.VS_SEQUENCE_MAX - SEQUENCE_RESERVE)
+
+    @property
+    def sent(self) -> int:
+        """STATE packets made so far."""
+        return int(self._peer.counters.sent)
+
+    @property
+    def received(self) -> int:
+        """Packets that came, good or bad."""
+        return int(self._peer.counters.received)
+
+    @property
+    def accepted(self) -> int:
+        """Packets that passed the filter."""
+        return int(self._peer.counters.accepted)
+
+    @property
+    def dropped(self) -> Mapping[str, int]:
+        """Packets that did not, by reason (`DROPS`)."""
+        return {name: int(getattr(self._peer.counters, name)) for name in DROPS}
+
+
+def older_us(capture_ns: int, value_ns: int) -> int:
+    """How much older than the header's capture time a value is, as STATE says it [us].
+
+    Args:
+        capture_ns: the header's.
+        value_ns: the value's, negative if it was never measured.
+    """
+    if value_ns < 0:
+        return NEVER_US
+    return min(max(capture_ns - value_ns, 0) // 1000, NEVER_US - 1)
+
+
+def telemetry_of(cdata: Any, payload: bytes) -> Telemetry:
+    """Copies a `struct vs_telemetry`."""
+    return Telemetry(**{name: getattr(cdata, name) for name in TELEMETRY_FIELDS}, payload=payload)
+
+
+SILENCE_NS = 1_000_000_000
+"""A robot that was not heard for this long is lost, and its tag is free for another one."""
+
+Change = tuple[EventKind, str]
+"""What has changed, and how to say it."""
+
+
+class Presence:
+    """What is known of one robot's being there, over all its sessions.
+
+    Attributes:
+        since_ns: when the newest session opened, host's clock; None before the first.
+        heard_ns: when the newest valid packet came, same clock.
+        lost: the open session has fallen silent, and that was told.
+        left: the robot said goodbye after its newest session.
+    """
+
+    def __init__(self) -> None:
+        self.since_ns: int | None = None
+        self.heard_ns: int | None = None
+        self.lost = False
+        self.left = False
+        self._udp = True
+
+    def open(self, now_ns: int) -> None:
+        """A session opens."""
+        self.since_ns = self.heard_ns = now_ns
+        self.lost = self.left = False
+        self._udp = True
+
+    def holds(self, now_ns: int) -> bool:
+        """Whether the robot holds its tag against others: it was just heard and did not leave."""
+        return not self.left and self._recent(now_ns)
+
+    def hear(self, peer: Peer, now_ns: int) -> list[Change]:
+        """A packet of the open session was accepted."""
+        self.heard_ns = now_ns
+        changes: list[Change] = [("back", "heard again")] if self.lost else []
+        self.lost = False
+        return changes + self._watch_udp(peer, now_ns)
+
+    def tick(self, peer: Peer, now_ns: int) -> list[Change]:
+        """Time has passed in the open session."""
+        if self.lost:
+            return []
+        changes = self._watch_udp(peer, now_ns)
+        if now_ns - self._counted_from_ns(peer) >= SILENCE_NS:
+            self.lost = True
+            changes.append(("lost", "nothing heard for 1 s"))
+        return changes
+
+    def _recent(self, now_ns: int) -> bool:
+        return self.heard_ns is not None and now_ns - self.heard_ns < SILENCE_NS
+
+    def _counted_from_ns(self, peer: Peer) -> int:
+        """Since when silence counts: the first second belongs to the attempt at UDP."""
+        assert self.heard_ns is not None and self.since_ns is not None
+        if peer.udp_heard:
+            return self.heard_ns
+        return max(self.heard_ns, self.since_ns + SILENCE_NS)
+
+    def _watch_udp(self, peer: Peer, now_ns: int) -> list[Change]:
+        udp = not peer.over_tcp(now_ns)
+        if udp == self._udp:
+            return []
+        if not udp and peer.udp_heard and not self._recent(now_ns):
+            return []  # silent on every way: that is another matter
+        self._udp = udp
+        if udp:
+            return [("udp_back", "UDP works again")]
+        who = "no UDP from it" if peer.udp_silent(now_ns) else "it hears no UDP from us"
+        return [("no_udp", f"{who} for 1 s: state goes over TCP")]

@@ -1,0 +1,144 @@
+"""Who may join: the expected robots, their sessions, and the answer to every greeting; sans-I/O."""
+
+from __future__ import annotations
+
+import hashlib
+import secrets
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from vsense.link.robots.session import HostSession, Orders
+from vsense.link.robots.status import LinkEvent, cut_text
+from vsense.link.robots.table import Table
+from vsense.link.robots.wire import (
+    GoodbyeCause,
+    Header,
+    Hello,
+    Notice,
+    PacketType,
+    RefuseCode,
+    Welcome,
+    decode,
+    encode,
+)
+from vsense.native import WireError, lib
+
+TAKEN_OVER = "the same robot opened a newer session"
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What follows from a greeting.
+
+    Attributes:
+        robot: whose session is open now; None if the greeting is refused.
+        packet: WELCOME or REFUSE.
+        farewell: GOODBYE for the connection of the session that this one replaces.
+        event: what to tell.
+    """
+
+    robot: HostSession | None
+    packet: bytes
+    farewell: bytes | None
+    event: LinkEvent
+
+
+class Roster:
+    """The robots of the experiment.
+
+    Attributes:
+        robots: every expected robot by its tag; never changes.
+        orders: what the host wants of all robots.
+    """
+
+    def __init__(
+        self,
+        expected: Mapping[int, str],
+        table: Table,
+        timestep_ns: int,
+        seed: int,
+        params: str,
+        draw: Callable[[], int] = lambda: secrets.randbits(32),
+    ) -> None:
+        """Sets the roster up.
+
+        Args:
+            expected: names in the experiment by tag.
+            table: the sensor table that every robot gets.
+            timestep_ns: length of a timestep, whole microseconds of it are told.
+            seed: of the run; every robot gets one of its own made from it.
+            params: lines "key=value\\n" for the controllers.
+            draw: source of session numbers: uniform 32-bit numbers.
+
+        Raises:
+            WireError: params or timestep do not fit a WELCOME.
+        """
+        self.robots = {tag: HostSession(tag, name, table) for tag, name in expected.items()}
+        self.orders = Orders()
+        self._table = table
+        self._timestep_us = timestep_ns // 1000
+        self._seed = seed
+        self._params = params
+        self._draw = draw
+        self._by_session: dict[int, HostSession] = {}
+        encode(Header(PacketType.WELCOME, session=1, table_hash=table.hash), self._welcome(0))
+
+    def of_session(self, session: int) -> HostSession | None:
+        """The robot whose open session has this number."""
+        robot = self._by_session.get(session)
+        return robot if robot is not None and robot.peer.session == session else None
+
+    def greet(self, packet: bytes, origin: str, now_ns: int) -> Answer:
+        """Answers the first packet of a connection.
+
+        Args:
+            packet: a whole packet.
+            origin: where it came from, for people.
+            now_ns: when it came, host's clock.
+
+        Raises:
+            WireError: it is no valid HELLO.
+        """
+        header, hello = decode(packet)
+        if not isinstance(hello, Hello):
+            raise WireError(lib.VS_ERR_TYPE, "first packet of a connection")
+        robot = self.robots.get(hello.tag)
+        if robot is None:
+            known = ", ".join(map(str, sorted(self.robots))) or "none"
+            text = f"tag {hello.tag} is not in this experiment; expected: {known}"
+            return self.refuse(RefuseCode.TAG_UNKNOWN, text, origin, now_ns, hello.tag)
+        if robot.taken_from(hello.uid, now_ns):
+            text = f"tag {hello.tag} is in use by another robot, which was heard within 1 s"
+            return self.refuse(RefuseCode.TAG_IN_USE, text, origin, now_ns, hello.tag)
+        farewell = None
+        if robot.open:
+            run = self.orders.run
+            farewell = robot.goodbye(GoodbyeCause.TAKEN_OVER, TAKEN_OVER, run, now_ns)
+        event = robot.greet(self._number(), hello, header, origin, now_ns)
+        self._by_session = {r.peer.session: r for r in self.robots.values() if r.open}
+        answer = robot.welcome(self._welcome(hello.tag), self.orders, now_ns)
+        return Answer(robot, answer, farewell, event)
+
+    def refuse(
+        self, code: RefuseCode, text: str, origin: str, now_ns: int, tag: int | None = None
+    ) -> Answer:
+        """Turns a connection away, and says so at both ends."""
+        event = LinkEvent("refused", tag, f"refused a robot from {origin}: {text}", now_ns)
+        header = Header(PacketType.REFUSE, send_ns=now_ns)
+        return Answer(None, encode(header, Notice(code, cut_text(text))), None, event)
+
+    def _number(self) -> int:
+        """A session number that no session had lately: chance must not repeat one of these."""
+        while (number := self._draw()) == 0 or number in self._by_session:
+            pass
+        return number
+
+    def _welcome(self, tag: int) -> Welcome:
+        seed, nonce = robot_seed(self._seed, tag), secrets.randbits(64)
+        return Welcome(self._table, self._timestep_us, seed, self._params, nonce)
+
+
+def robot_seed(seed: int, tag: int) -> int:
+    """Seed of one robot's controller, made from that of the run: 32 bits."""
+    digest = hashlib.blake2b(f"{seed}/{tag}".encode(), digest_size=4).digest()
+    return int.from_bytes(digest, "little")

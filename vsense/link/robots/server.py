@@ -1,0 +1,235 @@
+"""The virtual sensor server: the host's side of the link to all robots.
+
+Readings leave in the caller's thread, in the very timestep in which they were made; a thread of
+the server's own listens, answers, and repeats the newest STATE to every robot at least every
+50 ms. One robot's trouble is never another's.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+from vsense.link.robots import network as ports
+from vsense.link.robots.links import ServerState
+from vsense.link.robots.network import ServerThread
+from vsense.link.robots.roster import Roster
+from vsense.link.robots.session import Orders
+from vsense.link.robots.status import ActuatorReport, LinkError, LinkEvent, RobotStatus, Teller
+from vsense.link.robots.table import Table
+from vsense.link.robots.wire import GoodbyeCause, Values, Wanted
+
+__all__ = ["LinkError", "LinkEvent", "RobotStatus", "VirtualSensorServer"]
+
+JOIN_S = 5.0
+"""How long `close` waits for the thread; it needs half a second at most."""
+
+
+class VirtualSensorServer:
+    """Sessions with all robots of an experiment. Its methods may be called by any thread."""
+
+    _network: ServerThread | None = None
+    _thread: threading.Thread | None = None
+    _failure: BaseException | None = None
+
+    def __init__(
+        self,
+        *,
+        host: str,
+        port: int,
+        table: Table,
+        timestep_ns: int,
+        seed: int,
+        params: str,
+        expected: Mapping[int, str],
+        on_event: Callable[[LinkEvent], None],
+        clock: Callable[[], int] = time.monotonic_ns,
+        calendar: Callable[[], float] = time.time,
+    ) -> None:
+        """Prepares a server; nothing is opened before `start`.
+
+        Args:
+            host: name or address of the interface to listen on.
+            port: number for TCP and UDP; 0 takes any that is free on both.
+            table: the sensor table.
+            timestep_ns: length of a timestep.
+            seed: of the run; each robot's controller gets one of its own made from it.
+            params: lines "key=value\\n" for the controllers.
+            expected: the robots' names in the experiment, by tag.
+            on_event: called from the server's thread; must not wait, nor call `close`.
+            clock: the host's monotonic clock [ns].
+            calendar: seconds since 1970. The first run's number is taken from it, so that the
+                robots of a host that died never take its successor's run for the one before.
+
+        Raises:
+            WireError: params or timestep do not fit the protocol.
+        """
+        self._host, self._port = host, port
+        self._roster = Roster(expected, table, timestep_ns, seed, params)
+        self._roster.orders = Orders(int(calendar()))
+        self._lock = threading.Lock()
+        self._clock = clock
+        self._shared = ServerState(self._roster, self._lock, clock, Teller(on_event).tell)
+        self._goodbye = (GoodbyeCause.END, "")
+
+    def start(self) -> int:
+        """Takes the port on TCP and UDP and begins to serve.
+
+        Returns:
+            The port's number.
+
+        Raises:
+            LinkError: another server has the port, or the host is not this machine's.
+        """
+        if self._thread is not None:
+            raise LinkError("the virtual sensor server was started already")
+        bound = ports.bind(self._host, self._port)
+        self._network = ServerThread(self._shared, bound)
+        self._thread = threading.Thread(target=self._serve, name="vsense-link", daemon=True)
+        self._thread.start()
+        return bound.port
+
+    def publish(self, timestep: int, capture_ns: int, values: Mapping[int, Values]) -> int:
+        """Sends the readings of a timestep to every robot, now and without waiting for any.
+
+        Args:
+            timestep: of the arena state.
+            capture_ns: when the arena was seen, host's clock.
+            values: by tag, the readings in the table's order. A robot that is not in it is sent
+                its last readings again, with their own capture times.
+
+        Returns:
+            When the last packet had left, host's clock [ns].
+
+        Raises:
+            LinkError: the server has not been started, or its thread has failed.
+            ValueError: readings do not fit the table.
+        """
+        network = self._running()
+        for tag, robot in self._roster.robots.items():
+            with self._lock:
+                robot.hold(timestep, capture_ns, values.get(tag))
+                if robot.open:
+                    network.send(robot, self._clock())
+        network.wake_for_streams()
+        return self._clock()
+
+    def command(self, wanted: Wanted, from_timestep: int = 0) -> None:
+        """Sets what every robot shall do, until the next command; it leaves at once.
+
+        Args:
+            wanted: run state. STOP leaves three times, 10 ms apart.
+            from_timestep: with RUN, the first timestep in which the robots run.
+
+        Raises:
+            LinkError: the server has not been started, or its thread has failed.
+        """
+        network = self._running()
+        with self._lock:
+            orders = replace(self._roster.orders, wanted=wanted, from_timestep=from_timestep)
+            self._roster.orders = orders
+        self._send_orders(network, repeat=wanted == Wanted.STOP)
+
+    def new_run(self) -> int:
+        """Begins a new run: all robots idle, no reading measured yet.
+
+        Returns:
+            The run's number.
+
+        Raises:
+            LinkError: the server has not been started, or its thread has failed.
+        """
+        network = self._running()
+        with self._lock:
+            self._roster.orders = Orders(self._roster.orders.run + 1)
+            for robot in self._roster.robots.values():
+                robot.forget()
+        self._send_orders(network)
+        return self._roster.orders.run
+
+    def hush(self, hushed: bool = True) -> None:
+        """Sends no STATE any more, so that the robots' telemetry can catch up with all sent.
+
+        To be called after STOP: to the robots it is the silence of a dead host.
+
+        Args:
+            hushed: False: sends again.
+
+        Raises:
+            LinkError: the server has not been started, or its thread has failed.
+        """
+        self._running().hushed = hushed
+
+    def robots(self) -> dict[int, RobotStatus]:
+        """A snapshot of every expected robot, by tag."""
+        found = {}
+        for tag, robot in self._roster.robots.items():
+            with self._lock:
+                found[tag] = robot.status(self._clock())
+        return found
+
+    def reports(self) -> dict[int, ActuatorReport]:
+        """What the robots' virtual actuators say in the present run, by tag.
+
+        A robot is missing in it as long as nothing that it said counts: before its first report,
+        without a session, and `reports.LIFE_NS` after its newest control step.
+        """
+        found = {}
+        with self._lock:
+            run, now_ns = self._roster.orders.run, self._clock()
+            for tag, robot in self._roster.robots.items():
+                report = robot.report(run, now_ns)
+                if report is not None:
+                    found[tag] = report
+        return found
+
+    def strays(self) -> dict[str, int]:
+        """Datagrams that belonged to no session, by the reason's name in C."""
+        return dict(self._network.strays) if self._network is not None else {}
+
+    def close(
+        self, cause: GoodbyeCause = GoodbyeCause.END, text: str = "the host has ended"
+    ) -> None:
+        """Says goodbye to every robot and closes everything; safe to call again.
+
+        Args:
+            cause: for programs.
+            text: for people, one line.
+        """
+        if self._network is None or self._thread is None:
+            return
+        self._goodbye = (cause, text)
+        self._network.end()
+        self._thread.join(JOIN_S)
+
+    def _running(self) -> ServerThread:
+        if self._failure is not None:
+            raise LinkError(f"the link to the robots has failed: {self._failure!r}")
+        if self._network is None:
+            raise LinkError("the virtual sensor server has not been started")
+        return self._network
+
+    def _send_orders(self, network: ServerThread, repeat: bool = False) -> None:
+        for robot in self._roster.robots.values():
+            with self._lock:
+                if robot.open:
+                    now_ns = self._clock()
+                    network.send(robot, now_ns)
+                    if repeat:
+                        robot.repeat_stop(now_ns)
+        network.wake()
+
+    def _serve(self) -> None:
+        """The thread. A failure here is a fault of ours: it is kept for the next caller."""
+        network = self._network
+        assert network is not None
+        try:
+            network.run()
+            network.finish(*self._goodbye)
+        except BaseException as error:
+            self._failure = error
+            raise
+        finally:
+            network.close()

@@ -1,0 +1,194 @@
+"""What the robots' virtual actuators say, as far as the host may still act on it; sans-I/O.
+
+What the virtual sensor server tells the rest of the host: events, robots' status, errors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from vsense.errors import VsenseError
+from vsense.link.robots.wire import TEXT_MAX, Header, Telemetry
+
+LIFE_NS = 1_000_000_000
+"""A report counts while its robot's controller acts: this long after the newest control step that
+the host has heard of."""
+
+
+@dataclass(frozen=True, slots=True)
+class ActuatorReport:
+    """The newest report of one robot.
+
+    Attributes:
+        uid: who reports: another robot with the same tag has counters of its own.
+        payload: the actuators' block, in the sensor table's order.
+    """
+
+    uid: bytes
+    payload: bytes
+
+
+class Reporter:
+    """One robot's reports in one session.
+
+    Packets that were repeated, came too late, belong to another session or were made for another
+    table never get here: the acceptance filter has dropped them.
+    """
+
+    def __init__(self) -> None:
+        self._uid = b""
+        self._newest: tuple[int, Telemetry] | None = None
+        self._control_step: int | None = None
+        self._acted_ns = 0
+
+    def open(self, uid: bytes) -> None:
+        """A session opens: what the robot said in the one before is forgotten."""
+        self._uid, self._newest, self._control_step = uid, None, None
+
+    def close(self) -> None:
+        """The session ends."""
+        self._newest = None
+
+    def take(self, header: Header, telemetry: Telemetry, now_ns: int) -> None:
+        """Takes accepted telemetry that came at now_ns, host's clock."""
+        self._newest = header.run, telemetry
+        if telemetry.control_step != self._control_step:
+            self._control_step, self._acted_ns = telemetry.control_step, now_ns
+
+    def report(self, run: int, now_ns: int) -> ActuatorReport | None:
+        """Gives the robot's report.
+
+        Args:
+            run: number of the present run.
+            now_ns: host's clock.
+
+        Returns:
+            The report; None if there is none of this run, or none that still counts.
+        """
+        if self._newest is None or now_ns - self._acted_ns >= LIFE_NS:
+            return None
+        of_run, telemetry = self._newest
+        return ActuatorReport(self._uid, telemetry.payload) if of_run == run else None
+
+
+EventKind = Literal[
+    "connected",
+    "reconnected",
+    "takeover",
+    "refused",
+    "lost",
+    "back",
+    "no_udp",
+    "udp_back",
+    "goodbye",
+    "protocol_error",
+]
+
+REPEAT_NS = 10_000_000_000
+"""The same refusal or protocol error is told again only after this long."""
+
+REPEAT_ENTRIES = 256
+"""Different refusals and protocol errors that are remembered at a time."""
+
+
+class LinkError(VsenseError):
+    """The link to the robots cannot be opened, or has failed."""
+
+
+@dataclass(frozen=True, slots=True)
+class LinkEvent:
+    """Something that a person watching the link wants to know.
+
+    Attributes:
+        kind: what happened. `connected`: first session of the robot; `reconnected`: a session
+            after an earlier one ended or fell silent; `takeover`: the same robot opened a new
+            session while the old one still talked; `refused`: a greeting was turned down;
+            `lost`: nothing heard for 1 s, or the connection broke; `back`: heard again in the
+            same session; `no_udp`, `udp_back`: state goes over TCP, no longer does;
+            `goodbye`: the robot ended its session; `protocol_error`: bytes that no robot sends.
+        tag: the robot's tag; None where it is not known.
+        text: one line for a person.
+        time_ns: host's monotonic clock.
+    """
+
+    kind: EventKind
+    tag: int | None
+    text: str
+    time_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class RobotStatus:
+    """One expected robot, as of one moment. Counters never go down over its sessions.
+
+    Attributes:
+        tag: number on the robot's marker.
+        name: the robot's name in the experiment.
+        connected: a session is open and was heard within 1 s.
+        uid: 16 bytes, who the robot is; None before its first session.
+        controller: name of the controller that runs on it.
+        version: of its software; empty before its first session.
+        hash: of the controller's source; empty where nobody knows.
+        since_ns: when the newest session opened, host's monotonic clock; None before the first.
+        heard_ns: when its newest valid packet came, same clock.
+        udp: state travels over UDP both ways; False in the TCP fallback or without a session.
+        telemetry: newest accepted telemetry of the robot; None before the first.
+        sessions: sessions opened so far; the robot reconnected one time less.
+        sent: STATE packets sent.
+        superseded: of these, replaced by a newer one while they waited for a slow TCP stream.
+        unsent: of these, refused by the kernel on their only way.
+        received: telemetry packets that arrived, good or bad.
+        accepted: telemetry packets that were taken.
+        dropped: by reason, how many were not; `received` is `accepted` plus all of these.
+    """
+
+    tag: int
+    name: str
+    connected: bool
+    uid: bytes | None
+    controller: str
+    version: str
+    hash: str
+    since_ns: int | None
+    heard_ns: int | None
+    udp: bool
+    telemetry: Telemetry | None
+    sessions: int
+    sent: int
+    superseded: int
+    unsent: int
+    received: int
+    accepted: int
+    dropped: Mapping[str, int]
+
+
+class Teller:
+    """Passes events on, but repeats itself only now and then.
+
+    A robot that is refused tries again every second, and anybody can send garbage: told each
+    time, they would bury what matters.
+    """
+
+    def __init__(self, on_event: Callable[[LinkEvent], None]) -> None:
+        self._on_event = on_event
+        self._told: dict[tuple[str, str], int] = {}
+
+    def tell(self, event: LinkEvent) -> None:
+        """Calls `on_event`, unless it heard the same complaint less than `REPEAT_NS` ago."""
+        if event.kind in ("refused", "protocol_error"):
+            key = (event.kind, event.text)
+            told_ns = self._told.get(key)
+            if told_ns is not None and event.time_ns - told_ns < REPEAT_NS:
+                return
+            if len(self._told) >= REPEAT_ENTRIES:
+                self._told.clear()
+            self._told[key] = event.time_ns
+        self._on_event(event)
+
+
+def cut_text(text: str) -> str:
+    """Shortens a line to what REFUSE and GOODBYE can carry."""
+    data = text.encode()
+    return text if len(data) <= TEXT_MAX else data[:TEXT_MAX].decode(errors="ignore")

@@ -1,0 +1,198 @@
+"""One robot's TCP stream without its socket: bytes in, packets out, and the other way round.
+
+What comes in is cut into packets and bounded by one packet; what goes out is a few packets in
+order and, of STATE, the newest only: a slow stream holds old readings nowhere but in the
+kernel, and never more than a handful of kilobytes here.
+
+One accepted TCP connection: a non-blocking socket with its inbox and outbox.
+
+No method waits, and no trouble of the socket leaves this module as an exception: it comes back
+as a reason in words, so that one robot's broken connection is one robot's event.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+from collections import deque
+
+from vsense.link.robots.session import HostSession
+from vsense.link.robots.wire import DATAGRAM_MAX, PACKET_MAX, packet_length
+
+
+class Inbox:
+    """Cuts received bytes into packets, however the network chunked them."""
+
+    def __init__(self) -> None:
+        self._bytes = bytearray()
+
+    @property
+    def room(self) -> int:
+        """How many bytes may be fed before the next packet is taken out, at least 1."""
+        return PACKET_MAX - len(self._bytes)
+
+    def feed(self, data: bytes) -> None:
+        """Appends received bytes, at most `room` of them."""
+        if len(data) > self.room:
+            raise ValueError(f"{len(data)} bytes for an inbox with room for {self.room}")
+        self._bytes += data
+
+    def next(self) -> bytes | None:
+        """Takes the next whole packet out, or returns None until more bytes have come.
+
+        Raises:
+            WireError: the bytes are no vsense packet; the stream is lost.
+        """
+        length = packet_length(self._bytes)
+        if length is None or length > len(self._bytes):
+            return None
+        packet = bytes(self._bytes[:length])
+        del self._bytes[:length]
+        return packet
+
+
+class Outbox:
+    """What is still to be written: packets in order, and after them the newest STATE."""
+
+    def __init__(self) -> None:
+        self._current = memoryview(b"")
+        self._ordered: deque[bytes] = deque()
+        self._state: bytes | None = None
+
+    def put(self, packet: bytes) -> None:
+        """Adds a packet that must arrive: WELCOME, REFUSE or GOODBYE, one of each at most."""
+        self._ordered.append(packet)
+
+    def put_state(self, packet: bytes) -> bool:
+        """Adds the newest STATE; says whether it replaces one that had not begun to leave."""
+        replaced = self._state is not None
+        self._state = packet
+        return replaced
+
+    def drop_state(self) -> None:
+        """Forgets a STATE that has not begun to leave: nothing may follow a GOODBYE."""
+        self._state = None
+
+    def chunk(self) -> memoryview:
+        """The bytes to write next: the rest of the packet in hand, or a new one; empty if none.
+
+        A packet that has begun to leave is finished first, so a partial write never tears it.
+        """
+        if not self._current:
+            if self._ordered:
+                self._current = memoryview(self._ordered.popleft())
+            elif self._state is not None:
+                self._current, self._state = memoryview(self._state), None
+        return self._current
+
+    def wrote(self, count: int) -> None:
+        """Says how many bytes of the last `chunk` the kernel took."""
+        self._current = self._current[count:]
+
+    def __bool__(self) -> bool:
+        """Whether anything is left to write."""
+        return bool(self._current) or bool(self._ordered) or self._state is not None
+
+
+SEND_BUFFER = 16_384
+"""Bytes that the kernel may hold for a slow peer: with more, old readings would pile up there."""
+
+DISCARD = 4096
+"""Bytes that are read and thrown away at a time, once the host has ended the conversation."""
+
+
+def prepare(sock: socket.socket, most_unsent: int) -> None:
+    """Makes an accepted socket one that never waits and holds little of what is old.
+
+    Args:
+        sock: the socket.
+        most_unsent: bytes that may wait unsent in the kernel before it takes no more.
+    """
+    sock.setblocking(False)
+    with contextlib.suppress(OSError):
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, most_unsent)
+
+
+class Connection:
+    """A robot's TCP connection, or that of somebody who has not greeted yet.
+
+    Attributes:
+        sock: the socket.
+        origin: the peer's address without its port, for people.
+        inbox: received bytes.
+        outbox: what is still to be written.
+        robot: whose session this carries; None before the greeting and after the session's end.
+        deadline_ns: while robot is None, when the connection is closed at the latest.
+        finishing: nothing but the outbox leaves any more, and what comes is thrown away.
+        broken: why the socket can no longer be used, "" while it can.
+    """
+
+    def __init__(self, sock: socket.socket, origin: str, deadline_ns: int) -> None:
+        self.sock = sock
+        self.origin = origin
+        self.inbox = Inbox()
+        self.outbox = Outbox()
+        self.robot: HostSession | None = None
+        self.deadline_ns = deadline_ns
+        self.finishing = False
+        self.broken = ""
+        # At most one STATE waits unsent in the kernel; a newer one replaces it here, not there.
+        prepare(sock, DATAGRAM_MAX)
+
+    def read(self) -> bool:
+        """Moves what has come into the inbox, one system call's worth; sets `broken` at the end.
+
+        Returns:
+            Whether there is anything new in the inbox.
+        """
+        try:
+            data = self.sock.recv(DISCARD if self.finishing else self.inbox.room)
+        except (BlockingIOError, InterruptedError):
+            return False
+        except OSError as error:
+            self.broken = f"broke: {error.strerror}"
+            return False
+        if not data:
+            self.broken = "was closed"
+            return False
+        if not self.finishing:
+            self.inbox.feed(data)
+        return not self.finishing
+
+    def write(self) -> None:
+        """Writes as much of the outbox as the kernel takes now; sets `broken` on an error."""
+        if self.broken:
+            return
+        try:
+            while chunk := self.outbox.chunk():
+                self.outbox.wrote(self.sock.send(chunk))
+            if self.finishing:
+                self.sock.shutdown(socket.SHUT_WR)
+        except (BlockingIOError, InterruptedError):
+            return
+        except OSError as error:
+            self.broken = f"broke: {error.strerror}"
+
+    def finish(self, last: bytes, deadline_ns: int) -> None:
+        """Ends the conversation: one last packet, then the end of the stream.
+
+        The socket stays open until the peer has closed its side, so that unread bytes of the
+        peer do not make the kernel reset the connection before the last packet was read.
+
+        Args:
+            last: REFUSE or GOODBYE; may be empty.
+            deadline_ns: when it is closed even if the peer keeps it open.
+        """
+        self.robot = None
+        self.finishing = True
+        self.deadline_ns = deadline_ns
+        self.outbox.drop_state()
+        if last:
+            self.outbox.put(last)
+        self.write()
+
+    def close(self) -> None:
+        """Closes the socket."""
+        self.sock.close()

@@ -1,0 +1,300 @@
+"""Packets of protocol version 1 as Python values; every byte of them is made and read in C.
+
+`c_src/PROTOCOL.md` specifies them. Times are integer ns, each of the clock that its field names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from enum import IntEnum
+from typing import Any
+
+from vsense.link.robots.table import Table
+from vsense.native import check, ffi, lib
+
+PACKET_MAX: int = lib.VS_PACKET_MAX
+DATAGRAM_MAX: int = lib.VS_DATAGRAM_MAX
+TEXT_MAX: int = lib.VS_TEXT_MAX
+NEVER_US: int = lib.VS_NEVER_US
+"""Age of a value that was never measured."""
+
+Values = Sequence[tuple[bytes, int]]
+"""One robot's readings in the table's order: payload, capture time (ns, host's; < 0: never)."""
+
+
+class PacketType(IntEnum):
+    """What a packet is."""
+
+    HELLO = lib.VS_HELLO
+    WELCOME = lib.VS_WELCOME
+    REFUSE = lib.VS_REFUSE
+    GOODBYE = lib.VS_GOODBYE
+    STATE = lib.VS_STATE
+    TELEMETRY = lib.VS_TELEMETRY
+
+
+class Wanted(IntEnum):
+    """Run state, wanted by the host and actual on the robot."""
+
+    IDLE = lib.VS_IDLE
+    RUN = lib.VS_RUN
+    PAUSE = lib.VS_PAUSE
+    STOP = lib.VS_STOP
+
+
+class RefuseCode(IntEnum):
+    """Why the host gives a robot no session."""
+
+    TAG_IN_USE = lib.VS_REFUSE_TAG_IN_USE
+    TAG_UNKNOWN = lib.VS_REFUSE_TAG_UNKNOWN
+    FULL = lib.VS_REFUSE_FULL
+    HELLO = lib.VS_REFUSE_HELLO
+
+
+class GoodbyeCause(IntEnum):
+    """Why a session ends."""
+
+    END = lib.VS_BYE_END
+    TAKEN_OVER = lib.VS_BYE_TAKEN_OVER
+    SILENT = lib.VS_BYE_SILENT
+    RENEW = lib.VS_BYE_RENEW
+    PROTOCOL = lib.VS_BYE_PROTOCOL
+    BASE = lib.VS_BYE_BASE
+
+
+class StopCause(IntEnum):
+    """Why a robot's wheels are held at 0. A newer robot may send a number that is not here."""
+
+    NONE = lib.VS_CAUSE_NONE
+    WANTED = lib.VS_CAUSE_WANTED
+    NO_SESSION = lib.VS_CAUSE_NO_SESSION
+    STALE = lib.VS_CAUSE_STALE
+    NO_BEAT = lib.VS_CAUSE_NO_BEAT
+    BASE = lib.VS_CAUSE_BASE
+    GUARD = lib.VS_CAUSE_GUARD
+    SIGNAL = lib.VS_CAUSE_SIGNAL
+
+
+@dataclass(frozen=True, slots=True)
+class Header:
+    """A packet's header; `struct vs_header` in `c_src/vs_wire.h` explains the fields."""
+
+    type: int
+    flags: int = 0
+    length: int = 0
+    session: int = 0
+    sequence: int = 0
+    run: int = 0
+    timestep: int = 0
+    capture_ns: int = 0
+    send_ns: int = 0
+    echo_ns: int = 0
+    hold_us: int = 0
+    table_hash: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Hello:
+    """A robot's greeting.
+
+    Attributes:
+        uid: 16 bytes, who the robot is, for good.
+        tag: marker on its back.
+        name, controller: for people; as all texts here, at most 31 bytes of UTF-8.
+        version, hash: of the robot's software, and of the controller's source, if known.
+        nonce, capabilities: reserved for authentication; none defined yet.
+    """
+
+    uid: bytes
+    tag: int
+    name: str
+    controller: str
+    version: str = ""
+    hash: str = ""
+    nonce: int = 0
+    capabilities: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Welcome:
+    """The host's answer: a session.
+
+    Attributes:
+        table: the sensor table.
+        timestep_us: [us] length of a timestep, at least 1.
+        seed: of this robot's controller.
+        params: lines "key=value\\n" for the controller, at most 512 bytes of UTF-8.
+        nonce: reserved for authentication.
+    """
+
+    table: Table
+    timestep_us: int
+    seed: int = 0
+    params: str = ""
+    nonce: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """REFUSE or GOODBYE: why, for programs and, in at most 200 bytes of UTF-8, for people."""
+
+    code: int
+    text: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Telemetry:
+    """What a robot reports; `struct vs_telemetry` in `c_src/vs_body.h` explains the fields.
+
+    Attributes:
+        payload: the actuators' block in the table's order: levels or cumulative counters.
+    """
+
+    state: int = Wanted.IDLE
+    wanted: int = Wanted.IDLE
+    stop_cause: int = StopCause.NONE
+    battery_low: int = lib.VS_BATTERY_UNKNOWN
+    wanted_run: int = 0
+    control_step: int = 0
+    left_steps_s: int = 0
+    right_steps_s: int = 0
+    leds: int = 0
+    battery_mv: int = 0
+    received: int = 0
+    old: int = 0
+    foreign: int = 0
+    corrupt: int = 0
+    base_errors: int = 0
+    guard_restarts: int = 0
+    clock_bound_us: int = NEVER_US
+    payload: bytes = b""
+
+
+HELLO_PLAIN = ("uid", "tag", "nonce", "capabilities")
+HELLO_TEXTS = ("name", "controller", "version", "hash")
+HEADER_FIELDS = tuple(field.name for field in fields(Header))
+TELEMETRY_FIELDS = tuple(field.name for field in fields(Telemetry))[:-1]
+
+
+def packet_length(data: bytes | bytearray) -> int | None:
+    """Frames a stream: length of the packet that data begins with; None if too little came.
+
+    Raises:
+        WireError: data does not begin with a packet; the stream is lost.
+    """
+    length = ffi.new("size_t *")
+    code = lib.vs_packet_length(ffi.from_buffer(data), len(data), length)
+    if code == lib.VS_ERR_SHORT:
+        return None
+    check(code)
+    return int(length[0])
+
+
+def open_packet(packet: bytes) -> tuple[Header, bytes]:
+    """Checks the frame of one whole packet and gives its header and body.
+
+    Raises:
+        WireError: it is no valid packet.
+    """
+    header = ffi.new("struct vs_header *")
+    body = ffi.new("const uint8_t **")
+    length = ffi.new("size_t *")
+    data = ffi.from_buffer(packet)
+    check(lib.vs_packet_open(data, len(packet), header, body, length))
+    return header_of(header), bytes(ffi.buffer(body[0], length[0]))
+
+
+def header_of(cdata: Any) -> Header:
+    """Copies a `struct vs_header`."""
+    return Header(*[getattr(cdata, name) for name in HEADER_FIELDS])
+
+
+def header_to(header: Header) -> Any:
+    """Makes a `struct vs_header`."""
+    return ffi.new("struct vs_header *", {name: getattr(header, name) for name in HEADER_FIELDS})
+
+
+def encode(header: Header, message: Hello | Welcome | Notice) -> bytes:
+    """Makes one packet for TCP; the type of a Notice is the header's.
+
+    Raises:
+        WireError: a field of the message is outside its range.
+    """
+    out = Output(PACKET_MAX)
+    head = header_to(header)
+    if isinstance(message, Notice):
+        notice = ffi.new("struct vs_notice *", {"code": message.code})
+        put_text(notice.text, message.text)
+        return out.take(lib.vs_encode_notice(head, notice, *out.arguments))
+    if isinstance(message, Hello):
+        hello = ffi.new("struct vs_hello *", {n: getattr(message, n) for n in HELLO_PLAIN})
+        for name in HELLO_TEXTS:
+            put_text(getattr(hello, name), getattr(message, name))
+        return out.take(lib.vs_encode_hello(head, hello, *out.arguments))
+    welcome = ffi.new("struct vs_welcome *")
+    welcome.nonce, welcome.seed = message.nonce, message.seed
+    welcome.timestep_us = message.timestep_us
+    welcome.table = message.table.cdata[0]
+    put_text(welcome.params, message.params)
+    return out.take(lib.vs_encode_welcome(head, welcome, *out.arguments))
+
+
+def decode(packet: bytes) -> tuple[Header, Hello | Welcome | Notice]:
+    """Reads one packet of those that travel on TCP only.
+
+    Raises:
+        WireError: the packet or its body is not valid, or it is STATE or TELEMETRY.
+    """
+    header, body = open_packet(packet)
+    if header.type == PacketType.HELLO:
+        hello = ffi.new("struct vs_hello *")
+        check(lib.vs_decode_hello(body, len(body), hello), "HELLO")
+        known: dict[str, Any] = {n: text_of(getattr(hello, n)) for n in HELLO_TEXTS}
+        known |= {n: getattr(hello, n) for n in HELLO_PLAIN} | {"uid": bytes(hello.uid)}
+        return header, Hello(**known)
+    if header.type == PacketType.WELCOME:
+        welcome = ffi.new("struct vs_welcome *")
+        check(lib.vs_decode_welcome(body, len(body), welcome), "WELCOME")
+        table, params = Table.of(ffi.addressof(welcome, "table")), text_of(welcome.params)
+        return header, Welcome(table, welcome.timestep_us, welcome.seed, params, welcome.nonce)
+    if header.type in (PacketType.REFUSE, PacketType.GOODBYE):
+        notice = ffi.new("struct vs_notice *")
+        check(lib.vs_decode_notice(header.type, body, len(body), notice))
+        return header, Notice(notice.code, text_of(notice.text))
+    return header, check(lib.VS_ERR_TYPE)  # type: ignore[return-value]
+
+
+def text_of(cdata: Any) -> str:
+    """Reads a zero-terminated text that C has checked."""
+    return str(ffi.string(cdata).decode())
+
+
+def put_text(cdata: Any, text: str) -> None:
+    """Writes a text into a C array of characters; the encoder checks its contents.
+
+    Raises:
+        WireError: it is longer than the array.
+    """
+    data = text.encode(errors="surrogatepass")
+    if len(data) >= len(cdata):
+        check(lib.VS_ERR_TEXT, repr(text))
+    ffi.memmove(cdata, data + b"\0", len(data) + 1)
+
+
+class Output:
+    """A C buffer that one packet is encoded into.
+
+    Attributes:
+        arguments: buffer, its size and where the length goes: the last three of every encoder.
+    """
+
+    def __init__(self, size: int) -> None:
+        self._buf = ffi.new("uint8_t[]", size)
+        self._length = ffi.new("size_t *")
+        self.arguments = (self._buf, size, self._length)
+
+    def take(self, code: int) -> bytes:
+        """The packet, or the encoder's error."""
+        check(code)
+        return bytes(ffi.buffer(self._buf, self._length[0]))

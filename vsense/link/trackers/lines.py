@@ -1,0 +1,385 @@
+"""The JSON-lines link: arena states from any other tracker, over TCP. For users: TRACKERS.md.
+
+The tracker connects to vsense and writes one JSON object per line (UTF-8, ended by a line feed,
+at most 1 MiB), one line per timestep:
+
+    {"timestep": 17, "capture_ns": 81234567890123, "send_ns": 81234601234567, "robots": [
+      {"tag": 23, "x_m": 0.512, "y_m": -0.103, "yaw_rad": 1.5708}]}
+
+(on one line). `timestep` grows from line to line. `capture_ns` is the middle of the exposure and
+`send_ns` when the line was written, both on a clock of the tracker's that never jumps, whatever
+its zero; without `send_ns` the quickest line is taken to have needed no time. Places are in m and
+headings in rad in the arena frame, counter-clockwise, 0 along +x. A robot with `"seen": false` is
+as good as left out, and members that are not named here are ignored, so
+
+    vsense track resources.xml experiment.xml | nc HOST PORT
+
+works. In Python a tracker is
+
+    link = socket.create_connection((host, port))
+    for n in itertools.count():
+        picture, capture_ns = camera.take()
+        robots = [{"tag": t, "x_m": x, "y_m": y, "yaw_rad": a} for t, x, y, a in find(picture)]
+        line = {"timestep": n, "capture_ns": capture_ns, "robots": robots}
+        link.sendall(json.dumps(line | {"send_ns": time.monotonic_ns()}).encode() + b"\n")
+
+A line that is no such object is dropped and answered with one line of its own,
+`{"line": 3, "error": "robots[0].x_m is 'a', expected a number"}`; the next line is good again.
+One tracker is listened to at a time; a new one takes over where the old one fell silent for 1 s.
+
+The receiving end of the JSON-lines link (`arena_lines`): any other tracker as a source.
+
+It never waits anywhere but in `next`, and there in the kernel; it needs no thread of its own.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import select
+import socket
+import threading
+import time
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from vsense.arena import ArenaState, Frame
+from vsense.link.robots.network import listen
+from vsense.link.robots.status import LinkError
+from vsense.link.trackers.protocol import ROBOTS_MAX, TrackerReport
+from vsense.link.trackers.repair import Repair
+
+LINE_MAX = 1_048_576
+
+_DRIFT_PER_MILLION = 250
+_WHOLE_MAX = 2**62
+_PLACE_MAX_M = 10_000.0
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One timestep as the tracker wrote it; times on the tracker's clock."""
+
+    timestep: int
+    capture_ns: int
+    send_ns: int
+    robots: tuple[TrackerReport, ...]
+
+
+def parse(text: bytes) -> Line:
+    """Reads one line without its end.
+
+    Raises:
+        LinkError: it is no such line; the message names the member, what is there, and what
+            was expected.
+    """
+    try:
+        values = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise LinkError(f"no JSON: {error}") from None
+    if not isinstance(values, dict):
+        raise LinkError("expected one object with timestep, capture_ns and robots")
+    capture_ns = _whole(values, "capture_ns", "")
+    robots = values.get("robots")
+    if not isinstance(robots, list) or len(robots) > ROBOTS_MAX:
+        raise LinkError(f"robots is {_show(robots)}, expected a list of at most {ROBOTS_MAX}")
+    found = (_robot(robot, f"robots[{place}]") for place, robot in enumerate(robots))
+    return Line(
+        timestep=_whole(values, "timestep", ""),
+        capture_ns=capture_ns,
+        send_ns=_whole(values, "send_ns", "") if "send_ns" in values else capture_ns,
+        robots=tuple(report for report in found if report is not None),
+    )
+
+
+def _robot(value: object, where: str) -> TrackerReport | None:
+    """Reads one robot; None where the tracker says that it does not see it."""
+    if not isinstance(value, dict):
+        raise LinkError(f"{where} is {_show(value)}, expected an object")
+    seen = value.get("seen", True)
+    if not isinstance(seen, bool):
+        raise LinkError(f"{where}.seen is {_show(seen)}, expected true or false")
+    tag = _whole(value, "tag", f"{where}.")
+    x_m, y_m = (_real(value, name, f"{where}.") for name in ("x_m", "y_m"))
+    turn = _real(value, "yaw_rad", f"{where}.")
+    return TrackerReport(tag, x_m, y_m, math.pi - (math.pi - turn) % math.tau) if seen else None
+
+
+def _whole(values: dict[str, Any], name: str, where: str) -> int:
+    value = values.get(name)
+    if type(value) is not int or not 0 <= value <= _WHOLE_MAX:
+        raise LinkError(f"{where}{name} is {_show(value)}, expected a whole number from 0")
+    return value
+
+
+def _real(values: dict[str, Any], name: str, where: str) -> float:
+    value = values.get(name)
+    if type(value) not in (int, float) or not abs(value) <= _PLACE_MAX_M:  # type: ignore[arg-type]
+        raise LinkError(f"{where}{name} is {_show(value)}, expected a number")
+    return float(value)  # type: ignore[arg-type]
+
+
+def _show(value: object) -> str:
+    """A value as an error shows it."""
+    if value is None:
+        return "missing"
+    text = repr(value)
+    return text if len(text) <= 40 else f"{text[:37]}..."
+
+
+class LineInbox:
+    """Cuts received bytes into lines, however the network chunked them, in bounded memory."""
+
+    def __init__(self) -> None:
+        self._bytes = bytearray()
+        self._number = 0
+        self._skipping = False
+
+    def feed(self, data: bytes) -> list[tuple[int, bytes | None]]:
+        """Takes bytes in; gives the whole lines with their numbers, from 1; None: too long."""
+        found: list[tuple[int, bytes | None]] = []
+        *ended, rest = data.split(b"\n")
+        for part in ended:
+            self._number += 1
+            self._grow(part)
+            found.append((self._number, None if self._skipping else bytes(self._bytes)))
+            self._bytes.clear()
+            self._skipping = False
+        self._grow(rest)
+        return found
+
+    def _grow(self, part: bytes) -> None:
+        if len(self._bytes) + len(part) > LINE_MAX:
+            self._bytes.clear()
+            self._skipping = True
+        elif not self._skipping:
+            self._bytes += part
+
+
+class SenderClock:
+    """Turns times of another clock into the host's, by the line that was the quickest."""
+
+    def __init__(self) -> None:
+        self._offset_ns: int | None = None
+        self._at_ns = 0
+
+    def host_ns(self, line: Line, arrived_ns: int) -> int:
+        """Gives a line's capture time on the host's clock; never later than its arrival."""
+        offset_ns = arrived_ns - line.send_ns
+        # An old offset loses its worth: the two clocks may drift apart.
+        worth_ns = (arrived_ns - self._at_ns) * _DRIFT_PER_MILLION // 1_000_000
+        if self._offset_ns is None or offset_ns <= self._offset_ns + worth_ns:
+            self._offset_ns, self._at_ns = offset_ns, arrived_ns
+        return min(line.capture_ns + self._offset_ns, arrived_ns)
+
+
+SILENCE_NS = 1_000_000_000
+"""A tracker that writes nothing for this long has to make room for another."""
+TOLD_MAX = 3
+"""Bad lines of one connection that a person is told of; the tracker is told of all."""
+
+_JUMP_MAX = 100_000
+_CHUNK = 65_536
+
+
+@dataclass(slots=True)
+class ListenerCounters:
+    """What happened on the link so far.
+
+    Attributes:
+        states: arena states taken.
+        skipped: of these, not given out because a newer one was there already.
+        bad_lines: lines that were none.
+        connections: trackers that were listened to.
+        refused: trackers that were sent away because another one was writing.
+    """
+
+    states: int = 0
+    skipped: int = 0
+    bad_lines: int = 0
+    connections: int = 0
+    refused: int = 0
+
+
+class _Tracker:
+    """The tracker that is being listened to."""
+
+    def __init__(self, sock: socket.socket, origin: str, now_ns: int) -> None:
+        self.sock = sock
+        self.origin = origin
+        self.heard_ns = now_ns
+        self.inbox = LineInbox()
+        self.clock = SenderClock()
+        self.timestep: int | None = None
+        self.told = 0
+
+
+class ArenaListener:
+    """A source of arena states; `next` belongs to one thread, `close` to any."""
+
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        tags: Collection[int],
+        tell: Callable[[str], None],
+        clock: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        """Takes the port.
+
+        Args:
+            host: name or address of the interface to listen on.
+            port: its number; 0 takes any that is free.
+            tags: the tags of the experiment.
+            tell: takes a line for a person; must not wait.
+            clock: the host's monotonic clock [ns].
+
+        Raises:
+            LinkError: the host is unknown, or the port is taken.
+        """
+        self._listener, self.port = listen(host, port)
+        self.counters = ListenerCounters()
+        self.repair = Repair(tags)
+        self._tell = tell
+        self._clock = clock
+        self._busy = threading.Lock()
+        self._closed = False
+        self._tracker: _Tracker | None = None
+        self._timestep = -1
+        self._capture_ns = 0
+        self._wake_in, self._wake_out = socket.socketpair()
+        self._wake_out.setblocking(False)
+
+    def start_run(self) -> None:
+        """The link has no runs: a tracker writes as long as it is connected."""
+
+    def stop_run(self) -> None:
+        """See `start_run`."""
+
+    def next(self, timeout_s: float) -> tuple[ArenaState, Sequence[Frame]]:
+        """Waits for the newest arena state.
+
+        Returns:
+            The state, with a timestep greater than all before, and no pictures.
+
+        Raises:
+            LinkError: no state came in time, or `close` was called.
+        """
+        with self._busy:
+            deadline_ns = self._clock() + round(timeout_s * 1e9)
+            while not self._closed:
+                left_ns = deadline_ns - self._clock()
+                if left_ns <= 0:
+                    who = self._tracker.origin if self._tracker else f"port {self.port}"
+                    raise LinkError(f"tracker on {who}: no arena state in {timeout_s:g} s")
+                state = self._wait(left_ns)
+                if state is not None:
+                    return state, ()
+        raise LinkError(f"tracker on port {self.port}: the link is closed")
+
+    def close(self) -> None:
+        """Ends a `next` that waits, and the connection; can be called again."""
+        self._closed = True
+        with contextlib.suppress(OSError):
+            self._wake_out.send(b"\0")
+        with self._busy:
+            self._let_go("")
+            for sock in (self._listener, self._wake_in, self._wake_out):
+                sock.close()
+
+    def _wait(self, left_ns: int) -> ArenaState | None:
+        """Waits for a socket and does what is due; gives the newest state that came."""
+        poll = select.poll()
+        tracker = self._tracker
+        for sock in (self._wake_in, self._listener, *([tracker.sock] if tracker else [])):
+            poll.register(sock, select.POLLIN)
+        ready = {descriptor for descriptor, _ in poll.poll(-(-left_ns // 1_000_000))}
+        state = None
+        if tracker is not None and tracker.sock.fileno() in ready:
+            state = self._read(tracker)
+        if self._listener.fileno() in ready:
+            self._accept()
+        return state
+
+    def _accept(self) -> None:
+        try:
+            sock, address = self._listener.accept()
+        except OSError:
+            return
+        sock.setblocking(False)
+        origin, now_ns = str(address[0]), self._clock()
+        if self._tracker is not None and now_ns - self._tracker.heard_ns < SILENCE_NS:
+            self.counters.refused += 1
+            _answer(sock, {"error": f"a tracker on {self._tracker.origin} is writing already"})
+            sock.close()
+            self._tell(f"tracker on {origin}: refused, one on {self._tracker.origin} is writing")
+            return
+        self._let_go("has fallen silent, another one takes over")
+        self._tracker = _Tracker(sock, origin, now_ns)
+        self.counters.connections += 1
+        self._tell(f"tracker on {origin}: connected")
+
+    def _read(self, tracker: _Tracker) -> ArenaState | None:
+        """Takes all that has come and gives the newest state."""
+        try:
+            data = tracker.sock.recv(_CHUNK)
+        except (BlockingIOError, InterruptedError):
+            return None
+        except OSError as error:
+            self._let_go(f"is gone: {error.strerror}")
+            return None
+        if not data:
+            self._let_go("has closed the connection")
+            return None
+        tracker.heard_ns = self._clock()
+        newest = None
+        for number, text in tracker.inbox.feed(data):
+            try:
+                state = self._take(tracker, text)
+            except LinkError as error:
+                self._complain(tracker, number, str(error))
+                continue
+            self.counters.skipped += newest is not None and state is not None
+            newest = state or newest
+        return newest
+
+    def _take(self, tracker: _Tracker, text: bytes | None) -> ArenaState | None:
+        """Makes an arena state of a line; None of an empty one."""
+        if text is None:
+            raise LinkError(f"longer than {LINE_MAX} bytes")
+        if not text.strip():
+            return None
+        line = parse(text)
+        step = 1 if tracker.timestep is None else line.timestep - tracker.timestep
+        if not 1 <= step <= _JUMP_MAX:
+            raise LinkError(f"timestep is {line.timestep} after {tracker.timestep}, expected more")
+        tracker.timestep = line.timestep
+        self._timestep += step
+        # A line that was quicker than all before moves the clock, but never time back.
+        mapped_ns = tracker.clock.host_ns(line, tracker.heard_ns)
+        self._capture_ns = max(self._capture_ns, mapped_ns)
+        self.counters.states += 1
+        return self.repair.update(line.robots, self._timestep, self._capture_ns)
+
+    def _complain(self, tracker: _Tracker, number: int, error: str) -> None:
+        self.counters.bad_lines += 1
+        tracker.told += 1
+        _answer(tracker.sock, {"line": number, "error": error})
+        if tracker.told <= TOLD_MAX:
+            more = " (more of this is only counted)" if tracker.told == TOLD_MAX else ""
+            self._tell(f"tracker on {tracker.origin}: line {number}: {error}{more}")
+
+    def _let_go(self, reason: str) -> None:
+        tracker, self._tracker = self._tracker, None
+        if tracker is not None:
+            tracker.sock.close()
+            if reason:
+                self._tell(f"tracker on {tracker.origin} {reason}")
+
+
+def _answer(sock: socket.socket, values: dict[str, object]) -> None:
+    """Writes one line, if the tracker reads; one that does not read misses it."""
+    with contextlib.suppress(OSError):
+        sock.send(json.dumps(values).encode() + b"\n")

@@ -1,0 +1,309 @@
+"""The tracking server's side of one conversation, without its socket: commands in, states out.
+
+The arena tracking server: hands the arena state to clients of the original system.
+
+Thesis, 2.3.2; the protocol is that of `arena_wire`. One client after another is served; whoever
+connects meanwhile waits in the kernel's queue, as with the original. A thread of the server's own
+listens and answers; the tracker's thread calls `publish`, which never waits for a client.
+"""
+
+from __future__ import annotations
+
+import socket
+import struct
+import threading
+import time
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.arena import ArenaState
+from vsense.link.listening import Client, ListeningServer
+from vsense.link.robots.streams import Outbox
+from vsense.link.trackers.protocol import COMMAND_SIZE, END, TrackerCommand, encode_state
+
+Locate = Callable[[NDArray[np.void]], NDArray[np.float64]]
+"""Gives for (n,) POSE the (n, 3) poses in pictures: x and y in px, the angle in degrees."""
+
+WRONG_MAX = 8
+"""Unknown commands until the peer is taken to be something else than a client."""
+WAITING_MAX = 64
+"""Answers that may wait for a client that asks without reading."""
+
+
+class ArenaSession:
+    """One client: what it has asked for, and what still has to be sent to it.
+
+    Attributes:
+        outbox: what is still to be written.
+        running: between START_EXPERIMENT and STOP_EXPERIMENT.
+        timestep: of the run, from 1; 0 outside of one and before its first state.
+        superseded: states of this run that were replaced by a newer one before they could leave.
+        refused: why the conversation must end, "" while it can go on.
+    """
+
+    def __init__(self, locate: Locate, tell: Callable[[str], None]) -> None:
+        """Begins a conversation.
+
+        Args:
+            locate: gives robots' poses in the pictures.
+            tell: takes a line for a person.
+        """
+        self.outbox = Outbox()
+        self.running = False
+        self.timestep = 0
+        self.superseded = 0
+        self.refused = ""
+        self._locate = locate
+        self._tell = tell
+        self._bytes = bytearray()
+        self._asked = 0
+        self._wrong = 0
+        self._answers = 0
+        self._first: int | None = None
+
+    def receive(self, data: bytes, newest: ArenaState | None) -> None:
+        """Takes bytes of the client in.
+
+        Args:
+            data: the bytes, chunked as they came.
+            newest: what ONE_SHOT is answered with; None before the first arena state.
+        """
+        self._bytes += data
+        while len(self._bytes) >= COMMAND_SIZE and not self.refused:
+            (number,) = struct.unpack_from(">I", self._bytes)
+            del self._bytes[:COMMAND_SIZE]
+            self._obey(number, newest)
+
+    def publish(self, state: ArenaState) -> None:
+        """Answers what waits for a state, and in a run adds this one to the stream."""
+        if self.running:
+            if self._first is None:
+                self._first = state.timestep
+            self.timestep = state.timestep - self._first + 1
+        while self._asked:
+            self._asked -= 1
+            self._answer(state)
+        if self.running:
+            self.superseded += self.outbox.put_state(self._encode(state))
+
+    def end_run(self) -> None:
+        """Ends a run from the server's side; nothing happens outside of one.
+
+        Length 0 leaves here only: the original's client takes it for the end of the experiment
+        and would end its next one if it followed STOP_EXPERIMENT.
+        """
+        if self.running:
+            self._stop()
+            self.outbox.put(END)
+
+    def _obey(self, number: int, newest: ArenaState | None) -> None:
+        if number == TrackerCommand.ONE_SHOT:
+            self._one_shot(newest)
+        elif number == TrackerCommand.START_EXPERIMENT:
+            if self.running:
+                self._tell("START_EXPERIMENT in a run: the run goes on")
+                return
+            self.running, self.timestep, self._first, self.superseded = True, 0, None, 0
+            self._tell("the run has started")
+        elif number == TrackerCommand.STOP_EXPERIMENT:
+            if self.running:
+                self._stop()
+        else:
+            self._wrong += 1
+            self._tell(f"command {number} is not known, expected 0, 1 or 2; it is ignored")
+            if self._wrong >= WRONG_MAX:
+                self.refused = "sends too many unknown commands to be a client"
+
+    def _one_shot(self, newest: ArenaState | None) -> None:
+        if not self.outbox:
+            self._answers = 0
+        if self._asked + self._answers >= WAITING_MAX:
+            self.refused = "asks for states and does not read them"
+        elif newest is None:
+            self._asked += 1
+        else:
+            self._answer(newest)
+
+    def _answer(self, state: ArenaState) -> None:
+        self._answers += 1
+        self.outbox.put(self._encode(state))
+
+    def _stop(self) -> None:
+        lost = f", {self.superseded} of them too fast for the client" if self.superseded else ""
+        self._tell(f"the run has ended after {self.timestep} timesteps{lost}")
+        self.running, self.timestep = False, 0
+        self.outbox.drop_state()
+
+    def _encode(self, state: ArenaState) -> bytes:
+        return encode_state(self.timestep, state.robots, self._locate(state.robots))
+
+
+STUCK_NS = 10_000_000_000
+"""A client that takes nothing of what waits for it for this long is gone."""
+
+_KEEPALIVE = (5, 2)
+
+
+class _Served(Client):
+    """The client that is being served, and its session."""
+
+    def __init__(self, sock: socket.socket, origin: str, session: ArenaSession, now_ns: int):
+        super().__init__(sock, session.outbox, STUCK_NS, _KEEPALIVE, now_ns)
+        self.origin = origin
+        self.session = session
+
+
+class ArenaServer(ListeningServer):
+    """Serves arena states; its methods may be called by any thread."""
+
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        locate: Locate,
+        tell: Callable[[str], None],
+        clock: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        """Takes the port; nobody is answered before `start`.
+
+        Args:
+            host: name or address of the interface to listen on.
+            port: its number; 0 takes any that is free.
+            locate: gives robots' poses in the pictures.
+            tell: takes a line for a person; must not wait, nor call the server.
+            clock: the host's monotonic clock [ns].
+
+        Raises:
+            LinkError: the host is unknown, or the port is taken.
+        """
+        super().__init__("the arena tracking server", host, port, clock)
+        self._locate = locate
+        self._tell = tell
+        self._change = threading.Condition(self._lock)
+        self._newest: ArenaState | None = None
+        self._client: _Served | None = None
+
+    def publish(self, state: ArenaState) -> None:
+        """Makes a state the newest and has it sent to a client in a run; never waits for one.
+
+        Raises:
+            LinkError: the server's thread has failed.
+        """
+        self._check()
+        unsent = False
+        with self._lock:
+            self._newest = state
+            if self._client is not None:
+                self._client.session.publish(state)
+                self._client.write(self._clock())
+                unsent = bool(self._client.session.outbox)
+        if unsent:
+            self._wake()
+
+    def forget(self) -> None:
+        """Drops the newest state: ONE_SHOT waits for the next one."""
+        with self._lock:
+            self._newest = None
+
+    @property
+    def running(self) -> bool:
+        """Whether a client is in a run."""
+        with self._lock:
+            return self._is_running()
+
+    @property
+    def timestep(self) -> int:
+        """The run's newest timestep, 0 outside of a run."""
+        with self._lock:
+            return self._client.session.timestep if self._client is not None else 0
+
+    @property
+    def client(self) -> str:
+        """Address of the client that is being served, "" without one."""
+        with self._lock:
+            return self._client.origin if self._client is not None else ""
+
+    def wait_for_run(self, timeout_s: float) -> bool:
+        """Waits until a client starts a run; says whether one is on."""
+        with self._change:
+            self._change.wait_for(lambda: self._is_running() or self._ending, timeout_s)
+            return self._is_running()
+
+    def end_run(self) -> None:
+        """Tells a client in a run that the run is over: a recording has come to its end.
+
+        ONE_SHOT waits for the next state then, which is the beginning of another one.
+        """
+        with self._change:
+            self._newest = None
+            if self._client is not None:
+                self._client.session.end_run()
+                self._change.notify_all()
+        self._wake()
+
+    def close(self) -> None:
+        """Ends the client's run and closes everything; can be called again."""
+        with self._change:
+            if self._client is not None:
+                self._client.session.end_run()
+            self._ending = True
+            self._change.notify_all()
+        self._join()
+
+    def _is_running(self) -> bool:
+        return self._client is not None and self._client.session.running
+
+    # --- the server's thread
+
+    def _greet(self, sock: socket.socket, origin: str) -> None:
+        with self._change:
+            session = ArenaSession(self._locate, lambda text: self._tell(f"{origin}: {text}"))
+            self._client = _Served(sock, origin, session, self._clock())
+            # The next client is accepted when this one has gone.
+            self._listen(False)
+            self._admit(self._client)
+        self._tell(f"{origin} has connected")
+
+    def _hear(self, client: _Served) -> None:
+        """Takes commands of the client in; finds out whether it has gone."""
+        data, lost = client.read()
+        if not data and not lost:
+            return
+        with self._change:
+            client.session.receive(data, self._newest)
+            if lost or client.session.refused:
+                self._drop(lost or client.session.refused)
+            self._change.notify_all()
+
+    def _settle(self) -> None:
+        """Writes what waits and listens for what has to be waited for; the lock is held."""
+        client = self._client
+        if client is None:
+            return
+        lost = client.write(self._clock())
+        if lost:
+            self._drop(lost)
+        else:
+            self._await(client, bool(client.session.outbox))
+
+    def _let_go(self) -> None:
+        self._drop("")
+
+    def _drop(self, reason: str) -> None:
+        """Lets the client go and listens for the next one; the lock is held."""
+        client, self._client = self._client, None
+        if client is None:
+            return
+        if client.session.running:
+            reason += f" in timestep {client.session.timestep} of a run"
+        if reason:
+            self._tell(f"{client.origin} {reason}")
+        self._dismiss(client)
+        self._listen(True)
+        self._change.notify_all()
+
+    def _unsent(self) -> bool:
+        with self._lock:
+            return self._client is not None and bool(self._client.session.outbox)

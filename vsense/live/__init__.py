@@ -1,0 +1,1 @@
+"""Real cameras and robots: what vsense run, track and serve do."""

@@ -1,0 +1,246 @@
+"""Where a run takes its arena states from: cameras of our own, a recording, or another tracker."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Protocol
+
+from vsense.arena import ArenaState, Frame
+from vsense.cameras.grabber import GrabberError, NoMorePictures
+from vsense.config import tracking_session
+from vsense.config.specs import Experiment
+from vsense.config.tracker_address import JsonLinesTracker, TrackerAddress
+from vsense.config.tracking_specs import TrackingSession
+from vsense.errors import UsageError
+from vsense.link.robots.status import LinkError
+from vsense.link.trackers.client import ArenaClient, TrackerEnded
+from vsense.link.trackers.lines import ArenaListener
+from vsense.live.cameras import CameraSource, RecordingSource
+from vsense.run.runtime import Pace
+from vsense.run.watch import ArenaSource
+
+Tell = Callable[[str], None]
+"""Takes a line for a person, from any thread; does not wait."""
+
+
+class ClosableSource(ArenaSource, Protocol):
+    """A source that holds sockets, cameras or files."""
+
+    def close(self) -> None:
+        """Ends a `next` that waits and lets everything go; can be called again."""
+
+
+class SteadySource:
+    """A source that goes on: silence is no failure, and timesteps are as long as they should be.
+
+    Attributes:
+        kind: "cameras", "recording", "original" or "lines".
+        name: where the states come from, for people.
+        own: cameras of our own, or recordings in their place; None: somebody else tracks.
+    """
+
+    def __init__(
+        self,
+        kind: str,
+        name: str,
+        source: ClosableSource,
+        timestep_ns: int,
+        figures: Callable[[], Mapping[str, int]],
+        own: CameraSource | None = None,
+    ) -> None:
+        """Takes a source over.
+
+        Args:
+            kind: see the class.
+            name: see the class.
+            source: gives the states, at a rate of its own.
+            timestep_ns: length of the experiment's timestep.
+            figures: gives the source's counters.
+            own: see the class.
+        """
+        self.kind = kind
+        self.name = name
+        self.own = own
+        self._source = source
+        self._pace = Pace(timestep_ns)
+        self._figures = figures
+        self._closed = False
+
+    def next(self, timeout_s: float) -> tuple[ArenaState, Sequence[Frame]]:
+        """Waits for the arena state that begins the next timestep, however long that takes.
+
+        Args:
+            timeout_s: so long without a state is trouble that the source sees to.
+
+        Returns:
+            The state with the timestep's number, and the pictures that it was made from.
+
+        Raises:
+            NoMorePictures: a recording has come to its end.
+            TrackerEnded: the tracker has ended the run.
+            VsenseError: the tracker has failed, or `close` was called.
+        """
+        while True:
+            try:
+                state, frames = self._source.next(timeout_s)
+            except (NoMorePictures, TrackerEnded):
+                raise
+            except (GrabberError, LinkError):
+                if self._closed:
+                    raise
+                continue
+            timestep = self._pace.timestep(state.capture_ns)
+            if timestep is not None:
+                return replace(state, timestep=timestep), frames
+
+    def start_run(self) -> None:
+        """The robots are about to start; any thread."""
+        self._source.start_run()
+
+    def stop_run(self) -> None:
+        """The robots have stopped; any thread."""
+        self._source.stop_run()
+
+    def figures(self) -> dict[str, object]:
+        """What is reported of it."""
+        return {"kind": self.kind, "name": self.name, **self._figures()}
+
+    def close(self) -> None:
+        """Ends a `next` that waits, and the source; can be called again."""
+        self._closed = True
+        self._source.close()
+
+
+def require_source(experiment: Experiment, tracking: tuple[str, str] | None) -> None:
+    """Refuses a run that nobody watches.
+
+    Args:
+        experiment: what to run.
+        tracking: the files of a tracking session, if the command line names them.
+
+    Raises:
+        UsageError: neither the command line nor the experiment names a source.
+    """
+    if tracking is None and experiment.tracker is None:
+        raise UsageError(
+            f"{experiment.file} names no tracker: give --tracking RESOURCES.xml SESSION.xml for"
+            ' cameras of your own, or ats_host="..." or <vs:tracker format="lines" /> in its'
+            " <framework>"
+        )
+
+
+def open_source(
+    experiment: Experiment,
+    tracking: tuple[str, str] | None,
+    tell: Tell,
+    clock: Callable[[], int] = time.monotonic_ns,
+) -> SteadySource:
+    """Opens what the command line or the experiment names.
+
+    Args:
+        experiment: whose tags are looked for.
+        tracking: resources file and experiment file of a tracking session; None: what the
+            experiment names.
+        tell: takes what happens to cameras and trackers.
+        clock: the host's monotonic clock [ns].
+
+    Raises:
+        UsageError: nothing is named.
+        VsenseError: it cannot be used.
+    """
+    require_source(experiment, tracking)
+    tracker = experiment.tracker
+    timestep_ns = experiment.timestep_ns
+    if tracking is not None:
+        return _own_cameras(experiment, tracking, timestep_ns, tell, clock)
+    if isinstance(tracker, TrackerAddress):
+        return _original(experiment, tracker, timestep_ns, tell, clock)
+    assert tracker is not None
+    return _lines(experiment, tracker, timestep_ns, tell, clock)
+
+
+def _own_cameras(
+    experiment: Experiment,
+    files: tuple[str, str],
+    timestep_ns: int,
+    tell: Tell,
+    clock: Callable[[], int],
+) -> SteadySource:
+    session = tracking_session.load(*files)
+    _check_roster(experiment, session)
+
+    count = len(session.views)
+    cameras = f"{count} camera{'s' if count > 1 else ''} of {Path(session.file).name}"
+    if session.is_live:
+        live = CameraSource(session, tell, clock)
+        return SteadySource("cameras", cameras, live, timestep_ns, live.figures, live)
+    recording = RecordingSource(session, timestep_ns, tell, clock)
+    name = f"recordings of {cameras}"
+    return SteadySource("recording", name, recording, timestep_ns, recording.figures, recording)
+
+
+def _check_roster(experiment: Experiment, session: TrackingSession) -> None:
+    """Refuses an experiment with a tag that no tracker looks for, and none can learn of.
+
+    Raises:
+        ConfigError: names the body and its line.
+    """
+    if any(view.tracker.open_roster for view in session.views):
+        return
+    known = session.heights_m
+    bodies = [(body.line, body.id, body.tag) for body in experiment.robots]
+    bodies += [(body.line, body.id, body.tag) for body in experiment.objects]
+    for line, name, tag in bodies:
+        if tag not in known:
+            tags = ", ".join(map(str, sorted(known)))
+            message = f"{name!r}: no tracker of {session.file} looks for its tag {tag}"
+            raise experiment.error(line, f"{message}; they look for: {tags}")
+
+
+def _original(
+    experiment: Experiment,
+    tracker: TrackerAddress,
+    timestep_ns: int,
+    tell: Tell,
+    clock: Callable[[], int],
+) -> SteadySource:
+    client = ArenaClient(
+        tracker.host,
+        tracker.port,
+        _tags(experiment),
+        tell,
+        round(tracker.latency_s * 1e9),
+        tracker.origin_m,
+        clock,
+    )
+
+    def figures() -> dict[str, int]:
+        reconnects = max(client.connections - 1, 0)
+        return asdict(client.counters) | asdict(client.repairs) | {"reconnects": reconnects}
+
+    name = f"the tracker {client.name}"
+    return SteadySource("original", name, client, timestep_ns, figures)
+
+
+def _lines(
+    experiment: Experiment,
+    tracker: JsonLinesTracker,
+    timestep_ns: int,
+    tell: Tell,
+    clock: Callable[[], int],
+) -> SteadySource:
+    listener = ArenaListener(tracker.host, tracker.port, _tags(experiment), tell, clock)
+
+    def figures() -> dict[str, int]:
+        return asdict(listener.counters) | asdict(listener.repair.counters)
+
+    name = f"a tracker that writes lines to {tracker.host}, port {listener.port}"
+    return SteadySource("lines", name, listener, timestep_ns, figures)
+
+
+def _tags(experiment: Experiment) -> list[int]:
+    """Tags of all that wears a marker."""
+    return [*(r.tag for r in experiment.robots), *(thing.tag for thing in experiment.objects)]

@@ -1,0 +1,295 @@
+"""What a person sees on standard error while robots are tracked: rate, health, progress."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+import cv2
+
+from vsense import arena
+from vsense.arena import ArenaState, Frame
+from vsense.cameras.grabber import CameraEvent, GrabberError, NoMorePictures, Troubles
+from vsense.cameras.opencv_source import teach_opencv
+from vsense.config import tracking_session
+from vsense.config.tracking_build import Tracking, build
+from vsense.config.tracking_specs import TrackingSession
+from vsense.errors import UsageError, VsenseError
+from vsense.live.track_room import TrackRoom
+from vsense.pictures import snapshot
+from vsense.recording.pictures import (
+    BackgroundRecorder,
+    PictureRecorder,
+    PictureRecordingError,
+    write_session_files,
+)
+from vsense.terminal import INTERRUPTED, Console, interruption
+from vsense.tracking.arena_tracker import TrackerCounters
+
+BAR_WIDTH = 24
+
+_WINDOW_NS = 2_000_000_000
+_DRAW_NS = 100_000_000
+
+
+class Talk:
+    """Keeps the live line up to date and says once what need not be said for ever."""
+
+    def __init__(
+        self,
+        console: Console,
+        clock: Callable[[], int],
+        timesteps: int | None,
+        troubles: Troubles | None = None,
+    ) -> None:
+        """Begins the count.
+
+        Args:
+            console: where to talk.
+            clock: the host's monotonic clock [ns].
+            timesteps: how many there will be, or None.
+            troubles: where to count what happens to cameras; None: where nobody else looks.
+        """
+        self._console = console
+        self._clock = clock
+        self._timesteps = timesteps
+        self._begun_ns = clock()
+        self._drawn_ns = 0
+        self._done = 0
+        self._pictures = 0
+        self._detected = 0
+        self._recent: deque[tuple[int, int]] = deque()
+        self._troubles = troubles or Troubles()
+        self._joined: set[int] = set()
+
+    def say(self, text: str) -> None:
+        """Says something of its own."""
+        self._console.say(f"vsense: {text}")
+
+    def events(self, events: Iterable[CameraEvent]) -> None:
+        """Says what happened to cameras, the same trouble only a few times."""
+        for line in self._troubles.lines(events):
+            self.say(line)
+
+    def timestep(self, state: ArenaState, pictures: int) -> None:
+        """Counts a timestep and draws the live line now and then."""
+        now_ns = self._clock()
+        self._done += 1
+        self._pictures += pictures
+        self._detected += state.detected
+        for tag in sorted(set(state.joined) - self._joined):
+            self.say(f"robot {tag} was not on the roster and has joined")
+        self._joined.update(state.joined)
+        self._recent.append((now_ns, pictures))
+        while now_ns - self._recent[0][0] > _WINDOW_NS:
+            self._recent.popleft()
+        if now_ns - self._drawn_ns >= _DRAW_NS or self._done == self._timesteps:
+            self._drawn_ns = now_ns
+            self._console.progress(self._line(state, pictures, now_ns))
+
+    def recorded(self, dropped: int) -> None:
+        """Says how complete a recording is."""
+        if dropped:
+            self.say(f"the disk was too slow: {dropped} timesteps were not recorded")
+
+    def summary(self, missed: int, counters: TrackerCounters) -> None:
+        """Says what was done in all.
+
+        Args:
+            missed: timesteps that were left out.
+            counters: what the tracker has noticed.
+        """
+        self._console.end_progress()
+        elapsed_s = max((self._clock() - self._begun_ns) / 1e9, 1e-9)
+        per_timestep = self._detected / max(self._done, 1)
+        self.say(
+            f"{self._done} timesteps, {self._pictures} pictures in {elapsed_s:.1f} s:"
+            f" {self._done / elapsed_s:.1f} timesteps/s, {self._pictures / elapsed_s:.1f}"
+            f" pictures/s; {per_timestep:.2f} robots detected per timestep"
+        )
+        if missed:
+            self.say(f"{missed} timesteps were left out to keep pace; --offline takes them all")
+        for note in [*counters.notes(), *self._troubles.summary()]:
+            self.say(note)
+
+    def _line(self, state: ArenaState, pictures: int, now_ns: int) -> str:
+        rate = self._rate(now_ns)
+        robots = state.robots
+        facts = f"{rate:.1f} timesteps/s, {pictures} cameras, {int(robots['seen'].sum())} robots"
+        lost = [str(tag) for tag in robots["tag"][~robots["seen"]]]
+        if lost:
+            facts += f", lost: {', '.join(lost[:6])}{' ...' if len(lost) > 6 else ''}"
+        if self._timesteps is None:
+            return f"timestep {state.timestep}: {facts}"
+        share = self._done / max(self._timesteps, 1)
+        bar = ("#" * round(share * BAR_WIDTH)).ljust(BAR_WIDTH, "-")
+        left_s = (self._timesteps - self._done) / rate if rate else 0.0
+        return f"[{bar}] {self._done}/{self._timesteps}: {facts}, {left_s:.0f} s left"
+
+    def _rate(self, now_ns: int) -> float:
+        """Timesteps per second over the last two seconds."""
+        since_ns = self._recent[0][0] if self._done > len(self._recent) else self._begun_ns
+        counted = len(self._recent) - (self._done > len(self._recent))
+        return counted / max((now_ns - since_ns) / 1e9, 1e-6)
+
+
+FIRST_PICTURE_NS = 15_000_000_000
+"""Cameras that give nothing for this long at the beginning do not work at all."""
+SILENCE_S = 0.5
+"""So often a run without pictures looks whether it shall end."""
+
+
+def run(options: argparse.Namespace) -> int:
+    """Tracks until the recording ends, `--frames` are done, or somebody interrupts.
+
+    Returns:
+        0, or 130 after Ctrl-C or SIGTERM.
+
+    Raises:
+        VsenseError: it cannot go on; one clear line.
+    """
+    session = tracking_session.load(options.resources, options.experiment)
+    if options.offline and session.is_live:
+        raise UsageError(f"--offline: {options.experiment} uses cameras, expected recordings")
+    teach_opencv()
+    with ExitStack() as stack:
+        interrupted = stack.enter_context(interruption())
+        tracking = build(session, time.monotonic_ns, options.offline)
+        stack.callback(tracking.close)
+        console, troubles = Console(), Troubles()
+        room = stack.enter_context(TrackRoom(options, session, troubles, console))
+        talk = Talk(console, time.monotonic_ns, timesteps(options, tracking), troubles)
+        TrackingRun(options, session, tracking, interrupted, talk, room).live()
+        return INTERRUPTED if interrupted.is_set() else 0
+
+
+class TrackingRun:
+    """One run of the command, from the first picture to the last word."""
+
+    def __init__(
+        self,
+        options: argparse.Namespace,
+        session: TrackingSession,
+        tracking: Tracking,
+        interrupted: threading.Event,
+        talk: Talk,
+        room: TrackRoom,
+    ) -> None:
+        """Prepares a run.
+
+        Args:
+            options: the command line.
+            session: what the two files say.
+            tracking: the session at work.
+            interrupted: set by whoever wants the run to end.
+            talk: tells people how it goes.
+            room: where it can be looked at.
+        """
+        self._options = options
+        self._session = session
+        self._tracking = tracking
+        self._interrupted = interrupted
+        self._talk = talk
+        self._room = room
+        self._recorder = begin_recording(session, self._talk)
+        self._last: tuple[ArenaState, Sequence[Frame]] | None = None
+
+    def live(self) -> None:
+        """Tracks to the end, and leaves picture, recording and summary.
+
+        Raises:
+            VsenseError: it cannot go on.
+        """
+        try:
+            self._track()
+        except BrokenPipeError:
+            # Whoever read the states has seen enough, and nothing more can be written there.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        finally:
+            if self._recorder is not None:
+                self._recorder.close()
+                self._talk.recorded(self._recorder.dropped)
+        self._talk.summary(self._tracking.grabber.missed, self._tracking.tracker.counters)
+        if self._options.snapshot is not None:
+            self._draw(self._options.snapshot)
+
+    def _track(self) -> None:
+        begun_ns = time.monotonic_ns()
+        if self._options.format == "csv":
+            print(arena.CSV_HEADER, flush=True)
+        done = 0
+        while not self._interrupted.is_set() and done != self._options.frames:
+            try:
+                state, frames, events = self._tracking.step(SILENCE_S)
+            except NoMorePictures:
+                self._talk.events(self._tracking.grabber.events())
+                return
+            except GrabberError as silence:
+                self._talk.events(self._tracking.grabber.events())
+                if not done and time.monotonic_ns() - begun_ns > FIRST_PICTURE_NS:
+                    raise silence
+                continue
+            done += 1
+            self._take(state, frames, events)
+
+    def _take(
+        self, state: ArenaState, frames: Sequence[Frame], events: Iterable[CameraEvent]
+    ) -> None:
+        """Hands one timestep on to everybody."""
+        self._last = state, frames
+        csv = self._options.format == "csv"
+        text = arena.to_csv(state) if csv else arena.to_json(state)
+        if text:
+            # A reader at the other end of a pipe wants a state when it is new.
+            print(text, flush=not self._options.offline)
+        if self._recorder is not None:
+            self._recorder.write(frames)
+        self._talk.events(events)
+        self._talk.timestep(state, len(frames))
+        self._room.look(state, frames)
+
+    def _draw(self, path: Path) -> None:
+        """Draws the last state into a file."""
+        if self._last is None:
+            raise VsenseError(f"{path}: not drawn, because there was no picture")
+        state, frames = self._last
+        tracker, cameras = self._tracking.tracker, self._tracking.cameras
+        picture = snapshot.draw(state, frames, cameras, tracker.found, tracker.heights_m)
+        suffix = path.suffix.lower() if path.suffix.lower() in (".png", ".jpg") else ".png"
+        try:
+            path.write_bytes(cv2.imencode(suffix, picture)[1].tobytes())
+        except OSError as error:
+            raise VsenseError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def timesteps(options: argparse.Namespace, tracking: Tracking) -> int | None:
+    """Gives how many there will be, where that is known."""
+    known = tracking.grabber.timesteps
+    wanted: int | None = options.frames
+    return wanted if known is None else min(known, known if wanted is None else wanted)
+
+
+def begin_recording(session: TrackingSession, talk: Talk) -> BackgroundRecorder | None:
+    """Begins the recording that the experiment file asks for."""
+    record = session.record
+    if not record.record_image:
+        return None
+    directory = record.root_directory
+    if record.change_root_directory_on_start:
+        directory /= time.strftime("%Y-%m-%d-%H%M%S")
+    cameras = [view.camera for view in session.views]
+    recorder = PictureRecorder(directory, cameras, record.image_format)
+    try:
+        trackers = {view.camera.id: view.tracker for view in session.views}
+        write_session_files(directory, cameras, trackers)
+    except OSError as error:
+        raise PictureRecordingError(f"{directory}: cannot be written: {error.strerror}") from None
+    talk.say(f"recording into {directory}")
+    return BackgroundRecorder(recorder)

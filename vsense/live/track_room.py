@@ -1,0 +1,163 @@
+"""The control room of `vsense track`: cameras and arena states to look at; nothing to press."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+
+import vsense
+from vsense.arena import ArenaState, Frame, arena_data
+from vsense.cameras.grabber import Troubles
+from vsense.config.tracking_specs import TrackingSession
+from vsense.message_bus import MessageBus
+from vsense.run.control import Order, OrderError
+from vsense.terminal import Console, Level
+from vsense.ui import messages
+from vsense.ui.messages import Data
+from vsense.ui.preview import PreviewEncoder
+from vsense.ui.publisher import SECOND_NS, WINDOW, Rates
+from vsense.ui.room import open_web
+from vsense.ui.tables import CameraTable
+from vsense.world.entities import BODY_RADIUS_M
+
+MARGIN_M = 0.3
+"""What is shown around the cameras' places where nobody says how large the arena is."""
+
+
+class TrackRoom:
+    """Shows a tracking session; a context that leaves no thread and no socket behind."""
+
+    def __init__(
+        self,
+        options: argparse.Namespace,
+        session: TrackingSession,
+        troubles: Troubles,
+        console: Console,
+        clock: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        """Opens the page, if it is wanted.
+
+        Args:
+            options: `web` and `web_tokens`, as `vsense.commands.arguments.add_web` declares them.
+            session: what is tracked.
+            troubles: what its cameras suffer from.
+            console: where to say what happens.
+            clock: host's monotonic clock [ns].
+
+        Raises:
+            VsenseError: the port is taken, or a library is missing.
+        """
+        self._hub = MessageBus()
+        self._session = session
+        self._clock = clock
+        self._board = CameraTable([view.camera for view in session.views], troubles)
+        self._rates = Rates(WINDOW)
+        self._joined, self._due_ns, self._timestep = -1, 0, -1
+        self._stack = ExitStack()
+        self._press: PreviewEncoder | None = None
+        if options.web is None:
+            return
+        server, lines = open_web(options, self._hub, refuse)
+        self._stack.callback(server.close)
+        self._press = PreviewEncoder(self._hub)
+        self._stack.callback(self._press.close)
+        for line in lines:
+            console.say(line)
+        console.also = self._tell_event
+
+    def __enter__(self) -> TrackRoom:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._stack.close()
+
+    def look(self, state: ArenaState, frames: Sequence[Frame]) -> None:
+        """Tells what is new after a timestep; nothing is made that nobody wants."""
+        if self._press is None:
+            return
+        now_ns, self._timestep = self._clock(), state.timestep
+        self._board.see(frames)
+        self._rates.add(state.capture_ns, now_ns)
+        if self._joined != self._hub.joined:
+            self._joined, self._due_ns = self._hub.joined, 0
+            self._hub.tell("/experiment", now_ns, self._facts)
+        if now_ns >= self._due_ns:
+            self._due_ns = now_ns + SECOND_NS
+            self._hub.tell("/cameras", now_ns, lambda: self._board.data(now_ns))
+            self._hub.tell("/run", now_ns, self._run)
+        self._hub.tell(
+            "/arena", state.capture_ns, lambda: {**arena_data(state), "run_timestep": -1}
+        )
+        self._press.offer(frames)
+
+    def _tell_event(self, text: str, level: Level) -> None:
+        self._hub.event(text, level, self._clock())
+
+    def _run(self) -> Data:
+        return {
+            "state": "running",
+            "run": 1,
+            "runs": None,
+            "by": None,
+            "can": [],
+            "timestep": self._timestep,
+            "time_s": None,
+            "length_s": None,
+            "late": 0,
+            **self._rates.data(),
+            "silent_s": 0.0,
+            "text": "",
+            "recording": None,
+            "disk_free_bytes": None,
+        }
+
+    def _facts(self) -> Data:
+        session = self._session
+        found = [view.camera for view in session.views]
+        trackers = {view.camera.id: view.tracker.id for view in session.views}
+        heights_m = sorted(session.heights_m.items())
+        centre_m, size_m = _extent(session)
+        return {
+            "mode": "track",
+            "command": "track",
+            "name": Path(session.file).stem,
+            "seed": None,
+            "blind": False,
+            "version": vsense.__version__,
+            "file_text": "",
+            "timestep_s": None,
+            "length_s": None,
+            "arena": {"size_m": [*size_m, 1.0], "centre_m": [*centre_m, 0.5]},
+            "robots": [{"tag": t, "name": str(t), "height_m": h} for t, h in heights_m],
+            "objects": [],
+            "sensors": [],
+            "actuators": [],
+            "cameras": messages.cameras(found, trackers),
+            "body_radius_m": BODY_RADIUS_M,
+        }
+
+
+def refuse(order: Order) -> str:
+    """Carries no order out: there is nothing to steer.
+
+    Raises:
+        OrderError: always.
+    """
+    raise OrderError(f"{order.kind.value}: nothing runs here, robots are only tracked")
+
+
+def _extent(session: TrackingSession) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Centre and size [m] of the floor that the cameras see, as far as their places tell."""
+    corners = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)])
+    seen = [
+        view.camera.to_plane(corners * (view.camera.width_px - 1, view.camera.height_px - 1), 0.0)
+        for view in session.views
+    ]
+    low, high = np.min(np.concatenate(seen), axis=0), np.max(np.concatenate(seen), axis=0)
+    (x_m, y_m), (width_m, height_m) = (low + high) / 2.0, high - low + MARGIN_M
+    return (float(x_m), float(y_m)), (float(width_m), float(height_m))

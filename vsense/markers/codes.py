@@ -1,0 +1,129 @@
+"""Code words: what a camera makes of a tag's cells, and which tags it can tell apart best.
+
+A blurred cell carries some of its neighbours. A tag's code word is its cells' brightness
+after that blur, in [0, 1] between the arrow's black and the disc's white.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.markers.families import FamilyError, MarkerFamily
+
+Floats = NDArray[np.float64]
+
+BLURS_U = np.arange(0.10, 0.86, 0.04)
+"""Standard deviations of the blur for which code words are kept, in units u."""
+
+SPOTS = (-0.18, 0.0, 0.18)
+"""Where a cell is read, along and across, in its sides from its middle: nine spots, which stand
+for its inner half."""
+
+
+@cache
+def cell_blur(family: MarkerFamily, along_mm: float, across_mm: float | None = None) -> Floats:
+    """Returns how much of each cell's white the middle of each other cell sees.
+
+    Args:
+        family: The marker family.
+        along_mm: Standard deviation of the blur along the heading, a Gaussian on the marker.
+        across_mm: The same across the heading; by default as along it.
+
+    Returns:
+        (cells, cells): what the spots of cell i see of the light from cell j, on average.
+    """
+    across_mm = along_mm if across_mm is None else across_mm
+    return np.asarray(np.kron(_line_blur(family, along_mm), _line_blur(family, across_mm)))
+
+
+@cache
+def outer_light(family: MarkerFamily, along_mm: float, across_mm: float) -> Floats:
+    """Returns how much of the disc's white around the arrow each cell sees, (cells,).
+
+    The arrow's body is taken for the rectangle around its rear; its tip is far from the cells.
+    """
+    corners = family.polygon_mm
+    rear, side = corners[:, 0].min(), corners[:, 1].max()
+    ahead, left = family.cells_mm[:, 0], family.cells_mm[:, 1]
+    black = normal_share((ahead - rear) / along_mm)
+    black *= normal_share((side - left) / across_mm) - normal_share((-side - left) / across_mm)
+    return np.asarray(1.0 - black)
+
+
+def normal_share(deviations: Floats) -> Floats:
+    """Returns the share of a normal distribution below so many standard deviations."""
+    flat = [0.5 * (1.0 + math.erf(d / math.sqrt(2.0))) for d in deviations.ravel()]
+    return np.reshape(flat, deviations.shape)
+
+
+@cache
+def _line_blur(family: MarkerFamily, sigma_mm: float) -> Floats:
+    """Returns (grid, grid): the blur of one row or column of cells."""
+    places = np.arange(family.grid)[:, np.newaxis] + np.array(SPOTS)
+    borders = np.arange(family.grid + 1) - 0.5
+    apart = (borders - places[..., np.newaxis]) * (family.cell_mm / max(sigma_mm, 1e-3))
+    return np.asarray(np.diff(normal_share(apart), axis=2).mean(axis=1))
+
+
+def usable(white: NDArray[np.intp], cells: int) -> NDArray[np.bool_]:
+    """Tells of numbers of white cells whether neither black nor white is in nearly all cells.
+
+    Blank things look like those.
+    """
+    return np.asarray((4 * white >= cells) & (4 * white <= 3 * cells))
+
+
+def code_words(family: MarkerFamily, tags: Iterable[int], sigma_mm: float) -> Floats:
+    """Returns the blurred cells of tags, (tags, cells), see `cell_blur`."""
+    bits = np.array([family.bits(tag).ravel() for tag in tags], dtype=np.float64)
+    return np.asarray(bits.reshape(-1, family.grid**2) @ cell_blur(family, sigma_mm).T)
+
+
+def separation(family: MarkerFamily, tags: Iterable[int], sigma_mm: float) -> float:
+    """Returns the least squared distance between two of the tags' code words."""
+    words = code_words(family, tags, sigma_mm)
+    apart = ((words[:, np.newaxis] - words[np.newaxis]) ** 2).sum(axis=2)
+    apart[np.diag_indices(len(words))] = np.inf
+    return float(apart.min())
+
+
+def choose_tags(family: MarkerFamily, count: int, sigma_mm: float, seed: int = 0) -> list[int]:
+    """Chooses tags that stay far apart under blur, by a farthest-first greedy search.
+
+    Words that are nearly all black or nearly all white are left out, because blank things
+    look like them. A tag also keeps away from the others turned by half a turn.
+
+    Args:
+        family: The marker family.
+        count: How many tags.
+        sigma_mm: The blur to stand, see `cell_blur`.
+        seed: Chooses the first tag; the rest follows from it.
+
+    Returns:
+        The tags in ascending order.
+
+    Raises:
+        FamilyError: The family does not have that many usable tags.
+    """
+    cells = family.grid**2
+    tags = np.arange(family.tags)
+    bits = ((tags[:, np.newaxis] >> np.arange(cells)) & 1).astype(np.float32)
+    good = np.flatnonzero(usable(bits.sum(axis=1, dtype=np.intp), cells))
+    if count > len(good):
+        raise FamilyError(f"{count} tags: the family {family.name} has {len(good)} usable ones")
+    words = bits[good] @ cell_blur(family, sigma_mm).T.astype(np.float32)
+    nearest = ((words - words[:, ::-1]) ** 2).sum(axis=1)
+    chosen: list[int] = []
+    place = int(np.random.default_rng(seed).integers(len(good)))
+    while len(chosen) < count:
+        chosen.append(int(good[place]))
+        for word in (words[place], words[place, ::-1]):
+            nearest = np.minimum(nearest, ((words - word) ** 2).sum(axis=1))
+        nearest[place] = -1.0
+        place = int(nearest.argmax())
+    return sorted(chosen)

@@ -1,0 +1,204 @@
+"""Marker families: what the markers on the robots look like, read from data files.
+
+A definition says of which kind its markers are: arrows (this module) or squares (`dictionary`).
+Lengths are in the family frame of `markers`. The robot's centre is the disc's.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.markers.dictionary import SquareFamily, parse_square
+from vsense.markers.family import FamilyError, Floats, MarkerTexture, draw_texture
+
+__all__ = [
+    "FamilyError",
+    "MarkerFamily",
+    "MarkerTexture",
+    "SquareFamily",
+    "known_families",
+    "load_family",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class MarkerFamily:
+    """A black convex arrow with a matrix of cells on a white disc.
+
+    Attributes:
+        name: Name of the family.
+        unit_mm: The length u.
+        cell_mm: Side of one cell.
+        grid: Cells per side.
+        polygon_u: The arrow's corners (x, y) in units u.
+        disc_diameter_mm: Diameter of the white disc.
+        disc_centre_u: The disc's centre in units u.
+    """
+
+    name: str
+    unit_mm: float
+    cell_mm: float
+    grid: int
+    polygon_u: tuple[tuple[float, float], ...]
+    disc_diameter_mm: float
+    disc_centre_u: tuple[float, float]
+
+    @property
+    def tags(self) -> int:
+        """How many tags there are: 0 .. tags - 1."""
+        return 1 << (self.grid * self.grid)
+
+    @property
+    def polygon_mm(self) -> Floats:
+        """The arrow's corners, (n, 2), counter-clockwise."""
+        return np.array(self.polygon_u, dtype=np.float64) * self.unit_mm
+
+    @property
+    def outline_area_mm2(self) -> float:
+        """Area of the arrow, its cells included."""
+        x, y = self.polygon_mm.T
+        return float(0.5 * (x * np.roll(y, -1) - np.roll(x, -1) * y).sum())
+
+    @property
+    def outline_centroid_mm(self) -> Floats:
+        """Centroid of the arrow, its cells included, (2,)."""
+        corners = self.polygon_mm
+        after = np.roll(corners, -1, axis=0)
+        cross = corners[:, 0] * after[:, 1] - after[:, 0] * corners[:, 1]
+        total = ((corners + after) * cross[:, np.newaxis]).sum(axis=0)
+        return np.asarray(total / (6.0 * self.outline_area_mm2))
+
+    @property
+    def disc_centre_mm(self) -> Floats:
+        """The disc's centre, (2,)."""
+        return np.array(self.disc_centre_u, dtype=np.float64) * self.unit_mm
+
+    @property
+    def cells_mm(self) -> Floats:
+        """The middle of each cell, (grid * grid, 2), in the order of the bits.
+
+        Bit k is at row k // grid and column k % grid with the arrow pointing up: rows go
+        from the tip backwards, columns from the robot's left to its right.
+        """
+        along = ((self.grid - 1) / 2.0 - np.arange(self.grid)) * self.cell_mm
+        rows, columns = np.meshgrid(along, along, indexing="ij")
+        return np.stack((rows.ravel(), columns.ravel()), axis=-1)
+
+    def bits(self, tag: int) -> NDArray[np.bool_]:
+        """Returns the (grid, grid) cells of a tag, True where white.
+
+        Raises:
+            FamilyError: The family has no such tag.
+        """
+        if not 0 <= tag < self.tags:
+            raise FamilyError(f"tag {tag}: the family {self.name} has 0 to {self.tags - 1}")
+        count = self.grid * self.grid
+        flat = (tag >> np.arange(count)) & 1
+        return np.asarray(flat.reshape(self.grid, self.grid) == 1)
+
+    def is_white(self, tag: int, points_mm: Floats) -> NDArray[np.bool_]:
+        """Tells where the marker is white.
+
+        Args:
+            tag: The marker's number.
+            points_mm: (..., 2) in the marker frame, on the disc.
+
+        Returns:
+            (...) True where white.
+        """
+        points = np.asarray(points_mm, dtype=np.float64)
+        corners = self.polygon_mm
+        edges = np.roll(corners, -1, axis=0) - corners
+        black = np.ones(points.shape[:-1], dtype=bool)
+        for (x, y), (dx, dy) in zip(corners, edges, strict=True):
+            black &= dx * (points[..., 1] - y) - dy * (points[..., 0] - x) >= 0.0
+        place = np.floor(self.grid / 2.0 - points / self.cell_mm).astype(np.int64)
+        inside = np.all((place >= 0) & (place < self.grid), axis=-1)
+        row, column = np.moveaxis(np.clip(place, 0, self.grid - 1), -1, 0)
+        return np.asarray(~black | (inside & self.bits(tag)[row, column]))
+
+    def texture(self, tag: int, px_per_mm: float) -> MarkerTexture:
+        """Draws a marker with smooth edges, see `MarkerTexture`.
+
+        Raises:
+            FamilyError: The family has no such tag.
+        """
+        return draw_texture(self, tag, px_per_mm)
+
+
+def known_families() -> tuple[str, ...]:
+    """Returns the names of the shipped families, sorted."""
+    folder = resources.files(__package__) / "families"
+    return tuple(sorted(f.name[:-5] for f in folder.iterdir() if f.name.endswith(".json")))
+
+
+def load_family(name: str) -> MarkerFamily | SquareFamily:
+    """Reads a shipped family by its name, or a definition by its path (ending in .json).
+
+    Raises:
+        FamilyError: There is no such family, or the definition is broken.
+    """
+    if name.endswith(".json"):
+        try:
+            text = Path(name).read_text(encoding="utf-8")
+        except OSError as error:
+            raise FamilyError(f"{name}: {error.strerror}") from None
+        return _parse(name, text)
+    if name not in known_families():
+        known = ", ".join(known_families())
+        raise FamilyError(f"marker family {name!r} is not known; known are {known}")
+    file = resources.files(__package__) / "families" / f"{name}.json"
+    return _parse(file.name, file.read_text(encoding="utf-8"))
+
+
+def _parse(file: str, text: str) -> MarkerFamily | SquareFamily:
+    try:
+        values: dict[str, Any] = json.loads(text)
+        kind = values.get("kind", "arrow")
+        if kind == "square":
+            return parse_square(file, values)
+        if kind != "arrow":
+            raise FamilyError(f"{file}: kind: {kind!r} is not arrow or square")
+        family = _parse_arrow(values)
+    except json.JSONDecodeError as error:
+        raise FamilyError(f"{file}:{error.lineno}: {error.msg}") from None
+    except KeyError as error:
+        raise FamilyError(f"{file}: {error.args[0]} is missing") from None
+    except (AttributeError, TypeError, ValueError, IndexError) as error:
+        raise FamilyError(f"{file}: {error}") from None
+    _check(file, family)
+    return family
+
+
+def _parse_arrow(values: dict[str, Any]) -> MarkerFamily:
+    return MarkerFamily(
+        name=str(values["name"]),
+        unit_mm=float(values["unit_mm"]),
+        cell_mm=float(values["cell_mm"]),
+        grid=int(values["grid"]),
+        polygon_u=tuple((float(x), float(y)) for x, y in values["polygon_u"]),
+        disc_diameter_mm=float(values["disc_diameter_mm"]),
+        disc_centre_u=(float(values["disc_centre_u"][0]), float(values["disc_centre_u"][1])),
+    )
+
+
+def _check(file: str, family: MarkerFamily) -> None:
+    if not min(family.unit_mm, family.cell_mm, family.disc_diameter_mm) > 0.0:
+        raise FamilyError(f"{file}: unit_mm, cell_mm and disc_diameter_mm must be positive")
+    if not 1 <= family.grid <= 5:
+        raise FamilyError(f"{file}: grid: {family.grid} is not 1 to 5")
+    corners = family.polygon_mm
+    edges = np.roll(corners, -1, axis=0) - corners
+    after = np.roll(edges, -1, axis=0)
+    if len(corners) < 3 or np.any(edges[:, 0] * after[:, 1] - edges[:, 1] * after[:, 0] <= 0.0):
+        raise FamilyError(f"{file}: polygon_u is not convex and counter-clockwise")
+    reach = np.hypot(*(corners - family.disc_centre_mm).T).max()
+    if reach >= family.disc_diameter_mm / 2.0:
+        raise FamilyError(f"{file}: polygon_u reaches over the disc's rim")

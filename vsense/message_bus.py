@@ -1,0 +1,88 @@
+"""What happens, told to whoever looks: web pages, the recorder, a terminal that asks.
+
+The run publishes messages; nobody who listens can hold it up, and what nobody wants is not made.
+`vsense/ui/MESSAGES.md` lists the topics. A replay publishes the same messages again.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """One piece of news.
+
+    Attributes:
+        topic: what it is about, such as "/arena".
+        time_ns: when it became so, host's monotonic clock.
+        data: what JSON can hold; nobody changes it any more.
+        blob: a picture's bytes, where the topic is a picture.
+    """
+
+    topic: str
+    time_ns: int
+    data: Mapping[str, Any]
+    blob: bytes = b""
+
+
+@dataclass(eq=False, slots=True)
+class Listener:
+    """Somebody who looks.
+
+    Attributes:
+        take: gets every wanted message, in the publisher's thread; must not wait.
+        wants: tells of a topic whether this one wants it now; any thread, must not wait.
+    """
+
+    take: Callable[[Message], None] = field(repr=False)
+    wants: Callable[[str], bool] = field(repr=False)
+
+
+class MessageBus:
+    """Passes messages on. Its methods may be called by any thread.
+
+    Attributes:
+        joined: how many listeners have ever come. Whoever publishes what changes rarely does it
+            again when this number has grown: the newcomer knows nothing.
+    """
+
+    def __init__(self) -> None:
+        self.joined = 0
+        self._listeners: tuple[Listener, ...] = ()
+        self._lock = threading.Lock()
+
+    def join(self, take: Callable[[Message], None], wants: Callable[[str], bool]) -> Listener:
+        """Adds a listener; see `Listener`."""
+        listener = Listener(take, wants)
+        with self._lock:
+            self._listeners = (*self._listeners, listener)
+            self.joined += 1
+        return listener
+
+    def leave(self, listener: Listener) -> None:
+        """Takes a listener away; it may still get a message that is being published."""
+        with self._lock:
+            self._listeners = tuple(one for one in self._listeners if one is not listener)
+
+    def wants(self, topic: str) -> bool:
+        """Whether anybody wants messages of a topic now."""
+        return any(listener.wants(topic) for listener in self._listeners)
+
+    def tell(self, topic: str, time_ns: int, make: Callable[[], Mapping[str, Any]]) -> None:
+        """Publishes a message whose data is made only if somebody wants it."""
+        if self.wants(topic):
+            self.publish(Message(topic, time_ns, make()))
+
+    def event(self, text: str, level: str, time_ns: int) -> None:
+        """Tells people a line: /event; `level` is "info", "warning" or "trouble"."""
+        self.publish(Message("/event", time_ns, {"text": text, "level": level, "by": None}))
+
+    def publish(self, message: Message) -> None:
+        """Gives a message to all who want it."""
+        for listener in self._listeners:
+            if listener.wants(message.topic):
+                listener.take(message)

@@ -1,0 +1,310 @@
+"""Keeps cameras' pictures: a folder per camera with numbered pictures and their timestamps.
+
+Writes the two XML files of a recording, so that `vsense track` takes it as it is.
+"""
+
+from __future__ import annotations
+
+import queue
+import re
+import textwrap
+import threading
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import TextIO
+from xml.sax.saxutils import quoteattr
+
+import cv2
+
+from vsense.arena import Frame
+from vsense.cameras.camera import Camera
+from vsense.config.resources import DEFAULT_SPEED_M_S
+from vsense.config.tracking_specs import TrackerSpec
+from vsense.errors import VsenseError
+
+TIMESTAMPS = "timestamps.csv"
+
+_PLAIN = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,60}")
+
+
+class PictureRecordingError(VsenseError):
+    """A recording that cannot be written."""
+
+
+def folder_names(cameras: Iterable[Camera]) -> dict[str, str]:
+    """Gives each camera's folder: its id where that is a plain name."""
+    return {
+        camera.id: camera.id if _PLAIN.fullmatch(camera.id) else f"camera-{number}"
+        for number, camera in enumerate(cameras)
+    }
+
+
+class PictureRecorder:
+    """Writes pictures at once, in the caller's thread.
+
+    The recording is `pictures/CAMERA/000012.png` with `timestamps.csv` beside them, and
+    `cameras/CAMERA.json`, the camera files.
+
+    Attributes:
+        written: Pictures that are on the disk.
+    """
+
+    def __init__(self, directory: Path, cameras: Sequence[Camera], suffix: str = "png") -> None:
+        """Begins a recording.
+
+        Args:
+            directory: Made where it does not exist; must not hold a recording.
+            cameras: Whose pictures come.
+            suffix: Format of the pictures: "png", "jpg" or "pgm".
+
+        Raises:
+            PictureRecordingError: It cannot be written, or holds a recording already.
+        """
+        self._suffix = suffix
+        self._folders: dict[str, Path] = {}
+        self._tables: dict[str, TextIO] = {}
+        self.written = 0
+        if (directory / "pictures").exists():
+            raise PictureRecordingError(
+                f"{directory}: holds a recording already; expected another place"
+            )
+        try:
+            (directory / "cameras").mkdir(parents=True, exist_ok=True)
+            for camera in cameras:
+                name = folder_names(cameras)[camera.id]
+                text = camera.to_json() + "\n"
+                (directory / "cameras" / f"{name}.json").write_text(text, encoding="utf-8")
+                self._begin(camera.id, directory / "pictures" / name)
+        except OSError as error:
+            raise PictureRecordingError(
+                f"{directory}: cannot be written: {error.strerror}"
+            ) from None
+
+    def write(self, frames: Sequence[Frame]) -> None:
+        """Keeps the pictures of a timestep.
+
+        Raises:
+            PictureRecordingError: The disk is full, or gone.
+        """
+        for frame in frames:
+            name = f"{frame.timestep:06d}.{self._suffix}"
+            path = self._folders[frame.camera] / name
+            data = cv2.imencode(f".{self._suffix}", frame.image)[1]
+            try:
+                path.write_bytes(data.tobytes())
+                self._tables[frame.camera].write(f"{name},{frame.timestep},{frame.capture_ns}\n")
+            except OSError as error:
+                raise PictureRecordingError(
+                    f"{path}: cannot be written: {error.strerror}"
+                ) from None
+            self.written += 1
+
+    def close(self) -> None:
+        """Ends the tables of timestamps; can be called again."""
+        for table in self._tables.values():
+            table.close()
+
+    def _begin(self, camera: str, folder: Path) -> None:
+        folder.mkdir(parents=True)
+        self._folders[camera] = folder
+        # Line by line, so that a recording that was cut off is still one.
+        table = (folder / TIMESTAMPS).open("w", encoding="utf-8", buffering=1)
+        table.write("picture,timestep,capture_ns\n")
+        self._tables[camera] = table
+
+
+class BackgroundRecorder:
+    """Writes pictures on a thread of its own; what it cannot keep up with is left out.
+
+    Attributes:
+        dropped: Timesteps that were left out.
+    """
+
+    def __init__(self, recorder: PictureRecorder, most: int = 8) -> None:
+        """Starts the thread; at most `most` timesteps wait for it."""
+        self._recorder = recorder
+        self._waiting: queue.Queue[Sequence[Frame] | None] = queue.Queue(most)
+        self._failure: PictureRecordingError | None = None
+        self.dropped = 0
+        self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
+        self._thread.start()
+
+    def write(self, frames: Sequence[Frame]) -> None:
+        """Hands over the pictures of a timestep, whose memory must not be used again.
+
+        Raises:
+            PictureRecordingError: An earlier one could not be written.
+        """
+        if self._failure is not None:
+            raise self._failure
+        try:
+            self._waiting.put_nowait(frames)
+        except queue.Full:
+            self.dropped += 1
+
+    def close(self) -> None:
+        """Writes what waits, and ends.
+
+        Raises:
+            PictureRecordingError: Something could not be written.
+        """
+        self._waiting.put(None)
+        self._thread.join()
+        self._recorder.close()
+        if self._failure is not None:
+            raise self._failure
+
+    def _run(self) -> None:
+        while (frames := self._waiting.get()) is not None:
+            try:
+                if self._failure is None:
+                    self._recorder.write(frames)
+            except PictureRecordingError as failure:
+                self._failure = failure
+
+
+RESOURCES = "resources.xml"
+EXPERIMENT = "experiment.xml"
+_TAGS_WIDTH = 80
+SCHEMAS = ("resources.xsd", "experiment.xsd")
+
+
+def one_tracker(
+    cameras: Iterable[Camera], family: str, heights_m: Mapping[int, float]
+) -> dict[str, TrackerSpec]:
+    """Gives all cameras the same tracker.
+
+    Args:
+        cameras: The recorded cameras.
+        family: The markers' family.
+        heights_m: The height of each tag's marker above the floor.
+    """
+    tracker = TrackerSpec("robots", family, 0.0, heights_m, DEFAULT_SPEED_M_S, True, 0)
+    return {camera.id: tracker for camera in cameras}
+
+
+def write_session_files(
+    directory: Path, cameras: Sequence[Camera], trackers: Mapping[str, TrackerSpec]
+) -> None:
+    """Writes `resources.xml`, `experiment.xml` and their schemas beside a recording.
+
+    Args:
+        directory: Where a `PictureRecorder` has written `pictures` and `cameras`.
+        cameras: The recorded cameras.
+        trackers: What to look for in their pictures, by the camera's id.
+
+    Raises:
+        OSError: A file cannot be written.
+    """
+    write_schemas(directory)
+    text = resources_text(cameras, trackers)
+    (directory / RESOURCES).write_text(text, encoding="utf-8")
+    (directory / EXPERIMENT).write_text(experiment_text(cameras, trackers), encoding="utf-8")
+
+
+def write_schemas(directory: Path) -> None:
+    """Writes the schemas of both files into `directory / "schema"`, for editors.
+
+    Raises:
+        OSError: A file cannot be written.
+    """
+    (directory / "schema").mkdir(exist_ok=True)
+    for name in SCHEMAS:
+        schema = (resources.files("vsense.config") / "schema" / name).read_text(encoding="utf-8")
+        (directory / "schema" / name).write_text(schema, encoding="utf-8")
+
+
+def resources_text(cameras: Sequence[Camera], trackers: Mapping[str, TrackerSpec]) -> str:
+    """Gives the resources file of a recording; see `write_session_files`."""
+    folders = folder_names(cameras)
+    lines = [
+        head("arena_tracking_system", "resources.xsd"),
+        "  <grabbers>",
+    ]
+    for camera in cameras:
+        folder = f"pictures/{folders[camera.id]}"
+        lines.append(
+            f'    <grabber id={quoteattr("pictures of " + camera.id)} type="directory"'
+            f' path="{folder}"\n             timestamps="{folder}/{TIMESTAMPS}" />'
+        )
+    lines += ["  </grabbers>", "", "  <trackers>"]
+    for tracker in {tracker.id: tracker for tracker in trackers.values()}.values():
+        lines += tracker_lines(tracker)
+    lines += ["  </trackers>", "", "  <cameras>"]
+    for camera in cameras:
+        file = f"cameras/{folders[camera.id]}.json"
+        lines.append(f'    <camera id={quoteattr(camera.id)} calibration="{file}" />')
+    lines += ["  </cameras>", "", "</arena_tracking_system>", ""]
+    return "\n".join(lines)
+
+
+def experiment_text(cameras: Iterable[Camera], trackers: Mapping[str, TrackerSpec]) -> str:
+    """Gives the experiment file of a recording; see `write_session_files`."""
+    return session_text([(f"pictures of {c.id}", c.id, trackers[c.id].id) for c in cameras])
+
+
+def session_text(views: Iterable[tuple[str, str, str]]) -> str:
+    """Gives an experiment file.
+
+    Args:
+        views: The ids of each camera's grabber, of the camera itself, and of its tracker.
+    """
+    lines = [
+        head("arena_tracking", "experiment.xsd"),
+        '  <arena_state_tracker server_port="4040" opt_key_frame_period="1">',
+    ]
+    lines += [
+        f"    <camera_state_tracker grabber={quoteattr(grabber)} camera={quoteattr(camera)}"
+        f" tracker={quoteattr(tracker)} />"
+        for grabber, camera, tracker in views
+    ]
+    lines += ["  </arena_state_tracker>", "", '  <experiment_record record_image="false" />', ""]
+    return "\n".join([*lines, "</arena_tracking>", ""])
+
+
+def tag_ranges(tags: Iterable[int]) -> str:
+    """Gives tags as a resources file has them: "1-15 22"."""
+    ranges: list[list[int]] = []
+    for tag in sorted(tags):
+        if ranges and tag == ranges[-1][1] + 1:
+            ranges[-1][1] = tag
+        else:
+            ranges.append([tag, tag])
+    return " ".join(f"{a}-{b}" if a < b else f"{a}" for a, b in ranges)
+
+
+def head(root: str, schema: str) -> str:
+    """Gives the first lines of a file, up to and with the outermost element's first tag."""
+    return (
+        '<?xml version="1.0" ?>\n'
+        f'<{root} xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"\n'
+        f'  xsi:noNamespaceSchemaLocation="schema/{schema}">\n'
+    )
+
+
+def tracker_lines(spec: TrackerSpec) -> list[str]:
+    """Gives a tracker's element."""
+    heights_m, family = spec.heights_m, spec.family
+    if family.endswith(".json"):
+        # Its path starts from the folder of another file.
+        family = str(Path(family).resolve())
+    usual_m = Counter(heights_m.values()).most_common(1)[0][0]
+    others = sorted({height for height in heights_m.values() if height != usual_m})
+    heading = f' heading="{spec.heading_deg:g}"' if spec.heading_deg else ""
+    tags = f"\n{' ' * 19}".join(textwrap.wrap(tag_ranges(heights_m), _TAGS_WIDTH))
+    closed = "" if spec.open_roster else ' roster="closed"'
+    tracker = (
+        f"    <tracker id={quoteattr(spec.id)} family={quoteattr(family)}{heading}"
+        f' robot_height="{usual_m:g}"\n             max_speed="{spec.max_speed_m_s:g}"{closed}\n'
+        f'             tags="{tags}"'
+    )
+    if not others:
+        return [f"{tracker} />"]
+    rows = [
+        f'      <robots tags="{tag_ranges(t for t, h in heights_m.items() if h == height)}"'
+        f' robot_height="{height:g}" />'
+        for height in others
+    ]
+    return [f"{tracker}>", *rows, "    </tracker>"]

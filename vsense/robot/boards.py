@@ -1,0 +1,180 @@
+"""The boards that `vsensed` can be built for, and where their compilers come from.
+
+Two cross compilers are known. `ziglang` from PyPI (the extra `robot`) makes every target, static
+against musl, so that the board's own C library and float ABI do not matter. Where it is not
+installed Debian's cross compilers do, with the larger glibc.
+
+Sources: embedded.md section 1 (which versions link ARMv5, which flags, sizes); epuck.md section 7
+(the boards). Debian's armhf compiler is left out on purpose: its libc is ARMv7, and the Pi Zero
+is not.
+
+Builds `vsensed` with a user's controller for a robot's board.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import platform
+import re
+import shutil
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from vsense.robot.build import cache_directory, source_tree
+from vsense.robot.compiling import BuildError, Toolchain, native
+
+ZIG_LINE = "pip install 'vsense[robot]'"
+
+SMALL = ("-Os", "-static")
+"""Boards have little room: -O2 is 11 % larger, and a step has a fifth fewer instructions."""
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A kind of board.
+
+    Attributes:
+        name: as the command line calls it.
+        help: which boards these are.
+        zig: what the zig compiler is told to compile for; empty: this machine.
+        debian: Debian's compiler and what it is told; empty: there is none.
+        package: Debian's package of that compiler.
+    """
+
+    name: str
+    help: str
+    zig: tuple[str, ...]
+    debian: tuple[str, ...]
+    package: str
+
+
+TARGETS = {
+    target.name: target
+    for target in (
+        Target(
+            "epuck",
+            "any 32-bit ARM board of an e-puck: ARMv5TE, soft float (Gumstix Overo, AT91, Pi Zero)",
+            ("-target", "arm-linux-musleabi", "-mcpu=arm926ej_s"),
+            ("arm-linux-gnueabi-gcc", "-march=armv5te", "-mtune=arm926ej-s", "-marm"),
+            "gcc-arm-linux-gnueabi",
+        ),
+        Target(
+            "pi-puck",
+            "a Pi-puck's Raspberry Pi Zero: ARMv6 with its floating point unit",
+            ("-target", "arm-linux-musleabihf", "-mcpu=arm1176jzf_s"),
+            ("arm-linux-gnueabi-gcc", "-march=armv6", "-mtune=arm1176jzf-s", "-marm"),
+            "gcc-arm-linux-gnueabi",
+        ),
+        Target(
+            "aarch64",
+            "64-bit ARM boards (Raspberry Pi Zero 2 and newer)",
+            ("-target", "aarch64-linux-musl"),
+            ("aarch64-linux-gnu-gcc",),
+            "gcc-aarch64-linux-gnu",
+        ),
+        Target("host", "this machine", (), (), "build-essential"),
+    )
+}
+
+
+def toolchain(target: Target, cache: Path) -> Toolchain:
+    """Finds the compiler for a target.
+
+    Args:
+        target: what to compile for.
+        cache: folder in which zig keeps what it has compiled, its C library above all.
+
+    Raises:
+        BuildError: there is none here; the message says how to get one.
+    """
+    zig = _zig(target, cache)
+    if zig is not None:
+        return zig
+    if target.name == "host":
+        found = native()
+        return Toolchain(found.command, SMALL)
+    command, *flags = target.debian
+    if shutil.which(command) is None:
+        raise BuildError(
+            f"no compiler for {target.name} boards: install one with: {ZIG_LINE}"
+            f" (or, for Debian's: sudo apt install {target.package})"
+        )
+    return Toolchain((command,), (*SMALL, *flags))
+
+
+def _zig(target: Target, cache: Path) -> Toolchain | None:
+    """The zig compiler, where it is installed and knows the target."""
+    flags = target.zig or ("-target", f"{platform.machine()}-linux-musl")
+    known = target.zig or platform.machine() in ("x86_64", "aarch64", "riscv64")
+    if not known or importlib.util.find_spec("ziglang") is None:
+        return None
+    folders = {
+        "ZIG_GLOBAL_CACHE_DIR": str(cache / "zig"),
+        "ZIG_LOCAL_CACHE_DIR": str(cache / "zig"),
+    }
+    return Toolchain((sys.executable, "-m", "ziglang", "cc"), (*SMALL, *flags), folders)
+
+
+@dataclass(frozen=True, slots=True)
+class Built:
+    """A daemon that was built.
+
+    Attributes:
+        path: the executable.
+        target: name of what it runs on.
+        size: bytes, stripped.
+        controller: the controller's source.
+        hash: of the controller and the headers of its own, hexadecimal. The daemon tells it, too:
+            `vsensed --version`.
+        compiler: the words that start it.
+    """
+
+    path: Path
+    target: str
+    size: int
+    controller: Path
+    hash: str
+    compiler: str
+
+
+def build(controller: str, target: str, output: Path) -> Built:
+    """Builds one.
+
+    Args:
+        controller: a shipped controller's name or the path of a `.c` file.
+        target: a name in `TARGETS`.
+        output: where it goes; what was there is replaced whole, or stays as it is.
+
+    Raises:
+        UsageError: no such controller.
+        BuildError: no compiler, a source that does not compile, or it cannot be written.
+    """
+    tree = source_tree()
+    source = tree.controller(controller)
+    board = TARGETS[target]
+    compiler = toolchain(board, cache_directory())
+    sources = tree.daemon(source)
+    try:
+        digest = sources.link_daemon(compiler, output)
+    except BuildError as error:
+        raise BuildError(_explain(board, compiler, str(error))) from None
+    return Built(
+        path=output,
+        target=target,
+        size=output.stat().st_size,
+        controller=source,
+        hash=digest,
+        compiler=" ".join(Path(word).name for word in compiler.command),
+    )
+
+
+def _explain(board: Target, compiler: Toolchain, said: str) -> str:
+    """Adds what a linker does not say: which compilers cannot link ARMv5."""
+    if board.name == "epuck" and re.search(r"undefined symbol: __sync_", said):
+        version = compiler.version().splitlines()[:1]
+        return (
+            f"{' '.join(version)} cannot link for ARMv5: versions after ziglang 0.15.2 use"
+            f" instructions that these boards do not have; pip install ziglang==0.15.2\n{said}"
+        )
+    return said

@@ -1,0 +1,198 @@
+"""Builds the robots' code for this machine from the C sources that come with vsense: the daemon
+`vsensed`, and for simulations all robots as one shared object.
+
+A build lands in the user's cache directory under a name made of the hash of everything that
+went into it, so a second start finds it and an edited controller is never mistaken for the old
+one. An installed vsense carries one daemon ready made, with the shipped controller; a machine
+without a compiler can run that.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from vsense.errors import UsageError
+from vsense.robot.compiling import CFLAGS, LIBRARIES, BuildError, Sources, native
+
+__all__ = ["BuildError", "SourceTree", "cache_directory", "daemon", "shared"]
+
+SHARED_FLAGS = ("-fPIC", "-shared", "-fvisibility=hidden", "-ffp-contract=off", "-Wl,-z,defs")
+"""For the shared object that simulations load. What a controller calls its own stays its own; and
+no machine fuses two roundings into one, so that a seed gives the same run on all of them."""
+
+MIND_PARTS = ("err", "bytes", "wire", "table", "body", "peer", "clock", "session")
+"""What of `c_src/` a robot's mind needs beside `robot/`: the protocol's own files."""
+
+SYSTEM_PARTS = (
+    *("base", "base_argos", "check", "guard", "guard_link", "guard_process", "main", "net"),
+    *("options", "report", "settings", "signals", "talk", "trace", "worker"),
+)
+"""What of `robot/` only a daemon needs: processes, files, network, and the base."""
+
+SHIPPED_CONTROLLER = "pollutant"
+
+
+@dataclass(frozen=True, slots=True)
+class SourceTree:
+    """The folders `c_src/` and `robot/` as they lie in a checkout or in an installed package."""
+
+    root: Path
+
+    @property
+    def prebuilt(self) -> Path:
+        """Where an installed package carries its ready-made daemon."""
+        return self.root / "bin" / "vsensed"
+
+    def daemon_sources(self) -> list[Path]:
+        """All C files of the daemon but its controller, in a fixed order."""
+        return [
+            p for folder in ("c_src", "robot") for p in sorted((self.root / folder).glob("*.c"))
+        ]
+
+    def mind_sources(self) -> list[Path]:
+        """The C files of all robots of a simulation but their controller, in a fixed order."""
+        protocol = [self.root / "c_src" / f"vs_{part}.c" for part in MIND_PARTS]
+        robot = sorted((self.root / "robot").glob("*.c"))
+        return [*protocol, *(p for p in robot if p.stem not in SYSTEM_PARTS)]
+
+    def headers(self) -> list[Path]:
+        """All headers of the daemon, in a fixed order."""
+        return [
+            p for folder in ("c_src", "robot") for p in sorted((self.root / folder).glob("*.h"))
+        ]
+
+    def daemon(self, controller: Path) -> Sources:
+        """What a daemon with this controller is made of."""
+        return Sources(self.daemon_sources(), controller, self.includes())
+
+    def mind(self, controller: Path) -> Sources:
+        """What the robots of a simulation with this controller are made of."""
+        return Sources(self.mind_sources(), controller, self.includes())
+
+    def includes(self) -> list[Path]:
+        """The folders of the headers."""
+        return [self.root / folder for folder in ("c_src", "robot")]
+
+    def controllers(self) -> dict[str, Path]:
+        """The shipped controllers by name."""
+        return {p.stem: p for p in sorted((self.root / "robot" / "controllers").glob("*.c"))}
+
+    def controller(self, name: str, beside: Path | None = None) -> Path:
+        """Finds a controller's source.
+
+        Args:
+            name: a shipped controller's name, or the path of a `.c` file.
+            beside: folder that a relative path is taken from.
+
+        Raises:
+            UsageError: there is no such controller.
+        """
+        shipped = self.controllers()
+        if name in shipped:
+            return shipped[name]
+        path = (beside or Path()) / name
+        if path.suffix == ".c" and path.is_file():
+            return path.resolve()
+        known = ", ".join(shipped)
+        raise UsageError(
+            f"no controller {name!r}: expected the path of a .c file or one of: {known}"
+        )
+
+
+def source_tree() -> SourceTree:
+    """Finds the C sources: inside the installed package, or in the checkout around it.
+
+    Raises:
+        BuildError: neither is there.
+    """
+    package = Path(__file__).resolve().parent
+    for root in (package / "_sources", package.parent):
+        if (root / "robot" / "main.c").is_file():
+            return SourceTree(root)
+    raise BuildError(f"the daemon's C sources are missing from {package}: install vsense again")
+
+
+def daemon(controller: str = SHIPPED_CONTROLLER, beside: Path | None = None) -> Path:
+    """Gives the host's `vsensed` with this controller, building it where needed.
+
+    Args:
+        controller: a shipped controller's name or the path of a `.c` file.
+        beside: folder that a relative path is taken from (the experiment file's).
+
+    Returns:
+        Path of the executable.
+
+    Raises:
+        UsageError: no such controller.
+        BuildError: no compiler, a source that does not compile, or no cache directory.
+    """
+    tree = source_tree()
+    source = tree.controller(controller, beside)
+    if controller == SHIPPED_CONTROLLER and tree.prebuilt.is_file():
+        return tree.prebuilt
+    target = cache_directory() / _fingerprint(tree, source) / "vsensed"
+    if not target.is_file():
+        compile_daemon(tree, source, target)
+    return target
+
+
+def shared(controller: str, beside: Path | None = None) -> Path:
+    """Gives the shared object of `robot/inprocess.h` with this controller, building it if needed.
+
+    Args:
+        controller: a shipped controller's name or the path of a `.c` file.
+        beside: folder that a relative path is taken from (the experiment file's).
+
+    Returns:
+        Path of the shared object.
+
+    Raises:
+        UsageError: no such controller.
+        BuildError: no compiler, a source that does not compile, or no cache directory.
+    """
+    tree = source_tree()
+    source = tree.controller(controller, beside)
+    target = cache_directory() / _fingerprint(tree, source) / "inprocess.so"
+    if not target.is_file():
+        tree.mind(source).link(native(), target, SHARED_FLAGS)
+    return target
+
+
+def cache_directory() -> Path:
+    """The folder for builds: `$XDG_CACHE_HOME/vsense`, by default `~/.cache/vsense`.
+
+    Raises:
+        BuildError: the user has no home directory.
+    """
+    base = os.environ.get("XDG_CACHE_HOME")
+    if base:
+        return Path(base) / "vsense"
+    try:
+        return Path.home() / ".cache" / "vsense"
+    except RuntimeError:
+        raise BuildError(
+            "no home directory to keep builds in: set XDG_CACHE_HOME to a folder"
+        ) from None
+
+
+def compile_daemon(tree: SourceTree, controller: Path, target: Path) -> None:
+    """Compiles and links `vsensed` in one go and moves it into place whole.
+
+    Raises:
+        BuildError: the compiler is missing or refuses a source, or the folder cannot be written.
+    """
+    tree.daemon(controller).link_daemon(native(), target)
+
+
+def _fingerprint(tree: SourceTree, controller: Path) -> str:
+    """Hash of the compiler, the flags and every source and header that goes into a build."""
+    compiler = native()
+    flags = f"{CFLAGS}{SHARED_FLAGS}{LIBRARIES}"
+    digest = hashlib.sha256(f"{list(compiler.command)}{compiler.version()}{flags}".encode())
+    own = tree.daemon(controller).dependencies(compiler)
+    for path in (*tree.daemon_sources(), *tree.headers(), *own):
+        digest.update(os.fsencode(path.name) + b"\0" + path.read_bytes() + b"\0")
+    return digest.hexdigest()[:24]

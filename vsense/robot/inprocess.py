@@ -1,0 +1,188 @@
+"""The robots of a simulation: the real controller in the daemon's own mind, in this process.
+
+The shared object holds `robot/inprocess.c`, all that a daemon's worker thinks with, and one
+controller (`vsense.robot.build.shared`). Its declarations are cut out of the header that lies beside
+its sources.
+"""
+
+from __future__ import annotations
+
+import mmap
+from collections.abc import Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from cffi import FFI
+from numpy.typing import NDArray
+
+from vsense.errors import VsenseError
+from vsense.lab.links import LIGHT_RAW as DARKNESS_RAW
+from vsense.link.robots.roster import robot_seed
+from vsense.link.robots.table import Direction, Table
+from vsense.link.robots.wire import Header, PacketType, Values, Wanted, Welcome, encode
+from vsense.native import check, lib
+from vsense.robot import build
+
+PROGRESS_BYTES = 8
+"""`struct vs_inprocess_progress`: timestep and robot, two u32."""
+
+LIGHT_RAW: int = lib.EPUCK_ARGOS_PROX_MAX - DARKNESS_RAW
+"""What every light sensor reads, higher is brighter: the room is as evenly lit as the lab's."""
+
+
+class SimError(VsenseError):
+    """A simulation cannot go on; the message says why."""
+
+
+@cache
+def declarations() -> FFI:
+    """Gives the declarations of `robot/inprocess.h`.
+
+    Raises:
+        BuildError: the C sources are not there.
+    """
+    header = (build.source_tree().root / "robot" / "inprocess.h").read_text()
+    lines = [line for line in header.splitlines() if not line.startswith("#")]
+    ffi = FFI()
+    ffi.cdef("\n".join(lines))
+    return ffi
+
+
+class Robots:
+    """All robots of a run, each with a mind of its own.
+
+    Attributes:
+        wheels_steps_s: (n, 2) int16, left and right, as commanded in the newest step, after
+            safety.
+        leds: (n,) uint16, bits 0-7 ring, 8 body, 9 front.
+    """
+
+    def __init__(
+        self,
+        library: Path,
+        tags: Sequence[int],
+        table: Table,
+        timestep_ns: int,
+        seed: int,
+        params: str,
+        progress: Any = None,
+    ) -> None:
+        """Loads the controller and greets every robot.
+
+        Args:
+            library: the shared object.
+            tags: the robots.
+            table: what they sense and do virtually.
+            timestep_ns: length of a timestep.
+            seed: of the run; every robot's controller gets one of its own made from it.
+            params: the controller's settings, lines "key=value\\n".
+            progress: `PROGRESS_BYTES` of writable memory where the robots note what they do;
+                None: nobody wants to know.
+
+        Raises:
+            SimError: the shared object cannot be loaded, or its controller cannot be run.
+            WireError: the robots cannot be told what the experiment says.
+        """
+        self._ffi, self._tags = declarations(), list(tags)
+        try:
+            self._lib: Any = self._ffi.dlopen(str(library))
+        except OSError as error:
+            raise SimError(f"{library}: cannot be loaded: {error}") from None
+        self._begin(bytearray(PROGRESS_BYTES) if progress is None else progress)
+        for robot, tag in enumerate(self._tags):
+            welcome = Welcome(table, timestep_ns // 1000, robot_seed(seed, tag), params)
+            packet = encode(Header(PacketType.WELCOME, table_hash=table.hash), welcome)
+            # A virtual robot's tag is no marker's, and does not fit the wire's 16 bits.
+            wire_tag = tag % 2**16
+            code = self._lib.vs_inprocess_welcome(self._all, robot, wire_tag, packet, len(packet))
+            check(code, f"robot {tag}")
+        self._make_room(table)
+
+    def _begin(self, progress: Any) -> None:
+        """Gives all robots their memory."""
+        ffi, count = self._ffi, len(self._tags)
+        self._memory = mmap.mmap(-1, self._lib.vs_inprocess_size(count))
+        self._progress = progress
+        self._all = ffi.cast("struct vs_inprocess *", ffi.from_buffer(self._memory))
+        note = ffi.cast("struct vs_inprocess_progress *", ffi.from_buffer(progress))
+        if self._lib.vs_inprocess_init(self._all, count, note) < 0:
+            raise SimError(
+                f"controller '{self.controller}': expected a name of plain text of at most"
+                f" {lib.VS_NAME_MAX} bytes and a smaller state; see robot/controller.h"
+            )
+
+    @property
+    def controller(self) -> str:
+        """The controller's name, as it calls itself."""
+        name: bytes = self._ffi.string(self._lib.vs_inprocess_controller())
+        return name.decode(errors="replace")
+
+    def step(
+        self,
+        wanted: Wanted,
+        from_timestep: int,
+        timestep: int,
+        times_ns: tuple[int, int],
+        readings: Mapping[int, Values],
+        prox_raw: NDArray[np.int16],
+    ) -> None:
+        """One control step of every robot.
+
+        Args:
+            wanted: what the host wants of them.
+            from_timestep: with RUN, the first timestep of the run.
+            timestep: of the arena state, from 0, rising.
+            times_ns: when the arena was seen, and when the controllers act on that.
+            readings: per tag (value, capture time) per sensor, in the table's order.
+            prox_raw: (n, 8) int16 of their own proximity sensors.
+        """
+        rows = [readings[tag] for tag in self._tags]
+        self._values[:] = b"".join([value for row in rows for value, _ in row])
+        self._captures_ns[:] = [capture_ns for row in rows for _, capture_ns in row]
+        self._prox[:] = prox_raw
+        now = self._now
+        now.wanted, now.from_timestep, now.timestep = wanted, from_timestep, timestep
+        now.capture_ns, now.now_ns = times_ns
+        self._lib.vs_inprocess_step(self._all, now)
+
+    def reports(self) -> dict[int, bytes]:
+        """What every robot's virtual actuators say: by tag the actuators' block."""
+        size = self._report_bytes
+        whole = bytes(self._reports)
+        return {tag: whole[i * size : (i + 1) * size] for i, tag in enumerate(self._tags)}
+
+    def complaints(self) -> list[str]:
+        """What the controllers asked for in vain, or do not know: each complaint once."""
+        said: bytes = self._ffi.string(self._lib.vs_inprocess_complaints(self._all))
+        return said.decode(errors="replace").splitlines()
+
+    def _make_room(self, table: Table) -> None:
+        """Lays out what goes into a step and comes out of it."""
+        ffi, count = self._ffi, len(self._tags)
+        sizes = dict.fromkeys(Direction, 0)
+        for entry, size in zip(table.entries, table.sizes):
+            sizes[entry.direction] += size
+        sensors = sum(entry.direction is Direction.SENSOR for entry in table.entries)
+        self._report_bytes = sizes[Direction.ACTUATOR]
+        self._value_block = ffi.new("uint8_t[]", max(count * sizes[Direction.SENSOR], 1))
+        self._values = ffi.buffer(self._value_block, count * sizes[Direction.SENSOR])
+        self._report_block = ffi.new("uint8_t[]", max(count * self._report_bytes, 1))
+        self._reports = ffi.buffer(self._report_block, count * self._report_bytes)
+        self._captures_ns = np.zeros(count * sensors, dtype=np.int64)
+        self._prox = np.zeros((count, 8), dtype=np.int16)
+        self._light = np.full((count, 8), LIGHT_RAW, dtype=np.int16)
+        self.wheels_steps_s = np.zeros((count, 2), dtype=np.int16)
+        self.leds = np.zeros(count, dtype=np.uint16)
+        now = self._now = ffi.new("struct vs_inprocess_timestep *")
+        now.values, now.reports = self._value_block, self._report_block
+        for name in ("captures_ns", "prox", "light"):
+            self._point(name, getattr(self, f"_{name}"))
+        self._point("wheels_steps_s", self.wheels_steps_s)
+        self._point("leds", self.leds)
+
+    def _point(self, field: str, array: NDArray[Any]) -> None:
+        """Has a field point to an array."""
+        kind = f"{array.dtype.name}_t *"
+        setattr(self._now, field, self._ffi.cast(kind, array.ctypes.data))

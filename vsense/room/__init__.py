@@ -1,1 +1,0 @@
-"""The control room: what happens in a run, told to whoever looks, and people's orders."""

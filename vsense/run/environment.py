@@ -1,0 +1,182 @@
+"""The virtual world of a run, one timestep at a time: the same for `sim`, `lab` and `run`.
+
+What stands around it differs (who makes the arena states, who carries readings and reports), so
+everything that must not differ is in here: the order in which the world takes over what was
+seen, lets the robots' virtual actuators act, evolves, and is sensed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from vsense.actuators.bank import NO_SENDERS, ActuatorBank
+from vsense.arena import ArenaState
+from vsense.config.ground import floor_of, make_field
+from vsense.config.placement import settle
+from vsense.config.specs import Experiment
+from vsense.link.robots.table import Direction, Entry, Table
+from vsense.link.robots.wire import Values
+from vsense.sensors.bank import SensorBank
+from vsense.world.loop_functions import LoopFunctions
+from vsense.world.world import World
+
+if TYPE_CHECKING:
+    from vsense.run.virtual_swarm import VirtualSwarm
+
+
+MOST_SEED = 2**32 - 1
+
+
+class Environment:
+    """World, virtual sensors and virtual actuators of one run. It reads no clock.
+
+    Attributes:
+        experiment: the experiment, with everything in its place.
+        world: what is sensed and acted upon.
+        sensors: the virtual sensors of all robots.
+        actuators: their virtual actuators.
+        table_entries: the sensor table: sensors, then actuators.
+        seed: of everything that is drawn.
+        blind: every virtual sensor is held at 0.
+    """
+
+    def __init__(self, experiment: Experiment, seed: int, blind: bool = False) -> None:
+        """Makes the world of an experiment before its first timestep.
+
+        Args:
+            experiment: what to make.
+            seed: of everything that is drawn in the virtual world, not negative; the places of
+                what is distributed follow from it, too.
+            blind: hold every virtual sensor at 0: the control experiment.
+
+        Raises:
+            VsenseError: something in the experiment cannot be made.
+        """
+        # Nothing distributed: then the start poses of real robots are nobody's business here.
+        settled = settle(experiment, seed) if experiment.distributed else experiment
+        self.experiment = settled
+        self.seed = seed
+        self.blind = blind
+        self._loop = _loop_functions(settled)
+        self.world = _world(settled, seed, self._loop)
+        self._begin()
+        entries = [(entry, Direction.SENSOR) for entry in self.sensors.table]
+        entries += [(entry, Direction.ACTUATOR) for entry in self.actuators.table]
+        self.table_entries = tuple(Entry(e.id, e.name, e.layout, way) for e, way in entries)
+        self._swarm = self._virtual_swarm()
+
+    def _begin(self) -> None:
+        """Equips all robots anew and calls the user's `reset`."""
+        experiment, tags = self.experiment, self.world.robots["tag"].tolist()
+        self.sensors = SensorBank(experiment.sensors, tags, self.blind, self.seed)
+        first = len(self.sensors.table) + 1
+        self.actuators = ActuatorBank(experiment.actuators, tags, self.seed, first)
+        if self._loop is not None:
+            self._loop.reset(self.world)
+
+    def _virtual_swarm(self) -> VirtualSwarm | None:
+        if not any(robot.driven for robot in self.experiment.virtual_robots):
+            return None
+        # It needs a compiler: whoever has no such robots does not.
+        from vsense.run.virtual_swarm import VirtualSwarm
+
+        return VirtualSwarm(self.experiment, Table(self.table_entries), self.seed)
+
+    def reset(self) -> None:
+        """Goes back to the state before the run; what the cameras saw last stays."""
+        self.world.reset()
+        self._loop = _loop_functions(self.experiment)
+        self._begin()
+        self._swarm = self._virtual_swarm()
+
+    def following(self) -> Environment:
+        """Gives the environment of the run after this one, whose seed is one more.
+
+        Raises:
+            VsenseError: something in the experiment cannot be made.
+        """
+        return Environment(self.experiment, self.seed % MOST_SEED + 1, self.blind)
+
+    def step(
+        self,
+        state: ArenaState,
+        run_timestep: int,
+        reports: Mapping[int, bytes],
+        senders: Mapping[int, bytes] = NO_SENDERS,
+    ) -> dict[int, Values]:
+        """Lives one timestep.
+
+        Before the run nothing acts and nothing evolves, but everything is sensed.
+
+        Args:
+            state: the arena state of this timestep.
+            run_timestep: timestep of the run, from 0; negative before it.
+            reports: by tag, the actuators' block of the robot's newest report. A robot that is
+                not in it is silent.
+            senders: by tag, who reports, where more than one robot may have had the tag.
+
+        Returns:
+            By tag what every robot senses: (value, capture time) per sensor, in the order of
+            `table_entries`.
+
+        Raises:
+            VsenseError: something in the virtual world has failed; the run cannot go on.
+        """
+        world, swarm = self.world, self._swarm
+        if swarm is not None:
+            swarm.move(world, state.capture_ns)
+            reports = {**reports, **swarm.reports}
+        world.update(state, run_timestep)
+        if run_timestep >= 0:
+            self._evolve(reports, senders)
+        readings: dict[int, Values] = dict(self.sensors.encode(world, state.timestep))
+        if swarm is not None:
+            swarm.think(state, run_timestep, readings)
+        if run_timestep >= 0 and self._loop is not None:
+            self._loop.post_step(world)
+        return readings
+
+    def _evolve(self, reports: Mapping[int, bytes], senders: Mapping[int, bytes]) -> None:
+        """What changes in the world in a timestep of the run."""
+        if self._loop is not None:
+            self._loop.pre_step(self.world)
+        self.actuators.apply(self.world, reports, senders)
+        self.world.step()
+
+    def end(self) -> dict[str, float]:
+        """Ends the run.
+
+        Returns:
+            Its results by name: what anybody wrote into `world.results`, and what the user's
+            `end` gives.
+
+        Raises:
+            VsenseError: the user's `end` has failed.
+        """
+        return dict(self.world.results) if self._loop is None else self._loop.end(self.world)
+
+
+def _loop_functions(experiment: Experiment) -> LoopFunctions | None:
+    """Loads the user's functions; each run has its own."""
+    spec = experiment.loop_functions
+    return None if spec is None else LoopFunctions(spec.path, spec.label, spec.params)
+
+
+def _world(experiment: Experiment, seed: int, loop: LoopFunctions | None) -> World:
+    """Makes the world of an experiment as it is at the start."""
+    floor = floor_of(experiment)
+    spec = experiment.floor
+    if spec is not None and spec.source == "loop_functions" and loop is not None:
+        floor = loop.floor(experiment.arena, spec.pixels_per_m)
+    return World(
+        [robot.tag for robot in experiment.robots],
+        experiment.sources,
+        entities=experiment.entities,
+        fields=[make_field(spec, experiment.arena) for spec in experiment.fields],
+        floor=floor,
+        objects=[thing.tag for thing in experiment.objects],
+        arena=experiment.arena,
+        timestep_s=experiment.timestep_s,
+        seed=seed,
+    )

@@ -1,0 +1,295 @@
+"""The virtual sensor server of an experiment.
+
+Who is there before a run: which robots are connected, and whose markers are seen.
+
+What robots complain about in their telemetry: told once when it begins, once when it is over.
+
+Counts what the links of a run sent and received, over all lives of every daemon.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from vsense.config.specs import Experiment
+from vsense.link.legacy.protocol import LegacySwarm, Translation, by_octet
+from vsense.link.legacy.server import MixedServer
+from vsense.link.robots.server import LinkEvent, VirtualSensorServer
+from vsense.link.robots.status import RobotStatus
+from vsense.link.robots.table import Table
+from vsense.link.robots.wire import StopCause, Telemetry
+
+
+def make_server(
+    experiment: Experiment,
+    table: Table,
+    address: tuple[str, int],
+    seed: int,
+    on_event: Callable[[LinkEvent], None],
+    legacy_port: int | None = None,
+) -> VirtualSensorServer:
+    """Prepares the server that an experiment's robots connect to; nothing is opened yet.
+
+    Args:
+        experiment: whose robots are expected.
+        table: the sensor table.
+        address: interface to listen on, and its port; 0 takes a free one.
+        seed: of the run.
+        on_event: called from the server's thread; must not wait.
+        legacy_port: port for robots with the original's client, None: none are served.
+
+    Raises:
+        WireError: params or timestep do not fit the protocol.
+        LinkError: the original's client cannot be served in this experiment.
+    """
+    host, port = address
+    options: dict[str, Any] = {
+        "host": host,
+        "port": port,
+        "table": table,
+        "timestep_ns": experiment.timestep_ns,
+        "seed": seed,
+        "params": experiment.controller.params_text,
+        "expected": {robot.tag: robot.id for robot in experiment.robots},
+        "on_event": on_event,
+    }
+    if legacy_port is None:
+        return VirtualSensorServer(**options)
+    numbers = by_octet({robot.tag: (robot.id, robot.number) for robot in experiment.robots})
+    swarm = LegacySwarm(Translation(table.entries), numbers)
+    return MixedServer((host, legacy_port), swarm, **options)
+
+
+MOST_NAMES = 6
+"""So many names are told, then only how many more there are."""
+
+
+@dataclass(frozen=True, slots=True)
+class Readiness:
+    """Who is there and who is missing, by name, in the experiment's order.
+
+    Attributes:
+        robots: how many robots there should be.
+        markers: how many markers there should be: those of the robots and of tagged objects.
+        absent: robots that are not connected.
+        unseen: robots and objects whose marker is not seen.
+    """
+
+    robots: int
+    markers: int
+    absent: tuple[str, ...]
+    unseen: tuple[str, ...]
+
+    @classmethod
+    def take(
+        cls,
+        robots: Mapping[int, str],
+        objects: Mapping[int, str],
+        connected: Collection[int],
+        seen: Collection[int],
+    ) -> Readiness:
+        """Calls the roll.
+
+        Args:
+            robots: names of the robots by tag.
+            objects: names of the tagged objects by tag.
+            connected: tags of the robots that are connected.
+            seen: tags that are seen.
+        """
+        return cls(
+            robots=len(robots),
+            markers=len(robots) + len(objects),
+            absent=tuple(name for tag, name in robots.items() if tag not in connected),
+            unseen=tuple(n for tag, n in (*robots.items(), *objects.items()) if tag not in seen),
+        )
+
+    @property
+    def complete(self) -> bool:
+        """Whether nobody is missing."""
+        return not self.absent and not self.unseen
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Everybody who is not connected or not seen, each once."""
+        return tuple(dict.fromkeys((*self.absent, *self.unseen)))
+
+    def progress(self, watched: bool = True) -> str:
+        """Says in one line who is there, and who is not.
+
+        Args:
+            watched: False: there was no arena state yet in which anybody could be seen.
+        """
+        connected = (
+            f"{self.robots - len(self.absent)} of {self.robots} robots connected"
+            f"{_without(self.absent)}"
+        )
+        if not watched:
+            return f"{connected}, no arena state yet"
+        return (
+            f"{connected}, {self.markers - len(self.unseen)} of {self.markers} markers seen"
+            f"{_without(self.unseen)}"
+        )
+
+    def complaint(self) -> str:
+        """Says who is missing in which way; "" where nobody is."""
+        parts = []
+        if self.absent:
+            parts.append(f"not connected: {', '.join(self.absent)}")
+        if self.unseen:
+            parts.append(f"not seen: {', '.join(self.unseen)}")
+        return "; ".join(parts)
+
+
+def _without(names: tuple[str, ...]) -> str:
+    return f" (not {shorten(names)})" if names else ""
+
+
+def shorten(names: Iterable[str]) -> str:
+    """Names in one line, the first few of many."""
+    told = list(names)
+    more = len(told) - MOST_NAMES
+    return ", ".join(told[:MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
+
+
+PATIENCE_NS = 1_000_000_000
+"""A daemon that has just started looks for its base for a moment: that is no trouble yet."""
+
+BATTERY_LOW = 1
+
+
+class RobotAlarms:
+    """Which robots are in trouble, from one status to the next."""
+
+    def __init__(self) -> None:
+        self._since_ns: dict[tuple[int, str], int] = {}
+        self._told: set[tuple[int, str]] = set()
+
+    def update(self, robots: Mapping[int, RobotStatus], now_ns: int) -> list[str]:
+        """Takes over the newest status of every robot.
+
+        Args:
+            robots: status by tag.
+            now_ns: the host's monotonic clock.
+
+        Returns:
+            A line for each trouble that has lasted long enough to be told, or that is over.
+        """
+        lines = []
+        for tag, status in robots.items():
+            if status.telemetry is None or not status.connected:
+                continue
+            for begun, over, present in _troubles(status.telemetry):
+                key = (tag, begun)
+                if not present:
+                    self._since_ns.pop(key, None)
+                    if key in self._told:
+                        self._told.remove(key)
+                        lines.append(f"robot {status.name}: {over}")
+                    continue
+                lasted_ns = now_ns - self._since_ns.setdefault(key, now_ns)
+                if lasted_ns >= PATIENCE_NS and key not in self._told:
+                    self._told.add(key)
+                    lines.append(f"robot {status.name}: {begun}")
+        return lines
+
+
+def _troubles(telemetry: Telemetry) -> list[tuple[str, str, bool]]:
+    """Words for each trouble, words for its end, and whether a telemetry tells of it."""
+    return [
+        (
+            "its base does not answer: its wheels are held",
+            "its base answers again",
+            telemetry.stop_cause == StopCause.BASE,
+        ),
+        (
+            "its battery is low",
+            "its battery is no longer low",
+            telemetry.battery_low == BATTERY_LOW,
+        ),
+    ]
+
+
+@dataclass(slots=True)
+class _LinkCounts:
+    """One robot's daemons: what the earlier ones had counted, and the newest telemetry."""
+
+    received: int = 0
+    dropped: int = 0
+    guard_restarts: int = 0
+    newest: Telemetry | None = None
+
+
+@dataclass(slots=True)
+class LinkCounters:
+    """Counters of STATE packets, from the server's start or from `anew`.
+
+    A daemon counts from its own start. Of one that was killed the last telemetry is what is
+    known; what it received after that is counted as lost.
+
+    Attributes:
+        sent: packets made by the host.
+        received: packets that the robots took, each once.
+        dropped: packets that the robots did not take: old, repeated, foreign, damaged.
+        sessions: sessions that were opened.
+    """
+
+    sent: int = 0
+    received: int = 0
+    dropped: int = 0
+    sessions: int = 0
+    _robots: dict[int, _LinkCounts] = field(default_factory=dict)
+    _earlier: tuple[int, int, int] = (0, 0, 0)
+
+    def update(self, robots: Mapping[int, RobotStatus]) -> list[RobotStatus]:
+        """Takes over the newest status of every robot.
+
+        Returns:
+            The robots whose guard was replaced since the last call.
+        """
+        replaced = []
+        for tag, status in robots.items():
+            known = self._robots.setdefault(tag, _LinkCounts())
+            if status.telemetry is not None and _take(known, status.telemetry):
+                replaced.append(status)
+        sent, received, dropped = self._earlier
+        self.sent = sum(status.sent for status in robots.values()) - sent
+        self.sessions = sum(status.sessions for status in robots.values())
+        heard = [r.newest for r in self._robots.values() if r.newest is not None]
+        self.received = self._before("received") + sum(_taken(t) for t in heard) - received
+        self.dropped = self._before("dropped") + sum(_dropped(t) for t in heard) - dropped
+        return replaced
+
+    def anew(self) -> LinkCounters:
+        """Gives a tally that counts from here."""
+        now = (self.sent, self.received, self.dropped)
+        sent, received, dropped = (a + b for a, b in zip(self._earlier, now))
+        return LinkCounters(
+            sessions=self.sessions, _robots=self._robots, _earlier=(sent, received, dropped)
+        )
+
+    def _before(self, counter: str) -> int:
+        earlier: Iterable[int] = (getattr(robot, counter) for robot in self._robots.values())
+        return sum(earlier)
+
+
+def _take(known: _LinkCounts, now: Telemetry) -> bool:
+    """Adds a telemetry; True where it tells of a new guard."""
+    before = known.newest
+    if before is not None and now.received < before.received:
+        known.received += _taken(before)
+        known.dropped += _dropped(before)
+        known.guard_restarts = 0
+    known.newest = now
+    replaced = now.guard_restarts > known.guard_restarts
+    known.guard_restarts = now.guard_restarts
+    return replaced
+
+
+def _taken(telemetry: Telemetry) -> int:
+    return telemetry.received - _dropped(telemetry)
+
+
+def _dropped(telemetry: Telemetry) -> int:
+    return telemetry.old + telemetry.foreign + telemetry.corrupt

@@ -1,0 +1,263 @@
+"""The timesteps of a run: which arena states begin one, and which number it has. Pure.
+
+An experiment says how long its timesteps are; a tracker or a camera may be faster or slower, and
+falls silent now and then. The number of a timestep therefore follows from the capture time: a
+state too early for the next timestep is passed over, and a pause leaves timesteps out.
+
+The runtime: every timestep of the host, from the pictures to the datagrams.
+
+Two threads, as in the thesis: one watches the arena (grabber and tracker, or the link to another
+tracker), the other lives in the world (world, virtual sensors, server); between them lies the
+latest-value buffer, so a slow world never holds the cameras up. Nothing of the host but this
+module, the links and the lab reads a clock: every other box is told the time.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+from vsense.arena import ArenaState, Frame
+from vsense.cameras.grabber import Grabber
+from vsense.link.robots.server import VirtualSensorServer
+from vsense.link.robots.wire import Values, Wanted
+from vsense.run.environment import Environment
+from vsense.run.watch import WATCH_TIMEOUT_S, ArenaSource, Watch
+
+FOLLOW = 100
+"""The grid of the timesteps follows a tracker of nearly the same rate by up to one part in this
+many, so that the two do not slip past each other for ever."""
+
+
+class Pace:
+    """Numbers capture times, from 0."""
+
+    def __init__(self, timestep_ns: int) -> None:
+        """Begins with the first capture time, whenever that is.
+
+        Args:
+            timestep_ns: length of a timestep.
+        """
+        self._timestep_ns = timestep_ns
+        self._epoch_ns = 0
+        self._newest = -1
+        self._passed_over = False
+
+    def timestep(self, capture_ns: int) -> int | None:
+        """Gives the number of the timestep that a state captured then begins.
+
+        Args:
+            capture_ns: on a clock that never jumps.
+
+        Returns:
+            A number greater than all before; None where the newest timestep is not over yet.
+        """
+        if self._newest < 0:
+            self._epoch_ns, self._newest = capture_ns, 0
+            return 0
+        span_ns = self._timestep_ns
+        number = (capture_ns - self._epoch_ns + span_ns // 2) // span_ns
+        if number <= self._newest:
+            self._passed_over = True
+            return None
+        if not self._passed_over:
+            # Of a faster tracker the first state in time is taken: it says nothing of its phase.
+            late_ns = capture_ns - self._epoch_ns - number * span_ns
+            self._epoch_ns += max(-span_ns // FOLLOW, min(late_ns, span_ns // FOLLOW))
+        self._newest, self._passed_over = number, False
+        return number
+
+
+START_LEAD = 3
+"""START names a timestep this many ahead, so that one lost datagram delays no robot."""
+
+
+class Tracker(Protocol):
+    """What turns pictures into the arena state."""
+
+    def update(self, frames: Sequence[Frame]) -> ArenaState:
+        """Finds and follows the robots in one timestep's pictures."""
+
+
+class Pictures:
+    """The source with cameras of our own.
+
+    Attributes:
+        record: takes the pictures that the tracker is about to be given, in the tracker's thread.
+    """
+
+    def __init__(self, grabber: Grabber, tracker: Tracker) -> None:
+        """Takes both, without owning them."""
+        self._grabber = grabber
+        self._tracker = tracker
+        self.record: Callable[[Sequence[Frame]], None] = lambda frames: None
+
+    def next(self, timeout_s: float) -> tuple[ArenaState, Sequence[Frame]]:
+        """Waits for pictures and tracks the robots in them.
+
+        Raises:
+            GrabberError: no picture came in time.
+            VsenseError: the tracker has failed.
+        """
+        frames = self._grabber.next(timeout_s)
+        self.record(frames)
+        return self._tracker.update(frames), frames
+
+    def start_run(self) -> None:
+        """Cameras are watched in a run and out of it."""
+
+    def stop_run(self) -> None:
+        """See `start_run`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One timestep as the host lived it; times are the host's monotonic clock in ns.
+
+    Attributes:
+        timestep: the cameras' trigger number.
+        run_timestep: timestep of the run, from 0; -1 before it.
+        capture_ns: middle of the exposure.
+        ready_ns: the last picture was in memory.
+        arena_ns: the arena state was done.
+        sent_ns: the last robot's datagram had left.
+        state: the arena state.
+        frames: the pictures; valid until the grabber needs their memory again.
+    """
+
+    timestep: int
+    run_timestep: int
+    capture_ns: int
+    ready_ns: int
+    arena_ns: int
+    sent_ns: int
+    state: ArenaState
+    frames: Sequence[Frame]
+
+    def without_frames(self) -> Step:
+        """The same, without holding on to the pictures."""
+        return replace(self, frames=())
+
+
+class Runtime:
+    """Calls every box of the host in order.
+
+    The world updates, senses and sends in the same timestep in which the arena state arrived.
+
+    Attributes:
+        readings: what every robot was sent last, by tag: (value, capture time) per sensor.
+    """
+
+    def __init__(
+        self,
+        source: ArenaSource,
+        environment: Environment,
+        server: VirtualSensorServer,
+        clock: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self._source = source
+        self._watch = Watch(source, clock)
+        self._environment = environment
+        self._server = server
+        self.readings: Mapping[int, Values] = {}
+        self._last_timestep = -1
+        self._first_timestep: float = math.inf
+        self._lived = -1
+        self._held = False
+
+    def open(self) -> None:
+        """Begins to watch the arena."""
+        self._watch.start()
+
+    def close(self) -> None:
+        """Ends the watch."""
+        self._watch.close()
+
+    def start(self) -> int:
+        """Starts all robots together a few timesteps from now.
+
+        Returns:
+            The timestep that is the run's first.
+        """
+        self._source.start_run()
+        return self.resume()
+
+    def hold(self) -> None:
+        """Has the virtual world stand still from now on; the robots must be told otherwise.
+
+        They are sent their last readings again, which say how old they are.
+        """
+        self._held, self._first_timestep = True, math.inf
+
+    def resume(self) -> int:
+        """Has world and robots go on together where they were held.
+
+        Returns:
+            The timestep in which they do.
+        """
+        first = self._last_timestep + START_LEAD
+        self._first_timestep = first - (self._lived + 1)
+        self._server.command(Wanted.RUN, first)
+        return first
+
+    def stop(self) -> None:
+        """Stops all robots at once; the virtual world stays as it is."""
+        self._server.command(Wanted.STOP)
+        self.hold()
+        self._source.stop_run()
+
+    def next_run(self, environment: Environment) -> int:
+        """Goes back to before the start, in another virtual world.
+
+        Args:
+            environment: its sensors and actuators are the first one's.
+
+        Returns:
+            The number by which the robots know the run.
+        """
+        self._environment = environment
+        self._first_timestep, self._lived, self._held = math.inf, -1, False
+        return self._server.new_run()
+
+    def step(self, timeout_s: float = 2 * WATCH_TIMEOUT_S) -> Step:
+        """Lives one timestep: waits for its arena state and has the readings sent.
+
+        Raises:
+            NoArenaState: none came in time.
+            VsenseError: a box of the host has failed.
+        """
+        newest, frames = self._watch.next(timeout_s)
+        state = newest.state
+        self._last_timestep = state.timestep
+        run_timestep = self._run_timestep(state.timestep)
+        if not self._held:
+            self._sense(state, run_timestep)
+        sent_ns = self._server.publish(state.timestep, state.capture_ns, self.readings)
+        return Step(
+            timestep=state.timestep,
+            run_timestep=run_timestep,
+            capture_ns=state.capture_ns,
+            ready_ns=newest.ready_ns,
+            arena_ns=newest.done_ns,
+            sent_ns=sent_ns,
+            state=state,
+            frames=frames,
+        )
+
+    def _sense(self, state: ArenaState, run_timestep: int) -> None:
+        """Lives a timestep in the virtual world."""
+        reports = self._server.reports()
+        payloads = {tag: report.payload for tag, report in reports.items()}
+        senders = {tag: report.uid for tag, report in reports.items()}
+        self.readings = self._environment.step(state, run_timestep, payloads, senders)
+
+    def _run_timestep(self, timestep: int) -> int:
+        """The run's timestep; -1 before the run, and while it is held."""
+        run_timestep = timestep - self._first_timestep
+        if run_timestep <= self._lived:
+            return -1
+        self._held, self._lived = False, int(run_timestep)
+        return self._lived

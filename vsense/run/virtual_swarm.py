@@ -1,0 +1,190 @@
+"""Virtual robots that live beside the real ones: their bodies, and their controllers.
+
+A virtual robot runs the same controller as the real ones, in this process. It moves on the floor
+of the virtual world, where physical and virtual things stand in its way, and so do the real
+robots, whom it cannot push. Its own proximity sensors feel all of that. As for a real robot, what
+it decides in one timestep shows in the next.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.arena import ArenaState
+from vsense.config.specs import Experiment
+from vsense.link.robots.table import Table
+from vsense.link.robots.wire import Values, Wanted
+from vsense.robot import build
+from vsense.robot.inprocess import Robots
+from vsense.world.entities import BODY_HEIGHT_M, VirtualRobot
+from vsense.world.physics import Physics
+from vsense.world.proximity_ring import ProximityRing
+from vsense.world.sightings import known
+from vsense.world.world import BODY_MEMORY_NS, World
+
+Floats = NDArray[np.float64]
+
+CONTROL_NS = 20_000_000
+"""From the capture to the controller: as long as a real robot's readings take to reach it."""
+ACT_NS = 21_000_000
+"""From the capture to the wheels."""
+
+_FAR_M = 1e6
+"""Where those stand who are in nobody's way."""
+
+
+REST_NS = 400_000_000
+"""Without an arena state for longer they stood still, as real robots do."""
+
+
+class VirtualSwarm:
+    """The virtual robots of an experiment that its controller drives.
+
+    The others, and those that a loop function puts into the world, nobody moves but the loop
+    functions.
+
+    Attributes:
+        reports: by tag, the actuators' block of each robot after the newest timestep.
+    """
+
+    def __init__(self, experiment: Experiment, table: Table, seed: int) -> None:
+        """Builds the controller and greets the robots.
+
+        Args:
+            experiment: at least one of its virtual robots is driven.
+            table: the sensor table.
+            seed: of the run.
+
+        Raises:
+            VsenseError: the controller cannot be built or run.
+        """
+        source = experiment.controller
+        self._tags = [robot.tag for robot in experiment.virtual_robots if robot.driven]
+        self._minds = Robots(
+            build.shared(source.library, experiment.path.parent),
+            self._tags,
+            table,
+            experiment.timestep_ns,
+            seed,
+            source.params_text,
+        )
+        self._seed = seed
+        self._scenes = 0
+        self._scene: _Scene | None = None
+        self._wheels = np.zeros((len(self._tags), 2), dtype=np.int16)
+        self.reports: Mapping[int, bytes] = {}
+
+    def move(self, world: World, capture_ns: int) -> None:
+        """Moves the robots on to the time of the next arena state.
+
+        Args:
+            world: as it was in the last timestep; it gets their new places.
+            capture_ns: of the next arena state.
+        """
+        scene = self._scene
+        # After a pause, or a time without arena states, they go on from where they stood.
+        anew = scene is None or capture_ns - world.capture_ns > REST_NS
+        if scene is None or anew or not scene.holds(world):
+            # Or something else has moved, or was put there or taken away.
+            start_ns = capture_ns if anew else world.capture_ns
+            scene = self._scene = _Scene(world, self._tags, start_ns, self._seed + self._scenes)
+            self._scenes += 1
+            scene.drive(self._wheels, start_ns)
+        scene.move(world, capture_ns)
+
+    def think(self, state: ArenaState, run_timestep: int, readings: Mapping[int, Values]) -> None:
+        """Lets every robot make its control step; `move` came before.
+
+        Args:
+            state: the arena state of this timestep.
+            run_timestep: timestep of the run; negative before it, when robots stand.
+            readings: by tag what every robot senses.
+        """
+        assert self._scene is not None
+        capture_ns = state.capture_ns
+        self._minds.step(
+            Wanted.RUN if run_timestep >= 0 else Wanted.IDLE,
+            0,
+            state.timestep,
+            (capture_ns, capture_ns + CONTROL_NS),
+            readings,
+            self._scene.proximity(),
+        )
+        self._wheels = self._minds.wheels_steps_s.copy()
+        self._scene.drive(self._wheels, capture_ns + ACT_NS)
+        self.reports = self._minds.reports()
+
+
+class _Scene:
+    """Virtual robots among everything that stands; holds until something else changes it."""
+
+    def __init__(self, world: World, tags: Sequence[int], start_ns: int, seed: int) -> None:
+        here = {robot.tag: robot for robot in _robots_of(world)}
+        self._tags = tags
+        self._rows = [row for row, tag in enumerate(tags) if tag in here]
+        self._robots = [here[tag] for tag in tags if tag in here]
+        self._standing = _standing(world)
+        boxes, cylinders = self._standing
+        poses = [(robot.x_m, robot.y_m, robot.yaw_rad) for robot in self._robots]
+        self._physics = Physics(poses, _others(world), boxes, start_ns, cylinders)
+        self._ring = ProximityRing(self._physics.near, seed)
+
+    def holds(self, world: World) -> bool:
+        """Tells whether only real robots have moved since `move`."""
+        here = {robot.tag: robot for robot in _robots_of(world) if robot.tag in self._tags}
+        same = zip(self._standing, _standing(world))
+        known_here = {robot.tag: robot for robot in self._robots}
+        return here == known_here and all(np.array_equal(old, new) for old, new in same)
+
+    def move(self, world: World, time_ns: int) -> None:
+        """Moves the robots on to a time, and in the world."""
+        poses, count = self._physics.poses, len(self._robots)
+        others = _others(world)
+        poses[count : count + len(others)] = others
+        self._physics.advance(time_ns)
+        for robot, (x_m, y_m, yaw_rad) in zip(self._robots, poses.tolist()):
+            world.move(robot.id, x_m, y_m, yaw_rad)
+        here = {robot.tag: robot for robot in _robots_of(world)}
+        self._robots = [here[robot.tag] for robot in self._robots]
+
+    def drive(self, wheels_steps_s: NDArray[np.int16], time_ns: int) -> None:
+        """Lets wheels turn, (n, 2) of all tags, from a time on."""
+        self._physics.drive_all(np.ascontiguousarray(wheels_steps_s[self._rows]), time_ns)
+
+    def proximity(self) -> NDArray[np.int16]:
+        """What the robots' own proximity sensors feel, (n, 8) raw of all tags."""
+        raw = np.zeros((len(self._tags), 8), dtype=np.int16)
+        raw[self._rows] = self._ring.read(self._physics.poses)
+        return raw
+
+
+def _robots_of(world: World) -> tuple[VirtualRobot, ...]:
+    return tuple(e for e in world.entities.values() if isinstance(e, VirtualRobot))
+
+
+def _others(world: World) -> Floats:
+    """Where real robots and tagged things stand, (n, 3); who is nowhere stands far away."""
+    rows = []
+    for poses in (world.robots[: world.real_robots], world.objects):
+        there = known(poses, world.capture_ns, BODY_MEMORY_NS)
+        rows.append(np.stack([np.where(there, poses[k], _FAR_M) for k in ("x_m", "y_m")], axis=1))
+    places = np.concatenate(rows)
+    return np.column_stack((places, np.zeros(len(places))))
+
+
+def _standing(world: World) -> tuple[Floats, Floats]:
+    """What stands on the floor, physical or virtual: boxes and cylinders for `Physics`."""
+    boxes = [
+        (*box.position_m[:2], box.yaw_rad, *box.size_m[:2])
+        for box in world.boxes()
+        if box.position_m[2] < BODY_HEIGHT_M
+    ]
+    round_ones = [
+        (*cylinder.position_m[:2], cylinder.radius_m)
+        for cylinder in world.cylinders()
+        if cylinder.position_m[2] < BODY_HEIGHT_M
+    ]
+    return np.array(boxes).reshape(-1, 5), np.array(round_ones).reshape(-1, 3)

@@ -1,1 +1,0 @@
-"""Printable sheets of markers, true to scale."""

@@ -1,0 +1,142 @@
+"""What a person sees on standard error while an experiment runs.
+
+Ctrl-C, SIGTERM and a closed terminal as an event, so that a command ends in order.
+
+Lines on a terminal that are drawn over themselves.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import shutil
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from types import FrameType
+from typing import Literal, TextIO
+
+Level = Literal["info", "warning", "trouble"]
+
+QUIET_PERIOD_NS = 10_000_000_000
+"""Where no terminal is watching, one progress line in this time is enough."""
+
+
+class Console:
+    """One live line that is drawn over itself, and messages that scroll away above it.
+
+    Safe to use from several threads. Where the stream is no terminal the live line becomes a
+    plain line every ten seconds.
+
+    Attributes:
+        newest: the live line, as long as it is.
+        also: is told every message, too; must not wait.
+    """
+
+    def __init__(self, stream: TextIO | None = None) -> None:
+        """Talks to `stream`, by default standard error; one that is closed hears nothing."""
+        self._stream = stream or sys.stderr or io.StringIO()
+        self._live = self._stream.isatty()
+        self._line = ""
+        self._printed_ns: int | None = None
+        self._lock = threading.Lock()
+        self.newest = ""
+        self.also: Callable[[str, Level], None] = lambda text, level: None
+
+    def say(self, text: str, level: Level = "info") -> None:
+        """Prints a message of its own; `level` says how bad it is."""
+        self.also(text, level)
+        self.whisper(text)
+
+    def whisper(self, text: str) -> None:
+        """Prints a message that nobody else is told and nothing keeps, such as a secret."""
+        with self._lock, suppress(OSError):
+            # Nobody may be listening any more: no reason to lose an experiment.
+            self._erase()
+            print(text, file=self._stream)
+            self._printed_ns = None
+            self._draw()
+
+    def progress(self, line: str) -> None:
+        """Replaces the live line."""
+        self.newest = line
+        with self._lock, suppress(OSError):
+            if self._live:
+                self._erase()
+                self._line = line[: os.get_terminal_size(self._stream.fileno()).columns - 1]
+                self._draw()
+            elif self._is_due():
+                self._printed_ns = time.monotonic_ns()
+                print(line, file=self._stream, flush=True)
+
+    def end_progress(self) -> None:
+        """Leaves the live line where it is and goes on below it."""
+        with self._lock, suppress(OSError):
+            if self._live and self._line:
+                print(file=self._stream, flush=True)
+            self._line = ""
+
+    def _is_due(self) -> bool:
+        """Whether a plain line is due: the first after a message, then every ten seconds."""
+        printed_ns = self._printed_ns
+        return printed_ns is None or time.monotonic_ns() - printed_ns >= QUIET_PERIOD_NS
+
+    def _erase(self) -> None:
+        if self._live and self._line:
+            self._stream.write("\r\x1b[K")
+
+    def _draw(self) -> None:
+        if self._live:
+            self._stream.write(self._line)
+        self._stream.flush()
+
+
+INTERRUPTED = 130
+"""Exit code of a command that was interrupted."""
+
+
+@contextmanager
+def interruption() -> Iterator[threading.Event]:
+    """Gives an event that the three set, instead of what they did before."""
+    interrupted = threading.Event()
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        interrupted.set()
+
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.signal(number, interrupt) for number in numbers}
+    try:
+        yield interrupted
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+class LiveBlock:
+    """A block of lines at the foot of a terminal; where there is none, it is printed once more.
+
+    Attributes:
+        has_blocks: whether the stream takes Unicode's block characters.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        """Draws on a stream."""
+        self._stream = stream
+        self._live = stream.isatty()
+        self._drawn = 0
+        self.has_blocks = (stream.encoding or "").lower().replace("-", "") == "utf8"
+
+    def draw(self, lines: Sequence[str]) -> None:
+        """Draws lines in the place of those before."""
+        if self._live:
+            columns = shutil.get_terminal_size().columns
+            # A line that the terminal breaks is two, and the next block would begin too low.
+            lines = [line[: columns - 1] for line in lines]
+            if self._drawn:
+                self._stream.write(f"\x1b[{self._drawn}A\r\x1b[J")
+        self._stream.write("".join(f"{line}\n" for line in lines))
+        self._stream.flush()
+        self._drawn = len(lines)

@@ -1,0 +1,116 @@
+"""How precise a fitted marker is: the covariance of its place and heading.
+
+What an outline's samples leave over after the fit tells how far each of them errs; the outline's
+shape tells what that makes of place and heading. Blur adds an error of its own where white cells
+or the disc's rim shine through to the edge.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.markers.codes import BLURS_U, normal_share
+from vsense.markers.families import MarkerFamily, SquareFamily
+from vsense.tracking.kernel import sample_outline
+
+Floats = NDArray[np.float64]
+
+LEAST_M = 1e-5
+"""No fit is believed to be more precise than this [m]."""
+
+_SQUARE_RESIDUAL, _SQUARE_BLUR, _SQUARE_TURN = 0.55, 0.027, 0.42
+_CORRELATION = 1.1
+_BLURRED, _PER_BLUR = 0.30, 5.0
+_REACH_U = 0.6
+_LEAK_U = 0.9
+_LEAST_COVERAGE = 0.3
+"""Fitted to the errors of rendered markers of the shipped families, from sharp to hard pictures;
+see `tests/tracking/test_covariance.py`."""
+
+
+class OutlineCovariance:
+    """The precision of one family's outline."""
+
+    def __init__(self, family: MarkerFamily) -> None:
+        """Works out the shape's part."""
+        points, normals = sample_outline(family.polygon_mm, family.unit_mm)
+        points_m = 1e-3 * (points - family.disc_centre_mm)
+        turn = normals[:, 1] * points_m[:, 0] - normals[:, 0] * points_m[:, 1]
+        growth = (normals * points_m).sum(axis=1)
+        design = np.column_stack((normals, turn, growth))
+        self._shape = np.linalg.inv(design.T @ design)[:3, :3]
+        self._unit_m = 1e-3 * family.unit_mm
+        rim = 0.5e-3 * family.disc_diameter_mm - np.hypot(*points_m.T).max()
+        gap_u = min(rim / self._unit_m, _inner_gap_u(family)) - _REACH_U
+        self._leak_m = self._unit_m * _LEAK_U * normal_share(-gap_u / BLURS_U) ** 2
+
+    def covariance(
+        self, markers: NDArray[np.void], ahead: NDArray[np.intp], left: NDArray[np.intp]
+    ) -> Floats:
+        """Returns the covariance of x, y [m] and yaw [rad] in the arena frame, (n, 3, 3).
+
+        Args:
+            markers: (n,) MARKER.
+            ahead: (n,) the blur along the heading, a place in `codes.BLURS_U`.
+            left: (n,) the same across the heading.
+        """
+        blur = 0.5 * (BLURS_U[ahead] + BLURS_U[left])
+        factor = _CORRELATION + _PER_BLUR * np.maximum(blur - _BLURRED, 0.0)
+        sample = (factor * markers["residual_m"]) ** 2
+        sample /= np.maximum(markers["coverage"], _LEAST_COVERAGE)
+        spread = sample[:, np.newaxis, np.newaxis] * self._shape
+        for axis, place in enumerate((ahead, left)):
+            spread[:, axis, axis] += self._leak_m[place] ** 2 + LEAST_M**2
+        return turn_into_arena(spread, markers["ahead_x"], markers["ahead_y"])
+
+
+def square_covariance(
+    family: SquareFamily, residual_m: Floats, blur_m: Floats, ahead_x: Floats, ahead_y: Floats
+) -> Floats:
+    """Returns the covariance of x, y [m] and yaw [rad] of square markers, (n, 3, 3).
+
+    Args:
+        family: The marker family.
+        residual_m: (n,) root mean square distance of the edges found to the fitted sides.
+        blur_m: (n,) standard deviation of the point spread across the sides.
+        ahead_x: (n,) x of the heading's unit vector.
+        ahead_y: (n,) its y.
+    """
+    shift = (_SQUARE_RESIDUAL * residual_m) ** 2 + (_SQUARE_BLUR * blur_m) ** 2 + LEAST_M**2
+    half_m = 0.5e-3 * family.size_mm
+    turn = _SQUARE_TURN * shift / half_m**2
+    spread = np.zeros((len(shift), 3, 3))
+    spread[:, 0, 0] = spread[:, 1, 1] = shift
+    spread[:, 2, 2] = turn
+    # What turns about the square's middle shifts a disc's centre that lies elsewhere.
+    x, y = 1e-3 * family.disc_centre_mm
+    lever = np.eye(3)
+    lever[0, 2], lever[1, 2] = -y, x
+    return turn_into_arena(lever @ spread @ lever.T, ahead_x, ahead_y)
+
+
+def turn_into_arena(spread: Floats, ahead_x: Floats, ahead_y: Floats) -> Floats:
+    """Turns (n, 3, 3) covariances of shifts ahead and to the left, and yaw, into the arena frame.
+
+    Args:
+        spread: The covariances.
+        ahead_x: (n,) x of the heading's unit vector.
+        ahead_y: (n,) its y.
+    """
+    turn = np.zeros_like(spread)
+    turn[:, 0, 0], turn[:, 0, 1] = ahead_x, -ahead_y
+    turn[:, 1, 0], turn[:, 1, 1] = ahead_y, ahead_x
+    turn[:, 2, 2] = 1.0
+    return np.asarray(turn @ spread @ turn.transpose(0, 2, 1))
+
+
+def _inner_gap_u(family: MarkerFamily) -> float:
+    """Returns how near the cells come to the outline, in units u."""
+    half = 0.5 * family.grid * family.cell_mm
+    cells = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
+    corners = family.polygon_mm
+    edges = np.roll(corners, -1, axis=0) - corners
+    offsets = cells[:, np.newaxis] - corners
+    inwards = edges[:, 0] * offsets[..., 1] - edges[:, 1] * offsets[..., 0]
+    return float((inwards / np.hypot(*edges.T)).min() / family.unit_mm)

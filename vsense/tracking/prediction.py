@@ -1,0 +1,188 @@
+"""Where the robots are expected: what the arena tracker tells the detectors beforehand.
+
+The tracker writes between timesteps, on its own thread; the detectors read meanwhile, on theirs.
+What a detector keeps here of a camera's pictures is touched by that camera's thread alone, so the
+order of the threads changes nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.arena import ArenaState
+from vsense.cameras.camera import Camera
+from vsense.tracking.joining import UnlistedTags
+
+Floats = NDArray[np.float64]
+
+EXPECTED = np.dtype(
+    [
+        ("tag", "i4"),
+        ("x_m", "f8"),
+        ("y_m", "f8"),
+        ("yaw_rad", "f8"),
+        ("sure", "?"),
+        ("height_m", "f8"),
+    ]
+)
+"""A robot where it should be now. `sure`: seen so lately that it can be nowhere else, and often
+enough to believe its name; `height_m`: of its marker above the floor."""
+
+NEAR_M = 0.03
+"""What is farther than this from where a robot is expected is another one: a robot is 0.07 wide."""
+
+_SURE_S = 0.25
+_LOST_S = 1.0
+_SURE_SIGHTINGS = 2
+
+
+@dataclass(frozen=True, slots=True)
+class SearchPlan:
+    """How much of the pictures is searched (thesis, 2.2.1).
+
+    Attributes:
+        key_frame_period: Every so many timesteps whole pictures are searched (1: always).
+        square_size_m: Side of the square searched around each robot in between, centred where
+            it is expected (0.11).
+        warm: Fit known robots directly where they are expected, and search only the squares of
+            those that do not fit.
+    """
+
+    key_frame_period: int = 1
+    square_size_m: float = 0.11
+    warm: bool = False
+
+
+@dataclass(slots=True)
+class _Known:
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    capture_ns: int
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    sightings: int = 1
+
+
+@dataclass(slots=True)
+class Anonymous:
+    """Markers of one camera that have no name yet, with what their cells have said so far.
+
+    Attributes:
+        rows: (n,) which of the newest picture's markers they are.
+        places: (n, 2) where they were seen last [m].
+        cells: (n, cells) sum of their brightness over the pictures.
+        pictures: (n,) how many pictures that were.
+        capture_ns: When they were seen last.
+    """
+
+    rows: NDArray[np.intp]
+    places: Floats
+    cells: Floats
+    pictures: NDArray[np.int64]
+    capture_ns: int
+
+
+@dataclass(slots=True)
+class Prediction:
+    """The robots' expected poses, and each camera's nameless markers.
+
+    Attributes:
+        plan: How much of the pictures is searched.
+        heights_m: The height of each tag's marker above the floor; 0 for others.
+        capture_ns: The timestep's capture time.
+        is_key_frame: Whether whole pictures are searched in this timestep.
+        expected: EXPECTED, sorted by tag.
+        anonymous: By the camera's id.
+        strangers: By the camera's id, tags in the timestep's picture that are on no roster.
+        joined: By the family's name, the tags that have joined the roster, in their order.
+    """
+
+    plan: SearchPlan = field(default_factory=SearchPlan)
+    heights_m: Mapping[int, float] = field(default_factory=dict)
+    capture_ns: int = 0
+    is_key_frame: bool = True
+    expected: NDArray[np.void] = field(default_factory=lambda: np.zeros(0, dtype=EXPECTED))
+    anonymous: dict[str, Anonymous] = field(default_factory=dict)
+    strangers: dict[str, UnlistedTags] = field(default_factory=dict)
+    joined: dict[str, tuple[int, ...]] = field(default_factory=dict)
+    _known: dict[int, _Known] = field(default_factory=dict)
+    _timesteps: int = 0
+
+    def expect(self, capture_ns: int) -> None:
+        """Prepares a timestep: robots go on as they moved."""
+        self.is_key_frame = self._timesteps % self.plan.key_frame_period == 0
+        self._timesteps += 1
+        self.capture_ns = capture_ns
+        self.strangers.clear()
+        rows = []
+        for tag, known in sorted(self._known.items()):
+            elapsed = max(1e-9 * (capture_ns - known.capture_ns), 0.0)
+            if elapsed < _LOST_S:
+                ahead = min(elapsed, _SURE_S)
+                vx, vy, turn = (ahead * rate for rate in known.velocity)
+                yaw = math.remainder(known.yaw_rad + turn, math.tau)
+                sure = elapsed <= _SURE_S and known.sightings >= _SURE_SIGHTINGS
+                height_m = self.heights_m.get(tag, 0.0)
+                rows.append((tag, known.x_m + vx, known.y_m + vy, yaw, sure, height_m))
+        self.expected = np.array(rows, dtype=EXPECTED)
+
+    def learn(self, state: ArenaState) -> None:
+        """Takes what the timestep has shown."""
+        seen = state.robots[state.robots["seen"]]
+        capture_ns = state.capture_ns
+        fields = ("tag", "x_m", "y_m", "yaw_rad")
+        for tag, x, y, yaw in zip(*(seen[f].tolist() for f in fields), strict=True):
+            now = _Known(x, y, yaw, capture_ns)
+            last = self._known.get(tag)
+            elapsed = 1e-9 * (capture_ns - last.capture_ns) if last else 0.0
+            if last and 0.0 < elapsed < _LOST_S:
+                turn = math.remainder(yaw - last.yaw_rad, math.tau)
+                now.velocity = (
+                    (x - last.x_m) / elapsed,
+                    (y - last.y_m) / elapsed,
+                    turn / elapsed,
+                )
+                now.sightings = last.sightings + 1
+            self._known[tag] = now
+
+    def in_view(self, camera: Camera, height_m: float) -> NDArray[np.void]:
+        """Returns those of `expected` whose middle is in a camera's picture.
+
+        Args:
+            camera: The camera.
+            height_m: Height of the plane on which their places are given, as the camera sees
+                them.
+        """
+        if len(self.expected) == 0:
+            return self.expected
+        seen = self.expected.copy()
+        foot_x, foot_y, top_m = camera.position_m
+        share = (top_m - height_m) / (top_m - seen["height_m"])
+        seen["x_m"] = foot_x + share * (seen["x_m"] - foot_x)
+        seen["y_m"] = foot_y + share * (seen["y_m"] - foot_y)
+        points = np.column_stack((seen["x_m"], seen["y_m"], np.full(len(seen), height_m)))
+        return np.asarray(seen[camera.contains(camera.project(points))])
+
+    def windows(self, camera: Camera, height_m: float, places: Floats) -> NDArray[np.int32]:
+        """Returns the squares of a camera's picture around (n, 2) places of the arena.
+
+        Args:
+            camera: The camera.
+            height_m: Height of the markers above the floor.
+            places: x and y [m].
+
+        Returns:
+            (n, 4) left, top, right, bottom [px].
+        """
+        half = 0.5 * self.plan.square_size_m
+        corners = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
+        points = np.full((len(places), 4, 3), height_m)
+        points[..., :2] = places[:, np.newaxis] + corners
+        pixels = camera.project(points)
+        low, high = np.floor(pixels.min(axis=1)), np.ceil(pixels.max(axis=1)) + 1.0
+        return np.concatenate((low, high), axis=1).astype(np.int32)

@@ -1,0 +1,210 @@
+"""The two secrets of a page that other machines may open: one to look, one to control.
+
+Who may come in: the Host and Origin of every request, and the token that it carries.
+"""
+
+from __future__ import annotations
+
+import hmac
+import ipaddress
+import secrets
+import socket
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from vsense.errors import ConfigError, VsenseError
+
+TOKEN_BYTES = 16
+"""128 bits: nobody finds one by trying."""
+MIN_LENGTH = 8
+"""Of a token that a person thought up."""
+_NAMES = ("look", "control")
+
+
+class Rights(Enum):
+    """What somebody who opened the page may do."""
+
+    NONE = "none"
+    LOOK = "look"
+    CONTROL = "control"
+
+
+@dataclass(frozen=True, slots=True)
+class Tokens:
+    """What a viewer has to show.
+
+    Attributes:
+        look: lets look.
+        control: lets look and press.
+    """
+
+    look: str = field(repr=False)
+    control: str = field(repr=False)
+
+    def rights(self, token: str) -> Rights:
+        """What a token gives; takes equally long for every wrong one."""
+        shown = token.encode(errors="replace")
+        control = hmac.compare_digest(shown, self.control.encode())
+        look = hmac.compare_digest(shown, self.look.encode())
+        if control:
+            return Rights.CONTROL
+        return Rights.LOOK if look else Rights.NONE
+
+
+def make_tokens() -> Tokens:
+    """Draws two tokens that nobody guesses."""
+    return Tokens(secrets.token_urlsafe(TOKEN_BYTES), secrets.token_urlsafe(TOKEN_BYTES))
+
+
+def read_tokens(path: Path) -> Tokens:
+    """Reads tokens from a file of two lines, `look=...` and `control=...`; # begins a comment.
+
+    Raises:
+        VsenseError: the file cannot be read, or a token is missing.
+        ConfigError: a line is something else; the message names it.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise VsenseError(f"{path}: cannot read the tokens: {error.strerror}") from error
+    except UnicodeError as error:
+        raise VsenseError(f"{path}: cannot read the tokens: not a text file") from error
+    found: dict[str, str] = {}
+    for number, line in enumerate(lines, start=1):
+        text = line.strip()
+        if text and not text.startswith("#"):
+            name, token = _token(text, str(path), number)
+            if name in found:
+                raise ConfigError(str(path), number, f"a second '{name}=' line")
+            found[name] = token
+    for name in _NAMES:
+        if name not in found:
+            raise VsenseError(f"{path}: no line '{name}=...': both tokens are needed")
+    if found["look"] == found["control"]:
+        raise VsenseError(
+            f"{path}: look and control are the same token: whoever looks would control"
+        )
+    return Tokens(found["look"], found["control"])
+
+
+def _token(text: str, file: str, line: int) -> tuple[str, str]:
+    """Splits one line; the token itself stays out of error messages."""
+    name, equals, token = (part.strip() for part in text.partition("="))
+    if not equals or name not in _NAMES:
+        raise ConfigError(file, line, "expected 'look=...' or 'control=...'")
+    plain = token.isascii() and token.isprintable() and not set(token) & set(' ";,\\')
+    if len(token) < MIN_LENGTH or not plain:
+        expected = f"at least {MIN_LENGTH} letters, digits or signs, without spaces, quotes, ; , \\"
+        raise ConfigError(file, line, f"the {name} token is not usable: expected {expected}")
+    return name, token
+
+
+LOCAL_NAMES = frozenset({"localhost", "localhost.localdomain", "ip6-localhost"})
+
+
+class Forbidden(Exception):
+    """A request that is refused; the text says why, for people."""
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine reaches a server that listens there."""
+    address = _address(host)
+    return host.lower() in LOCAL_NAMES if address is None else address.is_loopback
+
+
+class AccessControl:
+    """Decides about requests; holds no state of its own."""
+
+    def __init__(self, host: str, port: int, tokens: Tokens | None) -> None:
+        """Prepares it.
+
+        Args:
+            host: what the server listens on, as it was configured.
+            port: the port.
+            tokens: what viewers must show; None lets everybody in who passes the other checks.
+        """
+        self._host = host.lower()
+        self._tokens = tokens
+        self._local = is_loopback(host)
+        # Cookies know no ports: two servers on one machine must not share one.
+        self.cookie = f"vsense_{port}"
+
+    @property
+    def needs_token(self) -> bool:
+        """Whether viewers must show a token."""
+        return self._tokens is not None
+
+    def check_host(self, headers: Mapping[str, str]) -> None:
+        """Refuses names that are not this server's: a foreign name that leads here is an attack.
+
+        Addresses cannot be rebound as names can, so any is good where other machines may come.
+
+        Raises:
+            Stranger: the Host header names something else.
+        """
+        name = _name(headers.get("Host", ""))
+        known = name == self._host or is_loopback(name)
+        if not self._local and not known:
+            known = _address(name) is not None or name in _own_names()
+        if not known:
+            raise Forbidden(
+                f"this server is not '{name}': open it by the address that vsense printed"
+            )
+
+    def check_origin(self, headers: Mapping[str, str], needed: bool) -> None:
+        """Refuses what a page from elsewhere sends.
+
+        Args:
+            headers: of the request.
+            needed: whether a request without Origin is refused, too.
+
+        Raises:
+            Stranger: the request comes from another page.
+        """
+        origin = headers.get("Origin")
+        if origin is None and not needed:
+            return
+        if origin is None:
+            raise Forbidden("a WebSocket needs an Origin header that names this server")
+        try:
+            parts = urlsplit(origin)
+            same = parts.netloc.lower() == headers.get("Host", "").lower()
+        except ValueError:
+            same = False
+        if not same or parts.scheme not in ("http", "https"):
+            raise Forbidden(f"the page '{origin:.80}' may not talk to this server")
+
+    def rights(self, token: str | None, cookies: Mapping[str, str]) -> Rights:
+        """What a request may do.
+
+        Args:
+            token: the one in its address, None without.
+            cookies: those it brings; a token in the address goes before them.
+        """
+        if self._tokens is None:
+            return Rights.CONTROL
+        return self._tokens.rights(cookies.get(self.cookie, "") if token is None else token)
+
+
+def _name(host: str) -> str:
+    """The name or address in a Host header, without port and brackets."""
+    try:
+        return (urlsplit(f"//{host}").hostname or "").lower()
+    except ValueError:
+        return ""
+
+
+def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+    try:
+        return ipaddress.ip_address(host.strip("[]"))
+    except ValueError:
+        return None
+
+
+def _own_names() -> set[str]:
+    """What this machine calls itself; nobody is asked for it."""
+    own = socket.gethostname().lower()
+    return {own, own.partition(".")[0], f"{own.partition('.')[0]}.local"}

@@ -1,0 +1,112 @@
+"""Where a terminal finds the experiment that runs on this machine: a socket per process.
+
+It lies in a folder that only this user can enter. One line of JSON asks, one line answers:
+{"ask": "status"}, or {"order": "pause", "value": 0, "by": "terminal"}.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import socketserver
+import stat
+import tempfile
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from vsense.errors import VsenseError
+from vsense.run.control import Give, Order, OrderKind
+
+TIMEOUT_S = 5.0
+"""A terminal that says nothing for so long is hung up on."""
+
+MOST_BYTES = 4096
+
+
+class ControlSocketError(VsenseError):
+    """The socket cannot be made, or does not answer."""
+
+
+def folder() -> Path:
+    """The folder of all sockets of this user; it is made where it is missing.
+
+    Raises:
+        ControlSocketError: it cannot be made, or belongs to somebody else.
+    """
+    base = os.environ.get("XDG_RUNTIME_DIR")
+    place = Path(base) / "vsense" if base else Path(tempfile.gettempdir()) / f"vsense-{os.getuid()}"
+    try:
+        place.mkdir(mode=0o700, parents=True, exist_ok=True)
+        found = place.lstat()
+    except OSError as error:
+        raise ControlSocketError(f"{place}: {error.strerror}") from None
+    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o077:
+        raise ControlSocketError(f"{place}: others may enter it: remove it, and start again")
+    return place
+
+
+class ControlSocket:
+    """Answers terminals; a context that leaves no socket behind."""
+
+    def __init__(self, status: Callable[[], dict[str, Any]], give: Give) -> None:
+        """Opens the socket and begins to answer, on threads of its own.
+
+        Args:
+            status: what a terminal is told; any thread.
+            give: carries orders out.
+
+        Raises:
+            ControlSocketError: the socket cannot be made.
+        """
+        self._status = status
+        self._give = give
+        self.path = folder() / f"{os.getpid()}.sock"
+        bell = self
+
+        class Handler(socketserver.StreamRequestHandler):
+            timeout = TIMEOUT_S
+
+            def handle(self) -> None:
+                # Whoever hangs up in the middle wants no answer.
+                with suppress(OSError):
+                    line = self.rfile.readline(MOST_BYTES)
+                    self.wfile.write(json.dumps(bell.answer(line)).encode() + b"\n")
+
+        with suppress(FileNotFoundError):
+            self.path.unlink()  # of an earlier process with our number
+        try:
+            self._server = socketserver.ThreadingUnixStreamServer(str(self.path), Handler)
+        except OSError as error:
+            raise ControlSocketError(f"{self.path}: {error.strerror or error}") from None
+        self._server.daemon_threads = True
+        self._thread = threading.Thread(
+            target=self._server.serve_forever, args=(0.1,), name="vsense-doorbell", daemon=True
+        )
+        self._thread.start()
+
+    def close(self) -> None:
+        """Takes the socket away."""
+        self._server.shutdown()
+        self._server.server_close()
+        with suppress(FileNotFoundError):
+            self.path.unlink()
+
+    def answer(self, line: bytes) -> dict[str, Any]:
+        """Answers one line: what was asked for, or {"error": why not}."""
+        try:
+            asked = json.loads(line)
+            if asked.get("ask") == "status":
+                return self._status()
+            order = Order(
+                OrderKind(asked["order"]),
+                str(asked.get("by", "terminal")),
+                float(asked.get("value", 0)),
+            )
+            return {"text": self._give(order)}
+        except VsenseError as error:
+            return {"error": str(error)}
+        except (ValueError, KeyError, AttributeError, TypeError):
+            return {"error": f"{line[:80]!r} is neither a question nor an order"}

@@ -1,0 +1,89 @@
+"""Keys of the terminal that an experiment was started in: one key, one order."""
+
+from __future__ import annotations
+
+import os
+import re
+import select
+import sys
+import termios
+import threading
+import tty
+from collections.abc import Callable
+from contextlib import suppress
+
+from vsense.errors import VsenseError
+from vsense.run.control import Give, Order, OrderKind
+
+KEYS = {
+    "s": OrderKind.START,
+    "p": OrderKind.PAUSE,
+    "x": OrderKind.STOP,
+    "r": OrderKind.RESET,
+    "\x1b": OrderKind.EMERGENCY,
+    "e": OrderKind.EMERGENCY,
+}
+_SEQUENCE = re.compile(r"\x1b(?:\[[0-?]*[ -/]*[@-~]|O[ -~])")
+"""What a terminal sends for arrows and the like."""
+
+HELP = "keys: s start, p pause, x stop, r reset, Esc or e EMERGENCY STOP; Ctrl-C ends vsense"
+
+
+def usable() -> bool:
+    """Whether somebody sits at a keyboard that is ours to listen to."""
+    try:
+        return sys.stdin.isatty() and os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
+    except (OSError, ValueError):
+        return False
+
+
+class Keyboard:
+    """Listens to the keyboard on a thread of its own; a line needs no Enter."""
+
+    def __init__(self, give: Give, tell: Callable[[str], None]) -> None:
+        """Takes the terminal over.
+
+        Args:
+            give: carries orders out.
+            tell: takes a line for people.
+        """
+        self._give = give
+        self._tell = tell
+        self._descriptor = sys.stdin.fileno()
+        self._before = termios.tcgetattr(self._descriptor)
+        tty.setcbreak(self._descriptor)
+        self._out, self._in = os.pipe()
+        self._thread = threading.Thread(target=self._run, name="vsense-keyboard", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Gives the terminal back as it was."""
+        os.write(self._in, b".")
+        self._thread.join()
+        os.close(self._in)
+        os.close(self._out)
+        # A terminal that was closed has nothing to be given back.
+        with suppress(termios.error):
+            termios.tcsetattr(self._descriptor, termios.TCSADRAIN, self._before)
+
+    def _run(self) -> None:
+        while True:
+            ready = select.select([self._descriptor, self._out], [], [])[0]
+            if self._out in ready:
+                return
+            try:
+                keys = os.read(self._descriptor, 64).decode(errors="ignore")
+            except OSError:
+                return
+            if not keys:
+                return
+            self._press(keys)
+
+    def _press(self, keys: str) -> None:
+        """Carries out what was pressed; an arrow key is no Esc, though it begins with one."""
+        pressed = _SEQUENCE.sub("", keys).lower()
+        for kind in (KEYS[key] for key in pressed if key in KEYS):
+            try:
+                self._give(Order(kind, "keyboard"))
+            except VsenseError as error:
+                self._tell(str(error))

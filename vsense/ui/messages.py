@@ -1,0 +1,240 @@
+"""The data of messages, made from what the run holds: plain numbers and texts, as JSON has them.
+
+`vsense/ui/MESSAGES.md` describes every topic. Arrays become columns; what is no number is null.
+
+What does not change while an experiment runs: the message /experiment.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from dataclasses import fields as fields_of
+from typing import Any
+
+import cv2
+import numpy as np
+
+import vsense
+from vsense.cameras.camera import Camera
+from vsense.cameras.grabber import Troubles
+from vsense.config.specs import Experiment
+from vsense.link.robots.table import Direction, Entry
+from vsense.link.robots.wire import Values
+from vsense.pictures.snapshot import as_they_hang
+from vsense.run.environment import Environment
+from vsense.sensors.base import layout_dtype
+from vsense.world.entities import BODY_RADIUS_M, Entity
+from vsense.world.fields import Field
+from vsense.world.floor import Floor
+from vsense.world.world import World
+
+KINDS = {
+    "Box": "box", "Cylinder": "cylinder", "Light": "light", "Zone": "zone", "VirtualRobot": "robot",
+}  # fmt: skip
+
+MOST_CELLS = 160
+"""A field is shown with at most so many columns and rows."""
+
+MOST_PIXELS = 1024
+"""A floor's picture is shown with at most so many columns and rows."""
+
+Data = dict[str, Any]
+
+
+def world(world: World) -> Data:
+    """Gives /world: everything that stands or lies in the virtual world."""
+    floor = world.floor.with_zones(())
+    return {"entities": [entity(e) for e in world.entities.values()], "floor": floor_data(floor)}
+
+
+def entity(thing: Entity) -> Data:
+    """One entity: its kind and its fields."""
+    found: Data = {"kind": KINDS[type(thing).__name__]}
+    for field in fields_of(thing):
+        value = getattr(thing, field.name)
+        found[field.name] = list(value) if isinstance(value, tuple) else value
+    return found
+
+
+def floor_data(floor: Floor) -> Data:
+    """The floor without its zones, its picture as PNG."""
+    png = None
+    if floor.image is not None:
+        image = floor.image
+        step = -(-max(image.shape[:2]) // MOST_PIXELS)
+        order = [2, 1, 0, 3][: image.shape[2]]
+        encoded = cv2.imencode(".png", image[::step, ::step, order])[1]
+        png = base64.b64encode(encoded.tobytes()).decode()
+    return {
+        "color": list(floor.color),
+        "size_m": list(floor.size_m),
+        "centre_m": list(floor.centre_m),
+        "png": png,
+    }
+
+
+def signals(world: World) -> Data:
+    """Gives /signals: what the world shows and measures in this timestep."""
+    lit = np.flatnonzero(world.leds.any(axis=1))
+    cones = (world.cone(source) for source in world.sources)
+    return {
+        "timestep": world.run_timestep,
+        "time_s": world.time_s,
+        "leds": {"tag": world.robots["tag"][lit].tolist(), "color": world.leds[lit].tolist()},
+        "cones": [dict(zip(("x_m", "y_m"), c.vertices().T.tolist())) for c in cones if c],
+        "measures": {name: finite(value) for name, value in world.results.items()},
+    }
+
+
+def fields(grids: Iterable[Field]) -> Data:
+    """Gives /fields: concentrations as shares of the highest, coarse enough to be looked at."""
+    return {"fields": [_field(grid) for grid in grids]}
+
+
+def _field(grid: Field) -> Data:
+    rows, cols = grid.concentration.shape
+    step = -(-max(rows, cols) // MOST_CELLS)
+    shown = grid.concentration[::step, ::step]
+    peak = float(shown.max())
+    levels = np.round(shown * (255.0 / peak)) if peak > 0.0 else np.zeros(shown.shape)
+    return {
+        "id": grid.id,
+        "corner_m": grid.corner_m.tolist(),
+        "cell_m": grid.cell_m * step,
+        "columns": shown.shape[1],
+        "rows": shown.shape[0],
+        "peak": peak,
+        "levels": base64.b64encode(levels.astype(np.uint8).tobytes()).decode(),
+    }
+
+
+def readings(
+    sensors: Sequence[Entry], sent: Mapping[int, Values], timestep: int, capture_ns: int
+) -> Data:
+    """Gives /readings: what the robots were sent, as numbers.
+
+    Args:
+        sensors: the sensor table's sensors.
+        sent: by tag, payload and capture time per sensor.
+        timestep: of the arena state.
+        capture_ns: its capture time.
+    """
+    types = [layout_dtype(sensor.layout)[1] for sensor in sensors]
+    return {
+        "timestep": timestep,
+        "capture_ns": capture_ns,
+        "tag": list(sent),
+        "values": [
+            [np.frombuffer(data, kind).tolist() for (data, _), kind in zip(values, types)]
+            for values in sent.values()
+        ],
+        "captured_ns": [[when for _, when in values] for values in sent.values()],
+    }
+
+
+def numbers(entries: Sequence[Entry], payload: bytes) -> list[list[float]]:
+    """A robot's actuators as numbers, one list for each."""
+    found, begin = [], 0
+    for entry in entries:
+        count, kind = layout_dtype(entry.layout)
+        end = begin + count * kind.itemsize
+        found.append(np.frombuffer(payload[begin:end], kind).tolist())
+        begin = end
+    return found
+
+
+def finite(value: float) -> float | None:
+    """A number for JSON."""
+    return float(value) if math.isfinite(value) else None
+
+
+@dataclass(frozen=True, slots=True)
+class ExperimentFacts:
+    """What is the same in all runs of one process.
+
+    Attributes:
+        command: "lab" or "run".
+        file_text: the experiment's file.
+        blind: the virtual sensors are held at 0.
+        cameras: our own, in no order.
+        trackers: name of each camera's tracker, by camera; without one the camera's own.
+        troubles: what the cameras suffer from.
+    """
+
+    command: str
+    file_text: str
+    blind: bool
+    cameras: Sequence[Camera]
+    trackers: dict[str, str]
+    troubles: Troubles
+
+
+def experiment(scene: ExperimentFacts, environment: Environment) -> Data:
+    """Gives /experiment."""
+    spec = environment.experiment
+    arena = spec.arena
+    return {
+        "mode": "live",
+        "command": scene.command,
+        "name": spec.name,
+        "seed": environment.seed,
+        "blind": scene.blind,
+        "version": vsense.__version__,
+        "file_text": scene.file_text,
+        "timestep_s": spec.timestep_s,
+        "length_s": spec.length_s or None,
+        "arena": {"size_m": list(arena.size_m), "centre_m": list(arena.centre_m)},
+        "robots": [
+            {"tag": robot.tag, "name": robot.id, "height_m": spec.marker.height_m}
+            for robot in spec.robots
+        ],
+        "objects": [{"tag": thing.tag, "name": thing.id} for thing in spec.objects],
+        "sensors": _sensors(spec),
+        "actuators": [
+            {"name": e.name, "layout": e.layout, "count": layout_dtype(e.layout)[0]}
+            for e in environment.table_entries
+            if e.direction == Direction.ACTUATOR
+        ],
+        "cameras": cameras(scene.cameras, scene.trackers),
+        "body_radius_m": BODY_RADIUS_M,
+    }
+
+
+def _sensors(spec: Experiment) -> list[Data]:
+    found = []
+    for mounted in spec.sensors:
+        sensor = mounted.sensor
+        ring = getattr(sensor, "ring", None)
+        angles = getattr(ring, "angles_rad", None)
+        found.append(
+            {
+                "name": sensor.name,
+                "layout": sensor.layout,
+                "count": layout_dtype(sensor.layout)[0],
+                "unit": getattr(sensor, "unit", None),
+                "angles_rad": None if angles is None else angles.tolist(),
+            }
+        )
+    return found
+
+
+def cameras(found: Sequence[Camera], trackers: dict[str, str]) -> list[Data]:
+    """Gives the cameras with their places in a grid as seen from above, +y up."""
+    return [
+        {
+            "id": camera.id,
+            "tracker": trackers.get(camera.id, camera.id),
+            "width_px": camera.width_px,
+            "height_px": camera.height_px,
+            "position_m": list(camera.position_m),
+            "row": row,
+            "column": column,
+            "model": json.loads(camera.to_json()),
+        }
+        for row, line in enumerate(as_they_hang(found))
+        for column, camera in enumerate(line)
+    ]

@@ -1,0 +1,209 @@
+"""Tells the hub, after every timestep, what has become of the run; what nobody wants is not made.
+
+It runs in the thread that lives the timesteps, when the readings have left.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from vsense.arena import ArenaState, arena_data
+from vsense.link.robots.server import VirtualSensorServer
+from vsense.link.robots.table import Direction
+from vsense.message_bus import Message, MessageBus
+from vsense.run.control import Control
+from vsense.run.environment import Environment
+from vsense.run.runtime import Runtime, Step
+from vsense.ui import messages
+from vsense.ui.messages import Data, ExperimentFacts
+from vsense.ui.tables import CameraTable, RobotTable
+
+SECOND_NS = 1_000_000_000
+FIELDS_NS = SECOND_NS // 2
+WINDOW = 100
+"""Rates and latencies are those of so many timesteps."""
+
+
+class Rates:
+    """How often arena states come, and how old pictures are when all is done with them."""
+
+    def __init__(self, window: int) -> None:
+        """Begins without any; only the newest `window` timesteps count."""
+        self._times: deque[tuple[int, int]] = deque(maxlen=window)
+
+    def add(self, capture_ns: int, done_ns: int) -> None:
+        """Counts a timestep."""
+        self._times.append((capture_ns, done_ns - capture_ns))
+
+    def data(self) -> Data:
+        """Gives "rate_hz" and "latency_ms" of /run; any thread."""
+        if len(self._times) < 2:
+            return {"rate_hz": 0.0, "latency_ms": None}
+        captures, ages = np.array(self._times).T
+        rate_hz = (len(captures) - 1) / max((captures[-1] - captures[0]) / 1e9, 1e-9)
+        p50, p99 = np.percentile(ages / 1e6, (50, 99))
+        latency = {"p50": round(float(p50), 2), "p99": round(float(p99), 2)}
+        return {"rate_hz": round(float(rate_hz), 2), "latency_ms": latency}
+
+
+class Publisher:
+    """Makes the messages of one process's runs.
+
+    Attributes:
+        environment: the present run's virtual world; set by whoever begins one.
+    """
+
+    def __init__(
+        self,
+        hub: MessageBus,
+        scene: ExperimentFacts,
+        environment: Environment,
+        server: VirtualSensorServer,
+        runtime: Runtime,
+        control: Control,
+        others: Callable[[], Data],
+        clock: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        """Prepares to tell.
+
+        Args:
+            hub: where to.
+            scene: what all runs have in common.
+            environment: see the class.
+            server: the link to the robots.
+            runtime: knows what the robots were sent.
+            control: knows the state of the run.
+            others: gives what others know of /run: runs, text, recording, disk_free_bytes.
+            clock: host's monotonic clock [ns].
+        """
+        self.environment = environment
+        self._hub, self._scene = hub, scene
+        self._server = server
+        self._runtime = runtime
+        self._control = control
+        self._others = others
+        self._clock = clock
+        entries = environment.table_entries
+        self._sensors = [e for e in entries if e.direction == Direction.SENSOR]
+        actuators = [e for e in entries if e.direction == Direction.ACTUATOR]
+        self._roll = RobotTable({r.tag: r.id for r in environment.experiment.robots}, actuators)
+        self._cameras = CameraTable(scene.cameras, scene.troubles)
+        self._state: ArenaState | None = None
+        self._rates = Rates(WINDOW)
+        self._told: dict[str, object] = {}
+        self._due_ns = self._fields_due_ns = self._late = 0
+        self._run_timestep = self._joined = -1
+
+    def look(self, step: Step | None) -> None:
+        """Tells what is new.
+
+        Args:
+            step: the timestep that was just lived; None: no arena state came for a while.
+        """
+        now_ns = self._clock()
+        newcomers, self._joined = self._hub.joined != self._joined, self._hub.joined
+        if newcomers:
+            self._told.clear()
+            self._due_ns = self._fields_due_ns = 0
+        self._tell_once("/experiment", self._control.run, self._facts, now_ns)
+        if step is not None:
+            self._tell_step(step, now_ns)
+        if now_ns >= self._due_ns:
+            self._hub.tell("/cameras", now_ns, lambda: self._cameras.data(now_ns))
+        self._tell_run(now_ns)
+        self._hub.tell("/robots", now_ns, self.robots_data)
+
+    def _facts(self) -> Data:
+        return messages.experiment(self._scene, self.environment)
+
+    def _tell_step(self, step: Step, now_ns: int) -> None:
+        self._state = step.state
+        self._roll.see(step.state)
+        self._cameras.see(step.frames)
+        self._rates.add(step.capture_ns, step.sent_ns)
+        if step.run_timestep >= 0:
+            missed = max(step.run_timestep - self._run_timestep - 1, 0)
+            late = step.sent_ns - step.capture_ns > self.environment.experiment.timestep_ns
+            self._late += missed + late
+            self._run_timestep = step.run_timestep
+        world = self.environment.world
+        self._hub.tell("/arena", step.capture_ns, lambda: _arena(step))
+        self._tell_once("/world", world.version, lambda: messages.world(world), now_ns)
+        self._hub.tell("/signals", step.capture_ns, lambda: messages.signals(world))
+        if world.fields and now_ns >= self._fields_due_ns:
+            self._fields_due_ns = now_ns + FIELDS_NS
+            self._hub.tell("/fields", now_ns, lambda: messages.fields(world.fields.values()))
+        self._tell_readings(step)
+
+    def _tell_readings(self, step: Step) -> None:
+        sent = self._runtime.readings
+
+        def tell(topic: str, tags: Sequence[int]) -> None:
+            def data() -> Data:
+                chosen = {tag: sent[tag] for tag in tags}
+                return messages.readings(self._sensors, chosen, step.timestep, step.capture_ns)
+
+            self._hub.tell(topic, step.sent_ns, data)
+
+        tell("/readings", list(sent))
+        for tag in sent:
+            tell(f"/readings/{tag}", [tag])
+
+    def robots_data(self) -> Data:
+        """Gives /robots; any thread."""
+        return self._roll.data(self._server.robots(), self._state, self._clock())
+
+    def begin_run(self, environment: Environment) -> None:
+        """The next run is about to be waited for."""
+        self.environment = environment
+        self._run_timestep, self._late = -1, 0
+        self._told.clear()
+
+    def run_data(self) -> Data:
+        """Gives /run."""
+        control, experiment = self._control, self.environment.experiment
+        now_ns = self._clock()
+        newest_ns = None if self._state is None else self._state.capture_ns
+        return {
+            "state": control.state.value,
+            "run": control.run,
+            "by": control.by,
+            "can": [kind.value for kind in control.can],
+            "timestep": self._run_timestep,
+            "time_s": round(max(self._run_timestep, 0) * experiment.timestep_s, 3),
+            "length_s": experiment.length_s or None,
+            "late": self._late,
+            **self._rates.data(),
+            "silent_s": None if newest_ns is None else _silence_s(now_ns - newest_ns),
+            **self._others(),
+        }
+
+    def _tell_run(self, now_ns: int) -> None:
+        control = self._control
+        key = (control.state, control.run, control.by, control.can)
+        if self._told.get("/run") == key and now_ns < self._due_ns:
+            return
+        self._told["/run"] = key
+        self._due_ns = now_ns + SECOND_NS
+        self._hub.tell("/run", now_ns, self.run_data)
+
+    def _tell_once(
+        self, topic: str, version: object, make: Callable[[], Data], now_ns: int
+    ) -> None:
+        """Tells what changes rarely: only when it has, or when somebody new looks."""
+        if self._told.get(topic) != version and self._hub.wants(topic):
+            self._told[topic] = version
+            self._hub.publish(Message(topic, now_ns, make()))
+
+
+def _arena(step: Step) -> Data:
+    return {**arena_data(step.state), "run_timestep": step.run_timestep}
+
+
+def _silence_s(age_ns: int) -> float:
+    """How long there has been no arena state, once that is remarkable."""
+    return round(age_ns / 1e9, 1) if age_ns > SECOND_NS // 2 else 0.0

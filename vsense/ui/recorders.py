@@ -1,0 +1,159 @@
+"""The recordings of one process: a file per run, begun with it or by whoever presses record."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vsense import recording
+from vsense.arena import Frame
+from vsense.errors import VsenseError
+from vsense.message_bus import MessageBus
+from vsense.ui.messages import Data
+
+if TYPE_CHECKING:
+    from vsense.cameras.camera import Camera
+    from vsense.config.specs import MarkerSpec
+    from vsense.config.tracking_build import Tracking
+    from vsense.config.tracking_specs import TrackingSession
+    from vsense.recording.recorder import Recorder
+    from vsense.run.runtime import Pictures
+    from vsense.tracking.arena_tracker import ArenaTracker
+
+OFF: Data = {"on": False, "file": None, "bytes": 0, "lost_messages": 0, "trouble": None}
+
+
+class Recorders:
+    """Makes and ends recordings; its methods may be called by any thread."""
+
+    def __init__(
+        self, hub: MessageBus, wanted: bool, pictures: bool, trouble: Callable[[str], None]
+    ) -> None:
+        """Prepares recordings.
+
+        Args:
+            hub: what is recorded.
+            wanted: every run is recorded from its beginning; else only when somebody wants it.
+            pictures: cameras' pictures are recorded, too.
+            trouble: takes a line about what cannot be recorded; any thread.
+        """
+        self._tracker: Mapping[str, Any] | None = None
+        self._hub = hub
+        self._wanted = wanted
+        self._pictures = pictures
+        self._trouble = trouble
+        self._path: Path | None = None
+        self._recorder: Recorder | None = None
+        self._lock = threading.RLock()
+
+    def begin_run(self, path: Path) -> None:
+        """A run begins; `path` is where its recording goes."""
+        self.end_run()
+        with self._lock:
+            self._path = path
+            if self._wanted:
+                self._open()
+
+    def end_run(self) -> None:
+        """Completes the run's recording."""
+        with self._lock:
+            recorder, self._recorder, self._path = self._recorder, None, None
+        if recorder is not None:
+            recorder.close()
+
+    def switch(self, on: bool) -> str:
+        """Switches the recording on or off; gives a line for people, and waits for no disk.
+
+        Raises:
+            UsageError: a library is missing.
+        """
+        recording.require()
+        with self._lock:
+            self._wanted, recorder, path = on, self._recorder, self._path
+        if path is None:
+            return f"the next run is {'' if on else 'not '}recorded"
+        if recorder is None and on:
+            threading.Thread(target=self._open_late, name="vsense-record", daemon=True).start()
+            return f"recording to {path}"
+        if recorder is None:
+            return "nothing was being recorded"
+        if on:
+            recorder.resume()
+            return f"recording goes on in {recorder.path}"
+        recorder.pause()
+        return "recording is off"
+
+    def watch_session(self, session: TrackingSession, tracking: Tracking) -> None:
+        """Has recordings hold the pictures of a tracking session, if it or its file wants them.
+
+        Raises:
+            VsenseError: a library is missing.
+        """
+        wanted = session.record.record_image
+        self._wanted, self._pictures = self._wanted or wanted, self._pictures or wanted
+        if self._pictures:
+            recording.require()
+            from vsense.recording import tracker_made
+
+            made = tracker_made.of_session(session)
+            tracking.record = self._watched(made, tracking.tracker)
+
+    def watch_family(
+        self,
+        cameras: Sequence[Camera],
+        marker: MarkerSpec,
+        source: Pictures,
+        tracker: ArenaTracker,
+    ) -> None:
+        """Has recordings hold the pictures of cameras that look for one family of markers.
+
+        Raises:
+            VsenseError: a library is missing.
+        """
+        if self._pictures:
+            recording.require()
+            from vsense.recording import tracker_made
+
+            heights_m = dict(tracker.heights_m)
+            made = tracker_made.of_family(cameras, marker.family, heights_m)
+            source.record = self._watched(made, tracker)
+
+    def _watched(
+        self, made: Mapping[str, Any], tracker: ArenaTracker
+    ) -> Callable[[Sequence[Frame]], None]:
+        self._tracker = made
+
+        def record(frames: Sequence[Frame]) -> None:
+            recorder = self._recorder
+            if recorder is not None:
+                recorder.pictures(frames, tracker)
+
+        return record
+
+    def state(self) -> Data:
+        """How it goes; "recording" of the message /run."""
+        recorder = self._recorder
+        return dict(OFF) if recorder is None else recorder.state()
+
+    def _open_late(self) -> None:
+        with self._lock:
+            if self._wanted and self._recorder is None:
+                self._open()
+
+    def _open(self) -> None:
+        """Begins the run's recording; what hinders it is told."""
+        if self._path is None:
+            return
+        try:
+            recording.require()
+            from vsense.recording.recorder import Recorder
+
+            recorder = Recorder(self._hub, self._path, self._pictures)
+        except VsenseError as error:
+            self._trouble(f"run not recorded: {error}")
+            return
+        if self._tracker is not None:
+            recorder.describe_tracker(self._tracker)
+        self._recorder = recorder

@@ -1,0 +1,203 @@
+"""Opens the page that `--web` asks for.
+
+The control room of one process: hub, page, recorder, keyboard, and the terminals' door.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vsense.link.robots.server import VirtualSensorServer
+from vsense.message_bus import MessageBus
+from vsense.run.control import Control, Give
+from vsense.run.environment import Environment
+from vsense.run.runtime import Runtime, Step
+from vsense.terminal import Console, Level
+from vsense.ui import keyboard
+from vsense.ui.control_socket import ControlSocket, ControlSocketError
+from vsense.ui.messages import Data, ExperimentFacts
+from vsense.ui.preview import PreviewEncoder
+from vsense.ui.publisher import Publisher
+from vsense.ui.recorders import Recorders
+
+if TYPE_CHECKING:
+    from vsense.ui.server import WebServer
+
+
+def make_server(options: argparse.Namespace, hub: MessageBus, give: Give) -> WebServer:
+    """Makes the page's server, which does not serve yet; see `open_web`.
+
+    Raises:
+        VsenseError: the library for it is missing, or the tokens cannot be read.
+    """
+    # Here and not above: whoever wants no page needs no library for it.
+    from vsense.ui.access import read_tokens
+    from vsense.ui.server import WebServer
+
+    host, port = options.web
+    tokens: Path | None = options.web_tokens
+    return WebServer(hub, give, host, port, None if tokens is None else read_tokens(tokens))
+
+
+def open_web(
+    options: argparse.Namespace, hub: MessageBus, give: Give
+) -> tuple[WebServer, list[str]]:
+    """Serves the page.
+
+    Args:
+        options: `web`, an address and a port, and `web_tokens`, a file or None.
+        hub: what the page shows.
+        give: what its buttons do.
+
+    Returns:
+        The server, which is the caller's to close, and what people shall be told.
+
+    Raises:
+        VsenseError: the library for it is missing, the port is taken, or the tokens cannot be read.
+    """
+    server = make_server(options, hub, give)
+    found = server.start()
+    lines = [f"control room: {found.control}"]
+    if found.look != found.control:
+        lines.append(f"control room, to look only: {found.look}")
+    return server, lines
+
+
+class ControlRoom:
+    """Sees and steers the runs of one process; a context that leaves no thread and no socket.
+
+    Attributes:
+        hub: where everything is told.
+        holds: every run waits until somebody starts it, and after the last one the process stays
+            for people to look, and to begin another.
+        recorders: the recordings, one per run.
+    """
+
+    def __init__(self, options: argparse.Namespace, console: Console) -> None:
+        """Prepares a room that nobody can enter yet.
+
+        Args:
+            options: what `vsense.commands.arguments.add_room` declares.
+            console: where to say what happens; what is said there is told in the room, too.
+        """
+        self.hub = MessageBus()
+        self.holds: bool = options.hold
+        self._options = options
+        self._console = console
+        self._directory = Path()
+        self._stack = ExitStack()
+        self.recorders = Recorders(
+            self.hub, options.record or options.record_images, options.record_images, self._trouble
+        )
+        self._failed = False
+        console.also = self._tell_event
+
+    def __enter__(self) -> ControlRoom:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.recorders.end_run()
+        self._stack.close()
+
+    def open(
+        self,
+        scene: ExperimentFacts,
+        environment: Environment,
+        server: VirtualSensorServer,
+        runtime: Runtime,
+        control: Control,
+    ) -> None:
+        """Opens all doors.
+
+        Raises:
+            VsenseError: the page's port is taken, or a library for it is missing.
+        """
+        self._scene = scene
+        self._publisher = Publisher(
+            self.hub, scene, environment, server, runtime, control, self._others
+        )
+        control.record = self.recorders.switch
+        self._press = PreviewEncoder(self.hub)
+        self._stack.callback(self._press.close)
+        self._open_doors(control)
+
+    def _open_doors(self, control: Control) -> None:
+        if self._options.web is not None:
+            server, lines = open_web(self._options, self.hub, control.give)
+            self._stack.callback(server.close)
+            for line in lines:
+                # With its tokens: neither the pages nor the log may have them.
+                self._console.whisper(line)
+        try:
+            self._stack.callback(ControlSocket(self.status, control.give).close)
+        except ControlSocketError as error:
+            self._console.say(f"vsense status and its like will not find this run: {error}")
+        if keyboard.usable():
+            self._stack.callback(keyboard.Keyboard(control.give, self._console.say).close)
+            self._console.say(keyboard.HELP)
+
+    def begin_run(self, environment: Environment, directory: Path) -> None:
+        """A run is about to be waited for. What cannot be recorded is told, and costs no run.
+
+        Args:
+            environment: its virtual world.
+            directory: what it leaves goes there.
+        """
+        self._directory = directory
+        self._publisher.begin_run(environment)
+        self.recorders.begin_run(directory / f"{environment.experiment.name}.mcap")
+
+    def end_run(self) -> None:
+        """What the run leaves is complete."""
+        self.recorders.end_run()
+
+    def look(self, step: Step | None) -> None:
+        """Tells what has become of the run; see `Publisher.look`.
+
+        A fault of ours in it is told once and ends the telling, not the run.
+        """
+        if self._failed:
+            return
+        try:
+            self._publisher.look(step)
+            if step is not None:
+                self._press.offer(step.frames)
+        except Exception as error:
+            self._failed = True
+            self._trouble(f"the page and the recording are told nothing any more: {error!r}")
+
+    def status(self) -> Data:
+        """What a terminal is told; any thread."""
+        publisher = self._publisher
+        return {
+            "name": publisher.environment.experiment.name,
+            "command": self._scene.command,
+            "process": os.getpid(),
+            "directory": str(self._directory),
+            "run": publisher.run_data(),
+            "robots": publisher.robots_data(),
+        }
+
+    def _others(self) -> Data:
+        try:
+            free = shutil.disk_usage(self._directory).free
+        except OSError:
+            free = None
+        return {
+            "runs": self._options.runs,
+            "text": self._console.newest,
+            "recording": self.recorders.state(),
+            "disk_free_bytes": free,
+        }
+
+    def _trouble(self, text: str) -> None:
+        self._console.say(text, "trouble")
+
+    def _tell_event(self, text: str, level: Level) -> None:
+        self.hub.event(text, level, time.monotonic_ns())

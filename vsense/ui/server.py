@@ -1,0 +1,290 @@
+"""What lies at which address of the server, and what every answer carries for safety.
+
+The web server: a thread of its own beside the run, which never waits for it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import html
+import re
+import socket
+import threading
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from aiohttp import web
+
+from vsense.errors import UsageError, VsenseError
+from vsense.message_bus import MessageBus
+from vsense.run.control import Give
+from vsense.ui.access import AccessControl, Forbidden, Rights, Tokens, is_loopback, make_tokens
+from vsense.ui.page_clients import WebClients
+
+PAGE = Path(__file__).parent / "page"
+VIEWERS_MAX = 64
+"""Pages at once; a browser that opens them in a loop must not eat the machine."""
+_FILE = re.compile(r"[a-z0-9_]+\.(?:js|css|svg)")
+_HEADERS = {
+    "Content-Security-Policy": (
+        "default-src 'self'; img-src 'self' data: blob:; frame-ancestors 'none'; "
+        "base-uri 'none'; form-action 'self'"
+    ),
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-cache",
+}
+_TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
+
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+class Site:
+    """The page, its files and its WebSocket."""
+
+    def __init__(
+        self, hub: MessageBus, give: Give, host: str, port: int, tokens: Tokens | None
+    ) -> None:
+        """Builds the application; the parameters are those of `WebServer`."""
+        self._gate = AccessControl(host, port, tokens)
+        self._desk = WebClients(hub, give)
+        self.app = web.Application(middlewares=[self._guard], client_max_size=4096)
+        self.app.router.add_get("/", self._page)
+        self.app.router.add_get("/ws", self._socket)
+        self.app.router.add_get("/{name}", self._file)
+        self.app.on_response_prepare.append(_protect)
+
+    async def close(self) -> None:
+        """Ends all conversations."""
+        await self._desk.close()
+
+    @web.middleware
+    async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        """Refuses what comes from elsewhere before anything else is looked at."""
+        try:
+            self._gate.check_host(request.headers)
+            self._gate.check_origin(request.headers, needed=request.path == "/ws")
+        except Forbidden as reason:
+            return _refusal(str(reason))
+        try:
+            return await handler(request)
+        except ConnectionError:
+            # It went before it got an answer: nobody will read this one either.
+            return web.Response(status=400)
+
+    def _rights(self, request: web.Request) -> Rights:
+        return self._gate.rights(request.query.get("token"), request.cookies)
+
+    async def _page(self, request: web.Request) -> web.StreamResponse:
+        if self._rights(request) is Rights.NONE:
+            given = "token" in request.query
+            return _refusal(
+                "this token is not the right one" if given else "this page needs a token", True
+            )
+        answer = web.Response(body=(PAGE / "index.html").read_bytes(), content_type="text/html")
+        answer.charset = "utf-8"
+        token = request.query.get("token")
+        if token is not None and self._gate.needs_token:
+            # Not by a redirect: browsers would not send the strict cookie along with one that
+            # began on another site, such as a chat in which the address was passed on.
+            answer.set_cookie(self._gate.cookie, token, httponly=True, samesite="Strict", path="/")
+        return answer
+
+    async def _socket(self, request: web.Request) -> web.StreamResponse:
+        rights = self._rights(request)
+        if rights is Rights.NONE:
+            return _refusal("this page needs a token", True)
+        if self._desk.viewers >= VIEWERS_MAX:
+            return _refusal(f"{VIEWERS_MAX} pages are open already: close one", status=503)
+        return await self._desk.serve(request, rights)
+
+    async def _file(self, request: web.Request) -> web.StreamResponse:
+        name = request.match_info["name"]
+        path = PAGE / name
+        if _FILE.fullmatch(name) is None or not path.is_file():
+            return _refusal(f"there is no '{name:.80}' here", status=404)
+        answer = web.Response(body=path.read_bytes(), content_type=_TYPES[path.suffix])
+        answer.charset = "utf-8"
+        return answer
+
+
+async def _protect(request: web.Request, response: web.StreamResponse) -> None:
+    """What every answer tells the browser."""
+    response.headers.update(_HEADERS)
+
+
+def _refusal(reason: str, token: bool = False, status: int = 403) -> web.Response:
+    """A page that says why not, and asks for a token where one would help."""
+    form = (PAGE / "token_form.html").read_text(encoding="utf-8") if token else ""
+    page = (PAGE / "refusal.html").read_text(encoding="utf-8")
+    words = html.escape(reason[:1].upper() + reason[1:])
+    text = page.replace("{reason}", words).replace("{form}", form)
+    return web.Response(text=text, status=status, content_type="text/html")
+
+
+try:
+    from aiohttp import web
+except ImportError as error:
+    if not (error.name or "").startswith("aiohttp"):
+        raise
+    raise VsenseError("the web page needs aiohttp: pip install 'vsense[web]'") from error
+
+CLOSING_S = 5.0
+"""The thread ends within this time, whatever the pages do."""
+_REASONS = {
+    errno.EADDRINUSE: "is in use: another program serves there; stop it or choose another port",
+    errno.EADDRNOTAVAIL: "is not on an address of this machine: choose one that it has",
+    errno.EACCES: "needs privileges: choose a port from 1024 on",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Addresses:
+    """What a person types into a browser.
+
+    Attributes:
+        look: for those who only look.
+        control: for those who press buttons.
+    """
+
+    look: str
+    control: str
+
+
+class WebServer:
+    """Serves the page and its WebSocket. Its methods are for one thread, not its own."""
+
+    def __init__(
+        self, hub: MessageBus, give: Give, host: str, port: int, tokens: Tokens | None = None
+    ) -> None:
+        """Prepares it; nothing is opened yet.
+
+        Args:
+            hub: where news comes from.
+            give: carries orders out.
+            host: address to listen on.
+            port: port to listen on; 0 takes any free one.
+            tokens: what viewers must show. Without, everybody on this machine may control, and
+                on any address that others reach two are drawn: see `start`.
+        """
+        if not 0 <= port <= 65535:
+            raise UsageError(f"web port {port}: expected a number from 0 to 65535")
+        self._hub = hub
+        self._give = give
+        self._host = host
+        self.port = port
+        self.tokens = make_tokens() if tokens is None and not is_loopback(host) else tokens
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._ending: asyncio.Event | None = None
+        self._thread: threading.Thread | None = None
+        self._failure: BaseException | None = None
+
+    def start(self) -> Addresses:
+        """Takes the port and begins to serve.
+
+        Returns:
+            What to open; with tokens in it where they are needed.
+
+        Raises:
+            VsenseError: the port cannot be had; the text says what to do.
+        """
+        listening = _listen(self._host, self.port)
+        self.port = listening.getsockname()[1]
+        ready = threading.Event()
+        self._thread = threading.Thread(
+            target=lambda: asyncio.run(self._serve(listening, ready)), name="web", daemon=True
+        )
+        self._thread.start()
+        ready.wait()
+        if self._failure is not None:
+            raise VsenseError(f"the page cannot be served: {self._failure!r}")
+        return self._addresses()
+
+    def close(self) -> None:
+        """Sends the pages away and ends the thread; more than once is fine."""
+        thread, self._thread = self._thread, None
+        if thread is None:
+            return
+        assert self._loop is not None and self._ending is not None
+        if thread.is_alive():
+            self._loop.call_soon_threadsafe(self._ending.set)
+        thread.join(CLOSING_S)
+
+    def _addresses(self) -> Addresses:
+        host = self._host
+        if host in ("0.0.0.0", "::", ""):
+            host = _own_address()
+        url = f"http://{f'[{host}]' if ':' in host else host}:{self.port}/"
+        if self.tokens is None:
+            return Addresses(url, url)
+        return Addresses(f"{url}?token={self.tokens.look}", f"{url}?token={self.tokens.control}")
+
+    async def _serve(self, listening: socket.socket, ready: threading.Event) -> None:
+        """The thread's life."""
+        self._loop = asyncio.get_running_loop()
+        self._ending = asyncio.Event()
+        try:
+            site = Site(self._hub, self._give, self._host, self.port, self.tokens)
+            runner = web.AppRunner(site.app, access_log=None, shutdown_timeout=1.0)
+            await runner.setup()
+            await web.SockSite(runner, listening).start()
+        except BaseException as failure:
+            # Whoever waits for a server that could not begin must not wait for ever.
+            self._failure = failure
+            ready.set()
+            raise
+        try:
+            ready.set()
+            await self._ending.wait()
+        finally:
+            await _in_time(site.close)
+            await _in_time(runner.cleanup)
+
+
+async def _in_time(close: Callable[[], Awaitable[None]]) -> None:
+    try:
+        await asyncio.wait_for(close(), CLOSING_S / 2.5)
+    except asyncio.TimeoutError:
+        return
+
+
+def _listen(host: str, port: int) -> socket.socket:
+    """Takes a port.
+
+    Raises:
+        VsenseError: it cannot be had.
+    """
+    try:
+        found = socket.getaddrinfo(
+            host or None, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )
+    except (OSError, UnicodeError) as error:
+        text = getattr(error, "strerror", None) or "not a host name"
+        raise VsenseError(f"web page: cannot listen on '{host}': {text}") from error
+    family, _, _, _, address = found[0]
+    opened = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        # A restarted server may pass the old one's connections that are still closing.
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        opened.bind(address)
+        opened.listen()
+        opened.setblocking(False)
+    except OSError as error:
+        opened.close()
+        reason = _REASONS.get(error.errno or 0, f"cannot be used: {error.strerror}")
+        raise VsenseError(f"web page: port {port} of {host} {reason}") from error
+    return opened
+
+
+def _own_address() -> str:
+    """The address that other machines see this one by; nothing is sent to find it."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))
+            return str(probe.getsockname()[0])
+        except OSError:
+            return socket.gethostname()

@@ -1,0 +1,182 @@
+"""How each camera is: how fast its pictures come, and what is wrong with it in words.
+
+How each robot is: its link, its pose, its battery, and its trouble in words.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from vsense.arena import ArenaState, Frame
+from vsense.cameras.camera import Camera
+from vsense.cameras.grabber import Troubles
+from vsense.link.robots.status import RobotStatus
+from vsense.link.robots.table import Entry
+from vsense.link.robots.wire import StopCause, Wanted
+from vsense.native import lib
+from vsense.ui.messages import Data, numbers
+
+SILENT_NS = 1_000_000_000
+"""A camera without a picture for so long is missed, whatever else is known of it."""
+
+
+class CameraTable:
+    """Counts the cameras' pictures; one thread."""
+
+    def __init__(self, cameras: Sequence[Camera], troubles: Troubles) -> None:
+        """Begins without pictures."""
+        self._cameras = [camera.id for camera in cameras]
+        self._troubles = troubles
+        self._pictures: Counter[str] = Counter()
+        self._newest_ns: dict[str, int] = {}
+        self._told_ns: int | None = None
+
+    def see(self, frames: Sequence[Frame]) -> None:
+        """Takes the pictures of a timestep."""
+        for frame in frames:
+            self._pictures[frame.camera] += 1
+            self._newest_ns[frame.camera] = frame.capture_ns
+
+    def data(self, now_ns: int) -> Data:
+        """Gives /cameras; rates count from the last call."""
+        told_ns, self._told_ns = self._told_ns, now_ns
+        span_s = None if told_ns is None else (now_ns - told_ns) / 1e9
+        pictures, self._pictures = self._pictures, Counter()
+        return {"cameras": [self._camera(id, pictures[id], span_s, now_ns) for id in self._cameras]}
+
+    def _camera(self, id: str, pictures: int, span_s: float | None, now_ns: int) -> Data:
+        present = [event for (camera, _), event in self._troubles.present.items() if camera == id]
+        silent_ns = now_ns - self._newest_ns.get(id, now_ns)
+        state, text = "ok", ""
+        if silent_ns > SILENT_NS:
+            state, text = "lost", f"no picture for {silent_ns / 1e9:.1f} s"
+        elif present:
+            state, text = present[-1].kind, present[-1].text
+        return {
+            "id": id,
+            "rate_hz": None if not span_s else round(pictures / span_s, 2),
+            "dropped": self._troubles.counts[id, "damaged"],
+            "state": state,
+            "text": text,
+        }
+
+
+UNSEEN_NS = 1_000_000_000
+"""A robot may be hidden for a moment: from here on that is trouble."""
+
+CAUSES = {
+    StopCause.NONE: "",
+    StopCause.WANTED: "",
+    StopCause.NO_SESSION: "it has no session",
+    StopCause.STALE: "what it hears is too old",
+    StopCause.NO_BEAT: "its controller does not answer",
+    StopCause.BASE: "its base does not answer",
+    StopCause.GUARD: "its guard was replaced",
+    StopCause.SIGNAL: "it was told to end",
+}
+"""Why wheels are held, where nobody wanted that."""
+
+
+class RobotTable:
+    """Tells how the robots are; it remembers when each was seen last."""
+
+    def __init__(self, names: Mapping[int, str], actuators: Sequence[Entry]) -> None:
+        """Begins with nobody seen.
+
+        Args:
+            names: the robots by tag.
+            actuators: the sensor table's actuators.
+        """
+        self._names = dict(names)
+        self._actuators = actuators
+        self._seen_ns: dict[int, int] = {}
+
+    def see(self, state: ArenaState) -> None:
+        """Takes an arena state over."""
+        seen = state.robots[state.robots["seen"]]
+        self._seen_ns |= zip(seen["tag"].tolist(), seen["capture_ns"].tolist())
+
+    def data(self, links: Mapping[int, RobotStatus], state: ArenaState | None, now_ns: int) -> Data:
+        """Gives /robots.
+
+        Args:
+            links: status of every robot by tag.
+            state: the newest arena state, if there is one.
+            now_ns: host's monotonic clock.
+        """
+        twice = frozenset(() if state is None else state.duplicates)
+        seen = set() if state is None else set(state.robots["tag"][state.robots["seen"]].tolist())
+        rows = [self._row(links[tag], tag in seen, tag in twice, now_ns) for tag in self._names]
+        keys = rows[0] if rows else {}
+        return {key: [row[key] for row in rows] for key in keys}
+
+    def _row(self, link: RobotStatus, seen: bool, twice: bool, now_ns: int) -> dict[str, Any]:
+        seen_ns = self._seen_ns.get(link.tag)
+        row: dict[str, Any] = {
+            "tag": link.tag,
+            "name": self._names[link.tag],
+            "connected": link.connected,
+            "heard_ms": _ms(link.heard_ns, now_ns),
+            "udp": link.udp,
+            "seen": seen,
+            "pose_age_ms": _ms(seen_ns, now_ns),
+            "doubt": "its tag is seen at two places" if twice else None,
+            "sessions": link.sessions,
+            "version": link.version,
+            "controller": link.controller,
+            "hash": link.hash,
+        }
+        row |= self._telemetry(link)
+        row["trouble"] = _trouble(row, seen_ns is None or now_ns - seen_ns > UNSEEN_NS)
+        return row
+
+    def _telemetry(self, link: RobotStatus) -> dict[str, Any]:
+        told = link.telemetry
+        if told is None:
+            return dict.fromkeys(_TOLD) | {"state": "idle", "stop_cause": "", "leds": 0}
+        known = told.battery_low != lib.VS_BATTERY_UNKNOWN
+        return {
+            "state": _STATES.get(told.state, str(told.state)),
+            "stop_cause": CAUSES.get(told.stop_cause, f"cause {told.stop_cause}"),  # type: ignore[call-overload]
+            "battery_mv": told.battery_mv or None,
+            "battery_low": bool(told.battery_low) if known else None,
+            "leds": told.leds,
+            "left_steps_s": told.left_steps_s,
+            "right_steps_s": told.right_steps_s,
+            "base_errors": told.base_errors,
+            "guard_restarts": told.guard_restarts,
+            "actuators": numbers(self._actuators, told.payload) if self._actuators else [],
+        }
+
+
+_STATES = {state.value: state.name.lower() for state in Wanted}
+
+_TOLD = (
+    *("state", "stop_cause", "battery_mv", "battery_low", "leds", "left_steps_s"),
+    *("right_steps_s", "base_errors", "guard_restarts", "actuators"),
+)
+
+
+def _ms(then_ns: int | None, now_ns: int) -> float | None:
+    return None if then_ns is None else round((now_ns - then_ns) / 1e6, 1)
+
+
+def _trouble(row: Mapping[str, Any], unseen: bool) -> str:
+    """The worst that is wrong with a robot, in words; "" where nothing is."""
+    if not row["connected"]:
+        heard_ms = row["heard_ms"]
+        return "not connected" if heard_ms is None else f"link lost for {heard_ms / 1e3:.1f} s"
+    if row["doubt"]:
+        return str(row["doubt"])
+    if row["stop_cause"]:
+        return f"stopped: {row['stop_cause']}"
+    if unseen:
+        age_ms = row["pose_age_ms"]
+        return "never seen" if age_ms is None else f"not seen for {age_ms / 1e3:.1f} s"
+    if row["battery_low"]:
+        return "battery low"
+    # A robot with the original client has no session of ours, and TCP alone.
+    slow = row["sessions"] and not row["udp"]
+    return "no UDP: its readings come over TCP" if slow else ""

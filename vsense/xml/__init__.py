@@ -1,0 +1,1 @@
+"""XML files as elements that know their file and line."""

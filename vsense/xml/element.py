@@ -1,0 +1,339 @@
+"""What is said about an experiment file: its warnings, and how errors show values and names.
+
+One element of an experiment file: knows where it stands and what has been read of it.
+
+Whoever reads an element asks for its attributes and children by name; what nobody asked for is
+reported at the end, with the names that would have been understood. So a misspelt key is an
+error instead of a default.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+from vsense.errors import ConfigError
+
+MAX_SHOWN = 60
+"""Characters of a value that an error repeats."""
+
+COUNTS = ("no", "one", "two", "three", "four")
+
+
+@dataclass(frozen=True, slots=True)
+class Document:
+    """An experiment file while it is read.
+
+    Attributes:
+        file: the file as the user named it.
+        passed_over: line and words for whatever is not done as the file asks.
+    """
+
+    file: str
+    passed_over: list[tuple[int, str]] = field(default_factory=list)
+
+    def warnings(self) -> tuple[str, ...]:
+        """Gives what is passed over, in the file's order: `file:line: what happens instead`."""
+        return tuple(f"{self.file}:{line}: {words}" for line, words in sorted(self.passed_over))
+
+
+def shown(text: str) -> str:
+    """Gives a value in quotes, a long one cut."""
+    return repr(text if len(text) <= MAX_SHOWN else text[:MAX_SHOWN] + "...")
+
+
+def listed(names: Iterable[str]) -> str:
+    """Gives names in alphabetical order, "none" where there is none."""
+    return ", ".join(sorted(names)) or "none"
+
+
+def likely(missing: str, present: Iterable[str]) -> str:
+    """Points to a name nearby that looks like a misspelling of the missing one."""
+    close = difflib.get_close_matches(missing, sorted(present), 1, 0.75)
+    return f" (is {close[0]!r} meant?)" if close else ""
+
+
+_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
+_INTEGER = re.compile(r"[+-]?[0-9]{1,15}")
+_OURS = "vs:"
+
+
+class Element:
+    """One element of an experiment file.
+
+    Attributes:
+        name: its name; one of our own namespace starts with `vs:`.
+        line: line of its start tag, from 1.
+        document: the file that it stands in.
+    """
+
+    __slots__ = (
+        "_asked_attributes",
+        "_asked_children",
+        "_attributes",
+        "_children",
+        "_left_out",
+        "_settings",
+        "document",
+        "line",
+        "name",
+    )
+
+    def __init__(
+        self, document: Document, name: str, line: int, attributes: dict[str, str]
+    ) -> None:
+        self.document = document
+        self.name = name
+        self.line = line
+        self._attributes = attributes
+        self._children: list[Element] = []
+        self._asked_attributes: set[str] = set()
+        self._asked_children: set[str] = set()
+        self._left_out = False
+        self._settings: dict[str, str] = {}
+
+    def append(self, child: Element) -> None:
+        """Adds a child element: the parser's part."""
+        self._children.append(child)
+
+    def set(self, key: str, value: str) -> None:
+        """Overrides an attribute, or adds it; the prefix of our own namespace may be left out."""
+        self._settings[key.removeprefix(_OURS)] = value
+
+    def peek(self, key: str) -> str | None:
+        """Gives an attribute as it stands, None where it is absent, without counting it as read."""
+        return self._settings.get(key.removeprefix(_OURS), self._attributes.get(key))
+
+    def walk(self) -> Iterator[Element]:
+        """Gives this element and all below it that are not left out, in the file's order."""
+        if not self._left_out:
+            yield self
+            for child in self._children:
+                yield from child.walk()
+
+    def error(self, message: str, attribute: str | None = None) -> ConfigError:
+        """Makes the error that this element, or one attribute of it, is wrong."""
+        subject = f"<{self.name}>" if attribute is None else f"<{self.name}> {attribute}"
+        if attribute is not None and attribute.removeprefix(_OURS) in self._settings:
+            subject += " (set from outside the file)"
+        return ConfigError(self.document.file, self.line, f"{subject}: {message}")
+
+    def warn(self, message: str) -> None:
+        """Notes for the user what happens instead of what this element asks for."""
+        self.document.passed_over.append((self.line, f"<{self.name}> {message}"))
+
+    def leave_out(self, instead: str) -> None:
+        """Passes over this element with all that is in it, and says so in a warning."""
+        self._left_out = True
+        self.warn(f"is not supported: {instead}")
+
+    def has(self, key: str) -> bool:
+        """Tells whether an optional attribute is there."""
+        self._asked_attributes.add(key)
+        return self.peek(key) is not None
+
+    def text(self, key: str, default: str | None = None, expected: str = "a text") -> str:
+        """Reads an attribute as it stands, without blanks around it.
+
+        Args:
+            key: the attribute's name.
+            default: its value where it is absent; None: it is required.
+            expected: what the error calls the value.
+
+        Raises:
+            ConfigError: it is absent and required, or empty.
+        """
+        value = self.peek(key) if self.has(key) else default
+        if value is None:
+            raise self.error(f"is missing, expected {expected}{likely(key, self._attributes)}", key)
+        if not value.strip():
+            raise self.error(f"is empty, expected {expected}", key)
+        return value.strip()
+
+    def number(
+        self, key: str, low: float, high: float, unit: str = "", default: float | None = None
+    ) -> float:
+        """Reads a finite number within [low, high].
+
+        Raises:
+            ConfigError: absent and required, not a number, or out of range.
+        """
+        fallback = None if default is None else repr(default)
+        text = self.text(key, fallback, f"a number from {low:g} to {high:g} {unit}".rstrip())
+        return self._number(key, text, low, high, unit)
+
+    def integer(
+        self, key: str, low: int, high: int, default: int | None = None, why: str = ""
+    ) -> int:
+        """Reads a whole number within [low, high]; `why` explains the range in the error.
+
+        Raises:
+            ConfigError: absent and required, not a whole number, or out of range.
+        """
+        fallback = None if default is None else str(default)
+        text = self.text(key, fallback, f"a whole number from {low} to {high}")
+        if not _INTEGER.fullmatch(text):
+            raise self.error(f"{shown(text)} is not a whole number from {low} to {high}", key)
+        if not low <= int(text) <= high:
+            allowed = f"{low} to {high}{why and f': {why}'}"
+            raise self.error(f"{text[:MAX_SHOWN]} is out of range, expected {allowed}", key)
+        return int(text)
+
+    def share(self, key: str) -> float:
+        """Reads a percentage such as "50%".
+
+        Returns:
+            The share, in [0, 1].
+
+        Raises:
+            ConfigError: absent, or not a percentage from 0 to 100.
+        """
+        text = self.text(key, None, "a percentage such as '50%'")
+        if not text.endswith("%"):
+            raise self.error(f"{shown(text)} is not a percentage such as '50%'", key)
+        return self._number(key, text[:-1].strip(), 0.0, 100.0, "%") / 100.0
+
+    def angle(
+        self, key: str, low_deg: float, high_deg: float, default_deg: float | None = None
+    ) -> float:
+        """Reads an angle that the file gives in degrees.
+
+        Returns:
+            The angle [rad], not wrapped.
+
+        Raises:
+            ConfigError: absent and required, not a number, or out of range.
+        """
+        return math.radians(self.number(key, low_deg, high_deg, "deg", default_deg))
+
+    def vector(
+        self, key: str, low: float, high: float, unit: str = "", default: str | None = None
+    ) -> tuple[float, float, float]:
+        """Reads three numbers with commas between them; see `numbers`."""
+        x, y, z = self.numbers(key, 3, low, high, unit, default)
+        return x, y, z
+
+    def numbers(
+        self,
+        key: str,
+        count: int,
+        low: float,
+        high: float,
+        unit: str = "",
+        default: str | None = None,
+    ) -> tuple[float, ...]:
+        """Reads two or three numbers with commas between them, each within [low, high].
+
+        Raises:
+            ConfigError: absent and required, not that many numbers, or one out of range.
+        """
+        letters = ",".join("xyz"[:count])
+        text = self.text(key, default, f"{COUNTS[count]} numbers '{letters}' {unit}".rstrip())
+        parts = [part.strip() for part in text.split(",")]
+        if len(parts) != count or not all(parts):
+            expected = f"{COUNTS[count]} numbers with commas between them"
+            raise self.error(f"{shown(text)} is not {expected}", key)
+        return tuple(self._number(key, part, low, high, unit) for part in parts)
+
+    def boolean(self, key: str, default: bool | None = None) -> bool:
+        """Reads "true" or "false".
+
+        Raises:
+            ConfigError: absent and required, or neither of the two.
+        """
+        fallback = None if default is None else str(default).lower()
+        return self.choice(key, ("true", "false"), fallback) == "true"
+
+    def choice(self, key: str, choices: Sequence[str], default: str | None = None) -> str:
+        """Reads one of several words.
+
+        Raises:
+            ConfigError: absent and required, or none of them.
+        """
+        known = ", ".join(choices)
+        text = self.text(key, default, f"one of: {known}")
+        if text not in choices:
+            raise self.error(f"{shown(text)} is not one of: {known}", key)
+        return text
+
+    def integers(self, key: str, low: int, high: int) -> list[int]:
+        """Reads whole numbers within [low, high] with blanks or commas between them.
+
+        Raises:
+            ConfigError: absent, not whole numbers, or one out of range.
+        """
+        text = self.text(key, None, f"whole numbers from {low} to {high}")
+        parts = text.replace(",", " ").split()
+        for part in parts:
+            if not _INTEGER.fullmatch(part) or not low <= int(part) <= high:
+                raise self.error(f"{shown(part)} is not a whole number from {low} to {high}", key)
+        return [int(part) for part in parts]
+
+    def free_attributes(self) -> dict[str, str]:
+        """Gives all attributes of an element whose keys are the user's own."""
+        self._asked_attributes.update(self._attributes, self._settings)
+        return {**self._attributes, **self._settings}
+
+    def children(self, *names: str) -> list[Element]:
+        """Gives the children of these names, in the file's order; without names all of them."""
+        self._asked_children.update(names or self.child_names())
+        return self.below(*names)
+
+    def below(self, *names: str) -> list[Element]:
+        """Gives the same children as `children`, without counting them as read."""
+        return [child for child in self._children if not names or child.name in names]
+
+    def optional_child(self, name: str) -> Element | None:
+        """Gives the only child of this name, or None.
+
+        Raises:
+            ConfigError: there are two.
+        """
+        found = self.children(name)
+        if len(found) > 1:
+            raise found[1].error(f"appears twice in <{self.name}>, first in line {found[0].line}")
+        return found[0] if found else None
+
+    def child(self, name: str) -> Element:
+        """Gives the only child of this name.
+
+        Raises:
+            ConfigError: there is none, or there are two.
+        """
+        found = self.optional_child(name)
+        if found is None:
+            raise self.error(f"<{name}> is missing in it{likely(name, self.child_names())}")
+        return found
+
+    def check_all_read(self) -> None:
+        """Refuses whatever nobody asked for, here and below.
+
+        Raises:
+            ConfigError: an attribute or a child element that means nothing here.
+        """
+        if self._left_out:
+            return
+        asked = self._asked_attributes
+        unset = self._settings.keys() - {key.removeprefix(_OURS) for key in asked}
+        for key in (*unset, *(k for k in self._attributes if k not in asked)):
+            raise self.error(f"is not an attribute of it; known are: {listed(asked)}", key)
+        for child in self._children:
+            if child.name not in self._asked_children and not child._left_out:
+                known = listed(self._asked_children)
+                raise child.error(f"does not belong in <{self.name}>; known there are: {known}")
+            child.check_all_read()
+
+    def child_names(self) -> list[str]:
+        """Gives the children's names in the file's order, without counting them as read."""
+        return [child.name for child in self._children]
+
+    def _number(self, key: str, text: str, low: float, high: float, unit: str) -> float:
+        if not _NUMBER.fullmatch(text):
+            raise self.error(f"{shown(text)} is not a number", key)
+        if not low <= float(text) <= high:
+            allowed = f"{low:g} to {high:g} {unit}".rstrip()
+            raise self.error(f"{text[:MAX_SHOWN]} is out of range, expected {allowed}", key)
+        return float(text)
