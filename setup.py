@@ -4,7 +4,7 @@ The wheel carries, beside the Python package:
 * `vsense/_native.abi3.so`, the tiny C library behind cffi;
 * `vsense/_sources/`, the C sources from which a user's controller is built later;
 * `vsense/_sources/bin/vsensed`, the daemon for this machine with the shipped controller.
-An editable install and a checkout use the folders of the checkout instead (`vsense/robot/build.py`).
+An editable install and a checkout use the checkout's own folders (`vsense/robot/build.py`).
 """
 
 import shutil

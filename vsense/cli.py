@@ -25,7 +25,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # Imported here: Ctrl-C while the commands load is as good as later.
         from vsense import commands
 
-        options = commands.parser().parse_args(arguments)
+        words = sys.argv[1:] if arguments is None else arguments
+        options = commands.parser(words).parse_args(words)
         return int(options.run(options))
     except VsenseError as error:
         print(f"vsense: {error}", file=sys.stderr)

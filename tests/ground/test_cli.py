@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 
 import pytest
 
@@ -14,7 +15,7 @@ from vsense.errors import UsageError
 def test_ctrl_c_while_the_commands_load_is_no_traceback(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def interrupted() -> argparse.ArgumentParser:
+    def interrupted(words: Sequence[str]) -> argparse.ArgumentParser:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(commands, "parser", interrupted)
@@ -30,7 +31,7 @@ def test_error_is_one_line_and_its_exit_code(
 
     parser = argparse.ArgumentParser()
     parser.set_defaults(run=run)
-    monkeypatch.setattr(commands, "parser", lambda: parser)
+    monkeypatch.setattr(commands, "parser", lambda words: parser)
     assert cli.main([]) == 2
     assert capsys.readouterr().err == "vsense: no such thing\n"
 
@@ -39,7 +40,16 @@ def test_every_command_explains_itself(capsys: pytest.CaptureFixture[str]) -> No
     with pytest.raises(SystemExit) as ended:
         cli.main(["--help"])
     assert ended.value.code == 0
-    assert "lab" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert all(f"\n    {name} " in shown for name in commands.COMMANDS)
+
+
+@pytest.mark.parametrize("name", sorted(commands.COMMANDS))
+def test_every_command_has_a_page_of_help(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main([name, "--help"])
+    assert ended.value.code == 0
+    assert f"usage: vsense {name}" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("text", ["nan", "inf", "-inf", "0.99", "86400.1", "-1", "x", ""])

@@ -10,6 +10,7 @@ import pytest
 from vsense.arena import SIGHTING
 from vsense.lab import metrics
 from vsense.lab.microcontrollers import ACTUATION
+from vsense.lab.phases import SwarmTruth
 from vsense.lab.trace import TRACE
 
 DT_NS = 100_000_000
@@ -40,7 +41,7 @@ def make_run() -> metrics.MeasuredRun:
         dt_ns=DT_NS,
         tags=TAGS,
         sightings=sightings,
-        truth=metrics.Truth(poses, depth_m, lit),
+        truth=SwarmTruth(poses, depth_m, lit),
         object_tags=(),
         object_poses=np.zeros((TIMESTEPS, 0, 3)),
         traces=[make_trace(steps, 1.0), make_trace(steps, 0.0)],
@@ -82,7 +83,7 @@ def without(run: metrics.MeasuredRun, row: int) -> metrics.MeasuredRun:
         run,
         timesteps=run.timesteps[keep],
         sightings=[s for s, kept in zip(run.sightings, keep) if kept],
-        truth=metrics.Truth(truth.poses[keep], truth.depth_m[keep], truth.lit[keep]),
+        truth=SwarmTruth(truth.poses[keep], truth.depth_m[keep], truth.lit[keep]),
         object_poses=run.object_poses[keep],
         traces=[trace[keep] for trace in run.traces],
     )
@@ -208,7 +209,7 @@ def test_wrong_age_shows() -> None:
 def test_experiment_without_a_cone_has_no_cone_figures() -> None:
     run = make_run()
     figures = metrics.figures(
-        replace(run, truth=metrics.Truth(run.truth.poses, None, run.truth.lit), turn=None)
+        replace(run, truth=SwarmTruth(run.truth.poses, None, run.truth.lit), turn=None)
     )
     assert figures["sensing"]["agreement_in"] is None
     assert set(figures["swarm"].values()) == {None}

@@ -19,9 +19,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vsense.lab.links import LIGHT_RAW
 from vsense.lab.microcontrollers import Actuation, ActuationLog, Microcontrollers, read_actuations
 from vsense.lab.shared import LabError
+from vsense.world.proximity_ring import AMBIENT_RAW
 
 BYTE_NS = 86_806
 ACTUATOR_BYTES, SENSOR_BYTES = 12, 72
@@ -109,7 +109,7 @@ def test_the_first_frame_comes_after_wake_up_and_configuration(daemon: Daemon) -
     daemon.controllers.sense(prox)
     frame = daemon.wake()
     assert struct.unpack_from("<8h", frame, 8) == tuple(prox[0])
-    assert struct.unpack_from("<8h", frame, 40) == (LIGHT_RAW,) * 8
+    assert struct.unpack_from("<8h", frame, 40) == (AMBIENT_RAW,) * 8
     assert frame[24:40] == bytes(16)
     assert daemon.applied == []
 

@@ -28,9 +28,12 @@ CAN = {
     "emergency": ["reset", "emergency", "record"],
 }
 AFTER = {
-    OrderKind.START: "running", OrderKind.PAUSE: "paused", OrderKind.STOP: "ended", OrderKind.RESET: "ready",
+    OrderKind.START: "running",
+    OrderKind.PAUSE: "paused",
+    OrderKind.STOP: "ended",
+    OrderKind.RESET: "ready",
     OrderKind.EMERGENCY: "emergency",
-}  # fmt: skip
+}
 
 
 class Puppet:

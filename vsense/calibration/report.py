@@ -44,8 +44,6 @@ def alarm(share: float) -> Colour:
     return int(mixed[0]), int(mixed[1]), int(mixed[2])
 
 
-Image = NDArray[np.uint8]
-
 _PANEL = 560
 _MARGIN = 40
 _HEAD = 126

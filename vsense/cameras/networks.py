@@ -158,7 +158,7 @@ class NetworkLoad:
             stream: What it sends.
 
         Raises:
-            BandwidthError: The network does not carry that beside the others; nothing is noted then.
+            BandwidthError: The network does not carry that beside the others; nothing is noted.
         """
         with self._lock:
             others = {c: noted for c, noted in self._streams.items() if c != camera}

@@ -14,8 +14,6 @@ from typing import Any
 from vsense.bench import grabbing, identity, robot, tracking, world
 from vsense.commands import arguments
 
-HELP = "measure detectors, the tracker's names, cameras, the virtual world, the robots' daemon"
-
 DESCRIPTION = (
     "'tracking' renders pictures of 20 robots on a cluttered floor and lets vsense's detectors,"
     " cv2.aruco and, if pupil-apriltags is installed, AprilTag 3 find them, in turns, in one run."

@@ -10,8 +10,6 @@ from typing import Any
 
 from vsense.commands import arguments
 
-HELP = "calibrate cameras: from pictures of a printed board to camera files"
-
 DESCRIPTION = (
     "Calibrates cameras from pictures of a printed board: print one with `board`, take pictures,"
     " and let `rig` solve lenses and poses of all cameras together. `intrinsics` calibrates lenses"

@@ -10,8 +10,6 @@ from pathlib import Path
 from vsense.camera_setup import files, listing, shooting, showing, tuning
 from vsense.commands import arguments
 
-HELP = "find cameras, look through them, set them up"
-
 DESCRIPTION = (
     "Without an action it lists the cameras: GigE Vision, USB3 Vision, V4L2. 'show' looks through"
     " one, 'tune' helps with its exposure and gain, 'init' writes the configuration files for all"

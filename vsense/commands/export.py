@@ -5,8 +5,6 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-HELP = "write a recording's trajectories, readings, robots, measures and events as tables"
-
 DESCRIPTION = (
     "Writes the tables trajectories.csv, readings.csv, robots.csv, measures.csv and events.csv of a"
     " recording. Every table has a header; lengths are in m, angles in rad, times in s since the"

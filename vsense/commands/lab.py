@@ -25,8 +25,6 @@ from vsense.run.series import Series
 from vsense.terminal import INTERRUPTED, Console, interruption
 from vsense.ui.room import ControlRoom
 
-HELP = "run an experiment on this machine: rendered cameras, emulated robots, real code"
-
 DESCRIPTION = (
     "Runs an experiment in real time on this machine. Everything between the camera's pixels and"
     " the motor command is the real thing: the tracker, the world, the network and one vsensed per"

@@ -7,8 +7,6 @@ import re
 import sys
 from pathlib import Path
 
-HELP = "draw markers to print and cut out"
-
 DESCRIPTION = (
     "Writes sheets of markers, true to scale, as PDF or PNG. Print them at 100 %: the bar at the"
     " foot of each page must measure 100 mm."

@@ -15,14 +15,6 @@ from vsense.commands import arguments
 from vsense.errors import UsageError, VsenseError
 from vsense.ui.control_socket import folder
 
-NAMES = {
-    "status": "show how a running experiment and its robots are",
-    "start": "start the run that waits, let a paused one go on, or begin the next",
-    "pause": "have the robots and the virtual world stand still until `vsense start`",
-    "stop": "end the run",
-    "reset": "end the run and go back to the beginning: the next run waits for `vsense start`",
-}
-
 DESCRIPTION = (
     "Talks to the `vsense run` or `vsense lab` that goes on on this machine, under this user. What"
     " is ordered here and on the web page goes through the same door, and everybody sees it."

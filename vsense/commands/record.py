@@ -7,8 +7,6 @@ from pathlib import Path
 
 from vsense.commands import arguments
 
-HELP = "record the lab's cameras: pictures, camera files and configuration for vsense track"
-
 DESCRIPTION = (
     "Draws what the lab's cameras see of an experiment's robots wandering about, and writes it as a"
     " recording: pictures with timestamps, camera files, the two configuration files of"

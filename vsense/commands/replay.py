@@ -22,8 +22,6 @@ from vsense.recording.tracker_made import change_settings
 from vsense.run.control import Give, Order, OrderKind
 from vsense.terminal import INTERRUPTED, Console, interruption
 
-HELP = "play a recording in the page, or run the tracker on its pictures again"
-
 DESCRIPTION = (
     "Plays a recording in the page, with pause, speed and a time line. With --retrack it runs the"
     " tracker again on the recorded pictures instead, and prints what differs: nothing with the"

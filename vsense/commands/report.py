@@ -6,8 +6,6 @@ import argparse
 import json
 from pathlib import Path
 
-HELP = "make pictures and a page from recordings; several are compared"
-
 DESCRIPTION = (
     "Makes report.html, one page that holds everything it shows, and its pictures as PNG:"
     " trajectories, occupancy, the experiment's measures, robots seen and connected, latency, loss"

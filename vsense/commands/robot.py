@@ -12,8 +12,6 @@ from vsense.robot import boards, deploying
 from vsense.robot.deploying import Outcome, Plan
 from vsense.terminal import Console
 
-HELP = "build vsensed for robots, and copy it to them"
-
 DESCRIPTION = (
     "What a lab does with its robots' boards. 'build' makes the daemon vsensed with a controller"
     " in it, one static file for a kind of board. 'deploy' copies it to all robots of a list with"

@@ -23,8 +23,6 @@ from vsense.run.series import Series
 from vsense.terminal import INTERRUPTED, interruption
 from vsense.ui.room import ControlRoom
 
-HELP = "run an experiment with real robots and cameras, or with another tracker"
-
 DESCRIPTION = (
     "Runs an experiment with real robots. The arena state comes from cameras of your own"
     " (--tracking), or from the tracker that the experiment's <framework> names: one that speaks"

@@ -6,8 +6,6 @@ import argparse
 
 from vsense.commands import arguments
 
-HELP = "serve arena states to clients of the original tracking system"
-
 DESCRIPTION = (
     "Tracks robots as `vsense track` does and hands the arena state to clients over TCP, in the"
     " original system's protocol (ONE_SHOT, START_EXPERIMENT, STOP_EXPERIMENT), one client after"

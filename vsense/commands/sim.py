@@ -22,8 +22,6 @@ from vsense.sim.settings import Sweep
 from vsense.sim.watch import Interrupted, Task, WorkerProcess, simulate_all
 from vsense.terminal import INTERRUPTED, Console, interruption
 
-HELP = "simulate an experiment with its real controller, faster than real time; campaigns"
-
 DESCRIPTION = (
     "Runs an experiment in this machine alone: the same controller, compiled once and run in one"
     " process for every robot, with the lab's wheels and proximity sensors, the same virtual world,"

@@ -7,8 +7,6 @@ from pathlib import Path
 
 from vsense.commands import arguments
 
-HELP = "track robots in cameras or recordings: arena states on standard output"
-
 DESCRIPTION = (
     "Finds and follows every robot in the pictures of cameras or recordings, and prints one arena"
     " state per timestep. The resources file says which picture sources, trackers and cameras there"

@@ -1,8 +1,8 @@
 """The process that is the lab's cameras: one picture per camera and timestep, of the truth.
 
 `python -m vsense.lab.cameras` reads two lines of JSON from standard input, first
-`{"bank": NAME, "spec": {...}}` with the frame bank and the `LabCameraSpec`. It builds the scene, says
-`{"ready": true}`, and reads `{"epoch_ns": ...}`. From then on it says one line of JSON per
+`{"bank": NAME, "spec": {...}}` with the frame bank and the `LabCameraSpec`. It builds the scene,
+says `{"ready": true}`, and reads `{"epoch_ns": ...}`. From then on it says one line of JSON per
 timestep, an `Exposure`. It ends when standard input ends, on SIGTERM, or after the last timestep;
 Ctrl-C is its parent's to handle.
 

@@ -86,7 +86,7 @@ def _spec(
     experiment: Experiment, poses: Mapping[int, Pose], truth: str, seed: int, log: Path
 ) -> dict[str, object]:
     """What the process is told; see `vsense.lab.physics_process`."""
-    boxes, cylinders = obstacles(experiment)
+    boxes, cylinders = obstacles(experiment.boxes, experiment.cylinders)
     return {
         "robots": [
             {"index": i, "tag": robot.tag, **poses[robot.tag]._asdict()}

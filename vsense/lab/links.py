@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from vsense.errors import UsageError
 from vsense.lab.shared import LabError
 from vsense.native import ffi, lib
+from vsense.world.proximity_ring import AMBIENT_RAW
 
 KINDS = ("argos", "asercom", "gctronic", "york")
 """As `vsensed --base` knows them."""
@@ -46,9 +47,6 @@ def bases_of(name: str, count: int) -> list[str]:
     kinds = KINDS if name == MIXED else (name,)
     return [kinds[robot % len(kinds)] for robot in range(count)]
 
-
-LIGHT_RAW = 3000
-"""What every light sensor reads, higher is darker: the lab's rooms are evenly lit."""
 
 GROUND_RAW = 800
 """What every ground sensor reads, higher is brighter: the lab's floor is a light one."""
@@ -108,7 +106,7 @@ class Program:
         getattr(lib, f"{kind.prefix}_init")(self.state, *kind.arguments)
         inputs = self.state.body.inputs
         for i in range(8):
-            inputs.light[i] = LIGHT_RAW
+            inputs.light[i] = AMBIENT_RAW
         for i in range(3):
             inputs.ground[i] = GROUND_RAW
         self.proximity: NDArray[np.int16] = np.frombuffer(ffi.buffer(inputs.prox), dtype=np.int16)

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from vsense.arena import wrap_angle
 from vsense.config.specs import BODY_RADIUS_M
-from vsense.lab.phases import SwarmTruth as Truth
-from vsense.lab.phases import swarm
+from vsense.lab.phases import SwarmTruth, swarm
 from vsense.lab.trace import UNKNOWN_AGE
 
 TIMESTEP = np.dtype(
@@ -66,7 +65,7 @@ class MeasuredRun:
     dt_ns: int
     tags: tuple[int, ...]
     sightings: list[NDArray[np.void]]
-    truth: Truth
+    truth: SwarmTruth
     object_tags: tuple[int, ...]
     object_poses: NDArray[np.float64]
     traces: list[NDArray[np.void]]

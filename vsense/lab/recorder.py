@@ -47,7 +47,7 @@ class Wanderers:
             ConfigError: they do not fit into the arena.
         """
         poses = place(experiment, seed)
-        boxes, cylinders = obstacles(experiment)
+        boxes, cylinders = obstacles(experiment.boxes, experiment.cylinders)
         self._robots = len(experiment.robots)
         self._physics = Physics(
             np.array([poses[robot.tag] for robot in experiment.robots]),

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from vsense.config.specs import Experiment
 from vsense.lab import metrics, phases
 from vsense.lab.microcontrollers import read_actuations
+from vsense.lab.phases import SwarmTruth
 from vsense.lab.session import RunNotes, Session
 from vsense.lab.shared import LabError
 from vsense.lab.stitch import top_view
@@ -52,7 +53,7 @@ def gather(session: Session, recording: RunNotes) -> metrics.MeasuredRun:
         dt_ns=session.dt_ns,
         tags=tuple(robot.tag for robot in experiment.robots),
         sightings=[step.state.sightings for step in recording.steps],
-        truth=metrics.Truth(
+        truth=SwarmTruth(
             poses=truth["poses"][:, :robots],
             depth_m=_depth_m(experiment, recording, truth["poses"], steps["run_timestep"]),
             lit=(truth["leds"][:, :robots] & RING_LEDS) != 0,

@@ -108,7 +108,7 @@ def source_tree() -> SourceTree:
     Raises:
         BuildError: neither is there.
     """
-    package = Path(__file__).resolve().parent
+    package = Path(__file__).resolve().parents[1]
     for root in (package / "_sources", package.parent):
         if (root / "robot" / "main.c").is_file():
             return SourceTree(root)

@@ -1,8 +1,8 @@
 """The robots of a simulation: the real controller in the daemon's own mind, in this process.
 
 The shared object holds `robot/inprocess.c`, all that a daemon's worker thinks with, and one
-controller (`vsense.robot.build.shared`). Its declarations are cut out of the header that lies beside
-its sources.
+controller (`vsense.robot.build.shared`). Its declarations are cut out of the header beside its
+sources.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from cffi import FFI
 from numpy.typing import NDArray
 
 from vsense.errors import VsenseError
-from vsense.lab.links import LIGHT_RAW as DARKNESS_RAW
 from vsense.link.robots.roster import robot_seed
 from vsense.link.robots.table import Direction, Table
 from vsense.link.robots.wire import Header, PacketType, Values, Wanted, Welcome, encode
 from vsense.native import check, lib
 from vsense.robot import build
+from vsense.world.proximity_ring import AMBIENT_RAW
 
 PROGRESS_BYTES = 8
 """`struct vs_inprocess_progress`: timestep and robot, two u32."""
 
-LIGHT_RAW: int = lib.EPUCK_ARGOS_PROX_MAX - DARKNESS_RAW
+LIGHT_RAW: int = lib.EPUCK_ARGOS_PROX_MAX - AMBIENT_RAW
 """What every light sensor reads, higher is brighter: the room is as evenly lit as the lab's."""
 
 

@@ -190,5 +190,5 @@ def _floor(experiment: Experiment) -> Physics:
         np.array([body.pose for body in bodies], dtype=np.float64).reshape(-1, 3)
         for bodies in (experiment.robots, experiment.objects)
     )
-    boxes, cylinders = obstacles(experiment)
+    boxes, cylinders = obstacles(experiment.boxes, experiment.cylinders)
     return Physics(robots, objects, boxes, EPOCH_NS, cylinders)

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vsense.config.specs import BODY_RADIUS_M as BODY_RADIUS_M
 from vsense.native import ffi, lib
+from vsense.world.entities import BODY_RADIUS_M as BODY_RADIUS_M
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]

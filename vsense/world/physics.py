@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vsense.config.specs import BODY_RADIUS_M, Experiment
 from vsense.native import ffi, lib
 from vsense.world.contacts import Boxes, Contacts, Floats, Neighbourhood, pointer
-from vsense.world.entities import BODY_HEIGHT_M
+from vsense.world.entities import BODY_HEIGHT_M, BODY_RADIUS_M, Box, Cylinder
 
 AXLE_M: float = lib.vs_axle_m
 """Distance between the wheels' contact points. Source: epuck.md section 6."""
@@ -119,21 +119,21 @@ class Physics:
         lib.vs_physics_advance(self._cdata, time_ns)
 
 
-def obstacles(experiment: Experiment) -> tuple[Floats, Floats]:
-    """What robots drive against in the real arena, beside each other and tagged objects.
+def obstacles(boxes: Iterable[Box], cylinders: Iterable[Cylinder]) -> tuple[Floats, Floats]:
+    """What robots drive against beside each other and tagged objects.
 
     Returns:
         Boxes (b, 5) x_m, y_m, yaw_rad, size_x_m, size_y_m and cylinders (c, 3) x_m, y_m,
         radius_m, without those that hang above the robots.
     """
-    boxes = [
+    angular = [
         (*box.position_m[:2], box.yaw_rad, *box.size_m[:2])
-        for box in experiment.boxes
+        for box in boxes
         if box.position_m[2] < BODY_HEIGHT_M
     ]
-    cylinders = [
+    round_ones = [
         (*post.position_m[:2], post.radius_m)
-        for post in experiment.cylinders
+        for post in cylinders
         if post.position_m[2] < BODY_HEIGHT_M
     ]
-    return np.array(boxes).reshape(-1, 5), np.array(cylinders).reshape(-1, 3)
+    return np.array(angular).reshape(-1, 5), np.array(round_ones).reshape(-1, 3)

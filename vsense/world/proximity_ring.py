@@ -36,6 +36,9 @@ TABLE_M = np.array([0.0, 0.005, 0.01, 0.015, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07]
 TABLE_RAW = np.array([4095.0, 2133.0, 1466.0, 601.0, 384.0, 235.0, 158.0, 120.0, 104.0, 67.0])
 """(10,) raw readings of a surface straight ahead; the last is also the reading of nothing."""
 
+AMBIENT_RAW = 3000
+"""What every light sensor of the ring reads in an evenly lit room, higher is darker."""
+
 MAX_RAW = 4095
 """Largest value of the converter."""
 NOISE_RAW = 8.0
