@@ -39,7 +39,8 @@ LONG = (
     "tests/robot/test_arm.py",
     "tests/camera_setup/test_fake_camera.py",
     "tests/robot/test_c_suite.py",
-    "tests/web/",
+    "tests/ui/test_page.py",
+    "tests/ui/test_server.py",
 )
 """Files of a few long tests: they begin first, so that no worker is left alone with one."""
 
@@ -51,6 +52,18 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         for item in items:
             if item.nodeid.startswith(places):
                 item.add_marker(mark)
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Leaves what was skipped, and why, in the file that `scripts/test` shows at its end."""
+    is_worker = hasattr(terminalreporter.config, "workerinput")  # its skips reach the first process
+    if is_worker or "VSENSE_SKIPPED" not in os.environ:
+        return
+    with open(os.environ["VSENSE_SKIPPED"], "a") as file:
+        for report in terminalreporter.stats.get("skipped", []):
+            _, _, reason = report.longrepr
+            place = report.nodeid.partition("::")[0]
+            file.write(f"{place}: {reason.removeprefix('Skipped: ')}\n")
 
 
 def require_tool(name: str, package: str) -> str:
