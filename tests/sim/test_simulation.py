@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from vsense.config.experiment import first_robots, load
-from vsense.config.specs import BODY_RADIUS_M, Experiment
-from vsense.sim.simulation import ACT_NS, Simulation
-from vsense.world.entities import Box, Cylinder
-from vsense.world.physics import STEP_M, obstacles
+from vsense.config.specs import Experiment
+from vsense.physics.motion import STEP_M, obstacles
+from vsense.robot.inprocess import ACT_NS
+from vsense.sim.simulation import Simulation
+from vsense.world.entities import BODY_RADIUS_M, Box, Cylinder
 
 SHORT_S = 12.0
 
@@ -100,7 +101,7 @@ def test_only_what_is_physical_stands_in_the_way(experiment, pollutant) -> None:
         Box("bridge", (0.0, 0.0, 0.1), (3.0, 0.2, 0.1), 0.0, True),
     )
     furnished = replace(experiment, entities=(*experiment.entities, *things), length_s=20.0)
-    boxes, cylinders = obstacles(furnished)
+    boxes, cylinders = obstacles(furnished.boxes, furnished.cylinders)
     assert len(boxes) == len(experiment.boxes) + 1 and len(cylinders) == 1
     record = lived(furnished, pollutant).record
     places = record.poses[:, : len(record.tags), :2]

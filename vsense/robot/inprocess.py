@@ -28,6 +28,13 @@ from vsense.robot import build
 PROGRESS_BYTES = 8
 """`struct vs_inprocess_progress`: timestep and robot, two u32."""
 
+CONTROL_NS = 30_000_000
+"""From the capture to the controller of a robot that runs in this process, as long as it takes a
+real one: 10 ms readout, and 20 ms from the picture (`latency_ms.capture_to_control` of
+`vsense lab pollutant`)."""
+ACT_NS = 31_000_000
+"""From the capture to its wheels."""
+
 LIGHT_RAW: int = lib.EPUCK_ARGOS_PROX_MAX - DARKNESS_RAW
 """What every light sensor reads, higher is brighter: the room is as evenly lit as the lab's."""
 

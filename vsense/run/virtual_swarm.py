@@ -17,24 +17,18 @@ from vsense.arena import ArenaState
 from vsense.config.specs import Experiment
 from vsense.link.robots.table import Table
 from vsense.link.robots.wire import Values, Wanted
+from vsense.physics.motion import Physics, obstacles
+from vsense.physics.proximity_ring import ProximityRing
 from vsense.robot import build
-from vsense.robot.inprocess import Robots
-from vsense.world.entities import BODY_HEIGHT_M, VirtualRobot
-from vsense.world.physics import Physics
-from vsense.world.proximity_ring import ProximityRing
+from vsense.robot.inprocess import ACT_NS, CONTROL_NS, Robots
+from vsense.world.entities import VirtualRobot
 from vsense.world.sightings import known
 from vsense.world.world import BODY_MEMORY_NS, World
 
 Floats = NDArray[np.float64]
 
-CONTROL_NS = 20_000_000
-"""From the capture to the controller: as long as a real robot's readings take to reach it."""
-ACT_NS = 21_000_000
-"""From the capture to the wheels."""
-
 _FAR_M = 1e6
 """Where those stand who are in nobody's way."""
-
 
 REST_NS = 400_000_000
 """Without an arena state for longer they stood still, as real robots do."""
@@ -126,7 +120,7 @@ class _Scene:
         self._tags = tags
         self._rows = [row for row, tag in enumerate(tags) if tag in here]
         self._robots = [here[tag] for tag in tags if tag in here]
-        self._standing = _standing(world)
+        self._standing = obstacles(world.boxes(), world.cylinders())
         boxes, cylinders = self._standing
         poses = [(robot.x_m, robot.y_m, robot.yaw_rad) for robot in self._robots]
         self._physics = Physics(poses, _others(world), boxes, start_ns, cylinders)
@@ -135,7 +129,7 @@ class _Scene:
     def holds(self, world: World) -> bool:
         """Tells whether only real robots have moved since `move`."""
         here = {robot.tag: robot for robot in _robots_of(world) if robot.tag in self._tags}
-        same = zip(self._standing, _standing(world))
+        same = zip(self._standing, obstacles(world.boxes(), world.cylinders()))
         known_here = {robot.tag: robot for robot in self._robots}
         return here == known_here and all(np.array_equal(old, new) for old, new in same)
 
@@ -173,18 +167,3 @@ def _others(world: World) -> Floats:
         rows.append(np.stack([np.where(there, poses[k], _FAR_M) for k in ("x_m", "y_m")], axis=1))
     places = np.concatenate(rows)
     return np.column_stack((places, np.zeros(len(places))))
-
-
-def _standing(world: World) -> tuple[Floats, Floats]:
-    """What stands on the floor, physical or virtual: boxes and cylinders for `Physics`."""
-    boxes = [
-        (*box.position_m[:2], box.yaw_rad, *box.size_m[:2])
-        for box in world.boxes()
-        if box.position_m[2] < BODY_HEIGHT_M
-    ]
-    round_ones = [
-        (*cylinder.position_m[:2], cylinder.radius_m)
-        for cylinder in world.cylinders()
-        if cylinder.position_m[2] < BODY_HEIGHT_M
-    ]
-    return np.array(boxes).reshape(-1, 5), np.array(round_ones).reshape(-1, 3)
