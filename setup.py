@@ -1,8 +1,9 @@
 """What pyproject.toml cannot say: the C library, the host's `vsensed`, the sources of the robot.
 
 The wheel carries, beside the Python package:
-* `vsense/_native.abi3.so`, the tiny C library behind cffi;
-* `vsense/_sources/`, the C sources from which a user's controller is built later;
+* `vsense/_native.abi3.so` and `vsense/_kernels.abi3.so`, the C libraries behind cffi;
+* `vsense/_sources/`, the C sources from which a user's controller is built later, without
+  `c_src/host/`, which no robot runs;
 * `vsense/_sources/bin/vsensed`, the daemon for this machine with the shipped controller.
 An editable install and a checkout use the checkout's own folders (`vsense/robot/build.py`).
 """
@@ -27,7 +28,7 @@ class BuildWithSources(build_py):
         target = Path(self.build_lib) / "vsense" / "_sources"
         for folder in ("c_src", "robot", "firmware_bridge"):
             for source in sorted((ROOT / folder).rglob("*")):
-                if source.suffix in (".c", ".h", ".md"):
+                if source.suffix in (".c", ".h", ".md") and source.parent.name != "host":
                     copy = target / source.relative_to(ROOT)
                     copy.parent.mkdir(parents=True, exist_ok=True)
                     shutil.copy2(source, copy)
@@ -39,7 +40,7 @@ class BuildWithSources(build_py):
 
 
 setup(
-    cffi_modules=["c_src/build_ffi.py:ffibuilder"],
+    cffi_modules=["c_src/build_ffi.py:native", "c_src/build_ffi.py:kernels"],
     cmdclass={"build_py": BuildWithSources},
     options={"bdist_wheel": {"py_limited_api": "cp310"}},
 )

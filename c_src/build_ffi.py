@@ -1,8 +1,9 @@
-"""Builds `vsense._native`: libvsense and the microcontroller's end, callable from Python.
+"""Builds the two C libraries behind Python: `vsense._native` and `vsense._kernels`.
 
-The declarations that cffi needs are cut out of the real headers, so nothing is typed twice. The
-library carries the names and the hash of the files it was made from: `vsense/native.py` compares
-them with what it finds in a checkout.
+The first is what robot and host share, with the microcontroller's end; the second is
+`c_src/host/`, which only the host runs. The declarations that cffi needs are cut out of the real
+headers, so nothing is typed twice. A library carries the names and the hash of the files it was
+made from: `vsense/native.py` compares them with what it finds in a checkout.
 """
 
 from __future__ import annotations
@@ -10,54 +11,12 @@ from __future__ import annotations
 import hashlib
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
     from cffi import FFI
 
-MODULE = "vsense._native"
-
-HEADERS = [
-    "c_src/vs_err.h",
-    "c_src/vs_bytes.h",
-    "c_src/vs_wire.h",
-    "c_src/vs_table.h",
-    "c_src/vs_body.h",
-    "c_src/vs_peer.h",
-    "c_src/vs_clock.h",
-    "c_src/vs_session.h",
-    "c_src/vs_latest.h",
-    "c_src/vs_lens.h",
-    "c_src/vs_scan.h",
-    "c_src/vs_shape.h",
-    "c_src/vs_outline.h",
-    "c_src/vs_edges.h",
-    "c_src/vs_markers.h",
-    "c_src/vs_obstacles.h",
-    "c_src/vs_rays.h",
-    "c_src/vs_sight.h",
-    "c_src/vs_trig.h",
-    "c_src/vs_near.h",
-    "c_src/vs_contacts.h",
-    "c_src/vs_physics.h",
-    "c_src/vs_ring.h",
-    "c_src/epuck_bytes.h",
-    "c_src/epuck_argos.h",
-    "c_src/epuck_asercom.h",
-    "c_src/epuck_gctronic.h",
-    "c_src/epuck_york.h",
-    "c_src/epuck_boards.h",
-    "firmware_bridge/fw_body.h",
-    "firmware_bridge/fw_line.h",
-    "firmware_bridge/fw_uart.h",
-    "firmware_bridge/fw_i2c.h",
-    "firmware_bridge/fw_argos.h",
-    "firmware_bridge/fw_asercom.h",
-    "firmware_bridge/fw_gctronic.h",
-    "firmware_bridge/fw_york.h",
-    "firmware_bridge/fw_boards.h",
-]
-"""Every header that Python sees, each after those that it builds on."""
+ROOT = Path(__file__).resolve().parent.parent
 
 FLAGS = ["-O2"]
 """Comes after Python's own flags: with its usual -O3 gcc unrolls the picture kernel's short loops
@@ -71,25 +30,122 @@ const char *vs_built_hash(void);
 
 CPLUSPLUS = re.compile(r"^#ifdef __cplusplus\n.*?^#endif\n", re.MULTILINE | re.DOTALL)
 CONSTANT = re.compile(r"#define\s+\w+\s+(0x[0-9A-Fa-f]+|\d+)\b")
+COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
+PROTOTYPE = re.compile(r"^\w[^;{}]*\([^;{}]*\);\n", re.MULTILINE)
 
 
-def declarations(header: str) -> str:
+class Library(NamedTuple):
+    """One extension module.
+
+    Attributes:
+        module: its name.
+        folders: where its C files are.
+        headers: those that Python sees, each after those that it builds on.
+        layouts: those of them whose structures only are seen: others embed them.
+        robot_only: sources in the folders that are no part of it.
+        besides: further files that it depends on.
+    """
+
+    module: str
+    folders: tuple[str, ...]
+    headers: tuple[str, ...]
+    layouts: tuple[str, ...] = ()
+    robot_only: tuple[str, ...] = ()
+    besides: tuple[str, ...] = ()
+
+    def files(self, pattern: str) -> list[str]:
+        """Names its files of a kind, internal headers included, in a fixed order."""
+        found = [p for folder in self.folders for p in (ROOT / folder).glob(pattern)]
+        return sorted(str(p.relative_to(ROOT)) for p in found if p.stem not in self.robot_only)
+
+    def builder(self) -> FFI:
+        """Describes the extension to setuptools."""
+        from cffi import FFI
+
+        files = sorted([*self.files("*.[ch]"), *self.besides, "c_src/build_ffi.py"])
+        includes = "".join(f'#include "{Path(name).name}"\n' for name in self.headers)
+        names = "".join(f'"{name}\\n"\n' for name in files)
+        builder = FFI()
+        for header in self.headers:
+            builder.cdef(declarations((ROOT / header).read_text(), header not in self.layouts))
+        builder.cdef(BUILT_FROM)
+        builder.set_source(
+            self.module,
+            f"{includes}\n"
+            f"static const char *vs_built_from(void)\n{{\n    return {names};\n}}\n"
+            f"static const char *vs_built_hash(void)\n"
+            f'{{\n    return "{digest(ROOT, files)}";\n}}\n',
+            sources=self.files("*.c"),
+            include_dirs=list(self.folders),
+            extra_compile_args=FLAGS,
+            depends=[name for name in files if name.endswith(".h")],
+        )
+        return builder
+
+
+NATIVE = Library(
+    "vsense._native",
+    folders=("c_src", "firmware_bridge"),
+    headers=(
+        "c_src/vs_err.h",
+        "c_src/vs_wire.h",
+        "c_src/vs_table.h",
+        "c_src/vs_body.h",
+        "c_src/vs_peer.h",
+        "c_src/vs_clock.h",
+        "c_src/vs_session.h",
+        "c_src/vs_latest.h",
+        "c_src/epuck_argos.h",
+        "c_src/epuck_asercom.h",
+        "c_src/epuck_gctronic.h",
+        "c_src/epuck_york.h",
+        "c_src/epuck_boards.h",
+        "firmware_bridge/fw_body.h",
+        "firmware_bridge/fw_uart.h",
+        "firmware_bridge/fw_i2c.h",
+        "firmware_bridge/fw_argos.h",
+        "firmware_bridge/fw_asercom.h",
+        "firmware_bridge/fw_gctronic.h",
+        "firmware_bridge/fw_york.h",
+        "firmware_bridge/fw_boards.h",
+    ),
+    layouts=(
+        "firmware_bridge/fw_body.h",
+        "firmware_bridge/fw_uart.h",
+    ),
+    robot_only=("vs_posix", "vs_io", "vs_i2c", "vs_i2c_posix"),
+)
+
+KERNELS = Library(
+    "vsense._kernels",
+    folders=("c_src/host",),
+    headers=(
+        "c_src/host/vs_markers.h",
+        "c_src/host/vs_rays.h",
+        "c_src/host/vs_physics.h",
+        "c_src/host/vs_ring.h",
+    ),
+    besides=("c_src/vs_err.h",),
+)
+
+
+def declarations(header: str, functions: bool) -> str:
     """Cuts out of a header's text what cffi understands.
 
     Of the preprocessor only plain integer constants stay. An atomic field has the layout of a
     plain one on every machine that vsense runs on; only the C functions may touch it.
+
+    Args:
+        header: the text.
+        functions: whether functions are to be seen.
     """
     lines = [
         line
-        for line in CPLUSPLUS.sub("", header).splitlines()
+        for line in COMMENT.sub("", CPLUSPLUS.sub("", header)).splitlines()
         if not line.startswith("#") or CONSTANT.match(line)
     ]
-    return "\n".join(lines).replace("VS_ATOMIC_U32", "uint32_t") + "\n"
-
-
-def sources() -> list[str]:
-    """The C files that go into the library: one for each header."""
-    return [header[:-1] + "c" for header in HEADERS]
+    text = "\n".join(lines).replace("VS_ATOMIC_U32", "uint32_t") + "\n"
+    return text if functions else PROTOTYPE.sub("", text)
 
 
 def digest(root: Path, names: list[str]) -> str:
@@ -100,26 +156,11 @@ def digest(root: Path, names: list[str]) -> str:
     return found.hexdigest()
 
 
-def ffibuilder() -> FFI:
-    """Describes the extension; setup.py calls this through `cffi_modules`."""
-    from cffi import FFI
+def native() -> FFI:
+    """Describes `vsense._native`; setup.py calls this through `cffi_modules`."""
+    return NATIVE.builder()
 
-    root = Path(__file__).resolve().parent.parent
-    files = sorted([*HEADERS, *sources(), "c_src/build_ffi.py"])
-    includes = "".join(f'#include "{Path(name).name}"\n' for name in HEADERS)
-    names = "".join(f'"{name}\\n"\n' for name in files)
-    builder = FFI()
-    for header in HEADERS:
-        builder.cdef(declarations((root / header).read_text()))
-    builder.cdef(BUILT_FROM)
-    builder.set_source(
-        MODULE,
-        f"{includes}\n"
-        f"static const char *vs_built_from(void)\n{{\n    return {names};\n}}\n"
-        f'static const char *vs_built_hash(void)\n{{\n    return "{digest(root, files)}";\n}}\n',
-        sources=sources(),
-        include_dirs=["c_src", "firmware_bridge"],
-        extra_compile_args=FLAGS,
-        depends=[name for name in files if name.endswith(".h")],
-    )
-    return builder
+
+def kernels() -> FFI:
+    """Describes `vsense._kernels`; likewise."""
+    return KERNELS.builder()

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 #include "vs_body.h"
 
+#include "vs_packet.h"
+
 #include <string.h>
 
 #define STATE_FIXED 8      /* [byte] of STATE before the readings */

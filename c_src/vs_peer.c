@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-#include "vs_peer.h"
+#include "vs_peer_robot.h"
 
 #include <string.h>
 
@@ -156,15 +156,12 @@ static int check_sequence(const struct vs_peer *p, const struct vs_header *h)
     return h->sequence == p->rx_sequence ? VS_ERR_REPEATED : VS_OK;
 }
 
-/* Everything but the body: VS_OK, or why the packet is dropped, counted. */
-static int filter(struct vs_peer *p, uint8_t type, int via, const uint8_t *buf, size_t len,
-                  uint64_t now_ns, struct vs_header *h, const uint8_t **body, size_t *body_len)
+/* Everything but frame and body: VS_OK, or why the packet is dropped, counted. */
+static int filter(struct vs_peer *p, uint8_t type, int via, const struct vs_header *h,
+                  uint64_t now_ns)
 {
-    int err = vs_packet_open(buf, len, h, body, body_len);
+    int err;
 
-    p->counters.received++;
-    if (err != VS_OK)
-        return drop(p, err);
     if (h->type != type) {
         p->counters.foreign_type++;
         return VS_ERR_TYPE;
@@ -195,8 +192,12 @@ int vs_peer_receive_state(struct vs_peer *p, const struct vs_table *table, int v
     struct vs_header h;
     const uint8_t *body;
     size_t body_len;
-    int err = filter(p, VS_STATE, via, buf, len, now_ns, &h, &body, &body_len);
+    int err = vs_packet_open(buf, len, &h, &body, &body_len);
 
+    p->counters.received++;
+    if (err != VS_OK)
+        return drop(p, err);
+    err = filter(p, VS_STATE, via, &h, now_ns);
     if (err != VS_OK)
         return err;
     err = vs_decode_state(table, body, body_len, state);
@@ -208,35 +209,18 @@ int vs_peer_receive_state(struct vs_peer *p, const struct vs_table *table, int v
 }
 
 int vs_peer_receive_telemetry(struct vs_peer *p, const struct vs_table *table, int via,
-                              const uint8_t *buf, size_t len, uint64_t now_ns,
-                              struct vs_header *header, struct vs_telemetry *telemetry)
+                              const struct vs_header *header, const uint8_t *body, size_t len,
+                              uint64_t now_ns, struct vs_telemetry *telemetry)
 {
-    struct vs_header h;
-    const uint8_t *body;
-    size_t body_len;
-    int err = filter(p, VS_TELEMETRY, via, buf, len, now_ns, &h, &body, &body_len);
+    int err;
 
+    p->counters.received++;
+    err = filter(p, VS_TELEMETRY, via, header, now_ns);
     if (err != VS_OK)
         return err;
-    err = vs_decode_telemetry(table, body, body_len, telemetry);
+    err = vs_decode_telemetry(table, body, len, telemetry);
     if (err != VS_OK)
         return drop(p, err);
-    note_accepted(p, &h, now_ns);
-    *header = h;
+    note_accepted(p, header, now_ns);
     return VS_OK;
-}
-
-uint32_t vs_counters_old(const struct vs_counters *c)
-{
-    return c->older + c->repeated;
-}
-
-uint32_t vs_counters_foreign(const struct vs_counters *c)
-{
-    return c->foreign_type + c->foreign_session + c->foreign_table + c->foreign_run;
-}
-
-uint32_t vs_counters_corrupt(const struct vs_counters *c)
-{
-    return c->malformed + c->checksum + c->body;
 }

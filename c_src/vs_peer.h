@@ -87,27 +87,18 @@ void vs_peer_stamp(const struct vs_peer *p, uint64_t now_ns, struct vs_header *h
 int vs_peer_send_state(struct vs_peer *p, const struct vs_table *table,
                        struct vs_header *header, const struct vs_state *state,
                        uint64_t now_ns, uint8_t *buf, size_t cap, size_t *len);
-int vs_peer_send_telemetry(struct vs_peer *p, const struct vs_table *table,
-                           struct vs_header *header, const struct vs_telemetry *telemetry,
-                           uint64_t now_ns, uint8_t *buf, size_t cap, size_t *len);
 
 /*
  * The acceptance filter for exactly one packet. VS_OK: accepted, *header and the body
  * are written. Else the reason why it was dropped, counted, outputs untouched.
  * Checked in this order: frame, type, session, table, run, sequence strictly newer,
  * body. A datagram of this session whose sequence is the newest heard by UDP
- * shows that UDP works, even if TCP was faster.
+ * shows that UDP works, even if TCP was faster. The host finds the robot by the
+ * session in the header: there vs_packet_open comes first, and the filter takes
+ * what it found.
  */
-int vs_peer_receive_state(struct vs_peer *p, const struct vs_table *table, int via,
-                          const uint8_t *buf, size_t len, uint64_t now_ns,
-                          struct vs_header *header, struct vs_state *state);
 int vs_peer_receive_telemetry(struct vs_peer *p, const struct vs_table *table, int via,
-                              const uint8_t *buf, size_t len, uint64_t now_ns,
-                              struct vs_header *header, struct vs_telemetry *telemetry);
-
-/* Sums as TELEMETRY reports them: old, foreign, corrupt. */
-uint32_t vs_counters_old(const struct vs_counters *c);
-uint32_t vs_counters_foreign(const struct vs_counters *c);
-uint32_t vs_counters_corrupt(const struct vs_counters *c);
+                              const struct vs_header *header, const uint8_t *body, size_t len,
+                              uint64_t now_ns, struct vs_telemetry *telemetry);
 
 #endif

@@ -3,6 +3,9 @@
 
 #include <string.h>
 
+#include "vs_bytes.h"
+#include "vs_peer_robot.h"
+
 static int is_text(const char *text)
 {
     size_t len = strlen(text);
@@ -316,9 +319,9 @@ int vs_session_telemetry(struct vs_session *s, struct vs_telemetry *t, uint64_t 
     t->wanted = s->wanted;
     t->wanted_run = s->run;
     t->received = c->received;
-    t->old = vs_counters_old(c);
-    t->foreign = vs_counters_foreign(c);
-    t->corrupt = vs_counters_corrupt(c);
+    t->old = c->older + c->repeated;
+    t->foreign = c->foreign_type + c->foreign_session + c->foreign_table + c->foreign_run;
+    t->corrupt = c->malformed + c->checksum + c->body;
     t->clock_bound_us = clock_bound_us(&s->clock, now_ns);
     err = vs_peer_send_telemetry(&s->peer, &s->table, &header, t, now_ns, buf, cap, len);
     if (err == VS_ERR_SEQUENCE)

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-#include "vs_wire.h"
+#include "vs_packet.h"
 
 #include <string.h>
 

@@ -10,7 +10,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "vs_bytes.h"
+#include "vs_err.h"
 
 #define VS_MAGIC 0x5356       /* the bytes 'V' 'S' */
 #define VS_VERSION 1
@@ -75,19 +75,5 @@ int vs_packet_length(const uint8_t *buf, size_t len, size_t *length);
  */
 int vs_packet_open(const uint8_t *buf, size_t len, struct vs_header *header,
                    const uint8_t **body, size_t *body_len);
-
-/*
- * Begins a packet: writes the header (its length is left open) to buf.
- * The body follows with vs_put_*, then vs_packet_end closes the packet.
- */
-void vs_packet_begin(struct vs_writer *w, const struct vs_header *header,
-                     uint8_t *buf, size_t cap);
-
-/*
- * Ends a packet: length, empty authentication slot, CRC-32. *len is the whole
- * packet's size in bytes, 0 on error. Errors: the writer's first, VS_ERR_TYPE,
- * VS_ERR_SPACE if larger than vs_packet_limit or than buf.
- */
-int vs_packet_end(struct vs_writer *w, size_t *len);
 
 #endif

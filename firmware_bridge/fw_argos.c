@@ -60,7 +60,7 @@ static void apply(struct fw_argos *fw)
     fw_body_drive(body, left, right, now_us);
     fw_body_feed(body, now_us);
     body->outputs.leds ^= (uint16_t)(new.leds ^ fw->old.leds);
-    body->applied_us = now_us;
+    fw_body_apply(body, now_us);
     fw->old = new;
     fw->frames++;
     if (new.reset == EPUCK_ARGOS_RESET)
@@ -71,13 +71,12 @@ static void apply(struct fw_argos *fw)
         send_sensors(fw);
 }
 
-/* Returns 1 if the byte completed an actuator frame. */
-static int consume(struct fw_argos *fw, uint8_t byte)
+static void consume(struct fw_argos *fw, uint8_t byte)
 {
     if (fw->state == FW_ARGOS_WAKE) {
         fw->state = FW_ARGOS_CONFIG;
         fw->got = 0;
-        return 0;
+        return;
     }
     if (fw->state == FW_ARGOS_CONFIG) {
         fw->got++;
@@ -86,15 +85,14 @@ static int consume(struct fw_argos *fw, uint8_t byte)
             fw->got = 0;
             send_sensors(fw);
         }
-        return 0;
+        return;
     }
     fw->frame[fw->got] = byte;
     fw->got++;
     if (fw->got < EPUCK_ARGOS_ACTUATOR_LEN)
-        return 0;
+        return;
     fw->got = 0;
     apply(fw);
-    return 1;
 }
 
 size_t fw_argos_receive(struct fw_argos *fw, const uint8_t *buf, size_t len,
@@ -104,13 +102,12 @@ size_t fw_argos_receive(struct fw_argos *fw, const uint8_t *buf, size_t len,
 }
 
 /* A frame that repeats the speed must count as another one after the watchdog's stop. */
-static int watch(struct fw_argos *fw, uint64_t now_us)
+static void watch(struct fw_argos *fw, uint64_t now_us)
 {
     if (!fw_body_watch(&fw->body, now_us))
-        return 0;
+        return;
     fw->old.left_steps_s = 0;
     fw->old.right_steps_s = 0;
-    return 1;
 }
 
 int fw_argos_advance(struct fw_argos *fw, uint64_t now_us)
@@ -123,10 +120,13 @@ int fw_argos_advance(struct fw_argos *fw, uint64_t now_us)
     while ((event = fw_uart_step(&fw->uart, until_us, &byte)) != FW_UART_NONE) {
         if (event == FW_UART_IDLE && !fw->uart.sending)
             send_sensors(fw);
-        if (event == FW_UART_BYTE && consume(fw, byte))
+        if (event == FW_UART_BYTE)
+            consume(fw, byte);
+        if (fw_body_take_change(&fw->body))
             return 1;
     }
-    return watch(fw, now_us);
+    watch(fw, now_us);
+    return fw_body_take_change(&fw->body);
 }
 
 size_t fw_argos_transmit(struct fw_argos *fw, uint8_t *buf, size_t cap,

@@ -75,8 +75,7 @@ static void drive(struct fw_asercom *fw)
 {
     fw_body_drive(&fw->body, fw->commanded[0], fw->commanded[1], now_us(fw));
     fw_body_feed(&fw->body, now_us(fw));
-    fw->body.applied_us = now_us(fw);
-    fw->changed = 1;
+    fw_body_apply(&fw->body, now_us(fw));
 }
 
 static void set_led(struct fw_asercom *fw, uint8_t number, uint8_t state)
@@ -90,8 +89,7 @@ static void set_led(struct fw_asercom *fw, uint8_t number, uint8_t state)
         fw->body.outputs.leds |= mask;
     else
         fw->body.outputs.leds ^= mask;
-    fw->body.applied_us = now_us(fw);
-    fw->changed = 1;
+    fw_body_apply(&fw->body, now_us(fw));
 }
 
 /* Adds to the packet's answer. */
@@ -373,7 +371,7 @@ int fw_asercom_advance(struct fw_asercom *fw, uint64_t to_us)
     enum fw_uart_event event;
     uint8_t byte;
 
-    fw->changed = 0;
+    fw->body.changed = 0;
     while ((event = fw_uart_step(&fw->uart, until_us, &byte)) != FW_UART_NONE) {
         if (event == FW_UART_BYTE)
             consume(fw, byte);
@@ -381,7 +379,7 @@ int fw_asercom_advance(struct fw_asercom *fw, uint64_t to_us)
             fw->state = FW_ASERCOM_IDLE;
             say(fw, banner);
         }
-        if (fw->changed)
+        if (fw_body_take_change(&fw->body))
             return 1;
     }
     return live(fw, until_us);

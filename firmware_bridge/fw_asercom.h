@@ -50,7 +50,6 @@ struct fw_asercom {
     uint32_t packets;    /* binary packets completed since power on */
     const struct epuck_asercom_mode *mode;
     enum fw_asercom_state state;
-    uint8_t changed;          /* the outputs may have, by the newest byte */
     uint64_t reset_us;        /* when it resets itself once more, FW_NEVER_US = not */
     int16_t commanded[2];     /* left, right, as 'D' said */
     uint8_t code;             /* whose payload is being read */

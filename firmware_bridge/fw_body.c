@@ -20,7 +20,9 @@ void fw_body_reset(struct fw_body *body, uint64_t now_us)
     body->applied_us = now_us;
 }
 
-int64_t fw_body_real_speed_e6(int16_t steps_s)
+/* The speed that a motor really turns with, in 1e-6 step/s: it counts the time between
+ * two steps in ticks of 0.1 ms. Source: epuck.md 1.6. */
+static int64_t real_speed_e6(int16_t steps_s)
 {
     int64_t size = steps_s < 0 ? -(int64_t)steps_s : steps_s;
     int64_t real;
@@ -35,8 +37,8 @@ static void roll(struct fw_body *body, uint64_t now_us)
 {
     int64_t passed_us = (int64_t)(now_us - body->rolled_us);
 
-    body->steps_e12[0] += fw_body_real_speed_e6(body->outputs.left_steps_s) * passed_us;
-    body->steps_e12[1] += fw_body_real_speed_e6(body->outputs.right_steps_s) * passed_us;
+    body->steps_e12[0] += real_speed_e6(body->outputs.left_steps_s) * passed_us;
+    body->steps_e12[1] += real_speed_e6(body->outputs.right_steps_s) * passed_us;
     body->steps_e12[0] %= 65536 * STEP_E12;
     body->steps_e12[1] %= 65536 * STEP_E12;
     body->rolled_us = now_us;
@@ -73,6 +75,20 @@ void fw_body_set_steps(struct fw_body *body, int16_t left, int16_t right, uint64
     body->steps_e12[1] = right * STEP_E12;
 }
 
+void fw_body_apply(struct fw_body *body, uint64_t now_us)
+{
+    body->applied_us = now_us;
+    body->changed = 1;
+}
+
+int fw_body_take_change(struct fw_body *body)
+{
+    int changed = body->changed;
+
+    body->changed = 0;
+    return changed;
+}
+
 void fw_body_feed(struct fw_body *body, uint64_t now_us)
 {
     body->fed_us = now_us;
@@ -93,7 +109,7 @@ int fw_body_watch(struct fw_body *body, uint64_t now_us)
     if (now_us < due_us)
         return 0;
     fw_body_drive(body, 0, 0, due_us);
-    body->applied_us = due_us;
+    fw_body_apply(body, due_us);
     body->stops++;
     return 1;
 }

@@ -38,6 +38,7 @@ struct fw_body {
     /* the owner reads */
     struct fw_outputs outputs;
     uint64_t applied_us;  /* when a command, the watchdog or a reset changed them last */
+    uint8_t changed;      /* they may have, since fw_body_take_change said so */
     uint32_t stops;       /* of the watchdog */
     /* its own */
     int16_t max_steps_s;
@@ -62,9 +63,11 @@ uint16_t fw_body_steps(struct fw_body *body, int wheel, uint64_t now_us);
 /* Sets both counters. */
 void fw_body_set_steps(struct fw_body *body, int16_t left, int16_t right, uint64_t now_us);
 
-/* The speed that a motor really turns with, in 1e-6 step/s: it counts the time between
- * two steps in ticks of 0.1 ms. Source: epuck.md 1.6. */
-int64_t fw_body_real_speed_e6(int16_t steps_s);
+/* The outputs may have changed at now_us. */
+void fw_body_apply(struct fw_body *body, uint64_t now_us);
+
+/* Returns 1 if they may have since the last call, else 0. */
+int fw_body_take_change(struct fw_body *body);
 
 /* A command came: the watchdog waits for the next one. */
 void fw_body_feed(struct fw_body *body, uint64_t now_us);

@@ -28,8 +28,7 @@ static void apply(struct fw_gctronic *fw)
     fw_body_drive(body, actuators.left_steps_s, actuators.right_steps_s, fw->packet_us);
     fw_body_feed(body, fw->packet_us);
     body->outputs.leds = actuators.leds;
-    body->applied_us = fw->packet_us;
-    fw->changed = 1;
+    fw_body_apply(body, fw->packet_us);
     fw->packets++;
 }
 
@@ -37,8 +36,7 @@ static void live(struct fw_gctronic *fw, uint64_t now_us)
 {
     int is_due = fw->has_packet && fw->packet_us <= now_us;
 
-    if (fw_body_watch(&fw->body, is_due ? fw->packet_us : now_us))
-        fw->changed = 1;
+    (void)fw_body_watch(&fw->body, is_due ? fw->packet_us : now_us);
     if (is_due)
         apply(fw);
 }
@@ -112,12 +110,8 @@ void fw_gctronic_reset(struct fw_gctronic *fw, uint64_t now_us)
 
 int fw_gctronic_advance(struct fw_gctronic *fw, uint64_t now_us)
 {
-    int changed;
-
     live(fw, now_us);
-    changed = fw->changed;
-    fw->changed = 0;
-    return changed;
+    return fw_body_take_change(&fw->body);
 }
 
 uint64_t fw_gctronic_due_us(const struct fw_gctronic *fw)

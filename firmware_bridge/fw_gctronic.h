@@ -30,7 +30,6 @@ struct fw_gctronic {
     struct fw_i2c_device device; /* to be put on a bus; the struct must not move then */
     uint32_t packets;            /* applied since power on */
     uint32_t dropped;            /* not applied: checksum, or after an error */
-    uint8_t changed;             /* the outputs may have, since advance said so */
     uint8_t had_error;
     uint8_t has_packet;          /* to be applied at packet_us */
     uint64_t packet_us;

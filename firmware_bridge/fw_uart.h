@@ -2,7 +2,11 @@
 /*
  * fw_uart.h - how a program of an e-puck's dsPIC lives behind its UART: an interrupt
  * puts bytes into a ring of 64 without an overflow test; the program takes them one by
- * one, but not while it transmits, for which it waits. Freestanding.
+ * one, but not while it transmits, for which it waits.
+ *
+ * Each direction of the line is a bounded queue whose bytes come out one by one, as fast as
+ * a real UART would carry them. A pseudo terminal has no baud rate, so the pace has to come
+ * from here. So do faults. Freestanding. Time is an argument and only has to grow.
  */
 #ifndef FW_UART_H
 #define FW_UART_H
@@ -10,18 +14,35 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "fw_line.h"
-
 #ifdef __cplusplus
 extern "C" {
 #endif
 
+enum { FW_LINE_CAPACITY = 256 }; /* [bytes] on the line at once */
 enum { FW_UART_RING = 64 }; /* [byte] receive buffer of the interrupt */
 
 enum fw_uart_event {
     FW_UART_NONE = 0, /* nothing more until then */
     FW_UART_BYTE = 1, /* the program takes a byte */
     FW_UART_IDLE = 2  /* what kept it busy is over */
+};
+
+/* What goes wrong on the line, each once: with the n-th byte from now, 0 = not. */
+struct fw_line_faults {
+    uint32_t lose;  /* it does not arrive */
+    uint32_t flip;  /* one of its bits arrives wrong */
+    uint32_t twice; /* it arrives, and once more */
+};
+
+/* One direction. */
+struct fw_line {
+    struct fw_line_faults faults; /* the owner writes */
+    uint8_t bytes[FW_LINE_CAPACITY];
+    uint64_t arrival_ns[FW_LINE_CAPACITY]; /* when each byte is through */
+    uint64_t free_ns;                      /* when the newest byte is through */
+    uint32_t byte_ns;                      /* [ns] per byte */
+    uint32_t head;
+    uint32_t count;
 };
 
 struct fw_uart {
@@ -38,6 +59,11 @@ struct fw_uart {
     uint32_t ring_read;
     uint32_t ring_write;
 };
+
+/* Starts sending buf at now_ns, behind what is already under way.
+ * Returns how many bytes fit, the first ones; the rest is the caller's. */
+size_t fw_line_put(struct fw_line *line, const uint8_t *buf, size_t len,
+                   uint64_t now_ns);
 
 /* Power on: nothing on the lines. */
 void fw_uart_init(struct fw_uart *uart, uint32_t byte_ns);

@@ -53,8 +53,7 @@ static void loop(struct fw_york *fw, uint64_t now_us)
         return;
     fw->torn += fw->stored < fw->expected && (fw->pointer == EPUCK_YORK_LEFT_SPEED ||
                                               fw->pointer == EPUCK_YORK_RIGHT_SPEED);
-    body->applied_us = now_us;
-    fw->changed = 1;
+    fw_body_apply(body, now_us);
 }
 
 static void watch(struct fw_york *fw, uint64_t now_us)
@@ -63,7 +62,6 @@ static void watch(struct fw_york *fw, uint64_t now_us)
         return;
     fw->registers[EPUCK_YORK_LEFT_SPEED] = 0;
     fw->registers[EPUCK_YORK_RIGHT_SPEED] = 0;
-    fw->changed = 1;
 }
 
 static uint64_t next_loop_us(const struct fw_york *fw)
@@ -182,19 +180,15 @@ void fw_york_reset(struct fw_york *fw, uint64_t now_us)
     fw->expected = fw->stored = 0;
     fw->has_left_over = 0;
     fw->dirty = 0;
-    fw->changed = 1;
+    fw->body.changed = 1;
     fw->lived_us = now_us;
     fw->booted_us = now_us + FW_YORK_BOOT_US;
 }
 
 int fw_york_advance(struct fw_york *fw, uint64_t now_us)
 {
-    int changed;
-
     live(fw, now_us);
-    changed = fw->changed;
-    fw->changed = 0;
-    return changed;
+    return fw_body_take_change(&fw->body);
 }
 
 uint64_t fw_york_due_us(const struct fw_york *fw)

@@ -35,7 +35,6 @@ struct fw_york {
     struct fw_i2c_device device; /* to be put on a bus; the struct must not move then */
     uint32_t writes;             /* of registers, since power on */
     uint32_t torn;               /* speeds that the motors got and nobody wrote */
-    uint8_t changed;             /* the outputs may have, since advance said so */
     uint8_t always_senses;       /* the owner writes: 1 = an e-puck2 */
     uint32_t tear;               /* the owner writes: the n-th counter that is read from now
                                     is read while its low byte carries, 0 = not */

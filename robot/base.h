@@ -124,6 +124,19 @@ int vs_base_exchange(struct vs_base *base, const struct vs_base_command *command
  * is more, to be done at once, else 0. */
 int vs_base_rest(struct vs_base *base, const struct vs_base_command *command);
 
+/* For an exchange: proximity as it was measured, and light, which e-pucks measure as most
+ * minus brightness, as brightness. */
+static inline void vs_base_see(const int16_t prox[8], const int16_t light[8], int16_t most,
+                               struct vs_base_reading *reading)
+{
+    size_t i;
+
+    for (i = 0; i < 8; i++) {
+        reading->prox[i] = prox[i];
+        reading->light[i] = (int16_t)(most - light[i]);
+    }
+}
+
 /* For an exchange: adds up what the wheels' counters, which wrap, say. */
 void vs_base_count(struct vs_base *base, const uint16_t counters[2],
                    struct vs_base_reading *reading);

@@ -5,10 +5,12 @@
  * sends 72 bytes right after the last byte of a frame. It must not be written to
  * while it sends. A byte too many on the line shifts all frames that follow: it is
  * found by holding back a frame's last byte now and then, for an answer that comes
- * before it, or by answers that are always late. Only zeros mean the same at every shift, so a stop is three frames of
- * them: after the first a frame may still hold what came before.
+ * before it, or by answers that are always late. Only zeros mean the same at every shift,
+ * so a stop is three frames of them: after the first a frame may still hold what came
+ * before.
  */
 #include "base_config.h"
+#include "base_serial.h"
 
 #include "../c_src/epuck_argos.h"
 #include "../c_src/epuck_bytes.h"
@@ -30,97 +32,58 @@ enum {
     HOLD_EVERY = 4, /* exchange's frame has its last byte held back */
     LATES_MAX = 4,  /* in a row: as with infrared words that we never asked for */
     NO_BURST = 2 * EPUCK_ARGOS_SENSOR_LEN, /* as `got`: what is read proves nothing */
-    PHASE_UNKNOWN = 0, /* nobody knows where the microcontroller stands */
-    PHASE_READY,       /* it waits for a frame's first byte */
-    PHASE_OWED,        /* it got a frame, its burst is not complete */
-    PHASE_QUIET,       /* recovery: waiting for silence */
-    PHASE_FEED,        /* recovery: byte by byte until a burst comes */
-    PHASE_PROVE        /* recovery: a burst came; is it where we think? */
+    PHASE_FEED = VS_SERIAL_OWN, /* recovery: byte by byte until a burst comes */
+    PHASE_PROVE                 /* recovery: a burst came; is it where we think? */
 };
 
 struct argos {
-    uint8_t phase;
+    struct vs_serial line;
     uint8_t fed;         /* bytes fed without an answer */
     uint8_t proofs;      /* in a row that it stands where we think */
     uint8_t rounds;      /* since a last byte was held back */
     uint8_t lates;       /* answers in a row that were too late for their exchange */
     uint8_t zero_sent;   /* 1: the newest frame was all zeros */
     uint8_t zeros;       /* frames of zeros in a row that were answered, up to STOP_FRAMES */
-    size_t got;          /* bytes of the present answer */
-    uint64_t written_ns; /* when the command before it was written */
-    uint8_t frame[EPUCK_ARGOS_SENSOR_LEN];
 };
 
-enum { STATE_FITS = 1 / (sizeof(struct argos) <= VS_BASE_STATE_MAX) };
+enum {
+    STATE_FITS = 1 / (sizeof(struct argos) <= VS_BASE_STATE_MAX),
+    ANSWER_FITS = 1 / (EPUCK_ARGOS_SENSOR_LEN <= VS_SERIAL_ANSWER_MAX)
+};
 
 static struct argos *of(struct vs_base *base)
 {
     return (struct argos *)(void *)base->state.bytes;
 }
 
-static uint64_t now(const struct vs_base *base)
-{
-    return base->io.now_ns(base->io.context);
-}
-
 static int open_argos(struct vs_base *base, const struct vs_base_config *config)
 {
-    int err = vs_posix_open_serial(config->device, EPUCK_ARGOS_BAUD, VS_BASE_LOCK_NS, &base->fd);
+    struct vs_serial *line = vs_serial_of(base);
 
-    if (err == VS_OK)
-        vs_posix_io(&base->io, &base->fd);
+    line->wanted = EPUCK_ARGOS_SENSOR_LEN;
+    line->owed_ns = OWED_NS;
     base->body = &vs_body_epuck;
-    return err;
-}
-
-/* Reads on until the burst is complete (VS_OK) or time is up (VS_ERR_BUSY). */
-static int collect(struct vs_base *base, uint64_t deadline_ns)
-{
-    struct argos *a = of(base);
-
-    while (a->got < EPUCK_ARGOS_SENSOR_LEN) {
-        int len = base->io.read(base->io.context, a->frame + a->got,
-                                EPUCK_ARGOS_SENSOR_LEN - a->got, deadline_ns);
-
-        if (len < 0)
-            return len;
-        if (len == 0)
-            return VS_ERR_BUSY;
-        a->got += (size_t)len;
-    }
-    return VS_OK;
+    vs_posix_io(&base->io, &base->fd);
+    return vs_posix_open_serial(config->device, EPUCK_ARGOS_BAUD, VS_BASE_LOCK_NS, &base->fd);
 }
 
 static int write_zeros(struct vs_base *base, size_t len)
 {
-    struct argos *a = of(base);
     static const uint8_t zeros[EPUCK_ARGOS_ACTUATOR_LEN];
 
-    a->got = 0;
-    a->written_ns = now(base);
-    return base->io.write(base->io.context, zeros, len, a->written_ns + FEED_NS);
+    return vs_serial_write(base, zeros, len, vs_serial_now(base) + FEED_NS);
 }
 
 /* Waits for silence. Exactly the burst that was owed before it tells as much as one
  * that was fed for. */
 static int drain(struct vs_base *base)
 {
-    struct argos *a = of(base);
-    uint64_t until_ns = now(base) + DRAIN_NS;
+    struct vs_serial *line = vs_serial_of(base);
+    int err = vs_serial_drain(base, QUIET_NS, DRAIN_NS, NULL);
 
-    while (now(base) < until_ns) {
-        uint8_t scrap[EPUCK_ARGOS_SENSOR_LEN];
-        int len = base->io.read(base->io.context, scrap, sizeof scrap,
-                                now(base) + QUIET_NS);
-
-        if (len < 0)
-            return len;
-        if (len == 0) {
-            a->phase = a->got == EPUCK_ARGOS_SENSOR_LEN ? PHASE_PROVE : PHASE_FEED;
-            return VS_ERR_BUSY;
-        }
-        a->got += (size_t)len;
-    }
+    if (err != VS_OK)
+        return err;
+    line->phase = line->got == EPUCK_ARGOS_SENSOR_LEN ? PHASE_PROVE : PHASE_FEED;
     return VS_ERR_BUSY;
 }
 
@@ -131,21 +94,21 @@ static int feed(struct vs_base *base)
     int err = write_zeros(base, 1);
 
     if (err == VS_OK)
-        err = collect(base, a->written_ns + FEED_NS);
+        err = vs_serial_collect(base, a->line.written_ns + FEED_NS);
     if (err == VS_OK) {
-        a->phase = PHASE_PROVE;
+        a->line.phase = PHASE_PROVE;
         return VS_ERR_BUSY;
     }
     if (err != VS_ERR_BUSY)
         return err;
-    if (a->got > 0) {
-        a->phase = PHASE_QUIET;
+    if (a->line.got > 0) {
+        a->line.phase = VS_SERIAL_QUIET;
         return VS_ERR_BUSY;
     }
     a->fed++;
     if (a->fed < FEEDS_MAX)
         return VS_ERR_BUSY;
-    a->phase = PHASE_UNKNOWN;
+    a->line.phase = VS_SERIAL_UNKNOWN;
     return VS_ERR_SILENT;
 }
 
@@ -159,25 +122,25 @@ static int prove(struct vs_base *base)
     int err = write_zeros(base, EPUCK_ARGOS_ACTUATOR_LEN - 1);
 
     a->fed = 0;
-    a->phase = PHASE_QUIET;
+    a->line.phase = VS_SERIAL_QUIET;
     if (err == VS_OK)
-        err = collect(base, a->written_ns + FEED_NS);
-    if (err != VS_ERR_BUSY || a->got > 0) {
-        a->got = NO_BURST;
+        err = vs_serial_collect(base, a->line.written_ns + FEED_NS);
+    if (err != VS_ERR_BUSY || a->line.got > 0) {
+        a->line.got = NO_BURST;
         a->proofs = 0;
         return err == VS_OK ? VS_ERR_BUSY : err;
     }
     err = write_zeros(base, 1);
     if (err == VS_OK)
-        err = collect(base, a->written_ns + VS_BASE_EXCHANGE_NS);
-    if (err == VS_OK && epuck_argos_get_sensors(a->frame, &sensors) != 0)
+        err = vs_serial_collect(base, a->line.written_ns + VS_BASE_EXCHANGE_NS);
+    if (err == VS_OK && epuck_argos_get_sensors(a->line.answer, &sensors) != 0)
         err = VS_ERR_BUSY;
     a->proofs++;
-    if (err != VS_OK || now(base) >= a->written_ns + PROMPT_NS)
+    if (err != VS_OK || vs_serial_now(base) >= a->line.written_ns + PROMPT_NS)
         a->proofs = 0;
     if (err != VS_OK)
         return err;
-    a->phase = a->proofs < PROOFS ? PHASE_PROVE : PHASE_READY;
+    a->line.phase = a->proofs < PROOFS ? PHASE_PROVE : VS_SERIAL_READY;
     a->zeros = STOP_FRAMES; /* it stands where we think, and has got nothing else */
     return a->proofs < PROOFS ? VS_ERR_BUSY : VS_OK;
 }
@@ -186,19 +149,19 @@ static int recover_argos(struct vs_base *base)
 {
     struct argos *a = of(base);
 
-    switch (a->phase) {
+    switch (a->line.phase) {
     case PHASE_FEED:
         return feed(base);
     case PHASE_PROVE:
         return prove(base);
-    case PHASE_QUIET:
+    case VS_SERIAL_QUIET:
         return drain(base);
     default:
-        if (a->phase != PHASE_OWED)
-            a->got = NO_BURST;
+        if (a->line.phase != VS_SERIAL_OWED)
+            a->line.got = NO_BURST;
         a->fed = 0;
         a->proofs = 0;
-        a->phase = PHASE_QUIET;
+        a->line.phase = VS_SERIAL_QUIET;
         return drain(base);
     }
 }
@@ -206,7 +169,7 @@ static int recover_argos(struct vs_base *base)
 /* The burst is complete: the frame before it was applied. */
 static void answered(struct argos *a)
 {
-    a->phase = PHASE_READY;
+    a->line.phase = VS_SERIAL_READY;
     if (!a->zero_sent)
         a->zeros = 0;
     else if (a->zeros < STOP_FRAMES)
@@ -217,21 +180,15 @@ static void answered(struct argos *a)
 static int settle(struct vs_base *base, uint64_t deadline_ns)
 {
     struct argos *a = of(base);
-    uint8_t stray;
-    int err;
 
-    if (a->phase == PHASE_OWED) {
-        err = collect(base, deadline_ns);
-        if (err == VS_ERR_BUSY && now(base) < a->written_ns + OWED_NS)
-            return VS_ERR_BUSY;
+    if (a->line.phase == VS_SERIAL_OWED) {
+        int err = vs_serial_await(base, deadline_ns);
+
         if (err != VS_OK)
-            return err == VS_ERR_BUSY ? VS_ERR_SILENT : err;
+            return err;
         answered(a);
     }
-    if (a->phase != PHASE_READY)
-        return VS_ERR_SILENT;
-    err = base->io.read(base->io.context, &stray, 1, 0);
-    return err > 0 ? VS_ERR_GARBLED : err;
+    return vs_serial_is_clear(base);
 }
 
 /* Writes a frame but for its last byte, for which the far end has to wait. */
@@ -239,11 +196,11 @@ static int hold_back(struct vs_base *base, const uint8_t frame[EPUCK_ARGOS_ACTUA
                      uint64_t deadline_ns)
 {
     uint8_t stray;
-    int err = base->io.write(base->io.context, frame, EPUCK_ARGOS_ACTUATOR_LEN - 1, deadline_ns);
+    int err = vs_serial_write(base, frame, EPUCK_ARGOS_ACTUATOR_LEN - 1, deadline_ns);
 
     if (err != VS_OK)
         return err;
-    err = base->io.read(base->io.context, &stray, 1, now(base) + HOLD_NS);
+    err = base->io.read(base->io.context, &stray, 1, vs_serial_now(base) + HOLD_NS);
     return err > 0 ? VS_ERR_GARBLED : err;
 }
 
@@ -259,30 +216,24 @@ static int write_frame(struct vs_base *base, const struct vs_base_command *comma
 
     epuck_argos_put_actuators(&actuators, frame);
     a->zero_sent = epuck_or(frame, sizeof frame) == 0;
-    a->got = 0;
-    a->phase = PHASE_OWED;
+    a->line.phase = VS_SERIAL_OWED;
     if (!a->zero_sent && reset == 0 && ++a->rounds >= HOLD_EVERY) {
         a->rounds = 0;
         held = sizeof frame - 1;
         err = hold_back(base, frame, deadline_ns);
     }
-    a->written_ns = now(base);
     if (err != VS_OK)
         return err;
-    return base->io.write(base->io.context, frame + held, sizeof frame - held, deadline_ns);
+    return vs_serial_write(base, frame + held, sizeof frame - held, deadline_ns);
 }
 
 static int decode(const struct argos *a, struct vs_base_reading *reading)
 {
     struct epuck_argos_sensors sensors;
-    size_t i;
 
-    if (epuck_argos_get_sensors(a->frame, &sensors) != 0)
+    if (epuck_argos_get_sensors(a->line.answer, &sensors) != 0)
         return VS_ERR_GARBLED;
-    for (i = 0; i < 8; i++) {
-        reading->prox[i] = sensors.prox[i];
-        reading->light[i] = (int16_t)(EPUCK_ARGOS_PROX_MAX - sensors.light[i]);
-    }
+    vs_base_see(sensors.prox, sensors.light, EPUCK_ARGOS_PROX_MAX, reading);
     reading->battery_low = (uint8_t)sensors.battery_low;
     reading->battery_mv = 0;
     return VS_OK;
@@ -295,7 +246,7 @@ static int settled(struct vs_base *base, int err)
     struct argos *a = of(base);
 
     if (err != VS_OK && err != VS_ERR_BUSY && err != VS_ERR_SILENT)
-        a->phase = PHASE_UNKNOWN;
+        a->line.phase = VS_SERIAL_UNKNOWN;
     return err;
 }
 
@@ -307,7 +258,7 @@ static int go_round(struct vs_base *base, const struct vs_base_command *command,
     int err = write_frame(base, command, 0, deadline_ns);
 
     if (err == VS_OK)
-        err = collect(base, deadline_ns);
+        err = vs_serial_collect(base, deadline_ns);
     if (err == VS_ERR_BUSY && ++a->lates < LATES_MAX)
         return VS_ERR_LATE;
     a->lates = 0;
@@ -322,7 +273,7 @@ static int exchange_argos(struct vs_base *base, const struct vs_base_command *co
                           struct vs_base_reading *reading)
 {
     struct argos *a = of(base);
-    uint64_t deadline_ns = now(base) + VS_BASE_EXCHANGE_NS;
+    uint64_t deadline_ns = vs_serial_now(base) + VS_BASE_EXCHANGE_NS;
     struct vs_base_reading read = *reading;
     int err = settle(base, deadline_ns);
 
@@ -332,7 +283,8 @@ static int exchange_argos(struct vs_base *base, const struct vs_base_command *co
         err = go_round(base, command, &read, deadline_ns);
         if (err != VS_OK)
             return err;
-    } while (a->zero_sent && a->zeros < STOP_FRAMES && now(base) + ROUND_NS <= deadline_ns);
+    } while (a->zero_sent && a->zeros < STOP_FRAMES &&
+             vs_serial_now(base) + ROUND_NS <= deadline_ns);
     if (a->zero_sent && a->zeros < STOP_FRAMES)
         return VS_ERR_LATE;
     *reading = read;
@@ -343,7 +295,7 @@ static int close_argos(struct vs_base *base)
 {
     struct argos *a = of(base);
     static const struct vs_base_command off;
-    uint64_t deadline_ns = now(base) + VS_BASE_EXCHANGE_NS;
+    uint64_t deadline_ns = vs_serial_now(base) + VS_BASE_EXCHANGE_NS;
     uint8_t stray;
     int err = settle(base, deadline_ns);
 
@@ -351,8 +303,8 @@ static int close_argos(struct vs_base *base)
         err = write_frame(base, &off, EPUCK_ARGOS_RESET, deadline_ns);
     if (err != VS_OK)
         return settled(base, err);
-    a->phase = PHASE_UNKNOWN;
-    (void)base->io.read(base->io.context, &stray, 1, now(base) + LEAVE_NS);
+    a->line.phase = VS_SERIAL_UNKNOWN;
+    (void)base->io.read(base->io.context, &stray, 1, vs_serial_now(base) + LEAVE_NS);
     return VS_OK;
 }
 

@@ -7,6 +7,7 @@
  * bytes: the next packet waits for the answer to the one before.
  */
 #include "base_config.h"
+#include "base_serial.h"
 
 #include "../c_src/epuck_asercom.h"
 #include "../c_src/vs_posix.h"
@@ -15,12 +16,8 @@
 #define STEP_NS 30000000u  /* [ns] longest step of waiting for an answer */
 
 enum {
-    PHASE_UNKNOWN = 0, /* nobody knows what its parser waits for */
-    PHASE_READY,       /* it is idle and nothing is unread */
-    PHASE_OWED,        /* it got a packet, its answer is not complete */
-    PHASE_QUIET,       /* recovery: waiting for silence */
-    PHASE_VERSION,     /* recovery: its version was asked for */
-    PHASE_PROVE        /* recovery: its parser is idle; does it answer as this mode does? */
+    PHASE_VERSION = VS_SERIAL_OWN, /* recovery: its version was asked for */
+    PHASE_PROVE /* recovery: its parser is idle; does it answer as this mode does? */
 };
 
 /* How patient a mode has to be: Bluetooth delays, and comes in bursts. */
@@ -34,32 +31,26 @@ static const struct {
 };
 
 struct asercom {
+    struct vs_serial line;
     const struct epuck_asercom_mode *mode;
     uint32_t quiet_ns;
-    uint32_t owed_ns;
-    uint8_t phase;
     uint8_t matched;   /* bytes of EPUCK_ASERCOM_VERSION that came just now */
     uint8_t versions;  /* times that it came */
     uint8_t refreshed; /* LED that was set again last */
     uint8_t closing;   /* the packet that is owed an answer was a clean end's */
-    size_t got;        /* bytes of the present answer */
-    uint64_t written_ns;
     int16_t left_steps_s; /* of the packet before it */
     int16_t right_steps_s;
     uint16_t leds;     /* lit, as far as its packets were understood */
-    uint8_t reply[EPUCK_ASERCOM_REPLY_MAX];
 };
 
-enum { STATE_FITS = 1 / (sizeof(struct asercom) <= VS_BASE_STATE_MAX) };
+enum {
+    STATE_FITS = 1 / (sizeof(struct asercom) <= VS_BASE_STATE_MAX),
+    ANSWER_FITS = 1 / (EPUCK_ASERCOM_REPLY_MAX <= VS_SERIAL_ANSWER_MAX)
+};
 
 static struct asercom *of(struct vs_base *base)
 {
     return (struct asercom *)(void *)base->state.bytes;
-}
-
-static uint64_t now(const struct vs_base *base)
-{
-    return base->io.now_ns(base->io.context);
 }
 
 static int open_asercom(struct vs_base *base, const struct vs_base_config *config)
@@ -69,28 +60,11 @@ static int open_asercom(struct vs_base *base, const struct vs_base_config *confi
 
     a->mode = &epuck_asercom_modes[mode];
     a->quiet_ns = patience[mode].quiet_ns;
-    a->owed_ns = patience[mode].owed_ns;
+    a->line.owed_ns = patience[mode].owed_ns;
+    a->line.wanted = (uint8_t)epuck_asercom_reply_len(a->mode);
     base->body = &vs_body_epuck;
     vs_posix_io(&base->io, &base->fd);
     return vs_posix_open_serial(config->device, a->mode->baud, VS_BASE_LOCK_NS, &base->fd);
-}
-
-/* Reads on until the answer is complete (VS_OK) or time is up (VS_ERR_BUSY). */
-static int collect(struct vs_base *base, uint64_t deadline_ns)
-{
-    struct asercom *a = of(base);
-    size_t wanted = epuck_asercom_reply_len(a->mode);
-
-    while (a->got < wanted) {
-        int len = base->io.read(base->io.context, a->reply + a->got, wanted - a->got, deadline_ns);
-
-        if (len < 0)
-            return len;
-        if (len == 0)
-            return VS_ERR_BUSY;
-        a->got += (size_t)len;
-    }
-    return VS_OK;
 }
 
 /* Writes a packet that lets the far end do as commanded; sets the LEDs in change. */
@@ -103,28 +77,27 @@ static int write_poll(struct vs_base *base, const struct vs_base_command *comman
     uint8_t packet[EPUCK_ASERCOM_REQUEST_MAX];
     size_t len = epuck_asercom_put_poll(a->mode, &poll, packet);
 
-    a->got = 0;
     a->left_steps_s = command->left_steps_s;
     a->right_steps_s = command->right_steps_s;
     a->leds = command->leds;
-    a->written_ns = now(base);
-    a->phase = PHASE_OWED;
-    return base->io.write(base->io.context, packet, len, deadline_ns);
+    a->line.phase = VS_SERIAL_OWED;
+    return vs_serial_write(base, packet, len, deadline_ns);
 }
 
 /* The answer is complete: is it one, and does it say that the packet was understood? */
 static int decode(struct asercom *a, struct epuck_asercom_sensors *sensors)
 {
-    if (epuck_asercom_get_reply(a->mode, a->reply, sensors) != 0 ||
+    if (epuck_asercom_get_reply(a->mode, a->line.answer, sensors) != 0 ||
         sensors->left_steps_s != a->left_steps_s || sensors->right_steps_s != a->right_steps_s)
         return VS_ERR_GARBLED;
-    a->phase = PHASE_READY;
+    a->line.phase = VS_SERIAL_READY;
     return VS_OK;
 }
 
 /* How often the far end's version came in what was read. */
-static void match_version(struct asercom *a, const uint8_t *buf, size_t len)
+static void match_version(struct vs_base *base, const uint8_t *buf, size_t len)
 {
+    struct asercom *a = of(base);
     static const char version[] = EPUCK_ASERCOM_VERSION;
     size_t i;
 
@@ -138,21 +111,9 @@ static void match_version(struct asercom *a, const uint8_t *buf, size_t len)
     }
 }
 
-/* Reads whatever comes. VS_OK: it was silent for long enough; VS_ERR_BUSY: not yet. */
 static int drain(struct vs_base *base)
 {
-    struct asercom *a = of(base);
-    uint64_t until_ns = now(base) + DRAIN_NS;
-
-    while (now(base) < until_ns) {
-        uint8_t scrap[EPUCK_ASERCOM_REPLY_MAX];
-        int len = base->io.read(base->io.context, scrap, sizeof scrap, now(base) + a->quiet_ns);
-
-        if (len <= 0)
-            return len;
-        match_version(a, scrap, (size_t)len);
-    }
-    return VS_ERR_BUSY;
+    return vs_serial_drain(base, of(base)->quiet_ns, DRAIN_NS, match_version);
 }
 
 /* From whatever it waits for back to idle, where it says its version. */
@@ -160,18 +121,17 @@ static int ask_version(struct vs_base *base)
 {
     struct asercom *a = of(base);
 
-    a->phase = PHASE_VERSION;
+    a->line.phase = PHASE_VERSION;
     a->matched = 0;
     a->versions = 0;
-    a->written_ns = now(base);
-    return base->io.write(base->io.context, epuck_asercom_resync, EPUCK_ASERCOM_RESYNC_LEN,
-                          a->written_ns + STEP_NS);
+    return vs_serial_write(base, epuck_asercom_resync, EPUCK_ASERCOM_RESYNC_LEN,
+                           vs_serial_now(base) + STEP_NS);
 }
 
 /* Recovery: its answer to the last question does not come, or makes no sense. */
 static int start_over(struct asercom *a, int err)
 {
-    a->phase = PHASE_UNKNOWN;
+    a->line.phase = VS_SERIAL_UNKNOWN;
     return err;
 }
 
@@ -183,10 +143,10 @@ static int await_version(struct vs_base *base)
     if (err != VS_OK)
         return err;
     if (a->versions > 0) {
-        a->phase = PHASE_PROVE;
+        a->line.phase = PHASE_PROVE;
         return VS_ERR_BUSY;
     }
-    if (now(base) < a->written_ns + a->owed_ns)
+    if (vs_serial_now(base) < a->line.written_ns + a->line.owed_ns)
         return VS_ERR_BUSY;
     return start_over(a, VS_ERR_SILENT);
 }
@@ -206,45 +166,27 @@ static const char *blame(const struct asercom *a, size_t got)
     return "it answers with an unknown number of bytes: expected firmware with advanced sercom";
 }
 
-/* Counts what comes until it is silent. Returns the number, or an error. */
-static int count_more(struct vs_base *base)
-{
-    uint64_t until_ns = now(base) + STEP_NS;
-    uint8_t more[EPUCK_ASERCOM_REPLY_MAX];
-    int count = 0;
-    int len;
-
-    do {
-        len = base->io.read(base->io.context, more, sizeof more,
-                            now(base) + of(base)->quiet_ns / 2);
-        if (len < 0)
-            return len;
-        count += len;
-    } while (len > 0 && now(base) < until_ns);
-    return count;
-}
-
 /* Wheels 0, LEDs off, and the answer has to be as long as this mode's. */
 static int prove(struct vs_base *base)
 {
     static const struct vs_base_command off;
     struct asercom *a = of(base);
     struct epuck_asercom_sensors sensors;
-    int err = write_poll(base, &off, VS_BASE_LEDS, now(base) + STEP_NS);
-    int extra;
+    int err = write_poll(base, &off, VS_BASE_LEDS, vs_serial_now(base) + STEP_NS);
+    int in_time;
 
     if (err == VS_OK)
-        err = collect(base, now(base) + STEP_NS);
-    if (err == VS_ERR_BUSY && a->got == 0)
+        err = vs_serial_collect(base, vs_serial_now(base) + STEP_NS);
+    in_time = err == VS_OK;
+    if (err == VS_ERR_BUSY && a->line.got == 0)
         return start_over(a, VS_ERR_SILENT);
+    if (err == VS_OK || err == VS_ERR_BUSY)
+        err = vs_serial_drain(base, a->quiet_ns / 2, STEP_NS, NULL);
     if (err != VS_OK && err != VS_ERR_BUSY)
         return err;
-    extra = count_more(base);
-    if (extra < 0)
-        return extra;
-    if (err == VS_OK && extra == 0 && decode(a, &sensors) == VS_OK)
+    if (in_time && a->line.got == a->line.wanted && decode(a, &sensors) == VS_OK)
         return VS_OK;
-    base->news = blame(a, a->got + (size_t)extra);
+    base->news = blame(a, a->line.got);
     return start_over(a, VS_ERR_SILENT);
 }
 
@@ -253,11 +195,11 @@ static int recover_asercom(struct vs_base *base)
     struct asercom *a = of(base);
     int err;
 
-    if (a->phase == PHASE_VERSION)
+    if (a->line.phase == PHASE_VERSION)
         return await_version(base);
-    if (a->phase == PHASE_PROVE)
+    if (a->line.phase == PHASE_PROVE)
         return prove(base);
-    a->phase = PHASE_QUIET;
+    a->line.phase = VS_SERIAL_QUIET;
     a->closing = 0;
     err = drain(base);
     if (err == VS_OK)
@@ -271,29 +213,23 @@ static int settle(struct vs_base *base, struct epuck_asercom_sensors *sensors,
                   uint64_t deadline_ns)
 {
     struct asercom *a = of(base);
-    uint8_t stray;
-    int err;
 
-    if (a->phase == PHASE_OWED) {
-        err = collect(base, deadline_ns);
-        if (err == VS_ERR_BUSY && now(base) < a->written_ns + a->owed_ns)
-            return VS_ERR_BUSY;
+    if (a->line.phase == VS_SERIAL_OWED) {
+        int err = vs_serial_await(base, deadline_ns);
+
         if (err == VS_OK)
             err = decode(a, sensors);
         if (err != VS_OK)
-            return err == VS_ERR_BUSY ? VS_ERR_SILENT : err;
+            return err;
     }
-    if (a->phase != PHASE_READY)
-        return VS_ERR_SILENT;
-    err = base->io.read(base->io.context, &stray, 1, 0);
-    return err > 0 ? VS_ERR_GARBLED : err;
+    return vs_serial_is_clear(base);
 }
 
 /* After a failure only recovery helps. */
 static int settled(struct asercom *a, int err)
 {
     if (err != VS_OK && err != VS_ERR_BUSY && err != VS_ERR_LATE)
-        a->phase = PHASE_UNKNOWN;
+        a->line.phase = VS_SERIAL_UNKNOWN;
     return err;
 }
 
@@ -302,10 +238,7 @@ static void report(struct vs_base *base, const struct epuck_asercom_sensors *sen
 {
     size_t i;
 
-    for (i = 0; i < 8; i++) {
-        reading->prox[i] = sensors->prox[i];
-        reading->light[i] = (int16_t)(EPUCK_ASERCOM_RAW_MAX - sensors->light[i]);
-    }
+    vs_base_see(sensors->prox, sensors->light, EPUCK_ASERCOM_RAW_MAX, reading);
     reading->battery_low = epuck_asercom_battery_low(sensors->battery);
     reading->battery_mv = epuck_asercom_battery_mv(sensors->battery);
     vs_base_count(base, sensors->steps, reading);
@@ -325,7 +258,7 @@ static int go_round(struct vs_base *base, const struct vs_base_command *command,
     int err = write_poll(base, command, change, deadline_ns);
 
     if (err == VS_OK)
-        err = collect(base, deadline_ns);
+        err = vs_serial_collect(base, deadline_ns);
     if (err == VS_ERR_BUSY)
         return VS_ERR_LATE;
     return err == VS_OK ? decode(a, sensors) : err;
@@ -344,8 +277,8 @@ static int exchange_asercom(struct vs_base *base, const struct vs_base_command *
                             struct vs_base_reading *reading)
 {
     struct asercom *a = of(base);
-    uint64_t deadline_ns = now(base) + VS_BASE_EXCHANGE_NS;
-    int was_owed = a->phase == PHASE_OWED;
+    uint64_t deadline_ns = vs_serial_now(base) + VS_BASE_EXCHANGE_NS;
+    int was_owed = a->line.phase == VS_SERIAL_OWED;
     struct epuck_asercom_sensors sensors;
     int err = settle(base, &sensors, deadline_ns);
     uint16_t change;
@@ -366,8 +299,8 @@ static int close_asercom(struct vs_base *base)
 {
     static const struct vs_base_command off;
     struct asercom *a = of(base);
-    uint64_t deadline_ns = now(base) + VS_BASE_EXCHANGE_NS;
-    int was_owed = a->phase == PHASE_OWED;
+    uint64_t deadline_ns = vs_serial_now(base) + VS_BASE_EXCHANGE_NS;
+    int was_owed = a->line.phase == VS_SERIAL_OWED;
     struct epuck_asercom_sensors sensors;
     int err = settle(base, &sensors, deadline_ns);
 

@@ -105,12 +105,7 @@ static int recover_gctronic(struct vs_base *base)
 static void report(struct vs_base *base, const struct epuck_gctronic_sensors *sensors,
                    struct vs_base_reading *reading)
 {
-    size_t i;
-
-    for (i = 0; i < 8; i++) {
-        reading->prox[i] = sensors->prox[i];
-        reading->light[i] = (int16_t)(EPUCK_GCTRONIC_RAW_MAX - sensors->light[i]);
-    }
+    vs_base_see(sensors->prox, sensors->light, EPUCK_GCTRONIC_RAW_MAX, reading);
     vs_base_count(base, sensors->steps, reading);
 }
 

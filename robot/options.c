@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "../c_src/vs_bytes.h"
 #include "number.h"
 
 #define CLOCK_MAX_NS INT64_C(1000000000000000000)

@@ -4,6 +4,7 @@
 #include <limits.h>
 #include <string.h>
 
+#include "../c_src/vs_bytes.h"
 #include "number.h"
 
 #define F4_MAX 3.4028234663852886e38 /* the largest finite single */

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from vsense.native import kernels, lib
+
 ROOT = Path(__file__).parent.parent
 MODULES = {
     ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
@@ -143,9 +145,44 @@ def test_only_commands_know_argparse() -> None:
     assert users == {"commands"}
 
 
-def test_one_module_touches_the_compiled_library() -> None:
-    users = [p.name for p in MODULES.values() if any("_native" in n for n in imports(p))]
+def test_one_module_touches_the_compiled_libraries() -> None:
+    compiled = ("vsense._native", "vsense._kernels")
+    users = [p.name for p in MODULES.values() if any(n.startswith(compiled) for n in imports(p))]
     assert users == ["native.py"]
+
+
+def called_of_c(path: Path) -> list[str]:
+    """Patterns of the names that a Python file takes from a compiled library.
+
+    What an f-string puts in stands for any word.
+    """
+    found = []
+    for node in ast.walk(ast.parse(path.read_text())):
+        match node:
+            case ast.Attribute(value=ast.Name(id="lib" | "kernels"), attr=name):
+                found.append(name)
+            case ast.Call(
+                func=ast.Name(id="getattr"),
+                args=[ast.Name(id="lib" | "kernels"), ast.JoinedStr(values=parts)],
+            ):
+                words = [p.value if isinstance(p, ast.Constant) else r"\w+" for p in parts]
+                found.append("".join(map(str, words)))
+    return found
+
+
+def test_what_c_shows_to_python_is_called() -> None:
+    """By the package, or by the properties and golden bytes of wire, session and base."""
+    shown = {
+        name
+        for library in (lib, kernels)
+        for name in dir(library)
+        if not isinstance(getattr(library, name), int | float)
+    }
+    assert {"vs_packet_open", "fw_york_advance", "vs_rays_blocked"} <= shown
+    folders = ("vsense", "tests/wire", "tests/firmware")
+    sources = [path for folder in folders for path in (ROOT / folder).rglob("*.py")]
+    called = re.compile("|".join({name for path in sources for name in called_of_c(path)}))
+    assert {name for name in shown if not called.fullmatch(name)} == set()
 
 
 def test_nothing_imports_the_command_line() -> None:
@@ -162,11 +199,18 @@ def test_folder_reads_no_clock(folder: str) -> None:
 
 
 def test_robot_side_links_libc_only_and_knows_no_host() -> None:
-    ours = {p.stem for folder in ("robot", "c_src") for p in (ROOT / folder).rglob("*.h")}
-    for folder in ("robot", "c_src"):
-        for path in sorted((ROOT / folder).rglob("*.[ch]")):
-            unknown = {name for name in includes(path) if Path(name).name not in ours} - LIBC
-            assert not unknown, f"{path.name} includes {unknown}"
+    ours = {p.stem for folder in ("robot", "c_src") for p in (ROOT / folder).glob("*.h")}
+    sources = [*(ROOT / "robot").rglob("*.[ch]"), *(ROOT / "c_src").glob("*.[ch]")]
+    for path in sources:
+        unknown = {name for name in includes(path) if Path(name).name not in ours} - LIBC
+        assert not unknown, f"{path.name} includes {unknown}"
+
+
+def test_kernels_need_a_compiler_only_and_know_no_robot() -> None:
+    known = {p.stem for p in (ROOT / "c_src/host").glob("*.h")} | {"../vs_err"}
+    known |= {"math", "stddef", "stdint", "string"}
+    for path in (ROOT / "c_src/host").glob("*.[ch]"):
+        assert includes(path) <= known, path.name
 
 
 def test_firmware_bridge_is_freestanding() -> None:

@@ -33,9 +33,10 @@ def tree(tmp_path: Path) -> Path:
         "vsense/__init__.py",
         "c_src/a.c",
         "c_src/b.py",
+        "c_src/host/k.c",
         "firmware_bridge/f.h",
     ):
-        (tree / name).parent.mkdir(exist_ok=True)
+        (tree / name).parent.mkdir(parents=True, exist_ok=True)
         (tree / name).touch()
     program(tree / ".venv/bin/python", 'echo "$PWD" "$@" >>"$(dirname "$0")/calls"')
     program(tree / ".venv/bin/vsense", 'echo "$PWD"; printf "<%s>" "$@"')
@@ -77,9 +78,10 @@ def test_second_start_builds_nothing(tree: Path) -> None:
     done = demo(tree, "--json", CC="no-such-compiler")
     assert done.stdout.endswith("<lab><pollutant><--web><0><--json>"), done.stderr
     assert calls.read_text() == before
-    (tree / "c_src/a.c").write_text("int edited;\n")
-    assert demo(tree).returncode == 0
-    assert calls.read_text() == 2 * before
+    for builds, name in enumerate(("c_src/a.c", "c_src/host/k.c"), 2):
+        (tree / name).write_text("int edited;\n")
+        assert demo(tree).returncode == 0
+        assert calls.read_text() == builds * before
 
 
 @pytest.mark.parametrize("compiler", ["ccache gcc", "ccache", " ", " ccache  gcc -m32"])

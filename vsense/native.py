@@ -1,6 +1,8 @@
-"""The one door to the compiled library: every other module takes `ffi` and `lib` from here.
+"""The one door to the compiled libraries: every other module takes what it calls from here.
 
-Importing it says when the library is missing or older than the C sources beside it.
+`ffi` and `lib` are what robot and host share; `kernel_ffi` and `kernels` are what only the host
+runs: pictures, rays and physics. A struct of one is not a struct of the other. Importing this says
+when a library is missing or older than the C sources beside it.
 """
 
 from __future__ import annotations
@@ -8,20 +10,31 @@ from __future__ import annotations
 import hashlib
 import warnings
 from pathlib import Path
+from typing import Any
 
 from vsense.errors import VsenseError
 
-__all__ = ["NativeError", "StaleLibraryWarning", "WireError", "check", "ffi", "lib", "stale_files"]
+__all__ = [
+    "NativeError",
+    "StaleLibraryWarning",
+    "WireError",
+    "check",
+    "ffi",
+    "kernel_ffi",
+    "kernels",
+    "lib",
+    "stale_files",
+]
 
 REBUILD = "python setup.py build_ext --inplace"
 
 
 class NativeError(VsenseError):
-    """The compiled library is not there or cannot be loaded."""
+    """A compiled library is not there or cannot be loaded."""
 
 
 class StaleLibraryWarning(UserWarning):
-    """The compiled library is older than its sources."""
+    """A compiled library is older than its sources."""
 
 
 class WireError(VsenseError):
@@ -40,10 +53,12 @@ class WireError(VsenseError):
 
 
 try:
+    from vsense._kernels import ffi as kernel_ffi
+    from vsense._kernels import lib as kernels
     from vsense._native import ffi, lib
 except ImportError as error:
     raise NativeError(
-        f"the compiled library vsense._native cannot be loaded ({error}); build it with: {REBUILD}"
+        f"a compiled library of vsense cannot be loaded ({error}); build it with: {REBUILD}"
     ) from error
 
 
@@ -63,17 +78,23 @@ def check(code: int, what: str = "") -> int:
 
 
 def stale_files(root: Path) -> list[str]:
-    """Names the sources below root if they are not those that the library was built from.
+    """Names the sources below root if they are not those that the libraries were built from.
 
     Args:
         root: the checkout; without `c_src/build_ffi.py` in it there is nothing to compare.
 
     Returns:
-        Nothing if all is well; the missing files; or all files if only their content differs.
+        Nothing if all is well; else of each library that differs the missing files, or all of
+        its files if only their content differs.
     """
     if not (root / "c_src" / "build_ffi.py").is_file():
         return []
-    names = ffi.string(lib.vs_built_from()).decode().splitlines()
+    return [*_stale(root, ffi, lib), *_stale(root, kernel_ffi, kernels)]
+
+
+def _stale(root: Path, ffi: Any, lib: Any) -> list[str]:
+    """`stale_files` of one library."""
+    names: list[str] = ffi.string(lib.vs_built_from()).decode().splitlines()
     missing = [name for name in names if not (root / name).is_file()]
     if missing:
         return missing
@@ -86,7 +107,7 @@ def stale_files(root: Path) -> list[str]:
 
 if stale_files(Path(__file__).resolve().parent.parent):
     warnings.warn(
-        f"the compiled library is older than its C sources; rebuild it with: {REBUILD}",
+        f"a compiled library is older than its C sources; rebuild it with: {REBUILD}",
         StaleLibraryWarning,
         stacklevel=2,
     )

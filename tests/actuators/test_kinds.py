@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 
 from tests.actuators.conftest import ARENA, STEP_NS, element_of, world_of
-from vsense.actuators import registry
 from vsense.actuators.bank import ActuatorBank
 from vsense.actuators.base import MountedActuator
 from vsense.arena import ArenaState
+from vsense.config import controllers
 from vsense.errors import ConfigError
-from vsense.sensors import registry as sensor_registry
 from vsense.sensors.base import Scope
 from vsense.world.world import World
 
@@ -25,7 +24,7 @@ States = Callable[..., ArenaState]
 
 def mounted(text: str, scope: Scope) -> MountedActuator:
     element = element_of(text)
-    actuator = registry.mount(element, scope)
+    actuator = controllers.mount_actuator(element, scope)
     element.check_all_read()
     return actuator
 
@@ -40,7 +39,7 @@ def act(world: World, state: States, actuator: MountedActuator, *steps: dict[int
 
 
 def test_the_shipped_actuators_are_found() -> None:
-    assert set(registry.factories()) == {
+    assert set(controllers.factories(controllers.ACTUATORS)) == {
         "virtual_pheromone_actuator",
         "virtual_cleaning_actuator",
         "virtual_leds_actuator",
@@ -137,10 +136,10 @@ def test_a_source_without_an_amount_stays_as_it_is(scope: Scope) -> None:
 def test_the_amount_of_a_source_stands_in_its_sensor(scope: Scope) -> None:
     text = '<virtual_pollutant_sensor pollutant_entity="polluter" {}/>'
     for setting, amount in (('vs:amount="20"', 20.0), ("", math.inf)):
-        sensor_registry.mount(element_of(text.format(setting)), scope)
+        controllers.mount_sensor(element_of(text.format(setting)), scope)
         assert scope.sources[-1].amount == amount
     with pytest.raises(ConfigError, match="vs:amount: 0 is out of range"):
-        sensor_registry.mount(element_of(text.format('vs:amount="0"')), scope)
+        controllers.mount_sensor(element_of(text.format('vs:amount="0"')), scope)
 
 
 WRONG = [

@@ -6,6 +6,7 @@
 
 #include "check.h"
 #include "robot.h"
+#include "vs_bytes.h"
 
 #define MS UINT64_C(1000000)
 

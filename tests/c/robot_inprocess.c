@@ -5,6 +5,7 @@
 #include "check.h"
 #include "inprocess.h"
 #include "loop.h"
+#include "vs_bytes.h"
 
 #define MS UINT64_C(1000000)
 #define ROBOTS 3

@@ -126,11 +126,13 @@ static inline int io_write(void *context, const uint8_t *buf, size_t len, uint64
 
 static inline void begin(struct world *w, uint32_t seed)
 {
+    struct vs_base_config config = {&vs_base_argos, "/nowhere", {"", ""}, 2, {0, 0}};
+
     memset(w, 0, sizeof *w);
     w->random = seed * 2654435761u + 1u;
     w->now_ns = 1000 * MS;
     w->base.ops = &vs_base_argos;
-    w->base.body = &vs_body_epuck;
+    CHECK(vs_base_argos.open(&w->base, &config) == VS_ERR_IO);
     w->base.io.context = w;
     w->base.io.now_ns = io_now;
     w->base.io.read = io_read;

@@ -9,9 +9,10 @@
 #include <string.h>
 
 #include "robot_check.h"
+#include "vs_contacts.h"
+#include "vs_math.h"
 #include "vs_physics.h"
 #include "vs_ring.h"
-#include "vs_trig.h"
 
 #define RADIUS_M 0.035
 #define RAYS 3
@@ -183,6 +184,90 @@ static void test_a_pile_comes_apart(void)
     tear_down(&f);
 }
 
+/* A walk in small steps never leaves a pair out that is near enough to matter. */
+static void test_pairs_hold_until_somebody_has_moved_far(uint32_t seed)
+{
+    uint32_t random = seed * 2654435761u + 1u, bodies = 2 + draw(&random, 11);
+    struct floor f;
+    uint32_t a, b, i;
+    int step;
+
+    build(&f, bodies, bodies, 1);
+    scatter(&f, &random, 0.5);
+    for (step = 0; step < 30; step++) {
+        const double *poses = f.physics.poses;
+
+        for (i = 0; i < 3 * bodies; i++)
+            f.physics.poses[i] += i % 3 < 2 ? draw_between(&random, -0.0013, 0.0013) : 0.0;
+        vs_near_update(&f.near, poses, 3);
+        for (i = 0, a = 0; a < bodies; a++) {
+            for (b = 0; b < bodies; b++) {
+                double apart_m = hypot(poses[3 * a] - poses[3 * b],
+                                       poses[3 * a + 1] - poses[3 * b + 1]);
+
+                while (i < f.near.count && (f.near.pairs[i].robot < a ||
+                       (f.near.pairs[i].robot == a && f.near.pairs[i].other < b)))
+                    i++;
+                if (a != b && apart_m < 0.1 + RADIUS_M)
+                    CHECK(i < f.near.count && f.near.pairs[i].robot == a &&
+                          f.near.pairs[i].other == b);
+            }
+        }
+    }
+    tear_down(&f);
+}
+
+/* The distance to a box is that to the nearest point of its outline, and its way out leads
+ * there. */
+static void test_gaps_lead_to_outlines(uint32_t seed)
+{
+    uint32_t random = seed * 2654435761u + 1u;
+    double row[VS_BOX_NUMBERS], normal[2], way[2], nearest = HUGE_VAL;
+    double x = draw_between(&random, -0.5, 0.5), y = draw_between(&random, -0.5, 0.5), gap;
+    int i, side;
+
+    row[0] = draw_between(&random, -0.5, 0.5);
+    row[1] = draw_between(&random, -0.5, 0.5);
+    vs_sin_cos(draw_between(&random, -3.14, 3.14), &row[3], &row[2]);
+    row[4] = draw_between(&random, 0.005, 0.3);
+    row[5] = draw_between(&random, 0.005, 0.3);
+    for (i = -150; i <= 150; i++) {
+        for (side = 0; side < 4; side++) {
+            double sense = side & 1 ? 1.0 : -1.0;
+            double along = row[4] * (side & 2 ? i / 150.0 : sense);
+            double aside = row[5] * (side & 2 ? sense : i / 150.0);
+
+            nearest = fmin(nearest, hypot(row[0] + along * row[2] - aside * row[3] - x,
+                                          row[1] + along * row[3] + aside * row[2] - y));
+        }
+    }
+    gap = vs_box_gap(row, x, y, normal);
+    CHECK(fabs(fabs(gap) - nearest) < 2e-3);
+    CHECK(fabs(hypot(normal[0], normal[1]) - 1.0) < 1e-12);
+    CHECK(fabs(vs_box_gap(row, x - gap * normal[0], y - gap * normal[1], way)) < 1e-9);
+}
+
+static void test_a_point_in_a_box_is_at_a_negative_distance(void)
+{
+    static const double row[VS_BOX_NUMBERS] = {0.0, 0.0, 1.0, 0.0, 0.1, 0.2};
+    double normal[2];
+
+    CHECK(fabs(vs_box_gap(row, 0.07, 0.0, normal) + 0.03) < 1e-12);
+    CHECK(normal[0] == 1.0 && normal[1] == 0.0);
+}
+
+static void test_roots_are_exact(void)
+{
+    double value;
+
+    for (value = 1e-12; value < 1e12; value *= 1.7) {
+        double root = vs_root(value), off = root * root / value - 1.0;
+
+        CHECK(off < 1e-14 && off > -1e-14);
+    }
+    CHECK(vs_root(0.0) == 0.0 && vs_root(-1.0) == 0.0);
+}
+
 static void test_trigonometry(void)
 {
     uint32_t random = 3;
@@ -191,7 +276,7 @@ static void test_trigonometry(void)
     int i;
 
     for (i = 0; i < 100000; i++) {
-        double angle = draw_between(&random, -1.0, 1.0) * (i % 2 ? 4.0 : VS_TRIG_MAX_RAD);
+        double angle = draw_between(&random, -1.0, 1.0) * (i % 2 ? 4.0 : VS_ANGLE_MAX_RAD);
         double wrapped = vs_wrap_angle(angle);
 
         vs_sin_cos(angle, &sine, &cosine);
@@ -210,9 +295,14 @@ int main(int argc, char *argv[])
 {
     uint32_t seed, seeds = argc > 1 ? (uint32_t)strtoul(argv[1], NULL, 10) : 300;
 
+    test_roots_are_exact();
     test_trigonometry();
+    test_a_point_in_a_box_is_at_a_negative_distance();
     test_a_pile_comes_apart();
-    for (seed = 0; seed < seeds; seed++)
+    for (seed = 0; seed < seeds; seed++) {
+        test_gaps_lead_to_outlines(seed);
+        test_pairs_hold_until_somebody_has_moved_far(seed);
         test_any_crowd(seed);
+    }
     return 0;
 }

@@ -7,7 +7,6 @@
 
 #include "check.h"
 #include "vs_rays.h"
-#include "vs_sight.h"
 
 #define BODIES 60
 #define LINES 400

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "check.h"
+#include "vs_bytes.h"
 #include "wire_vectors.h"
 
 #define COUNT(array) (sizeof(array) / sizeof((array)[0]))
@@ -172,6 +173,28 @@ static void test_crc(void)
     CHECK(vs_crc32((const uint8_t *)"", 0) == 0);
 }
 
+static void test_floats_are_ieee_754_single_little_endian(void)
+{
+    static const struct {
+        float value;
+        uint8_t bytes[4];
+    } golden[] = {
+        {1.0F, {0x00, 0x00, 0x80, 0x3F}},
+        {-0.0F, {0x00, 0x00, 0x00, 0x80}},
+        {0.3F, {0x9A, 0x99, 0x99, 0x3E}},
+    };
+    uint8_t cell[4];
+    size_t i;
+
+    for (i = 0; i < COUNT(golden); i++) {
+        float read = vs_load_f4(golden[i].bytes);
+
+        vs_store_f4(cell, golden[i].value);
+        CHECK(memcmp(cell, golden[i].bytes, sizeof cell) == 0);
+        CHECK(memcmp(&read, &golden[i].value, sizeof read) == 0);
+    }
+}
+
 static void test_every_error_has_its_line(void)
 {
     int err;
@@ -191,6 +214,7 @@ int main(void)
     size_t i;
 
     test_crc();
+    test_floats_are_ieee_754_single_little_endian();
     test_every_error_has_its_line();
     for (i = 0; i < COUNT(goldens); i++) {
         test_golden(&goldens[i]);

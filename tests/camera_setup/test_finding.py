@@ -20,8 +20,8 @@ from vsense.cameras.grabber import GrabberError
 from vsense.cameras.networks import Network
 from vsense.cameras.opencv_source import Controls
 from vsense.cameras.v4l2 import V4l2Device
-from vsense.config.tracking_specs import GENICAM
 from vsense.errors import UsageError
+from vsense.tracking.specs import GENICAM
 
 FIRST = Listed("Maker-A-1", GIGE, "192.168.10.11", "00:01", "Maker", "A", "1")
 SECOND = Listed("Maker-A-2", GIGE, "192.168.10.12", "00:02", "Maker", "A", "2")

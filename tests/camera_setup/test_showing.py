@@ -12,7 +12,7 @@ import pytest
 from tests.camera_setup.stage import Scripted
 from vsense.camera_setup import showing
 from vsense.camera_setup.opening import OpenCamera
-from vsense.config.tracking_specs import CAMERA, GrabberSpec
+from vsense.tracking.specs import CAMERA, GrabberSpec
 
 
 def test_ctrl_c_while_the_camera_opens_starts_no_page(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,8 +14,8 @@ from vsense.cameras.discovery import USB3, V4L2, Details, FoundCamera
 from vsense.cameras.genicam import GenicamSettings
 from vsense.cameras.opencv_source import Controls
 from vsense.config import resources, tracking_session
-from vsense.config.tracking_specs import GrabberSpec
 from vsense.errors import UsageError, VsenseError
+from vsense.tracking.specs import GrabberSpec
 
 WEBCAM = found(
     id="/dev/video0", kind=V4L2, address="usb-1", serial="", mac="", model="Webcam -- 2",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import cv2
@@ -178,6 +179,20 @@ def test_a_video_gives_its_pictures_in_any_order(film: Path) -> None:
         assert abs(float(recording.read(place).mean()) - (10 * place + 20)) < 2.0
     recording.close()
     recording.close()
+
+
+def test_pictures_stay_as_they_are_whatever_is_read_after_them(film: Path, tmp_path: Path) -> None:
+    for k in range(12):
+        image = np.full((48, 64), 10 * k + 20, np.uint8)
+        (tmp_path / f"{k}.png").write_bytes(encoded(".png", image))
+    for recording in (VideoRecording(film), DirectoryRecording(tmp_path)):
+        held = [recording.read(place) for place in range(12)]
+        before = [image.copy() for image in held]
+        for place in (*range(12), *range(12)):
+            recording.read(place)
+        recording.close()
+        assert all(np.array_equal(a, b) for a, b in zip(held, before))
+        assert not any(np.shares_memory(a, b) for a, b in pairwise(held))
 
 
 def test_a_videos_timestamps_may_be_a_table(film: Path, tmp_path: Path) -> None:

@@ -13,8 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense.cameras.grabber import Grabber, GrabberError, NoMorePictures
+from vsense.cameras.paced_grabber import PacedGrabber
 from vsense.cameras.picture import PictureError
-from vsense.cameras.recorded_grabber import PacedGrabber, RecordedGrabber, moments
+from vsense.cameras.recorded_grabber import RecordedGrabber, moments
 from vsense.cameras.recordings import CaptureTime
 
 SIZE = (4, 3)

@@ -9,8 +9,8 @@ import pytest
 from vsense.cameras.genicam import GenicamSettings
 from vsense.cameras.opencv_source import Controls
 from vsense.config import resources
-from vsense.config.tracking_specs import GrabberSpec
 from vsense.errors import ConfigError
+from vsense.tracking.specs import GrabberSpec
 
 FULL = """<arena_tracking_system><grabbers>
 <grabber id="g" type="genicam" device="192.168.10.11" width="640" height="480" frame_rate="10"

@@ -13,13 +13,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.config.tables import attributes
+from vsense.config import controllers
 from vsense.config.experiment import load, shipped
-from vsense.config.placement import place
+from vsense.config.placement import settle
 from vsense.config.specs import Experiment, Pose
 from vsense.errors import ConfigError, UsageError
 from vsense.link.robots.table import Table
 from vsense.link.robots.wire import Header, Hello, Welcome, encode
-from vsense.sensors import registry
 
 Read = Callable[..., Experiment]
 
@@ -209,7 +209,7 @@ def test_any_change_gives_an_experiment_or_one_error_with_its_place(
         cut = data.draw(st.integers(0, len(text)))
         text = text[:cut] + text[cut + data.draw(st.integers(0, 80)) :]
     try:
-        place(read_text(text), 1)
+        settle(read_text(text), 1)
     except ConfigError as error:
         assert error.file == "x.argos"
         assert 1 <= error.line <= text.count("\n") + 1
@@ -306,11 +306,18 @@ def test_the_shipped_pollution_experiment_is_chapter_five() -> None:
     assert len(experiment.boxes) == 4
 
 
+def offer(monkeypatch: pytest.MonkeyPatch, sensors: dict[str, controllers.Factory]) -> None:
+    """Has these sensors be all that there are."""
+    shipped = controllers.factories
+    known = {controllers.SENSORS: sensors, controllers.ACTUATORS: shipped(controllers.ACTUATORS)}
+    monkeypatch.setattr(controllers, "factories", known.__getitem__)
+
+
 def test_two_sensors_of_one_name_are_refused(
     read_text: Read, example: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pollutant = registry.factories()[SENSOR]
-    monkeypatch.setattr(registry, "factories", lambda: {SENSOR: pollutant, "again": pollutant})
+    pollutant = controllers.factories(controllers.SENSORS)[SENSOR]
+    offer(monkeypatch, {SENSOR: pollutant, "again": pollutant})
     error = refused(read_text, example.replace("</sensors>", "<again/></sensors>"))
     assert "the sensor 'pollutant' is there already, in line 13" in error.message
 
@@ -319,11 +326,11 @@ def test_two_sensors_of_one_name_are_refused(
 def test_a_sensor_that_no_datagram_has_room_for_is_refused_at_its_line(
     read_text: Read, example: str, monkeypatch: pytest.MonkeyPatch, layout: str, fits: int
 ) -> None:
-    factories = dict(registry.factories())
+    factories = dict(controllers.factories(controllers.SENSORS))
     for n in range(fits + 1):
         sensor = SimpleNamespace(name=f"wide{n}", layout=layout)
         factories[f"wide{n}"] = lambda element, scope, sensor=sensor: sensor
-    monkeypatch.setattr(registry, "factories", lambda: factories)
+    offer(monkeypatch, factories)
 
     def mounting(count: int) -> str:
         more = "".join(f"\n<wide{n}/>" for n in range(count))

@@ -12,10 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense.config.experiment import load
-from vsense.config.placement import MIN_GAP_M, Footprint, of_entity, of_robot, place, settle
-from vsense.config.specs import BODY_RADIUS_M, Experiment, Pose
+from vsense.config.placement import MIN_GAP_M, Footprint, of_entity, of_robot, settle
+from vsense.config.specs import Experiment, Pose
 from vsense.errors import ConfigError
-from vsense.world.entities import Box, Cylinder, Entity, Light
+from vsense.world.entities import BODY_RADIUS_M, Box, Cylinder, Entity, Light
 
 Read = Callable[..., Experiment]
 
@@ -24,6 +24,13 @@ def footprint(entity: Entity) -> Footprint:
     found = of_entity(entity)
     assert found is not None
     return found
+
+
+def place(experiment: Experiment, seed: int) -> dict[int, Pose]:
+    """The settled poses of all robots and objects, by tag."""
+    settled = settle(experiment, seed)
+    bodies = (*settled.robots, *settled.objects)
+    return {body.tag: body.pose for body in bodies if body.pose is not None}
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,8 @@ import pytest
 
 from vsense.cameras.camera import Camera
 from vsense.config import resources, tracking_session
-from vsense.config.tracking_specs import TrackerSpec
 from vsense.recording.pictures import SCHEMAS, one_tracker, tag_ranges, write_session_files
+from vsense.tracking.specs import TrackerSpec
 from vsense.xml.element import Element
 from vsense.xml.parsing import parse
 

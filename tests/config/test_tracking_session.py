@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from vsense.cameras.camera import Camera
 from vsense.cameras.opencv_source import Controls
 from vsense.config import resources, tracking_session
-from vsense.config.tracking_specs import TrackingSession
 from vsense.errors import ConfigError, UsageError, VsenseError
+from vsense.tracking.specs import TrackingSession
 
 RESOURCES = """<?xml version="1.0" ?>
 <arena_tracking_system xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"

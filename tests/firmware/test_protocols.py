@@ -179,6 +179,9 @@ def test_messages_are_read_register_by_register(said: Any, size: int) -> None:
     assert lib.epuck_rab_get(bytes(held[registers[i]] for i in range(count[0])), size, read) == 0
     assert list(read.data) == data[:size] + [0] * (4 - size)
     assert (read.bearing_e4rad, read.range_raw) == (bearing, distance)
+    again = ffi.new("uint8_t[]", count[0])
+    lib.epuck_rab_put(read, size, again)
+    assert bytes(again) == bytes(held[registers[i]] for i in range(count[0]))
 
 
 def test_a_bearing_beyond_pi_is_no_bearing() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from tests.gige.faults import VICTIM
 from tests.gige.network import CAMERAS, RATE_HZ, SIZE_PX, GigeCameras
 from tests.gige.watch import Watch
 from vsense.cameras.aravis import listed
+from vsense.cameras.aravis_stream import BUFFERS
 from vsense.cameras.genicam import GenicamSettings, GenicamSource
 from vsense.cameras.opencv_source import Controls
 
@@ -50,6 +52,24 @@ def test_brightness_follows_exposure_and_gain(rig: GigeCameras) -> None:
     assert half.mean() == pytest.approx(0.5 * scene.mean(), rel=0.03)
     bayer = picture(source(rig, 4000, 6, "BayerRG8"))
     assert bayer.mean() == pytest.approx(scene.mean(), rel=0.03), "the world is grey"
+
+
+def test_pictures_stay_as_they_are_however_many_are_kept(rig: GigeCameras) -> None:
+    """A buffer that is lent is not filled again; where too many are lent a copy is given."""
+    rig.start(0)
+    camera = source(rig, 8000, 0)
+    assert camera.open() == []
+    try:
+        kept = [
+            (image, image.copy()) for image in (camera.read().image for _ in range(2 * BUFFERS))
+        ]
+        assert all(np.array_equal(image, before) for image, before in kept)
+    finally:
+        camera.close()
+    assert all(np.array_equal(image, before) for image, before in kept)
+    assert not any(np.array_equal(a, b) for (a, _), (b, _) in pairwise(kept)), "they have noise"
+    lent = sum(not image.flags.owndata and image.base is not None for image, _ in kept)
+    assert 0 < lent < len(kept)
 
 
 def test_two_cameras_with_one_address_are_both_named(rig: GigeCameras, tmp_path: Path) -> None:

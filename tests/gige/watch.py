@@ -3,17 +3,29 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from tests.gige.network import MIDDLE, MIDDLES, GigeCameras
 from vsense.arena import ArenaState, Frame
-from vsense.cameras.grabber import CameraEvent, GrabberError
-from vsense.config.tracking_build import build
+from vsense.cameras.grabber import CameraEvent, GrabberError, Troubles
 from vsense.config.tracking_session import load
+from vsense.tracking.opening import open_tracking
 
 PATIENCE_S = 60.0
 STEP_S = 0.5
+
+
+class Noted(Troubles):
+    """What happens to cameras, all of it kept."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.events: list[CameraEvent] = []
+
+    def lines(self, events: Iterable[CameraEvent]) -> list[str]:
+        self.events += events
+        return []
 
 
 class Watch:
@@ -32,8 +44,9 @@ class Watch:
         """Opens all four cameras; the settings are more attributes of every <grabber>."""
         resources, experiment = rig.files(folder, MIDDLE | settings, cameras=MIDDLES)
         session = load(resources, experiment)
-        self._tracking = build(session, time.monotonic_ns, offline=False)
-        self.events: list[CameraEvent] = []
+        noted = Noted()
+        self.events = noted.events
+        self._tracking = open_tracking(session, time.monotonic_ns, print, troubles=noted)
         self.frames = {camera.id: 0 for camera in rig.cameras}
         self.spreads_ms: list[float] = []
         self.state: ArenaState | None = None
@@ -41,11 +54,11 @@ class Watch:
     def step(self) -> None:
         """Takes one timestep, if there is one."""
         try:
-            self.state, frames, events = self._tracking.step(STEP_S)
+            self.state, frames = self._tracking.next(STEP_S)
         except GrabberError:
             # No camera at all is there: what happened to them is told all the same.
-            frames, events = [], self._tracking.grabber.events()
-        self.events += events
+            frames = []
+        self._tracking.check_cameras()
         for frame in frames:
             self.frames[frame.camera] += 1
         if len(frames) == len(self.frames):

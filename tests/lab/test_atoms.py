@@ -23,7 +23,7 @@ from vsense.lab.microcontrollers import read_actuations
 from vsense.lab.physics_process import FLUSH_TICKS, TICK_NS, PhysicsProcess, PhysicsSpec
 from vsense.lab.shared import LabError, SharedBlock
 from vsense.lab.truth import TruthReader, make_ring
-from vsense.world.physics import STEP_M
+from vsense.physics.motion import STEP_M
 
 EPOCH_NS = 5_000_000_000
 PATIENCE_S = 20.0

@@ -102,6 +102,7 @@ def test_perfect_run_is_perfect() -> None:
     assert latency == {
         "capture_to_arena": 15,
         "arena_to_sent": 1,
+        "capture_to_sent": 16,
         "capture_to_robot": 17,
         "capture_to_control": 25,
         "capture_to_wheels": 26,

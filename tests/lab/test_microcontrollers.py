@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 
 from vsense.lab.microcontrollers import Actuation, ActuationLog, Microcontrollers, read_actuations
 from vsense.lab.shared import LabError
-from vsense.world.proximity_ring import AMBIENT_RAW
+from vsense.robot.inprocess import AMBIENT_RAW
 
 BYTE_NS = 86_806
 ACTUATOR_BYTES, SENSOR_BYTES = 12, 72

@@ -94,7 +94,11 @@ def test_a_half_written_record_is_never_believed(written: int, seed: int) -> Non
     writer.write(SLOTS + 2, rng.normal(size=(16, 3)), rng.integers(0, 1024, 16))
     whole = slot.copy()
     slot[written:] = overwritten[written:]
-    if (slot != whole).any():
+    torn = bool((slot != whole).any())
+    newest = SLOTS + 1 if torn else SLOTS + 2
+    assert reader.newest_ns() == newest, "a writer that is held up holds up nobody"
+    reader.at(newest)
+    if torn:
         with pytest.raises(LabError, match=r"broken|it holds"):
             reader.at(SLOTS + 2)
     slot[:] = whole

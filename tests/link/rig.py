@@ -12,9 +12,9 @@ import threading
 import time
 from collections.abc import Callable
 
+from tests.wire.robot_session import Event, RobotSession
 from vsense.link.robots.server import LinkEvent, VirtualSensorServer
 from vsense.link.robots.table import Direction, Entry, Table
-from vsense.link.robots.testing import RobotEvent, RobotSession
 from vsense.link.robots.wire import PACKET_MAX, GoodbyeCause, Telemetry, Values
 
 PATIENCE_S = 20.0
@@ -113,7 +113,7 @@ class Robot:
 
     def __init__(self, server: Server, tag: int, uid: bytes | None = None) -> None:
         self.session = RobotSession(uid or bytes([tag % 256]) * 16, tag)
-        self.events: list[RobotEvent] = []
+        self.events: list[Event] = []
         self.udp_open = True
         self._server = server
         self.udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -170,7 +170,7 @@ class Robot:
         """Waits for the STATE of a timestep."""
         self.until(lambda: self.session.c.timestep == timestep)
 
-    def event(self, event: RobotEvent) -> None:
+    def event(self, event: Event) -> None:
         """Waits until the session has told this event."""
         self.until(lambda: event in self.events)
 

@@ -14,13 +14,13 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import count
 
+from tests.wire.robot_session import Event, RobotSession
 from vsense.link.robots.roster import Roster
 from vsense.link.robots.session import HostSession, Orders
 from vsense.link.robots.status import LinkEvent
 from vsense.link.robots.streams import Inbox
 from vsense.link.robots.table import Direction, Entry, Table
-from vsense.link.robots.testing import RobotEvent, RobotSession
-from vsense.link.robots.wire import Telemetry, Wanted
+from vsense.link.robots.wire import Telemetry, Wanted, open_packet
 
 MS = 1_000_000
 S = 1000 * MS
@@ -76,7 +76,7 @@ class Robot:
         self.session = RobotSession(b"u" * 16, TAG)
         self.offset_ns = offset_ns
         self.seen: list[tuple[int, int, int]] = []
-        self.events: list[RobotEvent] = []
+        self.events: list[Event] = []
         self.due_ns = 0
         self.control_step = 0
         self.pushes = 0
@@ -86,13 +86,13 @@ class Robot:
         self.session = RobotSession(b"u" * 16, TAG)
         self.control_step = self.pushes = 0
 
-    def heard(self, events: list[RobotEvent], now_ns: int) -> None:
+    def heard(self, events: list[Event], now_ns: int) -> None:
         """Acts on events; now_ns is the host's clock."""
         self.events += events
         session = self.session
-        if RobotEvent.OPEN in events:
+        if Event.OPEN in events:
             self.due_ns = now_ns
-        if RobotEvent.STATE not in events:
+        if Event.STATE not in events:
             return
         c = session.c
         self.seen.append((c.peer.session, c.peer.rx_sequence, c.capture_ns))
@@ -244,7 +244,7 @@ class Simulation:
         self.robot.heard(self.robot.session.tcp_in(data, self._robot_ns()), self.now_ns)
 
     def _udp_to_host(self, source: tuple[str, int], packet: bytes) -> None:
-        _, events = self.host.receive(packet, source, self.now_ns)
+        _, events = self.host.receive(*open_packet(packet), source, self.now_ns)
         self.events += events
         if self.host.open and self.host.due_ns <= self.now_ns:
             self._send()
@@ -253,7 +253,7 @@ class Simulation:
         self._inbox.feed(data)
         while (packet := self._inbox.next()) is not None:
             if self._greeted == self._connection:
-                self.events += self.host.receive(packet, None, self.now_ns)[1]
+                self.events += self.host.receive(*open_packet(packet), None, self.now_ns)[1]
                 continue
             self._greeted = self._connection
             answer = self.roster.greet(packet, "the test", self.now_ns)

@@ -77,7 +77,7 @@ def first_state(tracker: OldTracker, begin: Callable[[], Coming]) -> ArenaState:
 def in_run(tracker: OldTracker, client: ArenaClient, begin: Callable[[], Coming]) -> Coming:
     """Plays a conversation up to START_EXPERIMENT; the next state is being waited for."""
     first_state(tracker, begin)
-    client.start_run()
+    client.start()
     coming = begin()
     assert tracker.command() == START
     return coming
@@ -118,7 +118,7 @@ def test_a_run_is_started_streamed_and_stopped(
     coming = begin()
     tracker.send(f"4 {ROBOT}")
     assert coming.result()[0].timestep == first.timestep + 3
-    client.stop_run()
+    client.stop()
     coming = begin()
     assert tracker.command() == STOP
     tracker.send(f"5 {ROBOT}")
@@ -293,15 +293,15 @@ def test_our_server_and_our_client_agree(told: Told) -> None:
     server.publish(state(5, (23, 0.1, 0.2, 3.1), (99, 0.0, 0.0, 0.0)))
     first, frames = client.next(PATIENCE_S)
     assert first.robots["tag"].tolist() == [23] and first.unnamed == 1 and frames == ()
-    client.start_run()
+    client.start()
     watch = Watch(client, Clock())
     watch.start()
     assert server.wait_for_run(PATIENCE_S)
     for timestep in range(6, 16):
         server.publish(state(timestep, (23, 0.001 * timestep, 0.2, -3.1), (24, 1.0, 1.0, 0.0)))
-    newest = watch.next(PATIENCE_S)[0].state
+    newest = watch.next(PATIENCE_S).state
     while newest.robots["x_m"][0] < 0.015:
-        newest = watch.next(PATIENCE_S)[0].state
+        newest = watch.next(PATIENCE_S).state
     assert newest.robots["tag"].tolist() == [23, 24]
     assert newest.robots["yaw_rad"][0] == pytest.approx(-3.1, abs=1e-4)
     assert client.counters.states == 11

@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from tests.link.rig import MS, PATIENCE_S, TABLE, Clock, Frozen, Robot, Server, reading
+from tests.wire.robot_session import Event, RobotSession
 from vsense.link.robots.links import HELLO_NS, STRANGERS
 from vsense.link.robots.server import LinkError, LinkEvent, VirtualSensorServer
-from vsense.link.robots.testing import RobotEvent, RobotSession
 from vsense.link.robots.wire import (
     GoodbyeCause,
     Header,
@@ -132,7 +132,7 @@ def test_defect_04_a_stuck_robot_delays_nobody_and_piles_nothing_up(
     assert works(still, two, timestep + 1)
     one.timestep(timestep + 1)  # reads at last: whole packets, and the newest one among them
     assert one.value() == 1.0
-    assert RobotEvent.GOODBYE not in one.events
+    assert Event.GOODBYE not in one.events
 
 
 def test_a_silent_robot_is_told_and_the_other_goes_on(
@@ -179,7 +179,7 @@ def test_a_robot_that_breaks_the_protocol_is_named_and_may_come_again(
     packet = bytearray(one.session.telemetry(one.now_ns()))
     packet[60] ^= 1
     one.tcp.sendall(packet)
-    one.event(RobotEvent.GOODBYE)
+    one.event(Event.GOODBYE)
     assert one.session.notice.code == GoodbyeCause.PROTOCOL
     text = still.wait("protocol_error", 1).text
     assert text.startswith("robot 1 (epuck_1): broke the protocol: ")
@@ -193,7 +193,7 @@ def test_a_second_hello_on_one_connection_breaks_the_protocol(
 ) -> None:
     one = robot(still, 1).join()
     one.tcp.sendall(RobotSession(b"\1" * 16, 1).connect(one.now_ns()))
-    one.event(RobotEvent.GOODBYE)
+    one.event(Event.GOODBYE)
     still.wait("protocol_error", 1)
 
 
@@ -255,7 +255,7 @@ def test_an_unknown_tag_is_refused_and_both_sides_say_so(
     still: Server, robot: MakeRobot, tag: int
 ) -> None:
     one = robot(still, tag).connect()
-    one.event(RobotEvent.REFUSED)
+    one.event(Event.REFUSED)
     assert one.session.notice.code == RefuseCode.TAG_UNKNOWN
     text = f"tag {tag} is not in this experiment; expected: 1, 2"
     assert one.session.notice.text == text
@@ -315,7 +315,7 @@ def test_used_up_sequence_numbers_renew_the_session(
     one = robot(still, 1).join()
     still.server._roster.robots[1].peer._peer.tx_sequence = lib.VS_SEQUENCE_MAX - 10
     frozen.advance(50 * MS)
-    one.event(RobotEvent.GOODBYE)
+    one.event(Event.GOODBYE)
     assert one.session.notice.code == GoodbyeCause.RENEW
     one.join()
     assert works(still, one, 1)

@@ -10,11 +10,11 @@ from collections.abc import Iterator
 import pytest
 
 from tests.link.rig import PATIENCE_S, TABLE, Frozen
+from tests.wire.robot_session import RobotSession
 from vsense.link.robots.links import FINISH_NS, ServerState
 from vsense.link.robots.network import IDLE_NS, Ports, ServerThread, bind
 from vsense.link.robots.roster import Roster
 from vsense.link.robots.status import LinkEvent
-from vsense.link.robots.testing import RobotSession
 from vsense.link.robots.wire import GoodbyeCause
 
 

@@ -8,8 +8,8 @@ from collections.abc import Callable
 import pytest
 
 from tests.link.rig import MS, TABLE, Frozen, Robot, S, Server, reading
+from tests.wire.robot_session import Event
 from vsense.link.robots.server import LinkError, VirtualSensorServer
-from vsense.link.robots.testing import RobotEvent
 from vsense.link.robots.wire import GoodbyeCause, StopCause, Telemetry, Wanted
 from vsense.native import WireError
 
@@ -174,7 +174,7 @@ def test_defect_03_a_robot_that_reconnects_in_mid_run_has_its_data_at_once(
 def test_the_same_robot_takes_its_session_over(server: Server, robot: MakeRobot) -> None:
     old = robot(server, 1).join()
     new = robot(server, 1).join()
-    old.event(RobotEvent.GOODBYE)
+    old.event(Event.GOODBYE)
     assert old.session.notice.code == GoodbyeCause.TAKEN_OVER
     server.wait("takeover", 1)
     server.server.publish(3, server.clock(), {})
@@ -186,7 +186,7 @@ def test_another_robot_with_the_same_tag_is_refused_and_both_sides_say_so(
 ) -> None:
     robot(still, 1).join()
     thief = robot(still, 1, uid=b"thief" + bytes(11)).connect()
-    thief.event(RobotEvent.REFUSED)
+    thief.event(Event.REFUSED)
     assert thief.session.notice.text == still.wait("refused", 1).text.split("127.0.0.1: ")[1]
     assert "tag 1 is in use by another robot" in thief.session.notice.text
     assert still.server.robots()[1].uid == b"\1" * 16
@@ -227,7 +227,7 @@ def test_the_host_says_goodbye(server: Server, robot: MakeRobot) -> None:
     one = robot(server).join()
     closing = threading.Thread(target=server.server.close, args=(GoodbyeCause.END, "good night"))
     closing.start()
-    one.event(RobotEvent.GOODBYE)
+    one.event(Event.GOODBYE)
     assert one.session.notice.text == "good night"
     one.close()
     closing.join()

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.link.simulation import CALM, HOUR_NS, MS, TABLE, TAG, S, Simulation, Weather
+from tests.wire.robot_session import Event
 from vsense.link.robots.session import HEARTBEAT_NS, HostSession, Orders
-from vsense.link.robots.testing import RobotEvent
-from vsense.link.robots.wire import Wanted
+from vsense.link.robots.wire import Wanted, open_packet
 
 weathers = st.builds(
     Weather,
@@ -148,7 +148,7 @@ def test_blocked_udp_goes_over_tcp_and_comes_back(down: bool, up: bool) -> None:
     simulation.run(S)
     assert told(simulation) == ["connected", "no_udp", "udp_back"]
     assert simulation.host.status(simulation.now_ns).udp
-    assert RobotEvent.UDP_LOST in simulation.robot.events  # both ends say so
+    assert Event.UDP_LOST in simulation.robot.events  # both ends say so
     assert not simulation.robot.session.c.udp_lost
 
 
@@ -181,9 +181,9 @@ def test_datagrams_go_where_the_newest_accepted_one_came_from() -> None:
     simulation = Simulation(1)
     simulation.run(S)
     packet = simulation.robot.session.telemetry(simulation.now_ns)
-    accepted, _ = simulation.host.receive(packet, ("elsewhere", 9), simulation.now_ns)
+    accepted, _ = simulation.host.receive(*open_packet(packet), ("elsewhere", 9), simulation.now_ns)
     assert accepted and simulation.host.address == ("elsewhere", 9)
-    accepted, _ = simulation.host.receive(packet, ("a thief", 9), simulation.now_ns)
+    accepted, _ = simulation.host.receive(*open_packet(packet), ("a thief", 9), simulation.now_ns)
     assert not accepted and simulation.host.address == ("elsewhere", 9)
 
 

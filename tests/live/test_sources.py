@@ -44,10 +44,10 @@ class Script:
             raise act
         return state(act, timestep=4711), ()
 
-    def start_run(self) -> None:
+    def start(self) -> None:
         self.calls.append("start")
 
-    def stop_run(self) -> None:
+    def stop(self) -> None:
         self.calls.append("stop")
 
     def close(self) -> None:
@@ -88,8 +88,8 @@ def test_closing_ends_a_wait() -> None:
         source.close()
         with pytest.raises(LinkError, match="closed"):
             coming.result(PATIENCE_S)
-    source.start_run()
-    source.stop_run()
+    source.start()
+    source.stop()
     assert script.calls == ["close", "start", "stop"]
     assert source.figures() == {"kind": "lines", "name": "a script", "states": 3}
 

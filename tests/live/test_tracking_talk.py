@@ -7,7 +7,7 @@ import io
 import numpy as np
 
 from vsense.arena import POSE, ArenaState
-from vsense.cameras.grabber import CameraEvent
+from vsense.cameras.grabber import CameraEvent, Troubles
 from vsense.live.track import Talk
 from vsense.terminal import Console
 from vsense.tracking.arena_tracker import TrackerCounters
@@ -20,12 +20,6 @@ def state(timestep: int, *joined: int) -> ArenaState:
 def talk(timesteps: int | None = None) -> tuple[Talk, io.StringIO]:
     heard, ticks = io.StringIO(), iter(range(0, 10**12, 10**8))
     return Talk(Console(heard), lambda: next(ticks), timesteps), heard
-
-
-def test_camera_trouble_is_told_as_it_comes() -> None:
-    talking, heard = talk()
-    talking.events([CameraEvent("cam 7", "moved", "has moved by 3.6 px")])
-    assert heard.getvalue() == "vsense: camera cam 7: has moved by 3.6 px\n"
 
 
 def test_who_joins_is_told_once() -> None:
@@ -41,11 +35,14 @@ def test_who_joins_is_told_once() -> None:
 def test_the_summary_says_all_that_was_dropped_and_nothing_that_was_not() -> None:
     talking, heard = talk()
     talking.timestep(state(1), 2)
-    talking.summary(5, TrackerCounters(old_frames=3, overflows=2, out_of_reach=4))
+    troubles, froze = Troubles(), CameraEvent("cam 7", "frozen", "froze")
+    troubles.lines([froze] * 4)
+    talking.summary(5, TrackerCounters(old_frames=3, overflows=2, out_of_reach=4), troubles)
     said = heard.getvalue()
     assert "1 timesteps, 2 pictures" in said
     assert "5 timesteps were left out to keep pace" in said
     assert "3 pictures older than the newest were dropped" in said
     assert "2 pictures held more than the detector's tables" in said
     assert "4 sightings were out of their robot's reach" in said
+    assert "camera cam 7: 4 times frozen" in said
     assert "delivered already" not in said and "two places" not in said

@@ -8,6 +8,7 @@ import os
 import shutil
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -64,6 +65,9 @@ def test_wheel_from_sdist_runs_the_lab_without_its_sources(tmp_path: Path) -> No
     run(sys.executable, "-m", "pip", "wheel", "--no-deps", "-w", tmp_path, sdist)
     (wheel,) = tmp_path.glob("*.whl")
     assert "-abi3-" in wheel.name
+    carried = zipfile.ZipFile(wheel).namelist()
+    assert "vsense/_sources/c_src/vs_session.c" in carried
+    assert not [name for name in carried if "/host/" in name], "no robot runs the kernels"
 
     run(sys.executable, "-m", "venv", tmp_path / "venv")
     run(tmp_path / "venv/bin/pip", "install", wheel)

@@ -13,11 +13,10 @@ from vsense.arena import POSE, ArenaState
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment
 from vsense.pictures import arena_view, chart, story
-from vsense.pictures.album import RunSamples
 from vsense.pictures.arena_view import DARK, LIT, VIRTUAL, WIDTH_PX, ArenaMoment
 from vsense.pictures.canvas import SCALE, Canvas
 from vsense.pictures.chart import Chart, ChartSeries
-from vsense.pictures.painting import paint
+from vsense.pictures.painting import Album, paint
 from vsense.world.entities import Box, Cylinder, Light, VirtualRobot, Zone
 from vsense.world.fields import Field
 from vsense.world.world import World
@@ -136,8 +135,8 @@ def test_chart_draws_a_constant_and_negative_values() -> None:
     assert reds.any()
 
 
-def run_album(experiment: Experiment, timesteps: range) -> RunSamples:
-    album, world = RunSamples(experiment), make_world(experiment)
+def run_album(experiment: Experiment, timesteps: range) -> Album:
+    album, world = Album(experiment), make_world(experiment)
     for timestep in timesteps:
         world.results["half"] = timestep / 2.0
         world.results["always"] = 3.0
@@ -171,7 +170,7 @@ def test_missed_timestep_shows_the_one_before_and_a_short_run_shows_its_end(
     experiment: Experiment,
 ) -> None:
     lived = [t for t in range(100) if t != 49]
-    album, world = RunSamples(experiment), make_world(experiment)
+    album, world = Album(experiment), make_world(experiment)
     for timestep in lived:
         album.look(timestep, world)
     album.end(world)

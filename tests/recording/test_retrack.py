@@ -13,7 +13,6 @@ from tests.recording.conftest import record
 from tests.recording.scene import CAMERAS, FAMILY, HEIGHTS_M, STRANGER, TIMESTEPS, frames
 from vsense.arena import arena_data
 from vsense.config import tracking_session
-from vsense.config.tracking_build import build
 from vsense.errors import UsageError, VsenseError
 from vsense.markers.families import load_family
 from vsense.message_bus import Message, MessageBus
@@ -26,6 +25,7 @@ from vsense.recording.retrack import RetrackComparison, Retracking
 from vsense.recording.tracker_made import change_settings
 from vsense.tracking import memory as tracker_memory
 from vsense.tracking.arena_tracker import ArenaTracker
+from vsense.tracking.opening import open_tracking
 
 Change = Callable[[dict[str, Any]], dict[str, Any]]
 MADE = tracker_made.of_family(CAMERAS, FAMILY, HEIGHTS_M)
@@ -104,7 +104,7 @@ def test_a_recording_may_begin_and_break_off_anywhere(
 def test_a_sessions_tracker_is_the_same_in_every_bit(tmp_path: Path) -> None:
     files = session_files(tmp_path / "session")
     session = tracking_session.load(*files)
-    tracking = build(session, lambda: 0, offline=True)
+    tracking = open_tracking(session, lambda: 0, print)
     path = track(tmp_path / "run.mcap", tracking.tracker, tracker_made.of_session(session), 3)
     tracking.close()
     compared = again(path)

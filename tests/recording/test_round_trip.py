@@ -14,9 +14,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
+import vsense
 from tests.recording.conftest import BEGIN_NS, picture, record
 from vsense.message_bus import Message, MessageBus
-from vsense.recording.form import RecordingError, schema
+from vsense.recording.form import ExperimentMessage, RecordingError, RunMessage, schema
 from vsense.recording.reader import open_recording
 from vsense.recording.recorder import Recorder
 from vsense.recording.waiting import Bounds
@@ -210,10 +211,31 @@ def test_many_threads_may_tell(tmp_path: Path) -> None:
             assert told == list(range(500))
 
 
+@pytest.mark.parametrize(
+    ("topic", "kind"), [("/experiment", ExperimentMessage), ("/run", RunMessage)]
+)
+def test_messages_are_described_field_by_field(
+    topic: str, kind: type[ExperimentMessage] | type[RunMessage]
+) -> None:
+    lines = (Path(vsense.__file__).parent / "web" / "MESSAGES.md").read_text().splitlines()
+    (line,) = (line for line in lines if line.startswith(f"| `{topic}` |"))
+    assert [name for name in kind.kinds() if f"`{name}`" not in line] == []
+
+
+def test_what_a_message_does_not_say_has_its_default() -> None:
+    data = {"state": 3, "late": True, "timestep": 4, "rate_hz": 10, "own": 1, "can": "all"}
+    assert RunMessage.read(data) == RunMessage(timestep=4, rate_hz=10)
+    whole = RunMessage(state="paused", can=["start"], latency_ms={"p50": 1.0, "p99": 2.0}, late=0)
+    assert RunMessage.read(json.loads(json.dumps(whole.data()))) == whole
+
+
 def test_every_topic_has_a_schema_that_is_one() -> None:
     for topic in ("/experiment", "/run", "/arena", "/own", "/gap", "/tracker"):
         name, text = schema(topic, blob=False)
         assert name == "vsense" + topic.replace("/", ".")
         assert json.loads(text)["type"] == "object"
+    known = json.loads(schema("/run", blob=False)[1])["properties"]
+    assert known["state"] == {"type": "string"} and known["can"] == {"type": "array"}
+    assert known["rate_hz"] == {"type": "number"} and known["latency_ms"] == {"type": "object"}
     fields = json.loads(schema("/picture/left", blob=True)[1])["properties"]
     assert fields["data"] == {"type": "string", "contentEncoding": "base64"}

@@ -31,6 +31,7 @@ from vsense.link.robots.wire import (
     Welcome,
     decode,
     encode,
+    open_packet,
     packet_length,
 )
 
@@ -205,9 +206,9 @@ class Host:
         self._connection.sendall(self._peer.encode(header, welcome, now_ns))
 
     def _hear(self, packet: bytes, udp: bool, now_ns: int) -> bool:
-        heard = self._peer.receive_telemetry(packet, udp, now_ns)
+        heard = self._peer.receive_telemetry(*open_packet(packet), udp, now_ns)
         if heard is not None:
-            self.telemetry.append(heard[1])
+            self.telemetry.append(heard)
         return heard is not None
 
 

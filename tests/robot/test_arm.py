@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import require_tool, require_zig
+from tests.kernels import test_c_suite as kernels
 from tests.robot import test_c_suite as robot
 from tests.wire import test_c_suite as wire
 from tests.wire.c_vectors import write_vectors
@@ -23,10 +24,9 @@ SUITES: dict[str, list[Path]] = {
     **robot.SUITES,
     "test_wire": wire.SESSION,
     "test_session": wire.SESSION,
-    "test_scan": [wire.C_SRC / "vs_err.c", *wire.KERNEL],
-    "test_rays": [wire.C_SRC / "vs_lens.c", *wire.RAYS],
-    "test_physics": [wire.C_SRC / "vs_lens.c", *wire.FLOOR],
+    **kernels.SUITES,
 }
+FOLDERS = ("c_src", "c_src/host", "robot", "firmware_bridge", "tests/c")
 RUNS = {name: str(max(int(count) // 30, 10)) for name, count in robot.RUNS.items()}
 RUNS |= {"test_physics": "30", "test_rays": "5"}
 """An emulated processor lives more slowly: fewer random worlds; of the crowds, every fifth."""
@@ -42,7 +42,7 @@ def test_c_suite_on_arm(name: str, tmp_path: Path) -> None:
     qemu = require_tool("qemu-arm", "qemu-user")
     require_zig()
     write_vectors(ROOT / "tests" / "golden" / "wire.json", tmp_path / "wire_vectors.h")
-    folders = [ROOT / folder for folder in ("c_src", "robot", "firmware_bridge", "tests/c")]
+    folders = [ROOT / folder for folder in FOLDERS]
     program = tmp_path / name
     compiler = toolchain(TARGETS["epuck"], cache_directory())
     done = compiler.run(

@@ -38,7 +38,6 @@ SUITES = {
     "robot_settings": [ROBOT / "settings.c"],
     "robot_number": [ROBOT / "number.c"],
     "robot_stop": [ROBOT / "guard.c", *BASES],
-    "robot_stop_i2c": [ROBOT / "guard.c", *BASES],
     "robot_loop": [TESTS / "robot_life.c", *MINDS, *PROTOCOL],
     "robot_inprocess": [
         *(ROBOT / f"{part}.c" for part in ("inprocess", "loop", "safety")),

@@ -67,7 +67,7 @@ class Stage:
         self.interrupted = threading.Event()
         self.said = io.StringIO()
         self.timestep = 0
-        self.calls = 0
+        self.calls = self.snapshots = 0
         self.first: int | None = None
         self.lived = -1
         self.runner = Runner(
@@ -140,6 +140,7 @@ class Stage:
 
     def robots(self) -> dict[int, RobotStatus]:
         """Stands in for `VirtualSensorServer.robots`."""
+        self.snapshots += 1
         return {
             r.tag: status(
                 r.tag, r.id, connected=r.tag in self.connected, **self.statuses.get(r.tag, {})

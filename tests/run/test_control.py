@@ -44,6 +44,164 @@ def running(played: Played) -> Played:
     return played
 
 
+SITUATIONS: dict[str, tuple[str, State, bool, bool]] = {
+    # how to get there, then state, whether a start and whether the next run is asked for
+    "waiting": ("", State.WAITING, False, False),
+    "waiting, asked": ("start", State.WAITING, True, False),
+    "ready": ("ready", State.READY, False, False),
+    "ready, asked": ("ready start", State.READY, True, False),
+    "running": ("begin", State.RUNNING, False, False),
+    "paused": ("begin pause", State.PAUSED, False, False),
+    "paused, asked": ("begin pause start", State.PAUSED, True, False),
+    "ended": ("begin end", State.ENDED, False, False),
+    "ended, asked": ("begin end start", State.ENDED, False, True),
+    "reset": ("begin reset", State.ENDED, False, True),
+    "emergency": ("begin emergency", State.EMERGENCY, False, False),
+    "early emergency": ("emergency", State.EMERGENCY, False, False),
+}
+
+HALTED = "EMERGENCY STOP: all robots stand still until a reset"
+
+WALK = """
+waiting         | start     | waiting, asked  | -     | run 1 starts
+waiting         | pause     | refused         | -     | cannot pause: run 1 is not running
+waiting         | stop      | refused         | -     | cannot stop: run 1 is not running
+waiting         | reset     | refused         | -     | cannot reset: run 1 is not running
+waiting         | emergency | early emergency | STOP  | HALTED
+waiting, asked  | start     | refused         | -     | Ann has asked for it already
+waiting, asked  | pause     | refused         | -     | cannot pause: run 1 is not running
+waiting, asked  | stop      | waiting         | -     | the start is withdrawn
+waiting, asked  | reset     | refused         | -     | cannot reset: run 1 is not running
+waiting, asked  | emergency | early emergency | STOP  | HALTED
+ready           | start     | ready, asked    | -     | run 1 starts
+ready           | pause     | refused         | -     | cannot pause: run 1 is not running
+ready           | stop      | refused         | -     | cannot stop: run 1 is not running
+ready           | reset     | refused         | -     | cannot reset: run 1 is not running
+ready           | emergency | early emergency | STOP  | HALTED
+ready, asked    | start     | refused         | -     | Ann has asked for it already
+ready, asked    | pause     | refused         | -     | cannot pause: run 1 is not running
+ready, asked    | stop      | ready           | -     | the start is withdrawn
+ready, asked    | reset     | refused         | -     | cannot reset: run 1 is not running
+ready, asked    | emergency | early emergency | STOP  | HALTED
+running         | start     | refused         | -     | run 1 is going on already
+running         | pause     | paused          | PAUSE | run 1 is paused
+running         | stop      | ended           | STOP  | run 1 is stopped
+running         | reset     | reset           | STOP  | reset: run 2 waits for a start
+running         | emergency | emergency       | STOP  | HALTED
+paused          | start     | paused, asked   | -     | run 1 goes on
+paused          | pause     | refused         | -     | cannot pause: run 1 is paused
+paused          | stop      | ended           | STOP  | run 1 is stopped
+paused          | reset     | reset           | STOP  | reset: run 2 waits for a start
+paused          | emergency | emergency       | STOP  | HALTED
+paused, asked   | start     | refused         | -     | Ann has asked for it already
+paused, asked   | pause     | paused          | -     | run 1 stays paused
+paused, asked   | stop      | ended           | STOP  | run 1 is stopped
+paused, asked   | reset     | reset           | STOP  | reset: run 2 waits for a start
+paused, asked   | emergency | emergency       | STOP  | HALTED
+ended           | start     | ended, asked    | -     | run 2 begins
+ended           | pause     | refused         | -     | cannot pause: run 1 is ended
+ended           | stop      | refused         | -     | cannot stop: run 1 is ended
+ended           | reset     | reset           | -     | reset: run 2 waits for a start
+ended           | emergency | emergency       | STOP  | HALTED
+ended, asked    | start     | refused         | -     | Ann has asked for it already
+ended, asked    | pause     | refused         | -     | cannot pause: run 1 is ended
+ended, asked    | stop      | ended           | -     | the start is withdrawn
+ended, asked    | reset     | reset           | -     | reset: run 2 waits for a start
+ended, asked    | emergency | emergency       | STOP  | HALTED
+reset           | start     | ended, asked    | -     | run 2 begins
+reset           | pause     | refused         | -     | cannot pause: run 1 is ended
+reset           | stop      | refused         | -     | cannot stop: run 1 is ended
+reset           | reset     | reset           | -     | reset: run 2 waits for a start
+reset           | emergency | emergency       | STOP  | HALTED
+emergency       | start     | refused         | -     | after an emergency stop: reset first
+emergency       | pause     | refused         | -     | cannot pause: run 1 is emergency
+emergency       | stop      | refused         | -     | cannot stop: run 1 is emergency
+emergency       | reset     | reset           | -     | reset: run 2 waits for a start
+emergency       | emergency | emergency       | STOP  | HALTED
+early emergency | start     | refused         | -     | after an emergency stop: reset first
+early emergency | pause     | refused         | -     | cannot pause: run 1 is emergency
+early emergency | stop      | refused         | -     | cannot stop: run 1 is emergency
+early emergency | reset     | waiting         | -     | reset: run 1 waits for a start
+early emergency | emergency | early emergency | STOP  | HALTED
+"""
+ROWS = [tuple(cell.strip() for cell in row.split("|")) for row in WALK.strip().splitlines()]
+
+SUSPENDED = "run 1 is suspended: start resumes it, reset ends it"
+
+
+def reach(situation: str, suspends: bool = False) -> Played:
+    """A run in a situation, in which nobody has said anything yet."""
+    played = Played(suspends=suspends)
+    steps = {
+        "begin": played.begin,
+        "ready": played.control.ready,
+        "end": lambda: played.control.end("time"),
+    }
+    for step in SITUATIONS[situation][0].split():
+        steps[step]() if step in steps else played.give(OrderKind(step))
+    played.commands.clear()
+    played.said.clear()
+    assert_in(played, situation)
+    return played
+
+
+def assert_in(played: Played, situation: str) -> None:
+    control = played.control
+    assert (control.state, control.asked, control.next_asked) == SITUATIONS[situation][1:]
+    offered = {OrderKind(row[1]) for row in ROWS if row[0] == situation and row[2] != "refused"}
+    assert played.can == offered
+
+
+def test_the_walk_meets_every_order_in_every_situation() -> None:
+    kinds = ("start", "pause", "stop", "reset", "emergency")
+    assert [row[:2] for row in ROWS] == [(each, kind) for each in SITUATIONS for kind in kinds]
+    assert {found[1] for found in SITUATIONS.values()} == set(State)
+
+
+@pytest.mark.parametrize(
+    ("situation", "kind", "then", "command", "text"), ROWS, ids=[f"{r[0]}: {r[1]}" for r in ROWS]
+)
+def test_what_every_order_does(
+    situation: str, kind: str, then: str, command: str, text: str
+) -> None:
+    played, said = reach(situation), HALTED if text == "HALTED" else text
+    if then == "refused":
+        before = played.control.by
+        with pytest.raises(OrderError) as refused:
+            played.give(OrderKind(kind), "Bob")
+        assert str(refused.value) == said
+        assert_in(played, situation)
+        assert (played.said, played.commands, played.control.by) == ([], [], before)
+        return
+    assert played.give(OrderKind(kind), "Bob") == said
+    assert_in(played, then)
+    assert (played.said, played.control.by) == ([f"Bob: {said}"], "Bob")
+    assert played.commands == ([] if command == "-" else [Wanted[command]])
+
+
+@pytest.mark.parametrize("situation", ["running", "paused", "paused, asked"])
+def test_where_stop_suspends_a_start_resumes(situation: str) -> None:
+    played = reach(situation, suspends=True)
+    assert played.give(OrderKind.STOP) == SUSPENDED
+    assert played.commands == [Wanted.STOP]
+    assert_in(played, "paused")
+
+
+@pytest.mark.parametrize("situation", SITUATIONS)
+def test_in_every_situation_a_recording_can_be_switched_and_no_replay_steered(
+    situation: str,
+) -> None:
+    played = reach(situation)
+    for kind in (OrderKind.PLAY, OrderKind.SPEED, OrderKind.SEEK):
+        with pytest.raises(OrderError, match="only a replay"):
+            played.give(kind)
+    played.control.record = lambda on: f"recording {on}"
+    assert played.give(OrderKind.RECORD, value=1) == "recording True"
+    assert OrderKind.RECORD in played.can
+    played.control.record = None
+    assert_in(played, situation)
+
+
 def test_a_run_that_is_waited_for_can_be_started_early(played: Played) -> None:
     assert played.control.state == State.WAITING and not played.control.asked
     assert played.give(OrderKind.START) == "run 1 starts"
@@ -92,26 +250,12 @@ def test_reset_ends_the_run_and_the_next_one_waits(running: Played) -> None:
     assert running.control.state == State.READY
 
 
-@pytest.mark.parametrize("before", list(State))
-def test_an_emergency_stop_always_works_and_only_a_reset_ends_it(before: State) -> None:
-    played = Played()
-    played.begin()
-    played.control.state = before
-    assert OrderKind.EMERGENCY in played.can
-    played.give(OrderKind.EMERGENCY)
-    assert played.commands == [Wanted.STOP] and played.control.state == State.EMERGENCY
-    assert not played.begin() and played.starts == 1
-    for kind in (OrderKind.START, OrderKind.PAUSE, OrderKind.STOP):
-        with pytest.raises(OrderError):
-            played.give(kind)
-    played.control.next_run()
-    assert played.control.state == State.EMERGENCY, "no new run ends it"
-
-
-def test_an_emergency_before_the_run_costs_no_run(played: Played) -> None:
-    played.give(OrderKind.EMERGENCY)
-    assert played.give(OrderKind.RESET) == "reset: run 1 waits for a start"
-    assert played.control.state == State.WAITING and not played.control.next_asked
+def test_no_new_run_ends_an_emergency(running: Played) -> None:
+    running.give(OrderKind.EMERGENCY)
+    assert running.control.why == "emergency stop by Ann"
+    assert not running.begin() and running.starts == 1
+    running.control.next_run()
+    assert running.control.state == State.EMERGENCY
 
 
 def test_a_run_that_suspends_is_resumed_where_it_was() -> None:
@@ -125,19 +269,6 @@ def test_a_run_that_suspends_is_resumed_where_it_was() -> None:
     assert played.control.state == State.ENDED
 
 
-@pytest.mark.parametrize("kind", [OrderKind.PAUSE, OrderKind.STOP, OrderKind.RESET])
-def test_before_the_run_there_is_nothing_to_end(played: Played, kind: OrderKind) -> None:
-    with pytest.raises(OrderError, match=f"cannot {kind.value}: run 1 is not running"):
-        played.give(kind)
-    assert played.commands == [] and played.said == [] and played.control.by is None
-
-
-@pytest.mark.parametrize("kind", [OrderKind.PLAY, OrderKind.SPEED, OrderKind.SEEK])
-def test_what_only_a_replay_can_do_is_refused(played: Played, kind: OrderKind) -> None:
-    with pytest.raises(OrderError, match="only a replay"):
-        played.give(kind)
-
-
 def test_recording_is_switched_where_there_is_something_to_switch(played: Played) -> None:
     assert OrderKind.RECORD not in played.can
     with pytest.raises(OrderError, match="nothing is recorded here"):
@@ -145,41 +276,6 @@ def test_recording_is_switched_where_there_is_something_to_switch(played: Played
     played.control.record = lambda on: f"recording {on}"
     assert OrderKind.RECORD in played.can
     assert played.give(OrderKind.RECORD, value=1) == "recording True"
-
-
-@pytest.mark.parametrize("state", list(State))
-def test_what_is_offered_is_obeyed_and_nothing_else(state: State) -> None:
-    for kind in (
-        OrderKind.START,
-        OrderKind.PAUSE,
-        OrderKind.STOP,
-        OrderKind.RESET,
-        OrderKind.EMERGENCY,
-    ):
-        played = Played()
-        if state not in (State.WAITING, State.READY):
-            played.begin()
-        played.control.state = state
-        if kind in played.can:
-            played.give(kind)
-        else:
-            with pytest.raises(OrderError):
-                played.give(kind)
-
-
-def test_a_start_that_was_only_asked_for_can_be_withdrawn(played: Played) -> None:
-    played.give(OrderKind.START)
-    assert played.give(OrderKind.STOP, "Bob") == "the start is withdrawn"
-    assert not played.control.asked and played.commands == []
-    played.begin()
-    played.give(OrderKind.PAUSE)
-    played.give(OrderKind.START)
-    assert played.give(OrderKind.PAUSE) == "run 1 stays paused"
-    assert not played.control.asked
-    played.give(OrderKind.STOP)
-    played.give(OrderKind.START)
-    assert played.give(OrderKind.STOP) == "the start is withdrawn"
-    assert not played.control.next_asked
 
 
 def test_a_reset_holds_one_run_only(running: Played) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from tests.conftest import States
 from tests.run.stage import DT_NS, S, Stage, experiment
-from vsense.run.directory import DirectoryError
+from vsense.pictures.story import RunPictureError
 from vsense.run.environment import Environment
 from vsense.run.portrait import Portrait
 
@@ -38,13 +38,13 @@ def test_who_was_never_seen_is_not_drawn(state: States, tmp_path: Path) -> None:
     assert told.poses.shape == (10, 2, 3) and told.lit.shape == (10, 2)
     assert told.poses[0, 1].tolist() == told.poses[4, 1].tolist() == [-0.2, 0.2, 1.0]
     path = tmp_path / "run.png"
-    assert portrait.draw(path, environment.world, "pollutant", "3 robots")
+    assert portrait.draw(path, environment.world, False, "3 robots")
     assert cv2.imread(str(path)).shape[2] == 3
 
 
 def test_nobody_is_no_picture(state: States, tmp_path: Path) -> None:
     portrait, environment = lived(state, [99, 99])
-    assert not portrait.draw(tmp_path / "run.png", environment.world, "pollutant", "2 robots")
+    assert not portrait.draw(tmp_path / "run.png", environment.world, False, "2 robots")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -54,10 +54,10 @@ def test_a_long_run_takes_bounded_memory(
     monkeypatch.setattr("vsense.run.portrait.MOST_TIMESTEPS", 4)
     portrait, environment = lived(state, [0, 0])
     assert len(portrait._poses) == 4
-    assert portrait.draw(tmp_path / "run.png", environment.world, "pollutant", "2 robots")
+    assert portrait.draw(tmp_path / "run.png", environment.world, False, "2 robots")
 
 
 def test_a_picture_that_cannot_be_written_is_one_clear_line(state: States, tmp_path: Path) -> None:
     portrait, environment = lived(state, [0, 0])
-    with pytest.raises(DirectoryError, match=r"run\.png: cannot be written"):
-        portrait.draw(tmp_path / "gone" / "run.png", environment.world, "pollutant", "2 robots")
+    with pytest.raises(RunPictureError, match=r"run\.png: cannot be written"):
+        portrait.draw(tmp_path / "gone" / "run.png", environment.world, False, "2 robots")

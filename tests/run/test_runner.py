@@ -51,6 +51,14 @@ def test_without_any_arena_state_it_says_so_and_keeps_waiting(stage: Stage) -> N
     assert stage.runner.silences == []
 
 
+def test_a_timestep_takes_one_snapshot_of_the_robots(stage: Stage) -> None:
+    stage.seen = set()
+    stage.acts = {4: lambda: stage.seen.update(stage.tags)}
+    assert stage.runner.wait().complete
+    assert stage.snapshots == stage.calls == 4
+    assert stage.runner.robots.keys() == {robot.tag for robot in stage.experiment.robots}
+
+
 def test_a_limit_ends_the_wait_with_the_names(stage: Stage) -> None:
     stage.connected = set()
     found = stage.runner.wait(1.0)

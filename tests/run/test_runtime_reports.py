@@ -26,10 +26,10 @@ class Source:
         self._timestep += 1
         return ArenaState(self._timestep, self._timestep, np.zeros(0, dtype=POSE), 0), ()
 
-    def start_run(self) -> None:
+    def start(self) -> None:
         """See `ArenaSource`."""
 
-    def stop_run(self) -> None:
+    def stop(self) -> None:
         """See `ArenaSource`."""
 
 

@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.sensors.scenes import Motion, Places, arena_state, mount, rows, sensor, world_of
+from vsense.config import controllers as devices
 from vsense.link.robots.table import Direction, Entry, Table
 from vsense.native import lib
-from vsense.sensors import registry
 from vsense.sensors.bank import SensorBank
 from vsense.sensors.base import Scope, layout_dtype
 from vsense.world.entities import (
@@ -59,7 +59,7 @@ EVERY = {
 
 def test_every_shipped_sensor_is_here() -> None:
     names = {xml.removeprefix("<").split()[0] for xml in EVERY.values()}
-    assert names == set(registry.factories()) - {"vs:sensor"}
+    assert names == set(devices.factories(devices.SENSORS)) - {"vs:sensor"}
 
 
 class Scene:

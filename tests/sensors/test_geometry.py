@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from tests.sensors.scenes import element, world_of
 from vsense.errors import ConfigError
+from vsense.physics import proximity_ring as lab_proximity
 from vsense.sensors.geometry import Ring, field_of_view, points_at, rows_of, seen_from, within
-from vsense.world import proximity_ring as lab_proximity
 from vsense.world.entities import VIRTUAL_TAG_MIN, VirtualRobot
 
 ROOT = Path(__file__).parent.parent.parent

@@ -10,6 +10,7 @@ import pytest
 
 from tests.conftest import require_tool
 from tests.sensors.scenes import STEP_NS, arena_state
+from vsense.config import controllers
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment
 from vsense.link.robots.table import Table
@@ -17,7 +18,6 @@ from vsense.link.robots.wire import Wanted
 from vsense.robot import build
 from vsense.robot.inprocess import Robots
 from vsense.run.environment import Environment
-from vsense.sensors import registry
 
 README = Path(build.__file__).parent / "sensors" / "README.md"
 FILE = re.compile(r"^`([\w.]+)`:\n\n```\w+\n(.*?)^```$", re.DOTALL | re.MULTILINE)
@@ -98,7 +98,7 @@ def test_every_shipped_sensor_is_in_its_table_with_its_file() -> None:
     )
     made = {
         element: factory.__module__.rpartition(".")[2] + ".py"
-        for element, factory in registry.factories().items()
+        for element, factory in controllers.factories(controllers.SENSORS).items()
     }
     assert {element: file for element, file, _ in rows} == made
     assert all(shown == linked for _, shown, linked in rows)

@@ -53,6 +53,34 @@ def test_rows_do_not_depend_on_the_number_of_processes(pollutant, tmp_path: Path
     assert image is not None and image.shape[1] > 600
 
 
+def test_the_suffix_of_the_output_says_what_the_picture_is(
+    pollutant, tmp_path: Path, monkeypatch, capsys
+) -> None:
+    """One that says another thing than --format is refused, as is a bad style, before any run."""
+    monkeypatch.chdir(tmp_path)
+    campaign = ("pollutant", *SHORT, "--runs", "1", "-o")
+    assert sim(*campaign, "r.svg", "--format", "pdf") == 2
+    assert "--format pdf: --output r.svg says svg" in capsys.readouterr().err
+    assert sim(*campaign, "r.svg", "--style", "none.mplstyle") == 2
+    assert "--style none.mplstyle: expected" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+    assert sim(*campaign, "r.svg") == 0
+    assert (tmp_path / "r.csv").read_text().startswith("campaign,experiment,seed")
+    assert ">pollutant: 1 run of each setting</text>" in (tmp_path / "r.svg").read_text()
+
+
+def test_without_matplotlib_a_campaign_lacks_its_picture_only(
+    pollutant, tmp_path: Path, monkeypatch, capsys
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    path = tmp_path / "r.csv"
+    assert sim("pollutant", *SHORT, "--runs", "1", "--format", "pdf", "--json", "-o", path) == 0
+    said = capsys.readouterr()
+    assert said.err.count("pip install 'vsense[report]'") == 1
+    assert json.loads(said.out)["file"] == str(path)
+    assert list(tmp_path.iterdir()) == [path]
+
+
 def test_a_campaign_goes_on_where_it_stopped(pollutant, tmp_path: Path, capsys) -> None:
     path = tmp_path / "r.csv"
     arguments = ("pollutant", *SHORT, "--set", "pollutant.stop_probability=0.3,0.1", "-o", path)
@@ -131,6 +159,7 @@ def test_a_run_that_fails_ends_the_campaign_and_is_named(
         (("--runs", "2", "--seed", "3"), "--seed: a campaign has --seeds"),
         (("--runs", "2", "--seeds", "1-3"), "--runs 2: --seeds names 3"),
         (("--robots", "16"), "--robots 16"),
+        (("--format", "pdf"), "--format, --style: a campaign's chart only"),
     ],
 )
 def test_what_cannot_be_had_is_refused_before_anything_runs(

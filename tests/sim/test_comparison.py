@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+import statistics
+from collections.abc import Iterator
+from pathlib import Path
+
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vsense.sim.comparison import BOX, DOT, draw, round_marks
+from vsense.report import plot
+from vsense.sim.comparison import draw
 
 finite = st.floats(-1e9, 1e9)
 
 
-@given(finite, finite)
-def test_marks_are_round_and_enclose_all(one: float, other: float) -> None:
-    low, high = sorted((one, other))
-    marks = round_marks(low, high)
-    step = marks[1] - marks[0]
-    assert marks[0] <= low + 1e-6 * step and marks[-1] >= high - 1e-6 * step
-    assert 2 <= len(marks) <= 9
-    np.testing.assert_allclose(np.diff(marks), step, rtol=1e-6)
-    assert f"{step:.0e}"[0] in "125"
+@pytest.fixture(scope="module", autouse=True)
+def coarse(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Few pixels and no layout, which take most of the time."""
+    sheet = tmp_path_factory.mktemp("style") / "coarse.mplstyle"
+    sheet.write_text("savefig.dpi: 20\nfigure.constrained_layout.use: False\n")
+    with plot.styled(str(sheet)):
+        yield
 
 
 @settings(max_examples=15)
@@ -32,22 +36,31 @@ def test_marks_are_round_and_enclose_all(one: float, other: float) -> None:
 def test_any_numbers_are_drawn(rows: int, table) -> None:
     settings_ = [{"sensor.noise": str(row), "light.position": "0,0,1"} for row in range(rows)]
     measures = {f"measure_{i}": some[:rows] for i, some in enumerate(table)}
-    image = draw("it", settings_, measures)
-    assert image.dtype == np.uint8 and image.ndim == 3
-    assert image.min() < 80, "something is written"
+    figure = draw("it", settings_, measures)
+    assert plot.encode(figure, "png").startswith(b"\x89PNG")
+    assert [axes.get_xlabel() for axes in figure.axes] == [
+        f"measure {i}" for i in range(len(table))
+    ]
+    words = [text.get_text() for text in figure.axes[0].get_yticklabels()]
+    assert words == [f"sensor.noise = {row}\nlight.position = 0,0,1" for row in range(rows)]
 
 
-def reds(image: np.ndarray, colour: tuple[int, int, int]) -> np.ndarray:
-    return np.argwhere((np.abs(image.astype(int) - colour) < 40).all(axis=2))
+def test_runs_median_box_and_mean_are_where_they_belong() -> None:
+    values = [[1.0, 2.0, 4.0, 8.0], [3.0, 3.5, 5.0, 6.0, 10.0]]
+    (axes,) = draw("it", [{"a.b": "1"}, {"a.b": "2"}], {"walked_m": values}).axes
+    assert axes.get_xlabel() == "walked [m]"
+    assert [line.get_xdata().tolist() for line in axes.lines] == values
+    boxes = [(box.get_x(), box.get_x() + box.get_width()) for box in axes.patches]
+    medians = [c.get_segments()[0][0, 0] for c in axes.collections]
+    for place, (line, some) in enumerate(zip(axes.lines, values)):
+        low, middle, high = statistics.quantiles(some, n=4, method="inclusive")
+        assert boxes[2 * place] == boxes[2 * place + 1] == (low, pytest.approx(high))
+        assert medians[place] == middle
+        assert (np.abs(line.get_ydata() - place) < 0.5).all()
+    assert [text.get_text() for text in axes.texts] == ["3.75", "5.5"]
 
 
-def test_a_dot_lies_where_its_value_is() -> None:
-    """The same setting twice, once with small and once with large values."""
-    image = draw("it", [{"a.b": "1"}, {"a.b": "2"}], {"m": [[0.0], [10.0]]})
-    dots = reds(image, DOT)
-    upper, lower = (
-        dots[dots[:, 0] < np.median(dots[:, 0])],
-        dots[dots[:, 0] > np.median(dots[:, 0])],
-    )
-    assert 200 < lower[:, 1].mean() - upper[:, 1].mean() < 320
-    assert len(reds(image, BOX)) > 0
+def test_a_campaign_without_settings_is_one_row(tmp_path: Path) -> None:
+    figure = draw("it", [{}], {"one": [[1.0]], "two": [[]]})
+    assert [text.get_text() for text in figure.axes[0].get_yticklabels()] == ["as in the file"]
+    assert figure.get_suptitle() == "it: 1 run of each setting"

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from vsense.config.experiment import first_robots, load
-from vsense.config.specs import BODY_RADIUS_M, Experiment
-from vsense.sim.simulation import ACT_NS, Simulation
-from vsense.world.entities import Box, Cylinder
-from vsense.world.physics import STEP_M, obstacles
+from vsense.config.specs import Experiment
+from vsense.physics.motion import STEP_M, obstacles
+from vsense.robot.inprocess import ACT_NS
+from vsense.sim.simulation import Simulation
+from vsense.world.entities import BODY_RADIUS_M, Box, Cylinder
 
 SHORT_S = 12.0
 

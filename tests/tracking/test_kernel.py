@@ -14,7 +14,7 @@ from hypothesis.extra import numpy as arrays
 from tests.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense.cameras.camera import Camera
 from vsense.markers.families import load_family
-from vsense.native import ffi, lib
+from vsense.native import kernel_ffi
 from vsense.tracking.kernel import MARKER, Kernel
 
 ARROW = load_family("arrow4x4")
@@ -164,30 +164,23 @@ def test_a_picture_with_too_much_in_it_is_counted() -> None:
     assert kernel.overflows == 1
 
 
-@given(st.floats(-1.1, 1.1), st.floats(-0.8, 0.8), st.floats(-0.5, 0.5))
-def test_the_lens_is_the_camera_s(x_m: float, y_m: float, height_m: float) -> None:
-    for camera in (CORNER, tilted(0.4)):
-        view = KERNEL._look(PICTURE, camera, HEIGHT_M)[0]
-        point = ffi.new("double[3]", [x_m, y_m, height_m])
-        pixel, back = ffi.new("double[2]"), ffi.new("double[2]")
-        lens = ffi.addressof(view.lens)
-        assert lib.vs_lens_project(lens, point, pixel) == 0
-        seen = camera.project(np.array([x_m, y_m, height_m]))
-        assert list(pixel) == pytest.approx(seen.tolist(), abs=1e-6)
-        expected = camera.to_plane(seen, height_m)
-        if np.hypot(*(expected - (x_m, y_m))) < 1e-6:
-            assert lib.vs_lens_to_plane(lens, pixel, height_m, back) == 0
-            assert list(back) == pytest.approx([x_m, y_m], abs=1e-6)
-
-
-def test_what_is_behind_a_camera_is_not_seen() -> None:
-    lens = ffi.addressof(KERNEL._look(PICTURE, CORNER, HEIGHT_M)[0].lens)
-    above, pixel = ffi.new("double[3]", [0.0, 0.0, 3.0]), ffi.new("double[2]")
-    assert lib.vs_lens_project(lens, above, pixel) == lib.VS_ERR_ARGUMENT
-    assert lib.vs_lens_to_plane(lens, pixel, 3.0, ffi.new("double[2]")) == lib.VS_ERR_ARGUMENT
+@pytest.mark.parametrize("camera", [CORNER, tilted(0.4)], ids=lambda camera: camera.id)
+def test_the_lens_is_the_camera_s(camera: Camera) -> None:
+    middle = camera.to_plane(np.array([camera.width_px / 2, camera.height_px / 2]), HEIGHT_M)
+    far = 0.3 * camera.width_px / 1620.0
+    robots = [
+        Robot(31, middle[0] + x * far, middle[1] + y * far, x + 3.0 * y)
+        for x in (-1.0, 0.0, 1.0)
+        for y in (-1.0, 0.0, 1.0)
+    ]
+    found = KERNEL.search(render(camera, ARROW, robots, Look(litter=0)), camera, HEIGHT_M)
+    assert len(found) == len(robots)
+    places = np.stack((found["x_m"], found["y_m"], np.full(len(found), HEIGHT_M)), axis=1)
+    expected = camera.project(places)
+    np.testing.assert_allclose(np.stack((found["x_px"], found["y_px"]), 1), expected, atol=1e-6)
 
 
 def test_the_marker_s_layout_is_that_of_c() -> None:
-    assert MARKER.itemsize == ffi.sizeof("struct vs_marker")
-    for name, field in ffi.typeof("struct vs_marker").fields:
+    assert MARKER.itemsize == kernel_ffi.sizeof("struct vs_marker")
+    for name, field in kernel_ffi.typeof("struct vs_marker").fields:
         assert MARKER.fields is not None and MARKER.fields[name][1] == field.offset

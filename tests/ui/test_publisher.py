@@ -35,7 +35,7 @@ CAMERA = Camera.looking_down("cam", 0.0, 0.0, 2.0, 300.0, (400, 300))
 
 
 class Room:
-    """A publisher with stand-ins for runtime and server, and somebody who looks."""
+    """A publisher with a stand-in for the runtime, and somebody who looks."""
 
     def __init__(self, name: str = "pollutant", *topics: str) -> None:
         self.environment = Environment(load(name), seed=1)
@@ -43,19 +43,16 @@ class Room:
         self.hub, self.now_ns, self.timestep = MessageBus(), 1000 * S, 100
         self.told: list[Message] = []
         self.topics = set(topics)
-        self.robots_now = {t: status(t, f"epuck_{t}") for t in self.tags}
+        self.robots_now: dict[int, RobotStatus] = {t: status(t, f"epuck_{t}") for t in self.tags}
         self.readings: dict[int, Values] = {}
         self.control = Control(lambda wanted: None, lambda text: None)
         self.troubles = Troubles()
         scene = ExperimentFacts("lab", "<file/>", False, [CAMERA], {"cam": "arrows"}, self.troubles)
         self.publisher = Publisher(
-            self.hub, scene, self.environment, self, self, self.control,  # type: ignore[arg-type]
+            self.hub, scene, self.environment, self, self.control,  # type: ignore[arg-type]
             lambda: {"runs": 1, "text": "", "recording": None, "disk_free_bytes": 1},
             lambda: self.now_ns,
         )  # fmt: skip
-
-    def robots(self) -> dict[int, RobotStatus]:
-        return self.robots_now
 
     def join(self) -> None:
         wants: Callable[[str], bool] = lambda topic: not self.topics or topic in self.topics  # noqa: E731
@@ -75,7 +72,8 @@ class Room:
         image = np.full((300, 400), 90, np.uint8)
         frames = [Frame("cam", image, self.timestep, capture_ns, self.now_ns)]
         times = (capture_ns, self.now_ns - 9 * MS, self.now_ns - 5 * MS, self.now_ns)
-        self.publisher.look(Step(self.timestep, run_timestep, *times, state, frames))
+        step = Step(self.timestep, run_timestep, *times, state, frames)
+        self.publisher.look(step, self.robots_now)
         self.now_ns += 100 * MS
 
     def of(self, topic: str) -> list[Any]:
@@ -149,7 +147,7 @@ def test_the_run_is_told_when_it_changes_and_once_per_second() -> None:
     assert (now["state"], now["by"], now["late"]) == ("paused", "Ann", 3), "three were missed"
     assert now["can"] == ["start", "stop", "reset", "emergency"]
     room.now_ns += 3 * S
-    room.publisher.look(None)
+    room.publisher.look(None, room.robots_now)
     assert room.of("/run")[-1]["silent_s"] == pytest.approx(3.1)
 
 
@@ -191,7 +189,7 @@ def test_a_camera_is_told_with_what_lasts_and_what_is_missing() -> None:
     assert room.of("/cameras")[-1]["cameras"][0]["text"] == "has moved by 2 px"
     room.troubles.lines([CameraEvent("cam", "steady", "is back in its place")])
     room.now_ns += 2 * S
-    room.publisher.look(None)
+    room.publisher.look(None, room.robots_now)
     (camera,) = room.of("/cameras")[-1]["cameras"]
     assert (camera["state"], camera["text"]) == ("lost", "no picture for 2.1 s")
 

@@ -8,9 +8,9 @@ from typing import Any
 
 from hypothesis import strategies as st
 
+from tests.wire.robot_session import Event, RobotSession
 from vsense.link.robots.peer import Peer
 from vsense.link.robots.table import Direction, Entry, Table
-from vsense.link.robots.testing import RobotEvent, RobotSession
 from vsense.link.robots.wire import (
     Header,
     Hello,
@@ -121,7 +121,7 @@ class Link:
         self.run = 1
         self.timestep = 0
 
-    def greet(self, now_ns: int = S) -> list[RobotEvent]:
+    def greet(self, now_ns: int = S) -> list[Event]:
         """HELLO and WELCOME over a TCP connection without delay."""
         header, _ = decode(self.robot.connect(now_ns + self.robot_ahead_ns))
         self.sessions += 1
@@ -141,7 +141,7 @@ class Link:
             now_ns,
         )  # fmt: skip
 
-    def deliver(self, datagram: bytes, now_ns: int) -> tuple[int, RobotEvent]:
+    def deliver(self, datagram: bytes, now_ns: int) -> tuple[int, Event]:
         """Brings a datagram to the robot."""
         return self.robot.udp_in(datagram, now_ns + self.robot_ahead_ns)
 

@@ -1,9 +1,11 @@
-"""The C tests under the sanitizers, and what a compiled C file may need: almost nothing."""
+"""The C tests of what robot and host share, under the sanitizers, and what a compiled file may
+need: almost nothing."""
 
 from __future__ import annotations
 
 import re
 import subprocess
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
@@ -21,11 +23,6 @@ EDGES = ("vs_posix", "vs_i2c_posix")
 
 PURE = sorted(p for p in C_SRC.glob("*.c") if p.stem not in EDGES)
 PARTS = ("err", "bytes", "wire", "table", "body", "peer", "clock", "session")
-KERNEL = [
-    C_SRC / f"vs_{part}.c" for part in ("lens", "scan", "shape", "outline", "edges", "markers")
-]
-RAYS = [C_SRC / f"vs_{part}.c" for part in ("sight", "rays", "obstacles")]
-FLOOR = [C_SRC / f"vs_{part}.c" for part in ("trig", "near", "contacts", "physics", "ring")]
 SESSION = [C_SRC / f"vs_{part}.c" for part in PARTS]
 SYMBOLS = {"memcpy", "memmove", "memset", "memcmp", "strlen", "strcmp", "strncmp"}
 """What a pure C file may take from the C library: it costs nothing on any machine."""
@@ -56,27 +53,6 @@ def test_c_suite_under_sanitizers(name: str, chars: str, tmp_path: Path) -> None
     assert done.returncode == 0, done.stderr
 
 
-def test_picture_kernel_under_sanitizers(tmp_path: Path) -> None:
-    flags = ["-std=c99", *STRICT, *SANITIZE]
-    sources = [TESTS / "test_scan.c", C_SRC / "vs_err.c", *KERNEL]
-    done = run(build(tmp_path / "test_scan", *flags, *sources))
-    assert done.returncode == 0, done.stderr
-
-
-def test_lines_of_sight_under_sanitizers(tmp_path: Path) -> None:
-    flags = ["-std=c99", *STRICT, *SANITIZE]
-    sources = [TESTS / "test_rays.c", C_SRC / "vs_lens.c", *RAYS, "-lm"]
-    done = run(build(tmp_path / "test_rays", *flags, *sources))
-    assert done.returncode == 0, done.stderr
-
-
-def test_physics_under_sanitizers(tmp_path: Path) -> None:
-    flags = ["-std=c99", *STRICT, *SANITIZE]
-    sources = [TESTS / "test_physics.c", C_SRC / "vs_lens.c", *FLOOR, "-lm"]
-    done = run(build(tmp_path / "test_physics", *flags, *sources))
-    assert done.returncode == 0, done.stderr
-
-
 def build_race(target: Path, source: Path) -> Path:
     flags = ["-std=c11", *STRICT, "-g", "-O1", "-fsanitize=thread", "-pthread"]
     return build(target, *flags, TESTS / "test_latest.c", source)
@@ -104,36 +80,42 @@ def test_robot_builds_the_buffer_without_atomics(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("source", PURE, ids=lambda path: path.name)
 def test_pure_file_needs_no_system_and_keeps_no_state(source: Path, tmp_path: Path) -> None:
-    standard = "-std=c11" if source.name == "vs_latest.c" else "-std=c99"
+    check_pure(source, "-std=c11" if source.name == "vs_latest.c" else "-std=c99", tmp_path)
+
+
+def check_pure(source: Path, standard: str, folder: Path) -> None:
+    """Asserts that a file needs no system, keeps no state and uses little stack."""
     plain = ["-O2", "-fno-pic", "-fno-pie", "-fno-stack-protector", "-fstack-usage", "-c"]
-    built = build(tmp_path / f"{source.stem}.o", standard, *STRICT, *plain, source)
-    nm = [require_tool("nm", "binutils"), str(built)]
-    lines = subprocess.run(nm, capture_output=True, text=True, check=True).stdout.splitlines()
-    kinds = {line.split()[-1]: line.split()[-2] for line in lines}
+    built = build(folder / f"{source.stem}.o", standard, *STRICT, *plain, source)
+    kinds = symbols(built)
     needed = {name for name, kind in kinds.items() if kind == "U"}
     assert {n for n in needed if not n.startswith(("vs_", "epuck_"))} <= SYMBOLS
     assert {name for name, kind in kinds.items() if kind in "dDbBC"} == set()
-
-
-@pytest.mark.parametrize("source", PURE, ids=lambda path: path.name)
-def test_pure_file_uses_little_stack(source: Path, tmp_path: Path) -> None:
-    built = build(tmp_path / "file.o", "-std=c11", "-O2", "-fstack-usage", "-c", source)
     report = built.with_suffix(".su").read_text().splitlines()
     used = {row.split("\t")[0]: row.split("\t")[1:] for row in report}
     assert {name for name, (size, _) in used.items() if int(size) > STACK_MAX} == set()
     assert {name for name, (_, kind) in used.items() if kind == "dynamic"} == set()
 
 
+def symbols(path: Path) -> dict[str, str]:
+    """Name and kind of every symbol, as `nm` says them."""
+    nm = [require_tool("nm", "binutils"), str(path)]
+    lines = subprocess.run(nm, capture_output=True, text=True, check=True).stdout.splitlines()
+    return {line.split()[-1]: line.split()[-2] for line in lines}
+
+
+def declared_functions(headers: Iterable[Path]) -> set[str]:
+    """Names of the functions whose prototypes are in these headers."""
+    found: set[str] = set()
+    for header in headers:
+        text = re.sub(r"/\*.*?\*/", "", header.read_text(), flags=re.DOTALL)
+        found |= set(re.findall(r"\b(vs_\w+)\([^;{]*\);", text))
+    return found
+
+
 def test_headers_promise_only_what_exists(tmp_path: Path) -> None:
     """Every function of a header is defined, and every global function is in a header."""
-    declared: set[str] = set()
-    for header in C_SRC.glob("vs_*.h"):
-        if header.stem not in (*EDGES, "vs_io"):
-            text = re.sub(r"/\*.*?\*/", "", header.read_text(), flags=re.DOTALL)
-            declared |= set(re.findall(r"\b(vs_\w+)\([^;{]*\);", text))
-    sources = [*SESSION, *KERNEL, *RAYS, *FLOOR, C_SRC / "vs_latest.c", C_SRC / "vs_i2c.c"]
-    built = build(tmp_path / "vs.o", "-std=c11", "-O2", "-r", *sources)
-    nm = [require_tool("nm", "binutils"), str(built)]
-    lines = subprocess.run(nm, capture_output=True, text=True, check=True).stdout.splitlines()
-    defined = {line.split()[-1] for line in lines if line.split()[-2] == "T"}
-    assert declared == defined
+    headers = [p for p in C_SRC.glob("vs_*.h") if p.stem not in (*EDGES, "vs_io")]
+    sources = [*SESSION, C_SRC / "vs_latest.c", C_SRC / "vs_i2c.c"]
+    kinds = symbols(build(tmp_path / "vs.o", "-std=c11", "-O2", "-r", *sources))
+    assert declared_functions(headers) == {name for name, kind in kinds.items() if kind == "T"}

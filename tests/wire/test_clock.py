@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.wire.strategies import MS, Link, S
+from vsense.link.robots.wire import open_packet
 from vsense.native import check, ffi, lib
 
 HOUR = 3600 * S
@@ -112,8 +113,8 @@ def test_age_of_a_value_is_right_within_the_bound(ahead_ns: int, up_ns: int, dow
     link.greet(S)
     for i in range(1, 5):
         now_ns = S + i * 50 * MS
-        telemetry = link.robot.telemetry(link.robot_ns(now_ns))
-        assert link.host.receive_telemetry(telemetry, True, now_ns + up_ns) is not None
+        header, body = open_packet(link.robot.telemetry(link.robot_ns(now_ns)))
+        assert link.host.receive_telemetry(header, body, True, now_ns + up_ns) is not None
         datagram = link.state(now_ns + up_ns + 7 * MS, capture_ns=now_ns - 30 * MS)
         arrival_ns = now_ns + up_ns + 7 * MS + down_ns
         assert link.deliver(datagram, arrival_ns)[0] == 0

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import struct
+import zlib
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.wire.robot_session import Event, RobotSession
 from tests.wire.strategies import MS, Link, S, reseal
 from vsense.link.robots.table import Entry, Table
-from vsense.link.robots.testing import RobotEvent, RobotSession
 from vsense.link.robots.wire import (
     PACKET_MAX,
     Header,
@@ -37,7 +38,7 @@ def test_defect_01_split_segments(data: st.DataObject) -> None:
     events = []
     for start, end in zip([0, *cuts], [*cuts, len(stream)]):
         events += link.robot.tcp_in(stream[start:end], link.robot_ns(S))
-    assert events == [RobotEvent.OPEN, RobotEvent.STATE, RobotEvent.STATE]
+    assert events == [Event.OPEN, Event.STATE, Event.STATE]
     assert link.robot.c.wanted == Wanted.STOP
 
 
@@ -46,7 +47,7 @@ def test_defect_03_a_robot_that_reconnects_in_mid_run_gets_everything() -> None:
     link.greet(S)
     link.deliver(link.state(2 * S, Wanted.RUN), 2 * S)
     link.robot.disconnect()
-    assert link.greet(3 * S) == [RobotEvent.OPEN]
+    assert link.greet(3 * S) == [Event.OPEN]
     one = struct.pack("<f", 1.0)
     link.deliver(link.state(3 * S, Wanted.RUN, values=[(one, 3 * S)]), 3 * S)
     assert link.robot.c.wanted == Wanted.RUN
@@ -115,7 +116,7 @@ def test_defect_14_unchanged_is_not_dead() -> None:
     values = [(b"\0\0\x80?", 2 * S)]
     for i in range(3):
         now_ns = 2 * S + i * 50 * MS
-        assert link.deliver(link.state(now_ns, values=values), now_ns) == (0, RobotEvent.STATE)
+        assert link.deliver(link.state(now_ns, values=values), now_ns) == (0, Event.STATE)
         assert link.robot.value("pollutant") == values[0]
         assert link.robot.c.received_ns == link.robot_ns(now_ns)
 
@@ -129,7 +130,7 @@ def test_defect_15_version_sequence_time_and_a_slot_for_authentication() -> None
     assert (header.sequence, header.capture_ns, header.send_ns) == (1, 2 * S, 2 * S)
     assert packet[-20:-4] == bytes(16)
     signed = packet[:-20] + b"\1" + bytes(15)
-    signed += lib.vs_crc32(signed, len(signed)).to_bytes(4, "little")
+    signed += zlib.crc32(signed).to_bytes(4, "little")
     assert link.deliver(signed, 2 * S)[0] == lib.VS_ERR_TAG
 
 

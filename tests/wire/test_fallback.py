@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from tests.wire.robot_session import Event
 from tests.wire.strategies import MS, Link, S
-from vsense.link.robots.testing import RobotEvent
 from vsense.link.robots.wire import open_packet
 from vsense.native import lib
 
@@ -18,19 +18,19 @@ def exchange(link: Link, now_ns: int, down: bool, up: bool) -> None:
     if link.host.over_tcp(now_ns):
         link.robot.tcp_in(state, link.robot_ns(now_ns))
     if up:
-        link.host.receive_telemetry(telemetry, True, now_ns)
+        link.host.receive_telemetry(*open_packet(telemetry), True, now_ns)
     if link.robot.over_tcp(link.robot_ns(now_ns)):
-        link.host.receive_telemetry(telemetry, False, now_ns)
+        link.host.receive_telemetry(*open_packet(telemetry), False, now_ns)
 
 
-def run(link: Link, start_ns: int, seconds: float, down: bool, up: bool) -> list[RobotEvent]:
+def run(link: Link, start_ns: int, seconds: float, down: bool, up: bool) -> list[Event]:
     """Rounds every 50 ms; the robot's events of time."""
     events = []
     for i in range(round(seconds * 20)):
         now_ns = start_ns + i * 50 * MS
         exchange(link, now_ns, down, up)
         events.append(link.robot.tick(link.robot_ns(now_ns)))
-    return [event for event in events if event != RobotEvent.NONE]
+    return [event for event in events if event != Event.NONE]
 
 
 def is_over_tcp(link: Link, now_ns: int) -> tuple[bool, bool]:
@@ -45,7 +45,7 @@ def test_without_udp_state_goes_over_tcp_and_comes_back(down: bool, up: bool) ->
     link.greet(S)
     assert run(link, S, 1.0, True, True) == []
     assert is_over_tcp(link, 2 * S) == (False, False)
-    assert run(link, 2 * S, 3.0, down, up) == ([] if down else [RobotEvent.UDP_LOST])
+    assert run(link, 2 * S, 3.0, down, up) == ([] if down else [Event.UDP_LOST])
     assert is_over_tcp(link, 5 * S) == (True, True)
     accepted = link.robot.counters["accepted"], link.host.accepted
     assert run(link, 5 * S, 1.0, down, up) == []
@@ -53,7 +53,7 @@ def test_without_udp_state_goes_over_tcp_and_comes_back(down: bool, up: bool) ->
         accepted[0] + 20,
         accepted[1] + 20,
     )
-    assert run(link, 6 * S, 1.0, True, True) == ([] if down else [RobotEvent.UDP_UP])
+    assert run(link, 6 * S, 1.0, True, True) == ([] if down else [Event.UDP_UP])
     assert is_over_tcp(link, 7 * S) == (False, False)
 
 
@@ -61,22 +61,22 @@ def test_silence_of_udp_counts_from_the_welcome() -> None:
     link = Link()
     link.greet(S)
     just_before, then = link.robot_ns(2 * S - 1), link.robot_ns(2 * S)
-    assert link.robot.tick(just_before) == RobotEvent.NONE
+    assert link.robot.tick(just_before) == Event.NONE
     assert not link.robot.over_tcp(just_before)
-    assert link.robot.tick(then) == RobotEvent.UDP_LOST
+    assert link.robot.tick(then) == Event.UDP_LOST
     assert link.robot.over_tcp(then)
-    assert link.robot.tick(then) == RobotEvent.NONE
+    assert link.robot.tick(then) == Event.NONE
     assert open_packet(link.robot.telemetry(then))[0].flags == lib.VS_FLAG_NO_UDP
 
 
 def test_udp_is_up_again_even_if_tcp_was_faster_each_time() -> None:
     link = Link()
     link.greet(S)
-    assert link.robot.tick(link.robot_ns(3 * S)) == RobotEvent.UDP_LOST
+    assert link.robot.tick(link.robot_ns(3 * S)) == Event.UDP_LOST
     state = link.state(3 * S)
-    assert link.robot.tcp_in(state, link.robot_ns(3 * S)) == [RobotEvent.STATE]
-    assert link.deliver(state, 3 * S + MS) == (lib.VS_ERR_REPEATED, RobotEvent.NONE)
-    assert link.robot.tick(link.robot_ns(3 * S + MS)) == RobotEvent.UDP_UP
+    assert link.robot.tcp_in(state, link.robot_ns(3 * S)) == [Event.STATE]
+    assert link.deliver(state, 3 * S + MS) == (lib.VS_ERR_REPEATED, Event.NONE)
+    assert link.robot.tick(link.robot_ns(3 * S + MS)) == Event.UDP_UP
 
 
 def test_an_old_datagram_once_more_does_not_pretend_that_udp_works() -> None:
@@ -85,14 +85,14 @@ def test_an_old_datagram_once_more_does_not_pretend_that_udp_works() -> None:
     state = link.state(S)
     link.deliver(state, S)
     link.deliver(state, 2 * S)
-    assert link.robot.tick(link.robot_ns(2 * S)) == RobotEvent.UDP_LOST
+    assert link.robot.tick(link.robot_ns(2 * S)) == Event.UDP_LOST
 
 
 def test_nothing_goes_over_tcp_without_a_session() -> None:
     link = Link()
     assert is_over_tcp(link, 100 * S) == (False, False)
     link.greet(S)
-    assert link.robot.tick(link.robot_ns(3 * S)) == RobotEvent.UDP_LOST
+    assert link.robot.tick(link.robot_ns(3 * S)) == Event.UDP_LOST
     link.robot.disconnect()
     assert not link.robot.over_tcp(link.robot_ns(4 * S))
-    assert link.robot.tick(link.robot_ns(4 * S)) == RobotEvent.NONE
+    assert link.robot.tick(link.robot_ns(4 * S)) == Event.NONE

@@ -147,14 +147,6 @@ def test_bad_packets_are_refused_by_name(vector: Vector) -> None:
     assert caught.value.name == vector["error"]
 
 
-def test_floats_are_ieee_754_single_little_endian() -> None:
-    for value, expected in ((1.0, "0000803f"), (-0.0, "00000080"), (0.3, "9a99993e")):
-        cell = ffi.new("uint8_t[4]")
-        lib.vs_store_f4(cell, value)
-        assert bytes(cell).hex() == expected
-        assert lib.vs_load_f4(cell) == pytest.approx(value, abs=1e-7)
-
-
 def test_age_of_a_value_is_measured_against_the_header() -> None:
     assert older_us(5_000_000, 5_000_000) == 0
     assert older_us(5_000_000, 4_000_999) == 999

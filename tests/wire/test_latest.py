@@ -1,76 +1,51 @@
-"""The latest-value buffer against the plainest model: one variable."""
+"""The exchange of slots against the plainest model: one variable."""
 
 from __future__ import annotations
-
-import struct
-from typing import Any
 
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from vsense.native import ffi, lib
 
-SLOT = 8
 
-
-class LatestBuffer(RuleBasedStateMachine):
+class Exchange(RuleBasedStateMachine):
     """Writer and reader take turns in any order, between any two of their steps."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.memory = ffi.new("uint8_t[]", lib.VS_LATEST_SLOTS * SLOT)
-        self.buffer = ffi.new("struct vs_latest *")
-        lib.vs_latest_init(self.buffer, self.memory, SLOT)
-        self.stamp = ffi.new("struct vs_latest_stamp *")
-        self.slot: Any = None
-        self.begun = 0
-        self.newest = (0, 0, 0)  # sequence, value, capture_ns
-        self.held: tuple[Any, bytes] | None = None
+        self.exchange = ffi.new("struct vs_latest *")
+        lib.vs_latest_init(self.exchange)
+        self.slots: list[int | None] = [None] * lib.VS_LATEST_SLOTS
+        self.newest: int | None = None
+        self.held: tuple[int, int] | None = None
 
     @rule(value=st.integers(0, 2**64 - 1))
-    def begin(self, value: int) -> None:
+    def fill(self, value: int) -> None:
         """The writer fills its slot; nobody may see that yet."""
-        self.slot = lib.vs_latest_write_begin(self.buffer)
-        self.begun = value
-        ffi.memmove(self.slot, struct.pack("<Q", value), SLOT)
+        self.slots[lib.vs_latest_write_slot(self.exchange)] = value
 
-    @rule(capture_ns=st.integers(0, 2**63))
-    def commit(self, capture_ns: int) -> None:
-        if self.slot is None:
-            return
-        assert lib.vs_latest_write_commit(self.buffer, SLOT, capture_ns) == 0
-        self.newest = (self.newest[0] + 1, self.begun, capture_ns)
-        self.slot = None
-
-    @rule()
-    def commit_too_much(self) -> None:
-        assert lib.vs_latest_write_commit(self.buffer, SLOT + 1, 0) == lib.VS_ERR_SPACE
+    @rule(value=st.integers(0, 2**64 - 1))
+    def commit(self, value: int) -> None:
+        self.fill(value)
+        lib.vs_latest_write_commit(self.exchange)
+        self.newest = value
 
     @rule()
     def read(self) -> None:
-        """The reader gets the newest value, not one before and not half of one."""
-        pointer = lib.vs_latest_read(self.buffer, self.stamp)
-        sequence, value, capture_ns = self.newest
-        if sequence == 0:
-            assert pointer == ffi.NULL
+        """The reader gets the newest value once, not one before and not half of one."""
+        slot = lib.vs_latest_read(self.exchange)
+        if self.newest is None:
+            assert slot == -1
             return
-        data = bytes(ffi.buffer(pointer, SLOT))
-        assert struct.unpack("<Q", data) == (value,)
-        assert (self.stamp.sequence, self.stamp.capture_ns) == (sequence, capture_ns)
-        assert self.stamp.size == SLOT
-        self.held = (pointer, data)
+        assert self.slots[slot] == self.newest
+        self.held, self.newest = (slot, self.newest), None
 
     @invariant()
     def what_the_reader_holds_does_not_change(self) -> None:
         if self.held is not None:
-            pointer, data = self.held
-            assert bytes(ffi.buffer(pointer, SLOT)) == data
+            slot, value = self.held
+            assert self.slots[slot] == value
+            assert slot != lib.vs_latest_write_slot(self.exchange)
 
 
-TestLatestBuffer = LatestBuffer.TestCase
-
-
-def test_a_value_has_an_age() -> None:
-    stamp = ffi.new("struct vs_latest_stamp *", {"capture_ns": 1000})
-    assert lib.vs_latest_age_ns(stamp, 1250) == 250
-    assert lib.vs_latest_age_ns(stamp, 999) == 0
+TestExchange = Exchange.TestCase

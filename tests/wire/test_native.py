@@ -1,4 +1,4 @@
-"""The door to the compiled library: errors by name, and a library that knows its sources."""
+"""The door to the compiled libraries: errors by name, and libraries that know their sources."""
 
 from __future__ import annotations
 
@@ -7,35 +7,42 @@ from pathlib import Path
 
 import pytest
 
-from vsense.native import REBUILD, WireError, check, ffi, lib, stale_files
+from vsense.native import REBUILD, WireError, check, ffi, kernel_ffi, kernels, lib, stale_files
 
 ROOT = Path(__file__).parent.parent.parent
 
 
 def checkout(target: Path) -> Path:
-    """Copies the files that the library was built from."""
-    for name in ffi.string(lib.vs_built_from()).decode().splitlines():
+    """Copies the files that the libraries were built from."""
+    shared = ffi.string(lib.vs_built_from()).decode().splitlines()
+    for name in {*shared, *kernel_ffi.string(kernels.vs_built_from()).decode().splitlines()}:
         (target / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / name, target / name)
     return target
 
 
-def test_the_library_is_built_from_these_sources() -> None:
+def test_the_libraries_are_built_from_these_sources() -> None:
     assert stale_files(ROOT) == [], f"rebuild it with: {REBUILD}"
 
 
-def test_a_change_in_any_source_is_noticed(tmp_path: Path) -> None:
+SOURCES = ["c_src/vs_wire.h", "c_src/vs_packet.h", "c_src/host/vs_rays.h", "c_src/host/vs_line.h"]
+"""Of either library a header that Python sees and one that it does not."""
+
+
+@pytest.mark.parametrize("source", SOURCES)
+def test_a_change_in_any_source_is_noticed(source: str, tmp_path: Path) -> None:
     tree = checkout(tmp_path)
     assert stale_files(tree) == []
-    changed = tree / "c_src" / "vs_wire.h"
+    changed = tree / source
     changed.write_text(changed.read_text() + "\n")
-    assert "c_src/vs_wire.h" in stale_files(tree)
+    assert source in stale_files(tree)
 
 
-def test_a_missing_source_is_named(tmp_path: Path) -> None:
+@pytest.mark.parametrize("source", SOURCES)
+def test_a_missing_source_is_named(source: str, tmp_path: Path) -> None:
     tree = checkout(tmp_path)
-    (tree / "c_src" / "vs_peer.c").unlink()
-    assert stale_files(tree) == ["c_src/vs_peer.c"]
+    (tree / source).unlink()
+    assert stale_files(tree) == [source]
 
 
 def test_an_installed_library_has_nothing_to_compare(tmp_path: Path) -> None:

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.wire.robot_session import Event, RobotSession
 from tests.wire.strategies import MS, POLLUTANT, Link, S, balance
 from vsense.link.robots.peer import Peer
 from vsense.link.robots.table import Table
-from vsense.link.robots.testing import RobotEvent, RobotSession
 from vsense.link.robots.wire import (
     GoodbyeCause,
     Header,
@@ -47,7 +47,7 @@ def test_welcome_opens_and_carries_everything() -> None:
         link.host.encode(Header(PacketType.WELCOME), welcome, S), link.robot_ns(S)
     )
     c = link.robot.c
-    assert events == [RobotEvent.OPEN]
+    assert events == [Event.OPEN]
     assert (c.open, c.peer.session, c.seed, c.timestep_ns) == (1, 9, 42, 100 * MS)
     assert (link.robot.table, link.robot.params, c.host_nonce) == (POLLUTANT, params, 8)
     assert (c.wanted, c.fresh_ns, c.received_ns) == (Wanted.IDLE, 0, 0)
@@ -60,7 +60,7 @@ def test_state_brings_values_with_their_capture_time() -> None:
     link.greet()
     one = struct.pack("<f", 1.0)
     datagram = link.state(2 * S, from_timestep=5, values=[(one, 2 * S - 250 * MS)])
-    assert link.deliver(datagram, 2 * S + 3 * MS) == (0, RobotEvent.STATE)
+    assert link.deliver(datagram, 2 * S + 3 * MS) == (0, Event.STATE)
     c = link.robot.c
     assert link.robot.value("pollutant") == (one, 2 * S - 250 * MS)
     assert (c.wanted, c.run, c.timestep, c.from_timestep) == (Wanted.RUN, 1, 1, 5)
@@ -105,7 +105,7 @@ def test_lost_late_or_repeated_datagrams_never_leave_a_wrong_wanted_state(
             datagram[damage // 8] ^= 1 << damage % 8
         code, event = link.deliver(bytes(datagram), 3 * S + step * MS)
         accepted = intact and index > newest
-        assert (code == 0, event == RobotEvent.STATE) == (accepted, accepted)
+        assert (code == 0, event == Event.STATE) == (accepted, accepted)
         newest = index if accepted else newest
         assert link.robot.c.peer.rx_sequence == newest + 1
         assert link.robot.c.wanted == (commands[newest] if newest >= 0 else Wanted.IDLE)
@@ -141,7 +141,7 @@ def test_nothing_is_accepted_without_a_session() -> None:
     link.greet()
     datagram = link.state(2 * S)
     link.robot.disconnect()
-    assert link.deliver(datagram, 2 * S) == (lib.VS_ERR_SESSION, RobotEvent.NONE)
+    assert link.deliver(datagram, 2 * S) == (lib.VS_ERR_SESSION, Event.NONE)
     with pytest.raises(WireError) as caught:
         link.robot.telemetry(link.robot_ns(2 * S))
     assert caught.value.name == "VS_ERR_STATE"
@@ -157,11 +157,9 @@ def test_counters_go_on_over_sessions_and_telemetry_reports_them() -> None:
     link.greet(3 * S)
     link.deliver(datagram, 3 * S)
     sent = Telemetry(Wanted.RUN, stop_cause=3, battery_mv=3700, payload=struct.pack("<I", 12))
-    received = link.host.receive_telemetry(
-        link.robot.telemetry(link.robot_ns(3 * S), sent), True, 3 * S
-    )
-    assert received is not None
-    _, said = received
+    header, body = open_packet(link.robot.telemetry(link.robot_ns(3 * S), sent))
+    said = link.host.receive_telemetry(header, body, True, 3 * S)
+    assert said is not None
     assert (said.received, said.old, said.foreign, said.corrupt) == (4, 1, 1, 1)
     assert (said.state, said.stop_cause, said.battery_mv) == (Wanted.RUN, 3, 3700)
     assert said.payload == struct.pack("<I", 12)
@@ -174,10 +172,9 @@ def test_wanted_state_is_echoed() -> None:
     link.greet()
     link.run = 4
     link.deliver(link.state(2 * S, Wanted.PAUSE), 2 * S)
-    packet = link.robot.telemetry(link.robot_ns(2 * S))
-    received = link.host.receive_telemetry(packet, True, 2 * S)
-    assert received is not None
-    header, said = received
+    header, body = open_packet(link.robot.telemetry(link.robot_ns(2 * S)))
+    said = link.host.receive_telemetry(header, body, True, 2 * S)
+    assert said is not None
     assert (said.wanted, said.wanted_run, header.run) == (Wanted.PAUSE, 4, 4)
     assert (header.timestep, header.capture_ns) == (1, 2 * S)
 
@@ -186,13 +183,13 @@ def test_refuse_and_goodbye_end_the_session_with_a_reason() -> None:
     robot = RobotSession(bytes(16), 23)
     robot.connect(S)
     why = Notice(RefuseCode.TAG_IN_USE, "tag 23 is in use")
-    assert robot.tcp_in(encode(Header(PacketType.REFUSE), why), S) == [RobotEvent.REFUSED]
+    assert robot.tcp_in(encode(Header(PacketType.REFUSE), why), S) == [Event.REFUSED]
     assert (robot.notice, robot.c.phase) == (why, lib.VS_PHASE_DOWN)
     link = Link()
     link.greet()
     bye = Notice(GoodbyeCause.TAKEN_OVER, "taken over")
     packet = link.host.encode(Header(PacketType.GOODBYE), bye, 2 * S)
-    assert link.robot.tcp_in(packet, link.robot_ns(2 * S)) == [RobotEvent.GOODBYE]
+    assert link.robot.tcp_in(packet, link.robot_ns(2 * S)) == [Event.GOODBYE]
     assert (link.robot.notice, link.robot.c.open) == (bye, 0)
 
 
@@ -220,7 +217,7 @@ def test_any_chunking_gives_the_same_events(chunk: int) -> None:
     events = []
     for at in range(0, len(stream), chunk):
         events += link.robot.tcp_in(stream[at : at + chunk], link.robot_ns(2 * S))
-    assert events == [RobotEvent.OPEN, *[RobotEvent.STATE] * 3, RobotEvent.GOODBYE]
+    assert events == [Event.OPEN, *[Event.STATE] * 3, Event.GOODBYE]
 
 
 def break_order(link: Link, what: str) -> bytes:
@@ -259,7 +256,7 @@ def test_a_host_that_breaks_the_protocol_is_named_and_left(what: str, name: str)
     with pytest.raises(WireError) as caught:
         link.robot.tcp_in(b"V", link.robot_ns(2 * S))
     assert caught.value.name == "VS_ERR_STATE"
-    assert link.greet(3 * S) == [RobotEvent.OPEN]
+    assert link.greet(3 * S) == [Event.OPEN]
 
 
 @pytest.mark.parametrize(
@@ -328,4 +325,4 @@ def test_robot_renews_a_session_whose_numbers_are_used_up() -> None:
     header, notice = decode(link.robot.tcp_out(link.robot_ns(2 * S)))
     assert isinstance(notice, Notice)
     assert (header.type, notice.code) == (PacketType.GOODBYE, GoodbyeCause.RENEW)
-    assert link.greet(3 * S) == [RobotEvent.OPEN]
+    assert link.greet(3 * S) == [Event.OPEN]

@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 
 from vsense.arena import POSE, ArenaState
+from vsense.config.controllers import mount_sensor
 from vsense.robot import build
 from vsense.sensors.bank import SensorBank
 from vsense.sensors.base import Scope
-from vsense.sensors.registry import mount
 from vsense.sim.job import Job, Setup
 from vsense.sim.watch import Task, simulate_all
 from vsense.world import Light, World
@@ -91,7 +91,7 @@ class SensingSwarm:
         settings = {"formula": "generic", "vs:ring": str(SENSORS), "vs:angles": "false"}
         element = Element(Document("bench"), "virtual_light_sensor", 1, settings)
         self.world = World(tags, entities=lights)
-        self._bank = SensorBank([mount(element, Scope({}, 0))], tags)
+        self._bank = SensorBank([mount_sensor(element, Scope({}, 0))], tags)
         self._timestep = 0
 
     def step(self) -> dict[int, Any]:

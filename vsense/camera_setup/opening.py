@@ -26,9 +26,10 @@ from vsense.cameras.picture import PictureError
 from vsense.cameras.source import Shot, Source
 from vsense.cameras.v4l2 import V4l2ControlDevice
 from vsense.config import resources as resources_file
-from vsense.config.live_cameras import make_source
 from vsense.config.resources import EXPOSURES_US, GAINS, RATES_HZ, SIDES_PX
-from vsense.config.tracking_specs import (
+from vsense.errors import UsageError
+from vsense.tracking.opening import make_source
+from vsense.tracking.specs import (
     CAMERA,
     GENICAM,
     CameraTrackerSpec,
@@ -38,7 +39,6 @@ from vsense.config.tracking_specs import (
     TrackerSpec,
     TrackingSession,
 )
-from vsense.errors import UsageError
 
 AWAY_M = 2.5
 """So high they hang as far as anybody is told."""

@@ -22,14 +22,13 @@ from vsense.calibration.views import CornerFinder
 from vsense.camera_setup.opening import Size, free, make, session_of, sizes_of
 from vsense.camera_setup.showing import save_picture
 from vsense.cameras.genicam import GenicamSettings
-from vsense.cameras.grabber import GrabberError, Troubles
+from vsense.cameras.grabber import Grabber, GrabberError, Troubles
 from vsense.cameras.picture import Image
 from vsense.config import resources as resources_file
-from vsense.config.live_cameras import live_grabber
-from vsense.config.tracking_build import SetGrabber
-from vsense.config.tracking_specs import GrabberSpec
 from vsense.errors import UsageError, VsenseError
 from vsense.terminal import INTERRUPTED, Console, interruption
+from vsense.tracking.opening import live_grabber
+from vsense.tracking.specs import GrabberSpec
 
 FLOOR = "floor"
 _PLAIN = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,60}")
@@ -149,7 +148,7 @@ class ShootingSession:
         cameras: list[str],
         directory: Path,
         board: Board | None,
-        grabber: SetGrabber,
+        grabber: Grabber,
         console: Console,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:

@@ -23,12 +23,12 @@ from vsense.camera_setup.opening import OpenCamera, choose, make, session_of, si
 from vsense.cameras.grabber import CameraEvent, GrabberError, Troubles
 from vsense.cameras.health import Health
 from vsense.cameras.picture import Image
-from vsense.config.live_cameras import live_grabber
-from vsense.config.tracking_specs import GrabberSpec, TrackingSession
 from vsense.errors import UsageError, VsenseError
 from vsense.live.track_room import TrackRoom
 from vsense.markers.families import load_family
 from vsense.terminal import INTERRUPTED, Console, interruption
+from vsense.tracking.opening import live_grabber
+from vsense.tracking.specs import GrabberSpec, TrackingSession
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm")
 WARM_UP = 3

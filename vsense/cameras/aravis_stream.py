@@ -17,8 +17,8 @@ from vsense.cameras.aravis_camera import AravisCamera
 from vsense.cameras.picture import Image, PictureError
 
 BUFFERS = 8
-"""One is being filled, one is the newest, two timesteps are with the tracker, others with a
-recorder."""
+"""One is being filled, one is the newest of its camera; one is with the tracker, one waits in the
+double buffer, one is with the virtual world, others with a recorder."""
 WAITING = 2
 """Pictures for which the system keeps memory until Aravis fetches their packets: its usual 200 kB
 are less than one. It gives no more than net.core.rmem_max."""

@@ -44,42 +44,35 @@ class CameraEvent:
 class Grabber(Protocol):
     """A set of cameras that are triggered together, once per timestep."""
 
+    @property
+    def timesteps(self) -> int | None:
+        """How many there are, where that is known."""
+
+    @property
+    def missed(self) -> int:
+        """Timesteps that were left out because later ones were due or there already."""
+
     def next(self, timeout_s: float) -> Sequence[Frame]:
         """Waits for the newest timestep's pictures, one per camera that delivered.
 
-        The pictures' memory may be used again after two more calls.
+        A picture is valid and does not change as long as anybody refers to it or to a view of it:
+        whoever holds one needs no copy, and a camera never waits for whoever holds one.
+
+        Pictures that were decoded (files, videos, streams, V4L2) have memory of their own. Those
+        of GenICam cameras and of the lab are lent: a driver's buffer, or a slot of the memory
+        that is shared with the lab's camera process. It goes back when the last reference is
+        gone. Where so much is lent that the camera might find no room, a copy is given instead.
 
         Raises:
-            GrabberError: No picture came in `timeout_s`, or there will be no more.
+            NoMorePictures: There will be no more.
+            GrabberError: No picture came in `timeout_s`.
         """
+
+    def events(self) -> list[CameraEvent]:
+        """Gives what happened to the cameras since the last call; any thread."""
 
     def close(self) -> None:
         """Lets the cameras go; can be called again."""
-
-
-class MemoryGrabber:
-    """Hands out pictures that are in memory already, one timestep per call."""
-
-    def __init__(self, frames: Iterable[Frame]) -> None:
-        """Groups `frames` by their timestep; they may come in any order."""
-        sets: dict[int, list[Frame]] = {}
-        for frame in frames:
-            sets.setdefault(frame.timestep, []).append(frame)
-        self._sets = [sets[timestep] for timestep in sorted(sets, reverse=True)]
-
-    def next(self, timeout_s: float) -> Sequence[Frame]:
-        """Returns the next timestep's pictures at once.
-
-        Raises:
-            GrabberError: All have been handed out.
-        """
-        if not self._sets:
-            raise NoMorePictures("no more pictures: all of those in memory have been handed out")
-        return self._sets.pop()
-
-    def close(self) -> None:
-        """Drops the pictures that are left."""
-        self._sets.clear()
 
 
 REPEATS = 3

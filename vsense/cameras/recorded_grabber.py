@@ -21,7 +21,8 @@ AHEAD = 2
 """Timesteps that are read while the one before them is processed."""
 READERS = 2
 
-_PATIENCE_S = 60.0
+PATIENCE_S = 60.0
+"""So long a caller waits for a picture that is being read, unless it says otherwise."""
 
 
 class CameraRecording(Protocol):
@@ -137,7 +138,7 @@ class RecordedGrabber:
         self._events: list[CameraEvent] = []
         self._lock = threading.Lock()
 
-    def next(self, timeout_s: float = _PATIENCE_S) -> Sequence[Frame]:
+    def next(self, timeout_s: float = PATIENCE_S) -> Sequence[Frame]:
         """Gives the next timestep of which there is a picture.
 
         Raises:
@@ -229,60 +230,3 @@ def wrong_size(image: Image, size_px: tuple[int, int]) -> str:
     """Says that a picture does not have the size of its camera's calibration."""
     height, width = image.shape
     return f"a picture of {width} x {height} px, its calibration is for {size_px[0]} x {size_px[1]}"
-
-
-class PacedGrabber:
-    """Hands a recording out at the pace in which it was taken, as if it were happening now.
-
-    Attributes:
-        timesteps: How many there are.
-    """
-
-    def __init__(self, recorded: RecordedGrabber, clock: Callable[[], int]) -> None:
-        """Starts at the first `next`; `clock` is the host's monotonic clock [ns]."""
-        self._recorded = recorded
-        self._clock = clock
-        self._shift_ns: int | None = None
-        self._ended = threading.Event()
-        self.timesteps = recorded.timesteps
-
-    @property
-    def missed(self) -> int:
-        """Timesteps left out because a later one was due already."""
-        return self._recorded.missed
-
-    def next(self, timeout_s: float = _PATIENCE_S) -> Sequence[Frame]:
-        """Waits until the next timestep is due.
-
-        Raises:
-            NoMorePictures: There is none.
-            GrabberError: None was due in `timeout_s`.
-        """
-        due_ns = self._recorded.due_ns()
-        if due_ns is None:
-            return self._recorded.next(timeout_s)
-        if self._shift_ns is None:
-            self._shift_ns = self._clock() - due_ns
-        wait_s = (due_ns + self._shift_ns - self._clock()) / 1e9
-        if wait_s > timeout_s:
-            self._ended.wait(timeout_s)
-            raise GrabberError(f"no picture of the recording was due in {timeout_s:g} s")
-        if wait_s > 0.0:
-            self._ended.wait(wait_s)
-        self._leave_out_late(self._shift_ns)
-        return self._recorded.next(timeout_s)
-
-    def _leave_out_late(self, shift_ns: int) -> None:
-        """Leaves out timesteps after which another one is due already."""
-        now_ns = self._clock() - shift_ns
-        while (after_ns := self._recorded.due_ns(1)) is not None and after_ns <= now_ns:
-            self._recorded.skip()
-
-    def events(self) -> list[CameraEvent]:
-        """Gives what happened since the last call."""
-        return self._recorded.events()
-
-    def close(self) -> None:
-        """Ends all waiting and closes the recording; can be called again."""
-        self._ended.set()
-        self._recorded.close()

@@ -23,7 +23,7 @@ COMMANDS = {
     "stop": ("orders", "end the run"),
     "reset": ("orders", "end the run and go back to the beginning, waiting for `vsense start`"),
     "replay": ("replay", "play a recording in the page, or run the tracker on its pictures again"),
-    "report": ("report", "make pictures and a page from recordings; several are compared"),
+    "report": ("report", "make charts and a page from recordings; several are compared"),
     "export": ("export", "write what a recording holds as tables"),
     "cameras": ("cameras", "find cameras, look through them, set them up"),
     "markers": ("markers", "draw markers to print and cut out"),

@@ -10,9 +10,11 @@ import secrets
 from collections.abc import Mapping
 from pathlib import Path
 
-from vsense.config.experiment import load
+from vsense.config.experiment import first_robots, load
+from vsense.config.placement import settle
 from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
+from vsense.report import FORMATS
 
 MOST_NUMBERS = 100_000
 """A range of numbers may have so many."""
@@ -142,6 +144,17 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_charts(parser: argparse.ArgumentParser) -> None:
+    """Declares how charts are drawn and kept."""
+    group = parser.add_argument_group("charts")
+    group.add_argument("--format", choices=FORMATS, help="of their files (default: png)")
+    group.add_argument(
+        "--style",
+        metavar="FILE_OR_NAME",
+        help="a Matplotlib style sheet (.mplstyle), or the name of one; a matplotlibrc counts, too",
+    )
+
+
 def add_room(parser: argparse.ArgumentParser) -> None:
     """Declares how the runs are seen, steered and kept: the control room."""
     add_web(parser)
@@ -238,6 +251,27 @@ def open_experiment(
     if options.strict:
         experiment.refuse_warnings()
     return None if options.dry else experiment
+
+
+def open_run(options: argparse.Namespace, real: bool = True) -> tuple[Experiment, int] | None:
+    """Loads an experiment of which robots run, and settles it.
+
+    Args:
+        options: as `open_experiment` takes them, and `robots` and `seed`.
+        real: see `settle`.
+
+    Returns:
+        The experiment with everything in its place, and the first run's seed; None with `--dry`.
+
+    Raises:
+        VsenseError: as `open_experiment`; not so many robots, or no place for something.
+    """
+    experiment = open_experiment(options)
+    if experiment is None:
+        return None
+    experiment = first_robots(experiment, options.robots)
+    seed = choose_seed(options, experiment)
+    return settle(experiment, seed, real=real), seed
 
 
 def choose_seed(options: argparse.Namespace, experiment: Experiment) -> int:

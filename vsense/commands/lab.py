@@ -9,15 +9,13 @@ from typing import Any
 import numpy as np
 
 from vsense.commands import arguments
-from vsense.commands.arguments import choose_seed, open_experiment
-from vsense.config.experiment import first_robots
-from vsense.config.placement import settle
+from vsense.commands.arguments import open_run
 from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
 from vsense.lab import metrics, report
 from vsense.lab.links import BASES
 from vsense.lab.session import Session
-from vsense.link.robots.wire import Telemetry
+from vsense.live.session import RunSetup
 from vsense.pictures.story import spoken
 from vsense.run import directory as run_directory
 from vsense.run.runtime import Step
@@ -74,23 +72,21 @@ def run(options: argparse.Namespace) -> int:
             is reported first.
     """
     console = Console()
-    experiment = _experiment(options)
-    if experiment is None:
+    opened = open_run(options)
+    if opened is None:
         return 0
-    seed = choose_seed(options, experiment)
-    experiment = settle(experiment, seed)
+    experiment, seed = opened
     directory = run_directory.make(options.output, experiment.name, seed)
     port = experiment.port if options.port is None else options.port
     _warn(console, experiment)
     with interruption() as interrupted, ControlRoom(options, console) as room:
-        session = Session(
-            *(experiment, seed, directory, port, options.blind, console, interrupted),
-            *(options.base, room),
-        )
+        address = (experiment.host, port)
+        setup = RunSetup(experiment, seed, options.blind, address, console, interrupted, room)
+        session = Session(setup, directory, options.base)
         series = Series(directory, options.runs, room.holds, interrupted)
         failure = _live(session, series, room, console)
         console.end_progress()
-        _report_all(options, session, series, directory, console)
+        _report_all(options, session, series, console)
         if failure is not None:
             raise failure
         return INTERRUPTED if series.was_broken(session.runner.control) else 0
@@ -114,12 +110,6 @@ def _live(
                 session.next_run()
         except VsenseError as error:
             return error
-
-
-def _experiment(options: argparse.Namespace) -> Experiment | None:
-    """The experiment with the command line's changes; None with `--dry`."""
-    experiment = open_experiment(options)
-    return None if experiment is None else first_robots(experiment, options.robots)
 
 
 def _warn(console: Console, experiment: Experiment) -> None:
@@ -147,9 +137,9 @@ def _progress(console: Console, session: Session) -> Any:
         if step.run_timestep == COMPLAINTS_TIMESTEP:
             for complaint in session.swarm.complaints():
                 console.say(f"vsense: {complaint}")
-        robots = session.server.robots().values()
+        robots = session.runner.robots.values()
         connected = sum(robot.connected for robot in robots)
-        lit = sum(_is_lit(robot.telemetry) for robot in robots if robot.connected)
+        lit = sum(robot.lit for robot in robots if robot.connected)
         latency_ms = (step.sent_ns - step.ready_ns) / 1e6
         console.progress(
             f"{step.run_timestep * experiment.timestep_s:5.1f}{length} s"
@@ -162,7 +152,7 @@ def _progress(console: Console, session: Session) -> Any:
 
 def _measured(session: Session) -> str:
     """What the host knows of the experiment's success: robots in the cone, or its measures."""
-    world, source = session.environment.world, report.pollution(session.experiment)
+    world, source = session.environment.world, session.experiment.source
     if source is None:
         return "".join(f"  {spoken(name)} {value:.3g}" for name, value in world.results.items())
     cone, robots = world.cone(source), world.robots
@@ -170,15 +160,10 @@ def _measured(session: Session) -> str:
     return f"  in the cone {0 if cone is None else int(cone.contains(places).sum())}"
 
 
-def _is_lit(telemetry: Telemetry | None) -> bool:
-    return telemetry is not None and bool(telemetry.leds & report.RING_LEDS)
-
-
 def _report_all(
     options: argparse.Namespace,
     session: Session,
     series: Series,
-    directory: Path,
     console: Console,
 ) -> None:
     """Measures, writes and prints what became of every run."""
@@ -189,9 +174,7 @@ def _report_all(
             summaries.append(_report(session, number, on_stdout, console))
         else:
             console.say("vsense: the run ended before its first timestep: nothing was measured")
-    if series.several:
-        figures = {"experiment": session.experiment.name, "runs": summaries}
-        run_directory.write_summary(directory, figures, options.json, run_directory.SERIES)
+    series.write_summary(session.experiment.name, summaries, options.json)
 
 
 def _report(session: Session, number: int, on_stdout: bool, console: Console) -> dict[str, Any]:
@@ -202,11 +185,11 @@ def _report(session: Session, number: int, on_stdout: bool, console: Console) ->
         "experiment": session.experiment.name,
         "run": number,
         "seed": recording.seed,
-        "blind": session.blind,
+        "blind": session.setup.blind,
         "robots": len(session.experiment.robots),
         "cameras": len(session.cameras),
         **metrics.figures(measured),
-        "vision": session.eyes.figures(),
+        "vision": session.tracking.figures(),
         "measures": recording.measures,
     }
     run_directory.write_summary(recording.directory, summary, on_stdout)

@@ -47,14 +47,13 @@ def run(options: argparse.Namespace) -> int:
     """Records; see `vsense.lab.recorder.record`."""
     # Imported here: `vsense --help` must not wait for OpenCV.
     from vsense.config.experiment import load
-    from vsense.config.placement import settle
     from vsense.lab.recorder import record
     from vsense.terminal import Console
 
     console = Console()
     console.progress("building the scene")
     record(
-        settle(load(options.experiment), options.seed),
+        load(options.experiment),
         options.directory,
         options.frames,
         options.seed,

@@ -1,4 +1,4 @@
-"""`vsense report`: recordings as pictures, one page, and numbers."""
+"""`vsense report`: recordings as charts, one page, and numbers."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ import argparse
 import json
 from pathlib import Path
 
+from vsense.commands import arguments
+
 DESCRIPTION = (
-    "Makes report.html, one page that holds everything it shows, and its pictures as PNG:"
+    "Makes report.html, one page that holds everything it shows, and its charts as PNG, SVG or PDF:"
     " trajectories, occupancy, the experiment's measures, robots seen and connected, latency, loss"
     " and gaps. Several recordings are compared as well, each experiment's sighted runs with its"
     " blind ones. Nothing is written over."
@@ -27,6 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="folder for the report, made if need be, else empty (default: FILE without .mcap and"
         " with -report; of several: report)",
     )
+    arguments.add_charts(parser)
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
 
 
@@ -44,9 +47,15 @@ def run(options: argparse.Namespace) -> int:
     folder = options.output or (alone if len(files) == 1 else Path("report"))
     console = Console()
     made = make_report(
-        files, folder, lambda path, share: console.progress(f"reading {path}: {100 * share:.0f} %")
+        files,
+        folder,
+        lambda path, share: console.progress(f"reading {path}: {100 * share:.0f} %"),
+        options.format or "png",
+        options.style,
     )
     console.end_progress()
+    if made.lacking:
+        console.say(f"vsense: {made.lacking}")
     for one in made.findings:
         if not one.complete:
             console.say(f"vsense: {one.path} was cut off: its last second may be missing")
@@ -57,5 +66,5 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(made.as_json(), indent=1))
     else:
-        print(f"{made.files[0]}: {len(made.files) - 1} pictures beside it")
+        print(f"{made.files[0]}: {len(made.files) - 1} charts beside it")
     return 0

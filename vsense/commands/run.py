@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import argparse
-import threading
 from pathlib import Path
 from typing import Any
 
 from vsense.commands import arguments
-from vsense.commands.arguments import choose_seed, open_experiment
-from vsense.config.experiment import first_robots
-from vsense.config.placement import settle
+from vsense.commands.arguments import open_run
 from vsense.config.specs import Experiment
 from vsense.errors import UsageError, VsenseError
 from vsense.link.legacy.server import MixedServer
-from vsense.live.run import OneRun, RunSession
+from vsense.live.run import OneRun
+from vsense.live.session import RunSession, RunSetup
 from vsense.live.sources import require_source
 from vsense.run import directory as run_directory
-from vsense.run.directory import SERIES, RunLog
+from vsense.run.directory import RunLog
 from vsense.run.robots import Readiness, shorten
 from vsense.run.series import Series
 from vsense.terminal import INTERRUPTED, interruption
@@ -101,12 +99,10 @@ def run(options: argparse.Namespace) -> int:
         VsenseError: it cannot run, or something failed in mid-run; what was measured until then
             is reported first.
     """
-    experiment = open_experiment(options)
-    if experiment is None:
+    opened = open_run(options, real=False)
+    if opened is None:
         return 0
-    experiment = first_robots(experiment, options.robots)
-    seed = choose_seed(options, experiment)
-    experiment = settle(experiment, seed, real=False)
+    experiment, seed = opened
     require_source(experiment, options.tracking)
     directory = run_directory.make(options.output, experiment.name, seed)
     keep_file(experiment, directory)
@@ -117,7 +113,10 @@ def run(options: argparse.Namespace) -> int:
     ):
         for warning in experiment.warnings:
             diary.say(f"vsense: {warning}")
-        return RunCommand(options, experiment, seed, directory, diary, room, interrupted).run()
+        host = experiment.host if options.host is None else options.host
+        port = experiment.port if options.port is None else options.port
+        setup = RunSetup(experiment, seed, options.blind, (host, port), diary, interrupted, room)
+        return RunCommand(options, setup, directory, diary).run()
 
 
 def keep_file(experiment: Experiment, directory: Path) -> None:
@@ -153,59 +152,39 @@ class RunCommand:
     def __init__(
         self,
         options: argparse.Namespace,
-        experiment: Experiment,
-        seed: int,
+        setup: RunSetup,
         directory: Path,
         diary: RunLog,
-        room: ControlRoom,
-        interrupted: threading.Event,
     ) -> None:
         """Prepares the runs.
 
         Args:
             options: the command line.
-            experiment: what to run.
-            seed: seed of everything that is drawn in the first run.
+            setup: what the runs are made from.
             directory: of all runs, exists.
             diary: where to say what happens.
-            room: where it is seen and steered.
-            interrupted: set by whoever wants it to end early.
         """
         self._options = options
-        self._experiment = experiment
-        self._seed = seed
+        self._setup = setup
         self._directory = directory
         self._diary = diary
-        self._room = room
-        self._interrupted = interrupted
-        self._series = Series(directory, options.runs, room.holds, interrupted)
+        self._series = Series(directory, options.runs, setup.room.holds, setup.interrupted)
 
     def run(self) -> int:
         """Lives all runs; see `run`."""
-        options, experiment, diary = self._options, self._experiment, self._diary
-        host = experiment.host if options.host is None else options.host
-        port = experiment.port if options.port is None else options.port
-        session = RunSession(
-            experiment,
-            self._seed,
-            options.blind,
-            (host, port),
-            options.tracking,
-            diary,
-            self._interrupted,
-            self._room,
-            _legacy_port(options.legacy_port, port),
-        )
+        options, setup = self._options, self._setup
+        legacy_port = _legacy_port(options.legacy_port, setup.address[1])
+        session = RunSession(setup, options.tracking, legacy_port)
         summaries: list[dict[str, Any]] = []
         failure: VsenseError | None = None
         with session:
-            self._announce(session, host)
+            self._announce(session)
             try:
                 while self._one_run(session, summaries) and self._series.goes_on(session.runner):
                     session.next_run()
             except VsenseError as error:
                 failure = error
-        diary.end_progress()
+        self._diary.end_progress()
         self._tell(summaries)
         if failure is not None:
             raise failure
@@ -216,9 +195,7 @@ class RunCommand:
         options = self._options
         if summaries and not self._series.several:
             run_directory.print_summary(summaries[0], options.json)
-        if self._series.several:
-            figures = {"experiment": self._experiment.name, "runs": summaries}
-            run_directory.write_summary(self._directory, figures, options.json, SERIES)
+        self._series.write_summary(self._setup.experiment.name, summaries, options.json)
 
     def _one_run(self, session: RunSession, summaries: list[dict[str, Any]]) -> bool:
         """Waits, lives a run and reports.
@@ -231,9 +208,9 @@ class RunCommand:
         """
         number = session.runner.control.run
         directory = self._series.directory(number)
-        self._room.begin_run(session.environment, directory)
+        self._setup.room.begin_run(session.environment, directory)
         attendance = self._wait(session, number)
-        if self._interrupted.is_set():
+        if self._setup.interrupted.is_set():
             self._diary.end_progress()
             self._diary.say("vsense: interrupted before the run: nothing was measured")
             return False
@@ -243,7 +220,7 @@ class RunCommand:
             self._diary.say(f"no table of this run's timesteps: {error}", "trouble")
         one = OneRun(session, directory, attendance, self._diary)
         one.live()
-        self._room.end_run()
+        self._setup.room.end_run()
         summary = one.report()
         if summary is not None:
             summaries.append(summary)
@@ -251,11 +228,12 @@ class RunCommand:
             raise one.failure
         return True
 
-    def _announce(self, session: RunSession, host: str) -> None:
-        experiment, say = self._experiment, self._diary.say
+    def _announce(self, session: RunSession) -> None:
+        setup, say = self._setup, self._diary.say
+        experiment, host = setup.experiment, setup.address[0]
         length = f"{experiment.length_s:g} s" if experiment.length_s else "until Ctrl-C"
         say(
-            f"{experiment.name}: {len(experiment.robots)} robots, seed {self._seed}, {length};"
+            f"{experiment.name}: {len(experiment.robots)} robots, seed {setup.seed}, {length};"
             f" notes in {self._directory}"
         )
         say(f"arena states come from {session.source.name}")
@@ -280,7 +258,7 @@ class RunCommand:
             self._diary.say(f"run {number}, seed {session.environment.seed}")
         limit_s = self._series.patience_s(number, self._options.start_after)
         attendance = session.runner.wait(limit_s)
-        if attendance.complete or self._interrupted.is_set():
+        if attendance.complete or self._setup.interrupted.is_set():
             return attendance
         if not set(self._names()) - set(attendance.missing):
             raise RunError(f"no robot is there; {attendance.complaint()}")
@@ -290,4 +268,4 @@ class RunCommand:
         return attendance
 
     def _names(self) -> list[str]:
-        return [robot.id for robot in self._experiment.robots]
+        return [robot.id for robot in self._setup.experiment.robots]

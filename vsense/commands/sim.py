@@ -17,7 +17,8 @@ from vsense.lab import phases
 from vsense.robot import build
 from vsense.run import directory as run_directory
 from vsense.sim import campaign
-from vsense.sim.job import TRAJECTORY, Job, Setup
+from vsense.sim.job import Job, Setup
+from vsense.sim.record import TRAJECTORY
 from vsense.sim.settings import Sweep
 from vsense.sim.watch import Interrupted, Task, WorkerProcess, simulate_all
 from vsense.terminal import INTERRUPTED, Console, interruption
@@ -39,9 +40,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--output",
         type=Path,
         metavar="PATH",
-        help="folder of a run (default: runs/...), or a campaign's CSV file (default: results.csv)",
+        help="folder of a run (default: runs/...), or a campaign's CSV file (default: results.csv)"
+        " or its picture (.png, .svg, .pdf); the other one lies beside it",
     )
     _add_campaign(parser)
+    arguments.add_charts(parser)
 
 
 def _add_campaign(parser: argparse.ArgumentParser) -> None:
@@ -102,6 +105,8 @@ def run(options: argparse.Namespace) -> int:
     with interruption() as interrupted:
         try:
             if sweep.seeds is None:
+                if options.format or options.style:
+                    raise UsageError("--format, --style: a campaign's chart only, see --runs")
                 return _one(options, setup, experiment, console, interrupted)
             if options.seed is not None:
                 raise UsageError("--seed: a campaign has --seeds")

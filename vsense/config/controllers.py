@@ -1,15 +1,24 @@
-"""Reads a controller's `<sensors>` and `<actuators>`: the robots' own devices, and virtual ones.
+"""A controller's `<sensors>` and `<actuators>`: the robots' own devices, and virtual ones.
+
+Every module in `vsense/sensors/` and `vsense/actuators/` that names XML elements is a virtual
+device: it holds `ELEMENTS`, the names, and `from_xml(element, scope)`.
 
 Reads `<controllers>`: what drives the robots.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+import importlib
+import pkgutil
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
+from typing import Any
 
-from vsense.actuators import registry as actuator_registry
-from vsense.actuators.base import MountedActuator
+import vsense.actuators
+import vsense.sensors
+from vsense.actuators.base import ActuatorError, MountedActuator
 from vsense.config import argos
 from vsense.config.framework import collect
 from vsense.config.robots import ArenaContents
@@ -19,20 +28,76 @@ from vsense.errors import UsageError
 from vsense.link.robots.table import Direction, Entry, Table
 from vsense.native import WireError, lib
 from vsense.robot.build import source_tree
-from vsense.sensors import registry as sensor_registry
-from vsense.sensors.base import MountedSensor, Scope
+from vsense.sensors import updating
+from vsense.sensors.base import MountedSensor, Scope, SensorError, layout_dtype, scale_of
+from vsense.sensors.quality import Quality
 from vsense.xml.element import Element, shown
 
 SENSORS = "sensors"
 ACTUATORS = "actuators"
 
+_KINDS = {SENSORS: (vsense.sensors, SensorError), ACTUATORS: (vsense.actuators, ActuatorError)}
+
+Factory = Callable[[Element, Scope], Any]
+"""Makes a `VirtualSensor` or a `VirtualActuator`."""
+
+
+@cache
+def factories(section: str) -> dict[str, Factory]:
+    """Gives what makes a virtual device, by the name of its XML element.
+
+    Args:
+        section: `SENSORS` or `ACTUATORS`.
+
+    Raises:
+        SensorError, ActuatorError: two modules claim the same element.
+    """
+    package, error = _KINDS[section]
+    found: dict[str, Factory] = {}
+    for module_info in pkgutil.iter_modules(package.__path__):
+        module = importlib.import_module(f"{package.__name__}.{module_info.name}")
+        for name in getattr(module, "ELEMENTS", ()):
+            if name in found:
+                raise error(f"{module.__name__}: <{name}> is another module's")
+            found[name] = module.from_xml
+    return found
+
 
 def virtual_devices() -> dict[str, Collection[str]]:
     """Gives the elements of all virtual devices, by the element that holds them."""
-    return {
-        SENSORS: sensor_registry.factories().keys(),
-        ACTUATORS: actuator_registry.factories().keys(),
-    }
+    return {section: factories(section).keys() for section in _KINDS}
+
+
+def mount_sensor(element: Element, scope: Scope) -> MountedSensor:
+    """Makes the sensor that an element of `factories(SENSORS)` asks for.
+
+    Raises:
+        ConfigError: an attribute is wrong.
+    """
+    element.choice("implementation", ("default",), "default")
+    sensor = factories(SENSORS)[element.name](element, scope)
+    try:
+        layout_dtype(sensor.layout)
+    except SensorError as error:
+        raise element.error(str(error)) from None
+    quality = Quality.from_xml(element, scale_of(sensor))
+    condition, every = updating.from_xml(element, sensor, quality.update_every)
+    return MountedSensor(sensor, element.line, replace(quality, update_every=every), condition)
+
+
+def mount_actuator(element: Element, scope: Scope) -> MountedActuator:
+    """Makes the actuator that an element of `factories(ACTUATORS)` asks for.
+
+    Args:
+        element: its element.
+        scope: what it may refer to; the sensors have added their pollutant sources.
+
+    Raises:
+        ConfigError: an attribute is wrong.
+    """
+    element.choice("implementation", ("default",), "default")
+    actuator = factories(ACTUATORS)[element.name](element, scope)
+    return MountedActuator(actuator, element.line, Quality.from_xml(element, actuator.scale))
 
 
 def read_devices(
@@ -55,14 +120,14 @@ def read_devices(
     entries: dict[str, tuple[Entry, int]] = {}
     section = controller.optional_child(SENSORS)
     for element in _virtual(section, argos.ROBOT_SENSORS, argos.SENSORS, virtual[SENSORS], media):
-        sensor = sensor_registry.mount(element, scope)
+        sensor = mount_sensor(element, scope)
         _add_entry(entries, element, sensor.sensor.name, sensor.sensor.layout, Direction.SENSOR)
         sensors.append(sensor)
     section = controller.optional_child(ACTUATORS)
     for element in _virtual(
         section, argos.ROBOT_ACTUATORS, argos.ACTUATORS, virtual[ACTUATORS], media
     ):
-        actuator = actuator_registry.mount(element, scope)
+        actuator = mount_actuator(element, scope)
         name, layout = actuator.actuator.name, actuator.actuator.layout
         _add_entry(entries, element, name, layout, Direction.ACTUATOR)
         actuators.append(actuator)

@@ -135,22 +135,6 @@ _TOUCH_M = 1e-9
 """Bodies that the file places side by side may touch."""
 
 
-def place(experiment: Experiment, seed: int) -> dict[int, Pose]:
-    """Gives every robot and object its start pose.
-
-    Args:
-        experiment: the experiment.
-        seed: decides the poses of what is distributed.
-
-    Returns:
-        By tag the pose; yaw in (-pi, pi].
-
-    Raises:
-        ConfigError: bodies that the file places overlap, or a distributed one finds no room.
-    """
-    return _place_all(experiment, seed).poses
-
-
 def settle(experiment: Experiment, seed: int, real: bool = True) -> Experiment:
     """Gives everything that is distributed its place; what has one keeps it.
 
@@ -165,7 +149,7 @@ def settle(experiment: Experiment, seed: int, real: bool = True) -> Experiment:
         every robot and object has its pose.
 
     Raises:
-        ConfigError: see `place`.
+        ConfigError: bodies that the file places overlap, or a distributed one finds no room.
     """
     bodies = experiment if real else replace(experiment, robots=(), objects=())
     placed = _place_all(bodies, seed)

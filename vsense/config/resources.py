@@ -15,7 +15,9 @@ from pathlib import Path
 from vsense.cameras.camera import Camera, CameraError
 from vsense.cameras.genicam import FREE, PIXEL_FORMATS, GenicamSettings, attribute_of
 from vsense.cameras.opencv_source import Controls
-from vsense.config.tracking_specs import (
+from vsense.errors import UsageError
+from vsense.markers.families import FamilyError, MarkerFamily, SquareFamily, load_family
+from vsense.tracking.specs import (
     CAMERA,
     CAMERA_TYPES,
     GENICAM,
@@ -25,8 +27,6 @@ from vsense.config.tracking_specs import (
     Resources,
     TrackerSpec,
 )
-from vsense.errors import UsageError
-from vsense.markers.families import FamilyError, MarkerFamily, SquareFamily, load_family
 from vsense.xml.element import Element
 from vsense.xml.parsing import parse
 

@@ -18,7 +18,6 @@ from vsense.config.distribute import DistributedSpec, Distribution
 from vsense.config.tracker_address import JsonLinesTracker, TrackerAddress
 from vsense.errors import ConfigError
 from vsense.sensors.base import MountedSensor
-from vsense.world.entities import BODY_RADIUS_M as BODY_RADIUS_M
 from vsense.world.entities import Arena as Arena
 from vsense.world.entities import Box, Cylinder, Entity, Light, VirtualRobot, Zone
 from vsense.world.entities import Vector as Vector
@@ -260,6 +259,16 @@ class Experiment:
     def timestep_ns(self) -> int:
         """Length of a timestep [ns]."""
         return round(1e9 / self.ticks_per_second)
+
+    @property
+    def source(self) -> PollutantSource | None:
+        """The pollutant source that a run's figures are about: the file's first, if it has one."""
+        return self.sources[0] if self.sources else None
+
+    @property
+    def turn_timestep(self) -> int | None:
+        """The run's timestep at which that source's wind turns; None: never."""
+        return None if self.source is None else self.source.turn_timestep
 
     @property
     def timesteps(self) -> int:

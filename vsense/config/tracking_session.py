@@ -12,7 +12,7 @@ from typing import TypeVar
 from vsense.cameras.genicam import FREE
 from vsense.config import resources as resources_file
 from vsense.config.resources import check_recording, load_camera, read_bytes
-from vsense.config.tracking_specs import (
+from vsense.tracking.specs import (
     CameraTrackerSpec,
     GrabberSpec,
     RecordSpec,

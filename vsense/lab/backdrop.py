@@ -82,7 +82,6 @@ class Backdrop:
         grey: (h, w) float32, the picture without noise [DN].
         light: (h, w) float32, what a perfectly white surface would read there [DN].
         top_m: (h, w) float32, height above the floor of what is seen.
-        highest_m: The greatest of them.
     """
 
     def __init__(self, rays: RayMap, scene: Scene, boxes: tuple[Block, ...]) -> None:
@@ -92,7 +91,6 @@ class Backdrop:
         self.top_m: Image32 = np.zeros(surface.shape, dtype=np.float32)
         _shade_foot(surface, rays.camera, boxes)
         _stand(surface, self.top_m, rays.camera, boxes)
-        self.highest_m = float(self.top_m.max())
         self.grey = blur(surface * self.light * np.float32(1.0 / 255.0))
 
 

@@ -10,17 +10,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from functools import lru_cache
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense.cameras.camera import Camera
-from vsense.config.specs import BODY_RADIUS_M
 from vsense.lab.optics import BLUR_SIGMA_PX, Image32
 from vsense.lab.shared import LabError
 from vsense.markers.family import Family
+from vsense.world.entities import BODY_RADIUS_M
 
 Floats = NDArray[np.float64]
 
@@ -79,11 +78,6 @@ class Body:
             raise LabError(f"body {self.tag}: kind {self.kind!r} is neither robot nor object")
         if not 0.0 < self.height_m < 1.0:
             raise LabError(f"body {self.tag}: height_m: {self.height_m} is not in (0, 1)")
-
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> Body:
-        """Makes a body of its JSON object."""
-        return cls(int(values["tag"]), float(values["height_m"]), str(values["kind"]))
 
 
 class Effect(Enum):

@@ -29,7 +29,7 @@ import numpy as np
 from vsense.errors import VsenseError
 from vsense.lab.camera_spec import Exposure, LabCameraSpec
 from vsense.lab.optics import EXPOSURE_NS, sample_times_ns
-from vsense.lab.shared import SLOTS, FrameBank, LabError
+from vsense.lab.shared import FrameBank, LabError
 from vsense.lab.studio import Studio
 from vsense.lab.truth import TruthLog, TruthReader
 
@@ -82,7 +82,7 @@ class CameraProcess:
 
     def _take(self, timestep: int, capture_ns: int, stdin: int) -> Exposure | None:
         """Takes one timestep's pictures; None where `stdin` ended first."""
-        slot = timestep % SLOTS
+        slot = self._bank.begin(timestep)
         images = self._bank.images[slot]
         moments = sample_times_ns(capture_ns, SAMPLES)
         begun_ns = time.monotonic_ns()

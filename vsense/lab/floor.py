@@ -8,11 +8,11 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
-from vsense.config.specs import Experiment, Pose
+from vsense.config.specs import Experiment, ObjectSpec, RobotSpec
 from vsense.lab.links import bases_of
 from vsense.lab.processes import describe_exit, end
 from vsense.lab.shared import LabError
-from vsense.world.physics import obstacles
+from vsense.physics.motion import obstacles
 
 _BOX = ("x_m", "y_m", "yaw_rad", "size_x_m", "size_y_m")
 _CYLINDER = ("x_m", "y_m", "radius_m")
@@ -29,7 +29,6 @@ class FloorProcess:
     def __init__(
         self,
         experiment: Experiment,
-        poses: Mapping[int, Pose],
         truth: str,
         seed: int,
         directory: Path,
@@ -38,8 +37,7 @@ class FloorProcess:
         """Puts robots, objects and walls in their places.
 
         Args:
-            experiment: what stands in the arena.
-            poses: start pose of every tag.
+            experiment: what stands in the arena; it is settled.
             truth: name of the truth ring.
             seed: seed of the proximity sensors' noise.
             directory: where the log goes.
@@ -55,7 +53,7 @@ class FloorProcess:
             stdout=subprocess.PIPE,
             start_new_session=True,
         )
-        spec = _spec(experiment, poses, truth, seed, self.log)
+        spec = _spec(experiment, truth, seed, self.log)
         spec["bases"] = bases_of(base, len(experiment.robots))
         self.bases: list[str] = json.loads(self._ask(spec))["bases"]
 
@@ -82,19 +80,15 @@ class FloorProcess:
         return answer
 
 
-def _spec(
-    experiment: Experiment, poses: Mapping[int, Pose], truth: str, seed: int, log: Path
-) -> dict[str, object]:
+def _spec(experiment: Experiment, truth: str, seed: int, log: Path) -> dict[str, object]:
     """What the process is told; see `vsense.lab.physics_process`."""
     boxes, cylinders = obstacles(experiment.boxes, experiment.cylinders)
     return {
         "robots": [
-            {"index": i, "tag": robot.tag, **poses[robot.tag]._asdict()}
+            {"index": i, "tag": robot.tag, **_pose(robot)}
             for i, robot in enumerate(experiment.robots)
         ],
-        "objects": [
-            {"tag": thing.tag, **poses[thing.tag]._asdict()} for thing in experiment.objects
-        ],
+        "objects": [{"tag": thing.tag, **_pose(thing)} for thing in experiment.objects],
         "boxes": [dict(zip(_BOX, box)) for box in boxes.tolist()],
         "cylinders": [dict(zip(_CYLINDER, cylinder)) for cylinder in cylinders.tolist()],
         "truth": truth,
@@ -102,3 +96,8 @@ def _spec(
         "directory": str(log.parent),
         "seed": seed,
     }
+
+
+def _pose(body: RobotSpec | ObjectSpec) -> dict[str, float]:
+    assert body.pose is not None
+    return body.pose._asdict()

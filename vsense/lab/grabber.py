@@ -13,7 +13,7 @@ from contextlib import suppress
 
 from vsense.arena import Frame
 from vsense.cameras.camera import Camera
-from vsense.cameras.grabber import GrabberError
+from vsense.cameras.grabber import CameraEvent, GrabberError
 from vsense.lab.camera_spec import Exposure, LabCameraSpec
 from vsense.lab.optics import EXPOSURE_NS
 from vsense.lab.processes import describe_exit, end
@@ -32,8 +32,11 @@ class LabGrabber:
     Attributes:
         cameras: The cameras, in the order of the pictures.
         exposure: What the cameras said about the timestep that `next` gave last, or None.
+        timesteps: None: nobody knows how many there will be.
         missed: Timesteps that `next` left out because a newer one was there already.
     """
+
+    timesteps: int | None = None
 
     def __init__(self, spec: LabCameraSpec) -> None:
         """Starts the camera process, which builds its scene while the caller goes on.
@@ -85,24 +88,27 @@ class LabGrabber:
         """Waits for the newest timestep's pictures, in the order of the cameras.
 
         The first call starts the cameras where nobody has. The pictures are the shared memory
-        itself: it is used again after two more calls.
+        itself; see `Grabber.next`.
 
         Raises:
             GrabberError: No picture came in `timeout_s`, or there will be no more.
         """
         if not self._started:
             self.start()
-        line = self._line(timeout_s)
-        self.missed += len(self._lines)
-        while self._lines:
-            line = self._lines.popleft()
-        exposure = Exposure(**json.loads(line))
+        exposure = self._newest(timeout_s)
+        while (images := self._bank.lend(exposure.slot, exposure.timestep)) is None:
+            # It was drawn over since it was told: a newer one comes.
+            self.missed += 1
+            exposure = self._newest(timeout_s)
         self.exposure = exposure
-        images = self._bank.images[exposure.slot]
         return [
             Frame(camera.id, image, exposure.timestep, exposure.capture_ns, exposure.ready_ns)
             for camera, image in zip(self.cameras, images)
         ]
+
+    def events(self) -> list[CameraEvent]:
+        """Has nothing to tell: cameras of the lab do not come and go."""
+        return []
 
     def close(self) -> None:
         """Ends the camera process, whose log is complete then; can be called again."""
@@ -112,6 +118,14 @@ class LabGrabber:
         end(self._process)
         self._process.stdout.close()
         self._bank.close()
+
+    def _newest(self, timeout_s: float) -> Exposure:
+        """Waits for a timestep and gives the newest that there is; counts those before it."""
+        line = self._line(timeout_s)
+        self.missed += len(self._lines)
+        while self._lines:
+            line = self._lines.popleft()
+        return Exposure(**json.loads(line))
 
     def _tell(self, line: str) -> None:
         assert self._process.stdin is not None

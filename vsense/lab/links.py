@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from vsense.errors import UsageError
 from vsense.lab.shared import LabError
 from vsense.native import ffi, lib
-from vsense.world.proximity_ring import AMBIENT_RAW
+from vsense.robot.inprocess import AMBIENT_RAW
 
 KINDS = ("argos", "asercom", "gctronic", "york")
 """As `vsensed --base` knows them."""

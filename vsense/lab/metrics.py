@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import wrap_angle
-from vsense.config.specs import BODY_RADIUS_M
 from vsense.lab.phases import SwarmTruth, swarm
 from vsense.lab.trace import UNKNOWN_AGE
+from vsense.world.entities import BODY_RADIUS_M
 
 TIMESTEP = np.dtype(
     [
@@ -141,6 +141,7 @@ def latencies(run: MeasuredRun) -> dict[str, dict[str, float | None]]:
     return {
         "capture_to_arena": _spread((steps["arena_ns"] - origins_ns) / 1e6),
         "arena_to_sent": _spread((steps["sent_ns"] - steps["arena_ns"]) / 1e6),
+        "capture_to_sent": _spread((steps["sent_ns"] - origins_ns) / 1e6),
         "capture_to_robot": _spread(to_robot),
         "capture_to_control": _spread(to_control),
         "capture_to_wheels": _spread(to_wheels),

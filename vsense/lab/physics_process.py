@@ -41,9 +41,9 @@ from vsense.errors import UsageError, VsenseError
 from vsense.lab.microcontrollers import ActuationLog, Microcontrollers
 from vsense.lab.shared import LabError
 from vsense.lab.truth import TruthWriter
-from vsense.world.physics import TICK_NS as TICK_NS
-from vsense.world.physics import Physics
-from vsense.world.proximity_ring import ProximityRing
+from vsense.physics.motion import TICK_NS as TICK_NS
+from vsense.physics.motion import Physics
+from vsense.physics.proximity_ring import ProximityRing
 
 _POSE = ("x_m", "y_m", "yaw_rad")
 _SIZE = ("size_x_m", "size_y_m")

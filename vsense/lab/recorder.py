@@ -14,18 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import Frame
-from vsense.config.placement import place
+from vsense.config.placement import settle
 from vsense.config.specs import Experiment
 from vsense.lab.camera_spec import LabCameraSpec, spec_for
 from vsense.lab.optics import sample_times_ns
 from vsense.lab.studio import Studio
+from vsense.physics.motion import TICK_NS, floor_of
 from vsense.recording.pictures import (
     PictureRecorder,
     PictureRecordingError,
     one_tracker,
     write_session_files,
 )
-from vsense.world.physics import TICK_NS, Physics, obstacles
 
 TRUTH = "truth.csv"
 SAMPLES = 3
@@ -41,21 +41,9 @@ class Wanderers:
     """Robots that drive straight and turn by chance, in the lab's true physics."""
 
     def __init__(self, experiment: Experiment, seed: int) -> None:
-        """Puts robots and objects in their places.
-
-        Raises:
-            ConfigError: they do not fit into the arena.
-        """
-        poses = place(experiment, seed)
-        boxes, cylinders = obstacles(experiment.boxes, experiment.cylinders)
+        """Puts robots and objects in their places; the experiment is settled."""
         self._robots = len(experiment.robots)
-        self._physics = Physics(
-            np.array([poses[robot.tag] for robot in experiment.robots]),
-            np.array([poses[thing.tag] for thing in experiment.objects]).reshape(-1, 3),
-            boxes,
-            0,
-            cylinders,
-        )
+        self._physics = floor_of(experiment, 0)
         self._rng = np.random.default_rng([seed, 9])
         self._legs = np.zeros(self._robots, dtype=np.int64)
         self._turning = np.ones(self._robots, dtype=bool)
@@ -114,6 +102,7 @@ def record(
     Raises:
         VsenseError: the arena does not fit, or the recording cannot be written.
     """
+    experiment = settle(experiment, seed)
     spec = spec or spec_for(experiment, "", seed, Path())
     recorder = PictureRecorder(directory, spec.cameras, suffix)
     heights_m = {body.tag: body.height_m for body in spec.bodies}

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,14 +17,15 @@ from vsense.lab.shared import LabError
 from vsense.lab.stitch import top_view
 from vsense.lab.trace import read_trace
 from vsense.lab.truth import read_truth
+from vsense.link.robots.status import RING_LEDS
 from vsense.pictures import story
 from vsense.pictures.arena_view import WIDTH_PX
 from vsense.pictures.canvas import Image
 from vsense.pictures.story import RunFigure, spoken
+from vsense.run.figures import link_row, number, percent
 from vsense.run.runtime import Step
 from vsense.world.pollution import PollutantSource
 
-RING_LEDS = 0xFF
 LINK_COUNTERS = ("sent", "received", "dropped", "reconnects")
 
 
@@ -41,7 +41,7 @@ def gather(session: Session, recording: RunNotes) -> metrics.MeasuredRun:
     truth = _rows_of(read_truth(session.truth_log), [step.timestep for step in recording.steps])
     steps = _timesteps(recording.steps, truth)
     robots = len(experiment.robots)
-    source = pollution(experiment)
+    source = experiment.source
     actuations = read_actuations(session.floor.log)
     whole = recording.ended == "time" and experiment.timesteps > 0
     sensors = [mounted.sensor.name for mounted in experiment.sensors]
@@ -62,15 +62,10 @@ def gather(session: Session, recording: RunNotes) -> metrics.MeasuredRun:
         object_poses=truth["poses"][:, robots:],
         traces=[_within(trace, steps) for trace in traces],
         actuated=[actuations[actuations["robot"] == i] for i in range(robots)],
-        turn=source.turn_timestep if source else None,
+        turn=experiment.turn_timestep,
         lateness_ms=recording.lateness_ms,
         link={name: getattr(recording, name) for name in LINK_COUNTERS},
     )
-
-
-def pollution(experiment: Experiment) -> PollutantSource | None:
-    """The pollutant source that the figures are about: the file's first, if it has one."""
-    return experiment.sources[0] if experiment.sources else None
 
 
 def _timesteps(steps: list[Step], truth: NDArray[np.void]) -> NDArray[np.void]:
@@ -106,7 +101,7 @@ def _depth_m(
     run_timesteps: NDArray[np.int64],
 ) -> NDArray[np.float64] | None:
     """How deep each robot truly is in the cone of the true source; None without a cone."""
-    source = pollution(experiment)
+    source = experiment.source
     if source is None:
         return None
     robots = len(experiment.robots)
@@ -131,7 +126,7 @@ def draw(session: Session, recording: RunNotes, run: metrics.MeasuredRun, path: 
     """Draws the picture of a run.
 
     Raises:
-        LabError: the file cannot be written.
+        PictureError: the file cannot be written.
     """
     experiment, pictures = session.experiment, recording.pictures
     depth_m = run.truth.depth_m
@@ -152,19 +147,14 @@ def draw(session: Session, recording: RunNotes, run: metrics.MeasuredRun, path: 
         height_m = experiment.marker.height_m
         return top_view(pictures[timestep], session.cameras, experiment.arena, zoom, height_m)
 
-    image = story.draw(
-        told,
-        f"{experiment.name}{', blind' if session.blind else ''}",
-        f"{len(run.tags)} robots seen by {len(session.cameras)} cameras, seed {recording.seed}",
-        view,
-    )
-    if not cv2.imwrite(str(path), image):
-        raise LabError(f"{path}: cannot be written")
+    cameras = len(session.cameras)
+    subtitle = f"{len(run.tags)} robots seen by {cameras} cameras, seed {recording.seed}"
+    story.save(told, path, session.setup.blind, subtitle, view)
 
 
 def table(summary: dict[str, Any]) -> str:
     """The summary as a person reads it."""
-    tracking, sensing, link = summary["tracking"], summary["sensing"], summary["link"]
+    tracking, sensing = summary["tracking"], summary["sensing"]
     swarm, latency, vision = summary["swarm"], summary["latency_ms"], summary["vision"]
     rows = [
         ("run", f"{summary['timesteps']} timesteps, {summary['late_timesteps']} late"),
@@ -178,35 +168,23 @@ def table(summary: dict[str, Any]) -> str:
             "cameras",
             f"{vision['left_out']} timesteps left out, {vision['old_pictures']} old pictures"
             f" dropped, {vision['overflows']} with more than the tables hold,"
-            f" {vision['events']} times something to tell",
+            f" {vision['camera_events']} times something to tell",
         ),
         (
             "sensing",
             f"{sensing['readings']} of {sensing['expected']} readings held,"
-            f" {_percent(sensing['fresh_share'])} fresh; agree with the truth"
-            f" {_percent(sensing['agreement_in'])} inside the cone,"
-            f" {_percent(sensing['agreement_out'])} outside",
+            f" {percent(sensing['fresh_share'], 2)} fresh; agree with the truth"
+            f" {percent(sensing['agreement_in'], 2)} inside the cone,"
+            f" {percent(sensing['agreement_out'], 2)} outside",
         ),
         *phases.rows(swarm, summary["robots"]),
         *(("measure", f"{spoken(name)}: {value:g}") for name, value in summary["measures"].items()),
-        (
-            "link",
-            f"{link['received']} of {link['sent']} datagrams received,"
-            f" {link['dropped']} dropped, {link['reconnects']} reconnects",
-        ),
+        link_row(summary["link"]),
         ("clocks", f"age wrong by {summary['clock']['age_error_ms_p99']} ms (99th percentile)"),
     ]
     lines = [f"{name:<10}{text}" for name, text in rows]
     lines.append(f"{'latency':<10}{'from capture, in ms':<22}{'p50':>8}{'p99':>8}{'max':>8}")
     for name, spread in latency.items():
-        figures = "".join(f"{_number(spread[key]):>8}" for key in ("p50", "p99", "max"))
+        figures = "".join(f"{number(spread[key]):>8}" for key in ("p50", "p99", "max"))
         lines.append(f"{'':<10}{name.replace('_', ' '):<22}{figures}")
     return "\n".join(lines)
-
-
-def _percent(share: float | None) -> str:
-    return "-" if share is None else f"{100 * share:.2f} %"
-
-
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.1f}"

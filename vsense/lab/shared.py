@@ -5,18 +5,29 @@ attaches also unlinks the block when it ends, with warnings. A block made by `an
 name in any folder: it is gone with the last process that maps it, whatever killed the others.
 
 The frame bank: pictures of the last few timesteps in memory that two processes share.
+
+The camera process draws, the host looks. A timestep that the host has taken is lent to it: its
+slot is not drawn over until the last reference to its pictures is gone. Of all other slots the
+cameras take the one that was drawn longest ago, so they never wait for the host, and the newest
+timestep is there for it until two newer ones are begun.
 """
 
 from __future__ import annotations
 
+import fcntl
 import mmap
 import os
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense.errors import VsenseError
+from vsense.native import ffi
 
 _NAMED = Path("/dev/shm")
 
@@ -74,6 +85,19 @@ class SharedBlock:
         _reserve(descriptor, size, name)
         return cls(name, descriptor, created=path)
 
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Keeps out all others that take this lock on blocks of their own.
+
+        The system ends the lock of a process that dies with it.
+        """
+        assert self._descriptor is not None
+        fcntl.flock(self._descriptor, fcntl.LOCK_EX)
+        try:
+            yield
+        finally:
+            fcntl.flock(self._descriptor, fcntl.LOCK_UN)
+
     def close(self) -> None:
         """Lets go of the block; views that are still in use stay valid."""
         if self._descriptor is None:
@@ -104,8 +128,15 @@ def _reserve(descriptor: int, size: int, name: str) -> None:
 
 
 SLOTS = 6
-"""Timesteps that the bank holds: one is being made, and a host that has fallen behind may take five
-timesteps over the one that it reads before its pictures are drawn over."""
+"""Timesteps that the bank holds: one is being drawn, one is the newest, the others can be lent. The
+tracker has one, the virtual world another, and others may wait for a recorder."""
+MOST_LENT = SLOTS - 2
+"""With more lent, a copy is given, so that the cameras always have the slots that they need."""
+
+_HEADER = np.dtype([("timesteps", "i8", (SLOTS,)), ("lent", "?", (SLOTS,))])
+"""`timesteps` of the slots count from 1, 0 is none; both belong to whoever holds the lock."""
+_PAGE = 4096
+"""The pictures begin here."""
 
 Image8 = NDArray[np.uint8]
 
@@ -120,18 +151,19 @@ class FrameBank:
 
     def __init__(self, block: SharedBlock, shape: tuple[int, int, int]) -> None:
         """Lays pictures of `shape` (cameras, h, w) over a block; use `make` or `open`."""
-        size = SLOTS * int(np.prod(shape))
+        size = _size(shape)
         if len(block.bytes) < size:
             raise LabError(f"frame bank: {len(block.bytes)} bytes, {size} are needed")
         self._block = block
+        self._header = block.bytes[: _HEADER.itemsize].view(_HEADER)[0]
+        self._returned: deque[int] = deque()
         self.name = block.name
-        self.images: Image8 = block.bytes[:size].reshape(SLOTS, *shape)
+        self.images: Image8 = block.bytes[_PAGE:size].reshape(SLOTS, *shape)
 
     @classmethod
     def make(cls, shape: tuple[int, int, int]) -> FrameBank:
         """Makes an empty bank that leaves nothing behind."""
-        size = SLOTS * int(np.prod(shape))
-        return cls(SharedBlock.anonymous("vsense-frames", size), shape)
+        return cls(SharedBlock.anonymous("vsense-frames", _size(shape)), shape)
 
     @classmethod
     def open(cls, name: str, shape: tuple[int, int, int]) -> FrameBank:
@@ -142,7 +174,60 @@ class FrameBank:
         """
         return cls(SharedBlock.open(name), shape)
 
+    def begin(self, timestep: int) -> int:
+        """Chooses the slot that a timestep is drawn into; the cameras only."""
+        with self._block.locked():
+            drawn = np.where(self._header["lent"], np.iinfo(np.int64).max, self._timesteps)
+            slot = int(np.argmin(drawn))
+            self._timesteps[slot] = timestep + 1
+        return slot
+
+    def lend(self, slot: int, timestep: int) -> Image8 | None:
+        """Gives a timestep's pictures; the host only, one thread.
+
+        Args:
+            slot: Where they were drawn.
+            timestep: Its number.
+
+        Returns:
+            (cameras, h, w) uint8, which does not change as long as anybody refers to it or to a
+            view of it; None where the cameras have begun to draw over it.
+        """
+        lent = self._header["lent"]
+        with self._block.locked():
+            while self._returned:
+                lent[self._returned.popleft()] = False
+            if self._timesteps[slot] != timestep + 1:
+                return None
+            lent[slot] = True
+            scarce = int(lent.sum()) > MOST_LENT
+        images = self._borrowed(slot)
+        return images.copy() if scarce else images
+
     def close(self) -> None:
         """Lets go of the bank; pictures that are still in use stay valid."""
         self.images = self.images[:0]
         self._block.close()
+
+    @property
+    def _timesteps(self) -> NDArray[np.int64]:
+        timesteps: NDArray[np.int64] = self._header["timesteps"]
+        return timesteps
+
+    def _borrowed(self, slot: int) -> Image8:
+        """A slot's pictures, which note their own end: any thread may let go of them last."""
+        images: Image8 = self.images[slot]
+        returned = self._returned
+
+        def give_back(pointer: Any, memory: Image8 = images) -> None:
+            # `memory` keeps the bank mapped as long as somebody looks at it.
+            returned.append(slot)
+
+        lent = ffi.gc(ffi.cast("uint8_t *", ffi.from_buffer(images)), give_back)
+        flat: Image8 = np.frombuffer(ffi.buffer(lent, images.nbytes), np.uint8)
+        return flat.reshape(images.shape)
+
+
+def _size(shape: tuple[int, int, int]) -> int:
+    """Bytes of a bank."""
+    return _PAGE + SLOTS * int(np.prod(shape))

@@ -2,7 +2,8 @@
 
 One process writes a record per tick of its physics, others read the truth at any moment of the
 last 256 ticks. Nobody waits for anybody. A record that is read while it is being written shows a
-wrong checksum and is read again, which needs no memory ordering from the processor.
+wrong checksum, which needs no memory ordering from the processor: a reader takes the tick before it
+for the newest, and looks again only where the writer has got on.
 
 The truth log: where every body was at every capture, in a compact file for the report.
 
@@ -29,7 +30,6 @@ SLOTS = 256
 
 _MAGIC = 0x31_54_55_52_54_53_56
 _HEADER = np.dtype([("magic", "i8"), ("bodies", "i8")])
-_RETRIES = 1000
 
 
 def _record_dtype(bodies: int) -> np.dtype[np.void]:
@@ -128,21 +128,28 @@ class TruthReader:
         self._times = self._slots.view(self._dtype)["time_ns"][:, 0]
 
     def newest_ns(self) -> int:
-        """Returns the time of the newest tick, 0 while there is none."""
-        for _ in range(_RETRIES):
-            slot = int(np.argmax(self._times))
-            record = self._read(slot)
-            if record is not None:
-                return int(record["time_ns"])
-            if not self._times[slot]:
-                return 0
-        raise LabError("truth ring: its records are broken")
+        """Returns the time of the newest whole tick, 0 while there is none.
+
+        Raises:
+            LabError: The ring holds records, and none of them is whole.
+        """
+        while True:
+            times = self._times.copy()
+            # One record at most is being written: the tick before it is whole.
+            for slot in np.argsort(times)[::-1]:
+                if not times[slot]:
+                    return 0
+                record = self._read(int(slot))
+                if record is not None:
+                    return int(record["time_ns"])
+            if np.array_equal(times, self._times):
+                raise LabError("truth ring: its records are broken")
 
     def at(self, time_ns: int) -> tuple[Floats, Leds]:
         """Returns the truth at one moment.
 
         Args:
-            time_ns: Host's monotonic clock, between the oldest and the newest tick.
+            time_ns: Host's monotonic clock, between the oldest and the newest whole tick.
 
         Returns:
             (n, 3) x [m], y [m], yaw [rad], interpolated between the ticks on both sides;
@@ -151,20 +158,33 @@ class TruthReader:
         Raises:
             LabError: The ring does not reach back or forward to that moment.
         """
-        for _ in range(_RETRIES):
-            pair = self._around(time_ns)
+        while True:
+            times = self._times.copy()
+            pair = self._around(times, time_ns)
             if pair is not None:
                 return _interpolate(*pair, time_ns)
-        raise LabError("truth ring: its records are broken")
+            # Where the writer has got on, the ring may still reach to that moment or no more;
+            # where it has not, the record is the one that is being written.
+            if np.array_equal(times, self._times):
+                raise LabError(
+                    f"truth ring: asked for {time_ns} ns, it holds no whole tick on one side of it"
+                )
 
     def close(self) -> None:
         """Lets go of the ring."""
         self._slots, self._times = self._slots[:0], self._times[:0]
         self._block.close()
 
-    def _around(self, time_ns: int) -> tuple[np.void, np.void] | None:
-        """The ticks on both sides of a moment; None where the writer got in between."""
-        times = self._times.copy()
+    def _around(self, times: NDArray[np.int64], time_ns: int) -> tuple[np.void, np.void] | None:
+        """The ticks on both sides of a moment; None where one of them is not whole.
+
+        Args:
+            times: Of all slots.
+            time_ns: The moment.
+
+        Raises:
+            LabError: The ring does not reach back or forward to that moment.
+        """
         earlier = np.where((times > 0) & (times <= time_ns), times, 0)
         before = int(np.argmax(earlier))
         if earlier[before] == 0 or times.max() < time_ns:

@@ -13,7 +13,7 @@ import threading
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from vsense.link.robots.network import listen
+from vsense.link.robots.network import Waker, listen
 from vsense.link.robots.status import LinkError
 from vsense.link.robots.streams import prepare
 
@@ -125,10 +125,8 @@ class ListeningServer:
         self._ending = False
         self._failure: BaseException | None = None
         self._selector = selectors.DefaultSelector()
-        self._wake_in, self._wake_out = socket.socketpair()
-        for sock in (self._wake_in, self._wake_out):
-            sock.setblocking(False)
-        self._selector.register(self._wake_in, _READ)
+        self._waker = Waker()
+        self._selector.register(self._waker, _READ)
         self._listen(True)
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 
@@ -142,20 +140,14 @@ class ListeningServer:
         if self._failure is not None:
             raise LinkError(f"{self._name} has failed: {self._failure!r}")
 
-    def _wake(self) -> None:
-        try:
-            self._wake_out.send(b"\0")
-        except OSError:
-            return  # full: it is about to wake; closed: it has ended
-
     def _join(self) -> None:
         """Ends the thread, which has been told to, and closes everything; can be called again."""
-        self._wake()
+        self._waker.wake()
         if self._thread.is_alive():
             self._thread.join(_JOIN_S)
         self._selector.close()
-        for sock in (self._listener, self._wake_in, self._wake_out):
-            sock.close()
+        self._listener.close()
+        self._waker.close()
 
     def _listen(self, wanted: bool) -> None:
         """Has the thread accept further clients, or leave them in the kernel's queue."""
@@ -197,9 +189,8 @@ class ListeningServer:
     def _turn(self, wait_s: float) -> None:
         """Waits for a socket, and does all that is due."""
         for key, _ in self._selector.select(wait_s):
-            if key.fileobj is self._wake_in:
-                with contextlib.suppress(OSError):
-                    self._wake_in.recv(_CHUNK)
+            if key.fileobj is self._waker:
+                self._waker.drain()
             elif key.fileobj is not self._listener:
                 self._hear(key.data)
             else:

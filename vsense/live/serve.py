@@ -12,16 +12,16 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 
-from vsense.arena import Frame
-from vsense.cameras.grabber import GrabberError, NoMorePictures
-from vsense.cameras.opencv_source import teach_opencv
+from vsense.arena import ArenaState, Frame
+from vsense.cameras.grabber import Troubles
 from vsense.config import tracking_session
-from vsense.config.tracking_build import Tracking, build
-from vsense.config.tracking_specs import TrackingSession
 from vsense.link.trackers.server import ArenaServer
-from vsense.live.track import Talk, begin_recording
+from vsense.live.track import SILENCE_S, Talk, Timesteps, begin_recording, timesteps
 from vsense.recording.pictures import BackgroundRecorder, PictureRecordingError
 from vsense.terminal import INTERRUPTED, Console, interruption
+from vsense.tracking.camera_tracking import CameraTracking
+from vsense.tracking.opening import OFFLINE, open_tracking
+from vsense.tracking.specs import TrackingSession
 from vsense.tracking.views import ImagePoses
 
 
@@ -74,12 +74,6 @@ class RunPictures:
             self._say(f"the disk was too slow: {recorder.dropped} timesteps were not recorded")
 
 
-FIRST_PICTURE_NS = 15_000_000_000
-"""Cameras that give nothing for this long at the beginning do not work at all."""
-SILENCE_S = 0.5
-"""So often a server without pictures or client looks whether it shall end."""
-
-
 def run(options: argparse.Namespace) -> int:
     """Serves until somebody interrupts.
 
@@ -90,7 +84,6 @@ def run(options: argparse.Namespace) -> int:
         VsenseError: it cannot go on; one clear line.
     """
     session = tracking_session.load(options.resources, options.experiment)
-    teach_opencv()
     console = Console()
     talk = Talk(console, time.monotonic_ns, None)
     cameras = [view.camera for view in session.views]
@@ -148,56 +141,44 @@ class Serving:
         Raises:
             VsenseError: it cannot go on.
         """
+        session, troubles = self._session, Troubles()
         while not self._interrupted.is_set():
             self._server.forget()
             # Recordings are paced here: their first timestep lasts until a client starts a run.
-            with closing(build(self._session, time.monotonic_ns, offline=True)) as tracking:
-                if self._session.is_live:
-                    self._watch(tracking)
+            tracking = open_tracking(session, time.monotonic_ns, self._talk.say, OFFLINE, troubles)
+            with closing(tracking):
+                steps = timesteps(tracking, self._interrupted)
+                if session.is_live:
+                    for state, frames in steps:
+                        self._publish(tracking, state, frames)
                 else:
-                    self._play(tracking)
+                    self._play(tracking, steps)
 
-    def _watch(self, tracking: Tracking) -> None:
-        """Tracks what cameras see."""
-        begun_ns, done = time.monotonic_ns(), 0
-        while not self._interrupted.is_set():
-            try:
-                self._step(tracking)
-                done += 1
-            except GrabberError:
-                self._talk.events(tracking.grabber.events())
-                if not done and time.monotonic_ns() - begun_ns > FIRST_PICTURE_NS:
-                    raise
-
-    def _play(self, tracking: Tracking) -> None:
+    def _play(self, tracking: CameraTracking, steps: Timesteps) -> None:
         """Plays a recording once, from the start of a client's run to its end."""
-        try:
-            self._step(tracking)
-            while not self._server.wait_for_run(SILENCE_S):
-                if self._interrupted.is_set():
-                    return
-            first = tracking.tracker.state
-            begun_ns = time.monotonic_ns()
-            self._server.publish(first)
-            while self._server.running and not self._interrupted.is_set():
-                self._step(tracking, begun_ns - first.capture_ns)
-        except NoMorePictures:
-            self._talk.events(tracking.grabber.events())
+        first, frames = next(steps, (None, ()))
+        if first is None:
             self._server.end_run()
-
-    def _step(self, tracking: Tracking, shift_ns: int | None = None) -> None:
-        """Lives one timestep.
-
-        Args:
-            tracking: the session at work.
-            shift_ns: from the capture time to when the state is due; None: at once.
-        """
-        state, frames, events = tracking.step(SILENCE_S)
-        self._locate.learn(tracking.tracker.heights_m)
-        if shift_ns is not None:
+            return
+        self._publish(tracking, first, frames)
+        while not self._server.wait_for_run(SILENCE_S):
+            if self._interrupted.is_set():
+                return
+        shift_ns = time.monotonic_ns() - first.capture_ns
+        self._server.publish(first)
+        for state, frames in steps:
             wait_ns = state.capture_ns + shift_ns - time.monotonic_ns()
             self._interrupted.wait(max(wait_ns, 0) / 1e9)
+            self._publish(tracking, state, frames)
+            if not self._server.running:
+                return
+        self._server.end_run()
+
+    def _publish(
+        self, tracking: CameraTracking, state: ArenaState, frames: Sequence[Frame]
+    ) -> None:
+        """Hands one timestep on to everybody."""
+        self._locate.learn(tracking.tracker.heights_m)
         self._server.publish(state)
         self._pictures.timestep(self._server.running, frames)
-        self._talk.events(events)
         self._talk.timestep(state, len(frames))

@@ -6,21 +6,22 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from vsense.arena import ArenaState, Frame
 from vsense.cameras.grabber import GrabberError, NoMorePictures
 from vsense.config import tracking_session
 from vsense.config.specs import Experiment
 from vsense.config.tracker_address import JsonLinesTracker, TrackerAddress
-from vsense.config.tracking_specs import TrackingSession
 from vsense.errors import UsageError
 from vsense.link.robots.status import LinkError
 from vsense.link.trackers.client import ArenaClient, TrackerEnded
 from vsense.link.trackers.lines import ArenaListener
-from vsense.live.cameras import CameraSource, RecordingSource
 from vsense.run.runtime import Pace
 from vsense.run.watch import ArenaSource
+from vsense.tracking.camera_tracking import CameraTracking
+from vsense.tracking.opening import open_tracking
+from vsense.tracking.specs import TrackingSession
 
 Tell = Callable[[str], None]
 """Takes a line for a person, from any thread; does not wait."""
@@ -31,6 +32,18 @@ class ClosableSource(ArenaSource, Protocol):
 
     def close(self) -> None:
         """Ends a `next` that waits and lets everything go; can be called again."""
+
+
+class OwnCameras(NamedTuple):
+    """Cameras of our own, or recordings in their place.
+
+    Attributes:
+        session: what they are opened from.
+        tracking: makes the arena states.
+    """
+
+    session: TrackingSession
+    tracking: CameraTracking
 
 
 class SteadySource:
@@ -49,7 +62,7 @@ class SteadySource:
         source: ClosableSource,
         timestep_ns: int,
         figures: Callable[[], Mapping[str, int]],
-        own: CameraSource | None = None,
+        own: OwnCameras | None = None,
     ) -> None:
         """Takes a source over.
 
@@ -96,13 +109,13 @@ class SteadySource:
             if timestep is not None:
                 return replace(state, timestep=timestep), frames
 
-    def start_run(self) -> None:
+    def start(self) -> None:
         """The robots are about to start; any thread."""
-        self._source.start_run()
+        self._source.start()
 
-    def stop_run(self) -> None:
+    def stop(self) -> None:
         """The robots have stopped; any thread."""
-        self._source.stop_run()
+        self._source.stop()
 
     def figures(self) -> dict[str, object]:
         """What is reported of it."""
@@ -171,15 +184,13 @@ def _own_cameras(
 ) -> SteadySource:
     session = tracking_session.load(*files)
     _check_roster(experiment, session)
-
+    tracking = open_tracking(session, clock, tell, timestep_ns / 1e9)
     count = len(session.views)
     cameras = f"{count} camera{'s' if count > 1 else ''} of {Path(session.file).name}"
-    if session.is_live:
-        live = CameraSource(session, tell, clock)
-        return SteadySource("cameras", cameras, live, timestep_ns, live.figures, live)
-    recording = RecordingSource(session, timestep_ns, tell, clock)
-    name = f"recordings of {cameras}"
-    return SteadySource("recording", name, recording, timestep_ns, recording.figures, recording)
+    kind = "cameras" if session.is_live else "recording"
+    name = cameras if session.is_live else f"recordings of {cameras}"
+    own = OwnCameras(session, tracking)
+    return SteadySource(kind, name, tracking, timestep_ns, tracking.figures, own)
 
 
 def _check_roster(experiment: Experiment, session: TrackingSession) -> None:

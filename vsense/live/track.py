@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -16,11 +16,8 @@ import cv2
 
 from vsense import arena
 from vsense.arena import ArenaState, Frame
-from vsense.cameras.grabber import CameraEvent, GrabberError, NoMorePictures, Troubles
-from vsense.cameras.opencv_source import teach_opencv
+from vsense.cameras.grabber import GrabberError, NoMorePictures, Troubles
 from vsense.config import tracking_session
-from vsense.config.tracking_build import Tracking, build
-from vsense.config.tracking_specs import TrackingSession
 from vsense.errors import UsageError, VsenseError
 from vsense.live.track_room import TrackRoom
 from vsense.pictures import snapshot
@@ -32,6 +29,9 @@ from vsense.recording.pictures import (
 )
 from vsense.terminal import INTERRUPTED, Console, interruption
 from vsense.tracking.arena_tracker import TrackerCounters
+from vsense.tracking.camera_tracking import CameraTracking
+from vsense.tracking.opening import OFFLINE, PACED, open_tracking
+from vsense.tracking.specs import TrackingSession
 
 BAR_WIDTH = 24
 
@@ -42,20 +42,13 @@ _DRAW_NS = 100_000_000
 class Talk:
     """Keeps the live line up to date and says once what need not be said for ever."""
 
-    def __init__(
-        self,
-        console: Console,
-        clock: Callable[[], int],
-        timesteps: int | None,
-        troubles: Troubles | None = None,
-    ) -> None:
+    def __init__(self, console: Console, clock: Callable[[], int], timesteps: int | None) -> None:
         """Begins the count.
 
         Args:
             console: where to talk.
             clock: the host's monotonic clock [ns].
             timesteps: how many there will be, or None.
-            troubles: where to count what happens to cameras; None: where nobody else looks.
         """
         self._console = console
         self._clock = clock
@@ -66,17 +59,11 @@ class Talk:
         self._pictures = 0
         self._detected = 0
         self._recent: deque[tuple[int, int]] = deque()
-        self._troubles = troubles or Troubles()
         self._joined: set[int] = set()
 
     def say(self, text: str) -> None:
         """Says something of its own."""
         self._console.say(f"vsense: {text}")
-
-    def events(self, events: Iterable[CameraEvent]) -> None:
-        """Says what happened to cameras, the same trouble only a few times."""
-        for line in self._troubles.lines(events):
-            self.say(line)
 
     def timestep(self, state: ArenaState, pictures: int) -> None:
         """Counts a timestep and draws the live line now and then."""
@@ -99,12 +86,13 @@ class Talk:
         if dropped:
             self.say(f"the disk was too slow: {dropped} timesteps were not recorded")
 
-    def summary(self, missed: int, counters: TrackerCounters) -> None:
+    def summary(self, missed: int, counters: TrackerCounters, troubles: Troubles) -> None:
         """Says what was done in all.
 
         Args:
             missed: timesteps that were left out.
             counters: what the tracker has noticed.
+            troubles: what happened to the cameras.
         """
         self._console.end_progress()
         elapsed_s = max((self._clock() - self._begun_ns) / 1e9, 1e-9)
@@ -116,7 +104,7 @@ class Talk:
         )
         if missed:
             self.say(f"{missed} timesteps were left out to keep pace; --offline takes them all")
-        for note in [*counters.notes(), *self._troubles.summary()]:
+        for note in [*counters.notes(), *troubles.summary()]:
             self.say(note)
 
     def _line(self, state: ArenaState, pictures: int, now_ns: int) -> str:
@@ -145,6 +133,9 @@ FIRST_PICTURE_NS = 15_000_000_000
 SILENCE_S = 0.5
 """So often a run without pictures looks whether it shall end."""
 
+Timesteps = Iterator[tuple[ArenaState, Sequence[Frame]]]
+"""Arena states, each with the pictures that it was made from."""
+
 
 def run(options: argparse.Namespace) -> int:
     """Tracks until the recording ends, `--frames` are done, or somebody interrupts.
@@ -158,14 +149,15 @@ def run(options: argparse.Namespace) -> int:
     session = tracking_session.load(options.resources, options.experiment)
     if options.offline and session.is_live:
         raise UsageError(f"--offline: {options.experiment} uses cameras, expected recordings")
-    teach_opencv()
     with ExitStack() as stack:
         interrupted = stack.enter_context(interruption())
-        tracking = build(session, time.monotonic_ns, options.offline)
+        console = Console()
+        pace = OFFLINE if options.offline else PACED
+        tell = lambda line: console.say(f"vsense: {line}")  # noqa: E731
+        tracking = open_tracking(session, time.monotonic_ns, tell, pace)
         stack.callback(tracking.close)
-        console, troubles = Console(), Troubles()
-        room = stack.enter_context(TrackRoom(options, session, troubles, console))
-        talk = Talk(console, time.monotonic_ns, timesteps(options, tracking), troubles)
+        room = stack.enter_context(TrackRoom(options, session, tracking.troubles, console))
+        talk = Talk(console, time.monotonic_ns, known_timesteps(options, tracking))
         TrackingRun(options, session, tracking, interrupted, talk, room).live()
         return INTERRUPTED if interrupted.is_set() else 0
 
@@ -177,7 +169,7 @@ class TrackingRun:
         self,
         options: argparse.Namespace,
         session: TrackingSession,
-        tracking: Tracking,
+        tracking: CameraTracking,
         interrupted: threading.Event,
         talk: Talk,
         room: TrackRoom,
@@ -216,32 +208,18 @@ class TrackingRun:
             if self._recorder is not None:
                 self._recorder.close()
                 self._talk.recorded(self._recorder.dropped)
-        self._talk.summary(self._tracking.grabber.missed, self._tracking.tracker.counters)
+        tracking = self._tracking
+        self._talk.summary(tracking.grabber.missed, tracking.tracker.counters, tracking.troubles)
         if self._options.snapshot is not None:
             self._draw(self._options.snapshot)
 
     def _track(self) -> None:
-        begun_ns = time.monotonic_ns()
         if self._options.format == "csv":
             print(arena.CSV_HEADER, flush=True)
-        done = 0
-        while not self._interrupted.is_set() and done != self._options.frames:
-            try:
-                state, frames, events = self._tracking.step(SILENCE_S)
-            except NoMorePictures:
-                self._talk.events(self._tracking.grabber.events())
-                return
-            except GrabberError as silence:
-                self._talk.events(self._tracking.grabber.events())
-                if not done and time.monotonic_ns() - begun_ns > FIRST_PICTURE_NS:
-                    raise silence
-                continue
-            done += 1
-            self._take(state, frames, events)
+        for state, frames in timesteps(self._tracking, self._interrupted, self._options.frames):
+            self._take(state, frames)
 
-    def _take(
-        self, state: ArenaState, frames: Sequence[Frame], events: Iterable[CameraEvent]
-    ) -> None:
+    def _take(self, state: ArenaState, frames: Sequence[Frame]) -> None:
         """Hands one timestep on to everybody."""
         self._last = state, frames
         csv = self._options.format == "csv"
@@ -251,7 +229,6 @@ class TrackingRun:
             print(text, flush=not self._options.offline)
         if self._recorder is not None:
             self._recorder.write(frames)
-        self._talk.events(events)
         self._talk.timestep(state, len(frames))
         self._room.look(state, frames)
 
@@ -260,8 +237,8 @@ class TrackingRun:
         if self._last is None:
             raise VsenseError(f"{path}: not drawn, because there was no picture")
         state, frames = self._last
-        tracker, cameras = self._tracking.tracker, self._tracking.cameras
-        picture = snapshot.draw(state, frames, cameras, tracker.found, tracker.heights_m)
+        tracker = self._tracking.tracker
+        picture = snapshot.draw(state, frames, tracker.cameras, tracker.found, tracker.heights_m)
         suffix = path.suffix.lower() if path.suffix.lower() in (".png", ".jpg") else ".png"
         try:
             path.write_bytes(cv2.imencode(suffix, picture)[1].tobytes())
@@ -269,8 +246,40 @@ class TrackingRun:
             raise VsenseError(f"{path}: cannot be written: {error.strerror}") from None
 
 
-def timesteps(options: argparse.Namespace, tracking: Tracking) -> int | None:
-    """Gives how many there will be, where that is known."""
+def timesteps(
+    tracking: CameraTracking, interrupted: threading.Event, most: int | None = None
+) -> Timesteps:
+    """Tracks timestep after timestep; the cameras are checked when each was handed on.
+
+    Args:
+        tracking: the session at work.
+        interrupted: ends it; it may take `SILENCE_S`.
+        most: so many at most; None: until a recording ends.
+
+    Yields:
+        Each state with its pictures.
+
+    Raises:
+        GrabberError: cameras gave nothing at the beginning.
+        VsenseError: the tracker has failed.
+    """
+    begun_ns, done = time.monotonic_ns(), 0
+    while not interrupted.is_set() and done != most:
+        try:
+            state, frames = tracking.next(SILENCE_S)
+        except NoMorePictures:
+            return
+        except GrabberError:
+            if not done and time.monotonic_ns() - begun_ns > FIRST_PICTURE_NS:
+                raise
+            continue
+        done += 1
+        yield state, frames
+        tracking.check_cameras()
+
+
+def known_timesteps(options: argparse.Namespace, tracking: CameraTracking) -> int | None:
+    """Gives how many timesteps there will be, where that is known."""
     known = tracking.grabber.timesteps
     wanted: int | None = options.frames
     return wanted if known is None else min(known, known if wanted is None else wanted)

@@ -13,12 +13,12 @@ import numpy as np
 import vsense
 from vsense.arena import ArenaState, Frame, arena_data
 from vsense.cameras.grabber import Troubles
-from vsense.config.tracking_specs import TrackingSession
 from vsense.message_bus import MessageBus
+from vsense.recording.form import Data, ExperimentMessage, RunMessage
 from vsense.run.control import Order, OrderError
 from vsense.terminal import Console, Level
+from vsense.tracking.specs import TrackingSession
 from vsense.ui import messages
-from vsense.ui.messages import Data
 from vsense.ui.preview import PreviewEncoder
 from vsense.ui.publisher import SECOND_NS, WINDOW, Rates
 from vsense.ui.room import open_web
@@ -99,22 +99,9 @@ class TrackRoom:
         self._hub.event(text, level, self._clock())
 
     def _run(self) -> Data:
-        return {
-            "state": "running",
-            "run": 1,
-            "runs": None,
-            "by": None,
-            "can": [],
-            "timestep": self._timestep,
-            "time_s": None,
-            "length_s": None,
-            "late": 0,
-            **self._rates.data(),
-            "silent_s": 0.0,
-            "text": "",
-            "recording": None,
-            "disk_free_bytes": None,
-        }
+        return RunMessage(
+            state="running", timestep=self._timestep, late=0, silent_s=0.0, **self._rates.data()
+        ).data()
 
     def _facts(self) -> Data:
         session = self._session
@@ -122,24 +109,17 @@ class TrackRoom:
         trackers = {view.camera.id: view.tracker.id for view in session.views}
         heights_m = sorted(session.heights_m.items())
         centre_m, size_m = _extent(session)
-        return {
-            "mode": "track",
-            "command": "track",
-            "name": Path(session.file).stem,
-            "seed": None,
-            "blind": False,
-            "version": vsense.__version__,
-            "file_text": "",
-            "timestep_s": None,
-            "length_s": None,
-            "arena": {"size_m": [*size_m, 1.0], "centre_m": [*centre_m, 0.5]},
-            "robots": [{"tag": t, "name": str(t), "height_m": h} for t, h in heights_m],
-            "objects": [],
-            "sensors": [],
-            "actuators": [],
-            "cameras": messages.cameras(found, trackers),
-            "body_radius_m": BODY_RADIUS_M,
-        }
+        return ExperimentMessage(
+            mode="track",
+            command="track",
+            name=Path(session.file).stem,
+            blind=False,
+            version=vsense.__version__,
+            arena={"size_m": [*size_m, 1.0], "centre_m": [*centre_m, 0.5]},
+            robots=[{"tag": t, "name": str(t), "height_m": h} for t, h in heights_m],
+            cameras=messages.cameras(found, trackers),
+            body_radius_m=BODY_RADIUS_M,
+        ).data()
 
 
 def refuse(order: Order) -> str:

@@ -1,4 +1,8 @@
-"""The virtual world at one moment, as much of it as can be drawn; taken from a living world."""
+"""What a run leaves for its picture: the virtual world at a few moments, and its measures.
+
+A `WorldSnapshot` is as much of the world as can be drawn, taken from a living world; an `Album` is
+filled timestep by timestep.
+"""
 
 from __future__ import annotations
 
@@ -17,6 +21,9 @@ Rgb = tuple[int, int, int]
 
 FLOOR_PX_PER_M = 100
 """Resolution at which floor and fields are drawn."""
+
+SPARE = 3
+"""The very last timestep before a moment may be one that the host missed."""
 
 _CORNERS = 0.5 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 _ROUND = np.linspace(0.0, 2.0 * np.pi, 36, endpoint=False)
@@ -77,6 +84,55 @@ def paint(world: World, experiment: Experiment) -> WorldSnapshot:
         strangers=strangers - np.array([*centre, 0.0]),
         leds=world.leds[: world.real_robots].copy(),
     )
+
+
+class Album:
+    """Filled timestep by timestep while a run goes on.
+
+    Attributes:
+        moment: the run's timestep at whose end the first view is taken: the wind's turn, or
+            half-time; None for a run without length.
+        kept: timesteps of the run whose pictures are worth keeping for that view.
+        paintings: the world at some timesteps of the run.
+        shares: how much was left of the first pollutant source, at every timestep looked at.
+    """
+
+    def __init__(self, experiment: Experiment) -> None:
+        """An empty album of an experiment."""
+        self._experiment = experiment
+        self.moment = experiment.turn_timestep or experiment.timesteps // 2 or None
+        self.kept = range(
+            0 if self.moment is None else max(self.moment - SPARE, 0), self.moment or 0
+        )
+        self.paintings: dict[int, WorldSnapshot] = {}
+        self.shares: list[float] = []
+        self._timesteps: list[int] = []
+        self._results: list[dict[str, float]] = []
+
+    def look(self, run_timestep: int, world: World) -> None:
+        """Takes down a timestep of the run, after the world has lived it."""
+        self._timesteps.append(run_timestep)
+        self._results.append(dict(world.results))
+        source = self._experiment.source
+        self.shares.append(1.0 if source is None else world.stock.share(source))
+        if run_timestep in self.kept:
+            self.paintings[run_timestep] = paint(world, self._experiment)
+
+    def end(self, world: World) -> None:
+        """Takes down what the world looks like after the last timestep."""
+        if self._timesteps:
+            self.paintings[self._timesteps[-1]] = paint(world, self._experiment)
+
+    def measures(self) -> dict[str, NDArray[np.float64]]:
+        """The results over time, (n,) each, for every timestep looked at.
+
+        One that came late is 0 before; what never changes says nothing over time and is left out.
+        """
+        names = dict.fromkeys(name for results in self._results for name in results)
+        series = {
+            name: np.array([results.get(name, 0.0) for results in self._results]) for name in names
+        }
+        return {name: values for name, values in series.items() if np.ptp(values) > 0.0}
 
 
 def _grid(arena: Arena) -> tuple[Floats, tuple[int, int]]:

@@ -1,28 +1,34 @@
 """Tells a run in one picture: two moments of the arena, and its measures over time.
 
-The lab and the simulator tell it alike; only the lab has pictures of its cameras to lay beneath.
+`vsense run`, `lab` and `sim` tell it alike; only the lab has pictures of its cameras to lay
+beneath. For the pollution experiment these are figures 5.1 and 5.2 of the thesis in one picture.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense.config.specs import Experiment
-from vsense.pictures import run_picture
-from vsense.pictures.album import RunSamples
-from vsense.pictures.arena_view import CONE, DARK, LIT, ArenaMoment
-from vsense.pictures.canvas import Colour, Floats, Image
+from vsense.errors import VsenseError
+from vsense.pictures import arena_view, chart
+from vsense.pictures.arena_view import CONE, DARK, LIT, WIDTH_PX, ArenaMoment
+from vsense.pictures.canvas import INK, MUTED, SCALE, Canvas, Colour, Floats, Image
 from vsense.pictures.chart import Chart, ChartSeries
-from vsense.pictures.painting import WorldSnapshot
+from vsense.pictures.painting import Album, WorldSnapshot
 
 TRAIL_S = 6.0
 """So much of the way behind each robot is drawn."""
 
 MOST_CHARTS = 3
+
+MARGIN, HEAD, CAPTION, FOOT = 40, 116, 96, 64
+"""Widths and heights around the pictures [px]."""
 
 _COLOURS: tuple[Colour, ...] = (DARK, (60, 140, 60), (150, 60, 140))
 
@@ -51,22 +57,63 @@ class RunFigure:
     lit: NDArray[np.bool_]
     inside: NDArray[np.bool_] | None
     turn: int | None
-    album: RunSamples
+    album: Album
+
+
+class RunPictureError(VsenseError):
+    """A picture cannot be written."""
+
+
+def save(
+    story: RunFigure, path: Path, blind: bool, subtitle: str, view: View = lambda timestep: None
+) -> None:
+    """Writes the picture of a run.
+
+    Args:
+        story: the run.
+        path: where to; its folder exists.
+        blind: the virtual sensors were held at 0.
+        subtitle: how it was run.
+        view: gives the cameras' top view at a timestep of the run, None where there is none.
+
+    Raises:
+        RunPictureError: the file cannot be written.
+    """
+    heading = f"{story.experiment.name}{', blind' if blind else ''}"
+    if not cv2.imwrite(str(path), draw(story, heading, subtitle, view)):
+        raise RunPictureError(f"{path}: cannot be written")
 
 
 def draw(story: RunFigure, heading: str, subtitle: str, view: View) -> Image:
-    """Draws the picture of a run.
+    """Draws the arena at chosen moments, and below it the measures over time, side by side.
 
     Args:
         story: the run.
         heading: what experiment this is.
         subtitle: how it was run.
-        view: gives the cameras' top view at a timestep of the run, None where there is none.
+        view: see `save`.
 
     Returns:
         (h, w, 3) BGR image.
     """
-    return run_picture.draw(heading, subtitle, _scenes(story, view), charts(story))
+    scenes, curves = _scenes(story, view), charts(story)
+    panels = [arena_view.draw(scene) for scene in scenes]
+    height = panels[0].shape[0] // SCALE
+    width = MARGIN + (WIDTH_PX + MARGIN) * len(panels)
+    chart_top = HEAD + height + CAPTION
+    total = chart_top + (chart.HEIGHT_PX + FOOT if curves else 0)
+    canvas = Canvas(width, total)
+    canvas.text(heading, MARGIN, 50, INK, 1.0)
+    canvas.text(subtitle, MARGIN, 78, MUTED, 0.52)
+    for index, (scene, panel) in enumerate(zip(scenes, panels, strict=True)):
+        left = MARGIN + (WIDTH_PX + MARGIN) * index
+        canvas.place(panel, left, HEAD)
+        canvas.text(scene.title, left, HEAD + height + 28, INK, 0.6)
+        canvas.text(scene.note, left, HEAD + height + 52, LIT, 0.52)
+    room = (width - MARGIN) / max(len(curves), 1)
+    for index, curve in enumerate(curves):
+        chart.draw(canvas, curve, MARGIN + room * index, chart_top, room - MARGIN)
+    return canvas.finished()
 
 
 def _scenes(story: RunFigure, view: View) -> list[ArenaMoment]:

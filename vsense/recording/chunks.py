@@ -174,14 +174,12 @@ class Contents:
 
     Attributes:
         head: what the recording says first.
-        metadata: the other metadata records, by their names; of several the last.
         places: the chunks in their order.
         channels: those that are known so far.
         complete: whether it was ended in order, and all of it is here.
     """
 
     head: Head
-    metadata: dict[str, dict[str, str]]
     places: list[ChunkPlace]
     channels: dict[int, Kept] = field(default_factory=dict)
     complete: bool = False
@@ -281,7 +279,7 @@ def _read_index(file: BinaryIO, size: int, name: str) -> Contents | None:
             index = MetadataIndex.read(stream(content))
             _read_metadata(file, index.offset, begin, found)
     places.sort(key=lambda place: place.offset)
-    return Contents(_head(found, name), found, places, channels, True)
+    return Contents(_head(found, name), places, channels, True)
 
 
 def _indexed(index: ChunkIndex, end: int) -> ChunkPlace:
@@ -316,7 +314,7 @@ def _walk(file: BinaryIO, size: int, name: str, first: int) -> Contents:
             found[metadata.name] = metadata.metadata
         elif opcode in (Opcode.DATA_END, Opcode.FOOTER):
             break
-    return Contents(_head(found, name), found, places)
+    return Contents(_head(found, name), places)
 
 
 def _head(found: Mapping[str, Mapping[str, str]], name: str) -> Head:

@@ -10,7 +10,7 @@ from typing import Any
 
 from vsense.message_bus import Message
 from vsense.recording import form
-from vsense.recording.form import RecordingError
+from vsense.recording.form import ROBOTS, ExperimentMessage, RecordingError
 from vsense.recording.reader import Recording, read_gap
 
 Row = list[Any]
@@ -22,11 +22,6 @@ TRAJECTORIES = (
     "time_s", "timestep", "run_timestep", "tag", *_POSES,
     "covariance_xx_m2", "covariance_xy_m2", "covariance_x_yaw_m_rad",
     "covariance_yy_m2", "covariance_y_yaw_m_rad", "covariance_yaw_yaw_rad2",
-)  # fmt: skip
-ROBOTS = (
-    "tag", "name", "connected", "heard_ms", "udp", "pose_age_ms", "seen", "doubt", "state",
-    "stop_cause", "battery_mv", "battery_low", "leds", "left_steps_s", "right_steps_s",
-    "base_errors", "guard_restarts", "sessions", "version", "controller", "hash", "trouble",
 )  # fmt: skip
 EVENTS = ("time_s", "level", "by", "text")
 TABLES = ("trajectories", "readings", "robots", "measures", "events")
@@ -69,7 +64,7 @@ class _Export:
         self._recording = recording
         self._write = write
         self._rows = dict.fromkeys(TABLES, 0)
-        sensors = recording.experiment.get("sensors", [])
+        sensors = ExperimentMessage.read(recording.experiment).sensors
         self._sensors = [(str(s["name"]), int(s["count"])) for s in sensors if _is_sensor(s)]
         self._measures = self._measure_names()
 

@@ -4,7 +4,10 @@ A recording is an MCAP file of the profile `vsense`. Every message is JSON; pict
 `foxglove.CompressedImage`, so that other tools show them. Log times are UTC for these tools; the
 host's monotonic clock is that less a constant, which the head says.
 
-What other tools are told of each topic's messages: JSON schemas, as far as plots need them.
+The messages of a run: `/experiment` and `/run` field by field, and every topic's JSON schema.
+
+Whoever makes `/experiment` or `/run`, whoever reads them from a recording, and the schemas that
+other tools are told use the same two classes. `vsense/ui/MESSAGES.md` describes all topics.
 """
 
 from __future__ import annotations
@@ -13,8 +16,8 @@ import base64
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field, fields
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -194,36 +197,155 @@ def _without_nan(value: Any) -> Any:
     return value
 
 
+Data = dict[str, Any]
 Fields = Mapping[str, Any]
+Kind = TypeVar("Kind", bound="_Message")
 
 _INTEGER, _NUMBER, _TEXT, _YES = (
     {"type": name} for name in ("integer", "number", "string", "boolean")
 )
-_COLUMN = {"type": "array"}
+_COLUMN, _OBJECT = {"type": "array"}, {"type": "object"}
 _TIME = {"type": "object", "properties": {"sec": _INTEGER, "nsec": _INTEGER}}
 _BYTES = {"type": "string", "contentEncoding": "base64"}
+
+_KINDS: dict[str, tuple[dict[str, str], tuple[type, ...]]] = {
+    "bool": (_YES, (bool,)),
+    "int": (_INTEGER, (int,)),
+    "float": (_NUMBER, (int, float)),
+    "str": (_TEXT, (str,)),
+    "list": (_COLUMN, (list,)),
+    "Data": (_OBJECT, (dict,)),
+}
+"""What a field's annotation begins with: its JSON schema, and what JSON gives for it."""
+
+
+class _Message:
+    """A message whose fields are known; its defaults stand for what a recording does not say."""
+
+    __slots__ = ()
+
+    @classmethod
+    def kinds(cls) -> dict[str, tuple[dict[str, str], tuple[type, ...]]]:
+        """The fields by name."""
+        # Annotations are texts here: "float | None", "list[str]".
+        return {f.name: _KINDS[str(f.type).split(" ")[0].split("[")[0]] for f in fields(cls)}  # type: ignore[arg-type]
+
+    @classmethod
+    def read(cls: type[Kind], data: Mapping[str, Any]) -> Kind:
+        """Reads a message of any version; what is missing or of another type has its default."""
+        found = {}
+        for name, (_, types) in cls.kinds().items():
+            value = data.get(name)
+            if isinstance(value, types) and (bool in types or not isinstance(value, bool)):
+                found[name] = value
+        return cls(**found)
+
+    def data(self) -> Data:
+        """The message's data."""
+        return {name: getattr(self, name) for name in self.kinds()}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExperimentMessage(_Message):
+    """`/experiment`: what does not change while a run goes on.
+
+    Attributes:
+        mode: "live" or "track"; a replay tells "replay".
+        command: "lab", "run" or "track".
+        name: of the experiment.
+        seed: what everything is drawn from.
+        blind: the virtual sensors are held at 0.
+        version: of vsense.
+        file_text: the experiment's file.
+        timestep_s: length of a timestep [s].
+        length_s: of the run [s]; None: without end.
+        arena: `size_m` and `centre_m`, three numbers each.
+        robots: `tag`, `name` and `height_m` of each.
+        objects: `tag` and `name` of each.
+        sensors: `name`, `layout`, `count`, `unit` and `angles_rad` of each.
+        actuators: `name`, `layout` and `count` of each.
+        cameras: see `vsense.ui.messages.cameras`.
+        body_radius_m: of a robot.
+    """
+
+    mode: str = "live"
+    command: str = ""
+    name: str = ""
+    seed: int | None = None
+    blind: bool | None = None
+    version: str = ""
+    file_text: str = ""
+    timestep_s: float | None = None
+    length_s: float | None = None
+    arena: Data | None = None
+    robots: list[Data] = field(default_factory=list)
+    objects: list[Data] = field(default_factory=list)
+    sensors: list[Data] = field(default_factory=list)
+    actuators: list[Data] = field(default_factory=list)
+    cameras: list[Data] = field(default_factory=list)
+    body_radius_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunMessage(_Message):
+    """`/run`: where the run is.
+
+    Attributes:
+        state: see `vsense.run.control.State`.
+        run: its number, from 1.
+        runs: so many follow by themselves; None: nobody counts.
+        by: who pressed last.
+        can: the orders that make sense now.
+        timestep: of the run; -1 before it.
+        time_s: since its beginning [s].
+        length_s: of the run [s]; None: without end.
+        late: timesteps that were missed or whose readings left late; None: not counted.
+        rate_hz: arena states per second.
+        latency_ms: `p50` and `p99` from the capture to the end of the timestep.
+        silent_s: without an arena state, once that is remarkable [s]; None before the first.
+        text: the newest line for people.
+        recording: `on`, `file`, `bytes`, `lost_messages` and `trouble`.
+        disk_free_bytes: where the run's files go.
+    """
+
+    state: str = ""
+    run: int = 1
+    runs: int | None = None
+    by: str | None = None
+    can: list[str] = field(default_factory=list)
+    timestep: int = -1
+    time_s: float | None = None
+    length_s: float | None = None
+    late: int | None = None
+    rate_hz: float = 0.0
+    latency_ms: Data | None = None
+    silent_s: float | None = None
+    text: str = ""
+    recording: Data | None = None
+    disk_free_bytes: int | None = None
 
 
 def _columns(*names: str) -> dict[str, Any]:
     return {"type": "object", "properties": dict.fromkeys(names, _COLUMN)}
 
 
-_ROBOTS = (
-    "tag", "name", "connected", "heard_ms", "pose_age_ms", "state", "battery_mv", "left_steps_s",
-    "right_steps_s", "base_errors", "trouble",
+def _schema_of(kind: type[_Message]) -> Fields:
+    return {name: schema for name, (schema, _) in kind.kinds().items()}
+
+
+ROBOTS = (
+    "tag", "name", "connected", "heard_ms", "udp", "pose_age_ms", "seen", "doubt", "state",
+    "stop_cause", "battery_mv", "battery_low", "leds", "left_steps_s", "right_steps_s",
+    "base_errors", "guard_restarts", "sessions", "version", "controller", "hash", "trouble",
 )  # fmt: skip
+"""Columns of `/robots`; beside them there are `actuators`, a list of lists for each robot."""
 
 _TOPICS: dict[str, tuple[str, Fields]] = {
     "/experiment": (
         "What the run is: arena, robots, sensors, cameras, and the experiment's file.",
-        {"name": _TEXT, "seed": _INTEGER, "version": _TEXT, "command": _TEXT,
-         "timestep_s": _NUMBER},
+        _schema_of(ExperimentMessage),
     ),
-    "/run": (
-        "Where the run is: state, timestep, rates, recording.",
-        {"state": _TEXT, "run": _INTEGER, "timestep": _INTEGER, "time_s": _NUMBER, "text": _TEXT,
-         "rate_hz": _NUMBER, "late": _INTEGER, "silent_s": _NUMBER},
-    ),
+    "/run": ("Where the run is: state, timestep, rates, recording.", _schema_of(RunMessage)),
     "/arena": (
         "The tracker's arena state of a timestep, in columns. m, rad, ns.",
         {"timestep": _INTEGER, "run_timestep": _INTEGER, "capture_ns": _INTEGER,
@@ -233,7 +355,7 @@ _TOPICS: dict[str, tuple[str, Fields]] = {
     "/world": ("The virtual things in the arena.", {"entities": _COLUMN}),
     "/signals": (
         "Virtual LEDs and cones, and the experiment's measures.",
-        {"timestep": _INTEGER, "time_s": _NUMBER, "measures": {"type": "object"}},
+        {"timestep": _INTEGER, "time_s": _NUMBER, "measures": _OBJECT},
     ),
     "/fields": ("Fields as rasters.", {"fields": _COLUMN}),
     "/readings": (
@@ -241,7 +363,7 @@ _TOPICS: dict[str, tuple[str, Fields]] = {
         {"timestep": _INTEGER, "capture_ns": _INTEGER, "tag": _COLUMN, "values": _COLUMN,
          "captured_ns": _COLUMN},
     ),
-    "/robots": ("What is known of every robot, in columns.", dict.fromkeys(_ROBOTS, _COLUMN)),
+    "/robots": ("What is known of every robot, in columns.", dict.fromkeys(ROBOTS, _COLUMN)),
     "/cameras": ("How the cameras are.", {"cameras": _COLUMN}),
     "/event": (
         "Something that people were told.", {"text": _TEXT, "level": _TEXT, "by": _TEXT},
@@ -253,7 +375,7 @@ _TOPICS: dict[str, tuple[str, Fields]] = {
     ),
     TRACKER: (
         "What the tracker is made from, and what it remembered before the next picture.",
-        {"made": {"type": "object"}, "memory": {"type": "object"}},
+        {"made": _OBJECT, "memory": _OBJECT},
     ),
 }  # fmt: skip
 
@@ -268,9 +390,9 @@ def schema(topic: str, blob: bool) -> tuple[str, bytes]:
     if blob:
         name = "foxglove.CompressedImage"
         text = "A picture; `vsense` is the message's own data."
-        fields: Fields = {"timestamp": _TIME, "frame_id": _TEXT, "data": _BYTES, "format": _TEXT}
+        known: Fields = {"timestamp": _TIME, "frame_id": _TEXT, "data": _BYTES, "format": _TEXT}
     else:
         name = f"vsense{topic.replace('/', '.')}"
-        text, fields = _TOPICS.get(topic, ("", {}))
-    whole = {"title": name, "description": text, "type": "object", "properties": fields}
+        text, known = _TOPICS.get(topic, ("", {}))
+    whole = {"title": name, "description": text, "type": "object", "properties": known}
     return name, json.dumps(whole).encode()

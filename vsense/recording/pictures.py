@@ -21,8 +21,8 @@ import cv2
 from vsense.arena import Frame
 from vsense.cameras.camera import Camera
 from vsense.config.resources import DEFAULT_SPEED_M_S
-from vsense.config.tracking_specs import TrackerSpec
 from vsense.errors import VsenseError
+from vsense.tracking.specs import TrackerSpec
 
 TIMESTAMPS = "timestamps.csv"
 

@@ -60,7 +60,6 @@ class Recording:
         self._places = contents.places
         self._channels = contents.channels
         self._inside: dict[int, frozenset[int]] = {}
-        self._metadata = contents.metadata
         self._gaps: list[Gap] | None = None
         self._learnt = False
 

@@ -16,12 +16,13 @@ import cv2
 import numpy as np
 
 from vsense.arena import ArenaState, Frame, arena_data
+from vsense.cameras.grabber import CameraEvent
 from vsense.message_bus import Message
 from vsense.recording import form, tracker_made
 from vsense.recording.form import RecordingError
 from vsense.recording.reader import Recording
 from vsense.tracking import memory
-from vsense.tracking.arena_tracker import ArenaTracker
+from vsense.tracking.camera_tracking import CameraTracking
 
 _REMEMBERED = 500
 """Timesteps whose new state waits for the recorded one, or the other way round: pictures may have
@@ -104,6 +105,45 @@ class RetrackComparison:
         return lines
 
 
+class _RecordedPictures:
+    """The pictures of a recording as a grabber: a timestep when all of it was taken in.
+
+    Attributes:
+        timesteps: None: nobody has counted them.
+        missed: 0: all are tracked.
+    """
+
+    timesteps: int | None = None
+    missed = 0
+
+    def __init__(self) -> None:
+        self._frames: list[Frame] = []
+        self._update = -1
+
+    def take(self, message: Message) -> bool:
+        """Takes a picture; whether all of its timestep are there."""
+        data = message.data
+        if data["update"] != self._update:
+            self._frames = []
+        self._update = data["update"]
+        self._frames.append(_frame(message))
+        complete: bool = len(self._frames) == data["pictures"]
+        return complete
+
+    def next(self, timeout_s: float) -> list[Frame]:
+        """Gives the pictures that were taken in."""
+        frames, self._frames = self._frames, []
+        return frames
+
+    def events(self) -> list[CameraEvent]:
+        """Has nothing to tell."""
+        return []
+
+    def close(self) -> None:
+        """Drops what was taken in."""
+        self._frames = []
+
+
 class Retracking:
     """The tracker at work on a recording."""
 
@@ -117,10 +157,9 @@ class Retracking:
         self.comparison = RetrackComparison()
         self._recording = recording
         self._change = change
-        self._tracker: ArenaTracker | None = None
+        self._tracking: CameraTracking | None = None
         self._made: dict[str, Any] | None = None
-        self._frames: list[Frame] = []
-        self._update = -1
+        self._pictures = _RecordedPictures()
         self._now: dict[int, dict[str, Any]] = {}
         self._before: dict[int, Mapping[str, Any]] = {}
 
@@ -146,9 +185,9 @@ class Retracking:
             name = self._recording.path
             raise RecordingError(f"{name}: cannot be tracked again: {error!r}") from None
         finally:
-            if self._tracker is not None:
-                self._tracker.close()
-        if self._tracker is None:
+            if self._tracking is not None:
+                self._tracking.close()
+        if self._tracking is None:
             raise RecordingError(
                 f"{self._recording.path}: holds no pictures of our own cameras to track again;"
                 " record with record_image"
@@ -158,32 +197,26 @@ class Retracking:
         """Makes the tracker; after a gap, gives it the memory it had then."""
         made = dict(message.data["made"])
         changed = self._change(made)
-        self._frames.clear()
-        if self._tracker is None:
+        self._pictures.close()
+        if self._tracking is None:
             now = tracker_made.versions()
             then = {name: str(made["versions"].get(name)) for name in now}
             self.comparison.versions = {n: (then[n], now[n]) for n in now if then[n] != now[n]}
         else:
             self.comparison.gaps += 1
-        if self._tracker is None or changed != self._made:
-            if self._tracker is not None:
-                self._tracker.close()
-            self._tracker, self._made = tracker_made.make(changed), changed
+        if self._tracking is None or changed != self._made:
+            if self._tracking is not None:
+                self._tracking.close()
+            tracker = tracker_made.make(changed)
+            self._tracking = CameraTracking(self._pictures, tracker, lambda line: None)
+            self._made = changed
         if changed == made:
-            memory.restore(self._tracker, message.data["memory"])
+            memory.restore(self._tracking.tracker, message.data["memory"])
 
     def _look(self, message: Message) -> Iterator[ArenaState]:
         """Takes a picture; when all of a timestep are there, tracks."""
-        if self._tracker is None:
-            return
-        data = message.data
-        if data["update"] != self._update:
-            self._frames.clear()
-        self._update = data["update"]
-        self._frames.append(_frame(message))
-        if len(self._frames) == data["pictures"]:
-            state = self._tracker.update(self._frames)
-            self._frames.clear()
+        if self._tracking is not None and self._pictures.take(message):
+            state, _ = self._tracking.next(0.0)
             self._now[state.capture_ns] = arena_data(state)
             if len(self._now) > _REMEMBERED:
                 del self._now[next(iter(self._now))]

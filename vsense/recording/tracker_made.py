@@ -15,7 +15,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from importlib import resources
 from pathlib import Path
-from statistics import median
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -24,13 +23,12 @@ import numpy as np
 
 from vsense import __version__
 from vsense.cameras.camera import Camera
-from vsense.config.tracking_build import CameraDetectors
-from vsense.config.tracking_specs import TrackingSession
 from vsense.errors import UsageError, VsenseError
 from vsense.markers.families import MarkerFamily, SquareFamily, load_family
 from vsense.tracking.arena_tracker import ArenaTracker
-from vsense.tracking.detector import Detector, make_detector
+from vsense.tracking.detector import CameraDetectors, MarkerSearch
 from vsense.tracking.prediction import Prediction, SearchPlan
+from vsense.tracking.specs import TrackingSession
 from vsense.tracking.tracks import Limits
 
 Made = dict[str, Any]
@@ -55,7 +53,7 @@ def of_family(
 
 
 def of_session(session: TrackingSession) -> Made:
-    """Describes the tracker of `vsense.config.tracking_build.Tracking`.
+    """Describes the tracker of `vsense.tracking.opening.open_tracking`.
 
     Raises:
         VsenseError: there is no such family.
@@ -130,21 +128,24 @@ def _tracker(
 
 def _make(made: Made) -> ArenaTracker:
     cameras = [Camera.from_json(json.dumps(camera)) for camera in made["cameras"]]
-    sees: dict[str, str] = made["sees"]
-    trackers = {id: made["trackers"][id] for id in sees.values()}
-    families = {id: _family(tracker) for id, tracker in trackers.items()}
+    sees: dict[str, str] = {camera.id: made["sees"][camera.id] for camera in cameras}
+    trackers = {id: made["trackers"][id] for id in made["sees"].values()}
+    searches = {
+        id: MarkerSearch(_family(tracker), _heights_m(tracker), bool(tracker["open_roster"]))
+        for id, tracker in trackers.items()
+    }
+    roster = {tag: h for id in made["sees"].values() for tag, h in searches[id].heights_m.items()}
     whereabouts = Prediction(SearchPlan(**made["plan"]))
-
-    def detectors() -> CameraDetectors:
-        each = {id: _detector(t, families[id], whereabouts) for id, t in trackers.items()}
-        return CameraDetectors({camera.id: each[sees[camera.id]] for camera in cameras})
-
-    roster = {tag: h for id in sees.values() for tag, h in _heights_m(trackers[id]).items()}
     limits, workers = Limits(**made["limits"]), int(made["workers"])
     if workers > _MOST_WORKERS:
         raise ValueError(f"{workers} workers")
     return ArenaTracker(
-        cameras, detectors, roster, limits, workers=workers, whereabouts=whereabouts
+        cameras,
+        lambda: CameraDetectors.make(sees, searches, whereabouts),
+        roster,
+        limits,
+        workers=workers,
+        whereabouts=whereabouts,
     )
 
 
@@ -156,21 +157,6 @@ def _family(tracker: Made) -> MarkerFamily | SquareFamily:
     if isinstance(family, SquareFamily):
         return replace(family, heading_deg=family.heading_deg + tracker["heading_deg"])
     return family
-
-
-def _detector(
-    tracker: Made, family: MarkerFamily | SquareFamily, whereabouts: Prediction
-) -> Detector:
-    heights_m = _heights_m(tracker)
-    usual_m = median(heights_m.values()) if heights_m else 0.0
-    return make_detector(
-        family,
-        sorted(heights_m),
-        usual_m,
-        whereabouts,
-        set(heights_m.values()),
-        bool(tracker["open_roster"]),
-    )
 
 
 def _heights_m(tracker: Made) -> dict[int, float]:

@@ -1,1 +1,16 @@
-"""Reports: what recordings say, as pictures, one HTML page, and numbers."""
+"""What recordings say: figures, a page, and charts that Matplotlib draws."""
+
+from __future__ import annotations
+
+import importlib.util
+
+FORMATS = ("png", "svg", "pdf")
+"""Files that charts can be kept in."""
+
+LACKING = "charts need the Python package matplotlib: pip install 'vsense[report]'"
+"""What is told where Matplotlib is not installed."""
+
+
+def can_draw() -> bool:
+    """Whether Matplotlib is installed; it is not imported."""
+    return importlib.util.find_spec("matplotlib") is not None

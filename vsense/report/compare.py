@@ -94,7 +94,7 @@ def curve(group: Group, name: str) -> Curve | None:
     end_s = min(times[-1] for times, _ in series)
     if end_s < begin_s:
         return None
-    count = min(max(int((end_s - begin_s) / step_s + 1e-6) + 1, 2), 20_000)
+    count = min(max(int((end_s - begin_s) / step_s + 1e-6) + 1, 2), 2_000)
     grid = np.linspace(begin_s, end_s, count)
     rows = np.array([held(np.array(times), np.array(values), grid) for times, values in series])
     spread = rows.std(axis=0, ddof=1) if len(rows) > 1 else np.zeros(count)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from vsense.recording.form import ExperimentMessage
 from vsense.world.entities import BODY_RADIUS_M, Arena
 
 TIMESTEP_S = 0.1
@@ -59,23 +60,23 @@ class Facts:
 
 def read_facts(data: Mapping[str, Any]) -> Facts:
     """Reads the data of `/experiment`; what is missing or damaged stays unknown."""
-    blind, seed = data.get("blind"), data.get("seed")
-    timestep_s, radius_m = number(data.get("timestep_s")), number(data.get("body_radius_m"))
-    length_s = number(data.get("length_s"))
-    if timestep_s is not None and not TIMESTEPS_S[0] <= timestep_s <= TIMESTEPS_S[1]:
-        timestep_s = None
+    told = ExperimentMessage.read(data)
+    timestep_s, radius_m = number(told.timestep_s), number(told.body_radius_m)
+    length_s = number(told.length_s)
+    if timestep_s is None or not TIMESTEPS_S[0] <= timestep_s <= TIMESTEPS_S[1]:
+        timestep_s = TIMESTEP_S
     return Facts(
-        name=_text(data.get("name")),
-        seed=seed if isinstance(seed, int) else None,
-        blind=blind if isinstance(blind, bool) else None,
-        command=_text(data.get("command")),
-        timestep_s=TIMESTEP_S if timestep_s is None else timestep_s,
+        name=told.name,
+        seed=told.seed,
+        blind=told.blind,
+        command=told.command,
+        timestep_s=timestep_s,
         length_s=length_s if length_s is not None and length_s > 0.0 else None,
-        arena=_arena(data.get("arena")),
-        robots=_names(data.get("robots")),
-        objects=_names(data.get("objects")),
+        arena=None if told.arena is None else _arena(told.arena),
+        robots=_names(told.robots),
+        objects=_names(told.objects),
         body_radius_m=radius_m if radius_m is not None and 0.0 < radius_m < 1.0 else BODY_RADIUS_M,
-        file_text=_text(data.get("file_text")),
+        file_text=told.file_text,
     )
 
 
@@ -111,21 +112,13 @@ def numbers(values: Any, count: int) -> tuple[float, ...] | None:
     return None if None in found else tuple(value for value in found if value is not None)
 
 
-def _text(value: Any) -> str:
-    return value if isinstance(value, str) else ""
-
-
-def _names(rows: Any) -> dict[int, str]:
-    if not isinstance(rows, list):
-        return {}
+def _names(rows: Sequence[Any]) -> dict[int, str]:
     fits = (r for r in rows if isinstance(r, dict) and isinstance(r.get("tag"), int))
     return {row["tag"]: str(row.get("name") or row["tag"]) for row in fits}
 
 
-def _arena(data: Any) -> Arena | None:
+def _arena(data: Mapping[str, Any]) -> Arena | None:
     """The arena, where it can be drawn as it stands."""
-    if not isinstance(data, dict):
-        return None
     size_m, centre_m = numbers(data.get("size_m"), 2), numbers(data.get("centre_m"), 2)
     if size_m is None or centre_m is None or not LEAST_M <= min(size_m) <= max(size_m) < MOST_M:
         return None

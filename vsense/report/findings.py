@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vsense.recording.form import RecordingError
 from vsense.recording.reader import Gap, Recording, open_recording
-from vsense.report.flow import SILENCE_NS
+from vsense.report.flow import SILENCE_NS, Spell
 from vsense.report.gather import Gatherer, gather
 from vsense.report.health import LinkHealth
 from vsense.report.tracks import RobotTrack
@@ -106,6 +106,12 @@ class Findings:
             words.append(f"seed {facts.seed}")
         return ", ".join(words)
 
+    @property
+    def part(self) -> str:
+        """Which part of the recording is shown, in words."""
+        ran = self.found.ran
+        return f"the run ({self.run_s:.1f} s)" if ran else "the whole recording (it holds no run)"
+
     def times_s(self, times_ns: array[int]) -> Floats:
         """Times of the host's clock as s since the run began, (n,)."""
         return (np.array(times_ns, np.int64) - self.zero_ns) / 1e9
@@ -179,7 +185,7 @@ def read_findings(path: Path, progress: Callable[[float], None] = lambda share: 
             run_s=(flow.end_ns - zero_ns) / 1e9 + found.facts.timestep_s if flow.lived else 0.0,
             found=found,
             robots=[_row(found, tag) for tag in sorted(_tags(found))],
-            amiss=sorted(_amiss(recording, found, zero_ns), key=lambda one: one.from_s),
+            amiss=_amiss(recording, found, zero_ns),
         )
 
 
@@ -212,30 +218,28 @@ def _row(found: Gatherer, tag: int) -> RobotRow:
     )
 
 
-def _amiss(recording: Recording, found: Gatherer, zero_ns: int) -> Iterator[Amiss]:
-    def since(time_ns: int) -> float:
-        return (time_ns - zero_ns) / 1e9
-
-    gaps = recording.gaps
-    for gap in gaps:
+def _amiss(recording: Recording, found: Gatherer, zero_ns: int) -> list[Amiss]:
+    """All that was amiss, by time."""
+    spells = []
+    for gap in recording.gaps:
         text = f"{gap.messages} messages, {gap.pictures} pictures: {gap.why}"
-        yield Amiss("not recorded", since(gap.from_ns), since(gap.to_ns), text)
+        spells.append(("not recorded", Spell(text, gap.from_ns, gap.to_ns)))
     for spell in found.flow.spells:
-        if not any(_overlap(gap, spell.from_ns, spell.to_ns) for gap in gaps):
-            to_s = None if spell.to_ns is None else since(spell.to_ns)
-            yield Amiss("silence", since(spell.from_ns), to_s, spell.what)
+        if not any(_overlap(gap, spell.from_ns, spell.to_ns) for gap in recording.gaps):
+            spells.append(("silence", spell))
     end_ns = recording.begin_ns + round(1e9 * recording.duration_s)
     newest_ns = found.flow.newest_ns
     over = found.state in ("ended", "emergency")
     if found.flow.lived and not over and end_ns - newest_ns > 2 * SILENCE_NS:
-        yield Amiss("silence", since(newest_ns), None, "no arena state until the recording's end")
-    for loss in found.roll.losses:
-        name = found.facts.robots.get(loss.tag, str(loss.tag))
-        to_s = None if loss.to_ns is None else since(loss.to_ns)
-        yield Amiss("no link", since(loss.from_ns), to_s, f"robot {name}")
-    for spell in found.cameras.spells:
-        to_s = None if spell.to_ns is None else since(spell.to_ns)
-        yield Amiss("camera", since(spell.from_ns), to_s, spell.what)
+        words = "no arena state until the recording's end"
+        spells.append(("silence", Spell(words, newest_ns)))
+    spells += [("no link", spell) for spell in found.roll.losses]
+    spells += [("camera", spell) for spell in found.cameras.spells]
+    told = []
+    for kind, spell in sorted(spells, key=lambda pair: pair[1].from_ns):
+        to_s = None if spell.to_ns is None else (spell.to_ns - zero_ns) / 1e9
+        told.append(Amiss(kind, (spell.from_ns - zero_ns) / 1e9, to_s, spell.what))
+    return told
 
 
 def _overlap(gap: Gap, from_ns: int, to_ns: int | None) -> bool:

@@ -12,7 +12,7 @@ from vsense.report.facts import clock_ns, number
 SILENCE_NS = 500_000_000
 """From here on a time without an arena state is worth a line."""
 MOST_SPELLS = 1_000
-"""Silences and camera troubles of one recording that are listed one by one."""
+"""Silences, link losses and camera troubles of a recording, listed one by one: each so many."""
 
 
 @dataclass(slots=True)
@@ -46,7 +46,6 @@ class Flow:
     """
 
     def __init__(self) -> None:
-        """Begins before the first."""
         self.begin_ns: int | None = None
         self.end_ns = self.newest_ns = 0
         self.lived = self.missed = 0
@@ -89,7 +88,6 @@ class Latencies:
     """
 
     def __init__(self) -> None:
-        """Begins empty."""
         self.time_ns, self.latency_ms = array("q"), array("d")
 
     def take(self, sent_ns: int, data: Mapping[str, Any]) -> None:
@@ -111,7 +109,6 @@ class Measures:
     """
 
     def __init__(self) -> None:
-        """Begins empty."""
         self.of: dict[str, tuple[array[float], array[float]]] = {}
 
     def take(self, time_s: float, values: Mapping[str, Any]) -> None:
@@ -134,7 +131,6 @@ class CameraCounts:
     """
 
     def __init__(self) -> None:
-        """Begins empty."""
         self.rates_hz: dict[str, tuple[float, int]] = {}
         self.dropped: dict[str, int] = {}
         self.spells: list[Spell] = []

@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 
 from vsense.message_bus import Message
+from vsense.recording.form import RunMessage
 from vsense.recording.reader import Recording
-from vsense.report.facts import MOST_M, Facts, clock_ns, number, read_facts
+from vsense.report.facts import MOST_ASPECT, MOST_M, Facts, clock_ns, number, read_facts
 from vsense.report.flow import CameraCounts, Flow, Latencies, Measures
 from vsense.report.health import FINE, UNSEEN, SeenRobots, Strips
 from vsense.report.tracks import UNSEEN_NS, Tracks
+from vsense.world.entities import Arena
 
 MOST_EVENTS = 500
 IN_CONE, LIT_IN_CONE = "robots_in_cone", "lit_in_cone"
@@ -53,7 +55,6 @@ class Gatherer:
     """
 
     def __init__(self, facts: Facts) -> None:
-        """Begins before the first message."""
         self.facts = facts
         self.ran = False
         self.odd = 0
@@ -79,9 +80,24 @@ class Gatherer:
     def _begin(self) -> None:
         """The run begins: what was before it does not count."""
         self.tracks = Tracks(self.facts.is_robot)
-        self.roll, self.flow, self.latencies = SeenRobots(), Flow(), Latencies()
+        self.roll, self.flow, self.latencies = SeenRobots(self.facts.robots), Flow(), Latencies()
         self.measures, self.cameras = Measures(), CameraCounts()
         self.strips = Strips(round(self.facts.timestep_s * 1e9))
+
+    @property
+    def arena(self) -> Arena:
+        """The recorded arena; where it is unknown, the room that the robots needed."""
+        if self.facts.arena is not None:
+            return self.facts.arena
+        points = np.concatenate([*(t.points_m for t in self.tracks.of.values()), np.zeros((0, 2))])
+        points = points[(np.abs(points) < MOST_M).all(axis=1)]
+        if not len(points):
+            return Arena((1.0, 1.0, 0.0), (0.0, 0.0, 0.0))
+        low, high = points.min(axis=0), points.max(axis=0)
+        size = np.maximum(high - low + 0.2, 0.2)
+        x_m, y_m = np.maximum(size, size.max() / MOST_ASPECT).tolist()
+        middle = ((low + high) / 2.0).tolist()
+        return Arena((x_m, y_m, 0.0), (middle[0], middle[1], 0.0))
 
     @property
     def topics(self) -> frozenset[str]:
@@ -153,9 +169,9 @@ class Gatherer:
             self.strips.take(message.time_ns, self.roll.take(message.time_ns, message.data))
 
     def _run(self, message: Message) -> None:
-        self.state = str(message.data.get("state") or "")
-        late = message.data.get("late")
-        self.late = late if isinstance(late, int) else self.late
+        told = RunMessage.read(message.data)
+        self.state = told.state
+        self.late = self.late if told.late is None else told.late
 
     def _world(self, message: Message) -> None:
         self.world = message.data

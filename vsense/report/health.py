@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense.report.facts import number
+from vsense.report.flow import MOST_SPELLS, Spell
 
 UNKNOWN, FINE, STOPPED, UNSEEN, LOST = range(5)
 """How a robot is; the greater the worse."""
@@ -18,23 +18,6 @@ UNKNOWN, FINE, STOPPED, UNSEEN, LOST = range(5)
 BINS = 1024
 BIN_TIMESTEPS = 5
 _NONE: Mapping[int, int] = {}
-MOST_LOSSES = 1_000
-"""Link losses of one recording that are listed one by one."""
-
-
-@dataclass(slots=True)
-class Loss:
-    """A time without link.
-
-    Attributes:
-        tag: whose.
-        from_ns: when it was first told so.
-        to_ns: when it was over; None: it was not until the end.
-    """
-
-    tag: int
-    from_ns: int
-    to_ns: int | None = None
 
 
 class LinkHealth:
@@ -50,7 +33,6 @@ class LinkHealth:
     """
 
     def __init__(self) -> None:
-        """Knows nothing yet."""
         self.told = self.connected = self.losses = 0
         self.stops: Counter[str] = Counter()
         self.battery_mv: float | None = None
@@ -79,18 +61,19 @@ class SeenRobots:
 
     Attributes:
         of: by tag.
-        losses: times without link, the first `MOST_LOSSES`.
+        losses: times without link.
         lit: tags of the robots whose ring LEDs are on now.
         connected: how many are connected now; -1: nobody told yet.
     """
 
-    def __init__(self) -> None:
-        """Begins empty."""
+    def __init__(self, names: Mapping[int, str]) -> None:
+        """Begins empty; `names` are those of robots by tag, as far as they are known."""
+        self._names = names
         self.of: dict[int, LinkHealth] = {}
-        self.losses: list[Loss] = []
+        self.losses: list[Spell] = []
         self.lit: set[int] = set()
         self.connected = -1
-        self._open: dict[int, Loss] = {}
+        self._open: dict[int, Spell] = {}
 
     def take(self, time_ns: int, data: Mapping[str, Any]) -> dict[int, int]:
         """Takes a `/robots`.
@@ -120,9 +103,9 @@ class SeenRobots:
     def _link(self, time_ns: int, tag: int, connected: bool) -> None:
         loss = self._open.get(tag)
         if not connected and loss is None:
-            self._open[tag] = Loss(tag, time_ns)
+            self._open[tag] = Spell(f"robot {self._names.get(tag, tag)}", time_ns)
             self.of[tag].losses += 1
-            if len(self.losses) < MOST_LOSSES:
+            if len(self.losses) < MOST_SPELLS:
                 self.losses.append(self._open[tag])
         elif connected and loss is not None:
             loss.to_ns = time_ns
@@ -138,7 +121,6 @@ class Strips:
     """
 
     def __init__(self, timestep_ns: int) -> None:
-        """Begins empty."""
         self.begin_ns: int | None = None
         self.bin_ns = BIN_TIMESTEPS * timestep_ns
         self._rows: dict[int, NDArray[np.uint8]] = {}

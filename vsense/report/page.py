@@ -8,37 +8,36 @@ from html import escape
 
 from vsense import __version__
 from vsense.report import tables
-from vsense.report.compare import Group, quantities, table
+from vsense.report.compare import Group
 from vsense.report.findings import Findings
-from vsense.report.markup import DASH, Counter, figure_of, note, share_of, tiles
-from vsense.report.picture import Figure
-from vsense.report.style import CSS
-
-Drawn = tuple[Figure, bytes]
+from vsense.report.markup import CSS, Counter, Shown, note, share_of, tiles
 
 
 @dataclass(frozen=True, slots=True)
 class Chapter:
-    """One recording: what it says, and its pictures with their PNGs."""
+    """One recording: what it says, and its pictures."""
 
     findings: Findings
-    pictures: Sequence[Drawn]
+    pictures: Sequence[Shown]
 
 
 @dataclass(frozen=True, slots=True)
 class ComparedRuns:
-    """The runs of one experiment: their groups, and the pictures with their PNGs."""
+    """The runs of one experiment: their groups, and the pictures."""
 
     groups: Sequence[Group]
-    pictures: Sequence[Drawn]
+    pictures: Sequence[Shown]
 
 
-def page(chapters: Sequence[Chapter], comparisons: Sequence[ComparedRuns]) -> str:
+def page(
+    chapters: Sequence[Chapter], comparisons: Sequence[ComparedRuns], lacking: str = ""
+) -> str:
     """Makes the page.
 
     Args:
         chapters: the recordings, one at least.
         comparisons: of each experiment's runs; empty for a single recording.
+        lacking: why there are no charts, "" where there are.
     """
     counter = Counter()
     many = len(chapters) > 1
@@ -51,6 +50,8 @@ def page(chapters: Sequence[Chapter], comparisons: Sequence[ComparedRuns]) -> st
         '<p class="soft">What the recordings of vsense say. Times are in seconds since a run began,'
         " lengths in metres in the arena's frame.</p></header>\n"
     ]
+    if lacking:
+        parts.append(note(f"{lacking[0].upper()}{lacking[1:]}.", "warning"))
     if many:
         parts.append(_contents(chapters, comparisons))
     for place, comparison in enumerate(comparisons):
@@ -84,58 +85,12 @@ def _compared(comparison: ComparedRuns, place: int, counter: Counter) -> str:
     conditions = ", ".join(f"{len(g.runs)} {g.condition}" for g in groups)
     title = f"{groups[0].experiment}: runs compared"
     first = " class=first" if place == 0 else ""
-    figures = "".join(counter.figure(*drawn) for drawn in comparison.pictures)
     return (
         f'<h2 id="compared-{place}"{first}>{escape(title)}</h2>\n'
-        f'<p>Runs: {escape(conditions)}.</p>\n<div class="figures">{figures}</div>\n'
-        f"<h3>End values</h3>\n{_statistics(groups, counter)}"
-        f"<h3>Runs</h3>\n{_runs(groups, counter)}"
+        f"<p>Runs: {escape(conditions)}.</p>\n{counter.figures(comparison.pictures)}"
+        f"<h3>End values</h3>\n{tables.statistics(groups, counter)}"
+        f"<h3>Runs</h3>\n{tables.runs(groups, counter)}"
     )
-
-
-def _statistics(groups: Sequence[Group], counter: Counter) -> str:
-    rows = []
-    for name, columns in table(groups).items():
-        row = [name]
-        for group in groups:
-            found = columns.get(group.condition)
-            if found is None:
-                row += ["0", DASH, DASH, DASH]
-            else:
-                numbers = (found.mean, found.spread, found.median)
-                row += [str(len(found.values)), *(figure_of(value) for value in numbers)]
-        rows.append(row)
-    heads = ["quantity", *(["n", "mean", "SD", "median"] * len(groups))]
-    caption = "One value of each run; SD: sample standard deviation over the runs."
-    over = [("", 1), *((group.condition, 4) for group in groups)]
-    return counter.table(f"Runs of {groups[0].experiment}", caption, heads, rows, over=over)
-
-
-def _runs(groups: Sequence[Group], counter: Counter) -> str:
-    rows = []
-    for group in groups:
-        for run in group.runs:
-            facts, values = run.found.facts, quantities(run)
-            seen = [row.seen for row in run.robots]
-            rows.append(
-                [
-                    str(run.path),
-                    group.condition,
-                    DASH if facts.seed is None else str(facts.seed),
-                    f"{run.run_s:.1f}",
-                    str(len(run.robots)),
-                    share_of(sum(seen) / len(seen) if seen else None),
-                    figure_of(values.get("latency, median [ms]")),
-                    str(run.found.flow.missed),
-                    "whole" if run.complete and not run.damaged else "cut off or damaged",
-                ]
-            )
-    heads = (
-        "recording", "condition", "seed", "length [s]", "robots", "seen [%]",
-        "median latency [ms]", "timesteps missed", "file",
-    )  # fmt: skip
-    caption = "Seen: mean share of the timesteps in which a robot was seen."
-    return counter.table("The recordings", caption, heads, rows, texts=(0, 1, 8))
 
 
 def _run(chapter: Chapter, counter: Counter) -> Iterator[str]:
@@ -146,8 +101,7 @@ def _run(chapter: Chapter, counter: Counter) -> Iterator[str]:
     yield f'<p class="soft">{escape(file)}</p>\n'
     yield from _notes(findings)
     yield tiles(_tiles(findings))
-    figures = "".join(counter.figure(*drawn) for drawn in chapter.pictures)
-    yield f'<div class="figures">{figures}</div>\n'
+    yield counter.figures(chapter.pictures)
     if findings.measures:
         yield f"<h3>Measures</h3>\n{tables.measures(findings, counter)}"
     if findings.robots:

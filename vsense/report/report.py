@@ -1,4 +1,4 @@
-"""Makes a report: reads recordings one after the other, draws, and writes the page and pictures."""
+"""Makes a report: reads recordings one after the other, draws, and writes the page and charts."""
 
 from __future__ import annotations
 
@@ -8,27 +8,21 @@ from pathlib import Path
 from typing import Any
 
 from vsense.recording.form import RecordingError
-from vsense.report import (
-    compare,
-    compare_pictures,
-    findings,
-    occupancy_picture,
-    time_pictures,
-    way_picture,
-)
+from vsense.report import LACKING, can_draw, charts, compare, findings, maps, plot
 from vsense.report.findings import Findings, read_findings
-from vsense.report.markup import encode
-from vsense.report.page import Chapter, ComparedRuns, Drawn, page
-from vsense.report.picture import Figure
+from vsense.report.markup import Shown
+from vsense.report.page import Chapter, ComparedRuns, page
 
 PAGE = "report.html"
-_MAKERS: Sequence[Callable[[Findings], Figure | None]] = (
-    way_picture.ways,
-    occupancy_picture.occupancy,
-    time_pictures.measures,
-    time_pictures.robots,
-    time_pictures.latencies,
-    time_pictures.latency_over_time,
+PAGE_PX_PER_IN = 128
+"""A column of 3.5 inches takes half of the page."""
+_MAKERS: Sequence[Callable[[Findings], plot.Drawing | None]] = (
+    maps.ways,
+    maps.occupancy,
+    charts.measures,
+    charts.robots,
+    charts.latencies,
+    charts.latency_over_time,
 )
 
 
@@ -39,10 +33,12 @@ class Report:
     Attributes:
         files: everything written, the page first.
         findings: what each recording says.
+        lacking: why there are no charts, "" where there are.
     """
 
     files: Sequence[Path]
     findings: Sequence[Findings]
+    lacking: str
 
     def as_json(self) -> dict[str, Any]:
         """The figures, for scripts."""
@@ -58,26 +54,37 @@ def make_report(
     paths: Sequence[Path],
     folder: Path,
     progress: Callable[[Path, float], None] = lambda path, share: None,
+    form: str = "png",
+    sheet: str | None = None,
 ) -> Report:
-    """Makes a report of recordings.
+    """Makes a report of recordings; without Matplotlib, one without charts.
 
     Args:
         paths: the recordings, one at least; several are compared.
         folder: where to; made if need be, must be empty.
         progress: is told now and then which share of a recording was read, 0..1.
+        form: of the charts' files, one of `FORMATS`; the page holds PNG.
+        sheet: the user's style sheet, see `plot.styled`.
 
     Raises:
         RecordingError: one is no recording that can be read, the folder is not empty, or something
             cannot be written.
+        UsageError: there is no such style sheet, or it cannot be used.
+        VsenseError: the charts cannot be drawn in this style.
     """
     require_empty(folder)
+    if sheet is not None and can_draw():
+        plot.require_sheet(sheet)
     read = [
         read_findings(path, lambda share, path=path: progress(path, share))  # type: ignore[misc]
         for path in paths
     ]
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        return _write(read, folder)
+        if not can_draw():
+            return _write(read, _Charts(folder, ""))
+        with plot.styled(sheet):
+            return _write(read, _Charts(folder, form))
     except OSError as error:
         raise RecordingError(f"{folder}: cannot be written: {error.strerror}") from None
 
@@ -96,29 +103,45 @@ def require_empty(folder: Path) -> None:
         raise RecordingError(f"{folder}: is there already; expected a new or an empty folder")
 
 
-def _write(read: Sequence[Findings], folder: Path) -> Report:
-    files = [folder / PAGE]
+class _Charts:
+    """Writes charts into a folder.
 
-    def keep(prefix: str, pictures: Iterable[Figure]) -> list[Drawn]:
-        drawn = [(picture, encode(picture)) for picture in pictures]
-        for picture, png in drawn:
-            path = folder / f"{prefix}{picture.name}.png"
-            path.write_bytes(png)
-            files.append(path)
-        return drawn
+    Attributes:
+        folder: the folder.
+        form: of the files; "": there are no charts.
+        files: what was written.
+    """
 
+    def __init__(self, folder: Path, form: str) -> None:
+        self.folder, self.form = folder, form
+        self.files: list[Path] = []
+
+    def keep(self, prefix: str, drawings: Iterable[plot.Drawing]) -> list[Shown]:
+        """Writes charts, and gives them for the page; without a form none is drawn."""
+        return [self._keep(prefix, each) for each in drawings] if self.form else []
+
+    def _keep(self, prefix: str, drawing: plot.Drawing) -> Shown:
+        png = plot.encode(drawing.figure, "png")
+        path = self.folder / f"{prefix}{drawing.name}.{self.form}"
+        path.write_bytes(png if self.form == "png" else plot.encode(drawing.figure, self.form))
+        self.files.append(path)
+        width_px = round(drawing.figure.get_size_inches()[0] * PAGE_PX_PER_IN)
+        return Shown(drawing.title, drawing.caption, png, width_px, drawing.wide)
+
+
+def _write(read: Sequence[Findings], kept: _Charts) -> Report:
     comparisons = []
     if len(read) > 1:
         experiments = compare.by_experiment(compare.groups(read)).values()
         for place, members in enumerate(experiments, start=1):
             prefix = "compared-" if len(experiments) == 1 else f"compared-{place}-"
-            drawn = keep(prefix, compare_pictures.draw(members))
-            comparisons.append(ComparedRuns(members, drawn))
+            comparisons.append(ComparedRuns(members, kept.keep(prefix, charts.compared(members))))
     chapters = []
     for place, one in enumerate(read, start=1):
         prefix = f"{place:02d}-{one.path.stem}-" if len(read) > 1 else ""
         made = (make(one) for make in _MAKERS)
-        pictures = [picture for picture in made if picture is not None]
-        chapters.append(Chapter(one, keep(prefix, pictures)))
-    files[0].write_text(page(chapters, comparisons), encoding="utf-8", errors="replace")
-    return Report(files, read)
+        chapters.append(Chapter(one, kept.keep(prefix, (each for each in made if each))))
+    lacking = "" if kept.form else LACKING
+    path = kept.folder / PAGE
+    path.write_text(page(chapters, comparisons, lacking), encoding="utf-8", errors="replace")
+    return Report([path, *kept.files], read, lacking)

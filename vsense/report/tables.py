@@ -1,10 +1,11 @@
-"""The tables of one recording: measures, robots, what was amiss, and events."""
+"""The tables: a recording's measures, robots, what was amiss, events; runs compared."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
 from vsense.pictures.story import spoken
+from vsense.report.compare import Group, quantities, table
 from vsense.report.findings import Findings, RobotRow
 from vsense.report.markup import DASH, Counter, figure_of, share_of
 
@@ -112,3 +113,50 @@ def events(findings: Findings, counter: Counter) -> str:
 
 def _shown(shown: int, count: int) -> str:
     return "" if shown == count else f"The first {shown} of {count}."
+
+
+def statistics(groups: Sequence[Group], counter: Counter) -> str:
+    """Mean, standard deviation and median of each quantity, by condition."""
+    rows = []
+    for name, columns in table(groups).items():
+        row = [name]
+        for group in groups:
+            found = columns.get(group.condition)
+            if found is None:
+                row += ["0", DASH, DASH, DASH]
+            else:
+                numbers = (found.mean, found.spread, found.median)
+                row += [str(len(found.values)), *(figure_of(value) for value in numbers)]
+        rows.append(row)
+    heads = ["quantity", *(["n", "mean", "SD", "median"] * len(groups))]
+    caption = "One value of each run; SD: sample standard deviation over the runs."
+    over = [("", 1), *((group.condition, 4) for group in groups)]
+    return counter.table(f"Runs of {groups[0].experiment}", caption, heads, rows, over=over)
+
+
+def runs(groups: Sequence[Group], counter: Counter) -> str:
+    """A row for each of the compared runs."""
+    rows = []
+    for group in groups:
+        for run in group.runs:
+            facts, values = run.found.facts, quantities(run)
+            seen = [row.seen for row in run.robots]
+            rows.append(
+                [
+                    str(run.path),
+                    group.condition,
+                    DASH if facts.seed is None else str(facts.seed),
+                    f"{run.run_s:.1f}",
+                    str(len(run.robots)),
+                    share_of(sum(seen) / len(seen) if seen else None),
+                    figure_of(values.get("latency, median [ms]")),
+                    str(run.found.flow.missed),
+                    "whole" if run.complete and not run.damaged else "cut off or damaged",
+                ]
+            )
+    heads = (
+        "recording", "condition", "seed", "length [s]", "robots", "seen [%]",
+        "median latency [ms]", "timesteps missed", "file",
+    )  # fmt: skip
+    caption = "Seen: mean share of the timesteps in which a robot was seen."
+    return counter.table("The recordings", caption, heads, rows, texts=(0, 1, 8))

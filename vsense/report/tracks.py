@@ -39,7 +39,6 @@ class RobotTrack:
     """
 
     def __init__(self) -> None:
-        """Begins before the first sighting."""
         self.seen = 0
         self.distance_m = self.followed_s = self.longest_unseen_s = 0.0
         self._points: list[tuple[float, float]] = []

@@ -27,7 +27,8 @@ MIND_PARTS = ("err", "bytes", "wire", "table", "body", "peer", "clock", "session
 """What of `c_src/` a robot's mind needs beside `robot/`: the protocol's own files."""
 
 SYSTEM_PARTS = (
-    *("base", "base_argos", "check", "guard", "guard_link", "guard_process", "main", "net"),
+    *("base", "base_argos", "base_asercom", "base_boards", "base_config", "base_gctronic"),
+    *("base_serial", "base_york", "check", "guard", "guard_link", "guard_process", "main", "net"),
     *("options", "report", "settings", "signals", "talk", "trace", "worker"),
 )
 """What of `robot/` only a daemon needs: processes, files, network, and the base."""

@@ -23,13 +23,21 @@ from vsense.link.robots.table import Direction, Table
 from vsense.link.robots.wire import Header, PacketType, Values, Wanted, Welcome, encode
 from vsense.native import check, lib
 from vsense.robot import build
-from vsense.world.proximity_ring import AMBIENT_RAW
 
 PROGRESS_BYTES = 8
 """`struct vs_inprocess_progress`: timestep and robot, two u32."""
 
+CONTROL_NS = 30_000_000
+"""From the capture to the controller of a robot that runs in this process, as long as it takes a
+real one: 10 ms readout, and 20 ms from the picture (`latency_ms.capture_to_control` of
+`vsense lab pollutant`)."""
+ACT_NS = 31_000_000
+"""From the capture to its wheels."""
+
+AMBIENT_RAW = 3000
+"""What every light sensor measures in an evenly lit room, higher is darker."""
 LIGHT_RAW: int = lib.EPUCK_ARGOS_PROX_MAX - AMBIENT_RAW
-"""What every light sensor reads, higher is brighter: the room is as evenly lit as the lab's."""
+"""The same as the controller is given it, higher is brighter."""
 
 
 class SimError(VsenseError):

@@ -2,15 +2,16 @@
 
 What a run shall do: people's orders, and the state that follows from them.
 
-An order that stops anything is obeyed at once, in the thread of whoever gave it; the thread that
-lives the run finds out afterwards. Only that thread starts anything.
+`TABLE` holds what every order does in every state. An order that stops anything is obeyed at once,
+in the thread of whoever gave it; the thread that lives the run finds out afterwards. Only that
+thread starts anything.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from enum import Enum
 
 from vsense.errors import VsenseError
@@ -70,6 +71,68 @@ BEFORE = (State.WAITING, State.READY)
 DURING = (State.RUNNING, State.PAUSED)
 
 
+@dataclass(frozen=True, slots=True)
+class Move:
+    """What an order does. Texts may name {run}, {following} (the next run's number) and {by}.
+
+    Attributes:
+        says: what people are told.
+        state: the new state; None: as it is.
+        commands: what the robots are told at once; None: nothing.
+        asked: from now on somebody wants a start; False: nobody does any more.
+        following: whether the next run is wanted; None: as it is.
+        waits: the run that comes waits for a START.
+        why: what ended the run; "": it has not ended, or had before.
+    """
+
+    says: str
+    state: State | None = None
+    commands: Wanted | None = None
+    asked: bool = False
+    following: bool | None = None
+    waits: bool = False
+    why: str = ""
+
+
+_HALTED = "EMERGENCY STOP: all robots stand still until a reset"
+_RESET = "reset: run {following} waits for a start"
+
+BEGIN = Move("run {run} starts", asked=True)
+RESUME = Move("run {run} goes on", asked=True)
+FOLLOW = Move("run {following} begins", asked=True, following=True)
+PAUSE = Move("run {run} is paused", State.PAUSED, Wanted.PAUSE)
+STAY = Move("run {run} stays paused")
+DROP = Move("the start is withdrawn", following=False)
+STOP = Move("run {run} is stopped", State.ENDED, Wanted.STOP, why="stopped by {by}")
+SUSPEND = Move("run {run} is suspended: start resumes it, reset ends it", State.PAUSED, Wanted.STOP)
+BREAK = Move(_RESET, State.ENDED, Wanted.STOP, following=True, waits=True, why="reset by {by}")
+RENEW = Move(_RESET, State.ENDED, following=True, waits=True)
+AGAIN = Move("reset: run {run} waits for a start", State.WAITING, waits=True)
+HALT = Move(_HALTED, State.EMERGENCY, Wanted.STOP, following=False)
+CUT = replace(HALT, why="emergency stop by {by}")
+
+ORDERS = (OrderKind.START, OrderKind.PAUSE, OrderKind.STOP, OrderKind.RESET, OrderKind.EMERGENCY)
+
+TABLE: Mapping[tuple[State, bool], tuple[Move | None, ...]] = {
+    # state, asked            START   PAUSE  STOP  RESET  EMERGENCY
+    (State.WAITING, False):   (BEGIN,  None,  None, None,  CUT),
+    (State.WAITING, True):    (None,   None,  DROP, None,  CUT),
+    (State.READY, False):     (BEGIN,  None,  None, None,  CUT),
+    (State.READY, True):      (None,   None,  DROP, None,  CUT),
+    (State.RUNNING, False):   (None,   PAUSE, STOP, BREAK, CUT),
+    (State.PAUSED, False):    (RESUME, None,  STOP, BREAK, CUT),
+    (State.PAUSED, True):     (None,   STAY,  STOP, BREAK, CUT),
+    (State.ENDED, False):     (FOLLOW, None,  None, RENEW, HALT),
+    (State.ENDED, True):      (None,   None,  DROP, RENEW, HALT),
+    (State.EMERGENCY, False): (None,   None,  None, RENEW, HALT),
+}  # fmt: skip
+"""What every order does, by state and whether somebody has asked for a start; None: refused.
+
+Where STOP only suspends a run, SUSPEND stands for STOP. In a run that has not begun AGAIN stands
+for RENEW.
+"""
+
+
 class Control:
     """The state of one run after the other. `give` and all attributes are for any thread.
 
@@ -107,14 +170,6 @@ class Control:
         self._suspends = suspends
         self._asked = self._next = self._begun = self._waits = False
         self._lock = threading.RLock()
-        self._orders: dict[OrderKind, Callable[[Order], str]] = {
-            OrderKind.START: self._start,
-            OrderKind.PAUSE: self._pause,
-            OrderKind.STOP: self._stop,
-            OrderKind.RESET: self._reset,
-            OrderKind.EMERGENCY: self._emergency,
-            OrderKind.RECORD: self._record,
-        }
 
     def give(self, order: Order) -> str:
         """Carries an order out; see `vsense.run.control.Give`.
@@ -123,16 +178,13 @@ class Control:
             OrderError: it makes no sense now.
             VsenseError: the robots cannot be told.
         """
-        obey = self._orders.get(order.kind)
-        if obey is None:
-            raise OrderError(f"{order.kind.value}: only a replay can do that")
         if order.kind == OrderKind.RECORD:
             # A disk may take its time: that must hold up no emergency stop.
-            text = obey(order)
+            text = self._record(order)
             self.by = order.by
         else:
             with self._lock:
-                text = obey(order)
+                text = self._obey(order)
                 self.by = order.by
         self._tell(f"{order.by}: {text}")
         return text
@@ -140,16 +192,10 @@ class Control:
     @property
     def can(self) -> tuple[OrderKind, ...]:
         """The orders that make sense now."""
-        found = {
-            State.WAITING: (OrderKind.START,),
-            State.READY: (OrderKind.START,),
-            State.RUNNING: (OrderKind.PAUSE, OrderKind.STOP, OrderKind.RESET),
-            State.PAUSED: (OrderKind.START, OrderKind.STOP, OrderKind.RESET),
-            State.ENDED: (OrderKind.START, OrderKind.RESET),
-            State.EMERGENCY: (OrderKind.RESET,),
-        }[self.state]
-        recording = () if self.record is None else (OrderKind.RECORD,)
-        return (*found, OrderKind.EMERGENCY, *recording)
+        with self._lock:
+            moves = TABLE[self.state, self._asked]
+        found = [kind for kind, move in zip(ORDERS, moves) if move is not None]
+        return tuple(found) if self.record is None else (*found, OrderKind.RECORD)
 
     @property
     def holds(self) -> bool:
@@ -205,65 +251,41 @@ class Control:
                 self.state = State.WAITING
             self.why, self._next, self._begun = "interrupted", False, False
 
-    def _start(self, order: Order) -> str:
-        if self.state == State.EMERGENCY:
-            raise OrderError("after an emergency stop: reset first")
-        if self.state == State.RUNNING:
-            raise OrderError(f"run {self.run} is going on already")
-        if self._asked:
-            raise OrderError(f"{self.by} has asked for it already")
-        self._asked = True
-        if self.state == State.ENDED:
-            self._next = True
-            return f"run {self.run + 1} begins"
-        return f"run {self.run} {'goes on' if self.state == State.PAUSED else 'starts'}"
+    def _obey(self, order: Order) -> str:
+        """Does what the table says."""
+        move = self._move(order.kind)
+        if move is None:
+            raise OrderError(self._refusal(order.kind))
+        if move.commands is not None:
+            self._command(move.commands)
+        names = {"run": self.run, "following": self.run + 1, "by": order.by}
+        self.state = self.state if move.state is None else move.state
+        self._asked = move.asked
+        self._next = self._next if move.following is None else move.following
+        self._waits |= move.waits
+        self.why = move.why.format(**names) if move.why else self.why
+        return move.says.format(**names)
 
-    def _pause(self, order: Order) -> str:
-        if self._asked and self.state == State.PAUSED:
-            self._asked = False
-            return f"run {self.run} stays paused"
-        self._require(OrderKind.PAUSE, State.RUNNING)
-        self._command(Wanted.PAUSE)
-        self.state = State.PAUSED
-        return f"run {self.run} is paused"
+    def _move(self, kind: OrderKind) -> Move | None:
+        if kind not in ORDERS:
+            raise OrderError(f"{kind.value}: only a replay can do that")
+        move = TABLE[self.state, self._asked][ORDERS.index(kind)]
+        if move is STOP and self._suspends:
+            return SUSPEND
+        return AGAIN if move is RENEW and not self._begun else move
 
-    def _stop(self, order: Order) -> str:
-        if self._asked and self.state not in DURING:
-            self._asked = self._next = False
-            return "the start is withdrawn"
-        self._require(OrderKind.STOP, *DURING)
-        self._command(Wanted.STOP)
-        if self._suspends:
-            self.state, self._asked = State.PAUSED, False
-            return f"run {self.run} is suspended: start resumes it, reset ends it"
-        self.end(f"stopped by {order.by}")
-        return f"run {self.run} is stopped"
-
-    def _reset(self, order: Order) -> str:
-        self._require(OrderKind.RESET, *DURING, State.ENDED, State.EMERGENCY)
-        self._waits, self._asked = True, False
-        if not self._begun:
-            self.state = State.WAITING
-            return f"reset: run {self.run} waits for a start"
-        if self.state in DURING:
-            self._command(Wanted.STOP)
-            self.end(f"reset by {order.by}")
-        self.state, self._next = State.ENDED, True
-        return f"reset: run {self.run + 1} waits for a start"
-
-    def _emergency(self, order: Order) -> str:
-        self._command(Wanted.STOP)
-        if self.state not in (State.ENDED, State.EMERGENCY):
-            self.why = f"emergency stop by {order.by}"
-        self.state, self._asked, self._next = State.EMERGENCY, False, False
-        return "EMERGENCY STOP: all robots stand still until a reset"
+    def _refusal(self, kind: OrderKind) -> str:
+        """Says why an order makes no sense now."""
+        if kind == OrderKind.START:
+            if self._asked:
+                return f"{self.by} has asked for it already"
+            if self.state == State.EMERGENCY:
+                return "after an emergency stop: reset first"
+            return f"run {self.run} is going on already"
+        now = "not running" if self.state in BEFORE else self.state.value
+        return f"cannot {kind.value}: run {self.run} is {now}"
 
     def _record(self, order: Order) -> str:
         if self.record is None:
             raise OrderError("nothing is recorded here: start vsense with --record")
         return self.record(order.value != 0)
-
-    def _require(self, kind: OrderKind, *states: State) -> None:
-        if self.state not in states:
-            now = "not running" if self.state in BEFORE else self.state.value
-            raise OrderError(f"cannot {kind.value}: run {self.run} is {now}")

@@ -161,7 +161,7 @@ def _spread_ms(ends_ns: Sequence[int], begins_ns: Sequence[int]) -> dict[str, fl
 
 def table(summary: Mapping[str, Any]) -> str:
     """The summary as a person reads it."""
-    arena, link = summary["arena"], summary["link"]
+    arena = summary["arena"]
     silences = [f"{s['duration_s']:.1f} s" for s in arena["silences"]]
     rows = [
         (
@@ -171,14 +171,10 @@ def table(summary: Mapping[str, Any]) -> str:
         ),
         (
             "arena",
-            f"{_number(arena['seen_mean'], 2)} of {summary['robots']} robots seen per timestep;"
+            f"{number(arena['seen_mean'], 2)} of {summary['robots']} robots seen per timestep;"
             f" without any state: {', '.join(silences) or 'never'}",
         ),
-        (
-            "link",
-            f"{link['received']} of {link['sent']} datagrams received,"
-            f" {link['dropped']} dropped, {link['reconnects']} reconnects",
-        ),
+        link_row(summary["link"]),
         *(
             ("" if n else "results", f"{name} {value:g}")
             for n, (name, value) in enumerate(summary["results"].items())
@@ -187,21 +183,32 @@ def table(summary: Mapping[str, Any]) -> str:
     lines = [f"{name:<10}{text}" for name, text in rows]
     lines.append(f"{'latency':<10}{'in ms':<32}{'p50':>10}{'p99':>10}{'max':>10}")
     for name, spread in summary["latency_ms"].items():
-        figures = "".join(f"{_number(spread[key], 1):>10}" for key in ("p50", "p99", "max"))
+        figures = "".join(f"{number(spread[key], 1):>10}" for key in ("p50", "p99", "max"))
         lines.append(f"{'':<10}{name.replace('_', ' '):<32}{figures}")
     lines.append(f"{'robots':<10}{'':<32}{'seen':>10}{'connected':>10}{'stale':>10}{'battery':>10}")
     for robot in summary["per_robot"]:
         shares = (robot[f"{key}_share"] for key in ("seen", "connected", "stale"))
-        cells = "".join(f"{_percent(share):>10}" for share in shares)
+        cells = "".join(f"{percent(share):>10}" for share in shares)
         battery_mv = robot["battery_mv"]
         volts = "-" if battery_mv is None else f"{battery_mv / 1000.0:.2f} V"
         lines.append(f"{'':<10}{robot['name']:<32}{cells}{volts:>10}")
     return "\n".join(lines)
 
 
-def _percent(share: float | None) -> str:
-    return "-" if share is None else f"{100 * share:.1f} %"
+def link_row(link: Mapping[str, Any]) -> tuple[str, str]:
+    """The line of a table about the datagrams."""
+    text = (
+        f"{link['received']} of {link['sent']} datagrams received,"
+        f" {link['dropped']} dropped, {link['reconnects']} reconnects"
+    )
+    return "link", text
 
 
-def _number(value: float | None, digits: int) -> str:
+def percent(share: float | None, digits: int = 1) -> str:
+    """A share as a person reads it."""
+    return "-" if share is None else f"{100 * share:.{digits}f} %"
+
+
+def number(value: float | None, digits: int = 1) -> str:
+    """A number as a person reads it."""
     return "-" if value is None else f"{value:.{digits}f}"

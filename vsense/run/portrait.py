@@ -5,23 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense.config.specs import Experiment
 from vsense.link.robots.status import RobotStatus
 from vsense.pictures import story
-from vsense.pictures.album import RunSamples
+from vsense.pictures.painting import Album
 from vsense.pictures.story import RunFigure
-from vsense.run.directory import DirectoryError
 from vsense.world.sightings import NEVER_NS
 from vsense.world.world import World
 
 MOST_TIMESTEPS = 72_000
 """Two hours at 10 Hz: what comes after them is not drawn."""
-
-RING_LEDS = 0xFF
 
 
 class Portrait:
@@ -30,8 +26,8 @@ class Portrait:
     def __init__(self, experiment: Experiment) -> None:
         """Begins before the first timestep."""
         self._experiment = experiment
-        self._album = RunSamples(experiment)
-        self._source = experiment.sources[0] if experiment.sources else None
+        self._album = Album(experiment)
+        self._source = experiment.source
         self._timesteps: list[int] = []
         self._poses: list[NDArray[np.float64]] = []
         self._known: list[NDArray[np.bool_]] = []
@@ -52,7 +48,7 @@ class Portrait:
         self._timesteps.append(run_timestep)
         self._poses.append(np.stack([rows[key] for key in ("x_m", "y_m", "yaw_rad")], axis=-1))
         self._known.append(rows["capture_ns"] != NEVER_NS)
-        self._lit.append([_is_lit(robots[robot.tag]) for robot in self._experiment.robots])
+        self._lit.append([robots[robot.tag].lit for robot in self._experiment.robots])
         if self._source is not None:
             cone = world.cone(self._source)
             places = self._poses[-1][:, :2]
@@ -62,30 +58,27 @@ class Portrait:
         if len(self._timesteps) == MOST_TIMESTEPS:
             self._album.end(world)
 
-    def draw(self, path: Path, world: World, heading: str, subtitle: str) -> bool:
+    def draw(self, path: Path, world: World, blind: bool, subtitle: str) -> bool:
         """Draws the picture after the run.
 
         Args:
             path: where to; its folder exists.
             world: the world after its last timestep.
-            heading: what experiment this is.
+            blind: the virtual sensors were held at 0.
             subtitle: how it was run.
 
         Returns:
             Whether there was anything to draw: not without a robot that was ever seen.
 
         Raises:
-            DirectoryError: the file cannot be written.
+            PictureError: the file cannot be written.
         """
         known = np.array(self._known)
         if not known.any():
             return False
         if len(self._timesteps) < MOST_TIMESTEPS:
             self._album.end(world)
-        told = self._story(known)
-        image = story.draw(told, heading, subtitle, lambda timestep: None)
-        if not cv2.imwrite(str(path), image):
-            raise DirectoryError(f"{path}: cannot be written")
+        story.save(self._story(known), path, blind, subtitle)
         return True
 
     def _story(self, known: NDArray[np.bool_]) -> RunFigure:
@@ -102,10 +95,6 @@ class Portrait:
             poses[:, seen],
             np.array(self._lit)[:, seen],
             np.array(self._inside)[:, seen] if self._source is not None else None,
-            self._source.turn_timestep if self._source is not None else None,
+            self._experiment.turn_timestep,
             self._album,
         )
-
-
-def _is_lit(status: RobotStatus) -> bool:
-    return status.telemetry is not None and bool(status.telemetry.leds & RING_LEDS)

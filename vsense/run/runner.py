@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 from vsense.cameras.grabber import NoMorePictures
 from vsense.config.specs import Experiment
 from vsense.link.robots.server import VirtualSensorServer
+from vsense.link.robots.status import RobotStatus
 from vsense.link.trackers.client import TrackerEnded
 from vsense.run.control import DURING, Control, State
 from vsense.run.environment import Environment
@@ -26,6 +27,10 @@ POLL_S = 0.25
 
 SILENCE_NS = 500_000_000
 """Robots have stopped 400 ms after the last arena state: from now on a person is told."""
+
+Look = Callable[[Step | None, Mapping[int, RobotStatus]], None]
+"""Called after every timestep, and with None in silences, with the status of every robot by tag;
+what it raises ends the run."""
 
 SETTLE_TIMEOUT_NS = 1_000_000_000
 """After the run the last telemetry may take this long to tell what was received."""
@@ -48,9 +53,9 @@ class Runner:
     """Runs, one after the other, from roll call to last telemetry; it belongs to one thread.
 
     Attributes:
-        names: the experiment's tagged bodies: tag -> name.
         tally: what the links sent and received, from the start of the server.
         reconnects: sessions that were opened in mid-run.
+        robots: the status of every robot by tag in the newest timestep, when its readings had left.
         silences: times without arena states in the run.
     """
 
@@ -61,7 +66,7 @@ class Runner:
         server: VirtualSensorServer,
         console: Console,
         interrupted: threading.Event,
-        look: Callable[[Step | None], None] = lambda step: None,
+        look: Look = lambda step, robots: None,
         control: Control | None = None,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
@@ -73,21 +78,20 @@ class Runner:
             server: has been started.
             console: where to say what happens.
             interrupted: set by whoever wants everything to end.
-            look: called after every timestep and in silences; what it raises ends the run.
+            look: see `Look`.
             control: what people order; None: nobody can.
             clock: the host's monotonic clock [ns].
         """
         self.tally, self.reconnects = LinkCounters(), 0
         self._complaints = RobotAlarms()
         self.silences: list[Silence] = []
+        self.robots: Mapping[int, RobotStatus] = {}
         self._robots = {robot.tag: robot.id for robot in experiment.robots}
         self._objects = {thing.tag: thing.id for thing in experiment.objects}
-        self.names = self._robots | self._objects
         self._dt_ns, self._timesteps = experiment.timestep_ns, experiment.timesteps
         self._runtime = runtime
         self._server, self._console = server, console
-        self._interrupted = interrupted
-        self._look = look
+        self._interrupted, self._look = interrupted, look
         self.control = control or Control(server.command, console.say)
         self._clock = clock
         self._heard_ns: int | None = None
@@ -248,12 +252,12 @@ class Runner:
                 duration_s = self._note_silence()
                 self._console.say(f"arena states are back after {duration_s:.1f} s")
             self._heard_ns = step.arena_ns
-        robots = self._server.robots()
+        robots = self.robots = self._server.robots()
         for status in self.tally.update(robots):
             self._console.say(f"robot {status.name}: its guard was replaced", "warning")
         for line in self._complaints.update(robots, self._clock()):
             self._console.say(line, "warning")
-        self._look(step)
+        self._look(step, robots)
         return step
 
     def _call_roll(self, step: Step | None) -> Readiness:
@@ -261,8 +265,7 @@ class Runner:
         if step is not None:
             robots = step.state.robots
             self._seen = frozenset(robots["tag"][robots["seen"]].tolist())
-        links = self._server.robots()
-        connected = {tag for tag, status in links.items() if status.connected}
+        connected = {tag for tag, status in self.robots.items() if status.connected}
         return Readiness.take(self._robots, self._objects, connected, self._seen)
 
     def _hear_nothing(self) -> None:

@@ -8,8 +8,8 @@ The runtime: every timestep of the host, from the pictures to the datagrams.
 
 Two threads, as in the thesis: one watches the arena (grabber and tracker, or the link to another
 tracker), the other lives in the world (world, virtual sensors, server); between them lies the
-latest-value buffer, so a slow world never holds the cameras up. Nothing of the host but this
-module, the links and the lab reads a clock: every other box is told the time.
+double buffer of `vsense.run.watch`, so a slow world never holds the cameras up. Nothing of the host
+but this module, the links and the lab reads a clock: every other box is told the time.
 """
 
 from __future__ import annotations
@@ -18,10 +18,8 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 from vsense.arena import ArenaState, Frame
-from vsense.cameras.grabber import Grabber
 from vsense.link.robots.server import VirtualSensorServer
 from vsense.link.robots.wire import Values, Wanted
 from vsense.run.environment import Environment
@@ -75,44 +73,6 @@ START_LEAD = 3
 """START names a timestep this many ahead, so that one lost datagram delays no robot."""
 
 
-class Tracker(Protocol):
-    """What turns pictures into the arena state."""
-
-    def update(self, frames: Sequence[Frame]) -> ArenaState:
-        """Finds and follows the robots in one timestep's pictures."""
-
-
-class Pictures:
-    """The source with cameras of our own.
-
-    Attributes:
-        record: takes the pictures that the tracker is about to be given, in the tracker's thread.
-    """
-
-    def __init__(self, grabber: Grabber, tracker: Tracker) -> None:
-        """Takes both, without owning them."""
-        self._grabber = grabber
-        self._tracker = tracker
-        self.record: Callable[[Sequence[Frame]], None] = lambda frames: None
-
-    def next(self, timeout_s: float) -> tuple[ArenaState, Sequence[Frame]]:
-        """Waits for pictures and tracks the robots in them.
-
-        Raises:
-            GrabberError: no picture came in time.
-            VsenseError: the tracker has failed.
-        """
-        frames = self._grabber.next(timeout_s)
-        self.record(frames)
-        return self._tracker.update(frames), frames
-
-    def start_run(self) -> None:
-        """Cameras are watched in a run and out of it."""
-
-    def stop_run(self) -> None:
-        """See `start_run`."""
-
-
 @dataclass(frozen=True, slots=True)
 class Step:
     """One timestep as the host lived it; times are the host's monotonic clock in ns.
@@ -125,7 +85,8 @@ class Step:
         arena_ns: the arena state was done.
         sent_ns: the last robot's datagram had left.
         state: the arena state.
-        frames: the pictures; valid until the grabber needs their memory again.
+        frames: the pictures; valid as long as this refers to them, see
+            `vsense.cameras.grabber.Grabber.next`.
     """
 
     timestep: int
@@ -182,7 +143,7 @@ class Runtime:
         Returns:
             The timestep that is the run's first.
         """
-        self._source.start_run()
+        self._source.start()
         return self.resume()
 
     def hold(self) -> None:
@@ -207,7 +168,7 @@ class Runtime:
         """Stops all robots at once; the virtual world stays as it is."""
         self._server.command(Wanted.STOP)
         self.hold()
-        self._source.stop_run()
+        self._source.stop()
 
     def next_run(self, environment: Environment) -> int:
         """Goes back to before the start, in another virtual world.
@@ -229,7 +190,7 @@ class Runtime:
             NoArenaState: none came in time.
             VsenseError: a box of the host has failed.
         """
-        newest, frames = self._watch.next(timeout_s)
+        newest = self._watch.next(timeout_s)
         state = newest.state
         self._last_timestep = state.timestep
         run_timestep = self._run_timestep(state.timestep)
@@ -244,7 +205,7 @@ class Runtime:
             arena_ns=newest.done_ns,
             sent_ns=sent_ns,
             state=state,
-            frames=frames,
+            frames=newest.frames,
         )
 
     def _sense(self, state: ArenaState, run_timestep: int) -> None:

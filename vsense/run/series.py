@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
+from vsense.run import directory as run_directory
 from vsense.run.control import Control, State
-from vsense.run.directory import DirectoryError
 from vsense.run.runner import Runner
 
 PATIENCE_S = 10.0
@@ -51,8 +53,22 @@ class Series:
         try:
             directory.mkdir()
         except OSError as error:
-            raise DirectoryError(f"cannot make {directory}: {error.strerror}") from None
+            raise run_directory.DirectoryError(
+                f"cannot make {directory}: {error.strerror}"
+            ) from None
         return directory
+
+    def write_summary(
+        self, name: str, summaries: Sequence[Mapping[str, Any]], on_stdout: bool
+    ) -> None:
+        """Writes the figures of all runs where there may be several, and prints them if wanted.
+
+        Raises:
+            DirectoryError: the file, or standard output, cannot be written.
+        """
+        if self.several:
+            figures = {"experiment": name, "runs": list(summaries)}
+            run_directory.write_summary(self._directory, figures, on_stdout, run_directory.SERIES)
 
     def patience_s(self, number: int, wanted_s: float | None) -> float | None:
         """How long a run waits for its robots; None: for ever.

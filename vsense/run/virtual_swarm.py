@@ -17,24 +17,18 @@ from vsense.arena import ArenaState
 from vsense.config.specs import Experiment
 from vsense.link.robots.table import Table
 from vsense.link.robots.wire import Values, Wanted
+from vsense.physics.motion import Physics, obstacles
+from vsense.physics.proximity_ring import ProximityRing
 from vsense.robot import build
-from vsense.robot.inprocess import Robots
+from vsense.robot.inprocess import ACT_NS, CONTROL_NS, Robots
 from vsense.world.entities import VirtualRobot
-from vsense.world.physics import Physics, obstacles
-from vsense.world.proximity_ring import ProximityRing
 from vsense.world.sightings import known
 from vsense.world.world import BODY_MEMORY_NS, World
 
 Floats = NDArray[np.float64]
 
-CONTROL_NS = 20_000_000
-"""From the capture to the controller: as long as a real robot's readings take to reach it."""
-ACT_NS = 21_000_000
-"""From the capture to the wheels."""
-
 _FAR_M = 1e6
 """Where those stand who are in nobody's way."""
-
 
 REST_NS = 400_000_000
 """Without an arena state for longer they stood still, as real robots do."""

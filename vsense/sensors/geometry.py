@@ -24,7 +24,7 @@ RING_HEIGHT_M = 0.032
 """Their height above the floor. Source: as above."""
 
 _MAX_RING = 64
-_EPUCK_DEG = (-17.2, -45.9, -90.0, -151.5, 151.5, 90.0, 45.8, 17.2)
+EPUCK_RING_DEG = (-17.2, -45.9, -90.0, -151.5, 151.5, 90.0, 45.8, 17.2)
 """ps0..ps7, clockwise from the front right. Source: epuck.md section 6, from Webots."""
 _ARGOS_DIVISORS = (10.5884, 3.5999, 2.0, 1.2, 0.8571, 0.6667, 0.5806, 0.5247)
 """pi through these are the angles that ARGoS reports. Source: iridia.md section 3."""
@@ -58,7 +58,7 @@ class Ring:
         expected = f"'epuck', 'argos' or a number from 1 to {_MAX_RING}"
         text = element.text("vs:ring", "epuck", expected)
         if text == "epuck":
-            angles: Floats = np.radians(np.array(_EPUCK_DEG))
+            angles: Floats = np.radians(np.array(EPUCK_RING_DEG))
             return cls(angles, angles)
         if text == "argos":
             even = np.pi / 16 + np.pi / 4 * np.arange(8.0)

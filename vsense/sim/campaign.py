@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-import cv2
 import numpy as np
 
 from vsense import __version__
-from vsense.errors import VsenseError
+from vsense.errors import UsageError, VsenseError
+from vsense.report import FORMATS, LACKING, can_draw, plot
 from vsense.robot import build
 from vsense.sim import comparison
 from vsense.sim.job import Job, Setup
@@ -48,7 +48,9 @@ def run(
         Interrupted: the user wants no more; the rows until then are in the file.
         VsenseError: it cannot run, or a run has failed.
     """
-    path = options.output or DEFAULT_FILE
+    path, drawing = _outputs(options)
+    if options.style is not None and can_draw():
+        plot.require_sheet(options.style)
     tasks = prepare(sweep, setup)
     results = CampaignResults(path, fingerprint(tasks[0]), sweep.keys)
     there = results.keys()
@@ -67,8 +69,23 @@ def run(
         console.say(f"{path}: {done} of {len(tasks)} runs; the same command goes on from there")
         raise
     console.end_progress()
-    _report(options, sweep, results, path, console)
+    _report(options, sweep, results, drawing, console)
     return 0
+
+
+def _outputs(options: argparse.Namespace) -> tuple[Path, Path]:
+    """The campaign's CSV file, and its picture's; the suffix of --output may say what that is.
+
+    Raises:
+        UsageError: it says something else than --format.
+    """
+    output = options.output or DEFAULT_FILE
+    form = output.suffix[1:]
+    if form not in FORMATS:
+        return output, output.with_suffix(f".{options.format or 'png'}")
+    if options.format not in (None, form):
+        raise UsageError(f"--format {options.format}: --output {output} says {form}")
+    return output.with_suffix(".csv"), output
 
 
 def prepare(sweep: Sweep, setup: Setup) -> list[Task]:
@@ -177,24 +194,28 @@ def _report(
     options: argparse.Namespace,
     sweep: Sweep,
     results: CampaignResults,
-    path: Path,
+    drawing: Path,
     console: Console,
 ) -> None:
-    """Prints what came out, and draws it."""
+    """Prints what came out, and draws it where that can be."""
     groups = group(sweep, results)
     if options.json:
-        _print({"file": str(path), "settings": [_figures(*some) for some in groups]})
-    console.say(f"results: {path}, {len(results.rows)} runs")
+        _print({"file": str(results.path), "settings": [_figures(*some) for some in groups]})
+    console.say(f"results: {results.path}, {len(results.rows)} runs")
     if not results.measures:
         console.say("the experiment measures nothing: no picture")
-        return
-    drawing = path.with_suffix(".png")
-    names = {name: [measures[name] for _, measures in groups] for name in results.measures}
-    labels = [settings for settings, _ in groups]
-    image = comparison.draw(results.rows[0][EXPERIMENT], labels, names)
-    if not cv2.imwrite(str(drawing), image):
-        raise VsenseError(f"{drawing}: cannot be written")
-    console.say(f"picture: {drawing}")
+    elif not can_draw():
+        console.say(f"no picture: {LACKING}")
+    else:
+        names = {name: [measures[name] for _, measures in groups] for name in results.measures}
+        title, labels = results.rows[0][EXPERIMENT], [settings for settings, _ in groups]
+        with plot.styled(options.style):
+            data = plot.encode(comparison.draw(title, labels, names), drawing.suffix[1:])
+        try:
+            drawing.write_bytes(data)
+        except OSError as error:
+            raise VsenseError(f"{drawing}: cannot be written: {error.strerror}") from None
+        console.say(f"picture: {drawing}")
 
 
 Group = tuple[dict[str, str], dict[str, list[float]]]

@@ -1,25 +1,15 @@
-"""One run that is to be simulated, as it travels to the process that does it.
-
-What a simulated run leaves behind: its trajectories, and its picture.
-"""
+"""One run that is to be simulated, as it travels to the process that does it."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
 from typing import Any
-
-import cv2
 
 from vsense.config.experiment import first_robots, load
 from vsense.config.specs import Experiment
-from vsense.errors import UsageError, VsenseError
-from vsense.pictures import story
-from vsense.pictures.canvas import Image
-from vsense.pictures.story import RunFigure
-from vsense.sim.simulation import Simulation
+from vsense.errors import UsageError
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,36 +71,3 @@ class Job:
         """Reads what `to_line` gave."""
         fields: dict[str, Any] = json.loads(line)
         return cls(Setup(**fields.pop("setup")), **fields)
-
-
-TRAJECTORY = "trajectory.npz"
-
-
-def save(run: Simulation, experiment: Experiment, job: Job, directory: Path) -> None:
-    """Writes `TRAJECTORY` and the picture of a run that has an album.
-
-    Raises:
-        VsenseError: a file cannot be written.
-    """
-    run.record.save(directory / TRAJECTORY)
-    path = directory / f"{experiment.name}.png"
-    if not cv2.imwrite(str(path), draw(run, experiment, job)):
-        raise VsenseError(f"{path}: cannot be written")
-
-
-def draw(run: Simulation, experiment: Experiment, job: Job) -> Image:
-    """Draws the picture of a run that has an album; without cameras nothing lies beneath it."""
-    assert run.album is not None
-    record, truth = run.record, run.record.truth
-    told = RunFigure(
-        experiment,
-        record.timesteps["run_timestep"],
-        truth.poses,
-        truth.lit,
-        None if truth.depth_m is None else truth.depth_m >= 0,
-        record.turn,
-        run.album,
-    )
-    heading = f"{experiment.name}{', blind' if job.setup.blind else ''}"
-    subtitle = f"{len(record.tags)} simulated robots, seed {job.seed}"
-    return story.draw(told, heading, subtitle, lambda timestep: None)

@@ -18,6 +18,9 @@ from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
 from vsense.lab import phases
 from vsense.lab.metrics import TIMESTEP
+from vsense.link.robots.status import RING_LEDS
+from vsense.pictures.painting import Album
+from vsense.pictures.story import RunFigure
 from vsense.world.pollution import PollutantSource
 
 POSITION_STD_M = 26e-6
@@ -88,7 +91,7 @@ class SimulatedTracker:
         return error
 
 
-RING_LEDS = 0xFF
+TRAJECTORY = "trajectory.npz"
 
 Floats = NDArray[np.float64]
 
@@ -117,8 +120,8 @@ class Record:
         self.poses = np.zeros((timesteps, len(self.tags) + len(self.object_tags), 3))
         self.leds = np.zeros((timesteps, len(self.tags)), dtype=np.uint16)
         self.share = np.ones(timesteps)
-        self.source = experiment.sources[0] if experiment.sources else None
-        self.turn = self.source.turn_timestep if self.source else None
+        self.source = experiment.source
+        self.turn = experiment.turn_timestep
         self._timestep_s = experiment.timestep_s
 
     def note(self, timestep: int, poses: Floats, leds: NDArray[np.uint16], share: float) -> None:
@@ -165,6 +168,12 @@ class Record:
             )
         except OSError as error:
             raise VsenseError(f"{path}: cannot be written: {error.strerror}") from None
+
+    def story(self, experiment: Experiment, album: Album) -> RunFigure:
+        """The run as its picture wants it."""
+        truth, numbers = self.truth, self.timesteps["run_timestep"]
+        inside = None if truth.depth_m is None else truth.depth_m >= 0
+        return RunFigure(experiment, numbers, truth.poses, truth.lit, inside, self.turn, album)
 
     def _depth_m(self, source: PollutantSource) -> Floats:
         """How deep each robot is in the source's cone; negative outside."""

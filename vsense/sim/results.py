@@ -46,7 +46,7 @@ class CampaignResults:
             UsageError: the file holds something else.
             VsenseError: it cannot be read.
         """
-        self._path = path
+        self.path = path
         self._campaign = campaign
         self._fixed = [CAMPAIGN, EXPERIMENT, *settings, SEED, ROBOTS, DURATION]
         self._settings = list(settings)
@@ -84,7 +84,7 @@ class CampaignResults:
         self._columns = self._columns or [*self._fixed, *measures]
         if list(measures) != self.measures:
             raise VsenseError(
-                f"{self._path}: seed {fixed[SEED]} gave the measures"
+                f"{self.path}: seed {fixed[SEED]} gave the measures"
                 f" {', '.join(measures) or 'none'}; the rows before have"
                 f" {', '.join(self.measures) or 'none'}"
             )
@@ -104,18 +104,18 @@ class CampaignResults:
     def _read(self) -> str:
         """The whole rows of the file; half a row at its end is cut off."""
         try:
-            data = self._path.read_bytes()
+            data = self.path.read_bytes()
             whole = data[: data.rfind(b"\n") + 1]
             if len(whole) < len(data):
-                os.truncate(self._path, len(whole))
+                os.truncate(self.path, len(whole))
                 self.repaired = True
             return whole.decode()
         except FileNotFoundError:
             return ""
         except OSError as error:
-            raise VsenseError(f"{self._path}: cannot be read: {error.strerror}") from None
+            raise VsenseError(f"{self.path}: cannot be read: {error.strerror}") from None
         except UnicodeDecodeError:
-            raise UsageError(f"{self._path}: is no CSV file of a campaign") from None
+            raise UsageError(f"{self.path}: is no CSV file of a campaign") from None
 
     def _take(self, text: str) -> None:
         """Takes the rows, if they are this campaign's."""
@@ -123,18 +123,18 @@ class CampaignResults:
         columns = next(lines)
         if columns[: len(self._fixed)] != self._fixed:
             raise UsageError(
-                f"{self._path}:1: the columns {','.join(columns)} are another campaign's; this"
+                f"{self.path}:1: the columns {','.join(columns)} are another campaign's; this"
                 f" one's begin with {','.join(self._fixed)}; give another file with -o"
             )
         for cells in lines:
             if len(cells) != len(columns):
                 raise UsageError(
-                    f"{self._path}:{lines.line_num}: {len(cells)} values, expected {len(columns)}"
+                    f"{self.path}:{lines.line_num}: {len(cells)} values, expected {len(columns)}"
                 )
             row = dict(zip(columns, cells))
             if row[CAMPAIGN] != self._campaign:
                 raise UsageError(
-                    f"{self._path}:{lines.line_num}: a row of campaign {row[CAMPAIGN]}, this is"
+                    f"{self.path}:{lines.line_num}: a row of campaign {row[CAMPAIGN]}, this is"
                     f" {self._campaign}: the experiment, its controller or the options have"
                     " changed; give another file with -o"
                 )
@@ -143,10 +143,10 @@ class CampaignResults:
 
     def _write(self, text: str) -> None:
         try:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            with open(self._path, "a", newline="", encoding="utf-8") as file:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            with open(self.path, "a", newline="", encoding="utf-8") as file:
                 file.write(text)
                 file.flush()
                 os.fsync(file.fileno())
         except OSError as error:
-            raise VsenseError(f"{self._path}: cannot be written: {error.strerror}") from None
+            raise VsenseError(f"{self.path}: cannot be written: {error.strerror}") from None

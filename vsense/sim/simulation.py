@@ -19,12 +19,12 @@ from vsense.config.placement import settle
 from vsense.config.specs import Experiment
 from vsense.link.robots.table import Table
 from vsense.link.robots.wire import Values, Wanted
-from vsense.pictures.album import RunSamples
-from vsense.robot.inprocess import Robots
+from vsense.physics.motion import floor_of
+from vsense.physics.proximity_ring import ProximityRing
+from vsense.pictures.painting import Album
+from vsense.robot.inprocess import ACT_NS, CONTROL_NS, Robots
 from vsense.run.environment import Environment
 from vsense.sim.record import Record, SimulatedTracker
-from vsense.world.physics import Physics, obstacles
-from vsense.world.proximity_ring import ProximityRing
 
 EPOCH_NS = 1_000_000_000
 """The virtual clock at the first timestep; 0 stands for "never" on the wire."""
@@ -35,10 +35,6 @@ WARM_UP = 3
 SENSE_NS = 20_000_000
 """From the capture to the last look of the proximity sensors before a control step: their frame is
 composed after 24 ms, and they look every 10 ms."""
-CONTROL_NS = 30_000_000
-"""From the capture to the controller: 10 ms readout, and `latency_ms.capture_to_control`."""
-ACT_NS = 31_000_000
-"""From the capture to the wheels."""
 
 
 class _Event(NamedTuple):
@@ -81,9 +77,9 @@ class Simulation:
         experiment = settle(experiment, seed)
         self.environment = Environment(experiment, seed, blind)
         self.record = Record(experiment)
-        self.album: RunSamples | None = None
+        self.album: Album | None = None
         self._dt_ns = experiment.timestep_ns
-        self._physics = _floor(experiment)
+        self._physics = floor_of(experiment, EPOCH_NS)
         self._rings = ProximityRing(self._physics.near, seed)
         self._tracker = SimulatedTracker((*self.record.tags, *self.record.object_tags), seed)
         self._robots = Robots(
@@ -182,13 +178,3 @@ class Simulation:
             self._physics.advance(event.time_ns)
             event.happen()
         self._physics.advance(time_ns)
-
-
-def _floor(experiment: Experiment) -> Physics:
-    """Puts everything that is real in its place; everything has one."""
-    robots, objects = (
-        np.array([body.pose for body in bodies], dtype=np.float64).reshape(-1, 3)
-        for bodies in (experiment.robots, experiment.objects)
-    )
-    boxes, cylinders = obstacles(experiment.boxes, experiment.cylinders)
-    return Physics(robots, objects, boxes, EPOCH_NS, cylinders)

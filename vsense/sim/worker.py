@@ -29,11 +29,13 @@ import traceback
 from pathlib import Path
 from typing import Any
 
+from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
-from vsense.pictures.album import RunSamples
+from vsense.pictures import story
+from vsense.pictures.painting import Album
 from vsense.robot.inprocess import PROGRESS_BYTES, declarations
-from vsense.sim import job as portrait
 from vsense.sim.job import Job
+from vsense.sim.record import TRAJECTORY
 from vsense.sim.simulation import Simulation
 
 
@@ -55,12 +57,12 @@ def simulate(job: Job, progress: Any) -> dict[str, Any]:
     experiment = job.setup.load()
     run = Simulation(experiment, Path(job.library), job.seed, job.setup.blind, progress)
     if job.directory is not None:
-        run.album = RunSamples(experiment)
+        run.album = Album(experiment)
     begun_s = time.perf_counter()
     measures = run.run()
     wall_s = time.perf_counter() - begun_s
     if job.directory is not None:
-        portrait.save(run, experiment, job, Path(job.directory))
+        _save(run, experiment, job, Path(job.directory))
     return {
         "name": experiment.name,
         "robots": len(experiment.robots),
@@ -71,6 +73,15 @@ def simulate(job: Job, progress: Any) -> dict[str, Any]:
         "measures": measures,
         "complaints": run.complaints(),
     }
+
+
+def _save(run: Simulation, experiment: Experiment, job: Job, directory: Path) -> None:
+    """Writes `TRAJECTORY` and the picture of a run that has an album."""
+    assert run.album is not None
+    run.record.save(directory / TRAJECTORY)
+    told = run.record.story(experiment, run.album)
+    subtitle = f"{len(run.record.tags)} simulated robots, seed {job.seed}"
+    story.save(told, directory / f"{experiment.name}.png", job.setup.blind, subtitle)
 
 
 class Worker:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from statistics import median
 
 import cv2
 import numpy as np
@@ -19,7 +18,7 @@ from vsense.arena import IMAGE_POSE, POSE, SIGHTING, ArenaState, Frame
 from vsense.cameras.camera import Camera
 from vsense.errors import VsenseError
 from vsense.markers.families import MarkerFamily, SquareFamily
-from vsense.tracking.detector import Detector, make_detector
+from vsense.tracking.detector import Detector, MarkerSearch
 from vsense.tracking.joining import Joining, JoinLimits
 from vsense.tracking.prediction import Prediction, SearchPlan
 from vsense.tracking.tracks import Limits, Track, covariances
@@ -197,17 +196,19 @@ class ArenaTracker:
         open_roster: bool = True,
     ) -> ArenaTracker:
         """Returns a tracker of one family's markers; `heights_m` is also the roster."""
-        height_m = median(heights_m.values()) if heights_m else 0.0
-        roster, others_m = sorted(heights_m), set(heights_m.values())
+        search = MarkerSearch(family, dict(heights_m), open_roster)
         whereabouts = Prediction(plan or SearchPlan())
-        make = lambda: make_detector(  # noqa: E731
-            family, roster, height_m, whereabouts, others_m, open_roster
-        )
+        make = lambda: search.detector(whereabouts)  # noqa: E731
         return cls(cameras, make, heights_m, limits, whereabouts=whereabouts)
 
     def close(self) -> None:
         """Ends the workers; can be called again."""
         self._workers.close()
+
+    @property
+    def cameras(self) -> list[Camera]:
+        """The arena's cameras, sorted by their ids."""
+        return list(self._gate.cameras.values())
 
     @property
     def state(self) -> ArenaState:

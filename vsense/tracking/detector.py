@@ -4,12 +4,14 @@ A detector is anything with the one method of `Detector`. `ArrowDetector` reads 
 arrows: the kernel finds and fits them, the decoder names them, and where a tracker says what to
 expect, known robots are fitted where they must be and keep their names.
 
-Which detector reads which marker family.
+Which detector reads which marker family, and which camera's pictures it is given.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from statistics import median
 from typing import Protocol
 
 import numpy as np
@@ -196,3 +198,76 @@ def make_detector(
     if isinstance(family, SquareFamily):
         return SquareDetector(family, *how)
     return ArrowDetector(family, *how)
+
+
+@dataclass(frozen=True, slots=True)
+class MarkerSearch:
+    """What is looked for in a camera's pictures.
+
+    Attributes:
+        family: The marker family.
+        heights_m: The roster: the height of each tag's marker above the floor.
+        open_roster: Whether robots with other tags of the family can join.
+    """
+
+    family: MarkerFamily | SquareFamily
+    heights_m: Mapping[int, float]
+    open_roster: bool = True
+
+    def detector(self, whereabouts: Prediction) -> Detector:
+        """Returns a new detector for one thread.
+
+        Args:
+            whereabouts: What the arena tracker expects, the same for all of its detectors.
+
+        Raises:
+            FamilyError: The family does not have a tag of the roster.
+        """
+        heights_m = self.heights_m.values()
+        usual_m = median(heights_m) if heights_m else 0.0
+        return make_detector(
+            self.family,
+            sorted(self.heights_m),
+            usual_m,
+            whereabouts,
+            set(heights_m),
+            self.open_roster,
+        )
+
+
+class CameraDetectors:
+    """A detector that finds in each camera's pictures what is looked for there."""
+
+    def __init__(self, detectors: Mapping[str, Detector]) -> None:
+        """Takes the detector of each camera."""
+        self._detectors = detectors
+        self._each = list({id(detector): detector for detector in detectors.values()}.values())
+
+    @classmethod
+    def make(
+        cls,
+        sees: Mapping[str, str],
+        searches: Mapping[str, MarkerSearch],
+        whereabouts: Prediction,
+    ) -> CameraDetectors:
+        """Makes one detector per search; cameras with the same search share it.
+
+        Args:
+            sees: By the camera's id the name of its search.
+            searches: By their names.
+            whereabouts: What the arena tracker expects.
+
+        Raises:
+            FamilyError: A family does not have a tag of its roster.
+        """
+        made = {name: search.detector(whereabouts) for name, search in searches.items()}
+        return cls({camera: made[name] for camera, name in sees.items()})
+
+    @property
+    def overflows(self) -> int:
+        """Pictures with more in them than the detectors' tables hold; markers may be missed."""
+        return sum(detector.overflows for detector in self._each)
+
+    def detect(self, image: NDArray[np.uint8], camera: Camera) -> NDArray[np.void]:
+        """Returns the DETECTION array of a (height, width) uint8 picture of `camera`."""
+        return self._detectors[camera.id].detect(image, camera)

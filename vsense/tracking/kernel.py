@@ -1,6 +1,6 @@
 """The picture kernel: from a picture to fitted markers, in C and without Python's lock.
 
-This is the seam to `c_src/vs_markers.h`: it turns a family into an outline and a camera into a
+This is the seam to `c_src/host/vs_markers.h`: it turns a family into an outline and a camera into a
 view, owns the working memory, and reports what did not fit the kernel's tables.
 
 Markers at several heights: one plane of reference, searched in as many layers as they need.
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from vsense.cameras.camera import Camera
 from vsense.markers.codes import SPOTS
 from vsense.markers.families import MarkerFamily
-from vsense.native import check, ffi, lib
+from vsense.native import check, kernel_ffi, kernels
 from vsense.tracking.prediction import NEAR_M
 
 Floats = NDArray[np.float64]
@@ -43,10 +43,10 @@ MARKER = np.dtype(
         ("white", "f8"),
         ("sharp_ahead", "f8"),
         ("sharp_left", "f8"),
-        ("cell", "f8", (lib.VS_OUTLINE_CELLS,)),
+        ("cell", "f8", (kernels.VS_OUTLINE_CELLS,)),
     ]
 )
-"""One fitted marker; the fields are those of `struct vs_marker`, see `c_src/vs_outline.h`."""
+"""One fitted marker; the fields are those of `struct vs_marker`, see `c_src/host/vs_markers.h`."""
 
 _CAPACITY = 1024
 _SPACING_U = 0.4
@@ -86,11 +86,12 @@ class Kernel:
         self.overflows = 0
         self._outline = _outline(family, _PASSES)
         self._warm = _outline(family, _WARM_PASSES)
-        self._work = ffi.new("struct vs_markers *")
+        self._memory = np.empty(kernels.vs_markers_size(), dtype=np.uint8)
+        self._work = kernel_ffi.cast("struct vs_markers *", self._memory.ctypes.data)
         self._markers: NDArray[np.void] = np.zeros(_CAPACITY, dtype=MARKER)
-        self._found = ffi.cast("struct vs_marker *", self._markers.ctypes.data)
+        self._found = kernel_ffi.cast("struct vs_marker *", self._markers.ctypes.data)
         self._origin = np.zeros(_CAPACITY, dtype=np.uint32)
-        self._count = ffi.new("size_t *")
+        self._count = kernel_ffi.new("size_t *")
         self._views: dict[tuple[Camera, float], tuple[Any, Any]] = {}
 
     def search(
@@ -115,13 +116,12 @@ class Kernel:
         if windows is None:
             windows = np.array([(0, 0, image.shape[1], image.shape[0])], dtype=np.int32)
         self._count[0] = full = 0
-        window = ffi.new("struct vs_window *")
+        window = kernel_ffi.new("struct vs_window *")
         for window.left, window.top, window.right, window.bottom in windows.tolist():
-            code = lib.vs_markers_search(
+            code = kernels.vs_markers_search(
                 self._work, search, self._outline, view, window, self._found, _CAPACITY, self._count
             )
-            check(code, f"camera {camera.id}")
-            full |= self._work.full
+            full |= check(code, f"camera {camera.id}")
         self.overflows += full != 0
         return np.array(self._markers[: self._count[0]])
 
@@ -146,8 +146,8 @@ class Kernel:
         known["ahead_x"], known["ahead_y"] = np.cos(poses[:count, 2]), np.sin(poses[:count, 2])
         known["scale"] = 1.0
         self._count[0] = count
-        origin = ffi.cast("uint32_t *", self._origin.ctypes.data)
-        code = lib.vs_markers_follow(self._warm, view, self._found, origin, self._count)
+        origin = kernel_ffi.cast("uint32_t *", self._origin.ctypes.data)
+        code = kernels.vs_markers_follow(self._warm, view, self._found, origin, self._count)
         check(code, f"camera {camera.id}")
         found = self._count[0]
         return np.array(self._markers[:found]), np.array(self._origin[:found])
@@ -160,7 +160,7 @@ class Kernel:
         view, search = self._views[key]
         if image.strides[1] != 1 or image.strides[0] < image.shape[1]:
             image = np.ascontiguousarray(image)
-        view.picture.pixels = ffi.cast("uint8_t *", image.ctypes.data)
+        view.picture.pixels = kernel_ffi.cast("uint8_t *", image.ctypes.data)
         view.picture.stride = image.strides[0]
         view.picture.height_px, view.picture.width_px = image.shape
         # The pixels must outlive the call, also where they were copied.
@@ -174,7 +174,7 @@ class Kernel:
         corners = 1e-3 * family.polygon_mm
         length_m = max(float(np.hypot(*(a - b))) for a in corners for b in corners)
         lead_mm = (family.disc_centre_mm - family.outline_centroid_mm)[0]
-        search = ffi.new("struct vs_search *")
+        search = kernel_ffi.new("struct vs_search *")
         search.least_contrast, search.level_256 = self.contrast, self.level
         search.lead_m = 1e-3 * float(lead_mm)
         search.least_apart_m = 5e-4 * family.disc_diameter_mm
@@ -194,7 +194,7 @@ def _outline(family: MarkerFamily, passes: Sequence[Pass]) -> Any:
     inner = np.array(SPOTS) * family.cell_mm
     spots = np.stack(np.meshgrid(inner, inner), axis=-1).reshape(-1, 2)
     cells = 1e-3 * (family.cells_mm[:, np.newaxis] + spots - family.disc_centre_mm).reshape(-1, 2)
-    outline = ffi.new("struct vs_outline *")
+    outline = kernel_ffi.new("struct vs_outline *")
     outline.samples, outline.cells, outline.passes = len(points), family.grid**2, len(passes)
     outline.unit_m = 1e-3 * family.unit_mm
     outline.scale_doubt, outline.least_contrast = _SCALE_DOUBT, _LEAST_CONTRAST
@@ -210,7 +210,7 @@ def _outline(family: MarkerFamily, passes: Sequence[Pass]) -> Any:
 
 def _view(camera: Camera, height_m: float) -> Any:
     """Describes a camera to the kernel."""
-    view = ffi.new("struct vs_view *")
+    view = kernel_ffi.new("struct vs_view *")
     lens = view.lens
     lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px = (
         camera.fx_px,

@@ -13,7 +13,6 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from dataclasses import fields as fields_of
-from typing import Any
 
 import cv2
 import numpy as np
@@ -25,6 +24,7 @@ from vsense.config.specs import Experiment
 from vsense.link.robots.table import Direction, Entry
 from vsense.link.robots.wire import Values
 from vsense.pictures.snapshot import as_they_hang
+from vsense.recording.form import Data, ExperimentMessage
 from vsense.run.environment import Environment
 from vsense.sensors.base import layout_dtype
 from vsense.world.entities import BODY_RADIUS_M, Entity
@@ -41,8 +41,6 @@ MOST_CELLS = 160
 
 MOST_PIXELS = 1024
 """A floor's picture is shown with at most so many columns and rows."""
-
-Data = dict[str, Any]
 
 
 def world(world: World) -> Data:
@@ -177,31 +175,30 @@ def experiment(scene: ExperimentFacts, environment: Environment) -> Data:
     """Gives /experiment."""
     spec = environment.experiment
     arena = spec.arena
-    return {
-        "mode": "live",
-        "command": scene.command,
-        "name": spec.name,
-        "seed": environment.seed,
-        "blind": scene.blind,
-        "version": vsense.__version__,
-        "file_text": scene.file_text,
-        "timestep_s": spec.timestep_s,
-        "length_s": spec.length_s or None,
-        "arena": {"size_m": list(arena.size_m), "centre_m": list(arena.centre_m)},
-        "robots": [
+    return ExperimentMessage(
+        command=scene.command,
+        name=spec.name,
+        seed=environment.seed,
+        blind=scene.blind,
+        version=vsense.__version__,
+        file_text=scene.file_text,
+        timestep_s=spec.timestep_s,
+        length_s=spec.length_s or None,
+        arena={"size_m": list(arena.size_m), "centre_m": list(arena.centre_m)},
+        robots=[
             {"tag": robot.tag, "name": robot.id, "height_m": spec.marker.height_m}
             for robot in spec.robots
         ],
-        "objects": [{"tag": thing.tag, "name": thing.id} for thing in spec.objects],
-        "sensors": _sensors(spec),
-        "actuators": [
+        objects=[{"tag": thing.tag, "name": thing.id} for thing in spec.objects],
+        sensors=_sensors(spec),
+        actuators=[
             {"name": e.name, "layout": e.layout, "count": layout_dtype(e.layout)[0]}
             for e in environment.table_entries
             if e.direction == Direction.ACTUATOR
         ],
-        "cameras": cameras(scene.cameras, scene.trackers),
-        "body_radius_m": BODY_RADIUS_M,
-    }
+        cameras=cameras(scene.cameras, scene.trackers),
+        body_radius_m=BODY_RADIUS_M,
+    ).data()
 
 
 def _sensors(spec: Experiment) -> list[Data]:

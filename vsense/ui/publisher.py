@@ -7,19 +7,20 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from vsense.arena import ArenaState, arena_data
-from vsense.link.robots.server import VirtualSensorServer
+from vsense.link.robots.status import RobotStatus
 from vsense.link.robots.table import Direction
 from vsense.message_bus import Message, MessageBus
+from vsense.recording.form import Data, RunMessage
 from vsense.run.control import Control
 from vsense.run.environment import Environment
 from vsense.run.runtime import Runtime, Step
 from vsense.ui import messages
-from vsense.ui.messages import Data, ExperimentFacts
+from vsense.ui.messages import ExperimentFacts
 from vsense.ui.tables import CameraTable, RobotTable
 
 SECOND_NS = 1_000_000_000
@@ -62,7 +63,6 @@ class Publisher:
         hub: MessageBus,
         scene: ExperimentFacts,
         environment: Environment,
-        server: VirtualSensorServer,
         runtime: Runtime,
         control: Control,
         others: Callable[[], Data],
@@ -74,7 +74,6 @@ class Publisher:
             hub: where to.
             scene: what all runs have in common.
             environment: see the class.
-            server: the link to the robots.
             runtime: knows what the robots were sent.
             control: knows the state of the run.
             others: gives what others know of /run: runs, text, recording, disk_free_bytes.
@@ -82,7 +81,6 @@ class Publisher:
         """
         self.environment = environment
         self._hub, self._scene = hub, scene
-        self._server = server
         self._runtime = runtime
         self._control = control
         self._others = others
@@ -98,11 +96,12 @@ class Publisher:
         self._due_ns = self._fields_due_ns = self._late = 0
         self._run_timestep = self._joined = -1
 
-    def look(self, step: Step | None) -> None:
+    def look(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
         """Tells what is new.
 
         Args:
             step: the timestep that was just lived; None: no arena state came for a while.
+            robots: the status of every robot by tag.
         """
         now_ns = self._clock()
         newcomers, self._joined = self._hub.joined != self._joined, self._hub.joined
@@ -115,7 +114,7 @@ class Publisher:
         if now_ns >= self._due_ns:
             self._hub.tell("/cameras", now_ns, lambda: self._cameras.data(now_ns))
         self._tell_run(now_ns)
-        self._hub.tell("/robots", now_ns, self.robots_data)
+        self._hub.tell("/robots", now_ns, lambda: self.robots_data(robots))
 
     def _facts(self) -> Data:
         return messages.experiment(self._scene, self.environment)
@@ -153,9 +152,9 @@ class Publisher:
         for tag in sent:
             tell(f"/readings/{tag}", [tag])
 
-    def robots_data(self) -> Data:
-        """Gives /robots; any thread."""
-        return self._roll.data(self._server.robots(), self._state, self._clock())
+    def robots_data(self, robots: Mapping[int, RobotStatus]) -> Data:
+        """Gives /robots, from the status of every robot by tag; any thread."""
+        return self._roll.data(robots, self._state, self._clock())
 
     def begin_run(self, environment: Environment) -> None:
         """The next run is about to be waited for."""
@@ -168,19 +167,19 @@ class Publisher:
         control, experiment = self._control, self.environment.experiment
         now_ns = self._clock()
         newest_ns = None if self._state is None else self._state.capture_ns
-        return {
-            "state": control.state.value,
-            "run": control.run,
-            "by": control.by,
-            "can": [kind.value for kind in control.can],
-            "timestep": self._run_timestep,
-            "time_s": round(max(self._run_timestep, 0) * experiment.timestep_s, 3),
-            "length_s": experiment.length_s or None,
-            "late": self._late,
+        return RunMessage(
+            state=control.state.value,
+            run=control.run,
+            by=control.by,
+            can=[kind.value for kind in control.can],
+            timestep=self._run_timestep,
+            time_s=round(max(self._run_timestep, 0) * experiment.timestep_s, 3),
+            length_s=experiment.length_s or None,
+            late=self._late,
+            silent_s=None if newest_ns is None else _silence_s(now_ns - newest_ns),
             **self._rates.data(),
-            "silent_s": None if newest_ns is None else _silence_s(now_ns - newest_ns),
             **self._others(),
-        }
+        ).data()
 
     def _tell_run(self, now_ns: int) -> None:
         control = self._control

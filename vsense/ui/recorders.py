@@ -11,16 +11,14 @@ from vsense import recording
 from vsense.arena import Frame
 from vsense.errors import VsenseError
 from vsense.message_bus import MessageBus
-from vsense.ui.messages import Data
+from vsense.recording.form import Data
 
 if TYPE_CHECKING:
-    from vsense.cameras.camera import Camera
     from vsense.config.specs import MarkerSpec
-    from vsense.config.tracking_build import Tracking
-    from vsense.config.tracking_specs import TrackingSession
     from vsense.recording.recorder import Recorder
-    from vsense.run.runtime import Pictures
     from vsense.tracking.arena_tracker import ArenaTracker
+    from vsense.tracking.camera_tracking import CameraTracking
+    from vsense.tracking.specs import TrackingSession
 
 OFF: Data = {"on": False, "file": None, "bytes": 0, "lost_messages": 0, "trouble": None}
 
@@ -85,7 +83,7 @@ class Recorders:
         recorder.pause()
         return "recording is off"
 
-    def watch_session(self, session: TrackingSession, tracking: Tracking) -> None:
+    def watch_session(self, session: TrackingSession, tracking: CameraTracking) -> None:
         """Has recordings hold the pictures of a tracking session, if it or its file wants them.
 
         Raises:
@@ -100,13 +98,7 @@ class Recorders:
             made = tracker_made.of_session(session)
             tracking.record = self._watched(made, tracking.tracker)
 
-    def watch_family(
-        self,
-        cameras: Sequence[Camera],
-        marker: MarkerSpec,
-        source: Pictures,
-        tracker: ArenaTracker,
-    ) -> None:
+    def watch_family(self, marker: MarkerSpec, tracking: CameraTracking) -> None:
         """Has recordings hold the pictures of cameras that look for one family of markers.
 
         Raises:
@@ -116,9 +108,10 @@ class Recorders:
             recording.require()
             from vsense.recording import tracker_made
 
+            tracker = tracking.tracker
             heights_m = dict(tracker.heights_m)
-            made = tracker_made.of_family(cameras, marker.family, heights_m)
-            source.record = self._watched(made, tracker)
+            made = tracker_made.of_family(tracker.cameras, marker.family, heights_m)
+            tracking.record = self._watched(made, tracker)
 
     def _watched(
         self, made: Mapping[str, Any], tracker: ArenaTracker

@@ -9,19 +9,22 @@ import argparse
 import os
 import shutil
 import time
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vsense.link.robots.server import VirtualSensorServer
+from vsense.link.robots.status import RobotStatus
 from vsense.message_bus import MessageBus
+from vsense.recording.form import Data
 from vsense.run.control import Control, Give
 from vsense.run.environment import Environment
 from vsense.run.runtime import Runtime, Step
 from vsense.terminal import Console, Level
 from vsense.ui import keyboard
 from vsense.ui.control_socket import ControlSocket, ControlSocketError
-from vsense.ui.messages import Data, ExperimentFacts
+from vsense.ui.messages import ExperimentFacts
 from vsense.ui.preview import PreviewEncoder
 from vsense.ui.publisher import Publisher
 from vsense.ui.recorders import Recorders
@@ -118,10 +121,8 @@ class ControlRoom:
         Raises:
             VsenseError: the page's port is taken, or a library for it is missing.
         """
-        self._scene = scene
-        self._publisher = Publisher(
-            self.hub, scene, environment, server, runtime, control, self._others
-        )
+        self._scene, self._server = scene, server
+        self._publisher = Publisher(self.hub, scene, environment, runtime, control, self._others)
         control.record = self.recorders.switch
         self._press = PreviewEncoder(self.hub)
         self._stack.callback(self._press.close)
@@ -157,7 +158,7 @@ class ControlRoom:
         """What the run leaves is complete."""
         self.recorders.end_run()
 
-    def look(self, step: Step | None) -> None:
+    def look(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
         """Tells what has become of the run; see `Publisher.look`.
 
         A fault of ours in it is told once and ends the telling, not the run.
@@ -165,7 +166,7 @@ class ControlRoom:
         if self._failed:
             return
         try:
-            self._publisher.look(step)
+            self._publisher.look(step, robots)
             if step is not None:
                 self._press.offer(step.frames)
         except Exception as error:
@@ -181,7 +182,7 @@ class ControlRoom:
             "process": os.getpid(),
             "directory": str(self._directory),
             "run": publisher.run_data(),
-            "robots": publisher.robots_data(),
+            "robots": publisher.robots_data(self._server.robots()),
         }
 
     def _others(self) -> Data:

@@ -16,7 +16,8 @@ from vsense.link.robots.status import RobotStatus
 from vsense.link.robots.table import Entry
 from vsense.link.robots.wire import StopCause, Wanted
 from vsense.native import lib
-from vsense.ui.messages import Data, numbers
+from vsense.recording.form import Data
+from vsense.ui.messages import numbers
 
 SILENT_NS = 1_000_000_000
 """A camera without a picture for so long is missed, whatever else is known of it."""

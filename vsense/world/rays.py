@@ -1,7 +1,7 @@
 """What stands in the way of straight lines: robots, boxes and cylinders, asked in C.
 
-This is the seam to `c_src/vs_rays.h`. A body is an upright cylinder or an upright box with a turn
-about z; a line is blocked where it touches one, from its start to its end.
+This is the seam to `c_src/host/vs_rays.h`. A body is an upright cylinder or an upright box with a
+turn about z; a line is blocked where it touches one, from its start to its end.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vsense.native import check, ffi, lib
+from vsense.native import check, kernel_ffi, kernels
 from vsense.world.entities import BODY_HEIGHT_M, BODY_RADIUS_M, Box, Cylinder
 
 Floats = NDArray[np.float64]
@@ -32,7 +32,7 @@ BODY = np.dtype(
         ("sine", "f8"),
     ]
 )
-"""One body; the fields are those of `struct vs_obstacle`, see `c_src/vs_obstacles.h`."""
+"""One body; the fields are those of `struct vs_obstacle`, see `c_src/host/vs_rays.h`."""
 
 NOBODY = -1
 """In `skip`: the line passes through no body unhindered."""
@@ -55,23 +55,25 @@ class Bodies:
             WireError: a body's number is not finite, or beyond what an arena can hold.
         """
         self.rows = np.ascontiguousarray(rows)
-        self._obstacles = ffi.new("struct vs_obstacles *")
-        self._obstacles.bodies = ffi.cast("const struct vs_obstacle *", self.rows.ctypes.data)
+        self._obstacles = kernel_ffi.new("struct vs_obstacles *")
+        self._obstacles.bodies = kernel_ffi.cast(
+            "const struct vs_obstacle *", self.rows.ctypes.data
+        )
         self._obstacles.count = len(self.rows)
-        check(lib.vs_obstacles_plan(self._obstacles), "bodies in the way")
+        check(kernels.vs_obstacles_plan(self._obstacles), "bodies in the way")
         self._memory = np.empty(self._obstacles.words, dtype=np.uint32)
-        lib.vs_obstacles_sort(self._obstacles, _pointer("uint32_t *", self._memory))
+        kernels.vs_obstacles_sort(self._obstacles, _pointer("uint32_t *", self._memory))
 
     def __len__(self) -> int:
         return len(self.rows)
 
     def blocked(self, starts_m: ArrayLike, ends_m: ArrayLike, skip: ArrayLike = NOBODY) -> Bools:
         """See `blocked`."""
-        return self._trace(lib.vs_rays_blocked, "uint8_t *", np.bool_, starts_m, ends_m, skip)
+        return self._trace(kernels.vs_rays_blocked, "uint8_t *", np.bool_, starts_m, ends_m, skip)
 
     def nearest(self, starts_m: ArrayLike, ends_m: ArrayLike, skip: ArrayLike = NOBODY) -> Floats:
         """See `nearest`."""
-        return self._trace(lib.vs_rays_nearest, "double *", np.float64, starts_m, ends_m, skip)
+        return self._trace(kernels.vs_rays_nearest, "double *", np.float64, starts_m, ends_m, skip)
 
     def _trace(
         self,
@@ -111,7 +113,7 @@ class Bodies:
         goals = np.ascontiguousarray(goals_m, dtype=np.float64).reshape(-1, 3)
         points, _, skips, each = _lines(points_m, points_m, skip)
         found = np.empty((len(points), len(goals)), dtype=np.bool_)
-        code = lib.vs_sight_seen(
+        code = kernels.vs_sight_seen(
             self._obstacles,
             _pointer("const double *", points),
             len(points),
@@ -209,4 +211,4 @@ def _lines(
 
 
 def _pointer(kind: str, array: NDArray[np.generic]) -> object:
-    return ffi.cast(kind, array.ctypes.data)
+    return kernel_ffi.cast(kind, array.ctypes.data)

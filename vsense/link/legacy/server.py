@@ -85,13 +85,13 @@ class LegacyServer(ListeningServer):
             # Whoever is lost is let go by the server's thread.
             left = [c for c in self._connections.values() if c.write(now_ns) or c.robot.pending]
         if left:
-            self._wake()
+            self._waker.wake()
 
     def end(self) -> None:
         """The experiment ends: all robots are told."""
         with self._lock:
             self._swarm.end()
-        self._wake()
+        self._waker.wake()
 
     def robots(self) -> dict[int, int]:
         """Who is connected: how many updates each was sent, by tag."""

@@ -23,7 +23,7 @@ from vsense.link.robots.wire import (
     Notice,
     PacketType,
     RefuseCode,
-    decode,
+    decode_body,
     open_packet,
 )
 from vsense.native import WireError, lib
@@ -207,13 +207,13 @@ class Connections:
         if robot is None:
             self._greet(connection, packet, now_ns)
             return
-        header, _ = open_packet(packet)
+        header, body = open_packet(packet)
         if header.type == PacketType.TELEMETRY:
             with self._shared.lock:
-                _, events = robot.receive(packet, None, now_ns)
+                _, events = robot.receive(header, body, None, now_ns)
             self._shared.tell_all(events)
         elif header.type == PacketType.GOODBYE and header.session == robot.peer.session:
-            notice = decode(packet)[1]
+            notice = decode_body(header, body)
             assert isinstance(notice, Notice)
             with self._shared.lock:
                 event = robot.left(notice, now_ns)

@@ -11,6 +11,7 @@ thread calls `send` for the timestep's readings, so that they leave without wait
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import selectors
 import socket
@@ -50,6 +51,35 @@ class Ports:
     tcp: socket.socket
     udp: socket.socket
     port: int
+
+
+class Waker:
+    """Wakes a thread that waits for sockets; it is waited for as they are, by its `fileno`."""
+
+    def __init__(self) -> None:
+        self._in, self._out = socket.socketpair()
+        for sock in (self._in, self._out):
+            sock.setblocking(False)
+
+    def fileno(self) -> int:
+        """What becomes readable when somebody calls `wake`."""
+        return self._in.fileno()
+
+    def wake(self) -> None:
+        """Wakes the thread; any thread, also after `close`."""
+        # Full: the thread is about to wake. Closed: it has ended.
+        with contextlib.suppress(OSError):
+            self._out.send(b"\0")
+
+    def drain(self) -> None:
+        """Forgets all calls of `wake`; never waits."""
+        with contextlib.suppress(OSError):
+            self._in.recv(4096)
+
+    def close(self) -> None:
+        """Closes both ends; can be called again."""
+        self._in.close()
+        self._out.close()
 
 
 def bind(host: str, port: int) -> Ports:
@@ -151,10 +181,8 @@ class ServerThread:
         self._due_ns = 0
         self._ending = False
         self._selector = selectors.DefaultSelector()
-        self._wake_in, self._wake_out = socket.socketpair()
-        self._wake_in.setblocking(False)
-        self._wake_out.setblocking(False)
-        self._selector.register(self._wake_in, READ, self._woken)
+        self._waker = Waker()
+        self._selector.register(self._waker, READ, self._woken)
         self._selector.register(ports.udp, READ, self._receive)
         self._links = Connections(shared, ports.tcp, self._selector, self._opened)
 
@@ -182,10 +210,7 @@ class ServerThread:
 
     def wake(self) -> None:
         """Has the thread look at deadlines and unfinished streams at once."""
-        try:
-            self._wake_out.send(b"\0")
-        except OSError:
-            return  # full: it is about to wake; closed: it has ended
+        self._waker.wake()
 
     def wake_for_streams(self) -> None:
         """As `wake`, if `send` has left a stream unfinished."""
@@ -224,8 +249,8 @@ class ServerThread:
         """Closes every socket."""
         self._links.close()
         self._selector.close()
-        for sock in (self._ports.tcp, self._ports.udp, self._wake_in, self._wake_out):
-            sock.close()
+        for each in (self._ports.tcp, self._ports.udp, self._waker):
+            each.close()
 
     def _opened(self, robot: HostSession) -> None:
         """The first STATE follows the WELCOME at once: who joins in mid-run waits for nothing."""
@@ -233,7 +258,7 @@ class ServerThread:
         self._due_ns = 0
 
     def _woken(self, _mask: int) -> None:
-        self._wake_in.recv(4096)
+        self._waker.drain()
         self._due_ns = 0
 
     def _receive(self, _mask: int) -> None:
@@ -247,7 +272,7 @@ class ServerThread:
     def _take(self, datagram: bytes, source: tuple[object, ...], now_ns: int) -> None:
         """Gives a datagram to the robot whose session it names; answers a new address at once."""
         try:
-            header, _ = open_packet(datagram)
+            header, body = open_packet(datagram)
         except WireError as error:
             self.strays[error.name] += 1
             return
@@ -256,7 +281,7 @@ class ServerThread:
             if robot is None:
                 self.strays["VS_ERR_SESSION"] += 1
                 return
-            _, events = robot.receive(datagram, source, now_ns)
+            _, events = robot.receive(header, body, source, now_ns)
             if robot.due_ns <= now_ns:
                 self.send(robot, self._shared.clock())
         self._shared.tell_all(events)

@@ -30,7 +30,7 @@ from vsense.link.robots.wire import (
     header_of,
     header_to,
 )
-from vsense.native import WireError, ffi, lib
+from vsense.native import ffi, lib
 
 DROPS = (
     "malformed",
@@ -50,11 +50,7 @@ SEQUENCE_RESERVE = 1000
 
 
 class Peer:
-    """One robot's bookkeeping over all its sessions; its counters never go down.
-
-    Attributes:
-        last_drop: name of the error why the newest dropped packet was dropped, "" before.
-    """
+    """One robot's bookkeeping over all its sessions; its counters never go down."""
 
     def __init__(self) -> None:
         self._peer = ffi.new("struct vs_peer *")
@@ -66,7 +62,6 @@ class Peer:
         self._payload = ffi.buffer(self._state.payload)
         self._telemetry = ffi.new("struct vs_telemetry *")
         self._output = Output(DATAGRAM_MAX)
-        self.last_drop = ""
 
     def open(self, session: int, table: Table, hello_send_ns: int, now_ns: int) -> None:
         """Opens a session.
@@ -140,32 +135,31 @@ class Peer:
             self._state.older_us[rank] = older_us(capture_ns, value_ns)
 
     def receive_telemetry(
-        self, packet: bytes, udp: bool, now_ns: int
-    ) -> tuple[Header, Telemetry] | None:
-        """Passes one whole packet through the acceptance filter; None if it was dropped.
+        self, header: Header, body: bytes, udp: bool, now_ns: int
+    ) -> Telemetry | None:
+        """Passes what `open_packet` found through the acceptance filter; None if it was dropped.
 
         Args:
-            packet: a datagram, or what `packet_length` framed on TCP.
-            udp: which of the two it was.
+            header: the packet's header.
+            body: the packet's body.
+            udp: whether it was a datagram; else it came over TCP.
             now_ns: host's clock.
         """
         via = lib.VS_VIA_UDP if udp else lib.VS_VIA_TCP
-        data = ffi.from_buffer(packet)
         code = lib.vs_peer_receive_telemetry(
             self._peer,
             self._table.cdata,
             via,
-            data,
-            len(packet),
+            header_to(header),
+            body,
+            len(body),
             now_ns,
-            self._header,
             self._telemetry,
         )
         if code < 0:
-            self.last_drop = WireError(code).name
             return None
         payload = bytes(ffi.buffer(self._telemetry.payload, self._table.cdata.actuator_bytes))
-        return header_of(self._header), telemetry_of(self._telemetry, payload)
+        return telemetry_of(self._telemetry, payload)
 
     def udp_silent(self, now_ns: int) -> bool:
         """Whether no datagram of the open session was heard for 1 s."""

@@ -236,23 +236,24 @@ class HostSession:
         return self.address is None or self.peer.over_tcp(now_ns)
 
     def receive(
-        self, packet: bytes, source: Address | None, now_ns: int
+        self, header: Header, body: bytes, source: Address | None, now_ns: int
     ) -> tuple[bool, list[LinkEvent]]:
         """Takes one packet that should be TELEMETRY.
 
         Args:
-            packet: a datagram or a packet cut from the TCP stream.
+            header: of a datagram or a packet cut from the TCP stream, as `open_packet` gives it.
+            body: its body.
             source: the datagram's source; None for TCP.
             now_ns: when it came, host's clock.
 
         Returns:
-            Whether it was accepted (`peer.last_drop` says why not), and what that changed.
+            Whether it was accepted (`peer.dropped` counts why not), and what that changed.
         """
-        accepted = self.peer.receive_telemetry(packet, source is not None, now_ns)
-        if accepted is None:
+        telemetry = self.peer.receive_telemetry(header, body, source is not None, now_ns)
+        if telemetry is None:
             return False, []
-        self._telemetry = accepted[1]
-        self._reporter.take(*accepted, now_ns)
+        self._telemetry = telemetry
+        self._reporter.take(header, telemetry, now_ns)
         if source is not None and source != self.address:
             self.address, self.due_ns = source, now_ns
         return True, self._told(self._presence.hear(self.peer, now_ns), now_ns)

@@ -86,6 +86,9 @@ EventKind = Literal[
     "protocol_error",
 ]
 
+RING_LEDS = 0xFF
+"""Bits of `Telemetry.leds`: the red ring."""
+
 REPEAT_NS = 10_000_000_000
 """The same refusal or protocol error is told again only after this long."""
 
@@ -162,6 +165,11 @@ class RobotStatus:
     received: int
     accepted: int
     dropped: Mapping[str, int]
+
+    @property
+    def lit(self) -> bool:
+        """Whether LEDs of its red ring are on, as far as it has told."""
+        return self.telemetry is not None and bool(self.telemetry.leds & RING_LEDS)
 
 
 class Teller:

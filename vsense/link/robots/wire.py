@@ -247,22 +247,31 @@ def decode(packet: bytes) -> tuple[Header, Hello | Welcome | Notice]:
         WireError: the packet or its body is not valid, or it is STATE or TELEMETRY.
     """
     header, body = open_packet(packet)
+    return header, decode_body(header, body)
+
+
+def decode_body(header: Header, body: bytes) -> Hello | Welcome | Notice:
+    """Reads the body of a packet that travels on TCP only, as `open_packet` gives it.
+
+    Raises:
+        WireError: the body is not valid, or it is that of STATE or TELEMETRY.
+    """
     if header.type == PacketType.HELLO:
         hello = ffi.new("struct vs_hello *")
         check(lib.vs_decode_hello(body, len(body), hello), "HELLO")
         known: dict[str, Any] = {n: text_of(getattr(hello, n)) for n in HELLO_TEXTS}
         known |= {n: getattr(hello, n) for n in HELLO_PLAIN} | {"uid": bytes(hello.uid)}
-        return header, Hello(**known)
+        return Hello(**known)
     if header.type == PacketType.WELCOME:
         welcome = ffi.new("struct vs_welcome *")
         check(lib.vs_decode_welcome(body, len(body), welcome), "WELCOME")
         table, params = Table.of(ffi.addressof(welcome, "table")), text_of(welcome.params)
-        return header, Welcome(table, welcome.timestep_us, welcome.seed, params, welcome.nonce)
+        return Welcome(table, welcome.timestep_us, welcome.seed, params, welcome.nonce)
     if header.type in (PacketType.REFUSE, PacketType.GOODBYE):
         notice = ffi.new("struct vs_notice *")
         check(lib.vs_decode_notice(header.type, body, len(body), notice))
-        return header, Notice(notice.code, text_of(notice.text))
-    return header, check(lib.VS_ERR_TYPE)  # type: ignore[return-value]
+        return Notice(notice.code, text_of(notice.text))
+    return check(lib.VS_ERR_TYPE)  # type: ignore[return-value]
 
 
 def text_of(cdata: Any) -> str:

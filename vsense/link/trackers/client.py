@@ -23,6 +23,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from vsense.arena import ArenaState, Frame
+from vsense.link.robots.network import Waker
 from vsense.link.robots.status import LinkError
 from vsense.link.trackers.protocol import (
     StateInbox,
@@ -214,9 +215,7 @@ class ArenaClient:
         self._connected = False
         self._dial_ns = 0
         self._lost_told = False
-        self._wake_in, self._wake_out = socket.socketpair()
-        for sock in (self._wake_in, self._wake_out):
-            sock.setblocking(False)
+        self._waker = Waker()
 
     @property
     def counters(self) -> DialogCounters:
@@ -228,15 +227,15 @@ class ArenaClient:
         """What was wrong with it."""
         return self._dialog.repair.counters
 
-    def start_run(self) -> None:
+    def start(self) -> None:
         """Has the tracker begin a run."""
         self._dialog.running = True
-        self._wake()
+        self._waker.wake()
 
-    def stop_run(self) -> None:
+    def stop(self) -> None:
         """Has the tracker end its run."""
         self._dialog.running = False
-        self._wake()
+        self._waker.wake()
 
     def next(self, timeout_s: float) -> tuple[ArenaState, Sequence[Frame]]:
         """Waits for the newest arena state; connects again where the connection is lost.
@@ -266,15 +265,10 @@ class ArenaClient:
     def close(self) -> None:
         """Ends a `next` that waits, and the connection; can be called again."""
         self._closed = True
-        self._wake()
+        self._waker.wake()
         with self._busy:
             self._hang_up()
-            self._wake_in.close()
-            self._wake_out.close()
-
-    def _wake(self) -> None:
-        with contextlib.suppress(OSError):
-            self._wake_out.send(b"\0")
+            self._waker.close()
 
     def _act(self, now_ns: int) -> int:
         """Connects, or asks, whatever is due; gives the time when something will be."""
@@ -308,16 +302,15 @@ class ArenaClient:
             self._lose(f"is gone: {error.strerror}")
 
     def _wait(self, until_ns: int) -> ArenaState | None:
-        """Waits for the socket, `_wake` or the time; gives the newest state that came."""
+        """Waits for the socket, `_waker` or the time; gives the newest state that came."""
         poll = select.poll()
-        poll.register(self._wake_in, select.POLLIN)
+        poll.register(self._waker, select.POLLIN)
         if self._sock is not None:
             poll.register(self._sock, select.POLLIN if self._connected else select.POLLOUT)
         left_ns = max(until_ns - self._clock(), 0)
         ready = {descriptor for descriptor, _ in poll.poll(-(-left_ns // 1_000_000))}
-        if self._wake_in.fileno() in ready:
-            with contextlib.suppress(OSError):
-                self._wake_in.recv(_CHUNK)
+        if self._waker.fileno() in ready:
+            self._waker.drain()
         if self._sock is None or self._sock.fileno() not in ready:
             return None
         if self._connected:

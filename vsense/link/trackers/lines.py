@@ -46,7 +46,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from vsense.arena import ArenaState, Frame
-from vsense.link.robots.network import listen
+from vsense.link.robots.network import Waker, listen
 from vsense.link.robots.status import LinkError
 from vsense.link.trackers.protocol import ROBOTS_MAX, TrackerReport
 from vsense.link.trackers.repair import Repair
@@ -249,14 +249,13 @@ class ArenaListener:
         self._tracker: _Tracker | None = None
         self._timestep = -1
         self._capture_ns = 0
-        self._wake_in, self._wake_out = socket.socketpair()
-        self._wake_out.setblocking(False)
+        self._waker = Waker()
 
-    def start_run(self) -> None:
+    def start(self) -> None:
         """The link has no runs: a tracker writes as long as it is connected."""
 
-    def stop_run(self) -> None:
-        """See `start_run`."""
+    def stop(self) -> None:
+        """See `start`."""
 
     def next(self, timeout_s: float) -> tuple[ArenaState, Sequence[Frame]]:
         """Waits for the newest arena state.
@@ -282,18 +281,18 @@ class ArenaListener:
     def close(self) -> None:
         """Ends a `next` that waits, and the connection; can be called again."""
         self._closed = True
-        with contextlib.suppress(OSError):
-            self._wake_out.send(b"\0")
+        self._waker.wake()
         with self._busy:
             self._let_go("")
-            for sock in (self._listener, self._wake_in, self._wake_out):
-                sock.close()
+            self._listener.close()
+            self._waker.close()
 
     def _wait(self, left_ns: int) -> ArenaState | None:
         """Waits for a socket and does what is due; gives the newest state that came."""
         poll = select.poll()
         tracker = self._tracker
-        for sock in (self._wake_in, self._listener, *([tracker.sock] if tracker else [])):
+        poll.register(self._waker, select.POLLIN)
+        for sock in (self._listener, *([tracker.sock] if tracker else [])):
             poll.register(sock, select.POLLIN)
         ready = {descriptor for descriptor, _ in poll.poll(-(-left_ns // 1_000_000))}
         state = None

@@ -200,7 +200,7 @@ class ArenaServer(ListeningServer):
                 self._client.write(self._clock())
                 unsent = bool(self._client.session.outbox)
         if unsent:
-            self._wake()
+            self._waker.wake()
 
     def forget(self) -> None:
         """Drops the newest state: ONE_SHOT waits for the next one."""
@@ -241,7 +241,7 @@ class ArenaServer(ListeningServer):
             if self._client is not None:
                 self._client.session.end_run()
                 self._change.notify_all()
-        self._wake()
+        self._waker.wake()
 
     def close(self) -> None:
         """Ends the client's run and closes everything; can be called again."""

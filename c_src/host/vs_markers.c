@@ -1,0 +1,160 @@
+/* SPDX-License-Identifier: MIT */
+#include "vs_markers.h"
+
+#include <string.h>
+
+#include "vs_lens.h"
+#include "vs_outline.h"
+#include "vs_shape.h"
+
+#define SHAPES 1024 /* candidates in a picture */
+
+struct vs_markers {
+    struct vs_shape shapes[SHAPES];
+    struct vs_scan scan;
+};
+
+size_t vs_markers_size(void)
+{
+    return sizeof(struct vs_markers);
+}
+
+/* A place on the markers' plane, and how it moves with the pixel [m/px]; 0 if nowhere. */
+static int map_pixel(const struct vs_view *view, double x_px, double y_px, double place_m[2],
+                     double map[4])
+{
+    static const double step[4][2] = {{0.5, 0.0}, {-0.5, 0.0}, {0.0, 0.5}, {0.0, -0.5}};
+    double near_m[4][2], pixel[2];
+    int i;
+
+    for (i = 0; i < 4; i++) {
+        pixel[0] = x_px + step[i][0];
+        pixel[1] = y_px + step[i][1];
+        if (vs_lens_to_plane(&view->lens, pixel, view->height_m, near_m[i]) != VS_OK)
+            return 0;
+    }
+    for (i = 0; i < 2; i++) {
+        place_m[i] = 0.25 * (near_m[0][i] + near_m[1][i] + near_m[2][i] + near_m[3][i]);
+        map[2 * i] = near_m[0][i] - near_m[1][i];
+        map[2 * i + 1] = near_m[2][i] - near_m[3][i];
+    }
+    return 1;
+}
+
+/* The pose that a candidate's moments suggest; 0 if it is no arrow. */
+static int begin_marker(const struct vs_search *search, const struct vs_view *view,
+                        const struct vs_shape *shape, struct vs_marker *marker)
+{
+    double centroid_m[2], map[4], ahead[2];
+
+    if (!map_pixel(view, shape->x_px, shape->y_px, centroid_m, map) ||
+        !vs_shape_points(&shape->moments, map, &search->gate, ahead))
+        return 0;
+    memset(marker, 0, sizeof *marker);
+    marker->ahead_x = ahead[0];
+    marker->ahead_y = ahead[1];
+    marker->x_m = centroid_m[0] + search->lead_m * ahead[0];
+    marker->y_m = centroid_m[1] + search->lead_m * ahead[1];
+    marker->scale = 1.0;
+    return 1;
+}
+
+/*
+ * Adds a marker unless a better one is as near as two cannot be; a worse one gives
+ * way. Returns 0 where there is no room.
+ */
+static int add_marker(const struct vs_search *search, const struct vs_marker *marker,
+                      struct vs_marker *markers, size_t capacity, size_t *count)
+{
+    double least_m2 = search->least_apart_m * search->least_apart_m;
+    size_t i;
+
+    for (i = 0; i < *count; i++) {
+        double x_m = markers[i].x_m - marker->x_m, y_m = markers[i].y_m - marker->y_m;
+
+        if (x_m * x_m + y_m * y_m >= least_m2)
+            continue;
+        if (marker->residual_m < markers[i].residual_m)
+            markers[i] = *marker;
+        return 1;
+    }
+    if (*count == capacity)
+        return 0;
+    markers[(*count)++] = *marker;
+    return 1;
+}
+
+static int32_t cut(int32_t value, int32_t most)
+{
+    return value < 0 ? 0 : value > most ? most : value;
+}
+
+/* The part of a picture as a picture of its own. */
+static struct vs_picture cut_out(const struct vs_picture *picture,
+                                 const struct vs_window *window, int32_t *left, int32_t *top)
+{
+    struct vs_picture part;
+
+    *left = cut(window->left, picture->width_px);
+    *top = cut(window->top, picture->height_px);
+    part.pixels = picture->pixels + (size_t)*top * picture->stride + (size_t)*left;
+    part.stride = picture->stride;
+    part.width_px = cut(window->right, picture->width_px) - *left;
+    part.height_px = cut(window->bottom, picture->height_px) - *top;
+    return part;
+}
+
+int vs_markers_search(struct vs_markers *work, const struct vs_search *search,
+                      const struct vs_outline *outline, const struct vs_view *view,
+                      const struct vs_window *window, struct vs_marker *markers,
+                      size_t capacity, size_t *count)
+{
+    int32_t left, top;
+    struct vs_picture part = cut_out(&view->picture, window, &left, &top);
+    size_t shapes, i;
+    int err;
+
+    err = vs_outline_check(outline);
+    if (err == VS_OK && (part.width_px < 1 || part.height_px < 1))
+        return VS_OK;
+    if (err == VS_OK)
+        err = vs_scan_picture(&work->scan, &part, search->least_contrast, search->level_256);
+    if (err != VS_OK)
+        return err;
+    vs_shape_find(&work->scan, &search->gate, work->shapes, SHAPES, &shapes);
+    for (i = 0; i < shapes; i++) {
+        struct vs_shape *shape = &work->shapes[i];
+        struct vs_marker marker;
+
+        shape->x_px += left;
+        shape->y_px += top;
+        if (!begin_marker(search, view, shape, &marker) ||
+            !vs_outline_fit(outline, view, &marker))
+            continue;
+        vs_outline_read(outline, view, &marker);
+        if (!add_marker(search, &marker, markers, capacity, count))
+            work->scan.full |= VS_MARKERS_FULL_FOUND;
+    }
+    return (int)work->scan.full;
+}
+
+int vs_markers_follow(const struct vs_outline *outline, const struct vs_view *view,
+                      struct vs_marker *markers, uint32_t *origin, size_t *count)
+{
+    size_t known = *count, i;
+    int err = vs_outline_check(outline);
+
+    *count = 0;
+    if (err != VS_OK)
+        return err;
+    for (i = 0; i < known; i++) {
+        struct vs_marker marker = markers[i];
+
+        if (!vs_outline_fit(outline, view, &marker))
+            continue;
+        vs_outline_read(outline, view, &marker);
+        origin[*count] = (uint32_t)i;
+        markers[(*count)++] = marker;
+    }
+    return VS_OK;
+}

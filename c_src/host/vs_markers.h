@@ -1,0 +1,150 @@
+/* SPDX-License-Identifier: MIT */
+/*
+ * vs_markers.h - the picture kernel: from a picture to the fitted markers in it, with their
+ * cells. What the cells mean, and what to believe, is for others.
+ *
+ * Points go through the lens model, pictures never do. Pixel (0, 0) is the middle of the
+ * upper left pixel; the camera looks along its z, x to the right, y down.
+ */
+#ifndef VS_MARKERS_H
+#define VS_MARKERS_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "../vs_err.h"
+
+/* What a search had no room for; its other results are good. */
+#define VS_MARKERS_FULL_RUNS 1  /* rows further down were not scanned */
+#define VS_MARKERS_FULL_PARTS 2 /* rows further down were not scanned */
+#define VS_MARKERS_FULL_FOUND 4 /* the caller's table was too small for all things found */
+
+#define VS_OUTLINE_SAMPLES 96 /* points along an outline */
+#define VS_OUTLINE_STEPS 15   /* grey values along one normal */
+#define VS_OUTLINE_CELLS 25   /* of a marker: 5 x 5 */
+#define VS_OUTLINE_SPOTS 9    /* grey values read in each cell */
+#define VS_OUTLINE_PASSES 4   /* of a fit */
+
+/* A grey picture: row y begins at pixels + y * stride. */
+struct vs_picture {
+    const uint8_t *pixels;
+    size_t stride; /* [byte] at least width_px */
+    int32_t width_px;
+    int32_t height_px;
+};
+
+/* One calibrated camera. */
+struct vs_lens {
+    double fx_px, fy_px;  /* focal length along the picture's x and y */
+    double cx_px, cy_px;  /* principal point */
+    double distortion[5]; /* k1 k2 p1 p2 k3 of OpenCV's model */
+    double rotation[9];   /* arena frame to camera frame, row by row */
+    double position_m[3]; /* the camera's centre in the arena frame */
+};
+
+/* What a picture is of: the camera and the height of the markers above the floor. */
+struct vs_view {
+    struct vs_picture picture;
+    struct vs_lens lens;
+    double height_m;
+};
+
+/* One pass of a fit, and what a marker must show in it to be kept. */
+struct vs_outline_pass {
+    double reach_m;          /* how far to look inwards and outwards */
+    int32_t steps;           /* grey values along each normal, 4 .. VS_OUTLINE_STEPS */
+    int32_t stride;          /* every how many samples are used, 1 .. */
+    double least_coverage;   /* share of the samples that find their edge */
+    double most_residual_m;  /* root mean square distance of edges to the outline */
+};
+
+/*
+ * A family's outline and cells, in metres from the disc's centre, x ahead and y to
+ * the left. Made once; all threads may read it.
+ */
+struct vs_outline {
+    int32_t samples;
+    int32_t cells;
+    int32_t passes;
+    double unit_m;         /* the family's length u */
+    double scale_doubt;    /* accepted difference of the scale from 1 */
+    double least_contrast; /* [grey] white over black */
+    double radius_m;       /* of the disc */
+    double x_m[VS_OUTLINE_SAMPLES];
+    double y_m[VS_OUTLINE_SAMPLES];
+    double normal_x[VS_OUTLINE_SAMPLES]; /* unit vectors, outwards */
+    double normal_y[VS_OUTLINE_SAMPLES];
+    double spot_x_m[VS_OUTLINE_CELLS * VS_OUTLINE_SPOTS];
+    double spot_y_m[VS_OUTLINE_CELLS * VS_OUTLINE_SPOTS];
+    struct vs_outline_pass stage[VS_OUTLINE_PASSES];
+};
+
+/* A marker in a picture. */
+struct vs_marker {
+    double x_m, y_m;   /* the disc's centre in the arena frame */
+    double ahead_x, ahead_y; /* unit vector of the heading */
+    double scale;      /* size, relative to the family's */
+    double x_px, y_px; /* picture of the disc's centre */
+    double residual_m; /* root mean square distance of the edges found to the outline */
+    double coverage;   /* share of the samples that found their edge */
+    double black;      /* [grey] median just inside the outline */
+    double white;      /* [grey] median just outside */
+    double sharp_ahead; /* share of the contrast that an edge across the heading gains */
+    double sharp_left;  /* within a quarter u of it; the same for one along it */
+    double cell[VS_OUTLINE_CELLS]; /* 0 the outline's black, 1 the disc's white */
+};
+
+/* What an arrow looks like: its size in the picture, its proportions on its plane. */
+struct vs_shape_gate {
+    double length_px;    /* between the two corners farthest apart */
+    double area_px2;     /* of the outline, cells included */
+    double least_area;   /* accepted share of area_px2 (0.4) */
+    double most_area;    /* accepted share of area_px2 (1.6) */
+    double least_aspect; /* variance along over variance across (1.2) */
+    double most_aspect;  /* the same (2.9) */
+    double least_taper;  /* how much it must come to a point (0.12) */
+};
+
+/* How to search. */
+struct vs_search {
+    int32_t least_contrast; /* [grey] light ground over dark things; noise raises it (36) */
+    int32_t level_256;      /* threshold between the darkest, 0, and the lightest, 256 (100) */
+    double lead_m;          /* from the outline's centroid ahead to the disc's centre */
+    double least_apart_m;   /* of two markers; of closer ones the better fit is kept */
+    struct vs_shape_gate gate;
+};
+
+/* A part of a picture; columns left .. right - 1, rows top .. bottom - 1. */
+struct vs_window {
+    int32_t left;
+    int32_t top;
+    int32_t right;
+    int32_t bottom;
+};
+
+/* Working memory, the caller's; one thread at a time. Its content is of no meaning before. */
+struct vs_markers;
+
+/* [byte] of that memory, which is to be aligned as for a double. */
+size_t vs_markers_size(void);
+
+/*
+ * Looks for markers in a part of the picture; windows are cut to it. Appends those
+ * found to markers[*count ..] and keeps all of them apart. Returns the VS_MARKERS_FULL_...
+ * of what there was no room for: 0 if all is well.
+ * Errors: VS_ERR_ARGUMENT for a picture larger than 8192 px or with too small a stride, a
+ * level_256 outside 1 .. 255, or counts and passes of the outline beyond those above.
+ */
+int vs_markers_search(struct vs_markers *work, const struct vs_search *search,
+                      const struct vs_outline *outline, const struct vs_view *view,
+                      const struct vs_window *window, struct vs_marker *markers,
+                      size_t capacity, size_t *count);
+
+/*
+ * Fits markers from poses that are known about: those that fit move to the front,
+ * *count of them, with their place before in origin. Errors: VS_ERR_ARGUMENT.
+ */
+int vs_markers_follow(const struct vs_outline *outline, const struct vs_view *view,
+                      struct vs_marker *markers, uint32_t *origin, size_t *count);
+
+#endif

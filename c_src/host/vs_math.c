@@ -1,0 +1,105 @@
+/* SPDX-License-Identifier: MIT */
+#include "vs_math.h"
+
+#include <stdint.h>
+#include <string.h>
+
+#define PI 3.14159265358979323846
+#define PER_QUARTER 0.63661977236758134308 /* 2 / pi */
+#define MOST_QUARTERS 4e9                  /* the counts still fit 64 bits by far */
+
+/* pi / 2 in three parts: the first two have so few digits that their multiples are exact.
+ * Source: W. J. Cody, W. Waite: Software Manual for the Elementary Functions, 1980. */
+#define QUARTER_1 1.57079632673412561417e+00
+#define QUARTER_2 6.07710050630396597660e-11
+#define QUARTER_3 2.02226624879595063154e-21
+
+/* Halving the exponent guesses to 4 %, and each of Newton's steps doubles the digits. */
+double vs_root(double value)
+{
+    uint64_t bits;
+    double root;
+    int i;
+
+    if (!(value > 1e-300 && value < 1e300))
+        return 0.0;
+    memcpy(&bits, &value, sizeof bits);
+    bits = (bits >> 1) + 0x1FF8000000000000U;
+    memcpy(&root, &bits, sizeof root);
+    for (i = 0; i < 4; i++)
+        root = 0.5 * (root + value / root);
+    return root;
+}
+
+/* Nearest whole number. */
+static int64_t nearest(double value)
+{
+    return (int64_t)(value < 0.0 ? value - 0.5 : value + 0.5);
+}
+
+/* Taylor's series; at pi/4 the first term left out is below 1e-17. */
+static double sine_of_small(double x)
+{
+    double xx = x * x;
+    double sum = -1.0 / 1307674368000.0;
+
+    sum = sum * xx + 1.0 / 6227020800.0;
+    sum = sum * xx - 1.0 / 39916800.0;
+    sum = sum * xx + 1.0 / 362880.0;
+    sum = sum * xx - 1.0 / 5040.0;
+    sum = sum * xx + 1.0 / 120.0;
+    sum = sum * xx - 1.0 / 6.0;
+    return x + x * xx * sum;
+}
+
+static double cosine_of_small(double x)
+{
+    double xx = x * x;
+    double sum = 1.0 / 20922789888000.0;
+
+    sum = sum * xx - 1.0 / 87178291200.0;
+    sum = sum * xx + 1.0 / 479001600.0;
+    sum = sum * xx - 1.0 / 3628800.0;
+    sum = sum * xx + 1.0 / 40320.0;
+    sum = sum * xx - 1.0 / 720.0;
+    sum = sum * xx + 1.0 / 24.0;
+    return 1.0 - 0.5 * xx + xx * xx * sum;
+}
+
+void vs_sin_cos(double angle_rad, double *sine, double *cosine)
+{
+    double quarters = angle_rad * PER_QUARTER;
+    int64_t quarter;
+    double rest;
+    double s;
+    double c;
+
+    if (!(quarters > -MOST_QUARTERS && quarters < MOST_QUARTERS)) {
+        *sine = 0.0;
+        *cosine = 1.0;
+        return;
+    }
+    quarter = nearest(quarters);
+    rest = angle_rad - (double)quarter * QUARTER_1;
+    rest -= (double)quarter * QUARTER_2;
+    rest -= (double)quarter * QUARTER_3;
+    s = sine_of_small(rest);
+    c = cosine_of_small(rest);
+    *sine = quarter & 1 ? c : s;
+    *cosine = quarter & 1 ? s : c;
+    if (quarter & 2)
+        *sine = -*sine;
+    if ((quarter + 1) & 2)
+        *cosine = -*cosine;
+}
+
+double vs_wrap_angle(double angle_rad)
+{
+    double wrapped = angle_rad;
+
+    if (angle_rad > PI || angle_rad <= -PI)
+        wrapped -= (double)nearest(angle_rad / (2.0 * PI)) * (2.0 * PI);
+    if (wrapped > PI)
+        return wrapped - 2.0 * PI;
+    return wrapped > -PI ? wrapped : wrapped + 2.0 * PI;
+}

@@ -1,0 +1,135 @@
+/* SPDX-License-Identifier: MIT */
+#include "vs_physics.h"
+
+#include "vs_contacts.h"
+#include "vs_math.h"
+
+#define PI 3.14159265358979323846
+#define STEPPER_HZ 10000 /* the motor library counts time in such ticks; epuck.md 1.6 */
+
+/* How readily a robot with blocked wheels gives way, beside 1 for one whose wheels turn.
+ * Both weigh the same, so a pusher's tyres slip about as easily as those of a pushed robot
+ * drag: it creeps, at a fifth of the pusher's speed. */
+#define STANDING_MOBILITY 0.25
+
+const double vs_axle_m = 0.053;
+const double vs_step_m = 0.041 * PI / 1000.0;
+
+/* Speed over ground of a wheel [m/s] that was commanded to turn at steps_s: the stepper
+ * makes a step every whole number of its timer's ticks. */
+static double wheel_m_s(int steps_s)
+{
+    int size = steps_s < 0 ? -steps_s : steps_s;
+    double speed_m_s;
+
+    if (size == 0)
+        return 0.0;
+    if (size > VS_MAX_STEPS_S)
+        size = VS_MAX_STEPS_S;
+    speed_m_s = (double)STEPPER_HZ / (STEPPER_HZ / size) * vs_step_m;
+    return steps_s < 0 ? -speed_m_s : speed_m_s;
+}
+
+/* sin(x) / x. */
+static double sinc(double x)
+{
+    double sine;
+    double cosine;
+
+    if (x > -1e-4 && x < 1e-4)
+        return 1.0 - x * x / 6.0;
+    vs_sin_cos(x, &sine, &cosine);
+    return sine / x;
+}
+
+/* Rolls a robot along its arc, exactly. */
+static void roll(struct vs_physics *physics, uint32_t robot, int64_t time_ns)
+{
+    double *pose = physics->poses + 3 * robot;
+    const double *wheels_m_s = physics->wheels_m_s + 2 * robot;
+    double duration_s = (double)(time_ns - physics->rolled_ns[robot]) * 1e-9;
+    double way_m = (wheels_m_s[0] + wheels_m_s[1]) * 0.5 * duration_s;
+    double half_turn_rad = (wheels_m_s[1] - wheels_m_s[0]) * (0.5 / vs_axle_m) * duration_s;
+    double sine;
+    double cosine;
+
+    physics->rolled_ns[robot] = time_ns;
+    if (way_m != 0.0) {
+        double chord_m = way_m * sinc(half_turn_rad);
+
+        vs_sin_cos(pose[2] + half_turn_rad, &sine, &cosine);
+        pose[0] += chord_m * cosine;
+        pose[1] += chord_m * sine;
+    }
+    pose[2] = vs_wrap_angle(pose[2] + 2.0 * half_turn_rad);
+}
+
+void vs_physics_init(struct vs_physics *physics, int64_t time_ns)
+{
+    struct vs_near *near = physics->contacts->near;
+    uint32_t b;
+
+    physics->tick_ns = time_ns;
+    for (b = 0; b < near->bodies; b++)
+        physics->poses[3 * b + 2] = vs_wrap_angle(physics->poses[3 * b + 2]);
+    for (b = 0; b < near->robots; b++) {
+        physics->mobility[b] = STANDING_MOBILITY;
+        physics->rolled_ns[b] = time_ns;
+        physics->wheels_m_s[2 * b] = physics->wheels_m_s[2 * b + 1] = 0.0;
+        physics->commands[2 * b] = physics->commands[2 * b + 1] = 0;
+    }
+    vs_near_update(near, physics->poses, 3);
+}
+
+static int16_t limited(int steps_s)
+{
+    if (steps_s > VS_MAX_STEPS_S)
+        return VS_MAX_STEPS_S;
+    return steps_s < -VS_MAX_STEPS_S ? -VS_MAX_STEPS_S : (int16_t)steps_s;
+}
+
+void vs_physics_drive(struct vs_physics *physics, uint32_t robot, int left_steps_s,
+                      int right_steps_s, int64_t time_ns)
+{
+    int16_t *command = physics->commands + 2 * robot;
+    int16_t left = limited(left_steps_s);
+    int16_t right = limited(right_steps_s);
+
+    if (left == command[0] && right == command[1])
+        return;
+    if (time_ns > physics->rolled_ns[robot])
+        roll(physics, robot, time_ns);
+    command[0] = left;
+    command[1] = right;
+    physics->wheels_m_s[2 * robot] = wheel_m_s(left);
+    physics->wheels_m_s[2 * robot + 1] = wheel_m_s(right);
+    physics->mobility[robot] = left != 0 || right != 0 ? 1.0 : STANDING_MOBILITY;
+}
+
+void vs_physics_drive_all(struct vs_physics *physics, const int16_t *commands,
+                          int64_t time_ns)
+{
+    uint32_t robot;
+
+    for (robot = 0; robot < physics->contacts->near->robots; robot++)
+        vs_physics_drive(physics, robot, commands[2 * robot], commands[2 * robot + 1],
+                         time_ns);
+}
+
+void vs_physics_tick(struct vs_physics *physics, int64_t time_ns)
+{
+    uint32_t robot;
+
+    for (robot = 0; robot < physics->contacts->near->robots; robot++)
+        roll(physics, robot, time_ns);
+    vs_contacts_separate(physics->contacts, physics->poses, 3);
+    physics->tick_ns = time_ns;
+}
+
+void vs_physics_advance(struct vs_physics *physics, int64_t time_ns)
+{
+    while (time_ns - physics->tick_ns > VS_TICK_NS)
+        vs_physics_tick(physics, physics->tick_ns + VS_TICK_NS);
+    if (time_ns > physics->tick_ns)
+        vs_physics_tick(physics, time_ns);
+}

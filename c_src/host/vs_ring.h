@@ -1,0 +1,41 @@
+/* SPDX-License-Identifier: MIT */
+/*
+ * vs_ring.h - the infrared proximity rings of robots: rays from every sensor to the bodies
+ * and boxes near the robot, and what an emitter and receiver make of them.
+ */
+#ifndef VS_RING_H
+#define VS_RING_H
+
+#include "vs_physics.h"
+
+#define VS_RING_TABLE_MAX 16
+
+/* A ring, in the robot's frame: x forward, y left [m]. All arrays are the caller's. */
+struct vs_ring {
+    uint32_t sensors;
+    uint32_t rays;            /* of one sensor; below, ray r of sensor s is at s * rays + r */
+    const double *from_x_m;   /* [sensors * rays] where each ray starts */
+    const double *from_y_m;
+    const double *ray_x;      /* [sensors * rays] its unit vector */
+    const double *ray_y;
+    const double *response;   /* [rays] how strongly a ray's reflection counts, 0..1 */
+    uint32_t points;          /* of the table, 2..VS_RING_TABLE_MAX */
+    const double *table_m;    /* [points] distances, rising */
+    const double *table_raw;  /* [points] readings there; the last is also that of nothing */
+};
+
+/*
+ * How far each ray of each robot gets [m], distances_m [robots * sensors * rays]; infinity
+ * where it meets nothing. poses as in struct vs_physics; near holds for them.
+ */
+void vs_ring_distances(const struct vs_ring *ring, const struct vs_near *near,
+                       const double *poses, double *distances_m);
+
+/*
+ * What n sensors make of the distances along their rays [n * rays], without noise: the raw
+ * value of the ray that reflects most.
+ */
+void vs_ring_readings(const struct vs_ring *ring, const double *distances_m, uint32_t n,
+                      double *raw);
+
+#endif

@@ -1,0 +1,68 @@
+/* SPDX-License-Identifier: MIT */
+/*
+ * vs_scan.h - finds dark things on light ground in a picture: a local threshold
+ * from the extremes of blocks, runs of dark pixels on every second row, and the
+ * components that touching runs make. One pass, no allocation, bounded tables.
+ */
+#ifndef VS_SCAN_H
+#define VS_SCAN_H
+
+#include "vs_markers.h"
+
+#define VS_SCAN_SIDE 8192     /* [px] greatest width and height of a picture */
+#define VS_SCAN_BLOCK 16      /* [px] side of a block */
+#define VS_SCAN_STEP 2        /* [px] from one scanned row to the next */
+#define VS_SCAN_LINE 512      /* blocks in a row: SIDE / BLOCK */
+#define VS_SCAN_BLOCKS 262144 /* blocks in a picture: LINE * LINE */
+#define VS_SCAN_ROWS 4096     /* scanned rows: SIDE / STEP */
+#define VS_SCAN_RUNS 65536    /* runs of dark pixels in a picture */
+#define VS_SCAN_PARTS 32768   /* components before those that meet are joined */
+
+/* Dark pixels of one row that touch: columns begin .. end - 1. */
+struct vs_run {
+    uint16_t begin;
+    uint16_t end;
+    uint32_t part;
+};
+
+/* Runs that touch; the one that is its own parent speaks for all that were joined. */
+struct vs_part {
+    uint32_t parent;
+    uint32_t dark_px; /* dark pixels on the scanned rows */
+    uint16_t left;    /* columns left .. right - 1 */
+    uint16_t right;
+    uint16_t top;     /* scanned rows top .. bottom */
+    uint16_t bottom;
+};
+
+/* Working memory, the caller's; one thread at a time. Its content is of no meaning before. */
+struct vs_scan {
+    uint32_t full;       /* VS_MARKERS_FULL_... of the newest scan */
+    uint32_t rows;       /* scanned */
+    uint32_t run_count;
+    uint32_t part_count;
+    uint32_t line;       /* blocks in a row of blocks */
+    uint32_t lines;      /* rows of blocks */
+    uint32_t first[VS_SCAN_ROWS + 1]; /* run with which each scanned row begins */
+    uint8_t dark[VS_SCAN_BLOCKS];     /* darkest pixel of each block */
+    uint8_t light[VS_SCAN_BLOCKS];    /* lightest */
+    uint8_t level[VS_SCAN_BLOCKS];    /* a pixel below this is dark */
+    uint16_t words[VS_SCAN_BLOCK / VS_SCAN_STEP][VS_SCAN_LINE + 1]; /* of a line of blocks */
+    struct vs_run runs[VS_SCAN_RUNS];
+    struct vs_part parts[VS_SCAN_PARTS];
+};
+
+/*
+ * Scans a picture. least_contrast [grey] is what light ground must have over dark
+ * things for a block to be looked at; noise raises it. level_256 is the threshold's
+ * place between the darkest (0) and the lightest (256) in the neighbourhood.
+ * Errors: VS_ERR_ARGUMENT for sizes outside 1 .. VS_SCAN_SIDE, a stride smaller
+ * than the width, or level_256 outside 1 .. 255. A full table is no error: see full.
+ */
+int vs_scan_picture(struct vs_scan *s, const struct vs_picture *picture,
+                    int32_t least_contrast, int32_t level_256);
+
+/* The part that speaks for a part of the newest scan. */
+uint32_t vs_scan_root(struct vs_scan *s, uint32_t part);
+
+#endif

@@ -1,0 +1,23 @@
+/* SPDX-License-Identifier: MIT */
+/* vs_packet.h - how vs_body.h writes the frame of vs_wire.h. Internal to libvsense. */
+#ifndef VS_PACKET_H
+#define VS_PACKET_H
+
+#include "vs_bytes.h"
+#include "vs_wire.h"
+
+/*
+ * Begins a packet: writes the header (its length is left open) to buf.
+ * The body follows with vs_put_*, then vs_packet_end closes the packet.
+ */
+void vs_packet_begin(struct vs_writer *w, const struct vs_header *header,
+                     uint8_t *buf, size_t cap);
+
+/*
+ * Ends a packet: length, empty authentication slot, CRC-32. *len is the whole
+ * packet's size in bytes, 0 on error. Errors: the writer's first, VS_ERR_TYPE,
+ * VS_ERR_SPACE if larger than vs_packet_limit or than buf.
+ */
+int vs_packet_end(struct vs_writer *w, size_t *len);
+
+#endif

@@ -1,0 +1,49 @@
+"""The C tests of the kernels under the sanitizers, and what a compiled kernel may need."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.wire.test_c_suite import (
+    C_SRC,
+    SANITIZE,
+    STRICT,
+    TESTS,
+    build,
+    check_pure,
+    declared_functions,
+    run,
+    symbols,
+)
+
+HOST = C_SRC / "host"
+SOURCES = sorted(HOST.glob("*.c"))
+PICTURES = [
+    HOST / f"vs_{part}.c"
+    for part in ("math", "lens", "scan", "shape", "outline", "edges", "markers")
+]
+RAYS = [HOST / f"vs_{part}.c" for part in ("math", "sight", "rays", "obstacles")]
+FLOOR = [HOST / f"vs_{part}.c" for part in ("math", "contacts", "physics", "ring")]
+SUITES = {"test_scan": PICTURES, "test_rays": RAYS, "test_physics": FLOOR}
+"""C test -> the kernel's files: none needs another kernel's."""
+
+
+@pytest.mark.parametrize("name", SUITES)
+def test_c_suite_under_sanitizers(name: str, tmp_path: Path) -> None:
+    flags = ["-std=c99", *STRICT, *SANITIZE, "-I", HOST]
+    done = run(build(tmp_path / name, *flags, TESTS / f"{name}.c", *SUITES[name], "-lm"))
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("source", SOURCES, ids=lambda path: path.name)
+def test_kernel_needs_no_system_and_keeps_no_state(source: Path, tmp_path: Path) -> None:
+    check_pure(source, "-std=c99", tmp_path)
+
+
+def test_headers_promise_only_what_exists(tmp_path: Path) -> None:
+    """Every function of a header is defined, and every global function is in a header."""
+    kinds = symbols(build(tmp_path / "vs.o", "-std=c99", "-O2", "-r", *SOURCES))
+    defined = {name for name, kind in kinds.items() if kind == "T"}
+    assert declared_functions(HOST.glob("*.h")) == defined

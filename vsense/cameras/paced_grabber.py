@@ -1,0 +1,155 @@
+"""Recordings that are handed out at the pace in which they were taken."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from vsense.arena import Frame
+from vsense.cameras.grabber import CameraEvent, GrabberError
+from vsense.cameras.recorded_grabber import PATIENCE_S, RecordedGrabber
+
+
+class PacedGrabber:
+    """Hands a recording out at the pace in which it was taken, as if it were happening now.
+
+    Attributes:
+        timesteps: How many there are.
+    """
+
+    def __init__(self, recorded: RecordedGrabber, clock: Callable[[], int]) -> None:
+        """Starts at the first `next`; `clock` is the host's monotonic clock [ns]."""
+        self._recorded = recorded
+        self._clock = clock
+        self._shift_ns: int | None = None
+        self._ended = threading.Event()
+        self.timesteps = recorded.timesteps
+
+    @property
+    def missed(self) -> int:
+        """Timesteps left out because a later one was due already."""
+        return self._recorded.missed
+
+    def next(self, timeout_s: float = PATIENCE_S) -> Sequence[Frame]:
+        """Waits until the next timestep is due.
+
+        Raises:
+            NoMorePictures: There is none.
+            GrabberError: None was due in `timeout_s`.
+        """
+        due_ns = self._recorded.due_ns()
+        if due_ns is None:
+            return self._recorded.next(timeout_s)
+        if self._shift_ns is None:
+            self._shift_ns = self._clock() - due_ns
+        wait_s = (due_ns + self._shift_ns - self._clock()) / 1e9
+        if wait_s > timeout_s:
+            self._ended.wait(timeout_s)
+            raise GrabberError(f"no picture of the recording was due in {timeout_s:g} s")
+        if wait_s > 0.0:
+            self._ended.wait(wait_s)
+        self._leave_out_late(self._shift_ns)
+        return self._recorded.next(timeout_s)
+
+    def _leave_out_late(self, shift_ns: int) -> None:
+        """Leaves out timesteps after which another one is due already."""
+        now_ns = self._clock() - shift_ns
+        while (after_ns := self._recorded.due_ns(1)) is not None and after_ns <= now_ns:
+            self._recorded.skip()
+
+    def events(self) -> list[CameraEvent]:
+        """Gives what happened since the last call."""
+        return self._recorded.events()
+
+    def close(self) -> None:
+        """Ends all waiting and closes the recording; can be called again."""
+        self._ended.set()
+        self._recorded.close()
+
+
+class HeldPlayer:
+    """Hands a recording out: its first pictures until `play`, then all at their own pace.
+
+    Attributes:
+        timesteps: how many there are.
+        held: whether the pictures given last were the first ones, not played yet.
+    """
+
+    def __init__(
+        self, recorded: RecordedGrabber, period_s: float, clock: Callable[[], int]
+    ) -> None:
+        """Stands still at the first pictures.
+
+        Args:
+            recorded: the recording; it is this player's alone.
+            period_s: time between two looks at the first pictures.
+            clock: the host's monotonic clock [ns].
+        """
+        self.timesteps = recorded.timesteps
+        self.held = True
+        self._recorded = recorded
+        self._period_s = period_s
+        self._clock = clock
+        self._started = threading.Event()
+        self._first: Sequence[Frame] = ()
+        self._paced: PacedGrabber | None = None
+        self._shift_ns = 0
+        self._timestep = -1
+
+    @property
+    def missed(self) -> int:
+        """Timesteps left out because a later one was due already."""
+        return self._recorded.missed
+
+    def play(self) -> None:
+        """Goes on from now; any thread."""
+        self._started.set()
+
+    def next(self, timeout_s: float) -> Sequence[Frame]:
+        """Waits until the next pictures are due; they are dated as if taken now.
+
+        Raises:
+            NoMorePictures: the recording has come to its end.
+            GrabberError: none was due in `timeout_s`.
+        """
+        if not self._first:
+            self._first = self._recorded.next(timeout_s)
+        elif self._started.wait(min(self._period_s, timeout_s)):
+            return self._played(timeout_s)
+        return self._dated(self._first, anew=True)
+
+    def events(self) -> list[CameraEvent]:
+        """Gives what happened since the last call."""
+        return self._recorded.events()
+
+    def close(self) -> None:
+        """Ends all waiting and closes the recording; can be called again."""
+        self._started.set()
+        if self._paced is not None:
+            self._paced.close()
+        self._recorded.close()
+
+    def _played(self, timeout_s: float) -> Sequence[Frame]:
+        begun = self._paced is None
+        if self._paced is None:
+            self._paced = PacedGrabber(self._recorded, self._clock)
+        frames = self._dated(self._paced.next(timeout_s), anew=begun)
+        self.held = False
+        return frames
+
+    def _dated(self, frames: Sequence[Frame], anew: bool = False) -> Sequence[Frame]:
+        """Moves pictures to the host's clock; `anew`: the newest of them was taken just now."""
+        now_ns = self._clock()
+        if anew:
+            self._shift_ns = now_ns - max(frame.capture_ns for frame in frames)
+        self._timestep += 1
+        return [
+            replace(
+                frame,
+                timestep=self._timestep,
+                capture_ns=frame.capture_ns + self._shift_ns,
+                ready_ns=now_ns,
+            )
+            for frame in frames
+        ]

@@ -1,0 +1,222 @@
+"""One process's runs: the virtual world, the link to the robots, and the arena state's source."""
+
+from __future__ import annotations
+
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+
+from vsense.cameras.camera import Camera
+from vsense.cameras.grabber import Troubles
+from vsense.config.specs import Experiment
+from vsense.link.robots.server import LinkEvent, VirtualSensorServer
+from vsense.link.robots.status import EventKind, RobotStatus
+from vsense.link.robots.table import Table
+from vsense.link.robots.wire import GoodbyeCause
+from vsense.live.sources import SteadySource, open_source
+from vsense.run.control import Control
+from vsense.run.environment import Environment
+from vsense.run.robots import make_server
+from vsense.run.runner import Runner
+from vsense.run.runtime import Runtime, Step
+from vsense.run.watch import ArenaSource
+from vsense.terminal import Console
+from vsense.ui.messages import ExperimentFacts
+from vsense.ui.room import ControlRoom
+
+
+@dataclass(frozen=True, slots=True)
+class RunSetup:
+    """What all runs of one process are made from.
+
+    Attributes:
+        experiment: what to run.
+        seed: of everything that is drawn in the first run.
+        blind: hold the virtual sensors at 0.
+        address: interface and port for the robots; port 0 takes a free one.
+        console: where to say what happens.
+        interrupted: set by whoever wants everything to end.
+        room: where the runs are seen and steered.
+    """
+
+    experiment: Experiment
+    seed: int
+    blind: bool
+    address: tuple[str, int]
+    console: Console
+    interrupted: threading.Event
+    room: ControlRoom
+
+
+class ExperimentSession(ABC):
+    """What `vsense run` and `vsense lab` share; a context that leaves no thread and no socket.
+
+    Attributes:
+        setup: what the runs are made from.
+        experiment: what is run.
+        environment: the virtual world of the present run.
+        server: the link to the robots.
+        runner: waits for the robots and lives the runs.
+        quiet: kinds of link events that nobody is told.
+    """
+
+    quiet: frozenset[EventKind] = frozenset()
+
+    def __init__(self, setup: RunSetup, legacy_port: int | None = None) -> None:
+        """Makes the first world; `__enter__` opens everything.
+
+        Args:
+            setup: what the runs are made from.
+            legacy_port: for robots with the original's client, or None.
+
+        Raises:
+            VsenseError: something in the experiment cannot be made.
+        """
+        self.setup, self.experiment = setup, setup.experiment
+        self.environment = Environment(setup.experiment, setup.seed, setup.blind)
+        table = Table(self.environment.table_entries)
+        self.server: VirtualSensorServer = make_server(
+            setup.experiment, table, setup.address, setup.seed, self._on_link_event, legacy_port
+        )
+        self._stack, self._over = ExitStack(), False
+
+    def __enter__(self) -> None:
+        try:
+            self._open()
+        except BaseException:
+            self._stack.close()
+            raise
+
+    def __exit__(self, *exception: object) -> None:
+        self._stack.close()
+
+    @abstractmethod
+    def _open(self) -> None:
+        """Opens everything; `_stack` closes it again."""
+
+    def _start_server(self) -> int:
+        """Takes the robots' port; gives its number."""
+        port = self.server.start()
+        self._stack.callback(self._close_server)
+        return port
+
+    def _open_room(
+        self, source: ArenaSource, scene: ExperimentFacts, suspends: bool = False
+    ) -> Runtime:
+        """Makes the runner and opens the control room.
+
+        Args:
+            source: where the arena states come from.
+            scene: what all runs have in common.
+            suspends: see `Control`.
+
+        Returns:
+            The runtime, which has to be opened.
+        """
+        setup, server = self.setup, self.server
+        runtime = Runtime(source, self.environment, server)
+        control = Control(server.command, setup.console.say, setup.room.holds, suspends)
+        self.runner = Runner(
+            *(setup.experiment, runtime, server, setup.console, setup.interrupted),
+            *(self._look, control),
+        )
+        setup.room.open(scene, self.environment, server, runtime, control)
+        return runtime
+
+    def _scene(
+        self, command: str, cameras: Sequence[Camera], trackers: dict[str, str], troubles: Troubles
+    ) -> ExperimentFacts:
+        text = self.experiment.path.read_text(encoding="utf-8", errors="replace")
+        return ExperimentFacts(command, text, self.setup.blind, cameras, trackers, troubles)
+
+    def _look(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
+        """Is called after every timestep; see `vsense.run.runner.Look`."""
+        self.setup.room.look(step, robots)
+
+    def next_run(self) -> None:
+        """Goes back to before the start of the next run, whose seed is one more.
+
+        Raises:
+            VsenseError: its virtual world cannot be made, or the link has failed.
+        """
+        self.environment = self.environment.following()
+        self.runner.next_run(self.environment)
+        self._over = False
+
+    def stop(self) -> None:
+        """Stops all robots and waits for their last word; see `Runner.stop`.
+
+        Raises:
+            VsenseError: the link has failed.
+        """
+        # From here on silence is our own, and no news.
+        self._over = True
+        self.runner.stop()
+
+    def _close_server(self) -> None:
+        self._over = True
+        self.server.close(GoodbyeCause.END, "the run has ended")
+
+    def _on_link_event(self, event: LinkEvent) -> None:
+        if event.kind not in self.quiet:
+            self._tell(event.text)
+
+    def _tell(self, text: str) -> None:
+        if not self._over:
+            self.setup.console.say(text)
+
+
+class RunSession(ExperimentSession):
+    """The runs with real robots.
+
+    Attributes:
+        source: where the arena states come from.
+        port: the port that robots connect to.
+    """
+
+    def __init__(
+        self, setup: RunSetup, tracking: tuple[str, str] | None, legacy_port: int | None
+    ) -> None:
+        """Prepares the runs.
+
+        Args:
+            setup: what they are made from.
+            tracking: the files of a tracking session, or None; see `open_source`.
+            legacy_port: for robots with the original's client, or None.
+
+        Raises:
+            VsenseError: something in the experiment cannot be made.
+        """
+        super().__init__(setup, legacy_port)
+        self._tracking = tracking
+
+    def _open(self) -> None:
+        self.source: SteadySource = open_source(self.experiment, self._tracking, self._tell)
+        self._stack.callback(self.source.close)
+        self.port = self._start_server()
+        own = self.source.own
+        if own is not None:
+            # Recordings hold what the tracker sees.
+            self.setup.room.recorders.watch_session(own.session, own.tracking)
+        views = () if own is None else own.session.views
+        scene = self._scene(
+            "run",
+            [view.camera for view in views],
+            {view.camera.id: view.tracker.id for view in views},
+            Troubles() if own is None else own.tracking.troubles,
+        )
+        # STOP may only suspend a run (thesis, 2.3.1).
+        suspends = own is not None and not own.session.record.change_root_directory_on_start
+        runtime = self._open_room(self.source, scene, suspends)
+        runtime.open()
+        self._stack.callback(runtime.close)
+        # Closed first of all: the thread that watches the arena waits in it.
+        self._stack.callback(self.source.close)
+
+    def _look(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
+        """Checks the cameras, too: the timestep's readings have left."""
+        if self.source.own is not None:
+            self.source.own.tracking.check_cameras()
+        super()._look(step, robots)

@@ -1,0 +1,1 @@
+"""What is real in lab and simulation: wheels, contacts, the infrared ring."""

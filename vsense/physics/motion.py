@@ -1,0 +1,145 @@
+"""The physics of lab and simulation: differential drive by stepper motors, bodies in the way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vsense.config.specs import Experiment
+from vsense.native import kernel_ffi, kernels
+from vsense.physics.contacts import Contacts, Floats, Neighbourhood, pointer
+from vsense.world.entities import BODY_HEIGHT_M, BODY_RADIUS_M, Box, Cylinder
+
+AXLE_M: float = kernels.vs_axle_m
+"""Distance between the wheels' contact points. Source: epuck.md section 6."""
+STEP_M: float = kernels.vs_step_m
+"""Way of a wheel per motor step: 41 mm wheels, 1000 steps per turn. Source: epuck.md section 6."""
+TICK_NS: int = kernels.VS_TICK_NS
+"""Contacts are looked at this often, in ns."""
+MAX_SPEED_STEPS_S: int = kernels.VS_MAX_STEPS_S
+"""Fastest speed that the motor library takes. Source: epuck.md section 1.3."""
+
+
+class Physics:
+    """Robots that drive, objects and boxes that stand, and nobody inside anybody.
+
+    Time is an argument: the same calls give the same poses. Bodies are discs. Contacts are
+    without friction, so a robot pressed against a wall slides along it and can turn on the spot.
+
+    Attributes:
+        poses: (n, 3) true x_m, y_m, yaw_rad, arena frame, yaw in (-pi, pi]: robots, then
+            objects. Holds for the time of the last `tick`. Objects may be moved by writing here;
+            nothing else may.
+        bodies: the same, and behind them the cylinders.
+        near: who is near whom at these poses.
+    """
+
+    def __init__(
+        self,
+        robots: ArrayLike,
+        objects: ArrayLike,
+        boxes: ArrayLike,
+        time_ns: int,
+        cylinders: ArrayLike = (),
+    ) -> None:
+        """A scene that starts at rest.
+
+        Args:
+            robots: (m, 3) x_m, y_m, yaw_rad of what drives, arena frame.
+            objects: (k, 3) likewise of tagged bodies that do not drive.
+            boxes: (b, 5) x_m, y_m, yaw_rad, size_x_m, size_y_m of walls and boxes.
+            time_ns: when the scene starts.
+            cylinders: (c, 3) x_m, y_m, radius_m of cylinders that stand.
+        """
+        driving, standing, round_ones = (
+            np.asarray(rows, dtype=np.float64).reshape(-1, 3)
+            for rows in (robots, objects, cylinders)
+        )
+        count = len(driving)
+        tagged = count + len(standing)
+        self.bodies = np.concatenate([driving, standing, round_ones])
+        self.bodies[tagged:, 2] = 0.0
+        self.poses = self.bodies[:tagged]
+        radii_m = np.full(len(self.bodies), BODY_RADIUS_M)
+        radii_m[tagged:] = round_ones[:, 2]
+        self.near = Neighbourhood(count, boxes, radii_m)
+        mobility = np.zeros(len(self.bodies))
+        self._contacts = Contacts(mobility, self.near)
+        self._cdata = self._make(mobility, count)
+        kernels.vs_physics_init(self._cdata, time_ns)
+
+    def _make(self, mobility: Floats, count: int) -> Any:
+        """Makes the `struct vs_physics`; its arrays live as long as this object."""
+        wheels_m_s, commands = np.zeros((count, 2)), np.zeros((count, 2), dtype=np.int16)
+        rolled_ns = np.zeros(count, dtype=np.int64)
+        self._kept = (mobility, wheels_m_s, commands, rolled_ns)
+        made: Any = kernel_ffi.new("struct vs_physics *")
+        made.contacts = self._contacts.cdata
+        made.poses = pointer("double", self.bodies)
+        made.mobility = pointer("double", mobility)
+        made.wheels_m_s = pointer("double", wheels_m_s)
+        made.commands = pointer("int16_t", commands)
+        made.rolled_ns = pointer("int64_t", rolled_ns)
+        return made
+
+    def drive(self, robot: int, left_steps_s: int, right_steps_s: int, time_ns: int) -> None:
+        """Lets a robot's wheels turn at new speeds from `time_ns` on.
+
+        A time before the last tick counts as the time of that tick: the past stays as it is.
+
+        Args:
+            robot: its row in `poses`.
+            left_steps_s, right_steps_s: commanded speeds.
+            time_ns: when the microcontroller changed the speeds.
+        """
+        kernels.vs_physics_drive(self._cdata, robot, left_steps_s, right_steps_s, time_ns)
+
+    def drive_all(self, commands: NDArray[np.int16], time_ns: int) -> None:
+        """As `drive`, for all robots at once; commands (m, 2), left and right."""
+        kernels.vs_physics_drive_all(self._cdata, pointer("int16_t", commands), time_ns)
+
+    def tick(self, time_ns: int) -> None:
+        """Moves everything on to `time_ns`, later than all calls before."""
+        kernels.vs_physics_tick(self._cdata, time_ns)
+
+    def advance(self, time_ns: int) -> None:
+        """Ticks every 10 ms up to `time_ns`, the last tick there."""
+        kernels.vs_physics_advance(self._cdata, time_ns)
+
+
+def floor_of(experiment: Experiment, time_ns: int) -> Physics:
+    """Puts everything that is real in its place, at rest.
+
+    Args:
+        experiment: is settled: everything has a place.
+        time_ns: when the scene starts.
+    """
+    robots, objects = (
+        np.array([body.pose for body in bodies], dtype=np.float64).reshape(-1, 3)
+        for bodies in (experiment.robots, experiment.objects)
+    )
+    boxes, cylinders = obstacles(experiment.boxes, experiment.cylinders)
+    return Physics(robots, objects, boxes, time_ns, cylinders)
+
+
+def obstacles(boxes: Iterable[Box], cylinders: Iterable[Cylinder]) -> tuple[Floats, Floats]:
+    """What robots drive against, beside each other and tagged objects, as `Physics` takes it.
+
+    Returns:
+        Boxes (b, 5) x_m, y_m, yaw_rad, size_x_m, size_y_m and cylinders (c, 3) x_m, y_m,
+        radius_m, without those that hang above the robots.
+    """
+    walls = [
+        (*box.position_m[:2], box.yaw_rad, *box.size_m[:2])
+        for box in boxes
+        if box.position_m[2] < BODY_HEIGHT_M
+    ]
+    posts = [
+        (*post.position_m[:2], post.radius_m)
+        for post in cylinders
+        if post.position_m[2] < BODY_HEIGHT_M
+    ]
+    return np.array(walls).reshape(-1, 5), np.array(posts).reshape(-1, 3)

@@ -1,0 +1,164 @@
+"""The camera step: the pictures of a timestep in, one arena state out, camera health beside it."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.arena import ArenaState, Frame
+from vsense.cameras.grabber import CameraEvent, Grabber, GrabberError, Troubles
+from vsense.cameras.health import Health
+from vsense.cameras.paced_grabber import HeldPlayer
+from vsense.tracking.arena_tracker import ArenaTracker
+
+PERIOD_NS = 80_000_000
+"""Pictures of live cameras that follow each other faster than this are not all checked."""
+
+
+class _Tracked(NamedTuple):
+    """A timestep that was tracked, as `Health.look` takes it."""
+
+    frames: Sequence[Frame]
+    found: Mapping[str, NDArray[np.void]]
+    overflowed: tuple[str, ...]
+
+
+class CameraTracking:
+    """Turns pictures into arena states: of live cameras, of recordings, and of the lab.
+
+    `next` belongs to one thread; all other methods may be called by any. Camera health is never
+    looked at before a state has been handed on: that is what `check_cameras` is for, which the
+    caller of `next` or the thread that uses the states calls when the timestep's work is done.
+    What it finds is told then.
+
+    Attributes:
+        grabber: where the pictures come from.
+        tracker: makes the arena state of them.
+        record: takes the pictures that the tracker is about to be given, in the thread of `next`.
+        troubles: what the cameras suffer from.
+    """
+
+    def __init__(
+        self,
+        grabber: Grabber,
+        tracker: ArenaTracker,
+        tell: Callable[[str], None],
+        troubles: Troubles | None = None,
+        check_all: bool = False,
+    ) -> None:
+        """Takes grabber and tracker over.
+
+        Args:
+            grabber: gives the pictures of the tracker's cameras.
+            tracker: finds the robots in them.
+            tell: takes a line about a camera, for a person; any thread, must not wait.
+            troubles: where to count what happens to cameras; None: begins with nothing known.
+            check_all: every timestep is checked, as recordings want it: `next` checks what nobody
+                has. Otherwise only the newest one is, and not more often than every `PERIOD_NS`.
+        """
+        self.grabber = grabber
+        self.tracker = tracker
+        self.record: Callable[[Sequence[Frame]], None] = lambda frames: None
+        self.troubles = troubles or Troubles()
+        self._tell = tell
+        self._check_all = check_all
+        self._health = Health(tracker.cameras, tracker.heights_m)
+        # Two threads put in and take out; only the newest is kept.
+        self._unchecked: deque[_Tracked] = deque(maxlen=1)
+        self._checking = threading.Lock()
+        self._checked_ns: int | None = None
+        self._pictures = self._missed_before = 0
+
+    def start(self) -> None:
+        """The run begins: timesteps left out count from here, and held recordings are played."""
+        self._missed_before = self.grabber.missed
+        if isinstance(self.grabber, HeldPlayer):
+            self.grabber.play()
+
+    def stop(self) -> None:
+        """The run has ended; cameras are tracked in a run and out of it."""
+
+    def next(self, timeout_s: float) -> tuple[ArenaState, Sequence[Frame]]:
+        """Waits for the newest pictures and tracks the robots in them.
+
+        Returns:
+            The state, and the pictures that it was made from; see `Grabber.next` for how long
+            these are valid.
+
+        Raises:
+            NoMorePictures: a recording has come to its end.
+            GrabberError: no picture came in `timeout_s`.
+            VsenseError: the tracker has failed.
+        """
+        if self._check_all:
+            self.check_cameras()
+        try:
+            frames = self.grabber.next(timeout_s)
+        except GrabberError:
+            with self._checking:
+                self._tell_events(self.grabber.events())
+            raise
+        self.record(frames)
+        tracker = self.tracker
+        state = tracker.update(frames)
+        # A recording that is held shows one picture again and again: its camera has not frozen.
+        if not (isinstance(self.grabber, HeldPlayer) and self.grabber.held):
+            self._pictures += len(frames)
+            self._unchecked.append(_Tracked(frames, tracker.found, tracker.overflowed))
+        return state, frames
+
+    def check_cameras(self) -> None:
+        """Looks at the newest pictures, unless somebody has, and tells what began or ended.
+
+        To be called when the arena state has been handed on. It takes 1 ms of processor time for
+        a camera of two megapixels.
+        """
+        with self._checking:
+            events = self.grabber.events()
+            if self._unchecked:
+                tracked = self._unchecked.pop()
+                if self._is_due(tracked.frames):
+                    events += self._health.look(*tracked)
+            self._tell_events(events)
+
+    def figures(self) -> dict[str, int]:
+        """What is reported of the cameras.
+
+        Returns:
+            `pictures` that were tracked, without those of a held recording; timesteps `left_out`
+            since the start of the run because later ones were due or there; `old_pictures`
+            dropped; `overflows` of the detectors' tables; and `camera_events`.
+        """
+        counters = self.tracker.counters
+        return {
+            "pictures": self._pictures,
+            "left_out": self.grabber.missed - self._missed_before,
+            "old_pictures": counters.old_frames + counters.repeated_frames,
+            "overflows": counters.overflows,
+            "camera_events": sum(self.troubles.counts.values()),
+        }
+
+    def close(self) -> None:
+        """Ends a `next` that waits, lets the cameras go, ends the workers; can be called again."""
+        self.grabber.close()
+        self.tracker.close()
+
+    def _is_due(self, frames: Sequence[Frame]) -> bool:
+        """Whether the pictures of a timestep are to be checked."""
+        capture_ns = max((frame.capture_ns for frame in frames), default=None)
+        if capture_ns is None:
+            return False
+        last_ns = self._checked_ns
+        if not self._check_all and last_ns is not None and capture_ns - last_ns < PERIOD_NS:
+            return False
+        self._checked_ns = capture_ns
+        return True
+
+    def _tell_events(self, events: Iterable[CameraEvent]) -> None:
+        for line in self.troubles.lines(events):
+            self._tell(line)

@@ -1,0 +1,209 @@
+"""Opens what a tracking session names: its cameras or recordings, detectors and arena tracker.
+
+This is the factory of the thesis's figure 2.11.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from vsense.cameras import aravis
+from vsense.cameras.aravis_camera import is_address
+from vsense.cameras.genicam import FREE, SOFTWARE, GenicamSettings, GenicamSource
+from vsense.cameras.grabber import Grabber, GrabberError, Troubles
+from vsense.cameras.live_grabber import LiveGrabber, SoftwareTrigger
+from vsense.cameras.networks import USUAL_PACKET, BandwidthError, NetworkLoad, Stream
+from vsense.cameras.opencv_source import Controls, DeviceSource, teach_opencv
+from vsense.cameras.paced_grabber import HeldPlayer, PacedGrabber
+from vsense.cameras.recorded_grabber import CameraRecording, RecordedGrabber
+from vsense.cameras.recordings import DirectoryRecording, VideoRecording
+from vsense.cameras.source import Source
+from vsense.markers.families import SquareFamily, load_family
+from vsense.tracking.arena_tracker import ArenaTracker
+from vsense.tracking.camera_tracking import CameraTracking
+from vsense.tracking.detector import CameraDetectors, MarkerSearch
+from vsense.tracking.prediction import Prediction, SearchPlan
+from vsense.tracking.specs import (
+    DIRECTORY,
+    CameraTrackerSpec,
+    GrabberSpec,
+    TrackerSpec,
+    TrackingSession,
+)
+from vsense.tracking.tracks import Limits
+
+OFFLINE = "offline"
+PACED = "paced"
+
+
+def open_tracking(
+    session: TrackingSession,
+    clock: Callable[[], int],
+    tell: Callable[[str], None],
+    recordings: str | float = OFFLINE,
+    troubles: Troubles | None = None,
+) -> CameraTracking:
+    """Opens a session's cameras or recordings and gets everything ready.
+
+    A camera that does not open is told and tried again.
+
+    Args:
+        session: what to track.
+        clock: the host's monotonic clock [ns].
+        tell: takes a line about a camera, for a person; any thread, must not wait.
+        recordings: how recordings are handed out. `OFFLINE`: as fast as they are asked for.
+            `PACED`: as they were taken, from the first `next` on. A number: their first pictures
+            so often [s] until `CameraTracking.start`, then as they were taken, dated by the clock.
+        troubles: where to count what happens to cameras; None: begins with nothing known.
+
+    Raises:
+        ConfigError: a recording or a camera cannot be used; the error names the place in the
+            resources file.
+        VsenseError: something else cannot be used.
+    """
+    teach_opencv()
+    grabber = _grabber(session, clock, recordings)
+    try:
+        tracker = _tracker(session)
+    except BaseException:
+        grabber.close()
+        raise
+    return CameraTracking(grabber, tracker, tell, troubles, not session.is_live)
+
+
+def _grabber(
+    session: TrackingSession, clock: Callable[[], int], recordings: str | float
+) -> Grabber:
+    sizes_px = {v.camera.id: (v.camera.width_px, v.camera.height_px) for v in session.views}
+    if session.is_live:
+        return live_grabber(session, sizes_px, clock)
+    opened = {v.camera.id: _recording(session, v.grabber) for v in session.views}
+    recorded = RecordedGrabber(opened, sizes_px, clock)
+    if recordings == OFFLINE:
+        return recorded
+    if recordings == PACED:
+        return PacedGrabber(recorded, clock)
+    return HeldPlayer(recorded, float(recordings), clock)
+
+
+def _recording(session: TrackingSession, spec: GrabberSpec) -> CameraRecording:
+    kind = DirectoryRecording if spec.type == DIRECTORY else VideoRecording
+    start_ns = round(spec.start_s * 1e9)
+    try:
+        return kind(Path(spec.source), spec.timestamps, start_ns, spec.frame_rate_hz)
+    except GrabberError as error:
+        raise session.resources.error(spec.line, f"<grabber> path: {error}") from None
+
+
+def _tracker(session: TrackingSession) -> ArenaTracker:
+    """Makes the arena tracker and starts its workers."""
+    views = session.views
+    searches = {view.tracker.id: _search(view.tracker) for view in views}
+    sees = {view.camera.id: view.tracker.id for view in views}
+    whereabouts = Prediction(SearchPlan(session.key_frame_period, session.square_size_m))
+    return ArenaTracker(
+        [view.camera for view in views],
+        lambda: CameraDetectors.make(sees, searches, whereabouts),
+        session.heights_m,
+        Limits(max(view.tracker.max_speed_m_s for view in views)),
+        pin=True,
+        whereabouts=whereabouts,
+    )
+
+
+def _search(tracker: TrackerSpec) -> MarkerSearch:
+    family = load_family(tracker.family)
+    if isinstance(family, SquareFamily):
+        family = replace(family, heading_deg=family.heading_deg + tracker.heading_deg)
+    return MarkerSearch(family, tracker.heights_m, tracker.open_roster)
+
+
+def make_source(spec: GrabberSpec, clock: Callable[[], int], links: NetworkLoad) -> Source:
+    """Makes the source of a grabber that is a camera.
+
+    Args:
+        spec: the grabber.
+        clock: the host's monotonic clock [ns].
+        links: the networks that the cameras share.
+    """
+    if isinstance(spec.settings, GenicamSettings):
+        return GenicamSource(spec.source, spec.settings, clock, links)
+    return DeviceSource(spec.source, spec.settings or Controls())
+
+
+def live_grabber(
+    session: TrackingSession,
+    sizes_px: Mapping[str, tuple[int, int]],
+    clock: Callable[[], int],
+) -> LiveGrabber:
+    """Starts all cameras of a session.
+
+    Args:
+        session: its views are all live.
+        sizes_px: width and height by the cameras' ids.
+        clock: the host's monotonic clock [ns].
+
+    Raises:
+        ConfigError: the library for them is missing, or they would send more than their network
+            carries; names the place in the resources file.
+    """
+    links = NetworkLoad()
+    _check(session, links)
+    sources = {v.camera.id: make_source(v.grabber, clock, links) for v in session.views}
+    rates_hz = {v.camera.id: v.grabber.frame_rate_hz for v in session.views}
+    triggers = {v.grabber.trigger for v in session.views}
+    rate_hz = session.views[0].grabber.frame_rate_hz
+    if triggers == {FREE} or rate_hz is None:
+        return LiveGrabber(sources, sizes_px, clock, rates_hz)
+    trigger = None
+    if triggers == {SOFTWARE}:
+        triggered = {c: s for c, s in sources.items() if isinstance(s, GenicamSource)}
+        trigger = SoftwareTrigger(triggered, rate_hz, clock)
+    return LiveGrabber(sources, sizes_px, clock, rates_hz, 0.5 / rate_hz, trigger)
+
+
+def _check(session: TrackingSession, links: NetworkLoad) -> None:
+    """Refuses what can be refused before a camera is opened."""
+    genicam = [v for v in session.views if isinstance(v.grabber.settings, GenicamSettings)]
+    if not genicam:
+        return
+    there: list[aravis.Listed] = []
+    try:
+        aravis.load()
+        if not all(is_address(view.grabber.source) for view in genicam):
+            there = aravis.listed()
+    except aravis.AravisError as error:
+        line = genicam[0].grabber.line
+        raise session.resources.error(line, f"<grabber> type: {error}") from None
+    first: dict[str, str] = {}
+    for view in genicam:
+        grabber = view.grabber
+        known = [c.address for c in there if grabber.source in c.names]
+        address = grabber.source if is_address(grabber.source) else next(iter(known), "")
+        if not address:
+            continue
+        if address in first:
+            text = f"{first[address]!r} and {grabber.source!r} are the same camera, at {address}"
+            raise session.resources.error(grabber.line, f"<grabber> device: {text}")
+        first[address] = grabber.source
+        _claim(session, view, address, links)
+
+
+def _claim(
+    session: TrackingSession, view: CameraTrackerSpec, address: str, links: NetworkLoad
+) -> None:
+    grabber = view.grabber
+    assert isinstance(grabber.settings, GenicamSettings)
+    size_px = grabber.settings.controls.size_px or (view.camera.width_px, view.camera.height_px)
+    packet = grabber.settings.packet_size or USUAL_PACKET
+    try:
+        links.claim(grabber.source, address, Stream(size_px, _rate(grabber), packet))
+    except BandwidthError as error:
+        raise session.resources.error(grabber.line, f"<grabber> frame_rate: {error}") from None
+
+
+def _rate(grabber: GrabberSpec) -> float:
+    assert grabber.frame_rate_hz is not None
+    return grabber.frame_rate_hz
