@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from vsense.commands import arguments
-from vsense.commands.arguments import choose_seed, open_experiment
-from vsense.config.experiment import first_robots
-from vsense.config.placement import settle
+from vsense.commands import arguments, experiments
 from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
 from vsense.lab import metrics, report
@@ -34,9 +32,15 @@ DESCRIPTION = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
-    arguments.add_experiment(parser)
-    arguments.add_settings(parser)
-    _add_base(parser)
+    experiments.add_experiment(parser)
+    experiments.add_settings(parser)
+    parser.add_argument(
+        "--base",
+        choices=BASES,
+        default=BASES[0],
+        help="what the emulated robots are based on, as in vsensed --base; mixed: one after the"
+        " other (default: argos)",
+    )
     parser.add_argument(
         "--port",
         type=arguments.port,
@@ -46,17 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--output", type=Path, metavar="DIR", help="folder for picture and logs (default: runs/...)"
     )
-    arguments.add_room(parser)
-
-
-def _add_base(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--base",
-        choices=BASES,
-        default=BASES[0],
-        help="what the emulated robots are based on, as in vsensed --base; mixed: one after the"
-        " other (default: argos)",
-    )
+    experiments.add_room(parser)
 
 
 COMPLAINTS_TIMESTEP = 10
@@ -73,16 +67,17 @@ def run(options: argparse.Namespace) -> int:
         VsenseError: it cannot run, or something failed in mid-run; what was measured until then
             is reported first.
     """
-    console = Console()
-    experiment = _experiment(options)
-    if experiment is None:
+    opened = experiments.open_experiment(options)
+    if opened is None:
         return 0
-    seed = choose_seed(options, experiment)
-    experiment = settle(experiment, seed)
-    directory = run_directory.make(options.output, experiment.name, seed)
-    port = experiment.port if options.port is None else options.port
+    experiment, seed, directory = experiments.prepare(options, opened)
+    console = Console()
     _warn(console, experiment)
-    with interruption() as interrupted, ControlRoom(options, console) as room:
+    port = experiment.port if options.port is None else options.port
+    with (
+        interruption() as interrupted,
+        ControlRoom(experiments.room_of(options), console) as room,
+    ):
         session = Session(
             *(experiment, seed, directory, port, options.blind, console, interrupted),
             *(options.base, room),
@@ -116,15 +111,8 @@ def _live(
             return error
 
 
-def _experiment(options: argparse.Namespace) -> Experiment | None:
-    """The experiment with the command line's changes; None with `--dry`."""
-    experiment = open_experiment(options)
-    return None if experiment is None else first_robots(experiment, options.robots)
-
-
 def _warn(console: Console, experiment: Experiment) -> None:
-    for warning in experiment.warnings:
-        console.say(f"vsense: {warning}")
+    experiments.say_warnings(console, experiment)
     if experiment.tracker is not None:
         place = f"{experiment.file}:{experiment.tracker.line}"
         console.say(f"vsense: {place}: its tracker is left alone: the lab has its own cameras")
@@ -138,7 +126,7 @@ def _announce(console: Console, session: Session, directory: Path) -> None:
     )
 
 
-def _progress(console: Console, session: Session) -> Any:
+def _progress(console: Console, session: Session) -> Callable[[Step], None]:
     """Makes the function that keeps the live line up to date."""
     experiment = session.experiment
     length = f"/{experiment.length_s:g}" if experiment.length_s else ""

@@ -7,6 +7,10 @@ import re
 import sys
 from pathlib import Path
 
+from vsense.errors import UsageError
+from vsense.markers import choice, paper, sheet
+from vsense.markers.families import load_family
+
 DESCRIPTION = (
     "Writes sheets of markers, true to scale, as PDF or PNG. Print them at 100 %: the bar at the"
     " foot of each page must measure 100 mm."
@@ -54,11 +58,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Writes the sheets; their names go to standard output."""
-    # Imported here: `vsense --help` must not wait for OpenCV.
-    from vsense.errors import UsageError
-    from vsense.markers import choice, paper, sheet
-    from vsense.markers.families import load_family
-
     output: Path = options.output
     if output.suffix.lower() not in (".pdf", ".png"):
         raise UsageError(f"{output}: expected a name that ends in .pdf or .png")
@@ -97,8 +96,6 @@ def _names(output: Path, count: int) -> list[Path]:
 
 
 def _write(path: Path, data: bytes) -> None:
-    from vsense.errors import UsageError
-
     try:
         path.write_bytes(data)
     except OSError as error:

@@ -37,9 +37,7 @@ def _add_status(parser: argparse.ArgumentParser) -> None:
 
 def _add_build(parser: argparse.ArgumentParser) -> None:
     """Declares what `vsense robot build` takes."""
-    from vsense.robot.boards import TARGETS
-
-    boards = "; ".join(f"{target.name}: {target.help}" for target in TARGETS.values())
+    kinds = "; ".join(f"{target.name}: {target.help}" for target in boards.TARGETS.values())
     parser.add_argument(
         "--controller",
         required=True,
@@ -47,7 +45,7 @@ def _add_build(parser: argparse.ArgumentParser) -> None:
         help="the controller's .c file, or a shipped controller's name",
     )
     parser.add_argument(
-        "--target", required=True, choices=list(TARGETS), help=f"kind of board. {boards}"
+        "--target", required=True, choices=list(boards.TARGETS), help=f"kind of board. {kinds}"
     )
     parser.add_argument(
         "-o",

@@ -7,10 +7,7 @@ import threading
 from pathlib import Path
 from typing import Any
 
-from vsense.commands import arguments
-from vsense.commands.arguments import choose_seed, open_experiment
-from vsense.config.experiment import first_robots
-from vsense.config.placement import settle
+from vsense.commands import arguments, experiments
 from vsense.config.specs import Experiment
 from vsense.errors import UsageError, VsenseError
 from vsense.link.legacy.server import MixedServer
@@ -35,8 +32,8 @@ DESCRIPTION = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
-    arguments.add_experiment(parser)
-    arguments.add_settings(parser)
+    experiments.add_experiment(parser)
+    experiments.add_settings(parser)
     _add_ends(parser)
     parser.add_argument(
         "--start-after",
@@ -44,8 +41,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="start after S s at the latest, without whoever is missing (default: wait for all)",
     )
-    _add_results(parser)
-    arguments.add_room(parser)
+    parser.add_argument(
+        "--output",
+        type=Path,
+        metavar="DIR",
+        help="folder for notes and figures (default: runs/...)",
+    )
+    experiments.add_room(parser)
 
 
 def _add_ends(parser: argparse.ArgumentParser) -> None:
@@ -76,16 +78,6 @@ def _add_ends(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_results(parser: argparse.ArgumentParser) -> None:
-    """Declares where the figures go."""
-    parser.add_argument(
-        "--output",
-        type=Path,
-        metavar="DIR",
-        help="folder for notes and figures (default: runs/...)",
-    )
-
-
 class RunError(VsenseError):
     """The run cannot begin."""
 
@@ -101,22 +93,18 @@ def run(options: argparse.Namespace) -> int:
         VsenseError: it cannot run, or something failed in mid-run; what was measured until then
             is reported first.
     """
-    experiment = open_experiment(options)
-    if experiment is None:
+    opened = experiments.open_experiment(options)
+    if opened is None:
         return 0
-    experiment = first_robots(experiment, options.robots)
-    seed = choose_seed(options, experiment)
-    experiment = settle(experiment, seed, real=False)
-    require_source(experiment, options.tracking)
-    directory = run_directory.make(options.output, experiment.name, seed)
+    require_source(opened, options.tracking)
+    experiment, seed, directory = experiments.prepare(options, opened, real=False)
     keep_file(experiment, directory)
     with (
         RunLog(directory) as diary,
         interruption() as interrupted,
-        ControlRoom(options, diary) as room,
+        ControlRoom(experiments.room_of(options), diary) as room,
     ):
-        for warning in experiment.warnings:
-            diary.say(f"vsense: {warning}")
+        experiments.say_warnings(diary, experiment)
         return RunCommand(options, experiment, seed, directory, diary, room, interrupted).run()
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 import threading
@@ -10,6 +9,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -32,6 +32,7 @@ from vsense.recording.pictures import (
 )
 from vsense.terminal import INTERRUPTED, Console, interruption
 from vsense.tracking.arena_tracker import TrackerCounters
+from vsense.ui.access import WebAddress
 
 BAR_WIDTH = 24
 
@@ -146,7 +147,30 @@ SILENCE_S = 0.5
 """So often a run without pictures looks whether it shall end."""
 
 
-def run(options: argparse.Namespace) -> int:
+@dataclass(frozen=True, slots=True)
+class TrackOptions:
+    """What `vsense track` is asked for.
+
+    Attributes:
+        resources: path of the resources file.
+        experiment: path of the experiment file.
+        offline: as fast as possible, not at the pace of a recording's pictures.
+        format: of the states on standard output: "jsonl" or "csv".
+        snapshot: picture file of the last state, None: none is drawn.
+        frames: timesteps after which it ends, None: never.
+        web: where the page is served, None: nowhere.
+    """
+
+    resources: str
+    experiment: str
+    offline: bool = False
+    format: str = "jsonl"
+    snapshot: Path | None = None
+    frames: int | None = None
+    web: WebAddress | None = None
+
+
+def run(options: TrackOptions) -> int:
     """Tracks until the recording ends, `--frames` are done, or somebody interrupts.
 
     Returns:
@@ -164,8 +188,8 @@ def run(options: argparse.Namespace) -> int:
         tracking = build(session, time.monotonic_ns, options.offline)
         stack.callback(tracking.close)
         console, troubles = Console(), Troubles()
-        room = stack.enter_context(TrackRoom(options, session, troubles, console))
-        talk = Talk(console, time.monotonic_ns, timesteps(options, tracking), troubles)
+        room = stack.enter_context(TrackRoom(options.web, session, troubles, console))
+        talk = Talk(console, time.monotonic_ns, timesteps(options.frames, tracking), troubles)
         TrackingRun(options, session, tracking, interrupted, talk, room).live()
         return INTERRUPTED if interrupted.is_set() else 0
 
@@ -175,7 +199,7 @@ class TrackingRun:
 
     def __init__(
         self,
-        options: argparse.Namespace,
+        options: TrackOptions,
         session: TrackingSession,
         tracking: Tracking,
         interrupted: threading.Event,
@@ -185,7 +209,7 @@ class TrackingRun:
         """Prepares a run.
 
         Args:
-            options: the command line.
+            options: what is asked for.
             session: what the two files say.
             tracking: the session at work.
             interrupted: set by whoever wants the run to end.
@@ -269,7 +293,7 @@ class TrackingRun:
             raise VsenseError(f"{path}: cannot be written: {error.strerror}") from None
 
 
-def timesteps(options: argparse.Namespace, tracking: Tracking) -> int | None:
+def timesteps(options: TrackOptions, tracking: Tracking) -> int | None:
     """Gives how many there will be, where that is known."""
     known = tracking.grabber.timesteps
     wanted: int | None = options.frames

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import json
 import threading
@@ -25,8 +24,6 @@ from vsense.sim.settings import Sweep
 from vsense.sim.watch import Interrupted, Task, WorkerProcess, simulate_all
 from vsense.terminal import Console
 
-DEFAULT_FILE = Path("results.csv")
-
 BAR_WIDTH = 24
 
 MAX_NAME = 256
@@ -34,21 +31,31 @@ MAX_NAME = 256
 
 
 def run(
-    options: argparse.Namespace,
     sweep: Sweep,
     setup: Setup,
+    path: Path,
+    jobs: int,
+    as_json: bool,
     console: Console,
     interrupted: threading.Event,
-) -> int:
+) -> None:
     """Does all runs that the file does not hold yet, and compares the settings.
 
     Rows are written in the order of the campaign, whatever number of processes works on it.
+
+    Args:
+        sweep: settings and seeds.
+        setup: what is run.
+        path: the CSV file; the picture goes beside it.
+        jobs: runs at the same time.
+        as_json: print the figures on standard output.
+        console: where to say what happens.
+        interrupted: set by whoever wants it to end.
 
     Raises:
         Interrupted: the user wants no more; the rows until then are in the file.
         VsenseError: it cannot run, or a run has failed.
     """
-    path = options.output or DEFAULT_FILE
     tasks = prepare(sweep, setup)
     results = CampaignResults(path, fingerprint(tasks[0]), sweep.keys)
     there = results.keys()
@@ -60,15 +67,14 @@ def run(
     if len(todo) < len(tasks):
         console.say(f"{path}: {len(tasks) - len(todo)} of {len(tasks)} runs are there already")
     try:
-        _simulate(todo, options.jobs, results, console, interrupted)
+        _simulate(todo, jobs, results, console, interrupted)
     except Interrupted:
         done = len(tasks) - len(todo) + len(results.rows) - len(there)
         console.end_progress()
         console.say(f"{path}: {done} of {len(tasks)} runs; the same command goes on from there")
         raise
     console.end_progress()
-    _report(options, sweep, results, path, console)
-    return 0
+    _report(as_json, sweep, results, path, console)
 
 
 def prepare(sweep: Sweep, setup: Setup) -> list[Task]:
@@ -174,15 +180,11 @@ def _progress(
 
 
 def _report(
-    options: argparse.Namespace,
-    sweep: Sweep,
-    results: CampaignResults,
-    path: Path,
-    console: Console,
+    as_json: bool, sweep: Sweep, results: CampaignResults, path: Path, console: Console
 ) -> None:
     """Prints what came out, and draws it."""
     groups = group(sweep, results)
-    if options.json:
+    if as_json:
         _print({"file": str(path), "settings": [_figures(*some) for some in groups]})
     console.say(f"results: {path}, {len(results.rows)} runs")
     if not results.measures:
