@@ -1,6 +1,4 @@
-"""What a picture says about exposure and gain: its brightness, and its noise.
-
-What to change about exposure and gain.
+"""Measures a picture's brightness and noise, and says what to change about exposure and gain.
 
 In dim light a longer exposure smears what moves, and more gain brings noise (thesis, 2.2.2); so the
 exposure is best as long as the blur allows, and gain is for what is missing then. The limits are

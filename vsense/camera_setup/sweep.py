@@ -7,7 +7,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -23,14 +23,13 @@ from vsense.camera_setup.advice import (
     advise,
     rounded,
 )
-from vsense.camera_setup.opening import OpenCamera
 from vsense.camera_setup.panel import PanelView
+from vsense.camera_setup.tuning import Tuner
 from vsense.cameras.controls import EXPOSURE, GAIN, CameraControls
 from vsense.cameras.grabber import GrabberError
-from vsense.cameras.picture import Image
 from vsense.cameras.source import Bounds
 from vsense.errors import VsenseError
-from vsense.terminal import LiveBlock
+from vsense.terminal import LiveBlock, aligned
 
 SHORTEST_US = 200.0
 """Shorter exposures gain nothing: a robot moves by a twentieth of a pixel."""
@@ -42,23 +41,6 @@ PERIOD_SHARE = 0.9
 """A longer exposure than this share of a period makes a camera slower."""
 
 HEAD = ("exposure", "gain", "mean", "lightest 1 %", "saturated", "noise", "blur", "markers")
-
-
-class Measured(Protocol):
-    """What a sweep needs of `vsense.camera_setup.tuning.Tuner`."""
-
-    camera: OpenCamera
-
-    @property
-    def cell_m(self) -> float:
-        """Side of a marker's cell."""
-
-    @property
-    def speed_m_s(self) -> float:
-        """Speed of the robots."""
-
-    def view(self, first: Image, second: Image, rate_hz: float | None) -> PanelView:
-        """Measures two pictures in a row."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +79,7 @@ class SweepRow:
         return len(self.view.found.tags), sum(good), -(noise + smear + dim)
 
 
-def run(tuner: Measured, interrupted: threading.Event, as_json: bool) -> bool:
+def run(tuner: Tuner, interrupted: threading.Event, as_json: bool) -> bool:
     """Tries exposures and gains, prints a row for each, and puts the camera's own values back.
 
     Returns:
@@ -141,7 +123,7 @@ def _tell(rows: Sequence[SweepRow], block: LiveBlock, as_json: bool) -> None:
 
 
 def tried(
-    tuner: Measured, controls: CameraControls, interrupted: threading.Event
+    tuner: Tuner, controls: CameraControls, interrupted: threading.Event
 ) -> Iterator[SweepRow]:
     """Measures one exposure after the other; gain is raised where the picture is too dark.
 
@@ -213,9 +195,7 @@ def gains(bounds: Bounds | None) -> Sequence[float | None]:
 
 def table(rows: Sequence[SweepRow], best: SweepRow | None) -> list[str]:
     """Gives a line for each row, the best with a mark."""
-    cells = [HEAD, *(_cells(row) for row in rows)]
-    widths = [max(len(line[k]) for line in cells) for k in range(len(HEAD))]
-    lines = ["  ".join(c.rjust(w) for c, w in zip(line, widths)) for line in cells]
+    lines = aligned([HEAD, *(_cells(row) for row in rows)], left=0)
     marks = [" ", *("*" if row is best else " " for row in rows)]
     return [f"{mark} {line}" for mark, line in zip(marks, lines)]
 

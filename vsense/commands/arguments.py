@@ -4,6 +4,7 @@ that several commands share."""
 from __future__ import annotations
 
 import argparse
+import re
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, TypeVar
@@ -14,6 +15,8 @@ Record = TypeVar("Record")
 
 MOST_NUMBERS = 100_000
 """A range of numbers may have so many."""
+_UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
+_LENGTH = re.compile(r"([0-9]+(?:\.[0-9]*)?) *(mm|cm|m|in)")
 
 
 def seconds(text: str) -> float:
@@ -42,6 +45,14 @@ def process(text: str) -> int:
 def port(text: str) -> int:
     """A TCP or UDP port, 0 for any free one."""
     return _integer(text, 0, 65_535)
+
+
+def length_mm(text: str) -> float:
+    """A length in mm, cm, m or in."""
+    found = _LENGTH.fullmatch(text.strip())
+    if found is None:
+        raise argparse.ArgumentTypeError(f"'{text}': expected a length such as 70mm, 7cm or 2.75in")
+    return float(found[1]) * _UNITS_MM[found[2]]
 
 
 def _integer(text: str, least: int, most: int) -> int:
@@ -123,7 +134,18 @@ def add_web(parser: argparse.ArgumentParser, default: tuple[str, int] | None = N
 
 def web_of(options: argparse.Namespace) -> WebAddress | None:
     """Returns what `add_web` declares: where the page is served, None: nowhere."""
-    return None if options.web is None else WebAddress(*options.web, options.web_tokens)
+    if options.web is None:
+        return None
+    host, port = options.web
+    return WebAddress(host, port, options.web_tokens)
+
+
+def add_action(actions: Any, name: str, text: str) -> argparse.ArgumentParser:
+    """Adds an action's parser; `text` is its line in the help, and heads its own page of help."""
+    parser: argparse.ArgumentParser = actions.add_parser(
+        name, help=text, description=f"{text[:1].upper()}{text[1:]}."
+    )
+    return parser
 
 
 def fill(kind: type[Record], options: argparse.Namespace, **others: Any) -> Record:

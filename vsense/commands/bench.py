@@ -13,6 +13,7 @@ from typing import Any
 
 from vsense.bench import grabbing, identity, robot, tracking, world
 from vsense.commands import arguments
+from vsense.terminal import aligned
 
 DESCRIPTION = (
     "'tracking' renders pictures of 20 robots on a cluttered floor and lets vsense's detectors,"
@@ -110,14 +111,7 @@ def table(report: dict[str, Any]) -> str:
                 f"{row['position_rms_px']:.3f}",
             )
         )
-    widths = [max(len(line[k]) for line in lines) for k in range(len(titles))]
-    text = [
-        "  ".join(
-            cell.ljust(width) if k < 2 else cell.rjust(width)
-            for k, (cell, width) in enumerate(zip(line, widths, strict=True))
-        )
-        for line in lines
-    ]
+    text = aligned(lines, left=2)
     sixteen = report["set16"]
     text += [
         "",

@@ -11,9 +11,8 @@ from vsense.commands import arguments
 from vsense.config.experiment import first_robots, load
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment
-from vsense.errors import VsenseError
 from vsense.run import directory as run_directory
-from vsense.terminal import Console
+from vsense.terminal import Console, print_data
 from vsense.ui.room import RoomOptions
 
 
@@ -132,7 +131,7 @@ def open_experiment(
         settings = dict(options.set)
     experiment = load(options.experiment, options.duration, settings)
     if options.dry:
-        _print(experiment.describe())
+        print_data(experiment.describe())
     if options.strict:
         experiment.refuse_warnings()
     return None if options.dry else experiment
@@ -171,10 +170,3 @@ def choose_seed(options: argparse.Namespace, experiment: Experiment) -> int:
     """Gives a run's seed: the command line's, else the file's; for 0 a fresh one."""
     seed = experiment.seed if options.seed is None else options.seed
     return int(seed) or secrets.randbelow(2**32 - 1) + 1
-
-
-def _print(text: str) -> None:
-    try:
-        print(text, flush=True)
-    except OSError as error:
-        raise VsenseError(f"standard output: {error.strerror}") from None

@@ -83,7 +83,7 @@ def run(options: argparse.Namespace) -> int:
             *(options.base, room),
         )
         series = Series(directory, options.runs, room.holds, interrupted)
-        failure = _live(session, series, room, console)
+        failure = _run_all(session, series, room, console)
         console.end_progress()
         _report_all(options, session, series, directory, console)
         if failure is not None:
@@ -91,10 +91,10 @@ def run(options: argparse.Namespace) -> int:
         return INTERRUPTED if series.was_broken(session.runner.control) else 0
 
 
-def _live(
+def _run_all(
     session: Session, series: Series, room: ControlRoom, console: Console
 ) -> VsenseError | None:
-    """Lives all runs; a failure in one of them is given back, to be told after the reports."""
+    """Carries out all runs; returns a failure in one of them, to be raised after the reports."""
     with session:
         try:
             while True:

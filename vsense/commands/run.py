@@ -100,12 +100,12 @@ def run(options: argparse.Namespace) -> int:
     experiment, seed, directory = experiments.prepare(options, opened, real=False)
     keep_file(experiment, directory)
     with (
-        RunLog(directory) as diary,
+        RunLog(directory) as log,
         interruption() as interrupted,
-        ControlRoom(experiments.room_of(options), diary) as room,
+        ControlRoom(experiments.room_of(options), log) as room,
     ):
-        experiments.say_warnings(diary, experiment)
-        return RunCommand(options, experiment, seed, directory, diary, room, interrupted).run()
+        experiments.say_warnings(log, experiment)
+        return RunCommand(options, experiment, seed, directory, log, room, interrupted).run()
 
 
 def keep_file(experiment: Experiment, directory: Path) -> None:
@@ -144,33 +144,23 @@ class RunCommand:
         experiment: Experiment,
         seed: int,
         directory: Path,
-        diary: RunLog,
+        log: RunLog,
         room: ControlRoom,
         interrupted: threading.Event,
     ) -> None:
-        """Prepares the runs.
-
-        Args:
-            options: the command line.
-            experiment: what to run.
-            seed: seed of everything that is drawn in the first run.
-            directory: of all runs, exists.
-            diary: where to say what happens.
-            room: where it is seen and steered.
-            interrupted: set by whoever wants it to end early.
-        """
+        """Takes the seed of the first run, and the directory of all runs, which exists."""
         self._options = options
         self._experiment = experiment
         self._seed = seed
         self._directory = directory
-        self._diary = diary
+        self._log = log
         self._room = room
         self._interrupted = interrupted
         self._series = Series(directory, options.runs, room.holds, interrupted)
 
     def run(self) -> int:
-        """Lives all runs; see `run`."""
-        options, experiment, diary = self._options, self._experiment, self._diary
+        """Carries out all runs; see `run`."""
+        options, experiment, log = self._options, self._experiment, self._log
         host = experiment.host if options.host is None else options.host
         port = experiment.port if options.port is None else options.port
         session = RunSession(
@@ -179,7 +169,7 @@ class RunCommand:
             options.blind,
             (host, port),
             options.tracking,
-            diary,
+            log,
             self._interrupted,
             self._room,
             _legacy_port(options.legacy_port, port),
@@ -193,7 +183,7 @@ class RunCommand:
                     session.next_run()
             except VsenseError as error:
                 failure = error
-        diary.end_progress()
+        log.end_progress()
         self._tell(summaries)
         if failure is not None:
             raise failure
@@ -209,7 +199,7 @@ class RunCommand:
             run_directory.write_summary(self._directory, figures, options.json, SERIES)
 
     def _one_run(self, session: RunSession, summaries: list[dict[str, Any]]) -> bool:
-        """Waits, lives a run and reports.
+        """Waits, carries out a run and reports.
 
         Returns:
             Whether it came to its end.
@@ -220,16 +210,16 @@ class RunCommand:
         number = session.runner.control.run
         directory = self._series.directory(number)
         self._room.begin_run(session.environment, directory)
-        attendance = self._wait(session, number)
+        readiness = self._wait(session, number)
         if self._interrupted.is_set():
-            self._diary.end_progress()
-            self._diary.say("vsense: interrupted before the run: nothing was measured")
+            self._log.end_progress()
+            self._log.say("vsense: interrupted before the run: nothing was measured")
             return False
         try:
-            self._diary.begin_run(directory)
+            self._log.begin_run(directory)
         except run_directory.DirectoryError as error:
-            self._diary.say(f"no table of this run's timesteps: {error}", "trouble")
-        one = OneRun(session, directory, attendance, self._diary)
+            self._log.say(f"no table of this run's timesteps: {error}", "trouble")
+        one = OneRun(session, directory, readiness, self._log)
         one.live()
         self._room.end_run()
         summary = one.report()
@@ -240,7 +230,7 @@ class RunCommand:
         return True
 
     def _announce(self, session: RunSession, host: str) -> None:
-        experiment, say = self._experiment, self._diary.say
+        experiment, say = self._experiment, self._log.say
         length = f"{experiment.length_s:g} s" if experiment.length_s else "until Ctrl-C"
         say(
             f"{experiment.name}: {len(experiment.robots)} robots, seed {self._seed}, {length};"
@@ -265,17 +255,17 @@ class RunCommand:
             VsenseError: something has failed, or not one robot is there.
         """
         if number > 1:
-            self._diary.say(f"run {number}, seed {session.environment.seed}")
+            self._log.say(f"run {number}, seed {session.environment.seed}")
         limit_s = self._series.patience_s(number, self._options.start_after)
-        attendance = session.runner.wait(limit_s)
-        if attendance.complete or self._interrupted.is_set():
-            return attendance
-        if not set(self._names()) - set(attendance.missing):
-            raise RunError(f"no robot is there; {attendance.complaint()}")
-        self._diary.say(
-            f"starting without {shorten(attendance.missing)}; {attendance.complaint()}", "warning"
+        readiness = session.runner.wait(limit_s)
+        if readiness.complete or self._interrupted.is_set():
+            return readiness
+        if not set(self._names()) - set(readiness.missing):
+            raise RunError(f"no robot is there; {readiness.complaint()}")
+        self._log.say(
+            f"starting without {shorten(readiness.missing)}; {readiness.complaint()}", "warning"
         )
-        return attendance
+        return readiness
 
     def _names(self) -> list[str]:
         return [robot.id for robot in self._experiment.robots]

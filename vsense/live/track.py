@@ -293,10 +293,9 @@ class TrackingRun:
             raise VsenseError(f"{path}: cannot be written: {error.strerror}") from None
 
 
-def timesteps(options: TrackOptions, tracking: Tracking) -> int | None:
-    """Gives how many there will be, where that is known."""
+def timesteps(wanted: int | None, tracking: Tracking) -> int | None:
+    """Gives how many there will be, where that is known; `wanted` is the most."""
     known = tracking.grabber.timesteps
-    wanted: int | None = options.frames
     return wanted if known is None else min(known, known if wanted is None else wanted)
 
 

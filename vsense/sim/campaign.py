@@ -22,7 +22,7 @@ from vsense.sim.job import Job, Setup
 from vsense.sim.results import DURATION, EXPERIMENT, ROBOTS, SEED, CampaignResults
 from vsense.sim.settings import Sweep
 from vsense.sim.watch import Interrupted, Task, WorkerProcess, simulate_all
-from vsense.terminal import Console
+from vsense.terminal import Console, print_data
 
 BAR_WIDTH = 24
 
@@ -185,7 +185,8 @@ def _report(
     """Prints what came out, and draws it."""
     groups = group(sweep, results)
     if as_json:
-        _print({"file": str(path), "settings": [_figures(*some) for some in groups]})
+        summary = {"file": str(path), "settings": [_figures(*some) for some in groups]}
+        print_data(json.dumps(summary, indent=2))
     console.say(f"results: {path}, {len(results.rows)} runs")
     if not results.measures:
         console.say("the experiment measures nothing: no picture")
@@ -227,10 +228,3 @@ def _figures(settings: dict[str, str], measures: dict[str, list[float]]) -> dict
         for name, values in measures.items()
     }
     return {"settings": settings, "measures": spread}
-
-
-def _print(summary: dict[str, Any]) -> None:
-    try:
-        print(json.dumps(summary, indent=2), flush=True)
-    except OSError as error:
-        raise VsenseError(f"standard output: {error.strerror}") from None
