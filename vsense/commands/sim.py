@@ -16,6 +16,7 @@ from vsense.lab import phases
 from vsense.robot import build
 from vsense.run import directory as run_directory
 from vsense.sim import campaign
+from vsense.sim.campaign import Campaign
 from vsense.sim.job import TRAJECTORY, Job, Setup
 from vsense.sim.settings import Sweep
 from vsense.sim.watch import Interrupted, Task, WorkerProcess, simulate_all
@@ -103,8 +104,9 @@ def run(options: argparse.Namespace) -> int:
                 return _one(options, setup, experiment, console, interrupted)
             if options.seed is not None:
                 raise UsageError("--seed: a campaign has --seeds")
-            path = options.output or Path("results.csv")
-            campaign.run(sweep, setup, path, options.jobs, options.json, console, interrupted)
+            output = options.output or Path("results.csv")
+            asked = arguments.fill(Campaign, options, sweep=sweep, setup=setup, output=output)
+            campaign.run(asked, console, interrupted)
             return 0
         except Interrupted:
             console.end_progress()

@@ -7,6 +7,7 @@ import json
 import threading
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -30,33 +31,36 @@ MAX_NAME = 256
 """Bytes of the longest name of a file."""
 
 
-def run(
-    sweep: Sweep,
-    setup: Setup,
-    path: Path,
-    jobs: int,
-    as_json: bool,
-    console: Console,
-    interrupted: threading.Event,
-) -> None:
+@dataclass(frozen=True, slots=True)
+class Campaign:
+    """What is done.
+
+    Attributes:
+        sweep: settings and seeds.
+        setup: what is run.
+        output: the CSV file; the picture goes beside it.
+        jobs: runs at the same time.
+        json: print the figures on standard output.
+    """
+
+    sweep: Sweep
+    setup: Setup
+    output: Path
+    jobs: int
+    json: bool
+
+
+def run(campaign: Campaign, console: Console, interrupted: threading.Event) -> None:
     """Does all runs that the file does not hold yet, and compares the settings.
 
     Rows are written in the order of the campaign, whatever number of processes works on it.
-
-    Args:
-        sweep: settings and seeds.
-        setup: what is run.
-        path: the CSV file; the picture goes beside it.
-        jobs: runs at the same time.
-        as_json: print the figures on standard output.
-        console: where to say what happens.
-        interrupted: set by whoever wants it to end.
 
     Raises:
         Interrupted: the user wants no more; the rows until then are in the file.
         VsenseError: it cannot run, or a run has failed.
     """
-    tasks = prepare(sweep, setup)
+    sweep, path = campaign.sweep, campaign.output
+    tasks = prepare(sweep, campaign.setup)
     results = CampaignResults(path, fingerprint(tasks[0]), sweep.keys)
     there = results.keys()
     todo = [
@@ -67,14 +71,14 @@ def run(
     if len(todo) < len(tasks):
         console.say(f"{path}: {len(tasks) - len(todo)} of {len(tasks)} runs are there already")
     try:
-        _simulate(todo, jobs, results, console, interrupted)
+        _simulate(todo, campaign.jobs, results, console, interrupted)
     except Interrupted:
         done = len(tasks) - len(todo) + len(results.rows) - len(there)
         console.end_progress()
         console.say(f"{path}: {done} of {len(tasks)} runs; the same command goes on from there")
         raise
     console.end_progress()
-    _report(as_json, sweep, results, path, console)
+    _report(campaign, results, console)
 
 
 def prepare(sweep: Sweep, setup: Setup) -> list[Task]:
@@ -179,12 +183,10 @@ def _progress(
     return show
 
 
-def _report(
-    as_json: bool, sweep: Sweep, results: CampaignResults, path: Path, console: Console
-) -> None:
+def _report(campaign: Campaign, results: CampaignResults, console: Console) -> None:
     """Prints what came out, and draws it."""
-    groups = group(sweep, results)
-    if as_json:
+    path, groups = campaign.output, group(campaign.sweep, results)
+    if campaign.json:
         summary = {"file": str(path), "settings": [_figures(*some) for some in groups]}
         print_data(json.dumps(summary, indent=2))
     console.say(f"results: {path}, {len(results.rows)} runs")
