@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import cycle
 from typing import Any
 
 import cv2
@@ -144,7 +145,7 @@ def _map_panel(
         shifted = (points - middle) * (zoom, -zoom)
         return np.asarray(shifted + np.array((x + _PANEL / 2.0, y + height / 2.0)))
 
-    for outline, tint in zip(outlines, _tints(len(outlines))):
+    for outline, tint in zip(outlines, cycle(_TINTS)):
         if len(outline):
             canvas.fill(place(outline), tint, 0.13)
             canvas.lines(place(outline), tint, 1.2, closed=True)
@@ -153,7 +154,7 @@ def _map_panel(
             canvas.dot(place(solution.bodies[moment][1][:2]), 2.5, INK)
         else:
             canvas.lines(place(corner), MUTED, 0.6, closed=True)
-    for camera, centre, tint in zip(solution.cameras, place(centres), _tints(len(centres))):
+    for camera, centre, tint in zip(solution.cameras, place(centres), cycle(_TINTS)):
         canvas.dot(centre, 5.0, tint)
         canvas.text(camera.id, centre[0] + 9, centre[1] + 5, INK, 0.42)
     _axes(canvas, place, zoom)
@@ -180,10 +181,6 @@ def _scale(canvas: Canvas, x: float, foot: float, length: float, label: str) -> 
 def _frame(x: float, y: float, height: float) -> Floats:
     right, bottom = x + _PANEL, y + height
     return np.array(((x, y), (right, y), (right, bottom), (x, bottom)))
-
-
-def _tints(count: int) -> list[Colour]:
-    return [_TINTS[k % len(_TINTS)] for k in range(count)]
 
 
 def _axes(canvas: Canvas, place: Callable[[Floats], Floats], zoom: float) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 
 from vsense.bench import grabbing, identity, robot, tracking, world
 from vsense.commands import arguments
+from vsense.errors import UsageError
 from vsense.terminal import aligned
 
 DESCRIPTION = (
@@ -30,6 +31,13 @@ DESCRIPTION = (
 _PICTURES = 8
 _WALK = 60
 _TIMESTEPS = 2500
+_ONLY = {
+    "pictures": "tracking",
+    "walk": "tracking",
+    "timesteps": "identity",
+    "device": "grabbing",
+}
+"""Options that one subject has only."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -71,12 +79,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Runs a benchmark and prints its report; returns 0."""
+    """Runs a benchmark and prints its report; returns 0.
+
+    Raises:
+        UsageError: an option that the subject does not have.
+    """
+    for option, subject in _ONLY.items():
+        if options.subject != subject and getattr(options, option) is not None:
+            raise UsageError(f"--{option}: 'vsense bench {options.subject}' has none")
     if options.subject == "tracking":
-        report = tracking.run(options.rounds, options.pictures, options.walk, _say)
+        pictures, walk = options.pictures or _PICTURES, options.walk or _WALK
+        report = tracking.run(options.rounds, pictures, walk, _say)
         text = table(report)
     elif options.subject == "identity":
-        report = identity.run(options.timesteps, _say)
+        report = identity.run(options.timesteps or _TIMESTEPS, _say)
         text = identity.table(report)
     elif options.subject == "grabbing":
         report = grabbing.run(options.rounds, options.device, _say)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import threading
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -105,7 +106,9 @@ def run(options: argparse.Namespace) -> int:
         ControlRoom(experiments.room_of(options), log) as room,
     ):
         experiments.say_warnings(log, experiment)
-        return RunCommand(options, experiment, seed, directory, log, room, interrupted).run()
+        series = Series(directory, options.runs, room.holds, interrupted)
+        command = RunCommand(options, experiment, seed, directory, log, room, series, interrupted)
+        return command.run()
 
 
 def keep_file(experiment: Experiment, directory: Path) -> None:
@@ -135,43 +138,44 @@ def _legacy_port(legacy_port: int | None, port: int) -> int | None:
     return legacy_port
 
 
+@dataclass(frozen=True, slots=True)
 class RunCommand:
-    """One call of the command, from the roll call to the last word."""
+    """One call of the command, until all its runs are reported.
 
-    def __init__(
-        self,
-        options: argparse.Namespace,
-        experiment: Experiment,
-        seed: int,
-        directory: Path,
-        log: RunLog,
-        room: ControlRoom,
-        interrupted: threading.Event,
-    ) -> None:
-        """Takes the seed of the first run, and the directory of all runs, which exists."""
-        self._options = options
-        self._experiment = experiment
-        self._seed = seed
-        self._directory = directory
-        self._log = log
-        self._room = room
-        self._interrupted = interrupted
-        self._series = Series(directory, options.runs, room.holds, interrupted)
+    Attributes:
+        options: the command line.
+        experiment: what is run.
+        seed: of the first run.
+        directory: of all runs.
+        log: where to say what happens.
+        room: where the runs are seen and steered.
+        series: which runs there are.
+        interrupted: set by whoever wants it to end early.
+    """
+
+    options: argparse.Namespace
+    experiment: Experiment
+    seed: int
+    directory: Path
+    log: RunLog
+    room: ControlRoom
+    series: Series
+    interrupted: threading.Event
 
     def run(self) -> int:
         """Carries out all runs; see `run`."""
-        options, experiment, log = self._options, self._experiment, self._log
+        options, experiment, log = self.options, self.experiment, self.log
         host = experiment.host if options.host is None else options.host
         port = experiment.port if options.port is None else options.port
         session = RunSession(
             experiment,
-            self._seed,
+            self.seed,
             options.blind,
             (host, port),
             options.tracking,
             log,
-            self._interrupted,
-            self._room,
+            self.interrupted,
+            self.room,
             _legacy_port(options.legacy_port, port),
         )
         summaries: list[dict[str, Any]] = []
@@ -179,7 +183,7 @@ class RunCommand:
         with session:
             self._announce(session, host)
             try:
-                while self._one_run(session, summaries) and self._series.goes_on(session.runner):
+                while self._one_run(session, summaries) and self.series.goes_on(session.runner):
                     session.next_run()
             except VsenseError as error:
                 failure = error
@@ -187,16 +191,16 @@ class RunCommand:
         self._tell(summaries)
         if failure is not None:
             raise failure
-        return INTERRUPTED if self._series.was_broken(session.runner.control) else 0
+        return INTERRUPTED if self.series.was_broken(session.runner.control) else 0
 
     def _tell(self, summaries: list[dict[str, Any]]) -> None:
         """Writes and prints the figures of all runs."""
-        options = self._options
-        if summaries and not self._series.several:
+        options = self.options
+        if summaries and not self.series.several:
             run_directory.print_summary(summaries[0], options.json)
-        if self._series.several:
-            figures = {"experiment": self._experiment.name, "runs": summaries}
-            run_directory.write_summary(self._directory, figures, options.json, SERIES)
+        if self.series.several:
+            figures = {"experiment": self.experiment.name, "runs": summaries}
+            run_directory.write_summary(self.directory, figures, options.json, SERIES)
 
     def _one_run(self, session: RunSession, summaries: list[dict[str, Any]]) -> bool:
         """Waits, carries out a run and reports.
@@ -208,20 +212,20 @@ class RunCommand:
             VsenseError: something has failed; what was measured until then is reported first.
         """
         number = session.runner.control.run
-        directory = self._series.directory(number)
-        self._room.begin_run(session.environment, directory)
+        directory = self.series.directory(number)
+        self.room.begin_run(session.environment, directory)
         readiness = self._wait(session, number)
-        if self._interrupted.is_set():
-            self._log.end_progress()
-            self._log.say("vsense: interrupted before the run: nothing was measured")
+        if self.interrupted.is_set():
+            self.log.end_progress()
+            self.log.say("vsense: interrupted before the run: nothing was measured")
             return False
         try:
-            self._log.begin_run(directory)
+            self.log.begin_run(directory)
         except run_directory.DirectoryError as error:
-            self._log.say(f"no table of this run's timesteps: {error}", "trouble")
-        one = OneRun(session, directory, readiness, self._log)
+            self.log.say(f"no table of this run's timesteps: {error}", "trouble")
+        one = OneRun(session, directory, readiness, self.log)
         one.live()
-        self._room.end_run()
+        self.room.end_run()
         summary = one.report()
         if summary is not None:
             summaries.append(summary)
@@ -230,11 +234,11 @@ class RunCommand:
         return True
 
     def _announce(self, session: RunSession, host: str) -> None:
-        experiment, say = self._experiment, self._log.say
+        experiment, say = self.experiment, self.log.say
         length = f"{experiment.length_s:g} s" if experiment.length_s else "until Ctrl-C"
         say(
-            f"{experiment.name}: {len(experiment.robots)} robots, seed {self._seed}, {length};"
-            f" notes in {self._directory}"
+            f"{experiment.name}: {len(experiment.robots)} robots, seed {self.seed}, {length};"
+            f" notes in {self.directory}"
         )
         say(f"arena states come from {session.source.name}")
         say(
@@ -255,17 +259,14 @@ class RunCommand:
             VsenseError: something has failed, or not one robot is there.
         """
         if number > 1:
-            self._log.say(f"run {number}, seed {session.environment.seed}")
-        limit_s = self._series.patience_s(number, self._options.start_after)
+            self.log.say(f"run {number}, seed {session.environment.seed}")
+        limit_s = self.series.patience_s(number, self.options.start_after)
         readiness = session.runner.wait(limit_s)
-        if readiness.complete or self._interrupted.is_set():
+        if readiness.complete or self.interrupted.is_set():
             return readiness
-        if not set(self._names()) - set(readiness.missing):
+        if not {robot.id for robot in self.experiment.robots} - set(readiness.missing):
             raise RunError(f"no robot is there; {readiness.complaint()}")
-        self._log.say(
+        self.log.say(
             f"starting without {shorten(readiness.missing)}; {readiness.complaint()}", "warning"
         )
         return readiness
-
-    def _names(self) -> list[str]:
-        return [robot.id for robot in self._experiment.robots]
