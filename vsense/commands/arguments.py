@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import re
+from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, TypeVar
@@ -47,11 +48,12 @@ def port(text: str) -> int:
     return _integer(text, 0, 65_535)
 
 
-def length_mm(text: str) -> float:
-    """A length in mm, cm, m or in."""
+def length_mm(text: str, units: Sequence[str] = ("mm", "cm", "in")) -> float:
+    """A length with one of some units."""
     found = _LENGTH.fullmatch(text.strip())
-    if found is None:
-        raise argparse.ArgumentTypeError(f"'{text}': expected a length such as 70mm, 7cm or 2.75in")
+    if found is None or found[2] not in units:
+        some = " or ".join(units)
+        raise argparse.ArgumentTypeError(f"'{text}': expected a length such as 70mm, in {some}")
     return float(found[1]) * _UNITS_MM[found[2]]
 
 

@@ -196,7 +196,7 @@ def _place(text: str) -> tuple[float, float, float]:
 
 
 def _length_m(text: str) -> float:
-    return 1e-3 * arguments.length_mm(text)
+    return 1e-3 * arguments.length_mm(text, ("mm", "cm", "m"))
 
 
 def _size(text: str) -> tuple[int, int]:
