@@ -202,10 +202,7 @@ def _check_rig(options: RigOptions) -> None:
 
 
 def _shoot(
-    options: LensOptions,
-    board: Board | None,
-    given: dict[str, Camera],
-    tags: TagFinder | None,
+    options: LensOptions, board: Board | None, given: dict[str, Camera], tags: TagFinder | None
 ) -> tuple[BoardViews, list[View]]:
     """Reads what was seen: of the board, and of tags at known places."""
     sizes = {c.id: (c.width_px, c.height_px) for c in given.values()}
@@ -276,11 +273,7 @@ def _thinned(shoot: BoardViews) -> BoardViews:
 
 
 def _deliver(
-    options: LensOptions,
-    title: str,
-    solution: Solution,
-    board: Board | None,
-    views: Sequence[View],
+    options: LensOptions, title: str, solution: Solution, board: Board | None, views: Sequence[View]
 ) -> int:
     """Writes camera files and report."""
     used = {(view.camera, view.moment) for view in solution.views if view.used}

@@ -31,12 +31,7 @@ DESCRIPTION = (
 _PICTURES = 8
 _WALK = 60
 _TIMESTEPS = 2500
-_ONLY = {
-    "pictures": "tracking",
-    "walk": "tracking",
-    "timesteps": "identity",
-    "device": "grabbing",
-}
+_ONLY = {"pictures": "tracking", "walk": "tracking", "timesteps": "identity", "device": "grabbing"}
 """Options that one subject has only."""
 
 

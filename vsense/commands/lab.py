@@ -74,10 +74,7 @@ def run(options: argparse.Namespace) -> int:
     console = Console()
     _warn(console, experiment)
     port = experiment.port if options.port is None else options.port
-    with (
-        interruption() as interrupted,
-        ControlRoom(experiments.room_of(options), console) as room,
-    ):
+    with interruption() as interrupted, ControlRoom(experiments.room_of(options), console) as room:
         session = Session(
             *(experiment, seed, directory, port, options.blind, console, interrupted),
             *(options.base, room),
@@ -163,11 +160,7 @@ def _is_lit(telemetry: Telemetry | None) -> bool:
 
 
 def _report_all(
-    options: argparse.Namespace,
-    session: Session,
-    series: Series,
-    directory: Path,
-    console: Console,
+    options: argparse.Namespace, session: Session, series: Series, directory: Path, console: Console
 ) -> None:
     """Measures, writes and prints what became of every run."""
     summaries = []
