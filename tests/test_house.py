@@ -28,7 +28,7 @@ LOOSE = {"__init__", "__main__", "arena", "cli", "errors", "message_bus", "nativ
 """The seams: the only modules that lie beside the folders of `vsense/`."""
 
 SHORT = {
-    **{f"vsense.{name}": "a seam" for name in ("__main__", "cli", "errors")},
+    **{f"vsense.{name}": "a seam" for name in ("__main__", "cli")},
     **{f"vsense.actuators.{name}": "one file per kind" for name in ("leds",)},
     **{f"vsense.sensors.{name}": "one file per kind" for name in ("gps", "ground", "rgb_ground")},
     **{f"vsense.commands.{name}": "one file per command" for name in ("export", "serve", "track")},

@@ -2,6 +2,17 @@
 
 from __future__ import annotations
 
+import importlib.util
+
+EXTRAS = {
+    "aiohttp": "web",
+    "matplotlib": "report",
+    "mcap": "record",
+    "ziglang": "robot",
+    "zstandard": "record",
+}
+"""The optional Python packages, and the extra of vsense that installs each."""
+
 
 class VsenseError(Exception):
     """Something a user can mend; `str()` is the whole message.
@@ -35,3 +46,23 @@ class ConfigError(VsenseError):
         self.file = file
         self.line = line
         self.message = message
+
+
+def pip_line(package: str) -> str:
+    """Returns the command that installs an optional package."""
+    return f"pip install 'vsense[{EXTRAS[package]}]'"
+
+
+def require(who: str, *packages: str) -> None:
+    """Checks that optional packages are installed, before anything imports them.
+
+    Args:
+        who: begins the message, such as "recordings need".
+        packages: keys of `EXTRAS`.
+
+    Raises:
+        UsageError: one is not installed; the message says how to install it.
+    """
+    for package in packages:
+        if importlib.util.find_spec(package) is None:
+            raise UsageError(f"{who} the Python package {package}: {pip_line(package)}")

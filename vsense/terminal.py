@@ -1,9 +1,5 @@
-"""What a person sees on standard error while an experiment runs.
-
-Ctrl-C, SIGTERM and a closed terminal as an event, so that a command ends in order.
-
-Lines on a terminal that are drawn over themselves.
-"""
+"""A terminal: messages and a live line on standard error, blocks of lines that are drawn over
+themselves, columns, and Ctrl-C, SIGTERM and a closed terminal as an event."""
 
 from __future__ import annotations
 
@@ -18,6 +14,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import Literal, TextIO
+
+from vsense.errors import VsenseError
 
 Level = Literal["info", "warning", "trouble"]
 
@@ -140,3 +138,33 @@ class LiveBlock:
         self._stream.write("".join(f"{line}\n" for line in lines))
         self._stream.flush()
         self._drawn = len(lines)
+
+
+def aligned(rows: Sequence[Sequence[str]], left: int | None = None) -> list[str]:
+    """Aligns cells in columns, two blanks apart.
+
+    Args:
+        rows: of the same number of cells.
+        left: so many columns are flush left, those after them flush right; None: all are left.
+    """
+    widths = [max(map(len, column)) for column in zip(*rows)]
+    lines = []
+    for row in rows:
+        cells = [
+            cell.ljust(width) if left is None or number < left else cell.rjust(width)
+            for number, (cell, width) in enumerate(zip(row, widths))
+        ]
+        lines.append("  ".join(cells).rstrip())
+    return lines
+
+
+def print_data(text: str) -> None:
+    """Prints on standard output, at once.
+
+    Raises:
+        VsenseError: nobody reads it.
+    """
+    try:
+        print(text, flush=True)
+    except OSError as error:
+        raise VsenseError(f"standard output: {error.strerror}") from None

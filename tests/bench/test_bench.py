@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from vsense import cli
-from vsense.bench import tracking
+from vsense.bench import identity, tracking
 from vsense.bench.contestants import FoundTags, Single, crossing
 from vsense.bench.frames import FrameSet, FrameTruth, Painter, cameras
 from vsense.commands import bench
@@ -53,6 +53,19 @@ def test_moving_robots_drive_and_never_touch() -> None:
     places = np.array([truth.centres_px for truth in walk.truth])
     steps = np.hypot(*np.moveaxis(np.diff(places, axis=0), -1, 0))
     assert steps.max() < 7.0 and (steps > 1.0).any()
+
+
+def test_what_is_not_said_is_as_the_help_says(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked: list[tuple[object, ...]] = []
+    monkeypatch.setattr(tracking, "run", lambda *given: {"asked": asked.append(given[:-1])})
+    monkeypatch.setattr(identity, "run", lambda *given: {"asked": asked.append(given[:-1])})
+    monkeypatch.setattr(bench, "table", lambda report: "")
+    monkeypatch.setattr(identity, "table", lambda report: "")
+    assert cli.main(["bench", "tracking"]) == 0
+    assert cli.main(["bench", "identity"]) == 0
+    assert asked == [(5, 8, 60), (2500,)]
 
 
 def test_the_report_is_as_promised(capsys: pytest.CaptureFixture[str]) -> None:

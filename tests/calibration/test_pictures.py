@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from vsense.calibration.pictures import gather, look
+from vsense.calibration.pictures import gather, inspect
 from vsense.errors import UsageError, VsenseError
 
 GREY = np.arange(48 * 64, dtype=np.uint8).reshape(48, 64)
@@ -62,7 +62,7 @@ def test_video_gives_every_nth_frame(tmp_path: Path) -> None:
         writer.write(np.full((48, 64, 3), grey, np.uint8))
     writer.release()
     assert found(path, every=4) == [("left", f"{n:06d}") for n in (0, 4, 8)]
-    greys = [int(g) for _, _, g in look(gather([path], 4), lambda: np.mean, _ignore)]
+    greys = [int(g) for _, _, g in inspect(gather([path], 4), lambda: np.mean, _ignore)]
     assert greys == pytest.approx([0, 100, 200], abs=4)
 
 
@@ -73,7 +73,7 @@ def _ignore(done: int, total: int) -> None:
 def test_every_picture_is_looked_at_with_its_size(tmp_path: Path) -> None:
     for number in range(7):
         put(tmp_path / "left" / f"{number}.png", number * 20)
-    seen = list(look(gather([tmp_path]), lambda: np.mean, _ignore))
+    seen = list(inspect(gather([tmp_path]), lambda: np.mean, _ignore))
     assert [(p.moment, size, float(g)) for p, size, g in seen] == [
         (str(n), (64, 48), n * 20.0) for n in range(7)
     ]
@@ -105,4 +105,4 @@ def test_broken_picture_is_refused_by_name(tmp_path: Path) -> None:
     path = put(tmp_path / "left" / "a.png")
     path.write_bytes(path.read_bytes()[:50])
     with pytest.raises(VsenseError, match=r"a\.png"):
-        list(look(gather([tmp_path]), lambda: np.mean, _ignore))
+        list(inspect(gather([tmp_path]), lambda: np.mean, _ignore))

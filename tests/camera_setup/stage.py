@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from functools import cache
+from typing import Any
 
 import numpy as np
 
 from tests.tracking.synthetic import Look, Robot, render
 from vsense.camera_setup.opening import OpenCamera
-from vsense.camera_setup.tuning import Tuner
+from vsense.camera_setup.tuning import TuneOptions, Tuner
 from vsense.cameras.camera import Camera as Calibration
 from vsense.cameras.controls import EXPOSURE, GAIN
 from vsense.cameras.discovery import GIGE, Details, FoundCamera
 from vsense.cameras.grabber import GrabberError
+from vsense.cameras.opencv_source import Controls
 from vsense.cameras.picture import PictureError
 from vsense.cameras.source import Bounds, Shot
 from vsense.markers.families import load_family
@@ -95,14 +96,14 @@ class Scripted:
         return put_back
 
 
-def options(**values: object) -> argparse.Namespace:
+def options(wanted: Controls | None = None, **values: Any) -> TuneOptions:
     """What `vsense cameras tune` is told, its defaults for what is not given."""
-    usual = {"family": "arrow4x4", "speed": 0.13, "exposure": None, "gain": None}
-    usual |= {"px_per_m": None, "height_m": None, "focal_px": None, "marker_height": 0.06}
-    return argparse.Namespace(**{**usual, **values})
+    unsaid = dict.fromkeys(("resources", "px_per_m", "height_m", "focal_px", "camera"))
+    usual = {"family": "arrow4x4", "speed": 0.13, "marker_height": 0.06}
+    return TuneOptions(**{"id": "cam", "wanted": wanted or Controls(), **unsaid, **usual, **values})
 
 
-def tuner(scripted: Scripted, **values: object) -> Tuner:
+def tuner(scripted: Scripted, **values: Any) -> Tuner:
     """A tuner of the scripted camera, which is open."""
     camera = OpenCamera("cam", scripted, scripted, 25.0)
     camera.open()

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from vsense.camera_setup import listing, opening
-from vsense.camera_setup.opening import choose, free, wanted_of
+from vsense.camera_setup.opening import choose, free
 from vsense.cameras import aravis, discovery, v4l2
 from vsense.cameras.aravis import GIGE, USB3, AravisError, Listed
 from vsense.cameras.discovery import FoundCamera
@@ -20,6 +20,7 @@ from vsense.cameras.grabber import GrabberError
 from vsense.cameras.networks import Network
 from vsense.cameras.opencv_source import Controls
 from vsense.cameras.v4l2 import V4l2Device
+from vsense.commands.cameras import wanted_of
 from vsense.errors import UsageError
 from vsense.tracking.specs import GENICAM
 
@@ -150,7 +151,7 @@ def test_a_camera_of_another_program_is_listed_with_the_reason(there: pytest.Mon
 
 
 def run_list(as_json: bool = False) -> int:
-    return listing.run(argparse.Namespace(json=as_json))
+    return listing.run(as_json)
 
 
 def without_library(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tests.camera_setup.stage import CALIBRATION, PX_PER_M, options
-from vsense.camera_setup.markers import blur_px, known_scale
+from vsense.camera_setup.markers import blur_px
+from vsense.camera_setup.tuning import known_scale
 from vsense.cameras.camera import Camera
 from vsense.errors import UsageError
 

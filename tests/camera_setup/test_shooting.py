@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import argparse
 import io
 import queue
 import threading
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -16,7 +16,7 @@ import pytest
 from vsense.arena import Frame
 from vsense.calibration.board import Board, page
 from vsense.camera_setup import shooting
-from vsense.camera_setup.shooting import Names, ShootingSession
+from vsense.camera_setup.shooting import Names, ShootingSession, ShootOptions
 from vsense.cameras.grabber import CameraEvent, GrabberError
 from vsense.errors import UsageError, VsenseError
 from vsense.markers import paper
@@ -24,6 +24,7 @@ from vsense.terminal import Console
 
 BOARD = Board.parse("charuco:7x5:30mm:4X4_50")
 STEP_NS = 100_000_000
+ASKED = ShootOptions("none.xml", Path("shoot"), None, None, None, "floor")
 
 
 class Grabber:
@@ -174,19 +175,15 @@ def test_a_file_without_cameras_is_refused(tmp_path: Path) -> None:
         "<arena_tracking_system><grabbers/><trackers/><cameras/></arena_tracking_system>"
     )
     with pytest.raises(UsageError, match="has no grabber that is a camera"):
-        shooting.run(
-            argparse.Namespace(
-                board=None, resources=str(path), name="floor", count=None, every=None
-            )
-        )
+        shooting.run(replace(ASKED, resources=str(path)), False)
 
 
 @pytest.mark.parametrize("name", ["../../x", "/tmp/x", "a/b", "", ".", "a b", "-x"])
 def test_pictures_are_never_written_elsewhere(name: str) -> None:
     with pytest.raises(UsageError, match=r"--name: .* is no plain word"):
-        shooting.run(argparse.Namespace(name=name, count=None, every=None))
+        shooting.run(replace(ASKED, name=name), False)
 
 
 def test_a_count_needs_to_know_how_often() -> None:
     with pytest.raises(UsageError, match="--count: expected --every"):
-        shooting.run(argparse.Namespace(name="floor", count=3, every=None))
+        shooting.run(replace(ASKED, count=3), False)

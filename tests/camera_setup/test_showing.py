@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,6 +11,7 @@ import pytest
 from tests.camera_setup.stage import Scripted
 from vsense.camera_setup import showing
 from vsense.camera_setup.opening import OpenCamera
+from vsense.cameras.opencv_source import Controls
 from vsense.tracking.specs import CAMERA, GrabberSpec
 
 
@@ -28,7 +28,5 @@ def test_ctrl_c_while_the_camera_opens_starts_no_page(monkeypatch: pytest.Monkey
     monkeypatch.setattr(showing, "choose", lambda id, wanted, resources: spec)
     monkeypatch.setattr(showing, "make", lambda spec: OpenCamera("cam", scripted, None))
     monkeypatch.delattr(showing, "TrackRoom")
-    asked = dict.fromkeys(("save", "resources", "width", "height", "rate", "exposure", "gain"))
-    options = argparse.Namespace(id="cam", family="arrow4x4", **asked)
-    assert showing.run(options) == 130
+    assert showing.run("cam", Controls(), None, "arrow4x4", None, None) == 130
     assert scripted.reads == 1 and not scripted.opened

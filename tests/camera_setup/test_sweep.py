@@ -10,22 +10,23 @@ import pytest
 from tests.camera_setup.stage import GONE, Scripted, tuner
 from vsense.camera_setup import sweep
 from vsense.camera_setup.opening import OpenCamera
-from vsense.camera_setup.sweep import SweepRow, exposures, gains, scaled, tried
+from vsense.camera_setup.panel import PanelView
+from vsense.camera_setup.sweep import exposures, gains, scaled, tried, worth
 from vsense.cameras.controls import EXPOSURE, GAIN
 from vsense.cameras.grabber import GrabberError
 from vsense.errors import VsenseError
 
 
-def rows(scripted: Scripted) -> list[SweepRow]:
+def rows(scripted: Scripted) -> list[PanelView]:
     made = tuner(scripted)
     return scaled(list(tried(made, scripted, threading.Event())))
 
 
 def test_the_best_row_is_bright_sharp_and_quiet() -> None:
     measured = rows(Scripted())
-    best = max(measured, key=lambda row: row.worth)
+    best = max(measured, key=worth)
     light = best.reading.light
-    assert best.view.found.tags == (31, 1843, 4334, 7167)
+    assert best.found.tags == (31, 1843, 4334, 7167)
     assert light.saturated < 0.01 and light.light > 150
     assert best.reading.gain == 0.0, "light enough without gain, which would bring noise"
     assert not best.reading.is_blurred
@@ -42,7 +43,7 @@ def test_gain_is_raised_only_where_the_picture_is_dark() -> None:
 
 def test_all_rows_get_the_scale_that_one_has_told() -> None:
     measured = rows(Scripted())
-    assert measured[0].view.found.count == 0, "far too dark"
+    assert measured[0].found.count == 0, "far too dark"
     assert measured[0].reading.blur_px == pytest.approx(0.13 * 200e-6 * 700.0, rel=0.1)
 
 

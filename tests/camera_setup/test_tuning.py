@@ -14,6 +14,7 @@ from vsense.camera_setup import tuning
 from vsense.camera_setup.opening import MOST_DAMAGED, OpenCamera
 from vsense.camera_setup.tuning import Tuner, TuningBlock, calibration_of
 from vsense.cameras.grabber import GrabberError
+from vsense.cameras.opencv_source import Controls
 from vsense.errors import UsageError
 from vsense.terminal import LiveBlock
 
@@ -42,7 +43,7 @@ def test_blocks_follow_each_other_until_ctrl_c() -> None:
     scripted, interrupted = Scripted(), threading.Event()
     scripted.after_read = after(12, interrupted.set)
     made, drawn = watch(scripted, interrupted)
-    made.live()
+    made.run()
     text = drawn.getvalue()
     assert text.count("cam: 640 x 480 px, 25.0 pictures/s") >= 2, "by when they came: 40 ms"
     assert text.count("Ctrl-C ends") >= 2
@@ -66,7 +67,7 @@ def test_a_camera_that_goes_is_told_waited_for_and_taken_back(
     scripted.after_read = after(8, unplug)
     made, drawn = watch(scripted, interrupted)
     scripted.open = plug  # type: ignore[method-assign]
-    made.live()
+    made.run()
     before, gone, later = drawn.getvalue().partition("gone, trying again every 0 s")
     assert gone and "pictures/s" in before and "pictures/s" in later
 
@@ -95,7 +96,7 @@ def test_errors_name_the_camera_once() -> None:
 def test_what_the_camera_does_not_tell_is_what_it_was_asked_for() -> None:
     scripted = Scripted()
     camera = OpenCamera("stream", scripted, None)
-    made = Tuner(camera, options(exposure=4000.0), None)
+    made = Tuner(camera, options(Controls(exposure_us=4000.0)), None)
     shown = made.view(scripted.read().image, scripted.read().image, None)
     assert shown.reading.exposure_us == 4000.0 and shown.reading.gain is None
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import re
 from pathlib import Path
 
@@ -137,7 +136,7 @@ def test_no_name_of_a_camera_ends_a_comment(tmp_path: Path) -> None:
 
 
 def run(folder: Path, force: bool = False) -> int:
-    return files.run(argparse.Namespace(directory=folder, force=force))
+    return files.run(folder, force)
 
 
 def test_init_says_what_comes_next(

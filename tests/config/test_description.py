@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from vsense.commands.arguments import open_experiment
+from vsense.commands.experiments import open_experiment
 from vsense.config.description import bytes_down, bytes_up
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment

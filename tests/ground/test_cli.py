@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import argparse
+import importlib.util
+import subprocess
+import sys
 from collections.abc import Sequence
+from importlib import metadata
 
 import pytest
 
-from vsense import cli, commands
+from vsense import cli, commands, errors, recording
 from vsense.commands import arguments
 from vsense.errors import UsageError
+from vsense.message_bus import MessageBus
+from vsense.ui.access import WebAddress
+from vsense.ui.room import make_server
 
 
 def test_ctrl_c_while_the_commands_load_is_no_traceback(
@@ -50,6 +57,49 @@ def test_every_command_has_a_page_of_help(name: str, capsys: pytest.CaptureFixtu
         cli.main([name, "--help"])
     assert ended.value.code == 0
     assert f"usage: vsense {name}" in capsys.readouterr().out
+
+
+WITHOUT_EXTRAS = """
+import importlib, sys
+from vsense import commands, errors
+
+class Hidden:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in errors.EXTRAS:
+            raise ModuleNotFoundError(name)
+
+sys.meta_path.insert(0, Hidden())
+for name, _ in commands.COMMANDS.values():
+    importlib.import_module(f"vsense.commands.{name}")
+"""
+
+
+def test_every_command_loads_without_the_extras() -> None:
+    command = [sys.executable, "-c", WITHOUT_EXTRAS]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_the_table_of_extras_is_that_of_the_package() -> None:
+    lines = [line.partition("; extra == ") for line in metadata.requires("vsense") or ()]
+    ours = {extra.strip("'\"") for _, _, extra in lines} - {"", "test", "bench"}
+    assert ours >= {"record", "robot", "web"}
+    for line, _, extra in lines:
+        if extra.strip("'\"") in ours:
+            package = line.rstrip("0123456789.<>=")
+            assert errors.EXTRAS[package] == extra.strip("'\"")
+
+
+def test_a_missing_package_is_named_with_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    recording.require()
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(UsageError) as caught:
+        recording.require()
+    assert str(caught.value) == (
+        "recordings need the Python package mcap: pip install 'vsense[record]'"
+    )
+    with pytest.raises(UsageError, match=r"the page needs .* aiohttp: pip install 'vsense\[web\]'"):
+        make_server(WebAddress("127.0.0.1", 0), MessageBus(), lambda order: "")
 
 
 @pytest.mark.parametrize("text", ["nan", "inf", "-inf", "0.99", "86400.1", "-1", "x", ""])

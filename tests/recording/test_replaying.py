@@ -18,6 +18,7 @@ from vsense.commands import replay
 from vsense.message_bus import Message, MessageBus
 from vsense.run.control import Give, Order, OrderKind
 from vsense.tracking.arena_tracker import ArenaTracker
+from vsense.ui.access import WebAddress
 
 __all__ = ["lab"]
 
@@ -45,17 +46,17 @@ class Page:
 
 
 def test_it_plays_until_somebody_interrupts(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = record(tmp_path / "run.mcap", [Message("/arena", BEGIN_NS, {})])
-    options = argparse.Namespace(file=file, speed=2.0)
     pages: list[Page] = []
 
-    def make(options: argparse.Namespace, hub: MessageBus, give: Give) -> Page:
+    def make(web: WebAddress, hub: MessageBus, give: Give) -> Page:
         pages.append(Page(hub, give))
         return pages[0]
 
-    assert replay.play(options, make) == 130
+    monkeypatch.setattr(replay, "make_server", make)
+    assert replay.play(file, 2.0, WebAddress("127.0.0.1", 8080)) == 130
     assert pages[0].closed
     told = capsys.readouterr().err
     assert "in http://control" in told and "only to look: http://look" in told

@@ -1,10 +1,10 @@
 """Boards: flat printed patterns whose inner corners are known to a tenth of a millimetre.
 
+They are read from text, drawn as a page to print, and rendered as a picture.
+
 The board's frame lies on its printed face: origin in the lower left corner of the lower left
 square, x to the right, y up, z towards the viewer. A board that lies on the floor thus has its z
 where the arena has it.
-
-The printed board: what is dark on it, as a page to print and as a picture of it.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from vsense.errors import UsageError
 from vsense.markers.paper import Fill, Page, Text, line
 
 Floats = NDArray[np.float64]
+Image8 = NDArray[np.uint8]
 
 CHESSBOARD = "chessboard"
 CHARUCO = "charuco"
@@ -180,8 +181,6 @@ def _options(text: str, parts: list[str]) -> dict[str, Any]:
             )
     return options
 
-
-Image8 = NDArray[np.uint8]
 
 _MARGIN_MM = 12.0
 """White around the board: detectors need some, and printers leave the paper's edge white."""

@@ -112,13 +112,7 @@ class Bundle:
     """One adjustment."""
 
     def __init__(self, sightings: Sightings, knowledge: Knowledge, limit_px: float) -> None:
-        """Prepares.
-
-        Args:
-            sightings: What was seen.
-            knowledge: What is known beforehand.
-            limit_px: Residuals beyond it count linearly (Huber), not squared.
-        """
+        """Prepares; residuals beyond `limit_px` count linearly (Huber), not squared."""
         self.sightings = sightings
         self._known = knowledge
         self._limit_px = limit_px

@@ -66,17 +66,17 @@ class FloorReference:
 
     def anchor(self) -> BoardPose:
         """The board's pose at the first of those moments."""
-        x, y, yaw = self.origin
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        turn = np.array(((cos, -sin, 0.0), (sin, cos, 0.0), (0.0, 0.0, 1.0)))
-        return BoardPose(turn, np.array((x, y, self.thickness_m)))
+        return self._lying(*self.origin)
 
     def flattened(self, pose: BoardPose) -> BoardPose:
         """A pose laid down on the floor."""
         yaw = math.atan2(pose.turn[1, 0], pose.turn[0, 0])
+        return self._lying(pose.shift[0], pose.shift[1], yaw)
+
+    def _lying(self, x: float, y: float, yaw: float) -> BoardPose:
         cos, sin = math.cos(yaw), math.sin(yaw)
         turn = np.array(((cos, -sin, 0.0), (sin, cos, 0.0), (0.0, 0.0, 1.0)))
-        return BoardPose(turn, np.array((pose.shift[0], pose.shift[1], self.thickness_m)))
+        return BoardPose(turn, np.array((x, y, self.thickness_m)))
 
 
 def read_points(path: Path) -> dict[str, Floats]:

@@ -1,6 +1,6 @@
-"""Tells whether pictures say enough about a lens, and what else to shoot.
+"""The lens of one camera, from pictures of a board in many poses.
 
-The lens of one camera, from pictures of a board in many poses.
+Where the pictures do not say enough about the lens, the message tells what else to shoot.
 """
 
 from __future__ import annotations
@@ -167,13 +167,6 @@ class LensFit:
     residuals: Sequence[Floats]
     used: Sequence[bool]
 
-    def results(self) -> list[ViewResult]:
-        """The same view by view."""
-        return [
-            ViewResult(view.camera, view.moment, view.pixels, residuals, use)
-            for view, residuals, use in zip(self.views, self.residuals, self.used)
-        ]
-
 
 def any_lens(size: tuple[int, int]) -> tuple[Floats, Floats]:
     """Returns (9,) mean and (9,) standard deviation of the lenses there are; focal length open."""
@@ -243,14 +236,15 @@ def calibrate_lenses(shoot: BoardViews, board: Board) -> Solution:
             complaints.append(str(error))
     if complaints:
         raise CalibrationError("; ".join(complaints))
-    sparse = [
-        (camera, too_central(shoot.sizes[camera], fit.views, GOOD_SPAN))
-        for camera, fit in fits.items()
-    ]
+    sparse = [(c, too_central(shoot.sizes[c], fit.views, GOOD_SPAN)) for c, fit in fits.items()]
     down, above = np.diag((1.0, -1.0, -1.0)), np.array((0.0, 0.0, 1.0))
     return Solution(
         cameras=tuple(camera_of(c, shoot.sizes[c], fits[c].lens, down, above) for c in fits),
-        views=tuple(result for fit in fits.values() for result in fit.results()),
+        views=tuple(
+            ViewResult(view.camera, view.moment, view.pixels, residuals, use)
+            for fit in fits.values()
+            for view, residuals, use in zip(fit.views, fit.residuals, fit.used)
+        ),
         lens_sigma={camera: fit.sigma for camera, fit in fits.items()},
         floor_sigma_m={},
         bodies={},

@@ -92,7 +92,7 @@ def gather(paths: Sequence[Path], every: int = 1) -> list[PictureFile]:
     return sorted(pictures, key=lambda picture: (picture.camera, picture.moment))
 
 
-def look(
+def inspect(
     pictures: Sequence[PictureFile],
     make: Callable[[], Callable[[Image8], T]],
     progress: Callable[[int, int], None],
@@ -129,9 +129,9 @@ def look(
 
 def _groups(pictures: Sequence[PictureFile]) -> list[list[PictureFile]]:
     """Pictures that are read together: a video in one go, files one by one."""
-    groups: dict[tuple[Path, int | None], list[PictureFile]] = {}
+    groups: dict[Path, list[PictureFile]] = {}
     for picture in pictures:
-        groups.setdefault((picture.path, None), []).append(picture)
+        groups.setdefault(picture.path, []).append(picture)
     return [sorted(group, key=lambda p: p.frame or 0) for group in groups.values()]
 
 

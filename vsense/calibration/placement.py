@@ -1,9 +1,7 @@
-"""First guesses: the pose of a board in one picture, and a lens of which nothing is known.
+"""First guesses for the bundle: lenses, and the poses of cameras and boards.
 
-Places cameras and boards one after another, each by what it shares with those before.
-
-Errors pile up along the way; that does no harm, as the bundle starts from here and shares them
-out among all cameras at once.
+Cameras and boards are placed one after another, each by what it shares with those before. The
+errors that add up along the way are shared out by the bundle among all cameras at once.
 """
 
 from __future__ import annotations

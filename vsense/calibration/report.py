@@ -1,17 +1,15 @@
-"""Colours of the calibration's picture: how much was seen, how far off a corner is.
+"""Reports about a calibration: a picture, one JSON object, and a few lines for the terminal.
 
-`report.png`: per camera where corners were seen and how far off each is, and the rig from above.
-
-Every arrow starts where a corner was seen and is its residual, enlarged; behind them, the darker
-the more corners there are. White places were never seen: there the lens is only extrapolated.
-
-What a calibration says of itself: one JSON object, and a few lines for the eye.
+The picture shows per camera where corners were seen and how far off each is, and the rig from
+above. Every arrow starts where a corner was seen and is its residual, enlarged; behind them, the
+darker the more corners there are. White places were never seen: there the lens is extrapolated.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import cycle
 from typing import Any
 
 import cv2
@@ -23,6 +21,7 @@ from vsense.calibration.lens import lens_of
 from vsense.calibration.solution import BoardCheck, Solution, ViewResult, rms
 from vsense.cameras.camera import Camera
 from vsense.pictures.canvas import GRID, INK, MUTED, Canvas, Colour, Image, round_number, width_of
+from vsense.terminal import aligned
 
 Floats = NDArray[np.float64]
 
@@ -72,14 +71,13 @@ def draw(title: str, subtitle: str, solution: Solution, board: Board | None) -> 
     canvas = Canvas(_MARGIN + columns * step_x, _HEAD + rows * step_y + 10)
     canvas.text(title, _MARGIN, 50, INK, 1.0)
     canvas.text(subtitle, _MARGIN, 80, MUTED, 0.52)
-    enlarged = _PANEL / np.mean([c.width_px for c in cameras])
-    enlarged = _ARROW_PX / (_usual_longest_px(solution) * enlarged)
+    longest = _usual_longest_px(solution)
+    enlarged = _ARROW_PX * np.mean([c.width_px for c in cameras]) / (longest * _PANEL)
     legend = f"arrows: seen minus model, {enlarged:.0f} x; blue: corners seen; pale: none"
     canvas.text(legend, _MARGIN, 104, MUTED, 0.46)
     places = [
         (_MARGIN + (k % columns) * step_x, _HEAD + (k // columns) * step_y) for k in range(panels)
     ]
-    longest = _usual_longest_px(solution)
     for camera, (x, y) in zip(cameras, places):
         _camera_panel(canvas, camera, solution.of(camera.id), x, y, longest)
     if rig:
@@ -147,7 +145,7 @@ def _map_panel(
         shifted = (points - middle) * (zoom, -zoom)
         return np.asarray(shifted + np.array((x + _PANEL / 2.0, y + height / 2.0)))
 
-    for outline, tint in zip(outlines, _tints(len(outlines))):
+    for outline, tint in zip(outlines, cycle(_TINTS)):
         if len(outline):
             canvas.fill(place(outline), tint, 0.13)
             canvas.lines(place(outline), tint, 1.2, closed=True)
@@ -156,7 +154,7 @@ def _map_panel(
             canvas.dot(place(solution.bodies[moment][1][:2]), 2.5, INK)
         else:
             canvas.lines(place(corner), MUTED, 0.6, closed=True)
-    for camera, centre, tint in zip(solution.cameras, place(centres), _tints(len(centres))):
+    for camera, centre, tint in zip(solution.cameras, place(centres), cycle(_TINTS)):
         canvas.dot(centre, 5.0, tint)
         canvas.text(camera.id, centre[0] + 9, centre[1] + 5, INK, 0.42)
     _axes(canvas, place, zoom)
@@ -183,10 +181,6 @@ def _scale(canvas: Canvas, x: float, foot: float, length: float, label: str) -> 
 def _frame(x: float, y: float, height: float) -> Floats:
     right, bottom = x + _PANEL, y + height
     return np.array(((x, y), (right, y), (right, bottom), (x, bottom)))
-
-
-def _tints(count: int) -> list[Colour]:
-    return [_TINTS[k % len(_TINTS)] for k in range(count)]
 
 
 def _axes(canvas: Canvas, place: Callable[[Floats], Floats], zoom: float) -> None:
@@ -300,7 +294,7 @@ def as_text(solution: Solution, check: BoardCheck | None) -> list[str]:
                 f"±{1e3 * floor:.2f} mm" if np.isfinite(floor) else "-",
             )
         )
-    lines = _aligned(rows)
+    lines = aligned(rows, left=1)
     lines.append(f"all together {solution.rms_px:.3f} px rms")
     if check is not None:
         lines.append(
@@ -316,14 +310,3 @@ def as_text(solution: Solution, check: BoardCheck | None) -> list[str]:
 
 def _rms(views: Sequence[ViewResult]) -> float:
     return rms(np.concatenate([view.residuals for view in views])) if views else 0.0
-
-
-def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    return [
-        "  ".join(
-            cell.ljust(width) if k == 0 else cell.rjust(width)
-            for k, (cell, width) in enumerate(zip(row, widths))
-        ).rstrip()
-        for row in rows
-    ]

@@ -128,12 +128,9 @@ class RigSolver:
     def _points(self, view: View) -> Floats:
         """What a view saw, in the body's frame."""
         board = self._rig.board
-        if self._is_point(view.moment) or board is None:
+        if view.moment in self._known or board is None:
             return np.zeros((len(view.ids), 3))
         return np.asarray(board.points_m[view.ids])
-
-    def _is_point(self, body: str) -> bool:
-        return body in self._known
 
     def _place_m(self, body: str) -> Floats:
         """Where a known point is."""
@@ -165,7 +162,7 @@ class RigSolver:
         )
 
     def _body_pose(self, body: str, placed: Placement) -> BoardPose:
-        if self._is_point(body):
+        if body in self._known:
             return BoardPose(np.eye(3), self._place_m(body))
         pose = placed.bodies.get(body)
         if pose is None:
@@ -187,7 +184,7 @@ class RigSolver:
         body_free = np.ones((len(self._bodies), POSE_SIZE), dtype=bool)
         shift_mean, shift_weight = np.zeros((2, len(self._bodies), 3))
         for number, body in enumerate(self._bodies):
-            if self._is_point(body):
+            if body in self._known:
                 body_free[number, :3] = False
                 shift_mean[number] = self._place_m(body)
                 shift_weight[number] = (self._noise_px / self._rig.floor.sigma_m) ** 2
@@ -216,7 +213,7 @@ class RigSolver:
         errors = np.array([rms(residuals) for residuals in each])
         bad = np.zeros(len(self._views), dtype=bool)
         bad[np.flatnonzero(used)[bad_views(errors)]] = True
-        bad &= [v.moment != self._anchor and not self._is_point(v.moment) for v in self._views]
+        bad &= [v.moment != self._anchor and v.moment not in self._known for v in self._views]
         left = [v for v, use in zip(self._rig.shoot.views, used & ~bad) if use]
         whole = Placer(self._rig.lenses, left, [self._points(v) for v in left]).groups()
         return bad if len(whole) == 1 else np.zeros_like(bad)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Callable, Sequence
@@ -14,12 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.calibration import report
-from vsense.calibration import report as picture
 from vsense.calibration.board import Board, page
 from vsense.calibration.floor import FloorReference, TagFinder, read_points, read_seen, tag_views
 from vsense.calibration.intrinsics import calibrate_lenses
 from vsense.calibration.lens import lens_of
-from vsense.calibration.pictures import PictureFile, gather, look
+from vsense.calibration.pictures import PictureFile, gather, inspect
 from vsense.calibration.rig import Rig, RigSolver, Trust
 from vsense.calibration.solution import Solution, check_board
 from vsense.calibration.views import BoardViews, CornerFinder, View, read_corners, write_corners
@@ -37,6 +35,58 @@ _DPI = 300
 
 
 @dataclass(frozen=True, slots=True)
+class LensOptions:
+    """What lenses are calibrated from, and where the camera files go.
+
+    Attributes:
+        board: as `Board.parse` reads it; None: only known points are seen.
+        pictures: see `gather`.
+        camera: of all pictures, None: their folders and names say which.
+        every: takes only every so many pictures of a video.
+        corners: file of corners in the place of pictures, see `read_corners`.
+        size: width and height of the pictures that the corners came from [px].
+        output: folder for camera files and report.
+        json: print the report on standard output.
+    """
+
+    board: str | None
+    pictures: list[Path] | None
+    camera: str | None
+    every: int
+    corners: Path | None
+    size: tuple[int, int] | None
+    output: Path
+    json: bool
+
+
+@dataclass(frozen=True, slots=True)
+class RigOptions(LensOptions):
+    """What a rig is calibrated from.
+
+    Attributes:
+        intrinsics: folder with camera files whose lenses are right already.
+        refine: let these lenses move a little.
+        floor: patterns of the moments when the board lay on the floor.
+        origin: where the board's origin was at the first of them: x, y [m] and yaw [degrees].
+        thickness: of the board [m].
+        points: file of known points, see `read_points`.
+        seen: file that says where they are seen, see `read_seen`.
+        tags: dictionary of the tags whose middles they are.
+        accuracy: of the points' places [m].
+    """
+
+    intrinsics: Path | None
+    refine: bool
+    floor: list[str] | None
+    origin: tuple[float, float, float]
+    thickness: float
+    points: Path | None
+    seen: Path | None
+    tags: str | None
+    accuracy: float
+
+
+@dataclass(frozen=True, slots=True)
 class _Found:
     """What one picture shows: the board's corners, and tags at known places."""
 
@@ -44,9 +94,17 @@ class _Found:
     tags: dict[str, Floats]
 
 
-def print_board(options: argparse.Namespace) -> int:
-    """Writes a board to print; its name goes to standard output."""
-    board, output = Board.parse(options.board), Path(options.output)
+def print_board(text: str, output: Path) -> int:
+    """Writes a board to print; its name goes to standard output.
+
+    Args:
+        text: the board, as `Board.parse` reads it.
+        output: file.pdf or file.png.
+
+    Raises:
+        UsageError: there is no such board, or the file cannot be written.
+    """
+    board = Board.parse(text)
     sheet = page(board)
     if output.suffix.lower() == ".pdf":
         data = paper.document([sheet])
@@ -63,8 +121,15 @@ def print_board(options: argparse.Namespace) -> int:
     return 0
 
 
-def intrinsics(options: argparse.Namespace) -> int:
-    """Calibrates the lens of each camera by itself."""
+def intrinsics(options: LensOptions) -> int:
+    """Calibrates the lens of each camera by itself; returns 0.
+
+    Raises:
+        UsageError, ConfigError: the options do not go together, or a file is wrong.
+        CalibrationError: the pictures do not tell the lenses.
+    """
+    _check_sources(options)
+    assert options.board is not None, "the option is required"
     board = Board.parse(options.board)
     shoot, _ = _shoot(options, board, {}, None)
     solution = calibrate_lenses(_thinned(shoot), board)
@@ -72,8 +137,10 @@ def intrinsics(options: argparse.Namespace) -> int:
     return _deliver(options, title, solution, board, shoot.views)
 
 
-def rig(options: argparse.Namespace) -> int:
-    """Calibrates all cameras of a rig together."""
+def rig(options: RigOptions) -> int:
+    """Calibrates all cameras of a rig together; returns 0, and raises as `intrinsics` does."""
+    _check_sources(options, options.seen)
+    _check_rig(options)
     board = Board.parse(options.board) if options.board else None
     given = _cameras(options.intrinsics) if options.intrinsics else {}
     points = read_points(options.points) if options.points else {}
@@ -109,11 +176,33 @@ def rig(options: argparse.Namespace) -> int:
     return _deliver(options, title, solution, board, shoot.views)
 
 
+def _check_sources(options: LensOptions, seen: Path | None = None) -> None:
+    """Refuses options that say twice, or nowhere, where corners come from."""
+    sources = [bool(options.pictures), bool(options.corners)]
+    if all(sources) or not any([*sources, seen]):
+        raise UsageError("expected one of --pictures and --corners")
+    if options.corners and not options.board:
+        raise UsageError("--corners: expected --board, the board that they are on")
+
+
+def _check_rig(options: RigOptions) -> None:
+    """Refuses options of a rig that do not go together."""
+    if not options.board and not options.points:
+        raise UsageError("expected --board or --points")
+    if bool(options.points) != bool(options.seen or options.tags):
+        raise UsageError("expected --points together with --seen or --tags")
+    if not options.board and not options.intrinsics:
+        raise UsageError("known points alone do not tell the lenses: expected --intrinsics")
+    if options.refine and not options.intrinsics:
+        raise UsageError("--refine: expected --intrinsics, the lenses to refine")
+    if options.tags and not options.pictures:
+        raise UsageError("--tags: expected --pictures to look for them")
+    if options.floor and not options.board:
+        raise UsageError("--floor: expected --board")
+
+
 def _shoot(
-    options: argparse.Namespace,
-    board: Board | None,
-    given: dict[str, Camera],
-    tags: TagFinder | None,
+    options: LensOptions, board: Board | None, given: dict[str, Camera], tags: TagFinder | None
 ) -> tuple[BoardViews, list[View]]:
     """Reads what was seen: of the board, and of tags at known places."""
     sizes = {c.id: (c.width_px, c.height_px) for c in given.values()}
@@ -121,11 +210,13 @@ def _shoot(
         assert board is not None
         views = read_corners(options.corners, len(board.points_m))
         cameras = sorted({view.camera for view in views})
-        unknown = [c for c in cameras if c not in sizes]
-        if unknown and options.size is None:
-            raise UsageError(f"--corners: camera {unknown[0]}: give its --size, such as 1280x720")
+        for camera in cameras:
+            size = sizes.get(camera, options.size)
+            if size is None:
+                raise UsageError(f"--corners: camera {camera}: give its --size, such as 1280x720")
+            sizes[camera] = size
         counts = {c: sum(view.camera == c for view in views) for c in cameras}
-        return BoardViews({c: sizes.get(c, options.size) for c in cameras}, views, counts), []
+        return BoardViews({c: sizes[c] for c in cameras}, views, counts), []
     if not options.pictures:
         return BoardViews(sizes, [], dict.fromkeys(sizes, 0)), []
     pictures = gather(options.pictures, options.every)
@@ -155,7 +246,7 @@ def _looked(
             finder.find(image) if finder else None, tags.find(image) if tags else {}
         )
 
-    for one, size, found in look(pictures, make, _progress):
+    for one, size, found in inspect(pictures, make, _progress):
         wanted = expected.get(one.camera, sizes.setdefault(one.camera, size))
         sizes[one.camera] = wanted
         if size != wanted:
@@ -182,11 +273,7 @@ def _thinned(shoot: BoardViews) -> BoardViews:
 
 
 def _deliver(
-    options: argparse.Namespace,
-    title: str,
-    solution: Solution,
-    board: Board | None,
-    views: Sequence[View],
+    options: LensOptions, title: str, solution: Solution, board: Board | None, views: Sequence[View]
 ) -> int:
     """Writes camera files and report."""
     used = {(view.camera, view.moment) for view in solution.views if view.used}
@@ -194,11 +281,11 @@ def _deliver(
     if board is not None and solution.bodies:
         seen = [view for view in views if (view.camera, view.moment) in used]
         check = check_board(solution.cameras, seen, board)
-    folder: Path = options.output
+    folder = options.output
     data = report.as_json(solution, board, check)
     text = json.dumps(data, indent=2) + "\n"
     subtitle = f"{board or 'known points'}: {solution.rms_px:.3f} px rms"
-    image = picture.draw(title, subtitle, solution, board)
+    image = report.draw(title, subtitle, solution, board)
     try:
         (folder / REPORT).mkdir(parents=True, exist_ok=True)
         if views:

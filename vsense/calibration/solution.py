@@ -1,7 +1,4 @@
-"""What a calibration found, and how well it explains every view.
-
-How good a calibration is, in millimetres of the arena.
-"""
+"""What a calibration found, how well it explains every view, and its accuracy in the arena."""
 
 from __future__ import annotations
 

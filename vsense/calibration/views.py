@@ -1,6 +1,6 @@
 """Views: the corners of a board, or known points, that one camera saw at one moment.
 
-Finds a board's inner corners in a picture, to a few hundredths of a pixel.
+A board's inner corners are found in a picture to a few hundredths of a pixel.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from vsense.errors import ConfigError, UsageError
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Image8 = NDArray[np.uint8]
 
 COLUMNS = ("camera", "moment", "corner", "x_px", "y_px")
 """Of a corners file."""
@@ -154,9 +155,6 @@ def write_corners(path: Path, views: Iterable[View]) -> None:
                 writer.writerow((view.camera, view.moment, corner, f"{x:.4f}", f"{y:.4f}"))
 
 
-Image8 = NDArray[np.uint8]
-Ids = NDArray[np.int64]
-
 LEAST_CORNERS = 6
 """A ChArUco view with fewer corners says too little about the board's pose."""
 
@@ -179,7 +177,7 @@ class CornerFinder:
         gap = (1.0 - board.marker_share) / 2.0
         self._share = _CHARUCO_GAPS * gap if self._charuco else _CHESSBOARD_SHARE
 
-    def find(self, image: Image8) -> tuple[Ids, Floats] | None:
+    def find(self, image: Image8) -> tuple[Ints, Floats] | None:
         """Looks for the board.
 
         Args:
@@ -196,7 +194,7 @@ class CornerFinder:
         ids, pixels = found
         return ids, _refined(image, pixels, self._share * self._square_px(ids, pixels))
 
-    def _find_charuco(self, image: Image8) -> tuple[Ids, Floats] | None:
+    def _find_charuco(self, image: Image8) -> tuple[Ints, Floats] | None:
         assert self._charuco is not None
         pixels, ids, _, _ = self._charuco.detectBoard(image)
         if ids is None or len(ids) < LEAST_CORNERS:
@@ -208,7 +206,7 @@ class CornerFinder:
             return None
         return numbers, np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
 
-    def _find_chessboard(self, image: Image8) -> tuple[Ids, Floats] | None:
+    def _find_chessboard(self, image: Image8) -> tuple[Ints, Floats] | None:
         size = (self._board.columns - 1, self._board.rows - 1)
         flags = _CHESSBOARD_FLAGS | cv2.CALIB_CB_FAST_CHECK
         found, corners = cv2.findChessboardCorners(image, size, flags=flags)
@@ -233,7 +231,7 @@ class CornerFinder:
         turned = grey[dark].mean() > grey[~dark].mean()
         return grid[::-1, ::-1] if turned else grid
 
-    def _square_px(self, ids: Ids, pixels: Floats) -> Floats:
+    def _square_px(self, ids: Ints, pixels: Floats) -> Floats:
         """(n,) the smallest extent of a square near each corner, foreshortened as it is."""
         per_row = self._board.columns - 1
         place = np.column_stack((ids % per_row, ids // per_row)).astype(np.float64)

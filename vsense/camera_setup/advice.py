@@ -1,6 +1,4 @@
-"""What a picture says about exposure and gain: its brightness, and its noise.
-
-What to change about exposure and gain.
+"""Measures a picture's brightness and noise, and says what to change about exposure and gain.
 
 In dim light a longer exposure smears what moves, and more gain brings noise (thesis, 2.2.2); so the
 exposure is best as long as the blur allows, and gain is for what is missing then. The limits are
@@ -163,7 +161,7 @@ def advise(reading: ExposureReading) -> str:
     if light.mean < DARK_MEAN:
         return "the picture is dark: is there light, and is the lens open?" + _brighter(reading)
     if light.saturated > MOST_SATURATED:
-        return f"{_percent(light.saturated)} is saturated: {_darker(reading)}"
+        return f"{100.0 * light.saturated:.1f} % is saturated: {_darker(reading)}"
     if reading.is_blurred:
         return _sharper(reading)
     if light.light < LEAST_LIGHT:
@@ -219,7 +217,3 @@ def _longer(reading: ExposureReading, before: str) -> str:
     cost = "" if blur is None else f" (blur {blur:.1f} px)"
     rest = ", then gain" if wanted_us > longest_us else ""
     return f"{before}exposure {longer_us:g} us{cost}{rest}"
-
-
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.1f} %"

@@ -1,11 +1,7 @@
-"""The configuration files for cameras that were found, ready to edit.
-
-`vsense cameras init`: the configuration files for all cameras that are there.
-"""
+"""`vsense cameras init`: the configuration files for all cameras that are there, ready to edit."""
 
 from __future__ import annotations
 
-import argparse
 import re
 import sys
 from collections.abc import Sequence
@@ -200,16 +196,19 @@ ROSTER = "auto:20"
 BOARD = "charuco:7x5:80mm:4X4_50"
 
 
-def run(options: argparse.Namespace) -> int:
+def run(directory: Path, force: bool) -> int:
     """Writes the files, and says what comes next.
+
+    Args:
+        directory: where they go.
+        force: write over files that are there.
 
     Raises:
         UsageError: a file is there already.
         VsenseError: there is no camera, or a file cannot be written.
     """
-    directory: Path = options.directory
     there = [name for name in (RESOURCES, EXPERIMENT) if (directory / name).exists()]
-    if there and not options.force:
+    if there and not force:
         raise UsageError(f"{directory / there[0]}: is there already; --force writes over it")
     found, missing = find()
     if missing:

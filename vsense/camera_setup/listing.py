@@ -1,11 +1,7 @@
-"""What was found, as a table for people and as data for programs.
-
-`vsense cameras list`: what is there.
-"""
+"""`vsense cameras list`: the cameras that are there, as a table or as JSON."""
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Sequence
@@ -13,6 +9,7 @@ from typing import Any
 
 from vsense.cameras.discovery import FoundCamera, find
 from vsense.cameras.genicam import PIXEL_FORMATS
+from vsense.terminal import aligned
 
 HEAD = ("id", "kind", "address", "model", "resolution", "rate", "formats")
 FORMATS_SHOWN = 3
@@ -21,11 +18,10 @@ _UNKNOWN = "-"
 
 def lines(found: Sequence[FoundCamera]) -> list[str]:
     """Gives a row for each camera, and what is wrong with it below that."""
-    rows = [_row(camera) for camera in found]
-    widths = [max(len(row[k]) for row in [HEAD, *rows]) for k in range(len(HEAD))]
-    table = [_joined(HEAD, widths)]
+    head, *rows = aligned([HEAD, *(_row(camera) for camera in found)])
+    table = [head]
     for camera, row in zip(found, rows):
-        table.append(_joined(row, widths))
+        table.append(row)
         if camera.trouble:
             table.append(f"  ! {camera.trouble}")
     return table
@@ -78,10 +74,6 @@ def _row(camera: FoundCamera) -> tuple[str, ...]:
     )
 
 
-def _joined(row: Sequence[str], widths: Sequence[int]) -> str:
-    return "  ".join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip()
-
-
 NOTHING = (
     "no camera found. What to check:",
     "  power and cable: does the camera's lamp shine? PoE needs a switch or an injector for it.",
@@ -90,8 +82,8 @@ NOTHING = (
 )
 
 
-def run(options: argparse.Namespace) -> int:
-    """Prints the table.
+def run(as_json: bool) -> int:
+    """Prints the table, or the same as JSON.
 
     Returns:
         0, also where there is none: then standard error tells what to check.
@@ -101,7 +93,7 @@ def run(options: argparse.Namespace) -> int:
     found, missing = find()
     if sys.stderr.isatty():
         print("\r\x1b[K", end="", file=sys.stderr, flush=True)
-    if options.json:
+    if as_json:
         print(json.dumps([facts(camera) for camera in found], indent=2))
     elif found:
         print("\n".join(lines(found)))

@@ -1,6 +1,4 @@
-"""How many pixels a metre of the arena takes in a picture, and what that makes of movement.
-
-Finds markers in the pictures of a camera that nobody has calibrated yet.
+"""Finds markers in the pictures of a camera that nobody has calibrated yet.
 
 The detectors know how large a marker is in the picture from the camera's calibration. Where there
 is none, the picture is searched for markers of one size after the other; the size at which there
@@ -9,7 +7,6 @@ are most is the picture's scale.
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import dataclass
 from itertools import count
 
@@ -19,7 +16,6 @@ from numpy.typing import NDArray
 from vsense.arena import DETECTION, IMAGE_POSE, UNNAMED
 from vsense.cameras.camera import Camera
 from vsense.cameras.picture import Image
-from vsense.errors import UsageError
 from vsense.markers.families import MarkerFamily, SquareFamily
 from vsense.tracking.detector import make_detector
 from vsense.tracking.prediction import Prediction
@@ -27,7 +23,6 @@ from vsense.tracking.views import Placed, image_poses
 
 SPEED_M_S = 0.13
 """An e-puck's greatest speed. Source: reference/epuck.md."""
-_STEP_M = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,50 +36,6 @@ class PictureScale:
 
     px_per_m: float
     source: str
-
-
-def known_scale(options: argparse.Namespace, calibration: Camera | None) -> PictureScale | None:
-    """Gives the scale that the user tells, None where markers have to.
-
-    Args:
-        options: `px_per_m`, `focal_px` with `height_m`, and `marker_height`.
-        calibration: the camera's.
-
-    Raises:
-        UsageError: one of a pair is missing.
-    """
-    if options.px_per_m is not None:
-        return PictureScale(options.px_per_m, "--px-per-m")
-    if (options.focal_px is None) != (options.height_m is None):
-        raise UsageError("expected --focal-px together with --height-m")
-    if options.focal_px is not None:
-        return of_lens(options.focal_px, options.height_m)
-    return None if calibration is None else of_camera(calibration, options.marker_height)
-
-
-def of_camera(camera: Camera, height_m: float) -> PictureScale:
-    """Gives the scale in the middle of a calibrated camera's picture.
-
-    Args:
-        camera: the camera.
-        height_m: of the markers above the floor.
-    """
-    middle = np.array([(camera.width_px - 1) / 2.0, (camera.height_px - 1) / 2.0])
-    x, y = camera.to_plane(middle, height_m)
-    steps = [(x, y, height_m), (x + _STEP_M, y, height_m), (x, y + _STEP_M, height_m)]
-    here, right, up = camera.project(np.array(steps))
-    area = abs(float(np.linalg.det(np.stack((right - here, up - here)))))
-    return PictureScale(area**0.5 / _STEP_M, f"calibration of {camera.id}")
-
-
-def of_lens(focal_px: float, away_m: float) -> PictureScale:
-    """Gives the scale of a camera that looks straight down.
-
-    Args:
-        focal_px: focal length.
-        away_m: from the lens to the markers.
-    """
-    return PictureScale(focal_px / away_m, f"focal length {focal_px:g} px at {away_m:g} m")
 
 
 def blur_px(exposure_us: float, speed_m_s: float, px_per_m: float) -> float:
@@ -154,13 +105,7 @@ class MarkerFinder:
         calibration: Camera | None = None,
         height_m: float = 0.0,
     ) -> None:
-        """Prepares to look.
-
-        Args:
-            family: the markers.
-            calibration: the calibrated camera, where it is one.
-            height_m: of the markers above the floor; without calibration it does not matter.
-        """
+        """Prepares to look; the markers are `height_m` above the floor of a calibrated camera."""
         self._family = family
         self._calibration = calibration
         self._height_m = height_m
@@ -168,7 +113,7 @@ class MarkerFinder:
         self._rest = 0
         self.px_per_m: float | None = None
 
-    def look(self, image: Image) -> FoundMarkers:
+    def find(self, image: Image) -> FoundMarkers:
         """Looks for markers in an (h, w) uint8 picture."""
         calibration = self._calibration
         if calibration is not None and image.shape == (calibration.height_px, calibration.width_px):

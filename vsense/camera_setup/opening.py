@@ -1,11 +1,8 @@
-"""Cameras that nobody has calibrated, looked through as a tracking session does.
-
-From what the user calls a camera to a source of its pictures, whatever kind it is.
-"""
+"""Opens the camera that a user names, whatever kind it is, and makes tracking sessions of cameras
+that nobody has calibrated."""
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -26,7 +23,6 @@ from vsense.cameras.picture import PictureError
 from vsense.cameras.source import Shot, Source
 from vsense.cameras.v4l2 import V4l2ControlDevice
 from vsense.config import resources as resources_file
-from vsense.config.resources import EXPOSURES_US, GAINS, RATES_HZ, SIDES_PX
 from vsense.errors import UsageError
 from vsense.tracking.opening import make_source
 from vsense.tracking.specs import (
@@ -87,15 +83,6 @@ MOST_DAMAGED = 20
 NODE_DIGITS = 4
 """A number that is shorter is one of /dev/video*, a longer one a serial number."""
 
-_TAKEN = {
-    "width": SIDES_PX,
-    "height": SIDES_PX,
-    "rate": RATES_HZ,
-    "exposure": EXPOSURES_US,
-    "gain": GAINS,
-}
-"""What options may be, by their names."""
-
 
 class OpenCamera:
     """A camera's pictures, and its controls while it is open; for one thread.
@@ -110,7 +97,6 @@ class OpenCamera:
     def __init__(
         self, id: str, source: Source, controls: CameraControls | None, rate_hz: float | None = None
     ) -> None:
-        """Takes a camera that is not open yet."""
         self.id = id
         self.source = source
         self.controls = controls
@@ -158,23 +144,6 @@ def make(spec: GrabberSpec, clock: Callable[[], int] = time.monotonic_ns) -> Ope
             spec.id, source, GenicamControls(lambda: source.camera), spec.frame_rate_hz
         )
     return OpenCamera(spec.id, source, _v4l2_controls(spec.source), spec.frame_rate_hz)
-
-
-def wanted_of(options: argparse.Namespace) -> Controls:
-    """Gives what the command line asks a camera for.
-
-    Raises:
-        UsageError: one of width and height is missing, or a value is beyond what the resources
-            file takes.
-    """
-    for name, bounds in _TAKEN.items():
-        value = getattr(options, name)
-        if value is not None and not bounds[0] <= value <= bounds[1]:
-            raise UsageError(f"--{name}: {value:g} is not from {bounds[0]:g} to {bounds[1]:g}")
-    if (options.width is None) != (options.height is None):
-        raise UsageError("expected --width together with --height")
-    size_px = None if options.width is None else (options.width, options.height)
-    return Controls(size_px, options.rate, options.exposure, options.gain)
 
 
 def choose(id: str, wanted: Controls, resources: str | None = None) -> GrabberSpec:

@@ -1,11 +1,10 @@
-"""Names of moments: floor_01, floor_02 and so on, never one that is taken already.
+"""`vsense cameras shoot`: pictures of a board with all cameras at once, for vsense calibrate.
 
-`vsense cameras shoot`: pictures of a board with all cameras at once, for vsense calibrate.
+Moments are named floor_01, floor_02 and so on; no name is used twice.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import queue
 import re
@@ -14,6 +13,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 
 from vsense.arena import Frame
@@ -89,8 +89,31 @@ FIRST_NS = 6_000_000_000
 SILENCE_S = 0.2
 
 
-def run(options: argparse.Namespace) -> int:
+@dataclass(frozen=True, slots=True)
+class ShootOptions:
+    """Which pictures are taken.
+
+    Attributes:
+        resources: path of the resources file: all its cameras take part.
+        output: gets a folder per camera.
+        board: what to look for in the pictures, as `Board.parse` reads it, None: nothing.
+        every: time from one moment to the next [s]; None: the Enter key takes each.
+        count: ends after so many moments, None: does not end by itself.
+        name: of the first series.
+    """
+
+    resources: str
+    output: Path
+    board: str | None
+    every: float | None
+    count: int | None
+    name: str
+
+
+def run(options: ShootOptions, as_json: bool) -> int:
     """Takes pictures until its input ends, all are taken, or it is interrupted.
+
+    With `as_json` the moments are printed for programs.
 
     Returns:
         0, 130 after Ctrl-C, or 1 where nothing was taken.
@@ -121,13 +144,13 @@ def run(options: argparse.Namespace) -> int:
             _by_hand(shoot, names, interrupted, console)
         else:
             _by_itself(shoot, names, options.every, options.count, interrupted)
-        _end(shoot, options, console)
+        _end(shoot, options, as_json, console)
         if interrupted.is_set():
             return INTERRUPTED
         return 0 if shoot.moments else 1
 
 
-def _check(options: argparse.Namespace) -> None:
+def _check(options: ShootOptions) -> None:
     """Refuses options that say nothing, or would write elsewhere."""
     if options.count is not None and options.every is None:
         raise UsageError("--count: expected --every, too: with Enter you end it yourself")
@@ -158,7 +181,7 @@ class ShootingSession:
             cameras: ids of all cameras.
             directory: gets a folder per camera.
             board: what to look for in the pictures.
-            grabber: gives them.
+            grabber: of these cameras.
             console: what a person is told.
             clock: host's monotonic clock [ns].
         """
@@ -322,10 +345,10 @@ def _typed() -> queue.Queue[str | None]:
     return lines
 
 
-def _end(shoot: ShootingSession, options: argparse.Namespace, console: Console) -> None:
+def _end(shoot: ShootingSession, options: ShootOptions, as_json: bool, console: Console) -> None:
     """Says what was taken, and what comes next."""
     console.end_progress()
-    if options.json:
+    if as_json:
         print(json.dumps(shoot.moments, indent=2))
     if not shoot.moments:
         console.say("vsense: no picture was taken")

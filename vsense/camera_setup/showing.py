@@ -1,11 +1,7 @@
-"""One picture of a camera, into a file.
-
-`vsense cameras show`: one picture into a file, or live pictures in the page.
-"""
+"""`vsense cameras show`: one picture into a file, or live pictures in the page."""
 
 from __future__ import annotations
 
-import argparse
 import sys
 import threading
 import time
@@ -19,9 +15,10 @@ import numpy as np
 
 from vsense.arena import POSE, ArenaState, Frame
 from vsense.camera_setup.markers import MarkerFinder
-from vsense.camera_setup.opening import OpenCamera, choose, make, session_of, sizes_of, wanted_of
+from vsense.camera_setup.opening import OpenCamera, choose, make, session_of, sizes_of
 from vsense.cameras.grabber import CameraEvent, GrabberError, Troubles
 from vsense.cameras.health import Health
+from vsense.cameras.opencv_source import Controls
 from vsense.cameras.picture import Image
 from vsense.errors import UsageError, VsenseError
 from vsense.live.track_room import TrackRoom
@@ -29,20 +26,11 @@ from vsense.markers.families import load_family
 from vsense.terminal import INTERRUPTED, Console, interruption
 from vsense.tracking.opening import live_grabber
 from vsense.tracking.specs import GrabberSpec, TrackingSession
+from vsense.ui.access import WebAddress
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm")
 WARM_UP = 3
 """So many pictures go by first: the first ones may still have the exposure of before."""
-
-
-def check(path: Path) -> None:
-    """Refuses a file of another kind.
-
-    Raises:
-        UsageError: its name has another ending.
-    """
-    if path.suffix.lower() not in SUFFIXES:
-        raise UsageError(f"{path}: expected a name that ends in {', '.join(SUFFIXES)}")
 
 
 def settled(camera: OpenCamera) -> Image:
@@ -74,27 +62,42 @@ WINDOW = 20
 SILENCE_S = 0.5
 
 
-def run(options: argparse.Namespace) -> int:
+def run(
+    id: str,
+    wanted: Controls,
+    resources: str | None,
+    family: str,
+    save: Path | None,
+    web: WebAddress | None,
+) -> int:
     """Shows a camera until it is interrupted, or saves a picture.
+
+    Args:
+        id: what the user calls the camera, see `choose`.
+        wanted: what it is asked for.
+        resources: path of the resources file whose grabbers are meant.
+        family: of the markers to look for.
+        save: file for one picture, None: the camera is shown.
+        web: where the page is served.
 
     Raises:
         UsageError: there is no such camera, or a file of this kind cannot be written.
         VsenseError: the camera does not open, or the page cannot be served.
     """
-    if options.save is not None:
-        check(options.save)
+    if save is not None and save.suffix.lower() not in SUFFIXES:
+        raise UsageError(f"{save}: expected a name that ends in {', '.join(SUFFIXES)}")
     with ExitStack() as stack:
         interrupted = stack.enter_context(interruption())
-        spec = choose(options.id, wanted_of(options), options.resources)
-        finder = MarkerFinder(load_family(options.family))
-        image = _look(spec, options.save)
-        if options.save is None and not interrupted.is_set():
-            finder.look(image)
+        spec = choose(id, wanted, resources)
+        finder = MarkerFinder(load_family(family))
+        image = _look(spec, save)
+        if save is None and not interrupted.is_set():
+            finder.find(image)
             console, troubles = Console(), Troubles()
             sizes_px = {spec.id: (image.shape[1], image.shape[0])}
             session = session_of(spec.id, [spec], sizes_px, finder.px_per_m)
-            room = stack.enter_context(TrackRoom(options, session, troubles, console))
-            ShowSession(session, finder, room, console, troubles).live(interrupted)
+            room = stack.enter_context(TrackRoom(web, session, troubles, console))
+            ShowSession(session, finder, room, console, troubles).run(interrupted)
         return INTERRUPTED if interrupted.is_set() else 0
 
 
@@ -131,15 +134,7 @@ class ShowSession:
         console: Console,
         troubles: Troubles,
     ) -> None:
-        """Prepares to show the session's one camera.
-
-        Args:
-            session: looks through the camera.
-            finder: looks for markers.
-            room: where it can be looked at.
-            console: what a person is told.
-            troubles: what the camera suffers from.
-        """
+        """Takes a session of one camera, whose troubles the room counts, too."""
         self._session = session
         self._finder = finder
         self._room = room
@@ -148,7 +143,7 @@ class ShowSession:
         self._health = Health([session.views[0].camera], {})
         self._times_ns: deque[int] = deque(maxlen=WINDOW)
 
-    def live(self, interrupted: threading.Event) -> None:
+    def run(self, interrupted: threading.Event) -> None:
         """Shows until it is interrupted; a camera that goes is told, and taken back."""
         grabber = live_grabber(self._session, sizes_of(self._session), time.monotonic_ns)
         self._console.say("Ctrl-C ends")
@@ -169,7 +164,7 @@ class ShowSession:
     def _show(self, frames: Sequence[Frame]) -> None:
         """Shows the camera's picture."""
         (frame,) = frames
-        found = self._finder.look(frame.image)
+        found = self._finder.find(frame.image)
         state = ArenaState(
             frame.timestep,
             frame.capture_ns,

@@ -6,8 +6,8 @@ import json
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -19,18 +19,16 @@ from vsense.camera_setup.advice import (
     MOST_BLUR_CELLS,
     MOST_NOISE,
     MOST_SATURATED,
-    ExposureReading,
     advise,
     rounded,
 )
-from vsense.camera_setup.opening import OpenCamera
 from vsense.camera_setup.panel import PanelView
+from vsense.camera_setup.tuning import Tuner
 from vsense.cameras.controls import EXPOSURE, GAIN, CameraControls
 from vsense.cameras.grabber import GrabberError
-from vsense.cameras.picture import Image
 from vsense.cameras.source import Bounds
 from vsense.errors import VsenseError
-from vsense.terminal import LiveBlock
+from vsense.terminal import LiveBlock, aligned
 
 SHORTEST_US = 200.0
 """Shorter exposures gain nothing: a robot moves by a twentieth of a pixel."""
@@ -44,60 +42,31 @@ PERIOD_SHARE = 0.9
 HEAD = ("exposure", "gain", "mean", "lightest 1 %", "saturated", "noise", "blur", "markers")
 
 
-class Measured(Protocol):
-    """What a sweep needs of `vsense.camera_setup.tuning.Tuner`."""
+def worth(view: PanelView) -> tuple[int, int, float]:
+    """What makes one row better than another: read markers, good properties, a clear picture.
 
-    camera: OpenCamera
-
-    @property
-    def cell_m(self) -> float:
-        """Side of a marker's cell."""
-
-    @property
-    def speed_m_s(self) -> float:
-        """Speed of the robots."""
-
-    def view(self, first: Image, second: Image, rate_hz: float | None) -> PanelView:
-        """Measures two pictures in a row."""
-
-
-@dataclass(frozen=True, slots=True)
-class SweepRow:
-    """One exposure and gain, and what the pictures were like."""
-
-    view: PanelView
-
-    @property
-    def reading(self) -> ExposureReading:
-        """What is known of the pictures."""
-        return self.view.reading
-
-    @property
-    def worth(self) -> tuple[int, int, float]:
-        """What makes one row better than another: read markers, good properties, a clear picture.
-
-        Robots that stand still look sharp with any exposure, so what they show is not all: the
-        picture's light, noise and blur are weighed by the limits of `vsense.camera_setup.advice`.
-        """
-        reading, light = self.reading, self.reading.light
-        noise = (reading.noise or 0.0) / MOST_NOISE
-        blur = 0.0
-        if reading.exposure_us is not None and reading.speed_m_s > 0.0:
-            moved_m = 1e-6 * reading.exposure_us * reading.speed_m_s
-            blur = moved_m / (MOST_BLUR_CELLS * reading.cell_m)
-        good = (
-            light.light >= LEAST_LIGHT,
-            light.saturated <= MOST_SATURATED,
-            noise <= 1.0,
-            blur <= 1.0,
-        )
-        dim = max(GOOD_LIGHT - light.light, 0.0) / GOOD_LIGHT
-        # Less blur than what costs nothing is no gain, but needs gain.
-        smear = max(blur - GOOD_BLUR_CELLS / MOST_BLUR_CELLS, 0.0)
-        return len(self.view.found.tags), sum(good), -(noise + smear + dim)
+    Robots that stand still look sharp with any exposure, so what they show is not all: the
+    picture's light, noise and blur are weighed by the limits of `vsense.camera_setup.advice`.
+    """
+    reading, light = view.reading, view.reading.light
+    noise = (reading.noise or 0.0) / MOST_NOISE
+    blur = 0.0
+    if reading.exposure_us is not None and reading.speed_m_s > 0.0:
+        moved_m = 1e-6 * reading.exposure_us * reading.speed_m_s
+        blur = moved_m / (MOST_BLUR_CELLS * reading.cell_m)
+    good = (
+        light.light >= LEAST_LIGHT,
+        light.saturated <= MOST_SATURATED,
+        noise <= 1.0,
+        blur <= 1.0,
+    )
+    dim = max(GOOD_LIGHT - light.light, 0.0) / GOOD_LIGHT
+    # Less blur than what costs nothing is no gain, but needs gain.
+    smear = max(blur - GOOD_BLUR_CELLS / MOST_BLUR_CELLS, 0.0)
+    return len(view.found.tags), sum(good), -(noise + smear + dim)
 
 
-def run(tuner: Measured, interrupted: threading.Event, as_json: bool) -> bool:
+def run(tuner: Tuner, interrupted: threading.Event, as_json: bool) -> bool:
     """Tries exposures and gains, prints a row for each, and puts the camera's own values back.
 
     Returns:
@@ -112,7 +81,7 @@ def run(tuner: Measured, interrupted: threading.Event, as_json: bool) -> bool:
         raise VsenseError(f"{camera.id}: does not tell its exposure: there is nothing to try")
     own = {name: controls.value(name) for name in (EXPOSURE, GAIN)}
     put_back = controls.remember()
-    rows: list[SweepRow] = []
+    rows: list[PanelView] = []
     block = LiveBlock(sys.stdout)
     live = sys.stdout.isatty() and not as_json
     try:
@@ -131,9 +100,9 @@ def run(tuner: Measured, interrupted: threading.Event, as_json: bool) -> bool:
     return is_back
 
 
-def _tell(rows: Sequence[SweepRow], block: LiveBlock, as_json: bool) -> None:
+def _tell(rows: Sequence[PanelView], block: LiveBlock, as_json: bool) -> None:
     """Prints what was measured, and what is best."""
-    best = max(rows, key=lambda row: row.worth, default=None)
+    best = max(rows, key=worth, default=None)
     if as_json:
         print(json.dumps(facts(rows, best), indent=2))
     elif rows:
@@ -141,8 +110,8 @@ def _tell(rows: Sequence[SweepRow], block: LiveBlock, as_json: bool) -> None:
 
 
 def tried(
-    tuner: Measured, controls: CameraControls, interrupted: threading.Event
-) -> Iterator[SweepRow]:
+    tuner: Tuner, controls: CameraControls, interrupted: threading.Event
+) -> Iterator[PanelView]:
     """Measures one exposure after the other; gain is raised where the picture is too dark.
 
     Raises:
@@ -163,7 +132,7 @@ def tried(
             for _ in range(SETTLING):
                 tuner.camera.picture()
             first, second = tuner.camera.picture().image.copy(), tuner.camera.picture().image
-            row = SweepRow(tuner.view(first, second, None))
+            row = tuner.view(first, second, None)
             yield row
             if row.reading.light.light >= GOOD_LIGHT:
                 # With a longer exposure a gain that saturates now does so all the more.
@@ -172,13 +141,13 @@ def tried(
                 break
 
 
-def scaled(rows: Sequence[SweepRow]) -> list[SweepRow]:
+def scaled(rows: Sequence[PanelView]) -> list[PanelView]:
     """Gives all rows the scale that markers have told in the one that showed most of them."""
     known = [row for row in rows if row.reading.scale is not None]
     if not known:
         return list(rows)
-    scale = max(known, key=lambda row: len(row.view.found.tags)).reading.scale
-    return [SweepRow(replace(r.view, reading=replace(r.reading, scale=scale))) for r in rows]
+    scale = max(known, key=lambda row: len(row.found.tags)).reading.scale
+    return [replace(row, reading=replace(row.reading, scale=scale)) for row in rows]
 
 
 def exposures(
@@ -211,16 +180,14 @@ def gains(bounds: Bounds | None) -> Sequence[float | None]:
     return sorted({float(round(step)) if whole else float(step) for step in steps})
 
 
-def table(rows: Sequence[SweepRow], best: SweepRow | None) -> list[str]:
+def table(rows: Sequence[PanelView], best: PanelView | None) -> list[str]:
     """Gives a line for each row, the best with a mark."""
-    cells = [HEAD, *(_cells(row) for row in rows)]
-    widths = [max(len(line[k]) for line in cells) for k in range(len(HEAD))]
-    lines = ["  ".join(c.rjust(w) for c, w in zip(line, widths)) for line in cells]
+    lines = aligned([HEAD, *(_cells(row) for row in rows)], left=0)
     marks = [" ", *("*" if row is best else " " for row in rows)]
     return [f"{mark} {line}" for mark, line in zip(marks, lines)]
 
 
-def conclusion(best: SweepRow | None) -> list[str]:
+def conclusion(best: PanelView | None) -> list[str]:
     """Says what to write into the resources file."""
     if best is None:
         return []
@@ -236,16 +203,16 @@ def conclusion(best: SweepRow | None) -> list[str]:
     ]
 
 
-def facts(rows: Sequence[SweepRow], best: SweepRow | None) -> dict[str, Any]:
+def facts(rows: Sequence[PanelView], best: PanelView | None) -> dict[str, Any]:
     """Gives the same for programs."""
     return {
-        "rows": [panel.facts(row.view) for row in rows],
-        "best": None if best is None else panel.facts(best.view),
+        "rows": [panel.facts(row) for row in rows],
+        "best": None if best is None else panel.facts(best),
     }
 
 
-def _cells(row: SweepRow) -> tuple[str, ...]:
-    reading, light, found = row.reading, row.reading.light, row.view.found
+def _cells(row: PanelView) -> tuple[str, ...]:
+    reading, light, found = row.reading, row.reading.light, row.found
     return (
         f"{reading.exposure_us:.0f} us",
         "-" if reading.gain is None else f"{reading.gain:.4g}",

@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import dataclass
 
-from vsense.camera_setup import panel, sweep
+import numpy as np
+
+from vsense.camera_setup import panel
 from vsense.camera_setup.advice import ExposureReading, brightness, noise
-from vsense.camera_setup.markers import MarkerFinder, PictureScale, known_scale
-from vsense.camera_setup.opening import OpenCamera, choose, make, wanted_of
+from vsense.camera_setup.markers import MarkerFinder, PictureScale
+from vsense.camera_setup.opening import OpenCamera, choose, make
 from vsense.camera_setup.panel import PanelView
 from vsense.camera_setup.showing import WARM_UP
 from vsense.cameras.camera import Camera as Calibration
 from vsense.cameras.controls import EXPOSURE, GAIN
 from vsense.cameras.grabber import GrabberError
+from vsense.cameras.opencv_source import Controls
 from vsense.cameras.picture import Image
 from vsense.config import resources as resources_file
 from vsense.errors import UsageError
@@ -28,28 +31,82 @@ from vsense.terminal import INTERRUPTED, LiveBlock, interruption
 PERIOD_NS = 500_000_000
 """A block is drawn so often."""
 RETRY_S = 1.0
+_STEP_M = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class TuneOptions:
+    """Which camera is tuned, and what the user knows of its pictures.
+
+    Attributes:
+        id: what the user calls the camera, see `choose`.
+        wanted: what it is asked for.
+        resources: path of the resources file whose grabbers and cameras are meant.
+        family: of the markers to look for.
+        speed: of the robots [m/s].
+        px_per_m: pixels per metre at the markers.
+        focal_px: focal length, told together with `height_m`.
+        height_m: from the lens down to the markers.
+        camera: id of the calibrated camera in the resources file.
+        marker_height: of the markers above the floor [m], for `camera`.
+    """
+
+    id: str
+    wanted: Controls
+    resources: str | None
+    family: str
+    speed: float
+    px_per_m: float | None
+    focal_px: float | None
+    height_m: float | None
+    camera: str | None
+    marker_height: float
+
+
+def known_scale(options: TuneOptions, calibration: Calibration | None) -> PictureScale | None:
+    """Gives the scale that the user tells, None where markers have to.
+
+    Raises:
+        UsageError: one of a pair is missing.
+    """
+    if options.px_per_m is not None:
+        return PictureScale(options.px_per_m, "--px-per-m")
+    focal_px, away_m = options.focal_px, options.height_m
+    if focal_px is not None and away_m is not None:
+        # As of a camera that looks straight down.
+        text = f"focal length {focal_px:g} px at {away_m:g} m"
+        return PictureScale(focal_px / away_m, text)
+    if focal_px is not None or away_m is not None:
+        raise UsageError("expected --focal-px together with --height-m")
+    return None if calibration is None else _of_camera(calibration, options.marker_height)
+
+
+def _of_camera(camera: Calibration, height_m: float) -> PictureScale:
+    """Gives the scale in the middle of a picture, `height_m` above the floor."""
+    middle = np.array([(camera.width_px - 1) / 2.0, (camera.height_px - 1) / 2.0])
+    x, y = camera.to_plane(middle, height_m)
+    steps = [(x, y, height_m), (x + _STEP_M, y, height_m), (x, y + _STEP_M, height_m)]
+    here, right, up = camera.project(np.array(steps))
+    area = abs(float(np.linalg.det(np.stack((right - here, up - here)))))
+    return PictureScale(area**0.5 / _STEP_M, f"calibration of {camera.id}")
 
 
 class Tuner:
     """Measures what a camera gives."""
 
     def __init__(
-        self, camera: OpenCamera, options: argparse.Namespace, calibration: Calibration | None
+        self, camera: OpenCamera, options: TuneOptions, calibration: Calibration | None
     ) -> None:
-        """Prepares to measure.
-
-        Args:
-            camera: an open camera.
-            options: `family`, `speed`, `exposure`, `gain`, `px_per_m`, `height_m`, `focal_px`.
-            calibration: the camera's, where there is one.
+        """Takes an open camera, and its calibration where there is one.
 
         Raises:
             FamilyError: there is no such marker family.
         """
         self.camera = camera
         self.family = load_family(options.family)
-        self._speed_m_s: float = options.speed
-        self._wanted: dict[str, float | None] = {EXPOSURE: options.exposure, GAIN: options.gain}
+        self._speed_m_s = options.speed
+        wanted = options.wanted
+        self._wanted = {EXPOSURE: wanted.exposure_us, GAIN: wanted.gain_raw}
         self._scale = known_scale(options, calibration)
         self._finder = MarkerFinder(self.family, calibration, options.marker_height)
 
@@ -65,7 +122,7 @@ class Tuner:
 
     def view(self, first: Image, second: Image, rate_hz: float | None) -> PanelView:
         """Measures two pictures in a row; `rate_hz` is how fast they come."""
-        found = self._finder.look(second)
+        found = self._finder.find(second)
         scale = self._scale
         if scale is None and self._finder.px_per_m is not None:
             scale = PictureScale(self._finder.px_per_m, "size of the markers")
@@ -88,8 +145,16 @@ class Tuner:
         return self._wanted[name] if value is None else value
 
 
-def run(options: argparse.Namespace) -> int:
-    """Shows what a camera gives, until it is interrupted; once where nobody watches.
+Measure = Callable[[Tuner, threading.Event, bool], bool]
+"""Prints what an open camera gives, until the event is set, for programs where the last is True.
+Gives whether the camera is as it was before."""
+
+
+def run(options: TuneOptions, measure: Measure, as_json: bool) -> int:
+    """Opens a camera and measures it, with `watch` or `vsense.camera_setup.sweep.run`.
+
+    Returns:
+        0, 1 where the camera is not as it was before, or 130 after Ctrl-C.
 
     Raises:
         UsageError: there is no such camera, or options contradict each other.
@@ -98,20 +163,18 @@ def run(options: argparse.Namespace) -> int:
     with ExitStack() as stack:
         interrupted = stack.enter_context(interruption())
         calibration = calibration_of(options)
-        camera = make(choose(options.id, wanted_of(options), options.resources))
+        camera = make(choose(options.id, options.wanted, options.resources))
         tuner = Tuner(camera, options, calibration)
         stack.callback(camera.source.close)
         for text in camera.open():
             print(f"vsense: {options.id}: {text}", file=sys.stderr)
-        code = 0
-        if options.sweep:
-            code = 0 if sweep.run(tuner, interrupted, options.json) else 1
-        else:
-            _watch(tuner, interrupted, options.json)
-        return INTERRUPTED if interrupted.is_set() else code
+        is_back = measure(tuner, interrupted, as_json)
+        if interrupted.is_set():
+            return INTERRUPTED
+        return 0 if is_back else 1
 
 
-def calibration_of(options: argparse.Namespace) -> Calibration | None:
+def calibration_of(options: TuneOptions) -> Calibration | None:
     """Gives the calibrated camera that --camera names.
 
     Raises:
@@ -129,8 +192,8 @@ def calibration_of(options: argparse.Namespace) -> Calibration | None:
     return resources_file.load_camera(resources, resources.cameras[options.camera])
 
 
-def _watch(tuner: Tuner, interrupted: threading.Event, as_json: bool) -> None:
-    """Draws a block again and again on a terminal, else one."""
+def watch(tuner: Tuner, interrupted: threading.Event, as_json: bool) -> bool:
+    """Draws a block again and again on a terminal, else one; changes nothing: gives True."""
     camera = tuner.camera
     if as_json or not sys.stdout.isatty():
         for _ in range(WARM_UP):
@@ -140,8 +203,9 @@ def _watch(tuner: Tuner, interrupted: threading.Event, as_json: bool) -> None:
             print(json.dumps(panel.facts(view), indent=2))
         else:
             print("\n".join(panel.lines(view, LiveBlock(sys.stdout).has_blocks)))
-        return
-    TuningBlock(tuner, interrupted, LiveBlock(sys.stdout)).live()
+    else:
+        TuningBlock(tuner, interrupted, LiveBlock(sys.stdout)).run()
+    return True
 
 
 class TuningBlock:
@@ -154,13 +218,12 @@ class TuningBlock:
         block: LiveBlock,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        """Prepares to draw."""
         self._tuner = tuner
         self._interrupted = interrupted
         self._block = block
         self._clock = clock
 
-    def live(self) -> None:
+    def run(self) -> None:
         """Draws until it is interrupted; a camera that has gone is waited for."""
         last: list[str] = []
         while not self._interrupted.is_set():

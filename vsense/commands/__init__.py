@@ -37,6 +37,16 @@ COMMANDS = {
 """Each command's module and its line in the help, in the order of the help."""
 
 
+class HelpFormatter(argparse.HelpFormatter):
+    """Leaves room for the indent of subcommands' names, which argparse does not count."""
+
+    def add_argument(self, action: argparse.Action) -> None:
+        """Measures an argument's name."""
+        super().add_argument(action)
+        if action.nargs == argparse.PARSER:
+            self._action_max_length += self._indent_increment
+
+
 def parser(words: Sequence[str]) -> argparse.ArgumentParser:
     """Makes the parser of a command line.
 
@@ -45,13 +55,15 @@ def parser(words: Sequence[str]) -> argparse.ArgumentParser:
             and the options that they give have that command's `run`.
     """
     whole = argparse.ArgumentParser(
-        prog="vsense", description="Virtual sensing for real robot swarms."
+        prog="vsense",
+        description="Virtual sensing for real robot swarms.",
+        formatter_class=HelpFormatter,
     )
     whole.add_argument("--version", action="version", version=f"vsense {__version__}")
     commands = whole.add_subparsers(title="commands", metavar="COMMAND", required=True)
     called = next((word for word in words if not word.startswith("-")), "")
     for name, (module_name, text) in COMMANDS.items():
-        command = commands.add_parser(name, help=text)
+        command = commands.add_parser(name, help=text, formatter_class=HelpFormatter)
         if name == called:
             module = importlib.import_module(f"vsense.commands.{module_name}")
             command.description = module.DESCRIPTION

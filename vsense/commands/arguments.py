@@ -1,23 +1,24 @@
-"""Types of command line arguments: each refuses with what was expected.
-
-Opens the experiment that a command line names: `--set`, `--dry`, `--strict` and `--seed`.
-"""
+"""Types of command line arguments, each of which refuses with what was expected, and the options
+that several commands share."""
 
 from __future__ import annotations
 
 import argparse
-import secrets
-from collections.abc import Mapping
+import re
+from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
+from typing import Any, TypeVar
 
-from vsense.config.experiment import first_robots, load
-from vsense.config.placement import settle
-from vsense.config.specs import Experiment
-from vsense.errors import VsenseError
 from vsense.report import FORMATS
+from vsense.ui.access import WebAddress
+
+Record = TypeVar("Record")
 
 MOST_NUMBERS = 100_000
 """A range of numbers may have so many."""
+_UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
+_LENGTH = re.compile(r"([0-9]+(?:\.[0-9]*)?) *(mm|cm|m|in)")
 
 
 def seconds(text: str) -> float:
@@ -48,6 +49,15 @@ def port(text: str) -> int:
     return _integer(text, 0, 65_535)
 
 
+def length_mm(text: str, units: Sequence[str] = ("mm", "cm", "in")) -> float:
+    """A length with one of some units."""
+    found = _LENGTH.fullmatch(text.strip())
+    if found is None or found[2] not in units:
+        some = " or ".join(units)
+        raise argparse.ArgumentTypeError(f"'{text}': expected a length such as 70mm, in {some}")
+    return float(found[1]) * _UNITS_MM[found[2]]
+
+
 def _integer(text: str, least: int, most: int) -> int:
     value = int(_number(text, int, "a whole number"))
     if not least <= value <= most:
@@ -62,16 +72,6 @@ def _number(text: str, kind: type[int] | type[float], expected: str) -> float:
         raise argparse.ArgumentTypeError(f"'{text}' is not {expected}") from None
 
 
-def add_tracking_files(parser: argparse.ArgumentParser) -> None:
-    """Declares the two files of a tracking session."""
-    parser.add_argument(
-        "resources", help="the resources file (arena_tracking_system): grabbers, trackers, cameras"
-    )
-    parser.add_argument(
-        "experiment", help="the experiment file (arena_tracking): what of the resources to use"
-    )
-
-
 def setting(text: str) -> tuple[str, str]:
     """A setting of an experiment: ELEMENT.attribute=VALUE."""
     key, equals, value = text.partition("=")
@@ -82,68 +82,6 @@ def setting(text: str) -> tuple[str, str]:
     return key, value
 
 
-def add_experiment(parser: argparse.ArgumentParser) -> None:
-    """Declares what all commands that run an experiment have in common."""
-    parser.add_argument(
-        "experiment", help="a shipped experiment's name, or the path of a .argos file"
-    )
-    parser.add_argument(
-        "--dry",
-        action="store_true",
-        help="only say what the experiment holds, what of its file is not supported, and how many"
-        " bytes a robot is sent and sends",
-    )
-    parser.add_argument(
-        "--strict",
-        action="store_true",
-        help="refuse a file in which anything is not supported, instead of warning",
-    )
-    _add_run(parser)
-
-
-def _add_run(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--duration",
-        type=seconds,
-        metavar="S",
-        help="length of a run in s (default: the file's)",
-    )
-    parser.add_argument(
-        "--seed",
-        type=natural,
-        metavar="N",
-        help="seed of everything that is drawn (default: the file's; 0 draws a fresh one)",
-    )
-    parser.add_argument(
-        "--robots",
-        type=positive,
-        metavar="N",
-        help="take only the first N robots of the file",
-    )
-    parser.add_argument(
-        "--blind", action="store_true", help="hold the virtual sensors at 0: the control experiment"
-    )
-    parser.add_argument(
-        "--json",
-        action="store_true",
-        help="print the summary as one JSON object on standard output",
-    )
-
-
-def add_settings(parser: argparse.ArgumentParser) -> None:
-    """Declares `--set`, with one value per setting."""
-    parser.add_argument(
-        "--set",
-        type=setting,
-        action="append",
-        default=[],
-        metavar="ELEMENT.ATTRIBUTE=VALUE",
-        help="a value instead of the file's; ELEMENT is an element's name or id, a controller's"
-        " library (for its parameters), 'sensor' or 'actuator' (for all virtual ones); may be"
-        " given again",
-    )
-
-
 def add_charts(parser: argparse.ArgumentParser) -> None:
     """Declares how charts are drawn and kept."""
     group = parser.add_argument_group("charts")
@@ -152,53 +90,6 @@ def add_charts(parser: argparse.ArgumentParser) -> None:
         "--style",
         metavar="FILE_OR_NAME",
         help="a Matplotlib style sheet (.mplstyle), or the name of one; a matplotlibrc counts, too",
-    )
-
-
-def add_room(parser: argparse.ArgumentParser) -> None:
-    """Declares how the runs are seen, steered and kept: the control room."""
-    add_web(parser)
-    group = parser.add_argument_group("control room")
-    group.add_argument(
-        "--hold",
-        action="store_true",
-        help="start no run by itself, but with a key, on the page or with vsense start; after a run"
-        " wait for the next one, until Ctrl-C",
-    )
-    group.add_argument(
-        "--runs",
-        type=positive,
-        default=1,
-        metavar="N",
-        help="a series of N runs; the seed of each is the one before plus 1 (default: 1)",
-    )
-    group.add_argument(
-        "--record", action="store_true", help="record every run to an MCAP file from its beginning"
-    )
-    group.add_argument(
-        "--record-images",
-        action="store_true",
-        help="recordings hold the cameras' pictures, too, unchanged: for vsense replay --retrack",
-    )
-
-
-def add_web(parser: argparse.ArgumentParser, default: tuple[str, int] | None = None) -> None:
-    """Declares the page; without a default there is none unless it is wanted."""
-    group = parser.add_argument_group("page")
-    group.add_argument(
-        "--web",
-        type=address,
-        default=default,
-        metavar="[ADDRESS:]PORT",
-        help="serve the control room's page there: 8080 is this machine only; 0.0.0.0:8080 is every"
-        " interface, and needs one token for looking and another for control, which are printed"
-        + (f" (default: {default[1]})" if default else ""),
-    )
-    group.add_argument(
-        "--web-tokens",
-        type=Path,
-        metavar="FILE",
-        help="a file with the lines look=... and control=..., instead of tokens drawn anew",
     )
 
 
@@ -225,63 +116,53 @@ def numbers(text: str) -> tuple[int, ...]:
     return tuple(found)
 
 
-def open_experiment(
-    options: argparse.Namespace, settings: Mapping[str, str] | None = None
-) -> Experiment | None:
-    """Loads an experiment as the command line says.
-
-    Args:
-        options: `experiment`, `duration`, `dry` and `strict`; and `set` where settings are None.
-        settings: values instead of the file's.
-
-    Returns:
-        The experiment; None where the command was only asked what it holds (`--dry`): that is
-        on standard output then.
-
-    Raises:
-        UsageError: there is no such experiment, or a setting fits nothing in it.
-        ConfigError: the file is wrong, or is not fully supported with `--strict`.
-        VsenseError: nobody reads standard output.
-    """
-    if settings is None:
-        settings = dict(options.set)
-    experiment = load(options.experiment, options.duration, settings)
-    if options.dry:
-        _print(experiment.describe())
-    if options.strict:
-        experiment.refuse_warnings()
-    return None if options.dry else experiment
+def add_tracking_files(parser: argparse.ArgumentParser) -> None:
+    """Declares the two files of a tracking session."""
+    parser.add_argument(
+        "resources", help="the resources file (arena_tracking_system): grabbers, trackers, cameras"
+    )
+    parser.add_argument(
+        "experiment", help="the experiment file (arena_tracking): what of the resources to use"
+    )
 
 
-def open_run(options: argparse.Namespace, real: bool = True) -> tuple[Experiment, int] | None:
-    """Loads an experiment of which robots run, and settles it.
+def add_web(parser: argparse.ArgumentParser, default: tuple[str, int] | None = None) -> None:
+    """Declares the page; without a default there is none unless it is wanted."""
+    group = parser.add_argument_group("page")
+    group.add_argument(
+        "--web",
+        type=address,
+        default=default,
+        metavar="[ADDRESS:]PORT",
+        help="serve the control room's page there: 8080 is this machine only; 0.0.0.0:8080 is every"
+        " interface, and needs one token for looking and another for control, which are printed"
+        + (f" (default: {default[1]})" if default else ""),
+    )
+    group.add_argument(
+        "--web-tokens",
+        type=Path,
+        metavar="FILE",
+        help="a file with the lines look=... and control=..., instead of tokens drawn anew",
+    )
 
-    Args:
-        options: as `open_experiment` takes them, and `robots` and `seed`.
-        real: see `settle`.
 
-    Returns:
-        The experiment with everything in its place, and the first run's seed; None with `--dry`.
-
-    Raises:
-        VsenseError: as `open_experiment`; not so many robots, or no place for something.
-    """
-    experiment = open_experiment(options)
-    if experiment is None:
+def web_of(options: argparse.Namespace) -> WebAddress | None:
+    """Returns what `add_web` declares: where the page is served, None: nowhere."""
+    if options.web is None:
         return None
-    experiment = first_robots(experiment, options.robots)
-    seed = choose_seed(options, experiment)
-    return settle(experiment, seed, real=real), seed
+    host, port = options.web
+    return WebAddress(host, port, options.web_tokens)
 
 
-def choose_seed(options: argparse.Namespace, experiment: Experiment) -> int:
-    """Gives a run's seed: the command line's, else the file's; for 0 a fresh one."""
-    seed = experiment.seed if options.seed is None else options.seed
-    return int(seed) or secrets.randbelow(2**32 - 1) + 1
+def add_action(actions: Any, name: str, text: str) -> argparse.ArgumentParser:
+    """Adds an action's parser; `text` is its line in the help, and heads its own page of help."""
+    parser: argparse.ArgumentParser = actions.add_parser(
+        name, help=text, description=f"{text[:1].upper()}{text[1:]}."
+    )
+    return parser
 
 
-def _print(text: str) -> None:
-    try:
-        print(text, flush=True)
-    except OSError as error:
-        raise VsenseError(f"standard output: {error.strerror}") from None
+def fill(kind: type[Record], options: argparse.Namespace, **others: Any) -> Record:
+    """Makes a dataclass of the options that are named as its fields; `others` are given."""
+    names = [field.name for field in fields(kind) if field.name not in others]  # type: ignore[arg-type]
+    return kind(**{name: getattr(options, name) for name in names}, **others)

@@ -13,6 +13,8 @@ from typing import Any
 
 from vsense.bench import grabbing, identity, robot, tracking, world
 from vsense.commands import arguments
+from vsense.errors import UsageError
+from vsense.terminal import aligned
 
 DESCRIPTION = (
     "'tracking' renders pictures of 20 robots on a cluttered floor and lets vsense's detectors,"
@@ -29,6 +31,8 @@ DESCRIPTION = (
 _PICTURES = 8
 _WALK = 60
 _TIMESTEPS = 2500
+_ONLY = {"pictures": "tracking", "walk": "tracking", "timesteps": "identity", "device": "grabbing"}
+"""Options that one subject has only."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -70,12 +74,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Runs a benchmark and prints its report; returns 0."""
+    """Runs a benchmark and prints its report; returns 0.
+
+    Raises:
+        UsageError: an option that the subject does not have.
+    """
+    for option, subject in _ONLY.items():
+        if options.subject != subject and getattr(options, option) is not None:
+            raise UsageError(f"--{option}: 'vsense bench {options.subject}' has none")
     if options.subject == "tracking":
-        report = tracking.run(options.rounds, options.pictures, options.walk, _say)
+        pictures, walk = options.pictures or _PICTURES, options.walk or _WALK
+        report = tracking.run(options.rounds, pictures, walk, _say)
         text = table(report)
     elif options.subject == "identity":
-        report = identity.run(options.timesteps, _say)
+        report = identity.run(options.timesteps or _TIMESTEPS, _say)
         text = identity.table(report)
     elif options.subject == "grabbing":
         report = grabbing.run(options.rounds, options.device, _say)
@@ -110,14 +122,7 @@ def table(report: dict[str, Any]) -> str:
                 f"{row['position_rms_px']:.3f}",
             )
         )
-    widths = [max(len(line[k]) for line in lines) for k in range(len(titles))]
-    text = [
-        "  ".join(
-            cell.ljust(width) if k < 2 else cell.rjust(width)
-            for k, (cell, width) in enumerate(zip(line, widths, strict=True))
-        )
-        for line in lines
-    ]
+    text = aligned(lines, left=2)
     sixteen = report["set16"]
     text += [
         "",

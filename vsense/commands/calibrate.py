@@ -8,7 +8,10 @@ import re
 from pathlib import Path
 from typing import Any
 
+from vsense.calibration import session
+from vsense.calibration.session import LensOptions, RigOptions
 from vsense.commands import arguments
+from vsense.lab import board_studio
 
 DESCRIPTION = (
     "Calibrates cameras from pictures of a printed board: print one with `board`, take pictures,"
@@ -33,8 +36,6 @@ _PICTURES = (
     " folders and videos are named after their cameras, and pictures with the same name show the"
     " same moment, unless a timestamps.csv in a camera's folder says better"
 )
-_LENGTH = re.compile(r"(-?[0-9]+(?:\.[0-9]*)?)(mm|cm|m)")
-_UNIT_M = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -48,20 +49,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Runs one step; see `vsense.calibration.session`."""
-    # Imported here: `vsense --help` must not wait for OpenCV.
     if options.step == "example":
-        from vsense.lab import board_studio
-
         return board_studio.write(options.directory, options.board, options.seed)
-    from vsense.calibration import session
-
-    _check(options)
-    steps = {
-        "board": session.print_board,
-        "intrinsics": session.intrinsics,
-        "rig": session.rig,
-    }
-    return steps[options.step](options)
+    if options.step == "board":
+        return session.print_board(options.board, options.output)
+    if options.step == "intrinsics":
+        return session.intrinsics(arguments.fill(LensOptions, options))
+    return session.rig(arguments.fill(RigOptions, options))
 
 
 def _add_board(steps: Any) -> None:
@@ -191,38 +185,6 @@ def _add_sources(step: argparse.ArgumentParser) -> None:
     )
 
 
-def _check(options: argparse.Namespace) -> None:
-    """Refuses arguments that do not go together."""
-    from vsense.errors import UsageError
-
-    if options.step == "board":
-        return
-    sources = [bool(options.pictures), bool(options.corners)]
-    if all(sources) or not any([*sources, getattr(options, "seen", None)]):
-        raise UsageError("expected one of --pictures and --corners")
-    if options.corners and not options.board:
-        raise UsageError("--corners: expected --board, the board that they are on")
-    if options.step == "rig":
-        _check_rig(options)
-
-
-def _check_rig(options: argparse.Namespace) -> None:
-    from vsense.errors import UsageError
-
-    if not options.board and not options.points:
-        raise UsageError("expected --board or --points")
-    if bool(options.points) != bool(options.seen or options.tags):
-        raise UsageError("expected --points together with --seen or --tags")
-    if not options.board and not options.intrinsics:
-        raise UsageError("known points alone do not tell the lenses: expected --intrinsics")
-    if options.refine and not options.intrinsics:
-        raise UsageError("--refine: expected --intrinsics, the lenses to refine")
-    if options.tags and not options.pictures:
-        raise UsageError("--tags: expected --pictures to look for them")
-    if options.floor and not options.board:
-        raise UsageError("--floor: expected --board")
-
-
 def _place(text: str) -> tuple[float, float, float]:
     try:
         x, y, degrees = (float(part) for part in text.split(","))
@@ -234,10 +196,7 @@ def _place(text: str) -> tuple[float, float, float]:
 
 
 def _length_m(text: str) -> float:
-    found = _LENGTH.fullmatch(text)
-    if found is None or float(found[1]) < 0.0:
-        raise argparse.ArgumentTypeError(f"'{text}': expected a length such as 5mm or 0.5cm")
-    return float(found[1]) * _UNIT_M[found[2]]
+    return 1e-3 * arguments.length_mm(text, ("mm", "cm", "m"))
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -7,8 +7,14 @@ import os
 import sys
 from pathlib import Path
 
-from vsense.camera_setup import files, listing, shooting, showing, tuning
+from vsense.camera_setup import files, listing, shooting, showing, sweep, tuning
+from vsense.camera_setup.markers import SPEED_M_S
+from vsense.camera_setup.shooting import ShootOptions
+from vsense.camera_setup.tuning import TuneOptions
+from vsense.cameras.opencv_source import Controls
 from vsense.commands import arguments
+from vsense.config.resources import EXPOSURES_US, GAINS, RATES_HZ, SIDES_PX
+from vsense.errors import UsageError
 
 DESCRIPTION = (
     "Without an action it lists the cameras: GigE Vision, USB3 Vision, V4L2. 'show' looks through"
@@ -20,27 +26,25 @@ _ID = (
     "what `vsense cameras` lists as its id or address, its serial number, /dev/video0, a URL, or"
     " with --resources the id of a grabber"
 )
+_TAKEN = {
+    "width": SIDES_PX,
+    "height": SIDES_PX,
+    "rate": RATES_HZ,
+    "exposure": EXPOSURES_US,
+    "gain": GAINS,
+}
+"""What options may be, by their names."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     parser.add_argument("--json", action="store_true", help="print the list as JSON")
     actions = parser.add_subparsers(title="actions", metavar="ACTION", dest="action")
-    _add_list(actions.add_parser("list", help="show what is there (as without an action)"))
-    _add_show(actions.add_parser("show", help="look through a camera, or take one picture"))
-    _add_tune(actions.add_parser("tune", help="help with a camera's exposure and gain"))
-    _add_init(actions.add_parser("init", help="write the configuration files for what is there"))
-    _add_shoot(actions.add_parser("shoot", help="take pictures of a board with all cameras"))
-
-
-def _add_list(parser: argparse.ArgumentParser) -> None:
-    """Declares what `vsense cameras list` takes."""
-    # Without a default of its own: --json before the action counts, too.
-    _add_json(parser)
+    for name, (text, declare) in _ACTIONS.items():
+        declare(arguments.add_action(actions, name, text))
 
 
 def _add_show(parser: argparse.ArgumentParser) -> None:
-    """Declares what `vsense cameras show` takes."""
     _add_camera(parser)
     parser.add_argument(
         "--save",
@@ -52,7 +56,6 @@ def _add_show(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_tune(parser: argparse.ArgumentParser) -> None:
-    """Declares what `vsense cameras tune` takes."""
     _add_camera(parser)
     parser.add_argument(
         "--sweep",
@@ -64,9 +67,9 @@ def _add_tune(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--speed",
         type=_positive,
-        default=0.13,
+        default=SPEED_M_S,
         metavar="M/S",
-        help="of the robots (default: 0.13, the e-puck's greatest)",
+        help="of the robots (default: 0.13, an e-puck's maximum)",
     )
     group.add_argument(
         "--px-per-m",
@@ -93,7 +96,6 @@ def _add_tune(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_init(parser: argparse.ArgumentParser) -> None:
-    """Declares what `vsense cameras init` takes."""
     parser.add_argument(
         "directory",
         type=Path,
@@ -106,7 +108,6 @@ def _add_init(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_shoot(parser: argparse.ArgumentParser) -> None:
-    """Declares what `vsense cameras shoot` takes."""
     parser.add_argument(
         "resources", metavar="RESOURCES", help="the resources file: all its cameras take part"
     )
@@ -168,9 +169,20 @@ def _add_camera(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_json(parser: argparse.ArgumentParser) -> None:
+    # Without a default of its own: --json before the action counts, too.
     parser.add_argument(
         "--json", action="store_true", default=argparse.SUPPRESS, help="print it as JSON"
     )
+
+
+_ACTIONS = {
+    "list": ("show what is there (as without an action)", _add_json),
+    "show": ("look through a camera, or take one picture", _add_show),
+    "tune": ("help with a camera's exposure and gain", _add_tune),
+    "init": ("write the configuration files for what is there", _add_init),
+    "shoot": ("take pictures of a board with all cameras", _add_shoot),
+}
+"""Each action's line in the help, and what declares its arguments."""
 
 
 def _positive(text: str) -> float:
@@ -194,15 +206,43 @@ def run(options: argparse.Namespace) -> int:
         VsenseError: it cannot be done; one clear line.
     """
     actions = {
-        "list": listing.run,
-        "show": showing.run,
-        "tune": tuning.run,
-        "init": files.run,
-        "shoot": shooting.run,
+        "list": lambda: listing.run(options.json),
+        "show": lambda: _show(options),
+        "tune": lambda: _tune(options),
+        "init": lambda: files.run(options.directory, options.force),
+        "shoot": lambda: shooting.run(arguments.fill(ShootOptions, options), options.json),
     }
     try:
-        return actions[options.action or "list"](options)
+        return actions[options.action or "list"]()
     except BrokenPipeError:
         # Whoever read the output has seen enough, and nothing more can be written there.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+
+
+def _show(options: argparse.Namespace) -> int:
+    wanted, web = wanted_of(options), arguments.web_of(options)
+    return showing.run(options.id, wanted, options.resources, options.family, options.save, web)
+
+
+def _tune(options: argparse.Namespace) -> int:
+    asked = arguments.fill(TuneOptions, options, wanted=wanted_of(options))
+    measure = sweep.run if options.sweep else tuning.watch
+    return tuning.run(asked, measure, options.json)
+
+
+def wanted_of(options: argparse.Namespace) -> Controls:
+    """Returns what the command line asks a camera for.
+
+    Raises:
+        UsageError: one of width and height is missing, or a value is beyond what the resources
+            file takes.
+    """
+    for name, bounds in _TAKEN.items():
+        value = getattr(options, name)
+        if value is not None and not bounds[0] <= value <= bounds[1]:
+            raise UsageError(f"--{name}: {value:g} is not from {bounds[0]:g} to {bounds[1]:g}")
+    if (options.width is None) != (options.height is None):
+        raise UsageError("expected --width together with --height")
+    size_px = None if options.width is None else (options.width, options.height)
+    return Controls(size_px, options.rate, options.exposure, options.gain)

@@ -5,6 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from vsense import recording
+from vsense.terminal import Console
+
 DESCRIPTION = (
     "Writes the tables trajectories.csv, readings.csv, robots.csv, measures.csv and events.csv of a"
     " recording. Every table has a header; lengths are in m, angles in rad, times in s since the"
@@ -27,10 +30,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Exports; see `vsense.recording.export`."""
-    # Imported here: `vsense --help` must not wait for NumPy.
-    from vsense import recording
-    from vsense.terminal import Console
-
     recording.require()
     from vsense.recording.export import export_csv
     from vsense.recording.reader import open_recording

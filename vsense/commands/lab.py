@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from vsense.commands import arguments
-from vsense.commands.arguments import open_run
+from vsense.commands import arguments, experiments
 from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
 from vsense.lab import metrics, report
@@ -32,9 +32,15 @@ DESCRIPTION = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
-    arguments.add_experiment(parser)
-    arguments.add_settings(parser)
-    _add_base(parser)
+    experiments.add_experiment(parser)
+    experiments.add_settings(parser)
+    parser.add_argument(
+        "--base",
+        choices=BASES,
+        default=BASES[0],
+        help="what the emulated robots are based on, as in vsensed --base; mixed: one after the"
+        " other (default: argos)",
+    )
     parser.add_argument(
         "--port",
         type=arguments.port,
@@ -44,17 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--output", type=Path, metavar="DIR", help="folder for picture and logs (default: runs/...)"
     )
-    arguments.add_room(parser)
-
-
-def _add_base(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--base",
-        choices=BASES,
-        default=BASES[0],
-        help="what the emulated robots are based on, as in vsensed --base; mixed: one after the"
-        " other (default: argos)",
-    )
+    experiments.add_room(parser)
 
 
 COMPLAINTS_TIMESTEP = 10
@@ -71,20 +67,19 @@ def run(options: argparse.Namespace) -> int:
         VsenseError: it cannot run, or something failed in mid-run; what was measured until then
             is reported first.
     """
-    console = Console()
-    opened = open_run(options)
+    opened = experiments.open_experiment(options)
     if opened is None:
         return 0
-    experiment, seed = opened
-    directory = run_directory.make(options.output, experiment.name, seed)
-    port = experiment.port if options.port is None else options.port
+    experiment, seed, directory = experiments.prepare(options, opened)
+    console = Console()
     _warn(console, experiment)
-    with interruption() as interrupted, ControlRoom(options, console) as room:
+    port = experiment.port if options.port is None else options.port
+    with interruption() as interrupted, ControlRoom(experiments.room_of(options), console) as room:
         address = (experiment.host, port)
         setup = RunSetup(experiment, seed, options.blind, address, console, interrupted, room)
         session = Session(setup, directory, options.base)
         series = Series(directory, options.runs, room.holds, interrupted)
-        failure = _live(session, series, room, console)
+        failure = _run_all(session, series, room, console)
         console.end_progress()
         _report_all(options, session, series, console)
         if failure is not None:
@@ -92,10 +87,10 @@ def run(options: argparse.Namespace) -> int:
         return INTERRUPTED if series.was_broken(session.runner.control) else 0
 
 
-def _live(
+def _run_all(
     session: Session, series: Series, room: ControlRoom, console: Console
 ) -> VsenseError | None:
-    """Lives all runs; a failure in one of them is given back, to be told after the reports."""
+    """Carries out all runs; returns a failure in one of them, to be raised after the reports."""
     with session:
         try:
             while True:
@@ -113,8 +108,7 @@ def _live(
 
 
 def _warn(console: Console, experiment: Experiment) -> None:
-    for warning in experiment.warnings:
-        console.say(f"vsense: {warning}")
+    experiments.say_warnings(console, experiment)
     if experiment.tracker is not None:
         place = f"{experiment.file}:{experiment.tracker.line}"
         console.say(f"vsense: {place}: its tracker is left alone: the lab has its own cameras")
@@ -128,7 +122,7 @@ def _announce(console: Console, session: Session, directory: Path) -> None:
     )
 
 
-def _progress(console: Console, session: Session) -> Any:
+def _progress(console: Console, session: Session) -> Callable[[Step], None]:
     """Makes the function that keeps the live line up to date."""
     experiment = session.experiment
     length = f"/{experiment.length_s:g}" if experiment.length_s else ""
@@ -161,10 +155,7 @@ def _measured(session: Session) -> str:
 
 
 def _report_all(
-    options: argparse.Namespace,
-    session: Session,
-    series: Series,
-    console: Console,
+    options: argparse.Namespace, session: Session, series: Series, console: Console
 ) -> None:
     """Measures, writes and prints what became of every run."""
     summaries = []

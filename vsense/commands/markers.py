@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 from pathlib import Path
+
+from vsense.commands import arguments
+from vsense.errors import UsageError
+from vsense.markers import choice, paper, sheet
+from vsense.markers.families import load_family
 
 DESCRIPTION = (
     "Writes sheets of markers, true to scale, as PDF or PNG. Print them at 100 %: the bar at the"
     " foot of each page must measure 100 mm."
 )
-
-_UNITS_MM = {"mm": 1.0, "cm": 10.0, "in": 25.4}
-_SIZE = re.compile(r"([0-9]+(?:\.[0-9]*)?) *(mm|cm|in)")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--size",
-        type=_size_mm,
+        type=arguments.length_mm,
         metavar="SIZE",
         help="diameter of the white disc, such as 70mm (default: the family's)",
     )
@@ -54,11 +55,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Writes the sheets; their names go to standard output."""
-    # Imported here: `vsense --help` must not wait for OpenCV.
-    from vsense.errors import UsageError
-    from vsense.markers import choice, paper, sheet
-    from vsense.markers.families import load_family
-
     output: Path = options.output
     if output.suffix.lower() not in (".pdf", ".png"):
         raise UsageError(f"{output}: expected a name that ends in .pdf or .png")
@@ -75,7 +71,10 @@ def run(options: argparse.Namespace) -> int:
         }
     )
     for name, data in files.items():
-        _write(name, data)
+        try:
+            name.write_bytes(data)
+        except OSError as error:
+            raise UsageError(f"{name}: cannot be written: {error.strerror}") from None
         print(name)
     print(f"vsense: tags {' '.join(map(str, chosen))}", file=sys.stderr)
     if abs(size_mm - family.disc_diameter_mm) > 1e-6:
@@ -94,22 +93,6 @@ def _names(output: Path, count: int) -> list[Path]:
         return [output]
     width = len(str(count))
     return [output.with_stem(f"{output.stem}-{n:0{width}}") for n in range(1, count + 1)]
-
-
-def _write(path: Path, data: bytes) -> None:
-    from vsense.errors import UsageError
-
-    try:
-        path.write_bytes(data)
-    except OSError as error:
-        raise UsageError(f"{path}: cannot be written: {error.strerror}") from None
-
-
-def _size_mm(text: str) -> float:
-    match = _SIZE.fullmatch(text.strip())
-    if match is None:
-        raise argparse.ArgumentTypeError(f"{text!r}: expected a length such as 70mm, 7cm or 2.75in")
-    return float(match[1]) * _UNITS_MM[match[2]]
 
 
 def _dpi(text: str) -> int:

@@ -11,22 +11,26 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from vsense.commands import arguments
+from vsense.commands import COMMANDS, arguments
 from vsense.errors import UsageError, VsenseError
+from vsense.terminal import aligned
 from vsense.ui.control_socket import folder
 
 DESCRIPTION = (
-    "Talks to the `vsense run` or `vsense lab` that goes on on this machine, under this user. What"
-    " is ordered here and on the web page goes through the same door, and everybody sees it."
+    "Talks to the `vsense run` or `vsense lab` that this user runs on this machine. Orders from"
+    " here, from its keyboard and from the page are the same, and all see them."
 )
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the arguments of all five."""
+    name = parser.prog.split()[-1]
+    text = COMMANDS[name][1]
+    parser.description = f"{text[:1].upper()}{text[1:]}. {DESCRIPTION}"
     add_process(parser)
-    if parser.prog.endswith("status"):
+    if name == "status":
         parser.add_argument("--json", action="store_true", help="print it as one JSON object")
-    if parser.prog.endswith("stop"):
+    if name == "stop":
         parser.add_argument(
             "--emergency",
             action="store_true",
@@ -167,11 +171,8 @@ def table(answer: Mapping[str, Any]) -> str:
 def robot_table(rows: Mapping[str, list[Any]]) -> str:
     """A line for each robot."""
     head = ("robot", "tag", "software", "controller", "link", "pose", "battery", "base errors", "")
-    lines = [head, *(_cells({key: rows[key][n] for key in rows}) for n in range(len(rows["tag"])))]
-    widths = [max(len(line[column]) for line in lines) for column in range(len(head))]
-    return "\n".join(
-        "  ".join(cell.ljust(width) for cell, width in zip(line, widths)).rstrip() for line in lines
-    )
+    robots = ({key: rows[key][n] for key in rows} for n in range(len(rows["tag"])))
+    return "\n".join(aligned([head, *map(_cells, robots)]))
 
 
 def _cells(robot: Mapping[str, Any]) -> tuple[str, ...]:

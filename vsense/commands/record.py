@@ -6,6 +6,9 @@ import argparse
 from pathlib import Path
 
 from vsense.commands import arguments
+from vsense.config.experiment import load
+from vsense.lab.recorder import record
+from vsense.terminal import Console
 
 DESCRIPTION = (
     "Draws what the lab's cameras see of an experiment's robots wandering about, and writes it as a"
@@ -45,11 +48,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Records; see `vsense.lab.recorder.record`."""
-    # Imported here: `vsense --help` must not wait for OpenCV.
-    from vsense.config.experiment import load
-    from vsense.lab.recorder import record
-    from vsense.terminal import Console
-
     console = Console()
     console.progress("building the scene")
     record(

@@ -4,23 +4,23 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
+from vsense import recording
 from vsense.commands import arguments
 from vsense.config import tracking_session
 from vsense.errors import UsageError
 from vsense.message_bus import MessageBus
-from vsense.recording import tracker_made
-from vsense.recording.player import Player
-from vsense.recording.reader import Recording, open_recording
-from vsense.recording.retrack import Retracking
-from vsense.recording.tracker_made import change_settings
-from vsense.run.control import Give, Order, OrderKind
+from vsense.run.control import Order, OrderKind
 from vsense.terminal import INTERRUPTED, Console, interruption
+from vsense.ui.access import WebAddress
+from vsense.ui.room import make_server
+
+if TYPE_CHECKING:
+    from vsense.recording.reader import Recording
 
 DESCRIPTION = (
     "Plays a recording in the page, with pause, speed and a time line. With --retrack it runs the"
@@ -57,67 +57,49 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Plays or tracks again; see `vsense.commands.replay`."""
-    # Imported here: `vsense --help` must not wait for OpenCV.
-    from vsense import recording
+    """Plays a recording, or tracks again.
 
-    recording.require()
-    from vsense.ui.room import make_server
-
-    if options.retrack:
-        return retrack(options)
-    if options.set or options.session or options.json:
-        raise UsageError("--set, --session and --json belong to --retrack")
-    return play(options, make_server)
-
-
-class Addresses(Protocol):
-    """What to type into a browser."""
-
-    @property
-    def look(self) -> str:
-        """For those who only look."""
-
-    @property
-    def control(self) -> str:
-        """For those who press buttons."""
-
-
-class Server(Protocol):
-    """The page's server; `vsense.ui.server.WebServer`."""
-
-    def start(self) -> Addresses:
-        """Serves."""
-
-    def close(self) -> None:
-        """Ends it."""
-
-
-MakeServer = Callable[[argparse.Namespace, MessageBus, Give], Server]
-
-
-def play(options: argparse.Namespace, make_server: MakeServer) -> int:
-    """Plays a recording in the page until somebody interrupts.
-
-    Args:
-        options: the command line.
-        make_server: makes the page's server.
+    Returns:
+        0, or 130 where it was interrupted, as whoever plays always does.
 
     Raises:
-        VsenseError: the recording or the page cannot be opened.
+        VsenseError: the recording or the page cannot be opened, there is nothing to track, or the
+            settings make no tracker.
     """
+    recording.require()
+    if options.retrack:
+        return _retrack(options)
+    if options.set or options.session or options.json:
+        raise UsageError("--set, --session and --json belong to --retrack")
+    web = arguments.web_of(options)
+    assert web is not None, "--web has a default"
+    return play(options.file, options.speed, web)
+
+
+def play(file: Path, speed: float, web: WebAddress) -> int:
+    """Plays a recording in the page until somebody interrupts; see `run`.
+
+    Args:
+        file: the recording.
+        speed: times the real one.
+        web: where the page is served.
+    """
+    # These need the extra `record`.
+    from vsense.recording.player import Player
+    from vsense.recording.reader import open_recording
+
     console = Console()
     with ExitStack() as stack:
         interrupted = stack.enter_context(interruption())
-        recording = stack.enter_context(open_recording(options.file))
-        _say_state(console, recording)
+        opened = stack.enter_context(open_recording(file))
+        _say_state(console, opened)
         hub = MessageBus()
-        player = Player(recording, hub)
-        player.give(Order(OrderKind.SPEED, "terminal", options.speed))
-        server = make_server(options, hub, player.give)
+        player = Player(opened, hub)
+        player.give(Order(OrderKind.SPEED, "terminal", speed))
+        server = make_server(web, hub, player.give)
         stack.callback(server.close)
         addresses = server.start()
-        console.say(f"vsense: plays {recording.duration_s:.1f} s in {addresses.control}")
+        console.say(f"vsense: plays {opened.duration_s:.1f} s in {addresses.control}")
         if addresses.look != addresses.control:
             console.say(f"vsense: only to look: {addresses.look}")
         player.start()
@@ -127,33 +109,30 @@ def play(options: argparse.Namespace, make_server: MakeServer) -> int:
     return INTERRUPTED
 
 
-def retrack(options: argparse.Namespace) -> int:
-    """Runs the tracker on recorded pictures and prints what differs.
+def _retrack(options: argparse.Namespace) -> int:
+    """Runs the tracker on recorded pictures and prints what differs; see `run`."""
+    from vsense.recording import tracker_made
+    from vsense.recording.reader import open_recording
+    from vsense.recording.retrack import Retracking
 
-    Returns:
-        0, or 130 where it was interrupted.
-
-    Raises:
-        VsenseError: there is nothing to track, or the settings make no tracker.
-    """
     console = Console()
     session = None if options.session is None else tracking_session.load(*options.session)
 
     def change(made: dict[str, Any]) -> dict[str, Any]:
         if session is not None:
             made = {**tracker_made.of_session(session), "versions": made["versions"]}
-        return change_settings(made, dict(options.set))
+        return tracker_made.change_settings(made, dict(options.set))
 
-    with interruption() as interrupted, open_recording(options.file) as recording:
-        _say_state(console, recording)
-        tracking = Retracking(recording, change)
+    with interruption() as interrupted, open_recording(options.file) as opened:
+        _say_state(console, opened)
+        tracking = Retracking(opened, change)
         for number, _ in enumerate(tracking.states(), 1):
             console.progress(f"{number} timesteps tracked again")
             if interrupted.is_set():
                 return INTERRUPTED
         console.end_progress()
-        if recording.damaged:
-            console.say(f"vsense: {len(recording.damaged)} parts of {options.file} are damaged")
+        if opened.damaged:
+            console.say(f"vsense: {len(opened.damaged)} parts of {options.file} are damaged")
         if options.json:
             print(json.dumps(asdict(tracking.comparison)))
         else:
@@ -161,9 +140,9 @@ def retrack(options: argparse.Namespace) -> int:
     return 0
 
 
-def _say_state(console: Console, recording: Recording) -> None:
+def _say_state(console: Console, opened: Recording) -> None:
     """Says what people should know before they believe a recording."""
-    if not recording.complete:
-        console.say(f"vsense: {recording.path} was cut off: its last second may be missing")
-    if recording.gaps:
-        console.say(f"vsense: {recording.path} has {len(recording.gaps)} gaps")
+    if not opened.complete:
+        console.say(f"vsense: {opened.path} was cut off: its last second may be missing")
+    if opened.gaps:
+        console.say(f"vsense: {opened.path} has {len(opened.gaps)} gaps")

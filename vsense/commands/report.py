@@ -6,7 +6,9 @@ import argparse
 import json
 from pathlib import Path
 
+from vsense import recording
 from vsense.commands import arguments
+from vsense.terminal import Console
 
 DESCRIPTION = (
     "Makes report.html, one page that holds everything it shows, and its charts as PNG, SVG or PDF:"
@@ -35,10 +37,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Makes the report; see `vsense.report.report`."""
-    # Imported here: `vsense --help` must not wait for OpenCV.
-    from vsense import recording
-    from vsense.terminal import Console
-
     recording.require()
     from vsense.report.report import make_report
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import argparse
 import json
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from vsense.commands import arguments, orders
 from vsense.robot import boards, deploying
 from vsense.robot.deploying import Outcome, Plan
-from vsense.terminal import Console
+from vsense.terminal import Console, aligned
 
 DESCRIPTION = (
     "What a lab does with its robots' boards. 'build' makes the daemon vsensed with a controller"
@@ -24,22 +25,16 @@ DESCRIPTION = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True, dest="action")
-    _add_build(actions.add_parser("build", help="build vsensed with a controller for a board"))
-    _add_deploy(actions.add_parser("deploy", help="copy vsensed to all robots of a list"))
-    _add_status(actions.add_parser("status", help="show the robots of the running experiment"))
-
-
-def _add_status(parser: argparse.ArgumentParser) -> None:
-    """Declares what `vsense robot status` takes."""
-    orders.add_process(parser)
-    parser.add_argument("--json", action="store_true", help="print the table as JSON")
+    add = partial(arguments.add_action, actions)
+    _add_build(add("build", "build vsensed with a controller for a board"))
+    _add_deploy(add("deploy", "copy vsensed to all robots of a list"))
+    status = add("status", "show the robots of the running experiment")
+    orders.add_process(status)
+    status.add_argument("--json", action="store_true", help="print the table as JSON")
 
 
 def _add_build(parser: argparse.ArgumentParser) -> None:
-    """Declares what `vsense robot build` takes."""
-    from vsense.robot.boards import TARGETS
-
-    boards = "; ".join(f"{target.name}: {target.help}" for target in TARGETS.values())
+    kinds = "; ".join(f"{target.name}: {target.help}" for target in boards.TARGETS.values())
     parser.add_argument(
         "--controller",
         required=True,
@@ -47,7 +42,7 @@ def _add_build(parser: argparse.ArgumentParser) -> None:
         help="the controller's .c file, or a shipped controller's name",
     )
     parser.add_argument(
-        "--target", required=True, choices=list(TARGETS), help=f"kind of board. {boards}"
+        "--target", required=True, choices=list(boards.TARGETS), help=f"kind of board. {kinds}"
     )
     parser.add_argument(
         "-o",
@@ -61,7 +56,6 @@ def _add_build(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_deploy(parser: argparse.ArgumentParser) -> None:
-    """Declares what `vsense robot deploy` takes."""
     parser.add_argument(
         "--hosts",
         required=True,
@@ -92,7 +86,6 @@ def _add_deploy(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_ways(parser: argparse.ArgumentParser) -> None:
-    """Declares how it is deployed."""
     parser.add_argument(
         "--service",
         choices=["auto", "systemd", "init", "none"],
@@ -178,14 +171,11 @@ def table(outcomes: list[Outcome]) -> str:
         (o.robot.destination, o.robot.settings["tag"], "ok" if o.ok else "FAILED", o.text)
         for o in outcomes
     ]
-    widths = [max(len(row[k]) for row in rows) for k in range(3)]
-    lines = []
-    for row, outcome in zip(rows, [None, *outcomes]):
-        cells = "  ".join(cell.ljust(width) for cell, width in zip(row, widths))
-        lines.append(f"{cells}  {row[3]}".rstrip())
-        if outcome is not None and not outcome.ok:
-            lines += [f"    {line}" for line in outcome.details]
-    return "\n".join(lines)
+    head, *lines = aligned(rows)
+    text = [head]
+    for line, outcome in zip(lines, outcomes):
+        text += [line] if outcome.ok else [line, *(f"    {said}" for said in outcome.details)]
+    return "\n".join(text)
 
 
 def _facts(outcome: Outcome) -> dict[str, Any]:

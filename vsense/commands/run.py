@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from vsense.commands import arguments
-from vsense.commands.arguments import open_run
+from vsense.commands import arguments, experiments
 from vsense.config.specs import Experiment
 from vsense.errors import UsageError, VsenseError
 from vsense.link.legacy.server import MixedServer
@@ -33,8 +33,8 @@ DESCRIPTION = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
-    arguments.add_experiment(parser)
-    arguments.add_settings(parser)
+    experiments.add_experiment(parser)
+    experiments.add_settings(parser)
     _add_ends(parser)
     parser.add_argument(
         "--start-after",
@@ -42,8 +42,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="start after S s at the latest, without whoever is missing (default: wait for all)",
     )
-    _add_results(parser)
-    arguments.add_room(parser)
+    parser.add_argument(
+        "--output",
+        type=Path,
+        metavar="DIR",
+        help="folder for notes and figures (default: runs/...)",
+    )
+    experiments.add_room(parser)
 
 
 def _add_ends(parser: argparse.ArgumentParser) -> None:
@@ -74,16 +79,6 @@ def _add_ends(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_results(parser: argparse.ArgumentParser) -> None:
-    """Declares where the figures go."""
-    parser.add_argument(
-        "--output",
-        type=Path,
-        metavar="DIR",
-        help="folder for notes and figures (default: runs/...)",
-    )
-
-
 class RunError(VsenseError):
     """The run cannot begin."""
 
@@ -99,24 +94,23 @@ def run(options: argparse.Namespace) -> int:
         VsenseError: it cannot run, or something failed in mid-run; what was measured until then
             is reported first.
     """
-    opened = open_run(options, real=False)
+    opened = experiments.open_experiment(options)
     if opened is None:
         return 0
-    experiment, seed = opened
-    require_source(experiment, options.tracking)
-    directory = run_directory.make(options.output, experiment.name, seed)
+    require_source(opened, options.tracking)
+    experiment, seed, directory = experiments.prepare(options, opened, real=False)
     keep_file(experiment, directory)
     with (
-        RunLog(directory) as diary,
+        RunLog(directory) as log,
         interruption() as interrupted,
-        ControlRoom(options, diary) as room,
+        ControlRoom(experiments.room_of(options), log) as room,
     ):
-        for warning in experiment.warnings:
-            diary.say(f"vsense: {warning}")
+        experiments.say_warnings(log, experiment)
         host = experiment.host if options.host is None else options.host
         port = experiment.port if options.port is None else options.port
-        setup = RunSetup(experiment, seed, options.blind, (host, port), diary, interrupted, room)
-        return RunCommand(options, setup, directory, diary).run()
+        setup = RunSetup(experiment, seed, options.blind, (host, port), log, interrupted, room)
+        series = Series(directory, options.runs, room.holds, interrupted)
+        return RunCommand(options, setup, directory, log, series).run()
 
 
 def keep_file(experiment: Experiment, directory: Path) -> None:
@@ -146,33 +140,27 @@ def _legacy_port(legacy_port: int | None, port: int) -> int | None:
     return legacy_port
 
 
+@dataclass(frozen=True, slots=True)
 class RunCommand:
-    """One call of the command, from the roll call to the last word."""
+    """One call of the command, until all its runs are reported.
 
-    def __init__(
-        self,
-        options: argparse.Namespace,
-        setup: RunSetup,
-        directory: Path,
-        diary: RunLog,
-    ) -> None:
-        """Prepares the runs.
+    Attributes:
+        options: the command line.
+        setup: what the runs are made from.
+        directory: of all runs.
+        log: where to say what happens.
+        series: which runs there are.
+    """
 
-        Args:
-            options: the command line.
-            setup: what the runs are made from.
-            directory: of all runs, exists.
-            diary: where to say what happens.
-        """
-        self._options = options
-        self._setup = setup
-        self._directory = directory
-        self._diary = diary
-        self._series = Series(directory, options.runs, setup.room.holds, setup.interrupted)
+    options: argparse.Namespace
+    setup: RunSetup
+    directory: Path
+    log: RunLog
+    series: Series
 
     def run(self) -> int:
-        """Lives all runs; see `run`."""
-        options, setup = self._options, self._setup
+        """Carries out all runs; see `run`."""
+        options, setup = self.options, self.setup
         legacy_port = _legacy_port(options.legacy_port, setup.address[1])
         session = RunSession(setup, options.tracking, legacy_port)
         summaries: list[dict[str, Any]] = []
@@ -180,25 +168,25 @@ class RunCommand:
         with session:
             self._announce(session)
             try:
-                while self._one_run(session, summaries) and self._series.goes_on(session.runner):
+                while self._one_run(session, summaries) and self.series.goes_on(session.runner):
                     session.next_run()
             except VsenseError as error:
                 failure = error
-        self._diary.end_progress()
+        self.log.end_progress()
         self._tell(summaries)
         if failure is not None:
             raise failure
-        return INTERRUPTED if self._series.was_broken(session.runner.control) else 0
+        return INTERRUPTED if self.series.was_broken(session.runner.control) else 0
 
     def _tell(self, summaries: list[dict[str, Any]]) -> None:
         """Writes and prints the figures of all runs."""
-        options = self._options
-        if summaries and not self._series.several:
+        options = self.options
+        if summaries and not self.series.several:
             run_directory.print_summary(summaries[0], options.json)
-        self._series.write_summary(self._setup.experiment.name, summaries, options.json)
+        self.series.write_summary(self.setup.experiment.name, summaries, options.json)
 
     def _one_run(self, session: RunSession, summaries: list[dict[str, Any]]) -> bool:
-        """Waits, lives a run and reports.
+        """Waits, carries out a run and reports.
 
         Returns:
             Whether it came to its end.
@@ -207,20 +195,20 @@ class RunCommand:
             VsenseError: something has failed; what was measured until then is reported first.
         """
         number = session.runner.control.run
-        directory = self._series.directory(number)
-        self._setup.room.begin_run(session.environment, directory)
-        attendance = self._wait(session, number)
-        if self._setup.interrupted.is_set():
-            self._diary.end_progress()
-            self._diary.say("vsense: interrupted before the run: nothing was measured")
+        directory = self.series.directory(number)
+        self.setup.room.begin_run(session.environment, directory)
+        readiness = self._wait(session, number)
+        if self.setup.interrupted.is_set():
+            self.log.end_progress()
+            self.log.say("vsense: interrupted before the run: nothing was measured")
             return False
         try:
-            self._diary.begin_run(directory)
+            self.log.begin_run(directory)
         except run_directory.DirectoryError as error:
-            self._diary.say(f"no table of this run's timesteps: {error}", "trouble")
-        one = OneRun(session, directory, attendance, self._diary)
+            self.log.say(f"no table of this run's timesteps: {error}", "trouble")
+        one = OneRun(session, directory, readiness, self.log)
         one.live()
-        self._setup.room.end_run()
+        self.setup.room.end_run()
         summary = one.report()
         if summary is not None:
             summaries.append(summary)
@@ -229,12 +217,12 @@ class RunCommand:
         return True
 
     def _announce(self, session: RunSession) -> None:
-        setup, say = self._setup, self._diary.say
+        setup, say = self.setup, self.log.say
         experiment, host = setup.experiment, setup.address[0]
         length = f"{experiment.length_s:g} s" if experiment.length_s else "until Ctrl-C"
         say(
             f"{experiment.name}: {len(experiment.robots)} robots, seed {setup.seed}, {length};"
-            f" notes in {self._directory}"
+            f" notes in {self.directory}"
         )
         say(f"arena states come from {session.source.name}")
         say(
@@ -255,17 +243,14 @@ class RunCommand:
             VsenseError: something has failed, or not one robot is there.
         """
         if number > 1:
-            self._diary.say(f"run {number}, seed {session.environment.seed}")
-        limit_s = self._series.patience_s(number, self._options.start_after)
-        attendance = session.runner.wait(limit_s)
-        if attendance.complete or self._setup.interrupted.is_set():
-            return attendance
-        if not set(self._names()) - set(attendance.missing):
-            raise RunError(f"no robot is there; {attendance.complaint()}")
-        self._diary.say(
-            f"starting without {shorten(attendance.missing)}; {attendance.complaint()}", "warning"
+            self.log.say(f"run {number}, seed {session.environment.seed}")
+        limit_s = self.series.patience_s(number, self.options.start_after)
+        readiness = session.runner.wait(limit_s)
+        if readiness.complete or self.setup.interrupted.is_set():
+            return readiness
+        if not {robot.id for robot in self.setup.experiment.robots} - set(readiness.missing):
+            raise RunError(f"no robot is there; {readiness.complaint()}")
+        self.log.say(
+            f"starting without {shorten(readiness.missing)}; {readiness.complaint()}", "warning"
         )
-        return attendance
-
-    def _names(self) -> list[str]:
-        return [robot.id for robot in self._setup.experiment.robots]
+        return readiness

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from vsense.commands import arguments
+from vsense.live import serve
 
 DESCRIPTION = (
     "Tracks robots as `vsense track` does and hands the arena state to clients over TCP, in the"
@@ -32,7 +33,4 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Serves; see `vsense.live.serve.run`."""
-    # Imported here: `vsense --help` must not wait for OpenCV.
-    from vsense.live import serve
-
-    return serve.run(options)
+    return serve.run(options.resources, options.experiment, options.host, options.port)

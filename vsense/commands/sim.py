@@ -5,18 +5,18 @@ from __future__ import annotations
 import argparse
 import os
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from vsense.commands import arguments
-from vsense.commands.arguments import choose_seed, open_experiment
+from vsense.commands import arguments, experiments
 from vsense.config.specs import Experiment
 from vsense.errors import UsageError
 from vsense.lab import phases
 from vsense.robot import build
 from vsense.run import directory as run_directory
 from vsense.sim import campaign
+from vsense.sim.campaign import Campaign
 from vsense.sim.job import Job, Setup
 from vsense.sim.record import TRAJECTORY
 from vsense.sim.settings import Sweep
@@ -34,7 +34,7 @@ DESCRIPTION = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
-    arguments.add_experiment(parser)
+    experiments.add_experiment(parser)
     parser.add_argument(
         "-o",
         "--output",
@@ -94,14 +94,13 @@ def run(options: argparse.Namespace) -> int:
     """
     sweep = Sweep.of(options.set, options.runs, options.seeds)
     settings = sweep.first
-    experiment = open_experiment(options, settings)
+    experiment = experiments.open_experiment(options, settings)
     if experiment is None:
         return 0
     setup = Setup(options.experiment, options.duration, options.robots, options.blind, settings)
     experiment = setup.fit(experiment)
     console = Console()
-    for warning in experiment.warnings:
-        console.say(f"vsense: {warning}")
+    experiments.say_warnings(console, experiment)
     with interruption() as interrupted:
         try:
             if sweep.seeds is None:
@@ -110,7 +109,12 @@ def run(options: argparse.Namespace) -> int:
                 return _one(options, setup, experiment, console, interrupted)
             if options.seed is not None:
                 raise UsageError("--seed: a campaign has --seeds")
-            return campaign.run(options, sweep, setup, console, interrupted)
+            output, drawing = campaign.outputs(options.output, options.format)
+            asked = arguments.fill(
+                Campaign, options, sweep=sweep, setup=setup, output=output, drawing=drawing
+            )
+            campaign.run(asked, console, interrupted)
+            return 0
         except Interrupted:
             console.end_progress()
             return INTERRUPTED
@@ -124,7 +128,7 @@ def _one(
     interrupted: threading.Event,
 ) -> int:
     """One run: figures, trajectories, and a table for people."""
-    seed = choose_seed(options, experiment)
+    seed = experiments.choose_seed(options, experiment)
     library = build.shared(experiment.controller.library, experiment.path.parent)
     directory = run_directory.make(options.output, experiment.name, seed)
     console.say(
@@ -176,7 +180,9 @@ def table(summary: dict[str, Any]) -> str:
     return "\n".join(f"{name:<10}{text}" for name, text in rows)
 
 
-def _progress(console: Console, experiment: Experiment) -> Any:
+def _progress(
+    console: Console, experiment: Experiment
+) -> Callable[[Sequence[WorkerProcess]], None]:
     """Makes the function that keeps the live line up to date."""
 
     def show(workers: Sequence[WorkerProcess]) -> None:

@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 
 from vsense.commands import arguments
+from vsense.live import track
+from vsense.live.track import TrackOptions
 
 DESCRIPTION = (
     "Finds and follows every robot in the pictures of cameras or recordings, and prints one arena"
@@ -42,7 +44,4 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Tracks; see `vsense.live.track.run`."""
-    # Imported here: `vsense --help` must not wait for OpenCV.
-    from vsense.live import track
-
-    return track.run(options)
+    return track.run(arguments.fill(TrackOptions, options, web=arguments.web_of(options)))

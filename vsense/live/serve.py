@@ -6,7 +6,6 @@ without it all runs are one, which goes on with the next run.
 
 from __future__ import annotations
 
-import argparse
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -74,8 +73,14 @@ class RunPictures:
             self._say(f"the disk was too slow: {recorder.dropped} timesteps were not recorded")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(resources: str, experiment: str, host: str, port: int | None) -> int:
     """Serves until somebody interrupts.
+
+    Args:
+        resources: path of the resources file.
+        experiment: path of the experiment file.
+        host: address of the interface to listen on.
+        port: TCP port, 0: any free one, None: the experiment file's.
 
     Returns:
         130, after Ctrl-C or SIGTERM.
@@ -83,18 +88,18 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         VsenseError: it cannot go on; one clear line.
     """
-    session = tracking_session.load(options.resources, options.experiment)
+    session = tracking_session.load(resources, experiment)
     console = Console()
     talk = Talk(console, time.monotonic_ns, None)
     cameras = [view.camera for view in session.views]
-    port = session.server_port if options.port is None else options.port
+    port = session.server_port if port is None else port
     with ExitStack() as stack:
         interrupted = stack.enter_context(interruption())
         locate = ImagePoses(cameras, session.heights_m)
-        server = ArenaServer(options.host, port, locate, talk.say)
+        server = ArenaServer(host, port, locate, talk.say)
         stack.callback(server.close)
         server.start()
-        talk.say(f"serving arena states on {options.host}, port {server.port}; Ctrl-C ends it")
+        talk.say(f"serving arena states on {host}, port {server.port}; Ctrl-C ends it")
         pictures = RunPictures(
             lambda: begin_recording(session, talk),
             session.record.change_root_directory_on_start,

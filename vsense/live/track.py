@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 import threading
@@ -10,6 +9,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -32,6 +32,7 @@ from vsense.tracking.arena_tracker import TrackerCounters
 from vsense.tracking.camera_tracking import CameraTracking
 from vsense.tracking.opening import OFFLINE, PACED, open_tracking
 from vsense.tracking.specs import TrackingSession
+from vsense.ui.access import WebAddress
 
 BAR_WIDTH = 24
 
@@ -137,7 +138,30 @@ Timesteps = Iterator[tuple[ArenaState, Sequence[Frame]]]
 """Arena states, each with the pictures that it was made from."""
 
 
-def run(options: argparse.Namespace) -> int:
+@dataclass(frozen=True, slots=True)
+class TrackOptions:
+    """What `vsense track` is asked for.
+
+    Attributes:
+        resources: path of the resources file.
+        experiment: path of the experiment file.
+        offline: as fast as possible, not at the pace of a recording's pictures.
+        format: of the states on standard output: "jsonl" or "csv".
+        snapshot: picture file of the last state, None: none is drawn.
+        frames: timesteps after which it ends, None: never.
+        web: where the page is served, None: nowhere.
+    """
+
+    resources: str
+    experiment: str
+    offline: bool = False
+    format: str = "jsonl"
+    snapshot: Path | None = None
+    frames: int | None = None
+    web: WebAddress | None = None
+
+
+def run(options: TrackOptions) -> int:
     """Tracks until the recording ends, `--frames` are done, or somebody interrupts.
 
     Returns:
@@ -156,8 +180,8 @@ def run(options: argparse.Namespace) -> int:
         tell = lambda line: console.say(f"vsense: {line}")  # noqa: E731
         tracking = open_tracking(session, time.monotonic_ns, tell, pace)
         stack.callback(tracking.close)
-        room = stack.enter_context(TrackRoom(options, session, tracking.troubles, console))
-        talk = Talk(console, time.monotonic_ns, known_timesteps(options, tracking))
+        room = stack.enter_context(TrackRoom(options.web, session, tracking.troubles, console))
+        talk = Talk(console, time.monotonic_ns, known_timesteps(options.frames, tracking))
         TrackingRun(options, session, tracking, interrupted, talk, room).live()
         return INTERRUPTED if interrupted.is_set() else 0
 
@@ -167,7 +191,7 @@ class TrackingRun:
 
     def __init__(
         self,
-        options: argparse.Namespace,
+        options: TrackOptions,
         session: TrackingSession,
         tracking: CameraTracking,
         interrupted: threading.Event,
@@ -177,7 +201,7 @@ class TrackingRun:
         """Prepares a run.
 
         Args:
-            options: the command line.
+            options: what is asked for.
             session: what the two files say.
             tracking: the session at work.
             interrupted: set by whoever wants the run to end.
@@ -278,10 +302,9 @@ def timesteps(
         tracking.check_cameras()
 
 
-def known_timesteps(options: argparse.Namespace, tracking: CameraTracking) -> int | None:
-    """Gives how many timesteps there will be, where that is known."""
+def known_timesteps(wanted: int | None, tracking: CameraTracking) -> int | None:
+    """Gives how many there will be, where that is known; `wanted` is the most."""
     known = tracking.grabber.timesteps
-    wanted: int | None = options.frames
     return wanted if known is None else min(known, known if wanted is None else wanted)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -19,6 +18,7 @@ from vsense.run.control import Order, OrderError
 from vsense.terminal import Console, Level
 from vsense.tracking.specs import TrackingSession
 from vsense.ui import messages
+from vsense.ui.access import WebAddress
 from vsense.ui.preview import PreviewEncoder
 from vsense.ui.publisher import SECOND_NS, WINDOW, Rates
 from vsense.ui.room import open_web
@@ -34,7 +34,7 @@ class TrackRoom:
 
     def __init__(
         self,
-        options: argparse.Namespace,
+        web: WebAddress | None,
         session: TrackingSession,
         troubles: Troubles,
         console: Console,
@@ -43,7 +43,7 @@ class TrackRoom:
         """Opens the page, if it is wanted.
 
         Args:
-            options: `web` and `web_tokens`, as `vsense.commands.arguments.add_web` declares them.
+            web: where the page is served, None: nowhere.
             session: what is tracked.
             troubles: what its cameras suffer from.
             console: where to say what happens.
@@ -60,9 +60,9 @@ class TrackRoom:
         self._joined, self._due_ns, self._timestep = -1, 0, -1
         self._stack = ExitStack()
         self._press: PreviewEncoder | None = None
-        if options.web is None:
+        if web is None:
             return
-        server, lines = open_web(options, self._hub, refuse)
+        server, lines = open_web(web, self._hub, refuse)
         self._stack.callback(server.close)
         self._press = PreviewEncoder(self._hub)
         self._stack.callback(self._press.close)

@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
-
-from vsense.errors import UsageError
+from vsense import errors
 
 
 def require() -> None:
-    """Makes sure that what recordings need is installed.
+    """Checks that the packages for recordings are installed.
 
     Raises:
-        UsageError: it is not; the message says how to install it.
+        UsageError: one is not; the message says how to install it.
     """
-    for module in ("mcap", "zstandard"):
-        if importlib.util.find_spec(module) is None:
-            raise UsageError(
-                f"recordings need the Python package {module}: pip install 'vsense[record]'"
-            )
+    errors.require("recordings need", "mcap", "zstandard")

@@ -1,4 +1,4 @@
-"""The boards that `vsensed` can be built for, and where their compilers come from.
+"""Builds `vsensed` with a user's controller for a kind of board.
 
 Two cross compilers are known. `ziglang` from PyPI (the extra `robot`) makes every target, static
 against musl, so that the board's own C library and float ABI do not matter. Where it is not
@@ -7,8 +7,6 @@ installed Debian's cross compilers do, with the larger glibc.
 Sources: embedded.md section 1 (which versions link ARMv5, which flags, sizes); epuck.md section 7
 (the boards). Debian's armhf compiler is left out on purpose: its libc is ARMv7, and the Pi Zero
 is not.
-
-Builds `vsensed` with a user's controller for a robot's board.
 """
 
 from __future__ import annotations
@@ -21,10 +19,9 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+from vsense.errors import pip_line
 from vsense.robot.build import cache_directory, source_tree
 from vsense.robot.compiling import BuildError, Toolchain, native
-
-ZIG_LINE = "pip install 'vsense[robot]'"
 
 SMALL = ("-Os", "-static")
 """Boards have little room: -O2 is 11 % larger, and a step has a fifth fewer instructions."""
@@ -97,7 +94,7 @@ def toolchain(target: Target, cache: Path) -> Toolchain:
     command, *flags = target.debian
     if shutil.which(command) is None:
         raise BuildError(
-            f"no compiler for {target.name} boards: install one with: {ZIG_LINE}"
+            f"no compiler for {target.name} boards: install one with: {pip_line('ziglang')}"
             f" (or, for Debian's: sudo apt install {target.package})"
         )
     return Toolchain((command,), (*SMALL, *flags))

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import json
 import threading
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -23,9 +23,7 @@ from vsense.sim.job import Job, Setup
 from vsense.sim.results import DURATION, EXPERIMENT, ROBOTS, SEED, CampaignResults
 from vsense.sim.settings import Sweep
 from vsense.sim.watch import Interrupted, Task, WorkerProcess, simulate_all
-from vsense.terminal import Console
-
-DEFAULT_FILE = Path("results.csv")
+from vsense.terminal import Console, print_data
 
 BAR_WIDTH = 24
 
@@ -33,13 +31,30 @@ MAX_NAME = 256
 """Bytes of the longest name of a file."""
 
 
-def run(
-    options: argparse.Namespace,
-    sweep: Sweep,
-    setup: Setup,
-    console: Console,
-    interrupted: threading.Event,
-) -> int:
+@dataclass(frozen=True, slots=True)
+class Campaign:
+    """What is done.
+
+    Attributes:
+        sweep: settings and seeds.
+        setup: what is run.
+        output: the CSV file.
+        drawing: the picture's file.
+        style: of the picture: a Matplotlib style sheet or its name, or None.
+        jobs: runs at the same time.
+        json: print the figures on standard output.
+    """
+
+    sweep: Sweep
+    setup: Setup
+    output: Path
+    drawing: Path
+    style: str | None
+    jobs: int
+    json: bool
+
+
+def run(campaign: Campaign, console: Console, interrupted: threading.Event) -> None:
     """Does all runs that the file does not hold yet, and compares the settings.
 
     Rows are written in the order of the campaign, whatever number of processes works on it.
@@ -48,10 +63,10 @@ def run(
         Interrupted: the user wants no more; the rows until then are in the file.
         VsenseError: it cannot run, or a run has failed.
     """
-    path, drawing = _outputs(options)
-    if options.style is not None and can_draw():
-        plot.require_sheet(options.style)
-    tasks = prepare(sweep, setup)
+    sweep, path = campaign.sweep, campaign.output
+    if campaign.style is not None and can_draw():
+        plot.require_sheet(campaign.style)
+    tasks = prepare(sweep, campaign.setup)
     results = CampaignResults(path, fingerprint(tasks[0]), sweep.keys)
     there = results.keys()
     todo = [
@@ -62,29 +77,32 @@ def run(
     if len(todo) < len(tasks):
         console.say(f"{path}: {len(tasks) - len(todo)} of {len(tasks)} runs are there already")
     try:
-        _simulate(todo, options.jobs, results, console, interrupted)
+        _simulate(todo, campaign.jobs, results, console, interrupted)
     except Interrupted:
         done = len(tasks) - len(todo) + len(results.rows) - len(there)
         console.end_progress()
         console.say(f"{path}: {done} of {len(tasks)} runs; the same command goes on from there")
         raise
     console.end_progress()
-    _report(options, sweep, results, drawing, console)
-    return 0
+    _report(campaign, results, console)
 
 
-def _outputs(options: argparse.Namespace) -> tuple[Path, Path]:
+def outputs(output: Path | None, form: str | None) -> tuple[Path, Path]:
     """The campaign's CSV file, and its picture's; the suffix of --output may say what that is.
 
+    Args:
+        output: as the user names it, or None.
+        form: of the picture: one of `FORMATS`, or None.
+
     Raises:
-        UsageError: it says something else than --format.
+        UsageError: the suffix says something else than `form`.
     """
-    output = options.output or DEFAULT_FILE
-    form = output.suffix[1:]
-    if form not in FORMATS:
-        return output, output.with_suffix(f".{options.format or 'png'}")
-    if options.format not in (None, form):
-        raise UsageError(f"--format {options.format}: --output {output} says {form}")
+    output = output or Path("results.csv")
+    suffix = output.suffix[1:]
+    if suffix not in FORMATS:
+        return output, output.with_suffix(f".{form or 'png'}")
+    if form not in (None, suffix):
+        raise UsageError(f"--format {form}: --output {output} says {suffix}")
     return output.with_suffix(".csv"), output
 
 
@@ -190,17 +208,12 @@ def _progress(
     return show
 
 
-def _report(
-    options: argparse.Namespace,
-    sweep: Sweep,
-    results: CampaignResults,
-    drawing: Path,
-    console: Console,
-) -> None:
+def _report(campaign: Campaign, results: CampaignResults, console: Console) -> None:
     """Prints what came out, and draws it where that can be."""
-    groups = group(sweep, results)
-    if options.json:
-        _print({"file": str(results.path), "settings": [_figures(*some) for some in groups]})
+    groups, drawing = group(campaign.sweep, results), campaign.drawing
+    if campaign.json:
+        summary = {"file": str(results.path), "settings": [_figures(*some) for some in groups]}
+        print_data(json.dumps(summary, indent=2))
     console.say(f"results: {results.path}, {len(results.rows)} runs")
     if not results.measures:
         console.say("the experiment measures nothing: no picture")
@@ -209,7 +222,7 @@ def _report(
     else:
         names = {name: [measures[name] for _, measures in groups] for name in results.measures}
         title, labels = results.rows[0][EXPERIMENT], [settings for settings, _ in groups]
-        with plot.styled(options.style):
+        with plot.styled(campaign.style):
             data = plot.encode(comparison.draw(title, labels, names), drawing.suffix[1:])
         try:
             drawing.write_bytes(data)
@@ -246,10 +259,3 @@ def _figures(settings: dict[str, str], measures: dict[str, list[float]]) -> dict
         for name, values in measures.items()
     }
     return {"settings": settings, "measures": spread}
-
-
-def _print(summary: dict[str, Any]) -> None:
-    try:
-        print(json.dumps(summary, indent=2), flush=True)
-    except OSError as error:
-        raise VsenseError(f"standard output: {error.strerror}") from None

@@ -33,6 +33,21 @@ class Rights(Enum):
 
 
 @dataclass(frozen=True, slots=True)
+class WebAddress:
+    """Where the page is served.
+
+    Attributes:
+        host: address of the interface.
+        port: 0 takes any free one.
+        tokens: file with the two tokens, see `read_tokens`; None: they are drawn.
+    """
+
+    host: str
+    port: int
+    tokens: Path | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Tokens:
     """What a viewer has to show.
 

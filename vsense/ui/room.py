@@ -1,19 +1,17 @@
-"""Opens the page that `--web` asks for.
-
-The control room of one process: hub, page, recorder, keyboard, and the terminals' door.
-"""
+"""The control room of one process: bus, page, recorder, keyboard and control socket."""
 
 from __future__ import annotations
 
-import argparse
 import os
 import shutil
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from vsense import errors
 from vsense.link.robots.server import VirtualSensorServer
 from vsense.link.robots.status import RobotStatus
 from vsense.message_bus import MessageBus
@@ -23,6 +21,7 @@ from vsense.run.environment import Environment
 from vsense.run.runtime import Runtime, Step
 from vsense.terminal import Console, Level
 from vsense.ui import keyboard
+from vsense.ui.access import WebAddress, read_tokens
 from vsense.ui.control_socket import ControlSocket, ControlSocketError
 from vsense.ui.messages import ExperimentFacts
 from vsense.ui.preview import PreviewEncoder
@@ -33,30 +32,46 @@ if TYPE_CHECKING:
     from vsense.ui.server import WebServer
 
 
-def make_server(options: argparse.Namespace, hub: MessageBus, give: Give) -> WebServer:
-    """Makes the page's server, which does not serve yet; see `open_web`.
+@dataclass(frozen=True, slots=True)
+class RoomOptions:
+    """How the runs of one process are seen, steered and kept.
+
+    Attributes:
+        hold: every run waits until somebody starts it, and after the last one the process stays
+            for people to look, and to begin another.
+        runs: how many there are in a series.
+        record: every run is recorded from its beginning.
+        record_images: recordings hold the cameras' pictures, too.
+        web: where the page is served, None: nowhere.
+    """
+
+    hold: bool = False
+    runs: int = 1
+    record: bool = False
+    record_images: bool = False
+    web: WebAddress | None = None
+
+
+def make_server(web: WebAddress, hub: MessageBus, give: Give) -> WebServer:
+    """Makes the page's server, which does not serve yet.
+
+    Args:
+        web: where it will serve.
+        hub: what the page shows.
+        give: what its buttons do.
 
     Raises:
         VsenseError: the library for it is missing, or the tokens cannot be read.
     """
-    # Here and not above: whoever wants no page needs no library for it.
-    from vsense.ui.access import read_tokens
+    errors.require("the page needs", "aiohttp")
     from vsense.ui.server import WebServer
 
-    host, port = options.web
-    tokens: Path | None = options.web_tokens
-    return WebServer(hub, give, host, port, None if tokens is None else read_tokens(tokens))
+    tokens = None if web.tokens is None else read_tokens(web.tokens)
+    return WebServer(hub, give, web.host, web.port, tokens)
 
 
-def open_web(
-    options: argparse.Namespace, hub: MessageBus, give: Give
-) -> tuple[WebServer, list[str]]:
-    """Serves the page.
-
-    Args:
-        options: `web`, an address and a port, and `web_tokens`, a file or None.
-        hub: what the page shows.
-        give: what its buttons do.
+def open_web(web: WebAddress, hub: MessageBus, give: Give) -> tuple[WebServer, list[str]]:
+    """Serves the page; the arguments are those of `make_server`.
 
     Returns:
         The server, which is the caller's to close, and what people shall be told.
@@ -64,7 +79,7 @@ def open_web(
     Raises:
         VsenseError: the library for it is missing, the port is taken, or the tokens cannot be read.
     """
-    server = make_server(options, hub, give)
+    server = make_server(web, hub, give)
     found = server.start()
     lines = [f"control room: {found.control}"]
     if found.look != found.control:
@@ -77,20 +92,14 @@ class ControlRoom:
 
     Attributes:
         hub: where everything is told.
-        holds: every run waits until somebody starts it, and after the last one the process stays
-            for people to look, and to begin another.
+        holds: see `RoomOptions.hold`.
         recorders: the recordings, one per run.
     """
 
-    def __init__(self, options: argparse.Namespace, console: Console) -> None:
-        """Prepares a room that nobody can enter yet.
-
-        Args:
-            options: what `vsense.commands.arguments.add_room` declares.
-            console: where to say what happens; what is said there is told in the room, too.
-        """
+    def __init__(self, options: RoomOptions, console: Console) -> None:
+        """Opens nothing yet; what is said on the console is told in the room, too."""
         self.hub = MessageBus()
-        self.holds: bool = options.hold
+        self.holds = options.hold
         self._options = options
         self._console = console
         self._directory = Path()
@@ -130,7 +139,7 @@ class ControlRoom:
 
     def _open_doors(self, control: Control) -> None:
         if self._options.web is not None:
-            server, lines = open_web(self._options, self.hub, control.give)
+            server, lines = open_web(self._options.web, self.hub, control.give)
             self._stack.callback(server.close)
             for line in lines:
                 # With its tokens: neither the pages nor the log may have them.

@@ -126,13 +126,6 @@ def _refusal(reason: str, token: bool = False, status: int = 403) -> web.Respons
     return web.Response(text=text, status=status, content_type="text/html")
 
 
-try:
-    from aiohttp import web
-except ImportError as error:
-    if not (error.name or "").startswith("aiohttp"):
-        raise
-    raise VsenseError("the web page needs aiohttp: pip install 'vsense[web]'") from error
-
 CLOSING_S = 5.0
 """The thread ends within this time, whatever the pages do."""
 _REASONS = {

@@ -1,0 +1,172 @@
+"""What `vsense sim`, `vsense lab` and `vsense run` share: their options, and how they begin."""
+
+from __future__ import annotations
+
+import argparse
+import secrets
+from collections.abc import Mapping
+from pathlib import Path
+
+from vsense.commands import arguments
+from vsense.config.experiment import first_robots, load
+from vsense.config.placement import settle
+from vsense.config.specs import Experiment
+from vsense.run import directory as run_directory
+from vsense.terminal import Console, print_data
+from vsense.ui.room import RoomOptions
+
+
+def add_experiment(parser: argparse.ArgumentParser) -> None:
+    """Declares what all commands that run an experiment have in common."""
+    parser.add_argument(
+        "experiment", help="a shipped experiment's name, or the path of a .argos file"
+    )
+    parser.add_argument(
+        "--dry",
+        action="store_true",
+        help="only say what the experiment holds, what of its file is not supported, and how many"
+        " bytes a robot is sent and sends",
+    )
+    parser.add_argument(
+        "--strict",
+        action="store_true",
+        help="refuse a file in which anything is not supported, instead of warning",
+    )
+    _add_run(parser)
+
+
+def _add_run(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--duration",
+        type=arguments.seconds,
+        metavar="S",
+        help="length of a run in s (default: the file's)",
+    )
+    parser.add_argument(
+        "--seed",
+        type=arguments.natural,
+        metavar="N",
+        help="seed of everything that is drawn (default: the file's; 0 draws a fresh one)",
+    )
+    parser.add_argument(
+        "--robots",
+        type=arguments.positive,
+        metavar="N",
+        help="take only the first N robots of the file",
+    )
+    parser.add_argument(
+        "--blind", action="store_true", help="hold the virtual sensors at 0: the control experiment"
+    )
+    parser.add_argument(
+        "--json",
+        action="store_true",
+        help="print the summary as one JSON object on standard output",
+    )
+
+
+def add_settings(parser: argparse.ArgumentParser) -> None:
+    """Declares `--set`, with one value per setting."""
+    parser.add_argument(
+        "--set",
+        type=arguments.setting,
+        action="append",
+        default=[],
+        metavar="ELEMENT.ATTRIBUTE=VALUE",
+        help="a value instead of the file's; ELEMENT is an element's name or id, a controller's"
+        " library (for its parameters), 'sensor' or 'actuator' (for all virtual ones); may be"
+        " given again",
+    )
+
+
+def add_room(parser: argparse.ArgumentParser) -> None:
+    """Declares how the runs are seen, steered and kept: the control room."""
+    arguments.add_web(parser)
+    group = parser.add_argument_group("control room")
+    group.add_argument(
+        "--hold",
+        action="store_true",
+        help="start no run by itself, but with a key, on the page or with vsense start; after a run"
+        " wait for the next one, until Ctrl-C",
+    )
+    group.add_argument(
+        "--runs",
+        type=arguments.positive,
+        default=1,
+        metavar="N",
+        help="a series of N runs; the seed of each is the one before plus 1 (default: 1)",
+    )
+    group.add_argument(
+        "--record", action="store_true", help="record every run to an MCAP file from its beginning"
+    )
+    group.add_argument(
+        "--record-images",
+        action="store_true",
+        help="recordings hold the cameras' pictures, too, unchanged: for vsense replay --retrack",
+    )
+
+
+def room_of(options: argparse.Namespace) -> RoomOptions:
+    """Returns what `add_room` declares."""
+    return arguments.fill(RoomOptions, options, web=arguments.web_of(options))
+
+
+def open_experiment(
+    options: argparse.Namespace, settings: Mapping[str, str] | None = None
+) -> Experiment | None:
+    """Loads an experiment as the command line says.
+
+    Args:
+        options: `experiment`, `duration`, `dry` and `strict`; and `set` where settings are None.
+        settings: values instead of the file's.
+
+    Returns:
+        The experiment; None with `--dry`: what it holds is on standard output then.
+
+    Raises:
+        UsageError: there is no such experiment, or a setting fits nothing in it.
+        ConfigError: the file is wrong, or is not fully supported with `--strict`.
+        VsenseError: nobody reads standard output.
+    """
+    if settings is None:
+        settings = dict(options.set)
+    experiment = load(options.experiment, options.duration, settings)
+    if options.dry:
+        print_data(experiment.describe())
+    if options.strict:
+        experiment.refuse_warnings()
+    return None if options.dry else experiment
+
+
+def say_warnings(console: Console, experiment: Experiment) -> None:
+    """Says what of the experiment's file is not supported."""
+    for warning in experiment.warnings:
+        console.say(f"vsense: {warning}")
+
+
+def prepare(
+    options: argparse.Namespace, experiment: Experiment, real: bool = True
+) -> tuple[Experiment, int, Path]:
+    """Takes the robots that are wanted and settles their places.
+
+    Args:
+        options: `robots`, `seed` and `output`.
+        experiment: as it was opened.
+        real: see `settle`.
+
+    Returns:
+        The experiment, the seed of its first run, and the new directory of all runs.
+
+    Raises:
+        UsageError: there are not so many robots.
+        ConfigError: there is no place for all.
+        DirectoryError: the directory cannot be made, or is not empty.
+    """
+    experiment, seed = first_robots(experiment, options.robots), choose_seed(options, experiment)
+    experiment = settle(experiment, seed, real)
+    return experiment, seed, run_directory.make(options.output, experiment.name, seed)
+
+
+def choose_seed(options: argparse.Namespace, experiment: Experiment) -> int:
+    """Gives a run's seed: the command line's, else the file's; for 0 a fresh one."""
+    seed = experiment.seed if options.seed is None else options.seed
+    return int(seed) or secrets.randbelow(2**32 - 1) + 1
