@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.actuators.conftest import ARENA, STEP_NS, element_of, world_of
-from vsense.actuators import registry
+from vsense.actuators import base
 from vsense.actuators.bank import ActuatorBank
 from vsense.actuators.base import MountedActuator
 from vsense.arena import ArenaState
@@ -25,7 +25,7 @@ States = Callable[..., ArenaState]
 
 def mounted(text: str, scope: Scope) -> MountedActuator:
     element = element_of(text)
-    actuator = registry.mount(element, scope)
+    actuator = base.mount(element, scope)
     element.check_all_read()
     return actuator
 
@@ -40,7 +40,7 @@ def act(world: World, state: States, actuator: MountedActuator, *steps: dict[int
 
 
 def test_the_shipped_actuators_are_found() -> None:
-    assert set(registry.factories()) == {
+    assert set(base.factories()) == {
         "virtual_pheromone_actuator",
         "virtual_cleaning_actuator",
         "virtual_leds_actuator",

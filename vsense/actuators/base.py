@@ -12,15 +12,21 @@ done, or a **cumulative counter** ("dropped 7 since the run began"), whose growt
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+import vsense.actuators
 from vsense.errors import VsenseError
+from vsense.sensors.base import Scope
 from vsense.sensors.quality import Quality, Scale
+from vsense.sensors.registry import device_factories
 from vsense.world.world import World
+from vsense.xml.element import Element
 
 Floats = NDArray[np.float64]
 
@@ -71,3 +77,24 @@ class MountedActuator:
     actuator: VirtualActuator
     line: int
     quality: Quality = field(default_factory=Quality)
+
+
+@cache
+def factories() -> dict[str, Callable[[Element, Scope], VirtualActuator]]:
+    """Gives what makes an actuator, by its XML element's name; errors of `device_factories`."""
+    return device_factories(vsense.actuators, ActuatorError)
+
+
+def mount(element: Element, scope: Scope) -> MountedActuator:
+    """Makes the actuator that an element asks for.
+
+    Args:
+        element: an element whose name is one of `factories()`.
+        scope: what it may refer to; the sensors have added their pollutant sources.
+
+    Raises:
+        ConfigError: an attribute is wrong.
+    """
+    element.choice("implementation", ("default",), "default")
+    actuator = factories()[element.name](element, scope)
+    return MountedActuator(actuator, element.line, Quality.from_xml(element, actuator.scale))

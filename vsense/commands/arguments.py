@@ -10,6 +10,7 @@ import secrets
 from collections.abc import Mapping
 from pathlib import Path
 
+from vsense.config.description import describe
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
@@ -234,7 +235,7 @@ def open_experiment(
         settings = dict(options.set)
     experiment = load(options.experiment, options.duration, settings)
     if options.dry:
-        _print(experiment.describe())
+        _print(describe(experiment))
     if options.strict:
         experiment.refuse_warnings()
     return None if options.dry else experiment

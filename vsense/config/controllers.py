@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
-from vsense.actuators import registry as actuator_registry
+from vsense.actuators import base as actuator_base
 from vsense.actuators.base import MountedActuator
 from vsense.config import argos
 from vsense.config.framework import collect
@@ -31,7 +31,7 @@ def virtual_devices() -> dict[str, Collection[str]]:
     """Gives the elements of all virtual devices, by the element that holds them."""
     return {
         SENSORS: sensor_registry.factories().keys(),
-        ACTUATORS: actuator_registry.factories().keys(),
+        ACTUATORS: actuator_base.factories().keys(),
     }
 
 
@@ -62,7 +62,7 @@ def read_devices(
     for element in _virtual(
         section, argos.ROBOT_ACTUATORS, argos.ACTUATORS, virtual[ACTUATORS], media
     ):
-        actuator = actuator_registry.mount(element, scope)
+        actuator = actuator_base.mount(element, scope)
         name, layout = actuator.actuator.name, actuator.actuator.layout
         _add_entry(entries, element, name, layout, Direction.ACTUATOR)
         actuators.append(actuator)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 
 from vsense.arena import wrap_angle
 from vsense.config.distribute import DistributedSpec, Distribution
-from vsense.config.specs import Experiment, ObjectSpec, Pose, RobotSpec, Vector
+from vsense.config.specs import Experiment, ObjectSpec, Pose, RobotSpec
 from vsense.world.entities import (
     BODY_HEIGHT_M,
     BODY_RADIUS_M,
@@ -23,6 +23,7 @@ from vsense.world.entities import (
     Cylinder,
     Entity,
     Light,
+    Vector,
     VirtualRobot,
     moved,
 )

@@ -13,15 +13,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 from vsense.actuators.base import MountedActuator
-from vsense.config.description import describe
 from vsense.config.distribute import DistributedSpec, Distribution
 from vsense.config.tracker_address import JsonLinesTracker, TrackerAddress
 from vsense.errors import ConfigError
 from vsense.sensors.base import MountedSensor
-from vsense.world.entities import BODY_RADIUS_M as BODY_RADIUS_M
-from vsense.world.entities import Arena as Arena
-from vsense.world.entities import Box, Cylinder, Entity, Light, VirtualRobot, Zone
-from vsense.world.entities import Vector as Vector
+from vsense.world.entities import Arena, Box, Cylinder, Entity, Light, VirtualRobot, Zone
 from vsense.world.pollution import PollutantSource
 
 
@@ -269,10 +265,6 @@ class Experiment:
     def line_of(self, id: str) -> int:
         """Gives the line of the element with an id, of the root where there is none."""
         return self.lines.get(id, 1)
-
-    def describe(self) -> str:
-        """Tells people what it holds, what of its file is not supported, and what it costs."""
-        return describe(self)
 
     def refuse_warnings(self) -> None:
         """Refuses what is passed over: `--strict`.

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.cameras.camera import Camera
-from vsense.config.specs import BODY_RADIUS_M
 from vsense.lab.optics import BLUR_SIGMA_PX, Image32
 from vsense.lab.shared import LabError
 from vsense.markers.family import Family
+from vsense.world.entities import BODY_RADIUS_M
 
 Floats = NDArray[np.float64]
 

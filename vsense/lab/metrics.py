@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import wrap_angle
-from vsense.config.specs import BODY_RADIUS_M
 from vsense.lab.phases import SwarmTruth, swarm
 from vsense.lab.trace import UNKNOWN_AGE
+from vsense.world.entities import BODY_RADIUS_M
 
 TIMESTEP = np.dtype(
     [

@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.config.specs import BODY_RADIUS_M
 from vsense.pictures.canvas import INK, MUTED, SCALE, Canvas, Colour, Floats, Image
 from vsense.pictures.painting import WorldSnapshot
+from vsense.world.entities import BODY_RADIUS_M
 
 WIDTH_PX = 900
 """Width of a view; its height follows from the arena."""
