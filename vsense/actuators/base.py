@@ -1,9 +1,9 @@
 """What a virtual actuator is: one file in this folder, one class, one XML element.
 
 A new actuator's file holds a class with the members of `VirtualActuator`, a function
-`from_xml(element, scope)` that makes one, and the line `ELEMENTS = ("virtual_..._actuator",)`.
-Nothing else in the tree has to know of it. `scope` is that of the virtual sensors, which are read
-before the actuators.
+`from_xml(element, scope)` that makes one or raises ConfigError, and the line
+`ELEMENTS = ("virtual_..._actuator",)`. Nothing else in the tree has to know of it. `scope` is that
+of the virtual sensors, which are read before the actuators.
 
 What a robot says is never an event, since a report may come twice or not at all. Each number is
 a **level** ("release 0.3 per second"), which holds until the next one and is 0 where nothing is
@@ -91,9 +91,6 @@ def mount(element: Element, scope: Scope) -> MountedActuator:
     Args:
         element: an element whose name is one of `factories()`.
         scope: what it may refer to; the sensors have added their pollutant sources.
-
-    Raises:
-        ConfigError: an attribute is wrong.
     """
     element.choice("implementation", ("default",), "default")
     actuator = factories()[element.name](element, scope)

@@ -26,7 +26,7 @@ from vsense.config.resources import (
 )
 from vsense.config.tracking_specs import CAMERA, GENICAM, TrackerSpec
 from vsense.errors import UsageError, VsenseError
-from vsense.markers import choice
+from vsense.markers import codes
 from vsense.markers.families import load_family
 from vsense.recording import pictures
 from vsense.recording.pictures import EXPERIMENT, RESOURCES
@@ -216,7 +216,7 @@ def run(options: argparse.Namespace) -> int:
         print(f"vsense: {missing}", file=sys.stderr)
     if not found:
         raise VsenseError("\n".join(NOTHING))
-    roster = choice.parse(ROSTER, load_family(FAMILY))
+    roster = codes.parse_tags(ROSTER, load_family(FAMILY))
     try:
         files = write(directory, found, roster)
     except OSError as error:

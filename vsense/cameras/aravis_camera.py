@@ -7,7 +7,7 @@ import threading
 from typing import Any
 
 from vsense.cameras.aravis import AravisError, call, listed, load
-from vsense.cameras.gige import CONTROL, IN_CONTROL, answers
+from vsense.cameras.gige import CONTROL, IN_CONTROL, answers, several
 from vsense.cameras.networks import host_address
 
 _CHECK_RANGES = 1
@@ -43,9 +43,8 @@ def locate(name: str) -> str:
     addresses = {camera.address for camera in found} - {""}
     same = [c for c in there if c.address in addresses] if addresses else found
     if len(same) > 1:
-        who = " and ".join(f"{camera.id} ({camera.mac})" for camera in same)
         what = f"the address {same[0].address}" if addresses else f"the name {name!r}"
-        raise AravisError(f"{len(same)} cameras have {what}: {who}; expected one of its own each")
+        raise AravisError(several(what, same))
     return found[0].address or found[0].id
 
 

@@ -36,7 +36,6 @@ class ClockMap:
     """
 
     def __init__(self) -> None:
-        """Begins with nothing known."""
         self._apart_ns: deque[int] = deque(maxlen=WINDOW)
         self._newest_ns: int | None = None
 

@@ -1,7 +1,4 @@
-"""What a GenICam camera is asked for, and how it is told: every value is read back.
-
-A GigE Vision or USB3 Vision camera, through Aravis.
-"""
+"""A GigE Vision or USB3 Vision camera through Aravis; every value that it is told is read back."""
 
 from __future__ import annotations
 

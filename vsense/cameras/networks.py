@@ -1,8 +1,7 @@
-"""Which of this machine's networks leads to a camera, and how much that carries.
+"""This machine's networks: which leads to a camera, how much it carries, what misses it.
 
-The load of cameras on the networks that they share: what would not fit is refused beforehand.
-
-What is wrong with a camera's address: it is on none of this host's networks.
+Cameras that would send more than their network carries are refused beforehand. A camera whose
+address is on none of the networks cannot be reached.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""The seam behind which every kind of live camera stands: open, read, close, perhaps trigger.
-
-What a camera made of a setting is told in the same words for every kind of camera.
-"""
+"""The seam of every kind of live camera, and the words for what it made of a setting."""
 
 from __future__ import annotations
 

@@ -29,13 +29,9 @@ def read_arena(element: Element, folder: Path, media: Media, timestep_s: float) 
     """Reads the arena and everything in it; tags that the file does not give are missing yet.
 
     Args:
-        element: <arena>.
         folder: where files with relative paths are looked for.
         media: what lights may refer to.
         timestep_s: length of a timestep.
-
-    Raises:
-        ConfigError: something in it is wrong.
     """
     low, high = MIN_LENGTH_M, MAX_LENGTH_M
     size_m = element.vector("size", low, high, "m")

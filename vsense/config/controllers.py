@@ -1,7 +1,4 @@
-"""Reads a controller's `<sensors>` and `<actuators>`: the robots' own devices, and virtual ones.
-
-Reads `<controllers>`: what drives the robots.
-"""
+"""Reads `<controllers>`: what drives the robots, their own devices, and their virtual ones."""
 
 from __future__ import annotations
 
@@ -160,11 +157,7 @@ def read_controller(element: Element, folder: Path) -> ControllerSpec:
     """Reads which program drives the robots, and what it is told.
 
     Args:
-        element: the controller's element.
         folder: where a C source with a relative path is looked for.
-
-    Raises:
-        ConfigError: something in it is wrong.
     """
     library = _read_library(element, folder)
     params = element.optional_child("params")

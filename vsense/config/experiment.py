@@ -1,7 +1,4 @@
-"""A smaller swarm than an experiment's file says.
-
-Loads an experiment: finds the file, reads and checks all of it, and only then gives it out.
-"""
+"""Loads an experiment: finds the file, reads and checks all of it, and only then gives it out."""
 
 from __future__ import annotations
 
@@ -18,12 +15,17 @@ from vsense.config.controllers import (
     used_controller,
     virtual_devices,
 )
-from vsense.config.framework import RunSettings, read_loop_functions, read_rest, read_run
+from vsense.config.framework import (
+    RunSettings,
+    read_loop_functions,
+    read_rest,
+    read_run,
+    read_tracker,
+)
 from vsense.config.robots import ArenaContents, give_tags
 from vsense.config.settings import apply, check_used
 from vsense.config.specs import ControllerSpec, Experiment, MarkerSpec, ObjectSpec, RobotSpec
 from vsense.config.things import read_media
-from vsense.config.tracker_address import read_tracker
 from vsense.errors import ConfigError, UsageError
 from vsense.markers.families import known_families, load_family
 from vsense.sensors.base import Scope
@@ -35,7 +37,6 @@ def first_robots(experiment: Experiment, count: int | None) -> Experiment:
     """Keeps only the first robots of an experiment.
 
     Args:
-        experiment: the experiment.
         count: how many; None: all.
 
     Raises:
@@ -98,11 +99,8 @@ def read(
     """Reads an experiment from its bytes; see `load`.
 
     Args:
-        data: the XML.
-        file: what errors call the file.
         path: where the file lies.
         length_s: length of the run instead of the file's.
-        settings: values instead of the file's.
 
     Raises:
         UsageError: a setting fits nothing in the file.

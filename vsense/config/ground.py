@@ -24,7 +24,6 @@ def read_floor(element: Element, folder: Path) -> FloorSpec:
     """Reads a `<floor>`; its picture must be there and be one.
 
     Args:
-        element: the floor.
         folder: where a picture with a relative path is looked for.
 
     Raises:
@@ -94,8 +93,6 @@ def read_field(element: Element, name: str, arena: Arena, timestep_s: float) -> 
     """Reads a `<vs:field>`.
 
     Args:
-        element: the field.
-        name: its id.
         arena: where it lies.
         timestep_s: how far it is to be stepped at once.
 

@@ -7,9 +7,10 @@ from collections.abc import Callable, Mapping
 from vsense.cameras import aravis
 from vsense.cameras.aravis_camera import is_address
 from vsense.cameras.genicam import FREE, SOFTWARE, GenicamSettings, GenicamSource
+from vsense.cameras.gige import ListedCamera
 from vsense.cameras.live_grabber import LiveGrabber, SoftwareTrigger
 from vsense.cameras.networks import USUAL_PACKET, BandwidthError, NetworkLoad, Stream
-from vsense.cameras.opencv_source import Controls, DeviceSource
+from vsense.cameras.opencv_source import DeviceSource
 from vsense.cameras.source import Source
 from vsense.config.tracking_specs import CameraTrackerSpec, GrabberSpec, TrackingSession
 
@@ -24,7 +25,7 @@ def make_source(spec: GrabberSpec, clock: Callable[[], int], links: NetworkLoad)
     """
     if isinstance(spec.settings, GenicamSettings):
         return GenicamSource(spec.source, spec.settings, clock, links)
-    return DeviceSource(spec.source, spec.settings or Controls())
+    return DeviceSource(spec.source, spec.controls)
 
 
 def live_grabber(
@@ -63,7 +64,7 @@ def _check(session: TrackingSession, links: NetworkLoad) -> None:
     genicam = [v for v in session.views if isinstance(v.grabber.settings, GenicamSettings)]
     if not genicam:
         return
-    there: list[aravis.Listed] = []
+    there: list[ListedCamera] = []
     try:
         aravis.load()
         if not all(is_address(view.grabber.source) for view in genicam):
@@ -90,7 +91,7 @@ def _claim(
 ) -> None:
     grabber = view.grabber
     assert isinstance(grabber.settings, GenicamSettings)
-    size_px = grabber.settings.controls.size_px or (view.camera.width_px, view.camera.height_px)
+    size_px = grabber.controls.size_px or (view.camera.width_px, view.camera.height_px)
     packet = grabber.settings.packet_size or USUAL_PACKET
     try:
         links.claim(grabber.source, address, Stream(size_px, _rate(grabber), packet))

@@ -1,8 +1,7 @@
-"""Which part of the floor a body takes up, and how far two such parts are from each other.
+"""Start poses: draws where distributed robots and things stand when a run begins.
 
-Start poses: draws where distributed robots and things stand when a run begins.
-
-The draws depend on the seed alone, and what is distributed is placed in the file's order.
+The draws depend on the seed alone, and what is distributed is placed in the file's order. A body
+takes up a part of the floor, its footprint; footprints keep a distance.
 """
 
 from __future__ import annotations
@@ -140,7 +139,6 @@ def place(experiment: Experiment, seed: int) -> dict[int, Pose]:
     """Gives every robot and object its start pose.
 
     Args:
-        experiment: the experiment.
         seed: decides the poses of what is distributed.
 
     Returns:
@@ -156,7 +154,6 @@ def settle(experiment: Experiment, seed: int, real: bool = True) -> Experiment:
     """Gives everything that is distributed its place; what has one keeps it.
 
     Args:
-        experiment: the experiment.
         seed: decides the places.
         real: False: robots and objects stand where a tracker finds them; the file's word about
             that is left as it is, and they are in nobody's way.

@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 from vsense.actuators.base import MountedActuator
 from vsense.config.distribute import DistributedSpec, Distribution
-from vsense.config.tracker_address import JsonLinesTracker, TrackerAddress
 from vsense.errors import ConfigError
 from vsense.sensors.base import MountedSensor
 from vsense.world.entities import Arena, Box, Cylinder, Entity, Light, VirtualRobot, Zone
@@ -161,6 +160,40 @@ class LoopSpec:
     path: Path
     label: str
     params: Mapping[str, str]
+    line: int
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerAddress:
+    """A tracker that speaks the original protocol.
+
+    Attributes:
+        host: its name or address.
+        port: its TCP port.
+        origin_m: where the arena's origin lies in the tracker's frame.
+        latency_s: from the middle of an exposure to the arrival of its state.
+        line: line of the element that names the host.
+    """
+
+    host: str
+    port: int
+    origin_m: tuple[float, float]
+    latency_s: float
+    line: int
+
+
+@dataclass(frozen=True, slots=True)
+class JsonLinesTracker:
+    """Any other tracker: it connects to vsense and writes JSON lines.
+
+    Attributes:
+        host: name or address of the interface on which it is waited for.
+        port: TCP port; 0: any that is free.
+        line: line of its element.
+    """
+
+    host: str
+    port: int
     line: int
 
 

@@ -98,10 +98,10 @@ class Tracking:
         self.cameras = [view.camera for view in session.views]
         heights_m = session.heights_m
         speed_m_s = max(view.tracker.max_speed_m_s for view in session.views)
-        whereabouts = Prediction(SearchPlan(session.key_frame_period, session.square_size_m))
-        make = lambda: _detectors(session.views, whereabouts)  # noqa: E731
+        prediction = Prediction(SearchPlan(session.key_frame_period, session.square_size_m))
+        make = lambda: _detectors(session.views, prediction)  # noqa: E731
         self.tracker = ArenaTracker(
-            self.cameras, make, heights_m, Limits(speed_m_s), pin=True, whereabouts=whereabouts
+            self.cameras, make, heights_m, Limits(speed_m_s), pin=True, prediction=prediction
         )
         self.record: Callable[[Sequence[Frame]], None] = lambda frames: None
         self._health = Health(self.cameras, self.tracker.heights_m)
@@ -121,7 +121,11 @@ class Tracking:
         tracker = self.tracker
         state = tracker.update(frames)
         events = self.grabber.events()
-        return state, frames, events + self._health.look(frames, tracker.found, tracker.overflowed)
+        return (
+            state,
+            frames,
+            events + self._health.update(frames, tracker.found, tracker.overflowed),
+        )
 
     def close(self) -> None:
         """Ends the workers and lets the cameras go; can be called again."""
@@ -167,14 +171,14 @@ def _recording(session: TrackingSession, spec: GrabberSpec) -> CameraRecording:
         raise session.resources.error(spec.line, f"<grabber> path: {error}") from None
 
 
-def _detectors(views: Sequence[CameraTrackerSpec], whereabouts: Prediction) -> CameraDetectors:
+def _detectors(views: Sequence[CameraTrackerSpec], prediction: Prediction) -> CameraDetectors:
     """Makes one detector per tracker; cameras of one tracker share it."""
     trackers = {view.tracker.id: view.tracker for view in views}
-    made = {id: _detector(tracker, whereabouts) for id, tracker in trackers.items()}
+    made = {id: _detector(tracker, prediction) for id, tracker in trackers.items()}
     return CameraDetectors({v.camera.id: made[v.tracker.id] for v in views})
 
 
-def _detector(tracker: TrackerSpec, whereabouts: Prediction) -> Detector:
+def _detector(tracker: TrackerSpec, prediction: Prediction) -> Detector:
     """Makes the detector of a tracker's family, for one thread."""
     family = load_family(tracker.family)
     if isinstance(family, SquareFamily):
@@ -184,7 +188,7 @@ def _detector(tracker: TrackerSpec, whereabouts: Prediction) -> Detector:
         family,
         sorted(tracker.heights_m),
         median(heights_m),
-        whereabouts,
+        prediction,
         set(heights_m),
         tracker.open_roster,
     )

@@ -133,19 +133,17 @@ def _make(made: Made) -> ArenaTracker:
     sees: dict[str, str] = made["sees"]
     trackers = {id: made["trackers"][id] for id in sees.values()}
     families = {id: _family(tracker) for id, tracker in trackers.items()}
-    whereabouts = Prediction(SearchPlan(**made["plan"]))
+    prediction = Prediction(SearchPlan(**made["plan"]))
 
     def detectors() -> CameraDetectors:
-        each = {id: _detector(t, families[id], whereabouts) for id, t in trackers.items()}
+        each = {id: _detector(t, families[id], prediction) for id, t in trackers.items()}
         return CameraDetectors({camera.id: each[sees[camera.id]] for camera in cameras})
 
     roster = {tag: h for id in sees.values() for tag, h in _heights_m(trackers[id]).items()}
     limits, workers = Limits(**made["limits"]), int(made["workers"])
     if workers > _MOST_WORKERS:
         raise ValueError(f"{workers} workers")
-    return ArenaTracker(
-        cameras, detectors, roster, limits, workers=workers, whereabouts=whereabouts
-    )
+    return ArenaTracker(cameras, detectors, roster, limits, workers=workers, prediction=prediction)
 
 
 def _family(tracker: Made) -> MarkerFamily | SquareFamily:
@@ -159,7 +157,7 @@ def _family(tracker: Made) -> MarkerFamily | SquareFamily:
 
 
 def _detector(
-    tracker: Made, family: MarkerFamily | SquareFamily, whereabouts: Prediction
+    tracker: Made, family: MarkerFamily | SquareFamily, prediction: Prediction
 ) -> Detector:
     heights_m = _heights_m(tracker)
     usual_m = median(heights_m.values()) if heights_m else 0.0
@@ -167,7 +165,7 @@ def _detector(
         family,
         sorted(heights_m),
         usual_m,
-        whereabouts,
+        prediction,
         set(heights_m.values()),
         bool(tracker["open_roster"]),
     )

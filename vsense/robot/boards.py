@@ -1,4 +1,4 @@
-"""The boards that `vsensed` can be built for, and where their compilers come from.
+"""Builds `vsensed` with a user's controller for robots' boards; where their compilers come from.
 
 Two cross compilers are known. `ziglang` from PyPI (the extra `robot`) makes every target, static
 against musl, so that the board's own C library and float ABI do not matter. Where it is not
@@ -7,8 +7,6 @@ installed Debian's cross compilers do, with the larger glibc.
 Sources: embedded.md section 1 (which versions link ARMv5, which flags, sizes); epuck.md section 7
 (the boards). Debian's armhf compiler is left out on purpose: its libc is ARMv7, and the Pi Zero
 is not.
-
-Builds `vsensed` with a user's controller for a robot's board.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""The robots of a simulation: the real controller in the daemon's own mind, in this process.
+"""The robots of a simulation: the real controller in the daemon's own runtime, in this process.
 
-The shared object holds `robot/inprocess.c`, all that a daemon's worker thinks with, and one
+The shared object holds `robot/inprocess.c`, the controller runtime of a daemon's worker, and one
 controller (`vsense.robot.build.shared`). Its declarations are cut out of the header beside its
 sources.
 """
@@ -51,7 +51,7 @@ def declarations() -> FFI:
 
 
 class Robots:
-    """All robots of a run, each with a mind of its own.
+    """All robots of a run, each with a controller runtime of its own.
 
     Attributes:
         wheels_steps_s: (n, 2) int16, left and right, as commanded in the newest step, after
@@ -72,7 +72,6 @@ class Robots:
         """Loads the controller and greets every robot.
 
         Args:
-            library: the shared object.
             tags: the robots.
             table: what they sense and do virtually.
             timestep_ns: length of a timestep.

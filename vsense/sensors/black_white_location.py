@@ -63,11 +63,7 @@ class BlackWhiteLocationSensor:
 
 
 def from_xml(element: Element, scope: Scope) -> BlackWhiteLocationSensor:
-    """Makes the sensor from its element.
-
-    Raises:
-        ConfigError: a place is missing or wrong.
-    """
+    """Makes the sensor from its element."""
     return BlackWhiteLocationSensor(
         _place(element, scope, "black"), _place(element, scope, "white")
     )

@@ -137,11 +137,7 @@ class LightSensor:
 
 
 def from_xml(element: Element, scope: Scope) -> LightSensor:
-    """Makes the sensor from its element.
-
-    Raises:
-        ConfigError: an attribute is wrong.
-    """
+    """Makes the sensor from its element."""
     formula = element.choice("formula", FORMULAS, "thesis")
     ring = Ring.from_xml(element)
     angles = element.boolean("vs:angles", True)

@@ -95,11 +95,7 @@ class Reach:
 
     @classmethod
     def from_xml(cls, element: Element, range_key: str, default_m: float, height_m: float) -> Reach:
-        """Reads `range_key` [m], `vs:field_of_view` [deg] and `check_occlusions`.
-
-        Raises:
-            ConfigError: one of them is wrong.
-        """
+        """Reads `range_key` [m], `vs:field_of_view` [deg] and `check_occlusions`."""
         return cls(
             element.number(range_key, 0.001, _MAX_RANGE_M, "m", default_m),
             field_of_view(element),

@@ -121,11 +121,7 @@ def _virtual_rows(boxes: Sequence[Box], cylinders: Sequence[Cylinder]) -> NDArra
 
 
 def from_xml(element: Element, scope: Scope) -> ProximitySensor:
-    """Makes the sensor from its element.
-
-    Raises:
-        ConfigError: an attribute is wrong.
-    """
+    """Makes the sensor from its element."""
     fuse = element.boolean("vs:fuse", False)
     obstacles = element.choice("vs:obstacles", ("virtual", "all"), "virtual" if fuse else "all")
     ring = Ring.from_xml(element)

@@ -93,11 +93,7 @@ class RangeAndBearingSensor:
 
 
 def from_xml(element: Element, scope: Scope) -> RangeAndBearingSensor:
-    """Makes the sensor from its element.
-
-    Raises:
-        ConfigError: an attribute is wrong.
-    """
+    """Makes the sensor from its element."""
     size = element.integer("data_size", 1, MESSAGE_MAX, 4)
     places = element.integer("vs:max_messages", 1, _MAX_MESSAGES, 5)
     return RangeAndBearingSensor(

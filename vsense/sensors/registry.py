@@ -61,9 +61,6 @@ def mount(element: Element, scope: Scope) -> MountedSensor:
     Args:
         element: an element whose name is one of `factories()`.
         scope: what it may refer to.
-
-    Raises:
-        ConfigError: an attribute is wrong.
     """
     element.choice("implementation", ("default",), "default")
     sensor = factories()[element.name](element, scope)

@@ -64,5 +64,5 @@ class CameraWatch:
         if self._looked_ns is not None and capture_ns - self._looked_ns < PERIOD_NS:
             return
         self._looked_ns = capture_ns
-        for line in self.troubles.lines(self._health.look(*noted)):
+        for line in self.troubles.lines(self._health.update(*noted)):
             self._tell(line)

@@ -1,14 +1,12 @@
-"""Strangers: markers of the family whose tag is not on the roster, read without any list of tags.
+"""Unlisted tags: how markers whose tag is not on the roster are read, and how they join it.
 
 With a roster a marker is the one tag that fits. Without one each cell has to be sure by itself:
 the blur is taken back, and the marker is read only where no cell is anywhere near to the middle
 between black and white, for what the picture's errors become when the blur is taken back.
 
-The roster grows: a robot whose valid tag nobody has named before is believed in the end.
-
-One reading proves nothing. A stranger joins when it was read as the same tag for long enough, at
-one place that moves no faster than robots do, with no word to the contrary; and only if it cannot
-be a robot of the roster that is missing and has something lying on its marker.
+One reading proves nothing. A tag joins when it was read for long enough at one place that moves no
+faster than robots do, without a reading to the contrary; and only if it cannot be a robot of the
+roster that is missing and has something lying on its marker.
 """
 
 from __future__ import annotations
@@ -40,7 +38,6 @@ class UnlistedTagReader:
     """Reads one family's markers, whatever their tags are."""
 
     def __init__(self, family: MarkerFamily) -> None:
-        """Prepares what takes the blur back, at all strengths."""
         sigmas = (family.unit_mm * BLURS_U).tolist()
         count = len(sigmas)
         cells = family.grid**2
@@ -101,7 +98,7 @@ class UnlistedTags:
     Attributes:
         family: The marker family.
         roster: The detector's roster.
-        height_m: Height of the markers above the floor, taken for strangers, too.
+        height_m: Height of the markers above the floor, taken for unlisted tags, too.
         tags: (n,) what was read.
         places: (n, 2) where in the arena [m].
     """
@@ -153,7 +150,6 @@ class Joining:
     """Gathers evidence for tags that are on no roster; to be called from one thread."""
 
     def __init__(self, limits: JoinLimits | None = None) -> None:
-        """Begins without any candidate."""
         self._limits = limits or JoinLimits()
         self._candidates: dict[_Key, _Candidate] = {}
 
@@ -223,23 +219,23 @@ class Joining:
             and now_ns - candidate.first_ns >= 1e9 * self._limits.last_s
         }
         heights_m: dict[_Key, float] = {}
-        for strangers in cameras if ready else ():
-            missing = [tag for tag in strangers.roster if tag not in sightings]
-            for tag in strangers.tags.tolist():
-                key = strangers.family.name, tag
-                if key in ready and _may_be_missing(strangers.family, tag, missing):
+        for unlisted in cameras if ready else ():
+            missing = [tag for tag in unlisted.roster if tag not in sightings]
+            for tag in unlisted.tags.tolist():
+                key = unlisted.family.name, tag
+                if key in ready and _may_be_missing(unlisted.family, tag, missing):
                     ready.discard(key)
-                heights_m[key] = strangers.height_m
+                heights_m[key] = unlisted.height_m
         return sorted((key, heights_m[key]) for key in ready & heights_m.keys())
 
 
 def _gather(cameras: Iterable[UnlistedTags], known: Collection[int]) -> dict[_Key, list[_Place]]:
     """Returns where each tag was read that may join."""
     places: dict[_Key, list[_Place]] = {}
-    for strangers in cameras:
-        for tag, (x_m, y_m) in zip(strangers.tags.tolist(), strangers.places.tolist(), strict=True):
+    for unlisted in cameras:
+        for tag, (x_m, y_m) in zip(unlisted.tags.tolist(), unlisted.places.tolist(), strict=True):
             if tag not in known:
-                places.setdefault((strangers.family.name, tag), []).append((x_m, y_m))
+                places.setdefault((unlisted.family.name, tag), []).append((x_m, y_m))
     return places
 
 

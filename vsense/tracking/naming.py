@@ -101,7 +101,7 @@ def gather_evidence(
     sharpness: tuple[Floats, Floats],
     places: Floats,
     camera: str,
-    whereabouts: Prediction,
+    prediction: Prediction,
     decoder: Decoder,
 ) -> Tags:
     """Names markers by the mean of their cells over the pictures since they appeared.
@@ -112,7 +112,7 @@ def gather_evidence(
         sharpness: (n,) of the edges along and across the heading, see `Decoder.decode`.
         places: (n, 2) the markers' places in the arena [m].
         camera: The camera's id.
-        whereabouts: Keeps what has been gathered.
+        prediction: Keeps what has been gathered.
         decoder: Names cells.
 
     Returns:
@@ -120,11 +120,11 @@ def gather_evidence(
     """
     open_ = np.flatnonzero(tags == UNNAMED)
     once = np.ones(len(open_), dtype=np.int64)
-    now = Anonymous(open_, places[open_], cells[open_], once, whereabouts.capture_ns)
-    before = whereabouts.anonymous.get(camera)
+    now = Anonymous(open_, places[open_], cells[open_], once, prediction.capture_ns)
+    before = prediction.anonymous.get(camera)
     if before is not None and now.capture_ns - before.capture_ns < 1e9 * _EVIDENCE_S:
         _add_up(now, before)
-    whereabouts.anonymous[camera] = now
+    prediction.anonymous[camera] = now
     named = np.array(tags)
     enough = now.pictures >= _LEAST_PICTURES
     if enough.any():
@@ -154,7 +154,7 @@ def find_unlisted_tags(
     if len(rows) == 0:
         return np.zeros(0, dtype=np.int32), np.zeros((0, 2))
     means = gathered.cells / gathered.pictures[:, np.newaxis]
-    read = decoder.read_strangers(means, sharpness[0][rows], sharpness[1][rows])
+    read = decoder.read_unlisted(means, sharpness[0][rows], sharpness[1][rows])
     sure = (read != UNNAMED) & (tags[rows] == UNNAMED)
     return read[sure], gathered.places[sure]
 

@@ -1,10 +1,8 @@
-"""Where square markers may be: dark things in the picture whose hull has four corners.
+"""Finding square markers, ArUco's and AprilTag's: from a picture to corners and tags.
 
 A local threshold at several scales separates dark from light; every contour's hull is reduced
 to the smallest quadrilateral around it. A hull forgives what blur does to a marker: white cells
 that break through the black frame leave it as it is.
-
-Finding square markers, ArUco's and AprilTag's: from a picture to corners and tags.
 
 Nothing of the arena is known here; see `square_detector` for markers that robots carry.
 """
@@ -180,7 +178,6 @@ class SquareFinder:
         """Prepares the words.
 
         Args:
-            family: The marker family.
             search: What proposes quadrilaterals.
         """
         self._search = search or QuadSearch()

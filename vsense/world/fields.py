@@ -175,14 +175,14 @@ class Field:
         self.check(dt_s)
         substeps = self._substeps(dt_s)
         for _ in range(substeps):
-            self._spread(self.diffusion_m2_s * dt_s / substeps / self.cell_m**2)
+            self._diffuse(self.diffusion_m2_s * dt_s / substeps / self.cell_m**2)
         if self.evaporation_per_s > 0.0:
             self.concentration *= math.exp(-self.evaporation_per_s * dt_s)
 
     def _substeps(self, dt_s: float) -> int:
         return math.ceil(self.diffusion_m2_s * dt_s / (_STABLE * self.cell_m**2))
 
-    def _spread(self, share: float) -> None:
+    def _diffuse(self, share: float) -> None:
         """Moves a share of every difference between neighbours from one to the other."""
         across = share * np.diff(self.concentration, axis=1)
         along = share * np.diff(self.concentration, axis=0)

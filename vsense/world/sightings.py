@@ -23,7 +23,7 @@ def unseen(tags: Sequence[int]) -> NDArray[np.void]:
     return poses
 
 
-def take(kept: NDArray[np.void], seen: NDArray[np.void]) -> None:
+def update_poses(kept: NDArray[np.void], seen: NDArray[np.void]) -> None:
     """Overwrites the kept rows of the tags that a camera saw; the others stay, not seen.
 
     Args:

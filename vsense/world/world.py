@@ -1,6 +1,4 @@
-"""The measures of a run by name: what loop functions, actuators and others write down.
-
-The world of one run: what the cameras saw last, and what is not there at all.
+"""The world of one run: what the cameras saw last, and what is not there at all.
 
 It reads no clock and draws from its own seed: every age follows from the capture times that the
 arena state carries. The same arena states therefore give the same world, live and in a replay.
@@ -31,7 +29,7 @@ from vsense.world.inventory import Inventory
 from vsense.world.pollution import DEFAULT_MEMORY_NS, Cone, PollutantSource, Stock
 from vsense.world.rays import Bodies, disc_rows, entity_rows
 from vsense.world.sightings import NEVER_NS as NEVER_NS
-from vsense.world.sightings import carried, known, read_only, standing, take, unseen
+from vsense.world.sightings import carried, known, read_only, standing, unseen, update_poses
 
 
 class Results(MutableMapping[str, float]):
@@ -132,7 +130,6 @@ class World:
             fields: what is spread over the floor.
             floor: the floor's colours; None: white.
             objects: markers of the things that are no robots; the sources' are added.
-            arena: the arena.
             timestep_s: length of a timestep.
             seed: of everything that is drawn.
 
@@ -174,8 +171,8 @@ class World:
         """
         self.capture_ns = state.capture_ns
         self.run_timestep = run_timestep
-        take(self._robots[: self.real_robots], state.robots)
-        take(self._objects, state.robots)
+        update_poses(self._robots[: self.real_robots], state.robots)
+        update_poses(self._objects, state.robots)
         self._settle()
         virtual = self._robots[self.real_robots :]
         virtual["seen"], virtual["capture_ns"] = True, state.capture_ns

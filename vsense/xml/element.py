@@ -1,6 +1,4 @@
-"""What is said about an experiment file: its warnings, and how errors show values and names.
-
-One element of an experiment file: knows where it stands and what has been read of it.
+"""One element of an experiment file: knows where it stands and what has been read of it.
 
 Whoever reads an element asks for its attributes and children by name; what nobody asked for is
 reported at the end, with the names that would have been understood. So a misspelt key is an
