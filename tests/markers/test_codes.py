@@ -2,19 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vsense.markers.codes import cell_blur, choose_tags, code_words, separation
-from vsense.markers.families import FamilyError, load_family
+from tests.markers.texture import draw_texture
+from vsense.markers.codes import cell_blur, choose_tags
+from vsense.markers.families import FamilyError, MarkerFamily, load_family
 
 ARROW = load_family("arrow4x4")
+assert isinstance(ARROW, MarkerFamily)
+
+
+def code_words(tags: Iterable[int], sigma_mm: float) -> np.ndarray:
+    """Returns the blurred cells of tags, (tags, cells), see `cell_blur`."""
+    bits = np.array([ARROW.bits(tag).ravel() for tag in tags], dtype=float)
+    return bits @ cell_blur(ARROW, sigma_mm).T
+
+
+def separation(tags: Iterable[int], sigma_mm: float) -> float:
+    """Returns the least squared distance between two of the tags' code words."""
+    words = code_words(tags, sigma_mm)
+    apart = ((words[:, np.newaxis] - words[np.newaxis]) ** 2).sum(axis=2)
+    apart[np.diag_indices(len(words))] = np.inf
+    return float(apart.min())
 
 
 def test_without_blur_a_code_word_is_the_tag() -> None:
-    words = code_words(ARROW, [31, 52447], 1e-3)
+    words = code_words([31, 52447], 1e-3)
     bits = np.array([ARROW.bits(tag).ravel() for tag in (31, 52447)], dtype=float)
     assert words == pytest.approx(bits, abs=1e-6)
 
@@ -32,7 +50,7 @@ def test_blur_agrees_with_a_blurred_drawing() -> None:
     import cv2
 
     tag, sigma_mm, px_per_mm = 18425, 1.5, 8.0
-    drawn = ARROW.texture(tag, px_per_mm)
+    drawn = draw_texture(ARROW, tag, px_per_mm)
     blurred = cv2.GaussianBlur(drawn.ink.astype(np.float32), (0, 0), sigma_mm * px_per_mm) / 255.0
     spots = (ARROW.cells_mm - ARROW.disc_centre_mm) * px_per_mm * (1, -1) + drawn.centre_px
     half = round(0.25 * ARROW.cell_mm * px_per_mm)
@@ -40,14 +58,14 @@ def test_blur_agrees_with_a_blurred_drawing() -> None:
         blurred[round(y) - half : round(y) + half, round(x) - half : round(x) + half].mean()
         for x, y in spots
     ]
-    assert code_words(ARROW, [tag], sigma_mm)[0] == pytest.approx(seen, abs=0.06)
+    assert code_words([tag], sigma_mm)[0] == pytest.approx(seen, abs=0.06)
 
 
 def test_chosen_tags_are_far_apart_and_neither_dark_nor_light() -> None:
     tags = choose_tags(ARROW, 16, 2.2, seed=14)
     assert tags == sorted(set(tags)) and len(tags) == 16
     assert all(4 <= int(tag).bit_count() <= 12 for tag in tags)
-    assert separation(ARROW, tags, 2.2) > 6 * separation(ARROW, range(1, 17), 2.2)
+    assert separation(tags, 2.2) > 6 * separation(range(1, 17), 2.2)
     turned = [int(f"{tag:016b}"[::-1], 2) for tag in tags]
     assert not set(tags) & set(turned)
 

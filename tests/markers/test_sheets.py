@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.conftest import require_tool
+from tests.markers.texture import draw_texture
 from vsense import cli
 from vsense.arena import UNNAMED, wrap_angle
 from vsense.cameras.camera import Camera
@@ -48,7 +49,7 @@ def seen_from_above(image: np.ndarray, dpi: float) -> Camera:
 def test_polygons_are_the_familys_own_drawing(name: str) -> None:
     family = load_family(name)
     for tag in np.random.default_rng(1).integers(family.tags, size=4).tolist():
-        texture = family.texture(tag, 6.0)
+        texture = draw_texture(family, tag, 6.0)
         middle_mm = (texture.centre_px + 0.5) / 6.0
         page = Page(2.0 * middle_mm, 2.0 * middle_mm)
         for fill in shapes(family, tag):

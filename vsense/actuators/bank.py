@@ -59,10 +59,7 @@ class ActuatorBank:
         self._size = sum(entry.size for entry in self.table)
 
     def apply(
-        self,
-        world: World,
-        reports: Mapping[int, bytes],
-        senders: Mapping[int, bytes] = NO_SENDERS,
+        self, world: World, reports: Mapping[int, bytes], senders: Mapping[int, bytes] = NO_SENDERS
     ) -> None:
         """Lets all robots act for one timestep of the run.
 

@@ -39,7 +39,6 @@ class PheromoneActuator:
 
     Attributes:
         field: id of the field.
-        name: what controllers call it.
         max_rate_per_s: most that a robot can release per second.
     """
 

@@ -67,11 +67,7 @@ def read_devices(
 
 
 def _add_entry(
-    entries: dict[str, tuple[Entry, int]],
-    element: Element,
-    name: str,
-    layout: str,
-    way: Direction,
+    entries: dict[str, tuple[Entry, int]], element: Element, name: str, layout: str, way: Direction
 ) -> None:
     """Notes a device and its line in the robots' table.
 

@@ -121,12 +121,7 @@ def make_field(spec: FieldSpec, arena: Arena) -> Field:
         WorldError: it has too many cells.
     """
     return Field(
-        spec.id,
-        arena,
-        spec.cell_m,
-        spec.evaporation_per_s,
-        spec.diffusion_m2_s,
-        spec.initial,
+        spec.id, arena, spec.cell_m, spec.evaporation_per_s, spec.diffusion_m2_s, spec.initial
     )
 
 

@@ -29,9 +29,7 @@ def make_source(spec: GrabberSpec, clock: Callable[[], int], links: NetworkLoad)
 
 
 def live_grabber(
-    session: TrackingSession,
-    sizes_px: Mapping[str, tuple[int, int]],
-    clock: Callable[[], int],
+    session: TrackingSession, sizes_px: Mapping[str, tuple[int, int]], clock: Callable[[], int]
 ) -> LiveGrabber:
     """Starts all cameras of a session.
 

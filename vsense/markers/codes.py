@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
 from functools import cache
 
 import cv2
@@ -87,20 +86,6 @@ def usable(white: NDArray[np.intp], cells: int) -> NDArray[np.bool_]:
     Blank things look like those.
     """
     return np.asarray((4 * white >= cells) & (4 * white <= 3 * cells))
-
-
-def code_words(family: MarkerFamily, tags: Iterable[int], sigma_mm: float) -> Floats:
-    """Returns the blurred cells of tags, (tags, cells), see `cell_blur`."""
-    bits = np.array([family.bits(tag).ravel() for tag in tags], dtype=np.float64)
-    return np.asarray(bits.reshape(-1, family.grid**2) @ cell_blur(family, sigma_mm).T)
-
-
-def separation(family: MarkerFamily, tags: Iterable[int], sigma_mm: float) -> float:
-    """Returns the least squared distance between two of the tags' code words."""
-    words = code_words(family, tags, sigma_mm)
-    apart = ((words[:, np.newaxis] - words[np.newaxis]) ** 2).sum(axis=2)
-    apart[np.diag_indices(len(words))] = np.inf
-    return float(apart.min())
 
 
 def choose_tags(family: MarkerFamily, count: int, sigma_mm: float, seed: int = 0) -> list[int]:

@@ -38,9 +38,6 @@ class BlackWhiteLocationSensor:
     Attributes:
         black: the first place.
         white: the second place.
-        name: "black_white_location".
-        layout: two vectors.
-        scale: parts of unit vectors.
     """
 
     black: places.Place

@@ -32,9 +32,6 @@ class FieldSensor:
 
     Attributes:
         field: its id.
-        name: what controllers call it.
-        layout: value and gradient.
-        scale: no concentration is negative.
     """
 
     field: str

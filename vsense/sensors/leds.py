@@ -42,10 +42,7 @@ class LedSensor:
 
     Attributes:
         reach: who is seen at all.
-        layout: the count, and the places.
-        scale: of them.
         max_blobs: places.
-        name: "leds".
     """
 
     reach: Reach

@@ -55,13 +55,10 @@ class LightSensor:
     Attributes:
         formula: one of FORMULAS.
         ring: the sensors.
-        layout: readings, then angles.
-        scale: of both.
         range_m: lights farther away are not felt.
         field_of_view_rad: nor lights farther off a sensor's axis than half of this.
         angles: whether the angles are sent.
         occlusions: whether bodies stand in the way.
-        name: "light".
     """
 
     formula: str

@@ -40,9 +40,6 @@ class PollutantSensor:
 
     Attributes:
         source: what pollutes.
-        name: "pollutant".
-        layout: one single: 1.0 or 0.0.
-        scale: from nothing to polluted.
     """
 
     source: PollutantSource

@@ -61,12 +61,9 @@ class ProximitySensor:
 
     Attributes:
         ring: the sensors.
-        name: "proximity" or "+proximity".
-        layout: one number per sensor.
         virtual_only: physical things are left to the real ring.
         range_m: how far it feels.
         field_of_view_rad: how wide each sensor looks; 0: along one line.
-        scale: raw values.
     """
 
     ring: Ring

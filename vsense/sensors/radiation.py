@@ -40,9 +40,6 @@ class RadiationSensor:
         source: what radiates.
         strength: reading at 1 m.
         range_m: from where on it is 0.
-        name: "radiation".
-        layout: one single.
-        scale: not negative.
     """
 
     source: places.Place

@@ -48,13 +48,10 @@ class RangeAndBearingSensor:
 
     Attributes:
         reach: who is heard at all.
-        layout: the count, and the places.
-        scale: of them.
         data_size: bytes of a message.
         max_messages: places.
         loss_probability: of each message.
         speaking_only: those who say nothing are not heard.
-        name: "range_and_bearing".
     """
 
     reach: Reach

@@ -68,10 +68,7 @@ def carry_square_names(tags: Tags, places: Floats, expected: NDArray[np.void]) -
 
 
 def _carry(
-    tags: Tags,
-    places: Floats,
-    expected: NDArray[np.void],
-    plausible: Callable[[int, int], bool],
+    tags: Tags, places: Floats, expected: NDArray[np.void], plausible: Callable[[int, int], bool]
 ) -> Tags:
     """Gives markers the names of the robots that must be there; `plausible` of tag and marker."""
     named = np.array(tags)

@@ -142,11 +142,7 @@ class Prediction:
             elapsed = 1e-9 * (capture_ns - last.capture_ns) if last else 0.0
             if last and 0.0 < elapsed < _LOST_S:
                 turn = math.remainder(yaw - last.yaw_rad, math.tau)
-                now.velocity = (
-                    (x - last.x_m) / elapsed,
-                    (y - last.y_m) / elapsed,
-                    turn / elapsed,
-                )
+                now.velocity = ((x - last.x_m) / elapsed, (y - last.y_m) / elapsed, turn / elapsed)
                 now.sightings = last.sightings + 1
             self._known[tag] = now
 

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from vsense.arena import DETECTION, UNNAMED, wrap_angle
 from vsense.cameras.camera import Camera
-from vsense.markers.dictionary import SquareFamily
-from vsense.markers.family import FamilyError, Floats
+from vsense.markers.dictionary import FamilyError, Floats, SquareFamily
 from vsense.tracking.covariance import square_covariance
 from vsense.tracking.joining import UnlistedTags
 from vsense.tracking.naming import carry_square_names

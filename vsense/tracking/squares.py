@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import UNNAMED
-from vsense.markers.dictionary import SquareFamily
-from vsense.markers.family import Floats
+from vsense.markers.dictionary import Floats, SquareFamily
 from vsense.tracking.squares_edges import Sides, fit_local_corners, fit_sides
 from vsense.tracking.squares_words import Readings, WordReader
 
@@ -217,11 +216,7 @@ class SquareFinder:
         return found
 
     def find_near(
-        self,
-        image: NDArray[np.uint8],
-        windows: NDArray[np.int32],
-        least_px: float,
-        most_px: float,
+        self, image: NDArray[np.uint8], windows: NDArray[np.int32], least_px: float, most_px: float
     ) -> NDArray[np.void]:
         """Returns the markers in windows of a picture, see `find`.
 

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.markers.family import Floats
+from vsense.markers.dictionary import Floats
 
 _CORNER = 0.08
 _FOUND = 0.3

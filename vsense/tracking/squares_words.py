@@ -15,8 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.markers.dictionary import Codes
-from vsense.markers.family import Floats
+from vsense.markers.dictionary import Codes, Floats
 from vsense.tracking.squares_edges import sample_grey
 
 Values = NDArray[np.float32] | NDArray[np.float64]
