@@ -104,15 +104,11 @@ def _virtual(
         elif element.name in real:
             section.optional_child(element.name)
             check_medium(element, media)
-            _read_real_device(element)
+            element.choice("implementation", argos.IMPLEMENTATIONS, "default")
+            argos.pass_over(element, argos.SIMULATED_SETTINGS)
         else:
             element.leave_out(unsupported[element.name])
     return [element for element in found if element.name in virtual]
-
-
-def _read_real_device(element: Element) -> None:
-    element.choice("implementation", argos.IMPLEMENTATIONS, "default")
-    argos.pass_over(element, argos.SIMULATED_SETTINGS)
 
 
 def used_controller(section: Element, bodies: ArenaContents) -> Element:

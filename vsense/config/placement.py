@@ -205,14 +205,10 @@ def _place_all(experiment: Experiment, seed: int) -> _Placement:
     waiting: list[RobotSpec | ObjectSpec | DistributedSpec] = [
         *experiment.robots, *experiment.objects, *experiment.distributed,
     ]  # fmt: skip
-    for spec in sorted(waiting, key=_order):
-        if spec.distribution is not None:
-            _draw_free(experiment, placed, spec, spec.distribution, draws)
+    drawn = [(spec.distribution, spec) for spec in waiting if spec.distribution is not None]
+    for distribution, spec in sorted(drawn, key=lambda pair: pair[0].number):
+        _draw_free(experiment, placed, spec, distribution, draws)
     return placed
-
-
-def _order(spec: RobotSpec | ObjectSpec | DistributedSpec) -> int:
-    return -1 if spec.distribution is None else spec.distribution.number
 
 
 def _place_fixed(experiment: Experiment, placed: _Placement) -> None:

@@ -71,14 +71,10 @@ def from_xml(element: Element, scope: Scope) -> PollutantSensor:
         turn_timestep=turn_timestep,
         turn_rad=element.angle("rotation_angle", -360.0, 360.0, 90.0),
         memory_ns=read_memory_ns(element),
-        amount=_amount(element),
+        amount=element.number("vs:amount", 1e-6, 1e9) if element.has("vs:amount") else math.inf,
     )
     scope.sources.append(source)
     return PollutantSensor(source)
-
-
-def _amount(element: Element) -> float:
-    return element.number("vs:amount", 1e-6, 1e9) if element.has("vs:amount") else math.inf
 
 
 def _turn_timestep(element: Element, scope: Scope) -> int | None:

@@ -171,7 +171,8 @@ class Joining:
         Returns:
             Who joins now, sorted.
         """
-        self._drop_old(now_ns)
+        oldest_ns = now_ns - round(1e9 * self._limits.gap_s)
+        self._candidates = {k: c for k, c in self._candidates.items() if c.last_ns >= oldest_ns}
         cameras = [seen[camera] for camera in sorted(seen)]
         places = _gather(cameras, known)
         if not places:
@@ -179,7 +180,8 @@ class Joining:
         named = [(s.x_m, s.y_m) for found in sightings.values() for s in found]
         for key, mine in places.items():
             others = [p for other, theirs in places.items() if other != key for p in theirs]
-            if _is_one(mine) and not _near_any(mine[0], [*others, *named]):
+            one = all(math.dist(mine[0], place) <= MERGE_M for place in mine[1:])
+            if one and all(math.dist(mine[0], other) > MERGE_M for other in [*others, *named]):
                 self._read(key, mine[0], now_ns)
             else:
                 self._candidates.pop(key, None)
@@ -200,10 +202,6 @@ class Joining:
                 candidate.last_ns, candidate.place = now_ns, place
                 return
         self._candidates[key] = _Candidate(now_ns, now_ns, place)
-
-    def _drop_old(self, now_ns: int) -> None:
-        oldest_ns = now_ns - round(1e9 * self._limits.gap_s)
-        self._candidates = {k: c for k, c in self._candidates.items() if c.last_ns >= oldest_ns}
 
     def _ready(
         self,
@@ -237,15 +235,6 @@ def _gather(cameras: Iterable[UnlistedTags], known: Collection[int]) -> dict[_Ke
             if tag not in known:
                 places.setdefault((unlisted.family.name, tag), []).append((x_m, y_m))
     return places
-
-
-def _is_one(places: Sequence[_Place]) -> bool:
-    """Whether all places are the same marker's."""
-    return all(math.dist(places[0], place) <= MERGE_M for place in places[1:])
-
-
-def _near_any(place: _Place, others: Iterable[_Place]) -> bool:
-    return any(math.dist(place, other) <= MERGE_M for other in others)
 
 
 def _may_be_missing(family: MarkerFamily | SquareFamily, read: int, missing: Iterable[int]) -> bool:
