@@ -32,11 +32,11 @@ Floats = NDArray[np.float64]
 
 
 class ActuatorError(VsenseError):
-    """A virtual actuator cannot be had, or was told something that it cannot do."""
+    """A virtual actuator does not exist, or a report does not fit it."""
 
 
 class VirtualActuator(Protocol):
-    """Lets robots change one kind of thing in the virtual world, all robots at once."""
+    """Has robots change one kind of thing in the virtual world, all robots at once."""
 
     @property
     def name(self) -> str:

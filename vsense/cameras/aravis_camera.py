@@ -60,7 +60,7 @@ class AravisCamera:
     """An opened camera, for one thread; only `trigger` may be called from another."""
 
     def __init__(self, name: str) -> None:
-        """Opens it, and takes control of it where nobody else has.
+        """Opens it, and takes control of it where no other program has.
 
         Args:
             name: An IPv4 address, or what `locate` gives.
@@ -168,7 +168,7 @@ class AravisCamera:
             call(self._lib.arv_camera_set_trigger, self.handle, source.encode())
 
     def trigger(self) -> None:
-        """Has a picture taken now; from any thread, and in vain after `close`.
+        """Has a picture taken now; from any thread; does nothing after `close`.
 
         Raises:
             AravisError: The camera does not answer, or refuses.

@@ -31,7 +31,7 @@ class CameraControls(Protocol):
         """Reads one; None: the camera does not have it, or does not tell."""
 
     def bounds(self, name: str) -> Bounds | None:
-        """Gives the least and the greatest value; None: nobody knows."""
+        """Gives the least and the greatest value; None: unknown."""
 
     def set(self, name: str, value: float) -> None:
         """Sets one, and what would set it by itself off; the camera may round.
@@ -101,7 +101,7 @@ class GenicamControls:
 
 
 class V4l2Controls:
-    """Those of a V4L2 device, which hears beside whoever takes its pictures."""
+    """Those of a V4L2 device, which can be set while another program takes its pictures."""
 
     def __init__(self, device: V4l2ControlDevice) -> None:
         self._device = device

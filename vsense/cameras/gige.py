@@ -1,6 +1,6 @@
 """GVCP: quick questions to GigE cameras, which need neither Aravis nor control of the camera.
 
-Aravis asks for seconds where nobody answers, and it hears a camera only if its address is on the
+Aravis asks for seconds where no camera answers, and it hears a camera only if its address is on the
 network that it is plugged into. `heard` also finds cameras with addresses of other networks.
 
 Source of numbers and layouts: GigE Vision 2.0, GVCP, DISCOVERY_CMD and DISCOVERY_ACK.
@@ -52,7 +52,7 @@ def controlled(address: str) -> bool:
 
 
 def _read(address: str, register: int) -> bytes | None:
-    """Asks for a register, which everybody may read; None: nobody answers."""
+    """Reads a register, which needs no control; None: no answer."""
     question = struct.pack(">BBHHHI", 0x42, 0x01, 0x0080, 4, 1, register)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
         line.settimeout(_WAIT_S)
@@ -62,7 +62,7 @@ def _read(address: str, register: int) -> bytes | None:
                 line.send(question)
                 return line.recv(64)
             except OSError:
-                # Nobody answers, or the system knows that nobody is there.
+                # No answer, or the system knows that there is no such host.
                 continue
     return None
 

@@ -1,8 +1,8 @@
 """Camera health: dark, saturated, frozen, moved, crowded, or contradicting neighbours.
 
 Light and standstill are looked for in every picture, movement in a few cameras per timestep by
-turns, so that many cameras cost no more than few. All of it is told once when it begins and once
-when it ends.
+turns, so that many cameras cost no more than few. All of it is reported once when it begins and
+once when it ends.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _Gap = tuple[int, NDArray[np.float64]]
 
 @dataclass(frozen=True, slots=True)
 class HealthLimits:
-    """When something is worth a word.
+    """When something is reported.
 
     Attributes:
         dark_level: Mean grey below which a picture is dark (12).
@@ -38,7 +38,7 @@ class HealthLimits:
             rendered arenas whose exposure rises: on a white floor all markers are read up to 0.74
             and a third lose their names at 0.94, on a grey floor three in four at 0.85. Paper and
             the reflections of lamps stay far below.
-        frames: Pictures in a row after which it is told (3).
+        frames: Pictures in a row after which it is reported (3).
         moved_px: Shift of the background that is a moved camera (1.0).
         apart_m: Distance between two cameras' views of the same markers that is too much (0.008).
         apart_views: Common views over which that distance is averaged (60).

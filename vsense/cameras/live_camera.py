@@ -109,7 +109,7 @@ class LiveCamera:
             self._source.close()
 
     def _use(self) -> None:
-        """Opens the camera and takes pictures, until it must be opened anew."""
+        """Opens the camera and takes pictures, until it must be reopened."""
         self._arrive(self._source.open())
         while not self._ended.is_set():
             if not self._read_picture():
@@ -122,7 +122,7 @@ class LiveCamera:
         self._ended.set()
 
     def watch(self, now_ns: int) -> None:
-        """Notices a camera whose thread waits in vain; to be called with `news` held."""
+        """Notices a camera that has fallen silent; to be called with `news` held."""
         if self.opened and not self._gone and now_ns > self._due_ns:
             self._lose("gives no pictures any more")
 
@@ -132,7 +132,7 @@ class LiveCamera:
         return taken
 
     def _read_picture(self) -> bool:
-        """Waits for one picture and judges it; whether the camera shall stay open."""
+        """Waits for one picture and judges it; whether the camera stays open."""
         try:
             shot = self._source.read()
         except PictureError as error:
@@ -178,7 +178,7 @@ class LiveCamera:
         self._news.notify_all()
 
     def _spoiled(self, reason: str) -> None:
-        """A damaged picture is told and forgotten; whoever listens counts them."""
+        """Reports a damaged picture; the listener counts them."""
         self._due_ns = self._clock() + self._silence_ns
         self._miss()
         self._spell.good = 0
@@ -186,32 +186,32 @@ class LiveCamera:
         self._notify("damaged", reason)
 
     def _repeat(self) -> bool:
-        """A picture with the stamp of the one before is no new one; opening anew may help."""
+        """A picture with the stamp of the one before is no new one; reopening may help."""
         self._miss()
         if self._timing.repeats < PICTURES:
             return True
         if not self._spell.frozen:
             self._spell.frozen = True
             self._notify("frozen", f"froze: the same picture {PICTURES + 1} times")
-        return not self._open_anew()
+        return not self._reopen()
 
     def _misfit(self, image: Image) -> bool:
-        """Leaves a picture of a wrong size out; opening the camera anew may set it right."""
+        """Leaves a picture of a wrong size out; reopening the camera may set it right."""
         self._spell.misfits += 1
         self._miss()
         if self._spell.misfits == 1:
             self._notify("size", wrong_size(image, (self._size_px[0], self._size_px[1])))
-        return self._spell.misfits < PICTURES or not self._open_anew()
+        return self._spell.misfits < PICTURES or not self._reopen()
 
-    def _open_anew(self) -> bool:
-        """Whether the camera shall be opened anew: once for each trouble."""
+    def _reopen(self) -> bool:
+        """Whether the camera is to be reopened: once for each trouble."""
         if self._spell.reopened:
             return False
         self._spell.reopened, self.opened = True, False
         return True
 
     def _miss(self) -> None:
-        """A picture came that cannot be used: nobody shall wait for it."""
+        """Notes that a picture cannot be used: a timestep does not wait for this camera."""
         self.present = False
         self._timing.skip()
 

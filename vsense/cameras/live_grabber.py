@@ -32,8 +32,8 @@ class Triggered(Protocol):
 class SoftwareTrigger:
     """Triggers a set of cameras at a fixed rate, until it is closed.
 
-    Every camera is told by a thread of its own, so that none waits for another's answer. One that
-    has not answered yet is left out; that it is gone is noticed by whoever waits for its pictures.
+    Every camera is triggered by a thread of its own, so that none waits for another's answer. One
+    that has not answered yet is left out; its silence is noticed where its pictures are awaited.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class LiveGrabber:
     else when the picture arrived.
 
     Attributes:
-        timesteps: None: nobody knows how many there will be.
+        timesteps: None: unknown.
         missed: 0: the newest pictures are always given.
     """
 

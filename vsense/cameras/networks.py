@@ -187,7 +187,7 @@ def _interface(address: str) -> str | None:
 
 
 _LINK_LOCAL = IPv4Network("169.254.0.0/16")
-"""Where a camera puts itself when nobody gives it an address. Source: RFC 3927."""
+"""The addresses of cameras that were given none. Source: RFC 3927."""
 
 
 def stranded(address: str, known: Sequence[Network]) -> str:

@@ -26,7 +26,7 @@ _SETTINGS = {
 
 
 def teach_opencv() -> None:
-    """Keeps OpenCV and FFmpeg off the terminal: what matters is told as an event of the camera.
+    """Keeps OpenCV and FFmpeg off the terminal: what matters is an event of the camera.
 
     What the user has set in the environment stays. libjpeg writes a line about each damaged
     picture all the same: nothing in OpenCV keeps it from that.

@@ -141,7 +141,7 @@ def _read_understood(root: Element, path: Path, length_s: float | None) -> Exper
     _check_objects(bodies, scope)
     _check_tags(bodies, marker, root.document.file)
     if not sensors:
-        _warn_of_unfelt(bodies)
+        _warn_of_unsensed(bodies)
     return replace(
         _assemble(root, path, run, marker, bodies, read_controller(controller, path.parent)),
         sensors=tuple(sensors),
@@ -186,7 +186,7 @@ def _assemble(
     )
 
 
-def _warn_of_unfelt(bodies: ArenaContents) -> None:
+def _warn_of_unsensed(bodies: ArenaContents) -> None:
     for element in bodies.unseen:
         element.warn(
             "is virtual, and no virtual sensor is there to feel it;"

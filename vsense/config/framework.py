@@ -147,7 +147,7 @@ def read_run(root: Element, length_s: float | None) -> RunSettings:
 
 
 def read_rest(root: Element) -> None:
-    """Passes over the parts of ARGoS that have no meaning here, each with a word about it.
+    """Passes over the parts of ARGoS that have no meaning here, each with a warning.
 
     Raises:
         ConfigError: an attribute is wrong, or two engines have one id.

@@ -156,7 +156,7 @@ def settle(experiment: Experiment, seed: int, real: bool = True) -> Experiment:
     Args:
         seed: decides the places.
         real: False: robots and objects stand where a tracker finds them; the file's word about
-            that is left as it is, and they are in nobody's way.
+            that is left as it is, and they block no place.
 
     Returns:
         The experiment without distributed entities: its `entities` are complete. With `real`,

@@ -39,7 +39,7 @@ class ArenaContents:
         without_controller: by id the e-pucks that nothing drives: objects, as in the thesis.
         crowds: how many `<distribute>` were read.
         unseen: boxes and cylinders that only virtual sensors feel.
-        untagged: elements of bodies whose tag nobody says, with the bodies' ids.
+        untagged: elements of bodies without a tag, with the bodies' ids.
         lines: by id the line of its element.
     """
 
@@ -213,7 +213,7 @@ def give_tags(bodies: ArenaContents, family: str) -> None:
 
 
 def _free_tags(family: str, count: int, worn: frozenset[int]) -> list[int]:
-    """Chooses tags that nobody wears; the first ones are those that cameras tell apart best."""
+    """Chooses free tags; the first ones are those that cameras tell apart best."""
     chosen = _well_apart(family, min(max(_LEAST_CHOSEN, count + len(worn)), _MOST_CHOSEN))
     taken = worn | set(chosen)
     rest = (tag for tag in range(load_family(family).tags) if tag not in taken)

@@ -33,7 +33,7 @@ class RobotSpec:
     """A robot of the experiment.
 
     Attributes:
-        id: NAME_TAG_ROBOT, or any name where the tag is told elsewhere.
+        id: NAME_TAG_ROBOT, or any name where `vs:tag` gives the tag.
         tag: number on its marker.
         number: the last part of its id (the original's last octet of the robot's address), else
             its place in the file.
@@ -87,7 +87,7 @@ class ControllerSpec:
 
     @property
     def params_text(self) -> str:
-        """The settings as robots are told them: lines "key=value\\n"."""
+        """The settings as robots are sent them: lines "key=value\\n"."""
         return "".join(f"{key}={value}\n" for key, value in self.params.items())
 
 
@@ -312,5 +312,5 @@ class Experiment:
             raise self.error(int(place[1:]), f"{words} [--strict{others}]")
 
     def error(self, line: int, message: str) -> ConfigError:
-        """Makes the error that something in the file cannot be had."""
+        """Makes the error that something in the file cannot be done."""
         return ConfigError(self.file, line, message)

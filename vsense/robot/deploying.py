@@ -245,7 +245,7 @@ def deploy(
 
     Args:
         plan: what and how.
-        robots: whom to.
+        robots: where to.
         told: called with each outcome as it comes, by any thread.
 
     Returns:

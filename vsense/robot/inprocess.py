@@ -78,11 +78,11 @@ class Robots:
             seed: of the run; every robot's controller gets one of its own made from it.
             params: the controller's settings, lines "key=value\\n".
             progress: `PROGRESS_BYTES` of writable memory where the robots note what they do;
-                None: nobody wants to know.
+                None: not wanted.
 
         Raises:
             SimError: the shared object cannot be loaded, or its controller cannot be run.
-            WireError: the robots cannot be told what the experiment says.
+            WireError: the experiment does not fit the robots' protocol.
         """
         self._ffi, self._tags = declarations(), list(tags)
         try:
@@ -153,7 +153,7 @@ class Robots:
         return {tag: whole[i * size : (i + 1) * size] for i, tag in enumerate(self._tags)}
 
     def complaints(self) -> list[str]:
-        """What the controllers asked for in vain, or do not know: each complaint once."""
+        """What the controllers asked for and did not get, or do not know: each complaint once."""
         said: bytes = self._ffi.string(self._lib.vs_inprocess_complaints(self._all))
         return said.decode(errors="replace").splitlines()
 

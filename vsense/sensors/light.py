@@ -55,7 +55,7 @@ class LightSensor:
     Attributes:
         formula: one of FORMULAS.
         ring: the sensors.
-        range_m: lights farther away are not felt.
+        range_m: lights farther away are not sensed.
         field_of_view_rad: nor lights farther off a sensor's axis than half of this.
         angles: whether the angles are sent.
         occlusions: whether bodies stand in the way.

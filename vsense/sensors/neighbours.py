@@ -20,7 +20,7 @@ _MAX_RANGE_M = 1000.0
 
 @dataclass(frozen=True, slots=True)
 class Pairs:
-    """Who notices whom, ordered by who notices.
+    """Pairs of receiver and sender, ordered by receiver.
 
     Attributes:
         receiver: (p,) rows of the robots that were asked about.
@@ -103,7 +103,7 @@ class Reach:
         )
 
     def pairs(self, world: World, robots: NDArray[np.void], candidates: NDArray[np.bool_]) -> Pairs:
-        """Finds who notices whom.
+        """Finds the pairs.
 
         Args:
             world: with all robots; one that no camera sees now is where it was seen last.

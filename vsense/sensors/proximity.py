@@ -5,8 +5,8 @@
 Eight whole numbers 0..4095 as the real ring gives them, higher is nearer, in the order of ps0..ps7.
 
 With vs:fuse="true" the sensor is called "+proximity": the robot takes the larger one of each of
-these numbers and of its real ring's whenever a controller reads "proximity". It feels virtual
-boxes, cylinders and robots only; the real ring feels the real ones. So a virtual wall turns a real
+these numbers and of its real ring's whenever a controller reads "proximity". It senses virtual
+boxes, cylinders and robots only; the real ring senses the real ones. So a virtual wall turns a real
 robot. Without it the sensor is called "proximity" and takes the real ring's place: then it feels
 physical ones, too. `vs:obstacles="virtual"` or "all" says otherwise.
 

@@ -65,7 +65,7 @@ class TrackingError(VsenseError):
 
 
 class FrameGate:
-    """Lets one timestep's pictures pass, whatever the order they came in.
+    """Passes on one timestep's pictures, whatever the order they came in.
 
     Attributes:
         cameras: The arena's cameras by their ids, sorted.

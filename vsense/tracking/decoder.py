@@ -1,7 +1,7 @@
 """Which tag a marker carries: its cells compared with the roster's code words.
 
 A cell's brightness is compared with what the picture's blur makes of each tag in the roster;
-how blurred a marker is, along its heading and across it, is told by its own edges. A marker is
+how blurred a marker is, along its heading and across it, is measured at its own edges. A marker is
 named only when one tag fits every cell and no other comes near: without a name is acceptable,
 a wrong name is not.
 """

@@ -190,7 +190,7 @@ class Detected(NamedTuple):
 
 
 class Workers:
-    """Shares pictures out to threads; the same pictures to the same ones, whoever is faster."""
+    """Shares pictures out to threads; the same pictures to the same ones, whichever is faster."""
 
     def __init__(self, make_detector: Callable[[], Detector], number: int, pin: bool) -> None:
         """Starts the threads.

@@ -192,7 +192,7 @@ class Joining:
         ]
 
     def _read(self, key: _Key, place: _Place, now_ns: int) -> None:
-        """Counts a reading; one from where the candidate cannot have come begins anew."""
+        """Counts a reading; one from where the candidate cannot have come starts again."""
         candidate = self._candidates.get(key)
         if candidate is not None:
             elapsed_s = 1e-9 * (now_ns - candidate.last_ns)
@@ -209,7 +209,7 @@ class Joining:
         cameras: Iterable[UnlistedTags],
         sightings: Mapping[int, Sequence[Sighting]],
     ) -> list[tuple[_Key, float]]:
-        """Returns who has been read often enough, and can be nobody of the roster."""
+        """Returns the tags that were read often enough, and can be none of the roster's."""
         ready = {
             key
             for key, candidate in self._candidates.items()
@@ -238,7 +238,7 @@ def _gather(cameras: Iterable[UnlistedTags], known: Collection[int]) -> dict[_Ke
 
 
 def _may_be_missing(family: MarkerFamily | SquareFamily, read: int, missing: Iterable[int]) -> bool:
-    """Whether a robot of the roster that nobody sees may look like this.
+    """Whether a robot of the roster that no camera sees may look like this.
 
     Square markers' words differ in so many cells that none becomes another.
     """

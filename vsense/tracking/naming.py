@@ -1,4 +1,4 @@
-"""Names along the tracks: what a marker's cells leave open is told by where it is.
+"""Names along the tracks: what a marker's cells leave open follows from where it is.
 
 A robot cannot jump, so a marker near where exactly one robot is expected is that robot, unless
 its cells speak against it. A marker without a name collects evidence from picture to picture

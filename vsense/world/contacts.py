@@ -1,4 +1,4 @@
-"""Who is near whom on the floor of lab and simulation, who touches, and how far all give way.
+"""Pairs of bodies that are near each other on the floor, and how those that overlap give way.
 
 The arithmetic is C (`c_src/vs_near.c`, `vs_contacts.c`). With 15 robots in the pollutant
 experiment's arena a tick of the physics takes 2 us; it took 125 us in NumPy.
@@ -64,12 +64,12 @@ class Boxes:
 
 
 class Neighbourhood:
-    """The pairs that are near enough to touch or to be felt.
+    """The pairs of bodies that are near enough to touch, or for a proximity ring to detect.
 
-    They are searched for again only when somebody has moved far enough to matter.
+    They are searched for again only when a body has moved far enough to matter.
 
     Attributes:
-        robots: how many of the bodies can feel and give way: the first ones.
+        robots: how many of the bodies are robots: the first ones.
         boxes: what stands around.
         cdata: the `struct vs_near`, for calls of the C library.
     """
@@ -139,7 +139,7 @@ class Contacts:
         Args:
             mobility: (n,) how readily each body gives way, 0 for what cannot move; the caller
                 may change it between ticks.
-            near: who is near whom.
+            near: the pairs.
         """
         bodies = len(mobility)
         near.prepare(bodies)

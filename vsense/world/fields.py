@@ -25,7 +25,7 @@ diffusion overshoots from 0.25 on."""
 class Field:
     """One kind of substance: concentrations at the middles of square cells.
 
-    A concentration is an amount per square metre, so that what robots leave behind and feel does
+    A concentration is an amount per square metre, so that what robots release and sense does
     not depend on the size of the cells. Nothing leaves the field over the arena's border.
 
     Attributes:
@@ -143,7 +143,7 @@ class Field:
         """Takes amounts away at points, as far as there is something.
 
         Where several take from one cell and it has too little for all, each gets the same share
-        of what it wanted: so nobody's turn matters.
+        of what it wanted: so the order does not matter.
 
         Args:
             points_m: (n, 2) places, as in `deposit`.
@@ -167,7 +167,7 @@ class Field:
         return taken
 
     def step(self, dt_s: float) -> None:
-        """Lets time pass: the substance spreads, then evaporates.
+        """Steps the field: the substance diffuses, then evaporates.
 
         Raises:
             WorldError: it spreads over too many cells in dt_s.

@@ -154,7 +154,7 @@ def disc_rows(
     Args:
         x_m: (n,) centres.
         y_m: (n,) centres.
-        there: (n,) or one for all; who is not there stands in nobody's way but has its row.
+        there: (n,) or one for all; one that is not there blocks no line but has its row.
         radius_m: of all.
         height_m: of all.
     """

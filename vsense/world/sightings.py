@@ -16,7 +16,7 @@ NEVER_NS = -1
 
 
 def unseen(tags: Sequence[int]) -> NDArray[np.void]:
-    """Gives a POSE array of things that nobody has seen yet."""
+    """Gives a POSE array of things that no camera has seen yet."""
     poses = np.zeros(len(tags), dtype=POSE)
     poses["tag"] = tags
     poses["capture_ns"] = NEVER_NS

@@ -95,7 +95,7 @@ class World:
         results: measures of the run by name.
         stock: what robots have cleaned of the pollutant sources.
         params: the loop functions' own settings.
-        arena: the arena, or None where nobody needs it.
+        arena: the arena, or None where it is not needed.
         timestep_s: length of a timestep.
         capture_ns: capture time of the newest arena state, 0 before the first.
         run_timestep: timestep of the run, from 0; negative before the run.
@@ -179,7 +179,7 @@ class World:
         self._bodies = None
 
     def step(self) -> None:
-        """Lets a timestep pass for whatever changes by itself."""
+        """Steps what changes by itself: the fields."""
         for field in self.fields.values():
             field.step(self.timestep_s)
 
@@ -280,7 +280,7 @@ class World:
 
         The rows are those of `robots`, then those of `objects`, then cylinders and boxes: so a
         robot's row in `robots` is what `skip` wants. A tagged thing that no camera has seen for
-        BODY_MEMORY_NS is in nobody's way.
+        BODY_MEMORY_NS blocks no line.
         """
         self._settle()
         if self._bodies is None:
