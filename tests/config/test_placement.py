@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 from vsense.config.experiment import load
 from vsense.config.placement import MIN_GAP_M, Footprint, of_entity, of_robot, place, settle
-from vsense.config.specs import BODY_RADIUS_M, Experiment, Pose
+from vsense.config.specs import Experiment, Pose
 from vsense.errors import ConfigError
-from vsense.world.entities import Box, Cylinder, Entity, Light
+from vsense.world.entities import BODY_RADIUS_M, Box, Cylinder, Entity, Light
 
 Read = Callable[..., Experiment]
 

@@ -12,8 +12,8 @@ import pytest
 from tests.conftest import States
 from vsense.config.experiment import load, shipped
 from vsense.config.placement import settle
-from vsense.config.specs import BODY_RADIUS_M
 from vsense.run.environment import Environment
+from vsense.world.entities import BODY_RADIUS_M
 
 FOLDER = Path(str(resources.files("vsense") / "experiments"))
 

@@ -19,7 +19,7 @@ from vsense.robot.inprocess import Robots
 from vsense.run.environment import Environment
 from vsense.sensors import registry
 
-README = Path(build.__file__).parent / "sensors" / "README.md"
+README = Path(registry.__file__).parent / "README.md"
 FILE = re.compile(r"^`([\w.]+)`:\n\n```\w+\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 TAGS = [31, 1843, 4334, 7167]
 # Three within 0.3 m of each other, and one far away.

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from vsense.config.experiment import first_robots, load
-from vsense.config.specs import BODY_RADIUS_M, Experiment
+from vsense.config.specs import Experiment
 from vsense.sim.simulation import ACT_NS, Simulation
-from vsense.world.entities import Box, Cylinder
+from vsense.world.entities import BODY_RADIUS_M, Box, Cylinder
 from vsense.world.physics import STEP_M, obstacles
 
 SHORT_S = 12.0

@@ -168,7 +168,7 @@ def test_a_picture_with_too_much_in_it_is_counted() -> None:
 @given(st.floats(-1.1, 1.1), st.floats(-0.8, 0.8), st.floats(-0.5, 0.5))
 def test_the_lens_is_the_camera_s(x_m: float, y_m: float, height_m: float) -> None:
     for camera in (CORNER, tilted(0.4)):
-        view = KERNEL._look(PICTURE, camera, HEIGHT_M)[0]
+        view = KERNEL._prepare(PICTURE, camera, HEIGHT_M)[0]
         point = ffi.new("double[3]", [x_m, y_m, height_m])
         pixel, back = ffi.new("double[2]"), ffi.new("double[2]")
         lens = ffi.addressof(view.lens)
@@ -182,7 +182,7 @@ def test_the_lens_is_the_camera_s(x_m: float, y_m: float, height_m: float) -> No
 
 
 def test_what_is_behind_a_camera_is_not_seen() -> None:
-    lens = ffi.addressof(KERNEL._look(PICTURE, CORNER, HEIGHT_M)[0].lens)
+    lens = ffi.addressof(KERNEL._prepare(PICTURE, CORNER, HEIGHT_M)[0].lens)
     above, pixel = ffi.new("double[3]", [0.0, 0.0, 3.0]), ffi.new("double[2]")
     assert lib.vs_lens_project(lens, above, pixel) == lib.VS_ERR_ARGUMENT
     assert lib.vs_lens_to_plane(lens, pixel, 3.0, ffi.new("double[2]")) == lib.VS_ERR_ARGUMENT

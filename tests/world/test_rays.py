@@ -13,10 +13,21 @@ from numpy.typing import NDArray
 
 from vsense.native import WireError
 from vsense.world.entities import Box, Cylinder
-from vsense.world.rays import BODY, NOBODY, Bodies, blocked, disc_rows, entity_rows, nearest
+from vsense.world.rays import BODY, NOBODY, Bodies, disc_rows, entity_rows
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.void]
+
+
+def blocked(starts_m, ends_m, bodies: Bodies, skip=NOBODY) -> NDArray[np.bool_]:
+    """Asks bodies which lines touch one of them."""
+    return bodies.blocked(starts_m, ends_m, skip)
+
+
+def nearest(starts_m, ends_m, bodies: Bodies, skip=NOBODY) -> Floats:
+    """Asks bodies where lines touch the first of them."""
+    return bodies.nearest(starts_m, ends_m, skip)
+
 
 MARGIN_M = 1e-7
 """Bodies larger or smaller by this decide what is too close to call."""
@@ -164,8 +175,8 @@ def test_nothing_stands_in_an_empty_world() -> None:
     bodies = Bodies(np.zeros(0, dtype=BODY))
     assert not bodies.blocked([(0, 0, 0)], [(1, 1, 1)]).any()
     absent = Bodies(disc_rows([0.5], [0.5], there=False))
-    assert not blocked([(0, 0, 0)], [(1, 1, 0)], absent).any()
-    assert nearest(np.zeros((0, 3)), np.zeros((0, 3)), bodies).shape == (0,)
+    assert not absent.blocked([(0, 0, 0)], [(1, 1, 0)]).any()
+    assert bodies.nearest(np.zeros((0, 3)), np.zeros((0, 3))).shape == (0,)
 
 
 def crowd(count: int, seed: int) -> tuple[Rows, Floats, Floats]:
@@ -216,8 +227,8 @@ def test_an_arena_moved_as_a_whole_keeps_its_lines(move: str) -> None:
     moved["x_m"], moved["y_m"] = middles[:, 0], middles[:, 1]
     moved["cosine"], moved["sine"] = axes[:, 0], axes[:, 1]
     before = Bodies(rows).nearest(starts, ends)
-    after = nearest(place(starts), place(ends), Bodies(moved))
-    clear = np.isfinite(nearest(starts, ends, Bodies(grown(rows, MARGIN_M)))) == np.isfinite(before)
+    after = Bodies(moved).nearest(place(starts), place(ends))
+    clear = np.isfinite(Bodies(grown(rows, MARGIN_M)).nearest(starts, ends)) == np.isfinite(before)
     assert clear.mean() > 0.99
     assert after[clear] == pytest.approx(before[clear], abs=1e-9)
 
@@ -225,7 +236,7 @@ def test_an_arena_moved_as_a_whole_keeps_its_lines(move: str) -> None:
 def test_a_line_is_as_free_backwards() -> None:
     rows, starts, ends = crowd(100, 8)
     bodies = Bodies(rows)
-    assert np.array_equal(blocked(starts, ends, bodies), blocked(ends, starts, bodies))
+    assert np.array_equal(bodies.blocked(starts, ends), bodies.blocked(ends, starts))
 
 
 def test_a_robot_is_no_hindrance_to_itself() -> None:
@@ -233,8 +244,8 @@ def test_a_robot_is_no_hindrance_to_itself() -> None:
     starts, ends = np.array([(0.0, 0.0, 0.03)] * 4), np.array([(2.0, 0.0, 0.03)] * 4)
     skip = [(0, 2), (0, 1), (1, 2), (NOBODY, NOBODY)]
     assert bodies.blocked(starts, ends, skip).tolist() == [True, True, True, True]
-    assert not blocked(starts[:1], [(0.9, 0.0, 0.03)], bodies, 0).any()
-    assert blocked(starts[:1], [(0.9, 0.0, 0.03)], bodies, 1).all()
+    assert not bodies.blocked(starts[:1], [(0.9, 0.0, 0.03)], 0).any()
+    assert bodies.blocked(starts[:1], [(0.9, 0.0, 0.03)], 1).all()
     without = Bodies(disc_rows([0.0, 1.0, 2.0], [0.0, 0.0, 0.0], there=[True, False, True]))
     assert not blocked(starts[:1], ends[:1], without, [(0, 2)]).any()
 

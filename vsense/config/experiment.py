@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from importlib import resources
 from pathlib import Path
 
@@ -165,19 +165,12 @@ def _assemble(
         name=path.name.removesuffix(SUFFIX),
         file=root.document.file,
         path=path,
-        length_s=run.length_s,
-        ticks_per_second=run.ticks_per_second,
-        seed=run.seed,
-        host=run.host,
-        port=run.port,
+        **asdict(run),
         arena=bodies.arena,
         robots=tuple(bodies.robots),
         objects=tuple(bodies.objects),
         marker=marker,
         controller=controller,
-        sensors=(),
-        sources=(),
-        warnings=(),
         entities=tuple(bodies.entities),
         distributed=tuple(bodies.distributed),
         floor=bodies.floor,

@@ -243,9 +243,9 @@ class Experiment:
     objects: tuple[ObjectSpec, ...]
     marker: MarkerSpec
     controller: ControllerSpec
-    sensors: tuple[MountedSensor, ...]
-    sources: tuple[PollutantSource, ...]
-    warnings: tuple[str, ...]
+    sensors: tuple[MountedSensor, ...] = ()
+    sources: tuple[PollutantSource, ...] = ()
+    warnings: tuple[str, ...] = ()
     entities: tuple[Entity, ...] = ()
     distributed: tuple[DistributedSpec, ...] = ()
     floor: FloorSpec | None = None

@@ -28,17 +28,8 @@ def carry_names(
 ) -> Tags:
     """Gives names of expected robots to markers whose cells alone do not say enough.
 
-    A marker that is read as another robot than the one that must be there stays without a name.
-
-    Args:
-        tags: (n,) names from the cells.
-        reading: What the cells say.
-        roster: The reading's tags.
-        places: (n, 2) the markers' places in the arena [m].
-        expected: (k,) EXPECTED in the camera's view.
-
-    Returns:
-        (n,) names.
+    The arguments and the result are those of `carry_read_names`; `reading` is what the cells say of
+    the tags in `roster`.
     """
 
     def plausible(tag: int, marker: int) -> bool:
@@ -47,11 +38,16 @@ def carry_names(
             return False
         return bool(reading.distance[marker, column] < _PLAUSIBLE)
 
-    return _carry(tags, places, expected, plausible)
+    return carry_read_names(tags, places, expected, plausible)
 
 
-def carry_square_names(tags: Tags, places: Floats, expected: NDArray[np.void]) -> Tags:
-    """Gives names of expected robots to square markers that cannot be read.
+def carry_read_names(
+    tags: Tags,
+    places: Floats,
+    expected: NDArray[np.void],
+    plausible: Callable[[int, int], bool] = lambda tag, marker: True,
+) -> Tags:
+    """Gives names of expected robots to markers that cannot be read, such as square ones.
 
     Their words differ in so many cells that one that is read is what it says; but a marker that is
     read as another robot than the one that must be there stays without a name.
@@ -60,17 +56,11 @@ def carry_square_names(tags: Tags, places: Floats, expected: NDArray[np.void]) -
         tags: (n,) what was read, -1 where the cells do not tell.
         places: (n, 2) the markers' places in the arena [m].
         expected: (k,) EXPECTED in the camera's view.
+        plausible: Whether a marker, by its row, may have an expected tag.
 
     Returns:
         (n,) names.
     """
-    return _carry(tags, places, expected, lambda tag, marker: True)
-
-
-def _carry(
-    tags: Tags, places: Floats, expected: NDArray[np.void], plausible: Callable[[int, int], bool]
-) -> Tags:
-    """Gives markers the names of the robots that must be there; `plausible` of tag and marker."""
     named = np.array(tags)
     for tag, marker in _alone(places, expected):
         if named[marker] not in (tag, UNNAMED):

@@ -12,7 +12,7 @@ from vsense.cameras.camera import Camera
 from vsense.markers.dictionary import FamilyError, Floats, SquareFamily
 from vsense.tracking.covariance import square_covariance
 from vsense.tracking.joining import UnlistedTags
-from vsense.tracking.naming import carry_square_names
+from vsense.tracking.naming import carry_read_names
 from vsense.tracking.prediction import NEAR_M, Anonymous, DetectorSetup, Prediction
 from vsense.tracking.squares import SQUARE, SquareFinder, lengths
 from vsense.tracking.squares_words import project_squares
@@ -62,7 +62,7 @@ class SquareDetector:
         expected = known.in_view(camera, self._height_m)
         expected = expected[np.isin(expected["tag"], roster)]
         found, corners_m = self._search(image, camera, known, expected)
-        tags = carry_square_names(found["tag"], corners_m.mean(axis=1), expected)
+        tags = carry_read_names(found["tag"], corners_m.mean(axis=1), expected)
         self._note(known, camera, tags, corners_m.mean(axis=1), roster)
         return self._place(found, tags, corners_m, camera, roster)
 

@@ -78,8 +78,6 @@ class Neighbourhood:
         """A neighbourhood without pairs yet.
 
         Args:
-            robots: how many of the bodies are robots.
-            boxes: what stands around.
             radii_m: (n,) radius of every body, robots first; without it all that come are
                 e-pucks.
         """

@@ -51,11 +51,7 @@ class Field:
         """Makes a field over the whole arena.
 
         Args:
-            id: its name.
             arena: where it lies; the last column and row may reach beyond its border.
-            cell_m: side of a cell.
-            evaporation_per_s: see the attribute.
-            diffusion_m2_s: see the attribute.
             initial: concentration everywhere at the start.
 
         Raises:

@@ -125,12 +125,9 @@ class World:
 
         Args:
             tags: markers of the robots of the run, without repetition.
-            sources: what pollutes.
             entities: what else is in it, virtual robots too.
-            fields: what is spread over the floor.
             floor: the floor's colours; None: white.
             objects: markers of the things that are no robots; the sources' are added.
-            timestep_s: length of a timestep.
             seed: of everything that is drawn.
 
         Raises:
