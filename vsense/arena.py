@@ -1,13 +1,7 @@
-"""What the cameras say about the arena: frames in, one arena state per timestep out.
+"""Arena states: one per timestep, as structured arrays, as a message, and as text.
 
 The arena frame is right-handed with the floor at z = 0; yaw is counter-clockwise in
-(-pi, pi] and zero along +x. Times are integer nanoseconds of the host's monotonic clock.
-
-An arena state as the message `/arena` has it: columns, and null where no number is.
-
-The arena state as text: one JSON object per timestep, or one CSV row per robot.
-
-Lengths in m, angles in rad (counter-clockwise in (-pi, pi], 0 along +x), times in integer ns. A
+(-pi, pi] and zero along +x. Times are integer nanoseconds of the host's monotonic clock. As text a
 covariance is six numbers of x, y and yaw: xx, xy, x yaw, yy, y yaw, yaw yaw.
 """
 
@@ -189,23 +183,23 @@ def arena_data(state: ArenaState) -> dict[str, Any]:
 def columns(rows: NDArray[np.void]) -> dict[str, list[Any]]:
     """Gives a list per field of a structured array (n,)."""
     return {
-        name: _spreads(rows[name]) if name == "covariance" else rows[name].tolist()
+        name: _covariances(rows[name]) if name == "covariance" else rows[name].tolist()
         for name in rows.dtype.names or ()
     }
 
 
-def _spreads(spreads: NDArray[np.float64]) -> list[list[float] | None]:
-    known = np.asarray(np.isfinite(spreads).all(axis=(1, 2))).tolist()
-    flat = spreads.reshape(len(spreads), 9).tolist()
+def _covariances(covariances: NDArray[np.float64]) -> list[list[float] | None]:
+    known = np.asarray(np.isfinite(covariances).all(axis=(1, 2))).tolist()
+    flat = covariances.reshape(len(covariances), 9).tolist()
     return [row if sure else None for row, sure in zip(flat, known)]
 
 
 _UPPER = np.triu_indices(3)
-_SPREAD = ("xx_m2", "xy_m2", "x_yaw_m_rad", "yy_m2", "y_yaw_m_rad", "yaw_yaw_rad2")
+_COVARIANCE = ("xx_m2", "xy_m2", "x_yaw_m_rad", "yy_m2", "y_yaw_m_rad", "yaw_yaw_rad2")
 _PLAIN = tuple(name for name in POSE.names or () if name != "covariance")
 
 CSV_HEADER = ",".join(
-    ("timestep", "state_capture_ns", *_PLAIN, *(f"covariance_{name}" for name in _SPREAD))
+    ("timestep", "state_capture_ns", *_PLAIN, *(f"covariance_{name}" for name in _COVARIANCE))
 )
 
 _DECIMALS = {"x_m": 5, "y_m": 5, "yaw_rad": 5, "speed_m_s": 4, "confidence": 3}
@@ -222,7 +216,7 @@ def to_json(state: ArenaState) -> str:
     """
     images = _images(state)
     robots = [
-        _fields(row) | {"covariance": _spread(row), "images": images.get(int(row["tag"]), {})}
+        _fields(row) | {"covariance": _covariance(row), "images": images.get(int(row["tag"]), {})}
         for row in state.robots
     ]
     values = {
@@ -262,7 +256,7 @@ def _plain(name: str, value: float | int | bool) -> float | int | bool:
     return round(value, _DECIMALS[name]) if name in _DECIMALS else value
 
 
-def _spread(row: np.void) -> list[float] | None:
+def _covariance(row: np.void) -> list[float] | None:
     """The covariance's six numbers, None where they are not known."""
     numbers = row["covariance"][_UPPER].tolist()
     known = all(math.isfinite(number) for number in numbers)
@@ -281,9 +275,9 @@ def _images(state: ArenaState) -> dict[int, dict[str, dict[str, float]]]:
 
 
 def _cells(row: np.void) -> list[str]:
-    spread = _spread(row)
+    numbers = _covariance(row) or []
     cells = [_cell(name, row[name].item()) for name in _PLAIN]
-    return cells + (["" for _ in _SPREAD] if spread is None else [f"{v:g}" for v in spread])
+    return cells + ([f"{v:g}" for v in numbers] or ["" for _ in _COVARIANCE])
 
 
 def _cell(name: str, value: float | int | bool) -> str:

@@ -11,9 +11,9 @@ from vsense.calibration.board import Board
 from vsense.calibration.placement import BoardPose
 from vsense.calibration.views import BoardViews, View
 from vsense.cameras.camera import Camera
-from vsense.config.specs import Arena
 from vsense.lab.board_studio import board_plan
 from vsense.lab.camera_spec import rig
+from vsense.world.entities import Arena
 
 BOARD = Board.parse("charuco:7x5:80mm:4X4_50")
 ARENA = Arena((3.0, 2.4, 1.0), (0.0, 0.0, 0.5))

@@ -9,12 +9,20 @@ from ipaddress import IPv4Interface
 
 import pytest
 
-from vsense.cameras.gige import Heard, heard, parse
+from vsense.cameras.gige import GIGE, ListedCamera, heard, parse
 from vsense.cameras.networks import Network
 
 LOOPBACK = Network("lo", IPv4Interface("127.0.0.1/8"))
 LISTEN_S = 2.0
-CAMERA = Heard("169.254.3.4", "00:0f:31:01:02:03", "Allied Vision", "GC1600C", "50-03")
+CAMERA = ListedCamera(
+    "Allied-Vision-GC1600C-50-03",
+    GIGE,
+    "169.254.3.4",
+    "00:0f:31:01:02:03",
+    "Allied Vision",
+    "GC1600C",
+    "50-03",
+)
 
 
 def answer(status: int = 0, kind: int = 3) -> bytes:

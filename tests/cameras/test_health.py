@@ -41,7 +41,7 @@ def kinds(camera: CameraHealth, pictures: list[np.ndarray]) -> list[tuple[int, s
     return [
         (place, event.kind)
         for place, image in enumerate(pictures)
-        for event in [*camera.look(image), *camera.check_place(image)]
+        for event in [*camera.update(image), *camera.check_place(image)]
     ]
 
 
@@ -88,7 +88,7 @@ def test_a_saturated_camera_is_told_once_and_its_end_once(
 
 def test_a_saturated_camera_is_told_with_how_much() -> None:
     camera = CameraHealth(CAMERA, LIMITS)
-    told = [str(event) for _ in range(3) for event in camera.look(plain(255, 0.9))]
+    told = [str(event) for _ in range(3) for event in camera.update(plain(255, 0.9))]
     assert told == ["camera a: is overexposed: 90 % of its picture is at full scale"]
 
 
@@ -110,7 +110,7 @@ def test_saturated_is_where_markers_cannot_be_read(
     rows = make_detector(load_family("arrow4x4"), range(1, 33), HEIGHT_M).detect(picture, CAMERA)
     assert np.count_nonzero(rows["tag"] != UNNAMED) == pytest.approx(named, abs=3)
     camera = CameraHealth(CAMERA, LIMITS)
-    assert [e.kind for _ in range(3) for e in camera.look(picture)] == ([kind] if kind else [])
+    assert [e.kind for _ in range(3) for e in camera.update(picture)] == ([kind] if kind else [])
 
 
 @pytest.mark.parametrize(
@@ -136,7 +136,7 @@ def test_too_much_light_too_little_and_enough(picture: np.ndarray, kind: str | N
     for k in range(3):
         # One pixel that differs: this is about light, not about standstill.
         noise[0, 0] = k % 2
-        told += [event.kind for event in camera.look(picture ^ noise)]
+        told += [event.kind for event in camera.update(picture ^ noise)]
     assert told == ([kind] if kind else [])
 
 
@@ -254,5 +254,5 @@ def test_many_cameras_are_checked_for_movement_by_turns() -> None:
         watch.check_place = lambda image, rows, id=camera.id: looked.append(id) or []  # type: ignore
     frames = [Frame(c.id, np.zeros(SIZE[::-1], np.uint8), 0, 0, 0) for c in cameras]
     for _ in range(5):
-        health.look(frames, {})
+        health.update(frames, {})
     assert sorted(looked) == sorted("01234" * 2)

@@ -9,8 +9,7 @@ import pytest
 
 from vsense.config.experiment import load, read
 from vsense.config.placement import settle
-from vsense.config.specs import Experiment
-from vsense.config.tracker_address import TrackerAddress
+from vsense.config.specs import Experiment, TrackerAddress
 from vsense.errors import ConfigError
 
 ARGOS = Path(__file__).parent.parent / "data" / "argos"

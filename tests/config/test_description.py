@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from vsense.commands.experiments import open_experiment
-from vsense.config.description import bytes_down, bytes_up
+from vsense.config.description import bytes_down, bytes_up, describe
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment
 from vsense.errors import ConfigError, UsageError
@@ -48,14 +48,14 @@ def test_the_bytes_are_those_of_real_datagrams(read_full: Read, full: str) -> No
     for experiment in (read_full(full), load("pollutant")):
         assert bytes_down(experiment) == encoded(experiment, Direction.SENSOR)
         assert bytes_up(experiment) == encoded(experiment, Direction.ACTUATOR)
-        text = experiment.describe()
+        text = describe(experiment)
         assert f"per robot and timestep {bytes_down(experiment)} bytes down" in text
         assert f"{bytes_up(experiment)} bytes up" in text
 
 
 def test_everything_in_an_experiment_is_described(read_full: Read, full: str) -> None:
     experiment = read_full(full)
-    text = experiment.describe()
+    text = describe(experiment)
     names = [
         *(robot.id for robot in experiment.robots),
         *(thing.id for thing in experiment.objects),
@@ -75,7 +75,7 @@ def test_everything_in_an_experiment_is_described(read_full: Read, full: str) ->
 
 def test_what_is_not_supported_stands_at_the_end() -> None:
     experiment = load(ARGOS)
-    description, _, rest = experiment.describe().partition("not as the file says:\n")
+    description, _, rest = describe(experiment).partition("not as the file says:\n")
     assert [line.strip() for line in rest.splitlines()] == list(experiment.warnings)
     assert "no limit, timesteps of 100 ms, seed 124" in description
 
@@ -100,7 +100,7 @@ def test_opening_as_the_command_line_says(capsys: pytest.CaptureFixture[str]) ->
 
 def test_dry_prints_and_gives_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     assert open_experiment(options(dry=True, strict=True)) is None
-    assert capsys.readouterr().out == load("pollutant").describe() + "\n"
+    assert capsys.readouterr().out == describe(load("pollutant")) + "\n"
 
 
 def test_strict_refuses_what_is_not_supported(capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
+from vsense.config.arena import floor_of, make_field
 from vsense.config.experiment import read
-from vsense.config.ground import floor_of, make_field
 from vsense.config.specs import Experiment
 from vsense.errors import ConfigError
 

@@ -22,6 +22,7 @@ from tests.config.tables import (
     mutants,
     with_the_rest,
 )
+from vsense.config.description import describe
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment
 from vsense.errors import ConfigError, UsageError
@@ -179,7 +180,7 @@ def test_any_change_gives_an_experiment_or_one_error_with_its_place(
     try:
         experiment = read_full(text)
         settle(experiment, 1)
-        experiment.describe()
+        describe(experiment)
     except ConfigError as error:
         assert error.file == "x.argos"
         assert 1 <= error.line <= text.count("\n") + 1

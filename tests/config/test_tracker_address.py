@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from vsense.config.tracker_address import JsonLinesTracker, TrackerAddress, read_tracker
+from vsense.config.framework import read_tracker
+from vsense.config.specs import JsonLinesTracker, TrackerAddress
 from vsense.errors import ConfigError
 from vsense.xml.parsing import parse
 

@@ -18,7 +18,6 @@ import pytest
 
 from vsense.cameras.camera import Camera
 from vsense.cameras.grabber import GrabberError
-from vsense.config.specs import Arena
 from vsense.lab.backdrop import Block
 from vsense.lab.bodies import Body
 from vsense.lab.camera_spec import LabCameraSpec, rig
@@ -28,6 +27,7 @@ from vsense.lab.optics import sample_times_ns
 from vsense.lab.shared import SLOTS, LabError
 from vsense.lab.studio import Studio
 from vsense.lab.truth import TruthReader, TruthWriter, make_ring, read_truth
+from vsense.world.entities import Arena
 
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 20.0

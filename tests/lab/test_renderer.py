@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from vsense.cameras.camera import Camera
-from vsense.config.specs import Arena
 from vsense.lab.backdrop import FULL_DN, Backdrop, Block
 from vsense.lab.bodies import INK, OBJECT, PAPER, ROBOT, Body, BodySprites
 from vsense.lab.camera_spec import rig
@@ -21,6 +20,7 @@ from vsense.lab.renderer import CameraRenderer
 from vsense.lab.scene import LIGHT_SWING, Scene
 from vsense.lab.shared import LabError
 from vsense.markers.families import load_family
+from vsense.world.entities import Arena
 
 ARENA = Arena((3.0, 2.4, 1.0), (0.0, 0.0, 0.5))
 FAMILY = load_family("arrow4x4")

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from vsense.arena import Frame
-from vsense.config.specs import Arena
 from vsense.lab.camera_spec import rig
 from vsense.lab.optics import RayMap, vignetting
 from vsense.lab.stitch import top_view
+from vsense.world.entities import Arena
 
 ARENA = Arena((3.0, 2.4, 1.0), (0.2, -0.1, 0.5))
 CAMERAS = rig(ARENA)

@@ -13,7 +13,7 @@ import pytest
 from vsense.arena import POSE, ArenaState, Frame
 from vsense.cameras.grabber import GrabberError, NoMorePictures
 from vsense.config.experiment import load
-from vsense.config.tracker_address import JsonLinesTracker, TrackerAddress
+from vsense.config.specs import JsonLinesTracker, TrackerAddress
 from vsense.errors import UsageError, VsenseError
 from vsense.link.robots.status import LinkError
 from vsense.link.trackers.client import TrackerEnded

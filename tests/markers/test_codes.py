@@ -8,18 +8,27 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from tests.markers.texture import draw_texture
 from vsense.markers.codes import cell_blur, choose_tags
-from vsense.markers.families import FamilyError, load_family
+from vsense.markers.families import FamilyError, MarkerFamily, load_family
 
 ARROW = load_family("arrow4x4")
+assert isinstance(ARROW, MarkerFamily)
 
 
-def code_words(tags: Iterable[int], sigma_mm: float) -> NDArray[np.float64]:
-    """The blurred cells of tags, (tags, cells), see `cell_blur`."""
-    bits = np.array([ARROW.bits(tag).ravel() for tag in tags], dtype=np.float64)
-    return np.asarray(bits.reshape(-1, ARROW.grid**2) @ cell_blur(ARROW, sigma_mm).T)
+def code_words(tags: Iterable[int], sigma_mm: float) -> np.ndarray:
+    """Returns the blurred cells of tags, (tags, cells), see `cell_blur`."""
+    bits = np.array([ARROW.bits(tag).ravel() for tag in tags], dtype=float)
+    return bits @ cell_blur(ARROW, sigma_mm).T
+
+
+def separation(tags: Iterable[int], sigma_mm: float) -> float:
+    """Returns the least squared distance between two of the tags' code words."""
+    words = code_words(tags, sigma_mm)
+    apart = ((words[:, np.newaxis] - words[np.newaxis]) ** 2).sum(axis=2)
+    apart[np.diag_indices(len(words))] = np.inf
+    return float(apart.min())
 
 
 def test_without_blur_a_code_word_is_the_tag() -> None:
@@ -41,7 +50,7 @@ def test_blur_agrees_with_a_blurred_drawing() -> None:
     import cv2
 
     tag, sigma_mm, px_per_mm = 18425, 1.5, 8.0
-    drawn = ARROW.texture(tag, px_per_mm)
+    drawn = draw_texture(ARROW, tag, px_per_mm)
     blurred = cv2.GaussianBlur(drawn.ink.astype(np.float32), (0, 0), sigma_mm * px_per_mm) / 255.0
     spots = (ARROW.cells_mm - ARROW.disc_centre_mm) * px_per_mm * (1, -1) + drawn.centre_px
     half = round(0.25 * ARROW.cell_mm * px_per_mm)
@@ -50,14 +59,6 @@ def test_blur_agrees_with_a_blurred_drawing() -> None:
         for x, y in spots
     ]
     assert code_words([tag], sigma_mm)[0] == pytest.approx(seen, abs=0.06)
-
-
-def separation(tags: Iterable[int], sigma_mm: float) -> float:
-    """The least squared distance between two of the tags' code words."""
-    words = code_words(tags, sigma_mm)
-    apart = ((words[:, np.newaxis] - words[np.newaxis]) ** 2).sum(axis=2)
-    apart[np.diag_indices(len(words))] = np.inf
-    return float(apart.min())
 
 
 def test_chosen_tags_are_far_apart_and_neither_dark_nor_light() -> None:

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.markers.texture import draw_texture
 from tests.tracking.real import DATA
 from vsense.markers.dictionary import SquareFamily, load_codes
 from vsense.markers.families import FamilyError, load_family
@@ -69,7 +70,7 @@ def test_the_shipped_families_fit_the_robots_disc() -> None:
     for family, tags, correction in ((ARUCO, 50, 1), (TAG36, 587, 5)):
         assert family.tags == tags and family.codes.correction == correction
         assert family.disc_diameter_mm == 70.0 and family.size_mm == 45.0
-        drawn = family.texture(0, 2.0)
+        drawn = draw_texture(family, 0, 2.0)
         assert drawn.ink.shape == drawn.coverage.shape == (142, 142)
 
 

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.markers.texture import draw_texture
 from vsense.markers.families import FamilyError, MarkerFamily, known_families, load_family
 
 ARROW = load_family("arrow4x4")
@@ -48,7 +49,7 @@ def test_the_outline_is_black_inside_and_white_outside() -> None:
 
 
 def test_the_texture_shows_the_marker_from_above() -> None:
-    drawn = ARROW.texture(31, 4.0)
+    drawn = draw_texture(ARROW, 31, 4.0)
     middle = round(drawn.centre_px)
 
     def ink(x_mm: float, y_mm: float) -> int:

@@ -13,11 +13,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.conftest import require_tool
+from tests.markers.texture import draw_texture
 from vsense import cli
 from vsense.arena import UNNAMED, wrap_angle
 from vsense.cameras.camera import Camera
 from vsense.errors import UsageError
-from vsense.markers import choice, sheet
+from vsense.markers import codes, sheet
 from vsense.markers import paper as pdf
 from vsense.markers import paper as raster
 from vsense.markers.families import MarkerFamily, load_family
@@ -48,7 +49,7 @@ def seen_from_above(image: np.ndarray, dpi: float) -> Camera:
 def test_polygons_are_the_familys_own_drawing(name: str) -> None:
     family = load_family(name)
     for tag in np.random.default_rng(1).integers(family.tags, size=4).tolist():
-        texture = family.texture(tag, 6.0)
+        texture = draw_texture(family, tag, 6.0)
         middle_mm = (texture.centre_px + 0.5) / 6.0
         page = Page(2.0 * middle_mm, 2.0 * middle_mm)
         for fill in shapes(family, tag):
@@ -78,7 +79,7 @@ def test_detector_reads_every_printed_marker_at_its_place(
     tmp_path: Path, name: str, dpi: float
 ) -> None:
     family = load_family(name)
-    chosen = choice.parse("auto:12", family)
+    chosen = codes.parse_tags("auto:12", family)
     pages = sheet.pages(family, chosen, 70.0, "a4")
     detector = make_detector(family, chosen, 0.0)
     found = []
@@ -141,9 +142,9 @@ def test_numbers_in_words() -> None:
 
 
 def test_ids_are_ranges_lists_and_choices() -> None:
-    assert choice.parse("1-3,7, 20-21", ARROW) == [1, 2, 3, 7, 20, 21]
-    assert len(set(choice.parse("auto:20", ARROW))) == 20
-    assert len(set(choice.parse("auto:50", load_family("aruco_4x4_50")))) == 50
+    assert codes.parse_tags("1-3,7, 20-21", ARROW) == [1, 2, 3, 7, 20, 21]
+    assert len(set(codes.parse_tags("auto:20", ARROW))) == 20
+    assert len(set(codes.parse_tags("auto:50", load_family("aruco_4x4_50")))) == 50
 
 
 @pytest.mark.parametrize(
@@ -162,12 +163,12 @@ def test_ids_are_ranges_lists_and_choices() -> None:
 )
 def test_wrong_ids_are_refused_with_the_reason(text: str, reason: str) -> None:
     with pytest.raises(UsageError, match=reason):
-        choice.parse(text, ARROW)
+        codes.parse_tags(text, ARROW)
 
 
 def test_too_many_automatic_ids_of_a_dictionary_are_refused() -> None:
     with pytest.raises(UsageError, match="51 tags: the family aruco_4x4_50 has 50"):
-        choice.parse("auto:51", load_family("aruco_4x4_50"))
+        codes.parse_tags("auto:51", load_family("aruco_4x4_50"))
 
 
 def test_chosen_dictionary_tags_lie_farther_apart_than_the_first_ones() -> None:
@@ -185,7 +186,7 @@ def test_chosen_dictionary_tags_lie_farther_apart_than_the_first_ones() -> None:
             if a != b
         )
 
-    assert apart(choice.parse("auto:8", family)) > 1.2 * apart(list(range(8)))
+    assert apart(codes.parse_tags("auto:8", family)) > 1.2 * apart(list(range(8)))
 
 
 def test_command_writes_files_and_names_them(tmp_path: Path, capsys) -> None:

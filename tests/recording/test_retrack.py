@@ -130,6 +130,10 @@ def test_memory_survives_json(lab: ArenaTracker) -> None:
     other = tracker_made.make(MADE)
     tracker_memory.restore(other, json.loads(json.dumps(memory)))
     assert json.dumps(tracker_memory.freeze(other)) == json.dumps(memory)
+    # Recordings made before hold these fields under these names.
+    assert {"whereabouts", "tracks"} < memory.keys()
+    assert all({"spread", "lean"} < track["last"].keys() for track in memory["tracks"])
+    assert memory["tracks"]
     other.close()
 
 

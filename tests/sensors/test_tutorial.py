@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import vsense
 from tests.conftest import require_tool
 from tests.sensors.scenes import STEP_NS, arena_state
 from vsense.config import controllers
@@ -19,7 +20,7 @@ from vsense.robot import build
 from vsense.robot.inprocess import Robots
 from vsense.run.environment import Environment
 
-README = Path(build.__file__).parent / "sensors" / "README.md"
+README = Path(vsense.__file__).parent / "sensors" / "README.md"
 FILE = re.compile(r"^`([\w.]+)`:\n\n```\w+\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 TAGS = [31, 1843, 4334, 7167]
 # Three within 0.3 m of each other, and one far away.

@@ -13,7 +13,7 @@ import numpy as np
 
 from tests.tracking.synthetic import Robot
 from vsense.cameras.camera import Camera
-from vsense.markers.family import Family
+from vsense.markers.families import Family
 
 _FINE = 5
 _BLOCK = 16

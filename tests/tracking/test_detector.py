@@ -10,7 +10,7 @@ from tests.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense.arena import UNNAMED, wrap_angle
 from vsense.cameras.camera import Camera
 from vsense.markers.families import load_family
-from vsense.tracking.detector import ArrowDetector
+from vsense.tracking.detector import make_detector
 
 ARROW = load_family("arrow4x4")
 ROSTER = [31, 1843, 4334, 7167, 7488, 10084, 12689, 13103]
@@ -18,7 +18,7 @@ ROSTER += [16011, 16577, 18425, 29783, 34415, 39011, 40223, 52447]
 LENS = (-0.12, 0.02, 0.0, 0.0, 0.0)
 WIDE = Camera.looking_down("wide", 0.5, -0.3, 2.43, 1620.0, (1620, 1220), LENS)
 SMALL = Camera.looking_down("small", 0.0, 0.0, 2.43, 1620.0, (480, 360), LENS)
-DETECTOR = ArrowDetector(ARROW, ROSTER, HEIGHT_M)
+DETECTOR = make_detector(ARROW, ROSTER, HEIGHT_M)
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -61,7 +61,7 @@ def test_touching_robots_among_litter_are_all_named_and_measured(family: str) ->
     marker = load_family(family)
     robots = crowd(seed=4)
     picture = render(WIDE, marker, robots, seed=4)
-    found = ArrowDetector(marker, ROSTER, HEIGHT_M).detect(picture, WIDE)
+    found = make_detector(marker, ROSTER, HEIGHT_M).detect(picture, WIDE)
     position, heading = errors(found, robots, WIDE)
     assert np.sqrt((position**2).mean()) < 2e-4 and position.max() < 5e-4
     assert np.sqrt((heading**2).mean()) < np.radians(0.3)
@@ -135,5 +135,5 @@ def test_a_marker_cut_by_the_border_is_not_reported() -> None:
 def test_detecting_twice_gives_the_same_bytes() -> None:
     picture = render(WIDE, ARROW, crowd(seed=6), seed=6)
     first = DETECTOR.detect(picture, WIDE)
-    again = ArrowDetector(ARROW, ROSTER[::-1], HEIGHT_M).detect(picture.copy(), WIDE)
+    again = make_detector(ARROW, ROSTER[::-1], HEIGHT_M).detect(picture.copy(), WIDE)
     assert first.tobytes() == again.tobytes()

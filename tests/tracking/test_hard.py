@@ -13,7 +13,7 @@ from vsense.cameras.camera import Camera
 from vsense.markers.codes import choose_tags
 from vsense.markers.families import MarkerFamily, load_family
 from vsense.tracking.arena_tracker import ArenaTracker
-from vsense.tracking.detector import ArrowDetector
+from vsense.tracking.detector import make_detector
 from vsense.tracking.prediction import SearchPlan
 
 FAMILIES = ("arrow4x4", "arrow4x4-thesis")
@@ -46,7 +46,7 @@ def crowd(tags: list[int], seed: int) -> list[Robot]:
 @pytest.mark.parametrize("name", FAMILIES)
 def test_blur_noise_and_uneven_light_cost_at_most_one_name_in_a_hundred(name: str) -> None:
     family, tags = arrows(name)
-    detector = ArrowDetector(family, tags, HEIGHT_M)
+    detector = make_detector(family, tags, HEIGHT_M)
     named = 0
     for seed in range(3):
         robots = {robot.tag: robot for robot in crowd(tags, 700 + seed)}

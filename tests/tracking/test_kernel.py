@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
+from tests.markers.texture import draw_texture
 from tests.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense.cameras.camera import Camera
 from vsense.markers.families import load_family
@@ -39,7 +40,7 @@ def tilted(lean_rad: float) -> Camera:
 def drawing(tag: int, x_px: float, y_px: float, turn_deg: float, floor: int) -> np.ndarray:
     """Returns a 200 x 200 picture of a marker whose disc's centre is at (x_px, y_px)."""
     px_per_mm = 0.68
-    marker = ARROW.texture(tag, 2.0)
+    marker = draw_texture(ARROW, tag, 2.0)
     turn = cv2.getRotationMatrix2D((marker.centre_px,) * 2, turn_deg, px_per_mm / 2.0)
     turn[:, 2] += (x_px - marker.centre_px, y_px - marker.centre_px)
     ink, cover = (

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from vsense.cameras import aravis, networks
+from vsense.cameras import aravis, gige, networks
 from vsense.cameras.camera import Camera
 from vsense.config import tracking_session
 from vsense.errors import ConfigError
@@ -92,7 +92,7 @@ def test_one_device_for_two_cameras_is_refused(folder: Path) -> None:
 
 
 def test_one_camera_by_two_names_is_refused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    one = aravis.Listed("Maker-Type-77", aravis.GIGE, "192.0.2.1", "00:11", "Maker", "Type", "77")
+    one = gige.ListedCamera("Maker-Type-77", gige.GIGE, "192.0.2.1", "00:11", "Maker", "Type", "77")
     monkeypatch.setattr(aravis, "_load", lambda: None)
     monkeypatch.setattr(aravis, "listed", lambda: [one])
     text = refusal(session(folder, device="77"))

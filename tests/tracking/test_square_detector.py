@@ -12,8 +12,8 @@ from vsense.arena import Frame, wrap_angle
 from vsense.cameras.camera import Camera
 from vsense.markers.families import load_family
 from vsense.tracking.arena_tracker import ArenaTracker
+from vsense.tracking.detector import make_detector
 from vsense.tracking.prediction import SearchPlan
-from vsense.tracking.square_detector import SquareDetector
 from vsense.tracking.squares import SquareFinder
 
 ARUCO = load_family("aruco_4x4_50")
@@ -80,7 +80,7 @@ def test_between_key_frames_only_squares_are_searched(monkeypatch: pytest.Monkey
 
 def test_a_light_cable_across_a_known_robot_does_not_lose_it() -> None:
     shots = images(ARUCO, cable_px=4)
-    alone = SquareDetector(ARUCO, (21,), HEIGHT_M).detect(shots[4], CAMERA)
+    alone = make_detector(ARUCO, (21,), HEIGHT_M).detect(shots[4], CAMERA)
     assert 21 not in alone["tag"].tolist(), "a picture by itself does not tell"
     play(ARUCO, shots, SearchPlan())
 

@@ -69,7 +69,7 @@ def test_every_robot_is_found_where_it_is(
 def test_a_tag_off_the_roster_has_no_name_and_twins_are_both_reported() -> None:
     robots = [Robot(7, 0.0, 0.0, 0.3), Robot(7, 0.3, 0.0, 2.0), Robot(9, 0.0, -0.2, -1.0)]
     image = render(CAMERA, ARUCO, robots, seed=4)
-    found = SquareDetector(ARUCO, [7], HEIGHT_M).detect(image, CAMERA)
+    found = make_detector(ARUCO, [7], HEIGHT_M).detect(image, CAMERA)
     assert sorted(found["tag"].tolist()) == [UNNAMED, 7, 7]
     assert SquareFinder(ARUCO).find(image)["tag"].tolist() == [7, 7, 9]
 
@@ -92,7 +92,7 @@ def test_the_corners_are_those_of_the_upright_marker() -> None:
 def test_a_marker_of_another_size_is_none_of_ours() -> None:
     image = render(CAMERA, ARUCO, [Robot(7, 0.1, -0.2, 0.3)], seed=4)
     small = replace(ARUCO, size_mm=20.0)
-    assert len(SquareDetector(small, [7], HEIGHT_M).detect(image, CAMERA)) == 0
+    assert len(make_detector(small, [7], HEIGHT_M).detect(image, CAMERA)) == 0
 
 
 @pytest.mark.parametrize("shade", [0, 128, 255])
@@ -100,7 +100,7 @@ def test_an_empty_picture_has_no_markers(shade: int) -> None:
     image = np.full((60, 80), shade, dtype=np.uint8)
     assert SquareFinder(ARUCO).find(image).dtype == SQUARE
     assert len(SquareFinder(ARUCO).find(image)) == 0
-    assert len(SquareDetector(ARUCO, [7], 0.0).detect(image, CAMERA)) == 0
+    assert len(make_detector(ARUCO, [7], 0.0).detect(image, CAMERA)) == 0
 
 
 def test_mere_noise_has_no_markers() -> None:

@@ -37,8 +37,8 @@ views = st.builds(
     capture_ns=st.integers(0, 10**6),
     weight=st.floats(1e5, 1e7),
     cameras=st.sampled_from([("a",), ("b",), ("c",), ("d",)]),
-    spread=st.just(SPREAD),
-    lean=st.tuples(st.floats(-1e-3, 1e-3), st.floats(-1e-3, 1e-3)),
+    covariance=st.just(SPREAD),
+    height_sensitivity=st.tuples(st.floats(-1e-3, 1e-3), st.floats(-1e-3, 1e-3)),
 )
 
 
@@ -118,10 +118,10 @@ def test_two_cameras_make_one_sighting_nearer_to_the_better_view() -> None:
 
 def test_several_cameras_err_less_and_their_lean_cancels_between_them() -> None:
     left = Sighting(1, 0.0, 0.0, 0.0, 0, 1e6, ("a",), SPREAD, (0.002, 0.0))
-    right = replace(left, cameras=("b",), lean=(-0.002, 0.001))
+    right = replace(left, cameras=("b",), height_sensitivity=(-0.002, 0.001))
     (merged,) = merge_views([left, right])[1]
-    assert merged.spread == pytest.approx([value / 2.0 for value in SPREAD])
-    assert merged.lean == pytest.approx((0.0, 0.0005))
+    assert merged.covariance == pytest.approx([value / 2.0 for value in SPREAD])
+    assert merged.height_sensitivity == pytest.approx((0.0, 0.0005))
     alone, both = covariances([left, merged])
     assert alone[0, 0] == pytest.approx(1e-7 + 4e-6)
     assert both[0, 0] == pytest.approx(0.5e-7)
@@ -133,7 +133,7 @@ def test_a_wrong_height_shifts_a_view_as_its_lean_says() -> None:
     pixel = CAMERA.project(np.array((1.1, -0.4, 0.062)))
     (view,) = place_views(FRAME, CAMERA, detections((1, *pixel)), {1: 0.060}, 0.002)
     assert (view.x_m - 1.1, view.y_m + 0.4) == pytest.approx(
-        (-view.lean[0], -view.lean[1]), rel=0.01
+        (-view.height_sensitivity[0], -view.height_sensitivity[1]), rel=0.01
     )
 
 

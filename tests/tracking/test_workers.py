@@ -10,7 +10,7 @@ import pytest
 
 from vsense.arena import DETECTION, Frame
 from vsense.cameras.camera import Camera
-from vsense.tracking.workers import Workers
+from vsense.tracking.detector import Workers
 
 CAMERAS = {f"c{n}": Camera.looking_down(f"c{n}", n, 0.0, 2.0, 100.0, (8, 6)) for n in range(5)}
 FRAMES = [Frame(id, np.full((6, 8), n, np.uint8), 0, 0, 0) for n, id in enumerate(CAMERAS)]
@@ -39,7 +39,7 @@ class Meeting:
 def test_pictures_are_looked_at_side_by_side_and_given_back_in_order(number: int) -> None:
     barrier, places = threading.Barrier(number), []
     workers = Workers(lambda: Meeting(barrier, places), number, pin=False)
-    looks = workers.look(FRAMES, CAMERAS)
+    looks = workers.detect(FRAMES, CAMERAS)
     workers.close()
     assert [int(look.rows["tag"][0]) for look in looks] == [0, 1, 2, 3, 4]
     assert [look.full for look in looks] == [False, False, False, True, False]
@@ -51,7 +51,7 @@ def test_pinned_threads_have_a_processor_each() -> None:
     number = min(2, len(allowed))
     barrier, places = threading.Barrier(number), []
     workers = Workers(lambda: Meeting(barrier, places), number, pin=True)
-    workers.look(FRAMES, CAMERAS)
+    workers.detect(FRAMES, CAMERAS)
     workers.close()
     assert all(len(place) == 1 and place <= allowed for place in places)
     assert len(set().union(*places)) == number
@@ -60,5 +60,5 @@ def test_pinned_threads_have_a_processor_each() -> None:
 
 def test_no_pictures_are_no_looks() -> None:
     workers = Workers(lambda: Meeting(threading.Barrier(1), []), 2, pin=False)
-    assert workers.look([], CAMERAS) == []
+    assert workers.detect([], CAMERAS) == []
     workers.close()

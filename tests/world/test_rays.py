@@ -13,10 +13,21 @@ from numpy.typing import NDArray
 
 from vsense.native import WireError
 from vsense.world.entities import Box, Cylinder
-from vsense.world.rays import BODY, NOBODY, Bodies, blocked, disc_rows, entity_rows, nearest
+from vsense.world.rays import BODY, NOBODY, Bodies, disc_rows, entity_rows
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.void]
+
+
+def blocked(starts_m, ends_m, bodies: Bodies, skip=NOBODY) -> NDArray[np.bool_]:
+    """Asks bodies which lines touch one of them."""
+    return bodies.blocked(starts_m, ends_m, skip)
+
+
+def nearest(starts_m, ends_m, bodies: Bodies, skip=NOBODY) -> Floats:
+    """Asks bodies where lines touch the first of them."""
+    return bodies.nearest(starts_m, ends_m, skip)
+
 
 MARGIN_M = 1e-7
 """Bodies larger or smaller by this decide what is too close to call."""
@@ -79,11 +90,11 @@ def grown(rows: Rows, by_m: float) -> Rows:
 def agree(starts: Floats, ends: Floats, rows: Rows, skip: NDArray[np.int32]) -> int:
     """Holds the kernel between bodies a little larger and a little smaller; counts what is hit."""
     bodies = Bodies(rows)
-    shares = nearest(starts, ends, bodies, skip)
+    shares = bodies.nearest(starts, ends, skip)
     early = brute_force(starts, ends, grown(rows, MARGIN_M), skip)
     late = brute_force(starts, ends, grown(rows, -MARGIN_M), skip)
     assert (shares >= early - 1e-12).all() and (shares <= late + 1e-12).all()
-    hit = blocked(starts, ends, bodies, skip)
+    hit = bodies.blocked(starts, ends, skip)
     assert np.array_equal(hit, np.isfinite(shares))
     return int(hit.sum())
 
@@ -142,13 +153,13 @@ def test_lines_that_graze_touch(bodies, lines) -> None:  # type: ignore[no-untyp
     starts, ends = (np.array([line[k] for line in lines]) for k in (0, 1))
     nobody = np.full((len(lines), 1), NOBODY, dtype=np.int32)
     expected = brute_force(starts, ends, rows, nobody)
-    assert np.array_equal(blocked(starts, ends, Bodies(rows)), np.isfinite(expected))
+    assert np.array_equal(Bodies(rows).blocked(starts, ends), np.isfinite(expected))
 
 
 def test_a_line_of_no_length_is_a_point() -> None:
     rows = entity_rows([Cylinder("c", (0, 0, 0), 1.0, 1.0), Box("b", (5, 0, 0), (2, 2, 2))])
     points = np.array([(0, 0, 0.5), (0.99, 0, 1), (0, 0, 1.01), (2, 0, 0), (6, 1, 2), (5, 0, 2.1)])
-    shares = nearest(points, points, Bodies(rows))
+    shares = Bodies(rows).nearest(points, points)
     assert shares.tolist() == [0.0, 0.0, np.inf, np.inf, 0.0, np.inf]
 
 
@@ -156,16 +167,16 @@ def test_upright_lines() -> None:
     rows = disc_rows([0.0], [0.0], radius_m=0.5, height_m=1.0)
     starts = np.array([(0.0, 0.0, 3.0), (0.4, 0.0, 3.0), (0.6, 0.0, 3.0), (0.0, 0.0, 0.5)])
     ends = starts * [1, 1, 0] + [0, 0, -1.0]
-    shares = nearest(starts, ends, Bodies(rows))
+    shares = Bodies(rows).nearest(starts, ends)
     assert shares.tolist() == pytest.approx([0.5, 0.5, np.inf, 0.0])
 
 
 def test_nothing_stands_in_an_empty_world() -> None:
     bodies = Bodies(np.zeros(0, dtype=BODY))
-    assert not blocked([(0, 0, 0)], [(1, 1, 1)], bodies).any()
+    assert not bodies.blocked([(0, 0, 0)], [(1, 1, 1)]).any()
     absent = Bodies(disc_rows([0.5], [0.5], there=False))
-    assert not blocked([(0, 0, 0)], [(1, 1, 0)], absent).any()
-    assert nearest(np.zeros((0, 3)), np.zeros((0, 3)), bodies).shape == (0,)
+    assert not absent.blocked([(0, 0, 0)], [(1, 1, 0)]).any()
+    assert bodies.nearest(np.zeros((0, 3)), np.zeros((0, 3))).shape == (0,)
 
 
 def crowd(count: int, seed: int) -> tuple[Rows, Floats, Floats]:
@@ -215,9 +226,9 @@ def test_an_arena_moved_as_a_whole_keeps_its_lines(move: str) -> None:
     axes = axes if move == "shifted" else place(axes)
     moved["x_m"], moved["y_m"] = middles[:, 0], middles[:, 1]
     moved["cosine"], moved["sine"] = axes[:, 0], axes[:, 1]
-    before = nearest(starts, ends, Bodies(rows))
-    after = nearest(place(starts), place(ends), Bodies(moved))
-    clear = np.isfinite(nearest(starts, ends, Bodies(grown(rows, MARGIN_M)))) == np.isfinite(before)
+    before = Bodies(rows).nearest(starts, ends)
+    after = Bodies(moved).nearest(place(starts), place(ends))
+    clear = np.isfinite(Bodies(grown(rows, MARGIN_M)).nearest(starts, ends)) == np.isfinite(before)
     assert clear.mean() > 0.99
     assert after[clear] == pytest.approx(before[clear], abs=1e-9)
 
@@ -225,16 +236,16 @@ def test_an_arena_moved_as_a_whole_keeps_its_lines(move: str) -> None:
 def test_a_line_is_as_free_backwards() -> None:
     rows, starts, ends = crowd(100, 8)
     bodies = Bodies(rows)
-    assert np.array_equal(blocked(starts, ends, bodies), blocked(ends, starts, bodies))
+    assert np.array_equal(bodies.blocked(starts, ends), bodies.blocked(ends, starts))
 
 
 def test_a_robot_is_no_hindrance_to_itself() -> None:
     bodies = Bodies(disc_rows([0.0, 1.0, 2.0], [0.0, 0.0, 0.0]))
     starts, ends = np.array([(0.0, 0.0, 0.03)] * 4), np.array([(2.0, 0.0, 0.03)] * 4)
     skip = [(0, 2), (0, 1), (1, 2), (NOBODY, NOBODY)]
-    assert blocked(starts, ends, bodies, skip).tolist() == [True, True, True, True]
-    assert not blocked(starts[:1], [(0.9, 0.0, 0.03)], bodies, 0).any()
-    assert blocked(starts[:1], [(0.9, 0.0, 0.03)], bodies, 1).all()
+    assert bodies.blocked(starts, ends, skip).tolist() == [True, True, True, True]
+    assert not bodies.blocked(starts[:1], [(0.9, 0.0, 0.03)], 0).any()
+    assert bodies.blocked(starts[:1], [(0.9, 0.0, 0.03)], 1).all()
     without = Bodies(disc_rows([0.0, 1.0, 2.0], [0.0, 0.0, 0.0], there=[True, False, True]))
     assert not blocked(starts[:1], ends[:1], without, [(0, 2)]).any()
 

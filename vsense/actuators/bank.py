@@ -4,7 +4,7 @@ them.
 A report may come twice, late or not at all; what happens in the world does not depend on it:
 * A level holds until the next report. A robot that is silent has level 0 in everything.
 * Of a counter only the growth since the last count acts, which is remembered for each robot and
-  sender. A count below the last one means that the robot began anew: it counts from 0.
+  sender. A count below the last one means that the robot has restarted: it counts from 0.
 * Robots act in the order of the world's rows, whatever order their reports came in.
 """
 
@@ -59,12 +59,9 @@ class ActuatorBank:
         self._size = sum(entry.size for entry in self.table)
 
     def apply(
-        self,
-        world: World,
-        reports: Mapping[int, bytes],
-        senders: Mapping[int, bytes] = NO_SENDERS,
+        self, world: World, reports: Mapping[int, bytes], senders: Mapping[int, bytes] = NO_SENDERS
     ) -> None:
-        """Lets all robots act for one timestep of the run.
+        """Applies the reports of all robots for one timestep of the run.
 
         Args:
             world: updated in this timestep.

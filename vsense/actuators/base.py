@@ -1,9 +1,9 @@
 """What a virtual actuator is: one file in this folder, one class, one XML element.
 
 A new actuator's file holds a class with the members of `VirtualActuator`, a function
-`from_xml(element, scope)` that makes one, and the line `ELEMENTS = ("virtual_..._actuator",)`.
-Nothing else in the tree has to know of it. `scope` is that of the virtual sensors, which are read
-before the actuators.
+`from_xml(element, scope)` that makes one or raises ConfigError, and the line
+`ELEMENTS = ("virtual_..._actuator",)`. Nothing else in the tree has to know of it. `scope` is that
+of the virtual sensors, which are read before the actuators.
 
 What a robot says is never an event, since a report may come twice or not at all. Each number is
 a **level** ("release 0.3 per second"), which holds until the next one and is 0 where nothing is
@@ -26,11 +26,11 @@ Floats = NDArray[np.float64]
 
 
 class ActuatorError(VsenseError):
-    """A virtual actuator cannot be had, or was told something that it cannot do."""
+    """A virtual actuator does not exist, or a report does not fit it."""
 
 
 class VirtualActuator(Protocol):
-    """Lets robots change one kind of thing in the virtual world, all robots at once."""
+    """Has robots change one kind of thing in the virtual world, all robots at once."""
 
     @property
     def name(self) -> str:

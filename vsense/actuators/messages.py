@@ -60,9 +60,5 @@ class MessagesActuator:
 
 
 def from_xml(element: Element, scope: Scope) -> MessagesActuator:
-    """Makes the actuator from its element.
-
-    Raises:
-        ConfigError: an attribute is wrong.
-    """
+    """Makes the actuator from its element."""
     return MessagesActuator(element.integer("data_size", 1, MESSAGE_MAX, DEFAULT_SIZE))

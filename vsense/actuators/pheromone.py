@@ -39,7 +39,6 @@ class PheromoneActuator:
 
     Attributes:
         field: id of the field.
-        name: what controllers call it.
         max_rate_per_s: most that a robot can release per second.
     """
 
@@ -71,14 +70,8 @@ def from_xml(element: Element, scope: Scope) -> PheromoneActuator:
     Raises:
         ConfigError: an attribute is wrong, or the arena has no such field.
     """
-    field = element.text("field", expected="the id of a <vs:field>")
-    if field not in scope.fields:
-        known = ", ".join(sorted(scope.fields)) or "none"
-        raise element.error(
-            f"there is no field {field!r} in the arena; there are: {known}", "field"
-        )
     return PheromoneActuator(
-        field=field,
+        field=scope.field(element),
         name=element.text("name", "pheromone_release"),
         max_rate_per_s=element.number("max_rate", 1e-6, MAX_RATE_PER_S, "1/s", MAX_RATE_PER_S),
     )

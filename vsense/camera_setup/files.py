@@ -21,7 +21,7 @@ from vsense.config.resources import (
     SIDES_PX,
 )
 from vsense.errors import UsageError, VsenseError
-from vsense.markers import choice
+from vsense.markers import codes
 from vsense.markers.families import load_family
 from vsense.recording import pictures
 from vsense.recording.pictures import EXPERIMENT, RESOURCES
@@ -215,7 +215,7 @@ def run(directory: Path, force: bool) -> int:
         print(f"vsense: {missing}", file=sys.stderr)
     if not found:
         raise VsenseError("\n".join(NOTHING))
-    roster = choice.parse(ROSTER, load_family(FAMILY))
+    roster = codes.parse_tags(ROSTER, load_family(FAMILY))
     try:
         files = write(directory, found, roster)
     except OSError as error:

@@ -159,11 +159,11 @@ class MarkerFinder:
         seen = Prediction()
         seen.expect(next(self._times))
         rows = make_detector(self._family, (), height_m, seen).detect(image, camera)
-        strangers = seen.strangers.get(camera.id)
-        if strangers is not None and len(rows):
-            # No tag is on the roster: those that can be read are strangers all.
-            places = np.column_stack((strangers.places, np.full(len(strangers.tags), height_m)))
+        unlisted = seen.unlisted.get(camera.id)
+        if unlisted is not None and len(rows):
+            # No tag is on the roster: all that can be read are unlisted.
+            places = np.column_stack((unlisted.places, np.full(len(unlisted.tags), height_m)))
             at_px = np.stack((rows["x_px"], rows["y_px"]), axis=-1)
-            for tag, place_px in zip(strangers.tags, camera.project(places)):
+            for tag, place_px in zip(unlisted.tags, camera.project(places)):
                 rows["tag"][np.hypot(*(at_px - place_px).T).argmin()] = tag
         return FoundMarkers(rows, camera, height_m)

@@ -9,13 +9,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from vsense.cameras import aravis, v4l2
-from vsense.cameras.aravis import AravisError, Listed
+from vsense.cameras.aravis import AravisError
 from vsense.cameras.aravis_camera import AravisCamera, is_address
 from vsense.cameras.camera import Camera
 from vsense.cameras.controls import CameraControls, GenicamControls, V4l2Controls
 from vsense.cameras.discovery import RATE_HZ, rate_of
 from vsense.cameras.genicam import FREE, SOFTWARE, GenicamSettings, GenicamSource
-from vsense.cameras.gige import HELD, controlled, heard
+from vsense.cameras.gige import HELD, ListedCamera, controlled, heard
 from vsense.cameras.grabber import GrabberError
 from vsense.cameras.networks import NetworkLoad, networks, stranded
 from vsense.cameras.opencv_source import Controls, teach_opencv
@@ -162,18 +162,18 @@ def choose(id: str, wanted: Controls, resources: str | None = None) -> GrabberSp
     if resources is not None:
         return _of_file(id, wanted, resources)
     if "://" in id:
-        return _spec(id, CAMERA, id, wanted)
+        return GrabberSpec.of_camera(id, CAMERA, id, wanted)
     node = v4l2.node(id) if len(id) < NODE_DIGITS else id
     if node.startswith("/dev/"):
         if not Path(node).exists():
             raise UsageError(f"no camera {node}: {_known(())}")
-        return _spec(id, CAMERA, node, wanted)
+        return GrabberSpec.of_camera(id, CAMERA, node, wanted)
     return _of_aravis(id, wanted)
 
 
 def _of_aravis(id: str, wanted: Controls) -> GrabberSpec:
     """Chooses a GigE or USB3 Vision camera; it keeps its own rate where none is wanted."""
-    missing, listed = "", list[Listed]()
+    missing, listed = "", list[ListedCamera]()
     try:
         listed = aravis.listed()
     except AravisError as error:
@@ -184,7 +184,7 @@ def _of_aravis(id: str, wanted: Controls) -> GrabberSpec:
         raise UsageError(f"{id!r} is what {len(mine)} cameras are called: {who}")
     for far in () if mine else heard():
         text = stranded(far.address, networks())
-        if text and id in (far.id, far.serial, far.mac, far.address):
+        if text and id in far.names:
             raise GrabberError(f"{id}: {text}")
     if not mine and (missing or not is_address(id)):
         raise UsageError(f"no camera {id!r}: {_known(listed)}{missing}")
@@ -202,10 +202,11 @@ def _of_aravis(id: str, wanted: Controls) -> GrabberSpec:
         rate_hz = wanted.rate_hz or rate_of(camera) or RATE_HZ
     finally:
         camera.close()
-    return _spec(id, GENICAM, device, replace(wanted, rate_hz=rate_hz))
+    settings = GenicamSettings(replace(wanted, rate_hz=rate_hz))
+    return GrabberSpec.of_camera(id, GENICAM, device, settings)
 
 
-def _known(listed: Sequence[Listed]) -> str:
+def _known(listed: Sequence[ListedCamera]) -> str:
     """Says which cameras there are."""
     known = [camera.id for camera in listed] + [device.path for device in v4l2.devices()]
     if not known:
@@ -222,11 +223,11 @@ def _of_file(id: str, wanted: Controls, path: str) -> GrabberSpec:
         are = "is" if len(live) == 1 else "are"
         raise UsageError(f"no camera {id!r} among the grabbers of {path}: there {are} {known}")
     spec = live[id]
+    controls = _over(spec.controls, wanted)
+    settings: Controls | GenicamSettings = controls
     if isinstance(spec.settings, GenicamSettings):
-        settings = replace(spec.settings, controls=_over(spec.settings.controls, wanted))
-        return free(replace(spec, settings=settings, frame_rate_hz=settings.controls.rate_hz))
-    controls = _over(spec.settings or Controls(), wanted)
-    return replace(spec, settings=controls, frame_rate_hz=controls.rate_hz)
+        settings = replace(spec.settings, controls=controls)
+    return free(replace(spec, settings=settings, frame_rate_hz=controls.rate_hz))
 
 
 def free(spec: GrabberSpec) -> GrabberSpec:
@@ -244,19 +245,6 @@ def _over(controls: Controls, wanted: Controls) -> Controls:
         wanted.rate_hz or controls.rate_hz,
         controls.exposure_us if wanted.exposure_us is None else wanted.exposure_us,
         controls.gain_raw if wanted.gain_raw is None else wanted.gain_raw,
-    )
-
-
-def _spec(id: str, kind: str, device: str, controls: Controls) -> GrabberSpec:
-    return GrabberSpec(
-        id=id,
-        type=kind,
-        source=device,
-        timestamps=None,
-        frame_rate_hz=controls.rate_hz,
-        start_s=0.0,
-        settings=GenicamSettings(controls) if kind == GENICAM else controls,
-        line=0,
     )
 
 

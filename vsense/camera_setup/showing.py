@@ -155,7 +155,7 @@ class ShowSession:
                     frames = []
                 self._tell(grabber.events())
                 if frames:
-                    self._tell(self._health.look(frames, {}))
+                    self._tell(self._health.update(frames, {}))
                     self._show(frames)
         finally:
             self._console.end_progress()

@@ -1,4 +1,4 @@
-"""Aravis, the library behind GigE Vision and USB3 Vision cameras, opened when somebody asks for it.
+"""Aravis, the library behind GigE Vision and USB3 Vision cameras, opened when it is needed.
 
 Only the three modules aravis* know it. Debian has it as libaravis-0.8-0.
 """
@@ -9,18 +9,17 @@ import re
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
 import cffi
 
+from vsense.cameras.gige import GIGE, USB3, ListedCamera
 from vsense.cameras.grabber import GrabberError
 
 PACKAGE = "libaravis-0.8-0"
-GIGE = "GigEVision"
-USB3 = "USB3Vision"
 
 _DECLARATIONS = """
 typedef struct { uint32_t domain; int code; char *message; } GError;
@@ -149,43 +148,15 @@ def call(function: Callable[..., Any], *arguments: object) -> Any:
     return result
 
 
-@dataclass(frozen=True, slots=True)
-class Listed:
-    """A camera that answered.
-
-    Attributes:
-        id: Vendor, model and serial number, as Aravis puts them together.
-        protocol: `GIGE` or `USB3`.
-        address: IPv4 address; empty for USB3.
-        mac: What no two cameras share: the MAC address, or the GUID of USB3.
-        vendor: Who made it.
-        model: Its type.
-        serial: Its serial number.
-    """
-
-    id: str
-    protocol: str
-    address: str
-    mac: str
-    vendor: str
-    model: str
-    serial: str
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """All that a configuration may call it."""
-        return tuple(filter(None, (self.id, self.serial, self.mac, self.address)))
-
-
 class _Question:
     """Asks who is there, once for all who want to know at the same time."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._begun = self._done = 0
-        self._answer: list[Listed] = []
+        self._answer: list[ListedCamera] = []
 
-    def ask(self) -> list[Listed]:
+    def ask(self) -> list[ListedCamera]:
         """Gives an answer to a question that was put after this call."""
         before = self._begun
         with self._lock:
@@ -201,7 +172,7 @@ class _Question:
 _question = _Question()
 
 
-def listed() -> list[Listed]:
+def listed() -> list[ListedCamera]:
     """Asks the network and the USB which cameras there are; takes a second.
 
     Raises:
@@ -211,7 +182,7 @@ def listed() -> list[Listed]:
     return _question.ask()
 
 
-def _ask() -> list[Listed]:
+def _ask() -> list[ListedCamera]:
     ffi, lib = load().ffi, load().lib
     questions = (
         lib.arv_get_device_id,
@@ -225,7 +196,7 @@ def _ask() -> list[Listed]:
     lib.arv_update_device_list()
     rows = [[ask(n) for ask in questions] for n in range(lib.arv_get_n_devices())]
     texts = [[ffi.string(t).decode(errors="replace") if t else "" for t in r] for r in rows]
-    cameras = [Listed(*row) for row in texts if row[1] in (GIGE, USB3)]
+    cameras = [ListedCamera(*row) for row in texts if row[1] in (GIGE, USB3)]
     # Where the address of a USB3 camera would be, Aravis has a word that is none.
     cameras = [c if c.protocol == GIGE else replace(c, address="") for c in cameras]
     return sorted(cameras, key=lambda camera: (camera.protocol, camera.id))

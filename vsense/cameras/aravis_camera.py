@@ -7,7 +7,7 @@ import threading
 from typing import Any
 
 from vsense.cameras.aravis import AravisError, call, listed, load
-from vsense.cameras.gige import CONTROL, IN_CONTROL, answers
+from vsense.cameras.gige import CONTROL, IN_CONTROL, answers, several
 from vsense.cameras.networks import host_address
 
 _CHECK_RANGES = 1
@@ -43,9 +43,8 @@ def locate(name: str) -> str:
     addresses = {camera.address for camera in found} - {""}
     same = [c for c in there if c.address in addresses] if addresses else found
     if len(same) > 1:
-        who = " and ".join(f"{camera.id} ({camera.mac})" for camera in same)
         what = f"the address {same[0].address}" if addresses else f"the name {name!r}"
-        raise AravisError(f"{len(same)} cameras have {what}: {who}; expected one of its own each")
+        raise AravisError(several(what, same))
     return found[0].address or found[0].id
 
 
@@ -61,7 +60,7 @@ class AravisCamera:
     """An opened camera, for one thread; only `trigger` may be called from another."""
 
     def __init__(self, name: str) -> None:
-        """Opens it, and takes control of it where nobody else has.
+        """Opens it, and takes control of it where no other program has.
 
         Args:
             name: An IPv4 address, or what `locate` gives.
@@ -169,7 +168,7 @@ class AravisCamera:
             call(self._lib.arv_camera_set_trigger, self.handle, source.encode())
 
     def trigger(self) -> None:
-        """Has a picture taken now; from any thread, and in vain after `close`.
+        """Has a picture taken now; from any thread; does nothing after `close`.
 
         Raises:
             AravisError: The camera does not answer, or refuses.

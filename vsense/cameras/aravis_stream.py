@@ -66,7 +66,7 @@ class AravisStream:
         self._camera = camera
         # It comes before its memory is set aside, or in the middle: its damage says nothing.
         self._first = True
-        # Pictures may outlive this object, and are let go of by any thread.
+        # Pictures may outlive this object, and are released by any thread.
         self._lock = threading.RLock()
         size = call(self._lib.arv_camera_get_payload, camera.handle)
         self._scant = _scant(size) if camera.is_gige else ""
@@ -116,7 +116,7 @@ class AravisStream:
         return self._image(buffer), stamp_ns, age_ns
 
     def close(self) -> None:
-        """Stops the camera; pictures that somebody has stay good. Can be called again."""
+        """Stops the camera; pictures that are in use stay valid. Can be called again."""
         with self._lock:
             stream, self._stream = self._stream, None
         if stream is not None:

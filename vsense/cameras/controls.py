@@ -31,7 +31,7 @@ class CameraControls(Protocol):
         """Reads one; None: the camera does not have it, or does not tell."""
 
     def bounds(self, name: str) -> Bounds | None:
-        """Gives the least and the greatest value; None: nobody knows."""
+        """Gives the least and the greatest value; None: unknown."""
 
     def set(self, name: str, value: float) -> None:
         """Sets one, and what would set it by itself off; the camera may round.
@@ -50,24 +50,20 @@ class CameraControls(Protocol):
 
 
 class GenicamControls:
-    """Those of a camera behind Aravis."""
+    """Those of a camera behind Aravis; `opened` gives the camera, None while it is gone."""
 
     def __init__(self, opened: Callable[[], AravisCamera | None]) -> None:
-        """Takes what gives the opened camera, None while it is gone."""
         self._opened = opened
 
     def value(self, name: str) -> float | None:
-        """Reads one; see `CameraControls`."""
         camera, feature = self._feature(name)
         return None if camera is None or feature is None else float(camera.get(feature))
 
     def bounds(self, name: str) -> Bounds | None:
-        """Gives the least and the greatest value; see `CameraControls`."""
         camera, feature = self._feature(name)
         return None if camera is None or feature is None else camera.bounds(feature)
 
     def set(self, name: str, value: float) -> None:
-        """Sets one; see `CameraControls`."""
         camera, feature = self._feature(name)
         if camera is None or feature is None:
             raise GrabberError(f"has no {name}")
@@ -76,7 +72,6 @@ class GenicamControls:
         camera.set(feature, digits(value))
 
     def remember(self) -> Callable[[], None]:
-        """Notes how the camera is set; see `CameraControls`."""
         camera, kept, automatic = self._opened(), list[tuple[str, str, str]](), set[str]()
         for name in (EXPOSURE, GAIN):
             feature = self._feature(name)[1]
@@ -106,24 +101,20 @@ class GenicamControls:
 
 
 class V4l2Controls:
-    """Those of a V4L2 device, which hears beside whoever takes its pictures."""
+    """Those of a V4L2 device, which can be set while another program takes its pictures."""
 
     def __init__(self, device: V4l2ControlDevice) -> None:
-        """Takes the device."""
         self._device = device
 
     def value(self, name: str) -> float | None:
-        """Reads one; see `CameraControls`."""
         value = self._device.get(_CONTROLS[name])
         return None if value is None else value * _UNITS[name]
 
     def bounds(self, name: str) -> Bounds | None:
-        """Gives the least and the greatest value; see `CameraControls`."""
         bounds = self._device.bounds(_CONTROLS[name])
         return None if bounds is None else (bounds[0] * _UNITS[name], bounds[1] * _UNITS[name])
 
     def set(self, name: str, value: float) -> None:
-        """Sets one; see `CameraControls`."""
         control, manual = _MANUAL[name]
         if self._device.get(control) is not None:
             self._device.set(control, manual)
@@ -131,7 +122,6 @@ class V4l2Controls:
             raise GrabberError(f"does not take {name} {value:g}")
 
     def remember(self) -> Callable[[], None]:
-        """Notes how the camera is set; see `CameraControls`."""
         kept = {name: self._device.get(control) for name, control in _CONTROLS.items()}
         modes = {name: self._device.get(control) for name, (control, _) in _MANUAL.items()}
 

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
-from vsense.cameras import aravis, v4l2
-from vsense.cameras.aravis import AravisError, Listed
+from vsense.cameras import aravis, gige, v4l2
+from vsense.cameras.aravis import AravisError
 from vsense.cameras.aravis_camera import AravisCamera
 from vsense.cameras.controls import EXPOSURE, GAIN
 from vsense.cameras.genicam import NAMES
-from vsense.cameras.gige import HELD, Heard, controlled, heard
+from vsense.cameras.gige import HELD, ListedCamera, controlled, heard, several
 from vsense.cameras.grabber import GrabberError
 from vsense.cameras.networks import networks, stranded
 from vsense.cameras.source import Bounds
@@ -88,28 +87,25 @@ def find() -> tuple[list[FoundCamera], str]:
     devices = [_of_v4l2(device) for device in v4l2.devices()]
     with ThreadPoolExecutor(_WORKERS) as workers:
         answers = workers.submit(heard)
-        missing, listed = "", list[Listed]()
+        missing, listed = "", list[ListedCamera]()
         try:
             listed = aravis.listed()
         except AravisError as error:
             missing = str(error)
-        found = _told_twice([_of_aravis(each) for each in listed])
+        found = _mark_shared(listed)
         lost = _unheard(answers.result(), listed, missing)
         return [*workers.map(_asked, found), *lost, *devices], missing
 
 
-def _unheard(answers: Sequence[Heard], listed: Sequence[Listed], missing: str) -> list[FoundCamera]:
+def _unheard(
+    answers: Sequence[ListedCamera], listed: Sequence[ListedCamera], missing: str
+) -> list[FoundCamera]:
     """Gives the GigE cameras that answer, and that Aravis does not hear, with the reason."""
     known = {(camera.mac.lower(), camera.address) for camera in listed}
     there = networks()
     return [
-        FoundCamera(
-            each.id,
-            GIGE,
-            each.address,
-            f"{each.vendor} {each.model}",
-            each.serial,
-            each.mac,
+        replace(
+            _listed(each),
             trouble=stranded(each.address, there) or ("needs Aravis" if missing else DEAF),
         )
         for each in answers
@@ -124,24 +120,20 @@ def _of_v4l2(device: v4l2.V4l2Device) -> FoundCamera:
     )
 
 
-def _of_aravis(listed: Listed) -> FoundCamera:
-    kind = GIGE if listed.protocol == aravis.GIGE else USB3
+def _listed(listed: ListedCamera) -> FoundCamera:
+    kind = GIGE if listed.protocol == gige.GIGE else USB3
     model = listed.model if listed.vendor in listed.model else f"{listed.vendor} {listed.model}"
     return FoundCamera(listed.id, kind, listed.address, model, listed.serial, listed.mac)
 
 
-def _told_twice(found: Sequence[FoundCamera]) -> list[FoundCamera]:
-    """Marks those that share an address: whoever speaks to one disturbs the other."""
-    counts = Counter(camera.address for camera in found if camera.kind == GIGE)
-
-    def marked(camera: FoundCamera) -> FoundCamera:
-        others = [o.id for o in found if o.address == camera.address and o is not camera]
-        if counts[camera.address] < 2 or not others:
-            return camera
-        text = f"has the address of {', '.join(others)}, too: give each one of its own"
-        return replace(camera, trouble=text)
-
-    return [marked(camera) for camera in found]
+def _mark_shared(listed: Sequence[ListedCamera]) -> list[FoundCamera]:
+    """Marks those that share an address."""
+    found = []
+    for each in listed:
+        same = [other for other in listed if each.address and other.address == each.address]
+        trouble = several(f"the address {each.address}", same) if len(same) > 1 else ""
+        found.append(replace(_listed(each), trouble=trouble))
+    return found
 
 
 def _asked(camera: FoundCamera) -> FoundCamera:

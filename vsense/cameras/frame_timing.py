@@ -36,7 +36,6 @@ class ClockMap:
     """
 
     def __init__(self) -> None:
-        """Begins with nothing known."""
         self._apart_ns: deque[int] = deque(maxlen=WINDOW)
         self._newest_ns: int | None = None
 
@@ -79,7 +78,7 @@ class FrameTiming:
         """Begins before the first picture.
 
         Args:
-            rate_hz: How many per second are wanted; None: nobody knows.
+            rate_hz: How many per second are wanted; None: unknown.
         """
         self._period_ns = None if rate_hz is None else 1e9 / rate_hz
         self.slow = False
@@ -90,7 +89,7 @@ class FrameTiming:
         self.forget()
 
     def forget(self) -> None:
-        """Begins anew: the camera was opened again. What was slow or frozen may still be so."""
+        """Starts again: the camera was reopened. What was slow or frozen may still be so."""
         self._clock = ClockMap()
         self._times_ns: deque[int] = deque(maxlen=self._intervals + 1)
 

@@ -1,7 +1,4 @@
-"""What a GenICam camera is asked for, and how it is told: every value is read back.
-
-A GigE Vision or USB3 Vision camera, through Aravis.
-"""
+"""A GigE Vision or USB3 Vision camera through Aravis; every setting is read back."""
 
 from __future__ import annotations
 
@@ -260,7 +257,7 @@ class GenicamSource:
     def open(self) -> list[str]:
         """Opens the camera; see `vsense.cameras.source.Source.open`.
 
-        One that was silent and still obeys is not set anew: then the network was gone, not the
+        One that was silent and still obeys is not set again: then the network was gone, not the
         camera.
         """
         if self._obeys():
@@ -320,7 +317,7 @@ class GenicamSource:
         if camera is None or camera.answers:
             _let_go(stream, camera)
         else:
-            # Aravis says goodbye for many seconds to a camera that does not answer.
+            # Aravis takes many seconds to close a camera that does not answer.
             threading.Thread(target=_let_go, args=(stream, camera), daemon=True).start()
 
     def _obeys(self) -> bool:
@@ -328,7 +325,7 @@ class GenicamSource:
         return self._camera is not None and not self._resumed and self._camera.in_control
 
     def _check_control(self, name: str) -> None:
-        """Refuses a camera that is somebody else's.
+        """Refuses a camera that another program controls.
 
         Some do not even answer who asks for control, and Aravis would ask for seconds; some take
         the question who has it for a sign of life of who had it, and so it is not asked too often.
@@ -356,7 +353,7 @@ def _let_go(stream: AravisStream | None, camera: AravisCamera | None) -> None:
         if stream is not None:
             stream.close()
     except AravisError:
-        # It is gone already: there is nobody to stop.
+        # It is gone already: there is nothing to stop.
         pass
     finally:
         if camera is not None:

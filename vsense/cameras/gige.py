@@ -1,11 +1,7 @@
-"""Quick questions to a GigE camera, which need neither Aravis nor control of the camera.
+"""GVCP: quick questions to GigE cameras, which need neither Aravis nor control of the camera.
 
-Aravis asks for seconds where nobody answers, and cameras are opened one after the other.
-
-Asks for GigE cameras on every network, and hears those with addresses of other networks, too.
-
-Aravis hears a camera only if its address is on the network that it is plugged into. The classic
-fault of the first day is one that is not: asked here, such a camera answers to everybody.
+Aravis asks for seconds where no camera answers, and it hears a camera only if its address is on the
+network that it is plugged into. `heard` also finds cameras with addresses of other networks.
 
 Source of numbers and layouts: GigE Vision 2.0, GVCP, DISCOVERY_CMD and DISCOVERY_ACK.
 """
@@ -26,6 +22,10 @@ CONTROL = 0x0A00
 """The register that tells who controls the camera. Source: GigE Vision 2.0, CCP."""
 IN_CONTROL = 0b11
 """Its bits for exclusive access and for control."""
+
+GIGE = "GigEVision"
+USB3 = "USB3Vision"
+"""Protocols, as Aravis calls them."""
 
 HELD = "another program controls it, or did until seconds ago"
 
@@ -52,7 +52,7 @@ def controlled(address: str) -> bool:
 
 
 def _read(address: str, register: int) -> bytes | None:
-    """Asks for a register, which everybody may read; None: nobody answers."""
+    """Reads a register, which needs no control; None: no answer."""
     question = struct.pack(">BBHHHI", 0x42, 0x01, 0x0080, 4, 1, register)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
         line.settimeout(_WAIT_S)
@@ -62,7 +62,7 @@ def _read(address: str, register: int) -> bytes | None:
                 line.send(question)
                 return line.recv(64)
             except OSError:
-                # Nobody answers, or the system knows that nobody is there.
+                # No answer, or the system knows that there is no such host.
                 continue
     return None
 
@@ -82,17 +82,21 @@ _IP_PKTINFO = 8
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
-    """A camera that has answered.
+class ListedCamera:
+    """A GigE or USB3 Vision camera that has answered.
 
     Attributes:
-        address: its IPv4 address.
-        mac: its MAC address.
-        vendor: who made it.
-        model: its type.
-        serial: its serial number.
+        id: Vendor, model and serial number, as Aravis puts them together.
+        protocol: `GIGE` or `USB3`.
+        address: IPv4 address; empty for USB3.
+        mac: What no two cameras share: the MAC address, or the GUID of USB3.
+        vendor: Who made it.
+        model: Its type.
+        serial: Its serial number.
     """
 
+    id: str
+    protocol: str
     address: str
     mac: str
     vendor: str
@@ -100,14 +104,20 @@ class Heard:
     serial: str
 
     @property
-    def id(self) -> str:
-        """Vendor, model and serial number, as Aravis puts them together."""
-        return "-".join(f"{self.vendor} {self.model} {self.serial}".split())
+    def names(self) -> tuple[str, ...]:
+        """All that a configuration may call it."""
+        return tuple(filter(None, (self.id, self.serial, self.mac, self.address)))
+
+
+def several(what: str, cameras: Sequence[ListedCamera]) -> str:
+    """Says that several cameras have what only one may have: one disturbs the other."""
+    who = " and ".join(f"{camera.id} ({camera.mac})" for camera in cameras)
+    return f"{len(cameras)} cameras have {what}: {who}; expected one of its own each"
 
 
 def heard(
     known: Sequence[Network] | None = None, port: int = PORT, listen_s: float = LISTEN_S
-) -> list[Heard]:
+) -> list[ListedCamera]:
     """Asks through all interfaces at once; takes `listen_s`.
 
     Args:
@@ -115,7 +125,7 @@ def heard(
         port: where cameras listen.
         listen_s: how long answers are waited for.
     """
-    found: dict[Heard, None] = {}
+    found: dict[ListedCamera, None] = {}
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ears:
         ears.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
         ears.bind(("", 0))
@@ -135,7 +145,7 @@ def heard(
     return sorted(found, key=lambda camera: (camera.id, camera.mac))
 
 
-def parse(data: bytes) -> Heard | None:
+def parse(data: bytes) -> ListedCamera | None:
     """Reads an answer; None: it is none."""
     if len(data) < _HEAD.size + _ABOUT.size:
         return None
@@ -143,9 +153,9 @@ def parse(data: bytes) -> Heard | None:
     if status != 0 or answer != _ANSWER:
         return None
     mac, address, vendor, model, serial, _ = _ABOUT.unpack_from(data, _HEAD.size)
-    return Heard(
-        socket.inet_ntoa(address), mac.hex(":"), _text(vendor), _text(model), _text(serial)
-    )
+    texts = _text(vendor), _text(model), _text(serial)
+    id = "-".join(" ".join(texts).split())
+    return ListedCamera(id, GIGE, socket.inet_ntoa(address), mac.hex(":"), *texts)
 
 
 def _ask(ears: socket.socket, network: Network, port: int) -> None:

@@ -1,8 +1,8 @@
 """Camera health: dark, saturated, frozen, moved, crowded, or contradicting neighbours.
 
 Light and standstill are looked for in every picture, movement in a few cameras per timestep by
-turns, so that many cameras cost no more than few. All of it is told once when it begins and once
-when it ends.
+turns, so that many cameras cost no more than few. All of it is reported once when it begins and
+once when it ends.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _Gap = tuple[int, NDArray[np.float64]]
 
 @dataclass(frozen=True, slots=True)
 class HealthLimits:
-    """When something is worth a word.
+    """When something is reported.
 
     Attributes:
         dark_level: Mean grey below which a picture is dark (12).
@@ -38,7 +38,7 @@ class HealthLimits:
             rendered arenas whose exposure rises: on a white floor all markers are read up to 0.74
             and a third lose their names at 0.94, on a grey floor three in four at 0.85. Paper and
             the reflections of lamps stay far below.
-        frames: Pictures in a row after which it is told (3).
+        frames: Pictures in a row after which it is reported (3).
         moved_px: Shift of the background that is a moved camera (1.0).
         apart_m: Distance between two cameras' views of the same markers that is too much (0.008).
         apart_views: Common views over which that distance is averaged (60).
@@ -76,10 +76,9 @@ class _Alarm:
 
 
 class CameraHealth:
-    """Watches one camera; all of it is for one thread."""
+    """Watches one camera, on one thread; the background is that of the first pictures."""
 
     def __init__(self, camera: Camera, limits: HealthLimits) -> None:
-        """Learns the background from the first pictures that it is shown."""
         self._id = camera.id
         self._limits = limits
         self._last: NDArray[np.uint8] | None = None
@@ -90,12 +89,12 @@ class CameraHealth:
         self._crowded = _Alarm(limits.frames)
         self._steadiness = Steadiness((camera.width_px, camera.height_px))
 
-    def look(self, image: NDArray[np.uint8]) -> list[CameraEvent]:
+    def update(self, image: NDArray[np.uint8]) -> list[CameraEvent]:
         """Looks at a picture (h, w); gives what has begun or ended."""
         sample = image[::_STEP, ::_STEP].copy()
-        return self._look_at_light(sample) + self._look_for_standstill(sample)
+        return self._check_light(sample) + self._check_standstill(sample)
 
-    def _look_at_light(self, sample: NDArray[np.uint8]) -> list[CameraEvent]:
+    def _check_light(self, sample: NDArray[np.uint8]) -> list[CameraEvent]:
         """Tells pictures that show nothing, for want of light or for too much of it."""
         full = float((sample >= _FULL_SCALE).mean())
         saturated = full >= self._limits.full_share
@@ -111,7 +110,7 @@ class CameraHealth:
             events.append(self._event(on, "saturated", text, "exposed", after))
         return events
 
-    def _look_for_standstill(self, sample: NDArray[np.uint8]) -> list[CameraEvent]:
+    def _check_standstill(self, sample: NDArray[np.uint8]) -> list[CameraEvent]:
         """Tells a picture that comes again and again."""
         # A sensor's noise never repeats: the same bytes are the same picture once more. Only
         # where all is black or all is white there is no noise to tell by.
@@ -158,7 +157,6 @@ class Agreement:
     """Compares what two cameras say about the same marker: they differ where one has moved."""
 
     def __init__(self, cameras: Mapping[str, Camera], limits: HealthLimits) -> None:
-        """Begins without any common view."""
         self._cameras = cameras
         self._limits = limits
         self._gaps: dict[tuple[str, str], deque[_Gap]] = {}
@@ -227,14 +225,13 @@ class Health:
         heights_m: Mapping[int, float],
         limits: HealthLimits | None = None,
     ) -> None:
-        """Begins with nothing known of any camera."""
         self._limits = limits or HealthLimits()
         self._heights_m = heights_m
         self._cameras = {c.id: CameraHealth(c, self._limits) for c in cameras}
         self._agreement = Agreement({c.id: c for c in cameras}, self._limits)
         self._turn = 0
 
-    def look(
+    def update(
         self,
         frames: Sequence[Frame],
         found: Mapping[str, NDArray[np.void]],
@@ -243,7 +240,6 @@ class Health:
         """Looks at one timestep.
 
         Args:
-            frames: Its pictures.
             found: The DETECTION array of each camera.
             overflowed: The cameras whose pictures held more than the detector's tables.
 
@@ -253,7 +249,7 @@ class Health:
         events: list[CameraEvent] = []
         for frame in frames:
             camera = self._cameras[frame.camera]
-            events += camera.look(frame.image) + camera.count(frame.camera in overflowed)
+            events += camera.update(frame.image) + camera.count(frame.camera in overflowed)
         for _ in range(min(self._limits.checks, len(frames))):
             frame = frames[self._turn % len(frames)]
             self._turn += 1

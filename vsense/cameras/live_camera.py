@@ -15,7 +15,7 @@ from vsense.cameras.source import FIRST_S, Shot, Source, silence_s
 WHOLE = 10
 """So many good pictures after a damaged one, and they come whole again."""
 
-Tell = Callable[[str, str], None]
+Notify = Callable[[str, str], None]
 """Takes the kind of an event and its text."""
 
 
@@ -60,7 +60,7 @@ class LiveCamera:
         size_px: tuple[int, int],
         rate_hz: float | None,
         news: threading.Condition,
-        tell: Tell,
+        notify: Notify,
         clock: Callable[[], int],
         retry_s: float,
     ) -> None:
@@ -71,18 +71,18 @@ class LiveCamera:
             size_px: Width and height that its pictures must have.
             rate_hz: Pictures per second that it should give; None: unknown.
             news: Guards all that is known here, and is notified of news.
-            tell: Takes what happens; is called with `news` held.
+            notify: Takes what happens; is called with `news` held.
             clock: The host's monotonic clock [ns].
             retry_s: Time between attempts to open it.
         """
         self._source = source
         self._size_px = tuple(size_px)
         self._news = news
-        self._tell = tell
+        self._notify = notify
         self._clock = clock
         self._retry_s = retry_s
         self._ended = threading.Event()
-        self._pulse = FrameTiming(rate_hz)
+        self._timing = FrameTiming(rate_hz)
         self._silence_ns = round(1e9 * silence_s(rate_hz))
         self._first_ns = max(round(1e9 * FIRST_S), self._silence_ns)
         self._due_ns = 0
@@ -93,7 +93,7 @@ class LiveCamera:
         self.present = False
         self.opened = False
 
-    def live(self) -> None:
+    def run(self) -> None:
         """Opens the camera and takes pictures, until `end`; the camera's thread."""
         try:
             while not self._ended.is_set():
@@ -109,10 +109,10 @@ class LiveCamera:
             self._source.close()
 
     def _use(self) -> None:
-        """Opens the camera and takes pictures, until it must be opened anew."""
+        """Opens the camera and takes pictures, until it must be reopened."""
         self._arrive(self._source.open())
         while not self._ended.is_set():
-            if not self._take():
+            if not self._read_picture():
                 # Not under the lock: a camera that has fallen silent takes its time to close.
                 self._source.close()
                 return
@@ -122,7 +122,7 @@ class LiveCamera:
         self._ended.set()
 
     def watch(self, now_ns: int) -> None:
-        """Notices a camera whose thread waits in vain; to be called with `news` held."""
+        """Notices a camera that has fallen silent; to be called with `news` held."""
         if self.opened and not self._gone and now_ns > self._due_ns:
             self._lose("gives no pictures any more")
 
@@ -131,8 +131,8 @@ class LiveCamera:
         taken, self.newest = self.newest, None
         return taken
 
-    def _take(self) -> bool:
-        """Waits for one picture and judges it; whether the camera shall stay open."""
+    def _read_picture(self) -> bool:
+        """Waits for one picture and judges it; whether the camera stays open."""
         try:
             shot = self._source.read()
         except PictureError as error:
@@ -145,7 +145,7 @@ class LiveCamera:
             if shot.image.shape[::-1] != self._size_px:
                 return self._misfit(shot.image)
             self._fits()
-            if self._pulse.repeated(shot):
+            if self._timing.repeated(shot):
                 return self._repeat()
             self._accept(shot, arrived_ns)
         return True
@@ -153,71 +153,71 @@ class LiveCamera:
     def _accept(self, shot: Shot, arrived_ns: int) -> None:
         """Keeps a good picture, and tells what it shows to be over."""
         first_ns = arrived_ns if shot.arrived_ns is None else shot.arrived_ns
-        capture_ns, jumped = self._pulse.capture_ns(shot, first_ns)
+        capture_ns, jumped = self._timing.capture_ns(shot, first_ns)
         if jumped:
-            self._tell("clock", "its clock has jumped; the times of its pictures are right again")
-        rate_hz = self._pulse.rate_change()
+            self._notify("clock", "its clock has jumped; the times of its pictures are right again")
+        rate_hz = self._timing.rate_change()
         if rate_hz is not None:
             rate = f"{rate_hz:.1f} pictures per second"
-            if self._pulse.slow:
-                self._tell("slow", f"gives only {rate}")
+            if self._timing.slow:
+                self._notify("slow", f"gives only {rate}")
             else:
-                self._tell("prompt", f"gives {rate} again")
+                self._notify("prompt", f"gives {rate} again")
         if self._spell.frozen:
-            self._tell("running", "runs again")
+            self._notify("running", "runs again")
             self._spell.frozen = self._spell.reopened = False
         self._spell.good += 1
         if self._spell.damaged and self._spell.good >= WHOLE:
             told = f"gives whole pictures again, after {self._spell.damaged} damaged ones"
-            self._tell("whole", told)
+            self._notify("whole", told)
             self._spell.damaged = 0
         if self._gone:
-            self._tell("back", "is back")
+            self._notify("back", "is back")
         self._gone, self.present = False, True
         self.newest = TakenPicture(shot.image, capture_ns, self._clock())
         self._news.notify_all()
 
     def _spoiled(self, reason: str) -> None:
-        """A damaged picture is told and forgotten; whoever listens counts them."""
+        """Reports a damaged picture; the listener counts them."""
         self._due_ns = self._clock() + self._silence_ns
         self._miss()
         self._spell.good = 0
         self._spell.damaged += 1
-        self._tell("damaged", reason)
+        self._notify("damaged", reason)
 
     def _repeat(self) -> bool:
-        """A picture with the stamp of the one before is no new one; opening anew may help."""
+        """A picture with the stamp of the one before is no new one; reopening may help."""
         self._miss()
-        if self._pulse.repeats < PICTURES:
+        if self._timing.repeats < PICTURES:
             return True
         if not self._spell.frozen:
             self._spell.frozen = True
-            self._tell("frozen", f"froze: the same picture {PICTURES + 1} times")
-        return not self._open_anew()
+            self._notify("frozen", f"froze: the same picture {PICTURES + 1} times")
+        return not self._reopen()
 
     def _misfit(self, image: Image) -> bool:
-        """Leaves a picture of a wrong size out; opening the camera anew may set it right."""
+        """Leaves a picture of a wrong size out; reopening the camera may set it right."""
         self._spell.misfits += 1
         self._miss()
         if self._spell.misfits == 1:
-            self._tell("size", wrong_size(image, (self._size_px[0], self._size_px[1])))
-        return self._spell.misfits < PICTURES or not self._open_anew()
+            self._notify("size", wrong_size(image, (self._size_px[0], self._size_px[1])))
+        return self._spell.misfits < PICTURES or not self._reopen()
 
-    def _open_anew(self) -> bool:
-        """Whether the camera shall be opened anew: once for each trouble."""
+    def _reopen(self) -> bool:
+        """Whether the camera is to be reopened: once for each trouble."""
         if self._spell.reopened:
             return False
         self._spell.reopened, self.opened = True, False
         return True
 
     def _miss(self) -> None:
-        """A picture came that cannot be used: nobody shall wait for it."""
+        """Notes that a picture cannot be used: a timestep does not wait for this camera."""
         self.present = False
-        self._pulse.skip()
+        self._timing.skip()
 
     def _fits(self) -> None:
         if self._spell.misfits:
-            self._tell("fits", "has the size of its calibration again")
+            self._notify("fits", "has the size of its calibration again")
             self._spell.misfits, self._spell.reopened = 0, False
 
     def _arrive(self, said: list[str]) -> None:
@@ -225,9 +225,9 @@ class LiveCamera:
         with self._news:
             for text in said:
                 if text not in self._said:
-                    self._tell("control", text)
+                    self._notify("control", text)
             self._said.update(said)
-            self._pulse.forget()
+            self._timing.forget()
             self._due_ns, self.opened = self._clock() + self._first_ns, True
             # Worth waiting for, unless it opened before and gave nothing.
             self.present = not self._gone
@@ -240,6 +240,6 @@ class LiveCamera:
 
     def _lose(self, reason: str) -> None:
         if not self._gone:
-            self._tell("gone", f"is gone: {reason}")
-        self._pulse.skip()
+            self._notify("gone", f"is gone: {reason}")
+        self._timing.skip()
         self._gone, self.present, self.newest = True, False, None

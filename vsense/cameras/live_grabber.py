@@ -1,8 +1,6 @@
-"""Has all cameras of a set take their pictures at the same moment, again and again.
+"""Live cameras together: their common trigger, and the newest picture of each per timestep.
 
-Cameras that run by themselves: the newest picture of each per timestep.
-
-A camera that disappears is told, tried again and taken back; the others go on without it.
+A camera that disappears is reported, tried again and taken back; the others go on without it.
 """
 
 from __future__ import annotations
@@ -34,8 +32,8 @@ class Triggered(Protocol):
 class SoftwareTrigger:
     """Triggers a set of cameras at a fixed rate, until it is closed.
 
-    Every camera is told by a thread of its own, so that none waits for another's answer. One that
-    has not answered yet is left out; that it is gone is noticed by whoever waits for its pictures.
+    Every camera is triggered by a thread of its own, so that none waits for another's answer. One
+    that has not answered yet is left out; its silence is noticed where its pictures are awaited.
     """
 
     def __init__(
@@ -44,7 +42,6 @@ class SoftwareTrigger:
         """Begins at once.
 
         Args:
-            cameras: By their ids.
             rate_hz: Pictures per second.
             clock: The host's monotonic clock [ns].
         """
@@ -54,7 +51,7 @@ class SoftwareTrigger:
         self._ended = threading.Event()
         self._tellers = ThreadPoolExecutor(max(1, len(cameras)), "trigger")
         self._asked: dict[str, Future[None]] = {}
-        self._thread = threading.Thread(target=self._live, name="trigger", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="trigger", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
@@ -63,7 +60,7 @@ class SoftwareTrigger:
         self._thread.join()
         self._tellers.shutdown(wait=False, cancel_futures=True)
 
-    def _live(self) -> None:
+    def _run(self) -> None:
         next_ns = self._clock()
         while not self._ended.is_set():
             for id, camera in self._cameras.items():
@@ -101,7 +98,7 @@ class LiveGrabber:
     else when the picture arrived.
 
     Attributes:
-        timesteps: None: nobody knows how many there will be.
+        timesteps: None: unknown.
         missed: 0: the newest pictures are always given.
     """
 
@@ -144,7 +141,7 @@ class LiveGrabber:
             c: self._camera(c, s, sizes_px[c], rates.get(c), retry_s) for c, s in sources.items()
         }
         self._threads = [
-            threading.Thread(target=camera.live, daemon=True) for camera in self._cameras.values()
+            threading.Thread(target=camera.run, daemon=True) for camera in self._cameras.values()
         ]
         for thread in self._threads:
             thread.start()
@@ -157,8 +154,8 @@ class LiveGrabber:
         rate_hz: float | None,
         retry_s: float,
     ) -> LiveCamera:
-        tell = partial(self._tell, id)
-        return LiveCamera(source, size_px, rate_hz, self._news, tell, self._clock, retry_s)
+        notify = partial(self._notify, id)
+        return LiveCamera(source, size_px, rate_hz, self._news, notify, self._clock, retry_s)
 
     def next(self, timeout_s: float) -> Sequence[Frame]:
         """Waits for the newest picture of every camera that delivers.
@@ -174,7 +171,7 @@ class LiveGrabber:
                 camera.watch(self._clock())
             if not found:
                 raise GrabberError(f"no camera gave a picture in {timeout_s:g} s")
-            frames = self._take()
+            frames = self._collect()
             self._timestep += 1
         return frames
 
@@ -216,7 +213,7 @@ class LiveGrabber:
         times_ns = [c.newest.capture_ns for c in self._cameras.values() if c.newest is not None]
         return max(times_ns, default=0) - self._together_ns
 
-    def _take(self) -> list[Frame]:
+    def _collect(self) -> list[Frame]:
         oldest_ns = self._oldest_ns()
         taken = {c: camera.pop() for c, camera in self._cameras.items()}
         return [
@@ -225,5 +222,5 @@ class LiveGrabber:
             if t is not None and t.capture_ns >= oldest_ns
         ]
 
-    def _tell(self, id: str, kind: str, text: str) -> None:
+    def _notify(self, id: str, kind: str, text: str) -> None:
         self._events.append(CameraEvent(id, kind, text))

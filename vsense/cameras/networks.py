@@ -1,8 +1,7 @@
-"""Which of this machine's networks leads to a camera, and how much that carries.
+"""This machine's networks: which leads to a camera, how much it carries, what misses it.
 
-The load of cameras on the networks that they share: what would not fit is refused beforehand.
-
-What is wrong with a camera's address: it is on none of this host's networks.
+Cameras that would send more than their network carries are refused beforehand. A camera whose
+address is on none of the networks cannot be reached.
 """
 
 from __future__ import annotations
@@ -188,7 +187,7 @@ def _interface(address: str) -> str | None:
 
 
 _LINK_LOCAL = IPv4Network("169.254.0.0/16")
-"""Where a camera puts itself when nobody gives it an address. Source: RFC 3927."""
+"""The addresses of cameras that were given none. Source: RFC 3927."""
 
 
 def stranded(address: str, known: Sequence[Network]) -> str:

@@ -1,7 +1,4 @@
-"""What OpenCV must be told before it opens a camera: to keep silent, and not to wait for long.
-
-A camera: any V4L2 device or URL that OpenCV opens.
-"""
+"""A camera behind OpenCV: any V4L2 device or URL that it opens."""
 
 from __future__ import annotations
 
@@ -29,7 +26,7 @@ _SETTINGS = {
 
 
 def teach_opencv() -> None:
-    """Keeps OpenCV and FFmpeg off the terminal: what matters is told as an event of the camera.
+    """Keeps OpenCV and FFmpeg off the terminal: what matters is an event of the camera.
 
     What the user has set in the environment stays. libjpeg writes a line about each damaged
     picture all the same: nothing in OpenCV keeps it from that.
@@ -107,7 +104,6 @@ class DeviceSource:
 
         Args:
             device: "/dev/video0", a number such as "0", or a URL.
-            controls: What it is asked for.
         """
         self._device = f"/dev/video{device}" if device.isdecimal() else device
         self._is_v4l2 = self._device.startswith("/dev/")

@@ -1,12 +1,9 @@
-"""When the pictures of a recording were taken: from a table, from their numbers, or at a rate.
+"""One camera's recorded pictures, a directory or a video, and when they were taken.
 
-A table of timestamps is a CSV file with a header. Columns: `picture` (file name; a video's
-pictures come in order and need none), `timestep` (optional: the trigger's number, the same for
-all cameras), and one of `capture_ns` (whole number) and `capture_s` (decimal).
-
-A directory of pictures as a recording of one camera.
-
-A video file as a recording of one camera.
+The times come from a table, from the pictures' numbers, or at a rate. A table of timestamps is a
+CSV file with a header. Columns: `picture` (file name; a video's pictures come in order and need
+none), `timestep` (optional: the trigger's number, the same for all cameras), and one of
+`capture_ns` (whole number) and `capture_s` (decimal).
 """
 
 from __future__ import annotations
@@ -80,7 +77,6 @@ def read_timestamps(path: Path, named: bool) -> list[CaptureTime]:
     """Reads a table of timestamps.
 
     Args:
-        path: The CSV file.
         named: Whether every row must name its picture.
 
     Raises:
@@ -182,7 +178,7 @@ class DirectoryRecording:
 
         Args:
             folder: Where the pictures are.
-            timestamps: Table of when they were taken; see `grabbers_times`.
+            timestamps: Table of when they were taken; see `read_timestamps`.
             start_ns: Without a table: when the first was taken.
             rate_hz: Without a table: pictures per second, by default `DEFAULT_RATE_HZ`.
 
@@ -246,8 +242,7 @@ class VideoRecording:
         """Opens the file.
 
         Args:
-            path: The video.
-            timestamps: Table of when its pictures were taken, in order; see `grabbers_times`.
+            timestamps: Table of when its pictures were taken, in order; see `read_timestamps`.
             start_ns: Without a table: when the first was taken.
             rate_hz: Without a table: pictures per second, by default what the video says.
 

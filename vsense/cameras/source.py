@@ -1,7 +1,4 @@
-"""The seam behind which every kind of live camera stands: open, read, close, perhaps trigger.
-
-What a camera made of a setting is told in the same words for every kind of camera.
-"""
+"""The seam of every kind of live camera, and the words for what it made of a setting."""
 
 from __future__ import annotations
 
@@ -90,7 +87,7 @@ def refused(name: str, wanted: Value, kept: Value | None, bounds: Bounds | None 
         name: The setting, as the user wrote it.
         wanted: What it was asked for.
         kept: What it has instead; None: it does not tell.
-        bounds: What it would have taken; None: nobody knows.
+        bounds: What it would have taken; None: unknown.
     """
     would = "" if bounds is None else f" ({_text(bounds[0])} to {_text(bounds[1])})"
     instead = "" if kept is None else f": keeps {_text(kept)}"

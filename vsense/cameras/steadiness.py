@@ -25,7 +25,7 @@ _ROBOT_PX = 60
 _QUALITY = 0.02
 _BLUR_PX = 1.6
 _GAIN = 40.0
-_LEAST_SPREAD = 3.0
+_LEAST_DEVIATION = 3.0
 _WINDOW = 31
 _LEVELS = 2
 _AGREE_PX = 0.6
@@ -98,8 +98,8 @@ class Steadiness:
         columns = self._places[:, 0, np.newaxis, np.newaxis] + span
         patches = image[rows, columns].astype(np.float32)
         mean = patches.mean(axis=(1, 2), keepdims=True)
-        spread = np.maximum(patches.std(axis=(1, 2), keepdims=True), _LEAST_SPREAD)
-        even = np.clip((patches - mean) * (_GAIN / spread) + 128.0, 0.0, 255.0)
+        deviation = np.maximum(patches.std(axis=(1, 2), keepdims=True), _LEAST_DEVIATION)
+        even = np.clip((patches - mean) * (_GAIN / deviation) + 128.0, 0.0, 255.0)
         count = -(-len(even) // _COLUMNS) * _COLUMNS
         side = 2 * _HALF_PX
         tiles = np.full((count, side, side), 128.0, dtype=np.float32)

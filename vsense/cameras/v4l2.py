@@ -1,8 +1,7 @@
-"""A V4L2 device's controls, read and set beside whatever program takes its pictures.
+"""V4L2 devices: which there are, what they can do, and their controls; asked of the kernel.
 
-Which V4L2 cameras there are, and what they can do: asked of the kernel, without a library.
-
-Source of all numbers and layouts: Linux, <linux/videodev2.h> and <asm-generic/ioctl.h>.
+Controls are read and set beside whatever program takes the pictures. Source of all numbers and
+layouts: Linux, <linux/videodev2.h> and <asm-generic/ioctl.h>.
 """
 
 from __future__ import annotations

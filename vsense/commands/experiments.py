@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from vsense.commands import arguments
+from vsense.config.description import describe
 from vsense.config.experiment import first_robots, load
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment
@@ -131,7 +132,7 @@ def open_experiment(
         settings = dict(options.set)
     experiment = load(options.experiment, options.duration, settings)
     if options.dry:
-        print_data(experiment.describe())
+        print_data(describe(experiment))
     if options.strict:
         experiment.refuse_warnings()
     return None if options.dry else experiment

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from vsense.commands import arguments
 from vsense.errors import UsageError
-from vsense.markers import choice, paper, sheet
+from vsense.markers import codes, paper, sheet
 from vsense.markers.families import load_family
 
 DESCRIPTION = (
@@ -59,7 +59,7 @@ def run(options: argparse.Namespace) -> int:
     if output.suffix.lower() not in (".pdf", ".png"):
         raise UsageError(f"{output}: expected a name that ends in .pdf or .png")
     family = load_family(options.family)
-    chosen = choice.parse(options.ids, family)
+    chosen = codes.parse_tags(options.ids, family)
     size_mm = options.size or family.disc_diameter_mm
     pages = sheet.pages(family, chosen, size_mm, options.paper)
     files = (

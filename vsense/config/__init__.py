@@ -1,1 +1,5 @@
-"""Experiment files: from `.argos` XML to checked, frozen records."""
+"""Experiment files: from `.argos` XML to checked, frozen records.
+
+Every reader raises ConfigError, which names file, line, value and expectation, where an attribute
+is wrong.
+"""

@@ -1,13 +1,12 @@
-"""Names that users of ARGoS write in experiment files and that we pass over with a warning.
+"""Names that users of ARGoS write in experiment files and that are passed over with a warning.
 
 A name that is neither here nor understood is taken for a misspelling and refused. Source: the
 entities, devices, engines and media of ARGoS 3 and its e-puck plug-in, and IRIDIA's virtual
 sensors.
 
-What was written for ARGoS itself: C++ libraries and Lua scripts, which run on no robot here.
-
-Where somebody has ported one, the port has its name: `libforaging.so` becomes `foraging.c`, a
-shipped controller or a file beside the experiment, and is taken in its place.
+C++ libraries and Lua scripts run on no robot here. The port of a library has its name:
+`libforaging.so` becomes `foraging.c`, a shipped controller or a file beside the experiment, and is
+taken in its place.
 """
 
 from __future__ import annotations
@@ -173,7 +172,6 @@ def ported_controller(library: str, folder: Path) -> str | None:
 
     Args:
         library: as ARGoS names it.
-        folder: the experiment file's.
 
     Returns:
         What `library` may be here, None where there is no port.

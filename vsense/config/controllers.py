@@ -1,9 +1,7 @@
-"""A controller's `<sensors>` and `<actuators>`: the robots' own devices, and virtual ones.
+"""Reads `<controllers>`: what drives the robots, their own devices, and their virtual ones.
 
 Every module in `vsense/sensors/` and `vsense/actuators/` that names XML elements is a virtual
 device: it holds `ELEMENTS`, the names, and `from_xml(element, scope)`.
-
-Reads `<controllers>`: what drives the robots.
 """
 
 from __future__ import annotations
@@ -135,11 +133,7 @@ def read_devices(
 
 
 def _add_entry(
-    entries: dict[str, tuple[Entry, int]],
-    element: Element,
-    name: str,
-    layout: str,
-    way: Direction,
+    entries: dict[str, tuple[Entry, int]], element: Element, name: str, layout: str, way: Direction
 ) -> None:
     """Notes a device and its line in the robots' table.
 
@@ -176,15 +170,11 @@ def _virtual(
         elif element.name in real:
             section.optional_child(element.name)
             check_medium(element, media)
-            _read_real_device(element)
+            element.choice("implementation", argos.IMPLEMENTATIONS, "default")
+            argos.pass_over(element, argos.SIMULATED_SETTINGS)
         else:
             element.leave_out(unsupported[element.name])
     return [element for element in found if element.name in virtual]
-
-
-def _read_real_device(element: Element) -> None:
-    element.choice("implementation", argos.IMPLEMENTATIONS, "default")
-    argos.pass_over(element, argos.SIMULATED_SETTINGS)
 
 
 def used_controller(section: Element, bodies: ArenaContents) -> Element:
@@ -225,11 +215,7 @@ def read_controller(element: Element, folder: Path) -> ControllerSpec:
     """Reads which program drives the robots, and what it is told.
 
     Args:
-        element: the controller's element.
         folder: where a C source with a relative path is looked for.
-
-    Raises:
-        ConfigError: something in it is wrong.
     """
     library = _read_library(element, folder)
     params = element.optional_child("params")

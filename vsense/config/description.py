@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
+from vsense.config.specs import Experiment
 from vsense.native import lib
 from vsense.sensors.base import layout_dtype
 from vsense.world.entities import Box, Cylinder, Entity, Light, VirtualRobot, Zone
-
-if TYPE_CHECKING:
-    from vsense.config.specs import Experiment
 
 STATE_BYTES: int = lib.VS_DATAGRAM_MAX - lib.VS_SENSOR_BYTES
 """A datagram to a robot without any sensor: header, wanted state and tail."""

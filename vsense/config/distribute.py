@@ -1,9 +1,7 @@
-"""How a `<distribute>` draws the places of what it holds.
+"""Reads `<distribute>`: how the places of what it holds are drawn.
 
 The draws depend on the seed alone (ARGoS's do not): Python's own generator gives the same
 numbers for a seed in every version.
-
-Reads `<distribute>`: how the places of what it holds are drawn.
 """
 
 from __future__ import annotations
@@ -146,11 +144,7 @@ def read_distribute(element: Element, number: int) -> Crowd | None:
     """Reads a `<distribute>`, None where what it holds is not supported.
 
     Args:
-        element: it.
         number: its place among those of the arena.
-
-    Raises:
-        ConfigError: something in it is wrong.
     """
     entity = element.child("entity")
     inner = entity.children(ROBOT, OBJECT, *THINGS, *argos.ENTITIES)

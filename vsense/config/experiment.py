@@ -1,13 +1,10 @@
-"""A smaller swarm than an experiment's file says.
-
-Loads an experiment: finds the file, reads and checks all of it, and only then gives it out.
-"""
+"""Loads an experiment: finds the file, reads and checks all of it, and only then gives it out."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from importlib import resources
 from pathlib import Path
 
@@ -18,12 +15,17 @@ from vsense.config.controllers import (
     used_controller,
     virtual_devices,
 )
-from vsense.config.framework import RunSettings, read_loop_functions, read_rest, read_run
+from vsense.config.framework import (
+    RunSettings,
+    read_loop_functions,
+    read_rest,
+    read_run,
+    read_tracker,
+)
 from vsense.config.robots import ArenaContents, give_tags
 from vsense.config.settings import apply, check_used
 from vsense.config.specs import ControllerSpec, Experiment, MarkerSpec, ObjectSpec, RobotSpec
 from vsense.config.things import read_media
-from vsense.config.tracker_address import read_tracker
 from vsense.errors import ConfigError, UsageError
 from vsense.markers.families import known_families, load_family
 from vsense.sensors.base import Scope
@@ -35,7 +37,6 @@ def first_robots(experiment: Experiment, count: int | None) -> Experiment:
     """Keeps only the first robots of an experiment.
 
     Args:
-        experiment: the experiment.
         count: how many; None: all.
 
     Raises:
@@ -98,11 +99,8 @@ def read(
     """Reads an experiment from its bytes; see `load`.
 
     Args:
-        data: the XML.
-        file: what errors call the file.
         path: where the file lies.
         length_s: length of the run instead of the file's.
-        settings: values instead of the file's.
 
     Raises:
         UsageError: a setting fits nothing in the file.
@@ -143,7 +141,7 @@ def _read_understood(root: Element, path: Path, length_s: float | None) -> Exper
     _check_objects(bodies, scope)
     _check_tags(bodies, marker, root.document.file)
     if not sensors:
-        _warn_of_unfelt(bodies)
+        _warn_of_unsensed(bodies)
     return replace(
         _assemble(root, path, run, marker, bodies, read_controller(controller, path.parent)),
         sensors=tuple(sensors),
@@ -167,19 +165,12 @@ def _assemble(
         name=path.name.removesuffix(SUFFIX),
         file=root.document.file,
         path=path,
-        length_s=run.length_s,
-        ticks_per_second=run.ticks_per_second,
-        seed=run.seed,
-        host=run.host,
-        port=run.port,
+        **asdict(run),
         arena=bodies.arena,
         robots=tuple(bodies.robots),
         objects=tuple(bodies.objects),
         marker=marker,
         controller=controller,
-        sensors=(),
-        sources=(),
-        warnings=(),
         entities=tuple(bodies.entities),
         distributed=tuple(bodies.distributed),
         floor=bodies.floor,
@@ -188,7 +179,7 @@ def _assemble(
     )
 
 
-def _warn_of_unfelt(bodies: ArenaContents) -> None:
+def _warn_of_unsensed(bodies: ArenaContents) -> None:
     for element in bodies.unseen:
         element.warn(
             "is virtual, and no virtual sensor is there to feel it;"

@@ -1,6 +1,11 @@
-"""Reads `<loop_functions>`: a Python file whose functions are called around every timestep.
+"""Reads what an experiment file says about the run as a whole, and the parts of ARGoS beside it.
 
-Reads what an experiment file says about the run as a whole, and the parts of ARGoS beside it.
+The thesis puts a tracker's `ats_host` and `ats_port` on `<framework>`, the original's code
+`its_host`, `its_port`, `translate_x` and `translate_y` on the physics engine
+`<iridia_tracking_system>`; both are understood. Source: iridia.md section 1c; argos3-tycho
+subtracts the translation from the tracker's places. Ours is `vs:latency` beside the host: the
+protocol does not say how old a state is when it comes. Any other tracker is a
+`<vs:tracker format="lines">` in `<framework>`.
 """
 
 from __future__ import annotations
@@ -10,9 +15,21 @@ from ipaddress import IPv4Address
 from pathlib import Path
 
 from vsense.config import argos
-from vsense.config.specs import LoopSpec
-from vsense.config.tracker_address import ENGINE
+from vsense.config.specs import JsonLinesTracker, LoopSpec, TrackerAddress
 from vsense.xml.element import Element, shown
+
+TRACKER_PORT = 4040
+"""Of the original tracking server. Source: iridia.md section 1a."""
+
+LINES_PORT = 4041
+"""Where trackers that write JSON lines find vsense."""
+
+_ENGINE = "iridia_tracking_system"
+_TRACKER = "vs:tracker"
+_PREFIXES = ("ats", "its")
+_FAR_M = 1000.0
+_MAX_LATENCY_S = 0.3
+"""Robots stop 400 ms after the capture of what they heard last: an older one moves nothing."""
 
 _KNOWN = ("library", "label")
 
@@ -21,7 +38,6 @@ def read_loop_functions(root: Element, folder: Path) -> LoopSpec | None:
     """Reads the loop functions, None where there are none that can be called.
 
     Args:
-        root: <argos-configuration>.
         folder: where a file with a relative path is looked for.
 
     Raises:
@@ -111,11 +127,7 @@ def read_run(root: Element, length_s: float | None) -> RunSettings:
     """Reads `<framework>`.
 
     Args:
-        root: <argos-configuration>.
         length_s: length of the run instead of the file's.
-
-    Raises:
-        ConfigError: an attribute is wrong.
     """
     framework = root.child("framework")
     run = framework.child("experiment")
@@ -135,7 +147,7 @@ def read_run(root: Element, length_s: float | None) -> RunSettings:
 
 
 def read_rest(root: Element) -> None:
-    """Passes over the parts of ARGoS that have no meaning here, each with a word about it.
+    """Passes over the parts of ARGoS that have no meaning here, each with a warning.
 
     Raises:
         ConfigError: an attribute is wrong, or two engines have one id.
@@ -158,7 +170,7 @@ def _read_engines(root: Element) -> None:
     """Reads the physics engines; the tracking system's address was read by `read_tracker`."""
     engines = root.optional_child("physics_engines")
     lines: dict[str, int] = {}
-    for child in engines.children("dynamics2d", ENGINE, *argos.PHYSICS_ENGINES) if engines else ():
+    for child in engines.children("dynamics2d", _ENGINE, *argos.PHYSICS_ENGINES) if engines else ():
         name = child.text("id")
         if name in lines:
             raise child.error(f"{name!r} is the id of another engine, in line {lines[name]}", "id")
@@ -171,8 +183,7 @@ def _read_engines(root: Element) -> None:
 def _read_address(root: Element) -> tuple[str, int]:
     """Reads where the robots find the server: from <experiment>, else from <framework>."""
     framework = root.child("framework")
-    engines = root.optional_child("physics_engines")
-    engine = engines.optional_child(ENGINE) if engines is not None else None
+    engine = _tracking_engine(root)
     host, port = DEFAULT_HOST, DEFAULT_PORT
     for element in (engine, framework, framework.child("experiment")):
         if element is not None:
@@ -189,3 +200,59 @@ def _read_host(element: Element, default: str) -> str:
         return str(IPv4Address(DEFAULT_HOST if text == "localhost" else text))
     except ValueError:
         raise element.error(f"{shown(text)} is not {expected}", key) from None
+
+
+def _tracking_engine(root: Element) -> Element | None:
+    """Finds the engine of the original's tracking system."""
+    engines = root.optional_child("physics_engines")
+    return None if engines is None else engines.optional_child(_ENGINE)
+
+
+def read_tracker(root: Element) -> TrackerAddress | JsonLinesTracker | None:
+    """Reads where the arena state comes from, None where an experiment names no tracker.
+
+    Raises:
+        ConfigError: a value is wrong, a port has no host, or two elements name a tracker.
+    """
+    framework = root.child("framework")
+    engine = _tracking_engine(root)
+    lines = framework.optional_child(_TRACKER)
+    origin_m = (0.0, 0.0)
+    if engine is not None:
+        shift = [engine.number(f"translate_{axis}", -_FAR_M, _FAR_M, "m", 0.0) for axis in "xy"]
+        origin_m = (shift[0], shift[1])
+    found: TrackerAddress | JsonLinesTracker | None = None
+    for element in (framework, engine, lines):
+        if element is None:
+            continue
+        tracker = _read_lines(element) if element is lines else _read_original(element, origin_m)
+        if tracker is not None and found is not None:
+            raise element.error(f"a tracker stands in line {found.line} already")
+        found = found or tracker
+    return found
+
+
+def _read_original(element: Element, origin_m: tuple[float, float]) -> TrackerAddress | None:
+    """Reads the address that stands on one element."""
+    named = [prefix for prefix in _PREFIXES if element.has(f"{prefix}_host")]
+    if len(named) > 1:
+        raise element.error("stands beside ats_host, expected one of them", "its_host")
+    for prefix in _PREFIXES:
+        if element.has(f"{prefix}_port") and prefix not in named:
+            raise element.error(f"is without {prefix}_host", f"{prefix}_port")
+    if not named:
+        if element.has("vs:latency"):
+            raise element.error("is without ats_host", "vs:latency")
+        return None
+    host = element.text(f"{named[0]}_host", None, "a host's name or address")
+    port = element.integer(f"{named[0]}_port", 1, 65_535, TRACKER_PORT)
+    latency_s = element.number("vs:latency", 0.0, _MAX_LATENCY_S, "s", 0.0)
+    return TrackerAddress(host, port, origin_m, latency_s, element.line)
+
+
+def _read_lines(element: Element) -> JsonLinesTracker:
+    """Reads a <vs:tracker>."""
+    element.choice("format", ("lines",))
+    host = element.text("host", "127.0.0.1", "a name or address of this machine")
+    port = element.integer("port", 0, 65_535, LINES_PORT)
+    return JsonLinesTracker(host, port, element.line)

@@ -1,8 +1,7 @@
-"""Which part of the floor a body takes up, and how far two such parts are from each other.
+"""Start poses: draws where distributed robots and things stand when a run begins.
 
-Start poses: draws where distributed robots and things stand when a run begins.
-
-The draws depend on the seed alone, and what is distributed is placed in the file's order.
+The draws depend on the seed alone, and what is distributed is placed in the file's order. A body
+takes up a part of the floor, its footprint; footprints keep a distance.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 from vsense.arena import wrap_angle
 from vsense.config.distribute import DistributedSpec, Distribution
-from vsense.config.specs import Experiment, ObjectSpec, Pose, RobotSpec, Vector
+from vsense.config.specs import Experiment, ObjectSpec, Pose, RobotSpec
 from vsense.world.entities import (
     BODY_HEIGHT_M,
     BODY_RADIUS_M,
@@ -23,6 +22,7 @@ from vsense.world.entities import (
     Cylinder,
     Entity,
     Light,
+    Vector,
     VirtualRobot,
     moved,
 )
@@ -139,10 +139,9 @@ def settle(experiment: Experiment, seed: int, real: bool = True) -> Experiment:
     """Gives everything that is distributed its place; what has one keeps it.
 
     Args:
-        experiment: the experiment.
         seed: decides the places.
         real: False: robots and objects stand where a tracker finds them; the file's word about
-            that is left as it is, and they are in nobody's way.
+            that is left as it is, and they block no place.
 
     Returns:
         The experiment without distributed entities: its `entities` are complete. With `real`,
@@ -191,14 +190,10 @@ def _place_all(experiment: Experiment, seed: int) -> _Placement:
     waiting: list[RobotSpec | ObjectSpec | DistributedSpec] = [
         *experiment.robots, *experiment.objects, *experiment.distributed,
     ]  # fmt: skip
-    for spec in sorted(waiting, key=_order):
-        if spec.distribution is not None:
-            _draw_free(experiment, placed, spec, spec.distribution, draws)
+    drawn = [(spec.distribution, spec) for spec in waiting if spec.distribution is not None]
+    for distribution, spec in sorted(drawn, key=lambda pair: pair[0].number):
+        _draw_free(experiment, placed, spec, distribution, draws)
     return placed
-
-
-def _order(spec: RobotSpec | ObjectSpec | DistributedSpec) -> int:
-    return -1 if spec.distribution is None else spec.distribution.number
 
 
 def _place_fixed(experiment: Experiment, placed: _Placement) -> None:

@@ -1,6 +1,4 @@
-"""Grabbers of the resources file that are cameras: what a camera is, and what it is asked for.
-
-The resources file: every picture source, tracker and camera that a laboratory has.
+"""The resources file: every picture source, tracker and camera that a laboratory has.
 
 Thesis, 2.2.2. The file only declares; an experiment file (`tracking_session`) says by id what is
 used. So pictures and camera files are looked at when they are used, not when they are declared.
@@ -46,7 +44,6 @@ def read_camera_grabber(id: str, kind: str, element: Element) -> GrabberSpec:
     Args:
         id: its name.
         kind: `CAMERA` or `GENICAM`.
-        element: its element.
 
     Raises:
         ConfigError: a value is wrong; names file, line, value and expectation.
@@ -57,16 +54,8 @@ def read_camera_grabber(id: str, kind: str, element: Element) -> GrabberSpec:
     }
     device = element.text("device", None, expected[kind])
     controls = _controls(element, rate_needed=kind == GENICAM)
-    return GrabberSpec(
-        id=id,
-        type=kind,
-        source=device,
-        timestamps=None,
-        frame_rate_hz=controls.rate_hz,
-        start_s=0.0,
-        settings=_genicam(element, controls) if kind == GENICAM else controls,
-        line=element.line,
-    )
+    settings = _genicam(element, controls) if kind == GENICAM else controls
+    return GrabberSpec.of_camera(id, kind, device, settings, element.line)
 
 
 def read_rate_hz(element: Element) -> float | None:
@@ -167,12 +156,7 @@ def read(data: bytes, file: str, folder: Path) -> Resources:
     """Reads a resources file from its bytes.
 
     Args:
-        data: the XML.
-        file: what errors call the file.
         folder: what its relative paths start from.
-
-    Raises:
-        ConfigError: the file is wrong.
     """
     root = parse(data, file)
     if root.name != "arena_tracking_system":

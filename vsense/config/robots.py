@@ -1,7 +1,4 @@
-"""What is in the arena, gathered while `<arena>` is read: everything with an id or a tag.
-
-Reads robots and tagged objects, and gives tags to those whose tag the file does not say.
-"""
+"""Reads robots and tagged objects into what is in the arena; gives tags where the file does not."""
 
 from __future__ import annotations
 
@@ -16,8 +13,7 @@ from vsense.config import argos
 from vsense.config.distribute import OBJECT, Crowd, DistributedSpec
 from vsense.config.specs import FieldSpec, FloorSpec, ObjectSpec, Pose, RobotSpec
 from vsense.config.things import Media, read_place
-from vsense.markers.choice import AUTO_BLUR
-from vsense.markers.codes import choose_tags
+from vsense.markers.codes import AUTO_BLUR, choose_tags
 from vsense.markers.families import MarkerFamily, load_family
 from vsense.native import lib
 from vsense.world.entities import VIRTUAL_TAG_MIN, Arena, Entity, VirtualRobot
@@ -43,7 +39,7 @@ class ArenaContents:
         without_controller: by id the e-pucks that nothing drives: objects, as in the thesis.
         crowds: how many `<distribute>` were read.
         unseen: boxes and cylinders that only virtual sensors feel.
-        untagged: elements of bodies whose tag nobody says, with the bodies' ids.
+        untagged: elements of bodies without a tag, with the bodies' ids.
         lines: by id the line of its element.
     """
 
@@ -117,7 +113,7 @@ MAX_TAG = 65_535
 _ID = re.compile(r"(.+)_([0-9]{1,9})_([0-9]{1,9})")
 _NO_TAG = -1
 """Stands in for the tag of a body until it is given one."""
-_SPREAD = 64
+_LEAST_CHOSEN = 64
 """So many tags are chosen at least: another robot in the file leaves the first ones theirs."""
 _MOST_CHOSEN = 128
 """Choosing takes about 10 ms a tag; the robots of larger swarms wear whatever is free."""
@@ -217,8 +213,8 @@ def give_tags(bodies: ArenaContents, family: str) -> None:
 
 
 def _free_tags(family: str, count: int, worn: frozenset[int]) -> list[int]:
-    """Chooses tags that nobody wears; the first ones are those that cameras tell apart best."""
-    chosen = _well_apart(family, min(max(_SPREAD, count + len(worn)), _MOST_CHOSEN))
+    """Chooses free tags; the first ones are those that cameras tell apart best."""
+    chosen = _well_apart(family, min(max(_LEAST_CHOSEN, count + len(worn)), _MOST_CHOSEN))
     taken = worn | set(chosen)
     rest = (tag for tag in range(load_family(family).tags) if tag not in taken)
     free = [tag for tag in chosen if tag not in worn]

@@ -26,7 +26,6 @@ def apply(
     """Puts settings in their places, before the file is read.
 
     Args:
-        root: <argos-configuration>.
         settings: values by `ELEMENT.attribute`.
         virtual: names of the virtual devices by the name of the element that holds them.
 
@@ -43,7 +42,6 @@ def check_used(root: Element, applied: Mapping[str, list[Element]]) -> None:
     """Refuses settings that only change what is left out.
 
     Args:
-        root: <argos-configuration>, read.
         applied: what `apply` gave.
 
     Raises:

@@ -13,14 +13,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from vsense.actuators.base import MountedActuator
-from vsense.config.description import describe
 from vsense.config.distribute import DistributedSpec, Distribution
-from vsense.config.tracker_address import JsonLinesTracker, TrackerAddress
 from vsense.errors import ConfigError
 from vsense.sensors.base import MountedSensor
-from vsense.world.entities import Arena as Arena
-from vsense.world.entities import Box, Cylinder, Entity, Light, VirtualRobot, Zone
-from vsense.world.entities import Vector as Vector
+from vsense.world.entities import Arena, Box, Cylinder, Entity, Light, VirtualRobot, Zone
 from vsense.world.pollution import PollutantSource
 
 
@@ -37,7 +33,7 @@ class RobotSpec:
     """A robot of the experiment.
 
     Attributes:
-        id: NAME_TAG_ROBOT, or any name where the tag is told elsewhere.
+        id: NAME_TAG_ROBOT, or any name where `vs:tag` gives the tag.
         tag: number on its marker.
         number: the last part of its id (the original's last octet of the robot's address), else
             its place in the file.
@@ -91,7 +87,7 @@ class ControllerSpec:
 
     @property
     def params_text(self) -> str:
-        """The settings as robots are told them: lines "key=value\\n"."""
+        """The settings as robots are sent them: lines "key=value\\n"."""
         return "".join(f"{key}={value}\n" for key, value in self.params.items())
 
 
@@ -168,6 +164,40 @@ class LoopSpec:
 
 
 @dataclass(frozen=True, slots=True)
+class TrackerAddress:
+    """A tracker that speaks the original protocol.
+
+    Attributes:
+        host: its name or address.
+        port: its TCP port.
+        origin_m: where the arena's origin lies in the tracker's frame.
+        latency_s: from the middle of an exposure to the arrival of its state.
+        line: line of the element that names the host.
+    """
+
+    host: str
+    port: int
+    origin_m: tuple[float, float]
+    latency_s: float
+    line: int
+
+
+@dataclass(frozen=True, slots=True)
+class JsonLinesTracker:
+    """Any other tracker: it connects to vsense and writes JSON lines.
+
+    Attributes:
+        host: name or address of the interface on which it is waited for.
+        port: TCP port; 0: any that is free.
+        line: line of its element.
+    """
+
+    host: str
+    port: int
+    line: int
+
+
+@dataclass(frozen=True, slots=True)
 class Experiment:
     """A checked experiment file.
 
@@ -213,9 +243,9 @@ class Experiment:
     objects: tuple[ObjectSpec, ...]
     marker: MarkerSpec
     controller: ControllerSpec
-    sensors: tuple[MountedSensor, ...]
-    sources: tuple[PollutantSource, ...]
-    warnings: tuple[str, ...]
+    sensors: tuple[MountedSensor, ...] = ()
+    sources: tuple[PollutantSource, ...] = ()
+    warnings: tuple[str, ...] = ()
     entities: tuple[Entity, ...] = ()
     distributed: tuple[DistributedSpec, ...] = ()
     floor: FloorSpec | None = None
@@ -279,10 +309,6 @@ class Experiment:
         """Gives the line of the element with an id, of the root where there is none."""
         return self.lines.get(id, 1)
 
-    def describe(self) -> str:
-        """Tells people what it holds, what of its file is not supported, and what it costs."""
-        return describe(self)
-
     def refuse_warnings(self) -> None:
         """Refuses what is passed over: `--strict`.
 
@@ -296,5 +322,5 @@ class Experiment:
             raise self.error(int(place[1:]), f"{words} [--strict{others}]")
 
     def error(self, line: int, message: str) -> ConfigError:
-        """Makes the error that something in the file cannot be had."""
+        """Makes the error that something in the file cannot be done."""
         return ConfigError(self.file, line, message)

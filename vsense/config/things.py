@@ -1,11 +1,7 @@
-"""Colours as experiment files name them. Source: ARGoS, color.h; there orange is 255,140,0.
-
-Reads `<media>`: ids that devices and lights refer to.
+"""Reads what stands in the arena beside robots: boxes, cylinders, lights and zones; their colours.
 
 In ARGoS a medium is an index of what can be sensed. Here everything in the arena is found without
 one, so of a medium only its id counts, and for range and bearing whether bodies are in the way.
-
-Reads what stands in the arena beside robots: boxes, cylinders, lights and zones.
 """
 
 from __future__ import annotations
@@ -41,6 +37,7 @@ NAMED: dict[str, Color] = {
     "gray80": (204, 204, 204),
     "gray90": (229, 229, 229),
 }
+"""Colours by name. Source: ARGoS, color.h; there orange is 255,140,0."""
 
 
 def read_color(element: Element, key: str, default: str | None = None) -> Color:
@@ -73,9 +70,6 @@ OCCLUSIONS = "check_occlusions"
 
 def read_media(root: Element) -> Media:
     """Reads the media of an experiment.
-
-    Args:
-        root: <argos-configuration>.
 
     Raises:
         ConfigError: two have one id, or an attribute is wrong.
@@ -162,12 +156,8 @@ def read_thing(element: Element, name: str, arena: Arena, placed: bool) -> Entit
 
     Args:
         element: one whose name is in THINGS.
-        name: its id.
         arena: where it stands.
         placed: the file says where it stands; else it is put at the origin for now.
-
-    Raises:
-        ConfigError: an attribute is wrong.
     """
     read, holder = THINGS[element.name]
     place = ORIGIN

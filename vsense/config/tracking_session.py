@@ -50,8 +50,6 @@ def read(data: bytes, file: str, folder: Path, resources: Resources) -> Tracking
     """Reads an experiment file from its bytes.
 
     Args:
-        data: the XML.
-        file: what errors call the file.
         folder: what its relative paths start from.
         resources: what its ids refer to.
 

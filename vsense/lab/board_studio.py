@@ -18,12 +18,12 @@ from vsense.calibration.board import Board, raster
 from vsense.calibration.lens import turn
 from vsense.calibration.placement import BoardPose
 from vsense.cameras.camera import Camera
-from vsense.config.specs import Arena
 from vsense.errors import UsageError
 from vsense.lab.backdrop import FULL_DN
 from vsense.lab.camera_spec import rig
 from vsense.lab.optics import Image32, RayMap, Sensor, Window, blur, to_levels, vignetting
 from vsense.lab.scene import Scene
+from vsense.world.entities import Arena
 
 Floats = NDArray[np.float64]
 Image8 = NDArray[np.uint8]

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from vsense.cameras.camera import Camera
 from vsense.lab.optics import BLUR_SIGMA_PX, Image32
 from vsense.lab.shared import LabError
-from vsense.markers.family import Family
+from vsense.markers.families import Family
 from vsense.world.entities import BODY_RADIUS_M
 
 Floats = NDArray[np.float64]

@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 
 from vsense.cameras.camera import Camera
-from vsense.config.specs import Arena, Experiment
+from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
 from vsense.lab.backdrop import Block
 from vsense.lab.bodies import OBJECT, ROBOT, Body
 from vsense.lab.shared import LabError
+from vsense.world.entities import Arena
 
 HEIGHT_M = 2.43
 """Above the floor. Source: thesis, 2.1."""

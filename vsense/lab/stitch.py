@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from vsense.arena import Frame
 from vsense.cameras.camera import Camera
-from vsense.config.specs import Arena
 from vsense.lab.optics import Image32, everywhere, vignetting
+from vsense.world.entities import Arena
 
 _SEAM_M = 0.02
 """Width over which one camera's picture fades into the next."""

@@ -11,8 +11,7 @@ from typing import NamedTuple, Protocol
 from vsense.arena import ArenaState, Frame
 from vsense.cameras.grabber import GrabberError, NoMorePictures
 from vsense.config import tracking_session
-from vsense.config.specs import Experiment
-from vsense.config.tracker_address import JsonLinesTracker, TrackerAddress
+from vsense.config.specs import Experiment, JsonLinesTracker, TrackerAddress
 from vsense.errors import UsageError
 from vsense.link.robots.status import LinkError
 from vsense.link.trackers.client import ArenaClient, TrackerEnded

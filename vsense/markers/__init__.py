@@ -1,1 +1,1 @@
-"""Markers: what they look like, which can be told apart, and printable sheets."""
+"""Markers: families, codes that cameras can distinguish, and printable sheets."""

@@ -15,7 +15,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.markers.family import FamilyError, Floats, MarkerTexture, draw_texture
+from vsense.errors import VsenseError
+
+Floats = NDArray[np.float64]
+
+
+class FamilyError(VsenseError):
+    """An unknown marker family, a broken definition, or a tag that it does not have."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,14 +118,6 @@ class SquareFamily:
         framed[1:-1, 1:-1] = False
         framed[2:-2, 2:-2] = self.bits(tag)
         return framed[np.clip(row + 1, 0, side + 1), np.clip(column + 1, 0, side + 1)]
-
-    def texture(self, tag: int, px_per_mm: float) -> MarkerTexture:
-        """Draws a marker with smooth edges, see `MarkerTexture`.
-
-        Raises:
-            FamilyError: The family has no such tag.
-        """
-        return draw_texture(self, tag, px_per_mm)
 
 
 def parse_square(file: str, values: dict[str, Any]) -> SquareFamily:

@@ -1,7 +1,8 @@
 """Marker families: what the markers on the robots look like, read from data files.
 
 A definition says of which kind its markers are: arrows (this module) or squares (`dictionary`).
-Lengths are in the family frame of `markers`. The robot's centre is the disc's.
+The family frame has its origin in the middle of the marker's cells, +x in the driving direction
+and +y to the left, seen from above; lengths are in millimetres. The robot's centre is the disc's.
 """
 
 from __future__ import annotations
@@ -10,22 +11,40 @@ import json
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.markers.dictionary import SquareFamily, parse_square
-from vsense.markers.family import FamilyError, Floats, MarkerTexture, draw_texture
+from vsense.markers.dictionary import FamilyError, Floats, SquareFamily, parse_square
 
-__all__ = [
-    "FamilyError",
-    "MarkerFamily",
-    "MarkerTexture",
-    "SquareFamily",
-    "known_families",
-    "load_family",
-]
+__all__ = ["Family", "FamilyError", "MarkerFamily", "SquareFamily", "known_families", "load_family"]
+
+
+class Family(Protocol):
+    """Markers with numbers, each printed on a white disc that a robot carries."""
+
+    @property
+    def name(self) -> str:
+        """Name of the family."""
+
+    @property
+    def tags(self) -> int:
+        """How many tags there are: 0 .. tags - 1."""
+
+    @property
+    def disc_diameter_mm(self) -> float:
+        """Diameter of the white disc."""
+
+    @property
+    def disc_centre_mm(self) -> Floats:
+        """The disc's centre, which is the robot's, (2,)."""
+
+    def is_white(self, tag: int, points_mm: Floats) -> NDArray[np.bool_]:
+        """Tells where the marker is white, (..., 2) points on the disc -> (...)."""
+
+    def __hash__(self) -> int:
+        """Families are values: what is drawn of one can be kept for the next use."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,14 +142,6 @@ class MarkerFamily:
         inside = np.all((place >= 0) & (place < self.grid), axis=-1)
         row, column = np.moveaxis(np.clip(place, 0, self.grid - 1), -1, 0)
         return np.asarray(~black | (inside & self.bits(tag)[row, column]))
-
-    def texture(self, tag: int, px_per_mm: float) -> MarkerTexture:
-        """Draws a marker with smooth edges, see `MarkerTexture`.
-
-        Raises:
-            FamilyError: The family has no such tag.
-        """
-        return draw_texture(self, tag, px_per_mm)
 
 
 def known_families() -> tuple[str, ...]:

@@ -1,12 +1,8 @@
-"""A page of paper: filled polygons, strokes and text in millimetres, whatever it is written to.
+"""Pages of paper: polygons, strokes and text in millimetres, drawn as a PNG or written as a PDF.
 
 The origin is the lower left corner of the paper, x to the right, y up. Grey is 0 black to 1 white.
-
-Pages as grey pictures, and pictures as PNG files that know their resolution.
-
-Pages as a PDF: vector graphics only, one standard font, the same bytes for the same pages.
-
-Source: ISO 32000-1, 7.5 (file structure), 8.5 (paths), 9.6.2.2 (standard fonts).
+A PNG knows its resolution. A PDF has vector graphics only, one standard font, and the same bytes
+for the same pages. Source: ISO 32000-1, 7.5 (file structure), 8.5 (paths), 9.6.2.2 (fonts).
 """
 
 from __future__ import annotations

@@ -1,8 +1,6 @@
-"""Markers as polygons, for printing at any size.
+"""A sheet of markers: as many as fit on the paper, their numbers, and a bar to check the print.
 
-Numbers in words: a 6 and a 9 lie on a table in any direction, "six" does not.
-
-A sheet of markers: as many as fit on the paper, their numbers, and a bar to check the print.
+Numbers stand there in words, too: a 6 and a 9 lie on a table in any direction, "six" does not.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ MAX_SPEED_STEPS_S: int = kernels.VS_MAX_STEPS_S
 
 
 class Physics:
-    """Robots that drive, objects and boxes that stand, and nobody inside anybody.
+    """Robots that drive, objects and boxes that stand, and no overlap between them.
 
     Time is an argument: the same calls give the same poses. Bodies are discs. Contacts are
     without friction, so a robot pressed against a wall slides along it and can turn on the spot.
@@ -34,7 +34,7 @@ class Physics:
             objects. Holds for the time of the last `tick`. Objects may be moved by writing here;
             nothing else may.
         bodies: the same, and behind them the cylinders.
-        near: who is near whom at these poses.
+        near: the pairs of near bodies at these poses.
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class Physics:
         return made
 
     def drive(self, robot: int, left_steps_s: int, right_steps_s: int, time_ns: int) -> None:
-        """Lets a robot's wheels turn at new speeds from `time_ns` on.
+        """Sets the speeds of a robot's wheels from `time_ns` on.
 
         A time before the last tick counts as the time of that tick: the past stays as it is.
 

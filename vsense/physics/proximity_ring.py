@@ -48,7 +48,7 @@ _NOISE_BLOCK = 64
 _RAYS = 7
 _HALF_CONE_RAD = np.radians(30.0)
 """Rays of one sensor fan out this far to both sides, so that the cones of neighbouring sensors
-meet (up to 61 degrees apart) and nobody hides between two of them."""
+meet (up to 61 degrees apart) and no robot is undetected between two of them."""
 _FAN_RAD = np.linspace(-_HALF_CONE_RAD, _HALF_CONE_RAD, _RAYS)
 _RESPONSE = np.cos(_FAN_RAD) ** 2
 """(_RAYS,) emitter and receiver each fall off with the cosine of the angle."""
@@ -83,7 +83,7 @@ class ProximityRing:
     """The rings of all robots, read at once."""
 
     def __init__(self, near: Neighbourhood, seed: int) -> None:
-        """Rings that feel whoever is `near`; `seed` decides the noise."""
+        """Rings that detect the bodies in `near`; `seed` decides the noise."""
         self._near = near
         self._random = np.random.Generator(np.random.PCG64(seed))
         self._noise = np.zeros((0, near.robots, len(POSITIONS_M)))

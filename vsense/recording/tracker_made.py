@@ -135,17 +135,17 @@ def _make(made: Made) -> ArenaTracker:
         for id, tracker in trackers.items()
     }
     roster = {tag: h for id in made["sees"].values() for tag, h in searches[id].heights_m.items()}
-    whereabouts = Prediction(SearchPlan(**made["plan"]))
+    prediction = Prediction(SearchPlan(**made["plan"]))
     limits, workers = Limits(**made["limits"]), int(made["workers"])
     if workers > _MOST_WORKERS:
         raise ValueError(f"{workers} workers")
     return ArenaTracker(
         cameras,
-        lambda: CameraDetectors.make(sees, searches, whereabouts),
+        lambda: CameraDetectors.make(sees, searches, prediction),
         roster,
         limits,
         workers=workers,
-        whereabouts=whereabouts,
+        prediction=prediction,
     )
 
 

@@ -1,4 +1,4 @@
-"""Builds `vsensed` with a user's controller for a kind of board.
+"""Builds `vsensed` with a user's controller for robots' boards; where their compilers come from.
 
 Two cross compilers are known. `ziglang` from PyPI (the extra `robot`) makes every target, static
 against musl, so that the board's own C library and float ABI do not matter. Where it is not

@@ -23,8 +23,8 @@ SHARED_FLAGS = ("-fPIC", "-shared", "-fvisibility=hidden", "-ffp-contract=off", 
 """For the shared object that simulations load. What a controller calls its own stays its own; and
 no machine fuses two roundings into one, so that a seed gives the same run on all of them."""
 
-MIND_PARTS = ("err", "bytes", "wire", "table", "body", "peer", "clock", "session")
-"""What of `c_src/` a robot's mind needs beside `robot/`: the protocol's own files."""
+RUNTIME_PARTS = ("err", "bytes", "wire", "table", "body", "peer", "clock", "session")
+"""What of `c_src/` a robot's controller runtime needs beside `robot/`: the protocol's own files."""
 
 SYSTEM_PARTS = (
     *("base", "base_argos", "base_asercom", "base_boards", "base_config", "base_gctronic"),
@@ -53,9 +53,9 @@ class SourceTree:
             p for folder in ("c_src", "robot") for p in sorted((self.root / folder).glob("*.c"))
         ]
 
-    def mind_sources(self) -> list[Path]:
+    def runtime_sources(self) -> list[Path]:
         """The C files of all robots of a simulation but their controller, in a fixed order."""
-        protocol = [self.root / "c_src" / f"vs_{part}.c" for part in MIND_PARTS]
+        protocol = [self.root / "c_src" / f"vs_{part}.c" for part in RUNTIME_PARTS]
         robot = sorted((self.root / "robot").glob("*.c"))
         return [*protocol, *(p for p in robot if p.stem not in SYSTEM_PARTS)]
 
@@ -69,9 +69,9 @@ class SourceTree:
         """What a daemon with this controller is made of."""
         return Sources(self.daemon_sources(), controller, self.includes())
 
-    def mind(self, controller: Path) -> Sources:
+    def runtime(self, controller: Path) -> Sources:
         """What the robots of a simulation with this controller are made of."""
-        return Sources(self.mind_sources(), controller, self.includes())
+        return Sources(self.runtime_sources(), controller, self.includes())
 
     def includes(self) -> list[Path]:
         """The folders of the headers."""
@@ -158,7 +158,7 @@ def shared(controller: str, beside: Path | None = None) -> Path:
     source = tree.controller(controller, beside)
     target = cache_directory() / _fingerprint(tree, source) / "inprocess.so"
     if not target.is_file():
-        tree.mind(source).link(native(), target, SHARED_FLAGS)
+        tree.runtime(source).link(native(), target, SHARED_FLAGS)
     return target
 
 

@@ -36,7 +36,7 @@ class BuildError(VsenseError):
 
 @dataclass(frozen=True, slots=True)
 class Toolchain:
-    """A C compiler, and how it is told what to compile for.
+    """A C compiler and its flags for a target.
 
     Attributes:
         command: the words that start it.

@@ -1,4 +1,4 @@
-"""What lies on a robot's board beside `vsensed`: its settings, and what starts it.
+"""Brings `vsensed` to robots' boards over `ssh`, with its settings and what starts it.
 
 The folder `board/` holds the files as they go there: a unit for systemd, an init script for boards
 without it (plain sh, BusyBox will do), and the script that puts everything in its place.
@@ -12,10 +12,9 @@ The list of a lab's robots: who they are and how to reach them.
 The first word is what `ssh` is told. The others are settings of that robot's vsensed, as in its
 settings file (see vsensed --help); "tag" must be among them.
 
-Brings `vsensed` to robots' boards over `ssh`, all at the same time.
-
-Everything travels in one connection per robot, as an archive on `ssh`'s standard input: old
-boards have no sftp, which newer `scp` needs, but all have a shell and tar.
+All robots are served at the same time. Everything travels in one connection per robot, as an
+archive on `ssh`'s standard input: old boards have no sftp, which newer `scp` needs, but all have a
+shell and tar.
 """
 
 from __future__ import annotations
@@ -246,7 +245,7 @@ def deploy(
 
     Args:
         plan: what and how.
-        robots: whom to.
+        robots: where to.
         told: called with each outcome as it comes, by any thread.
 
     Returns:

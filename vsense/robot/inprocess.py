@@ -1,6 +1,6 @@
-"""The robots of a simulation: the real controller in the daemon's own mind, in this process.
+"""The robots of a simulation: the real controller in the daemon's own runtime, in this process.
 
-The shared object holds `robot/inprocess.c`, all that a daemon's worker thinks with, and one
+The shared object holds `robot/inprocess.c`, the controller runtime of a daemon's worker, and one
 controller (`vsense.robot.build.shared`). Its declarations are cut out of the header beside its
 sources.
 """
@@ -59,7 +59,7 @@ def declarations() -> FFI:
 
 
 class Robots:
-    """All robots of a run, each with a mind of its own.
+    """All robots of a run, each with a controller runtime of its own.
 
     Attributes:
         wheels_steps_s: (n, 2) int16, left and right, as commanded in the newest step, after
@@ -80,18 +80,17 @@ class Robots:
         """Loads the controller and greets every robot.
 
         Args:
-            library: the shared object.
             tags: the robots.
             table: what they sense and do virtually.
             timestep_ns: length of a timestep.
             seed: of the run; every robot's controller gets one of its own made from it.
             params: the controller's settings, lines "key=value\\n".
             progress: `PROGRESS_BYTES` of writable memory where the robots note what they do;
-                None: nobody wants to know.
+                None: not wanted.
 
         Raises:
             SimError: the shared object cannot be loaded, or its controller cannot be run.
-            WireError: the robots cannot be told what the experiment says.
+            WireError: the experiment does not fit the robots' protocol.
         """
         self._ffi, self._tags = declarations(), list(tags)
         try:
@@ -162,7 +161,7 @@ class Robots:
         return {tag: whole[i * size : (i + 1) * size] for i, tag in enumerate(self._tags)}
 
     def complaints(self) -> list[str]:
-        """What the controllers asked for in vain, or do not know: each complaint once."""
+        """What the controllers asked for and did not get, or do not know: each complaint once."""
         said: bytes = self._ffi.string(self._lib.vs_inprocess_complaints(self._all))
         return said.decode(errors="replace").splitlines()
 

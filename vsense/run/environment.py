@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from vsense.actuators.bank import NO_SENDERS, ActuatorBank
 from vsense.arena import ArenaState
-from vsense.config.ground import floor_of, make_field
+from vsense.config.arena import floor_of, make_field
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment
 from vsense.link.robots.table import Direction, Entry, Table

@@ -1,8 +1,9 @@
 """What a virtual sensor is: one file in this folder, one class, one XML element.
 
 A new sensor's file holds a class with the members of `VirtualSensor`, a function
-`from_xml(element, scope)` that makes one, and the line `ELEMENTS = ("virtual_..._sensor",)`.
-Nothing else in the tree has to know of it. README.md beside this file builds one.
+`from_xml(element, scope)` that makes one or raises ConfigError, and the line
+`ELEMENTS = ("virtual_..._sensor",)`. Nothing else in the tree has to know of it. README.md beside
+this file builds one.
 
 A sensor may also have any of these members; without them it is a plain one:
 
@@ -29,7 +30,7 @@ from vsense.sensors.updating import ALWAYS, Updating
 from vsense.world.entities import Entity
 from vsense.world.pollution import PollutantSource
 from vsense.world.world import World
-from vsense.xml.element import Element
+from vsense.xml.element import Element, listed, shown
 
 PLAIN = Scale()
 """Of a sensor that says nothing about its numbers: one unit is 1, no bounds."""
@@ -124,6 +125,20 @@ class Scope:
             )
         self.named.add(self.tags[entity])
         return self.tags[entity]
+
+    def field(self, element: Element) -> str:
+        """Reads the attribute `field`, the id of a field on the floor.
+
+        Raises:
+            ConfigError: there is no such field.
+        """
+        field = element.text("field", None, "the id of a <vs:field>")
+        if field not in self.fields:
+            known = listed(self.fields)
+            raise element.error(
+                f"there is no field {shown(field)} in the arena; there are: {known}", "field"
+            )
+        return field
 
 
 def scale_of(sensor: VirtualSensor) -> Scale:

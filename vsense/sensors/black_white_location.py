@@ -38,9 +38,6 @@ class BlackWhiteLocationSensor:
     Attributes:
         black: the first place.
         white: the second place.
-        name: "black_white_location".
-        layout: two vectors.
-        scale: parts of unit vectors.
     """
 
     black: places.Place
@@ -63,11 +60,7 @@ class BlackWhiteLocationSensor:
 
 
 def from_xml(element: Element, scope: Scope) -> BlackWhiteLocationSensor:
-    """Makes the sensor from its element.
-
-    Raises:
-        ConfigError: a place is missing or wrong.
-    """
+    """Makes the sensor from its element."""
     return BlackWhiteLocationSensor(
         _place(element, scope, "black"), _place(element, scope, "white")
     )

@@ -41,9 +41,6 @@ class DestinationSensor:
 
     Attributes:
         target: the one destination of all, or the pattern of the entities' ids.
-        name: "destination".
-        layout: x, y, heading, distance, bearing.
-        scale: metres and angles.
     """
 
     target: places.Place | str

@@ -25,8 +25,6 @@ from vsense.xml.element import Element
 
 ELEMENTS = ("virtual_field_sensor",)
 
-_MAX_SHOWN = 60
-
 
 @dataclass(frozen=True, slots=True)
 class FieldSensor:
@@ -34,9 +32,6 @@ class FieldSensor:
 
     Attributes:
         field: its id.
-        name: what controllers call it.
-        layout: value and gradient.
-        scale: no concentration is negative.
     """
 
     field: str
@@ -60,11 +55,4 @@ def from_xml(element: Element, scope: Scope) -> FieldSensor:
     Raises:
         ConfigError: there is no such field, or the name is too long for a robot.
     """
-    field = element.text("field", None, "the id of a <vs:field>")
-    if field not in scope.fields:
-        known = ", ".join(sorted(scope.fields)) or "none"
-        shown = field[:_MAX_SHOWN]
-        raise element.error(
-            f"there is no field {shown!r} in the arena; there are: {known}", "field"
-        )
-    return FieldSensor(field, element.text("name", "pheromone"))
+    return FieldSensor(scope.field(element), element.text("name", "pheromone"))

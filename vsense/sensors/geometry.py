@@ -51,9 +51,6 @@ class Ring:
         controller.h has them. "argos": those of ARGoS, counter-clockwise, whose reported angles
         are not quite where its simulated ones sit. A number: so many, evenly, counter-clockwise
         from straight ahead.
-
-        Raises:
-            ConfigError: it is none of them.
         """
         expected = f"'epuck', 'argos' or a number from 1 to {_MAX_RING}"
         text = element.text("vs:ring", "epuck", expected)

@@ -3,7 +3,7 @@
     <virtual_ground_sensor implementation="default" noise_level="0.05" />
 
 Sensor "ground", three numbers in [0, 1], left, centre, right: 0 is black, 1 is white. The floor is
-the experiment's `<floor>` with its coloured zones; nobody has to paint a real one. The unit of the
+the experiment's `<floor>` with its coloured zones; no real one has to be painted. The unit of the
 quality settings is 1: the whole range from black to white.
 
 Source: epuck_ground of ARGoS, iridia.md section 3; thesis 4.2.1.

@@ -42,10 +42,7 @@ class LedSensor:
 
     Attributes:
         reach: who is seen at all.
-        layout: the count, and the places.
-        scale: of them.
         max_blobs: places.
-        name: "leds".
     """
 
     reach: Reach
@@ -68,11 +65,7 @@ class LedSensor:
 
 
 def from_xml(element: Element, scope: Scope) -> LedSensor:
-    """Makes the sensor from its element.
-
-    Raises:
-        ConfigError: an attribute is wrong.
-    """
+    """Makes the sensor from its element."""
     blobs = element.integer("vs:max_blobs", 1, _MAX_BLOBS, 6)
     return LedSensor(
         reach=Reach.from_xml(element, "vs:range", _RANGE_M, _HEIGHT_M),

@@ -55,13 +55,10 @@ class LightSensor:
     Attributes:
         formula: one of FORMULAS.
         ring: the sensors.
-        layout: readings, then angles.
-        scale: of both.
-        range_m: lights farther away are not felt.
+        range_m: lights farther away are not sensed.
         field_of_view_rad: nor lights farther off a sensor's axis than half of this.
         angles: whether the angles are sent.
         occlusions: whether bodies stand in the way.
-        name: "light".
     """
 
     formula: str
@@ -137,11 +134,7 @@ class LightSensor:
 
 
 def from_xml(element: Element, scope: Scope) -> LightSensor:
-    """Makes the sensor from its element.
-
-    Raises:
-        ConfigError: an attribute is wrong.
-    """
+    """Makes the sensor from its element."""
     formula = element.choice("formula", FORMULAS, "thesis")
     ring = Ring.from_xml(element)
     angles = element.boolean("vs:angles", True)

@@ -20,7 +20,7 @@ _MAX_RANGE_M = 1000.0
 
 @dataclass(frozen=True, slots=True)
 class Pairs:
-    """Who notices whom, ordered by who notices.
+    """Pairs of receiver and sender, ordered by receiver.
 
     Attributes:
         receiver: (p,) rows of the robots that were asked about.
@@ -95,11 +95,7 @@ class Reach:
 
     @classmethod
     def from_xml(cls, element: Element, range_key: str, default_m: float, height_m: float) -> Reach:
-        """Reads `range_key` [m], `vs:field_of_view` [deg] and `check_occlusions`.
-
-        Raises:
-            ConfigError: one of them is wrong.
-        """
+        """Reads `range_key` [m], `vs:field_of_view` [deg] and `check_occlusions`."""
         return cls(
             element.number(range_key, 0.001, _MAX_RANGE_M, "m", default_m),
             field_of_view(element),
@@ -107,7 +103,7 @@ class Reach:
         )
 
     def pairs(self, world: World, robots: NDArray[np.void], candidates: NDArray[np.bool_]) -> Pairs:
-        """Finds who notices whom.
+        """Finds the pairs.
 
         Args:
             world: with all robots; one that no camera sees now is where it was seen last.

@@ -79,6 +79,11 @@ def entity_pose(entity: Entity) -> Pose:
     return entity.x_m, entity.y_m, entity.yaw_rad
 
 
+def read_memory_ns(element: Element) -> int:
+    """Reads `vs:memory` [s]: how old the last sighting of a tagged thing may be."""
+    return round(1e9 * element.number("vs:memory", 0.0, 3600.0, "s", DEFAULT_MEMORY_NS / 1e9))
+
+
 def from_xml(element: Element, scope: Scope, attribute: str) -> Place:
     """Reads an attribute that names a tagged thing or a virtual entity by its id.
 
@@ -88,8 +93,7 @@ def from_xml(element: Element, scope: Scope, attribute: str) -> Place:
     Raises:
         ConfigError: there is no such thing.
     """
-    default_s = DEFAULT_MEMORY_NS / 1e9
-    memory_ns = round(1e9 * element.number("vs:memory", 0.0, 3600.0, "s", default_s))
+    memory_ns = read_memory_ns(element)
     name = element.text(attribute, None, "the id of something in the arena")
     if name in scope.tags:
         return TaggedPlace(scope.tag(element, attribute, name), memory_ns)

@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.sensors.base import Scope
+from vsense.sensors.places import read_memory_ns
 from vsense.sensors.quality import Scale
-from vsense.world.pollution import DEFAULT_MEMORY_NS, PollutantSource
+from vsense.world.pollution import PollutantSource
 from vsense.world.world import World
 from vsense.xml.element import Element
 
@@ -39,9 +40,6 @@ class PollutantSensor:
 
     Attributes:
         source: what pollutes.
-        name: "pollutant".
-        layout: one single: 1.0 or 0.0.
-        scale: from nothing to polluted.
     """
 
     source: PollutantSource
@@ -59,11 +57,7 @@ class PollutantSensor:
 
 
 def from_xml(element: Element, scope: Scope) -> PollutantSensor:
-    """Makes the sensor from its element; absent attributes have the thesis's defaults.
-
-    Raises:
-        ConfigError: an attribute is wrong.
-    """
+    """Makes the sensor from its element; absent attributes have the thesis's defaults."""
     wide_rad = element.angle("wide_angle", _MIN_WIDE_DEG, 180.0 - _MIN_WIDE_DEG, 90.0)
     max_distance_m = element.number("max_distance", 0.001, _MAX_DISTANCE_M, "m", 1.0)
     turn_timestep = _turn_timestep(element, scope)
@@ -76,20 +70,11 @@ def from_xml(element: Element, scope: Scope) -> PollutantSensor:
         max_distance_m=max_distance_m,
         turn_timestep=turn_timestep,
         turn_rad=element.angle("rotation_angle", -360.0, 360.0, 90.0),
-        memory_ns=_memory_ns(element),
-        amount=_amount(element),
+        memory_ns=read_memory_ns(element),
+        amount=element.number("vs:amount", 1e-6, 1e9) if element.has("vs:amount") else math.inf,
     )
     scope.sources.append(source)
     return PollutantSensor(source)
-
-
-def _memory_ns(element: Element) -> int:
-    default_s = DEFAULT_MEMORY_NS / 1e9
-    return round(1e9 * element.number("vs:memory", 0.0, 3600.0, "s", default_s))
-
-
-def _amount(element: Element) -> float:
-    return element.number("vs:amount", 1e-6, 1e9) if element.has("vs:amount") else math.inf
 
 
 def _turn_timestep(element: Element, scope: Scope) -> int | None:

@@ -5,8 +5,8 @@
 Eight whole numbers 0..4095 as the real ring gives them, higher is nearer, in the order of ps0..ps7.
 
 With vs:fuse="true" the sensor is called "+proximity": the robot takes the larger one of each of
-these numbers and of its real ring's whenever a controller reads "proximity". It feels virtual
-boxes, cylinders and robots only; the real ring feels the real ones. So a virtual wall turns a real
+these numbers and of its real ring's whenever a controller reads "proximity". It senses virtual
+boxes, cylinders and robots only; the real ring senses the real ones. So a virtual wall turns a real
 robot. Without it the sensor is called "proximity" and takes the real ring's place: then it feels
 physical ones, too. `vs:obstacles="virtual"` or "all" says otherwise.
 
@@ -61,12 +61,9 @@ class ProximitySensor:
 
     Attributes:
         ring: the sensors.
-        name: "proximity" or "+proximity".
-        layout: one number per sensor.
         virtual_only: physical things are left to the real ring.
         range_m: how far it feels.
         field_of_view_rad: how wide each sensor looks; 0: along one line.
-        scale: raw values.
     """
 
     ring: Ring
@@ -121,11 +118,7 @@ def _virtual_rows(boxes: Sequence[Box], cylinders: Sequence[Cylinder]) -> NDArra
 
 
 def from_xml(element: Element, scope: Scope) -> ProximitySensor:
-    """Makes the sensor from its element.
-
-    Raises:
-        ConfigError: an attribute is wrong.
-    """
+    """Makes the sensor from its element."""
     fuse = element.boolean("vs:fuse", False)
     obstacles = element.choice("vs:obstacles", ("virtual", "all"), "virtual" if fuse else "all")
     ring = Ring.from_xml(element)

@@ -109,7 +109,6 @@ class Quality:
         """Reads the settings of a device's element.
 
         Args:
-            element: the element.
             scale: of the device's numbers.
 
         Raises:
@@ -136,19 +135,18 @@ class Quality:
 
 
 class Distortion:
-    """What bias, drift, noise, saturation and resolution make of a device's numbers.
+    """What bias, drift, noise, saturation and resolution make of `count` numbers of `rows` robots.
 
     What is drawn for one robot depends on no other robot: numbers are drawn for all of them
     each time. Devices with different names, and runs with different seeds, draw independently.
     """
 
     def __init__(self, quality: Quality, scale: Scale, rows: int, count: int) -> None:
-        """Makes the distortion of `count` numbers of `rows` robots."""
         self._quality = quality
         self._shape = (rows, count)
-        self._unit = _spread(scale.unit, count)
-        self._wraps = _spread(scale.wraps, count).astype(bool)
-        low, high = _spread(scale.low, count), _spread(scale.high, count)
+        self._unit = _per_number(scale.unit, count)
+        self._wraps = _per_number(scale.wraps, count).astype(bool)
+        low, high = _per_number(scale.low, count), _per_number(scale.high, count)
         if quality.low is not None:
             low = np.maximum(low, quality.low * self._unit)
         if quality.high is not None:
@@ -200,10 +198,9 @@ T = TypeVar("T")
 
 
 class Delay(Generic[T]):
-    """Gives things out a number of timesteps after they were put in."""
+    """Gives things out a number of timesteps after they were put in; until then `before`."""
 
     def __init__(self, timesteps: int, before: T) -> None:
-        """Makes a delay that gives `before` until the first thing has come through."""
         self._waiting: deque[T] = deque([before] * timesteps)
 
     def push(self, new: T) -> T:
@@ -239,5 +236,5 @@ def _saturation(element: Element, scale: Scale) -> tuple[float | None, float | N
     return low, high
 
 
-def _spread(value: float | Sequence[float], count: int) -> Floats:
+def _per_number(value: float | Sequence[float], count: int) -> Floats:
     return np.broadcast_to(np.asarray(value, dtype=np.float64), (count,))

@@ -40,9 +40,6 @@ class RadiationSensor:
         source: what radiates.
         strength: reading at 1 m.
         range_m: from where on it is 0.
-        name: "radiation".
-        layout: one single.
-        scale: not negative.
     """
 
     source: places.Place
@@ -63,11 +60,7 @@ class RadiationSensor:
 
 
 def from_xml(element: Element, scope: Scope) -> RadiationSensor:
-    """Makes the sensor from its element.
-
-    Raises:
-        ConfigError: an attribute is wrong.
-    """
+    """Makes the sensor from its element."""
     return RadiationSensor(
         places.from_xml(element, scope, "radiation_entity"),
         element.number("vs:strength", 0.0, _MAX_STRENGTH, default=1.0),

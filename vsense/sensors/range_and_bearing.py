@@ -48,13 +48,10 @@ class RangeAndBearingSensor:
 
     Attributes:
         reach: who is heard at all.
-        layout: the count, and the places.
-        scale: of them.
         data_size: bytes of a message.
         max_messages: places.
         loss_probability: of each message.
         speaking_only: those who say nothing are not heard.
-        name: "range_and_bearing".
     """
 
     reach: Reach
@@ -93,11 +90,7 @@ class RangeAndBearingSensor:
 
 
 def from_xml(element: Element, scope: Scope) -> RangeAndBearingSensor:
-    """Makes the sensor from its element.
-
-    Raises:
-        ConfigError: an attribute is wrong.
-    """
+    """Makes the sensor from its element."""
     size = element.integer("data_size", 1, MESSAGE_MAX, 4)
     places = element.integer("vs:max_messages", 1, _MAX_MESSAGES, 5)
     return RangeAndBearingSensor(

@@ -77,7 +77,6 @@ def from_xml(element: Element, sensor: Any, update_every: int) -> tuple[Updating
     """Reads the updating condition of a sensor's element.
 
     Args:
-        element: the element.
         sensor: the sensor that it makes.
         update_every: what the element's `vs:update_every` says.
 

@@ -1,1 +1,1 @@
-"""From pixels to the arena state: cameras, markers, detectors, the arena tracker."""
+"""From pictures to the arena state: detectors, tracks, the arena tracker."""

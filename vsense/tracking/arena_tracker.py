@@ -1,9 +1,4 @@
-"""What an arena tracker counts, and how a person is told of it.
-
-Which pictures of those that came are a timestep: the newest, one of each camera, in order.
-
-The arena tracker: all cameras' pictures of a timestep in, one arena state out.
-"""
+"""The arena tracker: all cameras' pictures of a timestep in, one arena state out."""
 
 from __future__ import annotations
 
@@ -18,7 +13,7 @@ from vsense.arena import IMAGE_POSE, POSE, SIGHTING, ArenaState, Frame
 from vsense.cameras.camera import Camera
 from vsense.errors import VsenseError
 from vsense.markers.families import MarkerFamily, SquareFamily
-from vsense.tracking.detector import Detector, MarkerSearch
+from vsense.tracking.detector import Detector, MarkerSearch, Workers
 from vsense.tracking.joining import Joining, JoinLimits
 from vsense.tracking.prediction import Prediction, SearchPlan
 from vsense.tracking.tracks import Limits, Track, covariances
@@ -31,7 +26,6 @@ from vsense.tracking.views import (
     merge_views,
     place_markers,
 )
-from vsense.tracking.workers import Workers
 
 
 @dataclass(slots=True)
@@ -70,7 +64,7 @@ class TrackingError(VsenseError):
 
 
 class FrameGate:
-    """Lets one timestep's pictures pass, whatever the order they came in.
+    """Passes on one timestep's pictures, whatever the order they came in.
 
     Attributes:
         cameras: The arena's cameras by their ids, sorted.
@@ -80,7 +74,7 @@ class FrameGate:
     """
 
     def __init__(self, cameras: Sequence[Camera]) -> None:
-        """Takes the arena's cameras.
+        """Begins before the first timestep.
 
         Raises:
             TrackingError: There is no camera, or two have the same id.
@@ -152,18 +146,17 @@ class ArenaTracker:
         limits: Limits | None = None,
         workers: int = 2,
         pin: bool = False,
-        whereabouts: Prediction | None = None,
+        prediction: Prediction | None = None,
     ) -> None:
         """Starts the workers; OpenCV's own threads are switched off for the whole process.
 
         Args:
-            cameras: The arena's cameras.
             make_detector: Makes one detector per worker.
-            heights_m: The roster: the height of each tag's marker above the floor.
+            heights_m: The roster.
             limits: What tracks believe.
             workers: Threads that look at pictures.
             pin: Keep each worker on a processor of its own, for a host that does nothing else.
-            whereabouts: Told before each timestep where the robots should be; the detectors'.
+            prediction: Told before each timestep where the robots should be; the detectors'.
 
         Raises:
             TrackingError: There is no camera, two have the same id, or one is no higher than a
@@ -175,8 +168,8 @@ class ArenaTracker:
         self.heights_m = dict(heights_m)
         self._check_heights()
         self._limits = limits or Limits()
-        self._whereabouts = whereabouts or Prediction()
-        self._whereabouts.heights_m = self.heights_m
+        self._prediction = prediction or Prediction()
+        self._prediction.heights_m = self.heights_m
         self._workers = Workers(make_detector, max(1, workers), pin)
         self._joining = Joining(JoinLimits(max_speed_m_s=self._limits.max_speed_m_s))
         self._joined: set[int] = set()
@@ -197,9 +190,9 @@ class ArenaTracker:
     ) -> ArenaTracker:
         """Returns a tracker of one family's markers; `heights_m` is also the roster."""
         search = MarkerSearch(family, dict(heights_m), open_roster)
-        whereabouts = Prediction(plan or SearchPlan())
-        make = lambda: search.detector(whereabouts)  # noqa: E731
-        return cls(cameras, make, heights_m, limits, whereabouts=whereabouts)
+        prediction = Prediction(plan or SearchPlan())
+        make = lambda: search.detector(prediction)  # noqa: E731
+        return cls(cameras, make, heights_m, limits, prediction=prediction)
 
     def close(self) -> None:
         """Ends the workers; can be called again."""
@@ -232,13 +225,13 @@ class ArenaTracker:
         counters.old_frames, counters.repeated_frames = gate.old, gate.repeated
         if not fresh:
             return self._state
-        self._whereabouts.expect(now_ns := max(frame.capture_ns for frame in fresh))
+        self._prediction.expect(now_ns := max(frame.capture_ns for frame in fresh))
         found = self._detect(fresh)
         placed = [
             place_markers(gate.cameras[frame.camera], rows, self.heights_m)
             for frame, rows in zip(fresh, found, strict=True)
         ]
-        sightings = self._take(fresh, placed)
+        sightings = self._update_tracks(fresh, placed)
         self._forget(now_ns)
         self._state = ArenaState(
             timestep=fresh[0].timestep,
@@ -252,7 +245,7 @@ class ArenaTracker:
             cameras=tuple(frame.camera for frame in fresh),
             images=self._images(fresh, placed),
         )
-        self._whereabouts.learn(self._state)
+        self._prediction.learn(self._state)
         self._admit(now_ns, sightings)
         return self._state
 
@@ -262,7 +255,7 @@ class ArenaTracker:
         self.counters.duplicates += len(twice)
         return twice
 
-    def _take(self, frames: list[Frame], placed: list[Placed]) -> Sightings:
+    def _update_tracks(self, frames: list[Frame], placed: list[Placed]) -> Sightings:
         """Brings the tracks up to date; returns the sightings of each tag."""
         doubt_m, cameras = self._limits.height_doubt_m, self._gate.cameras
         views = [
@@ -287,9 +280,9 @@ class ArenaTracker:
 
     def _admit(self, now_ns: int, sightings: Sightings) -> None:
         """Lets robots join the roster, from the next timestep on."""
-        joined = self._whereabouts.joined
-        strangers = self._whereabouts.strangers
-        for new in self._joining.update(now_ns, strangers, sightings, self.heights_m):
+        joined = self._prediction.joined
+        unlisted = self._prediction.unlisted
+        for new in self._joining.update(now_ns, unlisted, sightings, self.heights_m):
             self.heights_m[new.tag] = new.height_m
             joined[new.family] = (*joined.get(new.family, ()), new.tag)
             self._joined.add(new.tag)
@@ -307,11 +300,11 @@ class ArenaTracker:
 
     def _detect(self, frames: list[Frame]) -> list[NDArray[np.void]]:
         """Returns each frame's DETECTION array; keeps it, and whose picture held too much."""
-        looks = self._workers.look(frames, self._gate.cameras)
-        self.found = {frame.camera: look.rows for frame, look in zip(frames, looks)}
-        self.overflowed = tuple(f.camera for f, look in zip(frames, looks) if look.full)
+        pictures = self._workers.detect(frames, self._gate.cameras)
+        self.found = {frame.camera: seen.rows for frame, seen in zip(frames, pictures)}
+        self.overflowed = tuple(f.camera for f, seen in zip(frames, pictures) if seen.full)
         self.counters.overflows += len(self.overflowed)
-        return [look.rows for look in looks]
+        return [seen.rows for seen in pictures]
 
     def _follow(self, tag: int, places: list[Sighting]) -> None:
         track = self._tracks.get(tag)

@@ -21,7 +21,7 @@ PERIOD_NS = 80_000_000
 
 
 class _Tracked(NamedTuple):
-    """A timestep that was tracked, as `Health.look` takes it."""
+    """A timestep that was tracked, as `Health.update` takes it."""
 
     frames: Sequence[Frame]
     found: Mapping[str, NDArray[np.void]]
@@ -123,7 +123,7 @@ class CameraTracking:
             if self._unchecked:
                 tracked = self._unchecked.pop()
                 if self._is_due(tracked.frames):
-                    events += self._health.look(*tracked)
+                    events += self._health.update(*tracked)
             self._tell_events(events)
 
     def figures(self) -> dict[str, int]:

@@ -33,7 +33,6 @@ class OutlineCovariance:
     """The precision of one family's outline."""
 
     def __init__(self, family: MarkerFamily) -> None:
-        """Works out the shape's part."""
         points, normals = sample_outline(family.polygon_mm, family.unit_mm)
         points_m = 1e-3 * (points - family.disc_centre_mm)
         turn = normals[:, 1] * points_m[:, 0] - normals[:, 0] * points_m[:, 1]
@@ -59,10 +58,10 @@ class OutlineCovariance:
         factor = _CORRELATION + _PER_BLUR * np.maximum(blur - _BLURRED, 0.0)
         sample = (factor * markers["residual_m"]) ** 2
         sample /= np.maximum(markers["coverage"], _LEAST_COVERAGE)
-        spread = sample[:, np.newaxis, np.newaxis] * self._shape
+        covariance = sample[:, np.newaxis, np.newaxis] * self._shape
         for axis, place in enumerate((ahead, left)):
-            spread[:, axis, axis] += self._leak_m[place] ** 2 + LEAST_M**2
-        return turn_into_arena(spread, markers["ahead_x"], markers["ahead_y"])
+            covariance[:, axis, axis] += self._leak_m[place] ** 2 + LEAST_M**2
+        return turn_into_arena(covariance, markers["ahead_x"], markers["ahead_y"])
 
 
 def square_covariance(
@@ -71,7 +70,6 @@ def square_covariance(
     """Returns the covariance of x, y [m] and yaw [rad] of square markers, (n, 3, 3).
 
     Args:
-        family: The marker family.
         residual_m: (n,) root mean square distance of the edges found to the fitted sides.
         blur_m: (n,) standard deviation of the point spread across the sides.
         ahead_x: (n,) x of the heading's unit vector.
@@ -80,29 +78,29 @@ def square_covariance(
     shift = (_SQUARE_RESIDUAL * residual_m) ** 2 + (_SQUARE_BLUR * blur_m) ** 2 + LEAST_M**2
     half_m = 0.5e-3 * family.size_mm
     turn = _SQUARE_TURN * shift / half_m**2
-    spread = np.zeros((len(shift), 3, 3))
-    spread[:, 0, 0] = spread[:, 1, 1] = shift
-    spread[:, 2, 2] = turn
+    covariance = np.zeros((len(shift), 3, 3))
+    covariance[:, 0, 0] = covariance[:, 1, 1] = shift
+    covariance[:, 2, 2] = turn
     # What turns about the square's middle shifts a disc's centre that lies elsewhere.
     x, y = 1e-3 * family.disc_centre_mm
     lever = np.eye(3)
     lever[0, 2], lever[1, 2] = -y, x
-    return turn_into_arena(lever @ spread @ lever.T, ahead_x, ahead_y)
+    return turn_into_arena(lever @ covariance @ lever.T, ahead_x, ahead_y)
 
 
-def turn_into_arena(spread: Floats, ahead_x: Floats, ahead_y: Floats) -> Floats:
+def turn_into_arena(covariance: Floats, ahead_x: Floats, ahead_y: Floats) -> Floats:
     """Turns (n, 3, 3) covariances of shifts ahead and to the left, and yaw, into the arena frame.
 
     Args:
-        spread: The covariances.
+        covariance: The covariances.
         ahead_x: (n,) x of the heading's unit vector.
         ahead_y: (n,) its y.
     """
-    turn = np.zeros_like(spread)
+    turn = np.zeros_like(covariance)
     turn[:, 0, 0], turn[:, 0, 1] = ahead_x, -ahead_y
     turn[:, 1, 0], turn[:, 1, 1] = ahead_y, ahead_x
     turn[:, 2, 2] = 1.0
-    return np.asarray(turn @ spread @ turn.transpose(0, 2, 1))
+    return np.asarray(turn @ covariance @ turn.transpose(0, 2, 1))
 
 
 def _inner_gap_u(family: MarkerFamily) -> float:

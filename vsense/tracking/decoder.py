@@ -1,7 +1,7 @@
 """Which tag a marker carries: its cells compared with the roster's code words.
 
 A cell's brightness is compared with what the picture's blur makes of each tag in the roster;
-how blurred a marker is, along its heading and across it, is told by its own edges. A marker is
+how blurred a marker is, along its heading and across it, is measured at its own edges. A marker is
 named only when one tag fits every cell and no other comes near: without a name is acceptable,
 a wrong name is not.
 """
@@ -78,7 +78,7 @@ class Decoder:
         self._lost = normal_share(-_REACH_U / BLURS_U)
         near = 2.0 * normal_share(_NEAR_U / BLURS_U) - 1.0
         self._sharpness = near / (1.0 - 2.0 * self._lost)
-        self._strangers = unlisted_tag_reader(family)
+        self._unlisted = unlisted_tag_reader(family)
 
     def blur(self, sharpness: Floats) -> NDArray[np.intp]:
         """Returns the nearest kept blur of edges as sharp as this, elementwise."""
@@ -99,14 +99,14 @@ class Decoder:
         lost = 0.5 * (self._lost[ahead] + self._lost[left])[:, np.newaxis]
         return np.asarray((1.0 - 2.0 * lost) * cells + lost)
 
-    def read_strangers(self, cells: Floats, sharp_ahead: Floats, sharp_left: Floats) -> Tags:
+    def read_unlisted(self, cells: Floats, sharp_ahead: Floats, sharp_left: Floats) -> Tags:
         """Reads markers whose tags are not on the roster; the arguments are those of `decode`.
 
         Returns:
             (n,) tags; -1 where the cells are not sure, and where the tag is on the roster.
         """
         ahead, left = self.blur(sharp_ahead), self.blur(sharp_left)
-        tags = self._strangers.read(self.brightness(cells, ahead, left), ahead, left)
+        tags = self._unlisted.read(self.brightness(cells, ahead, left), ahead, left)
         return np.where(np.isin(tags, self.tags), np.int32(UNNAMED), tags)
 
     def decode(self, cells: Floats, sharp_ahead: Floats, sharp_left: Floats) -> DecodedTag:

@@ -1,23 +1,25 @@
 """Detectors: from a picture to the markers in it.
 
-A detector is anything with the one method of `Detector`. `ArrowDetector` reads the project's
-arrows: the kernel finds and fits them, the decoder names them, and where a tracker says what to
-expect, known robots are fitted where they must be and keep their names.
-
-Which detector reads which marker family, and which camera's pictures it is given.
+`ArrowDetector` reads the project's arrows: the kernel finds and fits them, the decoder names them,
+and where a tracker says what to expect, known robots are fitted where they must be and keep their
+names. `make_detector` chooses the detector of a marker family, `CameraDetectors` has each camera's
+pictures searched for what is looked for there, `Workers` are the threads that detect.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import count
 from statistics import median
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.arena import DETECTION
+from vsense.arena import DETECTION, Frame
 from vsense.cameras.camera import Camera
 from vsense.markers.dictionary import SquareFamily
 from vsense.markers.families import MarkerFamily
@@ -26,7 +28,7 @@ from vsense.tracking.decoder import DecodedTag, Decoder, Tags
 from vsense.tracking.joining import UnlistedTags
 from vsense.tracking.kernel import MARKER, Image, LayeredKernel, join
 from vsense.tracking.naming import carry_names, find_unlisted_tags, gather_evidence
-from vsense.tracking.prediction import NEAR_M, Prediction
+from vsense.tracking.prediction import NEAR_M, DetectorSetup, Prediction
 from vsense.tracking.square_detector import SquareDetector
 
 
@@ -44,39 +46,22 @@ class Detector(Protocol):
 class ArrowDetector:
     """Finds the arrows of one family and names those of a roster."""
 
-    def __init__(
-        self,
-        family: MarkerFamily,
-        roster: Sequence[int],
-        height_m: float,
-        whereabouts: Prediction | None = None,
-        heights_m: Iterable[float] = (),
-        open_roster: bool = True,
-    ) -> None:
+    def __init__(self, family: MarkerFamily, setup: DetectorSetup) -> None:
         """Prepares the detector.
-
-        Args:
-            family: The marker family.
-            roster: The tags in the arena; a marker with any other is reported without a name.
-            height_m: Height of most of the markers above the floor.
-            whereabouts: What the arena tracker expects, the same for all of its detectors;
-                without it every picture is searched and read for itself.
-            heights_m: Other heights of markers.
-            open_roster: Tell `whereabouts` of markers with other tags, so that they can join.
 
         Raises:
             FamilyError: The family does not have a tag of the roster.
         """
         self._family = family
-        self._height_m = height_m
+        self._height_m = setup.height_m
         self._cells = family.grid**2
-        self._kernel = LayeredKernel(family, height_m, heights_m)
-        self._spread = OutlineCovariance(family)
-        self._roster = sorted(set(roster))
+        self._kernel = LayeredKernel(family, setup.height_m, setup.heights_m)
+        self._covariance = OutlineCovariance(family)
+        self._roster = sorted(set(setup.roster))
         self._decoder = Decoder(family, self._roster)
         self._joined: tuple[int, ...] = ()
-        self._whereabouts = whereabouts
-        self._open_roster = open_roster
+        self._prediction = setup.prediction
+        self._open_roster = setup.open_roster
 
     @property
     def overflows(self) -> int:
@@ -88,7 +73,7 @@ class ArrowDetector:
 
         Markers that are not wholly in the picture are not reported.
         """
-        known = self._whereabouts
+        known = self._prediction
         if known is None:
             return self._report(self._kernel.search(image, camera), camera, None)
         self._grow(known)
@@ -135,13 +120,13 @@ class ArrowDetector:
         sharpness = markers["sharp_ahead"], markers["sharp_left"]
         reading = self._decoder.decode(cells, *sharpness)
         tags = reading.tags
-        if expected is not None and self._whereabouts is not None:
-            tags = self._name(self._whereabouts, camera, markers, reading, expected)
+        if expected is not None and self._prediction is not None:
+            tags = self._name(self._prediction, camera, markers, reading, expected)
         found["tag"], found["error"], found["margin"] = tags, reading.error, reading.margin
         found["x_px"], found["y_px"] = markers["x_px"], markers["y_px"]
         found["yaw_rad"] = np.arctan2(markers["ahead_y"], markers["ahead_x"])
         blur = (self._decoder.blur(sharp) for sharp in sharpness)
-        found["covariance"] = self._spread.covariance(markers, *blur)
+        found["covariance"] = self._covariance.covariance(markers, *blur)
         return found
 
     def _name(
@@ -160,9 +145,9 @@ class ArrowDetector:
         tags = carry_names(reading.tags, reading, decoder.tags, places, expected)
         tags = gather_evidence(tags, cells, sharpness, places, id, known, decoder)
         if self._open_roster:
-            strangers = find_unlisted_tags(tags, sharpness, known.anonymous[id], decoder)
+            unlisted = find_unlisted_tags(tags, sharpness, known.anonymous[id], decoder)
             roster = decoder.tags.tolist()
-            known.strangers[id] = UnlistedTags(self._family, roster, self._height_m, *strangers)
+            known.unlisted[id] = UnlistedTags(self._family, roster, self._height_m, *unlisted)
         return tags
 
 
@@ -177,27 +162,21 @@ def make_detector(
     family: MarkerFamily | SquareFamily,
     roster: Sequence[int],
     height_m: float,
-    whereabouts: Prediction | None = None,
+    prediction: Prediction | None = None,
     heights_m: Iterable[float] = (),
     open_roster: bool = True,
 ) -> Detector:
     """Returns a new detector; each thread needs one of its own.
 
-    Args:
-        family: The marker family, see `families.load_family`.
-        roster: The tags in the arena; a marker with any other is reported without a name.
-        height_m: Height of most of the markers above the floor.
-        whereabouts: What the arena tracker expects, the same for all of its detectors.
-        heights_m: Other heights of markers.
-        open_roster: Tell `whereabouts` of markers with other tags, so that they can join.
+    The arguments after the family are those of `DetectorSetup`.
 
     Raises:
         FamilyError: The family does not have a tag of the roster.
     """
-    how = (roster, height_m, whereabouts, heights_m, open_roster)
+    setup = DetectorSetup(roster, height_m, prediction, heights_m, open_roster)
     if isinstance(family, SquareFamily):
-        return SquareDetector(family, *how)
-    return ArrowDetector(family, *how)
+        return SquareDetector(family, setup)
+    return ArrowDetector(family, setup)
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,11 +193,11 @@ class MarkerSearch:
     heights_m: Mapping[int, float]
     open_roster: bool = True
 
-    def detector(self, whereabouts: Prediction) -> Detector:
+    def detector(self, prediction: Prediction) -> Detector:
         """Returns a new detector for one thread.
 
         Args:
-            whereabouts: What the arena tracker expects, the same for all of its detectors.
+            prediction: What the arena tracker expects, the same for all of its detectors.
 
         Raises:
             FamilyError: The family does not have a tag of the roster.
@@ -229,7 +208,7 @@ class MarkerSearch:
             self.family,
             sorted(self.heights_m),
             usual_m,
-            whereabouts,
+            prediction,
             set(heights_m),
             self.open_roster,
         )
@@ -248,19 +227,19 @@ class CameraDetectors:
         cls,
         sees: Mapping[str, str],
         searches: Mapping[str, MarkerSearch],
-        whereabouts: Prediction,
+        prediction: Prediction,
     ) -> CameraDetectors:
         """Makes one detector per search; cameras with the same search share it.
 
         Args:
             sees: By the camera's id the name of its search.
             searches: By their names.
-            whereabouts: What the arena tracker expects.
+            prediction: What the arena tracker expects.
 
         Raises:
             FamilyError: A family does not have a tag of its roster.
         """
-        made = {name: search.detector(whereabouts) for name, search in searches.items()}
+        made = {name: search.detector(prediction) for name, search in searches.items()}
         return cls({camera: made[name] for camera, name in sees.items()})
 
     @property
@@ -271,3 +250,60 @@ class CameraDetectors:
     def detect(self, image: NDArray[np.uint8], camera: Camera) -> NDArray[np.void]:
         """Returns the DETECTION array of a (height, width) uint8 picture of `camera`."""
         return self._detectors[camera.id].detect(image, camera)
+
+
+class Detected(NamedTuple):
+    """What was found in one picture.
+
+    Attributes:
+        rows: DETECTION array.
+        full: Whether there was more in it than the detector's tables hold.
+    """
+
+    rows: NDArray[np.void]
+    full: bool
+
+
+class Workers:
+    """Shares pictures out to threads; the same pictures to the same ones, whichever is faster."""
+
+    def __init__(self, make_detector: Callable[[], Detector], number: int, pin: bool) -> None:
+        """Starts the threads.
+
+        Args:
+            make_detector: Makes one detector per thread.
+            number: How many threads, 1 or more.
+            pin: Keep each on a processor of its own, where there are as many.
+        """
+        self._detectors = [make_detector() for _ in range(number)]
+        turns = count()
+        begin = (lambda: _pin(next(turns))) if pin else None
+        self._pool = ThreadPoolExecutor(number, "tracking", begin)
+
+    def detect(self, frames: Sequence[Frame], cameras: Mapping[str, Camera]) -> list[Detected]:
+        """Returns what is in each picture, in the order of the pictures."""
+        number = len(self._detectors)
+
+        def work(worker: int) -> list[Detected]:
+            detector = self._detectors[worker]
+            return [_detect(detector, f, cameras[f.camera]) for f in frames[worker::number]]
+
+        shares = list(self._pool.map(work, range(number)))
+        return [shares[place % number][place // number] for place in range(len(frames))]
+
+    def close(self) -> None:
+        """Ends the threads; can be called again."""
+        self._pool.shutdown()
+
+
+def _detect(detector: Detector, frame: Frame, camera: Camera) -> Detected:
+    before = detector.overflows
+    rows = detector.detect(frame.image, camera)
+    return Detected(rows, detector.overflows != before)
+
+
+def _pin(turn: int) -> None:
+    """Keeps the calling thread on the processor of its turn, where the system can do that."""
+    if hasattr(os, "sched_setaffinity"):
+        allowed = sorted(os.sched_getaffinity(0))
+        os.sched_setaffinity(0, {allowed[turn % len(allowed)]})

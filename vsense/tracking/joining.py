@@ -1,14 +1,12 @@
-"""Strangers: markers of the family whose tag is not on the roster, read without any list of tags.
+"""Unlisted tags: how markers whose tag is not on the roster are read, and how they join it.
 
 With a roster a marker is the one tag that fits. Without one each cell has to be sure by itself:
 the blur is taken back, and the marker is read only where no cell is anywhere near to the middle
 between black and white, for what the picture's errors become when the blur is taken back.
 
-The roster grows: a robot whose valid tag nobody has named before is believed in the end.
-
-One reading proves nothing. A stranger joins when it was read as the same tag for long enough, at
-one place that moves no faster than robots do, with no word to the contrary; and only if it cannot
-be a robot of the roster that is missing and has something lying on its marker.
+One reading proves nothing. A tag joins when it was read for long enough at one place that moves no
+faster than robots do, without a reading to the contrary; and only if it cannot be a robot of the
+roster that is missing and has something lying on its marker.
 """
 
 from __future__ import annotations
@@ -40,7 +38,6 @@ class UnlistedTagReader:
     """Reads one family's markers, whatever their tags are."""
 
     def __init__(self, family: MarkerFamily) -> None:
-        """Prepares what takes the blur back, at all strengths."""
         sigmas = (family.unit_mm * BLURS_U).tolist()
         count = len(sigmas)
         cells = family.grid**2
@@ -101,7 +98,7 @@ class UnlistedTags:
     Attributes:
         family: The marker family.
         roster: The detector's roster.
-        height_m: Height of the markers above the floor, taken for strangers, too.
+        height_m: Height of the markers above the floor, taken for unlisted tags, too.
         tags: (n,) what was read.
         places: (n, 2) where in the arena [m].
     """
@@ -153,7 +150,6 @@ class Joining:
     """Gathers evidence for tags that are on no roster; to be called from one thread."""
 
     def __init__(self, limits: JoinLimits | None = None) -> None:
-        """Begins without any candidate."""
         self._limits = limits or JoinLimits()
         self._candidates: dict[_Key, _Candidate] = {}
 
@@ -175,7 +171,8 @@ class Joining:
         Returns:
             Who joins now, sorted.
         """
-        self._drop_old(now_ns)
+        oldest_ns = now_ns - round(1e9 * self._limits.gap_s)
+        self._candidates = {k: c for k, c in self._candidates.items() if c.last_ns >= oldest_ns}
         cameras = [seen[camera] for camera in sorted(seen)]
         places = _gather(cameras, known)
         if not places:
@@ -183,7 +180,8 @@ class Joining:
         named = [(s.x_m, s.y_m) for found in sightings.values() for s in found]
         for key, mine in places.items():
             others = [p for other, theirs in places.items() if other != key for p in theirs]
-            if _is_one(mine) and not _near_any(mine[0], [*others, *named]):
+            one = all(math.dist(mine[0], place) <= MERGE_M for place in mine[1:])
+            if one and all(math.dist(mine[0], other) > MERGE_M for other in [*others, *named]):
                 self._read(key, mine[0], now_ns)
             else:
                 self._candidates.pop(key, None)
@@ -194,7 +192,7 @@ class Joining:
         ]
 
     def _read(self, key: _Key, place: _Place, now_ns: int) -> None:
-        """Counts a reading; one from where the candidate cannot have come begins anew."""
+        """Counts a reading; one from where the candidate cannot have come starts again."""
         candidate = self._candidates.get(key)
         if candidate is not None:
             elapsed_s = 1e-9 * (now_ns - candidate.last_ns)
@@ -205,17 +203,13 @@ class Joining:
                 return
         self._candidates[key] = _Candidate(now_ns, now_ns, place)
 
-    def _drop_old(self, now_ns: int) -> None:
-        oldest_ns = now_ns - round(1e9 * self._limits.gap_s)
-        self._candidates = {k: c for k, c in self._candidates.items() if c.last_ns >= oldest_ns}
-
     def _ready(
         self,
         now_ns: int,
         cameras: Iterable[UnlistedTags],
         sightings: Mapping[int, Sequence[Sighting]],
     ) -> list[tuple[_Key, float]]:
-        """Returns who has been read often enough, and can be nobody of the roster."""
+        """Returns the tags that were read often enough, and can be none of the roster's."""
         ready = {
             key
             for key, candidate in self._candidates.items()
@@ -223,37 +217,28 @@ class Joining:
             and now_ns - candidate.first_ns >= 1e9 * self._limits.last_s
         }
         heights_m: dict[_Key, float] = {}
-        for strangers in cameras if ready else ():
-            missing = [tag for tag in strangers.roster if tag not in sightings]
-            for tag in strangers.tags.tolist():
-                key = strangers.family.name, tag
-                if key in ready and _may_be_missing(strangers.family, tag, missing):
+        for unlisted in cameras if ready else ():
+            missing = [tag for tag in unlisted.roster if tag not in sightings]
+            for tag in unlisted.tags.tolist():
+                key = unlisted.family.name, tag
+                if key in ready and _may_be_missing(unlisted.family, tag, missing):
                     ready.discard(key)
-                heights_m[key] = strangers.height_m
+                heights_m[key] = unlisted.height_m
         return sorted((key, heights_m[key]) for key in ready & heights_m.keys())
 
 
 def _gather(cameras: Iterable[UnlistedTags], known: Collection[int]) -> dict[_Key, list[_Place]]:
     """Returns where each tag was read that may join."""
     places: dict[_Key, list[_Place]] = {}
-    for strangers in cameras:
-        for tag, (x_m, y_m) in zip(strangers.tags.tolist(), strangers.places.tolist(), strict=True):
+    for unlisted in cameras:
+        for tag, (x_m, y_m) in zip(unlisted.tags.tolist(), unlisted.places.tolist(), strict=True):
             if tag not in known:
-                places.setdefault((strangers.family.name, tag), []).append((x_m, y_m))
+                places.setdefault((unlisted.family.name, tag), []).append((x_m, y_m))
     return places
 
 
-def _is_one(places: Sequence[_Place]) -> bool:
-    """Whether all places are the same marker's."""
-    return all(math.dist(places[0], place) <= MERGE_M for place in places[1:])
-
-
-def _near_any(place: _Place, others: Iterable[_Place]) -> bool:
-    return any(math.dist(place, other) <= MERGE_M for other in others)
-
-
 def _may_be_missing(family: MarkerFamily | SquareFamily, read: int, missing: Iterable[int]) -> bool:
-    """Whether a robot of the roster that nobody sees may look like this.
+    """Whether a robot of the roster that no camera sees may look like this.
 
     Square markers' words differ in so many cells that none becomes another.
     """

@@ -3,11 +3,9 @@
 This is the seam to `c_src/host/vs_markers.h`: it turns a family into an outline and a camera into a
 view, owns the working memory, and reports what did not fit the kernel's tables.
 
-Markers at several heights: one plane of reference, searched in as many layers as they need.
-
 The kernel accepts markers whose size is a little off, so one search serves heights that are not
-far apart. Robots of very different heights need a search each. Wherever a marker was found, its
-place is given on the plane of reference, on which its picture lies.
+far apart; robots of very different heights need a search each (`LayeredKernel`). Wherever a marker
+was found, its place is given on one plane of reference, on which its picture lies.
 """
 
 from __future__ import annotations
@@ -105,14 +103,13 @@ class Kernel:
 
         Args:
             image: (height, width) uint8 picture of `camera`.
-            camera: The camera.
             height_m: Height of the markers above the floor.
             windows: (n, 4) left, top, right, bottom [px]; they may reach over the border.
 
         Returns:
             (n,) MARKER, those that lie wholly in the picture.
         """
-        view, search = self._look(image, camera, height_m)
+        view, search = self._prepare(image, camera, height_m)
         if windows is None:
             windows = np.array([(0, 0, image.shape[1], image.shape[0])], dtype=np.int32)
         self._count[0] = full = 0
@@ -132,14 +129,13 @@ class Kernel:
 
         Args:
             image: (height, width) uint8 picture of `camera`.
-            camera: The camera.
             height_m: Height of the markers above the floor.
             poses: (n, 3) x, y of the disc's centre and yaw; at most 1024 are looked at.
 
         Returns:
             (k,) MARKER of those that fit and lie wholly in the picture; (k,) their rows of `poses`.
         """
-        view, _ = self._look(image, camera, height_m)
+        view, _ = self._prepare(image, camera, height_m)
         count = min(len(poses), _CAPACITY)
         known = self._markers[:count]
         known["x_m"], known["y_m"] = poses[:count, 0], poses[:count, 1]
@@ -152,7 +148,7 @@ class Kernel:
         found = self._count[0]
         return np.array(self._markers[:found]), np.array(self._origin[:found])
 
-    def _look(self, image: Image, camera: Camera, height_m: float) -> tuple[Any, Any]:
+    def _prepare(self, image: Image, camera: Camera, height_m: float) -> tuple[Any, Any]:
         """Returns the kernel's view of a picture and how to search it."""
         key = (camera, height_m)
         if key not in self._views:
@@ -262,7 +258,6 @@ class LayeredKernel:
         """Takes the heights above the floor.
 
         Args:
-            family: The marker family.
             height_m: Of the plane of reference.
             heights_m: Of the markers.
         """
@@ -295,7 +290,6 @@ class LayeredKernel:
 
         Args:
             image: (height, width) uint8 picture of `camera`.
-            camera: The camera.
             robots: (n,) EXPECTED, on the plane of reference.
 
         Returns:

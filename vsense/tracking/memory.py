@@ -19,6 +19,9 @@ from vsense.tracking.prediction import Anonymous, Prediction, _Known
 from vsense.tracking.tracks import Track
 from vsense.tracking.views import Sighting
 
+_RECORDED = {"covariance": "spread", "height_sensitivity": "lean"}
+"""Fields of a sighting that recordings hold under another name, as they do the prediction."""
+
 
 def freeze(tracker: ArenaTracker) -> dict[str, Any]:
     """Gives a tracker's memory; to be called in its thread, between two timesteps."""
@@ -30,7 +33,7 @@ def freeze(tracker: ArenaTracker) -> dict[str, Any]:
         "candidates": [
             [*key, asdict(candidate)] for key, candidate in tracker._joining._candidates.items()
         ],
-        "whereabouts": _freeze_whereabouts(tracker._whereabouts),
+        "whereabouts": _freeze_prediction(tracker._prediction),
     }
 
 
@@ -53,67 +56,72 @@ def restore(tracker: ArenaTracker, memory: Mapping[str, Any]) -> None:
         (str(family), int(tag)): _Candidate(**{**values, "place": tuple(values["place"])})
         for family, tag, values in memory["candidates"]
     }
-    _restore_whereabouts(tracker._whereabouts, memory["whereabouts"])
+    _restore_prediction(tracker._prediction, memory["whereabouts"])
 
 
 def _freeze_track(tag: int, track: Track) -> dict[str, Any]:
     return {
         "tag": tag,
-        "last": asdict(track.last),
+        "last": _freeze_sighting(track.last),
         "seen": track.seen,
         "trust": track._trust,
         "velocity": track._velocity,
         "turn_rad_s": track._turn_rad_s,
-        "stray": None if track._stray is None else asdict(track._stray),
+        "stray": None if track._stray is None else _freeze_sighting(track._stray),
         "strays": track._strays,
     }
 
 
 def _restore_track(values: Mapping[str, Any]) -> Track:
-    track = Track(_sighting(values["last"]))
+    track = Track(_restore_sighting(values["last"]))
     track.seen = bool(values["seen"])
     track._trust = float(values["trust"])
     vx, vy = values["velocity"]
     track._velocity = float(vx), float(vy)
     track._turn_rad_s = float(values["turn_rad_s"])
-    track._stray = None if values["stray"] is None else _sighting(values["stray"])
+    track._stray = None if values["stray"] is None else _restore_sighting(values["stray"])
     track._strays = int(values["strays"])
     return track
 
 
-def _sighting(values: Mapping[str, Any]) -> Sighting:
-    lists = {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
-    return Sighting(**{**values, **lists})
+def _freeze_sighting(sighting: Sighting) -> dict[str, Any]:
+    return {_RECORDED.get(name, name): value for name, value in asdict(sighting).items()}
 
 
-def _freeze_whereabouts(where: Prediction) -> dict[str, Any]:
+def _restore_sighting(values: Mapping[str, Any]) -> Sighting:
+    known: dict[str, Any] = {name: values[_RECORDED.get(name, name)] for name in Sighting.__slots__}
+    lists = {name: tuple(value) for name, value in known.items() if isinstance(value, list)}
+    return Sighting(**{**known, **lists})
+
+
+def _freeze_prediction(prediction: Prediction) -> dict[str, Any]:
     return {
-        "timesteps": where._timesteps,
-        "known": [[tag, asdict(known)] for tag, known in where._known.items()],
-        "joined": {family: list(tags) for family, tags in where.joined.items()},
+        "timesteps": prediction._timesteps,
+        "known": [[tag, asdict(known)] for tag, known in prediction._known.items()],
+        "joined": {family: list(tags) for family, tags in prediction.joined.items()},
         "anonymous": {
             camera: {
-                "rows": nameless.rows.tolist(),
-                "places": nameless.places.tolist(),
-                "cells": nameless.cells.tolist(),
-                "columns": nameless.cells.shape[1],
-                "kind": nameless.cells.dtype.name,
-                "pictures": nameless.pictures.tolist(),
-                "capture_ns": nameless.capture_ns,
+                "rows": unnamed.rows.tolist(),
+                "places": unnamed.places.tolist(),
+                "cells": unnamed.cells.tolist(),
+                "columns": unnamed.cells.shape[1],
+                "kind": unnamed.cells.dtype.name,
+                "pictures": unnamed.pictures.tolist(),
+                "capture_ns": unnamed.capture_ns,
             }
-            for camera, nameless in where.anonymous.items()
+            for camera, unnamed in prediction.anonymous.items()
         },
     }
 
 
-def _restore_whereabouts(where: Prediction, values: Mapping[str, Any]) -> None:
-    where._timesteps = int(values["timesteps"])
-    where._known = {
+def _restore_prediction(prediction: Prediction, values: Mapping[str, Any]) -> None:
+    prediction._timesteps = int(values["timesteps"])
+    prediction._known = {
         int(tag): _Known(**{**known, "velocity": tuple(known["velocity"])})
         for tag, known in values["known"]
     }
-    where.joined = {family: tuple(tags) for family, tags in values["joined"].items()}
-    where.anonymous = {
+    prediction.joined = {family: tuple(tags) for family, tags in values["joined"].items()}
+    prediction.anonymous = {
         camera: Anonymous(
             np.array(each["rows"], dtype=np.intp),
             np.array(each["places"], dtype=np.float64).reshape(-1, 2),

@@ -1,4 +1,4 @@
-"""Names along the tracks: what a marker's cells leave open is told by where it is.
+"""Names along the tracks: what a marker's cells leave open follows from where it is.
 
 A robot cannot jump, so a marker near where exactly one robot is expected is that robot, unless
 its cells speak against it. A marker without a name collects evidence from picture to picture
@@ -28,17 +28,8 @@ def carry_names(
 ) -> Tags:
     """Gives names of expected robots to markers whose cells alone do not say enough.
 
-    A marker that is read as another robot than the one that must be there stays without a name.
-
-    Args:
-        tags: (n,) names from the cells.
-        reading: What the cells say.
-        roster: The reading's tags.
-        places: (n, 2) the markers' places in the arena [m].
-        expected: (k,) EXPECTED in the camera's view.
-
-    Returns:
-        (n,) names.
+    The arguments and the result are those of `carry_read_names`; `reading` is what the cells say of
+    the tags in `roster`.
     """
 
     def plausible(tag: int, marker: int) -> bool:
@@ -47,11 +38,16 @@ def carry_names(
             return False
         return bool(reading.distance[marker, column] < _PLAUSIBLE)
 
-    return _carry(tags, places, expected, plausible)
+    return carry_read_names(tags, places, expected, plausible)
 
 
-def carry_square_names(tags: Tags, places: Floats, expected: NDArray[np.void]) -> Tags:
-    """Gives names of expected robots to square markers that cannot be read.
+def carry_read_names(
+    tags: Tags,
+    places: Floats,
+    expected: NDArray[np.void],
+    plausible: Callable[[int, int], bool] = lambda tag, marker: True,
+) -> Tags:
+    """Gives names of expected robots to markers that cannot be read, such as square ones.
 
     Their words differ in so many cells that one that is read is what it says; but a marker that is
     read as another robot than the one that must be there stays without a name.
@@ -60,20 +56,11 @@ def carry_square_names(tags: Tags, places: Floats, expected: NDArray[np.void]) -
         tags: (n,) what was read, -1 where the cells do not tell.
         places: (n, 2) the markers' places in the arena [m].
         expected: (k,) EXPECTED in the camera's view.
+        plausible: Whether a marker, by its row, may have an expected tag.
 
     Returns:
         (n,) names.
     """
-    return _carry(tags, places, expected, lambda tag, marker: True)
-
-
-def _carry(
-    tags: Tags,
-    places: Floats,
-    expected: NDArray[np.void],
-    plausible: Callable[[int, int], bool],
-) -> Tags:
-    """Gives markers the names of the robots that must be there; `plausible` of tag and marker."""
     named = np.array(tags)
     for tag, marker in _alone(places, expected):
         if named[marker] not in (tag, UNNAMED):
@@ -101,7 +88,7 @@ def gather_evidence(
     sharpness: tuple[Floats, Floats],
     places: Floats,
     camera: str,
-    whereabouts: Prediction,
+    prediction: Prediction,
     decoder: Decoder,
 ) -> Tags:
     """Names markers by the mean of their cells over the pictures since they appeared.
@@ -112,7 +99,7 @@ def gather_evidence(
         sharpness: (n,) of the edges along and across the heading, see `Decoder.decode`.
         places: (n, 2) the markers' places in the arena [m].
         camera: The camera's id.
-        whereabouts: Keeps what has been gathered.
+        prediction: Keeps what has been gathered.
         decoder: Names cells.
 
     Returns:
@@ -120,11 +107,11 @@ def gather_evidence(
     """
     open_ = np.flatnonzero(tags == UNNAMED)
     once = np.ones(len(open_), dtype=np.int64)
-    now = Anonymous(open_, places[open_], cells[open_], once, whereabouts.capture_ns)
-    before = whereabouts.anonymous.get(camera)
+    now = Anonymous(open_, places[open_], cells[open_], once, prediction.capture_ns)
+    before = prediction.anonymous.get(camera)
     if before is not None and now.capture_ns - before.capture_ns < 1e9 * _EVIDENCE_S:
         _add_up(now, before)
-    whereabouts.anonymous[camera] = now
+    prediction.anonymous[camera] = now
     named = np.array(tags)
     enough = now.pictures >= _LEAST_PICTURES
     if enough.any():
@@ -154,7 +141,7 @@ def find_unlisted_tags(
     if len(rows) == 0:
         return np.zeros(0, dtype=np.int32), np.zeros((0, 2))
     means = gathered.cells / gathered.pictures[:, np.newaxis]
-    read = decoder.read_strangers(means, sharpness[0][rows], sharpness[1][rows])
+    read = decoder.read_unlisted(means, sharpness[0][rows], sharpness[1][rows])
     sure = (read != UNNAMED) & (tags[rows] == UNNAMED)
     return read[sure], gathered.places[sure]
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from vsense.cameras import aravis
 from vsense.cameras.aravis_camera import is_address
 from vsense.cameras.genicam import FREE, SOFTWARE, GenicamSettings, GenicamSource
+from vsense.cameras.gige import ListedCamera
 from vsense.cameras.grabber import Grabber, GrabberError, Troubles
 from vsense.cameras.live_grabber import LiveGrabber, SoftwareTrigger
 from vsense.cameras.networks import USUAL_PACKET, BandwidthError, NetworkLoad, Stream
@@ -102,14 +103,14 @@ def _tracker(session: TrackingSession) -> ArenaTracker:
     views = session.views
     searches = {view.tracker.id: _search(view.tracker) for view in views}
     sees = {view.camera.id: view.tracker.id for view in views}
-    whereabouts = Prediction(SearchPlan(session.key_frame_period, session.square_size_m))
+    prediction = Prediction(SearchPlan(session.key_frame_period, session.square_size_m))
     return ArenaTracker(
         [view.camera for view in views],
-        lambda: CameraDetectors.make(sees, searches, whereabouts),
+        lambda: CameraDetectors.make(sees, searches, prediction),
         session.heights_m,
         Limits(max(view.tracker.max_speed_m_s for view in views)),
         pin=True,
-        whereabouts=whereabouts,
+        prediction=prediction,
     )
 
 
@@ -169,7 +170,7 @@ def _check(session: TrackingSession, links: NetworkLoad) -> None:
     genicam = [v for v in session.views if isinstance(v.grabber.settings, GenicamSettings)]
     if not genicam:
         return
-    there: list[aravis.Listed] = []
+    there: list[ListedCamera] = []
     try:
         aravis.load()
         if not all(is_address(view.grabber.source) for view in genicam):

@@ -8,7 +8,7 @@ order of the threads changes nothing.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -98,7 +98,7 @@ class Prediction:
         is_key_frame: Whether whole pictures are searched in this timestep.
         expected: EXPECTED, sorted by tag.
         anonymous: By the camera's id.
-        strangers: By the camera's id, tags in the timestep's picture that are on no roster.
+        unlisted: By the camera's id, tags in the timestep's picture that are on no roster.
         joined: By the family's name, the tags that have joined the roster, in their order.
     """
 
@@ -108,7 +108,7 @@ class Prediction:
     is_key_frame: bool = True
     expected: NDArray[np.void] = field(default_factory=lambda: np.zeros(0, dtype=EXPECTED))
     anonymous: dict[str, Anonymous] = field(default_factory=dict)
-    strangers: dict[str, UnlistedTags] = field(default_factory=dict)
+    unlisted: dict[str, UnlistedTags] = field(default_factory=dict)
     joined: dict[str, tuple[int, ...]] = field(default_factory=dict)
     _known: dict[int, _Known] = field(default_factory=dict)
     _timesteps: int = 0
@@ -118,7 +118,7 @@ class Prediction:
         self.is_key_frame = self._timesteps % self.plan.key_frame_period == 0
         self._timesteps += 1
         self.capture_ns = capture_ns
-        self.strangers.clear()
+        self.unlisted.clear()
         rows = []
         for tag, known in sorted(self._known.items()):
             elapsed = max(1e-9 * (capture_ns - known.capture_ns), 0.0)
@@ -142,11 +142,7 @@ class Prediction:
             elapsed = 1e-9 * (capture_ns - last.capture_ns) if last else 0.0
             if last and 0.0 < elapsed < _LOST_S:
                 turn = math.remainder(yaw - last.yaw_rad, math.tau)
-                now.velocity = (
-                    (x - last.x_m) / elapsed,
-                    (y - last.y_m) / elapsed,
-                    turn / elapsed,
-                )
+                now.velocity = ((x - last.x_m) / elapsed, (y - last.y_m) / elapsed, turn / elapsed)
                 now.sightings = last.sightings + 1
             self._known[tag] = now
 
@@ -154,7 +150,6 @@ class Prediction:
         """Returns those of `expected` whose middle is in a camera's picture.
 
         Args:
-            camera: The camera.
             height_m: Height of the plane on which their places are given, as the camera sees
                 them.
         """
@@ -172,7 +167,6 @@ class Prediction:
         """Returns the squares of a camera's picture around (n, 2) places of the arena.
 
         Args:
-            camera: The camera.
             height_m: Height of the markers above the floor.
             places: x and y [m].
 
@@ -186,3 +180,23 @@ class Prediction:
         pixels = camera.project(points)
         low, high = np.floor(pixels.min(axis=1)), np.ceil(pixels.max(axis=1)) + 1.0
         return np.concatenate((low, high), axis=1).astype(np.int32)
+
+
+@dataclass(frozen=True, slots=True)
+class DetectorSetup:
+    """What a detector looks for, whatever the markers of its family look like.
+
+    Attributes:
+        roster: The tags in the arena; a marker with any other is reported without a name.
+        height_m: Height of most of the markers above the floor.
+        prediction: What the arena tracker expects, the same for all of its detectors; without it
+            every picture is searched and read for itself.
+        heights_m: Other heights of markers.
+        open_roster: Tell `prediction` of markers with other tags, so that they can join.
+    """
+
+    roster: Iterable[int]
+    height_m: float
+    prediction: Prediction | None = None
+    heights_m: Iterable[float] = ()
+    open_roster: bool = True

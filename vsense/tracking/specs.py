@@ -48,10 +48,25 @@ class GrabberSpec:
     settings: Controls | GenicamSettings | None
     line: int
 
+    @classmethod
+    def of_camera(
+        cls, id: str, type: str, device: str, settings: Controls | GenicamSettings, line: int = 0
+    ) -> GrabberSpec:
+        """Gives the spec of a camera, which has no recording's timestamps and start."""
+        controls = settings.controls if isinstance(settings, GenicamSettings) else settings
+        return cls(id, type, device, None, controls.rate_hz, 0.0, settings, line)
+
     @property
     def is_live(self) -> bool:
         """Whether it is a camera and no recording."""
         return self.type in CAMERA_TYPES
+
+    @property
+    def controls(self) -> Controls:
+        """Size, rate, exposure and gain that a camera is asked for; none of a recording."""
+        if isinstance(self.settings, GenicamSettings):
+            return self.settings.controls
+        return self.settings or Controls()
 
     @property
     def trigger(self) -> str:

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import DETECTION, UNNAMED, wrap_angle
 from vsense.cameras.camera import Camera
-from vsense.markers.dictionary import SquareFamily
-from vsense.markers.family import FamilyError, Floats
+from vsense.markers.dictionary import FamilyError, Floats, SquareFamily
 from vsense.tracking.covariance import square_covariance
 from vsense.tracking.joining import UnlistedTags
-from vsense.tracking.naming import carry_square_names
-from vsense.tracking.prediction import NEAR_M, Anonymous, Prediction
+from vsense.tracking.naming import carry_read_names
+from vsense.tracking.prediction import NEAR_M, Anonymous, DetectorSetup, Prediction
 from vsense.tracking.squares import SQUARE, SquareFinder, lengths
 from vsense.tracking.squares_words import project_squares
 
@@ -26,41 +25,24 @@ _TILTED = 1.5
 class SquareDetector:
     """Finds the square markers of one family and names those of a roster."""
 
-    def __init__(
-        self,
-        family: SquareFamily,
-        roster: Sequence[int],
-        height_m: float,
-        whereabouts: Prediction | None = None,
-        heights_m: Iterable[float] = (),
-        open_roster: bool = True,
-    ) -> None:
+    def __init__(self, family: SquareFamily, setup: DetectorSetup) -> None:
         """Prepares the detector.
-
-        Args:
-            family: The marker family.
-            roster: The tags in the arena; a marker with any other is reported without a name.
-            height_m: Height of most of the markers above the floor.
-            whereabouts: What the arena tracker expects, the same for all of its detectors;
-                without it every picture is searched and read for itself.
-            heights_m: Other heights of markers.
-            open_roster: Tell `whereabouts` of markers with other tags, so that they can join.
 
         Raises:
             FamilyError: The family does not have a tag of the roster.
         """
-        strange = [tag for tag in roster if not 0 <= tag < family.tags]
-        if strange:
+        unknown = [tag for tag in setup.roster if not 0 <= tag < family.tags]
+        if unknown:
             raise FamilyError(
-                f"tag {strange[0]}: the family {family.name} has 0 to {family.tags - 1}"
+                f"tag {unknown[0]}: the family {family.name} has 0 to {family.tags - 1}"
             )
         self._family = family
-        self._height_m = height_m
-        self._heights_m = np.array(sorted({height_m, *heights_m}))
+        self._height_m = setup.height_m
+        self._heights_m = np.array(sorted({setup.height_m, *setup.heights_m}))
         self._finder = SquareFinder(family)
-        self._roster = sorted(set(roster))
-        self._whereabouts = whereabouts
-        self._open_roster = open_roster
+        self._roster = sorted(set(setup.roster))
+        self._prediction = setup.prediction
+        self._open_roster = setup.open_roster
 
     @property
     def overflows(self) -> int:
@@ -72,15 +54,15 @@ class SquareDetector:
 
         Only whole markers of the family's size at the detector's heights are reported.
         """
-        known = self._whereabouts
+        known = self._prediction
         if known is None:
             found, corners_m = self._keep(self._finder.find(image, *self._sides(camera)), camera)
             return self._place(found, found["tag"], corners_m, camera, self._roster)
         roster = [*self._roster, *known.joined.get(self._family.name, ())]
         expected = known.in_view(camera, self._height_m)
         expected = expected[np.isin(expected["tag"], roster)]
-        found, corners_m = self._look(image, camera, known, expected)
-        tags = carry_square_names(found["tag"], corners_m.mean(axis=1), expected)
+        found, corners_m = self._search(image, camera, known, expected)
+        tags = carry_read_names(found["tag"], corners_m.mean(axis=1), expected)
         self._note(known, camera, tags, corners_m.mean(axis=1), roster)
         return self._place(found, tags, corners_m, camera, roster)
 
@@ -100,11 +82,11 @@ class SquareDetector:
         )
         if self._open_roster:
             rows = nameless[tags[nameless] != UNNAMED]
-            known.strangers[camera.id] = UnlistedTags(
+            known.unlisted[camera.id] = UnlistedTags(
                 self._family, roster, self._height_m, tags[rows], places[rows]
             )
 
-    def _look(
+    def _search(
         self,
         image: NDArray[np.uint8],
         camera: Camera,

@@ -1,10 +1,8 @@
-"""Where square markers may be: dark things in the picture whose hull has four corners.
+"""Finding square markers, ArUco's and AprilTag's: from a picture to corners and tags.
 
 A local threshold at several scales separates dark from light; every contour's hull is reduced
 to the smallest quadrilateral around it. A hull forgives what blur does to a marker: white cells
 that break through the black frame leave it as it is.
-
-Finding square markers, ArUco's and AprilTag's: from a picture to corners and tags.
 
 Nothing of the arena is known here; see `square_detector` for markers that robots carry.
 """
@@ -18,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import UNNAMED
-from vsense.markers.dictionary import SquareFamily
-from vsense.markers.family import Floats
+from vsense.markers.dictionary import Floats, SquareFamily
 from vsense.tracking.squares_edges import Sides, fit_local_corners, fit_sides
 from vsense.tracking.squares_words import Readings, WordReader
 
@@ -180,7 +177,6 @@ class SquareFinder:
         """Prepares the words.
 
         Args:
-            family: The marker family.
             search: What proposes quadrilaterals.
         """
         self._search = search or QuadSearch()
@@ -220,11 +216,7 @@ class SquareFinder:
         return found
 
     def find_near(
-        self,
-        image: NDArray[np.uint8],
-        windows: NDArray[np.int32],
-        least_px: float,
-        most_px: float,
+        self, image: NDArray[np.uint8], windows: NDArray[np.int32], least_px: float, most_px: float
     ) -> NDArray[np.void]:
         """Returns the markers in windows of a picture, see `find`.
 

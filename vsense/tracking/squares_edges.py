@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.markers.family import Floats
+from vsense.markers.dictionary import Floats
 
 _CORNER = 0.08
 _FOUND = 0.3
@@ -80,7 +80,7 @@ def fit_sides(
         step=(profiles[..., -_ENDS:] - profiles[..., :_ENDS]).mean(axis=(2, 3)),
         coverage=(share > _FOUND).mean(axis=-1),
         residual_px=residual,
-        blur_px=_spread(rise, where) * reach_px,
+        blur_px=_edge_deviation(rise, where) * reach_px,
     )
 
 
@@ -150,10 +150,10 @@ def _profiles(
 ) -> NDArray[np.float32]:
     """Returns (n, 4, samples, steps) grey values from inside to outside."""
     across = (np.linspace(-1.0, 1.0, steps) * reach)[..., np.newaxis] * normal[:, :, np.newaxis]
-    return look(image, points[:, :, :, np.newaxis] + across[:, :, np.newaxis])
+    return sample_grey(image, points[:, :, :, np.newaxis] + across[:, :, np.newaxis])
 
 
-def look(image: NDArray[np.uint8], points_px: Floats) -> NDArray[np.float32]:
+def sample_grey(image: NDArray[np.uint8], points_px: Floats) -> NDArray[np.float32]:
     """Returns the interpolated grey values at (n, ..., 2) pixels, n > 0, as float32.
 
     A point outside of the picture sees the picture's nearest pixel.
@@ -179,7 +179,7 @@ def _edges(rise: NDArray[np.float32], steps: int) -> tuple[Floats, Floats, Float
     return np.einsum("nksp,p->nks", near, where) / np.maximum(height, 1e-6), height, where
 
 
-def _spread(rise: NDArray[np.float32], where: Floats) -> Floats:
+def _edge_deviation(rise: NDArray[np.float32], where: Floats) -> Floats:
     """Returns (n, 4) standard deviations of each side's median edge, in units of the reach."""
     shape = np.median(rise, axis=2).astype(np.float64)
     total = np.maximum(shape.sum(axis=-1), 1e-6)

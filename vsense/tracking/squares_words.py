@@ -15,9 +15,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.markers.dictionary import Codes
-from vsense.markers.family import Floats
-from vsense.tracking.squares_edges import look
+from vsense.markers.dictionary import Codes, Floats
+from vsense.tracking.squares_edges import sample_grey
 
 Values = NDArray[np.float32] | NDArray[np.float64]
 
@@ -107,7 +106,7 @@ class WordReader:
         spots = (np.arange(_SPOTS) + 0.5) / _SPOTS * 0.5 + 0.25
         line = (np.arange(-1, self.side + 1)[:, np.newaxis] + spots).ravel() / self.side
         grid = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
-        grey = look(image, project_squares(quads, grid))
+        grey = sample_grey(image, project_squares(quads, grid))
         span = self.side + 2
         mean = grey.reshape(-1, span, _SPOTS, span, _SPOTS).mean(axis=(2, 4))
         return np.asarray(mean.reshape(-1, span * span)[:, self._used], dtype=np.float64)
@@ -194,8 +193,8 @@ class WordReader:
         matrix = matrix - matrix.mean(axis=1, keepdims=True)
         matrix /= np.maximum(np.linalg.norm(matrix, axis=1, keepdims=True), 1e-6)
         columns = np.ascontiguousarray((matrix - matrix.mean(axis=0)).T)
-        spread = _products(columns, columns).astype(np.float64)
-        independent = float(np.trace(spread) ** 2 / (spread**2).sum())
+        covariance = _products(columns, columns).astype(np.float64)
+        independent = float(np.trace(covariance) ** 2 / (covariance**2).sum())
         return max(_LEAST_MATCH, float(np.tanh(self._rare / np.sqrt(max(independent - 3.0, 1.0)))))
 
 

@@ -61,7 +61,6 @@ class Track:
     """
 
     def __init__(self, first: Sighting) -> None:
-        """Starts a track where its robot was seen."""
         self._start(first)
 
     def _start(self, first: Sighting) -> None:
@@ -149,15 +148,15 @@ def covariances(tracks: Sequence[Track], now_ns: int, limits: Limits) -> NDArray
     They are the pictures', and what the robots may have done since. Where a robot is held after
     having been carried on, it may have driven on or not.
     """
-    spread = view_covariances([track.last for track in tracks])
+    covariance = view_covariances([track.last for track in tracks])
     age = np.array([track.age_s(now_ns) for track in tracks])
     held = np.maximum(age - limits.carry_s, 0.0)
     gone = limits.max_speed_m_s * (limits.speed_doubt * age + _HELD_SHARE * held)
-    spread[:, 0, 0] += gone**2
-    spread[:, 1, 1] += gone**2
+    covariance[:, 0, 0] += gone**2
+    covariance[:, 1, 1] += gone**2
     turned = (limits.turn_doubt_rad_s * age) ** 2
-    spread[:, 2, 2] = np.minimum(spread[:, 2, 2] + turned, _ANY_YAW)
-    return spread
+    covariance[:, 2, 2] = np.minimum(covariance[:, 2, 2] + turned, _ANY_YAW)
+    return covariance
 
 
 def _reaches(last: Sighting, now: Sighting, limits: Limits) -> bool:

@@ -1,14 +1,12 @@
-"""Camera views: what one camera's detections say about the arena, and how several agree.
+"""Camera views: from one camera's detections to the arena, and from the arena to its picture.
 
 A detection is a point of a picture; with the height of the tag's marker it is a place in the
 arena. Views of the same tag that lie together are one sighting; views that do not are several,
 and are never merged.
 
-Where robots are in the pictures.
-
 Thesis, 2.2: an ArenaElement has a position and an orientation in the image, too. What the cameras
 see is kept as it was seen; for clients that ask for one image pose of every robot, arena poses are
-put back through the cameras.
+projected into the pictures.
 """
 
 from __future__ import annotations
@@ -25,7 +23,7 @@ from vsense.arena import DETECTION, IMAGE_POSE, UNNAMED, Frame
 from vsense.cameras.camera import Camera
 
 Floats = NDArray[np.float64]
-Spread = tuple[float, float, float, float, float, float]
+Covariance = tuple[float, float, float, float, float, float]
 """Covariance of x, y and yaw: xx, xy, x yaw, yy, y yaw, yaw yaw."""
 
 HEIGHT_DOUBT_M = 0.002
@@ -52,9 +50,9 @@ class Sighting:
         weight: What it counts when views are merged [1/m^2]: the inverse variance of the
             position, less near the picture's border, so that nothing jumps where a view begins.
         cameras: Ids of the cameras, sorted.
-        spread: Covariance of what the pictures tell.
-        lean: How far x and y [m] are off where the marker is one standard deviation higher than
-            it is taken to be; the same marker for all cameras.
+        covariance: Of what the pictures tell.
+        height_sensitivity: How far x and y [m] are off where the marker is one standard deviation
+            higher than it is taken to be; the same marker for all cameras.
     """
 
     tag: int
@@ -64,8 +62,8 @@ class Sighting:
     capture_ns: int
     weight: float
     cameras: tuple[str, ...]
-    spread: Spread
-    lean: tuple[float, float]
+    covariance: Covariance
+    height_sensitivity: tuple[float, float]
 
 
 def covariances(sightings: Sequence[Sighting]) -> Floats:
@@ -73,11 +71,11 @@ def covariances(sightings: Sequence[Sighting]) -> Floats:
     whole = np.zeros((len(sightings), 3, 3))
     if len(sightings) == 0:
         return whole
-    upper = np.array([sighting.spread for sighting in sightings])
+    upper = np.array([sighting.covariance for sighting in sightings])
     whole[:, _UPPER[0], _UPPER[1]] = upper
     whole[:, _UPPER[1], _UPPER[0]] = upper
-    lean = np.array([sighting.lean for sighting in sightings])
-    whole[:, :2, :2] += lean[:, :, np.newaxis] * lean[:, np.newaxis]
+    sensitivity = np.array([sighting.height_sensitivity for sighting in sightings])
+    whole[:, :2, :2] += sensitivity[:, :, np.newaxis] * sensitivity[:, np.newaxis]
     return whole
 
 
@@ -101,7 +99,6 @@ def place_markers(
     """Puts one camera's named detections into the arena.
 
     Args:
-        camera: The camera.
         found: (n,) DETECTION.
         heights_m: Height of each tag's marker above the floor; other tags are left out.
     """
@@ -125,9 +122,7 @@ def make_views(
     A view far from the camera's foot point weighs less, because a wrong height shifts it more.
 
     Args:
-        frame: The picture.
         camera: The camera that took it.
-        placed: What is in it.
         height_doubt_m: Standard deviation of the markers' heights.
     """
     rows, height_m, ground_m = placed
@@ -135,13 +130,13 @@ def make_views(
         return []
     pixels = np.stack((rows["x_px"], rows["y_px"]), axis=-1)
     away = (camera.position_m[:2] - ground_m) / (camera.position_m[2] - height_m)[:, np.newaxis]
-    lean = height_doubt_m * away
-    spread = rows["covariance"]
-    own = 0.5 * (spread[:, 0, 0] + spread[:, 1, 1])
-    weight = _fade(camera, pixels) / (own + (lean**2).sum(axis=1))
+    sensitivity = height_doubt_m * away
+    covariance = rows["covariance"]
+    own = 0.5 * (covariance[:, 0, 0] + covariance[:, 1, 1])
+    weight = _fade(camera, pixels) / (own + (sensitivity**2).sum(axis=1))
     facts = zip(
         rows["tag"].tolist(), ground_m.tolist(), rows["yaw_rad"].tolist(), weight.tolist(),
-        spread[:, _UPPER[0], _UPPER[1]].tolist(), lean.tolist(), strict=True,
+        covariance[:, _UPPER[0], _UPPER[1]].tolist(), sensitivity.tolist(), strict=True,
     )  # fmt: skip
     return [
         Sighting(tag, x, y, yaw, frame.capture_ns, w, (camera.id,), tuple(own), tuple(shift))
@@ -177,7 +172,8 @@ def merge_views(views: Iterable[Sighting]) -> dict[int, list[Sighting]]:
 def _order(view: Sighting) -> tuple[object, ...]:
     """Sorts views by all that they are, so that only equal ones can change places."""
     place = (view.x_m, view.y_m, view.yaw_rad)
-    return view.tag, view.cameras, place, view.weight, view.capture_ns, view.spread, view.lean
+    doubt = (view.covariance, view.height_sensitivity)
+    return view.tag, view.cameras, place, view.weight, view.capture_ns, *doubt
 
 
 def _belongs(view: Sighting, cluster: list[Sighting]) -> bool:
@@ -198,8 +194,8 @@ def _merge(cluster: list[Sighting]) -> Sighting:
     first = cluster[0].capture_ns
     later = share @ np.array([view.capture_ns - first for view in cluster], dtype=np.float64)
     # The pictures' errors are independent; the marker has one height for all of them.
-    spread = share**2 @ np.array([view.spread for view in cluster])
-    lean = share @ np.array([view.lean for view in cluster])
+    covariance = share**2 @ np.array([view.covariance for view in cluster])
+    sensitivity = share @ np.array([view.height_sensitivity for view in cluster])
     return Sighting(
         tag=cluster[0].tag,
         x_m=float(share @ np.array([view.x_m for view in cluster])),
@@ -208,8 +204,8 @@ def _merge(cluster: list[Sighting]) -> Sighting:
         capture_ns=first + round(float(later)),
         weight=float(weight.sum()),
         cameras=tuple(sorted(camera for view in cluster for camera in view.cameras)),
-        spread=tuple(spread.tolist()),
-        lean=tuple(lean.tolist()),
+        covariance=tuple(covariance.tolist()),
+        height_sensitivity=tuple(sensitivity.tolist()),
     )
 
 
@@ -227,8 +223,6 @@ def image_poses(place: int, camera: Camera, placed: Placed) -> NDArray[np.void]:
 
     Args:
         place: The camera's place in the arena state's `cameras`.
-        camera: The camera.
-        placed: What it sees.
     """
     rows, height_m, ground_m = placed
     poses = np.zeros(len(rows), dtype=IMAGE_POSE)
@@ -248,7 +242,6 @@ class ImagePoses:
     """Finds for each robot the picture that shows it best."""
 
     def __init__(self, cameras: Sequence[Camera], heights_m: Mapping[int, float]) -> None:
-        """Takes the arena's cameras and the height of each tag's marker."""
         self._cameras = list(cameras)
         self._heights_m = dict(heights_m)
 
@@ -285,7 +278,6 @@ def _heading_px_rad(camera: Camera, points_m: Floats, at_px: Floats, yaw_rad: Fl
     """Returns headings as a picture shows them, counter-clockwise in (-pi, pi], 0 to the right.
 
     Args:
-        camera: The camera.
         points_m: (n, 3) the discs' centres in the arena.
         at_px: (n, 2) the same in the picture.
         yaw_rad: (n,) headings in the arena.

@@ -142,7 +142,7 @@ class Zone:
         size_m: extent of a rectangle along its own x and y.
         yaw_rad: the rectangle's turn.
         color: what it is painted with over the floor; None: it cannot be seen.
-        value: a number for whoever wants one.
+        value: a number for loop functions.
     """
 
     id: str

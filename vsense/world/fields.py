@@ -25,7 +25,7 @@ diffusion overshoots from 0.25 on."""
 class Field:
     """One kind of substance: concentrations at the middles of square cells.
 
-    A concentration is an amount per square metre, so that what robots leave behind and feel does
+    A concentration is an amount per square metre, so that what robots release and sense does
     not depend on the size of the cells. Nothing leaves the field over the arena's border.
 
     Attributes:
@@ -51,11 +51,7 @@ class Field:
         """Makes a field over the whole arena.
 
         Args:
-            id: its name.
             arena: where it lies; the last column and row may reach beyond its border.
-            cell_m: side of a cell.
-            evaporation_per_s: see the attribute.
-            diffusion_m2_s: see the attribute.
             initial: concentration everywhere at the start.
 
         Raises:
@@ -143,7 +139,7 @@ class Field:
         """Takes amounts away at points, as far as there is something.
 
         Where several take from one cell and it has too little for all, each gets the same share
-        of what it wanted: so nobody's turn matters.
+        of what it wanted: so the order does not matter.
 
         Args:
             points_m: (n, 2) places, as in `deposit`.
@@ -167,7 +163,7 @@ class Field:
         return taken
 
     def step(self, dt_s: float) -> None:
-        """Lets time pass: the substance spreads, then evaporates.
+        """Steps the field: the substance diffuses, then evaporates.
 
         Raises:
             WorldError: it spreads over too many cells in dt_s.
@@ -175,14 +171,14 @@ class Field:
         self.check(dt_s)
         substeps = self._substeps(dt_s)
         for _ in range(substeps):
-            self._spread(self.diffusion_m2_s * dt_s / substeps / self.cell_m**2)
+            self._diffuse(self.diffusion_m2_s * dt_s / substeps / self.cell_m**2)
         if self.evaporation_per_s > 0.0:
             self.concentration *= math.exp(-self.evaporation_per_s * dt_s)
 
     def _substeps(self, dt_s: float) -> int:
         return math.ceil(self.diffusion_m2_s * dt_s / (_STABLE * self.cell_m**2))
 
-    def _spread(self, share: float) -> None:
+    def _diffuse(self, share: float) -> None:
         """Moves a share of every difference between neighbours from one to the other."""
         across = share * np.diff(self.concentration, axis=1)
         along = share * np.diff(self.concentration, axis=0)

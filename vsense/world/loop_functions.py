@@ -2,7 +2,7 @@
 
 An experiment names a file, `<loop_functions library="doors.py" />`. It holds any of these, as
 functions or as methods of one class, called as the attribute `label` says ("LoopFunctions"
-where there is none), which is made anew, without arguments, for every run:
+where there is none), which is made for every run, without arguments:
 
     def reset(world):      before the first timestep
     def pre_step(world):   after the robots were seen, before their virtual actuators act

@@ -120,9 +120,6 @@ class PollutantSource:
         """Gives the cone of a source that stands at (x_m, y_m) in a timestep of the run.
 
         Args:
-            x_m: where the source stands.
-            y_m: where the source stands.
-            run_timestep: timestep of the run.
             share: how much of its amount is left, above 0: the polluted area shrinks with it, so
                 the reach with its root.
         """

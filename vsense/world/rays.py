@@ -68,11 +68,28 @@ class Bodies:
         return len(self.rows)
 
     def blocked(self, starts_m: ArrayLike, ends_m: ArrayLike, skip: ArrayLike = NOBODY) -> Bools:
-        """See `blocked`."""
+        """Tells which lines touch a body.
+
+        Args:
+            starts_m: (n, 3) starts.
+            ends_m: (n, 3) ends.
+            skip: rows of bodies that are no hindrance, (n,) or (n, 2) or one for all lines; NOBODY.
+
+        Returns:
+            (n,) True where something is in the way, also at the start or the end itself.
+
+        Raises:
+            WireError: a coordinate is not finite, or beyond what an arena can hold.
+        """
         return self._trace(kernels.vs_rays_blocked, "uint8_t *", np.bool_, starts_m, ends_m, skip)
 
     def nearest(self, starts_m: ArrayLike, ends_m: ArrayLike, skip: ArrayLike = NOBODY) -> Floats:
-        """See `nearest`."""
+        """Tells where lines touch the first body; arguments and errors as of `blocked`.
+
+        Returns:
+            (n,) share of the line up to there, in [0, 1]; 0 where it starts in a body; inf where
+            it is free.
+        """
         return self._trace(kernels.vs_rays_nearest, "double *", np.float64, starts_m, ends_m, skip)
 
     def _trace(
@@ -127,38 +144,6 @@ class Bodies:
         return found
 
 
-def blocked(
-    starts_m: ArrayLike, ends_m: ArrayLike, bodies: Bodies, skip: ArrayLike = NOBODY
-) -> Bools:
-    """Tells which lines touch a body.
-
-    Args:
-        starts_m: (n, 3) starts.
-        ends_m: (n, 3) ends.
-        bodies: what may stand in the way.
-        skip: rows of bodies that are no hindrance, (n,) or (n, 2) or one for all lines; NOBODY.
-
-    Returns:
-        (n,) True where something is in the way, also at the start or the end itself.
-
-    Raises:
-        WireError: a coordinate is not finite, or beyond what an arena can hold.
-    """
-    return bodies.blocked(starts_m, ends_m, skip)
-
-
-def nearest(
-    starts_m: ArrayLike, ends_m: ArrayLike, bodies: Bodies, skip: ArrayLike = NOBODY
-) -> Floats:
-    """Tells where lines touch the first body; arguments and errors as of `blocked`.
-
-    Returns:
-        (n,) share of the line up to there, in [0, 1]; 0 where it starts in a body; inf where it
-        is free.
-    """
-    return bodies.nearest(starts_m, ends_m, skip)
-
-
 def disc_rows(
     x_m: ArrayLike,
     y_m: ArrayLike,
@@ -171,7 +156,7 @@ def disc_rows(
     Args:
         x_m: (n,) centres.
         y_m: (n,) centres.
-        there: (n,) or one for all; who is not there stands in nobody's way but has its row.
+        there: (n,) or one for all; one that is not there blocks no line but has its row.
         radius_m: of all.
         height_m: of all.
     """

@@ -16,14 +16,14 @@ NEVER_NS = -1
 
 
 def unseen(tags: Sequence[int]) -> NDArray[np.void]:
-    """Gives a POSE array of things that nobody has seen yet."""
+    """Gives a POSE array of things that no camera has seen yet."""
     poses = np.zeros(len(tags), dtype=POSE)
     poses["tag"] = tags
     poses["capture_ns"] = NEVER_NS
     return poses
 
 
-def take(kept: NDArray[np.void], seen: NDArray[np.void]) -> None:
+def update_poses(kept: NDArray[np.void], seen: NDArray[np.void]) -> None:
     """Overwrites the kept rows of the tags that a camera saw; the others stay, not seen.
 
     Args:

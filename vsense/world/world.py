@@ -1,6 +1,4 @@
-"""The measures of a run by name: what loop functions, actuators and others write down.
-
-The world of one run: what the cameras saw last, and what is not there at all.
+"""The world of one run: what the cameras saw last, and what is not there at all.
 
 It reads no clock and draws from its own seed: every age follows from the capture times that the
 arena state carries. The same arena states therefore give the same world, live and in a replay.
@@ -31,7 +29,7 @@ from vsense.world.inventory import Inventory
 from vsense.world.pollution import DEFAULT_MEMORY_NS, Cone, PollutantSource, Stock
 from vsense.world.rays import Bodies, disc_rows, entity_rows
 from vsense.world.sightings import NEVER_NS as NEVER_NS
-from vsense.world.sightings import carried, known, read_only, standing, take, unseen
+from vsense.world.sightings import carried, known, read_only, standing, unseen, update_poses
 
 
 class Results(MutableMapping[str, float]):
@@ -97,7 +95,7 @@ class World:
         results: measures of the run by name.
         stock: what robots have cleaned of the pollutant sources.
         params: the loop functions' own settings.
-        arena: the arena, or None where nobody needs it.
+        arena: the arena, or None where it is not needed.
         timestep_s: length of a timestep.
         capture_ns: capture time of the newest arena state, 0 before the first.
         run_timestep: timestep of the run, from 0; negative before the run.
@@ -127,13 +125,9 @@ class World:
 
         Args:
             tags: markers of the robots of the run, without repetition.
-            sources: what pollutes.
             entities: what else is in it, virtual robots too.
-            fields: what is spread over the floor.
             floor: the floor's colours; None: white.
             objects: markers of the things that are no robots; the sources' are added.
-            arena: the arena.
-            timestep_s: length of a timestep.
             seed: of everything that is drawn.
 
         Raises:
@@ -174,15 +168,15 @@ class World:
         """
         self.capture_ns = state.capture_ns
         self.run_timestep = run_timestep
-        take(self._robots[: self.real_robots], state.robots)
-        take(self._objects, state.robots)
+        update_poses(self._robots[: self.real_robots], state.robots)
+        update_poses(self._objects, state.robots)
         self._settle()
         virtual = self._robots[self.real_robots :]
         virtual["seen"], virtual["capture_ns"] = True, state.capture_ns
         self._bodies = None
 
     def step(self) -> None:
-        """Lets a timestep pass for whatever changes by itself."""
+        """Steps what changes by itself: the fields."""
         for field in self.fields.values():
             field.step(self.timestep_s)
 
@@ -283,7 +277,7 @@ class World:
 
         The rows are those of `robots`, then those of `objects`, then cylinders and boxes: so a
         robot's row in `robots` is what `skip` wants. A tagged thing that no camera has seen for
-        BODY_MEMORY_NS is in nobody's way.
+        BODY_MEMORY_NS blocks no line.
         """
         self._settle()
         if self._bodies is None:

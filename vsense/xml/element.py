@@ -1,8 +1,6 @@
-"""What is said about an experiment file: its warnings, and how errors show values and names.
+"""One element of an experiment file: knows where it stands and what has been read of it.
 
-One element of an experiment file: knows where it stands and what has been read of it.
-
-Whoever reads an element asks for its attributes and children by name; what nobody asked for is
+A reader asks an element for attributes and children by name; what was not asked for is
 reported at the end, with the names that would have been understood. So a misspelt key is an
 error instead of a default.
 """
@@ -309,7 +307,7 @@ class Element:
         return found
 
     def check_all_read(self) -> None:
-        """Refuses whatever nobody asked for, here and below.
+        """Refuses what was not asked for, here and below.
 
         Raises:
             ConfigError: an attribute or a child element that means nothing here.

@@ -27,7 +27,6 @@ def parse(data: bytes, file: str) -> Element:
 
     Args:
         data: the file's bytes.
-        file: what errors and warnings call it.
 
     Returns:
         The root element.

@@ -1,26 +1,15 @@
-"""What all marker families have in common, whatever their markers look like.
-
-The family frame has its origin in the middle of the marker's cells, +x in the driving
-direction and +y to the left, seen from above; lengths are in millimetres.
-"""
+"""Markers drawn from above, from what their family says is white."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.errors import VsenseError
-
-Floats = NDArray[np.float64]
+from vsense.markers.families import Family
 
 _SUPERSAMPLING = 4
-
-
-class FamilyError(VsenseError):
-    """An unknown marker family, a broken definition, or a tag that it does not have."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,35 +27,6 @@ class MarkerTexture:
     coverage: NDArray[np.uint8]
     px_per_mm: float
     centre_px: float
-
-
-class Family(Protocol):
-    """Markers with numbers, each printed on a white disc that a robot carries."""
-
-    @property
-    def name(self) -> str:
-        """Name of the family."""
-
-    @property
-    def tags(self) -> int:
-        """How many tags there are: 0 .. tags - 1."""
-
-    @property
-    def disc_diameter_mm(self) -> float:
-        """Diameter of the white disc."""
-
-    @property
-    def disc_centre_mm(self) -> Floats:
-        """The disc's centre, which is the robot's, (2,)."""
-
-    def is_white(self, tag: int, points_mm: Floats) -> NDArray[np.bool_]:
-        """Tells where the marker is white, (..., 2) points on the disc -> (...)."""
-
-    def texture(self, tag: int, px_per_mm: float) -> MarkerTexture:
-        """Draws a marker with smooth edges."""
-
-    def __hash__(self) -> int:
-        """Families are values: what is drawn of one can be kept for the next use."""
 
 
 def draw_texture(family: Family, tag: int, px_per_mm: float) -> MarkerTexture:
