@@ -105,13 +105,37 @@ def test_a_knot_is_found() -> None:
     assert knots({"a": {"b"}, "b": {"c"}, "c": set()}) == []
 
 
-def test_folders_stand_on_floors() -> None:
+def arrows_between_rooms() -> dict[str, set[str]]:
+    """Which folders and loose modules of `vsense` each of them imports."""
     arrows: dict[str, set[str]] = defaultdict(set)
     for module, known in links().items():
         own = floor_of(module)
         arrows[own] |= {floor_of(other) for other in known} - {own}
+    return arrows
+
+
+def test_folders_stand_on_floors() -> None:
+    arrows = arrows_between_rooms()
     assert {"world", "arena", "xml"} <= arrows["sensors"], "the graph has arrows"
     assert knots(arrows) == []
+
+
+def test_the_floors_are_those_that_design_md_shows() -> None:
+    text = (ROOT / "vsense" / "DESIGN.md").read_text()
+    table = text.partition("| floor | folder |")[2].partition("\n\n")[0]
+    rows = [line.split("|")[2] for line in table.splitlines()[2:]]
+    name = re.compile(r"`(\w+)(?:/|\.py)`")
+    place = {found: row for row, cell in enumerate(rows) for found in name.findall(cell)}
+    rooms = {floor_of(module) for module in MODULES} - {"vsense", "__main__"}
+    assert place.keys() == rooms
+    ground = place["arena"]
+    up = {
+        (room, other)
+        for room, known in arrows_between_rooms().items()
+        for other in known
+        if room in place and place[other] <= place[room] < ground
+    }
+    assert up - {("cli", "commands")} == set()
 
 
 def test_modules_import_in_one_direction() -> None:
