@@ -1,7 +1,4 @@
-"""Grabbers: where the pictures come from.
-
-What cameras suffer from, told without wearying anybody.
-"""
+"""Grabbers: where the pictures come from, and what happens to the cameras behind them."""
 
 from __future__ import annotations
 

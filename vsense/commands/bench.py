@@ -1,7 +1,4 @@
-"""`vsense bench`: how fast and how well, against the best of the others.
-
-The benchmarks' reports, as a table or as JSON.
-"""
+"""`vsense bench`: how fast and how well, against the best of the others."""
 
 from __future__ import annotations
 
