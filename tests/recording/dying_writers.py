@@ -31,13 +31,13 @@ def live(folder: Path, number: int) -> None:
     path.write_bytes(bytes(SAID.size))
     with path.open("r+b") as file:
         said = mmap.mmap(file.fileno(), SAID.size)
-    hub = MessageBus()
-    recorder = Recorder(hub, folder / f"{number}.mcap", pictures=True)
+    bus = MessageBus()
+    recorder = Recorder(bus, folder / f"{number}.mcap", pictures=True)
     image = np.random.default_rng(number).integers(0, 255, (60, 80), dtype=np.uint8)
     count = 0
     while True:
         now_ns = time.monotonic_ns()
-        hub.publish(Message("/arena", now_ns, {"n": count, "x_m": [0.1 * count] * 15}))
+        bus.publish(Message("/arena", now_ns, {"n": count, "x_m": [0.1 * count] * 15}))
         count += 1
         said[:] = SAID.pack(count, now_ns)
         if count % 10 == 0:

@@ -25,13 +25,13 @@ class Run:
     """A run that publishes ten times faster than real ones."""
 
     def __init__(self, path: Path) -> None:
-        self.hub = MessageBus()
+        self.bus = MessageBus()
         self.events: list[str] = []
-        self.hub.join(
+        self.bus.join(
             lambda message: self.events.append(message.data["level"]),
             lambda topic: topic == "/event",
         )
-        self.recorder = Recorder(self.hub, path, bounds=Bounds(message_bytes=200_000))
+        self.recorder = Recorder(self.bus, path, bounds=Bounds(message_bytes=200_000))
         self.count = 0
         self.slowest_s = 0.0
 
@@ -43,7 +43,7 @@ class Run:
             begun_s = time.monotonic()
             noise = [hash((self.count, n)) for n in range(200)]
             message = Message("/arena", time.monotonic_ns(), {"n": self.count, "noise": noise})
-            self.hub.publish(message)
+            self.bus.publish(message)
             self.slowest_s = max(self.slowest_s, time.monotonic() - begun_s)
             self.count += 1
             time.sleep(0.01)

@@ -26,17 +26,17 @@ __all__ = ["lab"]
 class Page:
     """Somebody at the page: waits for an arena state, then presses Ctrl-C in the terminal."""
 
-    hub: MessageBus
+    bus: MessageBus
     give: Give
     look: str = "http://look"
     control: str = "http://control"
     closed: bool = False
 
     def start(self) -> Page:
-        self.hub.join(self.take, lambda topic: topic == "/arena")
+        self.bus.join(self.take, lambda topic: topic == "/arena")
         return self
 
-    def take(self, message: Message) -> None:
+    def pop(self, message: Message) -> None:
         assert self.give(Order(OrderKind.PAUSE, "viewer 1")) == "paused"
         os.kill(os.getpid(), signal.SIGINT)
 
@@ -51,8 +51,8 @@ def test_it_plays_until_somebody_interrupts(
     options = argparse.Namespace(file=file, speed=2.0)
     pages: list[Page] = []
 
-    def make(options: argparse.Namespace, hub: MessageBus, give: Give) -> Page:
-        pages.append(Page(hub, give))
+    def make(options: argparse.Namespace, bus: MessageBus, give: Give) -> Page:
+        pages.append(Page(bus, give))
         return pages[0]
 
     assert replay.play(options, make) == 130

@@ -107,16 +107,16 @@ def run(options: argparse.Namespace) -> int:
     directory = run_directory.make(options.output, experiment.name, seed)
     keep_file(experiment, directory)
     with (
-        RunLog(directory) as diary,
+        RunLog(directory) as log,
         interruption() as interrupted,
-        ControlRoom(options, diary) as room,
+        ControlRoom(options, log) as room,
     ):
         for warning in experiment.warnings:
-            diary.say(f"vsense: {warning}")
+            log.say(f"vsense: {warning}")
         host = experiment.host if options.host is None else options.host
         port = experiment.port if options.port is None else options.port
-        setup = RunSetup(experiment, seed, options.blind, (host, port), diary, interrupted, room)
-        return RunCommand(options, setup, directory, diary).run()
+        setup = RunSetup(experiment, seed, options.blind, (host, port), log, interrupted, room)
+        return RunCommand(options, setup, directory, log).run()
 
 
 def keep_file(experiment: Experiment, directory: Path) -> None:
@@ -147,14 +147,14 @@ def _legacy_port(legacy_port: int | None, port: int) -> int | None:
 
 
 class RunCommand:
-    """One call of the command, from the roll call to the last word."""
+    """One call of the command, from the wait for robots to the last word."""
 
     def __init__(
         self,
         options: argparse.Namespace,
         setup: RunSetup,
         directory: Path,
-        diary: RunLog,
+        log: RunLog,
     ) -> None:
         """Prepares the runs.
 
@@ -162,12 +162,12 @@ class RunCommand:
             options: the command line.
             setup: what the runs are made from.
             directory: of all runs, exists.
-            diary: where to say what happens.
+            log: where to say what happens.
         """
         self._options = options
         self._setup = setup
         self._directory = directory
-        self._diary = diary
+        self._log = log
         self._series = Series(directory, options.runs, setup.room.holds, setup.interrupted)
 
     def run(self) -> int:
@@ -184,7 +184,7 @@ class RunCommand:
                     session.next_run()
             except VsenseError as error:
                 failure = error
-        self._diary.end_progress()
+        self._log.end_progress()
         self._tell(summaries)
         if failure is not None:
             raise failure
@@ -209,16 +209,16 @@ class RunCommand:
         number = session.runner.control.run
         directory = self._series.directory(number)
         self._setup.room.begin_run(session.environment, directory)
-        attendance = self._wait(session, number)
+        readiness = self._wait(session, number)
         if self._setup.interrupted.is_set():
-            self._diary.end_progress()
-            self._diary.say("vsense: interrupted before the run: nothing was measured")
+            self._log.end_progress()
+            self._log.say("vsense: interrupted before the run: nothing was measured")
             return False
         try:
-            self._diary.begin_run(directory)
+            self._log.begin_run(directory)
         except run_directory.DirectoryError as error:
-            self._diary.say(f"no table of this run's timesteps: {error}", "trouble")
-        one = OneRun(session, directory, attendance, self._diary)
+            self._log.say(f"no table of this run's timesteps: {error}", "trouble")
+        one = OneRun(session, directory, readiness, self._log)
         one.live()
         self._setup.room.end_run()
         summary = one.report()
@@ -229,7 +229,7 @@ class RunCommand:
         return True
 
     def _announce(self, session: RunSession) -> None:
-        setup, say = self._setup, self._diary.say
+        setup, say = self._setup, self._log.say
         experiment, host = setup.experiment, setup.address[0]
         length = f"{experiment.length_s:g} s" if experiment.length_s else "until Ctrl-C"
         say(
@@ -255,17 +255,17 @@ class RunCommand:
             VsenseError: something has failed, or not one robot is there.
         """
         if number > 1:
-            self._diary.say(f"run {number}, seed {session.environment.seed}")
+            self._log.say(f"run {number}, seed {session.environment.seed}")
         limit_s = self._series.patience_s(number, self._options.start_after)
-        attendance = session.runner.wait(limit_s)
-        if attendance.complete or self._setup.interrupted.is_set():
-            return attendance
-        if not set(self._names()) - set(attendance.missing):
-            raise RunError(f"no robot is there; {attendance.complaint()}")
-        self._diary.say(
-            f"starting without {shorten(attendance.missing)}; {attendance.complaint()}", "warning"
+        readiness = session.runner.wait(limit_s)
+        if readiness.complete or self._setup.interrupted.is_set():
+            return readiness
+        if not set(self._names()) - set(readiness.missing):
+            raise RunError(f"no robot is there; {readiness.missing_text()}")
+        self._log.say(
+            f"starting without {shorten(readiness.missing)}; {readiness.missing_text()}", "warning"
         )
-        return attendance
+        return readiness
 
     def _names(self) -> list[str]:
         return [robot.id for robot in self._setup.experiment.robots]

@@ -181,19 +181,19 @@ def _encode_data(data: Mapping[str, Any]) -> bytes:
         return _ENCODER.encode(data).encode()
     except ValueError:
         # Rare, and looked for only now: a look at every number would cost more than the rest.
-        return _ENCODER.encode(_without_nan(data)).encode()
+        return _ENCODER.encode(without_nan(data)).encode()
 
 
-def _without_nan(value: Any) -> Any:
-    """Puts null where no number is."""
+def without_nan(value: Any) -> Any:
+    """The same with null for every number that JSON does not have."""
     if isinstance(value, (np.generic, np.ndarray)):
         value = value.tolist()
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Mapping):
-        return {key: _without_nan(each) for key, each in value.items()}
+        return {key: without_nan(each) for key, each in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_without_nan(each) for each in value]
+        return [without_nan(each) for each in value]
     return value
 
 

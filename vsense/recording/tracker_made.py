@@ -116,7 +116,7 @@ def _tracker(
     if family.endswith(".json"):
         text = Path(family).read_text(encoding="utf-8")
     else:
-        file = resources.files("vsense.tracking") / "families" / f"{family}.json"
+        file = resources.files("vsense.markers") / "families" / f"{family}.json"
         text = file.read_text(encoding="utf-8")
     return {
         "family": json.loads(text),

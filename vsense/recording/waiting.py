@@ -72,7 +72,7 @@ class _Queue:
         self.items.append((item, size, now_ns))
         self.bytes += size
 
-    def take(self) -> Item:
+    def pop(self) -> Item:
         item, size, _ = self.items.popleft()
         self.bytes -= size
         return item
@@ -128,18 +128,18 @@ class Waiting:
             self._queues[_MESSAGES].append(message, _SMALL, message.time_ns)
             self._changed.notify()
 
-    def take(self, timeout_s: float) -> Item | None:
+    def pop(self, timeout_s: float) -> Item | None:
         """Takes the oldest message, or picture, or nothing where nothing comes in `timeout_s`."""
         with self._changed:
             if timeout_s > 0.0 and not any(queue.items for queue in self._queues.values()):
                 self._changed.wait(timeout_s)
             for queue in self._queues.values():
                 if queue.items:
-                    return queue.take()
+                    return queue.pop()
             return None
 
     def wake(self) -> None:
-        """Has `take` return now."""
+        """Has `pop` return now."""
         with self._changed:
             self._changed.notify()
 
@@ -154,7 +154,7 @@ class Waiting:
         with self._changed:
             for queue in self._queues.values():
                 while queue.items:
-                    queue.take()
+                    queue.pop()
                     self.lost += 1
 
     def _has_room(self, kind: str, size: int, now_ns: int) -> bool:

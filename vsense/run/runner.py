@@ -1,4 +1,4 @@
-"""Waits for the robots, starts them together, lives the timesteps and stops them.
+"""Waits for the robots, starts them together, runs the timesteps and stops them.
 
 `vsense lab` and `vsense run` both do it this way; they differ in what stands around it.
 """
@@ -28,7 +28,7 @@ POLL_S = 0.25
 SILENCE_NS = 500_000_000
 """Robots have stopped 400 ms after the last arena state: from now on a person is told."""
 
-Look = Callable[[Step | None, Mapping[int, RobotStatus]], None]
+Observer = Callable[[Step | None, Mapping[int, RobotStatus]], None]
 """Called after every timestep, and with None in silences, with the status of every robot by tag;
 what it raises ends the run."""
 
@@ -50,10 +50,20 @@ class Silence:
 
 
 class Runner:
-    """Runs, one after the other, from roll call to last telemetry; it belongs to one thread.
+    """Runs, one after the other, from the wait for robots to the last telemetry; for one thread.
+
+    Args:
+        experiment: what to run.
+        runtime: is open, or will be before `wait`.
+        server: has been started.
+        console: where to say what happens.
+        interrupted: set by whoever wants everything to end.
+        observe: see `Observer`.
+        control: what people order; None: nobody can.
+        clock: the host's monotonic clock [ns].
 
     Attributes:
-        tally: what the links sent and received, from the start of the server.
+        counters: what the links sent and received, from the start of the server.
         reconnects: sessions that were opened in mid-run.
         robots: the status of every robot by tag in the newest timestep, when its readings had left.
         silences: times without arena states in the run.
@@ -66,24 +76,12 @@ class Runner:
         server: VirtualSensorServer,
         console: Console,
         interrupted: threading.Event,
-        look: Look = lambda step, robots: None,
+        observe: Observer = lambda step, robots: None,
         control: Control | None = None,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        """Prepares the first run.
-
-        Args:
-            experiment: what to run.
-            runtime: is open, or will be before `wait`.
-            server: has been started.
-            console: where to say what happens.
-            interrupted: set by whoever wants everything to end.
-            look: see `Look`.
-            control: what people order; None: nobody can.
-            clock: the host's monotonic clock [ns].
-        """
-        self.tally, self.reconnects = LinkCounters(), 0
-        self._complaints = RobotAlarms()
+        self.counters, self.reconnects = LinkCounters(), 0
+        self._alarms = RobotAlarms()
         self.silences: list[Silence] = []
         self.robots: Mapping[int, RobotStatus] = {}
         self._robots = {robot.tag: robot.id for robot in experiment.robots}
@@ -91,7 +89,7 @@ class Runner:
         self._dt_ns, self._timesteps = experiment.timestep_ns, experiment.timesteps
         self._runtime = runtime
         self._server, self._console = server, console
-        self._interrupted, self._look = interrupted, look
+        self._interrupted, self._observe = interrupted, observe
         self.control = control or Control(server.command, console.say)
         self._clock = clock
         self._heard_ns: int | None = None
@@ -105,7 +103,7 @@ class Runner:
         return self.control.why
 
     def wait(self, limit_s: float | None = None) -> Readiness:
-        """Lives timesteps until every robot is connected and every marker is seen.
+        """Runs timesteps until every robot is connected and every marker is seen.
 
         Where runs are held until somebody starts them, it waits for that; a START that comes
         early ends the wait at once.
@@ -122,13 +120,13 @@ class Runner:
         begun_ns = self._clock()
         while True:
             step = self._step()
-            attendance = self._call_roll(step)
+            readiness = self._readiness(step)
             waited_ns = self._clock() - begun_ns
             over = limit_s is not None and waited_ns > limit_s * 1e9
-            anybody = len(attendance.absent) < len(self._robots)
-            if self._interrupted.is_set() or self._may_start(attendance.complete or over, anybody):
-                return attendance
-            self._console.progress(self._waiting(attendance))
+            anybody = len(readiness.absent) < len(self._robots)
+            if self._interrupted.is_set() or self._may_start(readiness.complete or over, anybody):
+                return readiness
+            self._console.progress(self._waiting(readiness))
 
     def _may_start(self, ready: bool, anybody: bool) -> bool:
         """Whether the run starts now.
@@ -144,11 +142,11 @@ class Runner:
             control.ready()
         return not control.holds
 
-    def _waiting(self, attendance: Readiness) -> str:
+    def _waiting(self, readiness: Readiness) -> str:
         """The live line before the run."""
         state = self.control.state
         word = {State.EMERGENCY: "EMERGENCY STOP, reset first", State.READY: "ready to start"}
-        there = attendance.progress(self._heard_ns is not None)
+        there = readiness.progress(self._heard_ns is not None)
         return f"{word.get(state, 'waiting')}: {there}"
 
     def timesteps(self) -> Iterator[Step]:
@@ -160,8 +158,8 @@ class Runner:
         Raises:
             VsenseError: something has failed.
         """
-        self.tally.update(self._server.robots())
-        self._sessions = self.tally.sessions
+        self.counters.update(self._server.robots())
+        self._sessions = self.counters.sessions
         if self._interrupted.is_set() or not self.control.begin(self._runtime.start):
             return
         length_ns, last = self._timesteps * self._dt_ns, self._timesteps - 1
@@ -222,7 +220,7 @@ class Runner:
         self._runtime.next_run(environment)
         self.control.next_run()
         self.silences, self._run_timestep = [], -1
-        self.tally = self.tally.anew()
+        self.counters = self.counters.anew()
 
     def stop(self) -> None:
         """Stops all robots, and waits until they have told what they received.
@@ -238,7 +236,7 @@ class Runner:
             self._note_silence()
         self.control.end("interrupted")
         self._settle()
-        self.reconnects = self.tally.sessions - self._sessions
+        self.reconnects = self.counters.sessions - self._sessions
 
     def _step(self) -> Step | None:
         """Lives one timestep; None where no arena state came for a while."""
@@ -253,20 +251,20 @@ class Runner:
                 self._console.say(f"arena states are back after {duration_s:.1f} s")
             self._heard_ns = step.arena_ns
         robots = self.robots = self._server.robots()
-        for status in self.tally.update(robots):
+        for status in self.counters.update(robots):
             self._console.say(f"robot {status.name}: its guard was replaced", "warning")
-        for line in self._complaints.update(robots, self._clock()):
+        for line in self._alarms.update(robots, self._clock()):
             self._console.say(line, "warning")
-        self._look(step, robots)
+        self._observe(step, robots)
         return step
 
-    def _call_roll(self, step: Step | None) -> Readiness:
+    def _readiness(self, step: Step | None) -> Readiness:
         # A moment without an arena state makes nobody disappear.
         if step is not None:
             robots = step.state.robots
             self._seen = frozenset(robots["tag"][robots["seen"]].tolist())
         connected = {tag for tag, status in self.robots.items() if status.connected}
-        return Readiness.take(self._robots, self._objects, connected, self._seen)
+        return Readiness.of(self._robots, self._objects, connected, self._seen)
 
     def _hear_nothing(self) -> None:
         silent_ns = 0 if self._heard_ns is None else self._clock() - self._heard_ns
@@ -293,8 +291,8 @@ class Runner:
         """Stops sending and waits until every robot has told what it received."""
         self._server.hush()
         deadline_ns = self._clock() + SETTLE_TIMEOUT_NS
-        self.tally.update(self._server.robots())
-        while self.tally.received < self.tally.sent and self._clock() < deadline_ns:
+        self.counters.update(self._server.robots())
+        while self.counters.received < self.counters.sent and self._clock() < deadline_ns:
             threading.Event().wait(0.02)
-            self.tally.update(self._server.robots())
+            self.counters.update(self._server.robots())
         self._server.hush(False)

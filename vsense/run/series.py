@@ -18,6 +18,12 @@ PATIENCE_S = 10.0
 class Series:
     """The runs of one process.
 
+    Args:
+        directory: of all runs, exists.
+        runs: so many follow by themselves.
+        holds: after them, or where somebody has stopped one, people may begin another.
+        interrupted: set by whoever wants the process to end.
+
     Attributes:
         several: there may be more than one: each has a directory of its own. Of what was meant to
             be one run, only those after a reset have.
@@ -26,14 +32,6 @@ class Series:
     def __init__(
         self, directory: Path, runs: int, holds: bool, interrupted: threading.Event
     ) -> None:
-        """Begins before the first run.
-
-        Args:
-            directory: of all runs, exists.
-            runs: so many follow by themselves.
-            holds: after them, or where somebody has stopped one, people may begin another.
-            interrupted: set by whoever wants the process to end.
-        """
         self.several = holds or runs > 1
         self._directory = directory
         self._runs = runs
@@ -71,12 +69,7 @@ class Series:
             run_directory.write_summary(self._directory, figures, on_stdout, run_directory.SERIES)
 
     def patience_s(self, number: int, wanted_s: float | None) -> float | None:
-        """How long a run waits for its robots; None: for ever.
-
-        Args:
-            number: of the run.
-            wanted_s: what the command line says.
-        """
+        """How long a run waits for its robots, None: for ever; `wanted_s` is what the user said."""
         return PATIENCE_S if wanted_s is None and number > 1 else wanted_s
 
     def goes_on(self, runner: Runner) -> bool:

@@ -1,7 +1,4 @@
-"""The thread that watches the arena, and the double buffer in which its newest state waits.
-
-The double buffer is the thesis's, between tracking and world: the newest arena state, never torn.
-"""
+"""The thread that watches the arena, and the double buffer in which its newest state waits."""
 
 from __future__ import annotations
 
@@ -61,16 +58,16 @@ class Stamped(NamedTuple):
 
 
 class ArenaBuffer:
-    """The newest arena state with its pictures, for one writing and one reading thread.
+    """The thesis's double buffer between tracking and world: the newest arena state, never torn.
 
-    Neither ever waits for the other. What they exchange is the number of a slot
-    (`c_src/vs_latest.h`); state and pictures stay where they are. A slot is emptied by whoever
-    gets it: the reader takes its content out, the writer drops what nobody has read. Nothing else
-    refers to them here, so lent pictures go back as soon as the reader lets go of what it took.
+    One thread writes, one reads; neither ever waits for the other. What they exchange is the number
+    of a slot (`c_src/vs_latest.h`); state and pictures stay where they are. A slot is emptied by
+    whoever gets it: the reader takes its content out, the writer drops what nobody has read.
+    Nothing else refers to them here, so lent pictures go back as soon as the reader lets go of what
+    it took.
     """
 
     def __init__(self) -> None:
-        """Makes an empty buffer."""
         self._exchange = ffi.new("struct vs_latest *")
         lib.vs_latest_init(self._exchange)
         self._slots: list[Stamped | None] = [None] * lib.VS_LATEST_SLOTS

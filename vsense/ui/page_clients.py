@@ -1,4 +1,4 @@
-"""The conversation with one page, from its WebSocket's opening to its end."""
+"""All open pages: the conversation with each, from its WebSocket's opening to its end."""
 
 from __future__ import annotations
 
@@ -29,21 +29,15 @@ LOOKING = "you are looking only: open the page with the control token to press b
 class WebClients:
     """All viewers, and the orders that they give. The web server's thread only."""
 
-    def __init__(self, hub: MessageBus, give: Give) -> None:
-        """Begins without viewers.
-
-        Args:
-            hub: where news comes from.
-            give: carries orders out.
-        """
-        self._hub = hub
+    def __init__(self, bus: MessageBus, give: Give) -> None:
+        self._bus = bus
         self._give = give
         self._frames = Frames()
         self._viewers: dict[WebClient, Rights] = {}
         self._sockets: set[web.WebSocketResponse] = set()
         self._came = 0
         self._history: deque[Message] = deque(maxlen=HISTORY)
-        self._listener = hub.join(self._history.append, "/event".__eq__)
+        self._listener = bus.join(self._history.append, "/event".__eq__)
 
     @property
     def viewers(self) -> int:
@@ -52,25 +46,20 @@ class WebClients:
 
     async def close(self) -> None:
         """Sends everybody away."""
-        self._hub.leave(self._listener)
+        self._bus.leave(self._listener)
         for socket in list(self._sockets):
             with contextlib.suppress(asyncio.TimeoutError, OSError):
                 await asyncio.wait_for(socket.close(message=b"vsense ended"), 1.0)
 
     async def serve(self, request: web.Request, rights: Rights) -> web.WebSocketResponse:
-        """Talks to one page until it goes.
-
-        Args:
-            request: which asks for a WebSocket.
-            rights: LOOK or CONTROL.
-        """
+        """Talks to one page, which has LOOK or CONTROL, until it goes."""
         socket = web.WebSocketResponse(
             heartbeat=HEARTBEAT_S, max_msg_size=SENTENCE_MAX, compress=False
         )
         await socket.prepare(request)
         self._came += 1
         name = f"viewer {self._came} ({request.remote or 'unknown'})"
-        viewer = WebClient(self._hub, name, asyncio.get_running_loop())
+        viewer = WebClient(self._bus, name, asyncio.get_running_loop())
         for event in list(self._history):
             viewer.post(event)
         self._viewers[viewer] = rights

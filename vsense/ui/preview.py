@@ -1,4 +1,4 @@
-"""The cameras' pictures for whoever looks at them: small, a few per second, made beside the run."""
+"""Small JPEG pictures of the cameras, a few per second, made beside the run."""
 
 from __future__ import annotations
 
@@ -24,22 +24,21 @@ TOPIC = "/picture/"
 class PreviewEncoder:
     """Makes JPEG pictures on a thread of its own; of each camera the newest picture only."""
 
-    def __init__(self, hub: MessageBus) -> None:
-        """Starts the thread."""
-        self._hub = hub
+    def __init__(self, bus: MessageBus) -> None:
+        self._bus = bus
         self._due_ns: dict[str, int] = {}
         self._waiting: dict[str, Frame] = {}
         self._lock = threading.Lock()
         self._news = threading.Event()
         self._ending = False
-        self._thread = threading.Thread(target=self._run, name="vsense-press", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="vsense-preview", daemon=True)
         self._thread.start()
 
     def offer(self, frames: Sequence[Frame]) -> None:
         """Takes pictures, copying those that somebody wants to see; does not wait."""
         for frame in frames:
             due_ns = self._due_ns.get(frame.camera, 0)
-            if frame.capture_ns < due_ns or not self._hub.wants(TOPIC + frame.camera):
+            if frame.capture_ns < due_ns or not self._bus.wants(TOPIC + frame.camera):
                 continue
             self._due_ns[frame.camera] = max(due_ns + PERIOD_NS, frame.capture_ns)
             copy = replace(frame, image=frame.image.copy())
@@ -59,7 +58,7 @@ class PreviewEncoder:
             with self._lock:
                 waiting, self._waiting = self._waiting, {}
             for frame in waiting.values():
-                self._hub.publish(picture(frame))
+                self._bus.publish(picture(frame))
 
 
 def picture(frame: Frame) -> Message:

@@ -1,6 +1,6 @@
-"""Tells the hub, after every timestep, what has become of the run; what nobody wants is not made.
+"""Publishes, after every timestep, what has become of the run; what nobody wants is not made.
 
-It runs in the thread that lives the timesteps, when the readings have left.
+It runs in the thread of the timesteps, when the readings have left.
 """
 
 from __future__ import annotations
@@ -30,10 +30,12 @@ WINDOW = 100
 
 
 class Rates:
-    """How often arena states come, and how old pictures are when all is done with them."""
+    """How often arena states come, and how old pictures are when a timestep is done.
+
+    Only the newest `window` timesteps count.
+    """
 
     def __init__(self, window: int) -> None:
-        """Begins without any; only the newest `window` timesteps count."""
         self._times: deque[tuple[int, int]] = deque(maxlen=window)
 
     def add(self, capture_ns: int, done_ns: int) -> None:
@@ -54,33 +56,31 @@ class Rates:
 class Publisher:
     """Makes the messages of one process's runs.
 
+    Args:
+        bus: where to.
+        facts: what all runs have in common.
+        environment: the first run's virtual world.
+        runtime: knows what the robots were sent.
+        control: knows the state of the run.
+        others: gives what others know of /run: runs, text, recording, disk_free_bytes.
+        clock: host's monotonic clock [ns].
+
     Attributes:
-        environment: the present run's virtual world; set by whoever begins one.
+        environment: the present run's virtual world.
     """
 
     def __init__(
         self,
-        hub: MessageBus,
-        scene: ExperimentFacts,
+        bus: MessageBus,
+        facts: ExperimentFacts,
         environment: Environment,
         runtime: Runtime,
         control: Control,
         others: Callable[[], Data],
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        """Prepares to tell.
-
-        Args:
-            hub: where to.
-            scene: what all runs have in common.
-            environment: see the class.
-            runtime: knows what the robots were sent.
-            control: knows the state of the run.
-            others: gives what others know of /run: runs, text, recording, disk_free_bytes.
-            clock: host's monotonic clock [ns].
-        """
         self.environment = environment
-        self._hub, self._scene = hub, scene
+        self._bus, self._common = bus, facts
         self._runtime = runtime
         self._control = control
         self._others = others
@@ -88,23 +88,23 @@ class Publisher:
         entries = environment.table_entries
         self._sensors = [e for e in entries if e.direction == Direction.SENSOR]
         actuators = [e for e in entries if e.direction == Direction.ACTUATOR]
-        self._roll = RobotTable({r.tag: r.id for r in environment.experiment.robots}, actuators)
-        self._cameras = CameraTable(scene.cameras, scene.troubles)
+        self._robots = RobotTable({r.tag: r.id for r in environment.experiment.robots}, actuators)
+        self._cameras = CameraTable(facts.cameras, facts.troubles)
         self._state: ArenaState | None = None
         self._rates = Rates(WINDOW)
         self._told: dict[str, object] = {}
         self._due_ns = self._fields_due_ns = self._late = 0
         self._run_timestep = self._joined = -1
 
-    def look(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
-        """Tells what is new.
+    def update(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
+        """Publishes what is new.
 
         Args:
-            step: the timestep that was just lived; None: no arena state came for a while.
+            step: the newest timestep; None: no arena state came for a while.
             robots: the status of every robot by tag.
         """
         now_ns = self._clock()
-        newcomers, self._joined = self._hub.joined != self._joined, self._hub.joined
+        newcomers, self._joined = self._bus.joined != self._joined, self._bus.joined
         if newcomers:
             self._told.clear()
             self._due_ns = self._fields_due_ns = 0
@@ -112,16 +112,16 @@ class Publisher:
         if step is not None:
             self._tell_step(step, now_ns)
         if now_ns >= self._due_ns:
-            self._hub.tell("/cameras", now_ns, lambda: self._cameras.data(now_ns))
+            self._bus.notify("/cameras", now_ns, lambda: self._cameras.data(now_ns))
         self._tell_run(now_ns)
-        self._hub.tell("/robots", now_ns, lambda: self.robots_data(robots))
+        self._bus.notify("/robots", now_ns, lambda: self.robots_data(robots))
 
     def _facts(self) -> Data:
-        return messages.experiment(self._scene, self.environment)
+        return messages.experiment(self._common, self.environment)
 
     def _tell_step(self, step: Step, now_ns: int) -> None:
         self._state = step.state
-        self._roll.see(step.state)
+        self._robots.see(step.state)
         self._cameras.see(step.frames)
         self._rates.add(step.capture_ns, step.sent_ns)
         if step.run_timestep >= 0:
@@ -130,12 +130,12 @@ class Publisher:
             self._late += missed + late
             self._run_timestep = step.run_timestep
         world = self.environment.world
-        self._hub.tell("/arena", step.capture_ns, lambda: _arena(step))
+        self._bus.notify("/arena", step.capture_ns, lambda: _arena(step))
         self._tell_once("/world", world.version, lambda: messages.world(world), now_ns)
-        self._hub.tell("/signals", step.capture_ns, lambda: messages.signals(world))
+        self._bus.notify("/signals", step.capture_ns, lambda: messages.signals(world))
         if world.fields and now_ns >= self._fields_due_ns:
             self._fields_due_ns = now_ns + FIELDS_NS
-            self._hub.tell("/fields", now_ns, lambda: messages.fields(world.fields.values()))
+            self._bus.notify("/fields", now_ns, lambda: messages.fields(world.fields.values()))
         self._tell_readings(step)
 
     def _tell_readings(self, step: Step) -> None:
@@ -146,7 +146,7 @@ class Publisher:
                 chosen = {tag: sent[tag] for tag in tags}
                 return messages.readings(self._sensors, chosen, step.timestep, step.capture_ns)
 
-            self._hub.tell(topic, step.sent_ns, data)
+            self._bus.notify(topic, step.sent_ns, data)
 
         tell("/readings", list(sent))
         for tag in sent:
@@ -154,7 +154,7 @@ class Publisher:
 
     def robots_data(self, robots: Mapping[int, RobotStatus]) -> Data:
         """Gives /robots, from the status of every robot by tag; any thread."""
-        return self._roll.data(robots, self._state, self._clock())
+        return self._robots.data(robots, self._state, self._clock())
 
     def begin_run(self, environment: Environment) -> None:
         """The next run is about to be waited for."""
@@ -188,15 +188,15 @@ class Publisher:
             return
         self._told["/run"] = key
         self._due_ns = now_ns + SECOND_NS
-        self._hub.tell("/run", now_ns, self.run_data)
+        self._bus.notify("/run", now_ns, self.run_data)
 
     def _tell_once(
         self, topic: str, version: object, make: Callable[[], Data], now_ns: int
     ) -> None:
         """Tells what changes rarely: only when it has, or when somebody new looks."""
-        if self._told.get(topic) != version and self._hub.wants(topic):
+        if self._told.get(topic) != version and self._bus.wants(topic):
             self._told[topic] = version
-            self._hub.publish(Message(topic, now_ns, make()))
+            self._bus.publish(Message(topic, now_ns, make()))
 
 
 def _arena(step: Step) -> Data:

@@ -1,7 +1,4 @@
-"""Opens the page that `--web` asks for.
-
-The control room of one process: hub, page, recorder, keyboard, and the terminals' door.
-"""
+"""The control room of one process: message bus, page, recorder, keyboard, and control socket."""
 
 from __future__ import annotations
 
@@ -33,7 +30,7 @@ if TYPE_CHECKING:
     from vsense.ui.server import WebServer
 
 
-def make_server(options: argparse.Namespace, hub: MessageBus, give: Give) -> WebServer:
+def make_server(options: argparse.Namespace, bus: MessageBus, give: Give) -> WebServer:
     """Makes the page's server, which does not serve yet; see `open_web`.
 
     Raises:
@@ -45,17 +42,17 @@ def make_server(options: argparse.Namespace, hub: MessageBus, give: Give) -> Web
 
     host, port = options.web
     tokens: Path | None = options.web_tokens
-    return WebServer(hub, give, host, port, None if tokens is None else read_tokens(tokens))
+    return WebServer(bus, give, host, port, None if tokens is None else read_tokens(tokens))
 
 
 def open_web(
-    options: argparse.Namespace, hub: MessageBus, give: Give
+    options: argparse.Namespace, bus: MessageBus, give: Give
 ) -> tuple[WebServer, list[str]]:
     """Serves the page.
 
     Args:
         options: `web`, an address and a port, and `web_tokens`, a file or None.
-        hub: what the page shows.
+        bus: what the page shows.
         give: what its buttons do.
 
     Returns:
@@ -64,7 +61,7 @@ def open_web(
     Raises:
         VsenseError: the library for it is missing, the port is taken, or the tokens cannot be read.
     """
-    server = make_server(options, hub, give)
+    server = make_server(options, bus, give)
     found = server.start()
     lines = [f"control room: {found.control}"]
     if found.look != found.control:
@@ -76,7 +73,7 @@ class ControlRoom:
     """Sees and steers the runs of one process; a context that leaves no thread and no socket.
 
     Attributes:
-        hub: where everything is told.
+        bus: where everything is told.
         holds: every run waits until somebody starts it, and after the last one the process stays
             for people to look, and to begin another.
         recorders: the recordings, one per run.
@@ -89,14 +86,14 @@ class ControlRoom:
             options: what `vsense.commands.arguments.add_room` declares.
             console: where to say what happens; what is said there is told in the room, too.
         """
-        self.hub = MessageBus()
+        self.bus = MessageBus()
         self.holds: bool = options.hold
         self._options = options
         self._console = console
         self._directory = Path()
         self._stack = ExitStack()
         self.recorders = Recorders(
-            self.hub, options.record or options.record_images, options.record_images, self._trouble
+            self.bus, options.record or options.record_images, options.record_images, self._trouble
         )
         self._failed = False
         console.also = self._tell_event
@@ -110,27 +107,27 @@ class ControlRoom:
 
     def open(
         self,
-        scene: ExperimentFacts,
+        facts: ExperimentFacts,
         environment: Environment,
         server: VirtualSensorServer,
         runtime: Runtime,
         control: Control,
     ) -> None:
-        """Opens all doors.
+        """Opens page, control socket and keyboard.
 
         Raises:
             VsenseError: the page's port is taken, or a library for it is missing.
         """
-        self._scene, self._server = scene, server
-        self._publisher = Publisher(self.hub, scene, environment, runtime, control, self._others)
+        self._facts, self._server = facts, server
+        self._publisher = Publisher(self.bus, facts, environment, runtime, control, self._others)
         control.record = self.recorders.switch
-        self._press = PreviewEncoder(self.hub)
-        self._stack.callback(self._press.close)
+        self._preview = PreviewEncoder(self.bus)
+        self._stack.callback(self._preview.close)
         self._open_doors(control)
 
     def _open_doors(self, control: Control) -> None:
         if self._options.web is not None:
-            server, lines = open_web(self._options, self.hub, control.give)
+            server, lines = open_web(self._options, self.bus, control.give)
             self._stack.callback(server.close)
             for line in lines:
                 # With its tokens: neither the pages nor the log may have them.
@@ -144,12 +141,7 @@ class ControlRoom:
             self._console.say(keyboard.HELP)
 
     def begin_run(self, environment: Environment, directory: Path) -> None:
-        """A run is about to be waited for. What cannot be recorded is told, and costs no run.
-
-        Args:
-            environment: its virtual world.
-            directory: what it leaves goes there.
-        """
+        """A run is about to be waited for. What cannot be recorded is told, and costs no run."""
         self._directory = directory
         self._publisher.begin_run(environment)
         self.recorders.begin_run(directory / f"{environment.experiment.name}.mcap")
@@ -158,17 +150,17 @@ class ControlRoom:
         """What the run leaves is complete."""
         self.recorders.end_run()
 
-    def look(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
-        """Tells what has become of the run; see `Publisher.look`.
+    def update(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
+        """Publishes what has become of the run; see `Publisher.update`.
 
-        A fault of ours in it is told once and ends the telling, not the run.
+        A fault of ours in it is told once and ends the publishing, not the run.
         """
         if self._failed:
             return
         try:
-            self._publisher.look(step, robots)
+            self._publisher.update(step, robots)
             if step is not None:
-                self._press.offer(step.frames)
+                self._preview.offer(step.frames)
         except Exception as error:
             self._failed = True
             self._trouble(f"the page and the recording are told nothing any more: {error!r}")
@@ -178,7 +170,7 @@ class ControlRoom:
         publisher = self._publisher
         return {
             "name": publisher.environment.experiment.name,
-            "command": self._scene.command,
+            "command": self._facts.command,
             "process": os.getpid(),
             "directory": str(self._directory),
             "run": publisher.run_data(),
@@ -201,4 +193,4 @@ class ControlRoom:
         self._console.say(text, "trouble")
 
     def _tell_event(self, text: str, level: Level) -> None:
-        self.hub.event(text, level, time.monotonic_ns())
+        self.bus.event(text, level, time.monotonic_ns())

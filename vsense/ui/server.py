@@ -1,6 +1,6 @@
-"""What lies at which address of the server, and what every answer carries for safety.
+"""The web server: a thread of its own beside the run, which never waits for it.
 
-The web server: a thread of its own beside the run, which never waits for it.
+`Site` says what lies at which address, and what every answer carries for safety.
 """
 
 from __future__ import annotations
@@ -44,14 +44,13 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 class Site:
-    """The page, its files and its WebSocket."""
+    """The page, its files and its WebSocket; the parameters are those of `WebServer`."""
 
     def __init__(
-        self, hub: MessageBus, give: Give, host: str, port: int, tokens: Tokens | None
+        self, bus: MessageBus, give: Give, host: str, port: int, tokens: Tokens | None
     ) -> None:
-        """Builds the application; the parameters are those of `WebServer`."""
-        self._gate = AccessControl(host, port, tokens)
-        self._desk = WebClients(hub, give)
+        self._access = AccessControl(host, port, tokens)
+        self._clients = WebClients(bus, give)
         self.app = web.Application(middlewares=[self._guard], client_max_size=4096)
         self.app.router.add_get("/", self._page)
         self.app.router.add_get("/ws", self._socket)
@@ -60,14 +59,14 @@ class Site:
 
     async def close(self) -> None:
         """Ends all conversations."""
-        await self._desk.close()
+        await self._clients.close()
 
     @web.middleware
     async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         """Refuses what comes from elsewhere before anything else is looked at."""
         try:
-            self._gate.check_host(request.headers)
-            self._gate.check_origin(request.headers, needed=request.path == "/ws")
+            self._access.check_host(request.headers)
+            self._access.check_origin(request.headers, needed=request.path == "/ws")
         except Forbidden as reason:
             return _refusal(str(reason))
         try:
@@ -77,7 +76,7 @@ class Site:
             return web.Response(status=400)
 
     def _rights(self, request: web.Request) -> Rights:
-        return self._gate.rights(request.query.get("token"), request.cookies)
+        return self._access.rights(request.query.get("token"), request.cookies)
 
     async def _page(self, request: web.Request) -> web.StreamResponse:
         if self._rights(request) is Rights.NONE:
@@ -88,19 +87,21 @@ class Site:
         answer = web.Response(body=(PAGE / "index.html").read_bytes(), content_type="text/html")
         answer.charset = "utf-8"
         token = request.query.get("token")
-        if token is not None and self._gate.needs_token:
+        if token is not None and self._access.needs_token:
             # Not by a redirect: browsers would not send the strict cookie along with one that
             # began on another site, such as a chat in which the address was passed on.
-            answer.set_cookie(self._gate.cookie, token, httponly=True, samesite="Strict", path="/")
+            answer.set_cookie(
+                self._access.cookie, token, httponly=True, samesite="Strict", path="/"
+            )
         return answer
 
     async def _socket(self, request: web.Request) -> web.StreamResponse:
         rights = self._rights(request)
         if rights is Rights.NONE:
             return _refusal("this page needs a token", True)
-        if self._desk.viewers >= VIEWERS_MAX:
+        if self._clients.viewers >= VIEWERS_MAX:
             return _refusal(f"{VIEWERS_MAX} pages are open already: close one", status=503)
-        return await self._desk.serve(request, rights)
+        return await self._clients.serve(request, rights)
 
     async def _file(self, request: web.Request) -> web.StreamResponse:
         name = request.match_info["name"]
@@ -144,36 +145,33 @@ _REASONS = {
 
 @dataclass(frozen=True, slots=True)
 class Addresses:
-    """What a person types into a browser.
-
-    Attributes:
-        look: for those who only look.
-        control: for those who press buttons.
-    """
+    """What a person opens in a browser: to look only, and to control."""
 
     look: str
     control: str
 
 
 class WebServer:
-    """Serves the page and its WebSocket. Its methods are for one thread, not its own."""
+    """Serves the page and its WebSocket. Its methods are for one thread, not its own.
+
+    Args:
+        bus: where messages come from.
+        give: carries orders out.
+        host: address to listen on.
+        port: port to listen on; 0 takes any free one. Nothing is opened before `start`.
+        tokens: what viewers must show. Without, everybody on this machine may control, and
+            on any address that others reach two are drawn: see `start`.
+
+    Raises:
+        UsageError: the port is none.
+    """
 
     def __init__(
-        self, hub: MessageBus, give: Give, host: str, port: int, tokens: Tokens | None = None
+        self, bus: MessageBus, give: Give, host: str, port: int, tokens: Tokens | None = None
     ) -> None:
-        """Prepares it; nothing is opened yet.
-
-        Args:
-            hub: where news comes from.
-            give: carries orders out.
-            host: address to listen on.
-            port: port to listen on; 0 takes any free one.
-            tokens: what viewers must show. Without, everybody on this machine may control, and
-                on any address that others reach two are drawn: see `start`.
-        """
         if not 0 <= port <= 65535:
             raise UsageError(f"web port {port}: expected a number from 0 to 65535")
-        self._hub = hub
+        self._bus = bus
         self._give = give
         self._host = host
         self.port = port
@@ -184,10 +182,8 @@ class WebServer:
         self._failure: BaseException | None = None
 
     def start(self) -> Addresses:
-        """Takes the port and begins to serve.
-
-        Returns:
-            What to open; with tokens in it where they are needed.
+        """Takes the port and begins to serve; gives what to open, with tokens where they are
+        needed.
 
         Raises:
             VsenseError: the port cannot be had; the text says what to do.
@@ -228,7 +224,7 @@ class WebServer:
         self._loop = asyncio.get_running_loop()
         self._ending = asyncio.Event()
         try:
-            site = Site(self._hub, self._give, self._host, self.port, self.tokens)
+            site = Site(self._bus, self._give, self._host, self.port, self.tokens)
             runner = web.AppRunner(site.app, access_log=None, shutdown_timeout=1.0)
             await runner.setup()
             await web.SockSite(runner, listening).start()

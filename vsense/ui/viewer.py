@@ -1,9 +1,7 @@
-"""Messages as WebSocket frames, and what a page says; `MESSAGES.md` has both.
-
-One open page: what it wants, and what waits to be sent to it.
+"""One open page: what it says, what it wants, and what waits to be sent to it (`MESSAGES.md`).
 
 Of every topic only the newest message waits, so a slow page skips and never lags; events wait in
-a line of their own. The publisher's thread only puts messages in; they become text later, once
+a queue of their own. The publisher's thread only puts messages in; they become text later, once
 for all viewers, in the web server's thread.
 """
 
@@ -12,13 +10,12 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import math
 import threading
 from collections import OrderedDict, deque
-from collections.abc import Mapping
 from typing import Any
 
 from vsense.message_bus import Listener, Message, MessageBus
+from vsense.recording.form import without_nan
 from vsense.run.control import OrderKind
 
 KEPT = 64
@@ -33,7 +30,6 @@ class Frames:
     """Makes frames, each once for all viewers. The web server's thread only."""
 
     def __init__(self) -> None:
-        """Begins with none."""
         self._made: OrderedDict[int, tuple[Message, str | bytes]] = OrderedDict()
 
     def frame(self, message: Message) -> str | bytes:
@@ -54,22 +50,11 @@ def _frame(message: Message) -> str | bytes:
     try:
         text = json.dumps(head, separators=(",", ":"), allow_nan=False)
     except ValueError:
-        text = json.dumps(_finite(head), separators=(",", ":"))
+        text = json.dumps(without_nan(head), separators=(",", ":"))
     if not message.blob:
         return text
     encoded = text.encode()
     return len(encoded).to_bytes(4, "big") + encoded + message.blob
-
-
-def _finite(value: Any) -> Any:
-    """The same with null for every number that JSON does not have."""
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, Mapping):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(item) for item in value]
-    return value
 
 
 def read(text: str) -> tuple[str, Any]:
@@ -158,18 +143,11 @@ READINGS = "/readings/"
 
 
 class WebClient:
-    """The hub's end of one page. `take` and `wants` may be called by any thread."""
+    """The bus's end of one page. `receive` and `wants` may be called by any thread."""
 
-    def __init__(self, hub: MessageBus, name: str, loop: asyncio.AbstractEventLoop) -> None:
-        """Joins the hub.
-
-        Args:
-            hub: where messages come from.
-            name: who it is, for people.
-            loop: the web server's.
-        """
+    def __init__(self, bus: MessageBus, name: str, loop: asyncio.AbstractEventLoop) -> None:
         self.name = name
-        self._hub = hub
+        self._bus = bus
         self._loop = loop
         self._ready = asyncio.Event()
         self._lock = threading.Lock()
@@ -182,19 +160,19 @@ class WebClient:
         self._pictures: tuple[str, ...] = ()
         self._sent = 0
         self._got: int | None = None
-        self._listener: Listener | None = hub.join(self.take, self.wants)
+        self._listener: Listener | None = bus.join(self.receive, self.wants)
 
     def leave(self) -> None:
-        """Leaves the hub; more than once is fine."""
+        """Leaves the bus; more than once is fine."""
         listener, self._listener = self._listener, None
         if listener is not None:
-            self._hub.leave(listener)
+            self._bus.leave(listener)
 
     def wants(self, topic: str) -> bool:
         """Whether the page shows what this topic tells."""
         return topic in self._topics or topic in self._extra
 
-    def take(self, message: Message) -> None:
+    def receive(self, message: Message) -> None:
         """Keeps a message for the page, in the place of an older one that still waits."""
         with self._lock:
             if message.topic == "/event":
@@ -252,14 +230,14 @@ class WebClient:
         """The page is seen and refreshes, or not.
 
         When it begins again it has missed changes that are told once only: the viewer joins the
-        hub as a newcomer.
+        bus as a newcomer.
         """
         again = on and self._topics is IDLE
         self._topics = LIVE if on else IDLE
         self._choose()
         if again and self._listener is not None:
             self.leave()
-            self._listener = self._hub.join(self.take, self.wants)
+            self._listener = self._bus.join(self.receive, self.wants)
 
     def _choose(self) -> None:
         """Puts together what is wanted beside the fixed topics."""

@@ -1,10 +1,8 @@
 """The host's view of one robot: sequences, acceptance filter, counters, echoes (`vs_peer.h`).
 
-Whether a robot is there, and whether UDP reaches it: judged from times alone.
-
-Two kinds of silence look alike at first: a robot that is gone, and one whose datagrams are
-blocked. The second is told from the first by what still comes over TCP; and a robot that has
-just been welcomed may spend a whole second on trying UDP before TCP says anything.
+`Presence` judges from times alone whether a robot is there, and whether UDP reaches it. A robot
+that is gone and one whose datagrams are blocked look alike at first; what still comes over TCP
+tells them apart. A robot that was just welcomed may try UDP for a second before it uses TCP.
 """
 
 from __future__ import annotations
@@ -123,7 +121,7 @@ class Peer:
         code = lib.vs_peer_send_state(
             self._peer, self._table.cdata, header, self._state, now_ns, *self._output.arguments
         )
-        return self._output.take(code)
+        return self._output.packet(code)
 
     def _put_values(self, values: Values, capture_ns: int) -> None:
         if len(values) != len(self._sensors):
@@ -213,9 +211,7 @@ class Peer:
 def older_us(capture_ns: int, value_ns: int) -> int:
     """How much older than the header's capture time a value is, as STATE says it [us].
 
-    Args:
-        capture_ns: the header's.
-        value_ns: the value's, negative if it was never measured.
+    A negative `value_ns` was never measured.
     """
     if value_ns < 0:
         return NEVER_US

@@ -253,7 +253,7 @@ class HostSession:
         if telemetry is None:
             return False, []
         self._telemetry = telemetry
-        self._reporter.take(header, telemetry, now_ns)
+        self._reporter.receive(header, telemetry, now_ns)
         if source is not None and source != self.address:
             self.address, self.due_ns = source, now_ns
         return True, self._told(self._presence.hear(self.peer, now_ns), now_ns)
