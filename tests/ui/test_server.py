@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import importlib
 import json
 import logging
 import re
 import socket
+import sys
 import threading
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -484,18 +486,26 @@ def test_too_many_pages_are_told(served: Serve, monkeypatch: pytest.MonkeyPatch)
 # -- beginning and end ----------------------------------------------------------------------
 
 
+def test_without_its_library_the_page_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("vsense.ui.server", "vsense.ui.page_clients"):
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "aiohttp", None)
+    with pytest.raises(VsenseError, match=r"needs aiohttp: pip install 'vsense\[web\]'"):
+        importlib.import_module("vsense.ui.server")
+
+
 def test_a_busy_port_is_one_clear_line(served: Serve) -> None:
     _, server, _ = served(paced=False)
     with pytest.raises(VsenseError) as caught:
         WebServer(MessageBus(), lambda order: "", "127.0.0.1", server.port).start()
     assert str(caught.value) == (
-        f"web page: port {server.port} of 127.0.0.1 is in use: another program serves there;"
+        f"web page: TCP port {server.port} on 127.0.0.1 is in use: another server runs there;"
         " stop it or choose another port"
     )
 
 
 @pytest.mark.parametrize(
-    ("host", "words"), [("192.0.2.7", "not on an address"), ("no host!", "cannot listen on")]
+    ("host", "words"), [("192.0.2.7", "not an address of"), ("no host!", "cannot listen on")]
 )
 def test_an_address_that_is_not_ours_is_one_clear_line(host: str, words: str) -> None:
     with pytest.raises(VsenseError, match=words):

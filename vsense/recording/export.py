@@ -28,11 +28,7 @@ TABLES = ("trajectories", "readings", "robots", "measures", "events")
 
 
 def export_csv(recording: Recording, folder: Path) -> dict[str, int]:
-    """Writes a recording's tables.
-
-    Args:
-        recording: what to write.
-        folder: where; made if need be, must not hold such tables.
+    """Writes a recording's tables into a folder, which is made if need be.
 
     Returns:
         How many rows each table has.

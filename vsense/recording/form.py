@@ -1,10 +1,8 @@
-"""What a recording looks like inside: its head, its channels, and messages as bytes.
+"""What a recording looks like inside: its head, its channels, messages as bytes, and their schemas.
 
 A recording is an MCAP file of the profile `vsense`. Every message is JSON; pictures are Foxglove's
 `foxglove.CompressedImage`, so that other tools show them. Log times are UTC for these tools; the
 host's monotonic clock is that less a constant, which the head says.
-
-The messages of a run: `/experiment` and `/run` field by field, and every topic's JSON schema.
 
 Whoever makes `/experiment` or `/run`, whoever reads them from a recording, and the schemas that
 other tools are told use the same two classes. `vsense/ui/MESSAGES.md` describes all topics.
@@ -381,12 +379,7 @@ _TOPICS: dict[str, tuple[str, Fields]] = {
 
 
 def schema(topic: str, blob: bool) -> tuple[str, bytes]:
-    """Gives name and JSON schema of a channel.
-
-    Args:
-        topic: its topic.
-        blob: whether it keeps blobs; Foxglove then takes them for pictures.
-    """
+    """Gives name and JSON schema of a channel; with blobs Foxglove takes them for pictures."""
     if blob:
         name = "foxglove.CompressedImage"
         text = "A picture; `vsense` is the message's own data."

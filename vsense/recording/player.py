@@ -29,7 +29,13 @@ _PASSING = ("/event", form.GAP)
 
 
 class Player:
-    """One recording at play; begins paused at its beginning."""
+    """One recording at play; begins paused at its beginning.
+
+    Args:
+        recording: from now on this player's alone; it is not closed here.
+        bus: gets the messages.
+        clock: monotonic [ns].
+    """
 
     def __init__(
         self,
@@ -37,13 +43,6 @@ class Player:
         bus: MessageBus,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        """Takes both, without owning them.
-
-        Args:
-            recording: from now on this player's alone.
-            bus: gets the messages.
-            clock: monotonic [ns].
-        """
         self._recording = recording
         self._bus = bus
         self._clock = clock
@@ -106,11 +105,7 @@ class Player:
         return self._playing
 
     def step(self) -> int:
-        """Publishes what is due; for tests, and for the thread.
-
-        Returns:
-            How long nothing is due, if nobody gives an order [ns].
-        """
+        """Publishes what is due; gives how long nothing is due if nobody gives an order [ns]."""
         now_ns = self._clock()
         with self._orders:
             position_ns = self._position_ns()

@@ -1,4 +1,4 @@
-"""Records what the bus tells and the cameras see, on a thread of its own.
+"""Records what the bus carries and the cameras see, on a thread of its own.
 
 Whoever publishes only puts it into a queue. The thread encodes it and brings it to the disk twice
 a second, so that whatever ends the process loses less than the last second. Where it cannot keep
@@ -43,8 +43,18 @@ _PNG = (
 class Recorder:
     """One recording of one run; all methods may be called by any thread.
 
+    Args:
+        bus: what it carries is recorded; trouble with the disk is told there.
+        path: where; there must be nothing.
+        pictures: whether pictures are kept that are handed to `pictures`.
+        bounds: how much may wait.
+        clock: the host's monotonic clock [ns].
+
     Attributes:
         path: where it is.
+
+    Raises:
+        RecordingError: the file cannot be made, or there is one already.
     """
 
     def __init__(
@@ -55,18 +65,6 @@ class Recorder:
         bounds: Bounds | None = None,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        """Begins to record.
-
-        Args:
-            bus: what it tells is recorded; trouble with the disk is told there.
-            path: where; there must be nothing.
-            pictures: whether pictures are kept that are handed to `pictures`.
-            bounds: how much may wait.
-            clock: the host's monotonic clock [ns].
-
-        Raises:
-            RecordingError: the file cannot be made, or there is one already.
-        """
         self.path = path
         self._bus = bus
         self._keeps_pictures = pictures
@@ -86,7 +84,7 @@ class Recorder:
         self._thread.start()
 
     def receive(self, message: Message) -> None:
-        """Takes a message from the bus."""
+        """Queues a message of the bus."""
         size = self._sizes.get(message.topic, _FIRST_SIZE)
         self._waiting.put([message], [size], self._clock())
 
@@ -95,14 +93,14 @@ class Recorder:
         self._tracker, self._has_memory = description, False
 
     def pictures(self, frames: Sequence[Frame], tracker: ArenaTracker | None = None) -> None:
-        """Takes the pictures that the tracker is about to be given.
+        """Takes all pictures that the tracker is about to be given, in that order.
 
         To be called in the tracker's thread, right before `tracker.update(frames)`. They are
         copied. At the beginning and after a gap, what the tracker remembers is recorded, too: from
         there on, the same pictures make the same arena states.
 
         Args:
-            frames: all that the tracker will be given, in that order.
+            frames: the pictures.
             tracker: the tracker, where it is ours.
         """
         wanted = self._keeps_pictures and self._off_since_ns is None
@@ -209,11 +207,7 @@ class Recorder:
                 self._tell(f"messages {topic} cannot be recorded: {error}")
 
     def _flush(self) -> bool:
-        """Brings the chunk to the disk.
-
-        Returns:
-            Whether the disk took it.
-        """
+        """Brings the chunk to the disk; says whether the disk took it."""
         try:
             self._writer.flush()
         except OSError as error:
@@ -244,7 +238,7 @@ class Recorder:
             self._tell(f"the end of the recording is missing: {self.path}: {error.strerror}")
 
     def _rejoin(self) -> None:
-        """Comes to the bus as if new: whoever publishes tells again what changes rarely."""
+        """Joins the bus anew: whoever publishes tells a newcomer again what changes rarely."""
         with self._lock:
             if self._listener is not None:
                 self._bus.leave(self._listener)

@@ -145,15 +145,14 @@ class _RecordedPictures:
 
 
 class Retracking:
-    """The tracker at work on a recording."""
+    """The tracker at work on a recording.
+
+    Args:
+        recording: one with pictures.
+        change: gives the description of the tracker to run, from the recorded one.
+    """
 
     def __init__(self, recording: Recording, change: Callable[[dict[str, Any]], dict[str, Any]]):
-        """Takes the recording.
-
-        Args:
-            recording: one with pictures.
-            change: gives the description of the tracker to run, from the recorded one.
-        """
         self.comparison = RetrackComparison()
         self._recording = recording
         self._change = change

@@ -91,7 +91,6 @@ class Waiting:
     KEEP_UP = "it could not be written as fast as it came"
 
     def __init__(self, bounds: Bounds) -> None:
-        """Begins empty."""
         self.lost = 0
         self.why = self.KEEP_UP
         self._bounds = bounds
@@ -108,8 +107,7 @@ class Waiting:
             now_ns: host's monotonic clock.
 
         Returns:
-            Whether there was room. Where there was none, the next that finds room is told of by a
-            `/gap`.
+            Whether there was room; where not, a `/gap` precedes the next that finds room.
         """
         kind = _PICTURES if any(isinstance(item, WaitingPicture) for item in items) else _MESSAGES
         with self._changed:

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import asyncio
-import errno
 import html
 import re
 import socket
@@ -15,9 +14,17 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from aiohttp import web
-
 from vsense.errors import UsageError, VsenseError
+
+try:
+    from aiohttp import web
+except ImportError as error:
+    if not (error.name or "").startswith("aiohttp"):
+        raise
+    raise VsenseError("the web page needs aiohttp: pip install 'vsense[web]'") from error
+
+from vsense.link.robots.network import listen
+from vsense.link.robots.status import LinkError
 from vsense.message_bus import MessageBus
 from vsense.run.control import Give
 from vsense.ui.access import AccessControl, Forbidden, Rights, Tokens, is_loopback, make_tokens
@@ -127,20 +134,8 @@ def _refusal(reason: str, token: bool = False, status: int = 403) -> web.Respons
     return web.Response(text=text, status=status, content_type="text/html")
 
 
-try:
-    from aiohttp import web
-except ImportError as error:
-    if not (error.name or "").startswith("aiohttp"):
-        raise
-    raise VsenseError("the web page needs aiohttp: pip install 'vsense[web]'") from error
-
 CLOSING_S = 5.0
 """The thread ends within this time, whatever the pages do."""
-_REASONS = {
-    errno.EADDRINUSE: "is in use: another program serves there; stop it or choose another port",
-    errno.EADDRNOTAVAIL: "is not on an address of this machine: choose one that it has",
-    errno.EACCES: "needs privileges: choose a port from 1024 on",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,8 +183,10 @@ class WebServer:
         Raises:
             VsenseError: the port cannot be had; the text says what to do.
         """
-        listening = _listen(self._host, self.port)
-        self.port = listening.getsockname()[1]
+        try:
+            listening, self.port = listen(self._host, self.port)
+        except LinkError as error:
+            raise VsenseError(f"web page: {error}") from error
         ready = threading.Event()
         self._thread = threading.Thread(
             target=lambda: asyncio.run(self._serve(listening, ready)), name="web", daemon=True
@@ -246,34 +243,6 @@ async def _in_time(close: Callable[[], Awaitable[None]]) -> None:
         await asyncio.wait_for(close(), CLOSING_S / 2.5)
     except asyncio.TimeoutError:
         return
-
-
-def _listen(host: str, port: int) -> socket.socket:
-    """Takes a port.
-
-    Raises:
-        VsenseError: it cannot be had.
-    """
-    try:
-        found = socket.getaddrinfo(
-            host or None, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
-        )
-    except (OSError, UnicodeError) as error:
-        text = getattr(error, "strerror", None) or "not a host name"
-        raise VsenseError(f"web page: cannot listen on '{host}': {text}") from error
-    family, _, _, _, address = found[0]
-    opened = socket.socket(family, socket.SOCK_STREAM)
-    try:
-        # A restarted server may pass the old one's connections that are still closing.
-        opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        opened.bind(address)
-        opened.listen()
-        opened.setblocking(False)
-    except OSError as error:
-        opened.close()
-        reason = _REASONS.get(error.errno or 0, f"cannot be used: {error.strerror}")
-        raise VsenseError(f"web page: port {port} of {host} {reason}") from error
-    return opened
 
 
 def _own_address() -> str:

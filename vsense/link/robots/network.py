@@ -114,7 +114,8 @@ def listen(host: str, port: int) -> tuple[socket.socket, int]:
 def _resolve(host: str) -> tuple[int, tuple[Any, ...]]:
     """Family and socket address of a host name; the address's second item is the port."""
     try:
-        found = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+        kind, flags = socket.SOCK_STREAM, socket.AI_PASSIVE
+        found = socket.getaddrinfo(host or None, 0, type=kind, flags=flags)
     except (OSError, UnicodeError) as error:
         text = getattr(error, "strerror", None) or "not a host name"
         raise LinkError(f"cannot listen on '{host}': {text}") from error
