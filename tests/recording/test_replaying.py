@@ -33,10 +33,10 @@ class Page:
     closed: bool = False
 
     def start(self) -> Page:
-        self.bus.join(self.take, lambda topic: topic == "/arena")
+        self.bus.join(self.receive, lambda topic: topic == "/arena")
         return self
 
-    def pop(self, message: Message) -> None:
+    def receive(self, message: Message) -> None:
         assert self.give(Order(OrderKind.PAUSE, "viewer 1")) == "paused"
         os.kill(os.getpid(), signal.SIGINT)
 

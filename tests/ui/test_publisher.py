@@ -24,8 +24,7 @@ from vsense.run.control import Control, Order, OrderKind
 from vsense.run.environment import Environment
 from vsense.run.runtime import Step
 from vsense.ui.messages import ExperimentFacts
-from vsense.ui.preview import PreviewEncoder
-from vsense.ui.publisher import Publisher
+from vsense.ui.publisher import PreviewEncoder, Publisher
 
 MS = 1_000_000
 S = 1_000_000_000

@@ -17,7 +17,7 @@ from vsense.live.sources import require_source
 from vsense.run import directory as run_directory
 from vsense.run.directory import RunLog
 from vsense.run.robots import Readiness, shorten
-from vsense.run.series import Series
+from vsense.run.runner import Series
 from vsense.terminal import INTERRUPTED, interruption
 from vsense.ui.room import ControlRoom
 

@@ -19,8 +19,7 @@ from vsense.run.control import Order, OrderError
 from vsense.terminal import Console, Level
 from vsense.tracking.specs import TrackingSession
 from vsense.ui import messages
-from vsense.ui.preview import PreviewEncoder
-from vsense.ui.publisher import SECOND_NS, WINDOW, Rates
+from vsense.ui.publisher import SECOND_NS, WINDOW, PreviewEncoder, Rates
 from vsense.ui.room import open_web
 from vsense.ui.tables import CameraTable
 from vsense.world.entities import BODY_RADIUS_M

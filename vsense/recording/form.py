@@ -134,13 +134,7 @@ def encode(message: Message, utc_shift_ns: int) -> bytes:
 
 
 def decode(topic: str, time_ns: int, blob: bool, data: bytes) -> Message:
-    """Gives a message back.
-
-    Args:
-        topic: its topic.
-        time_ns: when it was, host's monotonic clock.
-        blob: whether its channel keeps blobs.
-        data: what `encode` made.
+    """Gives back what `encode` made; `blob`: its channel keeps blobs.
 
     Raises:
         ValueError, TypeError, KeyError, RecursionError: it is damaged.

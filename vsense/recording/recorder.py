@@ -93,15 +93,11 @@ class Recorder:
         self._tracker, self._has_memory = description, False
 
     def pictures(self, frames: Sequence[Frame], tracker: ArenaTracker | None = None) -> None:
-        """Takes all pictures that the tracker is about to be given, in that order.
+        """Copies all pictures that the tracker is about to be given, in that order.
 
-        To be called in the tracker's thread, right before `tracker.update(frames)`. They are
-        copied. At the beginning and after a gap, what the tracker remembers is recorded, too: from
-        there on, the same pictures make the same arena states.
-
-        Args:
-            frames: the pictures.
-            tracker: the tracker, where it is ours.
+        To be called in the tracker's thread, right before `tracker.update(frames)`. At the
+        beginning and after a gap, what a tracker of ours remembers is recorded, too: from there on,
+        the same pictures make the same arena states.
         """
         wanted = self._keeps_pictures and self._off_since_ns is None
         if not wanted or not frames or self._closing.is_set():

@@ -99,12 +99,7 @@ class Waiting:
         self._changed = threading.Condition()
 
     def put(self, items: Sequence[Item], sizes: Sequence[int], now_ns: int) -> bool:
-        """Puts items, all or none; where a picture is among them they all wait with the pictures.
-
-        Args:
-            items: what.
-            sizes: how many bytes each is about.
-            now_ns: host's monotonic clock.
+        """Puts items of about `sizes` bytes, all or none; with a picture all wait as pictures do.
 
         Returns:
             Whether there was room; where not, a `/gap` precedes the next that finds room.

@@ -161,10 +161,7 @@ class RecordingWriter:
         return self._gathered >= CHUNK_BYTES
 
     def add(self, message: Message) -> int:
-        """Adds a message to the chunk that is being made.
-
-        Returns:
-            Its size as it is kept.
+        """Adds a message to the chunk that is being made; gives its size as it is kept.
 
         Raises:
             ValueError, TypeError, RecursionError: JSON cannot hold it.

@@ -113,11 +113,7 @@ def readings(
 ) -> Data:
     """Gives /readings: what the robots were sent, as numbers.
 
-    Args:
-        sensors: the sensor table's sensors.
-        sent: by tag, payload and capture time per sensor.
-        timestep: of the arena state.
-        capture_ns: its capture time.
+    `sent` has payload and capture time per sensor, by tag; `capture_ns` is the arena state's.
     """
     types = [layout_dtype(sensor.layout)[1] for sensor in sensors]
     return {

@@ -22,8 +22,7 @@ from vsense.terminal import Console, Level
 from vsense.ui import keyboard
 from vsense.ui.control_socket import ControlSocket, ControlSocketError
 from vsense.ui.messages import ExperimentFacts
-from vsense.ui.preview import PreviewEncoder
-from vsense.ui.publisher import Publisher
+from vsense.ui.publisher import PreviewEncoder, Publisher
 from vsense.ui.recorders import Recorders
 
 if TYPE_CHECKING:

@@ -113,14 +113,10 @@ class Translation:
         self.table = _LENGTH.pack(len(rows)) + rows
 
     def payloads(self, values: Sequence[tuple[bytes, int]]) -> dict[int, bytes]:
-        """Translates one robot's readings.
+        """Translates one robot's readings that have been measured; gives them by sensor number.
 
-        Args:
-            values: (value as on our wire, capture time) of each sensor, in the table's order;
-                a capture time below 0: not measured yet.
-
-        Returns:
-            Payloads by the sensor's number, of those that have been measured.
+        `values` are (value as on our wire, capture time) in the table's order; a time below 0 says
+        that it was never measured.
         """
         found = {}
         for index, known, numbers in self._rows:
@@ -284,10 +280,7 @@ def by_octet(robots: Mapping[int, tuple[str, int]]) -> dict[int, tuple[int, str]
 
     Args:
         robots: name and number of each by tag; the number is the last part of its id
-            (NAME_TAG_NUMBER).
-
-    Returns:
-        Tag and name by number; robots whose number is no octet of an address are left out.
+            (NAME_TAG_NUMBER). Robots whose number is no octet of an address are left out.
 
     Raises:
         LinkError: two have the same number, or none has one.

@@ -59,11 +59,9 @@ class LegacyServer(ListeningServer):
         self._connections: dict[int, _Connection] = {}
 
     def publish(self, values: Mapping[int, Values], first: bool = False) -> None:
-        """Sends every robot what has changed in its readings, now and without waiting for any.
+        """Sends every robot what has changed in its readings, by tag, and waits for none.
 
-        Args:
-            values: by tag, the readings in the table's order.
-            first: the experiment starts with them: all robots are told, and whoever comes later.
+        With the `first` readings the experiment starts: all robots are told, and whoever comes later.
 
         Raises:
             LinkError: the server's thread has failed.

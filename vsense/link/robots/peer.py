@@ -62,13 +62,10 @@ class Peer:
         self._output = Output(DATAGRAM_MAX)
 
     def open(self, session: int, table: Table, hello_send_ns: int, now_ns: int) -> None:
-        """Opens a session.
+        """Opens a session, whose number is not 0 and was never used before by this host.
 
-        Args:
-            session: its number, not 0, never used before by this host.
-            table: the sensor table of WELCOME.
-            hello_send_ns: send time in the HELLO's header, the robot's clock.
-            now_ns: when the HELLO came, host's clock.
+        `hello_send_ns` is the send time in the HELLO's header, the robot's clock; the HELLO came at
+        `now_ns`, the host's.
         """
         self._table = table
         self._sensors = [(offset, size) for _, offset, size in table.of_direction(Direction.SENSOR)]
@@ -137,11 +134,7 @@ class Peer:
     ) -> Telemetry | None:
         """Passes what `open_packet` found through the acceptance filter; None if it was dropped.
 
-        Args:
-            header: the packet's header.
-            body: the packet's body.
-            udp: whether it was a datagram; else it came over TCP.
-            now_ns: host's clock.
+        It came as a datagram (`udp`) or over TCP, at `now_ns`, host's clock.
         """
         via = lib.VS_VIA_UDP if udp else lib.VS_VIA_TCP
         code = lib.vs_peer_receive_telemetry(

@@ -167,14 +167,10 @@ class Connection:
             self.broken = f"broke: {error.strerror}"
 
     def finish(self, last: bytes, deadline_ns: int) -> None:
-        """Ends the conversation: one last packet, then the end of the stream.
+        """Ends the conversation: REFUSE, GOODBYE or no last packet, then the end of the stream.
 
-        The socket stays open until the peer has closed its side, so that unread bytes of the
-        peer do not make the kernel reset the connection before the last packet was read.
-
-        Args:
-            last: REFUSE or GOODBYE; may be empty.
-            deadline_ns: when it is closed even if the peer keeps it open.
+        The socket stays open until the peer has closed its side, or `deadline_ns`: unread bytes of
+        the peer must not make the kernel reset the connection before the last packet was read.
         """
         self.robot = None
         self.finishing = True

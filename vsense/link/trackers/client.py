@@ -233,8 +233,7 @@ class ArenaClient:
     def next(self, timeout_s: float) -> tuple[ArenaState, Sequence[Frame]]:
         """Waits for the newest arena state; connects again where the connection is lost.
 
-        Returns:
-            The state, with a timestep greater than all before, and no pictures.
+        Its timestep is greater than all before, and there are no pictures.
 
         Raises:
             TrackerEnded: the tracker has ended the run.

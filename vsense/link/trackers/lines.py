@@ -255,10 +255,7 @@ class ArenaListener:
         """See `start`."""
 
     def next(self, timeout_s: float) -> tuple[ArenaState, Sequence[Frame]]:
-        """Waits for the newest arena state.
-
-        Returns:
-            The state, with a timestep greater than all before, and no pictures.
+        """Waits for the newest arena state; its timestep is greater than all before, pictures none.
 
         Raises:
             LinkError: no state came in time, or `close` was called.
