@@ -61,7 +61,7 @@ class LegacyServer(ListeningServer):
     def publish(self, values: Mapping[int, Values], first: bool = False) -> None:
         """Sends every robot what has changed in its readings, by tag, and waits for none.
 
-        With the `first` readings the experiment starts: all robots are told, and whoever comes later.
+        With the `first` ones the experiment starts: all robots are told, and whoever comes later.
 
         Raises:
             LinkError: the server's thread has failed.
