@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
@@ -42,6 +42,7 @@ messages = st.builds(
 
 
 @given(st.lists(messages, max_size=12))
+@example([Message("/arena", 0, {"capture_ns": None}, b"a picture that says no capture time")])
 def test_messages_come_back_as_they_were(sent: list[Message]) -> None:
     with TemporaryDirectory() as folder:
         path = record(Path(folder) / "run.mcap", sent)

@@ -115,7 +115,8 @@ def encode(message: Message, utc_shift_ns: int) -> bytes:
     data = _encode_data(message.data)
     if not has_blob(message):
         return data
-    capture_ns = message.data.get("capture_ns", message.time_ns)
+    told = message.data.get("capture_ns")
+    capture_ns = int(told) if isinstance(told, (int, np.integer)) else message.time_ns
     sec, nsec = divmod(max(capture_ns + utc_shift_ns, 0), 1_000_000_000)
     frame = message.data.get("camera", message.topic)
     return b"".join(
