@@ -94,7 +94,6 @@ NATIVE = Library(
         "c_src/vs_peer.h",
         "c_src/vs_clock.h",
         "c_src/vs_session.h",
-        "c_src/vs_latest.h",
         "c_src/epuck_argos.h",
         "c_src/epuck_asercom.h",
         "c_src/epuck_gctronic.h",
@@ -120,6 +119,7 @@ KERNELS = Library(
     "vsense._kernels",
     folders=("c_src/host",),
     headers=(
+        "c_src/host/vs_latest.h",
         "c_src/host/vs_markers.h",
         "c_src/host/vs_rays.h",
         "c_src/host/vs_physics.h",
@@ -144,7 +144,7 @@ def declarations(header: str, functions: bool) -> str:
         for line in COMMENT.sub("", CPLUSPLUS.sub("", header)).splitlines()
         if not line.startswith("#") or CONSTANT.match(line)
     ]
-    text = "\n".join(lines).replace("VS_ATOMIC_U32", "uint32_t") + "\n"
+    text = "\n".join(lines).replace("_Atomic uint32_t", "uint32_t") + "\n"
     return text if functions else PROTOTYPE.sub("", text)
 
 

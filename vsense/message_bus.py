@@ -1,7 +1,7 @@
-"""What happens, told to whoever looks: web pages, the recorder, a terminal that asks.
+"""Passes messages of a run on to whoever wants them: web pages, the recorder, a terminal that asks.
 
-The run publishes messages; nobody who listens can hold it up, and what nobody wants is not made.
-`vsense/ui/MESSAGES.md` lists the topics. A replay publishes the same messages again.
+No listener can hold the publisher up, and what nobody wants is not made. `vsense/ui/MESSAGES.md`
+lists the topics. A replay publishes the same messages again.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """One piece of news.
+    """One message on the bus.
 
     Attributes:
         topic: what it is about, such as "/arena".
@@ -31,14 +31,14 @@ class Message:
 
 @dataclass(eq=False, slots=True)
 class Listener:
-    """Somebody who looks.
+    """A subscriber of the bus.
 
     Attributes:
-        take: gets every wanted message, in the publisher's thread; must not wait.
+        receive: gets every wanted message, in the publisher's thread; must not wait.
         wants: tells of a topic whether this one wants it now; any thread, must not wait.
     """
 
-    take: Callable[[Message], None] = field(repr=False)
+    receive: Callable[[Message], None] = field(repr=False)
     wants: Callable[[str], bool] = field(repr=False)
 
 
@@ -46,8 +46,8 @@ class MessageBus:
     """Passes messages on. Its methods may be called by any thread.
 
     Attributes:
-        joined: how many listeners have ever come. Whoever publishes what changes rarely does it
-            again when this number has grown: the newcomer knows nothing.
+        joined: how many listeners have ever come. Whoever publishes what changes rarely publishes
+            it again when this number has grown: the new listener knows nothing.
     """
 
     def __init__(self) -> None:
@@ -55,9 +55,9 @@ class MessageBus:
         self._listeners: tuple[Listener, ...] = ()
         self._lock = threading.Lock()
 
-    def join(self, take: Callable[[Message], None], wants: Callable[[str], bool]) -> Listener:
+    def join(self, receive: Callable[[Message], None], wants: Callable[[str], bool]) -> Listener:
         """Adds a listener; see `Listener`."""
-        listener = Listener(take, wants)
+        listener = Listener(receive, wants)
         with self._lock:
             self._listeners = (*self._listeners, listener)
             self.joined += 1
@@ -72,17 +72,17 @@ class MessageBus:
         """Whether anybody wants messages of a topic now."""
         return any(listener.wants(topic) for listener in self._listeners)
 
-    def tell(self, topic: str, time_ns: int, make: Callable[[], Mapping[str, Any]]) -> None:
+    def notify(self, topic: str, time_ns: int, make: Callable[[], Mapping[str, Any]]) -> None:
         """Publishes a message whose data is made only if somebody wants it."""
         if self.wants(topic):
             self.publish(Message(topic, time_ns, make()))
 
     def event(self, text: str, level: str, time_ns: int) -> None:
-        """Tells people a line: /event; `level` is "info", "warning" or "trouble"."""
+        """Publishes a line for people, /event; `level` is "info", "warning" or "trouble"."""
         self.publish(Message("/event", time_ns, {"text": text, "level": level, "by": None}))
 
     def publish(self, message: Message) -> None:
         """Gives a message to all who want it."""
         for listener in self._listeners:
             if listener.wants(message.topic):
-                listener.take(message)
+                listener.receive(message)

@@ -37,13 +37,32 @@ def test_c_suite_under_sanitizers(name: str, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
+def build_race(target: Path, source: Path) -> Path:
+    flags = ["-std=c11", *STRICT, "-g", "-O1", "-fsanitize=thread", "-pthread", "-I", HOST]
+    return build(target, *flags, TESTS / "test_latest.c", source)
+
+
+def test_defect_05_no_torn_data_between_two_threads(tmp_path: Path) -> None:
+    done = run(build_race(tmp_path / "test_latest", HOST / "vs_latest.c"))
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_buffer_without_ordering_would_be_found_out(tmp_path: Path) -> None:
+    broken = tmp_path / "vs_latest.c"
+    text = (HOST / "vs_latest.c").read_text()
+    assert "memory_order_acq_rel" in text
+    broken.write_text(text.replace("memory_order_acq_rel", "memory_order_relaxed"))
+    done = run(build_race(tmp_path / "test_broken", broken))
+    assert "data race" in done.stderr
+
+
 @pytest.mark.parametrize("source", SOURCES, ids=lambda path: path.name)
 def test_kernel_needs_no_system_and_keeps_no_state(source: Path, tmp_path: Path) -> None:
-    check_pure(source, "-std=c99", tmp_path)
+    check_pure(source, "-std=c11" if source.name == "vs_latest.c" else "-std=c99", tmp_path)
 
 
 def test_headers_promise_only_what_exists(tmp_path: Path) -> None:
     """Every function of a header is defined, and every global function is in a header."""
-    kinds = symbols(build(tmp_path / "vs.o", "-std=c99", "-O2", "-r", *SOURCES))
+    kinds = symbols(build(tmp_path / "vs.o", "-std=c11", "-O2", "-r", *SOURCES))
     defined = {name for name, kind in kinds.items() if kind == "T"}
     assert declared_functions(HOST.glob("*.h")) == defined

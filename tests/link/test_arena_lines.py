@@ -91,7 +91,7 @@ def test_the_documented_example_is_read() -> None:
 
 
 def test_the_page_about_it_is_true(listener: ArenaListener) -> None:
-    page = (Path(arena_lines.__file__).parent / "TRACKERS.md").read_text()
+    page = (Path(arena_lines.__file__).parents[1] / "TRACKERS.md").read_text()
     (example,) = re.findall(r"```json\n(.*?)```", page, re.S)
     first, second = (parse(line.encode()) for line in example.splitlines())
     assert first.timestep + 1 == second.timestep and len(second.robots) == 1

@@ -81,8 +81,8 @@ def test_a_misread_tag_near_one_lost_robot_is_that_robot() -> None:
 def test_where_there_is_doubt_an_unknown_tag_is_dropped_and_counted(reports: tuple) -> None:
     story = Story(at(1, 0.0))
     state = story.see(*reports)
-    strangers = sum(report.tag > 3 for report in reports)
-    assert state.unnamed == story.repair.counters.unknown == strangers
+    unlisted = sum(report.tag > 3 for report in reports)
+    assert state.unnamed == story.repair.counters.unknown == unlisted
     assert story.repair.counters.repaired == 0
     assert state.robots["tag"].tolist() == [1] and state.robots["x_m"].tolist() == [0.0]
 
@@ -140,7 +140,7 @@ def test_only_the_experiments_tags_ever_appear_and_every_report_is_accounted_for
         state = story.see(*reports)
         assert set(state.robots["tag"].tolist()) <= set(TAGS)
         assert (np.diff(state.robots["tag"].astype(int)) > 0).all()
-        strangers = sum(report.tag not in TAGS for report in reports)
-        assert state.unnamed + story.repair.counters.repaired - before == strangers
+        unlisted = sum(report.tag not in TAGS for report in reports)
+        assert state.unnamed + story.repair.counters.repaired - before == unlisted
         assert (state.robots["age_ns"] >= 0).all()
         assert (state.robots["seen"] == (state.robots["age_ns"] == 0)).all()

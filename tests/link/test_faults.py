@@ -12,7 +12,7 @@ import pytest
 
 from tests.link.rig import MS, PATIENCE_S, TABLE, Clock, Frozen, Robot, Server, reading
 from tests.wire.robot_session import Event, RobotSession
-from vsense.link.robots.links import HELLO_NS, STRANGERS
+from vsense.link.robots.links import HELLO_NS, MAX_PENDING
 from vsense.link.robots.server import LinkError, LinkEvent, VirtualSensorServer
 from vsense.link.robots.wire import (
     GoodbyeCause,
@@ -30,7 +30,7 @@ Connect = Callable[[], socket.socket]
 
 
 @pytest.fixture
-def stranger(still: Server) -> Iterator[Connect]:
+def pending(still: Server) -> Iterator[Connect]:
     """Opens TCP connections that are no robot's."""
     made: list[socket.socket] = []
 
@@ -148,10 +148,10 @@ def test_a_silent_robot_is_told_and_the_other_goes_on(
 
 
 def test_defect_07_a_huge_length_from_the_wire_is_refused_at_once(
-    still: Server, stranger: Connect, robot: MakeRobot
+    still: Server, pending: Connect, robot: MakeRobot
 ) -> None:
     two = robot(still, 2).join()
-    bad = stranger()
+    bad = pending()
     bad.sendall(struct.pack("<HBBHH", lib.VS_MAGIC, lib.VS_VERSION, PacketType.HELLO, 0, 65535))
     assert b"length" in bad.recv(4096)
     assert closed(bad)
@@ -161,10 +161,10 @@ def test_defect_07_a_huge_length_from_the_wire_is_refused_at_once(
 
 @pytest.mark.parametrize("garbage", [b"GET / HTTP/1.0\r\n\r\n", bytes(100_000), os.urandom(5000)])
 def test_bytes_that_no_robot_sends_end_their_connection_only(
-    still: Server, stranger: Connect, robot: MakeRobot, garbage: bytes
+    still: Server, pending: Connect, robot: MakeRobot, garbage: bytes
 ) -> None:
     two = robot(still, 2).join()
-    bad = stranger()
+    bad = pending()
     with contextlib.suppress(ConnectionError):
         bad.sendall(garbage)
     assert closed(bad)
@@ -227,11 +227,11 @@ def test_datagrams_of_an_ended_session_are_strays(still: Server, robot: MakeRobo
 
 
 def test_who_connects_and_says_nothing_is_closed(
-    still: Server, frozen: Frozen, stranger: Connect, robot: MakeRobot
+    still: Server, frozen: Frozen, pending: Connect, robot: MakeRobot
 ) -> None:
     """Half open: no HELLO, or half of one."""
     two = robot(still, 2).join()
-    quiet, half = stranger(), stranger()
+    quiet, half = pending(), pending()
     half.sendall(RobotSession(b"\1" * 16, 1).connect(1)[:40])
     assert works(still, two, 1)
     frozen.advance(HELLO_NS)
@@ -241,10 +241,10 @@ def test_who_connects_and_says_nothing_is_closed(
 
 
 def test_a_crowd_of_strangers_cannot_keep_a_robot_out(
-    still: Server, stranger: Connect, robot: MakeRobot
+    still: Server, pending: Connect, robot: MakeRobot
 ) -> None:
-    """The oldest stranger makes way: memory and descriptors are bounded, the door stays open."""
-    crowd = [stranger() for _ in range(STRANGERS + 10)]
+    """The oldest pending makes way: memory and descriptors are bounded, the door stays open."""
+    crowd = [pending() for _ in range(MAX_PENDING + 10)]
     one = robot(still, 1).join()
     assert all(closed(sock) for sock in crowd[:10])
     assert works(still, one, 1)
@@ -263,9 +263,9 @@ def test_an_unknown_tag_is_refused_and_both_sides_say_so(
 
 
 def test_defect_15_another_version_is_refused_and_both_sides_say_so(
-    still: Server, stranger: Connect
+    still: Server, pending: Connect
 ) -> None:
-    newer = stranger()
+    newer = pending()
     hello = bytearray(encode(Header(PacketType.HELLO), Hello(b"\1" * 16, 1, "robot", "test")))
     hello[2] = lib.VS_VERSION + 1
     newer.sendall(hello)

@@ -89,9 +89,9 @@ def test_a_robot_that_talks_but_makes_no_control_step_is_left_out_too() -> None:
     reporter = Reporter()
     reporter.open(UID)
     for now_ns in range(0, 3 * S, 50 * MS):
-        reporter.take(*said(7), now_ns)
+        reporter.receive(*said(7), now_ns)
     assert reporter.report(RUN, 3 * S) is None
-    reporter.take(*said(8), 3 * S)
+    reporter.receive(*said(8), 3 * S)
     assert reporter.report(RUN, 3 * S + LIFE_NS - 1) == ActuatorReport(UID, b"x")
 
 
@@ -99,7 +99,7 @@ def test_a_robot_that_talks_but_makes_no_control_step_is_left_out_too() -> None:
 def test_a_report_of_another_run_does_not_count(run: int) -> None:
     reporter = Reporter()
     reporter.open(UID)
-    reporter.take(*said(1, run), 0)
+    reporter.receive(*said(1, run), 0)
     assert reporter.report(RUN, 1) is None
 
 
@@ -107,12 +107,12 @@ def test_a_session_begins_and_ends_without_a_report() -> None:
     reporter = Reporter()
     assert reporter.report(RUN, 0) is None
     reporter.open(UID)
-    reporter.take(*said(1), 0)
+    reporter.receive(*said(1), 0)
     reporter.close()
     assert reporter.report(RUN, 1) is None
     reporter.open(b"v" * 16)
     assert reporter.report(RUN, 1) is None
-    reporter.take(*said(1), 2)
+    reporter.receive(*said(1), 2)
     assert reporter.report(RUN, 3) == ActuatorReport(b"v" * 16, b"x")
 
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense.link.robots.roster import Roster
-from vsense.link.robots.status import LinkEvent, Teller, cut_text
+from vsense.link.robots.status import EventThrottle, LinkEvent, cut_text
 from vsense.link.robots.table import Entry, Table
 from vsense.link.robots.wire import (
     TEXT_MAX,
@@ -122,17 +122,17 @@ def test_a_cut_text_fits_and_is_a_beginning(text: str) -> None:
 
 def test_complaints_are_not_repeated_every_time() -> None:
     told: list[LinkEvent] = []
-    teller = Teller(told.append)
+    throttle = EventThrottle(told.append)
     for time_ns in (0, S, 9 * S, 10 * S, 11 * S):
-        teller.tell(LinkEvent("refused", 5, "tag in use", time_ns))
-        teller.tell(LinkEvent("lost", 5, "nothing heard", time_ns))
+        throttle.notify(LinkEvent("refused", 5, "tag in use", time_ns))
+        throttle.notify(LinkEvent("lost", 5, "nothing heard", time_ns))
     assert [e.time_ns // S for e in told if e.kind == "refused"] == [0, 10]
     assert len([e for e in told if e.kind == "lost"]) == 5
 
 
 def test_many_different_complaints_take_bounded_memory() -> None:
     told: list[LinkEvent] = []
-    teller = Teller(told.append)
+    throttle = EventThrottle(told.append)
     for number in range(1000):
-        teller.tell(LinkEvent("protocol_error", None, str(number), 0))
-    assert len(told) == 1000 and len(teller._told) <= 256
+        throttle.notify(LinkEvent("protocol_error", None, str(number), 0))
+    assert len(told) == 1000 and len(throttle._told) <= 256

@@ -16,10 +16,10 @@ BEGIN_NS = 5_000_000_000
 
 def record(path: Path, messages: Iterable[Message], pictures: Iterable[Frame] = ()) -> Path:
     """Records messages, and pictures one by one, at BEGIN_NS."""
-    hub = MessageBus()
-    recorder = Recorder(hub, path, pictures=True, clock=lambda: BEGIN_NS)
+    bus = MessageBus()
+    recorder = Recorder(bus, path, pictures=True, clock=lambda: BEGIN_NS)
     for message in messages:
-        hub.publish(message)
+        bus.publish(message)
     for frame in pictures:
         recorder.pictures([frame])
     recorder.close()

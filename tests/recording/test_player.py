@@ -23,14 +23,14 @@ class Replay:
 
     def __init__(self, recording: Recording) -> None:
         self.now_ns = 77
-        self.hub = MessageBus()
+        self.bus = MessageBus()
         self.recording = recording
         self.seen: list[Message] = []
-        self.player = Player(recording, self.hub, lambda: self.now_ns)
+        self.player = Player(recording, self.bus, lambda: self.now_ns)
         self.look()
 
     def look(self, wants: Callable[[str], bool] = lambda topic: True) -> Listener:
-        return self.hub.join(self.seen.append, wants)
+        return self.bus.join(self.seen.append, wants)
 
     def order(self, kind: OrderKind, value: float = 0.0) -> str:
         return self.player.give(Order(kind, "test", value))
@@ -159,9 +159,9 @@ def test_orders_that_a_replay_does_not_know(
 def test_the_thread_plays_to_the_end(tmp_path: Path) -> None:
     sent = [Message("/arena", BEGIN_NS + n * 1_000_000, {"n": n}) for n in range(200)]
     path = record(tmp_path / "run.mcap", sent)
-    hub, seen = MessageBus(), []
+    bus, seen = MessageBus(), []
     with open_recording(path) as recording:
-        player = Player(recording, hub)
+        player = Player(recording, bus)
         ended = threading.Event()
 
         def take(message: Message) -> None:
@@ -170,7 +170,7 @@ def test_the_thread_plays_to_the_end(tmp_path: Path) -> None:
             elif seen and not message.data["replay"]["playing"]:
                 ended.set()
 
-        hub.join(take, lambda topic: topic in ("/arena", "/run"))
+        bus.join(take, lambda topic: topic in ("/arena", "/run"))
         player.start()
         player.give(Order(OrderKind.PLAY, "test", 1))
         assert ended.wait(30.0)

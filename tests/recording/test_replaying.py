@@ -27,17 +27,17 @@ __all__ = ["lab"]
 class Page:
     """Somebody at the page: waits for an arena state, then presses Ctrl-C in the terminal."""
 
-    hub: MessageBus
+    bus: MessageBus
     give: Give
     look: str = "http://look"
     control: str = "http://control"
     closed: bool = False
 
     def start(self) -> Page:
-        self.hub.join(self.take, lambda topic: topic == "/arena")
+        self.bus.join(self.receive, lambda topic: topic == "/arena")
         return self
 
-    def take(self, message: Message) -> None:
+    def receive(self, message: Message) -> None:
         assert self.give(Order(OrderKind.PAUSE, "viewer 1")) == "paused"
         os.kill(os.getpid(), signal.SIGINT)
 
@@ -51,8 +51,8 @@ def test_it_plays_until_somebody_interrupts(
     file = record(tmp_path / "run.mcap", [Message("/arena", BEGIN_NS, {})])
     pages: list[Page] = []
 
-    def make(web: WebAddress, hub: MessageBus, give: Give) -> Page:
-        pages.append(Page(hub, give))
+    def make(web: WebAddress, bus: MessageBus, give: Give) -> Page:
+        pages.append(Page(bus, give))
         return pages[0]
 
     monkeypatch.setattr(replay, "make_server", make)

@@ -53,10 +53,10 @@ def track(
     path: Path, tracker: ArenaTracker, made: dict[str, Any], begin: int = 0, off: range = range(0)
 ) -> Path:
     """Tracks the scene and records it from a timestep on, without those in `off`."""
-    hub, recorder = MessageBus(), None
+    bus, recorder = MessageBus(), None
     for timestep in range(TIMESTEPS):
         if timestep == begin:
-            recorder = Recorder(hub, path, pictures=True)
+            recorder = Recorder(bus, path, pictures=True)
             recorder.describe_tracker(made)
         if recorder is not None and off:
             if timestep == off.start:
@@ -66,7 +66,7 @@ def track(
         if recorder is not None:
             recorder.pictures(frames(timestep), tracker)
         state = tracker.update(frames(timestep))
-        hub.publish(Message("/arena", state.capture_ns, arena_data(state)))
+        bus.publish(Message("/arena", state.capture_ns, arena_data(state)))
     assert recorder is not None
     recorder.close()
     return path

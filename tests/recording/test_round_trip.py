@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
@@ -42,6 +42,7 @@ messages = st.builds(
 
 
 @given(st.lists(messages, max_size=12))
+@example([Message("/arena", 0, {"capture_ns": None}, b"a picture that says no capture time")])
 def test_messages_come_back_as_they_were(sent: list[Message]) -> None:
     with TemporaryDirectory() as folder:
         path = record(Path(folder) / "run.mcap", sent)
@@ -63,12 +64,12 @@ def test_nan_and_numpy_become_what_json_knows(tmp_path: Path) -> None:
 
 
 def test_what_json_cannot_hold_is_told_once_and_counted(tmp_path: Path) -> None:
-    hub, told = MessageBus(), []
-    hub.join(told.append, lambda topic: topic == "/event")
-    recorder = Recorder(hub, tmp_path / "run.mcap")
+    bus, told = MessageBus(), []
+    bus.join(told.append, lambda topic: topic == "/event")
+    recorder = Recorder(bus, tmp_path / "run.mcap")
     for _ in range(3):
-        hub.publish(Message("/bad", 1, {"x": object()}))
-    hub.publish(Message("/good", 1, {}))
+        bus.publish(Message("/bad", 1, {"x": object()}))
+    bus.publish(Message("/good", 1, {}))
     recorder.close()
     assert recorder.state()["lost_messages"] == 3
     assert [m.data["text"] for m in told] == [
@@ -117,10 +118,10 @@ def test_other_tools_read_all_of_it(tmp_path: Path) -> None:
 
 
 def test_only_what_belongs_into_a_recording_is_wanted(tmp_path: Path) -> None:
-    hub = MessageBus()
-    recorder = Recorder(hub, tmp_path / "run.mcap")
-    assert hub.wants("/arena") and hub.wants("/readings") and hub.wants("/anything")
-    assert not hub.wants("/picture/left") and not hub.wants("/readings/23")
+    bus = MessageBus()
+    recorder = Recorder(bus, tmp_path / "run.mcap")
+    assert bus.wants("/arena") and bus.wants("/readings") and bus.wants("/anything")
+    assert not bus.wants("/picture/left") and not bus.wants("/readings/23")
     recorder.pictures([picture(1)])
     recorder.close()
     with open_recording(tmp_path / "run.mcap") as recording:
@@ -128,16 +129,16 @@ def test_only_what_belongs_into_a_recording_is_wanted(tmp_path: Path) -> None:
 
 
 def test_switched_off_it_says_what_is_missing_and_asks_for_news(tmp_path: Path) -> None:
-    hub, now = MessageBus(), [BEGIN_NS]
-    recorder = Recorder(hub, tmp_path / "run.mcap", pictures=True, clock=lambda: now[0])
+    bus, now = MessageBus(), [BEGIN_NS]
+    recorder = Recorder(bus, tmp_path / "run.mcap", pictures=True, clock=lambda: now[0])
     for on in (True, False, True):
-        joined = hub.joined
+        joined = bus.joined
         (recorder.resume if on else recorder.pause)()
         assert recorder.state()["on"] is on
         now[0] += 1_000_000_000
-        hub.publish(Message("/run", now[0], {"on": on}))
+        bus.publish(Message("/run", now[0], {"on": on}))
         recorder.pictures([picture(int(on))])
-    assert hub.joined == joined + 1
+    assert bus.joined == joined + 1
     recorder.pause()
     now[0] += 1_000_000_000
     recorder.close()
@@ -152,11 +153,11 @@ def test_switched_off_it_says_what_is_missing_and_asks_for_news(tmp_path: Path) 
 
 
 def test_pictures_are_left_out_first(tmp_path: Path) -> None:
-    hub = MessageBus()
+    bus = MessageBus()
     bounds = Bounds(picture_bytes=10, message_bytes=1 << 20)
-    recorder = Recorder(hub, tmp_path / "run.mcap", pictures=True, bounds=bounds)
+    recorder = Recorder(bus, tmp_path / "run.mcap", pictures=True, bounds=bounds)
     recorder.pictures([picture(1), picture(1, "right")])
-    hub.publish(Message("/run", 1, {}))
+    bus.publish(Message("/run", 1, {}))
     recorder.close()
     with open_recording(tmp_path / "run.mcap") as recording:
         assert [m.topic for m in recording.messages()] == ["/run", "/gap"]
@@ -191,12 +192,12 @@ def test_the_middle_is_found_with_and_without_index(tmp_path: Path) -> None:
 
 
 def test_many_threads_may_tell(tmp_path: Path) -> None:
-    hub = MessageBus()
-    recorder = Recorder(hub, tmp_path / "run.mcap")
+    bus = MessageBus()
+    recorder = Recorder(bus, tmp_path / "run.mcap")
 
     def tell(teller: int) -> None:
         for number in range(500):
-            hub.publish(Message(f"/teller/{teller}", number, {"n": number}))
+            bus.publish(Message(f"/teller/{teller}", number, {"n": number}))
 
     threads = [threading.Thread(target=tell, args=(teller,)) for teller in range(6)]
     for thread in threads:
@@ -217,7 +218,7 @@ def test_many_threads_may_tell(tmp_path: Path) -> None:
 def test_messages_are_described_field_by_field(
     topic: str, kind: type[ExperimentMessage] | type[RunMessage]
 ) -> None:
-    lines = (Path(vsense.__file__).parent / "web" / "MESSAGES.md").read_text().splitlines()
+    lines = (Path(vsense.__file__).parent / "ui" / "MESSAGES.md").read_text().splitlines()
     (line,) = (line for line in lines if line.startswith(f"| `{topic}` |"))
     assert [name for name in kind.kinds() if f"`{name}`" not in line] == []
 

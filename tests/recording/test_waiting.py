@@ -25,7 +25,7 @@ def image(number: int) -> WaitingPicture:
 
 def everything(waiting: Waiting) -> list[Item]:
     found = []
-    while (item := waiting.take(0.0)) is not None:
+    while (item := waiting.pop(0.0)) is not None:
         found.append(item)
     return found
 
@@ -37,7 +37,7 @@ def test_messages_come_first_and_all_in_their_order() -> None:
     for each in messages:
         assert waiting.put([each], [1], 0)
     assert everything(waiting) == [*messages, *pictures]
-    assert waiting.take(0.001) is None
+    assert waiting.pop(0.001) is None
 
 
 def test_what_goes_with_pictures_waits_with_them() -> None:
@@ -74,18 +74,18 @@ def test_what_is_abandoned_is_lost() -> None:
     waiting.put([message(1)], [1], 0)
     waiting.put([image(1)], [1], 0)
     waiting.abandon()
-    assert waiting.lost == 2 and waiting.take(0.0) is None
+    assert waiting.lost == 2 and waiting.pop(0.0) is None
     assert waiting.put([message(1)], [10], 0)
 
 
 def test_a_fault_of_ours_ends_the_recording_and_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    hub, told = MessageBus(), list[Message]()
-    hub.join(told.append, lambda topic: topic == "/event")
-    recorder = Recorder(hub, tmp_path / "run.mcap")
+    bus, told = MessageBus(), list[Message]()
+    bus.join(told.append, lambda topic: topic == "/event")
+    recorder = Recorder(bus, tmp_path / "run.mcap")
     monkeypatch.setattr(recorder, "_add", None)
-    hub.publish(Message("/arena", 1, {}))
+    bus.publish(Message("/arena", 1, {}))
     end_s = time.monotonic() + 20
     while not told and time.monotonic() < end_s:
         time.sleep(0.01)

@@ -18,7 +18,7 @@ from tests.robot.rig import Rig
 ROOT = Path(__file__).parent.parent.parent
 STRICT = ["-std=c99", "-D_POSIX_C_SOURCE=200809L", "-pedantic", "-Wall", "-Wextra", "-Wshadow"]
 STRICT += ["-Wconversion", "-Werror", "-I", str(ROOT / "c_src"), "-I", str(ROOT / "robot")]
-FLAGS = [*STRICT, "-DVS_NO_ATOMICS", "-O1", "-g"]
+FLAGS = [*STRICT, "-O1", "-g"]
 FLAGS += ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 
 

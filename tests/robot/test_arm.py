@@ -47,7 +47,7 @@ def test_c_suite_on_arm(name: str, tmp_path: Path) -> None:
     compiler = toolchain(TARGETS["epuck"], cache_directory())
     done = compiler.run(
         [
-            *("-std=c99", "-D_POSIX_C_SOURCE=200809L", "-DVS_NO_ATOMICS", *compiler.flags),
+            *("-std=c99", "-D_POSIX_C_SOURCE=200809L", *compiler.flags),
             *(f"-I{folder}" for folder in (*folders, tmp_path)),
             *map(str, (ROOT / "tests" / "c" / f"{name}.c", *SUITES[name])),
             *("-lm", "-o", str(program)),

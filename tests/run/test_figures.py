@@ -12,11 +12,11 @@ from vsense.run.figures import Figures, table
 def played(stage: Stage) -> dict:
     """Plays a run and gives its summary."""
     figures = Figures(stage.experiment)
-    attendance = stage.runner.wait(0.0)
+    readiness = stage.runner.wait(0.0)
     for step in stage.runner.timesteps():
         figures.observe(step, stage.robots())
     stage.runner.stop()
-    summary = figures.summary(stage.runner, attendance, {"cleaned": 12.5})
+    summary = figures.summary(stage.runner, readiness, {"cleaned": 12.5})
     return {"robots": len(stage.experiment.robots), **summary}
 
 

@@ -28,7 +28,7 @@ def lived(state: States, seen_from: list[int]) -> tuple[Portrait, Environment]:
             if timestep >= seen_from[n]
         }
         environment.step(state(places, S + timestep * DT_NS), timestep, {})
-        portrait.look(timestep, environment.world, stage.robots())
+        portrait.add(timestep, environment.world, stage.robots())
     return portrait, environment
 
 

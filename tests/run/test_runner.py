@@ -80,7 +80,7 @@ def test_a_run_has_its_timesteps_and_ends(stage: Stage) -> None:
     assert stage.runner.ended == "time" and stage.done == ["start"]
     stage.runner.stop()
     assert stage.done == ["start", "stop", "hush"]
-    assert (stage.runner.tally.sent, stage.runner.tally.received) == (20, 20)
+    assert (stage.runner.counters.sent, stage.runner.counters.received) == (20, 20)
 
 
 def test_without_a_length_it_goes_on_until_it_is_interrupted() -> None:
@@ -188,4 +188,4 @@ def test_after_a_run_it_rests_until_somebody_wants_the_next(stage: Stage) -> Non
     assert stage.runner.rest() and stage.calls == calls + 3
     stage.runner.next_run(None)  # type: ignore[arg-type]
     assert (stage.runner.control.run, stage.runner.control.asked) == (2, True)
-    assert (stage.runner.tally.sent, stage.runner.silences) == (0, [])
+    assert (stage.runner.counters.sent, stage.runner.silences) == (0, [])

@@ -40,7 +40,7 @@ class Puppet:
     """A run of wandering robots; its state follows the orders.
 
     Attributes:
-        hub: where it publishes.
+        bus: where it publishes.
         state: that of the run.
         orders: all that were given, with who gave them.
         trouble: what is wrong with robots: tag -> words.
@@ -49,7 +49,7 @@ class Puppet:
     """
 
     def __init__(self, robots: int = 15, cameras: int = 4, mode: str = "live") -> None:
-        self.hub = MessageBus()
+        self.bus = MessageBus()
         self.swarm = play.Swarm(robots, seed=3)
         self.cameras = cameras
         self.mode = mode
@@ -108,8 +108,8 @@ class Puppet:
 
     def publish(self, topic: str, data: dict[str, Any], blob: bytes = b"") -> None:
         """Publishes one message that is wanted."""
-        if not self.silent and self.hub.wants(topic):
-            self.hub.publish(Message(topic, time.monotonic_ns(), data, blob))
+        if not self.silent and self.bus.wants(topic):
+            self.bus.publish(Message(topic, time.monotonic_ns(), data, blob))
 
     def say(self, text: str, by: str | None = None, level: str = "info") -> None:
         """Publishes an event."""
@@ -123,8 +123,8 @@ class Puppet:
             self.swarm.move(STEP_S)
             self.timestep += 1
             self.position_s = min(self.position_s + STEP_S * self.speed, REPLAY_S)
-        if self._known != self.hub.joined:
-            self._known = self.hub.joined
+        if self._known != self.bus.joined:
+            self._known = self.bus.joined
             self.publish("/experiment", play.experiment(self.swarm, self.cameras, self.mode))
             self.publish("/world", play.world())
             self.publish("/run", self.run_message())
@@ -224,7 +224,7 @@ class Puppet:
 
     def _readings(self) -> None:
         for robot, tag in enumerate(self.swarm.tags):
-            if self.hub.wants(f"/readings/{tag}"):
+            if self.bus.wants(f"/readings/{tag}"):
                 self.publish(f"/readings/{tag}", self.readings(robot))
 
     def readings(self, robot: int) -> dict[str, Any]:
@@ -278,7 +278,7 @@ class Puppet:
         for camera in range(self.cameras):
             topic = f"/picture/cam{camera}"
             lost = self.camera_trouble.get(camera, ("ok", ""))[0] == "lost"
-            if self.hub.wants(topic) and not lost:
+            if self.bus.wants(topic) and not lost:
                 about = {"camera": f"cam{camera}", "timestep": self.total,
                          "capture_ns": self.total * 10**8, "format": "jpeg", "width_px": width,
                          "height_px": height, "scale": play.PICTURE_SCALE}  # fmt: skip
@@ -314,7 +314,7 @@ def main() -> None:
     parser.add_argument("--host", default="127.0.0.1")
     options = parser.parse_args()
     puppet = Puppet(options.robots, options.cameras, options.mode)
-    server = WebServer(puppet.hub, puppet.give, options.host, options.port)
+    server = WebServer(puppet.bus, puppet.give, options.host, options.port)
     print(server.start().control)
     puppet.begin()
     try:

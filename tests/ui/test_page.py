@@ -247,12 +247,12 @@ def test_pictures_are_shown_and_hidden_ones_are_not_made(served: Serve, opened: 
     page = opened(url)
     page.until("vsense.store.pictures.size === 4")
     page.until("[...vsense.cameras.cells.values()].every(cell => cell.shown)")
-    assert puppet.hub.wants("/picture/cam0")
+    assert puppet.bus.wants("/picture/cam0")
     page.key("2")
     page.until("vsense.cameras.shown.length === 0")
     page.until("vsense.connection.frames > 0")
     wait_until_unwanted(page, puppet, "/picture/cam0")
-    assert puppet.hub.wants("/arena")
+    assert puppet.bus.wants("/arena")
 
 
 def test_without_refresh_next_to_nothing_is_made(served: Serve, opened: Open) -> None:
@@ -261,7 +261,7 @@ def test_without_refresh_next_to_nothing_is_made(served: Serve, opened: Open) ->
     page.click("#refresh")
     for topic in ("/arena", "/signals", "/fields", "/picture/cam0"):
         wait_until_unwanted(page, puppet, topic)
-    assert puppet.hub.wants("/run") and puppet.hub.wants("/event")
+    assert puppet.bus.wants("/run") and puppet.bus.wants("/event")
     page.click("#refresh")
     number = page.value("vsense.store.changed.arena")
     page.until(f"vsense.store.changed.arena > {number}")
@@ -284,7 +284,7 @@ def test_a_hidden_page_costs_next_to_nothing(served: Serve, opened: Open) -> Non
 def wait_until_unwanted(page: Page, puppet: Puppet, topic: str) -> None:
     """The page and the server need a moment; each round waits for the page."""
     for _ in range(100):
-        if not puppet.hub.wants(topic):
+        if not puppet.bus.wants(topic):
             return
         frames = page.value("vsense.connection.frames")
         page.until(f"vsense.connection.frames > {frames}")
@@ -328,7 +328,7 @@ def test_a_lost_connection_is_shown_and_comes_back(served: Serve, opened: Open) 
     page.key("Escape")
     page.until("document.querySelector('#banner').innerText.includes('NOT DELIVERED')")
     assert puppet.state == "running"
-    again = WebServer(puppet.hub, puppet.give, "127.0.0.1", server.port)
+    again = WebServer(puppet.bus, puppet.give, "127.0.0.1", server.port)
     again.start()
     try:
         state(page, "emergency")

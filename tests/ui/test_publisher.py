@@ -24,8 +24,7 @@ from vsense.run.control import Control, Order, OrderKind
 from vsense.run.environment import Environment
 from vsense.run.runtime import Step
 from vsense.ui.messages import ExperimentFacts
-from vsense.ui.preview import PreviewEncoder
-from vsense.ui.publisher import Publisher
+from vsense.ui.publisher import PreviewEncoder, Publisher
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -40,7 +39,7 @@ class Room:
     def __init__(self, name: str = "pollutant", *topics: str) -> None:
         self.environment = Environment(load(name), seed=1)
         self.tags = [robot.tag for robot in self.environment.experiment.robots]
-        self.hub, self.now_ns, self.timestep = MessageBus(), 1000 * S, 100
+        self.bus, self.now_ns, self.timestep = MessageBus(), 1000 * S, 100
         self.told: list[Message] = []
         self.topics = set(topics)
         self.robots_now: dict[int, RobotStatus] = {t: status(t, f"epuck_{t}") for t in self.tags}
@@ -49,21 +48,21 @@ class Room:
         self.troubles = Troubles()
         scene = ExperimentFacts("lab", "<file/>", False, [CAMERA], {"cam": "arrows"}, self.troubles)
         self.publisher = Publisher(
-            self.hub, scene, self.environment, self, self.control,  # type: ignore[arg-type]
+            self.bus, scene, self.environment, self, self.control,  # type: ignore[arg-type]
             lambda: {"runs": 1, "text": "", "recording": None, "disk_free_bytes": 1},
             lambda: self.now_ns,
         )  # fmt: skip
 
     def join(self) -> None:
         wants: Callable[[str], bool] = lambda topic: not self.topics or topic in self.topics  # noqa: E731
-        self.hub.join(self.told.append, wants)
+        self.bus.join(self.told.append, wants)
 
     def state(self) -> ArenaState:
         places = {tag: (0.1 * n - 0.7, 0.2, 0.0) for n, tag in enumerate(self.tags)}
         things = {t.tag: (0.0, 0.0, 0.0) for t in self.environment.experiment.objects}
         return arena_state({**places, **things}, self.now_ns - 20 * MS)
 
-    def live(self, run_timestep: int = -1) -> None:
+    def step(self, run_timestep: int = -1) -> None:
         """Lives one timestep and has it told."""
         self.timestep += 1
         state = self.state()
@@ -73,7 +72,7 @@ class Room:
         frames = [Frame("cam", image, self.timestep, capture_ns, self.now_ns)]
         times = (capture_ns, self.now_ns - 9 * MS, self.now_ns - 5 * MS, self.now_ns)
         step = Step(self.timestep, run_timestep, *times, state, frames)
-        self.publisher.look(step, self.robots_now)
+        self.publisher.update(step, self.robots_now)
         self.now_ns += 100 * MS
 
     def of(self, topic: str) -> list[Any]:
@@ -85,7 +84,7 @@ def test_everything_is_json_of_finite_numbers(name: str) -> None:
     room = Room(name)
     room.join()
     for run_timestep in (-1, 0, 1):
-        room.live(run_timestep)
+        room.step(run_timestep)
     topics = {message.topic for message in room.told}
     wanted = {"/experiment", "/run", "/arena", "/world", "/signals", "/readings", "/robots"}
     assert wanted | {"/cameras"} <= topics
@@ -100,9 +99,8 @@ def test_for_nobody_nothing_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
     room = Room()
     monkeypatch.setattr("vsense.ui.publisher.arena_data", None)
     monkeypatch.setattr("vsense.ui.publisher.messages", None)
-    monkeypatch.setattr("vsense.ui.publisher.facts", None)
     for run_timestep in range(3):
-        room.live(run_timestep)
+        room.step(run_timestep)
     assert room.told == []
 
 
@@ -110,10 +108,10 @@ def test_a_newcomer_is_told_what_changes_rarely() -> None:
     room = Room()
     room.join()
     for _ in range(3):
-        room.live()
+        room.step()
     assert [len(room.of(topic)) for topic in ("/experiment", "/world", "/arena")] == [1, 1, 3]
     room.join()
-    room.live()
+    room.step()
     assert [len(room.of(topic)) for topic in ("/experiment", "/world", "/arena")] == [3, 3, 5]
 
 
@@ -121,7 +119,7 @@ def test_readings_of_one_robot_are_for_who_looks_at_it() -> None:
     room = Room("pollutant", "/readings/23")
     room.topics = {f"/readings/{room.tags[2]}"}
     room.join()
-    room.live()
+    room.step()
     (data,) = (message.data for message in room.told)
     assert data["tag"] == [room.tags[2]]
     sent = room.readings[room.tags[2]]
@@ -133,28 +131,28 @@ def test_the_run_is_told_when_it_changes_and_once_per_second() -> None:
     room = Room("pollutant", "/run")
     room.join()
     for _ in range(10):
-        room.live()
+        room.step()
     assert [data["state"] for data in room.of("/run")] == ["waiting"]
     assert room.control.begin(lambda: None)
-    room.live(0)
+    room.step(0)
     now = room.of("/run")[-1]
     assert (now["state"], now["run"], now["timestep"], now["late"]) == ("running", 1, 0, 0)
     assert now["rate_hz"] == pytest.approx(10.0) and now["latency_ms"] == {"p50": 20.0, "p99": 20.0}
-    room.live(4)
+    room.step(4)
     room.control.give(Order(OrderKind.PAUSE, "Ann"))
-    room.live()
+    room.step()
     now = room.of("/run")[-1]
     assert (now["state"], now["by"], now["late"]) == ("paused", "Ann", 3), "three were missed"
     assert now["can"] == ["start", "stop", "reset", "emergency"]
     room.now_ns += 3 * S
-    room.publisher.look(None, room.robots_now)
+    room.publisher.update(None, room.robots_now)
     assert room.of("/run")[-1]["silent_s"] == pytest.approx(3.1)
 
 
 def test_trouble_is_told_in_words() -> None:
     room = Room("pollutant", "/robots")
     room.join()
-    room.live()
+    room.step()
     assert set(room.of("/robots")[-1]["trouble"]) == {""}
     first, second, third, fourth, fifth = room.tags[:5]
     heard = {"heard_ns": room.now_ns - 2 * S}
@@ -166,7 +164,7 @@ def test_trouble_is_told_in_words() -> None:
         fourth: status(fourth, "d", udp=False),
         fifth: status(fifth, "e", telemetry=Telemetry(battery_low=1)),
     }
-    room.live()
+    room.step()
     rows = room.of("/robots")[-1]
     assert rows["trouble"][:6] == [
         "link lost for 2.0 s", "stopped: its base does not answer", "not connected",
@@ -180,16 +178,16 @@ def test_a_camera_is_told_with_what_lasts_and_what_is_missing() -> None:
     room = Room("pollutant", "/cameras")
     room.join()
     for _ in range(11):
-        room.live()
+        room.step()
     (camera,) = room.of("/cameras")[-1]["cameras"]
     assert (camera["id"], camera["state"], camera["rate_hz"]) == ("cam", "ok", 10.0)
     room.troubles.lines([CameraEvent("cam", "moved", "has moved by 2 px")])
     for _ in range(10):
-        room.live()
+        room.step()
     assert room.of("/cameras")[-1]["cameras"][0]["text"] == "has moved by 2 px"
     room.troubles.lines([CameraEvent("cam", "steady", "is back in its place")])
     room.now_ns += 2 * S
-    room.publisher.look(None, room.robots_now)
+    room.publisher.update(None, room.robots_now)
     (camera,) = room.of("/cameras")[-1]["cameras"]
     assert (camera["state"], camera["text"]) == ("lost", "no picture for 2.1 s")
 
@@ -201,7 +199,7 @@ def test_a_field_is_told_as_shares_of_its_peak() -> None:
     field.concentration[0, 1] = 8.0
     field.concentration[2, 0] = 4.0
     for _ in range(6):
-        room.live()
+        room.step()
     told = room.of("/fields")
     assert len(told) == 2, "twice per second"
     data = told[0]["fields"][0]
@@ -215,19 +213,19 @@ def test_the_next_run_begins_at_nothing() -> None:
     room = Room("pollutant", "/experiment", "/run")
     room.join()
     room.control.begin(lambda: None)
-    room.live(7)
+    room.step(7)
     room.control.next_run()
     room.publisher.begin_run(Environment(load("pollutant"), seed=2))
-    room.live()
+    room.step()
     assert [data["seed"] for data in room.of("/experiment")] == [1, 2]
     now = room.of("/run")[-1]
     assert (now["run"], now["timestep"], now["late"], now["time_s"]) == (2, -1, 0, 0)
 
 
 def test_pictures_are_made_for_who_looks_and_a_few_per_second() -> None:
-    hub, told, wanted = MessageBus(), list[Message](), {"/picture/cam"}
-    hub.join(told.append, wanted.__contains__)
-    press = PreviewEncoder(hub)
+    bus, told, wanted = MessageBus(), list[Message](), {"/picture/cam"}
+    bus.join(told.append, wanted.__contains__)
+    press = PreviewEncoder(bus)
     image = np.zeros((1200, 1600), np.uint8)
     taken = [0, 3, 5, 8, 10]
     try:

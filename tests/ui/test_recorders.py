@@ -20,8 +20,8 @@ class Runs:
     """Recorders of runs that each tell one message with their number."""
 
     def __init__(self, folder: Path, wanted: bool) -> None:
-        self.hub, self.troubles = MessageBus(), list[str]()
-        self.recorders = Recorders(self.hub, wanted, False, self.troubles.append)
+        self.bus, self.troubles = MessageBus(), list[str]()
+        self.recorders = Recorders(self.bus, wanted, False, self.troubles.append)
         self._folder = folder
 
     def path(self, number: int) -> Path:
@@ -31,7 +31,7 @@ class Runs:
         self.recorders.begin_run(self.path(number))
 
     def tell(self, number: int) -> None:
-        self.hub.publish(Message("/run", number, {"run": number}))
+        self.bus.publish(Message("/run", number, {"run": number}))
 
     def told(self, number: int) -> list[int]:
         """What a run's recording holds."""
@@ -96,10 +96,10 @@ def test_a_secret_is_printed_and_neither_told_nor_kept(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     told: list[str] = []
-    with RunLog(tmp_path) as diary:
-        diary.also = lambda text, level: told.append(text)
-        diary.whisper("control room: http://x/?token=secret")
-        diary.say("all robots start")
+    with RunLog(tmp_path) as log:
+        log.also = lambda text, level: told.append(text)
+        log.whisper("control room: http://x/?token=secret")
+        log.say("all robots start")
     assert told == ["all robots start"]
     assert "secret" not in (tmp_path / LOG).read_text()
     assert "token=secret" in capsys.readouterr().err

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import importlib
 import json
 import logging
 import re
 import socket
+import sys
 import threading
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -116,7 +118,7 @@ def test_this_machine_has_several_names(served: Serve, host: str) -> None:
 def test_a_page_from_elsewhere_is_refused(served: Serve, origin: str | None) -> None:
     puppet, _, url = served(paced=False)
     assert refused(url, origin=origin) == 403
-    assert puppet.hub.joined <= 1
+    assert puppet.bus.joined <= 1
 
 
 def test_a_foreign_page_cannot_even_get(served: Serve) -> None:
@@ -283,30 +285,30 @@ def test_nobody_watching_costs_nothing(served: Serve) -> None:
         "/readings",
         "/readings/1",
     ]
-    assert not any(puppet.hub.wants(topic) for topic in topics)
+    assert not any(puppet.bus.wants(topic) for topic in topics)
 
     async def come_and_go(client: aiohttp.ClientSession) -> None:
         socket = await ws(client, url)
         await hear(socket, "/you")
-        assert puppet.hub.wants("/arena")
-        assert not puppet.hub.wants("/picture/cam0") and not puppet.hub.wants("/readings/1")
+        assert puppet.bus.wants("/arena")
+        assert not puppet.bus.wants("/picture/cam0") and not puppet.bus.wants("/readings/1")
         await socket.send_json({"look": 1})
         await socket.send_json({"pictures": ["cam0"]})
-        await ready(lambda: puppet.hub.wants("/picture/cam0"))
-        assert puppet.hub.wants("/readings/1") and not puppet.hub.wants("/readings/2")
+        await ready(lambda: puppet.bus.wants("/picture/cam0"))
+        assert puppet.bus.wants("/readings/1") and not puppet.bus.wants("/readings/2")
         await socket.send_json({"refresh": False})
-        await ready(lambda: not puppet.hub.wants("/arena"))
-        assert not puppet.hub.wants("/picture/cam0") and not puppet.hub.wants("/readings/1")
-        assert puppet.hub.wants("/run") and puppet.hub.wants("/event")
-        joined = puppet.hub.joined
+        await ready(lambda: not puppet.bus.wants("/arena"))
+        assert not puppet.bus.wants("/picture/cam0") and not puppet.bus.wants("/readings/1")
+        assert puppet.bus.wants("/run") and puppet.bus.wants("/event")
+        joined = puppet.bus.joined
         await socket.send_json({"refresh": True})
-        await ready(lambda: puppet.hub.joined > joined)
-        assert puppet.hub.wants("/picture/cam0") and puppet.hub.wants("/readings/1")
+        await ready(lambda: puppet.bus.joined > joined)
+        assert puppet.bus.wants("/picture/cam0") and puppet.bus.wants("/readings/1")
         await socket.close()
-        await ready(lambda: not puppet.hub.wants("/arena"))
+        await ready(lambda: not puppet.bus.wants("/arena"))
 
     talk(come_and_go)
-    assert not any(puppet.hub.wants(topic) for topic in topics)
+    assert not any(puppet.bus.wants(topic) for topic in topics)
 
 
 def test_a_newcomer_gets_everything_and_the_last_events(served: Serve) -> None:
@@ -331,8 +333,8 @@ def test_pictures_come_as_bytes_with_a_head(served: Serve) -> None:
     async def come(client: aiohttp.ClientSession) -> bytes:
         socket = await ws(client, url)
         await socket.send_json({"pictures": ["cam ä"]})
-        await ready(lambda: puppet.hub.wants("/picture/cam ä"))
-        puppet.hub.publish(Message("/picture/cam ä", 7, {"camera": "cam ä"}, blob))
+        await ready(lambda: puppet.bus.wants("/picture/cam ä"))
+        puppet.bus.publish(Message("/picture/cam ä", 7, {"camera": "cam ä"}, blob))
         while True:
             message = await socket.receive()
             if message.type is aiohttp.WSMsgType.BINARY:
@@ -351,7 +353,7 @@ def test_numbers_that_json_does_not_have_become_null(served: Serve) -> None:
         socket = await ws(client, url)
         await hear(socket, "/you")
         nan = float("nan")
-        puppet.hub.publish(Message("/arena", 1, {"a": [nan, 1.5, (nan,)], "b": {"c": -1e999}}))
+        puppet.bus.publish(Message("/arena", 1, {"a": [nan, 1.5, (nan,)], "b": {"c": -1e999}}))
         return await hear(socket, "/arena")
 
     assert talk(come) == {"a": [None, 1.5, [None]], "b": {"c": None}}
@@ -366,12 +368,12 @@ def test_a_page_that_tells_what_it_got_is_never_far_behind(served: Serve) -> Non
         socket = await ws(client, url)
         await socket.send_json({"got": 0})
         await socket.send_json({"look": 1})
-        await ready(lambda: puppet.hub.wants("/readings/1"))
+        await ready(lambda: puppet.bus.wants("/readings/1"))
         for number in range(5000):
-            puppet.hub.publish(Message("/arena", number, {"n": number, "f": filling}))
+            puppet.bus.publish(Message("/arena", number, {"n": number, "f": filling}))
             if number % 50 == 0:
                 await asyncio.sleep(0)
-        puppet.hub.publish(Message("/run", 0, {"last": True}))
+        puppet.bus.publish(Message("/run", 0, {"last": True}))
         numbers, frames = [], 0
         while True:
             told = json.loads(await socket.receive_str())
@@ -395,10 +397,10 @@ def test_a_page_that_reads_nothing_holds_nobody_up(served: Serve) -> None:
     async def sleep(client: aiohttp.ClientSession) -> None:
         lazy = await ws(client, url)
         lazy._conn.transport.pause_reading()  # type: ignore[union-attr]
-        await ready(lambda: puppet.hub.wants("/arena"))
+        await ready(lambda: puppet.bus.wants("/arena"))
         for number in range(20_000):
-            puppet.hub.publish(Message("/arena", number, big))
-            puppet.hub.publish(Message("/event", number, {"text": str(number), "by": None}))
+            puppet.bus.publish(Message("/arena", number, big))
+            puppet.bus.publish(Message("/event", number, {"text": str(number), "by": None}))
         other = await ws(client, url)
         await other.send_json({"order": "start"})
         assert (await hear(other, "/answer"))["ok"]
@@ -452,12 +454,12 @@ def test_pages_that_vanish_are_silent(
                 raw.sendall(sent)
                 if sent == head:
                     raw.recv(2000)
-        joined = puppet.hub.joined
+        joined = puppet.bus.joined
 
         async def after(client: aiohttp.ClientSession) -> None:
             other = await ws(client, url)
             await hear(other, "/arena")
-            await ready(lambda: len(puppet.hub._listeners) == 2)
+            await ready(lambda: len(puppet.bus._listeners) == 2)
 
         talk(after)
     assert joined >= 1
@@ -484,18 +486,26 @@ def test_too_many_pages_are_told(served: Serve, monkeypatch: pytest.MonkeyPatch)
 # -- beginning and end ----------------------------------------------------------------------
 
 
+def test_without_its_library_the_page_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("vsense.ui.server", "vsense.ui.page_clients"):
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "aiohttp", None)
+    with pytest.raises(VsenseError, match=r"needs aiohttp: pip install 'vsense\[web\]'"):
+        importlib.import_module("vsense.ui.server")
+
+
 def test_a_busy_port_is_one_clear_line(served: Serve) -> None:
     _, server, _ = served(paced=False)
     with pytest.raises(VsenseError) as caught:
         WebServer(MessageBus(), lambda order: "", "127.0.0.1", server.port).start()
     assert str(caught.value) == (
-        f"web page: port {server.port} of 127.0.0.1 is in use: another program serves there;"
+        f"web page: TCP port {server.port} on 127.0.0.1 is in use: another server runs there;"
         " stop it or choose another port"
     )
 
 
 @pytest.mark.parametrize(
-    ("host", "words"), [("192.0.2.7", "not on an address"), ("no host!", "cannot listen on")]
+    ("host", "words"), [("192.0.2.7", "not an address of"), ("no host!", "cannot listen on")]
 )
 def test_an_address_that_is_not_ours_is_one_clear_line(host: str, words: str) -> None:
     with pytest.raises(VsenseError, match=words):
@@ -522,9 +532,9 @@ def test_close_sends_pages_away_and_frees_the_port(served: Serve) -> None:
 
     assert talk(come) in (aiohttp.WSMsgType.CLOSE, aiohttp.WSMsgType.CLOSED)
     server.close()
-    assert not puppet.hub.wants("/arena") and not puppet.hub.wants("/event")
+    assert not puppet.bus.wants("/arena") and not puppet.bus.wants("/event")
     assert "web" not in [thread.name for thread in threading.enumerate()]
-    again = WebServer(puppet.hub, puppet.give, "127.0.0.1", server.port)
+    again = WebServer(puppet.bus, puppet.give, "127.0.0.1", server.port)
     again.start()
     again.close()
 
@@ -535,7 +545,7 @@ def test_close_without_start_is_fine() -> None:
 
 def test_the_run_goes_on_when_the_server_ends() -> None:
     puppet = Puppet()
-    server = WebServer(puppet.hub, puppet.give, "127.0.0.1", 0)
+    server = WebServer(puppet.bus, puppet.give, "127.0.0.1", 0)
     server.start()
     server.close()
     puppet.step()

@@ -88,7 +88,7 @@ class RobotSession:
         """The packet due on TCP, b"" if none is."""
         out = Output(PACKET_MAX)
         buf, size, length = out.arguments
-        return out.take(lib.vs_session_tcp_out(self.c, buf, size, now_ns, length))
+        return out.packet(lib.vs_session_tcp_out(self.c, buf, size, now_ns, length))
 
     def udp_in(self, datagram: bytes, now_ns: int) -> tuple[int, Event]:
         """Takes a datagram; gives 0 or the error why it was dropped, and the event."""
@@ -110,7 +110,7 @@ class RobotSession:
         out = Output(DATAGRAM_MAX)
         values: dict[str, Any] = {name: getattr(said, name) for name in TELEMETRY_FIELDS}
         report = ffi.new("struct vs_telemetry *", {**values, "payload": said.payload})
-        return out.take(lib.vs_session_telemetry(self.c, report, now_ns, *out.arguments))
+        return out.packet(lib.vs_session_telemetry(self.c, report, now_ns, *out.arguments))
 
     def over_tcp(self, now_ns: int) -> bool:
         """Whether telemetry must also go over TCP."""

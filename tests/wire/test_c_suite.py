@@ -53,34 +53,9 @@ def test_c_suite_under_sanitizers(name: str, chars: str, tmp_path: Path) -> None
     assert done.returncode == 0, done.stderr
 
 
-def build_race(target: Path, source: Path) -> Path:
-    flags = ["-std=c11", *STRICT, "-g", "-O1", "-fsanitize=thread", "-pthread"]
-    return build(target, *flags, TESTS / "test_latest.c", source)
-
-
-def test_defect_05_no_torn_data_between_two_threads(tmp_path: Path) -> None:
-    done = run(build_race(tmp_path / "test_latest", C_SRC / "vs_latest.c"))
-    assert done.returncode == 0, done.stderr
-
-
-def test_a_buffer_without_ordering_would_be_found_out(tmp_path: Path) -> None:
-    broken = tmp_path / "vs_latest.c"
-    text = (C_SRC / "vs_latest.c").read_text()
-    assert "memory_order_acq_rel" in text
-    broken.write_text(text.replace("memory_order_acq_rel", "memory_order_relaxed"))
-    done = run(build_race(tmp_path / "test_broken", broken))
-    assert "data race" in done.stderr
-
-
-def test_robot_builds_the_buffer_without_atomics(tmp_path: Path) -> None:
-    flags = ["-std=c99", *STRICT, "-DVS_NO_ATOMICS", "-c"]
-    built = build(tmp_path / "vs_latest.o", *flags, C_SRC / "vs_latest.c")
-    assert built.is_file()
-
-
 @pytest.mark.parametrize("source", PURE, ids=lambda path: path.name)
 def test_pure_file_needs_no_system_and_keeps_no_state(source: Path, tmp_path: Path) -> None:
-    check_pure(source, "-std=c11" if source.name == "vs_latest.c" else "-std=c99", tmp_path)
+    check_pure(source, "-std=c99", tmp_path)
 
 
 def check_pure(source: Path, standard: str, folder: Path) -> None:
@@ -116,6 +91,6 @@ def declared_functions(headers: Iterable[Path]) -> set[str]:
 def test_headers_promise_only_what_exists(tmp_path: Path) -> None:
     """Every function of a header is defined, and every global function is in a header."""
     headers = [p for p in C_SRC.glob("vs_*.h") if p.stem not in (*EDGES, "vs_io")]
-    sources = [*SESSION, C_SRC / "vs_latest.c", C_SRC / "vs_i2c.c"]
-    kinds = symbols(build(tmp_path / "vs.o", "-std=c11", "-O2", "-r", *sources))
+    sources = [*SESSION, C_SRC / "vs_i2c.c"]
+    kinds = symbols(build(tmp_path / "vs.o", "-std=c99", "-O2", "-r", *sources))
     assert declared_functions(headers) == {name for name, kind in kinds.items() if kind == "T"}

@@ -44,7 +44,7 @@ def encode_telemetry(header: Header, table: Table, said: Telemetry) -> bytes:
     report = ffi.new("struct vs_telemetry *", {**values, "payload": said.payload})
     out = Output(DATAGRAM_MAX)
     code = lib.vs_encode_telemetry(header_to(header), table.cdata, report, *out.arguments)
-    return out.take(code)
+    return out.packet(code)
 
 
 def decode_telemetry(packet: bytes, table: Table) -> tuple[Header, Telemetry]:
@@ -82,7 +82,7 @@ def test_decoding_undoes_encoding_of_state(
     fields = {"wanted": wanted, "from_timestep": from_timestep, "older_us": ages, "payload": block}
     state, read = ffi.new("struct vs_state *", fields), ffi.new("struct vs_state *")
     out = Output(DATAGRAM_MAX)
-    packet = out.take(lib.vs_encode_state(header_to(header), table.cdata, state, *out.arguments))
+    packet = out.packet(lib.vs_encode_state(header_to(header), table.cdata, state, *out.arguments))
     opened, body = open_packet(packet)
     check(lib.vs_decode_state(table.cdata, body, len(body), read))
     assert opened == with_length(header, packet)

@@ -68,7 +68,7 @@ def state_bytes(
     for rank, (older, _) in enumerate(values):
         state.older_us[rank] = older
     out = Output(DATAGRAM_MAX)
-    return out.take(lib.vs_encode_state(header_to(header), table.cdata, state, *out.arguments))
+    return out.packet(lib.vs_encode_state(header_to(header), table.cdata, state, *out.arguments))
 
 
 def test_the_committed_vectors_are_what_the_script_writes() -> None:
@@ -112,7 +112,7 @@ def test_telemetry(vector: Vector) -> None:
     report = ffi.new("struct vs_telemetry *", {**said, "payload": payload})
     out = Output(DATAGRAM_MAX)
     arguments = (header_to(header), table.cdata, report, *out.arguments)
-    assert out.take(lib.vs_encode_telemetry(*arguments)) == packet
+    assert out.packet(lib.vs_encode_telemetry(*arguments)) == packet
     opened, body = open_packet(packet)
     read = ffi.new("struct vs_telemetry *")
     check(lib.vs_decode_telemetry(table.cdata, body, len(body), read))

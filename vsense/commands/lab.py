@@ -18,8 +18,8 @@ from vsense.lab.session import Session
 from vsense.live.session import RunSetup
 from vsense.pictures.story import spoken
 from vsense.run import directory as run_directory
+from vsense.run.runner import Series
 from vsense.run.runtime import Step
-from vsense.run.series import Series
 from vsense.terminal import INTERRUPTED, Console, interruption
 from vsense.ui.room import ControlRoom
 

@@ -17,7 +17,7 @@ from vsense.live.sources import require_source
 from vsense.run import directory as run_directory
 from vsense.run.directory import RunLog
 from vsense.run.robots import Readiness, shorten
-from vsense.run.series import Series
+from vsense.run.runner import Series
 from vsense.terminal import INTERRUPTED, interruption
 from vsense.ui.room import ControlRoom
 
@@ -249,8 +249,8 @@ class RunCommand:
         if readiness.complete or self.setup.interrupted.is_set():
             return readiness
         if not {robot.id for robot in self.setup.experiment.robots} - set(readiness.missing):
-            raise RunError(f"no robot is there; {readiness.complaint()}")
+            raise RunError(f"no robot is there; {readiness.missing_text()}")
         self.log.say(
-            f"starting without {shorten(readiness.missing)}; {readiness.complaint()}", "warning"
+            f"starting without {shorten(readiness.missing)}; {readiness.missing_text()}", "warning"
         )
         return readiness

@@ -123,27 +123,27 @@ class Session(ExperimentSession):
                 the message says who.
         """
         try:
-            attendance = self.runner.wait(READY_TIMEOUT_S)
+            readiness = self.runner.wait(READY_TIMEOUT_S)
         except VsenseError:
             self.floor.check()
             raise
         self._ready = True
         started = self.setup.interrupted.is_set() or self.runner.control.asked
-        if not attendance.complete and not started:
+        if not readiness.complete and not started:
             logs = f" (the robots' logs are in {self.directory / 'robots'})"
             raise LabError(
                 f"the swarm is not ready after {READY_TIMEOUT_S:.0f} s;"
-                f" {attendance.complaint()}{logs if attendance.absent else ''}"
+                f" {readiness.missing_text()}{logs if readiness.absent else ''}"
             )
 
-    def _look(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
+    def _observe(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
         """Looks after the cameras and the daemons.
 
         Raises:
             LabError: one has ended before all were ready: it will not come.
         """
         self.tracking.check_cameras()
-        super()._look(step, robots)
+        super()._observe(step, robots)
         for robot, how in self.swarm.fallen():
             log = self.swarm.log(robot.tag)
             if not self._ready:
@@ -175,10 +175,10 @@ class Session(ExperimentSession):
         except VsenseError as error:
             failure = error
         self.stop()
-        recording.ended, tally = self.runner.ended, self.runner.tally
+        recording.ended, counters = self.runner.ended, self.runner.counters
         recording.lateness_ms = canary.end()
-        recording.sent, recording.received = tally.sent, tally.received
-        recording.dropped, recording.reconnects = tally.dropped, self.runner.reconnects
+        recording.sent, recording.received = counters.sent, counters.received
+        recording.dropped, recording.reconnects = counters.dropped, self.runner.reconnects
         if failure is not None:
             # Cameras starve without physics: say what failed first.
             self.floor.check()

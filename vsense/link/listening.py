@@ -1,7 +1,7 @@
-"""What servers of the original system's protocols share: a thread that listens on one TCP port.
+"""A thread that serves one TCP port: the base of the servers of the original system's protocols.
 
-Each serves clients that may be slow, stuck or gone. The thread waits in one selector; any other
-thread may write to a client at once and leave what the kernel does not take to this one.
+Clients may be slow, stuck or gone. The thread waits in one selector; any other thread may write to
+a client at once and leave what the kernel does not take to this one.
 """
 
 from __future__ import annotations
@@ -102,22 +102,20 @@ class Client:
 class ListeningServer:
     """A port and the thread that serves it; a subclass says who is served and how.
 
+    Args:
+        name: the server's name, for people.
+        host: name or address of the interface to listen on.
+        port: its number; 0 takes any that is free.
+        clock: the host's monotonic clock [ns].
+
     Attributes:
-        port: the port's number.
+        port: the port's number. It is taken at once; nobody is answered before `start`.
+
+    Raises:
+        LinkError: the host is unknown, or the port is taken.
     """
 
     def __init__(self, name: str, host: str, port: int, clock: Callable[[], int]) -> None:
-        """Takes the port; nobody is answered before `start`.
-
-        Args:
-            name: the server's name, for people.
-            host: name or address of the interface to listen on.
-            port: its number; 0 takes any that is free.
-            clock: the host's monotonic clock [ns].
-
-        Raises:
-            LinkError: the host is unknown, or the port is taken.
-        """
         self._listener, self.port = listen(host, port)
         self._name = name
         self._clock = clock

@@ -120,7 +120,7 @@ class ExperimentSession(ABC):
         control = Control(server.command, setup.console.say, setup.room.holds, suspends)
         self.runner = Runner(
             *(setup.experiment, runtime, server, setup.console, setup.interrupted),
-            *(self._look, control),
+            *(self._observe, control),
         )
         setup.room.open(scene, self.environment, server, runtime, control)
         return runtime
@@ -131,9 +131,9 @@ class ExperimentSession(ABC):
         text = self.experiment.path.read_text(encoding="utf-8", errors="replace")
         return ExperimentFacts(command, text, self.setup.blind, cameras, trackers, troubles)
 
-    def _look(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
+    def _observe(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
         """Is called after every timestep; see `vsense.run.runner.Look`."""
-        self.setup.room.look(step, robots)
+        self.setup.room.update(step, robots)
 
     def next_run(self) -> None:
         """Goes back to before the start of the next run, whose seed is one more.
@@ -215,8 +215,8 @@ class RunSession(ExperimentSession):
         # Closed first of all: the thread that watches the arena waits in it.
         self._stack.callback(self.source.close)
 
-    def _look(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
+    def _observe(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
         """Checks the cameras, too: the timestep's readings have left."""
         if self.source.own is not None:
             self.source.own.tracking.check_cameras()
-        super()._look(step, robots)
+        super()._observe(step, robots)

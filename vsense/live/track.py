@@ -254,7 +254,7 @@ class TrackingRun:
         if self._recorder is not None:
             self._recorder.write(frames)
         self._talk.timestep(state, len(frames))
-        self._room.look(state, frames)
+        self._room.update(state, frames)
 
     def _draw(self, path: Path) -> None:
         """Draws the last state into a file."""

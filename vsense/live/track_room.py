@@ -19,8 +19,7 @@ from vsense.terminal import Console, Level
 from vsense.tracking.specs import TrackingSession
 from vsense.ui import messages
 from vsense.ui.access import WebAddress
-from vsense.ui.preview import PreviewEncoder
-from vsense.ui.publisher import SECOND_NS, WINDOW, Rates
+from vsense.ui.publisher import SECOND_NS, WINDOW, PreviewEncoder, Rates
 from vsense.ui.room import open_web
 from vsense.ui.tables import CameraTable
 from vsense.world.entities import BODY_RADIUS_M
@@ -52,20 +51,20 @@ class TrackRoom:
         Raises:
             VsenseError: the port is taken, or a library is missing.
         """
-        self._hub = MessageBus()
+        self._bus = MessageBus()
         self._session = session
         self._clock = clock
         self._board = CameraTable([view.camera for view in session.views], troubles)
         self._rates = Rates(WINDOW)
         self._joined, self._due_ns, self._timestep = -1, 0, -1
         self._stack = ExitStack()
-        self._press: PreviewEncoder | None = None
+        self._preview: PreviewEncoder | None = None
         if web is None:
             return
-        server, lines = open_web(web, self._hub, refuse)
+        server, lines = open_web(web, self._bus, refuse)
         self._stack.callback(server.close)
-        self._press = PreviewEncoder(self._hub)
-        self._stack.callback(self._press.close)
+        self._preview = PreviewEncoder(self._bus)
+        self._stack.callback(self._preview.close)
         for line in lines:
             console.say(line)
         console.also = self._tell_event
@@ -76,27 +75,27 @@ class TrackRoom:
     def __exit__(self, *exception: object) -> None:
         self._stack.close()
 
-    def look(self, state: ArenaState, frames: Sequence[Frame]) -> None:
+    def update(self, state: ArenaState, frames: Sequence[Frame]) -> None:
         """Tells what is new after a timestep; nothing is made that nobody wants."""
-        if self._press is None:
+        if self._preview is None:
             return
         now_ns, self._timestep = self._clock(), state.timestep
         self._board.see(frames)
         self._rates.add(state.capture_ns, now_ns)
-        if self._joined != self._hub.joined:
-            self._joined, self._due_ns = self._hub.joined, 0
-            self._hub.tell("/experiment", now_ns, self._facts)
+        if self._joined != self._bus.joined:
+            self._joined, self._due_ns = self._bus.joined, 0
+            self._bus.notify("/experiment", now_ns, self._facts)
         if now_ns >= self._due_ns:
             self._due_ns = now_ns + SECOND_NS
-            self._hub.tell("/cameras", now_ns, lambda: self._board.data(now_ns))
-            self._hub.tell("/run", now_ns, self._run)
-        self._hub.tell(
+            self._bus.notify("/cameras", now_ns, lambda: self._board.data(now_ns))
+            self._bus.notify("/run", now_ns, self._run)
+        self._bus.notify(
             "/arena", state.capture_ns, lambda: {**arena_data(state), "run_timestep": -1}
         )
-        self._press.offer(frames)
+        self._preview.offer(frames)
 
     def _tell_event(self, text: str, level: Level) -> None:
-        self._hub.event(text, level, self._clock())
+        self._bus.event(text, level, self._clock())
 
     def _run(self) -> Data:
         return RunMessage(

@@ -1,9 +1,7 @@
-"""Records of an MCAP file from bytes that nobody vouches for: bounded, checked, never more.
-
-Finds out what is where in a recording: from its index, or by walking through it.
+"""Finds out what is where in a recording, and reads chunks from bytes that nobody vouches for.
 
 A recording that was ended in order has an index at its end. Any other is walked through from chunk
-to chunk, up to where it was cut off; what is damaged is left out and said.
+to chunk, up to where it was cut off; what is damaged is left out and said. All sizes are checked.
 """
 
 from __future__ import annotations
@@ -78,10 +76,7 @@ def records(data: memoryview, at: int = 0) -> Iterator[tuple[int, int, memoryvie
 
 
 def unpack(record: bytes) -> memoryview:
-    """Gives the records in a chunk.
-
-    Args:
-        record: the chunk's content.
+    """Gives the records in a chunk, from its content.
 
     Raises:
         DamagedError: it cannot be unpacked, or is not what was packed.
@@ -186,12 +181,7 @@ class Contents:
 
 
 def scan(file: BinaryIO, size: int, name: str) -> Contents:
-    """Looks what is in a recording.
-
-    Args:
-        file: it.
-        size: its length in bytes.
-        name: what errors call it.
+    """Looks what is in a recording of `size` bytes; errors call it `name`.
 
     Raises:
         RecordingError: it is no recording that this vsense reads.

@@ -28,14 +28,7 @@ TABLES = ("trajectories", "readings", "robots", "measures", "events")
 
 
 def export_csv(recording: Recording, folder: Path) -> dict[str, int]:
-    """Writes a recording's tables.
-
-    Args:
-        recording: what to write.
-        folder: where; made if need be, must not hold such tables.
-
-    Returns:
-        How many rows each table has.
+    """Writes a recording's tables into a folder; gives how many rows each has.
 
     Raises:
         RecordingError: there are tables already, or they cannot be written.

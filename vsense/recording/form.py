@@ -1,10 +1,8 @@
-"""What a recording looks like inside: its head, its channels, and messages as bytes.
+"""What a recording looks like inside: its head, its channels, messages as bytes, and their schemas.
 
 A recording is an MCAP file of the profile `vsense`. Every message is JSON; pictures are Foxglove's
 `foxglove.CompressedImage`, so that other tools show them. Log times are UTC for these tools; the
 host's monotonic clock is that less a constant, which the head says.
-
-The messages of a run: `/experiment` and `/run` field by field, and every topic's JSON schema.
 
 Whoever makes `/experiment` or `/run`, whoever reads them from a recording, and the schemas that
 other tools are told use the same two classes. `vsense/ui/MESSAGES.md` describes all topics.
@@ -117,7 +115,8 @@ def encode(message: Message, utc_shift_ns: int) -> bytes:
     data = _encode_data(message.data)
     if not has_blob(message):
         return data
-    capture_ns = message.data.get("capture_ns", message.time_ns)
+    told = message.data.get("capture_ns")
+    capture_ns = int(told) if isinstance(told, (int, np.integer)) else message.time_ns
     sec, nsec = divmod(max(capture_ns + utc_shift_ns, 0), 1_000_000_000)
     frame = message.data.get("camera", message.topic)
     return b"".join(
@@ -136,13 +135,7 @@ def encode(message: Message, utc_shift_ns: int) -> bytes:
 
 
 def decode(topic: str, time_ns: int, blob: bool, data: bytes) -> Message:
-    """Gives a message back.
-
-    Args:
-        topic: its topic.
-        time_ns: when it was, host's monotonic clock.
-        blob: whether its channel keeps blobs.
-        data: what `encode` made.
+    """Gives back what `encode` made; `blob`: its channel keeps blobs.
 
     Raises:
         ValueError, TypeError, KeyError, RecursionError: it is damaged.
@@ -181,19 +174,19 @@ def _encode_data(data: Mapping[str, Any]) -> bytes:
         return _ENCODER.encode(data).encode()
     except ValueError:
         # Rare, and looked for only now: a look at every number would cost more than the rest.
-        return _ENCODER.encode(_without_nan(data)).encode()
+        return _ENCODER.encode(without_nan(data)).encode()
 
 
-def _without_nan(value: Any) -> Any:
-    """Puts null where no number is."""
+def without_nan(value: Any) -> Any:
+    """The same with null for every number that JSON does not have."""
     if isinstance(value, (np.generic, np.ndarray)):
         value = value.tolist()
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Mapping):
-        return {key: _without_nan(each) for key, each in value.items()}
+        return {key: without_nan(each) for key, each in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_without_nan(each) for each in value]
+        return [without_nan(each) for each in value]
     return value
 
 
@@ -381,12 +374,7 @@ _TOPICS: dict[str, tuple[str, Fields]] = {
 
 
 def schema(topic: str, blob: bool) -> tuple[str, bytes]:
-    """Gives name and JSON schema of a channel.
-
-    Args:
-        topic: its topic.
-        blob: whether it keeps blobs; Foxglove then takes them for pictures.
-    """
+    """Gives name and JSON schema of a channel; with blobs Foxglove takes them for pictures."""
     if blob:
         name = "foxglove.CompressedImage"
         text = "A picture; `vsense` is the message's own data."

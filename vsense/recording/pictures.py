@@ -1,6 +1,6 @@
-"""Keeps cameras' pictures: a folder per camera with numbered pictures and their timestamps.
+"""Recordings of pictures as folders, which `vsense track` takes as they are.
 
-Writes the two XML files of a recording, so that `vsense track` takes it as it is.
+Each camera has a folder with numbered pictures and their timestamps; two XML files lie beside them.
 """
 
 from __future__ import annotations
@@ -47,21 +47,19 @@ class PictureRecorder:
     The recording is `pictures/CAMERA/000012.png` with `timestamps.csv` beside them, and
     `cameras/CAMERA.json`, the camera files.
 
+    Args:
+        directory: made where it does not exist; must not hold a recording.
+        cameras: whose pictures come.
+        suffix: format of the pictures: "png", "jpg" or "pgm".
+
     Attributes:
-        written: Pictures that are on the disk.
+        written: pictures that are on the disk.
+
+    Raises:
+        PictureRecordingError: it cannot be written, or holds a recording already.
     """
 
     def __init__(self, directory: Path, cameras: Sequence[Camera], suffix: str = "png") -> None:
-        """Begins a recording.
-
-        Args:
-            directory: Made where it does not exist; must not hold a recording.
-            cameras: Whose pictures come.
-            suffix: Format of the pictures: "png", "jpg" or "pgm".
-
-        Raises:
-            PictureRecordingError: It cannot be written, or holds a recording already.
-        """
         self._suffix = suffix
         self._folders: dict[str, Path] = {}
         self._tables: dict[str, TextIO] = {}
@@ -118,12 +116,13 @@ class PictureRecorder:
 class BackgroundRecorder:
     """Writes pictures on a thread of its own; what it cannot keep up with is left out.
 
+    At most `most` timesteps wait.
+
     Attributes:
-        dropped: Timesteps that were left out.
+        dropped: timesteps that were left out.
     """
 
     def __init__(self, recorder: PictureRecorder, most: int = 8) -> None:
-        """Starts the thread; at most `most` timesteps wait for it."""
         self._recorder = recorder
         self._waiting: queue.Queue[Sequence[Frame] | None] = queue.Queue(most)
         self._failure: PictureRecordingError | None = None
@@ -174,13 +173,7 @@ SCHEMAS = ("resources.xsd", "experiment.xsd")
 def one_tracker(
     cameras: Iterable[Camera], family: str, heights_m: Mapping[int, float]
 ) -> dict[str, TrackerSpec]:
-    """Gives all cameras the same tracker.
-
-    Args:
-        cameras: The recorded cameras.
-        family: The markers' family.
-        heights_m: The height of each tag's marker above the floor.
-    """
+    """Gives all cameras the same tracker: one family, and by tag its marker's height [m]."""
     tracker = TrackerSpec("robots", family, 0.0, heights_m, DEFAULT_SPEED_M_S, True, 0)
     return {camera.id: tracker for camera in cameras}
 
@@ -191,12 +184,12 @@ def write_session_files(
     """Writes `resources.xml`, `experiment.xml` and their schemas beside a recording.
 
     Args:
-        directory: Where a `PictureRecorder` has written `pictures` and `cameras`.
-        cameras: The recorded cameras.
-        trackers: What to look for in their pictures, by the camera's id.
+        directory: where a `PictureRecorder` has written `pictures` and `cameras`.
+        cameras: the recorded cameras.
+        trackers: what to look for in their pictures, by the camera's id.
 
     Raises:
-        OSError: A file cannot be written.
+        OSError: a file cannot be written.
     """
     write_schemas(directory)
     text = resources_text(cameras, trackers)
@@ -246,11 +239,7 @@ def experiment_text(cameras: Iterable[Camera], trackers: Mapping[str, TrackerSpe
 
 
 def session_text(views: Iterable[tuple[str, str, str]]) -> str:
-    """Gives an experiment file.
-
-    Args:
-        views: The ids of each camera's grabber, of the camera itself, and of its tracker.
-    """
+    """Gives an experiment file; a view names a camera's grabber, the camera, and its tracker."""
     lines = [
         head("arena_tracking", "experiment.xsd"),
         '  <arena_state_tracker server_port="4040" opt_key_frame_period="1">',

@@ -29,23 +29,22 @@ _PASSING = ("/event", form.GAP)
 
 
 class Player:
-    """One recording at play; begins paused at its beginning."""
+    """One recording at play; begins paused at its beginning.
+
+    Args:
+        recording: from now on this player's alone; it is not closed here.
+        bus: gets the messages.
+        clock: monotonic [ns].
+    """
 
     def __init__(
         self,
         recording: Recording,
-        hub: MessageBus,
+        bus: MessageBus,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        """Takes both, without owning them.
-
-        Args:
-            recording: from now on this player's alone.
-            hub: gets the messages.
-            clock: monotonic [ns].
-        """
         self._recording = recording
-        self._hub = hub
+        self._bus = bus
         self._clock = clock
         self._duration_ns = round(1e9 * recording.duration_s)
         self._orders = threading.Condition()
@@ -56,14 +55,14 @@ class Player:
         self._coming: Iterator[Message] = iter(())
         self._next: Message | None = None
         self._current: dict[str, Message] = {}
-        self._joined = hub.joined
+        self._joined = bus.joined
         self._told_ns = 0
         self._shown_ns: dict[str, int] = {}
         self._thread: threading.Thread | None = None
 
     def start(self) -> None:
         """Plays on a thread of its own, until `close`."""
-        self._thread = threading.Thread(target=self._live, name="replay", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="replay", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
@@ -106,11 +105,7 @@ class Player:
         return self._playing
 
     def step(self) -> int:
-        """Publishes what is due; for tests, and for the thread.
-
-        Returns:
-            How long nothing is due, if nobody gives an order [ns].
-        """
+        """Publishes what is due; gives how long nothing is due if nobody gives an order [ns]."""
         now_ns = self._clock()
         with self._orders:
             position_ns = self._position_ns()
@@ -119,7 +114,7 @@ class Player:
             playing = self._playing
         if seeking:
             self._begin_at(position_ns)
-        if seeking or self._hub.joined != self._joined:
+        if seeking or self._bus.joined != self._joined:
             self._tell_all()
             changed = True
         wait_ns = self._publish_due(position_ns) if playing else IDLE_NS
@@ -129,7 +124,7 @@ class Player:
             self._tell_run(now_ns)
         return min(wait_ns, period_ns)
 
-    def _live(self) -> None:
+    def _run(self) -> None:
         while not self._closed:
             wait_ns = self.step()
             with self._orders:
@@ -181,7 +176,7 @@ class Player:
 
     def _is_lasting(self, topic: str) -> bool:
         if topic.startswith(form.PICTURE):
-            return self._hub.wants(topic)
+            return self._bus.wants(topic)
         return topic not in _PASSING and topic != form.TRACKER
 
     def _wants(self, topic: str) -> bool:
@@ -191,7 +186,7 @@ class Player:
             shown_ns = self._shown_ns.get(topic)
             if shown_ns is not None and now_ns - shown_ns < PICTURE_NS:
                 return False
-            if not self._hub.wants(topic):
+            if not self._bus.wants(topic):
                 return False
             self._shown_ns[topic] = now_ns
         return topic != form.TRACKER
@@ -234,7 +229,7 @@ class Player:
             return self._tell_run(self._clock())
         if topic == "/experiment":
             message = Message(topic, message.time_ns, {**data, "mode": "replay"})
-        self._hub.publish(message)
+        self._bus.publish(message)
         if topic == "/readings":
             self._publish_readings(message)
 
@@ -243,9 +238,9 @@ class Player:
         columns = {n: c for n, c in message.data.items() if isinstance(c, list)}
         for row, tag in enumerate(columns.get("tag", ())):
             topic = f"/readings/{tag}"
-            if self._hub.wants(topic):
+            if self._bus.wants(topic):
                 one = {name: column[row : row + 1] for name, column in columns.items()}
-                self._hub.publish(Message(topic, message.time_ns, {**message.data, **one}))
+                self._bus.publish(Message(topic, message.time_ns, {**message.data, **one}))
 
     def _publish_gap(self, message: Message) -> None:
         """Tells people what is missing here."""
@@ -253,12 +248,11 @@ class Player:
         if gap is not None:
             length_s = (gap.to_ns - gap.from_ns) / 1e9
             text = f"here {length_s:.1f} s are not recorded whole: {gap.why}"
-            data = {"text": text, "level": "warning", "by": None}
-            self._hub.publish(Message("/event", message.time_ns, data))
+            self._bus.event(text, "warning", message.time_ns)
 
     def _tell_all(self) -> None:
         """Publishes everything that lasts, for somebody who knows nothing."""
-        self._joined = self._hub.joined
+        self._joined = self._bus.joined
         for message in list(self._current.values()):
             if message.topic != "/run":
                 self._publish(message)
@@ -276,4 +270,4 @@ class Player:
         last = self._current.get("/run")
         time_ns = self._recording.begin_ns + round(1e9 * replay["position_s"])
         data = {**(last.data if last else {}), "can": _CAN, "replay": replay}
-        self._hub.publish(Message("/run", last.time_ns if last else time_ns, data))
+        self._bus.publish(Message("/run", last.time_ns if last else time_ns, data))

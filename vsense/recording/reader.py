@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any, BinaryIO
 
 from vsense.message_bus import Message
@@ -49,7 +48,6 @@ class Recording:
     """
 
     def __init__(self, path: Path, file: BinaryIO, contents: Contents) -> None:
-        """Takes an open file; see `open_recording`."""
         self.path = path
         self.version = contents.head.version
         self.complete = contents.complete
@@ -66,12 +64,7 @@ class Recording:
     def __enter__(self) -> Recording:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -99,11 +92,8 @@ class Recording:
         return self._gaps
 
     def messages(self, topics: Choice = None, start_s: float = 0.0) -> Iterator[Message]:
-        """Gives messages in the order in which they were recorded.
-
-        Args:
-            topics: which; all by default.
-            start_s: only those from this time on, since the recording's beginning.
+        """Gives messages of `topics` in the order of the recording, from `start_s` after its
+        beginning.
 
         What is damaged is left out and noted in `damaged`.
         """
@@ -122,15 +112,7 @@ class Recording:
                         yield message
 
     def newest(self, topics: Choice, before_s: float | None = None) -> dict[str, Message]:
-        """Gives the newest message of each topic.
-
-        Args:
-            topics: which.
-            before_s: the newest before this time since the recording's beginning; None: of all.
-
-        Returns:
-            By topic; topics that were not there yet are missing.
-        """
+        """Gives the newest message of each topic that was there; before `before_s`, or of all."""
         wanted = _test(topics)
         end_ns = None if before_s is None else self.begin_ns + round(1e9 * before_s)
         found: dict[str, Message] = {}

@@ -1,4 +1,4 @@
-"""Records what the hub tells and the cameras see, on a thread of its own.
+"""Records what the bus carries and the cameras see, on a thread of its own.
 
 Whoever publishes only puts it into a queue. The thread encodes it and brings it to the disk twice
 a second, so that whatever ends the process loses less than the last second. Where it cannot keep
@@ -43,32 +43,30 @@ _PNG = (
 class Recorder:
     """One recording of one run; all methods may be called by any thread.
 
+    Args:
+        bus: what it carries is recorded; trouble with the disk is told there.
+        path: where; there must be nothing.
+        pictures: whether pictures are kept that are handed to `pictures`.
+        bounds: how much may wait.
+        clock: the host's monotonic clock [ns].
+
     Attributes:
         path: where it is.
+
+    Raises:
+        RecordingError: the file cannot be made, or there is one already.
     """
 
     def __init__(
         self,
-        hub: MessageBus,
+        bus: MessageBus,
         path: Path,
         pictures: bool = False,
         bounds: Bounds | None = None,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        """Begins to record.
-
-        Args:
-            hub: what it tells is recorded; trouble with the disk is told there.
-            path: where; there must be nothing.
-            pictures: whether pictures are kept that are handed to `pictures`.
-            bounds: how much may wait.
-            clock: the host's monotonic clock [ns].
-
-        Raises:
-            RecordingError: the file cannot be made, or there is one already.
-        """
         self.path = path
-        self._hub = hub
+        self._bus = bus
         self._keeps_pictures = pictures
         self._clock = clock
         self._waiting = Waiting(bounds or Bounds())
@@ -81,12 +79,12 @@ class Recorder:
         self._unfit: set[str] = set()
         self._closing = threading.Event()
         self._lock = threading.Lock()
-        self._listener: Listener | None = hub.join(self.take, form.is_recorded)
+        self._listener: Listener | None = bus.join(self.receive, form.is_recorded)
         self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
         self._thread.start()
 
-    def take(self, message: Message) -> None:
-        """Takes a message from the hub."""
+    def receive(self, message: Message) -> None:
+        """Queues a message of the bus."""
         size = self._sizes.get(message.topic, _FIRST_SIZE)
         self._waiting.put([message], [size], self._clock())
 
@@ -95,15 +93,11 @@ class Recorder:
         self._tracker, self._has_memory = description, False
 
     def pictures(self, frames: Sequence[Frame], tracker: ArenaTracker | None = None) -> None:
-        """Takes the pictures that the tracker is about to be given.
+        """Copies all pictures that the tracker is about to be given, in that order.
 
-        To be called in the tracker's thread, right before `tracker.update(frames)`. They are
-        copied. At the beginning and after a gap, what the tracker remembers is recorded, too: from
-        there on, the same pictures make the same arena states.
-
-        Args:
-            frames: all that the tracker will be given, in that order.
-            tracker: the tracker, where it is ours.
+        To be called in the tracker's thread, right before `tracker.update(frames)`. At the
+        beginning and after a gap, what a tracker of ours remembers is recorded, too: from there on,
+        the same pictures make the same arena states.
         """
         wanted = self._keeps_pictures and self._off_since_ns is None
         if not wanted or not frames or self._closing.is_set():
@@ -126,7 +120,7 @@ class Recorder:
         """Stops recording until `resume`; nothing happens where it has stopped."""
         with self._lock:
             if self._listener is not None:
-                self._hub.leave(self._listener)
+                self._bus.leave(self._listener)
                 self._listener, self._off_since_ns = None, self._clock()
 
     def resume(self) -> None:
@@ -136,7 +130,7 @@ class Recorder:
                 return
             self._end_pause()
             # Joining anew: whoever publishes then tells again what changes rarely.
-            self._listener = self._hub.join(self.take, form.is_recorded)
+            self._listener = self._bus.join(self.receive, form.is_recorded)
 
     def state(self) -> dict[str, Any]:
         """How it goes: the "recording" of the message `/run`."""
@@ -156,7 +150,7 @@ class Recorder:
         with self._lock:
             listener, self._listener = self._listener, None
             if listener is not None:
-                self._hub.leave(listener)
+                self._bus.leave(listener)
             if not self._closing.is_set():
                 self._end_pause()
                 self._waiting.end(self._clock())
@@ -184,7 +178,7 @@ class Recorder:
     def _record(self) -> None:
         due_s = time.monotonic() + FLUSH_S
         while not self._closing.is_set():
-            item = self._waiting.take(max(due_s - time.monotonic(), 0.0))
+            item = self._waiting.pop(max(due_s - time.monotonic(), 0.0))
             if item is not None:
                 self._add(item)
             if time.monotonic() >= due_s or self._writer.is_full:
@@ -209,11 +203,7 @@ class Recorder:
                 self._tell(f"messages {topic} cannot be recorded: {error}")
 
     def _flush(self) -> bool:
-        """Brings the chunk to the disk.
-
-        Returns:
-            Whether the disk took it.
-        """
+        """Brings the chunk to the disk; says whether the disk took it."""
         try:
             self._writer.flush()
         except OSError as error:
@@ -232,9 +222,9 @@ class Recorder:
 
     def _finish(self) -> None:
         """Writes what waits, if the disk takes it, and the index."""
-        while self._flush() and (item := self._waiting.take(0.0)) is not None:
+        while self._flush() and (item := self._waiting.pop(0.0)) is not None:
             self._add(item)
-            while not self._writer.is_full and (item := self._waiting.take(0.0)) is not None:
+            while not self._writer.is_full and (item := self._waiting.pop(0.0)) is not None:
                 self._add(item)
         self._waiting.abandon()
         try:
@@ -244,14 +234,14 @@ class Recorder:
             self._tell(f"the end of the recording is missing: {self.path}: {error.strerror}")
 
     def _rejoin(self) -> None:
-        """Comes to the hub as if new: whoever publishes tells again what changes rarely."""
+        """Joins the bus anew: whoever publishes tells a newcomer again what changes rarely."""
         with self._lock:
             if self._listener is not None:
-                self._hub.leave(self._listener)
-                self._listener = self._hub.join(self.take, form.is_recorded)
+                self._bus.leave(self._listener)
+                self._listener = self._bus.join(self.receive, form.is_recorded)
 
     def _tell(self, text: str, level: str = "trouble") -> None:
-        self._hub.event(text, level, self._clock())
+        self._bus.event(text, level, self._clock())
 
 
 def _encoded(picture: WaitingPicture, topic: str) -> Message:

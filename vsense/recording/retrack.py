@@ -120,7 +120,7 @@ class _RecordedPictures:
         self._frames: list[Frame] = []
         self._update = -1
 
-    def take(self, message: Message) -> bool:
+    def add(self, message: Message) -> bool:
         """Takes a picture; whether all of its timestep are there."""
         data = message.data
         if data["update"] != self._update:
@@ -145,15 +145,14 @@ class _RecordedPictures:
 
 
 class Retracking:
-    """The tracker at work on a recording."""
+    """The tracker at work on a recording.
+
+    Args:
+        recording: one with pictures.
+        change: gives the description of the tracker to run, from the recorded one.
+    """
 
     def __init__(self, recording: Recording, change: Callable[[dict[str, Any]], dict[str, Any]]):
-        """Takes the recording.
-
-        Args:
-            recording: one with pictures.
-            change: gives the description of the tracker to run, from the recorded one.
-        """
         self.comparison = RetrackComparison()
         self._recording = recording
         self._change = change
@@ -179,7 +178,7 @@ class Retracking:
                     self._before[message.data["capture_ns"]] = message.data
                     self._compare(message.data["capture_ns"])
                 else:
-                    yield from self._look(message)
+                    yield from self._track(message)
             self.comparison.no_pictures += len(self._before)
         except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
             name = self._recording.path
@@ -213,9 +212,9 @@ class Retracking:
         if changed == made:
             memory.restore(self._tracking.tracker, message.data["memory"])
 
-    def _look(self, message: Message) -> Iterator[ArenaState]:
+    def _track(self, message: Message) -> Iterator[ArenaState]:
         """Takes a picture; when all of a timestep are there, tracks."""
-        if self._tracking is not None and self._pictures.take(message):
+        if self._tracking is not None and self._pictures.add(message):
             state, _ = self._tracking.next(0.0)
             self._now[state.capture_ns] = arena_data(state)
             if len(self._now) > _REMEMBERED:

@@ -2,9 +2,7 @@
 
 The lab and a tracking session build their trackers in different ways; both are cameras, each with
 what is looked for in its pictures, and limits. Marker families are written out, so that a family
-of the user's own comes with the recording.
-
-Other settings for a recorded tracker, as a person writes them.
+of the user's own comes with the recording. `change_settings` changes what a person wants changed.
 """
 
 from __future__ import annotations
@@ -171,7 +169,7 @@ def change_settings(made: Mapping[str, Any], settings: Mapping[str, str]) -> dic
     """Gives a description of a tracker with other settings.
 
     Args:
-        made: the description; see `tracker_made`.
+        made: the description.
         settings: by name, "limits.X", "plan.X", or "tracker.X" for all of its trackers.
 
     Raises:

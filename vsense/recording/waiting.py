@@ -72,7 +72,7 @@ class _Queue:
         self.items.append((item, size, now_ns))
         self.bytes += size
 
-    def take(self) -> Item:
+    def pop(self) -> Item:
         item, size, _ = self.items.popleft()
         self.bytes -= size
         return item
@@ -91,7 +91,6 @@ class Waiting:
     KEEP_UP = "it could not be written as fast as it came"
 
     def __init__(self, bounds: Bounds) -> None:
-        """Begins empty."""
         self.lost = 0
         self.why = self.KEEP_UP
         self._bounds = bounds
@@ -100,16 +99,10 @@ class Waiting:
         self._changed = threading.Condition()
 
     def put(self, items: Sequence[Item], sizes: Sequence[int], now_ns: int) -> bool:
-        """Puts items, all or none; where a picture is among them they all wait with the pictures.
-
-        Args:
-            items: what.
-            sizes: how many bytes each is about.
-            now_ns: host's monotonic clock.
+        """Puts items of about `sizes` bytes, all or none; with a picture all wait as pictures do.
 
         Returns:
-            Whether there was room. Where there was none, the next that finds room is told of by a
-            `/gap`.
+            Whether there was room; where not, a `/gap` precedes the next that finds room.
         """
         kind = _PICTURES if any(isinstance(item, WaitingPicture) for item in items) else _MESSAGES
         with self._changed:
@@ -128,18 +121,18 @@ class Waiting:
             self._queues[_MESSAGES].append(message, _SMALL, message.time_ns)
             self._changed.notify()
 
-    def take(self, timeout_s: float) -> Item | None:
+    def pop(self, timeout_s: float) -> Item | None:
         """Takes the oldest message, or picture, or nothing where nothing comes in `timeout_s`."""
         with self._changed:
             if timeout_s > 0.0 and not any(queue.items for queue in self._queues.values()):
                 self._changed.wait(timeout_s)
             for queue in self._queues.values():
                 if queue.items:
-                    return queue.take()
+                    return queue.pop()
             return None
 
     def wake(self) -> None:
-        """Has `take` return now."""
+        """Has `pop` return now."""
         with self._changed:
             self._changed.notify()
 
@@ -154,7 +147,7 @@ class Waiting:
         with self._changed:
             for queue in self._queues.values():
                 while queue.items:
-                    queue.take()
+                    queue.pop()
                     self.lost += 1
 
     def _has_room(self, kind: str, size: int, now_ns: int) -> bool:

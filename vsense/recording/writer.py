@@ -1,6 +1,6 @@
-"""A file that always ends with something whole, whatever the disk does.
+"""Writes messages into an MCAP file by whole chunks, each on the disk when `flush` returns.
 
-Writes messages into an MCAP file, by whole chunks that are on the disk when they are told so.
+Whatever the disk does, the file ends with something whole.
 """
 
 from __future__ import annotations
@@ -20,19 +20,17 @@ from vsense.recording.form import Head, RecordingError
 
 
 class WholeFile:
-    """A new file that grows by whole pieces.
+    """A new file that grows by whole pieces; nobody ever sees it without its first one.
 
     Attributes:
         path: where it is.
         length: bytes that are on the disk.
+
+    Raises:
+        RecordingError: it cannot be made, or there is one already.
     """
 
     def __init__(self, path: Path, head: bytes) -> None:
-        """Makes the file with its first piece; nobody ever sees it without.
-
-        Raises:
-            RecordingError: it cannot be made, or there is one already.
-        """
         self.path = path
         self.length = 0
         beginning = path.with_name(f".{path.name}.begun")
@@ -98,7 +96,6 @@ class MemoryFile(io.BytesIO):
     """Where the MCAP writer writes: memory, until somebody takes it to the disk."""
 
     def __init__(self) -> None:
-        """Begins empty, at the file's beginning."""
         super().__init__()
         self._taken = 0
 
@@ -127,21 +124,19 @@ _MOST_NS = (1 << 64) - 1
 class RecordingWriter:
     """One recording that grows; for one thread.
 
+    Args:
+        path: where; there must be nothing.
+        begin_ns: now, host's monotonic clock.
+        utc_shift_ns: what that clock is behind UTC.
+
     Attributes:
         path: where it is.
+
+    Raises:
+        RecordingError: it cannot be made, or there is one already.
     """
 
     def __init__(self, path: Path, begin_ns: int, utc_shift_ns: int) -> None:
-        """Makes the file.
-
-        Args:
-            path: where; there must be nothing.
-            begin_ns: now, host's monotonic clock.
-            utc_shift_ns: what that clock is behind UTC.
-
-        Raises:
-            RecordingError: it cannot be made, or there is one already.
-        """
         self.path = path
         self._utc_shift_ns = utc_shift_ns
         self._outbox = MemoryFile()
@@ -166,10 +161,7 @@ class RecordingWriter:
         return self._gathered >= CHUNK_BYTES
 
     def add(self, message: Message) -> int:
-        """Adds a message to the chunk that is being made.
-
-        Returns:
-            Its size as it is kept.
+        """Adds a message to the chunk that is being made; gives its size as it is kept.
 
         Raises:
             ValueError, TypeError, RecursionError: JSON cannot hold it.

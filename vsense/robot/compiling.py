@@ -14,11 +14,7 @@ from pathlib import Path
 
 from vsense.errors import VsenseError
 
-CFLAGS = (
-    *("-std=c99", "-D_POSIX_C_SOURCE=200809L", "-O2", "-ffunction-sections", "-fdata-sections"),
-    "-DVS_NO_ATOMICS",
-)
-"""The worker is single-threaded: without atomics the same sources link on ARMv5, too."""
+CFLAGS = ("-std=c99", "-D_POSIX_C_SOURCE=200809L", "-O2", "-ffunction-sections", "-fdata-sections")
 
 LIBRARIES = ("-Wl,--gc-sections", "-Wl,--as-needed", "-lm")
 """What only the host uses of the C library is left out. The daemon needs libc alone; a user's

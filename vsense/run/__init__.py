@@ -1,1 +1,1 @@
-"""What `vsense run` and `vsense lab` have in common, and `vsense run` itself."""
+"""What `vsense run` and `vsense lab` have in common: world, runtime, and who starts them."""

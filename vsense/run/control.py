@@ -1,10 +1,8 @@
-"""What people press, whether on the page, in a terminal or on the keyboard: one door for all.
+"""What a run shall do: people's orders, and the state that follows from them.
 
-What a run shall do: people's orders, and the state that follows from them.
-
-`TABLE` holds what every order does in every state. An order that stops anything is obeyed at once,
-in the thread of whoever gave it; the thread that lives the run finds out afterwards. Only that
-thread starts anything.
+Page, terminal and keyboard all give their orders to `Control.give`. `TABLE` holds what every order
+does in every state. An order that stops anything is obeyed at once, in the thread of whoever gave
+it; the run's own thread finds out afterwards. Only that thread starts anything.
 """
 
 from __future__ import annotations
@@ -136,6 +134,12 @@ for RENEW.
 class Control:
     """The state of one run after the other. `give` and all attributes are for any thread.
 
+    Args:
+        command: tells all robots, from any thread.
+        tell: takes a line for people, from any thread.
+        holds: a run whose robots are all there waits for a START.
+        suspends: STOP only suspends the run, which START resumes; RESET ends it.
+
     Attributes:
         state: of the present run.
         run: its number, from 1.
@@ -151,14 +155,6 @@ class Control:
         holds: bool = False,
         suspends: bool = False,
     ) -> None:
-        """Begins before the first run.
-
-        Args:
-            command: tells all robots, from any thread.
-            tell: takes a line for people, from any thread.
-            holds: a run whose robots are all there waits for a START.
-            suspends: STOP only suspends the run, which START resumes; RESET ends it.
-        """
         self.state = State.WAITING
         self.run = 1
         self.by: str | None = None
@@ -224,11 +220,7 @@ class Control:
                 self.state = State.READY
 
     def begin(self, start: Callable[[], object]) -> bool:
-        """Has the run started or resumed, unless somebody has stopped it meanwhile.
-
-        Returns:
-            Whether it was.
-        """
+        """Starts or resumes the run, unless somebody has stopped it; says whether it did."""
         with self._lock:
             self._begun = True
             if self.state not in (*BEFORE, State.PAUSED):

@@ -1,6 +1,6 @@
-"""The directory of one run: an earlier run is never written over.
+"""The directory of one run, in which an earlier run is never written over.
 
-What happened, for people to read later: what was said, and one row per timestep of a run.
+It keeps for people what was said, and one row per timestep.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ import threading
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import TextIO
 
 from vsense.errors import VsenseError
@@ -27,12 +26,7 @@ class DirectoryError(VsenseError):
 
 
 def make(wanted: Path | None, name: str, seed: int) -> Path:
-    """Makes a run directory.
-
-    Args:
-        wanted: where; None: a new one in `runs/`, named after time, experiment and seed.
-        name: the experiment's.
-        seed: of the run.
+    """Makes `wanted`, or a directory in `runs/` named after time, experiment and seed.
 
     Raises:
         DirectoryError: it cannot be made, or it is not empty.
@@ -93,17 +87,15 @@ class RunLog(Console):
     """A console that also writes down what it says; a context that closes its files.
 
     A disk that fails ends the writing, never the run.
+
+    Args:
+        directory: of all runs, exists.
+
+    Raises:
+        DirectoryError: it cannot be written.
     """
 
     def __init__(self, directory: Path) -> None:
-        """Starts the log of all runs.
-
-        Args:
-            directory: their directory, exists.
-
-        Raises:
-            DirectoryError: it cannot be written.
-        """
         super().__init__()
         self._writing = threading.Lock()
         self._rows = 0
@@ -115,10 +107,7 @@ class RunLog(Console):
         self._good = True
 
     def begin_run(self, directory: Path) -> None:
-        """Starts the table of a run's timesteps, and completes the one before.
-
-        Args:
-            directory: of the run, exists.
+        """Starts the table of a run's timesteps in its directory, and completes the one before.
 
         Raises:
             DirectoryError: it cannot be written.
@@ -137,12 +126,7 @@ class RunLog(Console):
     def __enter__(self) -> RunLog:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         self._write("", "", close=True)
 
     def say(self, text: str, level: Level = "info") -> None:
@@ -153,14 +137,7 @@ class RunLog(Console):
         self._write(f"{clock} {text}\n", "")
 
     def timestep(self, step: Step, connected: int, seen: int, stale: int) -> None:
-        """Notes a timestep of the run.
-
-        Args:
-            step: the timestep.
-            connected: robots that are connected.
-            seen: robots that are seen.
-            stale: robots that hold readings too old to move on.
-        """
+        """Notes a timestep, and how many robots are connected, seen, and hold readings too old."""
         times = f"{step.capture_ns},{step.ready_ns},{step.arena_ns},{step.sent_ns}"
         counts = f"{connected},{seen},{stale}"
         self._write("", f"{step.run_timestep},{step.timestep},{times},{counts}\n")

@@ -31,28 +31,24 @@ MOST_SEED = 2**32 - 1
 class Environment:
     """World, virtual sensors and virtual actuators of one run. It reads no clock.
 
+    Args:
+        experiment: what to make.
+        seed: of everything that is drawn in the virtual world, not negative; the places of
+            what is distributed follow from it, too.
+        blind: every virtual sensor is held at 0: the control experiment.
+
     Attributes:
         experiment: the experiment, with everything in its place.
         world: what is sensed and acted upon.
         sensors: the virtual sensors of all robots.
         actuators: their virtual actuators.
         table_entries: the sensor table: sensors, then actuators.
-        seed: of everything that is drawn.
-        blind: every virtual sensor is held at 0.
+
+    Raises:
+        VsenseError: something in the experiment cannot be made.
     """
 
     def __init__(self, experiment: Experiment, seed: int, blind: bool = False) -> None:
-        """Makes the world of an experiment before its first timestep.
-
-        Args:
-            experiment: what to make.
-            seed: of everything that is drawn in the virtual world, not negative; the places of
-                what is distributed follow from it, too.
-            blind: hold every virtual sensor at 0: the control experiment.
-
-        Raises:
-            VsenseError: something in the experiment cannot be made.
-        """
         # Nothing distributed: then the start poses of real robots are nobody's business here.
         settled = settle(experiment, seed) if experiment.distributed else experiment
         self.experiment = settled
@@ -105,7 +101,7 @@ class Environment:
         reports: Mapping[int, bytes],
         senders: Mapping[int, bytes] = NO_SENDERS,
     ) -> dict[int, Values]:
-        """Lives one timestep.
+        """Runs one timestep.
 
         Before the run nothing acts and nothing evolves, but everything is sensed.
 
@@ -132,7 +128,7 @@ class Environment:
             self._evolve(reports, senders)
         readings: dict[int, Values] = dict(self.sensors.encode(world, state.timestep))
         if swarm is not None:
-            swarm.think(state, run_timestep, readings)
+            swarm.control(state, run_timestep, readings)
         if run_timestep >= 0 and self._loop is not None:
             self._loop.post_step(world)
         return readings
@@ -145,11 +141,7 @@ class Environment:
         self.world.step()
 
     def end(self) -> dict[str, float]:
-        """Ends the run.
-
-        Returns:
-            Its results by name: what anybody wrote into `world.results`, and what the user's
-            `end` gives.
+        """Ends the run; gives its results by name: `world.results`, or what the user's `end` gives.
 
         Raises:
             VsenseError: the user's `end` has failed.

@@ -1,4 +1,4 @@
-"""The figures of a run, counted while it is lived: what `vsense run --json` prints."""
+"""The figures of a run, counted while it goes on: what `vsense run --json` prints."""
 
 from __future__ import annotations
 
@@ -41,7 +41,6 @@ class Figures:
     """Counts what happens in the timesteps of one run, in bounded memory per timestep."""
 
     def __init__(self, experiment: Experiment) -> None:
-        """Begins before the first timestep."""
         self._experiment = experiment
         self._dt_ns = experiment.timestep_ns
         self._robots = {robot.tag: _Robot() for robot in experiment.robots}
@@ -84,13 +83,13 @@ class Figures:
         )
 
     def summary(
-        self, runner: Runner, attendance: Readiness, results: Mapping[str, float]
+        self, runner: Runner, readiness: Readiness, results: Mapping[str, float]
     ) -> dict[str, Any]:
         """Gives all figures under the names that scripts rely on.
 
         Args:
             runner: the run, which is over.
-            attendance: who was there when it began.
+            readiness: who was there when it began.
             results: what the experiment itself measured.
         """
         wanted = self._last_run_timestep + 1
@@ -103,7 +102,7 @@ class Figures:
             "timesteps": self.timesteps,
             "late_timesteps": int(late.sum()) + wanted - self.timesteps,
             "duration_s": round(wanted * self._dt_ns / 1e9, 3),
-            "missing_at_start": list(attendance.missing),
+            "missing_at_start": list(readiness.missing),
             "arena": {
                 "seen_mean": _share(sum(c.seen for c in counts), self.timesteps),
                 "silences": [
@@ -113,9 +112,9 @@ class Figures:
             },
             "latency_ms": self._latencies(),
             "link": {
-                "sent": runner.tally.sent,
-                "received": runner.tally.received,
-                "dropped": runner.tally.dropped,
+                "sent": runner.counters.sent,
+                "received": runner.counters.received,
+                "dropped": runner.counters.dropped,
                 "reconnects": runner.reconnects,
             },
             "per_robot": [self._robot(robot.tag, robot.id) for robot in self._experiment.robots],

@@ -24,7 +24,6 @@ class Portrait:
     """Filled timestep by timestep while a run goes on."""
 
     def __init__(self, experiment: Experiment) -> None:
-        """Begins before the first timestep."""
         self._experiment = experiment
         self._album = Album(experiment)
         self._source = experiment.source
@@ -34,14 +33,8 @@ class Portrait:
         self._lit: list[list[bool]] = []
         self._inside: list[NDArray[np.bool_]] = []
 
-    def look(self, run_timestep: int, world: World, robots: Mapping[int, RobotStatus]) -> None:
-        """Takes down a timestep of the run, after the world has lived it.
-
-        Args:
-            run_timestep: its number.
-            world: the world.
-            robots: the links' statuses by tag.
-        """
+    def add(self, run_timestep: int, world: World, robots: Mapping[int, RobotStatus]) -> None:
+        """Takes down a timestep, and the links' statuses by tag; `world` is up to date."""
         if len(self._timesteps) == MOST_TIMESTEPS:
             return
         rows = world.robots[: len(self._experiment.robots)]
@@ -59,13 +52,7 @@ class Portrait:
             self._album.end(world)
 
     def draw(self, path: Path, world: World, blind: bool, subtitle: str) -> bool:
-        """Draws the picture after the run.
-
-        Args:
-            path: where to; its folder exists.
-            world: the world after its last timestep.
-            blind: the virtual sensors were held at 0.
-            subtitle: how it was run.
+        """Draws the picture after the run, into an existing folder; `subtitle` says how it was run.
 
         Returns:
             Whether there was anything to draw: not without a robot that was ever seen.

@@ -1,11 +1,4 @@
-"""The virtual sensor server of an experiment.
-
-Who is there before a run: which robots are connected, and whose markers are seen.
-
-What robots complain about in their telemetry: told once when it begins, once when it is over.
-
-Counts what the links of a run sent and received, over all lives of every daemon.
-"""
+"""The robots of a run: their server, who is there, their alarms, and their links' counters."""
 
 from __future__ import annotations
 
@@ -83,21 +76,14 @@ class Readiness:
     unseen: tuple[str, ...]
 
     @classmethod
-    def take(
+    def of(
         cls,
         robots: Mapping[int, str],
         objects: Mapping[int, str],
         connected: Collection[int],
         seen: Collection[int],
     ) -> Readiness:
-        """Calls the roll.
-
-        Args:
-            robots: names of the robots by tag.
-            objects: names of the tagged objects by tag.
-            connected: tags of the robots that are connected.
-            seen: tags that are seen.
-        """
+        """Compares names by tag of robots and tagged objects with the tags that are there."""
         return cls(
             robots=len(robots),
             markers=len(robots) + len(objects),
@@ -116,11 +102,7 @@ class Readiness:
         return tuple(dict.fromkeys((*self.absent, *self.unseen)))
 
     def progress(self, watched: bool = True) -> str:
-        """Says in one line who is there, and who is not.
-
-        Args:
-            watched: False: there was no arena state yet in which anybody could be seen.
-        """
+        """Says in one line who is there; `watched` is False before the first arena state."""
         connected = (
             f"{self.robots - len(self.absent)} of {self.robots} robots connected"
             f"{_without(self.absent)}"
@@ -132,7 +114,7 @@ class Readiness:
             f"{_without(self.unseen)}"
         )
 
-    def complaint(self) -> str:
+    def missing_text(self) -> str:
         """Says who is missing in which way; "" where nobody is."""
         parts = []
         if self.absent:
@@ -160,18 +142,14 @@ BATTERY_LOW = 1
 
 
 class RobotAlarms:
-    """Which robots are in trouble, from one status to the next."""
+    """Troubles in the robots' telemetry: told once when one begins, once when it is over."""
 
     def __init__(self) -> None:
         self._since_ns: dict[tuple[int, str], int] = {}
         self._told: set[tuple[int, str]] = set()
 
     def update(self, robots: Mapping[int, RobotStatus], now_ns: int) -> list[str]:
-        """Takes over the newest status of every robot.
-
-        Args:
-            robots: status by tag.
-            now_ns: the host's monotonic clock.
+        """Takes over the newest status of every robot by tag.
 
         Returns:
             A line for each trouble that has lasted long enough to be told, or that is over.
@@ -251,7 +229,7 @@ class LinkCounters:
         replaced = []
         for tag, status in robots.items():
             known = self._robots.setdefault(tag, _LinkCounts())
-            if status.telemetry is not None and _take(known, status.telemetry):
+            if status.telemetry is not None and _add(known, status.telemetry):
                 replaced.append(status)
         sent, received, dropped = self._earlier
         self.sent = sum(status.sent for status in robots.values()) - sent
@@ -262,7 +240,7 @@ class LinkCounters:
         return replaced
 
     def anew(self) -> LinkCounters:
-        """Gives a tally that counts from here."""
+        """Gives a counters that counts from here."""
         now = (self.sent, self.received, self.dropped)
         sent, received, dropped = (a + b for a, b in zip(self._earlier, now))
         return LinkCounters(
@@ -274,7 +252,7 @@ class LinkCounters:
         return sum(earlier)
 
 
-def _take(known: _LinkCounts, now: Telemetry) -> bool:
+def _add(known: _LinkCounts, now: Telemetry) -> bool:
     """Adds a telemetry; True where it tells of a new guard."""
     before = known.newest
     if before is not None and now.received < before.received:

@@ -1,20 +1,24 @@
-"""Waits for the robots, starts them together, lives the timesteps and stops them.
+"""Waits for the robots, starts them together, runs the timesteps and stops them.
 
-`vsense lab` and `vsense run` both do it this way; they differ in what stands around it.
+`vsense lab` and `vsense run` both do it this way; they differ in what stands around it. `Series`
+says where each run leaves its files, and whether another one follows.
 """
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 from vsense.cameras.grabber import NoMorePictures
 from vsense.config.specs import Experiment
 from vsense.link.robots.server import VirtualSensorServer
 from vsense.link.robots.status import RobotStatus
 from vsense.link.trackers.client import TrackerEnded
+from vsense.run import directory as run_directory
 from vsense.run.control import DURING, Control, State
 from vsense.run.environment import Environment
 from vsense.run.robots import LinkCounters, Readiness, RobotAlarms
@@ -28,7 +32,7 @@ POLL_S = 0.25
 SILENCE_NS = 500_000_000
 """Robots have stopped 400 ms after the last arena state: from now on a person is told."""
 
-Look = Callable[[Step | None, Mapping[int, RobotStatus]], None]
+Observer = Callable[[Step | None, Mapping[int, RobotStatus]], None]
 """Called after every timestep, and with None in silences, with the status of every robot by tag;
 what it raises ends the run."""
 
@@ -50,10 +54,20 @@ class Silence:
 
 
 class Runner:
-    """Runs, one after the other, from roll call to last telemetry; it belongs to one thread.
+    """Runs, one after the other, from the wait for robots to the last telemetry; for one thread.
+
+    Args:
+        experiment: what to run.
+        runtime: is open, or will be before `wait`.
+        server: has been started.
+        console: where to say what happens.
+        interrupted: set by whoever wants everything to end.
+        observe: see `Observer`.
+        control: what people order; None: nobody can.
+        clock: the host's monotonic clock [ns].
 
     Attributes:
-        tally: what the links sent and received, from the start of the server.
+        counters: what the links sent and received, from the start of the server.
         reconnects: sessions that were opened in mid-run.
         robots: the status of every robot by tag in the newest timestep, when its readings had left.
         silences: times without arena states in the run.
@@ -66,24 +80,12 @@ class Runner:
         server: VirtualSensorServer,
         console: Console,
         interrupted: threading.Event,
-        look: Look = lambda step, robots: None,
+        observe: Observer = lambda step, robots: None,
         control: Control | None = None,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        """Prepares the first run.
-
-        Args:
-            experiment: what to run.
-            runtime: is open, or will be before `wait`.
-            server: has been started.
-            console: where to say what happens.
-            interrupted: set by whoever wants everything to end.
-            look: see `Look`.
-            control: what people order; None: nobody can.
-            clock: the host's monotonic clock [ns].
-        """
-        self.tally, self.reconnects = LinkCounters(), 0
-        self._complaints = RobotAlarms()
+        self.counters, self.reconnects = LinkCounters(), 0
+        self._alarms = RobotAlarms()
         self.silences: list[Silence] = []
         self.robots: Mapping[int, RobotStatus] = {}
         self._robots = {robot.tag: robot.id for robot in experiment.robots}
@@ -91,7 +93,7 @@ class Runner:
         self._dt_ns, self._timesteps = experiment.timestep_ns, experiment.timesteps
         self._runtime = runtime
         self._server, self._console = server, console
-        self._interrupted, self._look = interrupted, look
+        self._interrupted, self._observe = interrupted, observe
         self.control = control or Control(server.command, console.say)
         self._clock = clock
         self._heard_ns: int | None = None
@@ -105,13 +107,10 @@ class Runner:
         return self.control.why
 
     def wait(self, limit_s: float | None = None) -> Readiness:
-        """Lives timesteps until every robot is connected and every marker is seen.
+        """Runs timesteps until every robot is connected and every marker is seen.
 
         Where runs are held until somebody starts them, it waits for that; a START that comes
-        early ends the wait at once.
-
-        Args:
-            limit_s: longest time to wait; None: for ever.
+        early ends the wait at once. It waits for `limit_s` at the longest, None: for ever.
 
         Returns:
             Who is there: everybody, unless the time is over or somebody has interrupted.
@@ -122,13 +121,13 @@ class Runner:
         begun_ns = self._clock()
         while True:
             step = self._step()
-            attendance = self._call_roll(step)
+            readiness = self._readiness(step)
             waited_ns = self._clock() - begun_ns
             over = limit_s is not None and waited_ns > limit_s * 1e9
-            anybody = len(attendance.absent) < len(self._robots)
-            if self._interrupted.is_set() or self._may_start(attendance.complete or over, anybody):
-                return attendance
-            self._console.progress(self._waiting(attendance))
+            anybody = len(readiness.absent) < len(self._robots)
+            if self._interrupted.is_set() or self._may_start(readiness.complete or over, anybody):
+                return readiness
+            self._console.progress(self._waiting(readiness))
 
     def _may_start(self, ready: bool, anybody: bool) -> bool:
         """Whether the run starts now.
@@ -144,24 +143,21 @@ class Runner:
             control.ready()
         return not control.holds
 
-    def _waiting(self, attendance: Readiness) -> str:
+    def _waiting(self, readiness: Readiness) -> str:
         """The live line before the run."""
         state = self.control.state
         word = {State.EMERGENCY: "EMERGENCY STOP, reset first", State.READY: "ready to start"}
-        there = attendance.progress(self._heard_ns is not None)
+        there = readiness.progress(self._heard_ns is not None)
         return f"{word.get(state, 'waiting')}: {there}"
 
     def timesteps(self) -> Iterator[Step]:
-        """Starts all robots together and lives the run's timesteps.
-
-        Yields:
-            Every timestep of the run that was lived; it may have missed some.
+        """Starts all robots together; yields the run's timesteps, of which some may be missed.
 
         Raises:
             VsenseError: something has failed.
         """
-        self.tally.update(self._server.robots())
-        self._sessions = self.tally.sessions
+        self.counters.update(self._server.robots())
+        self._sessions = self.counters.sessions
         if self._interrupted.is_set() or not self.control.begin(self._runtime.start):
             return
         length_ns, last = self._timesteps * self._dt_ns, self._timesteps - 1
@@ -196,7 +192,7 @@ class Runner:
         self._end_ns += self._clock() - begun_ns
 
     def rest(self) -> bool:
-        """Lives on after a run, with the robots stopped, until somebody wants the next one.
+        """Runs on after a run, with the robots stopped, until somebody wants the next one.
 
         Returns:
             Whether somebody does; else somebody has interrupted, or there can be none.
@@ -222,7 +218,7 @@ class Runner:
         self._runtime.next_run(environment)
         self.control.next_run()
         self.silences, self._run_timestep = [], -1
-        self.tally = self.tally.anew()
+        self.counters = self.counters.anew()
 
     def stop(self) -> None:
         """Stops all robots, and waits until they have told what they received.
@@ -238,7 +234,7 @@ class Runner:
             self._note_silence()
         self.control.end("interrupted")
         self._settle()
-        self.reconnects = self.tally.sessions - self._sessions
+        self.reconnects = self.counters.sessions - self._sessions
 
     def _step(self) -> Step | None:
         """Lives one timestep; None where no arena state came for a while."""
@@ -253,20 +249,20 @@ class Runner:
                 self._console.say(f"arena states are back after {duration_s:.1f} s")
             self._heard_ns = step.arena_ns
         robots = self.robots = self._server.robots()
-        for status in self.tally.update(robots):
+        for status in self.counters.update(robots):
             self._console.say(f"robot {status.name}: its guard was replaced", "warning")
-        for line in self._complaints.update(robots, self._clock()):
+        for line in self._alarms.update(robots, self._clock()):
             self._console.say(line, "warning")
-        self._look(step, robots)
+        self._observe(step, robots)
         return step
 
-    def _call_roll(self, step: Step | None) -> Readiness:
+    def _readiness(self, step: Step | None) -> Readiness:
         # A moment without an arena state makes nobody disappear.
         if step is not None:
             robots = step.state.robots
             self._seen = frozenset(robots["tag"][robots["seen"]].tolist())
         connected = {tag for tag, status in self.robots.items() if status.connected}
-        return Readiness.take(self._robots, self._objects, connected, self._seen)
+        return Readiness.of(self._robots, self._objects, connected, self._seen)
 
     def _hear_nothing(self) -> None:
         silent_ns = 0 if self._heard_ns is None else self._clock() - self._heard_ns
@@ -293,8 +289,92 @@ class Runner:
         """Stops sending and waits until every robot has told what it received."""
         self._server.hush()
         deadline_ns = self._clock() + SETTLE_TIMEOUT_NS
-        self.tally.update(self._server.robots())
-        while self.tally.received < self.tally.sent and self._clock() < deadline_ns:
+        self.counters.update(self._server.robots())
+        while self.counters.received < self.counters.sent and self._clock() < deadline_ns:
             threading.Event().wait(0.02)
-            self.tally.update(self._server.robots())
+            self.counters.update(self._server.robots())
         self._server.hush(False)
+
+
+PATIENCE_S = 10.0
+"""In a series, a run but the first waits so long for robots; then it starts without them."""
+
+
+class Series:
+    """The runs of one process.
+
+    Args:
+        directory: of all runs, exists.
+        runs: so many follow by themselves.
+        holds: after them, or where somebody has stopped one, people may begin another.
+        interrupted: set by whoever wants the process to end.
+
+    Attributes:
+        several: there may be more than one: each has a directory of its own. Of what was meant to
+            be one run, only those after a reset have.
+    """
+
+    def __init__(
+        self, directory: Path, runs: int, holds: bool, interrupted: threading.Event
+    ) -> None:
+        self.several = holds or runs > 1
+        self._directory = directory
+        self._runs = runs
+        self._holds = holds
+        self._interrupted = interrupted
+
+    def directory(self, number: int) -> Path:
+        """Gives the directory of a run, from 1; it exists.
+
+        Raises:
+            DirectoryError: it cannot be made.
+        """
+        self.several |= number > 1
+        if not self.several:
+            return self._directory
+        directory = self._directory / f"run-{number}"
+        try:
+            directory.mkdir()
+        except OSError as error:
+            raise run_directory.DirectoryError(
+                f"cannot make {directory}: {error.strerror}"
+            ) from None
+        return directory
+
+    def write_summary(
+        self, name: str, summaries: Sequence[Mapping[str, Any]], on_stdout: bool
+    ) -> None:
+        """Writes the figures of all runs where there may be several, and prints them if wanted.
+
+        Raises:
+            DirectoryError: the file, or standard output, cannot be written.
+        """
+        if self.several:
+            figures = {"experiment": name, "runs": list(summaries)}
+            run_directory.write_summary(self._directory, figures, on_stdout, run_directory.SERIES)
+
+    def patience_s(self, number: int, wanted_s: float | None) -> float | None:
+        """How long a run waits for its robots, None: for ever; `wanted_s` is what the user said."""
+        return PATIENCE_S if wanted_s is None and number > 1 else wanted_s
+
+    def goes_on(self, runner: Runner) -> bool:
+        """Whether another run follows; may live on until somebody wants one.
+
+        Raises:
+            VsenseError: something has failed meanwhile.
+        """
+        control = runner.control
+        if self._interrupted.is_set():
+            return False
+        if control.next_asked or (control.why == "time" and control.run < self._runs):
+            return True
+        # After an emergency stop somebody has to look first, however the run was started.
+        if not self._holds and control.state != State.EMERGENCY:
+            return False
+        return runner.rest()
+
+    def was_broken(self, control: Control) -> bool:
+        """Whether a Ctrl-C has cost anything: part of a run, or runs that were still to come."""
+        cut = control.begun and control.why == "interrupted"
+        finished = control.run if control.begun and not cut else control.run - 1
+        return self._interrupted.is_set() and (cut or finished < self._runs)

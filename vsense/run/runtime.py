@@ -1,15 +1,9 @@
-"""The timesteps of a run: which arena states begin one, and which number it has. Pure.
-
-An experiment says how long its timesteps are; a tracker or a camera may be faster or slower, and
-falls silent now and then. The number of a timestep therefore follows from the capture time: a
-state too early for the next timestep is passed over, and a pause leaves timesteps out.
-
-The runtime: every timestep of the host, from the pictures to the datagrams.
+"""The runtime: every timestep of the host, from the pictures to the datagrams.
 
 Two threads, as in the thesis: one watches the arena (grabber and tracker, or the link to another
-tracker), the other lives in the world (world, virtual sensors, server); between them lies the
+tracker), the other runs the world (world, virtual sensors, server); between them lies the
 double buffer of `vsense.run.watch`, so a slow world never holds the cameras up. Nothing of the host
-but this module, the links and the lab reads a clock: every other box is told the time.
+but this module, the links and the lab reads a clock: all other modules are told the time.
 """
 
 from __future__ import annotations
@@ -31,24 +25,21 @@ many, so that the two do not slip past each other for ever."""
 
 
 class Pace:
-    """Numbers capture times, from 0."""
+    """Numbers capture times, from 0 at the first one.
+
+    An experiment says how long its timesteps are; a tracker or a camera may be faster or slower,
+    and falls silent now and then. The number of a timestep therefore follows from the capture time:
+    a state too early for the next timestep is passed over, and a pause leaves timesteps out.
+    """
 
     def __init__(self, timestep_ns: int) -> None:
-        """Begins with the first capture time, whenever that is.
-
-        Args:
-            timestep_ns: length of a timestep.
-        """
         self._timestep_ns = timestep_ns
         self._epoch_ns = 0
         self._newest = -1
         self._passed_over = False
 
     def timestep(self, capture_ns: int) -> int | None:
-        """Gives the number of the timestep that a state captured then begins.
-
-        Args:
-            capture_ns: on a clock that never jumps.
+        """Gives the number of the timestep that a state begins; `capture_ns` is of a steady clock.
 
         Returns:
             A number greater than all before; None where the newest timestep is not over yet.
@@ -75,7 +66,7 @@ START_LEAD = 3
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One timestep as the host lived it; times are the host's monotonic clock in ns.
+    """One timestep of the host; times are the host's monotonic clock in ns.
 
     Attributes:
         timestep: the cameras' trigger number.
@@ -104,7 +95,7 @@ class Step:
 
 
 class Runtime:
-    """Calls every box of the host in order.
+    """Calls grabber, world, sensors and server in order.
 
     The world updates, senses and sends in the same timestep in which the arena state arrived.
 
@@ -138,11 +129,7 @@ class Runtime:
         self._watch.close()
 
     def start(self) -> int:
-        """Starts all robots together a few timesteps from now.
-
-        Returns:
-            The timestep that is the run's first.
-        """
+        """Starts all robots together a few timesteps from now; gives the run's first timestep."""
         self._source.start()
         return self.resume()
 
@@ -154,11 +141,7 @@ class Runtime:
         self._held, self._first_timestep = True, math.inf
 
     def resume(self) -> int:
-        """Has world and robots go on together where they were held.
-
-        Returns:
-            The timestep in which they do.
-        """
+        """Has world and robots go on together where they were held; gives the timestep of that."""
         first = self._last_timestep + START_LEAD
         self._first_timestep = first - (self._lived + 1)
         self._server.command(Wanted.RUN, first)
@@ -171,10 +154,7 @@ class Runtime:
         self._source.stop()
 
     def next_run(self, environment: Environment) -> int:
-        """Goes back to before the start, in another virtual world.
-
-        Args:
-            environment: its sensors and actuators are the first one's.
+        """Goes back to before the start, in another world with the same sensors and actuators.
 
         Returns:
             The number by which the robots know the run.
@@ -184,11 +164,11 @@ class Runtime:
         return self._server.new_run()
 
     def step(self, timeout_s: float = 2 * WATCH_TIMEOUT_S) -> Step:
-        """Lives one timestep: waits for its arena state and has the readings sent.
+        """Runs one timestep: waits for its arena state and has the readings sent.
 
         Raises:
             NoArenaState: none came in time.
-            VsenseError: a box of the host has failed.
+            VsenseError: something of the host has failed.
         """
         newest = self._watch.next(timeout_s)
         state = newest.state
@@ -209,7 +189,7 @@ class Runtime:
         )
 
     def _sense(self, state: ArenaState, run_timestep: int) -> None:
-        """Lives a timestep in the virtual world."""
+        """Runs a timestep in the virtual world."""
         reports = self._server.reports()
         payloads = {tag: report.payload for tag, report in reports.items()}
         senders = {tag: report.uid for tag, report in reports.items()}

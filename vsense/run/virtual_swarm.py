@@ -37,27 +37,25 @@ REST_NS = 400_000_000
 class VirtualSwarm:
     """The virtual robots of an experiment that its controller drives.
 
-    The others, and those that a loop function puts into the world, nobody moves but the loop
-    functions.
+    The others, and those that a loop function puts into the world, are moved by loop functions
+    only.
+
+    Args:
+        experiment: at least one of its virtual robots is driven.
+        table: the sensor table.
+        seed: of the run.
 
     Attributes:
         reports: by tag, the actuators' block of each robot after the newest timestep.
+
+    Raises:
+        VsenseError: the controller cannot be built or run.
     """
 
     def __init__(self, experiment: Experiment, table: Table, seed: int) -> None:
-        """Builds the controller and greets the robots.
-
-        Args:
-            experiment: at least one of its virtual robots is driven.
-            table: the sensor table.
-            seed: of the run.
-
-        Raises:
-            VsenseError: the controller cannot be built or run.
-        """
         source = experiment.controller
         self._tags = [robot.tag for robot in experiment.virtual_robots if robot.driven]
-        self._minds = Robots(
+        self._controllers = Robots(
             build.shared(source.library, experiment.path.parent),
             self._tags,
             table,
@@ -72,12 +70,7 @@ class VirtualSwarm:
         self.reports: Mapping[int, bytes] = {}
 
     def move(self, world: World, capture_ns: int) -> None:
-        """Moves the robots on to the time of the next arena state.
-
-        Args:
-            world: as it was in the last timestep; it gets their new places.
-            capture_ns: of the next arena state.
-        """
+        """Moves the robots, from where `world` has them, to the time of the next arena state."""
         scene = self._scene
         # After a pause, or a time without arena states, they go on from where they stood.
         anew = scene is None or capture_ns - world.capture_ns > REST_NS
@@ -89,8 +82,8 @@ class VirtualSwarm:
             scene.drive(self._wheels, start_ns)
         scene.move(world, capture_ns)
 
-    def think(self, state: ArenaState, run_timestep: int, readings: Mapping[int, Values]) -> None:
-        """Lets every robot make its control step; `move` came before.
+    def control(self, state: ArenaState, run_timestep: int, readings: Mapping[int, Values]) -> None:
+        """Has every robot make its control step; `move` came before.
 
         Args:
             state: the arena state of this timestep.
@@ -99,7 +92,7 @@ class VirtualSwarm:
         """
         assert self._scene is not None
         capture_ns = state.capture_ns
-        self._minds.step(
+        self._controllers.step(
             Wanted.RUN if run_timestep >= 0 else Wanted.IDLE,
             0,
             state.timestep,
@@ -107,9 +100,9 @@ class VirtualSwarm:
             readings,
             self._scene.proximity(),
         )
-        self._wheels = self._minds.wheels_steps_s.copy()
+        self._wheels = self._controllers.wheels_steps_s.copy()
         self._scene.drive(self._wheels, capture_ns + ACT_NS)
-        self.reports = self._minds.reports()
+        self.reports = self._controllers.reports()
 
 
 class _Scene:

@@ -1,7 +1,4 @@
-"""The thread that watches the arena, and the double buffer in which its newest state waits.
-
-The double buffer is the thesis's, between tracking and world: the newest arena state, never torn.
-"""
+"""The thread that watches the arena, and the double buffer in which its newest state waits."""
 
 from __future__ import annotations
 
@@ -11,7 +8,7 @@ from typing import NamedTuple, Protocol
 
 from vsense.arena import ArenaState, Frame
 from vsense.cameras.grabber import GrabberError
-from vsense.native import ffi, lib
+from vsense.native import kernel_ffi, kernels
 
 WATCH_TIMEOUT_S = 2.0
 """Cameras that deliver nothing for this long have failed."""
@@ -61,19 +58,18 @@ class Stamped(NamedTuple):
 
 
 class ArenaBuffer:
-    """The newest arena state with its pictures, for one writing and one reading thread.
+    """The thesis's double buffer between tracking and world: the newest arena state, never torn.
 
-    Neither ever waits for the other. What they exchange is the number of a slot
-    (`c_src/vs_latest.h`); state and pictures stay where they are. A slot is emptied by whoever
-    gets it: the reader takes its content out, the writer drops what nobody has read. Nothing else
-    refers to them here, so lent pictures go back as soon as the reader lets go of what it took.
+    One thread writes, one reads; neither ever waits for the other. They exchange the number of a
+    slot (`c_src/host/vs_latest.h`); state and pictures stay where they are. Whoever gets a slot
+    empties it: the reader takes its content out, the writer drops what nobody has read. Nothing
+    else refers to them here, so lent pictures go back when the reader lets go of what it took.
     """
 
     def __init__(self) -> None:
-        """Makes an empty buffer."""
-        self._exchange = ffi.new("struct vs_latest *")
-        lib.vs_latest_init(self._exchange)
-        self._slots: list[Stamped | None] = [None] * lib.VS_LATEST_SLOTS
+        self._exchange = kernel_ffi.new("struct vs_latest *")
+        kernels.vs_latest_init(self._exchange)
+        self._slots: list[Stamped | None] = [None] * kernels.VS_LATEST_SLOTS
         self._sequence = 0
 
     def write(
@@ -82,9 +78,9 @@ class ArenaBuffer:
         """Makes a state the newest; the writing thread only. See `Stamped` for the arguments."""
         self._sequence += 1
         stamped = Stamped(state, frames, ready_ns, done_ns, self._sequence)
-        self._slots[lib.vs_latest_write_slot(self._exchange)] = stamped
-        lib.vs_latest_write_commit(self._exchange)
-        self._slots[lib.vs_latest_write_slot(self._exchange)] = None
+        self._slots[kernels.vs_latest_write_slot(self._exchange)] = stamped
+        kernels.vs_latest_write_commit(self._exchange)
+        self._slots[kernels.vs_latest_write_slot(self._exchange)] = None
 
     def read(self) -> Stamped | None:
         """Takes the newest state out; the reading thread only.
@@ -92,7 +88,7 @@ class ArenaBuffer:
         Returns:
             None where nothing was written since the last call.
         """
-        slot: int = lib.vs_latest_read(self._exchange)
+        slot: int = kernels.vs_latest_read(self._exchange)
         if slot < 0:
             return None
         stamped, self._slots[slot] = self._slots[slot], None

@@ -1,6 +1,6 @@
-"""The two secrets of a page that other machines may open: one to look, one to control.
+"""Access control: the Host and Origin of every request, and the token that it carries.
 
-Who may come in: the Host and Origin of every request, and the token that it carries.
+A page that other machines may open has two tokens: one to look, one to control.
 """
 
 from __future__ import annotations
@@ -131,16 +131,15 @@ def is_loopback(host: str) -> bool:
 
 
 class AccessControl:
-    """Decides about requests; holds no state of its own."""
+    """Decides about requests; holds no state of its own.
+
+    Args:
+        host: what the server listens on, as it was configured.
+        port: the port.
+        tokens: what viewers must show; None lets everybody in who passes the other checks.
+    """
 
     def __init__(self, host: str, port: int, tokens: Tokens | None) -> None:
-        """Prepares it.
-
-        Args:
-            host: what the server listens on, as it was configured.
-            port: the port.
-            tokens: what viewers must show; None lets everybody in who passes the other checks.
-        """
         self._host = host.lower()
         self._tokens = tokens
         self._local = is_loopback(host)
@@ -158,7 +157,7 @@ class AccessControl:
         Addresses cannot be rebound as names can, so any is good where other machines may come.
 
         Raises:
-            Stranger: the Host header names something else.
+            Forbidden: the Host header names something else.
         """
         name = _name(headers.get("Host", ""))
         known = name == self._host or is_loopback(name)
@@ -170,14 +169,10 @@ class AccessControl:
             )
 
     def check_origin(self, headers: Mapping[str, str], needed: bool) -> None:
-        """Refuses what a page from elsewhere sends.
-
-        Args:
-            headers: of the request.
-            needed: whether a request without Origin is refused, too.
+        """Refuses what a page from elsewhere sends; where `needed`, a request without Origin, too.
 
         Raises:
-            Stranger: the request comes from another page.
+            Forbidden: the request comes from another page.
         """
         origin = headers.get("Origin")
         if origin is None and not needed:
@@ -193,12 +188,7 @@ class AccessControl:
             raise Forbidden(f"the page '{origin:.80}' may not talk to this server")
 
     def rights(self, token: str | None, cookies: Mapping[str, str]) -> Rights:
-        """What a request may do.
-
-        Args:
-            token: the one in its address, None without.
-            cookies: those it brings; a token in the address goes before them.
-        """
+        """What a request may do, by the token in its address or else by that in its cookies."""
         if self._tokens is None:
             return Rights.CONTROL
         return self._tokens.rights(cookies.get(self.cookie, "") if token is None else token)

@@ -1,7 +1,7 @@
-"""Where a terminal finds the experiment that runs on this machine: a socket per process.
+"""The control socket: where a terminal finds the experiments that run on this machine.
 
-It lies in a folder that only this user can enter. One line of JSON asks, one line answers:
-{"ask": "status"}, or {"order": "pause", "value": 0, "by": "terminal"}.
+Each process has one, in a folder that only this user can enter. One line of JSON asks, one line
+answers: {"ask": "status"}, or {"order": "pause", "value": 0, "by": "terminal"}.
 """
 
 from __future__ import annotations
@@ -49,22 +49,21 @@ def folder() -> Path:
 
 
 class ControlSocket:
-    """Answers terminals; a context that leaves no socket behind."""
+    """Answers terminals, on threads of its own, until `close`, which leaves no socket behind.
+
+    Args:
+        status: what a terminal is told; any thread.
+        give: carries orders out.
+
+    Raises:
+        ControlSocketError: the socket cannot be made.
+    """
 
     def __init__(self, status: Callable[[], dict[str, Any]], give: Give) -> None:
-        """Opens the socket and begins to answer, on threads of its own.
-
-        Args:
-            status: what a terminal is told; any thread.
-            give: carries orders out.
-
-        Raises:
-            ControlSocketError: the socket cannot be made.
-        """
         self._status = status
         self._give = give
         self.path = folder() / f"{os.getpid()}.sock"
-        bell = self
+        control = self
 
         class Handler(socketserver.StreamRequestHandler):
             timeout = TIMEOUT_S
@@ -73,7 +72,7 @@ class ControlSocket:
                 # Whoever hangs up in the middle wants no answer.
                 with suppress(OSError):
                     line = self.rfile.readline(MOST_BYTES)
-                    self.wfile.write(json.dumps(bell.answer(line)).encode() + b"\n")
+                    self.wfile.write(json.dumps(control.answer(line)).encode() + b"\n")
 
         with suppress(FileNotFoundError):
             self.path.unlink()  # of an earlier process with our number
@@ -83,7 +82,7 @@ class ControlSocket:
             raise ControlSocketError(f"{self.path}: {error.strerror or error}") from None
         self._server.daemon_threads = True
         self._thread = threading.Thread(
-            target=self._server.serve_forever, args=(0.1,), name="vsense-doorbell", daemon=True
+            target=self._server.serve_forever, args=(0.1,), name="vsense-control", daemon=True
         )
         self._thread.start()
 

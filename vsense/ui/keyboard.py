@@ -38,15 +38,9 @@ def usable() -> bool:
 
 
 class Keyboard:
-    """Listens to the keyboard on a thread of its own; a line needs no Enter."""
+    """Takes the terminal over; listens on a thread of its own, and a line needs no Enter."""
 
     def __init__(self, give: Give, tell: Callable[[str], None]) -> None:
-        """Takes the terminal over.
-
-        Args:
-            give: carries orders out.
-            tell: takes a line for people.
-        """
         self._give = give
         self._tell = tell
         self._descriptor = sys.stdin.fileno()

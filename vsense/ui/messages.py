@@ -1,8 +1,6 @@
 """The data of messages, made from what the run holds: plain numbers and texts, as JSON has them.
 
 `vsense/ui/MESSAGES.md` describes every topic. Arrays become columns; what is no number is null.
-
-What does not change while an experiment runs: the message /experiment.
 """
 
 from __future__ import annotations
@@ -115,11 +113,7 @@ def readings(
 ) -> Data:
     """Gives /readings: what the robots were sent, as numbers.
 
-    Args:
-        sensors: the sensor table's sensors.
-        sent: by tag, payload and capture time per sensor.
-        timestep: of the arena state.
-        capture_ns: its capture time.
+    `sent` has payload and capture time per sensor, by tag; `capture_ns` is the arena state's.
     """
     types = [layout_dtype(sensor.layout)[1] for sensor in sensors]
     return {
@@ -171,17 +165,17 @@ class ExperimentFacts:
     troubles: Troubles
 
 
-def experiment(scene: ExperimentFacts, environment: Environment) -> Data:
+def experiment(facts: ExperimentFacts, environment: Environment) -> Data:
     """Gives /experiment."""
     spec = environment.experiment
     arena = spec.arena
     return ExperimentMessage(
-        command=scene.command,
+        command=facts.command,
         name=spec.name,
         seed=environment.seed,
-        blind=scene.blind,
+        blind=facts.blind,
         version=vsense.__version__,
-        file_text=scene.file_text,
+        file_text=facts.file_text,
         timestep_s=spec.timestep_s,
         length_s=spec.length_s or None,
         arena={"size_m": list(arena.size_m), "centre_m": list(arena.centre_m)},
@@ -196,7 +190,7 @@ def experiment(scene: ExperimentFacts, environment: Environment) -> Data:
             for e in environment.table_entries
             if e.direction == Direction.ACTUATOR
         ],
-        cameras=cameras(scene.cameras, scene.trackers),
+        cameras=cameras(facts.cameras, facts.trackers),
         body_radius_m=BODY_RADIUS_M,
     ).data()
 

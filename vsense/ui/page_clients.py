@@ -1,19 +1,259 @@
-"""The conversation with one page, from its WebSocket's opening to its end."""
+"""All open pages: what each says and wants, what waits to be sent to it (`MESSAGES.md`).
+
+Of every topic only the newest message waits, so a slow page skips and never lags; events wait in
+a queue of their own. The publisher's thread only puts messages in; they become text later, once
+for all viewers, in the web server's thread.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
+import threading
 import time
-from collections import deque
+from collections import OrderedDict, deque
+from typing import Any
 
 from aiohttp import WSMsgType, web
 
 from vsense.errors import VsenseError
-from vsense.message_bus import Message, MessageBus
+from vsense.message_bus import Listener, Message, MessageBus
+from vsense.recording.form import without_nan
 from vsense.run.control import Give, Order, OrderKind
 from vsense.ui.access import Rights
-from vsense.ui.viewer import Frames, WebClient, read
+
+KEPT = 64
+"""Frames that are kept for other viewers who want the same message."""
+PICTURES_MAX = 256
+NAME_MAX = 200
+FAR = 2**53
+"""No whole number beyond it is exact in JavaScript."""
+
+
+class Frames:
+    """Makes frames, each once for all viewers. The web server's thread only."""
+
+    def __init__(self) -> None:
+        self._made: OrderedDict[int, tuple[Message, str | bytes]] = OrderedDict()
+
+    def frame(self, message: Message) -> str | bytes:
+        """Text, or bytes where the message has a blob."""
+        # Messages cannot be hashed; while one is kept here, no other has its id.
+        kept = self._made.get(id(message))
+        if kept is not None:
+            return kept[1]
+        made = _frame(message)
+        self._made[id(message)] = (message, made)
+        if len(self._made) > KEPT:
+            self._made.popitem(last=False)
+        return made
+
+
+def _frame(message: Message) -> str | bytes:
+    head = [message.topic, message.time_ns, message.data]
+    try:
+        text = json.dumps(head, separators=(",", ":"), allow_nan=False)
+    except ValueError:
+        text = json.dumps(without_nan(head), separators=(",", ":"))
+    if not message.blob:
+        return text
+    encoded = text.encode()
+    return len(encoded).to_bytes(4, "big") + encoded + message.blob
+
+
+def read(text: str) -> tuple[str, Any]:
+    """Understands one sentence of a page.
+
+    Returns:
+        "order" with (Kind, value), "look" with a tag or None, "refresh" with a bool, "pictures"
+        with a tuple of camera ids, "got" with a number of frames.
+
+    Raises:
+        ValueError: it is none of these; the text says so to the page.
+    """
+    try:
+        said = json.loads(text)
+    except (ValueError, RecursionError):
+        raise ValueError("that was not JSON") from None
+    if isinstance(said, dict):
+        for name, reader in _READERS.items():
+            if name in said:
+                return name, reader(said)
+    raise ValueError(f"not understood: {text:.60}")
+
+
+def _order(said: dict[str, Any]) -> tuple[OrderKind, float]:
+    value = said.get("value", 0)
+    plain = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if not plain or not abs(value) < FAR:
+        raise ValueError(f"an order's value is not {value!r:.40}")
+    try:
+        return OrderKind(said["order"]), float(value)
+    except ValueError:
+        raise ValueError(f"there is no order {said['order']!r:.40}") from None
+
+
+def _look(said: dict[str, Any]) -> int | None:
+    tag = said["look"]
+    if tag is None:
+        return None
+    return _whole(tag, "tag")
+
+
+def _got(said: dict[str, Any]) -> int:
+    return _whole(said["got"], "number of frames")
+
+
+def _whole(value: Any, what: str) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < FAR:
+        raise ValueError(f"not a {what}: {value!r:.40}")
+    return value
+
+
+def _refresh(said: dict[str, Any]) -> bool:
+    if not isinstance(said["refresh"], bool):
+        raise ValueError("refresh is true or false")
+    return bool(said["refresh"])
+
+
+def _pictures(said: dict[str, Any]) -> tuple[str, ...]:
+    cameras = said["pictures"]
+    if not isinstance(cameras, list) or len(cameras) > PICTURES_MAX:
+        raise ValueError("pictures is a list of camera ids")
+    if not all(isinstance(camera, str) and len(camera) <= NAME_MAX for camera in cameras):
+        raise ValueError("pictures is a list of camera ids")
+    return tuple(cameras)
+
+
+_READERS = {
+    "order": _order,
+    "look": _look,
+    "refresh": _refresh,
+    "pictures": _pictures,
+    "got": _got,
+}
+
+EVENTS_MAX = 200
+"""Events that wait for one page; the oldest go first."""
+UNDERWAY_MAX = 48
+"""Frames on their way to a page that tells what it got: the rest waits here, where newer ones
+replace it, and not in the buffers of two operating systems."""
+
+IDLE = frozenset({"/experiment", "/run", "/event", "/robots"})
+"""What a hidden page, or one without refresh, still shows."""
+LIVE = IDLE | {"/arena", "/world", "/signals", "/fields", "/cameras"}
+PICTURE = "/picture/"
+READINGS = "/readings/"
+
+
+class WebClient:
+    """The bus's end of one page. `receive` and `wants` may be called by any thread."""
+
+    def __init__(self, bus: MessageBus, name: str, loop: asyncio.AbstractEventLoop) -> None:
+        self.name = name
+        self._bus = bus
+        self._loop = loop
+        self._ready = asyncio.Event()
+        self._lock = threading.Lock()
+        self._letters: deque[Message] = deque(maxlen=EVENTS_MAX)
+        self._news: dict[str, Message] = {}
+        self._woken = False
+        self._topics = LIVE
+        self._extra: frozenset[str] = frozenset()
+        self._look: int | None = None
+        self._pictures: tuple[str, ...] = ()
+        self._sent = 0
+        self._got: int | None = None
+        self._listener: Listener | None = bus.join(self.receive, self.wants)
+
+    def leave(self) -> None:
+        """Leaves the bus; more than once is fine."""
+        listener, self._listener = self._listener, None
+        if listener is not None:
+            self._bus.leave(listener)
+
+    def wants(self, topic: str) -> bool:
+        """Whether the page shows what this topic tells."""
+        return topic in self._topics or topic in self._extra
+
+    def receive(self, message: Message) -> None:
+        """Keeps a message for the page, in the place of an older one that still waits."""
+        with self._lock:
+            if message.topic == "/event":
+                self._letters.append(message)
+            else:
+                self._news[message.topic] = message
+            wakes, self._woken = not self._woken, True
+        if wakes:
+            # The loop is closed when the server ends while the run goes on.
+            with contextlib.suppress(RuntimeError):
+                self._loop.call_soon_threadsafe(self._ready.set)
+
+    def post(self, message: Message) -> None:
+        """Puts an answer in the line of events; the web server's thread only."""
+        with self._lock:
+            self._letters.append(message)
+        self._ready.set()
+
+    async def next(self) -> Message:
+        """Waits for what is to be sent next: events and answers first, then the longest waiting."""
+        while True:
+            self._ready.clear()
+            # While too many are underway nobody has to wake this one: `got` will.
+            if self._got is None or self._sent - self._got < UNDERWAY_MAX:
+                message = self._pop()
+                if message is not None:
+                    self._sent += 1
+                    return message
+            await self._ready.wait()
+
+    def _pop(self) -> Message | None:
+        with self._lock:
+            self._woken = False
+            if self._letters:
+                return self._letters.popleft()
+            topic = next(iter(self._news), None)
+            return None if topic is None else self._news.pop(topic)
+
+    def got(self, frames: int) -> None:
+        """The page has dealt with so many frames since it came."""
+        self._got = min(max(frames, self._got or 0), self._sent)
+        self._ready.set()
+
+    def look(self, tag: int | None) -> None:
+        """The page shows what this robot senses; None: no robot's."""
+        self._look = tag
+        self._choose()
+
+    def pictures(self, cameras: tuple[str, ...]) -> None:
+        """The page shows these cameras' pictures."""
+        self._pictures = cameras
+        self._choose()
+
+    def refresh(self, on: bool) -> None:
+        """The page is seen and refreshes, or not.
+
+        When it begins again it has missed changes that are told once only: the viewer joins the
+        bus as a newcomer.
+        """
+        again = on and self._topics is IDLE
+        self._topics = LIVE if on else IDLE
+        self._choose()
+        if again and self._listener is not None:
+            self.leave()
+            self._listener = self._bus.join(self.receive, self.wants)
+
+    def _choose(self) -> None:
+        """Puts together what is wanted beside the fixed topics."""
+        topics = {f"{PICTURE}{camera}" for camera in self._pictures}
+        if self._look is not None:
+            topics.add(f"{READINGS}{self._look}")
+        self._extra = frozenset(topics) if self._topics is LIVE else frozenset()
+        with self._lock:
+            for topic in [topic for topic in self._news if not self.wants(topic)]:
+                del self._news[topic]
+
 
 HISTORY = 50
 """Events that somebody who comes later is told."""
@@ -29,21 +269,15 @@ LOOKING = "you are looking only: open the page with the control token to press b
 class WebClients:
     """All viewers, and the orders that they give. The web server's thread only."""
 
-    def __init__(self, hub: MessageBus, give: Give) -> None:
-        """Begins without viewers.
-
-        Args:
-            hub: where news comes from.
-            give: carries orders out.
-        """
-        self._hub = hub
+    def __init__(self, bus: MessageBus, give: Give) -> None:
+        self._bus = bus
         self._give = give
         self._frames = Frames()
         self._viewers: dict[WebClient, Rights] = {}
         self._sockets: set[web.WebSocketResponse] = set()
         self._came = 0
         self._history: deque[Message] = deque(maxlen=HISTORY)
-        self._listener = hub.join(self._history.append, "/event".__eq__)
+        self._listener = bus.join(self._history.append, "/event".__eq__)
 
     @property
     def viewers(self) -> int:
@@ -52,25 +286,20 @@ class WebClients:
 
     async def close(self) -> None:
         """Sends everybody away."""
-        self._hub.leave(self._listener)
+        self._bus.leave(self._listener)
         for socket in list(self._sockets):
             with contextlib.suppress(asyncio.TimeoutError, OSError):
                 await asyncio.wait_for(socket.close(message=b"vsense ended"), 1.0)
 
     async def serve(self, request: web.Request, rights: Rights) -> web.WebSocketResponse:
-        """Talks to one page until it goes.
-
-        Args:
-            request: which asks for a WebSocket.
-            rights: LOOK or CONTROL.
-        """
+        """Talks to one page, which has LOOK or CONTROL, until it goes."""
         socket = web.WebSocketResponse(
             heartbeat=HEARTBEAT_S, max_msg_size=SENTENCE_MAX, compress=False
         )
         await socket.prepare(request)
         self._came += 1
         name = f"viewer {self._came} ({request.remote or 'unknown'})"
-        viewer = WebClient(self._hub, name, asyncio.get_running_loop())
+        viewer = WebClient(self._bus, name, asyncio.get_running_loop())
         for event in list(self._history):
             viewer.post(event)
         self._viewers[viewer] = rights
@@ -132,11 +361,11 @@ class WebClients:
             self._answer(viewer, str(error), False)
             return
         if name == "order":
-            self._order(viewer, *value)
+            self._carry_out(viewer, *value)
         else:
             getattr(viewer, name)(value)
 
-    def _order(self, viewer: WebClient, kind: OrderKind, value: float) -> None:
+    def _carry_out(self, viewer: WebClient, kind: OrderKind, value: float) -> None:
         """Carries out an order, or says why not."""
         if self._viewers[viewer] is not Rights.CONTROL:
             self._answer(viewer, LOOKING, False)

@@ -1,17 +1,21 @@
-"""Tells the hub, after every timestep, what has become of the run; what nobody wants is not made.
+"""Publishes, after every timestep, what has become of the run; what nobody wants is not made.
 
-It runs in the thread that lives the timesteps, when the readings have left.
+It runs in the thread of the timesteps, when the readings have left. Pictures become
+small JPEGs, a few per second, on a thread of their own.
 """
 
 from __future__ import annotations
 
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
+import cv2
 import numpy as np
 
-from vsense.arena import ArenaState, arena_data
+from vsense.arena import ArenaState, Frame, arena_data
 from vsense.link.robots.status import RobotStatus
 from vsense.link.robots.table import Direction
 from vsense.message_bus import Message, MessageBus
@@ -30,10 +34,12 @@ WINDOW = 100
 
 
 class Rates:
-    """How often arena states come, and how old pictures are when all is done with them."""
+    """How often arena states come, and how old pictures are when a timestep is done.
+
+    Only the newest `window` timesteps count.
+    """
 
     def __init__(self, window: int) -> None:
-        """Begins without any; only the newest `window` timesteps count."""
         self._times: deque[tuple[int, int]] = deque(maxlen=window)
 
     def add(self, capture_ns: int, done_ns: int) -> None:
@@ -54,33 +60,31 @@ class Rates:
 class Publisher:
     """Makes the messages of one process's runs.
 
+    Args:
+        bus: where to.
+        facts: what all runs have in common.
+        environment: the first run's virtual world.
+        runtime: knows what the robots were sent.
+        control: knows the state of the run.
+        others: gives what others know of /run: runs, text, recording, disk_free_bytes.
+        clock: host's monotonic clock [ns].
+
     Attributes:
-        environment: the present run's virtual world; set by whoever begins one.
+        environment: the present run's virtual world.
     """
 
     def __init__(
         self,
-        hub: MessageBus,
-        scene: ExperimentFacts,
+        bus: MessageBus,
+        facts: ExperimentFacts,
         environment: Environment,
         runtime: Runtime,
         control: Control,
         others: Callable[[], Data],
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        """Prepares to tell.
-
-        Args:
-            hub: where to.
-            scene: what all runs have in common.
-            environment: see the class.
-            runtime: knows what the robots were sent.
-            control: knows the state of the run.
-            others: gives what others know of /run: runs, text, recording, disk_free_bytes.
-            clock: host's monotonic clock [ns].
-        """
         self.environment = environment
-        self._hub, self._scene = hub, scene
+        self._bus, self._common = bus, facts
         self._runtime = runtime
         self._control = control
         self._others = others
@@ -88,23 +92,23 @@ class Publisher:
         entries = environment.table_entries
         self._sensors = [e for e in entries if e.direction == Direction.SENSOR]
         actuators = [e for e in entries if e.direction == Direction.ACTUATOR]
-        self._roll = RobotTable({r.tag: r.id for r in environment.experiment.robots}, actuators)
-        self._cameras = CameraTable(scene.cameras, scene.troubles)
+        self._robots = RobotTable({r.tag: r.id for r in environment.experiment.robots}, actuators)
+        self._cameras = CameraTable(facts.cameras, facts.troubles)
         self._state: ArenaState | None = None
         self._rates = Rates(WINDOW)
         self._told: dict[str, object] = {}
         self._due_ns = self._fields_due_ns = self._late = 0
         self._run_timestep = self._joined = -1
 
-    def look(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
-        """Tells what is new.
+    def update(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
+        """Publishes what is new.
 
         Args:
-            step: the timestep that was just lived; None: no arena state came for a while.
+            step: the newest timestep; None: no arena state came for a while.
             robots: the status of every robot by tag.
         """
         now_ns = self._clock()
-        newcomers, self._joined = self._hub.joined != self._joined, self._hub.joined
+        newcomers, self._joined = self._bus.joined != self._joined, self._bus.joined
         if newcomers:
             self._told.clear()
             self._due_ns = self._fields_due_ns = 0
@@ -112,16 +116,16 @@ class Publisher:
         if step is not None:
             self._tell_step(step, now_ns)
         if now_ns >= self._due_ns:
-            self._hub.tell("/cameras", now_ns, lambda: self._cameras.data(now_ns))
+            self._bus.notify("/cameras", now_ns, lambda: self._cameras.data(now_ns))
         self._tell_run(now_ns)
-        self._hub.tell("/robots", now_ns, lambda: self.robots_data(robots))
+        self._bus.notify("/robots", now_ns, lambda: self.robots_data(robots))
 
     def _facts(self) -> Data:
-        return messages.experiment(self._scene, self.environment)
+        return messages.experiment(self._common, self.environment)
 
     def _tell_step(self, step: Step, now_ns: int) -> None:
         self._state = step.state
-        self._roll.see(step.state)
+        self._robots.see(step.state)
         self._cameras.see(step.frames)
         self._rates.add(step.capture_ns, step.sent_ns)
         if step.run_timestep >= 0:
@@ -130,12 +134,12 @@ class Publisher:
             self._late += missed + late
             self._run_timestep = step.run_timestep
         world = self.environment.world
-        self._hub.tell("/arena", step.capture_ns, lambda: _arena(step))
+        self._bus.notify("/arena", step.capture_ns, lambda: _arena(step))
         self._tell_once("/world", world.version, lambda: messages.world(world), now_ns)
-        self._hub.tell("/signals", step.capture_ns, lambda: messages.signals(world))
+        self._bus.notify("/signals", step.capture_ns, lambda: messages.signals(world))
         if world.fields and now_ns >= self._fields_due_ns:
             self._fields_due_ns = now_ns + FIELDS_NS
-            self._hub.tell("/fields", now_ns, lambda: messages.fields(world.fields.values()))
+            self._bus.notify("/fields", now_ns, lambda: messages.fields(world.fields.values()))
         self._tell_readings(step)
 
     def _tell_readings(self, step: Step) -> None:
@@ -146,7 +150,7 @@ class Publisher:
                 chosen = {tag: sent[tag] for tag in tags}
                 return messages.readings(self._sensors, chosen, step.timestep, step.capture_ns)
 
-            self._hub.tell(topic, step.sent_ns, data)
+            self._bus.notify(topic, step.sent_ns, data)
 
         tell("/readings", list(sent))
         for tag in sent:
@@ -154,7 +158,7 @@ class Publisher:
 
     def robots_data(self, robots: Mapping[int, RobotStatus]) -> Data:
         """Gives /robots, from the status of every robot by tag; any thread."""
-        return self._roll.data(robots, self._state, self._clock())
+        return self._robots.data(robots, self._state, self._clock())
 
     def begin_run(self, environment: Environment) -> None:
         """The next run is about to be waited for."""
@@ -188,15 +192,15 @@ class Publisher:
             return
         self._told["/run"] = key
         self._due_ns = now_ns + SECOND_NS
-        self._hub.tell("/run", now_ns, self.run_data)
+        self._bus.notify("/run", now_ns, self.run_data)
 
     def _tell_once(
         self, topic: str, version: object, make: Callable[[], Data], now_ns: int
     ) -> None:
         """Tells what changes rarely: only when it has, or when somebody new looks."""
-        if self._told.get(topic) != version and self._hub.wants(topic):
+        if self._told.get(topic) != version and self._bus.wants(topic):
             self._told[topic] = version
-            self._hub.publish(Message(topic, now_ns, make()))
+            self._bus.publish(Message(topic, now_ns, make()))
 
 
 def _arena(step: Step) -> Data:
@@ -206,3 +210,72 @@ def _arena(step: Step) -> Data:
 def _silence_s(age_ns: int) -> float:
     """How long there has been no arena state, once that is remarkable."""
     return round(age_ns / 1e9, 1) if age_ns > SECOND_NS // 2 else 0.0
+
+
+PICTURE_PERIOD_NS = 250_000_000
+"""A camera is shown so often."""
+
+WIDTH_PX = 640
+"""Pictures are shown at most so wide."""
+
+JPEG_QUALITY = 70
+TOPIC = "/picture/"
+
+
+class PreviewEncoder:
+    """Makes JPEG pictures on a thread of its own; of each camera the newest picture only."""
+
+    def __init__(self, bus: MessageBus) -> None:
+        self._bus = bus
+        self._due_ns: dict[str, int] = {}
+        self._waiting: dict[str, Frame] = {}
+        self._lock = threading.Lock()
+        self._news = threading.Event()
+        self._ending = False
+        self._thread = threading.Thread(target=self._run, name="vsense-preview", daemon=True)
+        self._thread.start()
+
+    def offer(self, frames: Sequence[Frame]) -> None:
+        """Takes pictures, copying those that somebody wants to see; does not wait."""
+        for frame in frames:
+            due_ns = self._due_ns.get(frame.camera, 0)
+            if frame.capture_ns < due_ns or not self._bus.wants(TOPIC + frame.camera):
+                continue
+            self._due_ns[frame.camera] = max(due_ns + PICTURE_PERIOD_NS, frame.capture_ns)
+            copy = replace(frame, image=frame.image.copy())
+            with self._lock:
+                self._waiting[frame.camera] = copy
+            self._news.set()
+
+    def close(self) -> None:
+        """Ends the thread."""
+        self._ending = True
+        self._news.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while self._news.wait() and not self._ending:
+            self._news.clear()
+            with self._lock:
+                waiting, self._waiting = self._waiting, {}
+            for frame in waiting.values():
+                self._bus.publish(picture(frame))
+
+
+def picture(frame: Frame) -> Message:
+    """Makes the message with a small picture."""
+    height, width = frame.image.shape
+    scale = min(1.0, WIDTH_PX / width)
+    size = (round(width * scale), round(height * scale))
+    small = cv2.resize(frame.image, size, interpolation=cv2.INTER_AREA)
+    blob = cv2.imencode(".jpg", small, (cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY))[1].tobytes()
+    data = {
+        "camera": frame.camera,
+        "timestep": frame.timestep,
+        "capture_ns": frame.capture_ns,
+        "format": "jpeg",
+        "width_px": width,
+        "height_px": height,
+        "scale": scale,
+    }
+    return Message(TOPIC + frame.camera, frame.capture_ns, data, blob)

@@ -24,21 +24,20 @@ OFF: Data = {"on": False, "file": None, "bytes": 0, "lost_messages": 0, "trouble
 
 
 class Recorders:
-    """Makes and ends recordings; its methods may be called by any thread."""
+    """Makes and ends recordings; its methods may be called by any thread.
+
+    Args:
+        bus: what is recorded.
+        wanted: every run is recorded from its beginning; else only when somebody wants it.
+        pictures: cameras' pictures are recorded, too.
+        trouble: takes a line about what cannot be recorded; any thread.
+    """
 
     def __init__(
-        self, hub: MessageBus, wanted: bool, pictures: bool, trouble: Callable[[str], None]
+        self, bus: MessageBus, wanted: bool, pictures: bool, trouble: Callable[[str], None]
     ) -> None:
-        """Prepares recordings.
-
-        Args:
-            hub: what is recorded.
-            wanted: every run is recorded from its beginning; else only when somebody wants it.
-            pictures: cameras' pictures are recorded, too.
-            trouble: takes a line about what cannot be recorded; any thread.
-        """
         self._tracker: Mapping[str, Any] | None = None
-        self._hub = hub
+        self._bus = bus
         self._wanted = wanted
         self._pictures = pictures
         self._trouble = trouble
@@ -143,7 +142,7 @@ class Recorders:
             recording.require()
             from vsense.recording.recorder import Recorder
 
-            recorder = Recorder(self._hub, self._path, self._pictures)
+            recorder = Recorder(self._bus, self._path, self._pictures)
         except VsenseError as error:
             self._trouble(f"run not recorded: {error}")
             return

@@ -24,8 +24,7 @@ from vsense.ui import keyboard
 from vsense.ui.access import WebAddress, read_tokens
 from vsense.ui.control_socket import ControlSocket, ControlSocketError
 from vsense.ui.messages import ExperimentFacts
-from vsense.ui.preview import PreviewEncoder
-from vsense.ui.publisher import Publisher
+from vsense.ui.publisher import PreviewEncoder, Publisher
 from vsense.ui.recorders import Recorders
 
 if TYPE_CHECKING:
@@ -52,12 +51,12 @@ class RoomOptions:
     web: WebAddress | None = None
 
 
-def make_server(web: WebAddress, hub: MessageBus, give: Give) -> WebServer:
+def make_server(web: WebAddress, bus: MessageBus, give: Give) -> WebServer:
     """Makes the page's server, which does not serve yet.
 
     Args:
         web: where it will serve.
-        hub: what the page shows.
+        bus: what the page shows.
         give: what its buttons do.
 
     Raises:
@@ -67,10 +66,10 @@ def make_server(web: WebAddress, hub: MessageBus, give: Give) -> WebServer:
     from vsense.ui.server import WebServer
 
     tokens = None if web.tokens is None else read_tokens(web.tokens)
-    return WebServer(hub, give, web.host, web.port, tokens)
+    return WebServer(bus, give, web.host, web.port, tokens)
 
 
-def open_web(web: WebAddress, hub: MessageBus, give: Give) -> tuple[WebServer, list[str]]:
+def open_web(web: WebAddress, bus: MessageBus, give: Give) -> tuple[WebServer, list[str]]:
     """Serves the page; the arguments are those of `make_server`.
 
     Returns:
@@ -79,7 +78,7 @@ def open_web(web: WebAddress, hub: MessageBus, give: Give) -> tuple[WebServer, l
     Raises:
         VsenseError: the library for it is missing, the port is taken, or the tokens cannot be read.
     """
-    server = make_server(web, hub, give)
+    server = make_server(web, bus, give)
     found = server.start()
     lines = [f"control room: {found.control}"]
     if found.look != found.control:
@@ -91,21 +90,21 @@ class ControlRoom:
     """Sees and steers the runs of one process; a context that leaves no thread and no socket.
 
     Attributes:
-        hub: where everything is told.
+        bus: where everything is told.
         holds: see `RoomOptions.hold`.
         recorders: the recordings, one per run.
     """
 
     def __init__(self, options: RoomOptions, console: Console) -> None:
         """Opens nothing yet; what is said on the console is told in the room, too."""
-        self.hub = MessageBus()
+        self.bus = MessageBus()
         self.holds = options.hold
         self._options = options
         self._console = console
         self._directory = Path()
         self._stack = ExitStack()
         self.recorders = Recorders(
-            self.hub, options.record or options.record_images, options.record_images, self._trouble
+            self.bus, options.record or options.record_images, options.record_images, self._trouble
         )
         self._failed = False
         console.also = self._tell_event
@@ -119,27 +118,27 @@ class ControlRoom:
 
     def open(
         self,
-        scene: ExperimentFacts,
+        facts: ExperimentFacts,
         environment: Environment,
         server: VirtualSensorServer,
         runtime: Runtime,
         control: Control,
     ) -> None:
-        """Opens all doors.
+        """Opens page, control socket and keyboard.
 
         Raises:
             VsenseError: the page's port is taken, or a library for it is missing.
         """
-        self._scene, self._server = scene, server
-        self._publisher = Publisher(self.hub, scene, environment, runtime, control, self._others)
+        self._facts, self._server = facts, server
+        self._publisher = Publisher(self.bus, facts, environment, runtime, control, self._others)
         control.record = self.recorders.switch
-        self._press = PreviewEncoder(self.hub)
-        self._stack.callback(self._press.close)
+        self._preview = PreviewEncoder(self.bus)
+        self._stack.callback(self._preview.close)
         self._open_doors(control)
 
     def _open_doors(self, control: Control) -> None:
         if self._options.web is not None:
-            server, lines = open_web(self._options.web, self.hub, control.give)
+            server, lines = open_web(self._options.web, self.bus, control.give)
             self._stack.callback(server.close)
             for line in lines:
                 # With its tokens: neither the pages nor the log may have them.
@@ -153,12 +152,7 @@ class ControlRoom:
             self._console.say(keyboard.HELP)
 
     def begin_run(self, environment: Environment, directory: Path) -> None:
-        """A run is about to be waited for. What cannot be recorded is told, and costs no run.
-
-        Args:
-            environment: its virtual world.
-            directory: what it leaves goes there.
-        """
+        """A run is about to be waited for. What cannot be recorded is told, and costs no run."""
         self._directory = directory
         self._publisher.begin_run(environment)
         self.recorders.begin_run(directory / f"{environment.experiment.name}.mcap")
@@ -167,17 +161,17 @@ class ControlRoom:
         """What the run leaves is complete."""
         self.recorders.end_run()
 
-    def look(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
-        """Tells what has become of the run; see `Publisher.look`.
+    def update(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
+        """Publishes what has become of the run; see `Publisher.update`.
 
-        A fault of ours in it is told once and ends the telling, not the run.
+        A fault of ours in it is told once and ends the publishing, not the run.
         """
         if self._failed:
             return
         try:
-            self._publisher.look(step, robots)
+            self._publisher.update(step, robots)
             if step is not None:
-                self._press.offer(step.frames)
+                self._preview.offer(step.frames)
         except Exception as error:
             self._failed = True
             self._trouble(f"the page and the recording are told nothing any more: {error!r}")
@@ -187,7 +181,7 @@ class ControlRoom:
         publisher = self._publisher
         return {
             "name": publisher.environment.experiment.name,
-            "command": self._scene.command,
+            "command": self._facts.command,
             "process": os.getpid(),
             "directory": str(self._directory),
             "run": publisher.run_data(),
@@ -210,4 +204,4 @@ class ControlRoom:
         self._console.say(text, "trouble")
 
     def _tell_event(self, text: str, level: Level) -> None:
-        self.hub.event(text, level, time.monotonic_ns())
+        self.bus.event(text, level, time.monotonic_ns())

@@ -1,12 +1,11 @@
-"""What lies at which address of the server, and what every answer carries for safety.
+"""The web server: a thread of its own beside the run, which never waits for it.
 
-The web server: a thread of its own beside the run, which never waits for it.
+`Site` says what lies at which address, and what every answer carries for safety.
 """
 
 from __future__ import annotations
 
 import asyncio
-import errno
 import html
 import re
 import socket
@@ -15,9 +14,17 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from aiohttp import web
-
 from vsense.errors import UsageError, VsenseError
+
+try:
+    from aiohttp import web
+except ImportError as error:
+    if not (error.name or "").startswith("aiohttp"):
+        raise
+    raise VsenseError("the web page needs aiohttp: pip install 'vsense[web]'") from error
+
+from vsense.link.robots.network import listen
+from vsense.link.robots.status import LinkError
 from vsense.message_bus import MessageBus
 from vsense.run.control import Give
 from vsense.ui.access import AccessControl, Forbidden, Rights, Tokens, is_loopback, make_tokens
@@ -44,14 +51,13 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 class Site:
-    """The page, its files and its WebSocket."""
+    """The page, its files and its WebSocket; the parameters are those of `WebServer`."""
 
     def __init__(
-        self, hub: MessageBus, give: Give, host: str, port: int, tokens: Tokens | None
+        self, bus: MessageBus, give: Give, host: str, port: int, tokens: Tokens | None
     ) -> None:
-        """Builds the application; the parameters are those of `WebServer`."""
-        self._gate = AccessControl(host, port, tokens)
-        self._desk = WebClients(hub, give)
+        self._access = AccessControl(host, port, tokens)
+        self._clients = WebClients(bus, give)
         self.app = web.Application(middlewares=[self._guard], client_max_size=4096)
         self.app.router.add_get("/", self._page)
         self.app.router.add_get("/ws", self._socket)
@@ -60,14 +66,14 @@ class Site:
 
     async def close(self) -> None:
         """Ends all conversations."""
-        await self._desk.close()
+        await self._clients.close()
 
     @web.middleware
     async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         """Refuses what comes from elsewhere before anything else is looked at."""
         try:
-            self._gate.check_host(request.headers)
-            self._gate.check_origin(request.headers, needed=request.path == "/ws")
+            self._access.check_host(request.headers)
+            self._access.check_origin(request.headers, needed=request.path == "/ws")
         except Forbidden as reason:
             return _refusal(str(reason))
         try:
@@ -77,7 +83,7 @@ class Site:
             return web.Response(status=400)
 
     def _rights(self, request: web.Request) -> Rights:
-        return self._gate.rights(request.query.get("token"), request.cookies)
+        return self._access.rights(request.query.get("token"), request.cookies)
 
     async def _page(self, request: web.Request) -> web.StreamResponse:
         if self._rights(request) is Rights.NONE:
@@ -88,19 +94,21 @@ class Site:
         answer = web.Response(body=(PAGE / "index.html").read_bytes(), content_type="text/html")
         answer.charset = "utf-8"
         token = request.query.get("token")
-        if token is not None and self._gate.needs_token:
+        if token is not None and self._access.needs_token:
             # Not by a redirect: browsers would not send the strict cookie along with one that
             # began on another site, such as a chat in which the address was passed on.
-            answer.set_cookie(self._gate.cookie, token, httponly=True, samesite="Strict", path="/")
+            answer.set_cookie(
+                self._access.cookie, token, httponly=True, samesite="Strict", path="/"
+            )
         return answer
 
     async def _socket(self, request: web.Request) -> web.StreamResponse:
         rights = self._rights(request)
         if rights is Rights.NONE:
             return _refusal("this page needs a token", True)
-        if self._desk.viewers >= VIEWERS_MAX:
+        if self._clients.viewers >= VIEWERS_MAX:
             return _refusal(f"{VIEWERS_MAX} pages are open already: close one", status=503)
-        return await self._desk.serve(request, rights)
+        return await self._clients.serve(request, rights)
 
     async def _file(self, request: web.Request) -> web.StreamResponse:
         name = request.match_info["name"]
@@ -128,45 +136,37 @@ def _refusal(reason: str, token: bool = False, status: int = 403) -> web.Respons
 
 CLOSING_S = 5.0
 """The thread ends within this time, whatever the pages do."""
-_REASONS = {
-    errno.EADDRINUSE: "is in use: another program serves there; stop it or choose another port",
-    errno.EADDRNOTAVAIL: "is not on an address of this machine: choose one that it has",
-    errno.EACCES: "needs privileges: choose a port from 1024 on",
-}
 
 
 @dataclass(frozen=True, slots=True)
 class Addresses:
-    """What a person types into a browser.
-
-    Attributes:
-        look: for those who only look.
-        control: for those who press buttons.
-    """
+    """What a person opens in a browser: to look only, and to control."""
 
     look: str
     control: str
 
 
 class WebServer:
-    """Serves the page and its WebSocket. Its methods are for one thread, not its own."""
+    """Serves the page and its WebSocket. Its methods are for one thread, not its own.
+
+    Args:
+        bus: where messages come from.
+        give: carries orders out.
+        host: address to listen on.
+        port: port to listen on; 0 takes any free one. Nothing is opened before `start`.
+        tokens: what viewers must show. Without, everybody on this machine may control, and
+            on any address that others reach two are drawn: see `start`.
+
+    Raises:
+        UsageError: the port is none.
+    """
 
     def __init__(
-        self, hub: MessageBus, give: Give, host: str, port: int, tokens: Tokens | None = None
+        self, bus: MessageBus, give: Give, host: str, port: int, tokens: Tokens | None = None
     ) -> None:
-        """Prepares it; nothing is opened yet.
-
-        Args:
-            hub: where news comes from.
-            give: carries orders out.
-            host: address to listen on.
-            port: port to listen on; 0 takes any free one.
-            tokens: what viewers must show. Without, everybody on this machine may control, and
-                on any address that others reach two are drawn: see `start`.
-        """
         if not 0 <= port <= 65535:
             raise UsageError(f"web port {port}: expected a number from 0 to 65535")
-        self._hub = hub
+        self._bus = bus
         self._give = give
         self._host = host
         self.port = port
@@ -177,16 +177,16 @@ class WebServer:
         self._failure: BaseException | None = None
 
     def start(self) -> Addresses:
-        """Takes the port and begins to serve.
-
-        Returns:
-            What to open; with tokens in it where they are needed.
+        """Takes the port and begins to serve; gives what to open, with tokens where they are
+        needed.
 
         Raises:
             VsenseError: the port cannot be had; the text says what to do.
         """
-        listening = _listen(self._host, self.port)
-        self.port = listening.getsockname()[1]
+        try:
+            listening, self.port = listen(self._host, self.port)
+        except LinkError as error:
+            raise VsenseError(f"web page: {error}") from error
         ready = threading.Event()
         self._thread = threading.Thread(
             target=lambda: asyncio.run(self._serve(listening, ready)), name="web", daemon=True
@@ -221,7 +221,7 @@ class WebServer:
         self._loop = asyncio.get_running_loop()
         self._ending = asyncio.Event()
         try:
-            site = Site(self._hub, self._give, self._host, self.port, self.tokens)
+            site = Site(self._bus, self._give, self._host, self.port, self.tokens)
             runner = web.AppRunner(site.app, access_log=None, shutdown_timeout=1.0)
             await runner.setup()
             await web.SockSite(runner, listening).start()
@@ -243,34 +243,6 @@ async def _in_time(close: Callable[[], Awaitable[None]]) -> None:
         await asyncio.wait_for(close(), CLOSING_S / 2.5)
     except asyncio.TimeoutError:
         return
-
-
-def _listen(host: str, port: int) -> socket.socket:
-    """Takes a port.
-
-    Raises:
-        VsenseError: it cannot be had.
-    """
-    try:
-        found = socket.getaddrinfo(
-            host or None, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
-        )
-    except (OSError, UnicodeError) as error:
-        text = getattr(error, "strerror", None) or "not a host name"
-        raise VsenseError(f"web page: cannot listen on '{host}': {text}") from error
-    family, _, _, _, address = found[0]
-    opened = socket.socket(family, socket.SOCK_STREAM)
-    try:
-        # A restarted server may pass the old one's connections that are still closing.
-        opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        opened.bind(address)
-        opened.listen()
-        opened.setblocking(False)
-    except OSError as error:
-        opened.close()
-        reason = _REASONS.get(error.errno or 0, f"cannot be used: {error.strerror}")
-        raise VsenseError(f"web page: port {port} of {host} {reason}") from error
-    return opened
 
 
 def _own_address() -> str:

@@ -1,7 +1,4 @@
-"""How each camera is: how fast its pictures come, and what is wrong with it in words.
-
-How each robot is: its link, its pose, its battery, and its trouble in words.
-"""
+"""Rows of /cameras and /robots: rates, links, poses, batteries, and what is wrong in words."""
 
 from __future__ import annotations
 
@@ -27,7 +24,6 @@ class CameraTable:
     """Counts the cameras' pictures; one thread."""
 
     def __init__(self, cameras: Sequence[Camera], troubles: Troubles) -> None:
-        """Begins without pictures."""
         self._cameras = [camera.id for camera in cameras]
         self._troubles = troubles
         self._pictures: Counter[str] = Counter()
@@ -81,15 +77,14 @@ CAUSES = {
 
 
 class RobotTable:
-    """Tells how the robots are; it remembers when each was seen last."""
+    """Says how the robots are, and remembers when each was seen last.
+
+    Args:
+        names: the robots by tag.
+        actuators: the sensor table's actuators.
+    """
 
     def __init__(self, names: Mapping[int, str], actuators: Sequence[Entry]) -> None:
-        """Begins with nobody seen.
-
-        Args:
-            names: the robots by tag.
-            actuators: the sensor table's actuators.
-        """
         self._names = dict(names)
         self._actuators = actuators
         self._seen_ns: dict[int, int] = {}
@@ -100,13 +95,7 @@ class RobotTable:
         self._seen_ns |= zip(seen["tag"].tolist(), seen["capture_ns"].tolist())
 
     def data(self, links: Mapping[int, RobotStatus], state: ArenaState | None, now_ns: int) -> Data:
-        """Gives /robots.
-
-        Args:
-            links: status of every robot by tag.
-            state: the newest arena state, if there is one.
-            now_ns: host's monotonic clock.
-        """
+        """Gives /robots, from the status of every robot by tag and the newest arena state."""
         twice = frozenset(() if state is None else state.duplicates)
         seen = set() if state is None else set(state.robots["tag"][state.robots["seen"]].tolist())
         rows = [self._row(links[tag], tag in seen, tag in twice, now_ns) for tag in self._names]

@@ -8,10 +8,8 @@ experiment ends. A real number is an i64 mantissa and an i32 exponent.
 Source: iridia.md section 1b; black and white location: argos3-tycho's
 ci_virtual_black_white_location_sensor.h (white x, y, black x, y).
 
-Robots with the original client, sans-I/O: what each is still to be told; one per experiment.
-
-Of readings only the newest wait: a robot that is slow to take them misses those between, as it
-would have with the original, but never holds up anybody else and never grows a queue.
+The robots' states are sans-I/O. Of readings only the newest wait: a robot that is slow to take them
+misses those between, as with the original, but holds up nobody else and grows no queue.
 """
 
 from __future__ import annotations
@@ -85,22 +83,20 @@ def encode_real(value: float) -> bytes:
 
 
 class Translation:
-    """Our readings in the original's words.
+    """Our readings in the original's encoding.
+
+    Args:
+        entries: the sensor table: of sensors and actuators, in the order of the readings.
 
     Attributes:
         table: what a robot is told first.
         unknown: names of virtual sensors that the original's robots do not know.
+
+    Raises:
+        LinkError: not one sensor of it is the original's, or one gives too few numbers.
     """
 
     def __init__(self, entries: Sequence[Entry]) -> None:
-        """Prepares it.
-
-        Args:
-            entries: the sensor table: of sensors and actuators, in the order of the readings.
-
-        Raises:
-            LinkError: not one sensor of it is the original's, or one gives too few numbers.
-        """
         sensors = [e for e in entries if e.direction == Direction.SENSOR]
         self._rows: list[tuple[int, LegacySensor, struct.Struct]] = []
         for index, entry in enumerate(sensors):
@@ -117,14 +113,10 @@ class Translation:
         self.table = _LENGTH.pack(len(rows)) + rows
 
     def payloads(self, values: Sequence[tuple[bytes, int]]) -> dict[int, bytes]:
-        """Translates one robot's readings.
+        """Translates one robot's readings that have been measured; gives them by sensor number.
 
-        Args:
-            values: (value as on our wire, capture time) of each sensor, in the table's order;
-                a capture time below 0: not measured yet.
-
-        Returns:
-            Payloads by the sensor's number, of those that have been measured.
+        `values` are (value as on our wire, capture time) in the table's order; a time below 0 says
+        that it was never measured.
         """
         found = {}
         for index, known, numbers in self._rows:
@@ -173,7 +165,6 @@ class LegacyRobot:
     """
 
     def __init__(self, tag: int, name: str, table: bytes) -> None:
-        """Begins with the table."""
         self.tag = tag
         self.name = name
         self.updates = 0
@@ -226,18 +217,15 @@ class LegacyRobot:
 class LegacySwarm:
     """Who of an experiment's robots is connected, and what all are told.
 
+    Args:
+        translation: of the readings.
+        numbers: tag and name of each robot by the last octet of its address.
+
     Attributes:
         robots: those that are connected, by the last octet of their address.
-        translation: of the readings.
     """
 
     def __init__(self, translation: Translation, numbers: Mapping[int, tuple[int, str]]) -> None:
-        """Prepares it.
-
-        Args:
-            translation: of the readings.
-            numbers: tag and name of each robot by the last octet of its address.
-        """
         self.translation = translation
         self.robots: dict[int, LegacyRobot] = {}
         self._numbers = dict(numbers)
@@ -245,11 +233,7 @@ class LegacySwarm:
         self._running = False
 
     def join(self, octet: int) -> LegacyRobot | None:
-        """Lets a robot in, at any time; one that comes again begins anew.
-
-        Returns:
-            Its state; None if no robot of the experiment has this number.
-        """
+        """Lets a robot in, anew if it comes again; None: no robot has this number."""
         if octet not in self._numbers:
             return None
         tag, name = self._numbers[octet]
@@ -296,10 +280,7 @@ def by_octet(robots: Mapping[int, tuple[str, int]]) -> dict[int, tuple[int, str]
 
     Args:
         robots: name and number of each by tag; the number is the last part of its id
-            (NAME_TAG_NUMBER).
-
-    Returns:
-        Tag and name by number; robots whose number is no octet of an address are left out.
+            (NAME_TAG_NUMBER). Robots whose number is no octet of an address are left out.
 
     Raises:
         LinkError: two have the same number, or none has one.

@@ -2,9 +2,7 @@
 
 Readings leave in the caller's thread, in the timestep in which they were made, as far as the
 kernel takes them at once; a thread of the server's own listens, goes on with what was left, and
-notices who has gone. No robot waits for another.
-
-The link to a swarm in which some robots run `vsensed` and others still the original's client.
+notices who has gone. No robot waits for another. `MixedServer` serves robots with `vsensed`, too.
 """
 
 from __future__ import annotations
@@ -19,7 +17,7 @@ from typing import Any
 from vsense.link.legacy.protocol import LegacyRobot, LegacySwarm
 from vsense.link.listening import Client, ListeningServer
 from vsense.link.robots.server import VirtualSensorServer
-from vsense.link.robots.status import EventKind, LinkEvent, RobotStatus, Teller
+from vsense.link.robots.status import EventKind, EventThrottle, LinkEvent, RobotStatus
 from vsense.link.robots.wire import GoodbyeCause, Values, Wanted
 
 STUCK_NS = 5_000_000_000
@@ -38,7 +36,14 @@ class _Connection(Client):
 
 
 class LegacyServer(ListeningServer):
-    """Serves robots with the original client; its methods may be called by any thread."""
+    """Serves robots with the original client; its methods may be called by any thread.
+
+    Args:
+        swarm: who may come and what they are told; belongs to this server from now on.
+        on_event: takes what a person wants to know; must not wait, nor call the server.
+
+    `host`, `port`, `clock` and what is raised are those of `ListeningServer`.
+    """
 
     def __init__(
         self,
@@ -48,29 +53,15 @@ class LegacyServer(ListeningServer):
         on_event: Callable[[LinkEvent], None],
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        """Takes the port; nobody is answered before `start`.
-
-        Args:
-            host: name or address of the interface to listen on.
-            port: its number; 0 takes any that is free.
-            swarm: who may come and what they are told; belongs to this server from now on.
-            on_event: takes what a person wants to know; must not wait, nor call the server.
-            clock: the host's monotonic clock [ns].
-
-        Raises:
-            LinkError: the host is unknown, or the port is taken.
-        """
         super().__init__("the original's virtual sensor server", host, port, clock)
         self._swarm = swarm
         self._on_event = on_event
         self._connections: dict[int, _Connection] = {}
 
     def publish(self, values: Mapping[int, Values], first: bool = False) -> None:
-        """Sends every robot what has changed in its readings, now and without waiting for any.
+        """Sends every robot what has changed in its readings, by tag, and waits for none.
 
-        Args:
-            values: by tag, the readings in the table's order.
-            first: the experiment starts with them: all robots are told, and whoever comes later.
+        With the `first` ones the experiment starts: all robots are told, and whoever comes later.
 
         Raises:
             LinkError: the server's thread has failed.
@@ -176,28 +167,23 @@ CONTROLLER = "original client"
 class MixedServer(VirtualSensorServer):
     """A virtual sensor server that speaks the original's protocol, too, on a port of its own.
 
+    Args:
+        legacy_address: interface and port for robots with the original client.
+        swarm: who of them may come.
+        options: of `VirtualSensorServer`, which says what is raised, too.
+
     Attributes:
         legacy_port: that port; known from the start on.
         unknown: virtual sensors that robots with the original's client are not told.
     """
 
     def __init__(self, legacy_address: tuple[str, int], swarm: LegacySwarm, **options: Any) -> None:
-        """Prepares a server; nothing is opened before `start`.
-
-        Args:
-            legacy_address: interface and port for robots with the original client.
-            swarm: who of them may come.
-            options: of `VirtualSensorServer`.
-
-        Raises:
-            WireError: as `VirtualSensorServer`.
-        """
         super().__init__(**options)
         self.legacy_port = legacy_address[1]
         self.unknown = tuple(swarm.translation.unknown)
         self._legacy_address = legacy_address
         self._swarm = swarm
-        self._on_event = Teller(options["on_event"]).tell
+        self._on_event = EventThrottle(options["on_event"]).notify
         self._legacy: LegacyServer | None = None
         self._first_timestep: int | None = None
         self._legacy_lock = threading.Lock()

@@ -34,7 +34,7 @@ HELLO_NS = 2_000_000_000
 FINISH_NS = 500_000_000
 """How long a peer may take to read our last packet and to close its side."""
 
-STRANGERS = 64
+MAX_PENDING = 64
 """Connections without a session at a time; one more, and the oldest of them makes way."""
 
 READ, WRITE = selectors.EVENT_READ, selectors.EVENT_WRITE
@@ -48,22 +48,28 @@ class ServerState:
         roster: robots and orders.
         lock: guards the roster and the connections' outboxes; held for one packet at a time.
         clock: the host's monotonic clock [ns].
-        tell: takes events; never called under the lock.
+        notify: takes events; never called under the lock.
     """
 
     roster: Roster
     lock: threading.Lock
     clock: Callable[[], int]
-    tell: Callable[[LinkEvent], None]
+    notify: Callable[[LinkEvent], None]
 
-    def tell_all(self, events: Iterable[LinkEvent]) -> None:
-        """Tells events in their order."""
+    def notify_all(self, events: Iterable[LinkEvent]) -> None:
+        """Notifies of events in their order."""
         for event in events:
-            self.tell(event)
+            self.notify(event)
 
 
 class Connections:
     """The TCP side of a server.
+
+    Args:
+        shared: what the threads have in common.
+        listener: the listening socket.
+        selector: calls what is registered with it with the ready events.
+        opened: called under the lock when a robot's session has opened.
 
     Attributes:
         dirty: connections that another thread has left unfinished or found broken.
@@ -76,14 +82,6 @@ class Connections:
         selector: selectors.BaseSelector,
         opened: Callable[[HostSession], None],
     ) -> None:
-        """Listens.
-
-        Args:
-            shared: what the threads have in common.
-            listener: the listening socket.
-            selector: calls what is registered with it with the ready events.
-            opened: called under the lock when a robot's session has opened.
-        """
         self.dirty: set[Connection] = set()
         self._shared = shared
         self._listener = listener
@@ -122,7 +120,7 @@ class Connections:
             elif connection.deadline_ns <= now_ns:
                 if not connection.finishing:
                     text = f"{connection.origin}: connected, but did not greet within 2 s"
-                    self._shared.tell(LinkEvent("protocol_error", None, text, now_ns))
+                    self._shared.notify(LinkEvent("protocol_error", None, text, now_ns))
                 self._drop(connection)
         self._listen()
 
@@ -157,7 +155,7 @@ class Connections:
     def _accept(self, _mask: int) -> None:
         now_ns = self._shared.clock()
         try:
-            for _ in range(STRANGERS):
+            for _ in range(MAX_PENDING):
                 self._welcome(*self._listener.accept(), now_ns)
         except (BlockingIOError, InterruptedError, ConnectionError):
             return
@@ -165,12 +163,12 @@ class Connections:
             # Out of descriptors: the listener would be ready for ever; try again a little later.
             self._pause()
             text = f"cannot accept a connection: {error.strerror}"
-            self._shared.tell(LinkEvent("protocol_error", None, text, now_ns))
+            self._shared.notify(LinkEvent("protocol_error", None, text, now_ns))
 
     def _welcome(self, sock: socket.socket, address: tuple[object, ...], now_ns: int) -> None:
-        strangers = [c for c in self._all.values() if c.robot is None]
-        if len(strangers) >= STRANGERS:
-            self._drop(strangers[0])
+        pending = [c for c in self._all.values() if c.robot is None]
+        if len(pending) >= MAX_PENDING:
+            self._drop(pending[0])
         connection = Connection(sock, str(address[0]), now_ns + HELLO_NS)
         self._all[sock] = connection
         self._selector.register(sock, READ, partial(self._serve, connection))
@@ -192,11 +190,11 @@ class Connections:
             return
         try:
             while not connection.finishing and (packet := connection.inbox.next()) is not None:
-                self._take(connection, packet)
+                self._receive(connection, packet)
         except WireError as error:
             self._reject(connection, error)
 
-    def _take(self, connection: Connection, packet: bytes) -> None:
+    def _receive(self, connection: Connection, packet: bytes) -> None:
         """Acts on one packet.
 
         Raises:
@@ -211,14 +209,14 @@ class Connections:
         if header.type == PacketType.TELEMETRY:
             with self._shared.lock:
                 _, events = robot.receive(header, body, None, now_ns)
-            self._shared.tell_all(events)
+            self._shared.notify_all(events)
         elif header.type == PacketType.GOODBYE and header.session == robot.peer.session:
             notice = decode_body(header, body)
             assert isinstance(notice, Notice)
             with self._shared.lock:
                 event = robot.left(notice, now_ns)
                 self._part(connection, b"", now_ns)
-            self._shared.tell(event)
+            self._shared.notify(event)
         else:
             raise WireError(lib.VS_ERR_TYPE, "TCP")
 
@@ -236,7 +234,7 @@ class Connections:
                 self._by_tag[robot.tag] = connection
                 connection.outbox.put(answer.packet)
                 self._opened(robot)
-        self._shared.tell(answer.event)
+        self._shared.notify(answer.event)
 
     def _reject(self, connection: Connection, error: WireError) -> None:
         """Ends a connection whose peer broke the protocol, and says why to a peer that has one."""
@@ -244,16 +242,16 @@ class Connections:
         origin = connection.origin
         if connection.robot is not None:
             text = f"{connection.robot.label}: broke the protocol: {error}"
-            self._shared.tell(LinkEvent("protocol_error", connection.robot.tag, text, now_ns))
+            self._shared.notify(LinkEvent("protocol_error", connection.robot.tag, text, now_ns))
             self._dismiss(connection, GoodbyeCause.PROTOCOL, str(error))
         elif error.code == lib.VS_ERR_MAGIC:
             text = f"{origin}: not a robot: {error}"
-            self._shared.tell(LinkEvent("protocol_error", None, text, now_ns))
+            self._shared.notify(LinkEvent("protocol_error", None, text, now_ns))
             self._drop(connection)
         else:
             answer = self._shared.roster.refuse(RefuseCode.HELLO, str(error), origin, now_ns)
             self._part(connection, answer.packet, now_ns)
-            self._shared.tell(answer.event)
+            self._shared.notify(answer.event)
 
     # --- who goes
 
@@ -296,4 +294,4 @@ class Connections:
                 del self._by_tag[robot.tag]
                 events = robot.broke(connection.broken or "was closed", self._shared.clock())
         connection.close()
-        self._shared.tell_all(events)
+        self._shared.notify_all(events)

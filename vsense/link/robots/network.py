@@ -1,12 +1,8 @@
-"""One port number for TCP and UDP, taken whole or not at all.
+"""The server's thread: one port number for TCP and UDP, one selector over both, the heartbeats.
 
-A robot needs to know one number, and two servers must never share it: with both halves of a
-port in different hands the swarm would listen to one host and answer another.
-
-The server's thread: one selector over TCP and UDP, and the heartbeats.
-
-It waits nowhere but in the selector, and there no longer than to the next deadline. The runtime's
-thread calls `send` for the timestep's readings, so that they leave without waiting for this one.
+A robot needs to know one number: the port is taken on TCP and UDP or not at all, so that no two
+servers share it. The thread waits nowhere but in the selector, and there no longer than to the next
+deadline. The runtime's thread calls `send`, so that readings leave without waiting for this one.
 """
 
 from __future__ import annotations
@@ -83,11 +79,7 @@ class Waker:
 
 
 def bind(host: str, port: int) -> Ports:
-    """Takes a port number on TCP and on UDP.
-
-    Args:
-        host: name or address of one of this machine's interfaces.
-        port: the number; 0 takes any that is free on both.
+    """Takes a port number on TCP and on UDP of an interface; 0 takes any that is free on both.
 
     Raises:
         LinkError: the host is unknown, or another program has the number on TCP or on UDP.
@@ -106,11 +98,7 @@ def bind(host: str, port: int) -> Ports:
 
 
 def listen(host: str, port: int) -> tuple[socket.socket, int]:
-    """Takes a port number on TCP only.
-
-    Args:
-        host: name or address of one of this machine's interfaces.
-        port: the number; 0 takes any that is free.
+    """Takes a port number on TCP only; 0 takes any that is free.
 
     Returns:
         The listening, non-blocking socket and its port number.
@@ -126,7 +114,8 @@ def listen(host: str, port: int) -> tuple[socket.socket, int]:
 def _resolve(host: str) -> tuple[int, tuple[Any, ...]]:
     """Family and socket address of a host name; the address's second item is the port."""
     try:
-        found = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+        kind, flags = socket.SOCK_STREAM, socket.AI_PASSIVE
+        found = socket.getaddrinfo(host or None, 0, type=kind, flags=flags)
     except (OSError, UnicodeError) as error:
         text = getattr(error, "strerror", None) or "not a host name"
         raise LinkError(f"cannot listen on '{host}': {text}") from error
@@ -189,12 +178,7 @@ class ServerThread:
     # --- any thread
 
     def send(self, robot: HostSession, now_ns: int) -> None:
-        """Sends the newest STATE to a robot with an open session; the lock is held.
-
-        Args:
-            robot: whom to.
-            now_ns: the time, read under the lock.
-        """
+        """Sends the newest STATE to a robot with an open session; the lock is held."""
         if self.hushed:
             robot.rest(now_ns)
             return
@@ -267,9 +251,9 @@ class ServerThread:
                 datagram, source = self._ports.udp.recvfrom(DATAGRAM_ROOM)
             except OSError:
                 return
-            self._take(datagram, source, self._shared.clock())
+            self._dispatch(datagram, source, self._shared.clock())
 
-    def _take(self, datagram: bytes, source: tuple[object, ...], now_ns: int) -> None:
+    def _dispatch(self, datagram: bytes, source: tuple[object, ...], now_ns: int) -> None:
         """Gives a datagram to the robot whose session it names; answers a new address at once."""
         try:
             header, body = open_packet(datagram)
@@ -284,7 +268,7 @@ class ServerThread:
             _, events = robot.receive(header, body, source, now_ns)
             if robot.due_ns <= now_ns:
                 self.send(robot, self._shared.clock())
-        self._shared.tell_all(events)
+        self._shared.notify_all(events)
 
     def _keep_time(self) -> None:
         """Sends what is due, notices silence, and finds the next deadline."""
@@ -298,6 +282,6 @@ class ServerThread:
                 if robot.due_ns <= now_ns:
                     self.send(robot, self._shared.clock())
                 due_ns = min(due_ns, robot.due_ns)
-            self._shared.tell_all(events)
+            self._shared.notify_all(events)
         self._links.keep_time(now_ns)
         self._due_ns = due_ns

@@ -1,10 +1,8 @@
 """The host's view of one robot: sequences, acceptance filter, counters, echoes (`vs_peer.h`).
 
-Whether a robot is there, and whether UDP reaches it: judged from times alone.
-
-Two kinds of silence look alike at first: a robot that is gone, and one whose datagrams are
-blocked. The second is told from the first by what still comes over TCP; and a robot that has
-just been welcomed may spend a whole second on trying UDP before TCP says anything.
+`Presence` judges from times alone whether a robot is there, and whether UDP reaches it. A robot
+that is gone and one whose datagrams are blocked look alike at first; what still comes over TCP
+tells them apart. A robot that was just welcomed may try UDP for a second before it uses TCP.
 """
 
 from __future__ import annotations
@@ -64,13 +62,10 @@ class Peer:
         self._output = Output(DATAGRAM_MAX)
 
     def open(self, session: int, table: Table, hello_send_ns: int, now_ns: int) -> None:
-        """Opens a session.
+        """Opens a session, whose number is not 0 and was never used before by this host.
 
-        Args:
-            session: its number, not 0, never used before by this host.
-            table: the sensor table of WELCOME.
-            hello_send_ns: send time in the HELLO's header, the robot's clock.
-            now_ns: when the HELLO came, host's clock.
+        `hello_send_ns` is the send time in the HELLO's header, the robot's clock; the HELLO came at
+        `now_ns`, the host's.
         """
         self._table = table
         self._sensors = [(offset, size) for _, offset, size in table.of_direction(Direction.SENSOR)]
@@ -123,7 +118,7 @@ class Peer:
         code = lib.vs_peer_send_state(
             self._peer, self._table.cdata, header, self._state, now_ns, *self._output.arguments
         )
-        return self._output.take(code)
+        return self._output.packet(code)
 
     def _put_values(self, values: Values, capture_ns: int) -> None:
         if len(values) != len(self._sensors):
@@ -139,11 +134,7 @@ class Peer:
     ) -> Telemetry | None:
         """Passes what `open_packet` found through the acceptance filter; None if it was dropped.
 
-        Args:
-            header: the packet's header.
-            body: the packet's body.
-            udp: whether it was a datagram; else it came over TCP.
-            now_ns: host's clock.
+        It came as a datagram (`udp`) or over TCP, at `now_ns`, host's clock.
         """
         via = lib.VS_VIA_UDP if udp else lib.VS_VIA_TCP
         code = lib.vs_peer_receive_telemetry(
@@ -213,9 +204,7 @@ class Peer:
 def older_us(capture_ns: int, value_ns: int) -> int:
     """How much older than the header's capture time a value is, as STATE says it [us].
 
-    Args:
-        capture_ns: the header's.
-        value_ns: the value's, negative if it was never measured.
+    A negative `value_ns` was never measured.
     """
     if value_ns < 0:
         return NEVER_US

@@ -46,9 +46,20 @@ class Answer:
 class Roster:
     """The robots of the experiment.
 
+    Args:
+        expected: names in the experiment by tag.
+        table: the sensor table that every robot gets.
+        timestep_ns: length of a timestep, whole microseconds of it are told.
+        seed: of the run; every robot gets one of its own made from it.
+        params: lines "key=value\\n" for the controllers.
+        draw: source of session numbers: uniform 32-bit numbers.
+
     Attributes:
         robots: every expected robot by its tag; never changes.
         orders: what the host wants of all robots.
+
+    Raises:
+        WireError: params or timestep do not fit a WELCOME.
     """
 
     def __init__(
@@ -60,19 +71,6 @@ class Roster:
         params: str,
         draw: Callable[[], int] = lambda: secrets.randbits(32),
     ) -> None:
-        """Sets the roster up.
-
-        Args:
-            expected: names in the experiment by tag.
-            table: the sensor table that every robot gets.
-            timestep_ns: length of a timestep, whole microseconds of it are told.
-            seed: of the run; every robot gets one of its own made from it.
-            params: lines "key=value\\n" for the controllers.
-            draw: source of session numbers: uniform 32-bit numbers.
-
-        Raises:
-            WireError: params or timestep do not fit a WELCOME.
-        """
         self.robots = {tag: HostSession(tag, name, table) for tag, name in expected.items()}
         self.orders = Orders()
         self._table = table
@@ -89,12 +87,7 @@ class Roster:
         return robot if robot is not None and robot.peer.session == session else None
 
     def greet(self, packet: bytes, origin: str, now_ns: int) -> Answer:
-        """Answers the first packet of a connection.
-
-        Args:
-            packet: a whole packet.
-            origin: where it came from, for people.
-            now_ns: when it came, host's clock.
+        """Answers a connection's first packet, which came from `origin` at `now_ns`, host's clock.
 
         Raises:
             WireError: it is no valid HELLO.

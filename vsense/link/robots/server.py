@@ -17,7 +17,13 @@ from vsense.link.robots.links import ServerState
 from vsense.link.robots.network import ServerThread
 from vsense.link.robots.roster import Roster
 from vsense.link.robots.session import Orders
-from vsense.link.robots.status import ActuatorReport, LinkError, LinkEvent, RobotStatus, Teller
+from vsense.link.robots.status import (
+    ActuatorReport,
+    EventThrottle,
+    LinkError,
+    LinkEvent,
+    RobotStatus,
+)
 from vsense.link.robots.table import Table
 from vsense.link.robots.wire import GoodbyeCause, Values, Wanted
 
@@ -28,7 +34,26 @@ JOIN_S = 5.0
 
 
 class VirtualSensorServer:
-    """Sessions with all robots of an experiment. Its methods may be called by any thread."""
+    """Sessions with all robots of an experiment. Its methods may be called by any thread.
+
+    Nothing is opened before `start`.
+
+    Args:
+        host: name or address of the interface to listen on.
+        port: number for TCP and UDP; 0 takes any that is free on both.
+        table: the sensor table.
+        timestep_ns: length of a timestep.
+        seed: of the run; each robot's controller gets one of its own made from it.
+        params: lines "key=value\\n" for the controllers.
+        expected: the robots' names in the experiment, by tag.
+        on_event: called from the server's thread; must not wait, nor call `close`.
+        clock: the host's monotonic clock [ns].
+        calendar: seconds since 1970. The first run's number is taken from it, so that the
+            robots of a host that died never take its successor's run for the one before.
+
+    Raises:
+        WireError: params or timestep do not fit the protocol.
+    """
 
     _network: ServerThread | None = None
     _thread: threading.Thread | None = None
@@ -48,37 +73,16 @@ class VirtualSensorServer:
         clock: Callable[[], int] = time.monotonic_ns,
         calendar: Callable[[], float] = time.time,
     ) -> None:
-        """Prepares a server; nothing is opened before `start`.
-
-        Args:
-            host: name or address of the interface to listen on.
-            port: number for TCP and UDP; 0 takes any that is free on both.
-            table: the sensor table.
-            timestep_ns: length of a timestep.
-            seed: of the run; each robot's controller gets one of its own made from it.
-            params: lines "key=value\\n" for the controllers.
-            expected: the robots' names in the experiment, by tag.
-            on_event: called from the server's thread; must not wait, nor call `close`.
-            clock: the host's monotonic clock [ns].
-            calendar: seconds since 1970. The first run's number is taken from it, so that the
-                robots of a host that died never take its successor's run for the one before.
-
-        Raises:
-            WireError: params or timestep do not fit the protocol.
-        """
         self._host, self._port = host, port
         self._roster = Roster(expected, table, timestep_ns, seed, params)
         self._roster.orders = Orders(int(calendar()))
         self._lock = threading.Lock()
         self._clock = clock
-        self._shared = ServerState(self._roster, self._lock, clock, Teller(on_event).tell)
+        self._shared = ServerState(self._roster, self._lock, clock, EventThrottle(on_event).notify)
         self._goodbye = (GoodbyeCause.END, "")
 
     def start(self) -> int:
-        """Takes the port on TCP and UDP and begins to serve.
-
-        Returns:
-            The port's number.
+        """Takes the port on TCP and UDP and begins to serve; returns the port's number.
 
         Raises:
             LinkError: another server has the port, or the host is not this machine's.
@@ -133,10 +137,7 @@ class VirtualSensorServer:
         self._send_orders(network, repeat=wanted == Wanted.STOP)
 
     def new_run(self) -> int:
-        """Begins a new run: all robots idle, no reading measured yet.
-
-        Returns:
-            The run's number.
+        """Begins a new run, all robots idle, no reading measured yet; returns its number.
 
         Raises:
             LinkError: the server has not been started, or its thread has failed.
@@ -150,12 +151,9 @@ class VirtualSensorServer:
         return self._roster.orders.run
 
     def hush(self, hushed: bool = True) -> None:
-        """Sends no STATE any more, so that the robots' telemetry can catch up with all sent.
+        """Sends no STATE any more, or again, so that telemetry can catch up with all that was sent.
 
         To be called after STOP: to the robots it is the silence of a dead host.
-
-        Args:
-            hushed: False: sends again.
 
         Raises:
             LinkError: the server has not been started, or its thread has failed.
@@ -173,8 +171,8 @@ class VirtualSensorServer:
     def reports(self) -> dict[int, ActuatorReport]:
         """What the robots' virtual actuators say in the present run, by tag.
 
-        A robot is missing in it as long as nothing that it said counts: before its first report,
-        without a session, and `reports.LIFE_NS` after its newest control step.
+        A robot is missing as long as nothing that it said counts: before its first report, without
+        a session, and `status.LIFE_NS` after its newest control step.
         """
         found = {}
         with self._lock:
@@ -192,12 +190,7 @@ class VirtualSensorServer:
     def close(
         self, cause: GoodbyeCause = GoodbyeCause.END, text: str = "the host has ended"
     ) -> None:
-        """Says goodbye to every robot and closes everything; safe to call again.
-
-        Args:
-            cause: for programs.
-            text: for people, one line.
-        """
+        """Says goodbye to every robot and closes everything; safe to call again."""
         if self._network is None or self._thread is None:
             return
         self._goodbye = (cause, text)

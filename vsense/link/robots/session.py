@@ -121,9 +121,6 @@ class HostSession:
             header: the greeting's header.
             origin: where the robot is, for people.
             now_ns: when the greeting came, host's clock.
-
-        Returns:
-            `connected`, `reconnected` or `takeover`.
         """
         event = self._greeting(hello, origin, now_ns)
         self.peer.open(session, self._table, header.send_ns, now_ns)
@@ -238,13 +235,9 @@ class HostSession:
     def receive(
         self, header: Header, body: bytes, source: Address | None, now_ns: int
     ) -> tuple[bool, list[LinkEvent]]:
-        """Takes one packet that should be TELEMETRY.
+        """Takes one packet that should be TELEMETRY, as `open_packet` gives it.
 
-        Args:
-            header: of a datagram or a packet cut from the TCP stream, as `open_packet` gives it.
-            body: its body.
-            source: the datagram's source; None for TCP.
-            now_ns: when it came, host's clock.
+        `source` is the datagram's, None for TCP; it came at `now_ns`, host's clock.
 
         Returns:
             Whether it was accepted (`peer.dropped` counts why not), and what that changed.
@@ -253,7 +246,7 @@ class HostSession:
         if telemetry is None:
             return False, []
         self._telemetry = telemetry
-        self._reporter.take(header, telemetry, now_ns)
+        self._reporter.receive(header, telemetry, now_ns)
         if source is not None and source != self.address:
             self.address, self.due_ns = source, now_ns
         return True, self._told(self._presence.hear(self.peer, now_ns), now_ns)

@@ -1,7 +1,4 @@
-"""What the robots' virtual actuators say, as far as the host may still act on it; sans-I/O.
-
-What the virtual sensor server tells the rest of the host: events, robots' status, errors.
-"""
+"""What the virtual sensor server tells the rest of the host: events, robots' status and reports."""
 
 from __future__ import annotations
 
@@ -51,7 +48,7 @@ class Reporter:
         """The session ends."""
         self._newest = None
 
-    def take(self, header: Header, telemetry: Telemetry, now_ns: int) -> None:
+    def receive(self, header: Header, telemetry: Telemetry, now_ns: int) -> None:
         """Takes accepted telemetry that came at now_ns, host's clock."""
         self._newest = header.run, telemetry
         if telemetry.control_step != self._control_step:
@@ -60,12 +57,8 @@ class Reporter:
     def report(self, run: int, now_ns: int) -> ActuatorReport | None:
         """Gives the robot's report.
 
-        Args:
-            run: number of the present run.
-            now_ns: host's clock.
-
         Returns:
-            The report; None if there is none of this run, or none that still counts.
+            None if there is none of this run, or none that still counts at `now_ns`, host's clock.
         """
         if self._newest is None or now_ns - self._acted_ns >= LIFE_NS:
             return None
@@ -172,19 +165,19 @@ class RobotStatus:
         return self.telemetry is not None and bool(self.telemetry.leds & RING_LEDS)
 
 
-class Teller:
-    """Passes events on, but repeats itself only now and then.
+class EventThrottle:
+    """Passes events on; the same refusal or protocol error only once in `REPEAT_NS`.
 
     A robot that is refused tries again every second, and anybody can send garbage: told each
-    time, they would bury what matters.
+    time, they would hide the other events.
     """
 
     def __init__(self, on_event: Callable[[LinkEvent], None]) -> None:
         self._on_event = on_event
         self._told: dict[tuple[str, str], int] = {}
 
-    def tell(self, event: LinkEvent) -> None:
-        """Calls `on_event`, unless it heard the same complaint less than `REPEAT_NS` ago."""
+    def notify(self, event: LinkEvent) -> None:
+        """Calls `on_event`, unless it heard the same event less than `REPEAT_NS` ago."""
         if event.kind in ("refused", "protocol_error"):
             key = (event.kind, event.text)
             told_ns = self._told.get(key)

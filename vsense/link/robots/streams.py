@@ -1,13 +1,9 @@
-"""One robot's TCP stream without its socket: bytes in, packets out, and the other way round.
+"""One robot's TCP stream: received bytes are cut into packets, packets wait to be written.
 
-What comes in is cut into packets and bounded by one packet; what goes out is a few packets in
-order and, of STATE, the newest only: a slow stream holds old readings nowhere but in the
-kernel, and never more than a handful of kilobytes here.
-
-One accepted TCP connection: a non-blocking socket with its inbox and outbox.
-
-No method waits, and no trouble of the socket leaves this module as an exception: it comes back
-as a reason in words, so that one robot's broken connection is one robot's event.
+What comes in is bounded by one packet. What goes out is a few packets in order and, of STATE, the
+newest only: a slow stream holds old readings nowhere but in the kernel, and never more than a
+handful of kilobytes here. No method waits or raises an error of the socket: `Connection.broken`
+says in words what happened, so that one robot's broken connection is one robot's event.
 """
 
 from __future__ import annotations
@@ -102,12 +98,7 @@ DISCARD = 4096
 
 
 def prepare(sock: socket.socket, most_unsent: int) -> None:
-    """Makes an accepted socket one that never waits and holds little of what is old.
-
-    Args:
-        sock: the socket.
-        most_unsent: bytes that may wait unsent in the kernel before it takes no more.
-    """
+    """Makes an accepted socket never wait, and the kernel hold at most `most_unsent` bytes."""
     sock.setblocking(False)
     with contextlib.suppress(OSError):
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -176,14 +167,10 @@ class Connection:
             self.broken = f"broke: {error.strerror}"
 
     def finish(self, last: bytes, deadline_ns: int) -> None:
-        """Ends the conversation: one last packet, then the end of the stream.
+        """Ends the conversation: REFUSE, GOODBYE or no last packet, then the end of the stream.
 
-        The socket stays open until the peer has closed its side, so that unread bytes of the
-        peer do not make the kernel reset the connection before the last packet was read.
-
-        Args:
-            last: REFUSE or GOODBYE; may be empty.
-            deadline_ns: when it is closed even if the peer keeps it open.
+        The socket stays open until the peer has closed its side, or `deadline_ns`: unread bytes of
+        the peer must not make the kernel reset the connection before the last packet was read.
         """
         self.robot = None
         self.finishing = True

@@ -226,18 +226,18 @@ def encode(header: Header, message: Hello | Welcome | Notice) -> bytes:
     if isinstance(message, Notice):
         notice = ffi.new("struct vs_notice *", {"code": message.code})
         put_text(notice.text, message.text)
-        return out.take(lib.vs_encode_notice(head, notice, *out.arguments))
+        return out.packet(lib.vs_encode_notice(head, notice, *out.arguments))
     if isinstance(message, Hello):
         hello = ffi.new("struct vs_hello *", {n: getattr(message, n) for n in HELLO_PLAIN})
         for name in HELLO_TEXTS:
             put_text(getattr(hello, name), getattr(message, name))
-        return out.take(lib.vs_encode_hello(head, hello, *out.arguments))
+        return out.packet(lib.vs_encode_hello(head, hello, *out.arguments))
     welcome = ffi.new("struct vs_welcome *")
     welcome.nonce, welcome.seed = message.nonce, message.seed
     welcome.timestep_us = message.timestep_us
     welcome.table = message.table.cdata[0]
     put_text(welcome.params, message.params)
-    return out.take(lib.vs_encode_welcome(head, welcome, *out.arguments))
+    return out.packet(lib.vs_encode_welcome(head, welcome, *out.arguments))
 
 
 def decode(packet: bytes) -> tuple[Header, Hello | Welcome | Notice]:
@@ -303,7 +303,7 @@ class Output:
         self._length = ffi.new("size_t *")
         self.arguments = (self._buf, size, self._length)
 
-    def take(self, code: int) -> bytes:
+    def packet(self, code: int) -> bytes:
         """The packet, or the encoder's error."""
         check(code)
         return bytes(ffi.buffer(self._buf, self._length[0]))

@@ -1,12 +1,9 @@
-"""The client's side of the original protocol without its socket: what to ask, what to believe.
+"""The arena tracking client: arena states from a tracker that speaks the original protocol.
 
-Before a run it asks for single states (ONE_SHOT) and waits for those of timestep 0, as the
-original's client does; in a run it takes the stream.
-
-The arena tracking client: arena states from a tracker that speaks the original protocol.
-
-Thesis, 3.3.1. It never waits anywhere but in `next`, and there in the kernel; a connection that
-is lost is made again.
+Thesis, 3.3.1. `ArenaDialog` says what to ask and what to believe, without a socket. Before a run it
+asks for single states (ONE_SHOT) and waits for those of timestep 0, as the original's client does;
+in a run it takes the stream. The client waits nowhere but in `next`, and there in the kernel; a
+connection that is lost is made again.
 """
 
 from __future__ import annotations
@@ -59,6 +56,11 @@ class DialogCounters:
 class ArenaDialog:
     """What is said on one connection after another.
 
+    Args:
+        tags: the tags of the experiment.
+        latency_ns: from the middle of an exposure to the arrival of its state.
+        origin_m: where the arena's origin lies in the tracker's frame.
+
     Attributes:
         running: whether the tracker shall be in a run; set by the user.
         over: the tracker has ended the run; cleared by the user.
@@ -69,13 +71,6 @@ class ArenaDialog:
     def __init__(
         self, tags: Collection[int], latency_ns: int, origin_m: tuple[float, float] = (0.0, 0.0)
     ) -> None:
-        """Begins without a connection.
-
-        Args:
-            tags: the tags of the experiment.
-            latency_ns: from the middle of an exposure to the arrival of its state.
-            origin_m: where the arena's origin lies in the tracker's frame.
-        """
         self.running = False
         self.over = False
         self.counters = DialogCounters()
@@ -120,12 +115,12 @@ class ArenaDialog:
         """
         newest = None
         for body in self._inbox.feed(data):
-            state = self._take(body, now_ns)
+            state = self._receive(body, now_ns)
             self.counters.skipped += newest is not None and state is not None
             newest = state or newest
         return newest
 
-    def _take(self, body: bytes, now_ns: int) -> ArenaState | None:
+    def _receive(self, body: bytes, now_ns: int) -> ArenaState | None:
         """Makes an arena state of a message, if it belongs to what was asked for."""
         self._asked = False
         if not body:
@@ -171,11 +166,24 @@ class TrackerEnded(LinkError):
 
 
 class ArenaClient:
-    """A source of arena states; `next` belongs to one thread, the rest to any.
+    """A source of arena states, which connects in `next`; that is for one thread, the rest for any.
+
+    Args:
+        host: name or address of the tracker.
+        port: its port.
+        tags: the tags of the experiment.
+        tell: takes a line for a person; must not wait.
+        latency_ns: from the middle of an exposure to the arrival of its state. The protocol
+            says nothing of it, so it has to be measured and given.
+        origin_m: where the arena's origin lies in the tracker's frame.
+        clock: the host's monotonic clock [ns].
 
     Attributes:
         name: host and port of the tracker.
         connections: how often it was connected to; reconnects are one less.
+
+    Raises:
+        LinkError: the host is not known.
     """
 
     def __init__(
@@ -188,21 +196,6 @@ class ArenaClient:
         origin_m: tuple[float, float] = (0.0, 0.0),
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        """Finds the host; connects in `next`.
-
-        Args:
-            host: name or address of the tracker.
-            port: its port.
-            tags: the tags of the experiment.
-            tell: takes a line for a person; must not wait.
-            latency_ns: from the middle of an exposure to the arrival of its state. The protocol
-                says nothing of it, so it has to be measured and given.
-            origin_m: where the arena's origin lies in the tracker's frame.
-            clock: the host's monotonic clock [ns].
-
-        Raises:
-            LinkError: the host is not known.
-        """
         self.name = f"{host}:{port}"
         self._family, self._address = _find(host, port)
         self.connections = 0
@@ -240,8 +233,7 @@ class ArenaClient:
     def next(self, timeout_s: float) -> tuple[ArenaState, Sequence[Frame]]:
         """Waits for the newest arena state; connects again where the connection is lost.
 
-        Returns:
-            The state, with a timestep greater than all before, and no pictures.
+        Its timestep is greater than all before, and there are no pictures.
 
         Raises:
             TrackerEnded: the tracker has ended the run.

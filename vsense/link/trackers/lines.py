@@ -27,9 +27,7 @@ A line that is no such object is dropped and answered with one line of its own,
 `{"line": 3, "error": "robots[0].x_m is 'a', expected a number"}`; the next line is good again.
 One tracker is listened to at a time; a new one takes over where the old one fell silent for 1 s.
 
-The receiving end of the JSON-lines link (`arena_lines`): any other tracker as a source.
-
-It never waits anywhere but in `next`, and there in the kernel; it needs no thread of its own.
+`ArenaListener`, the receiving end, waits in `next` only, and there in the kernel; it has no thread.
 """
 
 from __future__ import annotations
@@ -217,7 +215,18 @@ class _Tracker:
 
 
 class ArenaListener:
-    """A source of arena states; `next` belongs to one thread, `close` to any."""
+    """A source of arena states; `next` belongs to one thread, `close` to any.
+
+    Args:
+        host: name or address of the interface to listen on.
+        port: its number; 0 takes any that is free.
+        tags: the tags of the experiment.
+        tell: takes a line for a person; must not wait.
+        clock: the host's monotonic clock [ns].
+
+    Raises:
+        LinkError: the host is unknown, or the port is taken.
+    """
 
     def __init__(
         self,
@@ -227,18 +236,6 @@ class ArenaListener:
         tell: Callable[[str], None],
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        """Takes the port.
-
-        Args:
-            host: name or address of the interface to listen on.
-            port: its number; 0 takes any that is free.
-            tags: the tags of the experiment.
-            tell: takes a line for a person; must not wait.
-            clock: the host's monotonic clock [ns].
-
-        Raises:
-            LinkError: the host is unknown, or the port is taken.
-        """
         self._listener, self.port = listen(host, port)
         self.counters = ListenerCounters()
         self.repair = Repair(tags)
@@ -258,10 +255,7 @@ class ArenaListener:
         """See `start`."""
 
     def next(self, timeout_s: float) -> tuple[ArenaState, Sequence[Frame]]:
-        """Waits for the newest arena state.
-
-        Returns:
-            The state, with a timestep greater than all before, and no pictures.
+        """Waits for the newest arena state; its timestep is greater than all before, pictures none.
 
         Raises:
             LinkError: no state came in time, or `close` was called.
@@ -336,15 +330,15 @@ class ArenaListener:
         newest = None
         for number, text in tracker.inbox.feed(data):
             try:
-                state = self._take(tracker, text)
+                state = self._receive(tracker, text)
             except LinkError as error:
-                self._complain(tracker, number, str(error))
+                self._reject(tracker, number, str(error))
                 continue
             self.counters.skipped += newest is not None and state is not None
             newest = state or newest
         return newest
 
-    def _take(self, tracker: _Tracker, text: bytes | None) -> ArenaState | None:
+    def _receive(self, tracker: _Tracker, text: bytes | None) -> ArenaState | None:
         """Makes an arena state of a line; None of an empty one."""
         if text is None:
             raise LinkError(f"longer than {LINE_MAX} bytes")
@@ -362,7 +356,7 @@ class ArenaListener:
         self.counters.states += 1
         return self.repair.update(line.robots, self._timestep, self._capture_ns)
 
-    def _complain(self, tracker: _Tracker, number: int, error: str) -> None:
+    def _reject(self, tracker: _Tracker, number: int, error: str) -> None:
         self.counters.bad_lines += 1
         tracker.told += 1
         _answer(tracker.sock, {"line": number, "error": error})

@@ -92,10 +92,7 @@ def encode_state(
 
 
 def decode_state(body: bytes) -> tuple[int, list[TrackerReport]]:
-    """Reads an arena state without its length.
-
-    Returns:
-        The timestep and the robots in the order of the message; a tag may be there twice.
+    """Reads timestep and robots of an arena state without its length; a tag may be there twice.
 
     Raises:
         LinkError: it is no arena state; the message says which token is wrong.

@@ -57,14 +57,9 @@ class _Robot:
 
 
 class Repair:
-    """Makes arena states of another tracker's reports."""
+    """Makes arena states of another tracker's reports; `tags` are those of the experiment."""
 
     def __init__(self, tags: Collection[int]) -> None:
-        """Begins with no robot seen.
-
-        Args:
-            tags: the tags of the experiment.
-        """
         self.counters = RepairCounters()
         self._tags = frozenset(tags)
         self._robots: dict[int, _Robot] = {}
@@ -81,26 +76,26 @@ class Repair:
         for report in reports:
             groups.setdefault(report.tag, []).append(report)
         duplicates = tuple(sorted(t for t in groups if t in self._tags and len(groups[t]) > 1))
-        strangers = [report for report in reports if report.tag not in self._tags]
+        unlisted = [report for report in reports if report.tag not in self._tags]
         seen = set()
         for tag in self._tags & groups.keys():
             believed = self._one(tag, groups[tag], capture_ns)
             if believed is not None:
                 self._see(tag, believed, capture_ns, REPAIRED if tag in duplicates else 1.0)
                 seen.add(tag)
-        named = self._name(strangers, set(self._robots) - groups.keys(), capture_ns)
+        named = self._name(unlisted, set(self._robots) - groups.keys(), capture_ns)
         for tag, report in named.items():
             self._see(tag, report, capture_ns, REPAIRED)
         self.counters.duplicates += len(duplicates)
         self.counters.repaired += len(named)
-        self.counters.unknown += len(strangers) - len(named)
+        self.counters.unknown += len(unlisted) - len(named)
         self._forget(capture_ns)
         return ArenaState(
             timestep=timestep,
             capture_ns=capture_ns,
             robots=self._poses(seen | named.keys(), capture_ns),
             detected=len(self._tags & groups.keys()),
-            unnamed=len(strangers) - len(named),
+            unnamed=len(unlisted) - len(named),
             duplicates=duplicates,
             sightings=np.array(
                 [(r.tag, *_pose(r)) for r in reports if r.tag in self._tags], dtype=SIGHTING
@@ -116,11 +111,11 @@ class Repair:
         return near[0] if len(near) == 1 else None
 
     def _name(
-        self, strangers: list[TrackerReport], lost: set[int], now_ns: int
+        self, unlisted: list[TrackerReport], lost: set[int], now_ns: int
     ) -> dict[int, TrackerReport]:
         """Gives misread reports to lost robots, where there is no doubt."""
         near = {
-            tag: [r for r in strangers if _reaches(self._robots[tag], r, now_ns)] for tag in lost
+            tag: [r for r in unlisted if _reaches(self._robots[tag], r, now_ns)] for tag in lost
         }
         claims = [id(report) for reports in near.values() for report in reports]
         return {

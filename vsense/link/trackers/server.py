@@ -1,8 +1,7 @@
-"""The tracking server's side of one conversation, without its socket: commands in, states out.
+"""The arena tracking server: hands the arena state to clients of the original system.
 
-The arena tracking server: hands the arena state to clients of the original system.
-
-Thesis, 2.3.2; the protocol is that of `arena_wire`. One client after another is served; whoever
+Thesis, 2.3.2; the protocol is that of `vsense.link.trackers.protocol`. `ArenaSession` is the
+server's side of one conversation without its socket. One client after another is served; whoever
 connects meanwhile waits in the kernel's queue, as with the original. A thread of the server's own
 listens and answers; the tracker's thread calls `publish`, which never waits for a client.
 """
@@ -44,12 +43,6 @@ class ArenaSession:
     """
 
     def __init__(self, locate: Locate, tell: Callable[[str], None]) -> None:
-        """Begins a conversation.
-
-        Args:
-            locate: gives robots' poses in the pictures.
-            tell: takes a line for a person.
-        """
         self.outbox = Outbox()
         self.running = False
         self.timestep = 0
@@ -64,12 +57,7 @@ class ArenaSession:
         self._first: int | None = None
 
     def receive(self, data: bytes, newest: ArenaState | None) -> None:
-        """Takes bytes of the client in.
-
-        Args:
-            data: the bytes, chunked as they came.
-            newest: what ONE_SHOT is answered with; None before the first arena state.
-        """
+        """Takes bytes of the client in; ONE_SHOT gets `newest`, the next state if that is None."""
         self._bytes += data
         while len(self._bytes) >= COMMAND_SIZE and not self.refused:
             (number,) = struct.unpack_from(">I", self._bytes)
@@ -156,7 +144,14 @@ class _Served(Client):
 
 
 class ArenaServer(ListeningServer):
-    """Serves arena states; its methods may be called by any thread."""
+    """Serves arena states; its methods may be called by any thread.
+
+    Args:
+        locate: gives robots' poses in the pictures.
+        tell: takes a line for a person; must not wait, nor call the server.
+
+    `host`, `port`, `clock` and what is raised are those of `ListeningServer`.
+    """
 
     def __init__(
         self,
@@ -166,18 +161,6 @@ class ArenaServer(ListeningServer):
         tell: Callable[[str], None],
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        """Takes the port; nobody is answered before `start`.
-
-        Args:
-            host: name or address of the interface to listen on.
-            port: its number; 0 takes any that is free.
-            locate: gives robots' poses in the pictures.
-            tell: takes a line for a person; must not wait, nor call the server.
-            clock: the host's monotonic clock [ns].
-
-        Raises:
-            LinkError: the host is unknown, or the port is taken.
-        """
         super().__init__("the arena tracking server", host, port, clock)
         self._locate = locate
         self._tell = tell

@@ -6,26 +6,19 @@
  * one, and the third is handed over (two slots cannot do it: one side would have
  * to wait). Only slot numbers are exchanged; what a slot holds is the caller's, and
  * may be read and written by the slot's owner only.
- * With VS_NO_ATOMICS (single-threaded robot) plain memory.
  */
 #ifndef VS_LATEST_H
 #define VS_LATEST_H
 
 #include <stdint.h>
 
-#ifdef VS_NO_ATOMICS
-#define VS_ATOMIC_U32 uint32_t
-#else
-#define VS_ATOMIC_U32 _Atomic uint32_t
-#endif
-
 #define VS_LATEST_SLOTS 3
 
 /* Private to the functions below. */
 struct vs_latest {
-    VS_ATOMIC_U32 shared; /* the slot between the two, and whether it is new */
-    uint32_t write_slot;  /* writer's */
-    uint32_t read_slot;   /* reader's */
+    _Atomic uint32_t shared; /* the slot between the two, and whether it is new */
+    uint32_t write_slot;     /* writer's */
+    uint32_t read_slot;      /* reader's */
 };
 
 /* Before both threads: nothing is new. */

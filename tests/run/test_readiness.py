@@ -14,25 +14,25 @@ tags = st.sets(st.sampled_from([*ROBOTS, *OBJECTS, 5]))
 
 @given(tags, tags)
 def test_everybody_is_there_or_named(connected: set[int], seen: set[int]) -> None:
-    found = Readiness.take(ROBOTS, OBJECTS, connected, seen)
+    found = Readiness.of(ROBOTS, OBJECTS, connected, seen)
     assert found.absent == tuple(n for t, n in ROBOTS.items() if t not in connected)
     assert found.unseen == tuple(n for t, n in (ROBOTS | OBJECTS).items() if t not in seen)
     everybody = connected >= ROBOTS.keys() and seen >= (ROBOTS | OBJECTS).keys()
-    assert found.complete == everybody == (found.complaint() == "")
+    assert found.complete == everybody == (found.missing_text() == "")
     assert set(found.missing) == {*found.absent, *found.unseen}
     assert len(found.missing) == len(set(found.missing))
 
 
 def test_the_words_name_who_is_missing_in_which_way() -> None:
-    found = Readiness.take(ROBOTS, OBJECTS, {4, 17}, {30, 17, 4})
+    found = Readiness.of(ROBOTS, OBJECTS, {4, 17}, {30, 17, 4})
     assert found.progress() == (
         "2 of 3 robots connected (not epuck_30_1), 3 of 4 markers seen (not polluter_99_0)"
     )
     assert found.progress(watched=False) == (
         "2 of 3 robots connected (not epuck_30_1), no arena state yet"
     )
-    assert found.complaint() == "not connected: epuck_30_1; not seen: polluter_99_0"
-    assert Readiness.take(ROBOTS, {}, set(ROBOTS), set(ROBOTS)).progress() == (
+    assert found.missing_text() == "not connected: epuck_30_1; not seen: polluter_99_0"
+    assert Readiness.of(ROBOTS, {}, set(ROBOTS), set(ROBOTS)).progress() == (
         "3 of 3 robots connected, 3 of 3 markers seen"
     )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from tests.run.test_tally import status
+from tests.run.test_link_counters import status
 from vsense.link.robots.status import RobotStatus
 from vsense.link.robots.wire import StopCause
 from vsense.run.robots import PATIENCE_NS, RobotAlarms

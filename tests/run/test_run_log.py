@@ -20,15 +20,15 @@ def step(number: int) -> Step:
 
 
 def test_words_and_timesteps_are_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with RunLog(tmp_path) as diary:
-        diary.begin_run(tmp_path)
-        diary.say("all robots start")
+    with RunLog(tmp_path) as log:
+        log.begin_run(tmp_path)
+        log.say("all robots start")
         for number in range(FLUSH_TIMESTEPS):
-            diary.timestep(step(number), 3, 2, 1)
+            log.timestep(step(number), 3, 2, 1)
         rows = (tmp_path / "timesteps.csv").read_text()
         assert rows.startswith(HEADER + "0,100,1,2,3,4,3,2,1\n"), "in reach before the end"
         assert len(rows.splitlines()) == 1 + FLUSH_TIMESTEPS
-        diary.timestep(step(99), 0, 0, 0)
+        log.timestep(step(99), 0, 0, 0)
     assert (tmp_path / "timesteps.csv").read_text().endswith("\n99,199,1,2,3,4,0,0,0\n")
     log = (tmp_path / "log.txt").read_text()
     assert re.fullmatch(r"\d\d:\d\d:\d\d\.\d{3} all robots start\n", log)
@@ -42,13 +42,13 @@ def test_a_full_disk_is_told_once_and_costs_no_run(
         def write(self, text: str) -> int:
             raise OSError(errno.ENOSPC, "No space left on device")
 
-    with RunLog(tmp_path) as diary:
-        diary.begin_run(tmp_path)
-        diary._log.close()
-        monkeypatch.setattr(diary, "_log", Full())
+    with RunLog(tmp_path) as log:
+        log.begin_run(tmp_path)
+        log._log.close()
+        monkeypatch.setattr(log, "_log", Full())
         for number in range(3):
-            diary.say("something")
-            diary.timestep(step(number), 3, 3, 0)
+            log.say("something")
+            log.timestep(step(number), 3, 3, 0)
     said = capsys.readouterr().err
     assert said.count("something") == 3
     assert said.count("the run is no longer written down: No space left on device") == 1
@@ -61,15 +61,15 @@ def test_a_directory_that_is_gone_is_one_clear_line(tmp_path: Path) -> None:
 
 def test_every_run_has_its_own_table_and_all_share_the_log(tmp_path: Path) -> None:
     folders = [tmp_path / "run-1", tmp_path / "run-2"]
-    with RunLog(tmp_path) as diary:
-        diary.timestep(step(0), 1, 1, 0)
+    with RunLog(tmp_path) as log:
+        log.timestep(step(0), 1, 1, 0)
         for number, folder in enumerate(folders):
             folder.mkdir()
-            diary.begin_run(folder)
-            diary.timestep(step(number), 3, 2, 1)
-            diary.say(f"run {number}")
+            log.begin_run(folder)
+            log.timestep(step(number), 3, 2, 1)
+            log.say(f"run {number}")
         with pytest.raises(DirectoryError, match=r"timesteps\.csv: No such file or directory"):
-            diary.begin_run(tmp_path / "gone")
+            log.begin_run(tmp_path / "gone")
     rows = [(folder / "timesteps.csv").read_text() for folder in folders]
     assert rows == [HEADER + f"{n},{100 + n},1,2,3,4,3,2,1\n" for n in (0, 1)]
     assert (tmp_path / "log.txt").read_text().count("run ") == 2

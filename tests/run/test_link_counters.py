@@ -31,30 +31,30 @@ def status(sent: int, sessions: int = 1, **telemetry: int) -> RobotStatus:
 
 
 def test_repeated_packets_do_not_count_as_received() -> None:
-    tally = LinkCounters()
-    tally.update({7: status(100, received=110, old=9, foreign=2, corrupt=1)})
-    assert (tally.sent, tally.received, tally.dropped) == (100, 98, 12)
+    counters = LinkCounters()
+    counters.update({7: status(100, received=110, old=9, foreign=2, corrupt=1)})
+    assert (counters.sent, counters.received, counters.dropped) == (100, 98, 12)
 
 
 def test_restarted_daemon_adds_to_what_the_first_had_received() -> None:
-    tally = LinkCounters()
-    tally.update({7: status(100, received=100)})
-    tally.update({7: status(150, sessions=2, received=5)})
-    tally.update({7: status(200, sessions=2, received=60, old=1)})
-    assert (tally.sent, tally.received, tally.dropped) == (200, 159, 1)
-    assert tally.sessions == 2
+    counters = LinkCounters()
+    counters.update({7: status(100, received=100)})
+    counters.update({7: status(150, sessions=2, received=5)})
+    counters.update({7: status(200, sessions=2, received=60, old=1)})
+    assert (counters.sent, counters.received, counters.dropped) == (200, 159, 1)
+    assert counters.sessions == 2
 
 
 def test_replaced_guard_is_told_once_and_again_after_a_restart() -> None:
-    tally = LinkCounters()
-    assert tally.update({7: status(1, received=1)}) == []
-    assert len(tally.update({7: status(2, received=2, guard_restarts=1)})) == 1
-    assert tally.update({7: status(3, received=3, guard_restarts=1)}) == []
-    assert len(tally.update({7: status(4, received=1, guard_restarts=1)})) == 1
+    counters = LinkCounters()
+    assert counters.update({7: status(1, received=1)}) == []
+    assert len(counters.update({7: status(2, received=2, guard_restarts=1)})) == 1
+    assert counters.update({7: status(3, received=3, guard_restarts=1)}) == []
+    assert len(counters.update({7: status(4, received=1, guard_restarts=1)})) == 1
 
 
 def test_robot_that_never_spoke_has_received_nothing() -> None:
-    tally = LinkCounters()
+    counters = LinkCounters()
     silent = status(10)
-    tally.update({7: silent})
-    assert (tally.sent, tally.received) == (10, 0)
+    counters.update({7: silent})
+    assert (counters.sent, counters.received) == (10, 0)

@@ -1,27 +1,10 @@
 /* SPDX-License-Identifier: MIT */
 #include "vs_latest.h"
 
+#include <stdatomic.h>
+
 #define SLOT_MASK 3u
 #define NEW 4u /* the shared slot was committed and not read yet */
-
-#ifdef VS_NO_ATOMICS
-
-static uint32_t exchange(uint32_t *shared, uint32_t value)
-{
-    uint32_t old = *shared;
-
-    *shared = value;
-    return old;
-}
-
-static uint32_t peek(const uint32_t *shared)
-{
-    return *shared;
-}
-
-#else
-
-#include <stdatomic.h>
 
 /* Releases what the caller wrote to the slot it gives, and acquires what the other
  * side did to the slot it gets. */
@@ -35,8 +18,6 @@ static uint32_t peek(_Atomic uint32_t *shared)
 {
     return atomic_load_explicit(shared, memory_order_relaxed);
 }
-
-#endif
 
 void vs_latest_init(struct vs_latest *l)
 {
