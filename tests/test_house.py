@@ -30,6 +30,7 @@ LOOSE = {"__init__", "__main__", "arena", "cli", "errors", "message_bus", "nativ
 SHORT = {
     **{f"vsense.{name}": "a seam" for name in ("__main__", "cli")},
     **{f"vsense.commands.{name}": "one file per command" for name in ("export", "serve", "track")},
+    "vsense.run.orders": "needs nothing, for the emergency stop",
 }
 """Modules below `PYTHON_MIN` lines, and why. Every `__init__` may be short, and so may the examples
 in `vsense/experiments/` and every kind of virtual sensor or actuator: one file each."""

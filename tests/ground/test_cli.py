@@ -102,6 +102,18 @@ def test_a_missing_package_is_named_with_its_extra(monkeypatch: pytest.MonkeyPat
         make_server(WebAddress("127.0.0.1", 0), MessageBus(), lambda order: "")
 
 
+def test_an_emergency_stop_needs_no_library() -> None:
+    # A checkout that is being built anew, or an installation that is damaged, must still stop.
+    code = (
+        "import sys\nfrom vsense import commands\ncommands.parser(['stop'])\n"
+        "print(*(name for name in sys.modules))"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = set(ran.stdout.split())
+    assert "vsense.commands.orders" in loaded
+    assert not loaded & {"numpy", "cv2", "vsense.native", "vsense._native", "vsense._kernels"}
+
+
 @pytest.mark.parametrize("text", ["nan", "inf", "-inf", "0.99", "86400.1", "-1", "x", ""])
 def test_no_length_of_time(text: str) -> None:
     with pytest.raises(argparse.ArgumentTypeError):

@@ -12,7 +12,7 @@ from tests.recording.conftest import BEGIN_NS, picture, record
 from vsense.message_bus import Listener, Message, MessageBus
 from vsense.recording.player import Player
 from vsense.recording.reader import Recording, open_recording
-from vsense.run.control import Order, OrderError, OrderKind
+from vsense.run.orders import Order, OrderError, OrderKind
 
 SECOND_NS = 1_000_000_000
 READINGS = {"tag": [7, 23], "values": [[[1.0]], [[2.0]]], "captured_ns": [[5], [6]]}

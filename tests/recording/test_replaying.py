@@ -16,7 +16,7 @@ from tests.recording.test_retrack import MADE, lab, session_files, track
 from vsense import cli
 from vsense.commands import replay
 from vsense.message_bus import Message, MessageBus
-from vsense.run.control import Give, Order, OrderKind
+from vsense.run.orders import Give, Order, OrderKind
 from vsense.tracking.arena_tracker import ArenaTracker
 from vsense.ui.access import WebAddress
 

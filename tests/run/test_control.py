@@ -7,7 +7,8 @@ import threading
 import pytest
 
 from vsense.link.robots.wire import Wanted
-from vsense.run.control import Control, Order, OrderError, OrderKind, State
+from vsense.run.control import Control, State
+from vsense.run.orders import Order, OrderError, OrderKind
 
 
 class Played:

@@ -8,7 +8,7 @@ from tests.run.stage import DT_NS, MS, S, Stage, experiment
 from vsense.cameras.grabber import NoMorePictures
 from vsense.errors import VsenseError
 from vsense.link.trackers.client import TrackerEnded
-from vsense.run.control import Order, OrderKind
+from vsense.run.orders import Order, OrderKind
 
 
 @pytest.fixture

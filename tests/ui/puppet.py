@@ -14,7 +14,7 @@ import numpy as np
 
 from tests.ui import puppet_world as play
 from vsense.message_bus import Message, MessageBus
-from vsense.run.control import Order, OrderError, OrderKind
+from vsense.run.orders import Order, OrderError, OrderKind
 from vsense.ui.server import WebServer
 
 STEP_S = 0.1

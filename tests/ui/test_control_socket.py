@@ -14,7 +14,7 @@ import pytest
 from vsense import cli
 from vsense.commands import orders as terminal
 from vsense.errors import UsageError
-from vsense.run.control import Order, OrderError, OrderKind
+from vsense.run.orders import Order, OrderError, OrderKind
 from vsense.ui.control_socket import TIMEOUT_S, ControlSocket, ControlSocketError, folder
 
 STATUS = {

@@ -11,7 +11,7 @@ from threading import Event
 
 import pytest
 
-from vsense.run.control import Order, OrderError, OrderKind
+from vsense.run.orders import Order, OrderError, OrderKind
 from vsense.ui import keyboard
 
 PATIENCE_S = 20.0

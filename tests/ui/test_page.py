@@ -7,7 +7,7 @@ import pytest
 from tests.ui.browser import Browser, Page
 from tests.ui.conftest import Open, Serve
 from tests.ui.puppet import Puppet
-from vsense.run.control import Order, OrderKind
+from vsense.run.orders import Order, OrderKind
 from vsense.ui.access import Tokens
 from vsense.ui.server import WebServer
 

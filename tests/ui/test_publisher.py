@@ -20,8 +20,9 @@ from vsense.config.experiment import load
 from vsense.link.robots.status import RobotStatus
 from vsense.link.robots.wire import StopCause, Telemetry, Values, Wanted
 from vsense.message_bus import Message, MessageBus
-from vsense.run.control import Control, Order, OrderKind
+from vsense.run.control import Control
 from vsense.run.environment import Environment
+from vsense.run.orders import Order, OrderKind
 from vsense.run.runtime import Step
 from vsense.ui.messages import ExperimentFacts
 from vsense.ui.publisher import PreviewEncoder, Publisher

@@ -21,7 +21,7 @@ from tests.ui.conftest import Serve
 from tests.ui.puppet import Puppet
 from vsense.errors import UsageError, VsenseError
 from vsense.message_bus import Message, MessageBus
-from vsense.run.control import Order, OrderError, OrderKind
+from vsense.run.orders import Order, OrderError, OrderKind
 from vsense.ui import server as site
 from vsense.ui.access import Tokens
 from vsense.ui.server import WebServer

@@ -14,7 +14,7 @@ from vsense.commands import arguments
 from vsense.config import tracking_session
 from vsense.errors import UsageError
 from vsense.message_bus import MessageBus
-from vsense.run.control import Order, OrderKind
+from vsense.run.orders import Order, OrderKind
 from vsense.terminal import INTERRUPTED, Console, interruption
 from vsense.ui.access import WebAddress
 from vsense.ui.room import make_server

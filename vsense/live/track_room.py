@@ -14,7 +14,7 @@ from vsense.arena import ArenaState, Frame, arena_data
 from vsense.cameras.grabber import Troubles
 from vsense.message_bus import MessageBus
 from vsense.recording.form import Data, ExperimentMessage, RunMessage
-from vsense.run.control import Order, OrderError
+from vsense.run.orders import Order, OrderError
 from vsense.terminal import Console, Level
 from vsense.tracking.specs import TrackingSession
 from vsense.ui import messages

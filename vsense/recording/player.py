@@ -11,7 +11,7 @@ from typing import Any
 from vsense.message_bus import Message, MessageBus
 from vsense.recording import form
 from vsense.recording.reader import Recording, read_gap
-from vsense.run.control import Order, OrderError, OrderKind
+from vsense.run.orders import Order, OrderError, OrderKind
 
 SLOWEST, FASTEST = 0.1, 100.0
 RUN_NS = 250_000_000

@@ -12,46 +12,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 
-from vsense.errors import VsenseError
 from vsense.link.robots.wire import Wanted
-
-
-class OrderError(VsenseError):
-    """An order that cannot be carried out now; one line that says why."""
-
-
-class OrderKind(str, Enum):
-    """What can be ordered. Of the last four a replay knows PLAY, SPEED and SEEK, a run RECORD."""
-
-    START = "start"
-    PAUSE = "pause"
-    STOP = "stop"
-    RESET = "reset"
-    EMERGENCY = "emergency"
-    RECORD = "record"
-    PLAY = "play"
-    SPEED = "speed"
-    SEEK = "seek"
-
-
-@dataclass(frozen=True, slots=True)
-class Order:
-    """One press of a button.
-
-    Attributes:
-        kind: which.
-        by: who, for people: "viewer 2 (10.0.0.7)", "terminal", "keyboard".
-        value: RECORD, PLAY: 1 on, 0 off; SPEED: times real time; SEEK: [s] since the beginning.
-    """
-
-    kind: OrderKind
-    by: str
-    value: float = 0.0
-
-
-Give = Callable[[Order], str]
-"""Carries an order out, from any thread and without waiting; gives one line that says what happens
-now. Raises OrderError where it cannot be."""
+from vsense.run.orders import Order, OrderError, OrderKind
 
 
 class State(str, Enum):

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from vsense.errors import VsenseError
-from vsense.run.control import Give, Order, OrderKind
+from vsense.run.orders import Give, Order, OrderKind
 
 TIMEOUT_S = 5.0
 """A terminal that says nothing for so long is hung up on."""

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from vsense.errors import VsenseError
-from vsense.run.control import Give, Order, OrderKind
+from vsense.run.orders import Give, Order, OrderKind
 
 KEYS = {
     "s": OrderKind.START,

@@ -20,7 +20,7 @@ from aiohttp import WSMsgType, web
 from vsense.errors import VsenseError
 from vsense.message_bus import Listener, Message, MessageBus
 from vsense.recording.form import without_nan
-from vsense.run.control import Give, Order, OrderKind
+from vsense.run.orders import Give, Order, OrderKind
 from vsense.ui.access import Rights
 
 KEPT = 64

@@ -16,8 +16,9 @@ from vsense.link.robots.server import VirtualSensorServer
 from vsense.link.robots.status import RobotStatus
 from vsense.message_bus import MessageBus
 from vsense.recording.form import Data
-from vsense.run.control import Control, Give
+from vsense.run.control import Control
 from vsense.run.environment import Environment
+from vsense.run.orders import Give
 from vsense.run.runtime import Runtime, Step
 from vsense.terminal import Console, Level
 from vsense.ui import keyboard

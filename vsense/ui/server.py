@@ -26,7 +26,7 @@ except ImportError as error:
 from vsense.link.robots.network import listen
 from vsense.link.robots.status import LinkError
 from vsense.message_bus import MessageBus
-from vsense.run.control import Give
+from vsense.run.orders import Give
 from vsense.ui.access import AccessControl, Forbidden, Rights, Tokens, is_loopback, make_tokens
 from vsense.ui.page_clients import WebClients
 
