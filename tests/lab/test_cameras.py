@@ -25,8 +25,8 @@ from vsense.lab.camera_spec import LabCameraSpec, rig
 from vsense.lab.cameras import SAMPLES
 from vsense.lab.grabber import LabGrabber
 from vsense.lab.optics import sample_times_ns
+from vsense.lab.renderer import Studio
 from vsense.lab.shared import SLOTS, LabError
-from vsense.lab.studio import Studio
 from vsense.lab.truth import TruthReader, TruthWriter, make_ring, read_truth
 
 ROOT = Path(__file__).parents[2]

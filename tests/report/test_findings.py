@@ -26,8 +26,8 @@ from tests.report.runs import (
 from vsense.message_bus import Message
 from vsense.recording.form import RecordingError
 from vsense.report.findings import Findings, as_json, read_findings
+from vsense.report.flow import FINE, LOST, STOPPED, UNSEEN, Strips
 from vsense.report.gather import IN_CONE, LIT_IN_CONE
-from vsense.report.health import FINE, LOST, STOPPED, UNSEEN, Strips
 from vsense.report.tracks import CELL_M, MOST_POINTS, RobotTrack
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vsense.cameras.camera import Camera
 from vsense.lab.bodies import Body
 from vsense.lab.camera_spec import DISTORTION, FOCAL_PX, HEIGHT_M, SIZE_PX, LabCameraSpec
-from vsense.lab.studio import Studio
+from vsense.lab.renderer import Studio
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]

@@ -25,7 +25,7 @@ from vsense.bench.frames import (
 )
 from vsense.lab.bodies import Body
 from vsense.lab.camera_spec import LabCameraSpec
-from vsense.lab.studio import Studio
+from vsense.lab.renderer import Studio
 from vsense.markers.codes import choose_tags
 from vsense.markers.families import MarkerFamily, load_family
 from vsense.tracking.arena_tracker import ArenaTracker

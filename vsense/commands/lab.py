@@ -16,7 +16,7 @@ from vsense.lab import metrics, report
 from vsense.lab.links import BASES
 from vsense.lab.session import Session
 from vsense.live.session import RunSetup
-from vsense.pictures.story import spoken
+from vsense.pictures.run_figure import spoken
 from vsense.run import directory as run_directory
 from vsense.run.runtime import Step
 from vsense.run.series import Series

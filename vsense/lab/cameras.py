@@ -29,8 +29,8 @@ import numpy as np
 from vsense.errors import VsenseError
 from vsense.lab.camera_spec import Exposure, LabCameraSpec
 from vsense.lab.optics import EXPOSURE_NS, sample_times_ns
+from vsense.lab.renderer import Studio
 from vsense.lab.shared import FrameBank, LabError
-from vsense.lab.studio import Studio
 from vsense.lab.truth import TruthLog, TruthReader
 
 SAMPLES = 3

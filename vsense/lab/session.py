@@ -9,8 +9,8 @@ from pathlib import Path
 from vsense.arena import Frame
 from vsense.errors import VsenseError
 from vsense.lab.camera_spec import spec_for
-from vsense.lab.floor import FloorProcess
 from vsense.lab.grabber import LabGrabber
+from vsense.lab.physics_process import FloorProcess
 from vsense.lab.processes import Canary
 from vsense.lab.shared import LabError
 from vsense.lab.swarm import Swarm
@@ -18,7 +18,7 @@ from vsense.lab.truth import make_ring
 from vsense.link.robots.status import RobotStatus
 from vsense.live.session import ExperimentSession, RunSetup
 from vsense.markers.families import load_family
-from vsense.pictures.painting import Album
+from vsense.pictures.run_samples import RunSamples
 from vsense.robot import build
 from vsense.run.runtime import Step
 from vsense.tracking.arena_tracker import ArenaTracker
@@ -37,14 +37,14 @@ class RunNotes:
         directory: where the run's figures go.
         ended: what ended it, as `Runner.ended`.
         steps: the timesteps of the run, without their pictures.
-        album: the virtual world and the experiment's measures over time.
+        samples: the virtual world and the experiment's measures over time.
         measures: what the experiment measured in all, by name.
         pictures: the cameras' pictures at chosen timesteps of the run.
         sent, received, dropped, reconnects: packets with the robots' readings.
         lateness_ms: the canary's ticks.
     """
 
-    album: Album
+    samples: RunSamples
     seed: int
     directory: Path
     ended: str = ""
@@ -165,7 +165,7 @@ class Session(ExperimentSession):
         Raises:
             VsenseError: something has failed; what was recorded until then is there.
         """
-        recording = RunNotes(Album(self.experiment), self.environment.seed, directory)
+        recording = RunNotes(RunSamples(self.experiment), self.environment.seed, directory)
         self.recordings.append(recording)
         canary = Canary()
         self._stack.callback(canary.close)
@@ -186,17 +186,17 @@ class Session(ExperimentSession):
         recording.measures = self.environment.end()
 
     def _live_timesteps(self, recording: RunNotes, observe: Callable[[Step], None]) -> None:
-        pictures, album = recording.pictures, recording.album
+        pictures, samples = recording.pictures, recording.samples
         step: Step | None = None
         try:
             for step in self.runner.timesteps():
                 recording.steps.append(step.without_frames())
-                album.look(step.run_timestep, self.environment.world)
-                if step.run_timestep in album.kept:
+                samples.add(step.run_timestep, self.environment.world)
+                if step.run_timestep in samples.kept:
                     pictures[step.run_timestep] = copy_frames(step.frames)
                 observe(step)
         finally:
-            album.end(self.environment.world)
+            samples.end(self.environment.world)
             if step is not None:
                 pictures[step.run_timestep] = copy_frames(step.frames)
 

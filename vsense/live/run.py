@@ -7,7 +7,7 @@ from typing import Any
 
 from vsense.errors import VsenseError
 from vsense.live.session import RunSession
-from vsense.pictures.story import RunPictureError
+from vsense.pictures.run_figure import RunPictureError
 from vsense.run import directory as run_directory
 from vsense.run import figures
 from vsense.run.directory import RunLog

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.native import kernel_ffi, kernels
-from vsense.physics.contacts import Floats, Neighbourhood, pointer
+from vsense.physics.motion import Floats, Neighbourhood, pointer
 from vsense.sensors.geometry import EPUCK_RING_DEG
 
 POSITIONS_M = np.array(

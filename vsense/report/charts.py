@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vsense.pictures.canvas import Floats
-from vsense.pictures.story import spoken
+from vsense.pictures.run_figure import spoken
 from vsense.report import plot
 from vsense.report.compare import Group, curve, measure_names, statistics
 from vsense.report.findings import Findings
+from vsense.report.flow import FINE, LOST, STOPPED, UNSEEN
 from vsense.report.gather import IN_CONE
-from vsense.report.health import FINE, LOST, STOPPED, UNSEEN
 from vsense.report.plot import Drawing
 
 if TYPE_CHECKING:

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from vsense.recording.form import RecordingError
 from vsense.recording.reader import Gap, Recording, open_recording
-from vsense.report.flow import SILENCE_NS, Spell
+from vsense.report.flow import SILENCE_NS, LinkHealth, Spell
 from vsense.report.gather import Gatherer, gather
-from vsense.report.health import LinkHealth
 from vsense.report.tracks import RobotTrack
 
 Floats = NDArray[np.float64]

@@ -12,8 +12,16 @@ from vsense.message_bus import Message
 from vsense.recording.form import RunMessage
 from vsense.recording.reader import Recording
 from vsense.report.facts import MOST_ASPECT, MOST_M, Facts, clock_ns, number, read_facts
-from vsense.report.flow import CameraCounts, Flow, Latencies, Measures
-from vsense.report.health import FINE, UNSEEN, SeenRobots, Strips
+from vsense.report.flow import (
+    FINE,
+    UNSEEN,
+    CameraCounts,
+    Flow,
+    Latencies,
+    Measures,
+    SeenRobots,
+    Strips,
+)
 from vsense.report.tracks import UNSEEN_NS, Tracks
 from vsense.world.entities import Arena
 

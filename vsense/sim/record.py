@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from vsense.arena import POSE, ArenaState, wrap_angle
 from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
-from vsense.lab import phases
+from vsense.lab import metrics
 from vsense.lab.metrics import TIMESTEP
 from vsense.link.robots.status import RING_LEDS
-from vsense.pictures.painting import Album
-from vsense.pictures.story import RunFigure
+from vsense.pictures.run_figure import RunFigure
+from vsense.pictures.run_samples import RunSamples
 from vsense.world.pollution import PollutantSource
 
 POSITION_STD_M = 26e-6
@@ -136,15 +136,15 @@ class Record:
         self.poses[timestep], self.leds[timestep], self.share[timestep] = poses, leds, share
 
     @cached_property
-    def truth(self) -> phases.SwarmTruth:
+    def truth(self) -> metrics.SwarmTruth:
         """The run as the lab's figures want it."""
         robots = len(self.tags)
         depth_m = None if self.source is None else self._depth_m(self.source)
-        return phases.SwarmTruth(self.poses[:, :robots], depth_m, (self.leds & RING_LEDS) != 0)
+        return metrics.SwarmTruth(self.poses[:, :robots], depth_m, (self.leds & RING_LEDS) != 0)
 
     def swarm(self) -> dict[str, int | None]:
         """Robots in the cone, and lit there, before and after the wind's turn; as the lab's."""
-        return phases.swarm(self)
+        return metrics.swarm(self)
 
     def save(self, path: Path) -> None:
         """Writes the trajectories: an .npz file that NumPy reads.
@@ -169,11 +169,11 @@ class Record:
         except OSError as error:
             raise VsenseError(f"{path}: cannot be written: {error.strerror}") from None
 
-    def story(self, experiment: Experiment, album: Album) -> RunFigure:
+    def figure(self, experiment: Experiment, samples: RunSamples) -> RunFigure:
         """The run as its picture wants it."""
         truth, numbers = self.truth, self.timesteps["run_timestep"]
         inside = None if truth.depth_m is None else truth.depth_m >= 0
-        return RunFigure(experiment, numbers, truth.poses, truth.lit, inside, self.turn, album)
+        return RunFigure(experiment, numbers, truth.poses, truth.lit, inside, self.turn, samples)
 
     def _depth_m(self, source: PollutantSource) -> Floats:
         """How deep each robot is in the source's cone; negative outside."""

@@ -31,8 +31,8 @@ from typing import Any
 
 from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
-from vsense.pictures import story
-from vsense.pictures.painting import Album
+from vsense.pictures import run_figure
+from vsense.pictures.run_samples import RunSamples
 from vsense.robot.inprocess import PROGRESS_BYTES, declarations
 from vsense.sim.job import Job
 from vsense.sim.record import TRAJECTORY
@@ -57,7 +57,7 @@ def simulate(job: Job, progress: Any) -> dict[str, Any]:
     experiment = job.setup.load()
     run = Simulation(experiment, Path(job.library), job.seed, job.setup.blind, progress)
     if job.directory is not None:
-        run.album = Album(experiment)
+        run.samples = RunSamples(experiment)
     begun_s = time.perf_counter()
     measures = run.run()
     wall_s = time.perf_counter() - begun_s
@@ -76,12 +76,12 @@ def simulate(job: Job, progress: Any) -> dict[str, Any]:
 
 
 def _save(run: Simulation, experiment: Experiment, job: Job, directory: Path) -> None:
-    """Writes `TRAJECTORY` and the picture of a run that has an album."""
-    assert run.album is not None
+    """Writes `TRAJECTORY` and the picture of a run that has an samples."""
+    assert run.samples is not None
     run.record.save(directory / TRAJECTORY)
-    told = run.record.story(experiment, run.album)
+    told = run.record.figure(experiment, run.samples)
     subtitle = f"{len(run.record.tags)} simulated robots, seed {job.seed}"
-    story.save(told, directory / f"{experiment.name}.png", job.setup.blind, subtitle)
+    run_figure.save(told, directory / f"{experiment.name}.png", job.setup.blind, subtitle)
 
 
 class Worker:
