@@ -98,13 +98,7 @@ class RenderedSwarm:
     """Robots that drive ahead at full speed and spin now and then; none touches another."""
 
     def __init__(self, count: int, seed: int, reach_m: tuple[float, float] = _REACH_M) -> None:
-        """Puts robots into a rectangle around the origin.
-
-        Args:
-            count: How many.
-            seed: Decides where they are and what they do.
-            reach_m: How far from the middle they may go, in x and y.
-        """
+        """Puts robots within `reach_m` of the origin in x and y; `seed` decides what they do."""
         self._rng = np.random.default_rng(seed)
         self._reach_m = reach_m
         self._poses = crowd(self._rng, count, reach_m)

@@ -178,7 +178,7 @@ class ShowSession:
             cameras=(frame.camera,),
             images=found.poses(),
         )
-        self._room.look(state, frames)
+        self._room.update(state, frames)
         self._times_ns.append(frame.capture_ns)
         since_ns = max(self._times_ns[-1] - self._times_ns[0], 1)
         self._console.progress(

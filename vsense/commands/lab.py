@@ -103,7 +103,7 @@ def _live(
                 room.begin_run(session.environment, directory)
                 session.wait_until_ready()
                 _announce(console, session, directory)
-                session.live(directory, _progress(console, session))
+                session.run(directory, _progress(console, session))
                 room.end_run()
                 if not series.goes_on(session.runner):
                     return None

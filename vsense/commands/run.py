@@ -219,7 +219,7 @@ class RunCommand:
         except run_directory.DirectoryError as error:
             self._diary.say(f"no table of this run's timesteps: {error}", "trouble")
         one = OneRun(session, directory, attendance, self._diary)
-        one.live()
+        one.run()
         self._setup.room.end_run()
         summary = one.report()
         if summary is not None:

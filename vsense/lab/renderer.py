@@ -66,15 +66,7 @@ class CameraRenderer:
         sensor: Sensor,
         bodies: Sequence[BodySprites],
     ) -> None:
-        """Takes the parts that were made before.
-
-        Args:
-            number: The camera's number, which decides about its noise.
-            rays: Its lens.
-            backdrop: The empty arena in it.
-            sensor: Noise for pictures of its size.
-            bodies: What each body looks like, in the order of the poses.
-        """
+        """Takes its parts: `number` decides its noise, `bodies` come in the order of the poses."""
         self._number = number
         self._rays = rays
         self._backdrop = backdrop
@@ -202,13 +194,10 @@ class Studio:
     """Makes one timestep's pictures of all cameras."""
 
     def __init__(self, spec: LabCameraSpec) -> None:
-        """Builds the scene, which takes about a second.
-
-        OpenCV's own threads are switched off for the whole process: they would only get in the
-        way of the studio's.
+        """Builds the scene in about a second, and ends OpenCV's own threads in this process.
 
         Raises:
-            FamilyError: There is no such marker family, or it has not all the tags.
+            FamilyError: there is no such marker family, or it has not all the tags.
         """
         cv2.setNumThreads(1)
         family = load_family(spec.family)

@@ -70,13 +70,7 @@ class Scene:
     """Everything on the floor that never moves, and the light."""
 
     def __init__(self, rays: list[RayMap], seed: int, litter_per_picture: int) -> None:
-        """Makes the floor that all cameras see.
-
-        Args:
-            rays: One per camera.
-            seed: Decides about dirt, litter and light.
-            litter_per_picture: Pieces of litter that a camera sees on average.
-        """
+        """Makes the floor that all cameras see; `seed` decides about dirt, litter and light."""
         rng = np.random.default_rng([seed, 2])
         low_x, high_x, low_y, high_y = np.array([r.bounds() for r in rays]).T
         seen_m2 = np.mean((high_x - low_x) * (high_y - low_y))

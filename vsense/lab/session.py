@@ -64,12 +64,7 @@ class Session(ExperimentSession):
     quiet = frozenset({"connected"})
 
     def __init__(self, setup: RunSetup, directory: Path, base: str) -> None:
-        """Prepares runs; `__enter__` starts everything.
-
-        Args:
-            setup: what they are made from.
-            directory: run directory, exists.
-            base: what the robots are based on, of `vsense.lab.links.BASES`.
+        """Prepares runs of robots on a `base` of `vsense.lab.links.BASES`; `directory` exists.
 
         Raises:
             VsenseError: something in the experiment cannot be made.
@@ -123,27 +118,27 @@ class Session(ExperimentSession):
                 the message says who.
         """
         try:
-            attendance = self.runner.wait(READY_TIMEOUT_S)
+            readiness = self.runner.wait(READY_TIMEOUT_S)
         except VsenseError:
             self.floor.check()
             raise
         self._ready = True
         started = self.setup.interrupted.is_set() or self.runner.control.asked
-        if not attendance.complete and not started:
+        if not readiness.complete and not started:
             logs = f" (the robots' logs are in {self.directory / 'robots'})"
             raise LabError(
                 f"the swarm is not ready after {READY_TIMEOUT_S:.0f} s;"
-                f" {attendance.complaint()}{logs if attendance.absent else ''}"
+                f" {readiness.complaint()}{logs if readiness.absent else ''}"
             )
 
-    def _look(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
+    def _update(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
         """Looks after the cameras and the daemons.
 
         Raises:
             LabError: one has ended before all were ready: it will not come.
         """
         self.tracking.check_cameras()
-        super()._look(step, robots)
+        super()._update(step, robots)
         for robot, how in self.swarm.fallen():
             log = self.swarm.log(robot.tag)
             if not self._ready:
@@ -155,7 +150,7 @@ class Session(ExperimentSession):
                 f" start it again with {self.swarm.script(robot.tag)}"
             )
 
-    def live(self, directory: Path, observe: Callable[[Step], None]) -> None:
+    def run(self, directory: Path, observe: Callable[[Step], None]) -> None:
         """Starts all robots together, lives the run's timesteps, and stops them.
 
         Args:
@@ -165,32 +160,32 @@ class Session(ExperimentSession):
         Raises:
             VsenseError: something has failed; what was recorded until then is there.
         """
-        recording = RunNotes(RunSamples(self.experiment), self.environment.seed, directory)
-        self.recordings.append(recording)
+        notes = RunNotes(RunSamples(self.experiment), self.environment.seed, directory)
+        self.recordings.append(notes)
         canary = Canary()
         self._stack.callback(canary.close)
         failure: VsenseError | None = None
         try:
-            self._live_timesteps(recording, observe)
+            self._run_timesteps(notes, observe)
         except VsenseError as error:
             failure = error
         self.stop()
-        recording.ended, tally = self.runner.ended, self.runner.tally
-        recording.lateness_ms = canary.end()
-        recording.sent, recording.received = tally.sent, tally.received
-        recording.dropped, recording.reconnects = tally.dropped, self.runner.reconnects
+        notes.ended, counters = self.runner.ended, self.runner.tally
+        notes.lateness_ms = canary.end()
+        notes.sent, notes.received = counters.sent, counters.received
+        notes.dropped, notes.reconnects = counters.dropped, self.runner.reconnects
         if failure is not None:
             # Cameras starve without physics: say what failed first.
             self.floor.check()
             raise failure
-        recording.measures = self.environment.end()
+        notes.measures = self.environment.end()
 
-    def _live_timesteps(self, recording: RunNotes, observe: Callable[[Step], None]) -> None:
-        pictures, samples = recording.pictures, recording.samples
+    def _run_timesteps(self, notes: RunNotes, observe: Callable[[Step], None]) -> None:
+        pictures, samples = notes.pictures, notes.samples
         step: Step | None = None
         try:
             for step in self.runner.timesteps():
-                recording.steps.append(step.without_frames())
+                notes.steps.append(step.without_frames())
                 samples.add(step.run_timestep, self.environment.world)
                 if step.run_timestep in samples.kept:
                     pictures[step.run_timestep] = copy_frames(step.frames)

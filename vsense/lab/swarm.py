@@ -55,15 +55,7 @@ class Swarm:
     """All daemons of one run. They are in sessions of their own: Ctrl-C is the lab's to handle."""
 
     def __init__(self, daemon: Path, host: str, port: int, seed: int, directory: Path) -> None:
-        """Prepares an empty swarm.
-
-        Args:
-            daemon: the `vsensed` executable.
-            host: address of the virtual sensor server.
-            port: its port.
-            seed: seed of the robots' clocks.
-            directory: where traces, logs and start scripts go.
-        """
+        """Prepares an empty swarm; traces, logs and start scripts go into `directory`."""
         self._daemon = daemon
         self._host = host
         self._port = port

@@ -61,14 +61,10 @@ class TruthWriter:
     """The one process that knows the truth."""
 
     def __init__(self, name: str, bodies: int) -> None:
-        """Opens the ring `name` and empties it, or makes it under that plain name.
-
-        Args:
-            name: A ring's name from `make_ring`, or a plain name.
-            bodies: How many bodies each record holds.
+        """Empties the ring `name` of `make_ring`, or makes one under that plain name.
 
         Raises:
-            LabError: The ring is there for another number of bodies.
+            LabError: the ring is there for another number of bodies.
         """
         self._block = SharedBlock.open(name, _ring_size(bodies))
         header = self._block.bytes[: _HEADER.itemsize].view(_HEADER)
@@ -112,11 +108,7 @@ class TruthReader:
     """
 
     def __init__(self, name: str) -> None:
-        """Opens the ring `name`.
-
-        Raises:
-            LabError: There is no such ring.
-        """
+        """Opens a ring; raises LabError where there is none of that name."""
         self._block = SharedBlock.open(name)
         header = self._block.bytes[: _HEADER.itemsize].view(_HEADER)[0]
         if header["magic"] != _MAGIC:
@@ -249,11 +241,7 @@ class TruthLog:
     """Writes a truth log."""
 
     def __init__(self, path: Path, bodies: int) -> None:
-        """Begins a new file.
-
-        Raises:
-            LabError: The file cannot be written.
-        """
+        """Begins a new file; raises LabError where it cannot be written."""
         self._record = np.zeros(1, dtype=truth_dtype(bodies))
         try:
             self._file = path.open("wb", buffering=0)

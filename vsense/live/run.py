@@ -25,35 +25,28 @@ class OneRun:
     """
 
     def __init__(
-        self, session: RunSession, directory: Path, attendance: Readiness, diary: RunLog
+        self, session: RunSession, directory: Path, readiness: Readiness, log: RunLog
     ) -> None:
-        """Begins before the first timestep.
-
-        Args:
-            session: everything that runs; its robots have been waited for.
-            directory: of this run, exists.
-            attendance: who is there.
-            diary: where to say what happens.
-        """
+        """Takes a session whose robots have been waited for; `directory` exists."""
         self.failure: VsenseError | None = None
         self._session = session
         self._experiment = session.experiment
         self._directory = directory
-        self._attendance = attendance
-        self._diary = diary
+        self._readiness = readiness
+        self._log = log
         self._figures = Figures(session.experiment)
         self._portrait = Portrait(session.experiment)
         self._results: dict[str, float] = {}
 
-    def live(self) -> None:
+    def run(self) -> None:
         """Lives the run to its end; a failure is kept for after the report."""
-        self._diary.say("all robots start")
+        self._log.say("all robots start")
         for act in (self._timesteps, self._session.stop, self._end_world):
             try:
                 act()
             except VsenseError as error:
                 self.failure = self.failure or error
-        self._diary.end_progress()
+        self._log.end_progress()
 
     def _timesteps(self) -> None:
         session = self._session
@@ -61,9 +54,9 @@ class OneRun:
             robots = session.runner.robots
             moment = self._figures.observe(step, robots)
             self._portrait.look(step.run_timestep, session.environment.world, robots)
-            self._diary.timestep(step, moment.connected, moment.seen, moment.stale)
+            self._log.timestep(step, moment.connected, moment.seen, moment.stale)
             lost = [status.name for status in robots.values() if not status.connected]
-            self._diary.progress(self._line(step, moment, lost))
+            self._log.progress(self._line(step, moment, lost))
 
     def _end_world(self) -> None:
         self._results = self._session.environment.end()
@@ -90,7 +83,7 @@ class OneRun:
         """
         session, environment = self._session, self._session.environment
         if not self._figures.timesteps:
-            self._diary.say("vsense: the run ended before its first timestep: nothing was measured")
+            self._log.say("vsense: the run ended before its first timestep: nothing was measured")
             return None
         summary: dict[str, Any] = {
             "experiment": self._experiment.name,
@@ -99,15 +92,15 @@ class OneRun:
             "blind": environment.blind,
             "robots": len(self._experiment.robots),
             "source": session.source.figures(),
-            **self._figures.summary(session.runner, self._attendance, self._results),
+            **self._figures.summary(session.runner, self._readiness, self._results),
         }
-        self._diary.say(figures.table(summary))
+        self._log.say(figures.table(summary))
         try:
             run_directory.write_summary(self._directory, summary, False)
             self._draw()
         except (run_directory.DirectoryError, RunPictureError) as error:
             # A full disk costs this run's files, not the runs that follow.
-            self._diary.say(f"the run's figures are not kept: {error}", "trouble")
+            self._log.say(f"the run's figures are not kept: {error}", "trouble")
         return summary
 
     def _draw(self) -> None:
@@ -122,4 +115,4 @@ class OneRun:
         source = self._session.source.name
         subtitle = f"{count} robots, seed {environment.seed}; arena states from {source}"
         if self._portrait.draw(path, environment.world, environment.blind, subtitle):
-            self._diary.say(f"picture: {path}")
+            self._log.say(f"picture: {path}")

@@ -34,13 +34,7 @@ class RunPictures:
         each_run: bool,
         say: Callable[[str], None],
     ) -> None:
-        """Begins nothing yet.
-
-        Args:
-            begin: begins a recording; None where none is wanted.
-            each_run: every run is a recording of its own.
-            say: takes a line for a person.
-        """
+        """`begin` gives None where no recording is wanted; `each_run`: one for every run."""
         self._begin = begin
         self._each_run = each_run
         self._say = say
@@ -101,7 +95,7 @@ def run(options: argparse.Namespace) -> int:
             talk.say,
         )
         stack.callback(pictures.close)
-        Serving(session, server, locate, pictures, talk, interrupted).live()
+        Serving(session, server, locate, pictures, talk, interrupted).run()
         console.end_progress()
     return INTERRUPTED
 
@@ -118,16 +112,7 @@ class Serving:
         talk: Talk,
         interrupted: threading.Event,
     ) -> None:
-        """Prepares it.
-
-        Args:
-            session: what to track.
-            server: where the states go.
-            locate: the server's; it learns of robots that join.
-            pictures: where the pictures of runs go.
-            talk: what a person is told.
-            interrupted: set by whoever wants it to end.
-        """
+        """`locate` is the server's: it learns of robots that join."""
         self._session = session
         self._server = server
         self._locate = locate
@@ -135,7 +120,7 @@ class Serving:
         self._talk = talk
         self._interrupted = interrupted
 
-    def live(self) -> None:
+    def run(self) -> None:
         """Tracks and publishes until it is interrupted.
 
         Raises:

@@ -65,11 +65,7 @@ class ExperimentSession(ABC):
     quiet: frozenset[EventKind] = frozenset()
 
     def __init__(self, setup: RunSetup, legacy_port: int | None = None) -> None:
-        """Makes the first world; `__enter__` opens everything.
-
-        Args:
-            setup: what the runs are made from.
-            legacy_port: for robots with the original's client, or None.
+        """Makes the first world; `legacy_port` is for robots with the original's client.
 
         Raises:
             VsenseError: something in the experiment cannot be made.
@@ -120,7 +116,7 @@ class ExperimentSession(ABC):
         control = Control(server.command, setup.console.say, setup.room.holds, suspends)
         self.runner = Runner(
             *(setup.experiment, runtime, server, setup.console, setup.interrupted),
-            *(self._look, control),
+            *(self._update, control),
         )
         setup.room.open(scene, self.environment, server, runtime, control)
         return runtime
@@ -131,7 +127,7 @@ class ExperimentSession(ABC):
         text = self.experiment.path.read_text(encoding="utf-8", errors="replace")
         return ExperimentFacts(command, text, self.setup.blind, cameras, trackers, troubles)
 
-    def _look(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
+    def _update(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
         """Is called after every timestep; see `vsense.run.runner.Look`."""
         self.setup.room.look(step, robots)
 
@@ -179,12 +175,7 @@ class RunSession(ExperimentSession):
     def __init__(
         self, setup: RunSetup, tracking: tuple[str, str] | None, legacy_port: int | None
     ) -> None:
-        """Prepares the runs.
-
-        Args:
-            setup: what they are made from.
-            tracking: the files of a tracking session, or None; see `open_source`.
-            legacy_port: for robots with the original's client, or None.
+        """Prepares the runs; for `tracking` see `open_source`.
 
         Raises:
             VsenseError: something in the experiment cannot be made.
@@ -215,8 +206,8 @@ class RunSession(ExperimentSession):
         # Closed first of all: the thread that watches the arena waits in it.
         self._stack.callback(self.source.close)
 
-    def _look(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
+    def _update(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
         """Checks the cameras, too: the timestep's readings have left."""
         if self.source.own is not None:
             self.source.own.tracking.check_cameras()
-        super()._look(step, robots)
+        super()._update(step, robots)

@@ -64,16 +64,7 @@ class SteadySource:
         figures: Callable[[], Mapping[str, int]],
         own: OwnCameras | None = None,
     ) -> None:
-        """Takes a source over.
-
-        Args:
-            kind: see the class.
-            name: see the class.
-            source: gives the states, at a rate of its own.
-            timestep_ns: length of the experiment's timestep.
-            figures: gives the source's counters.
-            own: see the class.
-        """
+        """Takes over a source with a rate of its own; `figures` gives its counters."""
         self.kind = kind
         self.name = name
         self.own = own

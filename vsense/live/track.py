@@ -43,13 +43,7 @@ class Talk:
     """Keeps the live line up to date and says once what need not be said for ever."""
 
     def __init__(self, console: Console, clock: Callable[[], int], timesteps: int | None) -> None:
-        """Begins the count.
-
-        Args:
-            console: where to talk.
-            clock: the host's monotonic clock [ns].
-            timesteps: how many there will be, or None.
-        """
+        """`clock` is monotonic [ns]; `timesteps` None: nobody knows how many there will be."""
         self._console = console
         self._clock = clock
         self._timesteps = timesteps
@@ -158,7 +152,7 @@ def run(options: argparse.Namespace) -> int:
         stack.callback(tracking.close)
         room = stack.enter_context(TrackRoom(options, session, tracking.troubles, console))
         talk = Talk(console, time.monotonic_ns, known_timesteps(options, tracking))
-        TrackingRun(options, session, tracking, interrupted, talk, room).live()
+        TrackingRun(options, session, tracking, interrupted, talk, room).run()
         return INTERRUPTED if interrupted.is_set() else 0
 
 
@@ -193,7 +187,7 @@ class TrackingRun:
         self._recorder = begin_recording(session, self._talk)
         self._last: tuple[ArenaState, Sequence[Frame]] | None = None
 
-    def live(self) -> None:
+    def run(self) -> None:
         """Tracks to the end, and leaves picture, recording and summary.
 
         Raises:
@@ -217,9 +211,9 @@ class TrackingRun:
         if self._options.format == "csv":
             print(arena.CSV_HEADER, flush=True)
         for state, frames in timesteps(self._tracking, self._interrupted, self._options.frames):
-            self._take(state, frames)
+            self._publish(state, frames)
 
-    def _take(self, state: ArenaState, frames: Sequence[Frame]) -> None:
+    def _publish(self, state: ArenaState, frames: Sequence[Frame]) -> None:
         """Hands one timestep on to everybody."""
         self._last = state, frames
         csv = self._options.format == "csv"
@@ -230,7 +224,7 @@ class TrackingRun:
         if self._recorder is not None:
             self._recorder.write(frames)
         self._talk.timestep(state, len(frames))
-        self._room.look(state, frames)
+        self._room.update(state, frames)
 
     def _draw(self, path: Path) -> None:
         """Draws the last state into a file."""

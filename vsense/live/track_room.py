@@ -76,8 +76,8 @@ class TrackRoom:
     def __exit__(self, *exception: object) -> None:
         self._stack.close()
 
-    def look(self, state: ArenaState, frames: Sequence[Frame]) -> None:
-        """Tells what is new after a timestep; nothing is made that nobody wants."""
+    def update(self, state: ArenaState, frames: Sequence[Frame]) -> None:
+        """Publishes what is new after a timestep; nothing is made that nobody wants."""
         if self._press is None:
             return
         now_ns, self._timestep = self._clock(), state.timestep

@@ -28,13 +28,7 @@ class Neighbourhood:
     """
 
     def __init__(self, robots: int, boxes: ArrayLike, radii_m: ArrayLike) -> None:
-        """A neighbourhood without pairs yet.
-
-        Args:
-            robots: how many of the bodies are robots.
-            boxes: (b, 5) x_m, y_m, yaw_rad, size_x_m, size_y_m of what stands around, arena frame.
-            radii_m: (n,) radius of every body, robots first.
-        """
+        """`boxes` as for `Physics`; `radii_m` (n,) of every body, robots first."""
         table = np.asarray(boxes, dtype=np.float64).reshape(-1, 5)
         axis = np.stack([np.cos(table[:, 2]), np.sin(table[:, 2])], axis=1)
         radii = np.ascontiguousarray(radii_m, dtype=np.float64)
@@ -64,13 +58,7 @@ class Contacts:
     """
 
     def __init__(self, mobility: Floats, near: Neighbourhood) -> None:
-        """Contacts of the bodies in `near`.
-
-        Args:
-            mobility: (n,) how readily each body gives way, 0 for what cannot move; the caller
-                may change it between ticks.
-            near: who is near whom.
-        """
+        """`mobility` (n,): how readily each body gives way, 0 not at all; may change meanwhile."""
         size = near.room * kernel_ffi.sizeof("struct vs_contact")
         self._kept = (
             near,

@@ -57,7 +57,7 @@ class Flow:
         self.time_ns, self.seen, self.connected = array("q"), array("i"), array("i")
         self._run_timestep: int | None = None
 
-    def take(self, capture_ns: int, run_timestep: int, seen: int, connected: int) -> None:
+    def add(self, capture_ns: int, run_timestep: int, seen: int, connected: int) -> None:
         """Takes an arena state; `run_timestep` is -1 where no run is on."""
         if self.begin_ns is None:
             self.begin_ns = self.newest_ns = capture_ns
@@ -94,7 +94,7 @@ class Latencies:
     def __init__(self) -> None:
         self.time_ns, self.latency_ms = array("q"), array("d")
 
-    def take(self, sent_ns: int, data: Mapping[str, Any]) -> None:
+    def add(self, sent_ns: int, data: Mapping[str, Any]) -> None:
         """Takes a `/readings`.
 
         Raises:
@@ -115,7 +115,7 @@ class Measures:
     def __init__(self) -> None:
         self.of: dict[str, tuple[array[float], array[float]]] = {}
 
-    def take(self, time_s: float, values: Mapping[str, Any]) -> None:
+    def add(self, time_s: float, values: Mapping[str, Any]) -> None:
         """Takes the measures of a timestep; what is no number is left out."""
         for name, value in values.items():
             known = number(value)
@@ -140,7 +140,7 @@ class CameraCounts:
         self.spells: list[Spell] = []
         self._open: dict[str, tuple[str, Spell]] = {}
 
-    def take(self, time_ns: int, data: Mapping[str, Any]) -> None:
+    def add(self, time_ns: int, data: Mapping[str, Any]) -> None:
         """Takes a `/cameras`.
 
         Raises:
@@ -196,7 +196,7 @@ class LinkHealth:
         self._cause = ""
         self._first_errors: float | None = None
 
-    def take(self, connected: bool, cause: str, battery: Any, errors: Any) -> None:
+    def add(self, connected: bool, cause: str, battery: Any, errors: Any) -> None:
         """Takes what one message tells of it."""
         self.told += 1
         self.connected += connected
@@ -231,7 +231,7 @@ class SeenRobots:
         self.connected = -1
         self._open: dict[int, Spell] = {}
 
-    def take(self, time_ns: int, data: Mapping[str, Any]) -> dict[int, int]:
+    def add(self, time_ns: int, data: Mapping[str, Any]) -> dict[int, int]:
         """Takes a `/robots`.
 
         Returns:
@@ -248,7 +248,7 @@ class SeenRobots:
         self.lit = set()
         for tag, connected, cause, battery, errors, leds in zip(tags, *columns, strict=True):
             health = self.of.get(tag) or self.of.setdefault(tag, LinkHealth())
-            health.take(bool(connected), str(cause or ""), battery, errors)
+            health.add(bool(connected), str(cause or ""), battery, errors)
             self._link(time_ns, tag, bool(connected))
             states[tag] = LOST if not connected else STOPPED if cause else FINE
             if isinstance(leds, int) and leds & 0xFF:
@@ -282,7 +282,7 @@ class Strips:
         self._rows: dict[int, NDArray[np.uint8]] = {}
         self._used = 0
 
-    def take(
+    def add(
         self, time_ns: int, states: Mapping[int, int], since: Mapping[int, int] = _NONE
     ) -> None:
         """Takes how the robots are now.

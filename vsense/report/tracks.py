@@ -55,7 +55,7 @@ class RobotTrack:
         points = [*self._points, *([self._last] if self._last is not None else [])]
         return np.array(points, np.float64).reshape(-1, 2)
 
-    def see(self, time_ns: int, x_m: float, y_m: float) -> None:
+    def add(self, time_ns: int, x_m: float, y_m: float) -> None:
         """Takes a sighting."""
         self.seen += 1
         here = (x_m, y_m)
@@ -114,7 +114,7 @@ class Tracks:
         self.places_m: dict[int, tuple[float, float]] = {}
         self._is_robot = is_robot
 
-    def take(self, capture_ns: int, robots: Mapping[str, Any]) -> None:
+    def add(self, capture_ns: int, robots: Mapping[str, Any]) -> None:
         """Takes the robots of an arena state, in columns.
 
         Raises:
@@ -134,7 +134,7 @@ class Tracks:
                 continue
             self.places_m[tag] = (x_m, y_m)
             track = self.of.get(tag) or self.of.setdefault(tag, RobotTrack())
-            track.see(capture_ns, x_m, y_m)
+            track.add(capture_ns, x_m, y_m)
             self.cells[math.floor(x_m / CELL_M), math.floor(y_m / CELL_M)] += 1
 
     def lift(self) -> None:

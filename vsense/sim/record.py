@@ -41,12 +41,7 @@ class SimulatedTracker:
     """Makes arena states of true poses."""
 
     def __init__(self, tags: Sequence[int], seed: int) -> None:
-        """A tracker that knows these tags.
-
-        Args:
-            tags: robots and objects, in the order of the poses.
-            seed: of the errors.
-        """
+        """`tags` come in the order of the poses; `seed` is that of the errors."""
         self._order = np.argsort(np.asarray(tags, dtype=np.uint32))
         self._random = np.random.default_rng([seed, _STREAM])
         self._errors = np.zeros((0, len(tags), 3))
@@ -111,7 +106,6 @@ class Record:
     """
 
     def __init__(self, experiment: Experiment) -> None:
-        """An empty record of all timesteps of a run."""
         timesteps = experiment.timesteps
         self.tags = tuple(robot.tag for robot in experiment.robots)
         self.object_tags = tuple(thing.tag for thing in experiment.objects)

@@ -1,4 +1,4 @@
-"""One simulated run: physics, virtual world and the robots' minds on one virtual clock.
+"""One simulated run: physics, virtual world and controller runtimes on one virtual clock.
 
 A timestep goes as in the lab (medians of `vsense lab pollutant`, 120 s): the cameras expose, 10 ms
 later their pictures are there, at 24 ms the robots have their own sensors' readings composed, at
@@ -96,7 +96,7 @@ class Simulation:
         self._timestep = self._numbers = 0
 
     def run(self) -> dict[str, float]:
-        """Lives all timesteps.
+        """Runs all timesteps.
 
         Returns:
             The experiment's own results by name.
@@ -106,19 +106,19 @@ class Simulation:
         """
         for run_timestep in range(-WARM_UP, len(self.record.timesteps)):
             self.step(run_timestep)
-        self._live_until(self._capture_ns())
+        self._advance(self._capture_ns())
         if self.samples is not None:
             self.samples.end(self.environment.world)
         return self.environment.end()
 
     def step(self, run_timestep: int) -> None:
-        """Lives one timestep, up to the moment before the next capture.
+        """Runs one timestep, up to the moment before the next capture.
 
         Args:
             run_timestep: timestep of the run, negative before it; one more at every call.
         """
         capture_ns = self._capture_ns()
-        self._live_until(capture_ns)
+        self._advance(capture_ns)
         poses = self._physics.poses
         state = self._tracker.update(poses, self._timestep, capture_ns)
         readings = self.environment.step(state, run_timestep, self._reports)
@@ -171,7 +171,7 @@ class Simulation:
         heapq.heappush(self._events, _Event(time_ns, self._numbers, happen))
         self._numbers += 1
 
-    def _live_until(self, time_ns: int) -> None:
+    def _advance(self, time_ns: int) -> None:
         """Moves everything on to a time; what is due then has happened."""
         while self._events and self._events[0].time_ns <= time_ns:
             event = heapq.heappop(self._events)

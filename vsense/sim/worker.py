@@ -88,12 +88,7 @@ class Worker:
     """Takes jobs and has them done."""
 
     def __init__(self, progress: Any, answers: int) -> None:
-        """A worker that nobody has given anything yet.
-
-        Args:
-            progress: shared memory.
-            answers: descriptor to answer on.
-        """
+        """`progress` is shared memory, `answers` the descriptor to answer on."""
         self._progress = progress
         self._answers = answers
 
