@@ -6,13 +6,16 @@ the sensor's readout and is reported by itself.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import wrap_angle
+from vsense.config.specs import Experiment
 from vsense.lab.swarm import UNKNOWN_AGE
 from vsense.world.entities import BODY_RADIUS_M
 
@@ -52,7 +55,7 @@ class MeasuredRun:
         truth: the true poses, cone depths and LEDs.
         object_tags: tags of the tagged objects that are no robots.
         object_poses: (timesteps, objects, 3) their true poses.
-        traces: per robot a `trace.TRACE` array with host times.
+        traces: per robot a `swarm.TRACE` array with host times.
         actuated: per robot the `microcontrollers.ACTUATION` rows that were applied, by time.
         turn: the run's timestep at which the wind turns, or None.
         lateness_ms: the canary's ticks.
@@ -333,6 +336,42 @@ def phase_ends(run: Phases) -> tuple[int | None, int | None]:
     before = int(np.searchsorted(timesteps, run.turn)) - 1
     after = len(timesteps) - 1
     return (before if before >= 0 else None), (after if after > before else None)
+
+
+def depths_in_cone(
+    experiment: Experiment,
+    poses: NDArray[np.float64],
+    run_timesteps: NDArray[np.int64],
+    shares: Sequence[float] | NDArray[np.float64],
+) -> NDArray[np.float64] | None:
+    """How deep each robot truly is in the cone of the first pollutant source.
+
+    Args:
+        experiment: says who pollutes, a robot or an object.
+        poses: (n, bodies, 3) true x_m, y_m, yaw_rad: robots, then objects.
+        run_timesteps: (n,) rising.
+        shares: (n,) how much was left of the source.
+
+    Returns:
+        (n, robots) in m, negative outside, -inf where nothing is left; None without a source.
+    """
+    source, robots = experiment.source, len(experiment.robots)
+    if source is None:
+        return None
+    tags = [*(robot.tag for robot in experiment.robots), *(t.tag for t in experiment.objects)]
+    turn = experiment.turn_timestep
+    turned = np.zeros(len(poses), bool) if turn is None else run_timesteps >= turn
+    depth_m = np.full((len(poses), robots), -np.inf)
+    row = 0
+    # A cone mostly stays for many timesteps.
+    keys = zip(*poses[:, tags.index(source.tag), :2].T.tolist(), turned.tolist(), shares)
+    for (x_m, y_m, _, share), same in groupby(keys):
+        rows = slice(row, row + len(list(same)))
+        if share > 0.0:
+            cone = source.cone_at(x_m, y_m, int(run_timesteps[row]), share)
+            depth_m[rows] = -cone.edge_distance(poses[rows, :robots, :2])
+        row = rows.stop
+    return depth_m
 
 
 def counts(truth: SwarmTruth) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.config.specs import Experiment
 from vsense.lab import metrics
 from vsense.lab.metrics import SwarmTruth
 from vsense.lab.microcontrollers import read_actuations
@@ -24,7 +23,6 @@ from vsense.pictures.canvas import Image
 from vsense.pictures.run_figure import RunFigure, spoken
 from vsense.run.figures import link_row, number, percent
 from vsense.run.runtime import Step
-from vsense.world.pollution import PollutantSource
 
 LINK_COUNTERS = ("sent", "received", "dropped", "reconnects")
 
@@ -55,7 +53,9 @@ def gather(session: Session, recording: RunNotes) -> metrics.MeasuredRun:
         sightings=[step.state.sightings for step in recording.steps],
         truth=SwarmTruth(
             poses=truth["poses"][:, :robots],
-            depth_m=_depth_m(experiment, recording, truth["poses"], steps["run_timestep"]),
+            depth_m=metrics.depths_in_cone(
+                experiment, truth["poses"], steps["run_timestep"], recording.samples.shares
+            ),
             lit=(truth["leds"][:, :robots] & RING_LEDS) != 0,
         ),
         object_tags=tuple(thing.tag for thing in experiment.objects),
@@ -83,36 +83,6 @@ def _rows_of(truth: NDArray[np.void], timesteps: list[int]) -> NDArray[np.void]:
     if rows[-1] >= len(truth) or (truth["timestep"][rows] != timesteps).any():
         raise LabError("the truth log does not hold every timestep of the run")
     return truth[rows]
-
-
-def _true_source(
-    source: PollutantSource, experiment: Experiment, poses: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """True poses of what pollutes, a robot or an object, out of those of all bodies."""
-    tags = [robot.tag for robot in experiment.robots]
-    tags += [thing.tag for thing in experiment.objects]
-    return np.asarray(poses[..., tags.index(source.tag), :])
-
-
-def _depth_m(
-    experiment: Experiment,
-    recording: RunNotes,
-    poses: NDArray[np.float64],
-    run_timesteps: NDArray[np.int64],
-) -> NDArray[np.float64] | None:
-    """How deep each robot truly is in the cone of the true source; None without a cone."""
-    source = experiment.source
-    if source is None:
-        return None
-    robots = len(experiment.robots)
-    # Where nothing is left there is no cone: everybody is far outside.
-    depth_m = np.full((len(poses), robots), -np.inf)
-    shares = recording.samples.shares
-    for row, (x_m, y_m, _) in enumerate(_true_source(source, experiment, poses)):
-        if shares[row] > 0.0:
-            cone = source.cone_at(x_m, y_m, int(run_timesteps[row]), shares[row])
-            depth_m[row] = -cone.edge_distance(poses[row, :robots, :2])
-    return depth_m
 
 
 def _within(trace: NDArray[np.void], steps: NDArray[np.void]) -> NDArray[np.void]:

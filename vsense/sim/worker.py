@@ -79,7 +79,7 @@ def _save(run: Simulation, experiment: Experiment, job: Job, directory: Path) ->
     """Writes `TRAJECTORY` and the picture of a run that has an samples."""
     assert run.samples is not None
     run.record.save(directory / TRAJECTORY)
-    told = run.record.figure(experiment, run.samples)
+    told = run.record.figure(run.samples)
     subtitle = f"{len(run.record.tags)} simulated robots, seed {job.seed}"
     run_figure.save(told, directory / f"{experiment.name}.png", job.setup.blind, subtitle)
 
