@@ -21,14 +21,10 @@ from vsense.world.entities import BODY_RADIUS_M
 
 TIMESTEP = np.dtype(
     [
-        ("timestep", "i8"),
-        ("run_timestep", "i8"),
-        ("capture_ns", "i8"),
-        ("render_ns", "i8"),
-        ("arena_ns", "i8"),
-        ("sent_ns", "i8"),
+        ("timestep", "i8"), ("run_timestep", "i8"), ("capture_ns", "i8"),
+        ("render_ns", "i8"), ("arena_ns", "i8"), ("sent_ns", "i8"),
     ]
-)
+)  # fmt: skip
 """One timestep that the host lived; times on the host's monotonic clock. `timestep` counts the
 cameras' triggers, `run_timestep` those of the run; `render_ns` is how long rendering took."""
 

@@ -16,13 +16,10 @@ from vsense.lab.shared import LabError
 
 ACTUATION = np.dtype(
     [
-        ("time_ns", "<i8"),
-        ("robot", "<u2"),
-        ("left_steps_s", "<i2"),
-        ("right_steps_s", "<i2"),
-        ("leds", "<u2"),
+        ("time_ns", "<i8"), ("robot", "<u2"),
+        ("left_steps_s", "<i2"), ("right_steps_s", "<i2"), ("leds", "<u2"),
     ]
-)
+)  # fmt: skip
 """What a microcontroller made motors and LEDs do; an actuation log is these, end to end.
 
 `time_ns` is the host's monotonic clock when the firmware did so; `robot` the robot's index; the

@@ -1,10 +1,9 @@
-"""What all child processes of the lab have in common: how they end.
+"""Child processes of the lab: how they end, and the canary among them.
 
-The canary: an idle process with a 10 ms timer that notes how late it was woken.
-
-A latency measured on a busy machine says as much about the machine as about vsense; the canary's
-figures of the same run tell the two apart. `python -m vsense.lab.processes` runs until its standard
-input ends, then prints one lateness in ms per line, one line per tick.
+The canary is an idle process with a 10 ms timer that notes how late it was woken. A latency
+measured on a busy machine says as much about the machine as about vsense; the canary's figures of
+the same run tell the two apart. `python -m vsense.lab.processes` runs until its standard input
+ends, then prints one lateness in ms per line, one line per tick.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""The robots' daemons: one real `vsensed` per robot, started, watched and ended."""
+"""The robots' daemons: one real `vsensed` per robot, started, watched and ended; and their traces.
+
+`vsensed --trace` writes what each controller held at every step.
+"""
 
 from __future__ import annotations
 
@@ -142,20 +145,11 @@ class Swarm:
 
 TRACE = np.dtype(
     [
-        ("step", "i8"),
-        ("timestep", "i8"),
-        ("now_ns", "i8"),
-        ("rx_ns", "i8"),
-        ("newest_ns", "i8"),
-        ("known", "?"),
-        ("value", "f8"),
-        ("capture_ns", "i8"),
-        ("age_ns", "i8"),
-        ("stale", "?"),
-        ("left", "i8"),
-        ("right", "i8"),
+        ("step", "i8"), ("timestep", "i8"), ("now_ns", "i8"), ("rx_ns", "i8"),
+        ("newest_ns", "i8"), ("known", "?"), ("value", "f8"), ("capture_ns", "i8"),
+        ("age_ns", "i8"), ("stale", "?"), ("left", "i8"), ("right", "i8"),
     ]
-)
+)  # fmt: skip
 """One control step of one robot; all times on the host's clock.
 
 `now_ns` is when the controller was called, `rx_ns` when the datagram had come that brought the

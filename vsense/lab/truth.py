@@ -1,13 +1,12 @@
-"""The truth ring: where every body of the lab really is, tick by tick.
+"""Where every body of the lab really is: a ring for the present, a log for the report.
 
-One process writes a record per tick of its physics, others read the truth at any moment of the
-last 256 ticks. Nobody waits for anybody. A record that is read while it is being written shows a
-wrong checksum, which needs no memory ordering from the processor: a reader takes the tick before it
-for the newest, and looks again only where the writer has got on.
+One process writes a record per tick of its physics into the ring, others read the truth at any
+moment of the last 256 ticks. Nobody waits for anybody. A record that is read while it is being
+written shows a wrong checksum, which needs no memory ordering from the processor: a reader takes
+the tick before it for the newest, and looks again only where the writer has got on.
 
-The truth log: where every body was at every capture, in a compact file for the report.
-
-The file is a header, the number of bodies, and one record per timestep, all little endian.
+The log holds where every body was at every capture: a header, the number of bodies, and one record
+per timestep, all little endian.
 """
 
 from __future__ import annotations
@@ -36,14 +35,11 @@ def _record_dtype(bodies: int) -> np.dtype[np.void]:
     """One tick; `sequence` counts from 1, `checksum` is a CRC-32 of the record with 0 in it."""
     return np.dtype(
         [
-            ("sequence", "i8"),
-            ("time_ns", "i8"),
-            ("poses", "f8", (bodies, 3)),
-            ("leds", "u2", (bodies,)),
-            ("checksum", "u4"),
+            ("sequence", "i8"), ("time_ns", "i8"),
+            ("poses", "f8", (bodies, 3)), ("leds", "u2", (bodies,)), ("checksum", "u4"),
         ],
         align=True,
-    )
+    )  # fmt: skip
 
 
 def _ring_size(bodies: int) -> int:
@@ -227,14 +223,10 @@ def truth_dtype(bodies: int) -> np.dtype[np.void]:
     """
     return np.dtype(
         [
-            ("timestep", "<i8"),
-            ("capture_ns", "<i8"),
-            ("ready_ns", "<i8"),
-            ("render_ns", "<i8"),
-            ("poses", "<f8", (bodies, 3)),
-            ("leds", "<u2", (bodies,)),
+            ("timestep", "<i8"), ("capture_ns", "<i8"), ("ready_ns", "<i8"),
+            ("render_ns", "<i8"), ("poses", "<f8", (bodies, 3)), ("leds", "<u2", (bodies,)),
         ]
-    )
+    )  # fmt: skip
 
 
 class TruthLog:

@@ -1,4 +1,4 @@
-"""What a person sees on standard error while robots are tracked: rate, health, progress."""
+"""`vsense track`: the loop over a session's timesteps, its recording, and the live line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""The physics of lab and simulation: differential drive by stepper motors, bodies in the way."""
+"""The physics of lab and simulation: differential drive by stepper motors, bodies in the way.
+
+Contacts are found in C (`c_src/host/vs_contacts.c`). With 15 robots in the pollutant experiment's
+arena a tick takes 2 us; it took 125 us in NumPy.
+"""
 
 from __future__ import annotations
 

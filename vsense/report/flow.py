@@ -1,4 +1,4 @@
-"""How the run went on: timesteps lived and missed, silences, latencies, cameras."""
+"""What a report keeps of a run: timesteps, silences, latencies, measures, cameras, robots."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One run that is to be simulated, as it travels to the process that does it."""
+"""What is simulated: one run as it travels to its process, and the sweep of a campaign."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""What the cameras would say about a simulated arena: every marker, nearly where it is.
-
-What happened in a simulated run: where everybody was, what was lit, and what counts.
-"""
+"""A simulated run timestep by timestep, and the tracker's errors that its arena states carry."""
 
 from __future__ import annotations
 
