@@ -41,7 +41,7 @@ from vsense.config.specs import Experiment, ObjectSpec, RobotSpec
 from vsense.errors import UsageError, VsenseError
 from vsense.lab.links import bases_of
 from vsense.lab.microcontrollers import ActuationLog, Microcontrollers
-from vsense.lab.processes import describe_exit, end
+from vsense.lab.processes import describe_exit, end, read_line
 from vsense.lab.shared import LabError
 from vsense.lab.truth import TruthWriter
 from vsense.physics.motion import TICK_NS, Physics, obstacles
@@ -240,24 +240,13 @@ def run(process: PhysicsProcess, stdin: int, ended: list[int]) -> None:
         process.step(ready, time.monotonic_ns())
 
 
-def _read_line(stdin: int) -> bytes:
-    """Reads up to the line's end and not a byte further, so that `select` sees all that follows."""
-    line = bytearray()
-    while not line.endswith(b"\n"):
-        byte = os.read(stdin, 1)
-        if not byte:
-            break
-        line += byte
-    return bytes(line)
-
-
 def main() -> int:
     """Runs the process; see the module."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     stdin = sys.stdin.fileno()
     ended: list[int] = []
     try:
-        spec = PhysicsSpec.parse(_read_line(stdin))
+        spec = PhysicsSpec.parse(read_line(stdin))
         signal.signal(signal.SIGTERM, lambda number, frame: ended.append(number))
         epoch_ns = time.monotonic_ns()
         process = PhysicsProcess(spec, epoch_ns)

@@ -36,6 +36,21 @@ def describe_exit(returncode: int) -> str:
     return f"ended with exit code {returncode}"
 
 
+def read_line(descriptor: int) -> bytes:
+    """Reads up to a line's end and not a byte further, so that `select` sees all that follows.
+
+    Returns:
+        The line; empty where the input ended before it did.
+    """
+    line = bytearray()
+    while not line.endswith(b"\n"):
+        byte = os.read(descriptor, 1)
+        if not byte:
+            return b""
+        line += byte
+    return bytes(line)
+
+
 PERIOD_NS = 10_000_000
 
 

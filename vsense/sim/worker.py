@@ -31,6 +31,7 @@ from typing import Any
 
 from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
+from vsense.lab.processes import read_line
 from vsense.pictures import run_figure
 from vsense.pictures.run_samples import RunSamples
 from vsense.robot.inprocess import PROGRESS_BYTES, declarations
@@ -94,7 +95,7 @@ class Worker:
 
     def work(self) -> None:
         """Does jobs until standard input ends."""
-        while line := _read_line(0):
+        while line := read_line(0):
             answer = self._do(line)
             if answer is None:
                 return
@@ -165,17 +166,6 @@ def _listen(told: int, pid: int) -> bytes | None:
         if not part:
             return bytes(said)
         said += part
-
-
-def _read_line(descriptor: int) -> bytes:
-    """Reads up to a line's end and not a byte further, so that `select` sees all that follows."""
-    line = bytearray()
-    while not line.endswith(b"\n"):
-        byte = os.read(descriptor, 1)
-        if not byte:
-            return b""
-        line += byte
-    return bytes(line)
 
 
 def _write_all(descriptor: int, data: bytes) -> None:
