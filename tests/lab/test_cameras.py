@@ -38,11 +38,11 @@ SECOND_NS = 1_000_000_000
 ORPHAN = """
 import sys
 from pathlib import Path
-from vsense.lab.camera_spec import CameraSpec
+from vsense.lab.camera_spec import LabCameraSpec
 from vsense.lab.shared import SLOTS
 from vsense.lab.grabber import LabGrabber
 
-grabber = LabGrabber(CameraSpec.from_json(sys.stdin.readline()))
+grabber = LabGrabber(LabCameraSpec.from_json(sys.stdin.readline()))
 grabber.start(int(sys.argv[1]))
 print(grabber.pid, flush=True)
 sys.stdin.readline()
