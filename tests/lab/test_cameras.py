@@ -24,8 +24,8 @@ from vsense.lab.camera_spec import LabCameraSpec, rig
 from vsense.lab.cameras import SAMPLES
 from vsense.lab.grabber import LabGrabber
 from vsense.lab.optics import sample_times_ns
+from vsense.lab.renderer import Studio
 from vsense.lab.shared import SLOTS, LabError
-from vsense.lab.studio import Studio
 from vsense.lab.truth import TruthReader, TruthWriter, make_ring, read_truth
 from vsense.world.entities import Arena
 
@@ -38,11 +38,11 @@ SECOND_NS = 1_000_000_000
 ORPHAN = """
 import sys
 from pathlib import Path
-from vsense.lab.camera_spec import CameraSpec
+from vsense.lab.camera_spec import LabCameraSpec
 from vsense.lab.shared import SLOTS
 from vsense.lab.grabber import LabGrabber
 
-grabber = LabGrabber(CameraSpec.from_json(sys.stdin.readline()))
+grabber = LabGrabber(LabCameraSpec.from_json(sys.stdin.readline()))
 grabber.start(int(sys.argv[1]))
 print(grabber.pid, flush=True)
 sys.stdin.readline()

@@ -9,9 +9,9 @@ import pytest
 
 from vsense.arena import SIGHTING
 from vsense.lab import metrics
+from vsense.lab.metrics import SwarmTruth
 from vsense.lab.microcontrollers import ACTUATION
-from vsense.lab.phases import SwarmTruth
-from vsense.lab.trace import TRACE
+from vsense.lab.swarm import TRACE
 
 DT_NS = 100_000_000
 RENDER_NS = 12_000_000

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from vsense.arena import POSE, ArenaState
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment
-from vsense.pictures import arena_view, chart, story
+from vsense.pictures import arena_view, run_figure
 from vsense.pictures.arena_view import DARK, LIT, VIRTUAL, WIDTH_PX, ArenaMoment
 from vsense.pictures.canvas import SCALE, Canvas
-from vsense.pictures.chart import Chart, ChartSeries
-from vsense.pictures.painting import Album, paint
+from vsense.pictures.run_figure import Chart, ChartSeries
+from vsense.pictures.run_samples import RunSamples, take_snapshot
 from vsense.world.entities import Box, Cylinder, Light, VirtualRobot, Zone
 from vsense.world.fields import Field
 from vsense.world.world import World
@@ -47,7 +47,7 @@ def make_world(experiment: Experiment, *entities: object, fields: tuple[Field, .
 
 def draw(experiment: Experiment, world: World, lit: tuple[bool, bool] = (False, False)) -> object:
     scene = ArenaMoment(
-        "now", "", None, paint(world, experiment), POSES, np.array(lit), np.empty((0,))
+        "now", "", None, take_snapshot(world, experiment), POSES, np.array(lit), np.empty((0,))
     )
     return arena_view.draw(scene)
 
@@ -106,7 +106,7 @@ def test_field_is_darkest_where_it_is_strongest(experiment: Experiment) -> None:
 
 def test_outline_of_a_turned_box_follows_its_turn(experiment: Experiment) -> None:
     box = Box("wall", (0.5, 0.5, 0.0), (0.4, 0.02, 0.1), np.pi / 2)
-    (outline,) = paint(make_world(experiment, box), experiment).virtual
+    (outline,) = take_snapshot(make_world(experiment, box), experiment).virtual
     assert np.ptp(outline, axis=0) == pytest.approx([0.02, 0.4])
 
 
@@ -116,7 +116,7 @@ def test_outline_of_a_turned_box_follows_its_turn(experiment: Experiment) -> Non
     most=st.integers(2, 9),
 )
 def test_ticks_are_round_rising_and_inside(low: float, high: float, most: int) -> None:
-    ticks = chart.ticks(low, high, most)
+    ticks = run_figure.ticks(low, high, most)
     step = np.diff(ticks)
     assert len(ticks) >= 1 and len(ticks) <= most + 1
     assert np.all(step > 0)
@@ -130,66 +130,68 @@ def test_chart_draws_a_constant_and_negative_values() -> None:
     canvas = Canvas(800, 400)
     values = np.array([-1.0, -1.0, 0.0])
     series = [ChartSeries("a", values, LIT), ChartSeries("b", np.zeros(3), DARK)]
-    chart.draw(canvas, Chart("m", np.arange(4.0), series, 0.0, [(1.0, "here")]), 20, 40, 760)
+    run_figure.draw_chart(
+        canvas, Chart("m", np.arange(4.0), series, 0.0, [(1.0, "here")]), 20, 40, 760
+    )
     reds = (canvas.finished() == np.array(LIT)).all(axis=-1)
     assert reds.any()
 
 
-def run_album(experiment: Experiment, timesteps: range) -> Album:
-    album, world = Album(experiment), make_world(experiment)
+def run_samples_of(experiment: Experiment, timesteps: range) -> RunSamples:
+    samples, world = RunSamples(experiment), make_world(experiment)
     for timestep in timesteps:
         world.results["half"] = timestep / 2.0
         world.results["always"] = 3.0
-        album.look(timestep, world)
-    album.end(world)
-    return album
+        samples.add(timestep, world)
+    samples.end(world)
+    return samples
 
 
-def make_story(experiment: Experiment, timesteps: range, turn: int | None) -> story.RunFigure:
+def make_run(experiment: Experiment, timesteps: range, turn: int | None) -> run_figure.RunFigure:
     n = len(timesteps)
-    return story.RunFigure(
+    return run_figure.RunFigure(
         experiment,
         np.array(timesteps),
         np.tile(POSES, (n, 1, 1)),
         np.zeros((n, 2), bool),
         None if turn is None else np.ones((n, 2), bool),
         turn,
-        run_album(experiment, timesteps),
+        run_samples_of(experiment, timesteps),
     )
 
 
-def test_album_keeps_the_moment_before_the_turn_and_the_end(experiment: Experiment) -> None:
-    album = run_album(experiment, range(100))
-    assert album.moment == 50
-    assert sorted(album.paintings) == [47, 48, 49, 99]
-    assert set(album.measures()) == {"half"}
-    assert album.measures()["half"].tolist() == [t / 2 for t in range(100)]
+def test_samples_keep_the_moment_before_the_turn_and_the_end(experiment: Experiment) -> None:
+    samples = run_samples_of(experiment, range(100))
+    assert samples.moment == 50
+    assert sorted(samples.snapshots) == [47, 48, 49, 99]
+    assert set(samples.measures()) == {"half"}
+    assert samples.measures()["half"].tolist() == [t / 2 for t in range(100)]
 
 
 def test_missed_timestep_shows_the_one_before_and_a_short_run_shows_its_end(
     experiment: Experiment,
 ) -> None:
     lived = [t for t in range(100) if t != 49]
-    album, world = Album(experiment), make_world(experiment)
+    samples, world = RunSamples(experiment), make_world(experiment)
     for timestep in lived:
-        album.look(timestep, world)
-    album.end(world)
-    assert sorted(album.paintings) == [47, 48, 99]
-    short = make_story(experiment, range(20), 50)
-    assert story.draw(short, "short", "", lambda timestep: None).shape[1] < 1000
-    whole = make_story(experiment, range(100), 50)
-    assert story.draw(whole, "whole", "", lambda timestep: None).shape[1] > 1800
+        samples.add(timestep, world)
+    samples.end(world)
+    assert sorted(samples.snapshots) == [47, 48, 99]
+    short = make_run(experiment, range(20), 50)
+    assert run_figure.draw(short, "short", "", lambda timestep: None).shape[1] < 1000
+    whole = make_run(experiment, range(100), 50)
+    assert run_figure.draw(whole, "whole", "", lambda timestep: None).shape[1] > 1800
 
 
 def test_charts_show_the_cone_first_and_the_measures_after(experiment: Experiment) -> None:
-    both = story.charts(make_story(experiment, range(100), 50))
+    both = run_figure.charts(make_run(experiment, range(100), 50))
     assert [c.unit for c in both] == ["robots", "half"]
     assert both[0].marks == [(5.0, "the wind turns")]
     assert both[0].series[0].values.tolist() == [2.0] * 100
-    (own,) = story.charts(make_story(experiment, range(100), None))
+    (own,) = run_figure.charts(make_run(experiment, range(100), None))
     assert own.unit == "half" and own.time_s[-1] == pytest.approx(10.0)
 
 
 def test_no_picture_of_this_room_knows_the_laboratory() -> None:
-    for module in Path(story.__file__).parent.glob("*.py"):
+    for module in Path(run_figure.__file__).parent.glob("*.py"):
         assert "vsense.lab" not in module.read_text(), module

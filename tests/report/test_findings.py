@@ -26,8 +26,8 @@ from tests.report.runs import (
 from vsense.message_bus import Message
 from vsense.recording.form import RecordingError
 from vsense.report.findings import Findings, as_json, read_findings
+from vsense.report.flow import FINE, LOST, STOPPED, UNSEEN, Strips
 from vsense.report.gather import IN_CONE, LIT_IN_CONE
-from vsense.report.health import FINE, LOST, STOPPED, UNSEEN, Strips
 from vsense.report.tracks import CELL_M, MOST_POINTS, RobotTrack
 
 
@@ -186,7 +186,7 @@ def test_a_long_way_stays_small_and_true() -> None:
     track = RobotTrack()
     angles = np.linspace(0.0, 400.0 * np.pi, 120_000)
     for place, angle in enumerate(angles):
-        track.see(place * STEP_NS, float(np.cos(angle)), float(np.sin(angle)))
+        track.add(place * STEP_NS, float(np.cos(angle)), float(np.sin(angle)))
     points = track.points_m
     assert len(points) <= MOST_POINTS + 2
     assert np.allclose(np.hypot(*points.T), 1.0)
@@ -196,7 +196,7 @@ def test_a_long_way_stays_small_and_true() -> None:
 def test_health_of_a_long_run_stays_small() -> None:
     strips = Strips(STEP_NS)
     for step in range(20_000):
-        strips.take(step * STEP_NS, {1: STOPPED if step == 12_345 else FINE})
+        strips.add(step * STEP_NS, {1: STOPPED if step == 12_345 else FINE})
     _, table = strips.table()
     assert table.shape[1] <= 1024 and strips.bin_ns == 20 * STEP_NS
     assert np.flatnonzero(table[0] == STOPPED).tolist() == [12_345 // 20]

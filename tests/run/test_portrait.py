@@ -10,7 +10,7 @@ import pytest
 
 from tests.conftest import States
 from tests.run.stage import DT_NS, S, Stage, experiment
-from vsense.pictures.story import RunPictureError
+from vsense.pictures.run_figure import RunPictureError
 from vsense.run.environment import Environment
 from vsense.run.portrait import Portrait
 
@@ -34,7 +34,7 @@ def lived(state: States, seen_from: list[int]) -> tuple[Portrait, Environment]:
 
 def test_who_was_never_seen_is_not_drawn(state: States, tmp_path: Path) -> None:
     portrait, environment = lived(state, [0, 4, 99])
-    told = portrait._story(np.array(portrait._known))
+    told = portrait._figure(np.array(portrait._known))
     assert told.poses.shape == (10, 2, 3) and told.lit.shape == (10, 2)
     assert told.poses[0, 1].tolist() == told.poses[4, 1].tolist() == [-0.2, 0.2, 1.0]
     path = tmp_path / "run.png"

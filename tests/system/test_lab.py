@@ -181,7 +181,9 @@ def test_killed_daemon_is_named_and_joins_again(directory: Path) -> None:
     assert lab.summary()["link"]["reconnects"] >= 1
 
 
-@pytest.mark.parametrize(("process", "told"), [("atoms", "physics"), ("cameras", "cameras")])
+@pytest.mark.parametrize(
+    ("process", "told"), [("physics_process", "physics"), ("cameras", "cameras")]
+)
 def test_failing_process_is_named_and_the_run_reported(
     directory: Path, process: str, told: str
 ) -> None:
@@ -218,7 +220,7 @@ def test_killed_host_leaves_no_process(directory: Path) -> None:
     lab = start(directory, "--duration", "600")
     lab.wait_for("timestep \\d")
     relatives = lab.relatives()
-    assert len(relatives) >= 8  # 3 robots with 2 processes each, cameras, atoms
+    assert len(relatives) >= 8  # 3 robots with 2 processes each, cameras, physics
     descriptors = [os.pidfd_open(pid) for pid in relatives]
     lab.process.kill()
     lab.end()

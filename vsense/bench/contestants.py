@@ -1,12 +1,10 @@
-"""Who takes part: vsense's detectors and OpenCV's, behind one seam.
+"""Who takes part: vsense's detectors, OpenCV's and AprilTag 3, behind one seam.
 
 A contestant does passes over its pictures. What it found in the last one is judged against the
 truth, and what each pass took is kept.
 
-AprilTag 3 (pupil-apriltags) as a contestant, in a process of its own.
-
-It has been seen to crash its process when it ends, and it must not take the benchmark with it.
-This module is both ends: the parent sends a line for each pass and gets one JSON line back.
+AprilTag 3 (pupil-apriltags) has been seen to crash its process when it ends, so it has one of its
+own. This module is both ends: the parent sends a line for each pass and gets one JSON line back.
 """
 
 from __future__ import annotations

@@ -5,6 +5,7 @@ All sets show the same floors, light and poses; only the markers differ.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from vsense.cameras.camera import Camera
 from vsense.lab.bodies import Body
 from vsense.lab.camera_spec import DISTORTION, FOCAL_PX, HEIGHT_M, SIZE_PX, LabCameraSpec
-from vsense.lab.studio import Studio
+from vsense.lab.renderer import Studio
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -98,13 +99,7 @@ class RenderedSwarm:
     """Robots that drive ahead at full speed and spin now and then; none touches another."""
 
     def __init__(self, count: int, seed: int, reach_m: tuple[float, float] = _REACH_M) -> None:
-        """Puts robots into a rectangle around the origin.
-
-        Args:
-            count: How many.
-            seed: Decides where they are and what they do.
-            reach_m: How far from the middle they may go, in x and y.
-        """
+        """Puts robots within `reach_m` of the origin in x and y; `seed` decides what they do."""
         self._rng = np.random.default_rng(seed)
         self._reach_m = reach_m
         self._poses = crowd(self._rng, count, reach_m)
@@ -132,17 +127,36 @@ class RenderedSwarm:
         return np.array(now)
 
 
+class MovingStudio:
+    """Pictures of one family's markers on robots that drive ahead while they are exposed."""
+
+    def __init__(self, family: str, tags: Sequence[int], rig: tuple[Camera, ...], seed: int):
+        """Builds the scene, about a second for each four cameras."""
+        bodies = tuple(Body(tag, MARKER_M) for tag in tags)
+        spec = LabCameraSpec(rig, (), bodies, family, 100_000_000, "", Path(), seed)
+        self._studio = Studio(spec)
+        self._images = np.empty(spec.shape, dtype=np.uint8)
+        self._dark = np.zeros(len(tags), dtype=np.uint16)
+
+    def expose(self, timestep: int, poses: Floats) -> Image:
+        """Takes the pictures (cameras, h, w) of robots that are at `poses` in mid-exposure.
+
+        The array is the same at every call.
+        """
+        ahead = 0.5 * EXPOSURE_S * SPEED_M_S
+        way = np.stack((np.cos(poses[:, 2]), np.sin(poses[:, 2]), np.zeros(len(poses))), axis=1)
+        through = np.array([poses + share * ahead * way for share in (-0.67, 0.0, 0.67)])
+        self._studio.prepare(timestep, self._images)
+        self._studio.expose(timestep, through, self._dark, self._images)
+        return self._images
+
+
 class Painter:
     """Renders one family's pictures."""
 
     def __init__(self, name: str, family: str, tags: tuple[int, ...], rig: tuple[Camera, ...]):
-        """Builds the scene, about a second for each four cameras."""
         self._name, self._family, self._tags, self._rig = name, family, tags, rig
-        bodies = tuple(Body(tag, MARKER_M) for tag in tags)
-        spec = LabCameraSpec(rig, (), bodies, family, 100_000_000, "", Path(), _SEED)
-        self._studio = Studio(spec)
-        self._images = np.empty(spec.shape, dtype=np.uint8)
-        self._still = np.zeros(len(tags), dtype=np.uint16)
+        self._studio = MovingStudio(family, tags, rig, _SEED)
         self._timestep = 0
 
     def crowds(self, count: int) -> FrameSet:
@@ -176,15 +190,11 @@ class Painter:
 
     def _shoot(self, number: int, poses: Floats) -> tuple[Camera, Image, FrameTruth]:
         """Takes a picture with one camera, in the middle of the exposure all are at `poses`."""
-        ahead = 0.5 * EXPOSURE_S * SPEED_M_S
-        way = np.stack((np.cos(poses[:, 2]), np.sin(poses[:, 2]), np.zeros(len(poses))), axis=1)
-        through = np.array([poses + share * ahead * way for share in (-0.67, 0.0, 0.67)])
         self._timestep += 1
-        self._studio.prepare(self._timestep, self._images)
-        self._studio.expose(self._timestep, through, self._still, self._images)
+        images = self._studio.expose(self._timestep, poses)
         camera = self._rig[number]
         points = np.column_stack((poses[:, :2], np.full(len(poses), MARKER_M)))
         seen = camera.project(points)
         whole = camera.contains(seen, 30.0)
         truth = FrameTruth(np.array(self._tags)[whole], seen[whole])
-        return camera, self._images[number].copy(), truth
+        return camera, images[number].copy(), truth

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,16 +15,12 @@ from numpy.typing import NDArray
 
 from vsense.arena import ArenaState, Frame
 from vsense.bench.frames import (
-    EXPOSURE_S,
     FRAMES_PER_S,
     MARKER_M,
-    SPEED_M_S,
+    MovingStudio,
     RenderedSwarm,
     cameras,
 )
-from vsense.lab.bodies import Body
-from vsense.lab.camera_spec import LabCameraSpec
-from vsense.lab.studio import Studio
 from vsense.markers.codes import choose_tags
 from vsense.markers.families import MarkerFamily, load_family
 from vsense.tracking.arena_tracker import ArenaTracker
@@ -115,37 +110,27 @@ def _follow(name: str, timesteps: int, say: Callable[[str], None]) -> IdentitySc
     tags = choose_tags(family, ROBOTS, _BLUR_MM, seed=14)
     rig = cameras(2, 2)
     tracker = ArenaTracker.for_family(rig, family, dict.fromkeys(tags, MARKER_M))
-    tally = IdentityScore(name)
+    score = IdentityScore(name)
     for timestep, (frames, poses) in enumerate(_shots(name, tags, timesteps)):
         if timestep % _SAY_EVERY == 0:
             say(f"{name}: timestep {timestep} of {timesteps}")
-        tally.judge(tracker.update(frames), dict(zip(tags, poses[:, :2], strict=True)))
+        score.judge(tracker.update(frames), dict(zip(tags, poses[:, :2], strict=True)))
     tracker.close()
-    return tally
+    return score
 
 
 def _shots(name: str, tags: list[int], timesteps: int) -> Iterator[tuple[list[Frame], Floats]]:
     """Yields each timestep's pictures, and where the robots are in the middle of the exposure."""
     rig = cameras(2, 2)
-    bodies = tuple(Body(tag, MARKER_M) for tag in tags)
-    spec = LabCameraSpec(rig, (), bodies, name, 100_000_000, "", Path(), _SEED)
-    studio = Studio(spec)
-    images = np.empty(spec.shape, dtype=np.uint8)
-    dark = np.zeros(len(tags), dtype=np.uint16)
+    studio = MovingStudio(name, tags, rig, _SEED)
     swarm = RenderedSwarm(len(tags), _SEED, _REACH_M)
     centre = np.array((*_CENTRE_M, 0.0))
-    half_m = 0.5 * EXPOSURE_S * SPEED_M_S
     for timestep in range(timesteps):
         poses = swarm.drive() + centre
-        ahead = np.stack((np.cos(poses[:, 2]), np.sin(poses[:, 2])), axis=-1)
-        way = np.column_stack((half_m * ahead, np.zeros(len(poses))))
-        studio.prepare(timestep, images)
-        through = np.array([poses + share * way for share in (-0.67, 0.0, 0.67)])
-        studio.expose(timestep, through, dark, images)
         time_ns = round(1e9 * timestep / FRAMES_PER_S)
         frames = [
             Frame(camera.id, image, timestep, time_ns, time_ns)
-            for camera, image in zip(rig, images, strict=True)
+            for camera, image in zip(rig, studio.expose(timestep, poses), strict=True)
         ]
         yield frames, poses
 

@@ -16,7 +16,7 @@ from vsense.lab import metrics, report
 from vsense.lab.links import BASES
 from vsense.lab.session import Session
 from vsense.live.session import RunSetup
-from vsense.pictures.story import spoken
+from vsense.pictures.run_figure import spoken
 from vsense.run import directory as run_directory
 from vsense.run.runner import Series
 from vsense.run.runtime import Step
@@ -98,7 +98,7 @@ def _run_all(
                 room.begin_run(session.environment, directory)
                 session.wait_until_ready()
                 _announce(console, session, directory)
-                session.live(directory, _progress(console, session))
+                session.run(directory, _progress(console, session))
                 room.end_run()
                 if not series.goes_on(session.runner):
                     return None

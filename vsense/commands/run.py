@@ -207,7 +207,7 @@ class RunCommand:
         except run_directory.DirectoryError as error:
             self.log.say(f"no table of this run's timesteps: {error}", "trouble")
         one = OneRun(session, directory, readiness, self.log)
-        one.live()
+        one.run()
         self.setup.room.end_run()
         summary = one.report()
         if summary is not None:

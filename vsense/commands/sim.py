@@ -12,14 +12,13 @@ from typing import Any
 from vsense.commands import arguments, experiments
 from vsense.config.specs import Experiment
 from vsense.errors import UsageError
-from vsense.lab import phases
+from vsense.lab.metrics import swarm_rows
 from vsense.robot import build
 from vsense.run import directory as run_directory
 from vsense.sim import campaign
 from vsense.sim.campaign import Campaign
-from vsense.sim.job import Job, Setup
+from vsense.sim.job import Job, Setup, Sweep
 from vsense.sim.record import TRAJECTORY
-from vsense.sim.settings import Sweep
 from vsense.sim.watch import Interrupted, Task, WorkerProcess, simulate_all
 from vsense.terminal import INTERRUPTED, Console, interruption
 
@@ -175,7 +174,7 @@ def table(summary: dict[str, Any]) -> str:
             f" {summary['speedup']:g} times as fast as real time",
         )
     ]
-    rows += phases.rows(summary["swarm"], summary["robots"])
+    rows += swarm_rows(summary["swarm"], summary["robots"])
     rows += [("measure", f"{name} = {value:g}") for name, value in summary["measures"].items()]
     return "\n".join(f"{name:<10}{text}" for name, text in rows)
 

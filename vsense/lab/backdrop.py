@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.cameras.camera import Camera
-from vsense.lab.optics import Image32, RayMap, blur, vignetting
-from vsense.lab.scene import Image8, Scene
+from vsense.lab.optics import Image8, Image32, RayMap, blur, vignetting
+from vsense.lab.scene import Scene
 from vsense.lab.shared import LabError
 
 Floats = NDArray[np.float64]

@@ -63,13 +63,7 @@ class BoardStudio:
     """Cameras above a floor, and a board."""
 
     def __init__(self, cameras: Sequence[Camera], board: Board, seed: int) -> None:
-        """Builds the floor, about a second.
-
-        Args:
-            cameras: All with pictures of the same size.
-            board: The board.
-            seed: Decides about floor, light and noise.
-        """
+        """Builds the floor, about a second; the pictures of all cameras have one size."""
         self._cameras = list(cameras)
         self._board = board
         texture = raster(board, TEXTURE_PX_PER_M, _MARGIN_M).astype(np.float32) / 255.0

@@ -1,6 +1,6 @@
-"""Where the lab's cameras hang: two by two above the arena, looking straight down.
+"""The lab's cameras: where they hang, what their process is told, and what it says of each picture.
 
-What the camera process is told before its first picture, and what it says about each.
+They hang two by two above the arena, looking straight down.
 """
 
 from __future__ import annotations

@@ -29,8 +29,8 @@ import numpy as np
 from vsense.errors import VsenseError
 from vsense.lab.camera_spec import Exposure, LabCameraSpec
 from vsense.lab.optics import EXPOSURE_NS, sample_times_ns
+from vsense.lab.renderer import Studio
 from vsense.lab.shared import FrameBank, LabError
-from vsense.lab.studio import Studio
 from vsense.lab.truth import TruthLog, TruthReader
 
 SAMPLES = 3
@@ -45,11 +45,7 @@ class CameraProcess:
     """The cameras at work."""
 
     def __init__(self, spec: LabCameraSpec, bank: FrameBank) -> None:
-        """Builds the scene and opens truth ring and log.
-
-        Raises:
-            VsenseError: The spec cannot be followed.
-        """
+        """Builds the scene; raises VsenseError where the spec cannot be followed."""
         self._spec = spec
         self._bank = bank
         with ExitStack() as stack:
@@ -62,14 +58,14 @@ class CameraProcess:
             self._studio = Studio(spec)
             self._stack = stack.pop_all()
 
-    def live(self, epoch_ns: int, stdin: int) -> Iterator[Exposure]:
+    def run(self, epoch_ns: int, stdin: int) -> Iterator[Exposure]:
         """Takes pictures in real time until `stdin` ends or the last timestep is done."""
         timestep = 0
         while self._spec.frames is None or timestep < self._spec.frames:
             capture_ns = epoch_ns + timestep * self._spec.timestep_ns
             if not wait(stdin, capture_ns - PREPARE_NS):
                 return
-            exposure = self._take(timestep, capture_ns, stdin)
+            exposure = self._expose(timestep, capture_ns, stdin)
             if exposure is None:
                 return
             yield exposure
@@ -80,7 +76,7 @@ class CameraProcess:
         """Ends the log, and lets go of the truth."""
         self._stack.close()
 
-    def _take(self, timestep: int, capture_ns: int, stdin: int) -> Exposure | None:
+    def _expose(self, timestep: int, capture_ns: int, stdin: int) -> Exposure | None:
         """Takes one timestep's pictures; None where `stdin` ended first."""
         slot = self._bank.begin(timestep)
         images = self._bank.images[slot]
@@ -145,7 +141,7 @@ def _work() -> None:
         _say({"ready": True})
         second = sys.stdin.readline()
         if second:
-            for exposure in cameras.live(json.loads(second)["epoch_ns"], sys.stdin.fileno()):
+            for exposure in cameras.run(json.loads(second)["epoch_ns"], sys.stdin.fileno()):
                 _say(asdict(exposure))
 
 

@@ -39,11 +39,7 @@ class LabGrabber:
     timesteps: int | None = None
 
     def __init__(self, spec: LabCameraSpec) -> None:
-        """Starts the camera process, which builds its scene while the caller goes on.
-
-        Raises:
-            LabError: There is no memory for the pictures.
-        """
+        """Starts the camera process; raises LabError where there is no memory for the pictures."""
         self.cameras: list[Camera] = list(spec.cameras)
         self.exposure: Exposure | None = None
         self.missed = 0

@@ -1,11 +1,7 @@
-"""What the lab's robots can be based on: names, and who gets which.
+"""What a daemon opens in the lab: a pseudo-terminal, or a bus on a socket, with firmware behind it.
 
-The programs of the lab's microcontrollers: the C code of `firmware_bridge/`, one per robot.
-
-What a daemon opens in the lab: a pseudo-terminal, or a bus on a socket, with firmware behind it.
-
-Time is an argument in ns and never goes back. Nothing here waits: what nobody takes is lost, as on
-a wire.
+The firmware is the C code of `firmware_bridge/`, one program per robot. Time is an argument in ns
+and never goes back. Nothing here waits: what nobody takes is lost, as on a wire.
 """
 
 from __future__ import annotations

@@ -6,27 +6,25 @@ the sensor's readout and is reported by itself.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from itertools import groupby
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import wrap_angle
-from vsense.lab.phases import SwarmTruth, swarm
-from vsense.lab.trace import UNKNOWN_AGE
+from vsense.config.specs import Experiment
+from vsense.lab.swarm import UNKNOWN_AGE
 from vsense.world.entities import BODY_RADIUS_M
 
 TIMESTEP = np.dtype(
     [
-        ("timestep", "i8"),
-        ("run_timestep", "i8"),
-        ("capture_ns", "i8"),
-        ("render_ns", "i8"),
-        ("arena_ns", "i8"),
-        ("sent_ns", "i8"),
+        ("timestep", "i8"), ("run_timestep", "i8"), ("capture_ns", "i8"),
+        ("render_ns", "i8"), ("arena_ns", "i8"), ("sent_ns", "i8"),
     ]
-)
+)  # fmt: skip
 """One timestep that the host lived; times on the host's monotonic clock. `timestep` counts the
 cameras' triggers, `run_timestep` those of the run; `render_ns` is how long rendering took."""
 
@@ -53,7 +51,7 @@ class MeasuredRun:
         truth: the true poses, cone depths and LEDs.
         object_tags: tags of the tagged objects that are no robots.
         object_poses: (timesteps, objects, 3) their true poses.
-        traces: per robot a `trace.TRACE` array with host times.
+        traces: per robot a `swarm.TRACE` array with host times.
         actuated: per robot the `microcontrollers.ACTUATION` rows that were applied, by time.
         turn: the run's timestep at which the wind turns, or None.
         lateness_ms: the canary's ticks.
@@ -263,3 +261,118 @@ def _rms(values: NDArray[np.float64]) -> float:
 
 def _round(value: float | None, digits: int = 3) -> float | None:
     return None if value is None or np.isnan(value) else round(float(value), digits)
+
+
+@dataclass(frozen=True, slots=True)
+class SwarmTruth:
+    """Where everything really was, per timestep that the host lived.
+
+    Attributes:
+        poses: (timesteps, robots, 3) x, y in m and yaw in rad at the capture time.
+        depth_m: (timesteps, robots) how deep in the cone, positive inside, negative outside;
+            None for an experiment without a cone.
+        lit: (timesteps, robots) whether the robot's red LEDs were on at the capture time.
+    """
+
+    poses: NDArray[np.float64]
+    depth_m: NDArray[np.float64] | None
+    lit: NDArray[np.bool_]
+
+
+class Phases(Protocol):
+    """A run that may have two phases."""
+
+    @property
+    def timesteps(self) -> NDArray[Any]:
+        """(n,) with a field `run_timestep`, rising."""
+
+    @property
+    def truth(self) -> SwarmTruth:
+        """What truly was at these timesteps."""
+
+    @property
+    def turn(self) -> int | None:
+        """The run's timestep at which the wind turns, or None."""
+
+
+def swarm(run: Phases) -> dict[str, int | None]:
+    """Robots in the cone, and lit there, at the last timestep of each phase."""
+    inside, lit = counts(run.truth) or (None, None)
+    before, after = phase_ends(run)
+
+    def at(series: NDArray[np.int64] | None, row: int | None) -> int | None:
+        return None if series is None or row is None else int(series[row])
+
+    return {
+        "in_cone_before_turn": at(inside, before),
+        "lit_before_turn": at(lit, before),
+        "in_cone_after_turn": at(inside, after),
+        "lit_after_turn": at(lit, after),
+    }
+
+
+def swarm_rows(swarm: dict[str, int | None], robots: int) -> list[tuple[str, str]]:
+    """The figures of `swarm` as lines of a table; none without a cone."""
+    found = []
+    turned = swarm["in_cone_after_turn"] is not None
+    for when in ("before", "after"):
+        inside, lit = swarm[f"in_cone_{when}_turn"], swarm[f"lit_{when}_turn"]
+        if inside is not None:
+            moment = f"{when} the wind turned" if turned else "at the end"
+            text = f"{inside} of {robots} robots in the cone {moment}, {lit} of them lit"
+            found.append(("swarm", text))
+    return found
+
+
+def phase_ends(run: Phases) -> tuple[int | None, int | None]:
+    """Rows of the last timesteps before the wind turned and after it; None: no such phase."""
+    timesteps = run.timesteps["run_timestep"]
+    if run.turn is None:
+        return len(timesteps) - 1, None
+    before = int(np.searchsorted(timesteps, run.turn)) - 1
+    after = len(timesteps) - 1
+    return (before if before >= 0 else None), (after if after > before else None)
+
+
+def depths_in_cone(
+    experiment: Experiment,
+    poses: NDArray[np.float64],
+    run_timesteps: NDArray[np.int64],
+    shares: Sequence[float] | NDArray[np.float64],
+) -> NDArray[np.float64] | None:
+    """How deep each robot truly is in the cone of the first pollutant source.
+
+    Args:
+        experiment: says who pollutes, a robot or an object.
+        poses: (n, bodies, 3) true x_m, y_m, yaw_rad: robots, then objects.
+        run_timesteps: (n,) rising.
+        shares: (n,) how much was left of the source.
+
+    Returns:
+        (n, robots) in m, negative outside, -inf where nothing is left; None without a source.
+    """
+    source, robots = experiment.source, len(experiment.robots)
+    if source is None:
+        return None
+    tags = [*(robot.tag for robot in experiment.robots), *(t.tag for t in experiment.objects)]
+    turn = experiment.turn_timestep
+    turned = np.zeros(len(poses), bool) if turn is None else run_timesteps >= turn
+    depth_m = np.full((len(poses), robots), -np.inf)
+    row = 0
+    # A cone mostly stays for many timesteps.
+    keys = zip(*poses[:, tags.index(source.tag), :2].T.tolist(), turned.tolist(), shares)
+    for (x_m, y_m, _, share), same in groupby(keys):
+        rows = slice(row, row + len(list(same)))
+        if share > 0.0:
+            cone = source.cone_at(x_m, y_m, int(run_timesteps[row]), share)
+            depth_m[rows] = -cone.edge_distance(poses[rows, :robots, :2])
+        row = rows.stop
+    return depth_m
+
+
+def counts(truth: SwarmTruth) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
+    """Robots in the cone, and robots lit in the cone, per timestep; None without a cone."""
+    if truth.depth_m is None:
+        return None
+    inside = truth.depth_m >= 0
+    return inside.sum(axis=1), (inside & truth.lit).sum(axis=1)

@@ -16,13 +16,10 @@ from vsense.lab.shared import LabError
 
 ACTUATION = np.dtype(
     [
-        ("time_ns", "<i8"),
-        ("robot", "<u2"),
-        ("left_steps_s", "<i2"),
-        ("right_steps_s", "<i2"),
-        ("leds", "<u2"),
+        ("time_ns", "<i8"), ("robot", "<u2"),
+        ("left_steps_s", "<i2"), ("right_steps_s", "<i2"), ("leds", "<u2"),
     ]
-)
+)  # fmt: skip
 """What a microcontroller made motors and LEDs do; an actuation log is these, end to end.
 
 `time_ns` is the host's monotonic clock when the firmware did so; `robot` the robot's index; the
@@ -57,10 +54,7 @@ class Microcontrollers:
     """
 
     def __init__(self, kinds: Sequence[str]) -> None:
-        """Powers microcontrollers on.
-
-        Args:
-            kinds: base of each robot, of `vsense.lab.links.KINDS`.
+        """Powers one on for each kind of base, of `vsense.lab.links.KINDS`.
 
         Raises:
             LabError: no such kind, or there are not that many pseudo-terminals or sockets.
@@ -166,11 +160,7 @@ class ActuationLog:
     """Writes all that motors and LEDs did to a file of `ACTUATION` records."""
 
     def __init__(self, path: Path) -> None:
-        """Starts an empty log.
-
-        Raises:
-            LabError: the file cannot be written.
-        """
+        """Starts an empty log; raises LabError where the file cannot be written."""
         self._path = path
         self._pending = bytearray()
         self.flush(new=True)

@@ -1,8 +1,6 @@
-"""What lens and exposure do to the light: rays, vignetting, blur.
+"""What lens, exposure and sensor do to the light: rays, vignetting, blur, grey levels and noise.
 
 Magnitudes: tracking.md section 1 of the project's references.
-
-The cameras' sensor: grey levels and their noise.
 
 The noise of a pixel has sigma = sqrt(READ_NOISE^2 + SHOT_NOISE * DN). Fresh noise for every
 pixel costs 5 ms per picture and more, so one bank of noise is added at a random offset. Pictures

@@ -1,6 +1,4 @@
-"""The spec of the `atoms` process: where everything in the lab stands at first.
-
-The process that is the lab's floor: true physics and the robots' microcontrollers.
+"""The lab's physics process, and how the host starts it: physics and microcontrollers in real time.
 
 `python -m vsense.lab.physics_process` reads one line of JSON from standard input, the spec:
 
@@ -14,10 +12,10 @@ The process that is the lab's floor: true physics and the robots' microcontrolle
 
 It answers with one line of JSON, `{"bases": ["argos:/dev/pts/3", ...], "epoch_ns": ...}`: what the
 daemon of every robot finds its base at, in the order of the indices, and the time of the first
-tick. Then it lives in real
-time, 10 ms per tick, until standard input ends or on SIGTERM; Ctrl-C is its parent's to handle.
-Bodies in the truth ring are the robots by index, then the objects. At the end it leaves
-`atoms.json` in the run directory: how late ticks were, what went over the serial lines, CPU time.
+tick. Then it runs in real time, 10 ms per tick, until standard input ends or on SIGTERM; Ctrl-C is
+its parent's to handle. Bodies in the truth ring are the robots by index, then the objects. At the
+end it leaves `physics.json` in the run directory: how late ticks were, what went over the serial
+lines, CPU time.
 """
 
 from __future__ import annotations
@@ -27,9 +25,11 @@ import math
 import os
 import select
 import signal
+import subprocess
 import sys
 import time
 from array import array
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -37,21 +37,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.config.specs import Experiment, ObjectSpec, RobotSpec
 from vsense.errors import UsageError, VsenseError
+from vsense.lab.links import bases_of
 from vsense.lab.microcontrollers import ActuationLog, Microcontrollers
+from vsense.lab.processes import describe_exit, end, read_line
 from vsense.lab.shared import LabError
 from vsense.lab.truth import TruthWriter
-from vsense.physics.motion import TICK_NS as TICK_NS
-from vsense.physics.motion import Physics
+from vsense.physics.motion import TICK_NS, Physics, obstacles
 from vsense.physics.proximity_ring import ProximityRing
 
 _POSE = ("x_m", "y_m", "yaw_rad")
-_SIZE = ("size_x_m", "size_y_m")
+_BOX = (*_POSE, "size_x_m", "size_y_m")
+_CYLINDER = ("x_m", "y_m", "radius_m")
 
 
 @dataclass(frozen=True, slots=True)
 class PhysicsSpec:
-    """A lab's floor at the start.
+    """What stands where when the process starts.
 
     Attributes:
         robots: (m, 3) x_m, y_m, yaw_rad by robot index, arena frame.
@@ -77,7 +80,7 @@ class PhysicsSpec:
 
     @classmethod
     def parse(cls, line: bytes) -> PhysicsSpec:
-        """Reads a spec from one line of JSON; see `vsense.lab.physics_process`.
+        """Reads a spec from one line of JSON; see the module.
 
         Raises:
             UsageError: what is wrong, and where in the spec.
@@ -93,10 +96,10 @@ class PhysicsSpec:
         if not np.array_equal(robots[order, 0], np.arange(len(robots))):
             found = [int(index) for index in robots[:, 0]]
             raise UsageError(f"spec: robots: expected indices 0..{len(robots) - 1}, not {found}")
-        boxes = _rows(spec, "boxes", (*_POSE, *_SIZE))
+        boxes = _rows(spec, "boxes", _BOX)
         if (boxes[:, 3:] <= 0.0).any():
             raise UsageError("spec: boxes: expected sizes above 0")
-        cylinders = _rows(spec, "cylinders", ("x_m", "y_m", "radius_m"))
+        cylinders = _rows(spec, "cylinders", _CYLINDER)
         if (cylinders[:, 2] <= 0.0).any():
             raise UsageError("spec: cylinders: expected radii above 0")
         return cls(
@@ -174,7 +177,7 @@ class PhysicsProcess:
         return tick_ns if due_ns is None else min(due_ns, tick_ns)
 
     def step(self, ready: list[int], now_ns: int) -> None:
-        """Lives on to `now_ns`: all ticks that are due, then the bytes that came.
+        """Advances to `now_ns`: all ticks that are due, then the bytes that came.
 
         Args:
             ready: descriptors of `controllers.readable()` that have bytes.
@@ -191,7 +194,7 @@ class PhysicsProcess:
         self._actuate(now_ns)
 
     def report(self) -> dict[str, Any]:
-        """What `atoms.json` says: ticks, their lateness in ms, counters of the serial lines."""
+        """What `physics.json` says: ticks, their lateness in ms, counters of the serial lines."""
         late_ms = np.array(self._late_ns or [0]) / 1e6
         return {
             "ticks": len(self._late_ns),
@@ -225,27 +228,16 @@ class PhysicsProcess:
             self._log.flush()
 
 
-def live(atoms: PhysicsProcess, stdin: int, ended: list[int]) -> None:
-    """Lives in real time until the descriptor `stdin` ends or something gets into `ended`."""
+def run(process: PhysicsProcess, stdin: int, ended: list[int]) -> None:
+    """Runs in real time until the descriptor `stdin` ends or something gets into `ended`."""
     while not ended:
-        wait_s = max(0, atoms.wake_ns() - time.monotonic_ns()) / 1e9
-        ready = select.select([stdin, *atoms.controllers.readable()], [], [], wait_s)[0]
+        wait_s = max(0, process.wake_ns() - time.monotonic_ns()) / 1e9
+        ready = select.select([stdin, *process.controllers.readable()], [], [], wait_s)[0]
         if stdin in ready:
             ready.remove(stdin)
             if not os.read(stdin, 4096):
                 return
-        atoms.step(ready, time.monotonic_ns())
-
-
-def _read_line(stdin: int) -> bytes:
-    """Reads up to the line's end and not a byte further, so that `select` sees all that follows."""
-    line = bytearray()
-    while not line.endswith(b"\n"):
-        byte = os.read(stdin, 1)
-        if not byte:
-            break
-        line += byte
-    return bytes(line)
+        process.step(ready, time.monotonic_ns())
 
 
 def main() -> int:
@@ -254,27 +246,107 @@ def main() -> int:
     stdin = sys.stdin.fileno()
     ended: list[int] = []
     try:
-        spec = PhysicsSpec.parse(_read_line(stdin))
+        spec = PhysicsSpec.parse(read_line(stdin))
         signal.signal(signal.SIGTERM, lambda number, frame: ended.append(number))
         epoch_ns = time.monotonic_ns()
-        atoms = PhysicsProcess(spec, epoch_ns)
-        print(json.dumps({"bases": atoms.controllers.bases, "epoch_ns": epoch_ns}), flush=True)
+        process = PhysicsProcess(spec, epoch_ns)
+        print(json.dumps({"bases": process.controllers.bases, "epoch_ns": epoch_ns}), flush=True)
         started_s = time.process_time()
-        live(atoms, stdin, ended)
-        _leave(atoms, spec.directory / "atoms.json", time.process_time() - started_s)
+        run(process, stdin, ended)
+        _leave(process, spec.directory / "physics.json", time.process_time() - started_s)
     except VsenseError as error:
-        print(f"atoms: {error}", file=sys.stderr)
+        print(f"physics: {error}", file=sys.stderr)
         return error.exit_code
     return 0
 
 
-def _leave(atoms: PhysicsProcess, path: Path, cpu_s: float) -> None:
-    report = {**atoms.report(), "cpu_s": cpu_s}
-    atoms.close()
+def _leave(process: PhysicsProcess, path: Path, cpu_s: float) -> None:
+    report = {**process.report(), "cpu_s": cpu_s}
+    process.close()
     try:
         path.write_text(json.dumps(report, indent=2) + "\n")
     except OSError as error:
         raise LabError(f"{path}: {error.strerror}") from None
+
+
+class FloorProcess:
+    """The physics process as the host sees it.
+
+    Attributes:
+        bases: what the robots' daemons find their bases at, in the experiment's order.
+        log: where every applied motor command is noted.
+    """
+
+    def __init__(
+        self, experiment: Experiment, truth: str, seed: int, directory: Path, base: str
+    ) -> None:
+        """Starts the process with robots, objects and walls in their places.
+
+        Args:
+            experiment: what stands in the arena; it is settled.
+            truth: name of the truth ring.
+            seed: seed of the proximity sensors' noise.
+            directory: where the log goes.
+            base: what the robots are based on, of `vsense.lab.links.BASES`.
+
+        Raises:
+            LabError: the process cannot do its work.
+        """
+        self.log = directory / "actuations.bin"
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "vsense.lab.physics_process"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,
+        )
+        spec = _spec(experiment, truth, seed, self.log)
+        spec["bases"] = bases_of(base, len(experiment.robots))
+        self.bases: list[str] = json.loads(self._ask(spec))["bases"]
+
+    def check(self) -> None:
+        """Raises LabError where the process has ended by itself."""
+        if self._process.poll() is not None:
+            raise LabError(f"the lab's physics {describe_exit(self._process.returncode)}")
+
+    def close(self) -> None:
+        """Ends the process; its log is complete then."""
+        assert self._process.stdin is not None and self._process.stdout is not None
+        self._process.stdin.close()
+        end(self._process)
+        self._process.stdout.close()
+
+    def _ask(self, spec: Mapping[str, object]) -> bytes:
+        assert self._process.stdin is not None and self._process.stdout is not None
+        self._process.stdin.write(json.dumps(spec).encode() + b"\n")
+        self._process.stdin.flush()
+        answer = self._process.stdout.readline()
+        if not answer:
+            self._process.wait()
+            raise LabError("the lab's physics did not start; the reason stands above")
+        return answer
+
+
+def _spec(experiment: Experiment, truth: str, seed: int, log: Path) -> dict[str, object]:
+    """What the process is told; see the module."""
+    boxes, cylinders = obstacles(experiment.boxes, experiment.cylinders)
+    return {
+        "robots": [
+            {"index": i, "tag": robot.tag, **_pose(robot)}
+            for i, robot in enumerate(experiment.robots)
+        ],
+        "objects": [{"tag": thing.tag, **_pose(thing)} for thing in experiment.objects],
+        "boxes": [dict(zip(_BOX, box)) for box in boxes.tolist()],
+        "cylinders": [dict(zip(_CYLINDER, cylinder)) for cylinder in cylinders.tolist()],
+        "truth": truth,
+        "log": str(log),
+        "directory": str(log.parent),
+        "seed": seed,
+    }
+
+
+def _pose(body: RobotSpec | ObjectSpec) -> dict[str, float]:
+    assert body.pose is not None
+    return body.pose._asdict()
 
 
 if __name__ == "__main__":

@@ -1,10 +1,9 @@
-"""What all child processes of the lab have in common: how they end.
+"""Child processes of the lab: how they end, and the canary among them.
 
-The canary: an idle process with a 10 ms timer that notes how late it was woken.
-
-A latency measured on a busy machine says as much about the machine as about vsense; the canary's
-figures of the same run tell the two apart. `python -m vsense.lab.processes` runs until its standard
-input ends, then prints one lateness in ms per line, one line per tick.
+The canary is an idle process with a 10 ms timer that notes how late it was woken. A latency
+measured on a busy machine says as much about the machine as about vsense; the canary's figures of
+the same run tell the two apart. `python -m vsense.lab.processes` runs until its standard input
+ends, then prints one lateness in ms per line, one line per tick.
 """
 
 from __future__ import annotations
@@ -35,6 +34,21 @@ def describe_exit(returncode: int) -> str:
     if returncode < 0:
         return f"was killed by {signal.Signals(-returncode).name}"
     return f"ended with exit code {returncode}"
+
+
+def read_line(descriptor: int) -> bytes:
+    """Reads up to a line's end and not a byte further, so that `select` sees all that follows.
+
+    Returns:
+        The line; empty where the input ended before it did.
+    """
+    line = bytearray()
+    while not line.endswith(b"\n"):
+        byte = os.read(descriptor, 1)
+        if not byte:
+            return b""
+        line += byte
+    return bytes(line)
 
 
 PERIOD_NS = 10_000_000

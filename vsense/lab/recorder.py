@@ -18,7 +18,7 @@ from vsense.config.placement import settle
 from vsense.config.specs import Experiment
 from vsense.lab.camera_spec import LabCameraSpec, spec_for
 from vsense.lab.optics import sample_times_ns
-from vsense.lab.studio import Studio
+from vsense.lab.renderer import Studio
 from vsense.physics.motion import TICK_NS, floor_of
 from vsense.recording.pictures import (
     PictureRecorder,

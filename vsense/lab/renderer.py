@@ -1,14 +1,19 @@
-"""One camera's pictures: the empty arena, and on it every body where it truly is.
+"""The lab's pictures: the empty arena, and on it every body where it truly is.
 
 A picture is made in two steps. `prepare` needs no poses and is done before the exposure;
 `expose` draws the bodies into the windows they cover. Both read the sensor's noise from the
 same place of the bank, so nobody can tell the two apart.
+
+`Studio` holds all cameras. It is built on two threads and makes its pictures on one: small OpenCV
+calls hand Python's lock to and fro so often that a second thread costs a third more processor time
+and gains nothing.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import cv2
@@ -17,7 +22,10 @@ from numpy.typing import NDArray
 
 from vsense.lab.backdrop import Backdrop
 from vsense.lab.bodies import EMISSION_DN, TEXTURE_PX_PER_M, BodySprites, Effect, Sprite
+from vsense.lab.camera_spec import LabCameraSpec
 from vsense.lab.optics import Image8, Image32, RayMap, Sensor, Window, to_levels
+from vsense.lab.scene import Scene
+from vsense.markers.families import load_family
 
 Floats = NDArray[np.float64]
 Leds = NDArray[np.uint16]
@@ -58,15 +66,7 @@ class CameraRenderer:
         sensor: Sensor,
         bodies: Sequence[BodySprites],
     ) -> None:
-        """Takes the parts that were made before.
-
-        Args:
-            number: The camera's number, which decides about its noise.
-            rays: Its lens.
-            backdrop: The empty arena in it.
-            sensor: Noise for pictures of its size.
-            bodies: What each body looks like, in the order of the poses.
-        """
+        """Takes its parts: `number` decides its noise, `bodies` come in the order of the poses."""
         self._number = number
         self._rays = rays
         self._backdrop = backdrop
@@ -185,3 +185,51 @@ def _hull(windows: Sequence[Window]) -> Window:
         slice(min(r.start for r in rows), max(r.stop for r in rows)),
         slice(min(c.start for c in columns), max(c.stop for c in columns)),
     )
+
+
+_BUILDERS = 2
+
+
+class Studio:
+    """Makes one timestep's pictures of all cameras."""
+
+    def __init__(self, spec: LabCameraSpec) -> None:
+        """Builds the scene in about a second, and ends OpenCV's own threads in this process.
+
+        Raises:
+            FamilyError: there is no such marker family, or it has not all the tags.
+        """
+        cv2.setNumThreads(1)
+        family = load_family(spec.family)
+        with ThreadPoolExecutor(_BUILDERS) as builders:
+            rays = list(builders.map(RayMap, spec.cameras))
+            scene = builders.submit(Scene, rays, spec.seed, spec.litter)
+            # Cameras of one kind share their sprites: only a body's first camera has work to do.
+            looks = builders.map(
+                lambda body: [BodySprites(body, family, c) for c in spec.cameras], spec.bodies
+            )
+            sensor = Sensor(*spec.shape[1:], spec.seed)
+            by_camera = list(zip(*looks)) or [()] * len(rays)
+            floor = scene.result()
+
+            def renderer(number: int) -> CameraRenderer:
+                backdrop = Backdrop(rays[number], floor, spec.boxes)
+                return CameraRenderer(number, rays[number], backdrop, sensor, by_camera[number])
+
+            self._renderers = list(builders.map(renderer, range(len(rays))))
+
+    def prepare(self, timestep: int, images: NDArray[np.uint8]) -> None:
+        """Draws the empty arena into images (cameras, h, w) uint8."""
+        for renderer, image in zip(self._renderers, images):
+            renderer.prepare(timestep, image)
+
+    def expose(
+        self,
+        timestep: int,
+        poses: NDArray[np.float64],
+        leds: NDArray[np.uint16],
+        images: NDArray[np.uint8],
+    ) -> None:
+        """Draws the bodies into prepared images; see `CameraRenderer.expose`."""
+        for renderer, image in zip(self._renderers, images):
+            renderer.expose(timestep, poses, leds, image)

@@ -8,23 +8,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.config.specs import Experiment
-from vsense.lab import metrics, phases
+from vsense.lab import metrics
+from vsense.lab.metrics import SwarmTruth
 from vsense.lab.microcontrollers import read_actuations
-from vsense.lab.phases import SwarmTruth
 from vsense.lab.session import RunNotes, Session
 from vsense.lab.shared import LabError
 from vsense.lab.stitch import top_view
-from vsense.lab.trace import read_trace
+from vsense.lab.swarm import read_trace
 from vsense.lab.truth import read_truth
 from vsense.link.robots.status import RING_LEDS
-from vsense.pictures import story
+from vsense.pictures import run_figure
 from vsense.pictures.arena_view import WIDTH_PX
 from vsense.pictures.canvas import Image
-from vsense.pictures.story import RunFigure, spoken
+from vsense.pictures.run_figure import RunFigure, spoken
 from vsense.run.figures import link_row, number, percent
 from vsense.run.runtime import Step
-from vsense.world.pollution import PollutantSource
 
 LINK_COUNTERS = ("sent", "received", "dropped", "reconnects")
 
@@ -55,7 +53,9 @@ def gather(session: Session, recording: RunNotes) -> metrics.MeasuredRun:
         sightings=[step.state.sightings for step in recording.steps],
         truth=SwarmTruth(
             poses=truth["poses"][:, :robots],
-            depth_m=_depth_m(experiment, recording, truth["poses"], steps["run_timestep"]),
+            depth_m=metrics.depths_in_cone(
+                experiment, truth["poses"], steps["run_timestep"], recording.samples.shares
+            ),
             lit=(truth["leds"][:, :robots] & RING_LEDS) != 0,
         ),
         object_tags=tuple(thing.tag for thing in experiment.objects),
@@ -85,36 +85,6 @@ def _rows_of(truth: NDArray[np.void], timesteps: list[int]) -> NDArray[np.void]:
     return truth[rows]
 
 
-def _true_source(
-    source: PollutantSource, experiment: Experiment, poses: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """True poses of what pollutes, a robot or an object, out of those of all bodies."""
-    tags = [robot.tag for robot in experiment.robots]
-    tags += [thing.tag for thing in experiment.objects]
-    return np.asarray(poses[..., tags.index(source.tag), :])
-
-
-def _depth_m(
-    experiment: Experiment,
-    recording: RunNotes,
-    poses: NDArray[np.float64],
-    run_timesteps: NDArray[np.int64],
-) -> NDArray[np.float64] | None:
-    """How deep each robot truly is in the cone of the true source; None without a cone."""
-    source = experiment.source
-    if source is None:
-        return None
-    robots = len(experiment.robots)
-    # Where nothing is left there is no cone: everybody is far outside.
-    depth_m = np.full((len(poses), robots), -np.inf)
-    shares = recording.album.shares
-    for row, (x_m, y_m, _) in enumerate(_true_source(source, experiment, poses)):
-        if shares[row] > 0.0:
-            cone = source.cone_at(x_m, y_m, int(run_timesteps[row]), shares[row])
-            depth_m[row] = -cone.edge_distance(poses[row, :robots, :2])
-    return depth_m
-
-
 def _within(trace: NDArray[np.void], steps: NDArray[np.void]) -> NDArray[np.void]:
     """The control steps of the run's timesteps."""
     first, last = steps["timestep"][0], steps["timestep"][-1]
@@ -137,7 +107,7 @@ def draw(session: Session, recording: RunNotes, run: metrics.MeasuredRun, path: 
         run.truth.lit,
         None if depth_m is None else depth_m >= 0,
         run.turn,
-        recording.album,
+        recording.samples,
     )
 
     def view(timestep: int) -> Image | None:
@@ -149,7 +119,7 @@ def draw(session: Session, recording: RunNotes, run: metrics.MeasuredRun, path: 
 
     cameras = len(session.cameras)
     subtitle = f"{len(run.tags)} robots seen by {cameras} cameras, seed {recording.seed}"
-    story.save(told, path, session.setup.blind, subtitle, view)
+    run_figure.save(told, path, session.setup.blind, subtitle, view)
 
 
 def table(summary: dict[str, Any]) -> str:
@@ -177,7 +147,7 @@ def table(summary: dict[str, Any]) -> str:
             f" {percent(sensing['agreement_in'], 2)} inside the cone,"
             f" {percent(sensing['agreement_out'], 2)} outside",
         ),
-        *phases.rows(swarm, summary["robots"]),
+        *metrics.swarm_rows(swarm, summary["robots"]),
         *(("measure", f"{spoken(name)}: {value:g}") for name, value in summary["measures"].items()),
         link_row(summary["link"]),
         ("clocks", f"age wrong by {summary['clock']['age_error_ms_p99']} ms (99th percentile)"),

@@ -9,8 +9,8 @@ from pathlib import Path
 from vsense.arena import Frame
 from vsense.errors import VsenseError
 from vsense.lab.camera_spec import spec_for
-from vsense.lab.floor import FloorProcess
 from vsense.lab.grabber import LabGrabber
+from vsense.lab.physics_process import FloorProcess
 from vsense.lab.processes import Canary
 from vsense.lab.shared import LabError
 from vsense.lab.swarm import Swarm
@@ -18,7 +18,7 @@ from vsense.lab.truth import make_ring
 from vsense.link.robots.status import RobotStatus
 from vsense.live.session import ExperimentSession, RunSetup
 from vsense.markers.families import load_family
-from vsense.pictures.painting import Album
+from vsense.pictures.run_samples import RunSamples
 from vsense.robot import build
 from vsense.run.runtime import Step
 from vsense.tracking.arena_tracker import ArenaTracker
@@ -37,14 +37,14 @@ class RunNotes:
         directory: where the run's figures go.
         ended: what ended it, as `Runner.ended`.
         steps: the timesteps of the run, without their pictures.
-        album: the virtual world and the experiment's measures over time.
+        samples: the virtual world and the experiment's measures over time.
         measures: what the experiment measured in all, by name.
         pictures: the cameras' pictures at chosen timesteps of the run.
         sent, received, dropped, reconnects: packets with the robots' readings.
         lateness_ms: the canary's ticks.
     """
 
-    album: Album
+    samples: RunSamples
     seed: int
     directory: Path
     ended: str = ""
@@ -64,12 +64,7 @@ class Session(ExperimentSession):
     quiet = frozenset({"connected"})
 
     def __init__(self, setup: RunSetup, directory: Path, base: str) -> None:
-        """Prepares runs; `__enter__` starts everything.
-
-        Args:
-            setup: what they are made from.
-            directory: run directory, exists.
-            base: what the robots are based on, of `vsense.lab.links.BASES`.
+        """Prepares runs of robots on a `base` of `vsense.lab.links.BASES`; `directory` exists.
 
         Raises:
             VsenseError: something in the experiment cannot be made.
@@ -155,7 +150,7 @@ class Session(ExperimentSession):
                 f" start it again with {self.swarm.script(robot.tag)}"
             )
 
-    def live(self, directory: Path, observe: Callable[[Step], None]) -> None:
+    def run(self, directory: Path, observe: Callable[[Step], None]) -> None:
         """Starts all robots together, lives the run's timesteps, and stops them.
 
         Args:
@@ -165,38 +160,38 @@ class Session(ExperimentSession):
         Raises:
             VsenseError: something has failed; what was recorded until then is there.
         """
-        recording = RunNotes(Album(self.experiment), self.environment.seed, directory)
-        self.recordings.append(recording)
+        notes = RunNotes(RunSamples(self.experiment), self.environment.seed, directory)
+        self.recordings.append(notes)
         canary = Canary()
         self._stack.callback(canary.close)
         failure: VsenseError | None = None
         try:
-            self._live_timesteps(recording, observe)
+            self._run_timesteps(notes, observe)
         except VsenseError as error:
             failure = error
         self.stop()
-        recording.ended, counters = self.runner.ended, self.runner.counters
-        recording.lateness_ms = canary.end()
-        recording.sent, recording.received = counters.sent, counters.received
-        recording.dropped, recording.reconnects = counters.dropped, self.runner.reconnects
+        notes.ended, counters = self.runner.ended, self.runner.counters
+        notes.lateness_ms = canary.end()
+        notes.sent, notes.received = counters.sent, counters.received
+        notes.dropped, notes.reconnects = counters.dropped, self.runner.reconnects
         if failure is not None:
             # Cameras starve without physics: say what failed first.
             self.floor.check()
             raise failure
-        recording.measures = self.environment.end()
+        notes.measures = self.environment.end()
 
-    def _live_timesteps(self, recording: RunNotes, observe: Callable[[Step], None]) -> None:
-        pictures, album = recording.pictures, recording.album
+    def _run_timesteps(self, notes: RunNotes, observe: Callable[[Step], None]) -> None:
+        pictures, samples = notes.pictures, notes.samples
         step: Step | None = None
         try:
             for step in self.runner.timesteps():
-                recording.steps.append(step.without_frames())
-                album.look(step.run_timestep, self.environment.world)
-                if step.run_timestep in album.kept:
+                notes.steps.append(step.without_frames())
+                samples.add(step.run_timestep, self.environment.world)
+                if step.run_timestep in samples.kept:
                     pictures[step.run_timestep] = copy_frames(step.frames)
                 observe(step)
         finally:
-            album.end(self.environment.world)
+            samples.end(self.environment.world)
             if step is not None:
                 pictures[step.run_timestep] = copy_frames(step.frames)
 

@@ -1,15 +1,13 @@
-"""Memory that the processes of the lab share.
+"""Memory that the processes of the lab share: plain blocks, and the bank of the newest pictures.
 
 `multiprocessing.shared_memory` is not used: before Python 3.13 every process that merely
 attaches also unlinks the block when it ends, with warnings. A block made by `anonymous` has no
 name in any folder: it is gone with the last process that maps it, whatever killed the others.
 
-The frame bank: pictures of the last few timesteps in memory that two processes share.
-
-The camera process draws, the host looks. A timestep that the host has taken is lent to it: its
-slot is not drawn over until the last reference to its pictures is gone. Of all other slots the
-cameras take the one that was drawn longest ago, so they never wait for the host, and the newest
-timestep is there for it until two newer ones are begun.
+The camera process draws into the bank, the host reads. A timestep that the host has taken is lent
+to it: its slot is not drawn over until the last reference to its pictures is gone. Of all other
+slots the cameras take the one that was drawn longest ago, so they never wait for the host, and the
+newest timestep is there for it until two newer ones are begun.
 """
 
 from __future__ import annotations

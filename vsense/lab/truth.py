@@ -1,13 +1,12 @@
-"""The truth ring: where every body of the lab really is, tick by tick.
+"""Where every body of the lab really is: a ring for the present, a log for the report.
 
-One process writes a record per tick of its physics, others read the truth at any moment of the
-last 256 ticks. Nobody waits for anybody. A record that is read while it is being written shows a
-wrong checksum, which needs no memory ordering from the processor: a reader takes the tick before it
-for the newest, and looks again only where the writer has got on.
+One process writes a record per tick of its physics into the ring, others read the truth at any
+moment of the last 256 ticks. Nobody waits for anybody. A record that is read while it is being
+written shows a wrong checksum, which needs no memory ordering from the processor: a reader takes
+the tick before it for the newest, and looks again only where the writer has got on.
 
-The truth log: where every body was at every capture, in a compact file for the report.
-
-The file is a header, the number of bodies, and one record per timestep, all little endian.
+The log holds where every body was at every capture: a header, the number of bodies, and one record
+per timestep, all little endian.
 """
 
 from __future__ import annotations
@@ -36,14 +35,11 @@ def _record_dtype(bodies: int) -> np.dtype[np.void]:
     """One tick; `sequence` counts from 1, `checksum` is a CRC-32 of the record with 0 in it."""
     return np.dtype(
         [
-            ("sequence", "i8"),
-            ("time_ns", "i8"),
-            ("poses", "f8", (bodies, 3)),
-            ("leds", "u2", (bodies,)),
-            ("checksum", "u4"),
+            ("sequence", "i8"), ("time_ns", "i8"),
+            ("poses", "f8", (bodies, 3)), ("leds", "u2", (bodies,)), ("checksum", "u4"),
         ],
         align=True,
-    )
+    )  # fmt: skip
 
 
 def _ring_size(bodies: int) -> int:
@@ -61,14 +57,10 @@ class TruthWriter:
     """The one process that knows the truth."""
 
     def __init__(self, name: str, bodies: int) -> None:
-        """Opens the ring `name` and empties it, or makes it under that plain name.
-
-        Args:
-            name: A ring's name from `make_ring`, or a plain name.
-            bodies: How many bodies each record holds.
+        """Empties the ring `name` of `make_ring`, or makes one under that plain name.
 
         Raises:
-            LabError: The ring is there for another number of bodies.
+            LabError: the ring is there for another number of bodies.
         """
         self._block = SharedBlock.open(name, _ring_size(bodies))
         header = self._block.bytes[: _HEADER.itemsize].view(_HEADER)
@@ -112,11 +104,7 @@ class TruthReader:
     """
 
     def __init__(self, name: str) -> None:
-        """Opens the ring `name`.
-
-        Raises:
-            LabError: There is no such ring.
-        """
+        """Opens a ring; raises LabError where there is none of that name."""
         self._block = SharedBlock.open(name)
         header = self._block.bytes[: _HEADER.itemsize].view(_HEADER)[0]
         if header["magic"] != _MAGIC:
@@ -235,25 +223,17 @@ def truth_dtype(bodies: int) -> np.dtype[np.void]:
     """
     return np.dtype(
         [
-            ("timestep", "<i8"),
-            ("capture_ns", "<i8"),
-            ("ready_ns", "<i8"),
-            ("render_ns", "<i8"),
-            ("poses", "<f8", (bodies, 3)),
-            ("leds", "<u2", (bodies,)),
+            ("timestep", "<i8"), ("capture_ns", "<i8"), ("ready_ns", "<i8"),
+            ("render_ns", "<i8"), ("poses", "<f8", (bodies, 3)), ("leds", "<u2", (bodies,)),
         ]
-    )
+    )  # fmt: skip
 
 
 class TruthLog:
     """Writes a truth log."""
 
     def __init__(self, path: Path, bodies: int) -> None:
-        """Begins a new file.
-
-        Raises:
-            LabError: The file cannot be written.
-        """
+        """Begins a new file; raises LabError where it cannot be written."""
         self._record = np.zeros(1, dtype=truth_dtype(bodies))
         try:
             self._file = path.open("wb", buffering=0)

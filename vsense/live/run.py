@@ -7,7 +7,7 @@ from typing import Any
 
 from vsense.errors import VsenseError
 from vsense.live.session import RunSession
-from vsense.pictures.story import RunPictureError
+from vsense.pictures.run_figure import RunPictureError
 from vsense.run import directory as run_directory
 from vsense.run import figures
 from vsense.run.directory import RunLog
@@ -27,14 +27,7 @@ class OneRun:
     def __init__(
         self, session: RunSession, directory: Path, readiness: Readiness, log: RunLog
     ) -> None:
-        """Begins before the first timestep.
-
-        Args:
-            session: everything that runs; its robots have been waited for.
-            directory: of this run, exists.
-            readiness: who is there.
-            log: where to say what happens.
-        """
+        """Takes a session whose robots have been waited for; `directory` exists."""
         self.failure: VsenseError | None = None
         self._session = session
         self._experiment = session.experiment
@@ -45,7 +38,7 @@ class OneRun:
         self._portrait = Portrait(session.experiment)
         self._results: dict[str, float] = {}
 
-    def live(self) -> None:
+    def run(self) -> None:
         """Lives the run to its end; a failure is kept for after the report."""
         self._log.say("all robots start")
         for act in (self._timesteps, self._session.stop, self._end_world):

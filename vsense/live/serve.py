@@ -1,4 +1,4 @@
-"""The pictures of an arena tracking server's runs, kept where the experiment file asks for it.
+"""`vsense serve`: arena states for other programs, and the pictures of their runs.
 
 Thesis, 2.2.2 and 2.3.1: with `change_root_directory_on_start` each run is a recording of its own,
 without it all runs are one, which goes on with the next run.
@@ -33,13 +33,7 @@ class RunPictures:
         each_run: bool,
         say: Callable[[str], None],
     ) -> None:
-        """Begins nothing yet.
-
-        Args:
-            begin: begins a recording; None where none is wanted.
-            each_run: every run is a recording of its own.
-            say: takes a line for a person.
-        """
+        """`begin` gives None where no recording is wanted; `each_run`: one for every run."""
         self._begin = begin
         self._each_run = each_run
         self._say = say
@@ -106,7 +100,7 @@ def run(resources: str, experiment: str, host: str, port: int | None) -> int:
             talk.say,
         )
         stack.callback(pictures.close)
-        Serving(session, server, locate, pictures, talk, interrupted).live()
+        Serving(session, server, locate, pictures, talk, interrupted).run()
         console.end_progress()
     return INTERRUPTED
 
@@ -123,16 +117,7 @@ class Serving:
         talk: Talk,
         interrupted: threading.Event,
     ) -> None:
-        """Prepares it.
-
-        Args:
-            session: what to track.
-            server: where the states go.
-            locate: the server's; it learns of robots that join.
-            pictures: where the pictures of runs go.
-            talk: what a person is told.
-            interrupted: set by whoever wants it to end.
-        """
+        """`locate` is the server's: it learns of robots that join."""
         self._session = session
         self._server = server
         self._locate = locate
@@ -140,7 +125,7 @@ class Serving:
         self._talk = talk
         self._interrupted = interrupted
 
-    def live(self) -> None:
+    def run(self) -> None:
         """Tracks and publishes until it is interrupted.
 
         Raises:

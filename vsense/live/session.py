@@ -65,11 +65,7 @@ class ExperimentSession(ABC):
     quiet: frozenset[EventKind] = frozenset()
 
     def __init__(self, setup: RunSetup, legacy_port: int | None = None) -> None:
-        """Makes the first world; `__enter__` opens everything.
-
-        Args:
-            setup: what the runs are made from.
-            legacy_port: for robots with the original's client, or None.
+        """Makes the first world; `legacy_port` is for robots with the original's client.
 
         Raises:
             VsenseError: something in the experiment cannot be made.
@@ -179,12 +175,7 @@ class RunSession(ExperimentSession):
     def __init__(
         self, setup: RunSetup, tracking: tuple[str, str] | None, legacy_port: int | None
     ) -> None:
-        """Prepares the runs.
-
-        Args:
-            setup: what they are made from.
-            tracking: the files of a tracking session, or None; see `open_source`.
-            legacy_port: for robots with the original's client, or None.
+        """Prepares the runs; for `tracking` see `open_source`.
 
         Raises:
             VsenseError: something in the experiment cannot be made.

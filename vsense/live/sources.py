@@ -24,6 +24,8 @@ from vsense.tracking.specs import TrackingSession
 
 Tell = Callable[[str], None]
 """Takes a line for a person, from any thread; does not wait."""
+Clock = Callable[[], int]
+"""The host's monotonic clock [ns]."""
 
 
 class ClosableSource(ArenaSource, Protocol):
@@ -63,16 +65,7 @@ class SteadySource:
         figures: Callable[[], Mapping[str, int]],
         own: OwnCameras | None = None,
     ) -> None:
-        """Takes a source over.
-
-        Args:
-            kind: see the class.
-            name: see the class.
-            source: gives the states, at a rate of its own.
-            timestep_ns: length of the experiment's timestep.
-            figures: gives the source's counters.
-            own: see the class.
-        """
+        """Takes over a source with a rate of its own; `figures` gives its counters."""
         self.kind = kind
         self.name = name
         self.own = own
@@ -148,7 +141,7 @@ def open_source(
     experiment: Experiment,
     tracking: tuple[str, str] | None,
     tell: Tell,
-    clock: Callable[[], int] = time.monotonic_ns,
+    clock: Clock = time.monotonic_ns,
 ) -> SteadySource:
     """Opens what the command line or the experiment names.
 
@@ -165,31 +158,26 @@ def open_source(
     """
     require_source(experiment, tracking)
     tracker = experiment.tracker
-    timestep_ns = experiment.timestep_ns
     if tracking is not None:
-        return _own_cameras(experiment, tracking, timestep_ns, tell, clock)
+        return _own_cameras(experiment, tracking, tell, clock)
     if isinstance(tracker, TrackerAddress):
-        return _original(experiment, tracker, timestep_ns, tell, clock)
+        return _original(experiment, tracker, tell, clock)
     assert tracker is not None
-    return _lines(experiment, tracker, timestep_ns, tell, clock)
+    return _lines(experiment, tracker, tell, clock)
 
 
 def _own_cameras(
-    experiment: Experiment,
-    files: tuple[str, str],
-    timestep_ns: int,
-    tell: Tell,
-    clock: Callable[[], int],
+    experiment: Experiment, files: tuple[str, str], tell: Tell, clock: Clock
 ) -> SteadySource:
     session = tracking_session.load(*files)
     _check_roster(experiment, session)
-    tracking = open_tracking(session, clock, tell, timestep_ns / 1e9)
+    tracking = open_tracking(session, clock, tell, experiment.timestep_ns / 1e9)
     count = len(session.views)
     cameras = f"{count} camera{'s' if count > 1 else ''} of {Path(session.file).name}"
     kind = "cameras" if session.is_live else "recording"
     name = cameras if session.is_live else f"recordings of {cameras}"
     own = OwnCameras(session, tracking)
-    return SteadySource(kind, name, tracking, timestep_ns, tracking.figures, own)
+    return SteadySource(kind, name, tracking, experiment.timestep_ns, tracking.figures, own)
 
 
 def _check_roster(experiment: Experiment, session: TrackingSession) -> None:
@@ -211,11 +199,7 @@ def _check_roster(experiment: Experiment, session: TrackingSession) -> None:
 
 
 def _original(
-    experiment: Experiment,
-    tracker: TrackerAddress,
-    timestep_ns: int,
-    tell: Tell,
-    clock: Callable[[], int],
+    experiment: Experiment, tracker: TrackerAddress, tell: Tell, clock: Clock
 ) -> SteadySource:
     client = ArenaClient(
         tracker.host,
@@ -232,15 +216,11 @@ def _original(
         return asdict(client.counters) | asdict(client.repairs) | {"reconnects": reconnects}
 
     name = f"the tracker {client.name}"
-    return SteadySource("original", name, client, timestep_ns, figures)
+    return SteadySource("original", name, client, experiment.timestep_ns, figures)
 
 
 def _lines(
-    experiment: Experiment,
-    tracker: JsonLinesTracker,
-    timestep_ns: int,
-    tell: Tell,
-    clock: Callable[[], int],
+    experiment: Experiment, tracker: JsonLinesTracker, tell: Tell, clock: Clock
 ) -> SteadySource:
     listener = ArenaListener(tracker.host, tracker.port, _tags(experiment), tell, clock)
 
@@ -248,7 +228,7 @@ def _lines(
         return asdict(listener.counters) | asdict(listener.repair.counters)
 
     name = f"a tracker that writes lines to {tracker.host}, port {listener.port}"
-    return SteadySource("lines", name, listener, timestep_ns, figures)
+    return SteadySource("lines", name, listener, experiment.timestep_ns, figures)
 
 
 def _tags(experiment: Experiment) -> list[int]:

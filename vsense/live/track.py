@@ -1,4 +1,4 @@
-"""What a person sees on standard error while robots are tracked: rate, health, progress."""
+"""`vsense track`: the loop over a session's timesteps, its recording, and the live line."""
 
 from __future__ import annotations
 
@@ -44,13 +44,7 @@ class Talk:
     """Keeps the live line up to date and says once what need not be said for ever."""
 
     def __init__(self, console: Console, clock: Callable[[], int], timesteps: int | None) -> None:
-        """Begins the count.
-
-        Args:
-            console: where to talk.
-            clock: the host's monotonic clock [ns].
-            timesteps: how many there will be, or None.
-        """
+        """`clock` is monotonic [ns]; `timesteps` None: nobody knows how many there will be."""
         self._console = console
         self._clock = clock
         self._timesteps = timesteps
@@ -182,7 +176,7 @@ def run(options: TrackOptions) -> int:
         stack.callback(tracking.close)
         room = stack.enter_context(TrackRoom(options.web, session, tracking.troubles, console))
         talk = Talk(console, time.monotonic_ns, known_timesteps(options.frames, tracking))
-        TrackingRun(options, session, tracking, interrupted, talk, room).live()
+        TrackingRun(options, session, tracking, interrupted, talk, room).run()
         return INTERRUPTED if interrupted.is_set() else 0
 
 
@@ -217,7 +211,7 @@ class TrackingRun:
         self._recorder = begin_recording(session, self._talk)
         self._last: tuple[ArenaState, Sequence[Frame]] | None = None
 
-    def live(self) -> None:
+    def run(self) -> None:
         """Tracks to the end, and leaves picture, recording and summary.
 
         Raises:
@@ -241,9 +235,9 @@ class TrackingRun:
         if self._options.format == "csv":
             print(arena.CSV_HEADER, flush=True)
         for state, frames in timesteps(self._tracking, self._interrupted, self._options.frames):
-            self._take(state, frames)
+            self._publish(state, frames)
 
-    def _take(self, state: ArenaState, frames: Sequence[Frame]) -> None:
+    def _publish(self, state: ArenaState, frames: Sequence[Frame]) -> None:
         """Hands one timestep on to everybody."""
         self._last = state, frames
         csv = self._options.format == "csv"

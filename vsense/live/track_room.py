@@ -76,7 +76,7 @@ class TrackRoom:
         self._stack.close()
 
     def update(self, state: ArenaState, frames: Sequence[Frame]) -> None:
-        """Tells what is new after a timestep; nothing is made that nobody wants."""
+        """Publishes what is new after a timestep; nothing is made that nobody wants."""
         if self._preview is None:
             return
         now_ns, self._timestep = self._clock(), state.timestep

@@ -11,21 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.native import kernel_ffi, kernels
-from vsense.physics.contacts import Floats, Neighbourhood, pointer
+from vsense.physics.motion import Floats, Neighbourhood, pointer
 from vsense.sensors.geometry import EPUCK_RING_DEG
 
 POSITIONS_M = np.array(
     [
-        (0.030, -0.010),
-        (0.022, -0.025),
-        (0.0, -0.031),
-        (-0.030, -0.015),
-        (-0.030, 0.015),
-        (0.0, 0.031),
-        (0.022, 0.025),
-        (0.030, 0.010),
+        (0.030, -0.010), (0.022, -0.025), (0.0, -0.031), (-0.030, -0.015),
+        (-0.030, 0.015), (0.0, 0.031), (0.022, 0.025), (0.030, 0.010),
     ]
-)
+)  # fmt: skip
 """(8, 2) places of ps0..ps7, clockwise from the front right, in the robot's frame (x forward,
 y left). Source: epuck.md section 6."""
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.pictures.canvas import INK, MUTED, SCALE, Canvas, Colour, Floats, Image
-from vsense.pictures.painting import WorldSnapshot
+from vsense.pictures.run_samples import WorldSnapshot
 from vsense.world.entities import BODY_RADIUS_M
 
 WIDTH_PX = 900
@@ -24,7 +24,7 @@ LIT: Colour = (48, 48, 226)
 DARK: Colour = (160, 96, 40)
 TRAIL: Colour = (190, 140, 90)
 VIRTUAL: Colour = (170, 60, 130)
-STRANGER: Colour = (130, 150, 20)
+VIRTUAL_ROBOT: Colour = (130, 150, 20)
 _PAPER = 247
 _SOLID: Colour = (190, 184, 180)
 _FIELDS: tuple[Colour, ...] = ((60, 160, 60), (190, 60, 170), (200, 150, 0))
@@ -41,7 +41,7 @@ class ArenaMoment:
         title: what moment this is.
         note: what is to be said about it, or "".
         view: (h, w) grey top view of the floor as the cameras saw it, +y up; None: no cameras.
-        painting: the virtual world.
+        snapshot: the virtual world.
         poses: (n, 3) x, y in m and yaw in rad of the robots.
         lit: (n,) whether each robot's red LEDs are on.
         trails: (t, n, 2) where the robots were before, the oldest first; may be empty.
@@ -50,7 +50,7 @@ class ArenaMoment:
     title: str
     note: str
     view: Image | None
-    painting: WorldSnapshot
+    snapshot: WorldSnapshot
     poses: Floats
     lit: NDArray[np.bool_]
     trails: Floats
@@ -62,8 +62,8 @@ def draw(scene: ArenaMoment) -> Image:
     Returns:
         (h, w, 3) BGR, `SCALE` times as large as it will be shown.
     """
-    painting = scene.painting
-    width_m, height_m = painting.arena.size_m[:2]
+    snapshot = scene.snapshot
+    width_m, height_m = snapshot.arena.size_m[:2]
     zoom = WIDTH_PX / width_m
     canvas = Canvas(WIDTH_PX, round(height_m * zoom))
     middle = np.array([width_m, height_m]) * zoom / 2.0
@@ -72,17 +72,17 @@ def draw(scene: ArenaMoment) -> Image:
         return np.asarray(points_m * [zoom, -zoom] + middle)
 
     _ground(canvas, scene)
-    for outline in painting.physical if scene.view is None else ():
+    for outline in snapshot.physical if scene.view is None else ():
         canvas.fill(place(outline), _SOLID)
         canvas.lines(place(outline), MUTED, 1.0, closed=True)
-    for cone in painting.cones:
+    for cone in snapshot.cones:
         canvas.fill(place(cone), CONE, 0.30)
         canvas.lines(place(cone), CONE, 2.0, closed=True)
         canvas.ring(place(cone[0]), 0.05 * zoom, CONE, 3.0)
-    for outline in painting.virtual:
+    for outline in snapshot.virtual:
         canvas.fill(place(outline), VIRTUAL, 0.35)
         canvas.lines(place(outline), VIRTUAL, 1.5, closed=True)
-    _lamps(canvas, painting, place, zoom)
+    _lamps(canvas, snapshot, place, zoom)
     _robots(canvas, scene, place, zoom)
     _scale_bar(canvas, zoom)
     return canvas.image
@@ -99,13 +99,13 @@ def _ground(canvas: Canvas, scene: ArenaMoment) -> None:
         grey = cv2.cvtColor(large, cv2.COLOR_GRAY2BGR)
         # A lighter floor lets the drawing speak without hiding what the cameras saw.
         canvas.image[:] = cv2.addWeighted(grey, 0.72, np.full_like(grey, 255), 0.28, 0)
-    floor = scene.painting.floor
+    floor = scene.snapshot.floor
     if floor is not None:
         large = cv2.resize(floor, size, interpolation=cv2.INTER_NEAREST)
         # White is what a floor is without paint: it does not hide what the cameras saw.
         painted = (large[..., :3] != 255).any(axis=-1) * (large[..., 3] / 255.0)
         _blend(canvas, large[..., 2::-1], painted * 0.55)
-    for number, shares in enumerate(scene.painting.fields):
+    for number, shares in enumerate(scene.snapshot.fields):
         large = cv2.resize(shares, size, interpolation=cv2.INTER_LINEAR)
         _blend(canvas, np.array(_FIELDS[number % len(_FIELDS)]), 0.75 * np.sqrt(large))
 
@@ -117,10 +117,10 @@ def _blend(canvas: Canvas, colour: NDArray[np.generic], share: Floats) -> None:
     canvas.image[:] = np.rint(mixed).astype(np.uint8)
 
 
-def _lamps(canvas: Canvas, painting: WorldSnapshot, place: Place, zoom: float) -> None:
+def _lamps(canvas: Canvas, snapshot: WorldSnapshot, place: Place, zoom: float) -> None:
     """The lights; one that hangs outside of the arena is drawn at its edge."""
-    half = np.array(painting.arena.size_m[:2]) / 2.0
-    for lamp in painting.lamps:
+    half = np.array(snapshot.arena.size_m[:2]) / 2.0
+    for lamp in snapshot.lamps:
         at = place(np.clip(lamp.place_m, -half, half))
         colour = _LAMP if lamp.colour == (255, 255, 255) else lamp.colour[::-1]
         for radius_m, share in ((0.30, 0.12), (0.18, 0.16), (0.09, 0.30)):
@@ -134,8 +134,8 @@ def _robots(canvas: Canvas, scene: ArenaMoment, place: Place, zoom: float) -> No
     radius = BODY_RADIUS_M * zoom
     for robot in range(scene.trails.shape[1] if len(scene.trails) > 1 else 0):
         canvas.lines(place(scene.trails[:, robot]), TRAIL, 1.0)
-    painting = scene.painting
-    for pose, lit, virtual in zip(scene.poses, scene.lit, painting.leds):
+    snapshot = scene.snapshot
+    for pose, lit, virtual in zip(scene.poses, scene.lit, snapshot.leds):
         at = place(pose[:2])
         if lit:
             canvas.glow(at, 1.9 * radius, LIT, 0.30)
@@ -143,9 +143,9 @@ def _robots(canvas: Canvas, scene: ArenaMoment, place: Place, zoom: float) -> No
             red, green, blue = (int(value) for value in virtual)
             canvas.glow(at, 1.5 * radius, (blue, green, red), 0.6)
         _robot(canvas, pose, place, radius, LIT if lit else DARK)
-    for pose in painting.strangers:
-        canvas.glow(place(pose[:2]), radius, STRANGER, 0.35)
-        _robot(canvas, pose, place, radius, STRANGER)
+    for pose in snapshot.virtual_robots:
+        canvas.glow(place(pose[:2]), radius, VIRTUAL_ROBOT, 0.35)
+        _robot(canvas, pose, place, radius, VIRTUAL_ROBOT)
 
 
 def _robot(canvas: Canvas, pose: Floats, place: Place, radius: float, colour: Colour) -> None:

@@ -51,14 +51,15 @@ class Canvas:
 
     def dot(self, middle: Floats, radius: float, colour: Colour) -> None:
         """Draws a disc around a (2,) point."""
-        at = (round(float(middle[0]) * SCALE * 16), round(float(middle[1]) * SCALE * 16))
-        cv2.circle(self.image, at, round(radius * SCALE * 16), colour, -1, cv2.LINE_AA, 4)
+        self._circle(middle, radius, colour, cv2.FILLED)
 
     def ring(self, middle: Floats, radius: float, colour: Colour, width: float) -> None:
         """Draws a circle around a (2,) point."""
-        at = (round(float(middle[0]) * SCALE * 16), round(float(middle[1]) * SCALE * 16))
-        line = max(1, round(width * SCALE))
-        cv2.circle(self.image, at, round(radius * SCALE * 16), colour, line, cv2.LINE_AA, 4)
+        self._circle(middle, radius, colour, max(1, round(width * SCALE)))
+
+    def _circle(self, middle: Floats, radius: float, colour: Colour, line: int) -> None:
+        x, y = (round(float(value) * SCALE * 16) for value in middle)
+        cv2.circle(self.image, (x, y), round(radius * SCALE * 16), colour, line, cv2.LINE_AA, 4)
 
     def glow(self, middle: Floats, radius: float, colour: Colour, share: float) -> None:
         """Tints a disc around a (2,) point; `share` 1 covers, 0 is invisible."""

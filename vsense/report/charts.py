@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vsense.pictures.canvas import Floats
-from vsense.pictures.story import spoken
+from vsense.pictures.run_figure import spoken
 from vsense.report import plot
 from vsense.report.compare import Group, curve, measure_names, statistics
 from vsense.report.findings import Findings
+from vsense.report.flow import FINE, LOST, STOPPED, UNSEEN
 from vsense.report.gather import IN_CONE
-from vsense.report.health import FINE, LOST, STOPPED, UNSEEN
 from vsense.report.plot import Drawing
 
 if TYPE_CHECKING:
@@ -98,9 +98,8 @@ def robots(findings: Findings) -> Drawing | None:
     begin_s = ((strips.begin_ns or 0) - findings.zero_ns) / 1e9
     extent = (begin_s, begin_s + strip_s * table.shape[1], len(tags) - 0.5, -0.5)
     colours = ListedColormap(["none", *(colour for _, colour in _STATES.values())])
-    below.imshow(
-        table, colours, aspect="auto", interpolation="nearest", vmin=0, vmax=LOST, extent=extent
-    )
+    # In colours already: Matplotlib would scale numbers in floats, at 20 times the memory.
+    below.imshow(colours(table, bytes=True), aspect="auto", interpolation="nearest", extent=extent)
     paper = plot.setting("axes.facecolor")
     below.hlines(np.arange(len(tags)) + 0.5, *extent[:2], paper, linewidth=0.8)
     below.grid(False)

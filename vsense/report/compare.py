@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from vsense.pictures.canvas import Floats
-from vsense.pictures.story import spoken
+from vsense.pictures.run_figure import spoken
 from vsense.report.findings import Findings
 
 

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from vsense.recording.form import RecordingError
 from vsense.recording.reader import Gap, Recording, open_recording
-from vsense.report.flow import SILENCE_NS, Spell
+from vsense.report.flow import SILENCE_NS, LinkHealth, Spell
 from vsense.report.gather import Gatherer, gather
-from vsense.report.health import LinkHealth
 from vsense.report.tracks import RobotTrack
 
 Floats = NDArray[np.float64]
@@ -146,7 +145,7 @@ class Findings:
         has = {
             "arena states (/arena)": found.flow.lived,
             "measures (/signals)": found.measures.of,
-            "the robots' links (/robots)": found.roll.of,
+            "the robots' links (/robots)": found.links.of,
             "readings (/readings)": found.latencies.time_ns,
             "the world (/world)": found.world,
         }
@@ -166,7 +165,7 @@ def read_findings(path: Path, progress: Callable[[float], None] = lambda share: 
     with open_recording(path) as recording:
         whole_s = max(recording.duration_s, 1e-9)
         found = gather(recording, lambda read_s: progress(min(max(read_s / whole_s, 0.0), 1.0)))
-        if not (found.flow.lived or found.measures.of or found.roll.of or found.events):
+        if not (found.flow.lived or found.measures.of or found.links.of or found.events):
             raise RecordingError(
                 f"{path}: holds nothing that a report could show; expected arena states, measures,"
                 " robots or events"
@@ -197,11 +196,11 @@ def _utc(time_ns: int) -> datetime | None:
 
 
 def _tags(found: Gatherer) -> set[int]:
-    return {*found.facts.robots, *found.tracks.of, *found.roll.of}
+    return {*found.facts.robots, *found.tracks.of, *found.links.of}
 
 
 def _row(found: Gatherer, tag: int) -> RobotRow:
-    track, health = found.tracks.of.get(tag, RobotTrack()), found.roll.of.get(tag, LinkHealth())
+    track, health = found.tracks.of.get(tag, RobotTrack()), found.links.of.get(tag, LinkHealth())
     told = health.told > 0
     return RobotRow(
         tag=tag,
@@ -233,7 +232,7 @@ def _amiss(recording: Recording, found: Gatherer, zero_ns: int) -> list[Amiss]:
     if found.flow.lived and not over and end_ns - newest_ns > 2 * SILENCE_NS:
         words = "no arena state until the recording's end"
         spells.append(("silence", Spell(words, newest_ns)))
-    spells += [("no link", spell) for spell in found.roll.losses]
+    spells += [("no link", spell) for spell in found.links.losses]
     spells += [("camera", spell) for spell in found.cameras.spells]
     told = []
     for kind, spell in sorted(spells, key=lambda pair: pair[1].from_ns):

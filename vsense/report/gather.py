@@ -12,8 +12,16 @@ from vsense.message_bus import Message
 from vsense.recording.form import RunMessage
 from vsense.recording.reader import Recording
 from vsense.report.facts import MOST_ASPECT, MOST_M, Facts, clock_ns, number, read_facts
-from vsense.report.flow import CameraCounts, Flow, Latencies, Measures
-from vsense.report.health import FINE, UNSEEN, SeenRobots, Strips
+from vsense.report.flow import (
+    FINE,
+    UNSEEN,
+    CameraCounts,
+    Flow,
+    Latencies,
+    Measures,
+    SeenRobots,
+    Strips,
+)
 from vsense.report.tracks import UNSEEN_NS, Tracks
 from vsense.world.entities import Arena
 
@@ -71,7 +79,7 @@ class Gatherer:
             "/signals": self._signals,
             "/readings": self._readings,
             "/robots": self._robots,
-            "/cameras": lambda m: self.cameras.take(m.time_ns, m.data),
+            "/cameras": lambda m: self.cameras.add(m.time_ns, m.data),
             "/run": self._run,
             "/world": self._world,
             "/event": self._event,
@@ -80,7 +88,7 @@ class Gatherer:
     def _begin(self) -> None:
         """The run begins: what was before it does not count."""
         self.tracks = Tracks(self.facts.is_robot)
-        self.roll, self.flow, self.latencies = SeenRobots(self.facts.robots), Flow(), Latencies()
+        self.links, self.flow, self.latencies = SeenRobots(self.facts.robots), Flow(), Latencies()
         self.measures, self.cameras = Measures(), CameraCounts()
         self.strips = Strips(round(self.facts.timestep_s * 1e9))
 
@@ -104,8 +112,8 @@ class Gatherer:
         """The topics of the messages that it wants."""
         return frozenset(self._takers)
 
-    def take(self, message: Message) -> None:
-        """Takes a message; one that is damaged is counted and left out."""
+    def receive(self, message: Message) -> None:
+        """Receives a message; one that is damaged is counted and left out."""
         try:
             self._takers[message.topic](message)
         except ODD:
@@ -117,19 +125,19 @@ class Gatherer:
         run_timestep = run_timestep if isinstance(run_timestep, int) else -1
         capture_ns = clock_ns(data["capture_ns"])
         if run_timestep >= 0 and not self.ran:
-            connected, self.ran = self.roll.connected, True
+            connected, self.ran = self.links.connected, True
             self._begin()
-            self.roll.connected = connected
+            self.links.connected = connected
         self._going = run_timestep >= 0 or not self.ran
         if not self._going:
             self.flow.pass_over(capture_ns)
             self.tracks.lift()
             return
-        self.tracks.take(capture_ns, data["robots"])
+        self.tracks.add(capture_ns, data["robots"])
         seen = self.tracks.places_m.keys()
-        self.flow.take(capture_ns, run_timestep, len(seen), self.roll.connected)
-        if not self.roll.of:
-            self.strips.take(capture_ns, dict.fromkeys(seen, FINE))
+        self.flow.add(capture_ns, run_timestep, len(seen), self.links.connected)
+        if not self.links.of:
+            self.strips.add(capture_ns, dict.fromkeys(seen, FINE))
         self._miss(capture_ns)
 
     def _miss(self, capture_ns: int) -> None:
@@ -140,7 +148,7 @@ class Gatherer:
             seen_ns = track.last_ns if track is not None else self.flow.begin_ns
             if seen_ns is not None and capture_ns - seen_ns > UNSEEN_NS:
                 since[tag] = seen_ns
-        self.strips.take(capture_ns, dict.fromkeys(since, UNSEEN), since)
+        self.strips.add(capture_ns, dict.fromkeys(since, UNSEEN), since)
 
     def _signals(self, message: Message) -> None:
         if not self._going:
@@ -157,16 +165,16 @@ class Gatherer:
             inside = [tag for tag, at in self.tracks.places_m.items() if _any_holds(cones, at)]
             measures.setdefault(IN_CONE, len(inside))
             # What the LEDs were one timestep ago: the robots tell later than the world.
-            measures.setdefault(LIT_IN_CONE, sum(tag in self.roll.lit for tag in inside))
-        self.measures.take(time_s, measures)
+            measures.setdefault(LIT_IN_CONE, sum(tag in self.links.lit for tag in inside))
+        self.measures.add(time_s, measures)
 
     def _readings(self, message: Message) -> None:
         if self._going:
-            self.latencies.take(message.time_ns, message.data)
+            self.latencies.add(message.time_ns, message.data)
 
     def _robots(self, message: Message) -> None:
         if self._going:
-            self.strips.take(message.time_ns, self.roll.take(message.time_ns, message.data))
+            self.strips.add(message.time_ns, self.links.add(message.time_ns, message.data))
 
     def _run(self, message: Message) -> None:
         told = RunMessage.read(message.data)
@@ -197,7 +205,7 @@ def gather(recording: Recording, progress: Callable[[float], None]) -> Gatherer:
     """
     found = Gatherer(read_facts(recording.experiment))
     for place, message in enumerate(recording.messages(found.topics)):
-        found.take(message)
+        found.receive(message)
         if place % 500 == 0:
             progress((message.time_ns - recording.begin_ns) / 1e9)
     return found

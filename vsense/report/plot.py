@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vsense.errors import UsageError, VsenseError
-from vsense.pictures.story import spoken
+from vsense.pictures.run_figure import spoken
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from vsense.pictures.story import spoken
+from vsense.pictures.run_figure import spoken
 from vsense.report.compare import Group, quantities, table
 from vsense.report.findings import Findings, RobotRow
 from vsense.report.markup import DASH, Counter, figure_of, share_of

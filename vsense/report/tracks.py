@@ -6,6 +6,7 @@ All of it stays small however long a recording is.
 from __future__ import annotations
 
 import math
+from array import array
 from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -41,7 +42,8 @@ class RobotTrack:
     def __init__(self) -> None:
         self.seen = 0
         self.distance_m = self.followed_s = self.longest_unseen_s = 0.0
-        self._points: list[tuple[float, float]] = []
+        # x and y by turns: a tuple for each point would take seven times the memory.
+        self._points = array("d")
         self._spacing_m = STILL_M
         self._most = MOST_POINTS
         self._anchor: tuple[float, float] | None = None
@@ -52,10 +54,9 @@ class RobotTrack:
     @property
     def points_m(self) -> Floats:
         """The way, (n, 2) arena frame; a row of NaN is where it was not seen for a while."""
-        points = [*self._points, *([self._last] if self._last is not None else [])]
-        return np.array(points, np.float64).reshape(-1, 2)
+        return np.array([*self._points, *(self._last or ())], np.float64).reshape(-1, 2)
 
-    def see(self, time_ns: int, x_m: float, y_m: float) -> None:
+    def add(self, time_ns: int, x_m: float, y_m: float) -> None:
         """Takes a sighting."""
         self.seen += 1
         here = (x_m, y_m)
@@ -81,17 +82,18 @@ class RobotTrack:
     def lift(self) -> None:
         """Ends the present piece of the way: what follows is not joined to it."""
         if self._last is not None:
-            self._points += [self._last, (math.nan, math.nan)]
+            self._points.extend((*self._last, math.nan, math.nan))
         self._anchor = self._kept = self._last = None
 
     def _keep(self, here: tuple[float, float]) -> None:
         self._kept = here
-        self._points.append(here)
-        if len(self._points) >= self._most:
+        self._points.extend(here)
+        if len(self._points) >= 2 * self._most:
             self._spacing_m *= 2.0
-            places = enumerate(self._points)
-            self._points = [p for place, p in places if place % 2 == 0 or math.isnan(p[0])]
-            self._most = max(MOST_POINTS, 2 * len(self._points))
+            points = np.array(self._points).reshape(-1, 2)
+            thinned = points[(np.arange(len(points)) % 2 == 0) | np.isnan(points[:, 0])]
+            self._points = array("d", thinned.ravel())
+            self._most = max(MOST_POINTS, 2 * len(thinned))
 
 
 class Tracks:
@@ -114,7 +116,7 @@ class Tracks:
         self.places_m: dict[int, tuple[float, float]] = {}
         self._is_robot = is_robot
 
-    def take(self, capture_ns: int, robots: Mapping[str, Any]) -> None:
+    def add(self, capture_ns: int, robots: Mapping[str, Any]) -> None:
         """Takes the robots of an arena state, in columns.
 
         Raises:
@@ -134,7 +136,7 @@ class Tracks:
                 continue
             self.places_m[tag] = (x_m, y_m)
             track = self.of.get(tag) or self.of.setdefault(tag, RobotTrack())
-            track.see(capture_ns, x_m, y_m)
+            track.add(capture_ns, x_m, y_m)
             self.cells[math.floor(x_m / CELL_M), math.floor(y_m / CELL_M)] += 1
 
     def lift(self) -> None:

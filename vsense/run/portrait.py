@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from vsense.config.specs import Experiment
 from vsense.link.robots.status import RobotStatus
-from vsense.pictures import story
-from vsense.pictures.painting import Album
-from vsense.pictures.story import RunFigure
+from vsense.pictures import run_figure
+from vsense.pictures.run_figure import RunFigure
+from vsense.pictures.run_samples import RunSamples
 from vsense.world.sightings import NEVER_NS
 from vsense.world.world import World
 
@@ -25,7 +25,7 @@ class Portrait:
 
     def __init__(self, experiment: Experiment) -> None:
         self._experiment = experiment
-        self._album = Album(experiment)
+        self._samples = RunSamples(experiment)
         self._source = experiment.source
         self._timesteps: list[int] = []
         self._poses: list[NDArray[np.float64]] = []
@@ -47,9 +47,9 @@ class Portrait:
             places = self._poses[-1][:, :2]
             outside = np.zeros(len(places), bool)
             self._inside.append(outside if cone is None else cone.contains(places))
-        self._album.look(run_timestep, world)
+        self._samples.add(run_timestep, world)
         if len(self._timesteps) == MOST_TIMESTEPS:
-            self._album.end(world)
+            self._samples.end(world)
 
     def draw(self, path: Path, world: World, blind: bool, subtitle: str) -> bool:
         """Draws the picture after the run, into an existing folder; `subtitle` says how it was run.
@@ -64,11 +64,11 @@ class Portrait:
         if not known.any():
             return False
         if len(self._timesteps) < MOST_TIMESTEPS:
-            self._album.end(world)
-        story.save(self._story(known), path, blind, subtitle)
+            self._samples.end(world)
+        run_figure.save(self._figure(known), path, blind, subtitle)
         return True
 
-    def _story(self, known: NDArray[np.bool_]) -> RunFigure:
+    def _figure(self, known: NDArray[np.bool_]) -> RunFigure:
         """Tells what happened to the robots that were seen at all."""
         seen = known.any(axis=0)
         poses = np.array(self._poses)
@@ -83,5 +83,5 @@ class Portrait:
             np.array(self._lit)[:, seen],
             np.array(self._inside)[:, seen] if self._source is not None else None,
             self._experiment.turn_timestep,
-            self._album,
+            self._samples,
         )

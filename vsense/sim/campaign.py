@@ -19,9 +19,8 @@ from vsense.errors import UsageError, VsenseError
 from vsense.report import FORMATS, LACKING, can_draw, plot
 from vsense.robot import build
 from vsense.sim import comparison
-from vsense.sim.job import Job, Setup
+from vsense.sim.job import Job, Setup, Sweep
 from vsense.sim.results import DURATION, EXPERIMENT, ROBOTS, SEED, CampaignResults
-from vsense.sim.settings import Sweep
 from vsense.sim.watch import Interrupted, Task, WorkerProcess, simulate_all
 from vsense.terminal import Console, print_data
 

@@ -1,13 +1,9 @@
-"""What the cameras would say about a simulated arena: every marker, nearly where it is.
-
-What happened in a simulated run: where everybody was, what was lit, and what counts.
-"""
+"""A simulated run timestep by timestep, and the tracker's errors that its arena states carry."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -16,12 +12,11 @@ from numpy.typing import NDArray
 from vsense.arena import POSE, ArenaState, wrap_angle
 from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
-from vsense.lab import phases
+from vsense.lab import metrics
 from vsense.lab.metrics import TIMESTEP
 from vsense.link.robots.status import RING_LEDS
-from vsense.pictures.painting import Album
-from vsense.pictures.story import RunFigure
-from vsense.world.pollution import PollutantSource
+from vsense.pictures.run_figure import RunFigure
+from vsense.pictures.run_samples import RunSamples
 
 POSITION_STD_M = 26e-6
 """Standard deviation of a tracked position along each axis: 0.037 mm in all, as in the lab.
@@ -41,12 +36,7 @@ class SimulatedTracker:
     """Makes arena states of true poses."""
 
     def __init__(self, tags: Sequence[int], seed: int) -> None:
-        """A tracker that knows these tags.
-
-        Args:
-            tags: robots and objects, in the order of the poses.
-            seed: of the errors.
-        """
+        """`tags` come in the order of the poses; `seed` is that of the errors."""
         self._order = np.argsort(np.asarray(tags, dtype=np.uint32))
         self._random = np.random.default_rng([seed, _STREAM])
         self._errors = np.zeros((0, len(tags), 3))
@@ -111,7 +101,6 @@ class Record:
     """
 
     def __init__(self, experiment: Experiment) -> None:
-        """An empty record of all timesteps of a run."""
         timesteps = experiment.timesteps
         self.tags = tuple(robot.tag for robot in experiment.robots)
         self.object_tags = tuple(thing.tag for thing in experiment.objects)
@@ -122,7 +111,7 @@ class Record:
         self.share = np.ones(timesteps)
         self.source = experiment.source
         self.turn = experiment.turn_timestep
-        self._timestep_s = experiment.timestep_s
+        self._experiment = experiment
 
     def note(self, timestep: int, poses: Floats, leds: NDArray[np.uint16], share: float) -> None:
         """Notes a timestep of the run.
@@ -136,15 +125,15 @@ class Record:
         self.poses[timestep], self.leds[timestep], self.share[timestep] = poses, leds, share
 
     @cached_property
-    def truth(self) -> phases.SwarmTruth:
+    def truth(self) -> metrics.SwarmTruth:
         """The run as the lab's figures want it."""
-        robots = len(self.tags)
-        depth_m = None if self.source is None else self._depth_m(self.source)
-        return phases.SwarmTruth(self.poses[:, :robots], depth_m, (self.leds & RING_LEDS) != 0)
+        robots, numbers = len(self.tags), self.timesteps["run_timestep"]
+        depth_m = metrics.depths_in_cone(self._experiment, self.poses, numbers, self.share)
+        return metrics.SwarmTruth(self.poses[:, :robots], depth_m, (self.leds & RING_LEDS) != 0)
 
     def swarm(self) -> dict[str, int | None]:
         """Robots in the cone, and lit there, before and after the wind's turn; as the lab's."""
-        return phases.swarm(self)
+        return metrics.swarm(self)
 
     def save(self, path: Path) -> None:
         """Writes the trajectories: an .npz file that NumPy reads.
@@ -159,7 +148,7 @@ class Record:
         try:
             np.savez(
                 path,
-                time_s=self.timesteps["run_timestep"] * self._timestep_s,
+                time_s=self.timesteps["run_timestep"] * self._experiment.timestep_s,
                 tags=np.array(self.tags, dtype=np.uint32),
                 object_tags=np.array(self.object_tags, dtype=np.uint32),
                 poses=self.poses[:, :robots],
@@ -169,31 +158,10 @@ class Record:
         except OSError as error:
             raise VsenseError(f"{path}: cannot be written: {error.strerror}") from None
 
-    def story(self, experiment: Experiment, album: Album) -> RunFigure:
+    def figure(self, samples: RunSamples) -> RunFigure:
         """The run as its picture wants it."""
         truth, numbers = self.truth, self.timesteps["run_timestep"]
         inside = None if truth.depth_m is None else truth.depth_m >= 0
-        return RunFigure(experiment, numbers, truth.poses, truth.lit, inside, self.turn, album)
-
-    def _depth_m(self, source: PollutantSource) -> Floats:
-        """How deep each robot is in the source's cone; negative outside."""
-        robots = len(self.tags)
-        place = (*self.tags, *self.object_tags).index(source.tag)
-        turned = self._timesteps_turned()
-        depth_m = np.full((len(self.poses), robots), -np.inf)
-        keys = zip(*self.poses[:, place, :2].T.tolist(), turned.tolist(), self.share.tolist())
-        row = 0
-        # A cone mostly stays for many timesteps.
-        for (x_m, y_m, _, share), same in groupby(keys):
-            rows = slice(row, row + len(list(same)))
-            if share > 0.0:
-                cone = source.cone_at(x_m, y_m, row, share)
-                depth_m[rows] = -cone.edge_distance(self.poses[rows, :robots, :2])
-            row = rows.stop
-        return depth_m
-
-    def _timesteps_turned(self) -> NDArray[np.bool_]:
-        """Whether the wind has turned, per timestep."""
-        numbers = self.timesteps["run_timestep"]
-        turned: NDArray[np.bool_] = numbers >= (len(numbers) if self.turn is None else self.turn)
-        return turned
+        return RunFigure(
+            self._experiment, numbers, truth.poses, truth.lit, inside, self.turn, samples
+        )

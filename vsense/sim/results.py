@@ -35,12 +35,7 @@ class CampaignResults:
     """
 
     def __init__(self, path: Path, campaign: str, settings: Sequence[str]) -> None:
-        """Reads what the file holds already.
-
-        Args:
-            path: the file; it need not be there.
-            campaign: fingerprint of what is run.
-            settings: names of the settings.
+        """Reads what the file holds, if it is there; `campaign` is the fingerprint of what is run.
 
         Raises:
             UsageError: the file holds something else.

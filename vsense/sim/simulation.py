@@ -1,4 +1,4 @@
-"""One simulated run: physics, virtual world and the robots' minds on one virtual clock.
+"""One simulated run: physics, virtual world and controller runtimes on one virtual clock.
 
 A timestep goes as in the lab (medians of `vsense lab pollutant`, 120 s): the cameras expose, 10 ms
 later their pictures are there, at 24 ms the robots have their own sensors' readings composed, at
@@ -21,7 +21,7 @@ from vsense.link.robots.table import Table
 from vsense.link.robots.wire import Values, Wanted
 from vsense.physics.motion import floor_of
 from vsense.physics.proximity_ring import ProximityRing
-from vsense.pictures.painting import Album
+from vsense.pictures.run_samples import RunSamples
 from vsense.robot.inprocess import ACT_NS, CONTROL_NS, Robots
 from vsense.run.environment import Environment
 from vsense.sim.record import Record, SimulatedTracker
@@ -51,7 +51,7 @@ class Simulation:
     Attributes:
         environment: the virtual world.
         record: what happened.
-        album: takes down what the picture of the run needs; None: nobody wants one.
+        samples: takes down what the picture of the run needs; None: nobody wants one.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class Simulation:
         experiment = settle(experiment, seed)
         self.environment = Environment(experiment, seed, blind)
         self.record = Record(experiment)
-        self.album: Album | None = None
+        self.samples: RunSamples | None = None
         self._dt_ns = experiment.timestep_ns
         self._physics = floor_of(experiment, EPOCH_NS)
         self._rings = ProximityRing(self._physics.near, seed)
@@ -96,7 +96,7 @@ class Simulation:
         self._timestep = self._numbers = 0
 
     def run(self) -> dict[str, float]:
-        """Lives all timesteps.
+        """Runs all timesteps.
 
         Returns:
             The experiment's own results by name.
@@ -106,26 +106,26 @@ class Simulation:
         """
         for run_timestep in range(-WARM_UP, len(self.record.timesteps)):
             self.step(run_timestep)
-        self._live_until(self._capture_ns())
-        if self.album is not None:
-            self.album.end(self.environment.world)
+        self._advance(self._capture_ns())
+        if self.samples is not None:
+            self.samples.end(self.environment.world)
         return self.environment.end()
 
     def step(self, run_timestep: int) -> None:
-        """Lives one timestep, up to the moment before the next capture.
+        """Runs one timestep, up to the moment before the next capture.
 
         Args:
             run_timestep: timestep of the run, negative before it; one more at every call.
         """
         capture_ns = self._capture_ns()
-        self._live_until(capture_ns)
+        self._advance(capture_ns)
         poses = self._physics.poses
         state = self._tracker.update(poses, self._timestep, capture_ns)
         readings = self.environment.step(state, run_timestep, self._reports)
         if run_timestep >= 0:
             self.record.note(run_timestep, poses, self._leds, self._share())
-            if self.album is not None:
-                self.album.look(run_timestep, self.environment.world)
+            if self.samples is not None:
+                self.samples.add(run_timestep, self.environment.world)
         self._plan(capture_ns + SENSE_NS, self._control(capture_ns, self._timestep, readings))
         self._timestep += 1
 
@@ -171,7 +171,7 @@ class Simulation:
         heapq.heappush(self._events, _Event(time_ns, self._numbers, happen))
         self._numbers += 1
 
-    def _live_until(self, time_ns: int) -> None:
+    def _advance(self, time_ns: int) -> None:
         """Moves everything on to a time; what is due then has happened."""
         while self._events and self._events[0].time_ns <= time_ns:
             event = heapq.heappop(self._events)

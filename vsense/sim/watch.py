@@ -93,7 +93,7 @@ class WorkerProcess:
         assert self._process.stdin is not None and self._process.stdout is not None
         self._jobs, self.answers = self._process.stdin, self._process.stdout
 
-    def give(self, task: Task) -> None:
+    def start(self, task: Task) -> None:
         """Has it do a run; it has nothing else to do."""
         self.task, self._looks, self._last = task, 0, None
         self._block.bytes[:] = 0
@@ -102,7 +102,7 @@ class WorkerProcess:
             self._jobs.write(task.job.to_line())
             self._jobs.flush()
 
-    def take(self) -> dict[str, Any]:
+    def receive(self) -> dict[str, Any]:
         """Takes the answer, which is there: what `vsense.sim.worker.simulate` gave.
 
         Raises:
@@ -121,7 +121,7 @@ class WorkerProcess:
         self.task = None
         return result
 
-    def look(self, limit_s: float) -> None:
+    def check(self, limit_s: float) -> None:
         """Sees whether its run goes on, if it has one; to be called every `POLL_S`.
 
         Raises:
@@ -206,7 +206,7 @@ def simulate_all(
             if time.monotonic() - looked_s >= POLL_S:
                 looked_s = time.monotonic()
                 for worker in workers:
-                    worker.look(limit_s)
+                    worker.check(limit_s)
                 show(workers)
 
 
@@ -215,7 +215,7 @@ def _start(task: Task, stack: ExitStack, selector: selectors.BaseSelector) -> Wo
     worker = WorkerProcess()
     stack.callback(worker.close)
     selector.register(worker.answers, selectors.EVENT_READ, worker)
-    worker.give(task)
+    worker.start(task)
     return worker
 
 
@@ -223,9 +223,9 @@ def _exchange(
     worker: WorkerProcess, waiting: Iterator[Task]
 ) -> Iterator[tuple[Task, dict[str, Any]]]:
     """Takes a result and gives the next task."""
-    done, result = worker.task, worker.take()
+    done, result = worker.task, worker.receive()
     assert done is not None
     task = next(waiting, None)
     if task is not None:
-        worker.give(task)
+        worker.start(task)
     yield done, result

@@ -31,8 +31,9 @@ from typing import Any
 
 from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
-from vsense.pictures import story
-from vsense.pictures.painting import Album
+from vsense.lab.processes import read_line
+from vsense.pictures import run_figure
+from vsense.pictures.run_samples import RunSamples
 from vsense.robot.inprocess import PROGRESS_BYTES, declarations
 from vsense.sim.job import Job
 from vsense.sim.record import TRAJECTORY
@@ -57,7 +58,7 @@ def simulate(job: Job, progress: Any) -> dict[str, Any]:
     experiment = job.setup.load()
     run = Simulation(experiment, Path(job.library), job.seed, job.setup.blind, progress)
     if job.directory is not None:
-        run.album = Album(experiment)
+        run.samples = RunSamples(experiment)
     begun_s = time.perf_counter()
     measures = run.run()
     wall_s = time.perf_counter() - begun_s
@@ -76,30 +77,25 @@ def simulate(job: Job, progress: Any) -> dict[str, Any]:
 
 
 def _save(run: Simulation, experiment: Experiment, job: Job, directory: Path) -> None:
-    """Writes `TRAJECTORY` and the picture of a run that has an album."""
-    assert run.album is not None
+    """Writes `TRAJECTORY` and the picture of a run that has an samples."""
+    assert run.samples is not None
     run.record.save(directory / TRAJECTORY)
-    told = run.record.story(experiment, run.album)
+    told = run.record.figure(run.samples)
     subtitle = f"{len(run.record.tags)} simulated robots, seed {job.seed}"
-    story.save(told, directory / f"{experiment.name}.png", job.setup.blind, subtitle)
+    run_figure.save(told, directory / f"{experiment.name}.png", job.setup.blind, subtitle)
 
 
 class Worker:
     """Takes jobs and has them done."""
 
     def __init__(self, progress: Any, answers: int) -> None:
-        """A worker that nobody has given anything yet.
-
-        Args:
-            progress: shared memory.
-            answers: descriptor to answer on.
-        """
+        """`progress` is shared memory, `answers` the descriptor to answer on."""
         self._progress = progress
         self._answers = answers
 
     def work(self) -> None:
         """Does jobs until standard input ends."""
-        while line := _read_line(0):
+        while line := read_line(0):
             answer = self._do(line)
             if answer is None:
                 return
@@ -170,17 +166,6 @@ def _listen(told: int, pid: int) -> bytes | None:
         if not part:
             return bytes(said)
         said += part
-
-
-def _read_line(descriptor: int) -> bytes:
-    """Reads up to a line's end and not a byte further, so that `select` sees all that follows."""
-    line = bytearray()
-    while not line.endswith(b"\n"):
-        byte = os.read(descriptor, 1)
-        if not byte:
-            return b""
-        line += byte
-    return bytes(line)
 
 
 def _write_all(descriptor: int, data: bytes) -> None:

@@ -1,4 +1,4 @@
-"""The atoms: spec, ticks that are never lost, motion from actuator frames, and the process."""
+"""The physics: spec, ticks that are never lost, motion from actuator frames, and the process."""
 
 from __future__ import annotations
 
@@ -66,50 +66,50 @@ def spec(tmp_path: Path, ring: SharedBlock) -> dict[str, Any]:
 
 
 @pytest.fixture
-def atoms(spec: dict[str, Any]) -> Iterator[PhysicsProcess]:
+def process(spec: dict[str, Any]) -> Iterator[PhysicsProcess]:
     parsed = PhysicsSpec.parse(json.dumps(spec).encode())
     one = PhysicsProcess(parsed, EPOCH_NS)
     yield one
     one.close()
 
 
-def write(atoms: PhysicsProcess, fd: int, content: bytes, now_ns: int) -> None:
+def write(process: PhysicsProcess, fd: int, content: bytes, now_ns: int) -> None:
     """Has robot 0 hear some bytes now, all at once."""
     os.write(fd, content)
-    master = atoms.controllers.readable()[0]
+    master = process.controllers.readable()[0]
     assert select.select([master], [], [], PATIENCE_S)[0]
-    atoms.step([master], now_ns)
+    process.step([master], now_ns)
 
 
 def test_bodies_are_the_robots_by_index_then_the_objects(
-    atoms: PhysicsProcess, ring: SharedBlock
+    process: PhysicsProcess, ring: SharedBlock
 ) -> None:
     poses, leds = TruthReader(ring.name).at(EPOCH_NS)
     np.testing.assert_array_equal(poses, [[0, 0, 0], [0.5, 0.1, 1.0], [-0.5, 0.2, -1.0]])
     np.testing.assert_array_equal(leds, [0, 0, 0])
-    assert len(set(atoms.controllers.devices)) == 2
+    assert len(set(process.controllers.devices)) == 2
 
 
 @pytest.mark.parametrize("late_ns", [0, 1, TICK_NS - 1])
 def test_ticks_that_are_late_are_caught_up_with(
-    atoms: PhysicsProcess, ring: SharedBlock, late_ns: int
+    process: PhysicsProcess, ring: SharedBlock, late_ns: int
 ) -> None:
-    atoms.step([], EPOCH_NS + 100 * TICK_NS + late_ns)
-    assert atoms.report()["ticks"] == 100
-    assert atoms.report()["lateness_ms"]["max"] == (99 * TICK_NS + late_ns) / 1e6
+    process.step([], EPOCH_NS + 100 * TICK_NS + late_ns)
+    assert process.report()["ticks"] == 100
+    assert process.report()["lateness_ms"]["max"] == (99 * TICK_NS + late_ns) / 1e6
     assert TruthReader(ring.name).newest_ns() == EPOCH_NS + 100 * TICK_NS
-    assert atoms.wake_ns() == EPOCH_NS + 101 * TICK_NS
+    assert process.wake_ns() == EPOCH_NS + 101 * TICK_NS
 
 
 def test_an_actuator_frame_moves_the_truth_from_its_time_on(
-    atoms: PhysicsProcess, ring: SharedBlock, spec: dict[str, Any]
+    process: PhysicsProcess, ring: SharedBlock, spec: dict[str, Any]
 ) -> None:
-    fd = os.open(atoms.controllers.devices[0], os.O_RDWR | os.O_NOCTTY)
-    write(atoms, fd, WAKE_AND_CONFIG, EPOCH_NS + 3 * TICK_NS)
-    atoms.step([], EPOCH_NS + 5 * TICK_NS)
-    write(atoms, fd, forward(500, ring=0b101), EPOCH_NS + 5 * TICK_NS)
+    fd = os.open(process.controllers.devices[0], os.O_RDWR | os.O_NOCTTY)
+    write(process, fd, WAKE_AND_CONFIG, EPOCH_NS + 3 * TICK_NS)
+    process.step([], EPOCH_NS + 5 * TICK_NS)
+    write(process, fd, forward(500, ring=0b101), EPOCH_NS + 5 * TICK_NS)
     for tick in range(6, 6 + FLUSH_TICKS):
-        atoms.step([], EPOCH_NS + tick * TICK_NS)
+        process.step([], EPOCH_NS + tick * TICK_NS)
     (applied,) = read_actuations(Path(spec["log"]))
     assert applied["robot"] == 0
     assert applied["leds"] == 0b101
@@ -122,15 +122,15 @@ def test_an_actuator_frame_moves_the_truth_from_its_time_on(
     os.close(fd)
 
 
-def test_it_wakes_for_bytes_in_flight_and_else_for_ticks(atoms: PhysicsProcess) -> None:
-    fd = os.open(atoms.controllers.devices[0], os.O_RDWR | os.O_NOCTTY)
-    assert atoms.wake_ns() == EPOCH_NS + TICK_NS
-    write(atoms, fd, WAKE_AND_CONFIG, EPOCH_NS + 1000)
-    assert atoms.wake_ns() < EPOCH_NS + 1_000_000
-    while atoms.wake_ns() % TICK_NS:
-        atoms.step([], atoms.wake_ns())
-    assert atoms.controllers.due_ns is None
-    assert atoms.wake_ns() == EPOCH_NS + TICK_NS
+def test_it_wakes_for_bytes_in_flight_and_else_for_ticks(process: PhysicsProcess) -> None:
+    fd = os.open(process.controllers.devices[0], os.O_RDWR | os.O_NOCTTY)
+    assert process.wake_ns() == EPOCH_NS + TICK_NS
+    write(process, fd, WAKE_AND_CONFIG, EPOCH_NS + 1000)
+    assert process.wake_ns() < EPOCH_NS + 1_000_000
+    while process.wake_ns() % TICK_NS:
+        process.step([], process.wake_ns())
+    assert process.controllers.due_ns is None
+    assert process.wake_ns() == EPOCH_NS + TICK_NS
     os.close(fd)
 
 
@@ -232,7 +232,7 @@ def test_the_process_serves_robots_until_its_input_ends(
     (applied,) = read_actuations(Path(spec["log"]))
     assert applied.tolist()[1:] == (1, 250, 250, 0)
     assert applied["time_ns"] > answer["epoch_ns"]
-    report = json.loads((tmp_path / "atoms.json").read_text())
+    report = json.loads((tmp_path / "physics.json").read_text())
     assert report["frames"] == 1
     assert report["sent_bytes"] == 144
     newest_ns = TruthReader(ring.name).newest_ns()
@@ -247,7 +247,7 @@ def test_the_process_ends_on_sigterm(spec: dict[str, Any], tmp_path: Path) -> No
     assert process.stdout.readline()
     process.terminate()
     assert process.wait(PATIENCE_S) == 0
-    assert (tmp_path / "atoms.json").exists()
+    assert (tmp_path / "physics.json").exists()
     process.communicate()
 
 
@@ -259,5 +259,5 @@ def test_the_process_refuses_with_one_line(
     process = start({**spec, **change})
     out, talk = process.communicate(timeout=PATIENCE_S)
     assert (process.returncode, out) == (code, b"")
-    assert talk.startswith(b"atoms: ")
+    assert talk.startswith(b"physics: ")
     assert talk.count(b"\n") == 1

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from vsense.commands import arguments
 from vsense.errors import UsageError
-from vsense.sim.settings import Sweep
+from vsense.sim.job import Sweep
 
 words = st.text(st.sampled_from("abc019.-"), min_size=1, max_size=5)
 

@@ -1,8 +1,4 @@
-"""What a run leaves for its picture: the virtual world at a few moments, and its measures.
-
-A `WorldSnapshot` is as much of the world as can be drawn, taken from a living world; an `Album` is
-filled timestep by timestep.
-"""
+"""What a run leaves for its picture: the virtual world at a few moments, and its measures."""
 
 from __future__ import annotations
 
@@ -50,7 +46,7 @@ class WorldSnapshot:
         physical: outlines of those that stand in the real arena.
         lamps: the lights.
         cones: (3, 2) polluted triangles, the source first.
-        strangers: (n, 3) x, y in m and yaw in rad of the virtual robots.
+        virtual_robots: (n, 3) x, y in m and yaw in rad of the virtual robots.
         leds: (n, 3) red, green, blue of the real robots' virtual LEDs; 0: off.
     """
 
@@ -61,18 +57,18 @@ class WorldSnapshot:
     physical: tuple[Floats, ...]
     lamps: tuple[Lamp, ...]
     cones: tuple[Floats, ...]
-    strangers: Floats
+    virtual_robots: Floats
     leds: NDArray[np.uint8]
 
 
-def paint(world: World, experiment: Experiment) -> WorldSnapshot:
+def take_snapshot(world: World, experiment: Experiment) -> WorldSnapshot:
     """Takes down what the world of an experiment looks like now."""
     arena = experiment.arena
     centre = np.array(arena.centre_m[:2])
     solids: list[Box | Cylinder] = [*world.boxes(), *world.cylinders()]
     cones = [world.cone(source) for source in experiment.sources]
     robots = world.robots[world.real_robots :]
-    strangers = np.stack((robots["x_m"], robots["y_m"], robots["yaw_rad"]), axis=-1)
+    virtual_robots = np.stack((robots["x_m"], robots["y_m"], robots["yaw_rad"]), axis=-1)
     return WorldSnapshot(
         arena=arena,
         floor=_floor(world, arena),
@@ -81,47 +77,46 @@ def paint(world: World, experiment: Experiment) -> WorldSnapshot:
         physical=tuple(_outline(s) - centre for s in solids if s.physical),
         lamps=tuple(Lamp(np.array(v.position_m[:2]) - centre, v.color) for v in world.lights()),
         cones=tuple(cone.vertices() - centre for cone in cones if cone is not None),
-        strangers=strangers - np.array([*centre, 0.0]),
+        virtual_robots=virtual_robots - np.array([*centre, 0.0]),
         leds=world.leds[: world.real_robots].copy(),
     )
 
 
-class Album:
+class RunSamples:
     """Filled timestep by timestep while a run goes on.
 
     Attributes:
         moment: the run's timestep at whose end the first view is taken: the wind's turn, or
             half-time; None for a run without length.
         kept: timesteps of the run whose pictures are worth keeping for that view.
-        paintings: the world at some timesteps of the run.
+        snapshots: the world at some timesteps of the run.
         shares: how much was left of the first pollutant source, at every timestep looked at.
     """
 
     def __init__(self, experiment: Experiment) -> None:
-        """An empty album of an experiment."""
         self._experiment = experiment
         self.moment = experiment.turn_timestep or experiment.timesteps // 2 or None
         self.kept = range(
             0 if self.moment is None else max(self.moment - SPARE, 0), self.moment or 0
         )
-        self.paintings: dict[int, WorldSnapshot] = {}
+        self.snapshots: dict[int, WorldSnapshot] = {}
         self.shares: list[float] = []
         self._timesteps: list[int] = []
         self._results: list[dict[str, float]] = []
 
-    def look(self, run_timestep: int, world: World) -> None:
+    def add(self, run_timestep: int, world: World) -> None:
         """Takes down a timestep of the run, after the world has lived it."""
         self._timesteps.append(run_timestep)
         self._results.append(dict(world.results))
         source = self._experiment.source
         self.shares.append(1.0 if source is None else world.stock.share(source))
         if run_timestep in self.kept:
-            self.paintings[run_timestep] = paint(world, self._experiment)
+            self.snapshots[run_timestep] = take_snapshot(world, self._experiment)
 
     def end(self, world: World) -> None:
         """Takes down what the world looks like after the last timestep."""
         if self._timesteps:
-            self.paintings[self._timesteps[-1]] = paint(world, self._experiment)
+            self.snapshots[self._timesteps[-1]] = take_snapshot(world, self._experiment)
 
     def measures(self) -> dict[str, NDArray[np.float64]]:
         """The results over time, (n,) each, for every timestep looked at.

@@ -1,0 +1,291 @@
+"""Tells a run in one picture: two moments of the arena, and its measures over time.
+
+`vsense run`, `lab` and `sim` tell it alike; only the lab has pictures of its cameras to lay
+beneath. For the pollution experiment these are figures 5.1 and 5.2 of the thesis in one picture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.config.specs import Experiment
+from vsense.errors import VsenseError
+from vsense.pictures import arena_view
+from vsense.pictures.arena_view import CONE, DARK, LIT, WIDTH_PX, ArenaMoment
+from vsense.pictures.canvas import GRID, INK, MUTED, SCALE, Canvas, Colour, Floats, Image, width_of
+from vsense.pictures.run_samples import RunSamples, WorldSnapshot
+
+TRAIL_S = 6.0
+"""So much of the way behind each robot is drawn."""
+
+MOST_CHARTS = 3
+
+MARGIN, HEAD, CAPTION, FOOT = 40, 116, 96, 64
+"""Widths and heights around the pictures [px]."""
+
+_COLOURS: tuple[Colour, ...] = (DARK, (60, 140, 60), (150, 60, 140))
+
+_UNITS = ("m", "s", "rad", "deg")
+
+View = Callable[[int], Image | None]
+
+
+@dataclass(frozen=True, slots=True)
+class RunFigure:
+    """What happened, at the timesteps of the run that were lived.
+
+    Attributes:
+        experiment: what was run.
+        run_timesteps: (n,) rising.
+        poses: (n, robots, 3) x, y in m and yaw in rad, arena frame.
+        lit: (n, robots) whether the red LEDs were on.
+        inside: (n, robots) whether each was in the pollutant's cone; None without one.
+        turn: timestep of the run at which the wind turned; None: it did not.
+        samples: what was taken down.
+    """
+
+    experiment: Experiment
+    run_timesteps: NDArray[np.int64]
+    poses: Floats
+    lit: NDArray[np.bool_]
+    inside: NDArray[np.bool_] | None
+    turn: int | None
+    samples: RunSamples
+
+
+class RunPictureError(VsenseError):
+    """A picture cannot be written."""
+
+
+def save(
+    run: RunFigure, path: Path, blind: bool, subtitle: str, view: View = lambda timestep: None
+) -> None:
+    """Writes the picture of a run.
+
+    Args:
+        run: the run.
+        path: where to; its folder exists.
+        blind: the virtual sensors were held at 0.
+        subtitle: how it was run.
+        view: gives the cameras' top view at a timestep of the run, None where there is none.
+
+    Raises:
+        RunPictureError: the file cannot be written.
+    """
+    heading = f"{run.experiment.name}{', blind' if blind else ''}"
+    if not cv2.imwrite(str(path), draw(run, heading, subtitle, view)):
+        raise RunPictureError(f"{path}: cannot be written")
+
+
+def draw(run: RunFigure, heading: str, subtitle: str, view: View) -> Image:
+    """Draws the arena at chosen moments, and below it the measures over time, side by side.
+
+    Args:
+        run: the run.
+        heading: what experiment this is.
+        subtitle: how it was run.
+        view: see `save`.
+
+    Returns:
+        (h, w, 3) BGR image.
+    """
+    scenes, curves = _scenes(run, view), charts(run)
+    panels = [arena_view.draw(scene) for scene in scenes]
+    height = panels[0].shape[0] // SCALE
+    width = MARGIN + (WIDTH_PX + MARGIN) * len(panels)
+    chart_top = HEAD + height + CAPTION
+    total = chart_top + (CHART_PX + FOOT if curves else 0)
+    canvas = Canvas(width, total)
+    canvas.text(heading, MARGIN, 50, INK, 1.0)
+    canvas.text(subtitle, MARGIN, 78, MUTED, 0.52)
+    for index, (scene, panel) in enumerate(zip(scenes, panels, strict=True)):
+        left = MARGIN + (WIDTH_PX + MARGIN) * index
+        canvas.place(panel, left, HEAD)
+        canvas.text(scene.title, left, HEAD + height + 28, INK, 0.6)
+        canvas.text(scene.note, left, HEAD + height + 52, LIT, 0.52)
+    room = (width - MARGIN) / max(len(curves), 1)
+    for index, curve in enumerate(curves):
+        draw_chart(canvas, curve, MARGIN + room * index, chart_top, room - MARGIN)
+    return canvas.finished()
+
+
+def _scenes(run: RunFigure, view: View) -> list[ArenaMoment]:
+    """The last moment before the wind turns, or half-time; and the end."""
+    snapshots, moment = run.samples.snapshots, run.samples.moment
+    early = [t for t in snapshots if moment is not None and t < moment]
+    shown = [max(early)] if early else []
+    last = max(snapshots)
+    titles = {}
+    if shown and shown[0] != last:
+        titles[shown[0]] = "before the wind turned" if run.turn is not None else "half-time"
+    turned = run.turn is not None and last >= run.turn
+    titles[last] = "after the wind turned" if turned else "at the end"
+    return [_scene(run, t, words, snapshots[t], view(t)) for t, words in titles.items()]
+
+
+def _scene(
+    run: RunFigure, timestep: int, words: str, snapshot: WorldSnapshot, view: Image | None
+) -> ArenaMoment:
+    row = int(np.searchsorted(run.run_timesteps, timestep))
+    experiment = run.experiment
+    middle = np.array([*experiment.arena.centre_m[:2], 0.0])
+    first = max(row - round(TRAIL_S * experiment.ticks_per_second), 0)
+    return ArenaMoment(
+        title=f"{words}, t = {timestep * experiment.timestep_s:.1f} s",
+        note=_note(run, row),
+        view=view,
+        snapshot=snapshot,
+        poses=run.poses[row] - middle,
+        lit=run.lit[row],
+        trails=run.poses[first : row + 1, :, :2] - middle[:2],
+    )
+
+
+def _note(run: RunFigure, row: int) -> str:
+    """What there is to say about a moment."""
+    if run.inside is not None:
+        inside = run.inside[row]
+        count, lit = int(inside.sum()), int((inside & run.lit[row]).sum())
+        return f"{count} robot{'s' if count != 1 else ''} in the cone, {lit} of them lit"
+    measures = run.samples.measures().items()
+    return ", ".join(f"{spoken(name)} {values[row]:.3g}" for name, values in measures)
+
+
+def spoken(name: str) -> str:
+    """A measure's name as a person reads it; names end in their unit, as everywhere here."""
+    words, _, unit = name.rpartition("_")
+    if words and unit in _UNITS:
+        return f"{words.replace('_', ' ')} [{unit}]"
+    return name.replace("_", " ")
+
+
+def charts(run: RunFigure) -> list[Chart]:
+    """The swarm in the cone over time, and every measure of the experiment's own."""
+    last = int(run.run_timesteps[-1]) + 1
+    time_s = np.append(run.run_timesteps, last) * run.experiment.timestep_s
+    found = []
+    if run.inside is not None:
+        counts = run.inside.sum(axis=1), (run.inside & run.lit).sum(axis=1)
+        series = [
+            ChartSeries(name, values.astype(np.float64), colour)
+            for name, values, colour in zip(("in the cone", "lit"), counts, (CONE, LIT))
+        ]
+        turn_s = [] if run.turn is None else [run.turn * run.experiment.timestep_s]
+        marks = [(time, "the wind turns") for time in turn_s]
+        found.append(Chart("robots", time_s, series, float(run.poses.shape[1]), marks))
+    for (name, values), colour in zip(run.samples.measures().items(), _COLOURS):
+        found.append(Chart(spoken(name), time_s, [ChartSeries("", values, colour)], 0.0))
+    return found[:MOST_CHARTS]
+
+
+CHART_PX = 300
+TEXT = 0.45
+_LEFT = 48
+"""Room for the numbers on the left; names on the right take what they need."""
+
+
+@dataclass(frozen=True, slots=True)
+class ChartSeries:
+    """One measure over time: its name, (n,) values and its colour."""
+
+    name: str
+    values: NDArray[np.float64]
+    colour: Colour
+
+
+@dataclass(frozen=True, slots=True)
+class Chart:
+    """What the chart shows.
+
+    Attributes:
+        unit: what is counted, over the vertical axis.
+        time_s: (n + 1,) when each timestep began, and when the last one ended.
+        series: the measures, one at least.
+        top: end of the vertical axis; it begins at 0 or at the smallest value below.
+        marks: what happened when: time in s and words.
+    """
+
+    unit: str
+    time_s: NDArray[np.float64]
+    series: Sequence[ChartSeries]
+    top: float
+    marks: Sequence[tuple[float, str]] = ()
+
+
+def draw_chart(canvas: Canvas, chart: Chart, left: float, top: float, width: float) -> None:
+    """Draws a chart of `CHART_PX` px into a picture; left, top, width in px."""
+    names = max(width_of(series.name, 0.5) for series in chart.series)
+    axis = _Axis(chart, left + _LEFT, top, width - _LEFT - names - 20)
+    axis.grid(canvas, chart.unit, left)
+    for time_s, words in chart.marks:
+        if 0.0 < time_s < chart.time_s[-1]:
+            x = axis.at(time_s, 0.0)[0]
+            canvas.lines(np.array([[x, top - 8], [x, axis.bottom]]), MUTED)
+            canvas.text(words, x + 8, top - 2, MUTED, TEXT)
+    ends = []
+    for series in chart.series:
+        times = np.repeat(chart.time_s, 2)[1:-1]
+        stairs = zip(times, np.repeat(series.values, 2), strict=True)
+        points = np.array([axis.at(time_s, value) for time_s, value in stairs])
+        canvas.lines(points, series.colour, 2.0)
+        ends.append((float(points[-1, 1]), series.name, series.colour))
+    _line_names(canvas, ends, axis.right + 12)
+    floor = np.array([[axis.left, axis.bottom], [axis.right, axis.bottom]])
+    canvas.lines(floor, MUTED)
+
+
+class _Axis:
+    """Where times and values lie in the picture."""
+
+    def __init__(self, chart: Chart, left: float, top: float, width: float) -> None:
+        lowest = min(float(series.values.min()) for series in chart.series)
+        highest = max(float(series.values.max()) for series in chart.series)
+        self.left, self.right = left, left + width
+        self._top, self.bottom = top, top + CHART_PX
+        self._low, self._high = min(lowest, 0.0), max(chart.top, highest, 1e-9)
+        self._end_s = float(chart.time_s[-1])
+
+    def at(self, time_s: float, value: float) -> tuple[float, float]:
+        """The place of a value at a time."""
+        x = self.left + (self.right - self.left) * time_s / self._end_s
+        share = (value - self._low) / (self._high - self._low)
+        return x, self.bottom - (self.bottom - self._top) * share
+
+    def grid(self, canvas: Canvas, unit: str, left: float) -> None:
+        """Numbers and lines along both axes."""
+        for value in ticks(self._low, self._high, 5):
+            y = self.at(0.0, value)[1]
+            canvas.lines(np.array([[self.left, y], [self.right, y]]), GRID)
+            label = f"{value:g}"
+            canvas.text(label, self.left - 10 - width_of(label, TEXT), y + 5, MUTED, TEXT)
+        for time_s in ticks(0.0, self._end_s, 4 + round((self.right - self.left) / 400)):
+            x = self.at(time_s, 0.0)[0]
+            canvas.lines(np.array([[x, self.bottom], [x, self.bottom + 6]]), MUTED)
+            label = f"{time_s:g} s"
+            canvas.text(label, x - width_of(label, TEXT) / 2, self.bottom + 24, MUTED, TEXT)
+        canvas.text(unit, left, self._top - 14, MUTED, TEXT)
+
+
+def _line_names(canvas: Canvas, ends: list[tuple[float, str, Colour]], x: float) -> None:
+    """Names each line at its end, pushing names apart that would touch."""
+    lowest = -100.0
+    for y, name, colour in sorted(ends, key=lambda end: end[0]):
+        y = max(y, lowest + 20.0)
+        canvas.text(name, x, y + 5.0, colour, 0.5)
+        lowest = y
+
+
+def ticks(low: float, high: float, most: int) -> Floats:
+    """Round values between two ends, at most `most` steps of 1, 2 or 5 times a power of ten."""
+    raw = (high - low) / most
+    power = 10.0 ** np.floor(np.log10(raw))
+    step = next(s * power for s in (1, 2, 5, 10) if s * power >= raw * (1.0 - 1e-9))
+    first = np.ceil(low / step - 1e-9)
+    count = np.floor(high / step + 1e-9) - first + 1
+    return np.asarray((first + np.arange(count)) * step)
