@@ -193,3 +193,46 @@ def test_every_setting_that_a_camera_refuses_is_told() -> None:
     settings = [CameraEvent("c7", "control", f"has no Feature{n}") for n in range(REPEATS + 2)]
     assert troubles.lines(settings) == [str(event) for event in settings]
     assert troubles.summary() == []
+
+
+class TwoRates:
+    """A grabber of two cameras at 20 and 5 Hz, each picture a timestep of its own."""
+
+    timesteps = None
+    missed = 0
+
+    def __init__(self) -> None:
+        fast = [("top", 50_000_000 * n) for n in range(40)]
+        slow = [("side", 200_000_000 * n + 10_000_000) for n in range(10)]
+        self._left = sorted(fast + slow, key=lambda picture: picture[1])
+        self._timestep = -1
+        self._rng = np.random.default_rng(3)
+
+    def next(self, timeout_s: float) -> list[Frame]:
+        """Gives the next picture."""
+        if not self._left:
+            raise NoMorePictures("all were given")
+        camera, capture_ns = self._left.pop(0)
+        self._timestep += 1
+        image = self._rng.integers(90, 130, (240, 320)).astype(np.uint8)
+        return [Frame(camera, image, self._timestep, capture_ns, 0)]
+
+    def events(self) -> list[CameraEvent]:
+        """Nothing happens."""
+        return []
+
+    def close(self) -> None:
+        """Has no more pictures."""
+
+
+@pytest.mark.parametrize("every", [1, 3])
+def test_a_slow_camera_beside_a_fast_one_is_checked(told: list[str], every: int) -> None:
+    side = Camera.looking_down("side", 1.0, 0.0, 2.4, 400.0, (320, 240))
+    tracker = ArenaTracker([CAMERA, side], Full, {1: 0.06})
+    tracking = CameraTracking(TwoRates(), tracker, told.append)
+    for timestep in range(50):
+        tracking.next(1.0)
+        if timestep % every == 0:
+            tracking.check_cameras()
+    tracking.close()
+    assert {("top", "crowded"), ("side", "crowded")} <= tracking.troubles.counts.keys()

@@ -14,14 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from vsense.bench import contestants as apriltag
 from vsense.bench.contestants import (
     MAX_THREADS,
+    AprilTag,
     Contestant,
     FoundTags,
     SharedOut,
     Single,
     Tracked,
+    is_installed,
     opencv,
     ours,
 )
@@ -142,11 +143,9 @@ def _invite(pictures: int, walk: int, say: Say) -> tuple[list[Contestant], Conte
             ),
         ]
     contestants += _plans(moving)
-    if apriltag.is_installed():
+    if is_installed():
         tagged = Painter("tag36h11, same disc", "apriltag_36h11", plain, rig).crowds(pictures)
-        contestants += [
-            apriltag.AprilTag(APRILTAG, tagged, 2.0, threads) for threads in (1, MAX_THREADS)
-        ]
+        contestants += [AprilTag(APRILTAG, tagged, 2.0, threads) for threads in (1, MAX_THREADS)]
     return contestants, _shared(OURS, spread)
 
 

@@ -236,12 +236,16 @@ class Health:
         frames: Sequence[Frame],
         found: Mapping[str, NDArray[np.void]],
         overflowed: Sequence[str] = (),
+        together: Mapping[str, NDArray[np.void]] | None = None,
     ) -> list[CameraEvent]:
-        """Looks at one timestep.
+        """Looks at one picture of some cameras.
 
         Args:
-            found: The DETECTION array of each camera.
+            frames: The pictures.
+            found: The DETECTION array of each picture, by its camera.
             overflowed: The cameras whose pictures held more than the detector's tables.
+            together: The DETECTION arrays of one timestep, for the cameras' agreement; None:
+                `found` is of one timestep.
 
         Returns:
             What has begun or ended.
@@ -255,4 +259,5 @@ class Health:
             self._turn += 1
             rows = found.get(frame.camera)
             events += self._cameras[frame.camera].check_place(frame.image, rows)
-        return events + self._agreement.compare(found, self._heights_m)
+        seen = found if together is None else together
+        return events + self._agreement.compare(seen, self._heights_m)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
@@ -17,15 +16,15 @@ from vsense.cameras.paced_grabber import HeldPlayer
 from vsense.tracking.arena_tracker import ArenaTracker
 
 PERIOD_NS = 80_000_000
-"""Pictures of live cameras that follow each other faster than this are not all checked."""
+"""Pictures of a live camera that follow each other faster than this are not all checked."""
 
 
 class _Tracked(NamedTuple):
-    """A timestep that was tracked, as `Health.update` takes it."""
+    """A picture that was tracked: what was found in its timestep, and whether it held too much."""
 
-    frames: Sequence[Frame]
+    frame: Frame
     found: Mapping[str, NDArray[np.void]]
-    overflowed: tuple[str, ...]
+    overflowed: bool
 
 
 class CameraTracking:
@@ -68,10 +67,11 @@ class CameraTracking:
         self._tell = tell
         self._check_all = check_all
         self._health = Health(tracker.cameras, tracker.heights_m)
-        # Two threads put in and take out; only the newest is kept.
-        self._unchecked: deque[_Tracked] = deque(maxlen=1)
+        # By camera. The thread of `next` puts in, whoever checks takes out.
+        self._unchecked: dict[str, _Tracked] = {}
+        self._noting = threading.Lock()
         self._checking = threading.Lock()
-        self._checked_ns: int | None = None
+        self._checked_ns: dict[str, int] = {}
         self._pictures = self._missed_before = 0
 
     def start(self) -> None:
@@ -109,7 +109,7 @@ class CameraTracking:
         # A recording that is held shows one picture again and again: its camera has not frozen.
         if not (isinstance(self.grabber, HeldPlayer) and self.grabber.held):
             self._pictures += len(frames)
-            self._unchecked.append(_Tracked(frames, tracker.found, tracker.overflowed))
+            self._note(frames)
         return state, frames
 
     def check_cameras(self) -> None:
@@ -120,10 +120,17 @@ class CameraTracking:
         """
         with self._checking:
             events = self.grabber.events()
-            if self._unchecked:
-                tracked = self._unchecked.pop()
-                if self._is_due(tracked.frames):
-                    events += self._health.update(*tracked)
+            with self._noting:
+                noted, self._unchecked = self._unchecked, {}
+            due = [tracked for tracked in noted.values() if self._is_due(tracked.frame)]
+            if due:
+                newest = max(due, key=lambda tracked: tracked.frame.capture_ns)
+                events += self._health.update(
+                    [tracked.frame for tracked in due],
+                    {t.frame.camera: t.found[t.frame.camera] for t in due},
+                    [tracked.frame.camera for tracked in due if tracked.overflowed],
+                    newest.found,
+                )
             self._tell_events(events)
 
     def figures(self) -> dict[str, int]:
@@ -148,15 +155,21 @@ class CameraTracking:
         self.grabber.close()
         self.tracker.close()
 
-    def _is_due(self, frames: Sequence[Frame]) -> bool:
-        """Whether the pictures of a timestep are to be checked."""
-        capture_ns = max((frame.capture_ns for frame in frames), default=None)
-        if capture_ns is None:
+    def _note(self, frames: Sequence[Frame]) -> None:
+        """Keeps each camera's newest picture for the next check."""
+        tracker = self.tracker
+        noted = {
+            f.camera: _Tracked(f, tracker.found, f.camera in tracker.overflowed) for f in frames
+        }
+        with self._noting:
+            self._unchecked.update(noted)
+
+    def _is_due(self, frame: Frame) -> bool:
+        """Whether a picture is to be checked: each camera has a period of its own."""
+        last_ns = self._checked_ns.get(frame.camera)
+        if not self._check_all and last_ns is not None and frame.capture_ns - last_ns < PERIOD_NS:
             return False
-        last_ns = self._checked_ns
-        if not self._check_all and last_ns is not None and capture_ns - last_ns < PERIOD_NS:
-            return False
-        self._checked_ns = capture_ns
+        self._checked_ns[frame.camera] = frame.capture_ns
         return True
 
     def _tell_events(self, events: Iterable[CameraEvent]) -> None:
