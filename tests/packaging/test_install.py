@@ -48,7 +48,10 @@ def test_editable_install_uses_its_tree(tmp_path: Path) -> None:
     lab = run(tmp_path / "venv/bin/vsense", *command, cwd=tmp_path, env=environment)
     assert json.loads(lab.stdout)["robots"] == 1
     assert list((tmp_path / "cache").rglob("vsensed")), "the daemon is built from the tree"
-    where = "from vsense import build, native; print(native.lib, build.source_tree().root)"
+    where = (
+        "from vsense import native; from vsense.robot import build;"
+        " print(native.lib, build.source_tree().root)"
+    )
     python = tmp_path / "venv/bin/python"
     assert str(tree) in run(python, "-c", where, cwd=tmp_path, env=environment).stdout
     (tree / "vsense/errors.py").write_text("raise SystemExit(77)\n")
