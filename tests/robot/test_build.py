@@ -169,7 +169,7 @@ def test_ctrl_c_reaches_no_compiler(tmp_path: Path, cache: Path) -> None:
     compiler.chmod(0o755)
     script = (
         "import signal\n"
-        "from vsense import build\n"
+        "from vsense.robot import build\n"
         "told = []\n"
         "signal.signal(signal.SIGINT, lambda *_: told.append(1))\n"
         f"build.daemon('mine.c', build.Path({str(tmp_path)!r}))\n"
