@@ -236,3 +236,26 @@ def test_a_slow_camera_beside_a_fast_one_is_checked(told: list[str], every: int)
             tracking.check_cameras()
     tracking.close()
     assert {("top", "crowded"), ("side", "crowded")} <= tracking.troubles.counts.keys()
+
+
+class OldPicture(TwoRates):
+    """A grabber whose second camera gives the same old picture beside each new one of the first."""
+
+    def next(self, timeout_s: float) -> list[Frame]:
+        """Gives both."""
+        self._timestep += 1
+        image = self._rng.integers(90, 130, (240, 320)).astype(np.uint8)
+        new = Frame("top", image, self._timestep, 100_000_000 * self._timestep, 0)
+        return [new, Frame("side", image, 0, 0, 0)]
+
+
+def test_a_picture_that_the_tracker_leaves_out_ends_nothing(told: list[str]) -> None:
+    side = Camera.looking_down("side", 1.0, 0.0, 2.4, 400.0, (320, 240))
+    tracker = ArenaTracker([CAMERA, side], Full, {1: 0.06})
+    tracking = CameraTracking(OldPicture(), tracker, told.append, check_all=True)
+    for _ in range(5):
+        tracking.next(1.0)
+        tracking.check_cameras()
+    tracking.close()
+    assert tracking.figures()["old_pictures"] == 4
+    assert tracking.troubles.counts["top", "crowded"] == 1

@@ -127,7 +127,7 @@ class CameraTracking:
                 newest = max(due, key=lambda tracked: tracked.frame.capture_ns)
                 events += self._health.update(
                     [tracked.frame for tracked in due],
-                    {t.frame.camera: t.found[t.frame.camera] for t in due},
+                    {c: t.found[c] for t in due if (c := t.frame.camera) in t.found},
                     [tracked.frame.camera for tracked in due if tracked.overflowed],
                     newest.found,
                 )
