@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import importlib.util
 
+from vsense.errors import pip_line
+
 FORMATS = ("png", "svg", "pdf")
 """Files that charts can be kept in."""
 
-LACKING = "charts need the Python package matplotlib: pip install 'vsense[report]'"
+LACKING = f"charts need the Python package matplotlib: {pip_line('matplotlib')}"
 """What is told where Matplotlib is not installed."""
 
 
