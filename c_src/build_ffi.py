@@ -90,6 +90,7 @@ NATIVE = Library(
         "c_src/vs_err.h",
         "c_src/vs_wire.h",
         "c_src/vs_table.h",
+        "c_src/vs_shown.h",
         "c_src/vs_body.h",
         "c_src/vs_peer.h",
         "c_src/vs_clock.h",

@@ -5,8 +5,7 @@
 
 #include <string.h>
 
-#define STATE_FIXED 8      /* [byte] of STATE before the readings */
-#define TELEMETRY_FIXED 48 /* [byte] of TELEMETRY before the actuators */
+#define STATE_FIXED 16 /* [byte] of STATE before the readings */
 
 /* Begins a packet of the given type with an otherwise given header. */
 static void begin(struct vs_writer *w, uint8_t type, const struct vs_header *header,
@@ -25,9 +24,12 @@ int vs_encode_hello(const struct vs_header *header, const struct vs_hello *hello
 
     begin(&w, VS_HELLO, header, buf, cap);
     vs_put_bytes(&w, hello->uid, VS_UID_SIZE);
-    vs_put_u64(&w, hello->nonce);
+    vs_put_bytes(&w, hello->nonce, VS_NONCE_SIZE);
+    vs_put_u64(&w, hello->started);
+    vs_put_u32(&w, hello->uptime_s);
     vs_put_u16(&w, hello->tag);
     vs_put_u16(&w, hello->capabilities);
+    vs_put_u16(&w, hello->params_room);
     vs_put_text(&w, hello->name, VS_NAME_MAX);
     vs_put_text(&w, hello->controller, VS_NAME_MAX);
     vs_put_text(&w, hello->version, VS_NAME_MAX);
@@ -40,13 +42,17 @@ int vs_decode_hello(const uint8_t *body, size_t len, struct vs_hello *hello)
     struct vs_hello b;
     struct vs_reader r;
     const uint8_t *uid;
+    const uint8_t *nonce;
     int err;
 
     vs_reader_init(&r, body, len);
     uid = vs_get_bytes(&r, VS_UID_SIZE);
-    b.nonce = vs_get_u64(&r);
+    nonce = vs_get_bytes(&r, VS_NONCE_SIZE);
+    b.started = vs_get_u64(&r);
+    b.uptime_s = vs_get_u32(&r);
     b.tag = vs_get_u16(&r);
     b.capabilities = vs_get_u16(&r);
+    b.params_room = vs_get_u16(&r);
     vs_get_text(&r, b.name, VS_NAME_MAX);
     vs_get_text(&r, b.controller, VS_NAME_MAX);
     vs_get_text(&r, b.version, VS_NAME_MAX);
@@ -55,6 +61,7 @@ int vs_decode_hello(const uint8_t *body, size_t len, struct vs_hello *hello)
     if (err != VS_OK)
         return err;
     memcpy(b.uid, uid, VS_UID_SIZE);
+    memcpy(b.nonce, nonce, VS_NONCE_SIZE);
     *hello = b;
     return VS_OK;
 }
@@ -63,7 +70,6 @@ int vs_encode_welcome(const struct vs_header *header, const struct vs_welcome *w
                       uint8_t *buf, size_t cap, size_t *len)
 {
     uint8_t table[VS_TABLE_BYTES];
-    size_t params_len = strlen(welcome->params);
     size_t table_len = 0;
     struct vs_writer w;
     int err = vs_table_encode(&welcome->table, table, sizeof table, &table_len);
@@ -71,16 +77,16 @@ int vs_encode_welcome(const struct vs_header *header, const struct vs_welcome *w
     *len = 0;
     if (err != VS_OK)
         return err;
-    if (vs_text_check((const uint8_t *)welcome->params, params_len, 1) < 0)
+    if (vs_text_check((const uint8_t *)welcome->params, welcome->params_len, 1) < 0)
         return VS_ERR_TEXT;
-    if (params_len > VS_PARAMS_MAX || welcome->timestep_us == 0)
+    if (welcome->params_len > VS_PARAMS_MAX || welcome->timestep_us == 0)
         return VS_ERR_BODY;
     begin(&w, VS_WELCOME, header, buf, cap);
-    vs_put_u64(&w, welcome->nonce);
+    vs_put_bytes(&w, welcome->nonce, VS_NONCE_SIZE);
     vs_put_u32(&w, welcome->timestep_us);
     vs_put_u32(&w, welcome->seed);
-    vs_put_u16(&w, (uint16_t)params_len);
-    vs_put_bytes(&w, (const uint8_t *)welcome->params, params_len);
+    vs_put_u16(&w, welcome->params_len);
+    vs_put_bytes(&w, (const uint8_t *)welcome->params, welcome->params_len);
     vs_put_u16(&w, (uint16_t)table_len);
     vs_put_bytes(&w, table, table_len);
     return vs_packet_end(&w, len);
@@ -90,32 +96,32 @@ int vs_decode_welcome(const uint8_t *body, size_t len, struct vs_welcome *welcom
 {
     struct vs_welcome b;
     struct vs_reader r;
+    const uint8_t *nonce;
     const uint8_t *params;
     const uint8_t *table;
-    size_t params_len;
     size_t table_len;
     int err;
 
     vs_reader_init(&r, body, len);
-    b.nonce = vs_get_u64(&r);
+    nonce = vs_get_bytes(&r, VS_NONCE_SIZE);
     b.timestep_us = vs_get_u32(&r);
     b.seed = vs_get_u32(&r);
-    params_len = vs_get_u16(&r);
-    params = vs_get_bytes(&r, params_len);
+    b.params_len = vs_get_u16(&r);
+    params = vs_get_bytes(&r, b.params_len);
     table_len = vs_get_u16(&r);
     table = vs_get_bytes(&r, table_len);
     err = vs_reader_end(&r);
     if (err != VS_OK)
         return err;
-    if (params_len > VS_PARAMS_MAX || b.timestep_us == 0)
+    if (b.params_len > VS_PARAMS_MAX || b.timestep_us == 0)
         return VS_ERR_BODY;
-    err = vs_text_check(params, params_len, 1);
+    err = vs_text_check(params, b.params_len, 1);
     if (err == VS_OK)
         err = vs_table_decode(&b.table, table, table_len);
     if (err != VS_OK)
         return err;
-    memcpy(b.params, params, params_len);
-    b.params[params_len] = '\0';
+    memcpy(b.nonce, nonce, VS_NONCE_SIZE);
+    b.params = (const char *)params;
     *welcome = b;
     return VS_OK;
 }
@@ -154,6 +160,21 @@ int vs_decode_notice(uint8_t type, const uint8_t *body, size_t len, struct vs_no
     return err;
 }
 
+/* Two's complement without a conversion that C leaves to the compiler. */
+static int16_t to_i16(uint16_t value)
+{
+    return (int16_t)(value < 0x8000 ? (int)value : (int)value - 0x10000);
+}
+
+/* The first STATE_FIXED bytes of a body: only who is to drive home has a goal. */
+static int wish_is_valid(const uint8_t *body)
+{
+    if (body[0] > VS_HOME || body[1] != 0)
+        return 0;
+    return body[0] == VS_HOME ||
+           (body[2] | body[3] | body[12] | body[13] | body[14] | body[15]) == 0;
+}
+
 int vs_encode_state(const struct vs_header *header, const struct vs_table *table,
                     const struct vs_state *state, uint8_t *buf, size_t cap, size_t *len)
 {
@@ -161,13 +182,16 @@ int vs_encode_state(const struct vs_header *header, const struct vs_table *table
     uint32_t i;
 
     *len = 0;
-    if (state->wanted > VS_STOP)
-        return VS_ERR_BODY;
     begin(&w, VS_STATE, header, buf, cap);
     vs_put_u8(&w, state->wanted);
     vs_put_u8(&w, 0);
-    vs_put_u16(&w, 0);
+    vs_put_u16(&w, (uint16_t)state->goal_heading);
     vs_put_u32(&w, state->from_timestep);
+    vs_put_u32(&w, state->log_heard);
+    vs_put_u16(&w, (uint16_t)state->goal_x_mm);
+    vs_put_u16(&w, (uint16_t)state->goal_y_mm);
+    if (w.error == VS_OK && !wish_is_valid(buf + VS_HEADER_SIZE))
+        return VS_ERR_BODY;
     for (i = 0; i < table->count; i++) {
         const struct vs_entry *e = &table->entries[i];
 
@@ -183,22 +207,19 @@ int vs_decode_state(const struct vs_table *table, const uint8_t *body, size_t le
                     struct vs_state *state)
 {
     struct vs_reader r;
-    uint8_t wanted;
-    uint32_t zero;
-    uint32_t from_timestep;
     uint32_t i;
 
-    if (len != STATE_FIXED + 4 * (size_t)table->sensors + table->sensor_bytes)
+    if (len != STATE_FIXED + 4 * (size_t)table->sensors + table->sensor_bytes ||
+        !wish_is_valid(body))
         return VS_ERR_BODY;
     vs_reader_init(&r, body, len);
-    wanted = vs_get_u8(&r);
-    zero = vs_get_u8(&r);
-    zero |= vs_get_u16(&r);
-    from_timestep = vs_get_u32(&r);
-    if (wanted > VS_STOP || zero != 0)
-        return VS_ERR_BODY;
-    state->wanted = wanted;
-    state->from_timestep = from_timestep;
+    state->wanted = vs_get_u8(&r);
+    (void)vs_get_u8(&r);
+    state->goal_heading = to_i16(vs_get_u16(&r));
+    state->from_timestep = vs_get_u32(&r);
+    state->log_heard = vs_get_u32(&r);
+    state->goal_x_mm = to_i16(vs_get_u16(&r));
+    state->goal_y_mm = to_i16(vs_get_u16(&r));
     for (i = 0; i < table->count; i++) {
         const struct vs_entry *e = &table->entries[i];
 
@@ -212,8 +233,21 @@ int vs_decode_state(const struct vs_table *table, const uint8_t *body, size_t le
 
 static int telemetry_is_valid(const struct vs_telemetry *t)
 {
-    return t->state <= VS_STOP && t->wanted <= VS_STOP &&
-           (t->battery_low <= 1 || t->battery_low == VS_BATTERY_UNKNOWN);
+    return t->state <= VS_HOME && t->wanted <= VS_HOME &&
+           (t->battery_low <= 1 || t->battery_low == VS_UNKNOWN) &&
+           (t->power_saving <= 1 || t->power_saving == VS_UNKNOWN);
+}
+
+/* The radio, the loop, the microcontroller. */
+static void put_health(struct vs_writer *w, const struct vs_telemetry *t)
+{
+    vs_put_u8(w, (uint8_t)t->signal_dbm);
+    vs_put_u8(w, t->power_saving);
+    vs_put_u16(w, t->bit_rate);
+    vs_put_u32(w, t->retries);
+    vs_put_u32(w, t->overruns);
+    vs_put_u32(w, t->base_resets);
+    vs_put_u32(w, t->log_number);
 }
 
 int vs_encode_telemetry(const struct vs_header *header, const struct vs_table *table,
@@ -244,14 +278,27 @@ int vs_encode_telemetry(const struct vs_header *header, const struct vs_table *t
     vs_put_u32(&w, t->base_errors);
     vs_put_u32(&w, t->guard_restarts);
     vs_put_u32(&w, t->clock_bound_us);
+    put_health(&w, t);
     vs_put_bytes(&w, t->payload, table->actuator_bytes);
+    vs_put_text(&w, t->log, VS_LOG_MAX);
+    vs_put_u8(&w, t->shown_len);
+    vs_put_bytes(&w, t->shown, t->shown_len);
     return vs_packet_end(&w, len);
 }
 
-/* Two's complement without a conversion that C leaves to the compiler. */
-static int16_t to_i16(uint16_t value)
+static int shown_is_valid(const uint8_t *block, size_t len)
 {
-    return (int16_t)(value < 0x8000 ? (int)value : (int)value - 0x10000);
+    char name[VS_SHOWN_NAME_MAX + 1];
+    char text[VS_SHOWN_TEXT_MAX + 1];
+    uint8_t kind;
+    float number;
+    size_t at = 0;
+    int err;
+
+    do
+        err = vs_shown_next(block, len, &at, name, &kind, &number, text);
+    while (err == VS_OK);
+    return err == VS_ERR_NOT_FOUND;
 }
 
 static void read_telemetry(struct vs_reader *r, struct vs_telemetry *t)
@@ -269,6 +316,13 @@ static void read_telemetry(struct vs_reader *r, struct vs_telemetry *t)
     t->base_errors = vs_get_u32(r);
     t->guard_restarts = vs_get_u32(r);
     t->clock_bound_us = vs_get_u32(r);
+    t->signal_dbm = (int8_t)to_i16((uint16_t)((vs_get_u8(r) ^ 0x80u) - 0x80u));
+    t->power_saving = vs_get_u8(r);
+    t->bit_rate = vs_get_u16(r);
+    t->retries = vs_get_u32(r);
+    t->overruns = vs_get_u32(r);
+    t->base_resets = vs_get_u32(r);
+    t->log_number = vs_get_u32(r);
 }
 
 int vs_decode_telemetry(const struct vs_table *table, const uint8_t *body, size_t len,
@@ -276,19 +330,27 @@ int vs_decode_telemetry(const struct vs_table *table, const uint8_t *body, size_
 {
     struct vs_telemetry b;
     struct vs_reader r;
-    size_t payload = table->actuator_bytes;
+    const uint8_t *payload;
+    const uint8_t *shown;
+    int err;
 
-    if (len != TELEMETRY_FIXED + payload)
-        return VS_ERR_BODY;
     vs_reader_init(&r, body, len);
     b.state = vs_get_u8(&r);
     b.wanted = vs_get_u8(&r);
     b.stop_cause = vs_get_u8(&r);
     b.battery_low = vs_get_u8(&r);
-    if (!telemetry_is_valid(&b))
-        return VS_ERR_BODY;
     read_telemetry(&r, &b);
-    memcpy(b.payload, vs_get_bytes(&r, payload), payload);
+    payload = vs_get_bytes(&r, table->actuator_bytes);
+    vs_get_text(&r, b.log, VS_LOG_MAX);
+    b.shown_len = vs_get_u8(&r);
+    shown = vs_get_bytes(&r, b.shown_len);
+    err = vs_reader_end(&r);
+    if (err != VS_OK)
+        return err;
+    if (!telemetry_is_valid(&b) || !shown_is_valid(shown, b.shown_len))
+        return VS_ERR_BODY;
+    memcpy(b.payload, payload, table->actuator_bytes);
+    memcpy(b.shown, shown, b.shown_len);
     *telemetry = b;
     return VS_OK;
 }

@@ -8,17 +8,20 @@
 #ifndef VS_BODY_H
 #define VS_BODY_H
 
+#include "vs_shown.h"
 #include "vs_table.h"
 #include "vs_wire.h"
 
 #define VS_UID_SIZE 16
 #define VS_TEXT_MAX 200          /* [byte] reasons in REFUSE and GOODBYE */
-#define VS_PARAMS_MAX 512        /* [byte] controller's parameters in WELCOME */
+#define VS_NONCE_SIZE 16
+#define VS_PARAMS_MAX 4096       /* [byte] controller's parameters in WELCOME */
+#define VS_LOG_MAX 120           /* [byte] one line that a controller logs */
 #define VS_NEVER_US 0xFFFFFFFF   /* older_us of a value that was never measured */
-#define VS_BATTERY_UNKNOWN 255
+#define VS_UNKNOWN 255 /* a yes or no that is not known */
 
 /* Run state, wanted (STATE) and actual (TELEMETRY). */
-enum vs_run_state { VS_IDLE = 0, VS_RUN = 1, VS_PAUSE = 2, VS_STOP = 3 };
+enum vs_run_state { VS_IDLE = 0, VS_RUN = 1, VS_PAUSE = 2, VS_STOP = 3, VS_HOME = 4 };
 
 /* Why the robot's wheels are held at 0 (TELEMETRY); an unknown number is no error. */
 enum vs_stop_cause {
@@ -36,7 +39,8 @@ enum vs_refuse_code {
     VS_REFUSE_TAG_IN_USE = 1,  /* another robot with this tag was just heard */
     VS_REFUSE_TAG_UNKNOWN = 2, /* no entity of the experiment has this tag */
     VS_REFUSE_FULL = 3,        /* no room for another robot */
-    VS_REFUSE_HELLO = 4        /* the greeting cannot be understood */
+    VS_REFUSE_HELLO = 4,       /* the greeting cannot be understood */
+    VS_REFUSE_ROOM = 5         /* the robot has no room for the parameters */
 };
 
 enum vs_goodbye_cause {
@@ -50,9 +54,12 @@ enum vs_goodbye_cause {
 
 struct vs_hello {
     uint8_t uid[VS_UID_SIZE];         /* who the robot is, for good */
-    uint64_t nonce;                   /* reserved for authentication */
+    uint8_t nonce[VS_NONCE_SIZE];     /* random, of this connection */
+    uint64_t started;                 /* random, of this start of the daemon */
+    uint32_t uptime_s;                /* [s] since the board started */
     uint16_t tag;                     /* marker on its back */
-    uint16_t capabilities;            /* none defined yet: 0 */
+    uint16_t capabilities;            /* none in use yet: 0 */
+    uint16_t params_room;             /* [byte] of params that the robot can hold */
     char name[VS_NAME_MAX + 1];       /* for people */
     char controller[VS_NAME_MAX + 1]; /* for people */
     char version[VS_NAME_MAX + 1];    /* of the robot's software */
@@ -60,10 +67,11 @@ struct vs_hello {
 };
 
 struct vs_welcome {
-    uint64_t nonce;       /* the host's; reserved for authentication */
+    uint8_t nonce[VS_NONCE_SIZE]; /* the host's */
     uint32_t timestep_us; /* [us] 1.. */
     uint32_t seed;        /* of this robot's controller */
-    char params[VS_PARAMS_MAX + 1]; /* lines "key=value\n", UTF-8 */
+    uint16_t params_len;  /* [byte] */
+    const char *params;   /* lines "key=value\n", UTF-8, without a final zero; decoded: into body */
     struct vs_table table;
 };
 
@@ -75,8 +83,12 @@ struct vs_notice {
 
 struct vs_state {
     uint8_t wanted;         /* enum vs_run_state */
+    int16_t goal_heading;   /* [1e-4 rad] with VS_HOME: to turn by, at the goal; else 0 */
     uint32_t from_timestep; /* the robot runs when wanted is VS_RUN and
                              * header.timestep >= from_timestep */
+    uint32_t log_heard;     /* log line up to which the host has heard them, 0 = none */
+    int16_t goal_x_mm;      /* [mm] with VS_HOME: ahead of the robot; else 0 */
+    int16_t goal_y_mm;      /* [mm] to its left */
     uint32_t older_us[VS_TABLE_MAX];  /* [us] by rank: the value's capture is
                                        * header.capture_ns - 1000 * older_us */
     uint8_t payload[VS_SENSOR_BYTES]; /* sensors' block: entry.offset, entry.size */
@@ -86,7 +98,7 @@ struct vs_telemetry {
     uint8_t state;         /* enum vs_run_state, the actual one */
     uint8_t wanted;        /* enum vs_run_state, echo */
     uint8_t stop_cause;    /* enum vs_stop_cause */
-    uint8_t battery_low;   /* 0, 1 or VS_BATTERY_UNKNOWN */
+    uint8_t battery_low;   /* 0, 1 or VS_UNKNOWN */
     uint32_t wanted_run;   /* echo: run that wanted belongs to */
     uint32_t control_step; /* control steps completed since the daemon started */
     int16_t left_steps_s;  /* [step/s] commanded after safety */
@@ -100,8 +112,18 @@ struct vs_telemetry {
     uint32_t base_errors;
     uint32_t guard_restarts;
     uint32_t clock_bound_us; /* [us] bound of the clock estimate, VS_NEVER_US = none */
+    int8_t signal_dbm;     /* [dBm] of the host's access point, 0 = unknown */
+    uint8_t power_saving;  /* of the radio: 0, 1 or VS_UNKNOWN */
+    uint16_t bit_rate;     /* [100 kbit/s] of the radio, 0 = unknown */
+    uint32_t retries;      /* frames that the radio sent again, VS_NEVER_US = unknown */
+    uint32_t overruns;     /* control steps that began late since the daemon started */
+    uint32_t base_resets;  /* resets of the microcontroller since the daemon started */
+    uint32_t log_number;   /* of log, 1.. since the daemon started; 0 = no line */
     uint8_t payload[VS_ACTUATOR_BYTES]; /* actuators' block; levels or cumulative
                                          * counters only, never bare events */
+    char log[VS_LOG_MAX + 1];    /* the oldest line that the host has not heard */
+    uint8_t shown_len;           /* [byte] */
+    uint8_t shown[VS_SHOWN_MAX]; /* vs_shown.h */
 };
 
 int vs_encode_hello(const struct vs_header *header, const struct vs_hello *hello,

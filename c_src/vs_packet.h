@@ -14,7 +14,7 @@ void vs_packet_begin(struct vs_writer *w, const struct vs_header *header,
                      uint8_t *buf, size_t cap);
 
 /*
- * Ends a packet: length, empty authentication slot, CRC-32. *len is the whole
+ * Ends a packet: length and tag. *len is the whole
  * packet's size in bytes, 0 on error. Errors: the writer's first, VS_ERR_TYPE,
  * VS_ERR_SPACE if larger than vs_packet_limit or than buf.
  */

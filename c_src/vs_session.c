@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "vs_bytes.h"
+#include "vs_offer.h"
 #include "vs_peer_robot.h"
 
 static int is_text(const char *text)
@@ -36,11 +37,12 @@ static void end(struct vs_session *s)
     vs_peer_close(&s->peer);
 }
 
-void vs_session_connected(struct vs_session *s, uint64_t nonce, uint64_t now_ns)
+void vs_session_connected(struct vs_session *s, const uint8_t nonce[VS_NONCE_SIZE],
+                          uint32_t uptime_s)
 {
-    (void)now_ns;
     end(s);
-    s->nonce = nonce;
+    memcpy(s->nonce, nonce, VS_NONCE_SIZE);
+    s->uptime_s = uptime_s;
     s->phase = VS_PHASE_CONNECT;
 }
 
@@ -82,18 +84,15 @@ static int on_welcome(struct vs_session *s, const struct vs_header *h,
         return VS_ERR_SESSION;
     if (h->table_hash != w.table.hash)
         return VS_ERR_TABLE;
+    err = vs_session_offer(s, &w);
+    if (err != VS_OK)
+        return err;
     forget_state(s);
-    s->table = w.table;
-    s->host_nonce = w.nonce;
-    s->seed = w.seed;
-    s->timestep_ns = (uint64_t)w.timestep_us * 1000;
-    memcpy(s->params, w.params, sizeof s->params);
+    memcpy(s->host_nonce, w.nonce, VS_NONCE_SIZE);
     vs_peer_open(&s->peer, h->session, h->table_hash, h->send_ns, now_ns);
     vs_clock_init(&s->clock);
     /* A greeting without an echo is no fault: the first STATE brings one. */
     (void)vs_clock_sample(&s->clock, h->echo_ns, h->send_ns, h->hold_us, now_ns);
-    s->phase = VS_PHASE_OPEN;
-    s->open = 1;
     return VS_OK;
 }
 
@@ -196,6 +195,8 @@ static int fill(struct vs_session *s, const uint8_t *buf, size_t len,
         size_t step;
         int err = vs_packet_length(s->inbox, s->inbox_len, whole);
 
+        if (err == VS_OK && *whole > sizeof s->inbox)
+            return VS_ERR_SPACE;
         if (err == VS_OK)
             goal = *whole;
         else if (err != VS_ERR_SHORT)
@@ -246,8 +247,11 @@ static int give_hello(struct vs_session *s, const struct vs_header *header,
     memcpy(hello.controller, s->config.controller, sizeof hello.controller);
     memcpy(hello.version, s->config.version, sizeof hello.version);
     memcpy(hello.hash, s->config.hash, sizeof hello.hash);
-    hello.nonce = s->nonce;
+    memcpy(hello.nonce, s->nonce, VS_NONCE_SIZE);
+    hello.started = s->config.started;
+    hello.uptime_s = s->uptime_s;
     hello.tag = s->config.tag;
+    hello.params_room = VS_PARAMS_ROOM;
     err = vs_encode_hello(header, &hello, buf, cap, len);
     if (err == VS_OK)
         s->phase = VS_PHASE_WAIT;

@@ -2,7 +2,7 @@
 /*
  * vs_session.h - the robot's end of the protocol, sans-I/O: bytes and times in,
  * bytes and events out. No sockets, no clock, no memory but this struct (about
- * 9 KiB), owned by the caller and used from one thread. now_ns is the robot's own
+ * 14 KiB), owned by the caller and used from one thread. now_ns is the robot's own
  * monotonic clock [ns].
  *
  *   TCP is up    -> vs_session_connected, send what vs_session_tcp_out gives (HELLO)
@@ -17,6 +17,11 @@
 
 #include "vs_clock.h"
 #include "vs_peer.h"
+
+/* [byte] of parameters that this build can hold; HELLO tells the host. */
+#ifndef VS_PARAMS_ROOM
+#define VS_PARAMS_ROOM 4096
+#endif
 
 #define VS_FUTURE_NS 1000000000 /* [ns] a capture further ahead than this is an error */
 
@@ -39,6 +44,7 @@ enum vs_phase {
 
 struct vs_session_config {
     uint8_t uid[VS_UID_SIZE];
+    uint64_t started; /* random, of this start of the daemon */
     uint16_t tag;
     char name[VS_NAME_MAX + 1];
     char controller[VS_NAME_MAX + 1];
@@ -62,8 +68,10 @@ struct vs_session {
     uint8_t wanted;        /* enum vs_run_state; VS_IDLE until the first STATE */
     uint8_t udp_lost;      /* between VS_EV_UDP_LOST and VS_EV_UDP_UP */
     uint8_t goodbye_due;
-    uint64_t nonce;        /* own, of this connection */
-    uint64_t host_nonce;
+    uint8_t nonce[VS_NONCE_SIZE];      /* own, of this connection */
+    uint8_t host_nonce[VS_NONCE_SIZE];
+    uint32_t uptime_s;     /* [s] of the board when the connection was made */
+    uint32_t offer;        /* counts the WELCOMEs whose table or params differ from those before */
     uint32_t seed;
     uint64_t timestep_ns;  /* [ns] length of a timestep */
     uint32_t run;          /* of the newest STATE */
@@ -80,14 +88,18 @@ struct vs_session {
     struct vs_table table;
     struct vs_state state; /* newest readings */
     struct vs_notice notice; /* of the host's REFUSE or GOODBYE, or of our GOODBYE */
-    char params[VS_PARAMS_MAX + 1]; /* lines "key=value\n" */
-    uint8_t inbox[VS_PACKET_MAX];   /* TCP bytes of an incomplete packet */
+    char params[VS_PARAMS_ROOM + 1]; /* lines "key=value\n" */
+    /* TCP bytes of an incomplete packet, at most a WELCOME */
+    uint8_t inbox[VS_PACKET_MIN + VS_NONCE_SIZE + 12 + VS_PARAMS_ROOM + VS_TABLE_BYTES];
     size_t inbox_len;
 };
 
 /* Errors: VS_ERR_TEXT if name or controller is no clean text. */
 int vs_session_init(struct vs_session *s, const struct vs_session_config *config);
-void vs_session_connected(struct vs_session *s, uint64_t nonce, uint64_t now_ns);
+
+/* nonce: from the system's generator; uptime_s: [s] since the board started. */
+void vs_session_connected(struct vs_session *s, const uint8_t nonce[VS_NONCE_SIZE],
+                          uint32_t uptime_s);
 void vs_session_disconnected(struct vs_session *s);
 
 /*

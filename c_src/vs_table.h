@@ -17,8 +17,8 @@
 #define VS_TABLE_BYTES 2177  /* [byte] largest encoded table: 1 + 32 * 68 */
 
 /* Room for payloads in one datagram of 1200 bytes, after its fixed part. */
-#define VS_SENSOR_BYTES 1116   /* STATE: sum over sensors of 4 + size */
-#define VS_ACTUATOR_BYTES 1076 /* TELEMETRY: sum over actuators of size */
+#define VS_SENSOR_BYTES 1112  /* STATE: sum over sensors of 4 + size */
+#define VS_ACTUATOR_BYTES 683 /* TELEMETRY: sum over actuators of size */
 
 enum vs_direction {
     VS_SENSOR = 0,  /* host -> robot, in STATE */

@@ -12,9 +12,10 @@ size_t vs_packet_limit(uint8_t type)
     case VS_TELEMETRY:
         return VS_DATAGRAM_MAX;
     case VS_HELLO:
-    case VS_WELCOME:
     case VS_REFUSE:
     case VS_GOODBYE:
+        return VS_GREETING_MAX;
+    case VS_WELCOME:
         return VS_PACKET_MAX;
     default:
         return 0;
@@ -65,7 +66,7 @@ static void read_header(struct vs_header *h, const uint8_t *buf)
 int vs_packet_open(const uint8_t *buf, size_t len, struct vs_header *header,
                    const uint8_t **body, size_t *body_len)
 {
-    static const uint8_t no_tag[VS_TAG_SIZE];
+    static const uint8_t zeros[VS_TAG_SIZE - 4];
     struct vs_reader r;
     size_t length = 0;
     int err = vs_packet_length(buf, len, &length);
@@ -74,11 +75,11 @@ int vs_packet_open(const uint8_t *buf, size_t len, struct vs_header *header,
         return err;
     if (len != length)
         return len < length ? VS_ERR_SHORT : VS_ERR_LENGTH;
-    vs_reader_init(&r, buf + len - 4, 4);
-    if (vs_get_u32(&r) != vs_crc32(buf, len - 4))
-        return VS_ERR_CHECKSUM;
-    if (memcmp(buf + len - VS_TAIL_SIZE, no_tag, VS_TAG_SIZE) != 0)
+    vs_reader_init(&r, buf + len - VS_TAG_SIZE, 4);
+    if (memcmp(buf + len - sizeof zeros, zeros, sizeof zeros) != 0)
         return VS_ERR_TAG;
+    if (vs_get_u32(&r) != vs_crc32(buf, len - VS_TAG_SIZE))
+        return VS_ERR_CHECKSUM;
     read_header(header, buf);
     *body = buf + VS_HEADER_SIZE;
     *body_len = len - VS_PACKET_MIN;
@@ -107,16 +108,15 @@ void vs_packet_begin(struct vs_writer *w, const struct vs_header *header,
 
 int vs_packet_end(struct vs_writer *w, size_t *len)
 {
-    static const uint8_t no_tag[VS_TAG_SIZE];
+    static const uint8_t zeros[VS_TAG_SIZE - 4];
     size_t limit;
     size_t whole;
 
     *len = 0;
-    vs_put_bytes(w, no_tag, sizeof no_tag);
     if (w->error != VS_OK)
         return w->error;
     limit = vs_packet_limit(w->buf[3]);
-    whole = w->len + 4;
+    whole = w->len + VS_TAG_SIZE;
     if (limit == 0)
         return VS_ERR_TYPE;
     if (whole > limit)
@@ -124,6 +124,7 @@ int vs_packet_end(struct vs_writer *w, size_t *len)
     w->buf[LENGTH_AT] = (uint8_t)whole;
     w->buf[LENGTH_AT + 1] = (uint8_t)(whole >> 8);
     vs_put_u32(w, vs_crc32(w->buf, w->len));
+    vs_put_bytes(w, zeros, sizeof zeros);
     if (w->error != VS_OK)
         return w->error;
     *len = whole;

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 /*
- * vs_wire.h - frame of every vsense packet, protocol version 1 (PROTOCOL.md):
- * 56-byte header, body, 16-byte authentication slot, CRC-32. The same bytes
- * travel as one UDP datagram or back to back on TCP. Bodies: vs_body.h.
+ * vs_wire.h - frame of every vsense packet, protocol version 2 (PROTOCOL.md):
+ * 56-byte header, body, 16-byte tag. The same bytes travel as one UDP datagram or
+ * back to back on TCP. Bodies: vs_body.h.
  */
 #ifndef VS_WIRE_H
 #define VS_WIRE_H
@@ -13,14 +13,14 @@
 #include "vs_err.h"
 
 #define VS_MAGIC 0x5356       /* the bytes 'V' 'S' */
-#define VS_VERSION 1
+#define VS_VERSION 2
 #define VS_PREFIX_SIZE 8      /* magic..length: enough to frame a stream */
 #define VS_HEADER_SIZE 56
-#define VS_TAG_SIZE 16        /* authentication slot, zero in version 1 */
-#define VS_TAIL_SIZE 20       /* authentication slot + CRC-32 */
-#define VS_PACKET_MIN 76      /* header + tail */
+#define VS_TAG_SIZE 16        /* without keys a CRC-32 and 12 zeros */
+#define VS_PACKET_MIN 72      /* header + tag */
 #define VS_DATAGRAM_MAX 1200  /* STATE and TELEMETRY, on UDP and on TCP */
-#define VS_PACKET_MAX 4096    /* packets that travel on TCP only */
+#define VS_GREETING_MAX 512   /* HELLO, REFUSE, GOODBYE */
+#define VS_PACKET_MAX 8192    /* WELCOME */
 
 #define VS_SEQUENCE_MAX 0xFFFFFFFE /* newest sequence number that may be sent */
 

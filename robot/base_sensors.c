@@ -132,7 +132,7 @@ int vs_base_values(const struct vs_base_reading *reading, int sensor, uint32_t h
     case VS_BASE_RAB:
         return rab_values(reading, heard_from, values, max);
     default:
-        if (reading->battery_low == VS_BATTERY_UNKNOWN)
+        if (reading->battery_low == VS_UNKNOWN)
             return 0;
         if (max > 0)
             values[0] = reading->battery_low;

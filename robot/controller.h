@@ -91,6 +91,25 @@ void vs_robot_actuate(struct vs_robot *robot, int actuator, int index, double va
 /* Parameter of the experiment, fallback if it names none or no number. */
 double vs_robot_param(struct vs_robot *robot, const char *name, double fallback);
 
+/*
+ * Parameter of the experiment as text, into text[size] with a final zero; at most size - 1
+ * bytes of it. Returns the bytes that the experiment gives, -1 if it does not name it. All
+ * parameters together are at most 4096 bytes.
+ */
+int vs_robot_param_text(struct vs_robot *robot, const char *name, char *text, size_t size);
+
+/*
+ * Shows a named value to people: on the page, in recordings and exports. Stays until it is
+ * set again or the run ends. Names of 1 to 15 bytes, texts of at most 48, all of them
+ * together at most 255 bytes: a number costs 6 bytes and its name, a text 3 and its name.
+ */
+void vs_robot_show(struct vs_robot *robot, const char *name, double value);
+void vs_robot_show_text(struct vs_robot *robot, const char *name, const char *text);
+
+/* One line for the host's list of events, cut to 120 bytes. Some ten lines per second get
+ * through; of more than 8 that wait the oldest are lost, which the host says. */
+void vs_robot_log(struct vs_robot *robot, const char *line);
+
 /* Uniform in [0, 1): a generator of this robot's own, seeded by the experiment. */
 double vs_robot_random(struct vs_robot *robot);
 

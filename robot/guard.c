@@ -24,7 +24,7 @@ void vs_guard_init(struct vs_guard *g, int found)
     memset(g, 0, sizeof *g);
     g->lost = !found;
     g->cause = found ? VS_CAUSE_NONE : VS_CAUSE_BASE;
-    g->reading.battery_low = VS_BATTERY_UNKNOWN;
+    g->reading.battery_low = VS_UNKNOWN;
 }
 
 static void answer(struct vs_guard *g, int result, int sensed)

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "loop.h"
+#include "../c_src/vs_offer.h"
 
 #define LINE_BYTES 128
 #define COMPLAINTS_BYTES 4096
@@ -151,13 +152,10 @@ int vs_inprocess_welcome(struct vs_inprocess *all, uint32_t robot, uint16_t tag,
         err = vs_decode_welcome(body, body_len, &welcome);
     if (err != VS_OK)
         return err;
+    err = vs_session_offer(session, &welcome);
+    if (err != VS_OK)
+        return err;
     session->config.tag = tag;
-    session->table = welcome.table;
-    session->seed = welcome.seed;
-    session->timestep_ns = (uint64_t)welcome.timestep_us * 1000;
-    memcpy(session->params, welcome.params, sizeof session->params);
-    session->phase = VS_PHASE_OPEN;
-    session->open = 1;
     vs_loop_event(&all->minds[robot].loop, VS_EV_OPEN, &now);
     return VS_OK;
 }
@@ -222,11 +220,35 @@ static void act(struct mind *mind, uint32_t robot, const struct vs_inprocess_tim
     }
 }
 
-void vs_inprocess_step(struct vs_inprocess *all, const struct vs_inprocess_timestep *now)
+int vs_inprocess_log(struct vs_inprocess *all, uint32_t *robot, uint32_t *number,
+                     const char **line)
+{
+    for (*robot = 0; *robot < all->robots; ++*robot) {
+        struct vs_log *log = &all->minds[*robot].loop.robot.log;
+
+        *line = vs_log_due(log, number);
+        if (*number != 0) {
+            vs_log_heard(log, *number);
+            return 1;
+        }
+    }
+    return 0;
+}
+
+static void give_notes(const struct vs_robot *robot, uint8_t *shown,
+                       struct vs_inprocess_timestep *now)
+{
+    shown[0] = robot->shown_len;
+    memcpy(shown + 1, robot->shown, robot->shown_len);
+    now->logged += robot->log.newest - robot->log.heard;
+}
+
+void vs_inprocess_step(struct vs_inprocess *all, struct vs_inprocess_timestep *now)
 {
     struct vs_instant instant = {now->now_ns, now->now_ns};
     uint32_t i;
 
+    now->logged = 0;
     all->progress->timestep = now->timestep;
     for (i = 0; i < all->robots; i++) {
         struct mind *mind = &all->minds[i];
@@ -244,5 +266,6 @@ void vs_inprocess_step(struct vs_inprocess *all, const struct vs_inprocess_times
         now->wheels_steps_s[2 * i + 1] = mind->in_force.right_steps_s;
         now->leds[i] = mind->in_force.leds;
         memcpy(now->reports + i * bytes, mind->loop.robot.actuators, bytes);
+        give_notes(&mind->loop.robot, now->shown + (size_t)i * (1 + VS_SHOWN_MAX), now);
     }
 }

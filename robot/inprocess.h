@@ -39,6 +39,8 @@ struct vs_inprocess_timestep {
     int16_t *wheels_steps_s;     /* [robots * 2] left and right, after safety */
     uint16_t *leds;              /* [robots] bits 0-7 ring, 8 body, 9 front */
     uint8_t *reports;            /* [robots * table's actuator_bytes] the actuators' blocks */
+    uint8_t *shown;              /* [robots * 256] bytes in use, and the values of vs_shown.h */
+    uint32_t logged;             /* lines that wait for vs_inprocess_log */
 };
 
 /* Name of the controller that is linked in. */
@@ -52,13 +54,18 @@ size_t vs_inprocess_size(uint32_t robots);
 int vs_inprocess_init(struct vs_inprocess *all, uint32_t robots,
                       volatile struct vs_inprocess_progress *progress);
 
-/* A robot gets the host's WELCOME. Errors: those of vs_packet_open and vs_decode_welcome,
- * VS_ERR_TYPE. */
+/* A robot gets the host's WELCOME. Errors: those of vs_packet_open, vs_decode_welcome
+ * and vs_session_offer, VS_ERR_TYPE. */
 int vs_inprocess_welcome(struct vs_inprocess *all, uint32_t robot, uint16_t tag,
                          const uint8_t *packet, size_t len);
 
 /* One timestep, later than the one before, of robots that all got the same table. */
-void vs_inprocess_step(struct vs_inprocess *all, const struct vs_inprocess_timestep *now);
+void vs_inprocess_step(struct vs_inprocess *all, struct vs_inprocess_timestep *now);
+
+/* The next line that a controller has logged: 1 and the robot, the line's number (1.. for
+ * each robot; a gap: lines were lost) and its text, or 0 if none waits. */
+int vs_inprocess_log(struct vs_inprocess *all, uint32_t *robot, uint32_t *number,
+                     const char **line);
 
 /* What the controllers asked for in vain or do not know: one line each, every line once,
  * all in the daemon's words. Ends with a zero. */

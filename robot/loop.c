@@ -12,7 +12,7 @@ void vs_loop_init(struct vs_loop *loop, struct vs_session *session,
     loop->state = state;
     loop->base_lost = 1;
     loop->hold_due = 1;
-    loop->robot.base.battery_low = VS_BATTERY_UNKNOWN;
+    loop->robot.base.battery_low = VS_UNKNOWN;
     vs_safety_init(&loop->safety);
 }
 
@@ -76,28 +76,21 @@ static void look_at_state(struct vs_loop *loop, const struct vs_instant *now)
     }
 }
 
-static uint8_t same_offer(const struct vs_loop *loop)
-{
-    const struct vs_session *s = loop->session;
-
-    return loop->table_hash == s->table.hash && strcmp(loop->params, s->params) == 0;
-}
-
 /* A controller lives as long as its run, its table, its seed and its parameters. Which run
  * it is the first STATE of a session tells. */
 static int is_same_run(const struct vs_loop *loop)
 {
     const struct vs_session *s = loop->session;
 
-    return loop->begun && loop->same_offer && loop->seed == s->seed &&
+    return loop->begun && loop->offer == s->offer && loop->seed == s->seed &&
            (s->received_ns == 0 || loop->run == s->run);
 }
 
-/* What another run's controller did with the virtual actuators is not this run's. */
+/* What another run's controller did and showed is not this run's. */
 static void look_at_run(struct vs_loop *loop)
 {
     if (!is_same_run(loop))
-        memset(loop->robot.actuators, 0, sizeof loop->robot.actuators);
+        vs_robot_forget(&loop->robot);
 }
 
 void vs_loop_event(struct vs_loop *loop, enum vs_event event, const struct vs_instant *now)
@@ -106,12 +99,13 @@ void vs_loop_event(struct vs_loop *loop, enum vs_event event, const struct vs_in
         vs_safety_init(&loop->safety);
         loop->seen_fresh_ns = 0;
         loop->telemetry_due = 1;
-        loop->same_offer = same_offer(loop);
     }
     if (event == VS_EV_GOODBYE)
         loop->begun = 0;
-    if (event == VS_EV_STATE)
+    if (event == VS_EV_STATE) {
         look_at_state(loop, now);
+        vs_log_heard(&loop->robot.log, loop->session->state.log_heard);
+    }
     look_at_run(loop);
     look_at_wish(loop);
 }
@@ -122,16 +116,14 @@ static void begin_run(struct vs_loop *loop)
 
     if (is_same_run(loop))
         return;
-    loop->talk_due = (uint8_t)!loop->same_offer;
+    loop->talk_due = loop->offer != s->offer;
     vs_robot_begin(&loop->robot, s);
     memset(loop->state, 0, loop->controller->state_size);
     loop->controller->init(loop->state, &loop->robot);
     loop->begun = 1;
     loop->run = s->run;
-    loop->table_hash = s->table.hash;
+    loop->offer = s->offer;
     loop->seed = s->seed;
-    memcpy(loop->params, s->params, sizeof loop->params);
-    loop->same_offer = 1;
 }
 
 static void run_controller(struct vs_loop *loop, const struct vs_instant *now)
@@ -276,7 +268,7 @@ static uint8_t actual_state(const struct vs_loop *loop)
 
     if (loop->running)
         return VS_RUN;
-    if (s->open && s->wanted != VS_RUN)
+    if (s->open && s->wanted != VS_RUN && s->wanted != VS_HOME) /* it cannot drive home yet */
         return s->wanted;
     return VS_IDLE;
 }
@@ -301,6 +293,9 @@ int vs_loop_telemetry(struct vs_loop *loop, const struct vs_instant *now,
     t->right_steps_s = loop->applied.right_steps_s;
     t->leds = loop->applied.leds;
     memcpy(t->payload, loop->robot.actuators, loop->session->table.actuator_bytes);
+    strcpy(t->log, vs_log_due(&loop->robot.log, &t->log_number));
+    t->shown_len = loop->robot.shown_len;
+    memcpy(t->shown, loop->robot.shown, t->shown_len);
     return 1;
 }
 

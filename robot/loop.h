@@ -68,10 +68,8 @@ struct vs_loop {
     uint8_t talk_due;     /* the controller began with another table or other params */
     uint32_t completed;   /* control steps whose command reached the base */
     uint32_t run;         /* what init was called for */
-    uint8_t same_offer;   /* the session has table and params of the controller's begin */
-    uint32_t table_hash;
+    uint32_t offer;       /* session->offer when init was called */
     uint32_t seed;
-    char params[VS_PARAMS_MAX + 1];
     uint32_t seen_timestep; /* of the newest STATE looked at */
     uint32_t seen_run;
     uint64_t seen_fresh_ns; /* session->fresh_ns then */

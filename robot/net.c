@@ -10,6 +10,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include "random.h"
 #include "../c_src/vs_posix.h"
 
 #define FINISH_NS 50000000u
@@ -38,7 +39,7 @@ static int start_connect(const struct vs_net *net, int fd)
     return connect(fd, (const struct sockaddr *)&address, sizeof address);
 }
 
-int vs_net_open(struct vs_net *net, const char *address, uint16_t port, uint64_t seed)
+int vs_net_open(struct vs_net *net, const char *address, uint16_t port)
 {
     struct in_addr host;
 
@@ -49,7 +50,6 @@ int vs_net_open(struct vs_net *net, const char *address, uint16_t port, uint64_t
         return -1;
     net->host = host.s_addr;
     net->port = port;
-    net->nonce = seed;
     net->why = "not connected yet";
     return 0;
 }
@@ -116,16 +116,18 @@ static int is_connected(const struct vs_net *net)
     return 1;
 }
 
-static void connecting(struct vs_net *net, struct vs_session *session,
-                       uint64_t now_ns, uint64_t session_ns)
+static void connecting(struct vs_net *net, struct vs_session *session, uint64_t now_ns)
 {
+    uint8_t nonce[VS_NONCE_SIZE];
     int connected = is_connected(net);
 
-    if (connected == 1) {
+    if (connected == 1 && vs_random_fill(nonce, sizeof nonce) != 0) {
+        vs_net_close(net, session, "/dev/urandom cannot be read", now_ns, VS_NET_RETRY_NS);
+    } else if (connected == 1) {
         net->phase = VS_NET_UP;
         net->heard_ns = now_ns;
-        net->nonce = net->nonce * 6364136223846793005u + 1442695040888963407u;
-        vs_session_connected(session, net->nonce, session_ns);
+        /* CLOCK_MONOTONIC counts from the board's start. */
+        vs_session_connected(session, nonce, (uint32_t)(now_ns / 1000000000u));
     } else if (connected < 0 || now_ns >= net->next_ns) {
         vs_net_close(net, session, net->why, now_ns, VS_NET_RETRY_NS);
     }
@@ -149,7 +151,7 @@ static void renew_udp(struct vs_net *net, uint64_t now_ns)
 }
 
 enum vs_net_result vs_net_tick(struct vs_net *net, struct vs_session *session,
-                               uint64_t now_ns, uint64_t session_ns)
+                               uint64_t now_ns)
 {
     if (net->phase == VS_NET_DOWN && now_ns >= net->next_ns &&
         try_to_connect(net, now_ns) != 0 && net->trouble != errno) {
@@ -157,7 +159,7 @@ enum vs_net_result vs_net_tick(struct vs_net *net, struct vs_session *session,
         return VS_NET_NO_WAY;
     }
     if (net->phase == VS_NET_CONNECTING)
-        connecting(net, session, now_ns, session_ns);
+        connecting(net, session, now_ns);
     if (net->phase == VS_NET_UP && now_ns - net->heard_ns >= VS_NET_SILENCE_NS) {
         vs_net_close(net, session, "the host is silent", now_ns, VS_NET_RETRY_NS);
         return VS_NET_LOST;

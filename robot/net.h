@@ -34,7 +34,6 @@ struct vs_net {
     uint8_t phase;      /* enum vs_net_phase */
     uint64_t next_ns;   /* DOWN: try then; CONNECTING: give up then; UP: no new UDP socket before */
     uint64_t heard_ns;  /* UP: newest valid packet, else when it came up */
-    uint64_t nonce;
     int trouble;        /* errno of the newest try that got no way, 0 = none */
     const char *why;    /* the connection last ended: one phrase */
     uint8_t datagram[VS_DATAGRAM_MAX + 1];
@@ -44,7 +43,7 @@ struct vs_net {
     uint8_t in[2048];
     size_t in_len;
     size_t in_pos;
-    uint8_t out[VS_PACKET_MAX];        /* the packet that TCP is sending */
+    uint8_t out[VS_DATAGRAM_MAX];       /* the packet that TCP is sending */
     size_t out_len;
     size_t out_pos;
     uint8_t newest[VS_DATAGRAM_MAX];   /* telemetry waiting for TCP: newest wins */
@@ -52,12 +51,12 @@ struct vs_net {
 };
 
 /* Returns 0, or -1: address is no numeric IPv4 address. Opens nothing yet. */
-int vs_net_open(struct vs_net *net, const char *address, uint16_t port, uint64_t seed);
+int vs_net_open(struct vs_net *net, const char *address, uint16_t port);
 
 /* Connects, gives up, notices silence. Returns VS_NET_LOST once for an end, VS_NET_NO_WAY
  * once for a reason. */
 enum vs_net_result vs_net_tick(struct vs_net *net, struct vs_session *session,
-                               uint64_t now_ns, uint64_t session_ns);
+                               uint64_t now_ns);
 
 /* Reads one datagram, or what TCP has. 1: vs_net_take has work, 0: nothing came. */
 int vs_net_read(struct vs_net *net);

@@ -35,11 +35,18 @@ void vs_robot_begin(struct vs_robot *robot, const struct vs_session *session)
 {
     robot->session = session;
     memset(&robot->command, 0, sizeof robot->command);
-    memset(robot->actuators, 0, sizeof robot->actuators);
+    vs_robot_forget(robot);
     robot->random = (uint64_t)session->seed << 16 | session->config.tag;
     robot->bound = 0;
     robot->heard_until = robot->base.boards.heard_count;
     memset(robot->asked, 0, sizeof robot->asked);
+}
+
+void vs_robot_forget(struct vs_robot *robot)
+{
+    memset(robot->actuators, 0, sizeof robot->actuators);
+    robot->shown_len = 0;
+    robot->show_failed = 0;
 }
 
 void vs_robot_begin_step(struct vs_robot *robot)
@@ -258,6 +265,18 @@ void vs_robot_actuate(struct vs_robot *robot, int actuator, int index, double va
         *at++ = (uint8_t)raw;
 }
 
+/* A value that has no room or is no clean text is not shown, which is complained of. */
+static void show(struct vs_robot *robot, const char *name, float number, const char *text)
+{
+    int err = vs_shown_set(robot->shown, &robot->shown_len, name, number, text);
+
+    if (err == VS_OK || robot->show_failed)
+        return;
+    robot->show_failed = 1;
+    complain(robot, err == VS_ERR_SPACE ? "no room to show"
+                                        : "cannot show (1 to 15 bytes, a text at most 48)", name);
+}
+
 static const char *next_line(const char *line)
 {
     line += strcspn(line, "\n");
@@ -275,19 +294,42 @@ static const char *find_param(const char *line, const char *name)
     return NULL;
 }
 
-double vs_robot_param(struct vs_robot *robot, const char *name, double fallback)
+/* What stands behind "name=", NULL if the experiment does not name the parameter. */
+static const char *ask_param(struct vs_robot *robot, const char *name)
 {
     const char *line = find_param(robot->session->params, name);
-    const char *text;
-    size_t len;
-    double value;
     size_t at;
 
     if (line == NULL)
-        return fallback;
+        return NULL;
     at = (size_t)(line - robot->session->params);
     robot->asked[at / 8] |= (uint8_t)(1u << at % 8);
-    text = line + strlen(name) + 1;
+    return line + strlen(name) + 1;
+}
+
+int vs_robot_param_text(struct vs_robot *robot, const char *name, char *text, size_t size)
+{
+    const char *value = ask_param(robot, name);
+    size_t len = value != NULL ? strcspn(value, "\n") : 0;
+    size_t kept = len < size ? len : size - 1;
+
+    if (value == NULL)
+        return -1;
+    if (size > 0) {
+        memcpy(text, value, kept);
+        text[kept] = '\0';
+    }
+    return (int)len;
+}
+
+double vs_robot_param(struct vs_robot *robot, const char *name, double fallback)
+{
+    const char *text = ask_param(robot, name);
+    size_t len;
+    double value;
+
+    if (text == NULL)
+        return fallback;
     text += strspn(text, " \t");
     len = vs_number_read(text, &value);
     if (len > 0 && (text[len] == '\n' || text[len] == '\0'))
@@ -308,6 +350,21 @@ const char *vs_robot_unasked_param(const struct vs_robot *robot, const char *aft
             return line;
     }
     return NULL;
+}
+
+void vs_robot_show(struct vs_robot *robot, const char *name, double value)
+{
+    show(robot, name, (float)clip(value, -F4_MAX, F4_MAX), NULL);
+}
+
+void vs_robot_show_text(struct vs_robot *robot, const char *name, const char *text)
+{
+    show(robot, name, 0.0f, text);
+}
+
+void vs_robot_log(struct vs_robot *robot, const char *line)
+{
+    vs_log_add(&robot->log, line);
 }
 
 double vs_robot_random(struct vs_robot *robot)

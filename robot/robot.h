@@ -8,6 +8,7 @@
 
 #include "base_sensors.h"
 #include "controller.h"
+#include "log.h"
 #include "../c_src/vs_session.h"
 
 #define VS_STALE_TENTHS 25 /* [timestep/10] a reading older than this is stale */
@@ -20,11 +21,15 @@ struct vs_robot {
     uint64_t base_ns;       /* base's clock: when that came, 0 = never */
     struct vs_base_command command;
     uint8_t actuators[VS_ACTUATOR_BYTES]; /* virtual ones, as TELEMETRY carries them */
+    uint8_t show_failed;         /* which was complained of */
+    uint8_t shown_len;
+    uint8_t shown[VS_SHOWN_MAX]; /* vs_shown.h */
+    struct vs_log log;           /* outlives runs and sessions */
     uint64_t random;
     uint32_t heard_from;    /* messages of the board before this one are old */
     uint32_t heard_until;   /* those that this control step sees */
     uint32_t bound;         /* bit n: entry n of the table is bound */
-    uint8_t asked[VS_PARAMS_MAX / 8]; /* bit n: the parameter at params[n] was asked for */
+    uint8_t asked[VS_PARAMS_ROOM / 8]; /* bit n: the parameter at params[n] was asked for */
     /* told, unless NULL, what init asked for in vain: what, and its name */
     void (*complain)(void *context, const char *what, const char *name);
     void *context;
@@ -33,6 +38,9 @@ struct vs_robot {
 /* Makes the robot ready for a controller's init: nothing bound, nothing set, the
  * random generator seeded. */
 void vs_robot_begin(struct vs_robot *robot, const struct vs_session *session);
+
+/* Virtual actuators and shown values are nothing again, as before a run's begin. */
+void vs_robot_forget(struct vs_robot *robot);
 
 /* A control step begins: what the base's boards heard since the one before is new. */
 void vs_robot_begin_step(struct vs_robot *robot);

@@ -6,6 +6,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "random.h"
 #include "report.h"
 #include "signals.h"
 #include "trace.h"
@@ -72,7 +73,7 @@ static void serve_net(struct vs_worker *w)
     enum vs_event event;
     int i;
 
-    on_lost(w, vs_net_tick(&w->net, &w->session, now.base_ns, now.session_ns), &now);
+    on_lost(w, vs_net_tick(&w->net, &w->session, now.base_ns), &now);
     for (i = 0; i < PACKETS_AT_ONCE && vs_net_read(&w->net); i++) {
         enum vs_net_result result;
 
@@ -257,6 +258,10 @@ static int open_session(struct vs_worker *w)
     config.tag = o->tag;
     memcpy(config.version, VSENSED_VERSION, sizeof VSENSED_VERSION);
     memcpy(config.hash, VSENSED_CONTROLLER_HASH, sizeof VSENSED_CONTROLLER_HASH);
+    if (vs_random_fill(&config.started, sizeof config.started) != 0) {
+        vs_report("cannot read /dev/urandom: %s", strerror(errno));
+        return 1;
+    }
     if (name_len <= VS_NAME_MAX)
         memcpy(config.controller, vs_controller.name, name_len);
     if (name_len <= VS_NAME_MAX && vs_controller.state_size <= VS_CONTROLLER_STATE_MAX &&
@@ -274,7 +279,7 @@ static int open_net(struct vs_worker *w)
 {
     const struct vs_options *o = w->options;
 
-    if (vs_net_open(&w->net, o->host, o->port, vs_posix_now_ns() ^ (uint64_t)getpid() << 40) == 0)
+    if (vs_net_open(&w->net, o->host, o->port) == 0)
         return 0;
     vs_report("--host: expected a numeric IPv4 address, got '%s'", o->host);
     return 2;

@@ -29,7 +29,7 @@ static struct vs_base_reading make_reading(void)
         reading.boards.heard[i].bearing_e4rad = (int16_t)(1000 * i - 4000);
         reading.boards.heard[i].range_raw = (uint16_t)(500 * i);
     }
-    reading.battery_low = VS_BATTERY_UNKNOWN;
+    reading.battery_low = VS_UNKNOWN;
     reading.step_nm = 125664;
     reading.steps[0] = 1000;
     reading.steps[1] = -250;

@@ -138,7 +138,7 @@ static void test_own_sensors_and_their_virtual_twins(void)
     w.robot.base_ns = 700 * MS;
     w.robot.base.prox[7] = 4000;
     w.robot.base.light[0] = 77;
-    w.robot.base.battery_low = VS_BATTERY_UNKNOWN;
+    w.robot.base.battery_low = VS_UNKNOWN;
     reading = vs_robot_read(&w.robot, sensor);
     CHECK(reading.known && reading.stale && reading.age_ns == 300 * MS);
     CHECK(vs_robot_values(&w.robot, sensor, values, 8) == 8 && values[7] > 3999);
@@ -312,11 +312,138 @@ static void test_parameters_that_nobody_asks_for(void)
     CHECK(vs_robot_unasked_param(&w.robot, NULL) == NULL);
     vs_robot_begin(&w.robot, &w.session);
     CHECK(vs_robot_unasked_param(&w.robot, NULL) == w.session.params);
-    memset(w.session.params, 'x', VS_PARAMS_MAX - 2);
-    memcpy(w.session.params + VS_PARAMS_MAX - 5, "\ny=1\n", 6);
+    memset(w.session.params, 'x', VS_PARAMS_ROOM - 2);
+    memcpy(w.session.params + VS_PARAMS_ROOM - 5, "\ny=1\n", 6);
     CHECK(vs_robot_param(&w.robot, "y", 9) < 2 && w.complaints == 1);
     param = vs_robot_unasked_param(&w.robot, NULL);
     CHECK(vs_robot_unasked_param(&w.robot, param) == NULL);
+}
+
+static void test_text_parameters(void)
+{
+    struct world w;
+    char text[8];
+
+    begin(&w, "speed=2\ngenome=0.1;-3\nempty=\nlast=end");
+    CHECK(vs_robot_param_text(&w.robot, "genome", text, sizeof text) == 6);
+    CHECK(strcmp(text, "0.1;-3") == 0);
+    CHECK(vs_robot_param_text(&w.robot, "genome", text, 4) == 6 && strcmp(text, "0.1") == 0);
+    CHECK(vs_robot_param_text(&w.robot, "genome", NULL, 0) == 6);
+    CHECK(vs_robot_param_text(&w.robot, "empty", text, sizeof text) == 0 && text[0] == '\0');
+    CHECK(vs_robot_param_text(&w.robot, "last", text, sizeof text) == 3);
+    CHECK(strcmp(text, "end") == 0);
+    strcpy(text, "kept");
+    CHECK(vs_robot_param_text(&w.robot, "absent", text, sizeof text) == -1);
+    CHECK(strcmp(text, "kept") == 0);
+    CHECK(strncmp(vs_robot_unasked_param(&w.robot, NULL), "speed=2\n", 8) == 0);
+    CHECK(vs_robot_unasked_param(&w.robot, w.session.params) == NULL);
+}
+
+/* The shown values as text: name=number or name='text', one after the other. */
+static const char *shown(const struct vs_robot *robot, char out[1024])
+{
+    char name[VS_SHOWN_NAME_MAX + 1];
+    char text[VS_SHOWN_TEXT_MAX + 1];
+    uint8_t kind;
+    float number;
+    size_t at = 0;
+
+    out[0] = '\0';
+    while (vs_shown_next(robot->shown, robot->shown_len, &at, name, &kind, &number, text) == VS_OK)
+        if (kind == VS_SHOWN_NUMBER)
+            snprintf(out + strlen(out), 1024 - strlen(out), "%s=%g ", name, (double)number);
+        else
+            snprintf(out + strlen(out), 1024 - strlen(out), "%s='%s' ", name, text);
+    CHECK(at == robot->shown_len);
+    return out;
+}
+
+static void test_shown_values(void)
+{
+    char out[1024];
+    struct world w;
+    int i;
+
+    begin(&w, "");
+    vs_robot_show(&w.robot, "n", 1.5);
+    vs_robot_show(&w.robot, "huge", 1e300);
+    vs_robot_show(&w.robot, "n", -2.0);
+    CHECK(strcmp(shown(&w.robot, out), "n=-2 huge=3.40282e+38 ") == 0);
+    CHECK(w.robot.shown_len == 17 && w.complaints == 0);
+    vs_robot_begin(&w.robot, &w.session);
+    CHECK(w.robot.shown_len == 0);
+    vs_robot_show(&w.robot, "huge", 0.25);
+    vs_robot_show(&w.robot, "", 1.0);
+    CHECK(w.complaints == 1);
+    vs_robot_show(&w.robot, "0123456789abcdef", 1.0);
+    vs_robot_show(&w.robot, "\x80", 1.0);
+    CHECK(w.complaints == 1); /* once a run */
+    vs_robot_begin(&w.robot, &w.session);
+    for (i = 0; i < 30; i++)
+        vs_robot_show(&w.robot, (char[]){'a', (char)('a' + i), '\0'}, i);
+    CHECK(w.robot.shown_len == 240 && w.complaints == 1);
+    vs_robot_show(&w.robot, "ab", 7.0);
+    CHECK(w.robot.shown_len == 240 && strncmp(shown(&w.robot, out), "aa=0 ab=7 ac=2 ", 15) == 0);
+}
+
+static void test_shown_texts(void)
+{
+    char long_text[VS_SHOWN_TEXT_MAX + 2];
+    char out[1024];
+    struct world w;
+
+    memset(long_text, 't', sizeof long_text);
+    long_text[VS_SHOWN_TEXT_MAX + 1] = '\0';
+    begin(&w, "");
+    vs_robot_show_text(&w.robot, "state", "search");
+    vs_robot_show(&w.robot, "n", 1.0);
+    vs_robot_show_text(&w.robot, "state", "go");
+    vs_robot_show_text(&w.robot, "n", "none");
+    vs_robot_show_text(&w.robot, "state", "avoiding");
+    CHECK(strcmp(shown(&w.robot, out), "state='avoiding' n='none' ") == 0);
+    vs_robot_show_text(&w.robot, "state", long_text);
+    CHECK(w.complaints == 1 && strncmp(shown(&w.robot, out), "state='avoiding' ", 17) == 0);
+    vs_robot_show_text(&w.robot, "state", long_text + 1);
+    vs_robot_show_text(&w.robot, "b", long_text + 1);
+    vs_robot_show_text(&w.robot, "c", long_text + 1);
+    vs_robot_show_text(&w.robot, "d", long_text + 1);
+    vs_robot_show_text(&w.robot, "e", long_text + 1); /* 56 + 8 + 3 * 52 = 220 are in use */
+    CHECK(w.robot.shown_len == 220);
+    vs_robot_show_text(&w.robot, "n", long_text + 14);
+    CHECK(w.robot.shown_len == 220 - 4 + 35);
+}
+
+static void test_log(void)
+{
+    char line[VS_LOG_MAX + 20];
+    struct world w;
+    uint32_t number;
+    uint32_t i;
+
+    begin(&w, "");
+    CHECK(strcmp(vs_log_due(&w.robot.log, &number), "") == 0 && number == 0);
+    vs_robot_log(&w.robot, "first");
+    vs_robot_log(&w.robot, "two\nlines \x80 gr\xc3\xbc\xc3");
+    CHECK(strcmp(vs_log_due(&w.robot.log, &number), "first") == 0 && number == 1);
+    vs_log_heard(&w.robot.log, 9); /* of another life */
+    CHECK(strcmp(vs_log_due(&w.robot.log, &number), "first") == 0 && number == 1);
+    vs_log_heard(&w.robot.log, 1);
+    CHECK(strcmp(vs_log_due(&w.robot.log, &number), "two?lines ? gr\xc3\xbc?") == 0);
+    CHECK(number == 2);
+    vs_log_heard(&w.robot.log, 1);
+    CHECK(strncmp(vs_log_due(&w.robot.log, &number), "two", 3) == 0 && number == 2);
+    vs_robot_begin(&w.robot, &w.session);
+    CHECK(strncmp(vs_log_due(&w.robot.log, &number), "two", 3) == 0 && number == 2);
+    for (i = 3; i <= 12; i++) {
+        snprintf(line, sizeof line, "line %u", (unsigned int)i);
+        vs_robot_log(&w.robot, line);
+    }
+    CHECK(strcmp(vs_log_due(&w.robot.log, &number), "line 5") == 0 && number == 5);
+    vs_log_heard(&w.robot.log, 12);
+    memset(line, 'l', sizeof line);
+    memcpy(line + VS_LOG_MAX - 1, "\xc3\xa4", 3); /* has no room as a whole */
+    vs_robot_log(&w.robot, line);
+    CHECK(strlen(vs_log_due(&w.robot.log, &number)) == VS_LOG_MAX - 1 && number == 13);
 }
 
 static void test_random_is_the_robots_own(void)
@@ -457,6 +584,10 @@ int main(void)
     test_actuators_are_clipped_to_their_type();
     test_parameters();
     test_parameters_that_nobody_asks_for();
+    test_text_parameters();
+    test_shown_values();
+    test_shown_texts();
+    test_log();
     test_random_is_the_robots_own();
     test_cleaner_stops_where_it_senses();
     test_cleaner_takes_no_stale_value_for_news();

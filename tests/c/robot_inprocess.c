@@ -38,6 +38,7 @@ static void step(void *state, struct vs_robot *robot)
 {
     struct seen *seen = state;
     struct vs_reading ground = vs_robot_read(robot, seen->ground);
+    char line[] = "line0";
     double prox[8];
 
     seen->steps++;
@@ -50,6 +51,11 @@ static void step(void *state, struct vs_robot *robot)
     vs_robot_actuate(robot, seen->heard, 2, prox[0] + seen->steps);
     vs_robot_set_wheels(robot, 2000, -(int)vs_robot_param(robot, "speed", 1.0));
     vs_robot_set_leds(robot, 0xFFFF);
+    if (seen->steps == 1)
+        vs_robot_show(robot, "ground", ground.value);
+    if (seen->steps == 2 && progress.robot == 2)
+        for (line[4] = '0'; line[4] < '0' + 10; line[4]++)
+            vs_robot_log(robot, line);
 }
 
 const struct vs_controller vs_controller = {"listener", sizeof(struct seen), init, step};
@@ -64,6 +70,7 @@ struct world {
     int16_t wheels[ROBOTS * 2];
     uint16_t leds[ROBOTS];
     uint8_t reports[ROBOTS * 12];
+    uint8_t shown[ROBOTS * (1 + VS_SHOWN_MAX)];
 };
 
 static size_t make_welcome(uint8_t *packet, size_t cap)
@@ -79,7 +86,8 @@ static size_t make_welcome(uint8_t *packet, size_t cap)
     CHECK(vs_table_add(&welcome.table, 2, VS_SENSOR, "smell", "u1") == VS_OK);
     CHECK(vs_table_add(&welcome.table, 3, VS_ACTUATOR, "heard", "3*f4") == VS_OK);
     welcome.timestep_us = 100000;
-    strcpy(welcome.params, "speed=70\ncolour=3\n");
+    welcome.params = "speed=70\ncolour=3\n";
+    welcome.params_len = (uint16_t)strlen(welcome.params);
     header.table_hash = welcome.table.hash;
     CHECK(vs_encode_welcome(&header, &welcome, packet, cap, &len) == VS_OK);
     return len;
@@ -109,6 +117,7 @@ static void begin(struct world *w)
     w->now.wheels_steps_s = w->wheels;
     w->now.leds = w->leds;
     w->now.reports = w->reports;
+    w->now.shown = w->shown;
 }
 
 /* One timestep; every value was measured when the arena was seen, but the last robot's never. */
@@ -152,6 +161,30 @@ static void test_each_robot_lives_its_own_life(struct world *w)
     CHECK(robots_seen == (1u << 1 | 1u << 2 | 1u << 3));
 }
 
+/* Right after the second control step, in which robot 1 (from 0) logged ten lines. */
+static void test_shown_and_logged(struct world *w)
+{
+    const char *line = NULL;
+    uint32_t number;
+    uint32_t robot;
+    uint32_t i;
+
+    for (i = 0; i < ROBOTS; i++) {
+        const uint8_t *shown = w->shown + i * (1 + VS_SHOWN_MAX);
+
+        CHECK(shown[0] == 12 && memcmp(shown + 1, "\6ground\0", 8) == 0);
+        CHECK(vs_load_f4(shown + 9) == (i < 2 ? 10.0f * (float)(i + 1) : 0.0f));
+    }
+    CHECK(w->now.logged == VS_LOG_LINES);
+    for (i = 3; i <= 10; i++) {
+        char expected[] = {'l', 'i', 'n', 'e', (char)('0' + i - 1), '\0'};
+
+        CHECK(vs_inprocess_log(w->all, &robot, &number, &line) == 1);
+        CHECK(robot == 1 && number == i && strcmp(line, expected) == 0);
+    }
+    CHECK(vs_inprocess_log(w->all, &robot, &number, &line) == 0);
+}
+
 static void test_complaints_in_the_daemons_words(struct world *w)
 {
     static const char words[] =
@@ -190,6 +223,7 @@ int main(void)
     CHECK(strcmp(vs_inprocess_controller(), "listener") == 0);
     begin(&w);
     test_each_robot_lives_its_own_life(&w);
+    test_shown_and_logged(&w);
     test_complaints_in_the_daemons_words(&w);
     test_silence_stops_the_wheels(&w);
     test_pause_and_stop(&w);

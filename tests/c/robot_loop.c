@@ -194,7 +194,7 @@ static void test_actuators_end_with_their_experiment(void)
     receive(&w, 1);
     CHECK(w.loop.robot.actuators[0] == 0);
     w.loop.robot.actuators[0] = 5;
-    memcpy(w.session.params, "a=1\n", 5);
+    w.session.offer++;
     open_session(&w);
     CHECK(w.loop.robot.actuators[0] == 0);
 }

@@ -36,7 +36,8 @@ static void host_init(struct host *host)
     CHECK(vs_table_add(&host->welcome.table, 2, VS_ACTUATOR, "drops", "u4") == VS_OK);
     host->welcome.timestep_us = 100000;
     host->welcome.seed = 5;
-    strcpy(host->welcome.params, "speed_cm_s=10\n");
+    host->welcome.params = "speed_cm_s=10\n";
+    host->welcome.params_len = 14;
 }
 
 static size_t give_welcome(struct host *host, uint32_t session, uint8_t *buf, uint64_t now_ns)
@@ -93,10 +94,11 @@ static void robot_init(struct vs_session *s)
 
 static void robot_greets(struct vs_session *s, uint64_t now_ns)
 {
-    uint8_t hello[512];
+    static const uint8_t nonce[VS_NONCE_SIZE] = {9};
+    uint8_t hello[VS_GREETING_MAX];
     size_t len;
 
-    vs_session_connected(s, 9, now_ns);
+    vs_session_connected(s, nonce, 60);
     CHECK(vs_session_tcp_out(s, hello, sizeof hello, now_ns, &len) == VS_OK && len > 0);
 }
 
@@ -174,10 +176,10 @@ static size_t mutilate(uint8_t *packet, size_t len)
     if (random_below(8) != 0) {
         packet[6] = (uint8_t)len;
         packet[7] = (uint8_t)(len >> 8);
-        memset(packet + len - VS_TAIL_SIZE, 0, VS_TAG_SIZE);
-        crc = vs_crc32(packet, len - 4);
+        memset(packet + len - VS_TAG_SIZE, 0, VS_TAG_SIZE);
+        crc = vs_crc32(packet, len - VS_TAG_SIZE);
         for (i = 0; i < 4; i++)
-            packet[len - 4 + i] = (uint8_t)(crc >> (8 * i));
+            packet[len - VS_TAG_SIZE + i] = (uint8_t)(crc >> (8 * i));
     }
     return len;
 }

@@ -174,7 +174,7 @@ SENSOR = "virtual_pollutant_sensor"
         ('"25%"', '"101%"', 13, "rotation_timestep: 101 is out of range, expected 0 to 100 %"),
         ('"25%"', '"-3"', 13, "rotation_timestep: -3 is out of range"),
         ('rotation_timestep="25%"', "", 13, "rotation_angle: needs a 'rotation_timestep'"),
-        ('alpha="0.5"', f'alpha="{"x" * 600}"', 17, "has 622 bytes, expected at most 512"),
+        ('alpha="0.5"', f'alpha="{"x" * 4100}"', 17, "has 4122 bytes, expected at most 4096"),
         ('alpha="0.5"', 'alpha="a&#10;b"', 17, "alpha: holds a character that is not printable"),
         ('alpha="0.5"', 'wheels.speed="1"', 17, "speed: is there twice"),
         ('="mine" /></e-puck>', '="mine" /></e-puck><box/>', 36, "holds 2 known elements"),

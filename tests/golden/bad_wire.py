@@ -21,21 +21,23 @@ def bad_frames() -> list[dict[str, Any]]:
         bad("other_protocol", "MAGIC", b"GET / HTTP/1.0\r\n\r\n" + bytes(80)),
         bad("iridia_client", "MAGIC", bytes(4)),
         bad("version_0", "VERSION", seal(1, GREETING, body, version=0)),
-        bad("version_2", "VERSION", seal(1, GREETING, body, version=2)),
+        bad("version_1", "VERSION", seal(1, GREETING, body, version=1)),
+        bad("version_3", "VERSION", seal(1, GREETING, body, version=3)),
         bad("type_0", "TYPE", seal(0, GREETING, body)),
         bad("type_7", "TYPE", seal(7, GREETING, body)),
         bad("length_0", "LENGTH", seal(1, GREETING, body, length=0)),
-        bad("length_75", "LENGTH", seal(1, GREETING, body, length=75)),
-        bad("length_4097", "LENGTH", seal(1, GREETING, body, length=4097)),
+        bad("length_71", "LENGTH", seal(1, GREETING, body, length=71)),
+        bad("length_513", "LENGTH", seal(1, GREETING, body, length=513)),
+        bad("welcome_8193", "LENGTH", seal(2, HEADER, bytes(8121))),
         bad("length_65535", "LENGTH", seal(1, GREETING, body, length=65535)),
-        bad("state_1201", "LENGTH", seal(5, HEADER, bytes(1125))),
+        bad("state_1201", "LENGTH", seal(5, HEADER, bytes(1129))),
         bad("bytes_left_over", "LENGTH", packet + b"\0"),
         bad("empty", "SHORT", b""),
         bad("header_only", "SHORT", packet[:56]),
         bad("last_byte_missing", "SHORT", packet[:-1]),
         bad("checksum", "CHECKSUM", seal(1, GREETING, body, crc=1)),
-        bad("tag_first", "TAG", seal(1, GREETING, body, tag=b"\1" + bytes(15))),
-        bad("tag_last", "TAG", seal(1, GREETING, body, tag=bytes(15) + b"\x80")),
+        bad("tag_first", "TAG", seal(1, GREETING, body, zeros=b"\1" + bytes(11))),
+        bad("tag_last", "TAG", seal(1, GREETING, body, zeros=bytes(11) + b"\x80")),
     ]
 
 
@@ -52,14 +54,15 @@ def bad_texts() -> list[dict[str, Any]]:
         "beyond": b"\xf4\x90\x80\x80",
         "cut": b"\xe2\x82",
     }
-    fixed = BODIES["HELLO"](HELLO)[:28]
+    fixed = BODIES["HELLO"](HELLO)[:50]
     bodies = {name: fixed + bytes([len(text)]) + text + b"\0\0\0" for name, text in texts.items()}
     return [bad(f"name_{name}", "TEXT", seal(1, GREETING, body)) for name, body in bodies.items()]
 
 
 def bad_bodies() -> list[dict[str, Any]]:
     body = BODIES["HELLO"](HELLO)
-    one = BODIES["STATE"]({"wanted": 1, "from_timestep": 0, "values": [[0, "0000803f"]]})
+    run = {"wanted": 1, "from_timestep": 0, "log_heard": 0, "goal": [0, 0, 0]}
+    one = BODIES["STATE"](run | {"values": [[0, "0000803f"]]})
     report = BODIES["TELEMETRY"](REPORT)
     return [
         bad("hello_left_over", "BODY", seal(1, GREETING, body + b"\0")),
@@ -68,17 +71,43 @@ def bad_bodies() -> list[dict[str, Any]]:
         bad("refuse_cut", "BODY", seal(3, GREETING, b"\1")),
         bad("refuse_text", "TEXT", seal(3, GREETING, b"\1\0\xc9" + b"t" * 201)),
         bad("goodbye_left_over", "BODY", seal(4, HEADER, b"\0\0\0")),
-        bad("state_wanted_4", "BODY", seal(5, HEADER, b"\4" + one[1:]), POLLUTANT),
-        bad("state_padding", "BODY", seal(5, HEADER, one[:2] + b"\1" + one[3:]), POLLUTANT),
+        bad("state_wanted_5", "BODY", seal(5, HEADER, b"\5" + one[1:]), POLLUTANT),
+        bad("state_padding", "BODY", seal(5, HEADER, one[:1] + b"\1" + one[2:]), POLLUTANT),
+        bad("state_goal_x", "BODY", seal(5, HEADER, one[:12] + b"\1" + one[13:]), POLLUTANT),
+        bad("state_goal_y", "BODY", seal(5, HEADER, one[:15] + b"\1" + one[16:]), POLLUTANT),
+        bad("state_goal_turn", "BODY", seal(5, HEADER, one[:2] + b"\1" + one[3:]), POLLUTANT),
         bad("state_cut", "BODY", seal(5, HEADER, one[:-1]), POLLUTANT),
         bad("state_left_over", "BODY", seal(5, HEADER, one + b"\0"), POLLUTANT),
         bad("state_other_table", "BODY", seal(5, HEADER, one), MIXED),
-        bad("telemetry_state_4", "BODY", seal(6, HEADER, b"\4" + report[1:])),
+        bad("telemetry_state_5", "BODY", seal(6, HEADER, b"\5" + report[1:])),
         bad("telemetry_wanted_9", "BODY", seal(6, HEADER, b"\1\t" + report[2:])),
         bad("telemetry_battery_2", "BODY", seal(6, HEADER, report[:3] + b"\2" + report[4:])),
         bad("telemetry_cut", "BODY", seal(6, HEADER, report[:-1])),
         bad("telemetry_left_over", "BODY", seal(6, HEADER, report + b"\0")),
+        bad("telemetry_saving_2", "BODY", seal(6, HEADER, report[:49] + b"\2" + report[50:])),
+        bad("telemetry_log_long", "TEXT", seal(6, HEADER, report[:-2] + said("l" * 121) + b"\0")),
+        bad("telemetry_log_lines", "TEXT", seal(6, HEADER, report[:-2] + said("a\nb") + b"\0")),
+        *[
+            bad(f"shown_{name}", "BODY", seal(6, HEADER, report[:-1] + bytes([len(data)]) + data))
+            for name, data in BAD_SHOWN.items()
+        ],
     ]
+
+
+def said(text: str) -> bytes:
+    return bytes([len(text)]) + text.encode()
+
+
+BAD_SHOWN = {
+    "kind_2": b"\1n\2\0",
+    "no_name": b"\0\0\0\0\0\0",
+    "number_cut": b"\1n\0\0\0\0",
+    "text_cut": b"\1n\1\5four",
+    "text_long": b"\1n\1\x31" + b"t" * 49,
+    "name_long": b"\x10" + b"n" * 16 + b"\0\0\0\0\0",
+    "name_control": b"\1\n\0\0\0\0\0",
+    "only_name": b"\1n",
+}
 
 
 def row(id_: int, direction: int, size: int, name: str, layout: str) -> bytes:
@@ -90,8 +119,8 @@ LAYOUTS = "", "f", "f8", "0*f4", "01*f4", "*f4", "4*", "4*f4 ", "4f4", " f4", "-
 
 def carry(name: str, error: str, table: bytes, timestep_us: int = 1, params: bytes = b"") -> Any:
     """A WELCOME with this table."""
-    fixed = struct.pack("<QIIH", 0, timestep_us, 0, len(params)) + params
-    body = fixed + struct.pack("<H", len(table)) + table
+    fixed = struct.pack("<IIH", timestep_us, 0, len(params)) + params
+    body = bytes(16) + fixed + struct.pack("<H", len(table)) + table
     return bad(name, error, seal(2, HEADER, body))
 
 
@@ -100,7 +129,7 @@ def bad_tables() -> list[dict[str, Any]]:
     layouts = [b"\1" + row(1, 0, 4, "a", layout) for layout in LAYOUTS]
     return [
         carry("timestep_0", "BODY", b"\0", timestep_us=0),
-        carry("params_too_long", "BODY", b"\0", params=b"p" * 513),
+        carry("params_too_long", "BODY", b"\0", params=b"p" * 4097),
         carry("params_control", "TEXT", b"\0", params=b"a=b\r\n"),
         carry("table_empty_bytes", "BODY", b""),
         carry("table_count_33", "TABLE_SIZE", b"\x21" + a * 33),
@@ -112,8 +141,8 @@ def bad_tables() -> list[dict[str, Any]]:
         carry("table_direction_2", "BODY", b"\1" + row(1, 2, 4, "a", "f4")),
         carry("table_size_differs", "LAYOUT", b"\1" + row(1, 0, 8, "a", "f4")),
         carry("table_huge_count", "TABLE_SIZE", b"\1" + row(1, 0, 4, "a", "4294967297*u1")),
-        carry("table_sensors_too_big", "TABLE_SIZE", b"\1" + row(1, 0, 1113, "a", "1113*u1")),
-        carry("table_actuators_too_big", "TABLE_SIZE", b"\1" + row(1, 1, 1077, "a", "1077*u1")),
+        carry("table_sensors_too_big", "TABLE_SIZE", b"\1" + row(1, 0, 1109, "a", "1109*u1")),
+        carry("table_actuators_too_big", "TABLE_SIZE", b"\1" + row(1, 1, 684, "a", "684*u1")),
         *[carry(f"layout_{i}", "LAYOUT", table) for i, table in enumerate(layouts)],
     ]
 

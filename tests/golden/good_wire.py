@@ -36,14 +36,17 @@ MIXED = [
     [255, 1, "drops_total", "2*u4"],
     [9, 0, "räumlich", "i2"],
 ]
-FULL = [[1, 0, "map", "1112*u1"], [2, 1, "notes", "538*u2"]]
+FULL = [[1, 0, "map", "1108*u1"], [2, 1, "notes", "683*u1"]]
 WIDE = [[i, i % 2, f"{'entry':x<28}{i:03d}", "2*i2"] for i in range(32)]
 
 HELLO = {
     "uid": bytes(range(16)).hex(),
-    "nonce": 0xA1A2A3A4A5A6A7A8,
+    "nonce": bytes(range(0xA0, 0xB0)).hex(),
+    "started": 0xB1B2B3B4B5B6B7B8,
+    "uptime_s": 86_400,
     "tag": 23,
     "capabilities": 0,
+    "params_room": 4096,
     "name": "epuck_23",
     "controller": "pollutant",
     "version": "0.1.0",
@@ -67,7 +70,16 @@ REPORT = {
     "base_errors": 4,
     "guard_restarts": 5,
     "clock_bound_us": 731,
+    "signal_dbm": -67,
+    "power_saving": 0,
+    "bit_rate": 540,
+    "retries": 17,
+    "overruns": 6,
+    "base_resets": 1,
+    "log_number": 0,
     "payload": "",
+    "log": "",
+    "shown": [],
 }
 MIXED_VALUES = [
     [0, "ff7f00"],
@@ -96,8 +108,9 @@ def good(
 def hellos() -> list[dict[str, Any]]:
     name = "é" * 15 + "x"
     longest = dict(HELLO, tag=65535, capabilities=65535, name=name, controller="c" * 31)
+    longest |= {"started": 2**64 - 1, "uptime_s": 2**32 - 1, "params_room": 65535}
     longest |= {"version": "v" * 31, "hash": "f" * 31}
-    empty = dict(HELLO, name="", controller="", version="", hash="")
+    empty = dict(HELLO, params_room=0, name="", controller="", version="", hash="")
     return [
         good("hello", "HELLO", GREETING, HELLO),
         good("hello_longest_names", "HELLO", EXTREME, longest),
@@ -106,10 +119,11 @@ def hellos() -> list[dict[str, Any]]:
 
 
 def welcomes() -> list[dict[str, Any]]:
-    bare = {"nonce": 1, "timestep_us": 100_000, "seed": 0, "params": "", "table": EMPTY}
+    nonce = bytes(range(0xC0, 0xD0)).hex()
+    bare = {"nonce": nonce, "timestep_us": 100_000, "seed": 0, "params": "", "table": EMPTY}
     params = "stop_probability=0.3\nname=Größe\n"
-    mixed = {"nonce": 2**64 - 1, "timestep_us": 1, "seed": 42, "table": MIXED, "params": params}
-    largest = dict(bare, timestep_us=2**32 - 1, seed=2**32 - 1, table=WIDE, params="p" * 512)
+    mixed = {"nonce": nonce, "timestep_us": 1, "seed": 42, "table": MIXED, "params": params}
+    largest = dict(bare, timestep_us=2**32 - 1, seed=2**32 - 1, table=WIDE, params="p" * 4096)
     return [
         good("welcome_no_sensor", "WELCOME", HEADER, bare),
         good("welcome", "WELCOME", HEADER, mixed),
@@ -127,16 +141,21 @@ def notices() -> list[dict[str, Any]]:
 
 
 def states() -> list[dict[str, Any]]:
-    nothing = {"wanted": 3, "from_timestep": 0, "values": []}
-    one = {"wanted": 1, "from_timestep": 603, "values": [[0, "0000803f"]]}
-    mixed = {"wanted": 2, "from_timestep": NEVER, "values": MIXED_VALUES}
-    full = [[0, bytes(i % 251 for i in range(1112)).hex()]]
-    largest = {"wanted": 0, "from_timestep": 0, "values": full}
+    base = {"from_timestep": 0, "log_heard": 0, "goal": [0, 0, 0]}
+    nothing = dict(base, wanted=3, values=[])
+    one = dict(base, wanted=1, from_timestep=603, log_heard=12, values=[[0, "0000803f"]])
+    mixed = dict(base, wanted=2, from_timestep=NEVER, log_heard=NEVER, values=MIXED_VALUES)
+    full = [[0, bytes(i % 251 for i in range(1108)).hex()]]
+    largest = dict(base, wanted=0, values=full)
+    home = dict(base, wanted=4, goal=[-32768, 1234, -31415], values=[])
+    away = dict(base, wanted=4, goal=[32767, -1, 31415], values=[])
     return [
         good("state_no_sensor", "STATE", HEADER, nothing),
         good("state", "STATE", HEADER, one, POLLUTANT),
         good("state_mixed", "STATE", dict(HEADER, flags=1), mixed, MIXED),
         good("state_largest", "STATE", EXTREME, largest, FULL),
+        good("state_home", "STATE", HEADER, home),
+        good("state_home_away", "STATE", HEADER, away),
     ]
 
 
@@ -150,12 +169,28 @@ def reports() -> list[dict[str, Any]]:
         battery_low=0,
         left_steps_s=-32768,
         right_steps_s=32767,
-        payload=bytes(i % 253 for i in range(1076)).hex(),
+        signal_dbm=-128,
+        power_saving=255,
+        bit_rate=65535,
+        retries=NEVER,
+        log_number=NEVER,
+        payload=bytes(i % 253 for i in range(683)).hex(),
+        log="l" * 120,
+        shown=[[f"{i:015d}", "t" * 48] for i in range(3)] + [["x" * 15, "t" * 39]],
+    )
+    says = dict(
+        REPORT,
+        log_number=3,
+        log="sah Rot, drehe um: 90°",
+        shown=[["state", "searching"], ["n", 0.1], ["é", ""], ["light", -1.5e30]],
+        power_saving=1,
+        signal_dbm=127,
     )
     return [
         good("telemetry", "TELEMETRY", HEADER, REPORT, POLLUTANT),
         good("telemetry_actuators", "TELEMETRY", dict(HEADER, flags=1), mixed, MIXED),
         good("telemetry_largest", "TELEMETRY", EXTREME, largest, FULL),
+        good("telemetry_says", "TELEMETRY", HEADER, says, POLLUTANT),
     ]
 
 

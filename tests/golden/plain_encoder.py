@@ -1,4 +1,4 @@
-"""Protocol version 1 as PROTOCOL.md words it, with struct and zlib alone, none of our code."""
+"""Protocol version 2 as PROTOCOL.md words it, with struct and zlib alone, none of our code."""
 
 from __future__ import annotations
 
@@ -41,35 +41,39 @@ def table_bytes(table: list[list[Any]]) -> bytes:
 
 
 def seal(kind: int, header: dict[str, int], body: bytes, **broken: Any) -> bytes:
-    """Header, body, empty authentication slot, CRC-32; `broken` overrides a part."""
-    length = broken.get("length", 56 + len(body) + 20)
+    """Header, body, CRC-32 and 12 zeros as the tag; `broken` overrides a part."""
+    length = broken.get("length", 56 + len(body) + 16)
     start = struct.pack(
         "<HBBHHIIIIQQQII",
         broken.get("magic", 0x5356),
-        broken.get("version", 1),
+        broken.get("version", 2),
         kind,
         header["flags"],
         length,
         *[header[name] for name in HEADER_FIELDS],
     )
-    packet = start + body + broken.get("tag", bytes(16))
-    return packet + struct.pack("<I", zlib.crc32(packet) ^ broken.get("crc", 0))
+    packet = start + body
+    crc = struct.pack("<I", zlib.crc32(packet) ^ broken.get("crc", 0))
+    return packet + crc + broken.get("zeros", bytes(12))
 
 
 def hello(m: dict[str, Any]) -> bytes:
-    fixed = struct.pack("<QHH", m["nonce"], m["tag"], m["capabilities"])
+    numbers = [m[key] for key in ("started", "uptime_s", "tag", "capabilities", "params_room")]
     texts = [text8(m[key]) for key in ("name", "controller", "version", "hash")]
-    return bytes.fromhex(m["uid"]) + fixed + b"".join(texts)
+    start = bytes.fromhex(m["uid"]) + bytes.fromhex(m["nonce"]) + struct.pack("<QIHHH", *numbers)
+    return start + b"".join(texts)
 
 
 def welcome(m: dict[str, Any]) -> bytes:
     params, table = m["params"].encode(), table_bytes(m["table"])
-    fixed = struct.pack("<QIIH", m["nonce"], m["timestep_us"], m["seed"], len(params))
-    return fixed + params + struct.pack("<H", len(table)) + table
+    fixed = struct.pack("<IIH", m["timestep_us"], m["seed"], len(params))
+    return bytes.fromhex(m["nonce"]) + fixed + params + struct.pack("<H", len(table)) + table
 
 
 def state(m: dict[str, Any]) -> bytes:
-    body = struct.pack("<BBBBI", m["wanted"], 0, 0, 0, m["from_timestep"])
+    x, y, heading = m["goal"]
+    fields = m["wanted"], 0, heading, m["from_timestep"], m["log_heard"], x, y
+    body = struct.pack("<BBhIIhh", *fields)
     for older_us, payload in m["values"]:
         body += struct.pack("<I", older_us) + bytes.fromhex(payload)
     return body
@@ -94,9 +98,23 @@ def telemetry(m: dict[str, Any]) -> bytes:
         "base_errors",
         "guard_restarts",
         "clock_bound_us",
+        "signal_dbm",
+        "power_saving",
+        "bit_rate",
+        "retries",
+        "overruns",
+        "base_resets",
+        "log_number",
     ]
-    body = struct.pack("<BBBBIIhhHHIIIIIII", *[m[name] for name in fields])
-    return body + bytes.fromhex(m["payload"])
+    body = struct.pack("<BBBBIIhhHHIIIIIIIbBHIIII", *[m[name] for name in fields])
+    shown = b"".join(shown_item(*item) for item in m["shown"])
+    return body + bytes.fromhex(m["payload"]) + text8(m["log"]) + bytes([len(shown)]) + shown
+
+
+def shown_item(name: str, value: float | str) -> bytes:
+    if isinstance(value, str):
+        return text8(name) + b"\1" + text8(value)
+    return text8(name) + b"\0" + struct.pack("<f", value)
 
 
 BODIES = {

@@ -18,6 +18,7 @@ from vsense.link.robots.wire import (
     Hello,
     Notice,
     PacketType,
+    RefuseCode,
     Welcome,
     decode,
     encode,
@@ -100,7 +101,7 @@ def test_only_hello_opens_a_session() -> None:
 
 
 def test_parameters_that_no_welcome_can_carry_are_refused_before_the_start() -> None:
-    for timestep_ns, params in ((10**8, "x" * 513), (10**8, "a\tb"), (0, "")):
+    for timestep_ns, params in ((10**8, "x" * 4097), (10**8, "a\tb"), (0, "")):
         with pytest.raises(WireError):
             Roster({}, TABLE, timestep_ns, 1, params)
 
@@ -136,3 +137,13 @@ def test_many_different_complaints_take_bounded_memory() -> None:
     for number in range(1000):
         throttle.notify(LinkEvent("protocol_error", None, str(number), 0))
     assert len(told) == 1000 and len(throttle._told) <= 256
+
+
+def test_a_robot_without_room_for_the_parameters_is_refused() -> None:
+    ours = Roster({5: "five"}, TABLE, 10**8, 1, "a=" + "x" * 600 + "\n")
+    small = Hello(b"a" * 16, 5, "name", "test", params_room=512)
+    answer = ours.greet(encode(Header(PacketType.HELLO), small), "here", S)
+    _, notice = decode(answer.packet)
+    assert isinstance(notice, Notice) and notice.code == RefuseCode.ROOM
+    assert notice.text == "the experiment's params have 603 bytes, the robot has 512"
+    assert answer.robot is None

@@ -272,4 +272,4 @@ def test_a_server_is_used_in_order(clock: Callable[[], int]) -> None:
         server.start()
     server.close()
     with pytest.raises(WireError):
-        make(params="x" * 513)
+        make(params="x" * 4097)

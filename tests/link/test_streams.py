@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense.link.robots.streams import Inbox, Outbox
-from vsense.link.robots.wire import PACKET_MAX, Header, Notice, PacketType, encode
+from vsense.link.robots.wire import DATAGRAM_MAX, Header, Notice, PacketType, encode
 from vsense.native import WireError, lib
 
 packets = st.builds(
@@ -32,12 +32,12 @@ def test_defect_01_any_chunking_gives_the_same_packets(
     assert got == sent
 
 
-@given(st.binary(max_size=3 * PACKET_MAX))
+@given(st.binary(max_size=3 * DATAGRAM_MAX))
 def test_any_bytes_give_packets_or_one_error_in_bounded_memory(stream: bytes) -> None:
     inbox = Inbox()
     try:
         while stream:
-            assert 1 <= inbox.room <= PACKET_MAX
+            assert 1 <= inbox.room <= DATAGRAM_MAX
             inbox.feed(stream[: inbox.room])
             stream = stream[inbox.room :]
             while inbox.next() is not None:
@@ -46,17 +46,19 @@ def test_any_bytes_give_packets_or_one_error_in_bounded_memory(stream: bytes) ->
         assert error.name.startswith("VS_ERR_")
 
 
-@given(st.integers(PACKET_MAX + 1, 65535))
-def test_defect_07_a_length_from_the_wire_is_checked_before_its_use(length: int) -> None:
+@given(st.integers(DATAGRAM_MAX + 1, 65535), st.sampled_from(PacketType))
+def test_defect_07_a_length_from_the_wire_is_checked_before_its_use(
+    length: int, kind: PacketType
+) -> None:
     inbox = Inbox()
-    inbox.feed(struct.pack("<HBBHH", lib.VS_MAGIC, lib.VS_VERSION, PacketType.HELLO, 0, length))
+    inbox.feed(struct.pack("<HBBHH", lib.VS_MAGIC, lib.VS_VERSION, kind, 0, length))
     with pytest.raises(WireError, match="length"):
         inbox.next()
 
 
 def test_an_inbox_takes_no_more_than_it_has_room_for() -> None:
-    with pytest.raises(ValueError, match="4097 bytes"):
-        Inbox().feed(bytes(PACKET_MAX + 1))
+    with pytest.raises(ValueError, match="1201 bytes"):
+        Inbox().feed(bytes(DATAGRAM_MAX + 1))
 
 
 @given(st.lists(st.one_of(st.none(), st.integers(1, 40)), max_size=60), st.data())

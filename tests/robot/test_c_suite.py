@@ -18,10 +18,21 @@ FIRMWARE = ROOT / "firmware_bridge"
 SANITIZE = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 PROTOCOL = [
     C_SRC / f"vs_{part}.c"
-    for part in ("err", "bytes", "wire", "table", "body", "peer", "clock", "session")
+    for part in (
+        "err",
+        "bytes",
+        "wire",
+        "table",
+        "shown",
+        "body",
+        "peer",
+        "clock",
+        "offer",
+        "session",
+    )
 ]
 POLLUTANT = ROBOT / "controllers" / "pollutant.c"
-OWN = [ROBOT / f"{part}.c" for part in ("robot", "base_sensors", "number")]
+OWN = [ROBOT / f"{part}.c" for part in ("robot", "log", "base_sensors", "number")]
 MINDS = [*(ROBOT / f"{part}.c" for part in ("loop", "guard", "safety")), *OWN]
 BASES = [*ROBOT.glob("base*.c"), *C_SRC.glob("epuck_*.c"), *C_SRC.glob("vs_i2c*.c")]
 BASES += [C_SRC / "vs_posix.c", *FIRMWARE.glob("*.c")]
@@ -51,8 +62,8 @@ RUNS = {"robot_base": "3000", "robot_loop": "300", "robot_base_asercom": "500"}
 RUNS |= {"robot_base_i2c": "2000"}
 """How many random worlds a suite goes through."""
 
-EDGE = {"check", "guard_link", "guard_process", "main", "net", "report", "signals", "trace"}
-EDGE |= {"worker"}
+EDGE = {"check", "guard_link", "guard_process", "main", "net", "random", "report", "signals"}
+EDGE |= {"trace", "worker"}
 """The files that talk to the operating system; all others are pure."""
 
 SYSTEM = {"errno", "fcntl", "poll", "signal", "termios", "time", "unistd", "pthread"}

@@ -117,4 +117,4 @@ def test_what_is_no_shared_object_is_one_clear_line(tmp_path: Path) -> None:
 
 def test_params_that_no_robot_can_be_told_are_refused(probe: Path) -> None:
     with pytest.raises(WireError):
-        Robots(probe, TAGS, TABLE, STEP_NS, 1, "a" * 600)
+        Robots(probe, TAGS, TABLE, STEP_NS, 1, "a" * 5000)

@@ -6,6 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+from tests.golden.plain_encoder import shown_item
+
 DECLARATIONS = """/* Made from tests/golden/wire.json; do not keep. */
 #include "vs_body.h"
 
@@ -57,7 +59,8 @@ def c_struct(fields: dict[str, Any]) -> str:
 def state_fields(message: dict[str, Any]) -> dict[str, Any]:
     older = ",".join(f"{older_us}U" for older_us, _ in message["values"])
     payload = b"".join(bytes.fromhex(data) for _, data in message["values"])
-    fields = {key: message[key] for key in ("wanted", "from_timestep")}
+    fields = {key: message[key] for key in ("wanted", "from_timestep", "log_heard")}
+    fields |= dict(zip(("goal_x_mm", "goal_y_mm", "goal_heading"), message["goal"]))
     return fields | {"older_us": f"{{{older or 0}}}", "payload": c_bytes(payload)}
 
 
@@ -65,14 +68,22 @@ def message_fields(kind: str, message: dict[str, Any]) -> tuple[str, dict[str, A
     """The C struct of a packet type and its fields."""
     if kind == "HELLO":
         texts = {key: c_text(message[key]) for key in ("name", "controller", "version", "hash")}
-        return "hello", {**message, **texts, "uid": c_bytes(bytes.fromhex(message["uid"]))}
+        raw = {key: c_bytes(bytes.fromhex(message[key])) for key in ("uid", "nonce")}
+        return "hello", {**message, **texts, **raw}
     if kind == "WELCOME":
-        fields = {key: message[key] for key in ("nonce", "timestep_us", "seed")}
-        return "welcome", {**fields, "params": c_text(message["params"])}
+        fields = {key: message[key] for key in ("timestep_us", "seed")}
+        fields["nonce"] = c_bytes(bytes.fromhex(message["nonce"]))
+        params = message["params"].encode()
+        # No string: compilers need not take one that is so long.
+        text = f"(const char *)(const uint8_t[]){c_bytes(params)}"
+        return "welcome", {**fields, "params_len": len(params), "params": text}
     if kind == "STATE":
         return "state", state_fields(message)
     if kind == "TELEMETRY":
-        return "telemetry", {**message, "payload": c_bytes(bytes.fromhex(message["payload"]))}
+        shown = b"".join(shown_item(*item) for item in message["shown"])
+        raw = {"payload": c_bytes(bytes.fromhex(message["payload"])), "shown": c_bytes(shown)}
+        fields = {**message, **raw, "shown_len": len(shown), "log": c_text(message["log"])}
+        return "telemetry", fields
     return "notice", {"code": message["code"], "text": c_text(message["text"])}
 
 

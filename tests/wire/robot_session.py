@@ -50,7 +50,7 @@ class RobotSession:
         Raises:
             WireError: name or controller is no clean text of at most 31 bytes.
         """
-        config = ffi.new("struct vs_session_config *", {"uid": uid, "tag": tag})
+        config = ffi.new("struct vs_session_config *", {"uid": uid, "tag": tag, "started": 5})
         put_text(config.name, name)
         put_text(config.controller, controller)
         put_text(config.version, "9.9")
@@ -60,9 +60,9 @@ class RobotSession:
         self._used = ffi.new("size_t *")
         check(lib.vs_session_init(self.c, config))
 
-    def connect(self, now_ns: int, nonce: int = 1) -> bytes:
+    def connect(self, now_ns: int, nonce: bytes = bytes(16), uptime_s: int = 60) -> bytes:
         """TCP is up; gives the HELLO."""
-        lib.vs_session_connected(self.c, nonce, now_ns)
+        lib.vs_session_connected(self.c, nonce, uptime_s)
         return self.tcp_out(now_ns)
 
     def disconnect(self) -> None:
@@ -110,6 +110,11 @@ class RobotSession:
         out = Output(DATAGRAM_MAX)
         values: dict[str, Any] = {name: getattr(said, name) for name in TELEMETRY_FIELDS}
         report = ffi.new("struct vs_telemetry *", {**values, "payload": said.payload})
+        put_text(report.log, said.log)
+        length = ffi.addressof(report, "shown_len")
+        for name, value in said.shown:
+            text, number = (value.encode(), 0.0) if isinstance(value, str) else (ffi.NULL, value)
+            check(lib.vs_shown_set(report.shown, length, name.encode(), number, text))
         return out.packet(lib.vs_session_telemetry(self.c, report, now_ns, *out.arguments))
 
     def over_tcp(self, now_ns: int) -> bool:

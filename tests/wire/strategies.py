@@ -68,14 +68,14 @@ def headers(kind: PacketType, table_hash: int | None = None) -> st.SearchStrateg
     )
 
 
-hellos = st.builds(Hello, uids, u16, *[texts(31)] * 4, u64, u16)
+hellos = st.builds(Hello, uids, u16, *[texts(31)] * 4, uids, u64, u32, u16, u16)
 welcomes = st.builds(
     Welcome,
     tables(),
     st.integers(1, 2**32 - 1),
     u32,
     st.lists(texts(40), max_size=8).map(lambda lines: "".join(f"{line}\n" for line in lines)),
-    u64,
+    uids,
 )
 messages: st.SearchStrategy[tuple[Header, Hello | Welcome | Notice]] = st.one_of(
     st.tuples(headers(PacketType.HELLO), hellos),
@@ -92,14 +92,16 @@ def telemetries(draw: st.DrawFn, table: Table) -> Telemetry:
     return Telemetry(
         draw(states), draw(states), draw(u8), draw(st.sampled_from([0, 1, 255])), draw(u32),
         draw(u32), draw(i16), draw(i16), draw(u16), draw(u16), draw(u32), draw(u32), draw(u32),
-        draw(u32), draw(u32), draw(u32), draw(u32), draw(st.binary(min_size=size, max_size=size)),
+        draw(u32), draw(u32), draw(u32), draw(u32), draw(st.integers(-128, 127)),
+        draw(st.sampled_from([0, 1, 255])), draw(u16), draw(u32), draw(u32), draw(u32), draw(u32),
+        draw(st.binary(min_size=size, max_size=size)),
     )  # fmt: skip
 
 
 def reseal(packet: bytes) -> bytes:
-    """Makes length, authentication slot and checksum of a changed packet right again."""
-    body = packet[:6] + len(packet).to_bytes(2, "little") + packet[8:-20] + bytes(16)
-    return body + zlib.crc32(body).to_bytes(4, "little")
+    """Makes length and tag of a changed packet right again."""
+    body = packet[:6] + len(packet).to_bytes(2, "little") + packet[8:-16]
+    return body + zlib.crc32(body).to_bytes(4, "little") + bytes(12)
 
 
 POLLUTANT = Table([Entry(1, "pollutant", "f4"), Entry(2, "drops", "u4", Direction.ACTUATOR)])

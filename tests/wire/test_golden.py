@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 import subprocess
 import sys
 from pathlib import Path
@@ -53,16 +54,21 @@ def header_of_vector(vector: Vector) -> Header:
 def message_of(vector: Vector) -> Hello | Welcome | Notice:
     said = dict(vector["message"])
     if vector["type"] == "HELLO":
-        return Hello(**{**said, "uid": bytes.fromhex(said["uid"])})
+        raw = {name: bytes.fromhex(said[name]) for name in ("uid", "nonce")}
+        return Hello(**{**said, **raw})
     if vector["type"] == "WELCOME":
-        return Welcome(**{**said, "table": table_of(said["table"])})
+        raw = {"table": table_of(said["table"]), "nonce": bytes.fromhex(said["nonce"])}
+        return Welcome(**{**said, **raw})
     return Notice(**said)
 
 
-def state_bytes(
-    header: Header, table: Table, wanted: int, from_timestep: int, values: Any
-) -> bytes:
-    state = ffi.new("struct vs_state *", {"wanted": wanted, "from_timestep": from_timestep})
+STATE_FIELDS = ("wanted", "from_timestep", "log_heard")
+GOAL_FIELDS = ("goal_x_mm", "goal_y_mm", "goal_heading")
+
+
+def state_bytes(header: Header, table: Table, said: Any, values: Any) -> bytes:
+    fields = {name: said[name] for name in STATE_FIELDS} | dict(zip(GOAL_FIELDS, said["goal"]))
+    state = ffi.new("struct vs_state *", fields)
     block = b"".join(payload for _, payload in values)
     ffi.memmove(state.payload, block, len(block))
     for rank, (older, _) in enumerate(values):
@@ -90,12 +96,13 @@ def test_state(vector: Vector) -> None:
     packet = bytes.fromhex(vector["hex"])
     table, header, said = table_of(vector["table"]), header_of_vector(vector), vector["message"]
     values = [(older, bytes.fromhex(payload)) for older, payload in said["values"]]
-    assert state_bytes(header, table, said["wanted"], said["from_timestep"], values) == packet
+    assert state_bytes(header, table, said, values) == packet
     opened, body = open_packet(packet)
     state = ffi.new("struct vs_state *")
     check(lib.vs_decode_state(table.cdata, body, len(body), state))
     assert opened == header
-    assert (state.wanted, state.from_timestep) == (said["wanted"], said["from_timestep"])
+    assert {name: getattr(state, name) for name in STATE_FIELDS}.items() <= said.items()
+    assert [getattr(state, name) for name in GOAL_FIELDS] == said["goal"]
     rows = table.of_direction(Direction.SENSOR)
     found = [
         (state.older_us[rank], bytes(state.payload[offset : offset + size]))
@@ -108,8 +115,10 @@ def test_state(vector: Vector) -> None:
 def test_telemetry(vector: Vector) -> None:
     packet, table = bytes.fromhex(vector["hex"]), table_of(vector["table"])
     header, said = header_of_vector(vector), vector["message"]
-    payload = bytes.fromhex(said["payload"])
-    report = ffi.new("struct vs_telemetry *", {**said, "payload": payload})
+    payload, shown = bytes.fromhex(said["payload"]), shown_block(said["shown"])
+    log = said["log"].encode()
+    raw = {"payload": payload, "log": log, "shown": list(shown), "shown_len": len(shown)}
+    report = ffi.new("struct vs_telemetry *", {**said, **raw})
     out = Output(DATAGRAM_MAX)
     arguments = (header_to(header), table.cdata, report, *out.arguments)
     assert out.packet(lib.vs_encode_telemetry(*arguments)) == packet
@@ -121,7 +130,25 @@ def test_telemetry(vector: Vector) -> None:
     assert {name: getattr(found, name) for name in TELEMETRY_FIELDS} == {
         name: said[name] for name in TELEMETRY_FIELDS
     }
-    assert found.payload == payload
+    assert (found.payload, found.log) == (payload, said["log"])
+    rounded = [
+        (
+            name,
+            value if isinstance(value, str) else struct.unpack("<f", struct.pack("<f", value))[0],
+        )
+        for name, value in said["shown"]
+    ]
+    assert list(found.shown) == rounded
+
+
+def shown_block(items: list[tuple[str, float | str]]) -> bytes:
+    """The block as a robot makes it."""
+    block, length = ffi.new("uint8_t[]", lib.VS_SHOWN_MAX), ffi.new("uint8_t *")
+    for name, value in items:
+        text = value.encode() if isinstance(value, str) else ffi.NULL
+        number = 0.0 if isinstance(value, str) else value
+        check(lib.vs_shown_set(block, length, name.encode(), number, text))
+    return bytes(block[0 : length[0]])
 
 
 @pytest.mark.parametrize("vector", VECTORS["tables"], ids=lambda v: f"{len(v['table'])}_entries")

@@ -59,5 +59,6 @@ def test_limits_of_the_table() -> None:
     assert f"at most {lib.VS_SENSOR_BYTES}," in text
     assert f"at most {lib.VS_ACTUATOR_BYTES}." in text
     fixed = lib.VS_DATAGRAM_MAX - lib.VS_PACKET_MIN
-    assert fixed - lib.VS_SENSOR_BYTES == 8
-    assert fixed - lib.VS_ACTUATOR_BYTES == 48
+    assert fixed - lib.VS_SENSOR_BYTES == 16
+    notes = 1 + lib.VS_LOG_MAX + 1 + lib.VS_SHOWN_MAX
+    assert fixed - notes - lib.VS_ACTUATOR_BYTES == 68

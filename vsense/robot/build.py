@@ -23,13 +23,16 @@ SHARED_FLAGS = ("-fPIC", "-shared", "-fvisibility=hidden", "-ffp-contract=off", 
 """For the shared object that simulations load. What a controller calls its own stays its own; and
 no machine fuses two roundings into one, so that a seed gives the same run on all of them."""
 
-RUNTIME_PARTS = ("err", "bytes", "wire", "table", "body", "peer", "clock", "session")
+RUNTIME_PARTS = (
+    *("err", "bytes", "wire", "table", "shown", "body"),
+    *("peer", "clock", "offer", "session"),
+)
 """What of `c_src/` a robot's controller runtime needs beside `robot/`: the protocol's own files."""
 
 SYSTEM_PARTS = (
     *("base", "base_argos", "base_asercom", "base_boards", "base_config", "base_gctronic"),
     *("base_serial", "base_york", "check", "guard", "guard_link", "guard_process", "main", "net"),
-    *("options", "report", "settings", "signals", "talk", "trace", "worker"),
+    *("options", "random", "report", "settings", "signals", "talk", "trace", "worker"),
 )
 """What of `robot/` only a daemon needs: processes, files, network, and the base."""
 

@@ -20,7 +20,16 @@ from numpy.typing import NDArray
 from vsense.errors import VsenseError
 from vsense.link.robots.roster import robot_seed
 from vsense.link.robots.table import Direction, Table
-from vsense.link.robots.wire import Header, PacketType, Values, Wanted, Welcome, encode
+from vsense.link.robots.wire import (
+    Header,
+    PacketType,
+    Shown,
+    Values,
+    Wanted,
+    Welcome,
+    encode,
+    shown_of,
+)
 from vsense.native import check, lib
 from vsense.robot import build
 
@@ -160,6 +169,29 @@ class Robots:
         whole = bytes(self._reports)
         return {tag: whole[i * size : (i + 1) * size] for i, tag in enumerate(self._tags)}
 
+    def shown(self) -> dict[int, Shown]:
+        """What every controller shows, by tag; robots that show nothing are left out."""
+        size = 1 + lib.VS_SHOWN_MAX
+        blocks = [self._shown[i * size : (i + 1) * size] for i in range(len(self._tags))]
+        return {
+            tag: shown_of(block[1 : 1 + block[0]])
+            for tag, block in zip(self._tags, blocks)
+            if block[0]
+        }
+
+    def logged(self) -> list[tuple[int, int, str]]:
+        """The lines that controllers have logged since the last call: tag, number, text."""
+        if self._now.logged == 0:
+            return []
+        robot, number = self._ffi.new("uint32_t *"), self._ffi.new("uint32_t *")
+        line = self._ffi.new("const char **")
+        lines = []
+        while self._lib.vs_inprocess_log(self._all, robot, number, line):
+            text = self._ffi.string(line[0]).decode()
+            lines.append((self._tags[robot[0]], number[0], text))
+        self._now.logged = 0
+        return lines
+
     def complaints(self) -> list[str]:
         """What the controllers asked for and did not get, or do not know: each complaint once."""
         said: bytes = self._ffi.string(self._lib.vs_inprocess_complaints(self._all))
@@ -182,8 +214,11 @@ class Robots:
         self._light = np.full((count, 8), LIGHT_RAW, dtype=np.int16)
         self.wheels_steps_s = np.zeros((count, 2), dtype=np.int16)
         self.leds = np.zeros(count, dtype=np.uint16)
+        self._shown_block = ffi.new("uint8_t[]", count * (1 + lib.VS_SHOWN_MAX))
+        self._shown = ffi.buffer(self._shown_block)
         now = self._now = ffi.new("struct vs_inprocess_timestep *")
         now.values, now.reports = self._value_block, self._report_block
+        now.shown = self._shown_block
         for name in ("captures_ns", "prox", "light"):
             self._point(name, getattr(self, f"_{name}"))
         self._point("wheels_steps_s", self.wheels_steps_s)

@@ -126,7 +126,7 @@ class RobotTable:
         told = link.telemetry
         if told is None:
             return dict.fromkeys(_TOLD) | {"state": "idle", "stop_cause": "", "leds": 0}
-        known = told.battery_low != lib.VS_BATTERY_UNKNOWN
+        known = told.battery_low != lib.VS_UNKNOWN
         return {
             "state": _STATES.get(told.state, str(told.state)),
             "stop_cause": CAUSES.get(told.stop_cause, f"cause {told.stop_cause}"),  # type: ignore[call-overload]

@@ -27,6 +27,8 @@ from vsense.link.robots.wire import (
     encode,
     header_of,
     header_to,
+    shown_of,
+    text_of,
 )
 from vsense.native import ffi, lib
 
@@ -94,6 +96,7 @@ class Peer:
         from_timestep: int,
         values: Values,
         now_ns: int,
+        log_heard: int = 0,
     ) -> bytes:
         """Makes the next STATE packet; send the same bytes on every path it is to take.
 
@@ -105,6 +108,7 @@ class Peer:
             from_timestep: the robot runs from this timestep on, while RUN is wanted.
             values: the sensors' values in the table's order.
             now_ns: host's clock.
+            log_heard: number of the robot's newest log line that was heard.
 
         Raises:
             WireError: no session is open, or VS_ERR_SEQUENCE: renew the session.
@@ -112,7 +116,7 @@ class Peer:
         """
         self._put_values(values, capture_ns)
         self._state.wanted = wanted
-        self._state.from_timestep = from_timestep
+        self._state.from_timestep, self._state.log_heard = from_timestep, log_heard
         header = self._header
         header.run, header.timestep, header.capture_ns = run, timestep, capture_ns
         code = lib.vs_peer_send_state(
@@ -213,7 +217,12 @@ def older_us(capture_ns: int, value_ns: int) -> int:
 
 def telemetry_of(cdata: Any, payload: bytes) -> Telemetry:
     """Copies a `struct vs_telemetry`."""
-    return Telemetry(**{name: getattr(cdata, name) for name in TELEMETRY_FIELDS}, payload=payload)
+    numbers = {name: getattr(cdata, name) for name in TELEMETRY_FIELDS}
+    if cdata.log_number:
+        numbers["log"] = text_of(cdata.log)
+    if cdata.shown_len:
+        numbers["shown"] = shown_of(bytes(cdata.shown[0 : cdata.shown_len]))
+    return Telemetry(**numbers, payload=payload)
 
 
 SILENCE_NS = 1_000_000_000

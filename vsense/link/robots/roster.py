@@ -103,6 +103,10 @@ class Roster:
         if robot.taken_from(hello.uid, now_ns):
             text = f"tag {hello.tag} is in use by another robot, which was heard within 1 s"
             return self.refuse(RefuseCode.TAG_IN_USE, text, origin, now_ns, hello.tag)
+        size = len(self._params.encode())
+        if hello.params_room < size:
+            text = f"the experiment's params have {size} bytes, the robot has {hello.params_room}"
+            return self.refuse(RefuseCode.ROOM, text, origin, now_ns, hello.tag)
         farewell = None
         if robot.open:
             run = self.orders.run
@@ -127,7 +131,7 @@ class Roster:
         return number
 
     def _welcome(self, tag: int) -> Welcome:
-        seed, nonce = robot_seed(self._seed, tag), secrets.randbits(64)
+        seed, nonce = robot_seed(self._seed, tag), secrets.token_bytes(16)
         return Welcome(self._table, self._timestep_us, seed, self._params, nonce)
 
 

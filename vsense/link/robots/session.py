@@ -14,6 +14,7 @@ from vsense.link.robots.status import (
     ActuatorReport,
     EventKind,
     LinkEvent,
+    LogLines,
     Reporter,
     RobotStatus,
     cut_text,
@@ -87,6 +88,7 @@ class HostSession:
         self._sessions = 0
         self._presence = Presence()
         self._reporter = Reporter()
+        self._log = LogLines()
         self._repeats = 0
         self._repeat_ns = 0
         self._telemetry: Telemetry | None = None
@@ -126,6 +128,7 @@ class HostSession:
         self.peer.open(session, self._table, header.send_ns, now_ns)
         self._uid, self._hello = hello.uid, hello
         self._reporter.open(hello.uid)
+        self._log.open(hello.uid, hello.started)
         self._sessions += 1
         self._presence.open(now_ns)
         self.due_ns = now_ns
@@ -213,6 +216,7 @@ class HostSession:
             orders.from_timestep,
             self._values,
             now_ns,
+            self._log.heard,
         )
         self._plan(now_ns)
         return packet
@@ -249,7 +253,10 @@ class HostSession:
         self._reporter.receive(header, telemetry, now_ns)
         if source is not None and source != self.address:
             self.address, self.due_ns = source, now_ns
-        return True, self._told(self._presence.hear(self.peer, now_ns), now_ns)
+        events = self._told(self._presence.hear(self.peer, now_ns), now_ns)
+        for text in self._log.receive(telemetry):
+            events.append(self._event("log", text, now_ns))
+        return True, events
 
     def tick(self, now_ns: int) -> list[LinkEvent]:
         """Says what has changed by the mere passing of time."""

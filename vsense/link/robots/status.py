@@ -66,6 +66,32 @@ class Reporter:
         return ActuatorReport(self._uid, telemetry.payload) if of_run == run else None
 
 
+class LogLines:
+    """The lines that one robot's controller logs: each once, whatever arrives twice or not.
+
+    Attributes:
+        heard: number of the newest line, 0 before the first; the robot is told.
+    """
+
+    def __init__(self) -> None:
+        self.heard = 0
+        self._source: tuple[bytes, int] | None = None
+
+    def open(self, uid: bytes, started: int) -> None:
+        """A session opens; lines are numbered from 1 since the daemon's start."""
+        if self._source != (uid, started):
+            self._source, self.heard = (uid, started), 0
+
+    def receive(self, telemetry: Telemetry) -> list[str]:
+        """Takes accepted telemetry; gives what to say: the line, and how many were lost."""
+        number = telemetry.log_number
+        if number <= self.heard:
+            return []
+        lost, self.heard = number - self.heard - 1, number
+        said = [f"logged: {telemetry.log}"]
+        return [f"{lost} of its log lines are lost", *said] if lost else said
+
+
 EventKind = Literal[
     "connected",
     "reconnected",
@@ -77,6 +103,7 @@ EventKind = Literal[
     "udp_back",
     "goodbye",
     "protocol_error",
+    "log",
 ]
 
 RING_LEDS = 0xFF
@@ -103,7 +130,8 @@ class LinkEvent:
             session while the old one still talked; `refused`: a greeting was turned down;
             `lost`: nothing heard for 1 s, or the connection broke; `back`: heard again in the
             same session; `no_udp`, `udp_back`: state goes over TCP, no longer does;
-            `goodbye`: the robot ended its session; `protocol_error`: bytes that no robot sends.
+            `goodbye`: the robot ended its session; `protocol_error`: bytes that no robot sends;
+            `log`: a line that its controller logged.
         tag: the robot's tag; None where it is not known.
         text: one line for a person.
         time_ns: host's monotonic clock.

@@ -13,7 +13,8 @@ import socket
 from collections import deque
 
 from vsense.link.robots.session import HostSession
-from vsense.link.robots.wire import DATAGRAM_MAX, PACKET_MAX, packet_length
+from vsense.link.robots.wire import DATAGRAM_MAX, packet_length
+from vsense.native import check, lib
 
 
 class Inbox:
@@ -25,7 +26,7 @@ class Inbox:
     @property
     def room(self) -> int:
         """How many bytes may be fed before the next packet is taken out, at least 1."""
-        return PACKET_MAX - len(self._bytes)
+        return DATAGRAM_MAX - len(self._bytes)
 
     def feed(self, data: bytes) -> None:
         """Appends received bytes, at most `room` of them."""
@@ -37,9 +38,11 @@ class Inbox:
         """Takes the next whole packet out, or returns None until more bytes have come.
 
         Raises:
-            WireError: the bytes are no vsense packet; the stream is lost.
+            WireError: the bytes are no packet that a robot sends; the stream is lost.
         """
         length = packet_length(self._bytes)
+        if length is not None and length > DATAGRAM_MAX:
+            check(lib.VS_ERR_LENGTH, "a robot's packet")  # only WELCOME may be longer
         if length is None or length > len(self._bytes):
             return None
         packet = bytes(self._bytes[:length])

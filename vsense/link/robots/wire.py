@@ -1,4 +1,4 @@
-"""Packets of protocol version 1 as Python values; every byte of them is made and read in C.
+"""Packets of protocol version 2 as Python values; every byte of them is made and read in C.
 
 `c_src/PROTOCOL.md` specifies them. Times are integer ns, each of the clock that its field names.
 """
@@ -22,6 +22,9 @@ NEVER_US: int = lib.VS_NEVER_US
 Values = Sequence[tuple[bytes, int]]
 """One robot's readings in the table's order: payload, capture time (ns, host's; < 0: never)."""
 
+Shown = tuple[tuple[str, float | str], ...]
+"""What a controller shows: names, each with a number or a text."""
+
 
 class PacketType(IntEnum):
     """What a packet is."""
@@ -41,6 +44,7 @@ class Wanted(IntEnum):
     RUN = lib.VS_RUN
     PAUSE = lib.VS_PAUSE
     STOP = lib.VS_STOP
+    HOME = lib.VS_HOME
 
 
 class RefuseCode(IntEnum):
@@ -50,6 +54,7 @@ class RefuseCode(IntEnum):
     TAG_UNKNOWN = lib.VS_REFUSE_TAG_UNKNOWN
     FULL = lib.VS_REFUSE_FULL
     HELLO = lib.VS_REFUSE_HELLO
+    ROOM = lib.VS_REFUSE_ROOM
 
 
 class GoodbyeCause(IntEnum):
@@ -103,7 +108,11 @@ class Hello:
         tag: marker on its back.
         name, controller: for people; as all texts here, at most 31 bytes of UTF-8.
         version, hash: of the robot's software, and of the controller's source, if known.
-        nonce, capabilities: reserved for authentication; none defined yet.
+        nonce: 16 random bytes of this connection.
+        started: random, of this start of the daemon: its counters and log lines begin with it.
+        uptime_s: [s] since the board started.
+        capabilities: none in use yet.
+        params_room: [byte] of parameters that the robot can hold.
     """
 
     uid: bytes
@@ -112,8 +121,11 @@ class Hello:
     controller: str
     version: str = ""
     hash: str = ""
-    nonce: int = 0
+    nonce: bytes = bytes(16)
+    started: int = 0
+    uptime_s: int = 0
     capabilities: int = 0
+    params_room: int = lib.VS_PARAMS_MAX
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,15 +136,15 @@ class Welcome:
         table: the sensor table.
         timestep_us: [us] length of a timestep, at least 1.
         seed: of this robot's controller.
-        params: lines "key=value\\n" for the controller, at most 512 bytes of UTF-8.
-        nonce: reserved for authentication.
+        params: lines "key=value\\n" for the controller, at most 4096 bytes of UTF-8.
+        nonce: 16 random bytes.
     """
 
     table: Table
     timestep_us: int
     seed: int = 0
     params: str = ""
-    nonce: int = 0
+    nonce: bytes = bytes(16)
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,12 +161,14 @@ class Telemetry:
 
     Attributes:
         payload: the actuators' block in the table's order: levels or cumulative counters.
+        log: the oldest log line that the host has not heard, `log_number` its number.
+        shown: the controller's named values, in the order in which it showed them first.
     """
 
     state: int = Wanted.IDLE
     wanted: int = Wanted.IDLE
     stop_cause: int = StopCause.NONE
-    battery_low: int = lib.VS_BATTERY_UNKNOWN
+    battery_low: int = lib.VS_UNKNOWN
     wanted_run: int = 0
     control_step: int = 0
     left_steps_s: int = 0
@@ -168,13 +182,23 @@ class Telemetry:
     base_errors: int = 0
     guard_restarts: int = 0
     clock_bound_us: int = NEVER_US
+    signal_dbm: int = 0
+    power_saving: int = lib.VS_UNKNOWN
+    bit_rate: int = 0
+    retries: int = NEVER_US
+    overruns: int = 0
+    base_resets: int = 0
+    log_number: int = 0
     payload: bytes = b""
+    log: str = ""
+    shown: Shown = ()
 
 
-HELLO_PLAIN = ("uid", "tag", "nonce", "capabilities")
+HELLO_NUMBERS = ("started", "uptime_s", "tag", "capabilities", "params_room")
 HELLO_TEXTS = ("name", "controller", "version", "hash")
 HEADER_FIELDS = tuple(field.name for field in fields(Header))
-TELEMETRY_FIELDS = tuple(field.name for field in fields(Telemetry))[:-1]
+TELEMETRY_FIELDS = tuple(field.name for field in fields(Telemetry))[:-3]
+"""Its numbers."""
 
 
 def packet_length(data: bytes | bytearray) -> int | None:
@@ -228,15 +252,21 @@ def encode(header: Header, message: Hello | Welcome | Notice) -> bytes:
         put_text(notice.text, message.text)
         return out.packet(lib.vs_encode_notice(head, notice, *out.arguments))
     if isinstance(message, Hello):
-        hello = ffi.new("struct vs_hello *", {n: getattr(message, n) for n in HELLO_PLAIN})
+        hello = ffi.new(
+            "struct vs_hello *", {n: getattr(message, n) for n in ("uid", "nonce", *HELLO_NUMBERS)}
+        )
         for name in HELLO_TEXTS:
             put_text(getattr(hello, name), getattr(message, name))
         return out.packet(lib.vs_encode_hello(head, hello, *out.arguments))
     welcome = ffi.new("struct vs_welcome *")
     welcome.nonce, welcome.seed = message.nonce, message.seed
     welcome.timestep_us = message.timestep_us
+    params = message.params.encode(errors="surrogatepass")
+    if len(params) > lib.VS_PARAMS_MAX:
+        check(lib.VS_ERR_TEXT, f"params of {len(params)} bytes")
+    text = ffi.new("char[]", params)
+    welcome.params, welcome.params_len = text, len(params)
     welcome.table = message.table.cdata[0]
-    put_text(welcome.params, message.params)
     return out.packet(lib.vs_encode_welcome(head, welcome, *out.arguments))
 
 
@@ -260,13 +290,14 @@ def decode_body(header: Header, body: bytes) -> Hello | Welcome | Notice:
         hello = ffi.new("struct vs_hello *")
         check(lib.vs_decode_hello(body, len(body), hello), "HELLO")
         known: dict[str, Any] = {n: text_of(getattr(hello, n)) for n in HELLO_TEXTS}
-        known |= {n: getattr(hello, n) for n in HELLO_PLAIN} | {"uid": bytes(hello.uid)}
-        return Hello(**known)
+        known |= {n: getattr(hello, n) for n in HELLO_NUMBERS}
+        return Hello(**known, uid=bytes(hello.uid), nonce=bytes(hello.nonce))
     if header.type == PacketType.WELCOME:
         welcome = ffi.new("struct vs_welcome *")
         check(lib.vs_decode_welcome(body, len(body), welcome), "WELCOME")
-        table, params = Table.of(ffi.addressof(welcome, "table")), text_of(welcome.params)
-        return Welcome(table, welcome.timestep_us, welcome.seed, params, welcome.nonce)
+        params = bytes(ffi.buffer(welcome.params, welcome.params_len)).decode()
+        table, nonce = Table.of(ffi.addressof(welcome, "table")), bytes(welcome.nonce)
+        return Welcome(table, welcome.timestep_us, welcome.seed, params, nonce)
     if header.type in (PacketType.REFUSE, PacketType.GOODBYE):
         notice = ffi.new("struct vs_notice *")
         check(lib.vs_decode_notice(header.type, body, len(body), notice))
@@ -289,6 +320,26 @@ def put_text(cdata: Any, text: str) -> None:
     if len(data) >= len(cdata):
         check(lib.VS_ERR_TEXT, repr(text))
     ffi.memmove(cdata, data + b"\0", len(data) + 1)
+
+
+def shown_of(block: bytes) -> Shown:
+    """Reads a block of shown values (`vs_shown.h`).
+
+    Raises:
+        WireError: the block is not valid.
+    """
+    shown: list[tuple[str, float | str]] = []
+    name = ffi.new("char[]", lib.VS_SHOWN_NAME_MAX + 1)
+    text = ffi.new("char[]", lib.VS_SHOWN_TEXT_MAX + 1)
+    kind, number, at = ffi.new("uint8_t *"), ffi.new("float *"), ffi.new("size_t *")
+    data = ffi.from_buffer(block)
+    while True:
+        code = lib.vs_shown_next(data, len(block), at, name, kind, number, text)
+        if code == lib.VS_ERR_NOT_FOUND:
+            return tuple(shown)
+        check(code)
+        is_text = kind[0] == lib.VS_SHOWN_TEXT
+        shown.append((text_of(name), text_of(text) if is_text else float(number[0])))
 
 
 class Output:
