@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.camera_setup.markers import PictureScale, blur_px
-from vsense.cameras.health import HealthLimits
+from vsense.cameras.health import DARK_LEVEL
 from vsense.cameras.picture import Image
 
 WHITE, BLACK = 254, 1
@@ -101,8 +101,6 @@ GOOD_LIGHT = 200.0
 """White at 200 leaves room for where the light is stronger."""
 MOST_SATURATED = 0.01
 """Beyond this edges of paper swell into what is saturated: they move by what they glare."""
-DARK_MEAN = HealthLimits().dark_level
-"""A picture below shows nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +156,7 @@ class ExposureReading:
 def advise(reading: ExposureReading) -> str:
     """Gives one line: what to do first, or that all is well."""
     light = reading.light
-    if light.mean < DARK_MEAN:
+    if light.mean < DARK_LEVEL:
         return "the picture is dark: is there light, and is the lens open?" + _brighter(reading)
     if light.saturated > MOST_SATURATED:
         return f"{100.0 * light.saturated:.1f} % is saturated: {_darker(reading)}"

@@ -1,4 +1,4 @@
-"""One camera that runs by itself: opened as often as it takes, its pictures checked."""
+"""One camera on its own thread: reopened as often as needed, its pictures checked."""
 
 from __future__ import annotations
 
@@ -13,21 +13,15 @@ from vsense.cameras.recorded_grabber import wrong_size
 from vsense.cameras.source import FIRST_S, Shot, Source, silence_s
 
 WHOLE = 10
-"""So many good pictures after a damaged one, and they come whole again."""
+"""Good pictures after a damaged one that end the trouble."""
 
 Notify = Callable[[str, str], None]
-"""Takes the kind of an event and its text."""
+"""Receives the kind of an event and its text."""
 
 
 @dataclass(frozen=True, slots=True)
 class TakenPicture:
-    """A good picture.
-
-    Attributes:
-        image: (h, w) uint8.
-        capture_ns: When it was taken, by the host's clock.
-        ready_ns: When it was in memory.
-    """
+    """A good picture, (h, w) uint8; times are the host's, `ready_ns` is when it was in memory."""
 
     image: Image
     capture_ns: int
@@ -49,9 +43,9 @@ class LiveCamera:
     """One camera on a thread of its own.
 
     Attributes:
-        newest: The newest picture that nobody has taken yet.
+        newest: The newest picture that was not taken out yet.
         present: Whether it gives pictures now.
-        opened: Whether it is open, though it may give none.
+        opened: Whether it is open, even if it gives none.
     """
 
     def __init__(
@@ -67,11 +61,10 @@ class LiveCamera:
         """Begins with the camera closed.
 
         Args:
-            source: The camera.
             size_px: Width and height that its pictures must have.
             rate_hz: Pictures per second that it should give; None: unknown.
-            news: Guards all that is known here, and is notified of news.
-            notify: Takes what happens; is called with `news` held.
+            news: Guards this object's state, and is notified of changes.
+            notify: Called with events, while `news` is held.
             clock: The host's monotonic clock [ns].
             retry_s: Time between attempts to open it.
         """
@@ -94,7 +87,7 @@ class LiveCamera:
         self.opened = False
 
     def run(self) -> None:
-        """Opens the camera and takes pictures, until `end`; the camera's thread."""
+        """Opens the camera and takes pictures until `end`; the camera's thread."""
         try:
             while not self._ended.is_set():
                 try:
@@ -102,7 +95,7 @@ class LiveCamera:
                 except GrabberError as error:
                     self._leave(str(error))
                 except Exception as error:
-                    # Whatever is wrong with one camera must neither end its thread nor be hidden.
+                    # An error of one camera must neither end its thread nor be hidden.
                     self._leave(f"{type(error).__name__}: {error}")
                 self._ended.wait(self._retry_s)
         finally:
@@ -113,26 +106,26 @@ class LiveCamera:
         self._arrive(self._source.open())
         while not self._ended.is_set():
             if not self._read_picture():
-                # Not under the lock: a camera that has fallen silent takes its time to close.
+                # Outside the lock, because a silent camera closes slowly.
                 self._source.close()
                 return
 
     def end(self) -> None:
-        """Has the thread end, once the camera answers."""
+        """Ends the thread as soon as the camera answers."""
         self._ended.set()
 
     def watch(self, now_ns: int) -> None:
-        """Notices a camera that has fallen silent; to be called with `news` held."""
+        """Reports a camera that has fallen silent; to be called with `news` held."""
         if self.opened and not self._gone and now_ns > self._due_ns:
             self._lose("gives no pictures any more")
 
     def pop(self) -> TakenPicture | None:
-        """Takes the newest picture; to be called with `news` held."""
+        """Takes the newest picture out; to be called with `news` held."""
         taken, self.newest = self.newest, None
         return taken
 
     def _read_picture(self) -> bool:
-        """Waits for one picture and judges it; whether the camera stays open."""
+        """Waits for one picture and checks it; returns whether the camera stays open."""
         try:
             shot = self._source.read()
         except PictureError as error:
@@ -151,7 +144,7 @@ class LiveCamera:
         return True
 
     def _accept(self, shot: Shot, arrived_ns: int) -> None:
-        """Keeps a good picture, and tells what it shows to be over."""
+        """Keeps a good picture, and reports the troubles that it ends."""
         first_ns = arrived_ns if shot.arrived_ns is None else shot.arrived_ns
         capture_ns, jumped = self._timing.capture_ns(shot, first_ns)
         if jumped:
@@ -178,7 +171,7 @@ class LiveCamera:
         self._news.notify_all()
 
     def _spoiled(self, reason: str) -> None:
-        """Reports a damaged picture; the listener counts them."""
+        """Reports a damaged picture."""
         self._due_ns = self._clock() + self._silence_ns
         self._miss()
         self._spell.good = 0
@@ -186,7 +179,7 @@ class LiveCamera:
         self._notify("damaged", reason)
 
     def _repeat(self) -> bool:
-        """A picture with the stamp of the one before is no new one; reopening may help."""
+        """Skips a picture whose stamp is that of the one before; reopens the camera once."""
         self._miss()
         if self._timing.repeats < PICTURES:
             return True
@@ -196,7 +189,7 @@ class LiveCamera:
         return not self._reopen()
 
     def _misfit(self, image: Image) -> bool:
-        """Leaves a picture of a wrong size out; reopening the camera may set it right."""
+        """Skips a picture of a wrong size; reopens the camera once."""
         self._spell.misfits += 1
         self._miss()
         if self._spell.misfits == 1:
@@ -211,7 +204,7 @@ class LiveCamera:
         return True
 
     def _miss(self) -> None:
-        """Notes that a picture cannot be used: a timestep does not wait for this camera."""
+        """Notes an unusable picture: a timestep does not wait for this camera."""
         self.present = False
         self._timing.skip()
 
@@ -221,7 +214,7 @@ class LiveCamera:
             self._spell.misfits, self._spell.reopened = 0, False
 
     def _arrive(self, said: list[str]) -> None:
-        """The camera is open; it is back when it gives a picture."""
+        """Notes that the camera is open; it is back when it gives a picture."""
         with self._news:
             for text in said:
                 if text not in self._said:
@@ -229,7 +222,7 @@ class LiveCamera:
             self._said.update(said)
             self._timing.forget()
             self._due_ns, self.opened = self._clock() + self._first_ns, True
-            # Worth waiting for, unless it opened before and gave nothing.
+            # Timesteps wait for it, unless it opened before and gave nothing.
             self.present = not self._gone
 
     def _leave(self, reason: str) -> None:
