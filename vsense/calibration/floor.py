@@ -23,7 +23,7 @@ Image8 = NDArray[np.uint8]
 POINT_COLUMNS = ("id", "x_m", "y_m", "z_m")
 SEEN_COLUMNS = ("camera", "id", "x_px", "y_px")
 POINT_SIGMA_M = 0.001
-"""How well points are usually known: measured by tape."""
+"""Of points measured by tape."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,11 +31,11 @@ class FloorReference:
     """What ties the pictures to the arena frame.
 
     Attributes:
-        flat: Patterns of the names of moments when the board lay on the floor, as in file names.
-        origin: Where the board's origin was at the first of them: x, y [m] and yaw [rad].
-        thickness_m: The board's printed face above the floor.
+        flat: Name patterns of the moments when the board lay on the floor, as in file names.
+        origin: Place of the board's origin at the first of them: x, y [m] and yaw [rad].
+        thickness_m: Height of the board's printed face above the floor.
         points_m: Name -> (3,) place of a known point.
-        sightings: One per camera and known point: its name is the moment.
+        sightings: One per camera and known point, whose name is the moment.
         sigma_m: Standard deviation of the points' places.
     """
 
@@ -98,12 +98,7 @@ def read_points(path: Path) -> dict[str, Floats]:
 
 
 def read_seen(path: Path, points: dict[str, Floats], cameras: Sequence[str]) -> list[View]:
-    """Reads a file that says where cameras see known points: `camera,id,x_px,y_px`.
-
-    Raises:
-        UsageError: The file cannot be read.
-        ConfigError: A line is wrong.
-    """
+    """Reads where cameras see known points: `camera,id,x_px,y_px`; raises as `read_points`."""
     seen: dict[tuple[str, str], list[tuple[float, float]]] = {}
     for line, (camera, id, *place) in read_table(path, SEEN_COLUMNS):
         if camera not in cameras:
@@ -146,12 +141,12 @@ class TagFinder:
 
 
 def tag_views(found: Sequence[tuple[str, dict[str, Floats]]]) -> list[View]:
-    """Turns what was found in many pictures, camera by camera, into one view per tag."""
+    """Combines the tags found in pictures of all cameras to one view per camera and tag."""
     seen: dict[tuple[str, str], list[tuple[float, float]]] = {}
     for camera, tags in found:
         for id, (x, y) in tags.items():
             seen.setdefault((camera, id), []).append((x, y))
-    # The tags stand still: the median of all pictures is better than any of them.
+    # The tags do not move, so the median of all pictures is better than any of them.
     medians = {key: np.median(pixels, axis=0) for key, pixels in seen.items()}
     return [_point_view(c, id, [tuple(px.tolist())]) for (c, id), px in sorted(medians.items())]
 
@@ -161,7 +156,7 @@ def _point_view(camera: str, id: str, pixels: Sequence[tuple[float, ...]]) -> Vi
 
 
 def _middle(square: Floats) -> Floats:
-    """Where the diagonals cross: perspective leaves that in place."""
+    """The crossing of the diagonals, which perspective preserves."""
     first, second = square[2] - square[0], square[3] - square[1]
     along = np.linalg.solve(np.column_stack((first, -second)), square[1] - square[0])
     return np.asarray(square[0] + along[0] * first)

@@ -1,4 +1,4 @@
-"""What `vsense calibrate` does, from paths on the disk to camera files on the disk."""
+"""`vsense calibrate`, from paths on the disk to camera files on the disk."""
 
 from __future__ import annotations
 
@@ -27,6 +27,7 @@ from vsense.markers import paper
 
 Floats = NDArray[np.float64]
 Image8 = NDArray[np.uint8]
+Corners = tuple[NDArray[np.int64], Floats]
 
 REPORT = "report"
 """Folder beside the camera files; it holds report.json, report.png and corners.csv."""
@@ -39,14 +40,14 @@ class LensOptions:
     """What lenses are calibrated from, and where the camera files go.
 
     Attributes:
-        board: as `Board.parse` reads it; None: only known points are seen.
-        pictures: see `gather`.
-        camera: of all pictures, None: their folders and names say which.
-        every: takes only every so many pictures of a video.
-        corners: file of corners in the place of pictures, see `read_corners`.
-        size: width and height of the pictures that the corners came from [px].
-        output: folder for camera files and report.
-        json: print the report on standard output.
+        board: As `Board.parse` reads it; None: only known points are seen.
+        pictures: See `gather`.
+        camera: Of all pictures; None: their folders and names say which.
+        every: Takes only every so many pictures of a video.
+        corners: File of corners instead of pictures, see `read_corners`.
+        size: Width and height of the pictures that the corners came from [px].
+        output: Folder for camera files and report.
+        json: Print the report on standard output.
     """
 
     board: str | None
@@ -64,15 +65,15 @@ class RigOptions(LensOptions):
     """What a rig is calibrated from.
 
     Attributes:
-        intrinsics: folder with camera files whose lenses are right already.
-        refine: let these lenses move a little.
-        floor: patterns of the moments when the board lay on the floor.
-        origin: where the board's origin was at the first of them: x, y [m] and yaw [degrees].
-        thickness: of the board [m].
-        points: file of known points, see `read_points`.
-        seen: file that says where they are seen, see `read_seen`.
-        tags: dictionary of the tags whose middles they are.
-        accuracy: of the points' places [m].
+        intrinsics: Folder with camera files whose lenses are right already.
+        refine: Let these lenses move a little.
+        floor: Patterns of the moments when the board lay on the floor.
+        origin: Place of the board's origin at the first of them: x, y [m] and yaw [degrees].
+        thickness: Of the board [m].
+        points: File of known points, see `read_points`.
+        seen: File of where they are seen, see `read_seen`.
+        tags: Dictionary of the tags whose middles they are.
+        accuracy: Of the points' places [m].
     """
 
     intrinsics: Path | None
@@ -86,23 +87,11 @@ class RigOptions(LensOptions):
     accuracy: float
 
 
-@dataclass(frozen=True, slots=True)
-class _Found:
-    """What one picture shows: the board's corners, and tags at known places."""
-
-    corners: tuple[NDArray[np.int64], Floats] | None
-    tags: dict[str, Floats]
-
-
 def print_board(text: str, output: Path) -> int:
-    """Writes a board to print; its name goes to standard output.
-
-    Args:
-        text: the board, as `Board.parse` reads it.
-        output: file.pdf or file.png.
+    """Writes a board (text as in `Board.parse`) to a .pdf or .png, and prints the file's name.
 
     Raises:
-        UsageError: there is no such board, or the file cannot be written.
+        UsageError: There is no such board, or the file cannot be written.
     """
     board = Board.parse(text)
     sheet = page(board)
@@ -125,8 +114,8 @@ def intrinsics(options: LensOptions) -> int:
     """Calibrates the lens of each camera by itself; returns 0.
 
     Raises:
-        UsageError, ConfigError: the options do not go together, or a file is wrong.
-        CalibrationError: the pictures do not tell the lenses.
+        UsageError, ConfigError: The options do not go together, or a file is wrong.
+        CalibrationError: The pictures do not determine the lenses.
     """
     _check_sources(options)
     assert options.board is not None, "the option is required"
@@ -204,7 +193,7 @@ def _check_rig(options: RigOptions) -> None:
 def _shoot(
     options: LensOptions, board: Board | None, given: dict[str, Camera], tags: TagFinder | None
 ) -> tuple[BoardViews, list[View]]:
-    """Reads what was seen: of the board, and of tags at known places."""
+    """Reads the views of the board, and of tags at known places."""
     sizes = {c.id: (c.width_px, c.height_px) for c in given.values()}
     if options.corners:
         assert board is not None
@@ -240,13 +229,14 @@ def _looked(
     views: list[View] = []
     tagged = []
 
-    def make() -> Callable[[Image8], _Found]:
+    def make() -> Callable[[Image8], tuple[Corners | None, dict[str, Floats]]]:
         finder = CornerFinder(board) if board else None
-        return lambda image: _Found(
-            finder.find(image) if finder else None, tags.find(image) if tags else {}
+        return lambda image: (
+            finder.find(image) if finder else None,
+            tags.find(image) if tags else {},
         )
 
-    for one, size, found in inspect(pictures, make, _progress):
+    for one, size, (corners, middles) in inspect(pictures, make, _progress):
         wanted = expected.get(one.camera, sizes.setdefault(one.camera, size))
         sizes[one.camera] = wanted
         if size != wanted:
@@ -255,15 +245,15 @@ def _looked(
                 f"the other pictures of {one.camera}"
             )
         counts[one.camera] = counts.get(one.camera, 0) + 1
-        tagged.append((one.camera, found.tags))
-        if found.corners is not None:
-            views.append(View(one.camera, one.moment, *found.corners))
+        tagged.append((one.camera, middles))
+        if corners is not None:
+            views.append(View(one.camera, one.moment, *corners))
     _say(f"the board was found in {len(views)} of {_count(len(pictures), 'picture')}")
     return BoardViews(dict(sorted(sizes.items())), views, counts), tag_views(tagged)
 
 
 def _thinned(shoot: BoardViews) -> BoardViews:
-    """At most so many views per camera, spread evenly: more make it slow, not better."""
+    """Spreads a limited number of views evenly: more are slower, not better."""
     views: list[View] = []
     for camera in shoot.sizes:
         mine = shoot.of(camera)

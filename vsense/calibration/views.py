@@ -1,6 +1,6 @@
 """Views: the corners of a board, or known points, that one camera saw at one moment.
 
-A board's inner corners are found in a picture to a few hundredths of a pixel.
+Corners are found in a picture to a few hundredths of a pixel.
 """
 
 from __future__ import annotations
@@ -31,8 +31,7 @@ class View:
     """One camera's sight of the board.
 
     Attributes:
-        camera: The camera's name.
-        moment: Name of the moment: views of the same moment show the same pose of the board.
+        moment: Its name; views of the same moment show the same pose of the board.
         ids: (n,) numbers of the corners, row by row from the printed board's upper left one.
         pixels: (n, 2).
     """
@@ -50,7 +49,7 @@ class BoardViews:
     Attributes:
         sizes: Width and height of each camera's pictures [px].
         views: In order of camera and moment.
-        pictures: How many pictures each camera took, with or without a board in them.
+        pictures: How many pictures each camera took, with or without a board.
     """
 
     sizes: dict[str, tuple[int, int]]
@@ -63,14 +62,7 @@ class BoardViews:
 
 
 def read_table(path: Path, columns: Sequence[str]) -> list[tuple[int, list[str]]]:
-    """Reads a CSV file with a header.
-
-    Args:
-        path: The file.
-        columns: Names of the columns to take; others are allowed.
-
-    Returns:
-        Per line its number and the chosen columns.
+    """Reads columns of a CSV file with a header; returns them per line, with the line's number.
 
     Raises:
         UsageError: The file cannot be read.
@@ -101,11 +93,7 @@ def read_table(path: Path, columns: Sequence[str]) -> list[tuple[int, list[str]]
 
 
 def number_at(path: Path, line: int, name: str, text: str) -> float:
-    """Returns a finite number of a file.
-
-    Raises:
-        ConfigError: It is none.
-    """
+    """Returns a finite number of a file; raises ConfigError where it is none."""
     try:
         value = float(text)
     except ValueError:
@@ -116,11 +104,7 @@ def number_at(path: Path, line: int, name: str, text: str) -> float:
 
 
 def read_corners(path: Path, corners: int) -> list[View]:
-    """Reads a corners file, as `write_corners` writes it.
-
-    Args:
-        path: The file.
-        corners: How many the board has.
+    """Reads a file of `write_corners`, for a board of so many corners.
 
     Raises:
         UsageError: The file cannot be read.
@@ -156,12 +140,12 @@ def write_corners(path: Path, views: Iterable[View]) -> None:
 
 
 LEAST_CORNERS = 6
-"""A ChArUco view with fewer corners says too little about the board's pose."""
+"""ChArUco corners that determine the board's pose well enough."""
 
 _CHESSBOARD_SHARE = 0.35
 """The refinement's half window over the smallest extent of a square."""
 _CHARUCO_GAPS = 1.0
-"""The same over the white gap around a marker: the marker itself would pull at the corner."""
+"""The same over the white gap around a marker, which must stay outside of the window."""
 _WINDOW_PX = (2, 11)
 _STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-3)
 _CHESSBOARD_FLAGS = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
@@ -178,13 +162,10 @@ class CornerFinder:
         self._share = _CHARUCO_GAPS * gap if self._charuco else _CHESSBOARD_SHARE
 
     def find(self, image: Image8) -> tuple[Ints, Floats] | None:
-        """Looks for the board.
-
-        Args:
-            image: (h, w) uint8.
+        """Looks for the board in an (h, w) uint8 picture.
 
         Returns:
-            (n,) numbers of the corners and (n, 2) pixels, or None where no board is seen.
+            (n,) numbers of the corners and (n, 2) pixels; None: no board was found.
         """
         if self._board.inverted:
             image = np.asarray(cv2.bitwise_not(image), dtype=np.uint8)
@@ -200,7 +181,7 @@ class CornerFinder:
         if ids is None or len(ids) < LEAST_CORNERS:
             return None
         numbers = np.asarray(ids, dtype=np.int64).ravel()
-        # Corners of one row only leave the board free to turn about it.
+        # Corners of a single row do not fix the turn about it.
         per_row = self._board.columns - 1
         if len(set(numbers // per_row)) < 2 or len(set(numbers % per_row)) < 2:
             return None
@@ -232,10 +213,10 @@ class CornerFinder:
         return grid[::-1, ::-1] if turned else grid
 
     def _square_px(self, ids: Ints, pixels: Floats) -> Floats:
-        """(n,) the smallest extent of a square near each corner, foreshortened as it is."""
+        """(n,) the smallest extent of a square near each corner, with its foreshortening."""
         per_row = self._board.columns - 1
         place = np.column_stack((ids % per_row, ids // per_row)).astype(np.float64)
-        # Lenses bend this map, but hardly the size of one square.
+        # The distortion of a lens is negligible over one square.
         matrix = np.asarray(cv2.findHomography(place, pixels)[0], dtype=np.float64)
         if matrix.shape != (3, 3):
             return np.zeros(len(ids))
@@ -259,7 +240,7 @@ def _grey(image: Image8, points_px: Floats) -> Floats:
 
 
 def _refined(image: Image8, pixels: Floats, window_px: Floats) -> Floats:
-    """The corners where the grey levels have their saddles, each in a window of its own size."""
+    """The saddles of the grey levels near the corners, each in a window of its own size."""
     half = np.clip(window_px.astype(int), *_WINDOW_PX)
     refined: Floats = pixels.copy()
     for size in np.unique(half):
@@ -267,7 +248,7 @@ def _refined(image: Image8, pixels: Floats, window_px: Floats) -> Floats:
         start = pixels[chosen].astype(np.float32).reshape(-1, 1, 2)
         end = cv2.cornerSubPix(image, start.copy(), (int(size), int(size)), (-1, -1), _STOP)
         moved = end.reshape(-1, 2).astype(np.float64)
-        # A corner that wanders off has found something else than itself.
+        # A corner that moves out of its window has found something else.
         near = np.linalg.norm(moved - pixels[chosen], axis=1) <= size
         refined[chosen] = np.where(near[:, np.newaxis], moved, pixels[chosen])
     return refined
