@@ -97,11 +97,7 @@ class AravisError(GrabberError):
 
 
 def load() -> SimpleNamespace:
-    """Opens the library once; its `lib` also has the functions of GLib.
-
-    Raises:
-        AravisError: The library is missing; names its package.
-    """
+    """Opens the library once; raises AravisError, which names its package, if it is missing."""
     with _loading:
         found = _load()
     if isinstance(found, str):
@@ -166,11 +162,7 @@ _question = _Question()
 
 
 def listed() -> list[ListedCamera]:
-    """Searches the network and the USB for cameras; takes a second.
-
-    Raises:
-        AravisError: The library is missing.
-    """
+    """Searches the network and the USB for a second; raises AravisError without the library."""
     load()
     return _question.ask()
 

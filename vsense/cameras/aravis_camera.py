@@ -55,11 +55,7 @@ class AravisCamera:
     """An opened camera, for one thread; only `trigger` may be called from another."""
 
     def __init__(self, name: str) -> None:
-        """Opens a camera as `locate` names it; takes control of it where no other program has.
-
-        Raises:
-            AravisError: It does not answer.
-        """
+        """Opens a camera as `locate` names it, with control if it is free; raises AravisError."""
         self._lib, self._ffi = load().lib, load().ffi
         self._name, self.is_gige = name, is_address(name)
         if self.is_gige and not answers(name):
@@ -79,11 +75,7 @@ class AravisCamera:
 
     @property
     def in_control(self) -> bool:
-        """Asks the camera whether it obeys this program.
-
-        Raises:
-            AravisError: It does not answer.
-        """
+        """Whether the camera obeys this program; raises AravisError if it does not answer."""
         if not self.is_gige:
             return True
         if not self._lib.arv_gv_device_is_controller(self._device):
@@ -105,11 +97,7 @@ class AravisCamera:
         return self._ffi.string(text).decode(errors="replace") if text else ""
 
     def set(self, feature: str, value: str) -> None:
-        """Writes a feature of any type, which the camera may round.
-
-        Raises:
-            AravisError: The feature is missing or refused.
-        """
+        """Writes a feature, which may be rounded; raises AravisError if missing or refused."""
         write = self._lib.arv_gc_feature_node_set_value_from_string
         call(write, self._node(feature), value.encode())
 
@@ -154,11 +142,7 @@ class AravisCamera:
             call(self._lib.arv_camera_set_trigger, self.handle, source.encode())
 
     def trigger(self) -> None:
-        """Triggers a picture; from any thread; does nothing after `close`.
-
-        Raises:
-            AravisError: The camera does not answer, or refuses.
-        """
+        """Triggers a picture; any thread; does nothing after `close`; raises AravisError."""
         handle = self.handle
         if handle is not None:
             call(self._lib.arv_camera_software_trigger, handle)

@@ -54,11 +54,7 @@ class AravisStream:
     """Pictures of one camera from now on; for one thread."""
 
     def __init__(self, camera: AravisCamera) -> None:
-        """Starts the camera.
-
-        Raises:
-            AravisError: The camera refuses, or does not answer.
-        """
+        """Starts the camera; raises AravisError if it refuses or does not answer."""
         self._lib, self._ffi = load().lib, load().ffi
         self._camera = camera
         # The first picture may be cut off by the start of the stream: its damage is no fault.
@@ -90,8 +86,7 @@ class AravisStream:
 
         Returns:
             The picture, its time by the camera's clock [ns], and the time since its first packet
-                came
-            [ns]; None: none came in `timeout_s`.
+            came [ns]; None: none came in `timeout_s`.
 
         Raises:
             PictureError: The picture is damaged.

@@ -159,11 +159,7 @@ class Camera:
 
     @classmethod
     def from_json(cls, text: str) -> Camera:
-        """Reads the text of a camera file.
-
-        Raises:
-            CameraError: The text is no JSON object, or a value is missing or wrong.
-        """
+        """Reads the text of a camera file; raises CameraError if a value is missing or wrong."""
         try:
             values: dict[str, Any] = json.loads(text)
             return cls(

@@ -34,17 +34,10 @@ class CameraControls(Protocol):
         """Returns the least and the greatest value; None: unknown."""
 
     def set(self, name: str, value: float) -> None:
-        """Sets a value, which may be rounded, and switches its automatic mode off.
-
-        Raises:
-            GrabberError: The camera refuses.
-        """
+        """Sets a value, which may be rounded, without its automatic mode; raises GrabberError."""
 
     def remember(self) -> Callable[[], None]:
-        """Returns a function that restores the present settings and reads them back.
-
-        It raises GrabberError at the first setting that is not as it was or cannot be read.
-        """
+        """Returns what restores the settings; it raises GrabberError if they are not as before."""
 
 
 class GenicamControls:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from vsense.cameras.aravis import AravisError
@@ -71,11 +71,7 @@ def attribute_of(feature: str) -> str | None:
 
 
 def apply(camera: AravisCamera, settings: GenicamSettings) -> list[str]:
-    """Sets everything; returns what the camera refused or rounded, as `Source.open` does.
-
-    Raises:
-        AravisError: It does not answer, or gives no usable pictures.
-    """
+    """Sets everything; returns what was refused or rounded. Raises AravisError if unusable."""
     return _Setting(camera, settings).all()
 
 
@@ -101,10 +97,7 @@ class _Setting:
         if controls.gain_raw is not None:
             self._control("gain_raw", controls.gain_raw)
         for name, value in settings.features:
-            if camera.has(name):
-                self._feature(name, name, value)
-            else:
-                self._said.append(absent(name))
+            self._control(name, value, (name,))
         if camera.is_gige:
             self._packets()
         return self._said
@@ -150,7 +143,6 @@ class _Setting:
             camera.set_trigger(None)
 
     def _packets(self) -> None:
-        """Sets size and delay of the packets."""
         camera = self._camera
         size, delay_us = self._settings.packet_size, self._settings.packet_delay_us
         try:
@@ -162,9 +154,9 @@ class _Setting:
         except AravisError as error:
             self._said.append(f"does not take packet_size or packet_delay: {error}")
 
-    def _control(self, name: str, value: Value) -> None:
-        """Sets what has a name of the resources file's own."""
-        feature = next((f for f in NAMES[name] if self._camera.has(f)), None)
+    def _control(self, name: str, value: Value, features: Sequence[str] = ()) -> None:
+        """Sets the first of some features that the camera has, by default those of a name."""
+        feature = next((f for f in features or NAMES[name] if self._camera.has(f)), None)
         if feature is None:
             self._said.append(absent(name))
         else:
@@ -226,12 +218,9 @@ class GenicamSource:
         clock: Callable[[], int],
         links: NetworkLoad | None = None,
     ) -> None:
-        """Notes what to open.
+        """Notes a device (IPv4 address, id, serial number or MAC address) to open.
 
-        Args:
-            device: IPv4 address, id, serial number or MAC address.
-            clock: The host's monotonic clock [ns].
-            links: Load of the networks, shared by all cameras.
+        `clock` is the host's monotonic clock [ns]; `links` is shared by all cameras.
         """
         self._device = device
         self._settings = settings
@@ -290,11 +279,7 @@ class GenicamSource:
         return Shot(image, stamp_ns or None, self._clock() - age_ns if known else None)
 
     def trigger(self) -> None:
-        """Triggers a picture; from any thread; does nothing while the camera is closed.
-
-        Raises:
-            AravisError: It does not answer, or refuses.
-        """
+        """See `Triggered.trigger` of `vsense.cameras.live_grabber`."""
         camera = self._camera
         if camera is not None:
             camera.trigger()
@@ -338,7 +323,6 @@ class GenicamSource:
 
 
 def _let_go(stream: AravisStream | None, camera: AravisCamera | None) -> None:
-    """Ends a camera's stream and gives control back."""
     try:
         if stream is not None:
             stream.close()

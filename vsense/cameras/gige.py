@@ -47,7 +47,7 @@ def controlled(address: str) -> bool:
     waiting for a dead program to lose control.
     """
     answer = _read(address, CONTROL) or b""
-    # A camera that refuses to answer is free to be opened, which gives the reason.
+    # A camera that refuses the question counts as free: opening it gives the reason.
     return len(answer) >= _ANSWER_BYTES and bool(answer[_ANSWER_BYTES - 1] & IN_CONTROL)
 
 

@@ -91,7 +91,7 @@ _LASTING = frozenset(kind for kinds in ENDS.values() for kind in kinds)
 
 
 class Troubles:
-    """Counts events and prints the first few of each kind; for one thread.
+    """Counts events, of which the first few of each kind become lines; for one thread.
 
     Attributes:
         counts: How often each kind of event came, by camera and kind.

@@ -207,7 +207,7 @@ class Health:
             found: The DETECTION array of each picture, by its camera.
             overflowed: The cameras whose pictures held more than the detector's tables.
             together: The DETECTION arrays of one timestep, for the cameras' agreement; None:
-            `found` is of one timestep.
+                `found` is of one timestep.
         """
         events: list[CameraEvent] = []
         for frame in frames:

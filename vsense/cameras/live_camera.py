@@ -28,17 +28,6 @@ class TakenPicture:
     ready_ns: int
 
 
-@dataclass(slots=True)
-class _Spell:
-    """Bad pictures that came, and good ones since."""
-
-    damaged: int = 0
-    good: int = 0
-    misfits: int = 0
-    reopened: bool = False
-    frozen: bool = False
-
-
 class LiveCamera:
     """One camera on a thread of its own.
 
@@ -60,13 +49,10 @@ class LiveCamera:
     ) -> None:
         """Begins with the camera closed.
 
-        Args:
-            size_px: Width and height that its pictures must have.
-            rate_hz: Pictures per second that it should give; None: unknown.
-            news: Guards this object's state, and is notified of changes.
-            notify: Called with events, while `news` is held.
-            clock: The host's monotonic clock [ns].
-            retry_s: Time between attempts to open it.
+        Its pictures must have `size_px`, and should come at `rate_hz`; None: unknown. `news`
+        guards this object's state and is notified of changes; `notify` is called with events while
+        `news` is held. `clock` is the host's monotonic clock [ns]; `retry_s` passes between
+        attempts to open.
         """
         self._source = source
         self._size_px = tuple(size_px)
@@ -81,7 +67,8 @@ class LiveCamera:
         self._due_ns = 0
         self._said: set[str] = set()
         self._gone = False
-        self._spell = _Spell()
+        self._damaged = self._good_since = self._misfits = 0
+        self._frozen = self._reopened = False
         self.newest: TakenPicture | None = None
         self.present = False
         self.opened = False
@@ -156,14 +143,14 @@ class LiveCamera:
                 self._notify("slow", f"gives only {rate}")
             else:
                 self._notify("prompt", f"gives {rate} again")
-        if self._spell.frozen:
+        if self._frozen:
             self._notify("running", "runs again")
-            self._spell.frozen = self._spell.reopened = False
-        self._spell.good += 1
-        if self._spell.damaged and self._spell.good >= WHOLE:
-            told = f"gives whole pictures again, after {self._spell.damaged} damaged ones"
+            self._frozen = self._reopened = False
+        self._good_since += 1
+        if self._damaged and self._good_since >= WHOLE:
+            told = f"gives whole pictures again, after {self._damaged} damaged ones"
             self._notify("whole", told)
-            self._spell.damaged = 0
+            self._damaged = 0
         if self._gone:
             self._notify("back", "is back")
         self._gone, self.present = False, True
@@ -171,11 +158,10 @@ class LiveCamera:
         self._news.notify_all()
 
     def _spoiled(self, reason: str) -> None:
-        """Reports a damaged picture."""
         self._due_ns = self._clock() + self._silence_ns
         self._miss()
-        self._spell.good = 0
-        self._spell.damaged += 1
+        self._good_since = 0
+        self._damaged += 1
         self._notify("damaged", reason)
 
     def _repeat(self) -> bool:
@@ -183,24 +169,24 @@ class LiveCamera:
         self._miss()
         if self._timing.repeats < PICTURES:
             return True
-        if not self._spell.frozen:
-            self._spell.frozen = True
+        if not self._frozen:
+            self._frozen = True
             self._notify("frozen", f"froze: the same picture {PICTURES + 1} times")
         return not self._reopen()
 
     def _misfit(self, image: Image) -> bool:
         """Skips a picture of a wrong size; reopens the camera once."""
-        self._spell.misfits += 1
+        self._misfits += 1
         self._miss()
-        if self._spell.misfits == 1:
+        if self._misfits == 1:
             self._notify("size", wrong_size(image, (self._size_px[0], self._size_px[1])))
-        return self._spell.misfits < PICTURES or not self._reopen()
+        return self._misfits < PICTURES or not self._reopen()
 
     def _reopen(self) -> bool:
         """Whether the camera is to be reopened: once for each trouble."""
-        if self._spell.reopened:
+        if self._reopened:
             return False
-        self._spell.reopened, self.opened = True, False
+        self._reopened, self.opened = True, False
         return True
 
     def _miss(self) -> None:
@@ -209,9 +195,9 @@ class LiveCamera:
         self._timing.skip()
 
     def _fits(self) -> None:
-        if self._spell.misfits:
+        if self._misfits:
             self._notify("fits", "has the size of its calibration again")
-            self._spell.misfits, self._spell.reopened = 0, False
+            self._misfits, self._reopened = 0, False
 
     def _arrive(self, said: list[str]) -> None:
         """Notes that the camera is open; it is back when it gives a picture."""

@@ -108,13 +108,10 @@ class LiveGrabber:
     ) -> None:
         """Starts one thread per camera, which opens it and takes pictures.
 
+        Mappings are by the camera's id; `clock` is the host's monotonic clock [ns].
+
         Args:
-            sources: By the camera's id.
-            sizes_px: Width and height that each camera's pictures must have.
-            clock: The host's monotonic clock [ns].
-            rates_hz: Pictures per second that each camera should give, where known.
             together_s: Pictures taken further apart are not of one timestep; None: they may be.
-            trigger: Is closed together with this.
             patience_s: How long a timestep waits for missing cameras after the first picture.
             retry_s: Time between attempts to open a camera.
         """
@@ -161,7 +158,7 @@ class LiveGrabber:
         return events
 
     def close(self) -> None:
-        """Ends all threads; one that waits for its camera ends when that answers."""
+        """Ends the trigger and the threads; those that wait for a camera end when it answers."""
         self._ended.set()
         if self._trigger is not None:
             self._trigger.close()

@@ -48,11 +48,7 @@ def to_grey(image: NDArray[Any]) -> Image:
 
 
 def read_picture(path: Path) -> Image:
-    """Reads a picture file as grey, (h, w) uint8.
-
-    Raises:
-        PictureError: It cannot be read, is cut off, or is no picture.
-    """
+    """Reads a picture file as grey, (h, w) uint8; raises PictureError if it is unusable."""
     try:
         data = path.read_bytes()
     except OSError as error:

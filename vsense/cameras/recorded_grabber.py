@@ -31,11 +31,7 @@ class CameraRecording(Protocol):
     taken: Sequence[CaptureTime]
 
     def read(self, place: int) -> Image:
-        """Reads the picture of a place in `taken`, (h, w) uint8.
-
-        Raises:
-            PictureError: It cannot be used.
-        """
+        """Reads the picture of a place in `taken`, (h, w) uint8; may raise PictureError."""
 
     def close(self) -> None:
         """Closes the files; can be called again."""
@@ -112,11 +108,8 @@ class RecordedGrabber:
     ) -> None:
         """Groups the timesteps and begins to read.
 
-        Args:
-            recordings: By the camera's id.
-            sizes_px: Width and height that each camera's pictures must have.
-            clock: The host's monotonic clock [ns], for when a picture was in memory.
-            readers: Threads that read; each reads its own cameras in order.
+        Mappings are by the camera's id; the host's monotonic `clock` [ns] says when a picture was
+        in memory. Each of `readers` threads reads its own cameras in order.
         """
         self._recordings = dict(recordings)
         self._sizes_px = sizes_px
@@ -133,12 +126,7 @@ class RecordedGrabber:
         self._lock = threading.Lock()
 
     def next(self, timeout_s: float = PATIENCE_S) -> Sequence[Frame]:
-        """Returns the next timestep of which there is a picture.
-
-        Raises:
-            NoMorePictures: There is none.
-            GrabberError: It could not be read in `timeout_s`.
-        """
+        """See `Grabber.next`; timesteps without any picture are left out."""
         while True:
             self._read_ahead()
             if not self._coming:

@@ -31,12 +31,9 @@ _INTEGER = re.compile(r"[0-9]{1,18}")
 
 @dataclass(frozen=True, slots=True)
 class CaptureTime:
-    """When one picture was taken.
+    """When a picture of some file name ("" in a video) was taken: the middle of the exposure.
 
-    Attributes:
-        picture: Its file name, or "" in a video.
-        timestep: The trigger's number; None: unknown.
-        capture_ns: Middle of the exposure.
+    `timestep` is the trigger's number; None: unknown.
     """
 
     picture: str
@@ -74,11 +71,7 @@ def _numbers(pictures: Sequence[str]) -> list[int] | None:
 
 
 def read_timestamps(path: Path, named: bool) -> list[CaptureTime]:
-    """Reads a table of timestamps; if `named`, every row must name its picture.
-
-    Raises:
-        ConfigError: It cannot be used; the error names file, line, value and expectation.
-    """
+    """Reads a table of timestamps; if `named`, rows must name pictures. Raises ConfigError."""
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except OSError as error:
@@ -168,10 +161,8 @@ class DirectoryRecording:
     ) -> None:
         """Lists the pictures of a folder; reads none of them.
 
-        Args:
-            timestamps: Table of when they were taken; see `read_timestamps`.
-            start_ns: Without a table: when the first was taken.
-            rate_hz: Without a table: pictures per second, by default `DEFAULT_RATE_HZ`.
+        Without a table of timestamps (see `read_timestamps`), the first was taken at `start_ns`
+        and the others at `rate_hz`, by default `DEFAULT_RATE_HZ`.
 
         Raises:
             GrabberError: There is no picture.
@@ -222,9 +213,7 @@ class VideoRecording:
         start_ns: int = 0,
         rate_hz: float | None = None,
     ) -> None:
-        """Opens the file; see `DirectoryRecording` for the arguments.
-
-        The default of `rate_hz` is the video's own.
+        """Opens the file; arguments are as in `DirectoryRecording`, the default rate is its own.
 
         Raises:
             GrabberError: It is no video that OpenCV opens, or holds no pictures.

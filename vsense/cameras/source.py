@@ -47,7 +47,7 @@ class Source(Protocol):
 
         Returns:
             A text for each setting that it refused or rounded, such as "does not take gain_raw
-                99".
+            99".
 
         Raises:
             GrabberError: It does not open.

@@ -45,15 +45,10 @@ class Steadiness:
         self._origin = np.zeros(2)
 
     def shift_px(self, image: NDArray[np.uint8], markers_px: Floats | None = None) -> float | None:
-        """Returns how far the background has shifted since the first picture.
+        """Returns the shift of an (h, w) uint8 picture's background since the first picture.
 
-        Args:
-            image: (h, w) uint8.
-            markers_px: (n, 2) places of robots, which are not background.
-
-        Returns:
-            The shift that most patches agree on; `FAR` where they do not; None where it is
-                unknown.
+        `markers_px` (n, 2) are places of robots, which are not background. The shift is that of
+        most patches; `FAR`: they disagree; None: unknown.
         """
         if len(self._places) < _LEAST_PATCHES:
             self._learn(image, markers_px)

@@ -108,17 +108,11 @@ _NODE = re.compile(r"video([0-9]+)")
 
 @dataclass(frozen=True, slots=True)
 class V4l2Device:
-    """A camera as the kernel describes it.
+    """A camera as the kernel describes it; None and "" are unknown.
 
-    Attributes:
-        path: Its node.
-        name: Its model; "" where it cannot be opened.
-        bus: Where it is plugged in.
-        formats: Its pixel formats, four letters each.
-        size_px: Width and height of its largest picture; None: unknown.
-        rate_hz: The highest rate at that size; None: unknown.
-        trouble: Why it cannot be used; "" where it can.
-        driver: The kernel's driver.
+    Its formats have four letters each; `bus` is where it is plugged in; `size_px` is (width,
+    height) of its largest picture, and `rate_hz` the highest rate at that size. `trouble` is why
+    it cannot be used, or "".
     """
 
     path: str
@@ -128,7 +122,6 @@ class V4l2Device:
     size_px: tuple[int, int] | None
     rate_hz: float | None
     trouble: str
-    driver: str = ""
 
 
 def node(device: str) -> str:
@@ -166,8 +159,6 @@ def _reason(error: OSError) -> str:
 
 
 class _Node:
-    """An opened node."""
-
     def __init__(self, descriptor: int, ioctl: Ioctl) -> None:
         self._descriptor = descriptor
         self._ioctl = ioctl
@@ -177,7 +168,7 @@ class _Node:
         answer = self._call(QUERYCAP, _CAPABILITY, bytes(16), bytes(32), bytes(32), 0, 0, 0)
         if answer is None:
             return None
-        driver, card, bus, _, capabilities, own = answer
+        _, card, bus, _, capabilities, own = answer
         # The capabilities are those of all nodes of the camera; its own are this node's.
         can = own if capabilities & _HAS_DEVICE_CAPS else capabilities
         kinds = [kind for flag, kind in _CAPTURES.items() if can & flag]
@@ -187,8 +178,7 @@ class _Node:
         formats = [row[4] for row in rows]
         size_px, rate_hz = self._best(formats)
         names = tuple(_four_letters(code) for code in formats)
-        about = _text(card), _text(bus), names, size_px, rate_hz
-        return V4l2Device(path, *about, trouble="", driver=_text(driver))
+        return V4l2Device(path, _text(card), _text(bus), names, size_px, rate_hz, trouble="")
 
     def _best(self, formats: list[int]) -> tuple[tuple[int, int] | None, float | None]:
         """Returns the largest picture in any format, and its highest rate."""
