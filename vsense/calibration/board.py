@@ -105,11 +105,7 @@ class Board:
 
     @cached_property
     def charuco(self) -> Any:
-        """OpenCV's board, whose y points down; corner numbers are the same as ours.
-
-        Raises:
-            UsageError: The dictionary has too few markers.
-        """
+        """OpenCV's board, y down, same corner numbers; raises UsageError for too few markers."""
         name = f"DICT_{self.dictionary}"
         dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
         if len(dictionary.bytesList) < self.columns * self.rows // 2:
@@ -152,11 +148,7 @@ def _length_m(text: str, part: str) -> float:
 
 
 def dictionary_name(text: str) -> str:
-    """Returns OpenCV's name of a dictionary, without "DICT_".
-
-    Raises:
-        UsageError: There is no such dictionary.
-    """
+    """Returns OpenCV's name of a dictionary, without "DICT_"; raises UsageError without one."""
     for name in (text, text.removeprefix("DICT_"), f"APRILTAG_{text}"):
         if isinstance(getattr(cv2.aruco, f"DICT_{name}", None), int):
             return name

@@ -47,11 +47,7 @@ class FloorReference:
     sigma_m: float = POINT_SIGMA_M
 
     def moments(self, views: Sequence[View]) -> list[str]:
-        """The moments when the board lay on the floor, in order of pattern and name.
-
-        Raises:
-            UsageError: No moment's name matches one of the patterns.
-        """
+        """The floor's moments by pattern and name; raises UsageError if a pattern matches none."""
         names = sorted({view.moment for view in views})
         chosen: list[str] = []
         for pattern in self.flat:
@@ -64,28 +60,20 @@ class FloorReference:
             chosen += [name for name in matching if name not in chosen]
         return chosen
 
-    def anchor(self) -> BoardPose:
-        """The board's pose at the first of those moments."""
-        return self._lying(*self.origin)
-
     def flattened(self, pose: BoardPose) -> BoardPose:
         """A pose laid down on the floor."""
         yaw = math.atan2(pose.turn[1, 0], pose.turn[0, 0])
-        return self._lying(pose.shift[0], pose.shift[1], yaw)
+        return self.lying(pose.shift[0], pose.shift[1], yaw)
 
-    def _lying(self, x: float, y: float, yaw: float) -> BoardPose:
+    def lying(self, x: float, y: float, yaw: float) -> BoardPose:
+        """The pose of a board that lies at x, y [m] and yaw [rad]."""
         cos, sin = math.cos(yaw), math.sin(yaw)
         turn = np.array(((cos, -sin, 0.0), (sin, cos, 0.0), (0.0, 0.0, 1.0)))
         return BoardPose(turn, np.array((x, y, self.thickness_m)))
 
 
 def read_points(path: Path) -> dict[str, Floats]:
-    """Reads a file of known points: `id,x_m,y_m,z_m`.
-
-    Raises:
-        UsageError: The file cannot be read.
-        ConfigError: A line is wrong.
-    """
+    """Reads a file of known points, `id,x_m,y_m,z_m`; raises UsageError or ConfigError."""
     points: dict[str, Floats] = {}
     for line, (id, *place) in read_table(path, POINT_COLUMNS):
         if id in points:
@@ -114,11 +102,7 @@ class TagFinder:
     """Finds the middles of ArUco or AprilTag markers that lie at known places."""
 
     def __init__(self, dictionary: str, ids: Sequence[str]) -> None:
-        """Prepares OpenCV's detector.
-
-        Raises:
-            UsageError: An id is no number, or there is no such dictionary.
-        """
+        """Prepares OpenCV's detector; raises UsageError for an unknown id or dictionary."""
         wrong = [id for id in ids if not id.isdecimal()]
         if wrong:
             raise UsageError(f"--tags: known point '{wrong[0]}': expected the number of a tag")

@@ -157,14 +157,9 @@ def any_lens(size: tuple[int, int]) -> tuple[Floats, Floats]:
 def calibrate_lens(
     camera: str, size: tuple[int, int], board: Board, views: Sequence[View], pictures: int
 ) -> LensFit:
-    """Calibrates one lens.
+    """Calibrates the lens of a camera whose pictures have a size [px].
 
-    Args:
-        camera: Name, for messages.
-        size: Width and height of the pictures [px].
-        board: The board.
-        views: Where it was seen; bad ones are found and left out.
-        pictures: How many pictures were taken.
+    `pictures` were taken, `views` are those with a board; bad views are found and left out.
 
     Raises:
         CalibrationError: The pictures do not determine the lens.

@@ -47,15 +47,10 @@ class PictureFile:
 
 
 def gather(paths: Sequence[Path], every: int = 1) -> list[PictureFile]:
-    """Finds the pictures that some paths stand for.
+    """Finds pictures in order of camera and moment, in a video every so many.
 
-    Args:
-        paths: Picture files, videos, folders with pictures, or folders with a folder or a video
-        per camera.
-        every: Takes only every so many pictures of a video.
-
-    Returns:
-        Pictures in order of camera and moment.
+    The paths are picture files, videos, folders with pictures, or folders with a folder or a video
+    per camera.
 
     Raises:
         UsageError: There are none, or two of one camera have the same name.
@@ -93,10 +88,7 @@ def inspect(
     """Reads all pictures and looks at each, on two threads.
 
     `make` makes what looks at a picture, once per thread; `progress` is called with how many of
-    how many are done.
-
-    Yields:
-        The picture, its width and height, and what was seen in it.
+    how many are done. Yields the picture, its width and height, and what was seen in it.
 
     Raises:
         UsageError, GrabberError: A picture cannot be read.

@@ -48,12 +48,8 @@ class BoardPose:
 def poses_in_camera(lens: Floats, points: Floats, pixels: Floats) -> list[BoardPose]:
     """Returns the poses of a body that one picture allows, the best first.
 
-    A flat body far away looks nearly the same tilted to either side: then there are two.
-
-    Args:
-        lens: (9,).
-        points: (n, 3) in the body's frame, 4 or more.
-        pixels: (n, 2).
+    A flat body far away looks nearly the same tilted to either side: then there are two. `lens` is
+    (9,), `points` are (n, 3) in the body's frame, 4 or more, `pixels` (n, 2).
     """
     flat = bool(np.ptp(points[:, 2]) == 0.0)
     # Slopes grow without bounds where the lens model is not invertible.
@@ -106,12 +102,7 @@ _CANDIDATES, _JUDGES = 12, 40
 
 @dataclass(slots=True)
 class Placement:
-    """Poses found so far.
-
-    Attributes:
-        cameras: Camera -> pose that takes arena to camera frame.
-        bodies: Moment -> pose that takes the board's to the arena frame.
-    """
+    """Poses so far: cameras from the arena to their frame, bodies by moment to the arena."""
 
     cameras: dict[str, BoardPose] = field(default_factory=dict)
     bodies: dict[str, BoardPose] = field(default_factory=dict)
@@ -125,10 +116,7 @@ class Placer:
     ) -> None:
         """Estimates the poses of every view by itself.
 
-        Args:
-            lenses: Camera -> (9,).
-            views: Who saw the board when.
-            points: Per view (n, 3), the corners in the board's frame [m].
+        `lenses` are camera -> (9,), `points` per view the (n, 3) corners in the board's frame [m].
         """
         self._lenses = lenses
         self._views = list(views)
@@ -138,11 +126,7 @@ class Placer:
         ]
 
     def place(self, done: Placement) -> None:
-        """Adds the poses of everything that is linked to what is placed already.
-
-        Raises:
-            CalibrationError: Some cameras share no moment with the others.
-        """
+        """Adds all poses linked to placed ones; raises CalibrationError if some are not."""
         anchored = dict(done.bodies)
         while True:
             self._place_bodies(done, anchored)
@@ -200,10 +184,9 @@ class Placer:
     ) -> float:
         """How far off some views are if cameras and boards are there [px, summed]."""
         total = 0.0
-        for number in numbers:
-            view = self._views[number]
+        for view, points in ((self._views[n], self._points[n]) for n in numbers):
             pose = cameras[view.camera].after(bodies[view.moment])
-            total += miss_px(self._lenses[view.camera], pose, self._points[number], view.pixels)
+            total += miss_px(self._lenses[view.camera], pose, points, view.pixels)
         return total
 
     def _unlinked(self, left: Sequence[str]) -> str:

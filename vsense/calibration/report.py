@@ -94,7 +94,6 @@ def _usual_longest_px(solution: Solution) -> float:
 def _camera_panel(
     canvas: Canvas, camera: Camera, views: Sequence[ViewResult], x: int, y: int, longest: float
 ) -> None:
-    """Draws one camera: coverage, residuals, and their rms."""
     zoom = _PANEL / camera.width_px
     height = round(camera.height_px * zoom)
     pixels = np.concatenate([view.pixels for view in views]) if views else np.zeros((0, 2))
@@ -185,7 +184,6 @@ def _frame(x: float, y: float, height: float) -> Floats:
 
 
 def _axes(canvas: Canvas, place: Callable[[Floats], Floats], zoom: float) -> None:
-    """The arena's origin with x and y."""
     length = 36.0 / zoom
     for direction, name in (((1.0, 0.0), "x"), ((0.0, 1.0), "y")):
         tip = np.array(direction) * length

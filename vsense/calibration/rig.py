@@ -49,12 +49,8 @@ class Trust(Enum):
 class Rig:
     """What a rig's calibration starts from.
 
-    Attributes:
-        shoot: Sizes of the pictures, and where the board was seen.
-        board: None where only known points are used.
-        floor: What ties the pictures to the arena frame.
-        lenses: Camera -> (9,).
-        trust: Whether the pictures may still change the lenses, and how far.
+    `board` is None where only known points are used; `lenses` are camera -> (9,); `trust` is how
+    far the pictures may change them.
     """
 
     shoot: BoardViews
@@ -68,11 +64,7 @@ class RigSolver:
     """Calibrates a rig."""
 
     def __init__(self, rig: Rig) -> None:
-        """Sorts cameras, moments and points.
-
-        Raises:
-            UsageError: No moment is one of those with the board on the floor.
-        """
+        """Sorts cameras, moments and points; raises UsageError if no moment is on the floor."""
         self._rig = rig
         self._cameras = sorted(rig.lenses)
         self._flat = rig.floor.moments(rig.shoot.views)
@@ -84,11 +76,7 @@ class RigSolver:
         self._anchor = self._choose_anchor()
 
     def solve(self) -> Solution:
-        """Places everything, then adjusts it.
-
-        Raises:
-            CalibrationError: Some cameras share nothing with the others.
-        """
+        """Places everything, then adjusts it; raises CalibrationError for unlinked cameras."""
         estimate = self._start()
         used = np.ones(len(self._views), dtype=bool)
         limit = _WIDE_PX
@@ -139,7 +127,7 @@ class RigSolver:
         floor, lenses = self._rig.floor, self._rig.lenses
         start = Placement()
         if self._anchor is not None:
-            start.bodies[self._anchor] = floor.anchor()
+            start.bodies[self._anchor] = floor.lying(*floor.origin)
         for camera in self._cameras:
             mine = [view for view in floor.sightings if view.camera == camera]
             if mine:

@@ -37,17 +37,9 @@ _DPI = 300
 
 @dataclass(frozen=True, slots=True)
 class LensOptions:
-    """What lenses are calibrated from, and where the camera files go.
+    """What lenses are calibrated from, and where the files go; see `vsense calibrate -h`.
 
-    Attributes:
-        board: As `Board.parse` reads it; None: only known points are seen.
-        pictures: See `gather`.
-        camera: Of all pictures; None: their folders and names say which.
-        every: Takes only every so many pictures of a video.
-        corners: File of corners instead of pictures, see `read_corners`.
-        size: Width and height of the pictures that the corners came from [px].
-        output: Folder for camera files and report.
-        json: Print the report on standard output.
+    `board` is None where only known points are seen; `size` is of the corners' pictures [px].
     """
 
     board: str | None
@@ -62,18 +54,9 @@ class LensOptions:
 
 @dataclass(frozen=True, slots=True)
 class RigOptions(LensOptions):
-    """What a rig is calibrated from.
+    """What a rig is calibrated from; see `vsense calibrate rig -h`.
 
-    Attributes:
-        intrinsics: Folder with camera files whose lenses are right already.
-        refine: Let these lenses move a little.
-        floor: Patterns of the moments when the board lay on the floor.
-        origin: Place of the board's origin at the first of them: x, y [m] and yaw [degrees].
-        thickness: Of the board [m].
-        points: File of known points, see `read_points`.
-        seen: File of where they are seen, see `read_seen`.
-        tags: Dictionary of the tags whose middles they are.
-        accuracy: Of the points' places [m].
+    `origin` is x, y [m] and yaw [degrees]; `thickness` and `accuracy` are in m.
     """
 
     intrinsics: Path | None
@@ -88,11 +71,7 @@ class RigOptions(LensOptions):
 
 
 def print_board(text: str, output: Path) -> int:
-    """Writes a board (text as in `Board.parse`) to a .pdf or .png, and prints the file's name.
-
-    Raises:
-        UsageError: There is no such board, or the file cannot be written.
-    """
+    """Writes a board, as `Board.parse` reads it, to a .pdf or .png; raises UsageError."""
     board = Board.parse(text)
     sheet = page(board)
     if output.suffix.lower() == ".pdf":
@@ -113,9 +92,8 @@ def print_board(text: str, output: Path) -> int:
 def intrinsics(options: LensOptions) -> int:
     """Calibrates the lens of each camera by itself; returns 0.
 
-    Raises:
-        UsageError, ConfigError: The options do not go together, or a file is wrong.
-        CalibrationError: The pictures do not determine the lenses.
+    Raises UsageError or ConfigError for wrong options or files, CalibrationError for poor
+    pictures.
     """
     _check_sources(options)
     assert options.board is not None, "the option is required"
@@ -295,7 +273,6 @@ def _deliver(
 
 
 def _cameras(folder: Path) -> dict[str, Camera]:
-    """Reads all camera files of a folder."""
     if not folder.is_dir():
         raise UsageError(f"--intrinsics {folder}: no such folder")
     cameras: dict[str, Camera] = {}

@@ -55,7 +55,7 @@ class Solution:
         views: All views, also those left out.
         lens_sigma: Camera -> (9,) standard deviation of its lens's numbers.
         floor_sigma_m: Camera -> worst standard deviation of a place on the floor that it sees;
-        empty where only lenses are calibrated.
+            empty where only lenses are calibrated.
         bodies: Moment -> turn (3, 3) and shift (3,) of the board in the arena frame.
         notes: Remarks for the user.
     """

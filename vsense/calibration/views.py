@@ -44,13 +44,7 @@ class View:
 
 @dataclass(frozen=True, slots=True)
 class BoardViews:
-    """Everything that was seen of the board.
-
-    Attributes:
-        sizes: Width and height of each camera's pictures [px].
-        views: In order of camera and moment.
-        pictures: How many pictures each camera took, with or without a board.
-    """
+    """Views of the board by camera and moment; per camera, size [px] and number of pictures."""
 
     sizes: dict[str, tuple[int, int]]
     views: Sequence[View]
@@ -62,11 +56,9 @@ class BoardViews:
 
 
 def read_table(path: Path, columns: Sequence[str]) -> list[tuple[int, list[str]]]:
-    """Reads columns of a CSV file with a header; returns them per line, with the line's number.
+    """Reads columns of a CSV file with a header; returns them per line, with its number.
 
-    Raises:
-        UsageError: The file cannot be read.
-        ConfigError: A column or a value is missing.
+    Raises UsageError for an unreadable file, ConfigError for a missing column or value.
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
@@ -104,12 +96,7 @@ def number_at(path: Path, line: int, name: str, text: str) -> float:
 
 
 def read_corners(path: Path, corners: int) -> list[View]:
-    """Reads a file of `write_corners`, for a board of so many corners.
-
-    Raises:
-        UsageError: The file cannot be read.
-        ConfigError: A line is wrong.
-    """
+    """Reads a file of `write_corners`, for so many corners; raises as `read_table` does."""
     views: dict[tuple[str, str], dict[int, tuple[float, float]]] = {}
     for line, (camera, moment, corner, *place) in read_table(path, COLUMNS):
         if not corner.isdecimal() or int(corner) >= corners:
