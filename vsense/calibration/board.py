@@ -13,13 +13,10 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from vsense.cameras.picture import Image
 from vsense.errors import UsageError
-from vsense.markers.paper import Fill, Page, Text, line
-
-Floats = NDArray[np.float64]
-Image8 = NDArray[np.uint8]
+from vsense.markers.paper import Fill, Floats, Page, Text, line
 
 CHESSBOARD = "chessboard"
 CHARUCO = "charuco"
@@ -210,7 +207,7 @@ def dark_cells(board: Board) -> Floats:
     return np.array(cells) * board.square_m
 
 
-def raster(board: Board, px_per_m: float, margin_m: float) -> Image8:
+def raster(board: Board, px_per_m: float, margin_m: float) -> Image:
     """Returns an (h, w) uint8 picture of the board, 0 ink and 255 paper, with smooth edges.
 
     Rows run along -y; `margin_m` is an empty border.

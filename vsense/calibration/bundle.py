@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.calibration.lens import LENS_SIZE, project, turn
+from vsense.cameras.camera import Floats
 
-Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 

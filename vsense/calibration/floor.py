@@ -10,15 +10,13 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from vsense.calibration.board import dictionary_name
 from vsense.calibration.placement import BoardPose
 from vsense.calibration.views import View, number_at, read_table
+from vsense.cameras.camera import Floats
+from vsense.cameras.picture import Image
 from vsense.errors import ConfigError, UsageError
-
-Floats = NDArray[np.float64]
-Image8 = NDArray[np.uint8]
 
 POINT_COLUMNS = ("id", "x_m", "y_m", "z_m")
 SEEN_COLUMNS = ("camera", "id", "x_px", "y_px")
@@ -113,7 +111,7 @@ class TagFinder:
         family = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
         self._detector = cv2.aruco.ArucoDetector(family, parameters)
 
-    def find(self, image: Image8) -> dict[str, Floats]:
+    def find(self, image: Image) -> dict[str, Floats]:
         """Returns tag -> (2,) pixel of its middle; tags that are there twice are left out."""
         corners, ids, _ = self._detector.detectMarkers(image)
         names = [] if ids is None else [str(id) for id in ids.ravel()]

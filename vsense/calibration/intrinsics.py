@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vsense.calibration.board import Board
 from vsense.calibration.bundle import CAMERA_SIZE, POSE_SIZE, Bundle, Estimate, Knowledge, Sightings
@@ -27,8 +26,7 @@ from vsense.calibration.solution import (
     rms,
 )
 from vsense.calibration.views import BoardViews, View
-
-Floats = NDArray[np.float64]
+from vsense.cameras.camera import Floats
 
 LEAST_VIEWS = 5
 """Different poses of the board that a lens needs."""

@@ -6,11 +6,8 @@ A lens is nine numbers: fx, fy, cx, cy [px], k1, k2, p1, p2, k3, as in `vsense.c
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vsense.cameras.camera import Camera
-
-Floats = NDArray[np.float64]
+from vsense.cameras.camera import Camera, Floats
 
 LENS_SIZE = 9
 NEAREST_M = 1e-3

@@ -16,14 +16,10 @@ from threading import local
 from typing import TypeVar
 
 import cv2
-import numpy as np
-from numpy.typing import NDArray
 
-from vsense.cameras.picture import read_picture, to_grey
+from vsense.cameras.picture import Image, read_picture, to_grey
 from vsense.cameras.recordings import SUFFIXES, CaptureTime, read_timestamps
 from vsense.errors import UsageError
-
-Image8 = NDArray[np.uint8]
 
 T = TypeVar("T")
 
@@ -82,7 +78,7 @@ def gather(paths: Sequence[Path], every: int = 1) -> list[PictureFile]:
 
 def inspect(
     pictures: Sequence[PictureFile],
-    make: Callable[[], Callable[[Image8], T]],
+    make: Callable[[], Callable[[Image], T]],
     progress: Callable[[int, int], None],
 ) -> Iterator[tuple[PictureFile, tuple[int, int], T]]:
     """Reads all pictures and looks at each, on two threads.
@@ -118,7 +114,7 @@ def _groups(pictures: Sequence[PictureFile]) -> list[list[PictureFile]]:
     return [sorted(group, key=lambda p: p.frame or 0) for group in groups.values()]
 
 
-def _read(group: Sequence[PictureFile]) -> Iterator[tuple[PictureFile, Image8]]:
+def _read(group: Sequence[PictureFile]) -> Iterator[tuple[PictureFile, Image]]:
     if group[0].frame is None:
         yield group[0], read_picture(group[0].path)
         return

@@ -11,13 +11,11 @@ from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from vsense.calibration.lens import LENS_SIZE, project, undistorted
 from vsense.calibration.solution import CalibrationError
 from vsense.calibration.views import View
-
-Floats = NDArray[np.float64]
+from vsense.cameras.camera import Floats
 
 _FOCAL_SHARES = np.geomspace(0.4, 5.0, 16)
 """Focal lengths that are tried, over the picture's width: 100 to 11 degrees of view."""

@@ -15,16 +15,13 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from vsense.calibration.board import Board
 from vsense.calibration.lens import lens_of
 from vsense.calibration.solution import BoardCheck, Solution, ViewResult, rms
-from vsense.cameras.camera import Camera
+from vsense.cameras.camera import Camera, Floats
 from vsense.pictures.canvas import GRID, INK, MUTED, Canvas, Colour, Image, round_number, width_of
 from vsense.terminal import aligned
-
-Floats = NDArray[np.float64]
 
 _COOL = np.array((250.0, 246.0, 240.0))
 _WARM = np.array((196.0, 158.0, 96.0))

@@ -26,8 +26,7 @@ from vsense.calibration.solution import (
     rms,
 )
 from vsense.calibration.views import BoardViews, View
-
-Floats = NDArray[np.float64]
+from vsense.cameras.camera import Floats
 
 REFINE_SIGMA = (0.005, 0.005, 0.005, 0.005, 0.02, 0.05, 0.002, 0.002, 0.05)
 """Standard deviation of a calibrated lens; f is relative to f, c to the width of the picture."""

@@ -21,12 +21,11 @@ from vsense.calibration.pictures import PictureFile, gather, inspect
 from vsense.calibration.rig import Rig, RigSolver, Trust
 from vsense.calibration.solution import Solution, check_board
 from vsense.calibration.views import BoardViews, CornerFinder, View, read_corners, write_corners
-from vsense.cameras.camera import Camera
+from vsense.cameras.camera import Camera, Floats
+from vsense.cameras.picture import Image
 from vsense.errors import UsageError
 from vsense.markers import paper
 
-Floats = NDArray[np.float64]
-Image8 = NDArray[np.uint8]
 Corners = tuple[NDArray[np.int64], Floats]
 
 REPORT = "report"
@@ -207,7 +206,7 @@ def _looked(
     views: list[View] = []
     tagged = []
 
-    def make() -> Callable[[Image8], tuple[Corners | None, dict[str, Floats]]]:
+    def make() -> Callable[[Image], tuple[Corners | None, dict[str, Floats]]]:
         finder = CornerFinder(board) if board else None
         return lambda image: (
             finder.find(image) if finder else None,

@@ -12,10 +12,8 @@ from vsense.calibration.board import Board
 from vsense.calibration.bundle import Sightings
 from vsense.calibration.lens import lens_of, project, undistorted
 from vsense.calibration.views import View
-from vsense.cameras.camera import Camera
+from vsense.cameras.camera import Camera, Floats
 from vsense.errors import VsenseError
-
-Floats = NDArray[np.float64]
 
 _REJECT_TIMES = 3.0
 _REJECT_PX = 0.5

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.calibration.board import CHARUCO, Board
+from vsense.cameras.camera import Floats
+from vsense.cameras.picture import Image
 from vsense.errors import ConfigError, UsageError
 
-Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Image8 = NDArray[np.uint8]
 
 COLUMNS = ("camera", "moment", "corner", "x_px", "y_px")
 """Of a corners file."""
@@ -148,7 +148,7 @@ class CornerFinder:
         gap = (1.0 - board.marker_share) / 2.0
         self._share = _CHARUCO_GAPS * gap if self._charuco else _CHESSBOARD_SHARE
 
-    def find(self, image: Image8) -> tuple[Ints, Floats] | None:
+    def find(self, image: Image) -> tuple[Ints, Floats] | None:
         """Looks for the board in an (h, w) uint8 picture.
 
         Returns:
@@ -162,7 +162,7 @@ class CornerFinder:
         ids, pixels = found
         return ids, _refined(image, pixels, self._share * self._square_px(ids, pixels))
 
-    def _find_charuco(self, image: Image8) -> tuple[Ints, Floats] | None:
+    def _find_charuco(self, image: Image) -> tuple[Ints, Floats] | None:
         assert self._charuco is not None
         pixels, ids, _, _ = self._charuco.detectBoard(image)
         if ids is None or len(ids) < LEAST_CORNERS:
@@ -174,7 +174,7 @@ class CornerFinder:
             return None
         return numbers, np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
 
-    def _find_chessboard(self, image: Image8) -> tuple[Ints, Floats] | None:
+    def _find_chessboard(self, image: Image) -> tuple[Ints, Floats] | None:
         size = (self._board.columns - 1, self._board.rows - 1)
         flags = _CHESSBOARD_FLAGS | cv2.CALIB_CB_FAST_CHECK
         found, corners = cv2.findChessboardCorners(image, size, flags=flags)
@@ -186,7 +186,7 @@ class CornerFinder:
         grid = self._upright(image, grid)
         return np.arange(size[0] * size[1]), grid.reshape(-1, 2)
 
-    def _upright(self, image: Image8, grid: Floats) -> Floats:
+    def _upright(self, image: Image, grid: Floats) -> Floats:
         """The (rows, columns, 2) corners with the printed board's upper left one first."""
         right, down = grid[0, -1] - grid[0, 0], grid[-1, 0] - grid[0, 0]
         if right[0] * down[1] - right[1] * down[0] < 0.0:
@@ -220,13 +220,13 @@ def _mapped(matrix: Floats, points: Floats) -> Floats:
     return np.asarray(mapped[:, :2] / mapped[:, 2:])
 
 
-def _grey(image: Image8, points_px: Floats) -> Floats:
+def _grey(image: Image, points_px: Floats) -> Floats:
     column = np.clip(np.rint(points_px[..., 0]).astype(int), 0, image.shape[1] - 1)
     row = np.clip(np.rint(points_px[..., 1]).astype(int), 0, image.shape[0] - 1)
     return np.asarray(image[row, column], dtype=np.float64)
 
 
-def _refined(image: Image8, pixels: Floats, window_px: Floats) -> Floats:
+def _refined(image: Image, pixels: Floats, window_px: Floats) -> Floats:
     """The saddles of the grey levels near the corners, each in a window of its own size."""
     half = np.clip(window_px.astype(int), *_WINDOW_PX)
     refined: Floats = pixels.copy()

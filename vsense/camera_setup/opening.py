@@ -117,9 +117,8 @@ def make(spec: GrabberSpec, clock: Callable[[], int] = time.monotonic_ns) -> Ope
     teach_opencv()
     source = make_source(spec, clock, NetworkLoad())
     if isinstance(source, GenicamSource):
-        return OpenCamera(
-            spec.id, source, GenicamControls(lambda: source.camera), spec.frame_rate_hz
-        )
+        controls = GenicamControls(lambda: source.camera)
+        return OpenCamera(spec.id, source, controls, spec.frame_rate_hz)
     return OpenCamera(spec.id, source, _v4l2_controls(spec.source), spec.frame_rate_hz)
 
 

@@ -8,7 +8,7 @@ from typing import Protocol
 
 from vsense.cameras.aravis import AravisError
 from vsense.cameras.aravis_camera import AravisCamera
-from vsense.cameras.genicam import NAMES, digits
+from vsense.cameras.genicam import AUTOMATIC, NAMES, digits
 from vsense.cameras.grabber import GrabberError
 from vsense.cameras.opencv_source import EXPOSURE_UNIT_US
 from vsense.cameras.source import Bounds
@@ -17,7 +17,6 @@ from vsense.cameras.v4l2 import V4l2Control, V4l2ControlDevice
 EXPOSURE, GAIN = "exposure_time_abs", "gain_raw"
 """As in the resources file: exposure in us, gain in the camera's own unit."""
 
-_AUTOMATIC = {EXPOSURE: "ExposureAuto", GAIN: "GainAuto"}
 _CONTROLS = {EXPOSURE: V4l2Control.EXPOSURE, GAIN: V4l2Control.GAIN}
 _UNITS = {EXPOSURE: EXPOSURE_UNIT_US, GAIN: 1.0}
 """V4L2's units in ours."""
@@ -58,8 +57,8 @@ class GenicamControls:
         camera, feature = self._feature(name)
         if camera is None or feature is None:
             raise GrabberError(f"has no {name}")
-        if camera.has(_AUTOMATIC[name]):
-            camera.set(_AUTOMATIC[name], "Off")
+        if camera.has(AUTOMATIC[name]):
+            camera.set(AUTOMATIC[name], "Off")
         camera.set(feature, digits(value))
 
     def remember(self) -> Callable[[], None]:
@@ -68,10 +67,10 @@ class GenicamControls:
             feature = self._feature(name)[1]
             if camera is not None and feature is not None:
                 kept.append((name, feature, camera.get(feature)))
-                if camera.has(_AUTOMATIC[name]) and camera.get(_AUTOMATIC[name]) != "Off":
+                if camera.has(AUTOMATIC[name]) and camera.get(AUTOMATIC[name]) != "Off":
                     automatic.add(name)
         # Automatic modes are restored last: values cannot be set while they are on.
-        for feature in _AUTOMATIC.values():
+        for feature in AUTOMATIC.values():
             if camera is not None and camera.has(feature):
                 kept.append((feature, feature, camera.get(feature)))
 

@@ -39,7 +39,8 @@ _TIMES = {
     "GevSCPD": "packet_delay",
 }
 """Features that Aravis sets itself for these attributes."""
-_AUTOMATIC = ("ExposureAuto", "GainAuto")
+AUTOMATIC = {"exposure_time_abs": "ExposureAuto", "gain_raw": "GainAuto"}
+"""Features that set these by themselves."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,18 +87,17 @@ class _Setting:
     def all(self) -> list[str]:
         """Sets everything; returns what the camera refused or rounded."""
         camera, settings, controls = self._camera, self._settings, self._settings.controls
-        for automatic in _AUTOMATIC:
-            wanted = controls.exposure_us if automatic == "ExposureAuto" else controls.gain_raw
-            if wanted is not None and camera.has(automatic):
+        wanted = {"exposure_time_abs": controls.exposure_us, "gain_raw": controls.gain_raw}
+        light = {name: value for name, value in wanted.items() if value is not None}
+        for automatic in (AUTOMATIC[name] for name in light):
+            if camera.has(automatic):
                 self._feature(automatic, automatic, "Off")
         self._pixels()
         self._times()
-        if controls.exposure_us is not None:
-            self._control("exposure_time_abs", controls.exposure_us)
-        if controls.gain_raw is not None:
-            self._control("gain_raw", controls.gain_raw)
-        for name, value in settings.features:
-            self._control(name, value, (name,))
+        for name, value in light.items():
+            self._control(name, value)
+        for feature, text in settings.features:
+            self._control(feature, text, (feature,))
         if camera.is_gige:
             self._packets()
         return self._said

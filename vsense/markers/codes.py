@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.errors import UsageError
+from vsense.markers.dictionary import Floats
 from vsense.markers.families import FamilyError, MarkerFamily, SquareFamily
-
-Floats = NDArray[np.float64]
 
 BLURS_U = np.arange(0.10, 0.86, 0.04)
 """Standard deviations of the blur for which code words are kept, in units u."""

@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.config.specs import Experiment
+from vsense.pictures.canvas import Floats, Image
 from vsense.world.entities import Arena, Box, Cylinder
 from vsense.world.world import World
 
-Floats = NDArray[np.float64]
-Image = NDArray[np.uint8]
 Rgb = tuple[int, int, int]
 
 FLOOR_PX_PER_M = 100
