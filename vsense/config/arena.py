@@ -39,10 +39,7 @@ _MAX_CELL_M = 10.0
 def read_arena(element: Element, folder: Path, media: Media, timestep_s: float) -> ArenaContents:
     """Reads the arena and everything in it; tags that the file does not give are missing yet.
 
-    Args:
-        folder: where files with relative paths are looked for.
-        media: what lights may refer to.
-        timestep_s: length of a timestep.
+    Files with relative paths are looked for in `folder`; lights may refer to `media`.
     """
     low, high = MIN_LENGTH_M, MAX_LENGTH_M
     size_m = element.vector("size", low, high, "m")
@@ -121,14 +118,7 @@ def _note_unseen(element: Element, thing: Entity, bodies: ArenaContents) -> None
 
 
 def read_floor(element: Element, folder: Path) -> FloorSpec:
-    """Reads a `<floor>`; its picture must be there and be one.
-
-    Args:
-        folder: where a picture with a relative path is looked for.
-
-    Raises:
-        ConfigError: an attribute is wrong, or the picture cannot be read.
-    """
+    """Reads a `<floor>`; its picture, looked for in `folder`, must be there and be one."""
     name = element.text("id")
     source = element.choice("source", ("image", "loop_functions"))
     if source == "loop_functions":
@@ -171,8 +161,7 @@ def read_image(path: Path) -> Image:
 def floor_of(experiment: Experiment) -> Floor:
     """Makes the floor of an experiment: its picture, or plain.
 
-    A picture covers the arena's size around the origin, whatever the arena's centre: so does
-    ARGoS.
+    As in ARGoS, a picture covers the arena's size around the origin, whatever the arena's centre.
 
     Raises:
         ConfigError: the picture is no longer there.
@@ -190,11 +179,7 @@ def floor_of(experiment: Experiment) -> Floor:
 
 
 def read_field(element: Element, name: str, arena: Arena, timestep_s: float) -> FieldSpec:
-    """Reads a `<vs:field>`.
-
-    Args:
-        arena: where it lies.
-        timestep_s: how far it is to be stepped at once.
+    """Reads a `<vs:field>`, which is stepped `timestep_s` at once.
 
     Raises:
         ConfigError: an attribute is wrong, or it has too many cells or spreads too fast for them.
@@ -215,11 +200,7 @@ def read_field(element: Element, name: str, arena: Arena, timestep_s: float) -> 
 
 
 def make_field(spec: FieldSpec, arena: Arena) -> Field:
-    """Makes a field as it is at the start.
-
-    Raises:
-        WorldError: it has too many cells.
-    """
+    """Makes a field as it is at the start; raises WorldError where it has too many cells."""
     return Field(
         spec.id, arena, spec.cell_m, spec.evaporation_per_s, spec.diffusion_m2_s, spec.initial
     )

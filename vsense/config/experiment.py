@@ -34,10 +34,7 @@ from vsense.xml.parsing import parse
 
 
 def first_robots(experiment: Experiment, count: int | None) -> Experiment:
-    """Keeps only the first robots of an experiment.
-
-    Args:
-        count: how many; None: all.
+    """Keeps only the first `count` robots of an experiment; None: all.
 
     Raises:
         UsageError: there are not so many, or what pollutes would be left out.
@@ -77,8 +74,8 @@ def load(
             `vsense.config.settings`.
 
     Raises:
-        UsageError: there is no such experiment, its file cannot be read, or a setting fits
-            nothing in it.
+        UsageError: there is no such experiment, its file cannot be read, or a setting fits nothing
+            in it.
         ConfigError: the file is wrong; the error names file, line, value and expectation.
     """
     path, file = _find(str(name_or_path))
@@ -96,16 +93,7 @@ def read(
     length_s: float | None = None,
     settings: Mapping[str, str] | None = None,
 ) -> Experiment:
-    """Reads an experiment from its bytes; see `load`.
-
-    Args:
-        path: where the file lies.
-        length_s: length of the run instead of the file's.
-
-    Raises:
-        UsageError: a setting fits nothing in the file.
-        ConfigError: the file is wrong.
-    """
+    """Reads an experiment from the bytes of the file at `path`; see `load`."""
     root = parse(data, file)
     if root.name != "argos-configuration":
         raise root.error("is the outermost element, expected <argos-configuration>")
@@ -118,7 +106,6 @@ def read(
 
 
 def _read_understood(root: Element, path: Path, length_s: float | None) -> Experiment:
-    """Reads all that has a meaning here."""
     run = read_run(root, length_s)
     marker = _read_marker(root)
     media = read_media(root)
@@ -175,7 +162,6 @@ def _assemble(
         distributed=tuple(bodies.distributed),
         floor=bodies.floor,
         fields=tuple(bodies.fields),
-        lines=bodies.lines,
     )
 
 
@@ -210,7 +196,6 @@ def _read_marker(root: Element) -> MarkerSpec:
 
 
 def _check_tags(bodies: ArenaContents, marker: MarkerSpec, file: str) -> None:
-    """Refuses a tag that the marker family does not have."""
     tags = load_family(marker.family).tags
     tagged: list[RobotSpec | ObjectSpec] = [*bodies.robots, *bodies.objects]
     for body in tagged:

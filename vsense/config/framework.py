@@ -16,10 +16,8 @@ from pathlib import Path
 
 from vsense.config import argos
 from vsense.config.specs import JsonLinesTracker, LoopSpec, TrackerAddress
+from vsense.link.trackers import protocol
 from vsense.xml.element import Element, shown
-
-TRACKER_PORT = 4040
-"""Of the original tracking server. Source: iridia.md section 1a."""
 
 LINES_PORT = 4041
 """Where trackers that write JSON lines find vsense."""
@@ -35,10 +33,7 @@ _KNOWN = ("library", "label")
 
 
 def read_loop_functions(root: Element, folder: Path) -> LoopSpec | None:
-    """Reads the loop functions, None where there are none that can be called.
-
-    Args:
-        folder: where a file with a relative path is looked for.
+    """Reads the loop functions, looked for in `folder`; None where there are none to be called.
 
     Raises:
         ConfigError: an attribute is wrong, or the file is not there.
@@ -124,11 +119,7 @@ class RunSettings:
 
 
 def read_run(root: Element, length_s: float | None) -> RunSettings:
-    """Reads `<framework>`.
-
-    Args:
-        length_s: length of the run instead of the file's.
-    """
+    """Reads `<framework>`; `length_s` is the length of the run instead of the file's."""
     framework = root.child("framework")
     run = framework.child("experiment")
     file_length_s = run.number("length", 0.0, _MAX_LENGTH_S, "s")
@@ -193,7 +184,7 @@ def _read_address(root: Element) -> tuple[str, int]:
 
 
 def _read_host(element: Element, default: str) -> str:
-    """Reads an IPv4 address in numbers; robots look no names up, but for this very machine's."""
+    """Reads an IPv4 address in numbers: robots look up no names, `localhost` is replaced here."""
     key, expected = "vss_host", "an IPv4 address such as '10.0.0.1', or 'localhost'"
     text = element.text(key, default, expected)
     try:
@@ -203,7 +194,6 @@ def _read_host(element: Element, default: str) -> str:
 
 
 def _tracking_engine(root: Element) -> Element | None:
-    """Finds the engine of the original's tracking system."""
     engines = root.optional_child("physics_engines")
     return None if engines is None else engines.optional_child(_ENGINE)
 
@@ -233,7 +223,6 @@ def read_tracker(root: Element) -> TrackerAddress | JsonLinesTracker | None:
 
 
 def _read_original(element: Element, origin_m: tuple[float, float]) -> TrackerAddress | None:
-    """Reads the address that stands on one element."""
     named = [prefix for prefix in _PREFIXES if element.has(f"{prefix}_host")]
     if len(named) > 1:
         raise element.error("stands beside ats_host, expected one of them", "its_host")
@@ -245,13 +234,12 @@ def _read_original(element: Element, origin_m: tuple[float, float]) -> TrackerAd
             raise element.error("is without ats_host", "vs:latency")
         return None
     host = element.text(f"{named[0]}_host", None, "a host's name or address")
-    port = element.integer(f"{named[0]}_port", 1, 65_535, TRACKER_PORT)
+    port = element.integer(f"{named[0]}_port", 1, 65_535, protocol.DEFAULT_PORT)
     latency_s = element.number("vs:latency", 0.0, _MAX_LATENCY_S, "s", 0.0)
     return TrackerAddress(host, port, origin_m, latency_s, element.line)
 
 
 def _read_lines(element: Element) -> JsonLinesTracker:
-    """Reads a <vs:tracker>."""
     element.choice("format", ("lines",))
     host = element.text("host", "127.0.0.1", "a name or address of this machine")
     port = element.integer("port", 0, 65_535, LINES_PORT)

@@ -36,10 +36,8 @@ class Footprint:
 
     Attributes:
         what: its name in messages.
-        x_m: its middle.
-        y_m: its middle.
-        low_m: its lowest point.
-        high_m: its highest point.
+        x_m, y_m: its middle.
+        low_m, high_m: its lowest and its highest point.
         radius_m: of a disc; 0: it is a rectangle.
         half_m: half the extent of a rectangle along its own x and y.
         yaw_rad: the rectangle's turn.
@@ -55,7 +53,7 @@ class Footprint:
     yaw_rad: float = 0.0
 
     def distance_m(self, other: Footprint) -> float:
-        """Measures how far two footprints are apart, negative where they overlap.
+        """How far two footprints are apart, negative where they overlap.
 
         Between two rectangles that face each other with corners it is less than the distance, by
         at most 30 %. Bodies above each other are infinitely far apart.
@@ -72,7 +70,7 @@ class Footprint:
         return max(self._gap_m(other), other._gap_m(self))
 
     def distance_to_point_m(self, x_m: float, y_m: float) -> float:
-        """Measures how far a point is from the rectangle, 0 inside."""
+        """How far a point is from the rectangle, 0 inside."""
         x, y = x_m - self.x_m, y_m - self.y_m
         cosine, sine = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
         beyond_x = abs(x * cosine + y * sine) - self.half_m[0]
@@ -80,7 +78,7 @@ class Footprint:
         return math.hypot(max(beyond_x, 0.0), max(beyond_y, 0.0))
 
     def is_inside(self, arena: Arena, gap_m: float) -> bool:
-        """Tells whether it lies in the arena, at least gap_m from its border."""
+        """Whether it lies in the arena, at least gap_m from its border."""
         if self.radius_m:
             return arena.contains(self.x_m, self.y_m, self.radius_m + gap_m)
         return all(arena.contains(x, y, gap_m) for x, y in self._corners())
@@ -136,12 +134,10 @@ _TOUCH_M = 1e-9
 
 
 def settle(experiment: Experiment, seed: int, real: bool = True) -> Experiment:
-    """Gives everything that is distributed its place; what has one keeps it.
+    """Gives everything that is distributed a place that `seed` decides; what has one keeps it.
 
-    Args:
-        seed: decides the places.
-        real: False: robots and objects stand where a tracker finds them; the file's word about
-            that is left as it is, and they block no place.
+    Without `real`, robots and objects stand where a tracker finds them: they are left as the file
+    says, and block no place.
 
     Returns:
         The experiment without distributed entities: its `entities` are complete. With `real`,
@@ -166,13 +162,10 @@ def settle(experiment: Experiment, seed: int, real: bool = True) -> Experiment:
 
 @dataclass(slots=True)
 class _Placement:
-    """What stands where so far.
+    """What stands where so far: robots and objects by tag, distributed entities, and all
+    footprints.
 
-    Attributes:
-        poses: of robots and objects, by tag.
-        entities: those that were distributed.
-        footprints: of everything with a body, virtual things included.
-        drawn: by `<distribute>` how many places were drawn.
+    `drawn` counts by `<distribute>` how many places were drawn.
     """
 
     poses: dict[int, Pose] = field(default_factory=dict)

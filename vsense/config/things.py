@@ -69,11 +69,7 @@ OCCLUSIONS = "check_occlusions"
 
 
 def read_media(root: Element) -> Media:
-    """Reads the media of an experiment.
-
-    Raises:
-        ConfigError: two have one id, or an attribute is wrong.
-    """
+    """Reads the media of an experiment; raises ConfigError where two have one id."""
     section = root.optional_child("media")
     found: dict[str, Element] = {}
     for element in section.children(*argos.MEDIA, *argos.OTHER_MEDIA) if section else ():
@@ -93,7 +89,7 @@ def read_media(root: Element) -> Media:
 
 
 def check_medium(element: Element, media: Media) -> None:
-    """Reads the medium that a device or a light may name, and tells the device what it says.
+    """Reads the medium that a device or a light may name, and sets on the device what it says.
 
     Raises:
         ConfigError: there is no such medium.
@@ -130,10 +126,7 @@ ORIGIN = Placing((0.0, 0.0, 0.0), 0.0)
 def read_place(element: Element, arena: Arena, default: str | None = None) -> Placing:
     """Reads `position` and `orientation`, from a `<body>` or from the thing itself.
 
-    Args:
-        element: what carries the two.
-        arena: where it must lie.
-        default: the orientation, where it may be absent.
+    `default` is the orientation, where it may be absent.
 
     Raises:
         ConfigError: one is wrong, or it lies outside the arena.
@@ -152,13 +145,7 @@ def read_place(element: Element, arena: Arena, default: str | None = None) -> Pl
 
 
 def read_thing(element: Element, name: str, arena: Arena, placed: bool) -> Entity:
-    """Reads a thing.
-
-    Args:
-        element: one whose name is in THINGS.
-        arena: where it stands.
-        placed: the file says where it stands; else it is put at the origin for now.
-    """
+    """Reads a thing whose element's name is in THINGS; without `placed` it is put at the origin."""
     read, holder = THINGS[element.name]
     place = ORIGIN
     if placed:
@@ -180,9 +167,9 @@ def _read_cylinder(element: Element, name: str, place: Placing) -> Cylinder:
 
 
 def _read_solid(element: Element, name: str, place: Placing) -> bool:
-    """Reads what boxes and cylinders share; tells whether it stands in the real arena.
+    """Reads what boxes and cylinders share; returns whether it stands in the real arena.
 
-    Walls do unless told otherwise, other things do not.
+    Walls do by default, other things do not.
     """
     if element.boolean("movable"):
         element.number("mass", 0.001, 1000.0, "kg")

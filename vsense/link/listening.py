@@ -175,7 +175,6 @@ class ListeningServer:
                 self._let_go()
 
     def _turn(self, wait_s: float) -> None:
-        """Waits for a socket, and does all that is due."""
         for key, _ in self._selector.select(wait_s):
             if key.fileobj is self._waker:
                 self._waker.drain()

@@ -73,7 +73,6 @@ class FrameGate:
     """
 
     def __init__(self, cameras: Sequence[Camera]) -> None:
-        """Raises TrackingError where there is no camera, or two have the same id."""
         self.cameras = {camera.id: camera for camera in sorted(cameras, key=lambda c: c.id)}
         if not cameras or len(self.cameras) != len(cameras):
             raise TrackingError("the arena needs cameras, each with an id of its own")
@@ -253,13 +252,11 @@ class ArenaTracker:
         return self.state
 
     def _duplicates(self, sightings: Sightings) -> tuple[int, ...]:
-        """Returns the tags that were read at several places, and counts them."""
         twice = tuple(tag for tag, places in sightings.items() if len(places) > 1)
         self.counters.duplicates += len(twice)
         return twice
 
     def _update_tracks(self, frames: list[Frame], placed: list[Placed]) -> Sightings:
-        """Brings the tracks up to date; returns the sightings of each tag."""
         doubt_m, cameras = self._limits.height_doubt_m, self._gate.cameras
         views = [
             view

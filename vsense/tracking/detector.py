@@ -82,7 +82,6 @@ class ArrowDetector:
         return self._report(markers, camera, expected)
 
     def _grow(self, known: Prediction) -> None:
-        """Takes tags that have joined into the roster."""
         joined = known.joined.get(self._family.name, ())
         if joined != self._joined:
             self._joined = joined

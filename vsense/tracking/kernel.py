@@ -26,25 +26,14 @@ Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
 Pass = tuple[float, int, int, float, float]
 
+_CELLS = (kernels.VS_OUTLINE_CELLS,)
 MARKER = np.dtype(
     [
-        ("x_m", "f8"),
-        ("y_m", "f8"),
-        ("ahead_x", "f8"),
-        ("ahead_y", "f8"),
-        ("scale", "f8"),
-        ("x_px", "f8"),
-        ("y_px", "f8"),
-        ("residual_m", "f8"),
-        ("coverage", "f8"),
-        ("black", "f8"),
-        ("white", "f8"),
-        ("sharp_ahead", "f8"),
-        ("sharp_left", "f8"),
-        ("cell", "f8", (kernels.VS_OUTLINE_CELLS,)),
+        (name, "f8", _CELLS if name == "cell" else ())
+        for name, _ in kernel_ffi.typeof("struct vs_marker").fields
     ]
 )
-"""One fitted marker; the fields are those of `struct vs_marker`, see `c_src/host/vs_markers.h`."""
+"""One fitted marker: `struct vs_marker`, see `c_src/host/vs_markers.h`."""
 
 _CAPACITY = 1024
 _SPACING_U = 0.4
@@ -303,7 +292,6 @@ class LayeredKernel:
         return markers
 
     def _layers_of(self, camera: Camera) -> list[float]:
-        """Returns the heights to search at, ascending."""
         if camera not in self._layers:
             self._layers[camera] = list(self._divide(camera.position_m[2]))
         return self._layers[camera]

@@ -140,7 +140,6 @@ def find_unlisted_tags(
 
 
 def _add_up(now: Anonymous, before: Anonymous) -> None:
-    """Adds what was gathered about markers that can only be these."""
     for here, there in _pairs(now.places, before.places):
         now.cells[here] += before.cells[there]
         now.pictures[here] += before.pictures[there]

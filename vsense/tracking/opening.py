@@ -180,12 +180,8 @@ def _claim(
     assert isinstance(grabber.settings, GenicamSettings)
     size_px = grabber.settings.controls.size_px or (view.camera.width_px, view.camera.height_px)
     packet = grabber.settings.packet_size or USUAL_PACKET
+    assert grabber.frame_rate_hz is not None
     try:
-        links.claim(grabber.source, address, Stream(size_px, _rate(grabber), packet))
+        links.claim(grabber.source, address, Stream(size_px, grabber.frame_rate_hz, packet))
     except BandwidthError as error:
         raise session.resources.error(grabber.line, f"<grabber> frame_rate: {error}") from None
-
-
-def _rate(grabber: GrabberSpec) -> float:
-    assert grabber.frame_rate_hz is not None
-    return grabber.frame_rate_hz

@@ -46,7 +46,6 @@ class Sides(NamedTuple):
     blur_px: Floats
 
     def keep(self, where: NDArray[np.bool_] | NDArray[np.intp]) -> Sides:
-        """Returns the chosen ones."""
         return Sides(*(values[where] for values in self))
 
 

@@ -176,7 +176,6 @@ class LegacyRobot:
 
     @property
     def pending(self) -> bool:
-        """Whether there is anything to write."""
         return bool(self.chunk())
 
     def chunk(self) -> bytes:
@@ -233,13 +232,11 @@ class LegacySwarm:
         return True
 
     def start(self) -> None:
-        """The experiment starts."""
         self._running = True
         for robot in self.robots.values():
             robot.start()
 
     def end(self) -> None:
-        """The experiment ends."""
         self._running = False
         for robot in self.robots.values():
             robot.end()

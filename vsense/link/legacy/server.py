@@ -126,7 +126,6 @@ class LegacyServer(ListeningServer):
                 self._drop(client, why)
 
     def _settle(self) -> None:
-        """Writes what waits; the lock is held."""
         for connection in list(self._connections.values()):
             why = connection.write(self._clock())
             if why:

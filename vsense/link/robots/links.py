@@ -134,7 +134,6 @@ class Connections:
                 self._drop(connection)
 
     def close(self) -> None:
-        """Closes every connection."""
         self._pause()
         for connection in list(self._all.values()):
             self._drop(connection)
@@ -251,7 +250,6 @@ class Connections:
     # --- who goes
 
     def _dismiss(self, connection: Connection, cause: GoodbyeCause, text: str) -> None:
-        """Says goodbye to a robot and ends its session."""
         robot = connection.robot
         assert robot is not None
         with self._shared.lock:

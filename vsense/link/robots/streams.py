@@ -176,5 +176,4 @@ class Connection:
         self.write()
 
     def close(self) -> None:
-        """Closes the socket."""
         self.sock.close()

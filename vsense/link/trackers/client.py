@@ -25,7 +25,7 @@ from vsense.link.trackers.protocol import (
     decode_state,
     encode_command,
 )
-from vsense.link.trackers.repair import Repair, RepairCounters, StateCounters, TrackerLink
+from vsense.link.trackers.repair import Repair, StateCounters, TrackerLink
 
 PERIOD_NS = 100_000_000
 """Between two ONE_SHOTs: the original's timestep."""
@@ -66,7 +66,6 @@ class ArenaDialog:
         self.connected(0)
 
     def connected(self, now_ns: int) -> None:
-        """Begins a new connection."""
         self._inbox = StateInbox()
         self._streaming = False
         self._asked = False
@@ -177,20 +176,11 @@ class ArenaClient(TrackerLink):
         super().__init__(f"{host}:{port}", tell, clock)
         self.connections = 0
         self._dialog = ArenaDialog(tags, latency_ns, origin_m)
+        self.counters, self.repairs = self._dialog.counters, self._dialog.repair.counters
         self._sock: socket.socket | None = None
         self._connected = False
         self._dial_ns = 0
         self._lost_told = False
-
-    @property
-    def counters(self) -> DialogCounters:
-        """What came so far."""
-        return self._dialog.counters
-
-    @property
-    def repairs(self) -> RepairCounters:
-        """What was wrong with it."""
-        return self._dialog.repair.counters
 
     def start(self) -> None:
         """Has the tracker begin a run."""
@@ -257,7 +247,6 @@ class ArenaClient(TrackerLink):
         return None
 
     def _arrive(self, sock: socket.socket) -> None:
-        """The connection was made, or was refused."""
         code = sock.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
         if code:
             self._lose(f"cannot be reached: {os.strerror(code)}")
@@ -268,7 +257,6 @@ class ArenaClient(TrackerLink):
         self._tell(f"tracker {self.name}: connected")
 
     def _read(self, sock: socket.socket) -> ArenaState | None:
-        """Takes what has come; gives the newest state in it."""
         try:
             data = sock.recv(_CHUNK)
             if data:
@@ -298,7 +286,6 @@ class ArenaClient(TrackerLink):
 
 
 def _find(host: str, port: int) -> tuple[socket.AddressFamily, tuple[Any, ...]]:
-    """The first address of a host."""
     try:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError) as error:

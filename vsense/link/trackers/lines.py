@@ -92,7 +92,6 @@ def _real(values: dict[str, Any], name: str, where: str) -> float:
 
 
 def _show(value: object) -> str:
-    """A value as an error shows it."""
     if value is None:
         return "missing"
     text = repr(value)
@@ -164,8 +163,6 @@ class ListenerCounters(StateCounters):
 
 
 class _Tracker:
-    """The tracker that is being listened to."""
-
     def __init__(self, sock: socket.socket, origin: str, now_ns: int) -> None:
         self.sock = sock
         self.origin = origin
@@ -247,7 +244,6 @@ class ArenaListener(TrackerLink):
         self._tell(f"tracker on {origin}: connected")
 
     def _read(self, tracker: _Tracker) -> ArenaState | None:
-        """Takes all that has come and gives the newest state."""
         try:
             data = tracker.sock.recv(_CHUNK)
         except (BlockingIOError, InterruptedError):
@@ -271,7 +267,6 @@ class ArenaListener(TrackerLink):
         return newest
 
     def _receive(self, tracker: _Tracker, text: bytes | None) -> ArenaState | None:
-        """Makes an arena state of a line; None of an empty one."""
         if text is None:
             raise LinkError(f"longer than {LINE_MAX} bytes")
         if not text.strip():

@@ -245,7 +245,6 @@ class ArenaServer(ListeningServer):
         self._tell(f"{origin} has connected")
 
     def _hear(self, client: _Served) -> None:
-        """Takes commands of the client in; notices that it has gone."""
         data, lost = client.read()
         if not data and not lost:
             return
@@ -256,7 +255,6 @@ class ArenaServer(ListeningServer):
             self._change.notify_all()
 
     def _settle(self) -> None:
-        """Writes what waits; the lock is held."""
         client = self._client
         if client is None:
             return
