@@ -72,10 +72,16 @@ def _read_child(element: Element, bodies: ArenaContents) -> None:
     else:
         name = element.text("id")
         bodies.claim_id(element, name)
-        _check_medium(element, bodies)
-        thing = read_thing(element, name, bodies.arena, True)
-        bodies.entities.append(thing)
-        _note_unseen(element, thing, bodies)
+        bodies.entities.append(_read_thing(element, name, bodies, True))
+
+
+def _read_thing(element: Element, name: str, bodies: ArenaContents, placed: bool) -> Entity:
+    if element.name == LIGHT:
+        check_medium(element, bodies.media)
+    thing = read_thing(element, name, bodies.arena, placed)
+    if isinstance(thing, (Box, Cylinder)) and not thing.physical:
+        bodies.unseen.append(element)
+    return thing
 
 
 def _read_crowd(element: Element, bodies: ArenaContents) -> None:
@@ -93,28 +99,16 @@ def _read_crowd(element: Element, bodies: ArenaContents) -> None:
 def _add_things(element: Element, crowd: Crowd, bodies: ArenaContents) -> None:
     """Adds the things of an `<entity>`, called NAME and a number from base_num."""
     prefix = crowd.element.text("id")
-    _check_medium(crowd.element, bodies)
     names = [f"{prefix}{number}" for number in crowd.numbers]
     for name in names:
         bodies.claim_id(crowd.element, name)
-    thing = read_thing(crowd.element, names[0], bodies.arena, False)
+    thing = _read_thing(crowd.element, names[0], bodies, False)
     on_floor = not isinstance(thing, (Box, Cylinder)) or thing.physical
     if on_floor and crowd.element.name != LIGHT:
         warn_of_height(element, crowd.distribution.position_m)
-    _note_unseen(crowd.element, thing, bodies)
     for name in names:
         spec = DistributedSpec(replace(thing, id=name), crowd.distribution, crowd.element.line)
         bodies.distributed.append(spec)
-
-
-def _check_medium(element: Element, bodies: ArenaContents) -> None:
-    if element.name == LIGHT:
-        check_medium(element, bodies.media)
-
-
-def _note_unseen(element: Element, thing: Entity, bodies: ArenaContents) -> None:
-    if isinstance(thing, (Box, Cylinder)) and not thing.physical:
-        bodies.unseen.append(element)
 
 
 def read_floor(element: Element, folder: Path) -> FloorSpec:

@@ -110,7 +110,7 @@ ORIGINAL_SETTINGS = {
 """Attributes of IRIDIA's virtual sensors: their type, and what takes their place; "": nothing."""
 
 HEARING = "virtual_range_and_bearing_sensor"
-"""The virtual sensor that a range-and-bearing medium tells whether bodies are in the way."""
+"""The virtual sensor that a range-and-bearing medium sets whether bodies are in the way."""
 
 PHYSICS_ENGINES = ("dynamics3d", "pointmass3d", "static")
 """Children of <physics_engines> beside <dynamics2d> and the tracking system."""
@@ -165,9 +165,7 @@ def is_built_for_argos(library: str) -> bool:
 
 
 def ported_controller(library: str, folder: Path) -> str | None:
-    """Finds the port of a controller: a shipped one's name, or a C source beside the experiment
-    file.
-    """
+    """Finds the port of a controller: a shipped one, or a C source beside the experiment file."""
     stem = _stem(library)
     if stem in source_tree().controllers():
         return stem

@@ -21,7 +21,7 @@ from vsense.config import argos
 from vsense.config.framework import collect
 from vsense.config.robots import ArenaContents
 from vsense.config.specs import ControllerSpec
-from vsense.config.things import Media, check_medium
+from vsense.config.things import Media, by_id, check_medium
 from vsense.errors import UsageError
 from vsense.link.robots.table import Direction, Entry, Table
 from vsense.native import WireError, lib
@@ -49,8 +49,7 @@ Factory = Callable[[Element, Scope], Any]
 
 @cache
 def factories(section: str) -> dict[str, Factory]:
-    """Gives what makes a virtual device of `SENSORS` or `ACTUATORS`, by the name of its XML
-    element.
+    """Gives what makes a virtual device of a section, by the name of its XML element.
 
     Raises:
         SensorError, ActuatorError: two modules claim the same element.
@@ -177,13 +176,7 @@ def used_controller(section: Element, bodies: ArenaContents) -> Element:
     Raises:
         ConfigError: a robot names one that is not there, or they name several.
     """
-    known: dict[str, Element] = {}
-    for element in section.children():
-        name = element.text("id")
-        if name in known:
-            line = known[name].line
-            raise element.error(f"{name!r} is the id of another controller, in line {line}", "id")
-        known[name] = element
+    known = by_id(section.children(), "controller")
     used: dict[str, Element] = {}
     for robot, element in bodies.controllers.items():
         name = element.text("config")

@@ -109,10 +109,8 @@ _KEYS = {
 class Crowd:
     """Several of a kind whose places are drawn.
 
-    Attributes:
-        entity: the `<entity>` around them.
-        element: what there are several of.
-        first: number of the first one.
+    `entity` is the `<entity>` around them, `element` what there are several of, `first` the number
+    of the first one.
     """
 
     entity: Element

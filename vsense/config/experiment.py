@@ -15,16 +15,10 @@ from vsense.config.controllers import (
     used_controller,
     virtual_devices,
 )
-from vsense.config.framework import (
-    RunSettings,
-    read_loop_functions,
-    read_rest,
-    read_run,
-    read_tracker,
-)
+from vsense.config.framework import read_loop_functions, read_rest, read_run, read_tracker
 from vsense.config.robots import ArenaContents, give_tags
 from vsense.config.settings import apply, check_used
-from vsense.config.specs import ControllerSpec, Experiment, MarkerSpec, ObjectSpec, RobotSpec
+from vsense.config.specs import Experiment, MarkerSpec, ObjectSpec, RobotSpec
 from vsense.config.things import read_media
 from vsense.errors import ConfigError, UsageError
 from vsense.markers.families import known_families, load_family
@@ -65,10 +59,9 @@ def load(
     length_s: float | None = None,
     settings: Mapping[str, str] | None = None,
 ) -> Experiment:
-    """Loads an experiment.
+    """Loads a shipped experiment by its name, or the `.argos` file at a path.
 
     Args:
-        name_or_path: a shipped experiment's name, or the path of an `.argos` file.
         length_s: length of the run instead of the file's; shares of it follow.
         settings: values by "ELEMENT.attribute" instead of the file's; see
             `vsense.config.settings`.
@@ -109,45 +102,20 @@ def _read_understood(root: Element, path: Path, length_s: float | None) -> Exper
     run = read_run(root, length_s)
     marker = _read_marker(root)
     media = read_media(root)
-    arena = root.child("arena")
-    bodies = read_arena(arena, path.parent, media, 1.0 / run.ticks_per_second)
-    loop_functions = read_loop_functions(root, path.parent)
+    arena, folder = root.child("arena"), path.parent
+    bodies = read_arena(arena, folder, media, 1.0 / run.ticks_per_second)
+    loop_functions = read_loop_functions(root, folder)
     if not bodies.robots:
         raise arena.error(_no_robot(root, arena))
     give_tags(bodies, marker.family)
     controller = used_controller(root.child("controllers"), bodies)
-    scope = Scope(
-        bodies.tags,
-        round(run.length_s * run.ticks_per_second),
-        1.0 / run.ticks_per_second,
-        bodies.everything,
-        [field.id for field in bodies.fields],
-        path.parent,
-    )
+    timesteps, fields = round(run.length_s * run.ticks_per_second), [f.id for f in bodies.fields]
+    scope = Scope(bodies.tags, timesteps, bodies.timestep_s, bodies.everything, fields, folder)
     sensors, actuators = read_devices(controller, scope, media)
     _check_objects(bodies, scope)
     _check_tags(bodies, marker, root.document.file)
     if not sensors:
         _warn_of_unsensed(bodies)
-    return replace(
-        _assemble(root, path, run, marker, bodies, read_controller(controller, path.parent)),
-        sensors=tuple(sensors),
-        sources=tuple(scope.sources),
-        loop_functions=loop_functions,
-        actuators=tuple(actuators),
-        tracker=read_tracker(root),
-    )
-
-
-def _assemble(
-    root: Element,
-    path: Path,
-    run: RunSettings,
-    marker: MarkerSpec,
-    bodies: ArenaContents,
-    controller: ControllerSpec,
-) -> Experiment:
-    """Makes an experiment without virtual devices."""
     return Experiment(
         name=path.name.removesuffix(SUFFIX),
         file=root.document.file,
@@ -157,11 +125,16 @@ def _assemble(
         robots=tuple(bodies.robots),
         objects=tuple(bodies.objects),
         marker=marker,
-        controller=controller,
+        controller=read_controller(controller, folder),
+        sensors=tuple(sensors),
+        sources=tuple(scope.sources),
         entities=tuple(bodies.entities),
         distributed=tuple(bodies.distributed),
         floor=bodies.floor,
         fields=tuple(bodies.fields),
+        loop_functions=loop_functions,
+        actuators=tuple(actuators),
+        tracker=read_tracker(root),
     )
 
 

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from vsense.config import argos
 from vsense.config.specs import JsonLinesTracker, LoopSpec, TrackerAddress
+from vsense.config.things import by_id
 from vsense.link.trackers import protocol
 from vsense.xml.element import Element, shown
 
@@ -159,13 +160,9 @@ def read_rest(root: Element) -> None:
 
 def _read_engines(root: Element) -> None:
     """Reads the physics engines; the tracking system's address was read by `read_tracker`."""
-    engines = root.optional_child("physics_engines")
-    lines: dict[str, int] = {}
-    for child in engines.children("dynamics2d", _ENGINE, *argos.PHYSICS_ENGINES) if engines else ():
-        name = child.text("id")
-        if name in lines:
-            raise child.error(f"{name!r} is the id of another engine, in line {lines[name]}", "id")
-        lines[name] = child.line
+    section = root.optional_child("physics_engines")
+    known = ("dynamics2d", _ENGINE, *argos.PHYSICS_ENGINES)
+    for child in by_id(section.children(*known) if section else (), "engine").values():
         extras = set(child.free_attributes()) - {"id"} if child.name == "dynamics2d" else set()
         if child.child_names() or extras or child.name in argos.PHYSICS_ENGINES:
             child.leave_out("robots move in one plane, as the lab's own physics says")

@@ -25,12 +25,10 @@ class ArenaContents:
 
     Attributes:
         folder: where files with relative paths are looked for.
-        media: what lights may refer to.
-        entities: what stands at a place that the file says.
-        distributed: what stands at a place that the seed will say.
+        entities, distributed: what stands at a place that the file says, and that the seed will
+            say.
         objects: tagged things that are no robots.
-        floor: the floor, None: not said.
-        fields: quantities spread over it.
+        fields: quantities spread over the floor.
         controllers: by robot id the `<controller>` element that names what drives it.
         without_controller: by id the e-pucks that nothing drives: objects, as in the thesis.
         crowds: how many `<distribute>` were read.
@@ -183,7 +181,7 @@ def give_tags(bodies: ArenaContents, family: str) -> None:
 
 
 def _free_tags(family: str, count: int, worn: frozenset[int]) -> list[int]:
-    """Chooses free tags; the first ones are those that cameras tell apart best."""
+    """Chooses free tags; the first ones are those that cameras distinguish best."""
     chosen = _well_apart(family, min(max(_LEAST_CHOSEN, count + len(worn)), _MOST_CHOSEN))
     taken = worn | set(chosen)
     rest = (tag for tag in range(load_family(family).tags) if tag not in taken)

@@ -30,11 +30,10 @@ class Pose(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class RobotSpec:
-    """A robot of the experiment.
+    """A robot of the experiment, with `tag` on its marker.
 
     Attributes:
         id: NAME_TAG_ROBOT, or any name where `vs:tag` gives the tag.
-        tag: number on its marker.
         number: the last part of its id (the original's last octet of the robot's address), else
             its place in the file.
         pose: start pose, or None where it is distributed.
@@ -51,9 +50,7 @@ class RobotSpec:
 
 @dataclass(frozen=True, slots=True)
 class ObjectSpec:
-    """A thing with a marker on it that is no robot, such as the polluter; the rest is as for
-    robots.
-    """
+    """A thing with a marker on it that is no robot, such as the polluter; see `RobotSpec`."""
 
     id: str
     tag: int
@@ -84,12 +81,9 @@ class ControllerSpec:
 
 @dataclass(frozen=True, slots=True)
 class MarkerSpec:
-    """The markers on robots and objects.
+    """The markers on robots and objects: their family, and their height above the floor.
 
-    Attributes:
-        family: name of the marker family.
-        height_m: height of the markers above the floor.
-        line: of its element; of the root where it is absent.
+    `line` is the root's where the element is absent.
     """
 
     family: str
@@ -188,18 +182,15 @@ class Experiment:
         path: where it lies; relative paths in it are taken from its folder.
         length_s: length of the run; 0: no limit. To change it, give it to `load`: the wind's turn
             may be a share of it.
-        ticks_per_second: timesteps in one second.
         seed: seed of everything that is drawn; 0: the caller draws one.
         host, port: IPv4 address of the virtual sensor server, in numbers, and its port.
         objects: tagged things that are no robots.
-        controller: what drives all robots.
         sources: what pollutes.
         warnings: what is passed over: `file:line: what happens instead`.
         entities: what stands in the arena beside robots and tagged objects, virtual robots
             included.
         distributed: entities that a seed places; empty once they are placed, see `settle`.
         floor: what the floor looks like, None: plain white.
-        fields: quantities spread over the floor.
         tracker: where the arena state comes from, None: from cameras of our own.
     """
 
@@ -229,17 +220,16 @@ class Experiment:
 
     @property
     def boxes(self) -> tuple[Box, ...]:
-        """Boxes in the real arena, those that await a place not counted."""
+        """Boxes in the real arena without those that await a place."""
         return tuple(e for e in self.entities if isinstance(e, Box) and e.physical)
 
     @property
     def cylinders(self) -> tuple[Cylinder, ...]:
-        """Cylinders in the real arena, those that await a place not counted."""
+        """See `boxes`."""
         return tuple(e for e in self.entities if isinstance(e, Cylinder) and e.physical)
 
     @property
     def virtual_robots(self) -> tuple[VirtualRobot, ...]:
-        """Robots that exist only beside the real ones."""
         return tuple(e for e in self.entities if isinstance(e, VirtualRobot))
 
     @property

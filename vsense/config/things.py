@@ -7,7 +7,7 @@ one, so of a medium only its id counts, and for range and bearing whether bodies
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
 from vsense.arena import wrap_angle
@@ -68,16 +68,24 @@ OCCLUSIONS = "check_occlusions"
 """Attribute of a range-and-bearing medium, and of the virtual sensor that uses it."""
 
 
-def read_media(root: Element) -> Media:
-    """Reads the media of an experiment; raises ConfigError where two have one id."""
-    section = root.optional_child("media")
+def by_id(elements: Iterable[Element], kind: str) -> dict[str, Element]:
+    """Gives elements of a kind by their ids; raises ConfigError where two have one."""
     found: dict[str, Element] = {}
-    for element in section.children(*argos.MEDIA, *argos.OTHER_MEDIA) if section else ():
+    for element in elements:
         name = element.text("id")
         if name in found:
             line = found[name].line
-            raise element.error(f"{name!r} is the id of another medium, in line {line}", "id")
+            raise element.error(f"{name!r} is the id of another {kind}, in line {line}", "id")
         found[name] = element
+    return found
+
+
+def read_media(root: Element) -> Media:
+    """Reads the media of an experiment; raises ConfigError where two have one id."""
+    section = root.optional_child("media")
+    known = section.children(*argos.MEDIA, *argos.OTHER_MEDIA) if section else ()
+    found = by_id(known, "medium")
+    for element in found.values():
         if element.name in argos.OTHER_MEDIA:
             element.leave_out("nothing is sent through it")
             continue

@@ -80,8 +80,8 @@ class FrameGate:
         self._newest = -1
 
     def choose(self, frames: Sequence[Frame]) -> list[Frame]:
-        """Returns one frame per camera of the newest timestep, sorted by camera; none if none is
-        new.
+        """Returns one frame per camera of the newest timestep, sorted; none if that was done
+        already.
 
         Raises:
             TrackingError: A frame is of an unknown camera, or not of that camera's size.
@@ -124,7 +124,6 @@ class ArenaTracker:
     been read beyond doubt for long enough, see `joining`.
 
     Attributes:
-        counters: What was noticed since it began.
         heights_m: The roster: the height of each tag's marker above the floor. It grows.
         found: By the camera's id, the DETECTION array of its newest picture.
         overflowed: Ids of the cameras whose newest picture held more than the detector's tables.
@@ -146,7 +145,6 @@ class ArenaTracker:
         Args:
             make_detector: Makes one detector per worker.
             heights_m: The roster.
-            workers: Threads that look at pictures.
             pin: Keep each worker on a processor of its own, for a host that does nothing else.
             prediction: The detectors'; gets the expected poses before each timestep.
 

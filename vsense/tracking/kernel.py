@@ -255,8 +255,7 @@ class LayeredKernel:
         return found
 
     def follow(self, image: Image, camera: Camera, robots: NDArray[np.void]) -> NDArray[np.void]:
-        """Fits (n,) EXPECTED robots, which are given on the plane of reference; see
-        `Kernel.follow`.
+        """Fits (n,) EXPECTED robots, given on the plane of reference; see `Kernel.follow`.
 
         Returns (k,) MARKER of those that fit, with places and sizes on the plane of reference.
         """

@@ -51,13 +51,10 @@ def carry_read_names(
     A marker that is read as another robot than the one that must be there stays without a name.
 
     Args:
-        tags: (n,) what was read, -1 where the cells do not tell.
+        tags: (n,) what was read, -1 where the cells are not sure; the names are returned.
         places: (n, 2) the markers' places in the arena [m].
         expected: (k,) EXPECTED in the camera's view.
         plausible: Whether a marker, by its row, may have an expected tag.
-
-    Returns:
-        (n,) names.
     """
     named = np.array(tags)
     for tag, marker in _alone(places, expected):
@@ -95,14 +92,11 @@ def gather_evidence(
     """Names markers by the mean of their cells over the pictures since they appeared.
 
     Args:
-        tags: (n,) names so far.
+        tags: (n,) names so far; the new ones are returned.
         cells: (n, cells) brightness in this picture.
         sharpness: (n,) of the edges along and across the heading, see `Decoder.decode`.
         places: (n, 2) the markers' places in the arena [m].
         prediction: Keeps what has been gathered, by `camera`, an id.
-
-    Returns:
-        (n,) names.
     """
     open_ = np.flatnonzero(tags == UNNAMED)
     once = np.ones(len(open_), dtype=np.int64)

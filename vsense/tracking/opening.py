@@ -1,5 +1,6 @@
-"""Opens what a tracking session names: its cameras or recordings, detectors and arena tracker
-(thesis, figure 2.11).
+"""Opens what a tracking session names: cameras or recordings, detectors and arena tracker.
+
+This is the factory of the thesis's figure 2.11.
 """
 
 from __future__ import annotations
@@ -50,11 +51,10 @@ def open_tracking(
 
     Args:
         clock: the host's monotonic clock [ns].
-        tell: takes a line about a camera, for a person; any thread, must not wait.
+        tell, troubles: see `CameraTracking`.
         recordings: how recordings are handed out. `OFFLINE`: as fast as they are asked for.
             `PACED`: as they were taken, from the first `next` on. A number: their first pictures
             so often [s] until `CameraTracking.start`, then as they were taken, dated by the clock.
-        troubles: where to count what happens to cameras; None: begins with nothing known.
 
     Raises:
         ConfigError: a recording or a camera cannot be used; names the place in the resources file.

@@ -76,10 +76,9 @@ class Anonymous:
 
     Attributes:
         rows: (n,) which of the newest picture's markers they are.
-        places: (n, 2) where they were seen last [m].
+        places: (n, 2) where they were seen last [m], at `capture_ns`.
         cells: (n, cells) sum of their brightness over the pictures.
         pictures: (n,) how many pictures that were.
-        capture_ns: When they were seen last.
     """
 
     rows: NDArray[np.intp]
@@ -91,14 +90,13 @@ class Anonymous:
 
 @dataclass(slots=True)
 class Prediction:
-    """The robots' expected poses, and each camera's nameless markers.
+    """The robots' expected poses, and each camera's nameless markers, by the camera's id.
 
     Attributes:
         heights_m: The height of each tag's marker above the floor; 0 for others.
         capture_ns: The timestep's capture time.
         is_key_frame: Whether whole pictures are searched in this timestep.
         expected: EXPECTED, sorted by tag.
-        anonymous: By the camera's id.
         unlisted: By the camera's id, tags in the timestep's picture that are on no roster.
         joined: By the family's name, the tags that have joined the roster, in their order.
     """

@@ -80,7 +80,6 @@ class TrackerSpec:
         family: name of the marker family, or path of its definition.
         heading_deg: what is added to the heading of the family's square markers.
         heights_m: the roster: the height of each tag's marker above the floor.
-        max_speed_m_s: greatest speed of a robot.
         open_roster: whether robots with other tags of the family can join.
     """
 
@@ -156,12 +155,9 @@ class TrackingSession:
 
     Attributes:
         file: the file as the user named it.
-        resources: what it takes its parts from.
         server_port: TCP port of the arena tracking server.
         key_frame_period: every so many timesteps the whole picture is searched; 1: always.
         square_size_m: side of the square searched around a known robot in between.
-        views: the cameras.
-        record: what is kept.
     """
 
     file: str

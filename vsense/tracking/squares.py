@@ -36,12 +36,8 @@ _SLIMNESS = 0.4
 def find_quads(image: NDArray[np.uint8], least_px: float, most_px: float) -> Floats:
     """Finds quadrilaterals that are darker than what is around them.
 
-    Large ones are looked for in the picture at half its resolution.
-
-    Args:
-        image: (height, width) uint8.
-        least_px: Shortest side of a marker, seen face to face.
-        most_px: Longest side.
+    Large ones are looked for in the picture at half its resolution. The shortest and the longest
+    side of a marker are given as seen face to face.
 
     Returns:
         (n, 4, 2) pixels: the corners, clockwise in the picture.
@@ -171,13 +167,12 @@ class SquareFinder:
         most_px: float | None = None,
         local_corners: bool = False,
     ) -> NDArray[np.void]:
-        """Returns the markers of a picture of which nothing else is known, as SQUARE rows.
+        """Returns the markers of a (height, width) uint8 picture, as SQUARE rows.
 
         All of the family's tags are named, on the roster or not. Markers with the same tag are
         separate rows; one marker is one row.
 
         Args:
-            image: (height, width) uint8.
             least_px: Shortest side to look for, seen face to face.
             most_px: Longest side; None: as long as the picture.
             local_corners: Follow sides that a lens or the paper bends, see

@@ -84,8 +84,7 @@ def fit_sides(
 
 
 def fit_local_corners(image: NDArray[np.uint8], quads: Floats) -> Floats:
-    """Moves the corners of (n, 4, 2) quadrilaterals by the picture near them, where sides are
-    bent.
+    """Moves the corners of (n, 4, 2) quadrilaterals with bent sides by the picture near them.
 
     Large quadrilaterals have enough of a picture around each corner; small ones need their whole
     sides, as parabolas where they are no lines.

@@ -71,8 +71,8 @@ class Words(NamedTuple):
 class WordReader:
     """Reads the markers of one dictionary.
 
-    With `around` the white around the marker is compared, too; it tells most about the light but
-    may be covered or too narrow.
+    With `around` the white around the marker is compared, too; it shows the light best but may be
+    covered or too narrow.
     """
 
     def __init__(self, codes: Codes, around: bool = True) -> None:

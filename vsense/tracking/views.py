@@ -1,7 +1,7 @@
 """Camera views: from one camera's detections to the arena, and from the arena to its picture.
 
-With the height of the tag's marker a detection is a place in the arena. Views of the same tag that
-lie together are one sighting; views that do not are several, and are never merged.
+Views of the same tag that lie together are one sighting; views that do not are several, and are
+never merged.
 
 Thesis, 2.2: an ArenaElement has a position and an orientation in the image, too. What the cameras
 see is kept as it was seen; for clients that ask for one image pose of every robot, arena poses are
@@ -263,8 +263,7 @@ class ImagePoses:
 
 
 def _heading_px_rad(camera: Camera, points_m: Floats, at_px: Floats, yaw_rad: Floats) -> Floats:
-    """Returns (n,) headings as a picture shows them, counter-clockwise in (-pi, pi], 0 to the
-    right.
+    """Returns (n,) headings in a picture, counter-clockwise in (-pi, pi] and 0 to the right.
 
     `points_m` (n, 3) are the discs' centres in the arena, `at_px` (n, 2) the same in the picture.
     """

@@ -231,7 +231,7 @@ class Connections:
         self._shared.notify(answer.event)
 
     def _reject(self, connection: Connection, error: WireError) -> None:
-        """Ends a connection whose peer broke the protocol; tells a robot why."""
+        """Ends a connection whose peer broke the protocol; a robot gets the reason."""
         now_ns = self._shared.clock()
         origin = connection.origin
         if connection.robot is not None:

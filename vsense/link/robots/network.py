@@ -230,9 +230,7 @@ class ServerThread:
             each.close()
 
     def _opened(self, robot: HostSession) -> None:
-        """Sends the first STATE right after the WELCOME, so that a robot can join in mid-run at
-        once.
-        """
+        """Sends the first STATE right after the WELCOME: a robot joins in mid-run at once."""
         self.send(robot, self._shared.clock())
         self._due_ns = 0
 

@@ -90,11 +90,7 @@ class Peer:
     ) -> bytes:
         """Makes the next STATE packet; send the same bytes on every path it is to take.
 
-        Args:
-            timestep: of the arena state.
-            capture_ns: when the arena was seen, host's clock.
-            values: the sensors' values in the table's order.
-            now_ns: host's clock.
+        The arena was seen at `capture_ns`, host's clock; `values` are in the table's order.
 
         Raises:
             WireError: no session is open, or VS_ERR_SEQUENCE: renew the session.

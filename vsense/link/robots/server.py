@@ -138,8 +138,7 @@ class VirtualSensorServer:
         return self._roster.orders.run
 
     def hush(self, hushed: bool = True) -> None:
-        """Sends no STATE any more, or again, so that telemetry can catch up with all that was
-        sent.
+        """Sends no STATE any more, or again, so that telemetry can catch up.
 
         To be called after STOP: to the robots it is the silence of a dead host. Raises as
         `publish` does.
@@ -164,7 +163,7 @@ class VirtualSensorServer:
         with self._lock:
             run, now_ns = self._roster.orders.run, self._clock()
             for tag, robot in self._roster.robots.items():
-                report = robot.report(run, now_ns)
+                report = robot.reporter.report(run, now_ns)
                 if report is not None:
                     found[tag] = report
         return found

@@ -9,14 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from vsense.link.robots.peer import Change, Orders, Peer, Presence
-from vsense.link.robots.status import (
-    ActuatorReport,
-    EventKind,
-    LinkEvent,
-    Reporter,
-    RobotStatus,
-    cut_text,
-)
+from vsense.link.robots.status import EventKind, LinkEvent, Reporter, RobotStatus, cut_text
 from vsense.link.robots.table import Direction, Table
 from vsense.link.robots.wire import (
     GoodbyeCause,
@@ -47,13 +40,13 @@ class HostSession:
     """What the host knows of one robot, and the packets between the two.
 
     Attributes:
-        tag: number on the robot's marker.
         name: the robot's name in the experiment.
         peer: sequences, acceptance filter and counters of the link.
         address: source of the newest accepted datagram of the open session, None before it.
         due_ns: when the next STATE is due at the latest; of no meaning while no session is open.
         superseded: STATE packets that a newer one replaced in a slow TCP stream.
         unsent: STATE packets that the kernel refused on their only way.
+        reporter: what the robot's virtual actuators say.
     """
 
     def __init__(self, tag: int, name: str, table: Table) -> None:
@@ -69,7 +62,7 @@ class HostSession:
         self._hello = _NO_HELLO
         self._sessions = 0
         self._presence = Presence()
-        self._reporter = Reporter()
+        self.reporter = Reporter()
         self._repeats = 0
         self._repeat_ns = 0
         self._telemetry: Telemetry | None = None
@@ -100,15 +93,14 @@ class HostSession:
 
         Args:
             session: its number, not 0 and never used before.
-            hello: the robot's greeting, not `taken_from` it.
-            header: the greeting's header.
+            hello, header: the robot's greeting, not `taken_from` it, and the greeting's header.
             origin: where the robot is, for people.
             now_ns: when the greeting came, host's clock.
         """
         event = self._greeting(hello, origin, now_ns)
         self.peer.open(session, self._table, header.send_ns, now_ns)
         self._uid, self._hello = hello.uid, hello
-        self._reporter.open(hello.uid)
+        self.reporter.open(hello.uid)
         self._sessions += 1
         self._presence.open(now_ns)
         self.due_ns = now_ns
@@ -142,7 +134,7 @@ class HostSession:
     def close(self) -> None:
         """Ends the session without a packet; every packet is foreign from now on."""
         self.peer.close()
-        self._reporter.close()
+        self.reporter.close()
         self.address = None
         self._repeats = 0
 
@@ -161,10 +153,8 @@ class HostSession:
     def hold(self, timestep: int, capture_ns: int, values: Values | None) -> None:
         """Takes the newest readings, to be repeated until the next ones.
 
-        Args:
-            timestep: of the arena state.
-            capture_ns: when the arena was seen, host's clock.
-            values: in the table's order; None leaves the old ones, which age.
+        `values` are in the table's order; None leaves the old ones, which age. The arena was seen
+        at `capture_ns`, host's clock.
 
         Raises:
             ValueError: the readings do not fit the table.
@@ -195,9 +185,8 @@ class HostSession:
         return packet
 
     def plan(self, sent_ns: int) -> None:
-        """Sets when the STATE after that of sent_ns is due; one in between is no repetition of
-        STOP.
-        """
+        """Sets when the STATE after that of sent_ns is due."""
+        # A STATE that leaves in between is no repetition of STOP.
         if self._repeats and sent_ns >= self._repeat_ns:
             self._repeats -= 1
             self._repeat_ns = sent_ns + REPEAT_NS
@@ -219,7 +208,7 @@ class HostSession:
         if telemetry is None:
             return False, []
         self._telemetry = telemetry
-        self._reporter.receive(header, telemetry, now_ns)
+        self.reporter.receive(header, telemetry, now_ns)
         if source is not None and source != self.address:
             self.address, self.due_ns = source, now_ns
         return True, self._told(self._presence.hear(self.peer, now_ns), now_ns)
@@ -233,10 +222,6 @@ class HostSession:
 
     def _event(self, kind: EventKind, text: str, now_ns: int) -> LinkEvent:
         return LinkEvent(kind, self.tag, f"{self.label}: {text}", now_ns)
-
-    def report(self, run: int, now_ns: int) -> ActuatorReport | None:
-        """See `Reporter.report`."""
-        return self._reporter.report(run, now_ns)
 
     def status(self, now_ns: int) -> RobotStatus:
         """A snapshot."""

@@ -51,9 +51,7 @@ class Reporter:
             self._control_step, self._acted_ns = telemetry.control_step, now_ns
 
     def report(self, run: int, now_ns: int) -> ActuatorReport | None:
-        """Gives the robot's report; None if there is none of this run that still counts at
-        `now_ns`.
-        """
+        """Gives the robot's report of a run; None if none still counts at `now_ns`."""
         if self._newest is None or now_ns - self._acted_ns >= LIFE_NS:
             return None
         of_run, telemetry = self._newest
@@ -114,7 +112,6 @@ class RobotStatus:
     """One expected robot, as of one moment. Counters never go down over its sessions.
 
     Attributes:
-        tag: number on the robot's marker.
         name: the robot's name in the experiment.
         connected: a session is open and was heard within 1 s.
         uid: 16 bytes, who the robot is; None before its first session.

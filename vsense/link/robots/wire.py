@@ -230,10 +230,8 @@ def encode(header: Header, message: Hello | Welcome | Notice) -> bytes:
         for name in HELLO_TEXTS:
             put_text(getattr(hello, name), getattr(message, name))
         return out.packet(lib.vs_encode_hello(head, hello, *out.arguments))
-    welcome = ffi.new("struct vs_welcome *")
-    welcome.nonce, welcome.seed = message.nonce, message.seed
-    welcome.timestep_us = message.timestep_us
-    welcome.table = message.table.cdata[0]
+    plain = {name: getattr(message, name) for name in ("nonce", "seed", "timestep_us")}
+    welcome = ffi.new("struct vs_welcome *", plain | {"table": message.table.cdata[0]})
     put_text(welcome.params, message.params)
     return out.packet(lib.vs_encode_welcome(head, welcome, *out.arguments))
 

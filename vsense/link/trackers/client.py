@@ -19,12 +19,7 @@ from typing import Any
 
 from vsense.arena import ArenaState
 from vsense.link.robots.status import LinkError
-from vsense.link.trackers.protocol import (
-    StateInbox,
-    TrackerCommand,
-    decode_state,
-    encode_command,
-)
+from vsense.link.trackers.protocol import StateInbox, TrackerCommand, decode_state, encode_command
 from vsense.link.trackers.repair import Repair, StateCounters, TrackerLink
 
 PERIOD_NS = 100_000_000
@@ -51,7 +46,6 @@ class ArenaDialog:
     Attributes:
         running: whether the tracker shall be in a run; set by the user.
         over: the tracker has ended the run; cleared by the user.
-        repair: makes arena states of reports.
     """
 
     def __init__(
@@ -144,19 +138,13 @@ class TrackerEnded(LinkError):
 
 
 class ArenaClient(TrackerLink):
-    """A source of arena states, which connects in `next`.
+    """A source of arena states, which connects in `next` and counts its `connections`.
 
     Args:
         host, port: of the tracker.
-        tags: the tags of the experiment.
-        tell: takes a line for a person; must not wait.
-        latency_ns: from the middle of an exposure to the arrival of its state. The protocol does
-            not say it, so it has to be measured and given.
-        origin_m: where the arena's origin lies in the tracker's frame.
-        clock: the host's monotonic clock [ns].
-
-    Attributes:
-        connections: how often it was connected to; reconnects are one less.
+        tags, latency_ns, origin_m: see `ArenaDialog`. The protocol does not say the latency, so it
+            has to be measured and given.
+        tell, clock: see `TrackerLink`.
 
     Raises:
         LinkError: the host is not known.

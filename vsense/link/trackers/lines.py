@@ -180,8 +180,7 @@ class ArenaListener(TrackerLink):
         host: name or address of the interface to listen on.
         port: its number; 0 takes any that is free.
         tags: the tags of the experiment.
-        tell: takes a line for a person; must not wait.
-        clock: the host's monotonic clock [ns].
+        tell, clock: see `TrackerLink`.
 
     Raises:
         LinkError: the host is unknown, or the port is taken.

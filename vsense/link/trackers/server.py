@@ -35,7 +35,6 @@ class ArenaSession:
     """One client: what it has asked for, and what still has to be sent to it.
 
     Attributes:
-        outbox: what is still to be written.
         running: between START_EXPERIMENT and STOP_EXPERIMENT.
         timestep: of the run, from 1; 0 outside of one and before its first state.
         superseded: states of this run that a newer one replaced before they could leave.
