@@ -156,9 +156,7 @@ def floor_of(experiment: Experiment) -> Floor:
     """Makes the floor of an experiment: its picture, or plain.
 
     As in ARGoS, a picture covers the arena's size around the origin, whatever the arena's centre.
-
-    Raises:
-        ConfigError: the picture is no longer there.
+    Raises ConfigError where the picture is no longer there.
     """
     spec = experiment.floor
     if spec is None or spec.path is None:
@@ -173,11 +171,7 @@ def floor_of(experiment: Experiment) -> Floor:
 
 
 def read_field(element: Element, name: str, arena: Arena, timestep_s: float) -> FieldSpec:
-    """Reads a `<vs:field>`, which is stepped `timestep_s` at once.
-
-    Raises:
-        ConfigError: an attribute is wrong, or it has too many cells or spreads too fast for them.
-    """
+    """Reads a `<vs:field>`; its cells must allow for steps of `timestep_s`."""
     spec = FieldSpec(
         name,
         element.number("cell", _MIN_CELL_M, _MAX_CELL_M, "m", 0.02),

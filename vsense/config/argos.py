@@ -110,7 +110,7 @@ ORIGINAL_SETTINGS = {
 """Attributes of IRIDIA's virtual sensors: their type, and what takes their place; "": nothing."""
 
 HEARING = "virtual_range_and_bearing_sensor"
-"""The virtual sensor that a range-and-bearing medium sets whether bodies are in the way."""
+"""The virtual sensor to which it matters what a medium says of bodies in the way."""
 
 PHYSICS_ENGINES = ("dynamics3d", "pointmass3d", "static")
 """Children of <physics_engines> beside <dynamics2d> and the tracking system."""
@@ -129,9 +129,6 @@ def pass_over(element: Element, settings: Mapping[str, tuple[str, str]]) -> None
 
     `settings` has by attribute its type ("boolean", "number" or "text") and the words; "" says
     nothing.
-
-    Raises:
-        ConfigError: one is not of its type.
     """
     for key, (kind, instead) in settings.items():
         if not element.has(key):

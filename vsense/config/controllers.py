@@ -71,11 +71,7 @@ def virtual_devices() -> dict[str, Collection[str]]:
 
 
 def mount_sensor(element: Element, scope: Scope) -> MountedSensor:
-    """Makes the sensor that an element of `factories(SENSORS)` asks for.
-
-    Raises:
-        ConfigError: an attribute is wrong.
-    """
+    """Makes the sensor that an element of `factories(SENSORS)` asks for."""
     element.choice("implementation", ("default",), "default")
     sensor = factories(SENSORS)[element.name](element, scope)
     try:
@@ -88,13 +84,7 @@ def mount_sensor(element: Element, scope: Scope) -> MountedSensor:
 
 
 def mount_actuator(element: Element, scope: Scope) -> MountedActuator:
-    """Makes the actuator that an element of `factories(ACTUATORS)` asks for.
-
-    The sensors have added their pollutant sources to `scope`.
-
-    Raises:
-        ConfigError: an attribute is wrong.
-    """
+    """Makes an actuator; the sensors have added their pollutant sources to `scope`."""
     element.choice("implementation", ("default",), "default")
     actuator = factories(ACTUATORS)[element.name](element, scope)
     return MountedActuator(actuator, element.line, Quality.from_xml(element, actuator.scale))
@@ -105,11 +95,8 @@ def read_devices(
 ) -> tuple[list[MountedSensor], list[MountedActuator]]:
     """Mounts the virtual sensors and actuators that a controller asks for.
 
-    They may refer to `scope`, to which sensors add their sources, and to `media`.
-
-    Raises:
-        ConfigError: one of them is wrong, two have the same name, or a datagram does not hold
-            them all.
+    They may refer to `scope`, to which sensors add their sources, and to `media`. They must have
+    different names, and a datagram must hold them all.
     """
     sensors: list[MountedSensor] = []
     actuators: list[MountedActuator] = []
@@ -171,11 +158,7 @@ def _virtual(
 
 
 def used_controller(section: Element, bodies: ArenaContents) -> Element:
-    """Finds the one controller that the robots name.
-
-    Raises:
-        ConfigError: a robot names one that is not there, or they name several.
-    """
+    """Finds the one controller that the robots name; refuses several."""
     known = by_id(section.children(), "controller")
     used: dict[str, Element] = {}
     for robot, element in bodies.controllers.items():

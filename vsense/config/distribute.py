@@ -69,8 +69,7 @@ class Distribution:
         position_m: x, y, z; of what stands on the floor z does not count.
         orientation_rad: turns about z, y, x; only the first counts.
         max_trials: draws per body before giving up.
-        number: place of the `<distribute>` among those of the arena, from 0, in which they are
-            drawn.
+        number: place of the `<distribute>` in the arena, from 0: they are drawn in this order.
         line: line of its `<entity>`.
     """
 

@@ -34,11 +34,7 @@ _KNOWN = ("library", "label")
 
 
 def read_loop_functions(root: Element, folder: Path) -> LoopSpec | None:
-    """Reads the loop functions, looked for in `folder`; None where there are none to be called.
-
-    Raises:
-        ConfigError: an attribute is wrong, or the file is not there.
-    """
+    """Reads the loop functions, looked for in `folder`; None where there are none to be called."""
     element = root.optional_child("loop_functions")
     if element is None or not (element.free_attributes() or element.child_names()):
         return None
@@ -76,8 +72,7 @@ def _check_syntax(element: Element, path: Path) -> None:
 def collect(element: Element, settings: dict[str, str], prefix: str = "") -> dict[str, str]:
     """Flattens the user's own settings: an attribute of a child is called `child.key`.
 
-    Raises:
-        ConfigError: two settings have one name, or a value cannot stand in one line.
+    No two may have one name, and each value must fit one line.
     """
     for key, value in element.free_attributes().items():
         if any(not character.isprintable() for character in value):
@@ -139,11 +134,7 @@ def read_run(root: Element, length_s: float | None) -> RunSettings:
 
 
 def read_rest(root: Element) -> None:
-    """Passes over the parts of ARGoS that have no meaning here, each with a warning.
-
-    Raises:
-        ConfigError: an attribute is wrong, or two engines have one id.
-    """
+    """Passes over the parts of ARGoS that have no meaning here, each with a warning."""
     framework = root.child("framework")
     system = framework.optional_child("system")
     if system is not None:
@@ -196,11 +187,7 @@ def _tracking_engine(root: Element) -> Element | None:
 
 
 def read_tracker(root: Element) -> TrackerAddress | JsonLinesTracker | None:
-    """Reads where the arena state comes from, None where an experiment names no tracker.
-
-    Raises:
-        ConfigError: a value is wrong, a port has no host, or two elements name a tracker.
-    """
+    """Reads where the arena state comes from, None where an experiment names no tracker."""
     framework = root.child("framework")
     engine = _tracking_engine(root)
     lines = framework.optional_child(_TRACKER)

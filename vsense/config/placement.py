@@ -168,7 +168,7 @@ class _Placement:
         self.entities: list[Entity] = []
         self._experiment = experiment
         self._draws = random.Random(seed)
-        self._drawn: Counter[int] = Counter()
+        self._drawn: Counter[int] = Counter()  # places, by `<distribute>`
         self._footprints: list[Footprint] = []
         self._occupy(*experiment.boxes, *experiment.cylinders)
         self._place_fixed()

@@ -53,9 +53,7 @@ def read_camera_grabber(id: str, kind: str, element: Element) -> GrabberSpec:
 
 def read_rate_hz(element: Element) -> float | None:
     """Reads `frame_rate`, where there is one."""
-    if not element.has("frame_rate"):
-        return None
-    return element.number("frame_rate", *RATES_HZ, "pictures per second")
+    return _optional(element, "frame_rate", *RATES_HZ, "pictures per second")
 
 
 def _controls(element: Element, rate_needed: bool) -> Controls:
@@ -123,12 +121,7 @@ _RANGE = re.compile(r"([0-9]{1,9})(?:-([0-9]{1,9}))?")
 
 
 def load(path: str | Path) -> Resources:
-    """Reads a resources file.
-
-    Raises:
-        UsageError: it cannot be read.
-        ConfigError: it is wrong; the error names file, line, value and expectation.
-    """
+    """Reads a resources file; raises UsageError where it cannot be read."""
     return read(read_bytes(path), str(path), Path(path).parent)
 
 

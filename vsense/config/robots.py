@@ -25,8 +25,7 @@ class ArenaContents:
 
     Attributes:
         folder: where files with relative paths are looked for.
-        entities, distributed: what stands at a place that the file says, and that the seed will
-            say.
+        entities, distributed: what stands where the file says, and where the seed will say.
         objects: tagged things that are no robots.
         fields: quantities spread over the floor.
         controllers: by robot id the `<controller>` element that names what drives it.
@@ -68,7 +67,7 @@ class ArenaContents:
         return {entity.id: entity for entity in entities}
 
     def claim_id(self, element: Element, name: str) -> None:
-        """Notes an id; raises ConfigError where it is not printable or another element's."""
+        """Notes an id, which must be printable and no other element's."""
         if not name.isprintable():
             raise element.error(f"{name!r} holds a character that is not printable", "id")
         if name in self.lines:
@@ -77,7 +76,7 @@ class ArenaContents:
         self.lines[name] = element.line
 
     def claim_tag(self, element: Element, attribute: str, tag: int) -> None:
-        """Notes a tag; raises ConfigError where another thing wears it."""
+        """Notes a tag, which no other thing may wear."""
         if tag in self.lines_of_tags:
             line = self.lines_of_tags[tag]
             raise element.error(f"tag {tag} is worn by another one, in line {line}", attribute)
@@ -156,11 +155,7 @@ def add_crowd(crowd: Crowd, bodies: ArenaContents) -> None:
 
 
 def give_tags(bodies: ArenaContents, family: str) -> None:
-    """Gives a tag of a marker family to every body whose tag the file does not say, and says so.
-
-    Raises:
-        ConfigError: the family has too few tags.
-    """
+    """Gives a free tag of a marker family to every body without one in the file, and warns."""
     names = [name for _, group in bodies.untagged for name in group]
     if not names:
         return

@@ -26,10 +26,8 @@ def apply(
     """Puts settings, values by `ELEMENT.attribute`, in their places before the file is read.
 
     `virtual` has the names of the virtual devices by the name of the element that holds them.
-    Returns by setting the elements that it changes.
-
-    Raises:
-        UsageError: a setting has no such form, or fits no element.
+    Returns by setting the elements that it changes. Raises UsageError where a setting has no such
+    form, or fits no element.
     """
     return {key: _apply(root, key, value, virtual) for key, value in settings.items()}
 

@@ -41,11 +41,7 @@ NAMED: dict[str, Color] = {
 
 
 def read_color(element: Element, key: str, default: str | None = None) -> Color:
-    """Reads a colour's name, or its red, green and blue from 0 to 255 with commas between them.
-
-    Raises:
-        ConfigError: absent and required, or no colour.
-    """
+    """Reads a colour's name, or its red, green and blue from 0 to 255 with commas between them."""
     text = element.text(key, default, "a colour such as 'yellow' or '255,255,0'")
     if text in NAMED:
         return NAMED[text]
@@ -97,11 +93,7 @@ def read_media(root: Element) -> Media:
 
 
 def check_medium(element: Element, media: Media) -> None:
-    """Reads the medium that a device or a light may name, and sets on the device what it says.
-
-    Raises:
-        ConfigError: there is no such medium.
-    """
+    """Reads the medium that a device or a light may name, and sets on the device what it says."""
     if not element.has("medium"):
         return
     name = element.text("medium")
@@ -132,12 +124,9 @@ ORIGIN = Placing((0.0, 0.0, 0.0), 0.0)
 
 
 def read_place(element: Element, arena: Arena, default: str | None = None) -> Placing:
-    """Reads `position` and `orientation`, from a `<body>` or from the thing itself.
+    """Reads `position`, inside the arena, and `orientation`, from a `<body>` or the thing itself.
 
     `default` is the orientation, where it may be absent.
-
-    Raises:
-        ConfigError: one is wrong, or it lies outside the arena.
     """
     far = MAX_LENGTH_M
     position_m = element.vector("position", -far, far, "m")

@@ -31,23 +31,14 @@ Part = TypeVar("Part")
 
 
 def load(resources_path: str | Path, experiment_path: str | Path) -> TrackingSession:
-    """Reads the two files of a tracking session.
-
-    Raises:
-        UsageError: one of them cannot be read.
-        ConfigError: one of them is wrong; the error names file, line, value and expectation.
-    """
+    """Reads the two files of a tracking session; raises UsageError where one cannot be read."""
     resources = resources_file.load(resources_path)
     folder = Path(experiment_path).parent
     return read(read_bytes(experiment_path), str(experiment_path), folder, resources)
 
 
 def read(data: bytes, file: str, folder: Path, resources: Resources) -> TrackingSession:
-    """Reads an experiment file from its bytes; its relative paths start from `folder`.
-
-    Raises:
-        ConfigError: the file is wrong, or a part of the resources that it uses is.
-    """
+    """Reads an experiment file from its bytes; its relative paths start from `folder`."""
     root = parse(data, file)
     if root.name != "arena_tracking":
         raise root.error("is the outermost element, expected <arena_tracking>")

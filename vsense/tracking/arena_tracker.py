@@ -80,8 +80,7 @@ class FrameGate:
         self._newest = -1
 
     def choose(self, frames: Sequence[Frame]) -> list[Frame]:
-        """Returns one frame per camera of the newest timestep, sorted; none if that was done
-        already.
+        """Returns the newest timestep's frames, one per camera, sorted; none if already done.
 
         Raises:
             TrackingError: A frame is of an unknown camera, or not of that camera's size.

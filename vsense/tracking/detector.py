@@ -196,10 +196,7 @@ class CameraDetectors:
 
 
 class Detected(NamedTuple):
-    """What was found in one picture: DETECTION rows, and whether they are all that there is.
-
-    `full`: there was more in the picture than the detector's tables hold.
-    """
+    """DETECTION `rows` of one picture, and whether it held more than the detector's tables."""
 
     rows: NDArray[np.void]
     full: bool

@@ -49,8 +49,7 @@ class SearchPlan:
 
     Attributes:
         key_frame_period: Every so many timesteps whole pictures are searched (1: always).
-        square_size_m: Side of the square searched in between around where each robot is expected
-            (0.11).
+        square_size_m: Side of the squares searched in between, where robots are expected (0.11).
         warm: Fit known robots directly where they are expected, and search only the squares of
             those that do not fit.
     """

@@ -23,10 +23,9 @@ _ENOUGH_PX = 10.0
 _NOISY = 5.0
 _NOISE_ROWS = 32
 
-_DARKNESS = 0.96
-"""Dark is below this share of the local mean,"""
-_LEAST_STEP_GREY, _NOISE_STEP = 3.0, 2.0
-"""less this many grey values, or this many times the picture's noise where that is more."""
+_DARKNESS, _LEAST_STEP_GREY, _NOISE_STEP = 0.96, 3.0, 2.0
+"""Dark is below this share of the local mean, less so many grey values, or less so many times the
+picture's noise where that is more."""
 _FULLNESS = 0.8
 """Least share of a quadrilateral that the hull fills."""
 _SLIMNESS = 0.4
@@ -34,7 +33,7 @@ _SLIMNESS = 0.4
 
 
 def find_quads(image: NDArray[np.uint8], least_px: float, most_px: float) -> Floats:
-    """Finds quadrilaterals that are darker than what is around them.
+    """Finds quadrilaterals that are darker than what is around them in a (height, width) picture.
 
     Large ones are looked for in the picture at half its resolution. The shortest and the longest
     side of a marker are given as seen face to face.

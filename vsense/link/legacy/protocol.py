@@ -242,7 +242,6 @@ class LegacySwarm:
             robot.end()
 
     def sense(self, tag: int, payloads: Mapping[int, bytes]) -> None:
-        """Takes a robot's newest readings."""
         self._payloads[tag] = payloads
         for robot in self.robots.values():
             if robot.tag == tag:

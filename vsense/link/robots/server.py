@@ -116,7 +116,7 @@ class VirtualSensorServer:
         """Sets what every robot shall do, until the next command; it leaves at once.
 
         With RUN, `from_timestep` is the first timestep in which the robots run. STOP leaves three
-        times, 10 ms apart. Raises as `publish` does.
+        times, 10 ms apart. Raises LinkError as `publish` does.
         """
         network = self._running()
         with self._lock:
@@ -127,7 +127,7 @@ class VirtualSensorServer:
     def new_run(self) -> int:
         """Begins a new run, all robots idle, no reading measured yet; returns its number.
 
-        Raises as `publish` does.
+        Raises LinkError as `publish` does.
         """
         network = self._running()
         with self._lock:
@@ -140,7 +140,7 @@ class VirtualSensorServer:
     def hush(self, hushed: bool = True) -> None:
         """Sends no STATE any more, or again, so that telemetry can catch up.
 
-        To be called after STOP: to the robots it is the silence of a dead host. Raises as
+        To be called after STOP: to the robots it is the silence of a dead host. Raises LinkError as
         `publish` does.
         """
         self._running().hushed = hushed
