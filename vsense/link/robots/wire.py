@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields
 from enum import IntEnum
 from typing import Any
 
-from vsense.link.robots.table import Table
+from vsense.link.robots.table import Output, Table, text_of
 from vsense.native import check, ffi, lib
 
 PACKET_MAX: int = lib.VS_PACKET_MAX
@@ -121,7 +121,6 @@ class Welcome:
     """The host's answer: a session.
 
     Attributes:
-        table: the sensor table.
         timestep_us: [us] length of a timestep, at least 1.
         seed: of this robot's controller.
         params: lines "key=value\\n" for the controller, at most 512 bytes of UTF-8.
@@ -147,8 +146,7 @@ class Notice:
 class Telemetry:
     """What a robot reports; `struct vs_telemetry` in `c_src/vs_body.h` explains the fields.
 
-    Attributes:
-        payload: the actuators' block in the table's order: levels or cumulative counters.
+    `payload` is the actuators' block in the table's order: levels or cumulative counters.
     """
 
     state: int = Wanted.IDLE
@@ -232,10 +230,8 @@ def encode(header: Header, message: Hello | Welcome | Notice) -> bytes:
         for name in HELLO_TEXTS:
             put_text(getattr(hello, name), getattr(message, name))
         return out.packet(lib.vs_encode_hello(head, hello, *out.arguments))
-    welcome = ffi.new("struct vs_welcome *")
-    welcome.nonce, welcome.seed = message.nonce, message.seed
-    welcome.timestep_us = message.timestep_us
-    welcome.table = message.table.cdata[0]
+    plain = {name: getattr(message, name) for name in ("nonce", "seed", "timestep_us")}
+    welcome = ffi.new("struct vs_welcome *", plain | {"table": message.table.cdata[0]})
     put_text(welcome.params, message.params)
     return out.packet(lib.vs_encode_welcome(head, welcome, *out.arguments))
 
@@ -251,11 +247,7 @@ def decode(packet: bytes) -> tuple[Header, Hello | Welcome | Notice]:
 
 
 def decode_body(header: Header, body: bytes) -> Hello | Welcome | Notice:
-    """Reads the body of a packet that travels on TCP only, as `open_packet` gives it.
-
-    Raises:
-        WireError: the body is not valid, or it is that of STATE or TELEMETRY.
-    """
+    """Reads a body as `open_packet` gives it, and raises as `decode` does."""
     if header.type == PacketType.HELLO:
         hello = ffi.new("struct vs_hello *")
         check(lib.vs_decode_hello(body, len(body), hello), "HELLO")
@@ -274,11 +266,6 @@ def decode_body(header: Header, body: bytes) -> Hello | Welcome | Notice:
     return check(lib.VS_ERR_TYPE)  # type: ignore[return-value]
 
 
-def text_of(cdata: Any) -> str:
-    """Reads a zero-terminated text that C has checked."""
-    return str(ffi.string(cdata).decode())
-
-
 def put_text(cdata: Any, text: str) -> None:
     """Writes a text into a C array of characters; the encoder checks its contents.
 
@@ -289,21 +276,3 @@ def put_text(cdata: Any, text: str) -> None:
     if len(data) >= len(cdata):
         check(lib.VS_ERR_TEXT, repr(text))
     ffi.memmove(cdata, data + b"\0", len(data) + 1)
-
-
-class Output:
-    """A C buffer that one packet is encoded into.
-
-    Attributes:
-        arguments: buffer, its size and where the length goes: the last three of every encoder.
-    """
-
-    def __init__(self, size: int) -> None:
-        self._buf = ffi.new("uint8_t[]", size)
-        self._length = ffi.new("size_t *")
-        self.arguments = (self._buf, size, self._length)
-
-    def packet(self, code: int) -> bytes:
-        """The packet, or the encoder's error."""
-        check(code)
-        return bytes(ffi.buffer(self._buf, self._length[0]))
