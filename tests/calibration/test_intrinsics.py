@@ -63,9 +63,9 @@ def test_bad_views_are_left_out_and_reported() -> None:
     bent = found[7].pixels + rng.normal(0.0, 4.0, found[7].pixels.shape)
     found[7] = replace(found[7], pixels=bent)
     result = fit(found)
-    assert [number for number, used in enumerate(result.used) if not used] == [7]
+    assert [number for number, view in enumerate(result.views) if not view.used] == [7]
     np.testing.assert_allclose(result.lens[:2], 1620.0, atol=6.0)
-    assert 2.0 < np.sqrt((result.residuals[7] ** 2).sum(axis=1).mean()) < 12.0
+    assert 2.0 < np.sqrt((result.views[7].residuals ** 2).sum(axis=1).mean()) < 12.0
 
 
 @pytest.mark.parametrize(

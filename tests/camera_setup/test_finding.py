@@ -27,7 +27,7 @@ from vsense.tracking.specs import GENICAM
 FIRST = ListedCamera("Maker-A-1", GIGE, "192.168.10.11", "00:01", "Maker", "A", "1")
 SECOND = ListedCamera("Maker-A-2", GIGE, "192.168.10.12", "00:02", "Maker", "A", "2")
 USB = ListedCamera("Maker-U-3", USB3, "", "guid", "Maker", "Maker U", "3")
-WEBCAM = V4l2Device("/dev/video0", "Webcam", "usb-1", ("YUYV",), (1280, 720), 30.0, "", "uvc")
+WEBCAM = V4l2Device("/dev/video0", "Webcam", "usb-1", ("YUYV",), (1280, 720), 30.0, "")
 NETWORKS = [Network("eth1", IPv4Interface("192.168.10.1/24"))]
 FEATURES = {"Width": "1620", "Height": "1220", "ExposureTimeAbs": "8000", "Gain": "2.5"}
 

@@ -125,7 +125,6 @@ def test_a_camera_has_its_largest_picture_and_the_highest_rate_of_that(kernel: K
         size_px=(1920, 1080),
         rate_hz=pytest.approx(29.97, abs=0.001),
         trouble="",
-        driver="uvcvideo",
     )
 
 

@@ -9,14 +9,13 @@ import pytest
 from tests.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense.arena import DETECTION, UNNAMED, Frame
 from vsense.cameras.camera import Camera
-from vsense.cameras.health import Agreement, CameraHealth, Health, HealthLimits
+from vsense.cameras.health import Agreement, CameraHealth, Health
 from vsense.cameras.steadiness import Steadiness
 from vsense.markers.families import load_family
 from vsense.tracking.detector import make_detector
 
 SIZE = (810, 610)
 CAMERA = Camera.looking_down("a", 0.0, 0.0, 2.4, 810.0, SIZE)
-LIMITS = HealthLimits()
 
 
 def arena(timestep: int, light: float = 1.0, shift: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
@@ -46,7 +45,7 @@ def kinds(camera: CameraHealth, pictures: list[np.ndarray]) -> list[tuple[int, s
 
 
 def test_good_pictures_of_driving_robots_are_no_event(good: list[np.ndarray]) -> None:
-    assert kinds(CameraHealth(CAMERA, LIMITS), good) == []
+    assert kinds(CameraHealth(CAMERA), good) == []
 
 
 @pytest.mark.parametrize("dark", ["black", "capped"])
@@ -56,7 +55,7 @@ def test_a_dark_camera_is_told_once_and_its_end_once(good: list[np.ndarray], dar
         np.clip(np.random.default_rng(k).normal(level, 1.0, good[0].shape), 0, 255).astype(np.uint8)
         for k in range(6)
     ]
-    told = kinds(CameraHealth(CAMERA, LIMITS), [*good[:2], *nothing, *good[2:6]])
+    told = kinds(CameraHealth(CAMERA), [*good[:2], *nothing, *good[2:6]])
     assert [t for t in told if t[1] in ("dark", "light")] == [(4, "dark"), (10, "light")]
 
 
@@ -81,13 +80,13 @@ def test_a_saturated_camera_is_told_once_and_its_end_once(
     good: list[np.ndarray], gain: float
 ) -> None:
     white = [exposed(gain, 118.0, k) for k in range(6)]
-    camera = CameraHealth(CAMERA, LIMITS)
+    camera = CameraHealth(CAMERA)
     told = kinds(camera, [*good[:2], *white, *good[2:6]])
     assert told == [(4, "saturated"), (10, "exposed")]
 
 
 def test_a_saturated_camera_is_told_with_how_much() -> None:
-    camera = CameraHealth(CAMERA, LIMITS)
+    camera = CameraHealth(CAMERA)
     told = [str(event) for _ in range(3) for event in camera.update(plain(255, 0.9))]
     assert told == ["camera a: is overexposed: 90 % of its picture is at full scale"]
 
@@ -109,7 +108,7 @@ def test_saturated_is_where_markers_cannot_be_read(
     picture = exposed(gain, ground)
     rows = make_detector(load_family("arrow4x4"), range(1, 33), HEIGHT_M).detect(picture, CAMERA)
     assert np.count_nonzero(rows["tag"] != UNNAMED) == pytest.approx(named, abs=3)
-    camera = CameraHealth(CAMERA, LIMITS)
+    camera = CameraHealth(CAMERA)
     assert [e.kind for _ in range(3) for e in camera.update(picture)] == ([kind] if kind else [])
 
 
@@ -130,7 +129,7 @@ def test_saturated_is_where_markers_cannot_be_read(
     ],
 )
 def test_too_much_light_too_little_and_enough(picture: np.ndarray, kind: str | None) -> None:
-    camera = CameraHealth(CAMERA, LIMITS)
+    camera = CameraHealth(CAMERA)
     noise = np.zeros_like(picture)
     told = []
     for k in range(3):
@@ -145,12 +144,12 @@ def test_paper_and_a_lamp_on_the_floor_are_no_trouble(good: list[np.ndarray]) ->
     for image in pictures:
         image[60:360, 90:500] = 255
         cv2.circle(image, (640, 450), 60, 255, -1)
-    assert kinds(CameraHealth(CAMERA, LIMITS), pictures) == []
+    assert kinds(CameraHealth(CAMERA), pictures) == []
 
 
 @pytest.mark.parametrize("grey", [0, 255])
 def test_one_grey_all_over_is_not_taken_for_standstill(grey: int) -> None:
-    told = kinds(CameraHealth(CAMERA, LIMITS), [plain(grey)] * 8)
+    told = kinds(CameraHealth(CAMERA), [plain(grey)] * 8)
     assert told == [(2, "saturated" if grey else "dark")]
 
 
@@ -164,13 +163,13 @@ def test_every_trouble_of_light_and_standstill_is_told_at_its_third_picture(
         "frozen": [good[1]] * 3,
     }
     for kind, pictures in troubles.items():
-        told = kinds(CameraHealth(CAMERA, LIMITS), [*good[:2], *pictures, *good[2:5]])
+        told = kinds(CameraHealth(CAMERA), [*good[:2], *pictures, *good[2:5]])
         assert [place for place, each in told if each == kind] == [4], kind
         assert len(told) == 2 and told[1][0] == 7, kind
 
 
 def test_a_frozen_camera_is_told_once_and_its_end_once(good: list[np.ndarray]) -> None:
-    told = kinds(CameraHealth(CAMERA, LIMITS), [*good[:2], *[good[1]] * 5, *good[2:6]])
+    told = kinds(CameraHealth(CAMERA), [*good[:2], *[good[1]] * 5, *good[2:6]])
     assert told == [(4, "frozen"), (9, "running")]
 
 
@@ -179,7 +178,7 @@ def test_a_camera_that_was_knocked_is_told_within_a_few_pictures(
     good: list[np.ndarray], shift: tuple[float, float]
 ) -> None:
     knocked = [arena(k + 8, shift=shift) for k in range(4)]
-    told = kinds(CameraHealth(CAMERA, LIMITS), [*good[:4], *knocked, *good[4:8]])
+    told = kinds(CameraHealth(CAMERA), [*good[:4], *knocked, *good[4:8]])
     assert told == [(6, "moved"), (10, "steady")]
 
 
@@ -223,7 +222,7 @@ def neighbours() -> tuple[Camera, Camera]:
 def events(places: dict[str, dict[int, tuple[float, float]]], times: int) -> list[str]:
     """What is told when two cameras see markers at these places again and again."""
     cameras = {camera.id: camera for camera in neighbours()}
-    agreement = Agreement(cameras, LIMITS)
+    agreement = Agreement(cameras)
     found = {id: detections(camera, places[id]) for id, camera in cameras.items()}
     heights = dict.fromkeys(range(5), 0.06)
     return [str(e) for _ in range(times) for e in agreement.compare(found, heights)]

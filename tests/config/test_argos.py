@@ -11,6 +11,7 @@ from vsense.config.experiment import load, read
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment, TrackerAddress
 from vsense.errors import ConfigError
+from vsense.world.entities import Light
 
 ARGOS = Path(__file__).parent.parent / "data" / "argos"
 
@@ -181,7 +182,8 @@ def test_the_examples_of_the_thesis_and_of_its_code_load(
     assert [m.sensor.name for m in experiment.sensors] == [
         "ground", "rgb_ground", "light", "pollutant",
     ]  # fmt: skip
-    assert experiment.lights[0].position_m == (0.0, 0.0, 10.0)
+    (light,) = (e for e in experiment.entities if isinstance(e, Light))
+    assert light.position_m == (0.0, 0.0, 10.0)
     missing = [w for w in experiment.warnings if "is C++" in w]
     assert len(missing) == 1
     others = [w for w in experiment.warnings if w not in missing]

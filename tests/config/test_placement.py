@@ -202,7 +202,8 @@ def test_what_stands_in_the_real_arena_stays_on_the_floor(read_text: Read, examp
 
 def test_a_grid_is_filled_from_its_corner_as_in_argos(read_text: Read, example: str) -> None:
     grid = 'grid" center="0.5,0.4,0" distances="0.3,0.2,0" layout="2,3,1'
-    lights = settle(read_text(with_crowd(example, KINDS[3], grid)), 1).lights
+    entities = settle(read_text(with_crowd(example, KINDS[3], grid)), 1).entities
+    lights = [entity for entity in entities if isinstance(entity, Light)]
     expected = [(0.65, 0.6), (0.35, 0.6), (0.65, 0.4), (0.35, 0.4)]
     assert [light.position_m[:2] for light in lights] == [pytest.approx(p) for p in expected]
     with pytest.raises(ConfigError, match=r"layout: has 2 places for a quantity of 4|has 2 places"):

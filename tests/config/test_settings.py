@@ -8,6 +8,7 @@ import pytest
 
 from vsense.config.specs import Experiment
 from vsense.errors import ConfigError, UsageError
+from vsense.world.entities import Light
 
 Read = Callable[..., Experiment]
 
@@ -70,7 +71,7 @@ def test_anything_may_be_named_by_its_id_and_from_outside_inwards(
         },
     )
     assert experiment.seed == 99
-    assert experiment.lights[0].intensity == 9.0
+    assert next(e.intensity for e in experiment.entities if isinstance(e, Light)) == 9.0
     assert experiment.fields[0].evaporation_per_s == 0.5
     assert experiment.loop_functions is not None
     assert experiment.loop_functions.params["door"] == "left"

@@ -53,8 +53,8 @@ def test_every_kind_of_thing(read_text: Read, example: str) -> None:
     assert thing(experiment, "r") == Zone(
         "r", "rectangle", 1.0, 0.0, 0.0, (0.4, 0.2), TURN, (1, 2, 3)
     )
-    assert [light.id for light in experiment.lights] == ["l"]
-    assert [zone.id for zone in experiment.zones] == ["z", "r"]
+    assert [e.id for e in experiment.entities if isinstance(e, Light)] == ["l"]
+    assert [e.id for e in experiment.entities if isinstance(e, Zone)] == ["z", "r"]
 
 
 @pytest.mark.parametrize(
@@ -106,7 +106,8 @@ def test_colours_by_name_or_numbers(
     read_text: Read, example: str, text: str, color: tuple[int, int, int]
 ) -> None:
     light = f'<light id="l" position="0,0,1" intensity="1" color="{text}" />'
-    assert read_text(with_things(example, light)).lights[0].color == color
+    entities = read_text(with_things(example, light)).entities
+    assert next(e.color for e in entities if isinstance(e, Light)) == color
 
 
 def test_a_medium_decides_whether_bodies_are_in_the_way(read_full: Read, full: str) -> None:

@@ -15,8 +15,9 @@ from functools import partial
 from itertools import count
 
 from tests.wire.robot_session import Event, RobotSession
+from vsense.link.robots.peer import Orders
 from vsense.link.robots.roster import Roster
-from vsense.link.robots.session import HostSession, Orders
+from vsense.link.robots.session import HostSession
 from vsense.link.robots.status import LinkEvent
 from vsense.link.robots.streams import Inbox
 from vsense.link.robots.table import Direction, Entry, Table

@@ -35,7 +35,7 @@ class Counter:
             more = simulation.random.randrange(3) if pushes else 0
             simulation.robot.pushes += more
             self.pushed += more
-            report = simulation.host.report(RUN, simulation.now_ns)
+            report = simulation.host.reporter.report(RUN, simulation.now_ns)
             if report is None:
                 continue
             assert report.uid == UID
@@ -72,13 +72,14 @@ def test_a_robot_that_falls_silent_is_left_out_after_a_second() -> None:
     simulation = Simulation(1)
     simulation.robot.pushes = 3
     simulation.run(1 * S)
-    assert simulation.host.report(RUN, simulation.now_ns) == ActuatorReport(UID, b"\3\0\0\0")
+    report = simulation.host.reporter.report
+    assert report(RUN, simulation.now_ns) == ActuatorReport(UID, b"\3\0\0\0")
     simulation.weather = Weather(up=False)
     simulation.break_tcp(told=False)
-    assert simulation.host.report(RUN, simulation.now_ns) is not None, "one lost report is nothing"
-    assert simulation.host.report(RUN, simulation.now_ns + LIFE_NS) is None
+    assert report(RUN, simulation.now_ns) is not None, "one lost report is nothing"
+    assert report(RUN, simulation.now_ns + LIFE_NS) is None
     simulation.break_tcp()
-    assert simulation.host.report(RUN, simulation.now_ns) is None, "its session has ended"
+    assert report(RUN, simulation.now_ns) is None, "its session has ended"
 
 
 def said(step: int, run: int = RUN) -> tuple[Header, Telemetry]:

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from tests.link.simulation import CALM, HOUR_NS, MS, TABLE, TAG, S, Simulation, Weather
 from tests.wire.robot_session import Event
-from vsense.link.robots.session import HEARTBEAT_NS, HostSession, Orders
+from vsense.link.robots.peer import Orders
+from vsense.link.robots.session import HEARTBEAT_NS, HostSession
 from vsense.link.robots.wire import Wanted, open_packet
 
 weathers = st.builds(

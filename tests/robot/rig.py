@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from vsense.lab.microcontrollers import Actuation, Microcontrollers
-from vsense.link.robots.peer import Peer
+from vsense.link.robots.peer import Orders, Peer
 from vsense.link.robots.table import Entry, Table
 from vsense.link.robots.wire import (
     GoodbyeCause,
@@ -130,11 +130,9 @@ class Host:
             self.fresh_ns = now_ns
         values = [(self.pollutant, self._capture_ns), (b"\x01\x02", -1)]
         packet = self._peer.send_state(
-            self.run,
+            Orders(self.run, self.wanted, self.from_timestep),
             timestep & 0xFFFFFFFF,
             self._capture_ns,
-            self.wanted,
-            self.from_timestep,
             values,
             now_ns,
         )

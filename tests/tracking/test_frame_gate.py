@@ -44,14 +44,14 @@ def test_order_changes_nothing_and_every_frame_is_passed_or_counted(
             assert one.timestep > newest
         newest = max([newest, *(f.timestep for f in chosen)])
         came, passed = came + len(frames), passed + len(chosen)
-    assert straight.old + straight.repeated + passed == came
-    assert (straight.old, straight.repeated) == (mixed.old, mixed.repeated)
+    assert straight.counters.old_frames + straight.counters.repeated_frames + passed == came
+    assert straight.counters == mixed.counters
 
 
 def test_of_a_camera_that_delivers_twice_the_later_picture_counts() -> None:
     gate = FrameGate(CAMERAS)
     (chosen,) = gate.choose([frame("a", 1, 5), frame("a", 1, 9), frame("a", 1, 2)])
-    assert chosen.capture_ns == 1009 and gate.repeated == 2
+    assert chosen.capture_ns == 1009 and gate.counters.repeated_frames == 2
 
 
 def test_what_does_not_belong_to_the_arena_is_refused() -> None:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vsense.tracking.squares import QuadSearch, area, lengths, noise_level
+from vsense.tracking.squares import area, find_quads, lengths, noise_level
 from vsense.tracking.squares_edges import fit_local_corners, fit_sides
 
 FINE = 16
@@ -41,7 +41,7 @@ def distance(found: np.ndarray, quad: np.ndarray) -> np.ndarray:
 def test_a_quadrilateral_is_proposed_and_fitted_to_its_edges(seed: int, blur_px: float) -> None:
     quad = some_quad(seed)
     image = drawn(quad, blur_px)
-    proposed = QuadSearch().find(image, 10.0, 160.0)
+    proposed = find_quads(image, 10.0, 160.0)
     assert (area(proposed) > 0.0).all()
     near = proposed[distance(proposed, quad) < 3.0]
     assert len(near)
@@ -55,7 +55,7 @@ def test_a_quadrilateral_is_proposed_and_fitted_to_its_edges(seed: int, blur_px:
 
 def test_large_quadrilaterals_are_proposed_from_half_the_picture() -> None:
     quad = some_quad(3)
-    proposed = QuadSearch().find(drawn(quad, 0.7), 40.0, 90.0)
+    proposed = find_quads(drawn(quad, 0.7), 40.0, 90.0)
     assert distance(proposed, quad).min() < 4.0
 
 

@@ -9,18 +9,16 @@ from collections.abc import Mapping
 from enum import IntEnum
 from typing import Any
 
-from vsense.link.robots.peer import DROPS
-from vsense.link.robots.table import Table
+from vsense.link.robots.peer import counters_of
+from vsense.link.robots.table import Output, Table, text_of
 from vsense.link.robots.wire import (
     DATAGRAM_MAX,
     PACKET_MAX,
     TELEMETRY_FIELDS,
     GoodbyeCause,
     Notice,
-    Output,
     Telemetry,
     put_text,
-    text_of,
 )
 from vsense.native import check, ffi, lib
 
@@ -173,5 +171,4 @@ class RobotSession:
     @property
     def counters(self) -> Mapping[str, int]:
         """The acceptance filter's counters: sent, received, accepted and every drop reason."""
-        names = ("sent", "received", "accepted", *DROPS)
-        return {name: int(getattr(self.c.peer.counters, name)) for name in names}
+        return counters_of(self.c.peer.counters)

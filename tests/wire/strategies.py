@@ -9,7 +9,7 @@ from typing import Any
 from hypothesis import strategies as st
 
 from tests.wire.robot_session import Event, RobotSession
-from vsense.link.robots.peer import Peer
+from vsense.link.robots.peer import Orders, Peer
 from vsense.link.robots.table import Direction, Entry, Table
 from vsense.link.robots.wire import (
     Header,
@@ -138,10 +138,8 @@ class Link:
         values: Values = changes.get("values") or [
             (bytes(size), capture_ns) for _, _, size in self.table.of_direction(Direction.SENSOR)
         ]
-        return self.host.send_state(
-            self.run, self.timestep, capture_ns, wanted, changes.get("from_timestep", 0), values,
-            now_ns,
-        )  # fmt: skip
+        orders = Orders(self.run, wanted, changes.get("from_timestep", 0))
+        return self.host.send_state(orders, self.timestep, capture_ns, values, now_ns)
 
     def deliver(self, datagram: bytes, now_ns: int) -> tuple[int, Event]:
         """Brings a datagram to the robot."""

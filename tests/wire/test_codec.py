@@ -17,7 +17,7 @@ from tests.wire.strategies import (
     with_length,
 )
 from vsense.link.robots.peer import telemetry_of
-from vsense.link.robots.table import Direction, Table
+from vsense.link.robots.table import Direction, Output, Table
 from vsense.link.robots.wire import (
     DATAGRAM_MAX,
     PACKET_MAX,
@@ -25,7 +25,6 @@ from vsense.link.robots.wire import (
     Header,
     Hello,
     Notice,
-    Output,
     PacketType,
     Telemetry,
     Wanted,

@@ -47,9 +47,9 @@ def test_without_udp_state_goes_over_tcp_and_comes_back(down: bool, up: bool) ->
     assert is_over_tcp(link, 2 * S) == (False, False)
     assert run(link, 2 * S, 3.0, down, up) == ([] if down else [Event.UDP_LOST])
     assert is_over_tcp(link, 5 * S) == (True, True)
-    accepted = link.robot.counters["accepted"], link.host.accepted
+    accepted = link.robot.counters["accepted"], link.host.counters["accepted"]
     assert run(link, 5 * S, 1.0, down, up) == []
-    assert (link.robot.counters["accepted"], link.host.accepted) == (
+    assert (link.robot.counters["accepted"], link.host.counters["accepted"]) == (
         accepted[0] + 20,
         accepted[1] + 20,
     )

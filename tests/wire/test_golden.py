@@ -12,14 +12,13 @@ from typing import Any
 import pytest
 
 from vsense.link.robots.peer import older_us, telemetry_of
-from vsense.link.robots.table import Direction, Entry, Table
+from vsense.link.robots.table import Direction, Entry, Output, Table
 from vsense.link.robots.wire import (
     DATAGRAM_MAX,
     TELEMETRY_FIELDS,
     Header,
     Hello,
     Notice,
-    Output,
     PacketType,
     Welcome,
     decode,

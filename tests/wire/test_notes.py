@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.wire.strategies import MS, Link, S
+from vsense.link.robots.peer import Orders
 from vsense.link.robots.status import LogLines
 from vsense.link.robots.wire import Telemetry, Wanted, open_packet
 
@@ -47,7 +48,7 @@ def test_the_robot_hears_how_far_the_host_has_heard() -> None:
     link = Link()
     link.greet(S)
     values = [(bytes(4), 2 * S)]
-    state = link.host.send_state(1, 1, 2 * S, Wanted.RUN, 0, values, 2 * S, log_heard=7)
+    state = link.host.send_state(Orders(1, Wanted.RUN), 1, 2 * S, values, 2 * S, log_heard=7)
     assert link.deliver(state, 2 * S)[0] == 0
     assert link.robot.c.state.log_heard == 7
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tests.wire.robot_session import Event, RobotSession
 from tests.wire.strategies import MS, POLLUTANT, Link, S, balance
-from vsense.link.robots.peer import Peer
+from vsense.link.robots.peer import Orders, Peer
 from vsense.link.robots.table import Table
 from vsense.link.robots.wire import (
     GoodbyeCause,
@@ -302,10 +302,10 @@ def test_a_new_session_starts_the_sequences_anew() -> None:
     host = Peer()
     for session in (1, 2):
         host.open(session, Table(), 1, S)
-        packet = host.send_state(1, 1, S, Wanted.IDLE, 0, [], S)
+        packet = host.send_state(Orders(), 1, S, [], S)
         assert open_packet(packet)[0].sequence == 1
     with pytest.raises(ValueError, match="1 values for 0 sensors"):
-        host.send_state(1, 1, S, Wanted.IDLE, 0, [(b"", 0)], S)
+        host.send_state(Orders(), 1, S, [(b"", 0)], S)
 
 
 @pytest.mark.parametrize("capture_ns", [2**64 - 1, 2**63, 60 * S])

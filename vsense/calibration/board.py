@@ -1,10 +1,7 @@
 """Boards: flat printed patterns whose inner corners are known to a tenth of a millimetre.
 
-They are read from text, drawn as a page to print, and rendered as a picture.
-
-The board's frame lies on its printed face: origin in the lower left corner of the lower left
-square, x to the right, y up, z towards the viewer. A board that lies on the floor thus has its z
-where the arena has it.
+A board's frame lies on its printed face: origin in the lower left corner of the lower left square,
+x to the right, y up, z towards the viewer. The z of a board on the floor is the arena's.
 """
 
 from __future__ import annotations
@@ -16,19 +13,16 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from vsense.cameras.picture import Image
 from vsense.errors import UsageError
-from vsense.markers.paper import Fill, Page, Text, line
-
-Floats = NDArray[np.float64]
-Image8 = NDArray[np.uint8]
+from vsense.markers.paper import Fill, Floats, Page, Text, line
 
 CHESSBOARD = "chessboard"
 CHARUCO = "charuco"
 
 MARKER_SHARE = 0.75
-"""Side of a ChArUco marker over that of its square, if nothing else is said."""
+"""Default side of a ChArUco marker over that of its square."""
 
 _EXPECTED = "expected chessboard:7x5:30mm (inner corners) or charuco:4x5:54mm:4X4_1000 (squares)"
 _SIZE = re.compile(r"(\d+)x(\d+)$")
@@ -43,8 +37,7 @@ class Board:
 
     Attributes:
         kind: CHESSBOARD or CHARUCO.
-        columns: Squares along x.
-        rows: Squares along y.
+        columns, rows: Squares along x and y.
         square_m: Side of a square.
         dictionary: ChArUco only: OpenCV's name of the markers' dictionary without "DICT_".
         marker_share: ChArUco only: a marker's side over the square's.
@@ -69,7 +62,7 @@ class Board:
         `marker=0.8` is the share of a square that a ChArUco marker takes.
 
         Raises:
-            UsageError: It is no such text.
+            UsageError: The text is no board.
         """
         kind, *rest = text.split(":")
         least = {CHESSBOARD: 2, CHARUCO: 3}.get(kind)
@@ -87,7 +80,7 @@ class Board:
             **options,
         )
         if not inner:
-            board.charuco  # noqa: B018  built here to refuse here
+            board.charuco  # noqa: B018  raises here
         return board
 
     @cached_property
@@ -104,16 +97,12 @@ class Board:
 
     @property
     def symmetric(self) -> bool:
-        """Whether the board turned by half a turn looks the same."""
+        """Whether the board looks the same after half a turn."""
         return self.kind == CHESSBOARD and (self.columns + self.rows) % 2 == 0
 
     @cached_property
     def charuco(self) -> Any:
-        """OpenCV's board. Its y points down; corner numbers are the same as ours.
-
-        Raises:
-            UsageError: The dictionary has too few markers.
-        """
+        """OpenCV's board, y down, same corner numbers; raises UsageError for too few markers."""
         name = f"DICT_{self.dictionary}"
         dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
         if len(dictionary.bytesList) < self.columns * self.rows // 2:
@@ -156,11 +145,7 @@ def _length_m(text: str, part: str) -> float:
 
 
 def dictionary_name(text: str) -> str:
-    """Returns OpenCV's name of a dictionary, without "DICT_".
-
-    Raises:
-        UsageError: There is no such dictionary.
-    """
+    """Returns OpenCV's name of a dictionary, without "DICT_"; raises UsageError without one."""
     for name in (text, text.removeprefix("DICT_"), f"APRILTAG_{text}"):
         if isinstance(getattr(cv2.aruco, f"DICT_{name}", None), int):
             return name
@@ -183,16 +168,15 @@ def _options(text: str, parts: list[str]) -> dict[str, Any]:
 
 
 _MARGIN_MM = 12.0
-"""White around the board: detectors need some, and printers leave the paper's edge white."""
+"""White border, for detectors and for the edge that printers cannot reach."""
 _ISO_M = ((0.210, 0.297), (0.297, 0.420), (0.420, 0.594), (0.594, 0.841), (0.841, 1.189))
 _RULER_MM = 100.0
 
 
 def dark_cells(board: Board) -> Floats:
-    """Returns what is dark on a board that is not inverted.
+    """Returns what is dark on a board that is not inverted, as (n, 4) rectangles.
 
-    Returns:
-        (n, 4) rectangles: left, bottom, width, height in the board's frame [m].
+    A rectangle is left, bottom, width, height in the board's frame [m].
     """
     squares = [
         (column, row)
@@ -223,23 +207,16 @@ def dark_cells(board: Board) -> Floats:
     return np.array(cells) * board.square_m
 
 
-def raster(board: Board, px_per_m: float, margin_m: float) -> Image8:
-    """Returns a picture of the board, 0 ink and 255 paper, edges smooth to a part of a pixel.
+def raster(board: Board, px_per_m: float, margin_m: float) -> Image:
+    """Returns an (h, w) uint8 picture of the board, 0 ink and 255 paper, with smooth edges.
 
-    Args:
-        board: The board.
-        px_per_m: Resolution.
-        margin_m: Empty border around the board.
-
-    Returns:
-        (h, w) uint8, rows running along -y.
+    Rows run along -y; `margin_m` is an empty border.
     """
     width, height = (round((size + 2.0 * margin_m) * px_per_m) for size in board.size_m)
     ink = np.zeros((height, width))
     for left, bottom, across, up in dark_cells(board):
-        x = _cover((left + margin_m) * px_per_m, across * px_per_m, width)
-        y = _cover((bottom + margin_m) * px_per_m, up * px_per_m, height)
-        (first_x, x_share), (first_y, y_share) = x, y
+        first_x, x_share = _cover((left + margin_m) * px_per_m, across * px_per_m, width)
+        first_y, y_share = _cover((bottom + margin_m) * px_per_m, up * px_per_m, height)
         part = ink[first_y : first_y + len(y_share), first_x : first_x + len(x_share)]
         part += np.outer(y_share, x_share)
     grey = np.clip(ink if board.inverted else 1.0 - ink, 0.0, 1.0)
@@ -247,7 +224,7 @@ def raster(board: Board, px_per_m: float, margin_m: float) -> Image8:
 
 
 def _cover(start: float, length: float, size: int) -> tuple[int, Floats]:
-    """The first pixel that an interval touches, and how much of each pixel it covers."""
+    """The first pixel that an interval touches, and the covered share of each pixel."""
     first, last = max(int(start), 0), min(int(np.ceil(start + length)), size)
     edges = np.clip(np.arange(first, last + 1), start, start + length)
     return first, np.diff(edges)

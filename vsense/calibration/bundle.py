@@ -1,9 +1,9 @@
 """Bundle adjustment: all lenses, camera poses and body poses that explain all pictures best.
 
-A body is a rigid set of points that stays where it is for a moment: a board, or one known point
-on the floor. Levenberg-Marquardt with analytic derivatives; the bodies, of which there are many
-and which know nothing of each other, are eliminated first (Schur complement), so what is left to
-solve grows with the number of cameras only.
+A body is a rigid set of points that stays where it is for a moment: a board, or one known point on
+the floor. Levenberg-Marquardt with analytic derivatives. The many independent bodies are
+eliminated first (Schur complement), so that the system to solve grows with the number of cameras
+only.
 
 Source: Triggs et al., Bundle Adjustment - A Modern Synthesis, 2000; Huber, 1964.
 """
@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.calibration.lens import LENS_SIZE, project, turn
+from vsense.cameras.camera import Floats
 
-Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
@@ -29,7 +29,7 @@ CAMERA_SIZE = POSE_SIZE + LENS_SIZE
 _STEPS = 100
 _SMALLEST_GAIN = 1e-10
 _DAMPING, _UNDAMPED, _STUCK = 1e-4, 1e-8, 1e8
-"""At the start, small enough to be none, and where there is nothing to be gained any more."""
+"""At the start, small enough to count as none, and too large to gain anything."""
 _SINGULAR = 1e-13
 
 
@@ -57,9 +57,8 @@ class Sightings:
     """What the cameras saw, view by view; a view is one camera's sight of one body.
 
     Attributes:
-        camera: (v,) the view's camera.
-        body: (v,) the view's body; no two views have camera and body in common.
-        start: (v + 1,) where the view's points begin and end.
+        camera, body: (v,) of each view; no two views share both.
+        start: (v + 1,) where each view's points begin and end.
         points: (n, 3) in the body's frame [m].
         pixels: (n, 2).
     """
@@ -81,12 +80,12 @@ class Knowledge:
     """What is known beforehand.
 
     Attributes:
-        camera_free: (c, 15) which of turn, shift and lens are to be found.
-        body_free: (b, 6) which of turn and shift are to be found.
-        lens_mean: (c, 9) what the lens is thought to be.
-        lens_weight: (c, 9) how strongly, noise over standard deviation squared; 0 not at all.
-        shift_mean: (b, 3) where the body is thought to be [m].
-        shift_weight: (b, 3) how strongly.
+        camera_free: (c, 15) which of turn, shift and lens are unknown.
+        body_free: (b, 6) which of turn and shift are unknown.
+        lens_mean: (c, 9).
+        lens_weight: (c, 9) noise over standard deviation, squared; 0 where nothing is known.
+        shift_mean: (b, 3) [m].
+        shift_weight: (b, 3) likewise.
     """
 
     camera_free: Bools
@@ -99,7 +98,7 @@ class Knowledge:
 
 @dataclass(slots=True)
 class _Equations:
-    """Normal equations: camera blocks, body blocks, and what ties them together per view."""
+    """Normal equations: camera blocks, body blocks, and what couples them per view."""
 
     cameras: Floats
     camera_side: Floats
@@ -130,7 +129,7 @@ class Bundle:
             settled = abs(gain) <= _SMALLEST_GAIN * cost
             if gain >= 0.0:
                 estimate, cost = trial, trial_cost
-            # A damped step gains little along what pictures hardly tell: that is no end yet.
+            # A damped step gains little in poorly known directions, so only an undamped one ends.
             if settled and damping <= _UNDAMPED:
                 break
             damping *= 0.1 if gain >= 0.0 or settled else 30.0
@@ -143,7 +142,7 @@ class Bundle:
         return self.sightings.pixels - self._projected(estimate)[0]
 
     def cost(self, estimate: Estimate) -> float:
-        """The sum that `solve` makes small [px^2]."""
+        """The sum that `solve` minimises [px^2]."""
         size = np.linalg.norm(self.residuals(estimate), axis=1)
         limit = self._limit_px
         seen = np.where(size <= limit, size**2, 2.0 * limit * size - limit**2).sum()
@@ -204,7 +203,7 @@ class Bundle:
         return result
 
     def _priors(self, estimate: Estimate) -> _Equations:
-        """Equations that hold only what is known beforehand; what is fixed stands still."""
+        """Equations of prior knowledge only; fixed unknowns do not move."""
         known = self._known
         cameras, bodies = len(known.camera_free), len(known.body_free)
         camera_weight = np.where(known.camera_free, 0.0, 1.0)

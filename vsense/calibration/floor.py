@@ -10,20 +10,18 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from vsense.calibration.board import dictionary_name
 from vsense.calibration.placement import BoardPose
 from vsense.calibration.views import View, number_at, read_table
+from vsense.cameras.camera import Floats
+from vsense.cameras.picture import Image
 from vsense.errors import ConfigError, UsageError
-
-Floats = NDArray[np.float64]
-Image8 = NDArray[np.uint8]
 
 POINT_COLUMNS = ("id", "x_m", "y_m", "z_m")
 SEEN_COLUMNS = ("camera", "id", "x_px", "y_px")
 POINT_SIGMA_M = 0.001
-"""How well points are usually known: measured by tape."""
+"""Of points measured by tape."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,11 +29,11 @@ class FloorReference:
     """What ties the pictures to the arena frame.
 
     Attributes:
-        flat: Patterns of the names of moments when the board lay on the floor, as in file names.
-        origin: Where the board's origin was at the first of them: x, y [m] and yaw [rad].
-        thickness_m: The board's printed face above the floor.
+        flat: Name patterns of the moments when the board lay on the floor, as in file names.
+        origin: Place of the board's origin at the first of them: x, y [m] and yaw [rad].
+        thickness_m: Height of the board's printed face above the floor.
         points_m: Name -> (3,) place of a known point.
-        sightings: One per camera and known point: its name is the moment.
+        sightings: One per camera and known point, whose name is the moment.
         sigma_m: Standard deviation of the points' places.
     """
 
@@ -47,11 +45,7 @@ class FloorReference:
     sigma_m: float = POINT_SIGMA_M
 
     def moments(self, views: Sequence[View]) -> list[str]:
-        """The moments when the board lay on the floor, in order of pattern and name.
-
-        Raises:
-            UsageError: No moment's name matches one of the patterns.
-        """
+        """The floor's moments by pattern and name; raises UsageError if a pattern matches none."""
         names = sorted({view.moment for view in views})
         chosen: list[str] = []
         for pattern in self.flat:
@@ -64,28 +58,20 @@ class FloorReference:
             chosen += [name for name in matching if name not in chosen]
         return chosen
 
-    def anchor(self) -> BoardPose:
-        """The board's pose at the first of those moments."""
-        return self._lying(*self.origin)
-
     def flattened(self, pose: BoardPose) -> BoardPose:
         """A pose laid down on the floor."""
         yaw = math.atan2(pose.turn[1, 0], pose.turn[0, 0])
-        return self._lying(pose.shift[0], pose.shift[1], yaw)
+        return self.lying(pose.shift[0], pose.shift[1], yaw)
 
-    def _lying(self, x: float, y: float, yaw: float) -> BoardPose:
+    def lying(self, x: float, y: float, yaw: float) -> BoardPose:
+        """The pose of a board that lies at x, y [m] and yaw [rad]."""
         cos, sin = math.cos(yaw), math.sin(yaw)
         turn = np.array(((cos, -sin, 0.0), (sin, cos, 0.0), (0.0, 0.0, 1.0)))
         return BoardPose(turn, np.array((x, y, self.thickness_m)))
 
 
 def read_points(path: Path) -> dict[str, Floats]:
-    """Reads a file of known points: `id,x_m,y_m,z_m`.
-
-    Raises:
-        UsageError: The file cannot be read.
-        ConfigError: A line is wrong.
-    """
+    """Reads a file of known points, `id,x_m,y_m,z_m`; raises UsageError or ConfigError."""
     points: dict[str, Floats] = {}
     for line, (id, *place) in read_table(path, POINT_COLUMNS):
         if id in points:
@@ -98,12 +84,7 @@ def read_points(path: Path) -> dict[str, Floats]:
 
 
 def read_seen(path: Path, points: dict[str, Floats], cameras: Sequence[str]) -> list[View]:
-    """Reads a file that says where cameras see known points: `camera,id,x_px,y_px`.
-
-    Raises:
-        UsageError: The file cannot be read.
-        ConfigError: A line is wrong.
-    """
+    """Reads where cameras see known points: `camera,id,x_px,y_px`; raises as `read_points`."""
     seen: dict[tuple[str, str], list[tuple[float, float]]] = {}
     for line, (camera, id, *place) in read_table(path, SEEN_COLUMNS):
         if camera not in cameras:
@@ -119,11 +100,7 @@ class TagFinder:
     """Finds the middles of ArUco or AprilTag markers that lie at known places."""
 
     def __init__(self, dictionary: str, ids: Sequence[str]) -> None:
-        """Prepares OpenCV's detector.
-
-        Raises:
-            UsageError: An id is no number, or there is no such dictionary.
-        """
+        """Prepares OpenCV's detector; raises UsageError for an unknown id or dictionary."""
         wrong = [id for id in ids if not id.isdecimal()]
         if wrong:
             raise UsageError(f"--tags: known point '{wrong[0]}': expected the number of a tag")
@@ -134,7 +111,7 @@ class TagFinder:
         family = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
         self._detector = cv2.aruco.ArucoDetector(family, parameters)
 
-    def find(self, image: Image8) -> dict[str, Floats]:
+    def find(self, image: Image) -> dict[str, Floats]:
         """Returns tag -> (2,) pixel of its middle; tags that are there twice are left out."""
         corners, ids, _ = self._detector.detectMarkers(image)
         names = [] if ids is None else [str(id) for id in ids.ravel()]
@@ -146,12 +123,12 @@ class TagFinder:
 
 
 def tag_views(found: Sequence[tuple[str, dict[str, Floats]]]) -> list[View]:
-    """Turns what was found in many pictures, camera by camera, into one view per tag."""
+    """Combines the tags found in pictures of all cameras to one view per camera and tag."""
     seen: dict[tuple[str, str], list[tuple[float, float]]] = {}
     for camera, tags in found:
         for id, (x, y) in tags.items():
             seen.setdefault((camera, id), []).append((x, y))
-    # The tags stand still: the median of all pictures is better than any of them.
+    # The tags do not move, so the median of all pictures is better than any of them.
     medians = {key: np.median(pixels, axis=0) for key, pixels in seen.items()}
     return [_point_view(c, id, [tuple(px.tolist())]) for (c, id), px in sorted(medians.items())]
 
@@ -161,7 +138,7 @@ def _point_view(camera: str, id: str, pixels: Sequence[tuple[float, ...]]) -> Vi
 
 
 def _middle(square: Floats) -> Floats:
-    """Where the diagonals cross: perspective leaves that in place."""
+    """The crossing of the diagonals, which perspective preserves."""
     first, second = square[2] - square[0], square[3] - square[1]
     along = np.linalg.solve(np.column_stack((first, -second)), square[1] - square[0])
     return np.asarray(square[0] + along[0] * first)

@@ -1,6 +1,6 @@
 """The lens of one camera, from pictures of a board in many poses.
 
-Where the pictures do not say enough about the lens, the message tells what else to shoot.
+Where the pictures do not determine the lens, the message says what else to shoot.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vsense.calibration.board import Board
 from vsense.calibration.bundle import CAMERA_SIZE, POSE_SIZE, Bundle, Estimate, Knowledge, Sightings
@@ -27,25 +26,23 @@ from vsense.calibration.solution import (
     rms,
 )
 from vsense.calibration.views import BoardViews, View
-
-Floats = NDArray[np.float64]
+from vsense.cameras.camera import Floats
 
 LEAST_VIEWS = 5
-"""Different poses of the board below which a lens is not calibrated."""
+"""Different poses of the board that a lens needs."""
 GOOD_VIEWS = "10 to 20"
 
 _SAME_SHARE = 0.02
-"""Two views whose corners are on average nearer than this share of the picture's diagonal
-are the same pose."""
+"""Views are of the same pose if their corners differ by less than this share of the diagonal."""
 _LEAST_TILT_DEG = 12.0
 LEAST_SPAN, GOOD_SPAN = 0.4, 0.7
-"""The share of width and height that the corners of all views have to, and ought to, span."""
+"""The share of width and height that the corners of all views must span, and should span."""
 _WORST_FOCAL = 0.01
 _WORST_CENTRE = 0.02
 
 
 def distinct(size: tuple[int, int], views: Sequence[View]) -> list[View]:
-    """Returns the views that show different poses of the board, one of each."""
+    """Returns one view of each different pose of the board."""
     limit = _SAME_SHARE * float(np.hypot(*size))
     kept: list[View] = []
     for view in views:
@@ -63,7 +60,7 @@ def _apart_px(one: View, other: View) -> float:
 
 
 def too_few(size: tuple[int, int], views: Sequence[View], pictures: int) -> str | None:
-    """What is missing if there are too few poses of the board, else None."""
+    """Returns what to do if there are too few poses of the board, else None."""
     if not views:
         return f"the board was found in none of {pictures} pictures; check --board, light and focus"
     poses = len(distinct(size, views))
@@ -81,14 +78,11 @@ def too_few(size: tuple[int, int], views: Sequence[View], pictures: int) -> str 
 
 
 def too_central(
-    size: tuple[int, int], views: Sequence[View], least: float = LEAST_SPAN
+    size: tuple[int, int], views: Sequence[View | ViewResult], least: float = LEAST_SPAN
 ) -> str | None:
-    """What is missing if the board never came near the picture's border, else None.
+    """Returns what to do if the board never came near the picture's border, else None.
 
-    Args:
-        size: Width and height [px].
-        views: Where the board was seen.
-        least: The share of width and height that its corners should span.
+    `least` is the share of width and height that its corners should span.
     """
     pixels = np.concatenate([view.pixels for view in views])
     span = np.ptp(pixels, axis=0) / size
@@ -101,11 +95,7 @@ def too_central(
 
 
 def too_flat(poses: Sequence[BoardPose]) -> str | None:
-    """What is missing if the board always had the same tilt, else None.
-
-    Args:
-        poses: The board's in the camera frame.
-    """
+    """Returns what to do if the board's poses in the camera frame have one tilt, else None."""
     normals = np.array([pose.turn[:, 2] for pose in poses])
     cosine = np.clip(normals @ normals.T, -1.0, 1.0)
     spread = float(np.degrees(np.arccos(cosine.min())))
@@ -118,12 +108,9 @@ def too_flat(poses: Sequence[BoardPose]) -> str | None:
 
 
 def too_vague(size: tuple[int, int], lens: Floats, sigma: Floats) -> str | None:
-    """What is missing if the pictures leave the lens open, else None.
+    """Returns what to do if the pictures leave the (9,) lens open, else None.
 
-    Args:
-        size: Width and height [px].
-        lens: (9,).
-        sigma: (9,) its standard deviation.
+    `size` is in px, `sigma` is the (9,) standard deviation.
     """
     focal = float(np.max(sigma[:2] / lens[:2]))
     centre = float(np.max(sigma[2:4]) / size[0])
@@ -138,10 +125,9 @@ def too_vague(size: tuple[int, int], lens: Floats, sigma: Floats) -> str | None:
 
 CENTRE_SHARE = 0.1
 DISTORTION_SIGMA = (1.0, 1.0, 0.02, 0.02, 1.0)
-"""How far lenses are from no distortion at all: too weak to move what pictures do tell, strong
-enough to keep k3 finite where no corner came near the picture's border."""
+"""Weak prior of no distortion, which keeps k3 finite where no corner is near the border."""
 NOISE_PX = 0.1
-"""Of a corner, for weighing that against pictures, until it is known better."""
+"""First guess of a corner's noise, for the weights of prior knowledge."""
 
 _WIDE_PX = 20.0
 _ROUNDS = 3
@@ -151,25 +137,15 @@ _FIRST = [0, 1, 4]
 
 @dataclass(frozen=True, slots=True)
 class LensFit:
-    """A lens and the views it explains.
-
-    Attributes:
-        lens: (9,).
-        sigma: (9,) its standard deviation.
-        views: The same views as were given.
-        residuals: (n, 2) per view, seen minus model [px].
-        used: Per view, whether it took part.
-    """
+    """A (9,) lens, its (9,) standard deviation, and the views that it explains."""
 
     lens: Floats
     sigma: Floats
-    views: Sequence[View]
-    residuals: Sequence[Floats]
-    used: Sequence[bool]
+    views: Sequence[ViewResult]
 
 
 def any_lens(size: tuple[int, int]) -> tuple[Floats, Floats]:
-    """Returns (9,) mean and (9,) standard deviation of the lenses there are; focal length open."""
+    """Returns (9,) mean and (9,) standard deviation of all lenses there are; focal length open."""
     width, height = size
     mean = np.array([0.0, 0.0, (width - 1) / 2.0, (height - 1) / 2.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     centre = CENTRE_SHARE * width
@@ -179,17 +155,12 @@ def any_lens(size: tuple[int, int]) -> tuple[Floats, Floats]:
 def calibrate_lens(
     camera: str, size: tuple[int, int], board: Board, views: Sequence[View], pictures: int
 ) -> LensFit:
-    """Calibrates one lens.
+    """Calibrates the lens of a camera whose pictures have a size [px].
 
-    Args:
-        camera: Name, for messages.
-        size: Width and height of the pictures [px].
-        board: The board.
-        views: Where it was seen; bad ones are found and left out.
-        pictures: How many pictures were taken.
+    `pictures` were taken, `views` are those with a board; bad views are found and left out.
 
     Raises:
-        CalibrationError: The pictures do not tell the lens.
+        CalibrationError: The pictures do not determine the lens.
     """
     complaint = too_few(size, views, pictures) or too_central(size, views)
     if complaint:
@@ -214,8 +185,13 @@ def calibrate_lens(
     if complaint:
         raise CalibrationError(f"{camera}: {complaint}")
     split = iter(by_view(residuals, seen))
-    each = [next(split) if use else _alone(lens, board, v) for v, use in zip(views, used)]
-    return LensFit(lens, sigma, views, each, used.tolist())
+    results = [
+        ViewResult(
+            v.camera, v.moment, v.pixels, next(split) if use else _alone(lens, board, v), use
+        )
+        for v, use in zip(views, used.tolist())
+    ]
+    return LensFit(lens, sigma, results)
 
 
 def calibrate_lenses(shoot: BoardViews, board: Board) -> Solution:
@@ -224,7 +200,7 @@ def calibrate_lenses(shoot: BoardViews, board: Board) -> Solution:
     The cameras' poses mean nothing: each stands one metre above the floor and looks down.
 
     Raises:
-        CalibrationError: The pictures of some cameras do not tell their lenses.
+        CalibrationError: The pictures of some cameras do not determine their lenses.
     """
     fits: dict[str, LensFit] = {}
     complaints = []
@@ -240,11 +216,7 @@ def calibrate_lenses(shoot: BoardViews, board: Board) -> Solution:
     down, above = np.diag((1.0, -1.0, -1.0)), np.array((0.0, 0.0, 1.0))
     return Solution(
         cameras=tuple(camera_of(c, shoot.sizes[c], fits[c].lens, down, above) for c in fits),
-        views=tuple(
-            ViewResult(view.camera, view.moment, view.pixels, residuals, use)
-            for fit in fits.values()
-            for view, residuals, use in zip(fit.views, fit.residuals, fit.used)
-        ),
+        views=tuple(view for fit in fits.values() for view in fit.views),
         lens_sigma={camera: fit.sigma for camera, fit in fits.items()},
         floor_sigma_m={},
         bodies={},
@@ -267,7 +239,7 @@ def _fit(size: tuple[int, int], seen: Sightings, lens: Floats) -> tuple[Estimate
         ((NOISE_PX / sigma) ** 2)[np.newaxis],
         *np.zeros((2, bodies, 3)),
     )
-    # The picture's middle and the finer bends would run away from a bad first guess.
+    # The principal point and the higher terms would diverge from a bad first guess.
     for numbers in (_FIRST, slice(0, LENS_SIZE)):
         free = free.copy()
         free[:, POSE_SIZE:][:, numbers] = True
@@ -290,7 +262,7 @@ def _board_poses(lens: Floats, seen: Sightings) -> tuple[Floats, Floats]:
 
 
 def _alone(lens: Floats, board: Board, view: View) -> Floats:
-    """The residuals of a view that took no part, at the pose that suits it best."""
+    """The residuals of a view that took no part, at its best pose."""
     points = board.points_m[view.ids]
     poses = poses_in_camera(lens, points, view.pixels)
     if not poses:

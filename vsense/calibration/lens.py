@@ -1,21 +1,17 @@
 """The lens model with its derivatives, and small rotations.
 
-A lens is nine numbers: fx, fy, cx, cy [px], k1, k2, p1, p2, k3, as `vsense.cameras.camera` has
-them. Everything works on many points at once.
+A lens is nine numbers: fx, fy, cx, cy [px], k1, k2, p1, p2, k3, as in `vsense.cameras.camera`.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vsense.cameras.camera import Camera
-
-Floats = NDArray[np.float64]
+from vsense.cameras.camera import Camera, Floats
 
 LENS_SIZE = 9
 NEAREST_M = 1e-3
-"""Points nearer than this, or behind the camera, are projected as if they were so near."""
+"""Points nearer than this, or behind the camera, are projected from this depth."""
 
 
 def lens_of(camera: Camera) -> Floats:
@@ -27,16 +23,12 @@ def lens_of(camera: Camera) -> Floats:
 def camera_of(
     id: str, size: tuple[int, int], lens: Floats, rotation: Floats, shift: Floats
 ) -> Camera:
-    """Returns a camera.
+    """Returns a camera with a (9,) lens; `size` is width and height [px].
 
-    Args:
-        id: Name.
-        size: Width and height [px].
-        lens: (9,).
-        rotation: (3, 3), arena to camera frame.
-        shift: (3,) the arena's origin in the camera frame [m].
+    `rotation` (3, 3) is from arena to camera frame, `shift` (3,) the arena's origin in the camera
+    frame [m].
     """
-    # Rounding of many small turns is taken out: a camera's rotation has to be one.
+    # The product of many small turns is rounded; a camera needs an exact rotation.
     left, _, right = np.linalg.svd(rotation)
     clean = left @ right
     fx, fy, cx, cy, *distortion = (float(value) for value in lens)
@@ -55,11 +47,7 @@ def camera_of(
 
 
 def project(lens: Floats, points: Floats) -> tuple[Floats, Floats, Floats]:
-    """Projects points and differentiates.
-
-    Args:
-        lens: (n, 9), one per point.
-        points: (n, 3) in the camera frame [m].
+    """Projects (n, 3) points in the camera frame [m] through (n, 9) lenses, with derivatives.
 
     Returns:
         (n, 2) pixels, (n, 2, 3) derivative by the point, (n, 2, 9) derivative by the lens.

@@ -1,9 +1,9 @@
 """Pictures on the disk: which camera took them, at which moment, and what is seen in them.
 
-A picture belongs to the camera that its folder is named after, a video to the camera that it is
-named after. Pictures of several cameras show the same moment if their names are the same, or if
-tables of timestamps (see `vsense.cameras.recordings`) say so: `timestamps.csv` in the
-camera's folder, or NAME.csv beside the video NAME.mp4.
+A picture's camera is the name of its folder, a video's is its own name. Pictures of several
+cameras show the same moment if their names are equal, or if tables of timestamps (see
+`vsense.cameras.recordings`) say so: `timestamps.csv` in the camera's folder, or NAME.csv beside
+the video NAME.mp4.
 """
 
 from __future__ import annotations
@@ -16,36 +16,25 @@ from threading import local
 from typing import TypeVar
 
 import cv2
-import numpy as np
-from numpy.typing import NDArray
 
-from vsense.cameras.picture import read_picture
-from vsense.cameras.recordings import CaptureTime, read_timestamps
+from vsense.cameras.picture import Image, read_picture, to_grey
+from vsense.cameras.recordings import SUFFIXES, CaptureTime, read_timestamps
 from vsense.errors import UsageError
-
-Image8 = NDArray[np.uint8]
 
 T = TypeVar("T")
 
-PICTURES = frozenset((".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff", ".webp"))
+PICTURES = frozenset(SUFFIXES)
 VIDEOS = frozenset((".mp4", ".avi", ".mkv", ".mov", ".m4v", ".webm", ".mjpeg"))
 TABLE = "timestamps.csv"
 SAME_MOMENT_NS = 20_000_000
-"""Pictures that were taken this close together show the board in the same place."""
+"""Pictures taken this close together are of the same moment."""
 
 _WORKERS = 2
 
 
 @dataclass(frozen=True, slots=True)
 class PictureFile:
-    """One picture that has not been read yet.
-
-    Attributes:
-        camera: Its camera.
-        moment: Name of the moment.
-        path: The file, a picture or a video.
-        frame: Number in the video, None of a picture file.
-    """
+    """One picture that has not been read yet; `frame` is its number in a video, else None."""
 
     camera: str
     moment: str
@@ -54,15 +43,10 @@ class PictureFile:
 
 
 def gather(paths: Sequence[Path], every: int = 1) -> list[PictureFile]:
-    """Finds the pictures that some paths stand for.
+    """Finds pictures in order of camera and moment, in a video every so many.
 
-    Args:
-        paths: Picture files, videos, folders with pictures, or folders with a folder or a video
-            per camera.
-        every: Takes only every so many pictures of a video.
-
-    Returns:
-        Pictures in order of camera and moment.
+    The paths are picture files, videos, folders with pictures, or folders with a folder or a video
+    per camera.
 
     Raises:
         UsageError: There are none, or two of one camera have the same name.
@@ -72,10 +56,10 @@ def gather(paths: Sequence[Path], every: int = 1) -> list[PictureFile]:
     times: dict[tuple[str, str], CaptureTime] = {}
     for path in _expanded(paths):
         table = _table_of(path)
-        for picture in _video(path, every) if path.suffix.lower() in VIDEOS else [_file(path)]:
+        found = [PictureFile(path.resolve().parent.name, path.stem, path)]
+        for picture in _video(path, every) if path.suffix.lower() in VIDEOS else found:
             pictures.append(picture)
-            place = path.name if picture.frame is None else picture.frame
-            taken = table.get(place)
+            taken = table.get(path.name if picture.frame is None else picture.frame)
             if taken is not None:
                 times[picture.camera, picture.moment] = taken
     if not pictures:
@@ -94,18 +78,13 @@ def gather(paths: Sequence[Path], every: int = 1) -> list[PictureFile]:
 
 def inspect(
     pictures: Sequence[PictureFile],
-    make: Callable[[], Callable[[Image8], T]],
+    make: Callable[[], Callable[[Image], T]],
     progress: Callable[[int, int], None],
 ) -> Iterator[tuple[PictureFile, tuple[int, int], T]]:
     """Reads all pictures and looks at each, on two threads.
 
-    Args:
-        pictures: From `gather`.
-        make: Makes what looks at a picture, once per thread.
-        progress: Told how many of how many are done.
-
-    Yields:
-        The picture, its width and height, and what was seen in it.
+    `make` makes what looks at a picture, once per thread; `progress` is called with how many of
+    how many are done. Yields the picture, its width and height, and what was seen in it.
 
     Raises:
         UsageError, GrabberError: A picture cannot be read.
@@ -128,14 +107,14 @@ def inspect(
 
 
 def _groups(pictures: Sequence[PictureFile]) -> list[list[PictureFile]]:
-    """Pictures that are read together: a video in one go, files one by one."""
+    """Pictures that are read together: those of a video, and each file by itself."""
     groups: dict[Path, list[PictureFile]] = {}
     for picture in pictures:
         groups.setdefault(picture.path, []).append(picture)
     return [sorted(group, key=lambda p: p.frame or 0) for group in groups.values()]
 
 
-def _read(group: Sequence[PictureFile]) -> Iterator[tuple[PictureFile, Image8]]:
+def _read(group: Sequence[PictureFile]) -> Iterator[tuple[PictureFile, Image]]:
     if group[0].frame is None:
         yield group[0], read_picture(group[0].path)
         return
@@ -147,8 +126,7 @@ def _read(group: Sequence[PictureFile]) -> Iterator[tuple[PictureFile, Image8]]:
         if number in wanted:
             good, image = video.retrieve()
             if good:
-                grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-                yield wanted[number], np.asarray(grey, dtype=np.uint8)
+                yield wanted[number], to_grey(image)
 
 
 def _expanded(paths: Sequence[Path]) -> Iterator[Path]:
@@ -168,10 +146,6 @@ def _expanded(paths: Sequence[Path]) -> Iterator[Path]:
             yield path
         else:
             raise UsageError(f"{path}: expected a picture, a video or a folder")
-
-
-def _file(path: Path) -> PictureFile:
-    return PictureFile(path.resolve().parent.name, path.stem, path)
 
 
 def _video(path: Path, every: int) -> list[PictureFile]:
@@ -197,7 +171,7 @@ def _table_of(path: Path) -> dict[str | int, CaptureTime]:
 def _same_moments(
     pictures: Sequence[PictureFile], times: dict[tuple[str, str], CaptureTime]
 ) -> list[PictureFile]:
-    """Names moments after the trigger's number, or after when pictures were taken."""
+    """Names moments after the trigger's number, or after the capture times."""
     known = [p for p in pictures if (p.camera, p.moment) in times]
     taken = [times[p.camera, p.moment] for p in known]
     if all(row.timestep is not None for row in taken):

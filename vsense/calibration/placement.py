@@ -1,7 +1,7 @@
 """First guesses for the bundle: lenses, and the poses of cameras and boards.
 
 Cameras and boards are placed one after another, each by what it shares with those before. The
-errors that add up along the way are shared out by the bundle among all cameras at once.
+bundle then spreads the accumulated errors over all cameras.
 """
 
 from __future__ import annotations
@@ -11,57 +11,46 @@ from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from vsense.calibration.lens import LENS_SIZE, project, undistorted
 from vsense.calibration.solution import CalibrationError
 from vsense.calibration.views import View
-
-Floats = NDArray[np.float64]
+from vsense.cameras.camera import Floats
 
 _FOCAL_SHARES = np.geomspace(0.4, 5.0, 16)
 """Focal lengths that are tried, over the picture's width: 100 to 11 degrees of view."""
 _PATIENCE_PX = 100.0
-"""A point that is further off counts no more than this."""
+"""Points that are further off count as this."""
 
 
 @dataclass(frozen=True, slots=True)
 class BoardPose:
-    """Where a body is: `turn @ point + shift` takes its points to another frame.
-
-    Attributes:
-        turn: (3, 3) rotation.
-        shift: (3,) [m].
-    """
+    """A body's pose: `turn` (3, 3) @ point + `shift` (3,) [m] takes its points to another frame."""
 
     turn: Floats
     shift: Floats
 
     def inverse(self) -> BoardPose:
-        """The way back."""
+        """Returns the inverse transform."""
         return BoardPose(self.turn.T, -self.turn.T @ self.shift)
 
     def after(self, first: BoardPose) -> BoardPose:
-        """This pose behind another: first `first`, then this one."""
+        """Returns this transform applied after another."""
         return BoardPose(self.turn @ first.turn, self.turn @ first.shift + self.shift)
 
     def apply(self, points: Floats) -> Floats:
-        """Takes (n, 3) points along."""
+        """Transforms (n, 3) points."""
         return np.asarray(points @ self.turn.T + self.shift)
 
 
 def poses_in_camera(lens: Floats, points: Floats, pixels: Floats) -> list[BoardPose]:
     """Returns the poses of a body that one picture allows, the best first.
 
-    A flat body far away looks nearly the same tilted to either side: then there are two.
-
-    Args:
-        lens: (9,).
-        points: (n, 3) in the body's frame, 4 or more.
-        pixels: (n, 2).
+    A flat body far away looks nearly the same tilted to either side: then there are two. `lens` is
+    (9,), `points` are (n, 3) in the body's frame, 4 or more, `pixels` (n, 2).
     """
     flat = bool(np.ptp(points[:, 2]) == 0.0)
-    # Slopes grow without bounds where the model of the lens is bent back on itself.
+    # Slopes grow without bounds where the lens model is not invertible.
     slopes = np.clip(np.nan_to_num(undistorted(lens, pixels)), -20.0, 20.0)
     method = cv2.SOLVEPNP_IPPE if flat else cv2.SOLVEPNP_SQPNP
     try:
@@ -84,14 +73,10 @@ def miss_px(lens: Floats, pose: BoardPose, points: Floats, pixels: Floats) -> fl
 
 
 def first_lens(size: tuple[int, int], sights: Sequence[tuple[Floats, Floats]]) -> Floats:
-    """Guesses a lens without distortion.
+    """Returns the (9,) lens without distortion, of some tried, that explains pictures best.
 
-    Args:
-        size: Width and height [px].
-        sights: Points and pixels, as in `poses_in_camera`, of each picture.
-
-    Returns:
-        (9,) the lens that explains the pictures best, of those that are tried.
+    `size` is width and height [px]; `sights` are points and pixels of each picture, as in
+    `poses_in_camera`.
     """
     middle = ((size[0] - 1) / 2.0, (size[1] - 1) / 2.0)
     best, least = np.zeros(LENS_SIZE), np.inf
@@ -110,17 +95,12 @@ def first_lens(size: tuple[int, int], sights: Sequence[tuple[Floats, Floats]]) -
 
 _LEAST_POINTS = 4
 _CANDIDATES, _JUDGES = 12, 40
-"""How many views propose a camera's pose, and how many tell which is best: the fullest ones."""
+"""How many of the fullest views propose a camera's pose, and how many select the best."""
 
 
 @dataclass(slots=True)
 class Placement:
-    """Where things are so far.
-
-    Attributes:
-        cameras: Camera -> pose that takes arena to camera frame.
-        bodies: Moment -> pose that takes the board's to the arena frame.
-    """
+    """Poses so far: cameras from the arena to their frame, bodies by moment to the arena."""
 
     cameras: dict[str, BoardPose] = field(default_factory=dict)
     bodies: dict[str, BoardPose] = field(default_factory=dict)
@@ -132,12 +112,9 @@ class Placer:
     def __init__(
         self, lenses: dict[str, Floats], views: Sequence[View], points: Sequence[Floats]
     ) -> None:
-        """Looks at every view by itself.
+        """Estimates the poses of every view by itself.
 
-        Args:
-            lenses: Camera -> (9,).
-            views: Who saw the board when.
-            points: Per view (n, 3), the corners in the board's frame [m].
+        `lenses` are camera -> (9,), `points` per view the (n, 3) corners in the board's frame [m].
         """
         self._lenses = lenses
         self._views = list(views)
@@ -146,14 +123,9 @@ class Placer:
             poses_in_camera(lenses[v.camera], p, v.pixels) for v, p in zip(views, points)
         ]
 
-    def place(self, start: Placement) -> Placement:
-        """Places everything that is linked to what is placed already.
-
-        Raises:
-            CalibrationError: Some cameras share no moment with the others.
-        """
-        done = start
-        anchored = dict(start.bodies)
+    def place(self, done: Placement) -> None:
+        """Adds all poses linked to placed ones; raises CalibrationError if some are not."""
+        anchored = dict(done.bodies)
         while True:
             self._place_bodies(done, anchored)
             waiting = self._links(done)
@@ -164,10 +136,9 @@ class Placer:
         left = sorted(set(self._lenses) - set(done.cameras))
         if left:
             raise CalibrationError(self._unlinked(left))
-        return done
 
     def _links(self, done: Placement) -> dict[str, int]:
-        """Cameras to be placed -> corners that they see on boards which are placed."""
+        """Cameras to be placed -> corners that they see on boards that are placed."""
         links: dict[str, int] = {}
         for view, alone in zip(self._views, self._alone):
             if view.camera not in done.cameras and view.moment in done.bodies and alone:
@@ -175,7 +146,7 @@ class Placer:
         return links
 
     def _place_bodies(self, done: Placement, anchored: dict[str, BoardPose]) -> None:
-        """Places every board that a placed camera sees, where all of those see it best."""
+        """Places every board that placed cameras see where it fits all of them best."""
         seen: dict[str, list[int]] = {}
         for number, view in enumerate(self._views):
             if view.camera in done.cameras and view.moment not in anchored:
@@ -192,7 +163,7 @@ class Placer:
                 )
 
     def _camera_pose(self, camera: str, done: Placement) -> BoardPose:
-        """The pose at which a camera sees all the boards that are placed best."""
+        """The pose that fits all placed boards that a camera sees best."""
         numbers = [
             n
             for n, view in enumerate(self._views)
@@ -211,10 +182,9 @@ class Placer:
     ) -> float:
         """How far off some views are if cameras and boards are there [px, summed]."""
         total = 0.0
-        for number in numbers:
-            view = self._views[number]
+        for view, points in ((self._views[n], self._points[n]) for n in numbers):
             pose = cameras[view.camera].after(bodies[view.moment])
-            total += miss_px(self._lenses[view.camera], pose, self._points[number], view.pixels)
+            total += miss_px(self._lenses[view.camera], pose, points, view.pixels)
         return total
 
     def _unlinked(self, left: Sequence[str]) -> str:
@@ -243,21 +213,14 @@ class Placer:
 
 
 def camera_from_points(lens: Floats, points: Floats, pixels: Floats) -> BoardPose | None:
-    """Returns the pose of a camera that sees points of the arena, None if it sees too few.
+    """Returns the pose of a camera that sees points of the arena; None: it sees too few.
 
-    Args:
-        lens: (9,).
-        points: (n, 3) in the arena frame.
-        pixels: (n, 2).
+    `lens` is (9,), `points` are (n, 3) in the arena frame, `pixels` (n, 2).
     """
     if len(points) < _LEAST_POINTS:
         return None
     # The solver for flat bodies wants them at z = 0 of their own frame.
     lift = np.array((0.0, 0.0, points[0, 2])) if np.ptp(points[:, 2]) == 0.0 else np.zeros(3)
-    above = [p for p in poses_in_camera(lens, points - lift, pixels) if _from_above(p)]
+    poses = poses_in_camera(lens, points - lift, pixels)
+    above = [pose for pose in poses if pose.inverse().shift[2] > 0.0]
     return above[0].after(BoardPose(np.eye(3), -lift)) if above else None
-
-
-def _from_above(pose: BoardPose) -> bool:
-    """Whether a camera stands on the side that z points to."""
-    return bool(pose.inverse().shift[2] > 0.0)

@@ -1,29 +1,27 @@
 """Reports about a calibration: a picture, one JSON object, and a few lines for the terminal.
 
 The picture shows per camera where corners were seen and how far off each is, and the rig from
-above. Every arrow starts where a corner was seen and is its residual, enlarged; behind them, the
-darker the more corners there are. White places were never seen: there the lens is extrapolated.
+above. An arrow starts at a corner and is its residual, enlarged; the colour behind grows darker
+with the number of corners. In white places no corner was seen: the lens is extrapolated there.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from itertools import cycle
 from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from vsense.calibration.board import Board
 from vsense.calibration.lens import lens_of
 from vsense.calibration.solution import BoardCheck, Solution, ViewResult, rms
-from vsense.cameras.camera import Camera
+from vsense.cameras.camera import Camera, Floats
 from vsense.pictures.canvas import GRID, INK, MUTED, Canvas, Colour, Image, round_number, width_of
 from vsense.terminal import aligned
-
-Floats = NDArray[np.float64]
 
 _COOL = np.array((250.0, 246.0, 240.0))
 _WARM = np.array((196.0, 158.0, 96.0))
@@ -48,11 +46,11 @@ _MARGIN = 40
 _HEAD = 126
 _CAPTION = 64
 _ARROW_PX = 22.0
-"""Length of an arrow for the residual that 19 of 20 stay below."""
+"""Length of an arrow for the 95th percentile of the residuals."""
 _CELL = 40
-"""Coverage is counted in this many cells along the width."""
+"""Cells of the coverage along the width."""
 _CORNERS_FULL = 6.0
-"""So many corners per cell are drawn in full colour."""
+"""Corners per cell that are drawn in full colour."""
 _EDGE_POINTS = 24
 _TINTS: tuple[Colour, ...] = (
     (180, 110, 40), (60, 140, 245), (90, 160, 60), (170, 80, 160), (40, 170, 210), (90, 90, 90),
@@ -93,7 +91,6 @@ def _usual_longest_px(solution: Solution) -> float:
 def _camera_panel(
     canvas: Canvas, camera: Camera, views: Sequence[ViewResult], x: int, y: int, longest: float
 ) -> None:
-    """One camera: coverage, residuals, and what they amount to."""
     zoom = _PANEL / camera.width_px
     height = round(camera.height_px * zoom)
     pixels = np.concatenate([view.pixels for view in views]) if views else np.zeros((0, 2))
@@ -123,7 +120,7 @@ def _coverage(camera: Camera, pixels: Floats) -> Floats:
     row = np.clip((pixels[:, 1] / cell).astype(int), 0, shape[0] - 1)
     counts = np.zeros(shape)
     np.add.at(counts, (row, column), 1.0)
-    # A corner speaks for its surroundings: two cells around it.
+    # A corner also counts for two cells around it.
     spread = cv2.GaussianBlur(counts, (0, 0), 1.6) * (2.0 * np.pi * 1.6**2)
     return np.asarray(1.0 - np.exp(-spread / _CORNERS_FULL))
 
@@ -131,7 +128,7 @@ def _coverage(camera: Camera, pixels: Floats) -> Floats:
 def _map_panel(
     canvas: Canvas, solution: Solution, board: Board | None, x: int, y: int, height: int
 ) -> None:
-    """The rig from above: what each camera sees of the floor, and where the board was."""
+    """Draws the rig from above: what each camera sees of the floor, and where the board was."""
     outlines = [_footprint(camera) for camera in solution.cameras]
     centres = np.array([camera.position_m[:2] for camera in solution.cameras])
     shapes = [o for o in outlines if len(o)] + [centres, np.zeros((1, 2))]
@@ -184,7 +181,6 @@ def _frame(x: float, y: float, height: float) -> Floats:
 
 
 def _axes(canvas: Canvas, place: Callable[[Floats], Floats], zoom: float) -> None:
-    """The arena's origin with x and y."""
     length = 36.0 / zoom
     for direction, name in (((1.0, 0.0), "x"), ((0.0, 1.0), "y")):
         tip = np.array(direction) * length
@@ -224,18 +220,12 @@ def as_json(solution: Solution, board: Board | None, check: BoardCheck | None) -
     report: dict[str, Any] = {
         "board": str(board) if board else None,
         "rms_px": round(solution.rms_px, 4),
-        "cameras": {camera.id: _camera(solution, camera.id) for camera in solution.cameras},
+        "cameras": {camera.id: _camera(solution, camera) for camera in solution.cameras},
         "views": [_view(view) for view in solution.views],
         "notes": list(solution.notes),
     }
     if check is not None:
-        report["board_check"] = {
-            "corners": check.corners,
-            "reprojection_px": round(check.reprojection_px, 4),
-            "distances": check.distances,
-            "median_mm": round(check.median_mm, 4),
-            "sd_mm": round(check.sd_mm, 4),
-        }
+        report["board_check"] = {name: round(v, 4) for name, v in asdict(check).items()}
     if solution.bodies:
         report["moments"] = {
             moment: {
@@ -247,16 +237,15 @@ def as_json(solution: Solution, board: Board | None, check: BoardCheck | None) -
     return report
 
 
-def _camera(solution: Solution, name: str) -> dict[str, Any]:
-    camera = next(camera for camera in solution.cameras if camera.id == name)
-    views = solution.of(name)
+def _camera(solution: Solution, camera: Camera) -> dict[str, Any]:
+    views = solution.of(camera.id)
     lens = dict(zip(_LENS, (round(float(v), 6) for v in lens_of(camera))))
-    sigma = dict(zip(_LENS, (round(float(v), 6) for v in solution.lens_sigma[name])))
-    floor = solution.floor_sigma_m.get(name, float("nan"))
+    sigma = dict(zip(_LENS, (round(float(v), 6) for v in solution.lens_sigma[camera.id])))
+    floor = solution.floor_sigma_m.get(camera.id, float("nan"))
     return {
         "rms_px": round(_rms(views), 4),
         "views": len(views),
-        "rejected": sum(view.camera == name for view in solution.rejected),
+        "rejected": sum(view.camera == camera.id for view in solution.rejected),
         "corners": sum(len(view.pixels) for view in views),
         "lens": lens,
         "lens_sigma": sigma,
@@ -276,7 +265,7 @@ def _view(view: ViewResult) -> dict[str, Any]:
 
 
 def as_text(solution: Solution, check: BoardCheck | None) -> list[str]:
-    """Returns the report as lines: a table of the cameras, what was left out, what to know."""
+    """Returns the report as lines: a table of the cameras, what was left out, and notes."""
     rows: list[tuple[str, ...]] = [
         ("camera", "rms px", "views", "corners", "fx px", "cx px", "cy px", "floor")
     ]

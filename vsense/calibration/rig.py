@@ -26,12 +26,10 @@ from vsense.calibration.solution import (
     rms,
 )
 from vsense.calibration.views import BoardViews, View
-
-Floats = NDArray[np.float64]
+from vsense.cameras.camera import Floats
 
 REFINE_SIGMA = (0.005, 0.005, 0.005, 0.005, 0.02, 0.05, 0.002, 0.002, 0.05)
-"""Standard deviation of a lens that was calibrated before; the first two are shares of the focal
-length, the next two of the picture's width."""
+"""Standard deviation of a calibrated lens; f is relative to f, c to the width of the picture."""
 
 _WIDE_PX = 50.0
 _NOISE_PX = (0.02, 5.0)
@@ -50,12 +48,8 @@ class Trust(Enum):
 class Rig:
     """What a rig's calibration starts from.
 
-    Attributes:
-        shoot: Pictures' sizes and where the board was seen.
-        board: The board; None where only known points are used.
-        floor: What ties the pictures to the arena frame.
-        lenses: Camera -> (9,).
-        trust: Whether the pictures may still change the lenses, and how far.
+    `board` is None where only known points are used; `lenses` are camera -> (9,); `trust` is how
+    far the pictures may change them.
     """
 
     shoot: BoardViews
@@ -69,11 +63,7 @@ class RigSolver:
     """Calibrates a rig."""
 
     def __init__(self, rig: Rig) -> None:
-        """Sorts cameras, moments and points.
-
-        Raises:
-            UsageError: No moment is one of those with the board on the floor.
-        """
+        """Sorts cameras, moments and points; raises UsageError if no moment is on the floor."""
         self._rig = rig
         self._cameras = sorted(rig.lenses)
         self._flat = rig.floor.moments(rig.shoot.views)
@@ -85,11 +75,7 @@ class RigSolver:
         self._anchor = self._choose_anchor()
 
     def solve(self) -> Solution:
-        """Places everything, then adjusts it.
-
-        Raises:
-            CalibrationError: Some cameras share nothing with the others.
-        """
+        """Places everything, then adjusts it; raises CalibrationError for unlinked cameras."""
         estimate = self._start()
         used = np.ones(len(self._views), dtype=bool)
         limit = _WIDE_PX
@@ -140,7 +126,7 @@ class RigSolver:
         floor, lenses = self._rig.floor, self._rig.lenses
         start = Placement()
         if self._anchor is not None:
-            start.bodies[self._anchor] = floor.anchor()
+            start.bodies[self._anchor] = floor.lying(*floor.origin)
         for camera in self._cameras:
             mine = [view for view in floor.sightings if view.camera == camera]
             if mine:
@@ -150,9 +136,9 @@ class RigSolver:
                 if pose is not None:
                     start.cameras[camera] = pose
         views = list(self._rig.shoot.views)
-        placed = Placer(lenses, views, [self._points(view) for view in views]).place(start)
-        poses = [self._body_pose(body, placed) for body in self._bodies]
-        cameras = [placed.cameras[camera] for camera in self._cameras]
+        Placer(lenses, views, [self._points(view) for view in views]).place(start)
+        poses = [self._body_pose(body, start) for body in self._bodies]
+        cameras = [start.cameras[camera] for camera in self._cameras]
         return Estimate(
             np.array([lenses[camera] for camera in self._cameras]),
             np.array([pose.turn for pose in cameras]),
@@ -208,7 +194,7 @@ class RigSolver:
     def _bad(
         self, used: NDArray[np.bool_], bundle: Bundle, estimate: Estimate
     ) -> NDArray[np.bool_]:
-        """Views to leave out: far off, and not what holds the rig together."""
+        """Views to leave out: far off, and not needed to link the cameras."""
         each = by_view(bundle.residuals(estimate), bundle.sightings)
         errors = np.array([rms(residuals) for residuals in each])
         bad = np.zeros(len(self._views), dtype=bool)
@@ -226,7 +212,7 @@ class RigSolver:
             for view, residuals, use in zip(self._views, each, used)
         ]
         residuals = bundle.residuals(estimate)
-        # Of n corners seen by both coordinates, the unknowns take their share.
+        # Per coordinate, where a residual has two.
         variance = 0.5 * rms(residuals) ** 2
         covariance = variance * bundle.covariance(estimate)
         sizes, floor = self._rig.shoot.sizes, bool(self._flat or self._known)
@@ -237,15 +223,11 @@ class RigSolver:
             )
         )
         lens_sigma = np.sqrt(np.maximum(np.einsum("cii->ci", covariance)[:, POSE_SIZE:], 0.0))
-        moments = {
-            body: (turn, shift)
-            for body, turn, shift in zip(self._bodies, estimate.body_turn, estimate.body_shift)
-        }
         return Solution(
             cameras,
             tuple(results),
             dict(zip(self._cameras, lens_sigma)),
             {c.id: floor_sigma_m(c, block) for c, block in zip(cameras, covariance) if floor},
-            moments,
+            dict(zip(self._bodies, zip(estimate.body_turn, estimate.body_shift))),
             tuple(self._notes),
         )

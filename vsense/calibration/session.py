@@ -1,4 +1,4 @@
-"""What `vsense calibrate` does, from paths on the disk to camera files on the disk."""
+"""`vsense calibrate`, from paths on the disk to camera files on the disk."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from vsense.calibration.pictures import PictureFile, gather, inspect
 from vsense.calibration.rig import Rig, RigSolver, Trust
 from vsense.calibration.solution import Solution, check_board
 from vsense.calibration.views import BoardViews, CornerFinder, View, read_corners, write_corners
-from vsense.cameras.camera import Camera
+from vsense.cameras.camera import Camera, Floats
+from vsense.cameras.picture import Image
 from vsense.errors import UsageError
 from vsense.markers import paper
 
-Floats = NDArray[np.float64]
-Image8 = NDArray[np.uint8]
+Corners = tuple[NDArray[np.int64], Floats]
 
 REPORT = "report"
 """Folder beside the camera files; it holds report.json, report.png and corners.csv."""
@@ -36,17 +36,9 @@ _DPI = 300
 
 @dataclass(frozen=True, slots=True)
 class LensOptions:
-    """What lenses are calibrated from, and where the camera files go.
+    """What lenses are calibrated from, and where the files go; see `vsense calibrate -h`.
 
-    Attributes:
-        board: as `Board.parse` reads it; None: only known points are seen.
-        pictures: see `gather`.
-        camera: of all pictures, None: their folders and names say which.
-        every: takes only every so many pictures of a video.
-        corners: file of corners in the place of pictures, see `read_corners`.
-        size: width and height of the pictures that the corners came from [px].
-        output: folder for camera files and report.
-        json: print the report on standard output.
+    `board` is None where only known points are seen; `size` is of the corners' pictures [px].
     """
 
     board: str | None
@@ -61,18 +53,9 @@ class LensOptions:
 
 @dataclass(frozen=True, slots=True)
 class RigOptions(LensOptions):
-    """What a rig is calibrated from.
+    """What a rig is calibrated from; see `vsense calibrate rig -h`.
 
-    Attributes:
-        intrinsics: folder with camera files whose lenses are right already.
-        refine: let these lenses move a little.
-        floor: patterns of the moments when the board lay on the floor.
-        origin: where the board's origin was at the first of them: x, y [m] and yaw [degrees].
-        thickness: of the board [m].
-        points: file of known points, see `read_points`.
-        seen: file that says where they are seen, see `read_seen`.
-        tags: dictionary of the tags whose middles they are.
-        accuracy: of the points' places [m].
+    `origin` is x, y [m] and yaw [degrees]; `thickness` and `accuracy` are in m.
     """
 
     intrinsics: Path | None
@@ -86,24 +69,8 @@ class RigOptions(LensOptions):
     accuracy: float
 
 
-@dataclass(frozen=True, slots=True)
-class _Found:
-    """What one picture shows: the board's corners, and tags at known places."""
-
-    corners: tuple[NDArray[np.int64], Floats] | None
-    tags: dict[str, Floats]
-
-
 def print_board(text: str, output: Path) -> int:
-    """Writes a board to print; its name goes to standard output.
-
-    Args:
-        text: the board, as `Board.parse` reads it.
-        output: file.pdf or file.png.
-
-    Raises:
-        UsageError: there is no such board, or the file cannot be written.
-    """
+    """Writes a board, as `Board.parse` reads it, to a .pdf or .png; raises UsageError."""
     board = Board.parse(text)
     sheet = page(board)
     if output.suffix.lower() == ".pdf":
@@ -124,9 +91,8 @@ def print_board(text: str, output: Path) -> int:
 def intrinsics(options: LensOptions) -> int:
     """Calibrates the lens of each camera by itself; returns 0.
 
-    Raises:
-        UsageError, ConfigError: the options do not go together, or a file is wrong.
-        CalibrationError: the pictures do not tell the lenses.
+    Raises UsageError or ConfigError for wrong options or files, CalibrationError for poor
+    pictures.
     """
     _check_sources(options)
     assert options.board is not None, "the option is required"
@@ -204,7 +170,7 @@ def _check_rig(options: RigOptions) -> None:
 def _shoot(
     options: LensOptions, board: Board | None, given: dict[str, Camera], tags: TagFinder | None
 ) -> tuple[BoardViews, list[View]]:
-    """Reads what was seen: of the board, and of tags at known places."""
+    """Reads the views of the board, and of tags at known places."""
     sizes = {c.id: (c.width_px, c.height_px) for c in given.values()}
     if options.corners:
         assert board is not None
@@ -240,13 +206,14 @@ def _looked(
     views: list[View] = []
     tagged = []
 
-    def make() -> Callable[[Image8], _Found]:
+    def make() -> Callable[[Image], tuple[Corners | None, dict[str, Floats]]]:
         finder = CornerFinder(board) if board else None
-        return lambda image: _Found(
-            finder.find(image) if finder else None, tags.find(image) if tags else {}
+        return lambda image: (
+            finder.find(image) if finder else None,
+            tags.find(image) if tags else {},
         )
 
-    for one, size, found in inspect(pictures, make, _progress):
+    for one, size, (corners, middles) in inspect(pictures, make, _progress):
         wanted = expected.get(one.camera, sizes.setdefault(one.camera, size))
         sizes[one.camera] = wanted
         if size != wanted:
@@ -255,15 +222,15 @@ def _looked(
                 f"the other pictures of {one.camera}"
             )
         counts[one.camera] = counts.get(one.camera, 0) + 1
-        tagged.append((one.camera, found.tags))
-        if found.corners is not None:
-            views.append(View(one.camera, one.moment, *found.corners))
+        tagged.append((one.camera, middles))
+        if corners is not None:
+            views.append(View(one.camera, one.moment, *corners))
     _say(f"the board was found in {len(views)} of {_count(len(pictures), 'picture')}")
     return BoardViews(dict(sorted(sizes.items())), views, counts), tag_views(tagged)
 
 
 def _thinned(shoot: BoardViews) -> BoardViews:
-    """At most so many views per camera, spread evenly: more make it slow, not better."""
+    """Spreads a limited number of views evenly: more are slower, not better."""
     views: list[View] = []
     for camera in shoot.sizes:
         mine = shoot.of(camera)
@@ -305,7 +272,6 @@ def _deliver(
 
 
 def _cameras(folder: Path) -> dict[str, Camera]:
-    """Reads all camera files of a folder."""
     if not folder.is_dir():
         raise UsageError(f"--intrinsics {folder}: no such folder")
     cameras: dict[str, Camera] = {}

@@ -1,4 +1,4 @@
-"""What a calibration found, how well it explains every view, and its accuracy in the arena."""
+"""The result of a calibration, its residuals, and its accuracy in the arena."""
 
 from __future__ import annotations
 
@@ -12,10 +12,8 @@ from vsense.calibration.board import Board
 from vsense.calibration.bundle import Sightings
 from vsense.calibration.lens import lens_of, project, undistorted
 from vsense.calibration.views import View
-from vsense.cameras.camera import Camera
+from vsense.cameras.camera import Camera, Floats
 from vsense.errors import VsenseError
-
-Floats = NDArray[np.float64]
 
 _REJECT_TIMES = 3.0
 _REJECT_PX = 0.5
@@ -29,14 +27,9 @@ class CalibrationError(VsenseError):
 
 @dataclass(frozen=True, slots=True)
 class ViewResult:
-    """One view after the calibration.
+    """One view after the calibration; a bad one is not `used`.
 
-    Attributes:
-        camera: The camera's name.
-        moment: The moment's name.
-        pixels: (n, 2) where the corners were seen.
-        residuals: (n, 2) seen minus model [px].
-        used: Whether the view took part; a bad one is left out.
+    `pixels` (n, 2) are where the corners were seen, `residuals` (n, 2) seen minus model [px].
     """
 
     camera: str
@@ -62,7 +55,7 @@ class Solution:
         floor_sigma_m: Camera -> worst standard deviation of a place on the floor that it sees;
             empty where only lenses are calibrated.
         bodies: Moment -> turn (3, 3) and shift (3,) of the board in the arena frame.
-        notes: What the user should know.
+        notes: Remarks for the user.
     """
 
     cameras: tuple[Camera, ...]
@@ -93,14 +86,14 @@ def rms(residuals: Floats) -> float:
 
 
 def huber_limit_px(residuals: Floats) -> float:
-    """Beyond this length a residual is rather a mistake than noise."""
+    """Returns the length from which a residual is rather a mistake than noise."""
     # The median length of plane noise is 1.18 standard deviations.
     median = float(np.median(np.linalg.norm(residuals, axis=1)))
     return max(_HUBER_TIMES * median, _HUBER_PX)
 
 
 def bad_views(view_rms_px: Floats) -> NDArray[np.bool_]:
-    """Tells which views are so far off that the board was found wrongly, bent or blurred."""
+    """Whether views are so far off that the board was misread, bent or blurred."""
     if view_rms_px.size == 0:
         return np.zeros(0, dtype=bool)
     limit = max(_REJECT_TIMES * float(np.median(view_rms_px)), _REJECT_PX)
@@ -110,13 +103,10 @@ def bad_views(view_rms_px: Floats) -> NDArray[np.bool_]:
 def assemble(
     views: Sequence[View], points: Sequence[Floats], cameras: Sequence[str], bodies: Sequence[str]
 ) -> Sightings:
-    """Lays views side by side, for the bundle.
+    """Concatenates views for the bundle.
 
-    Args:
-        views: What was seen.
-        points: Per view (n, 3), the places of what was seen in the body's frame [m].
-        cameras: Names, in the bundle's order.
-        bodies: Moments, in the bundle's order.
+    `points` are per view (n, 3) in the body's frame [m]; `cameras` and `bodies` (moments) give the
+    bundle's order.
     """
     camera = {name: number for number, name in enumerate(cameras)}
     body = {name: number for number, name in enumerate(bodies)}
@@ -136,7 +126,7 @@ def by_view(rows: Floats, seen: Sightings) -> list[Floats]:
 
 _GRID = 7
 _FARTHEST = 4.0
-"""Places on the floor count up to so many heights of the camera away."""
+"""Largest distance of a place on the floor, in heights of the camera."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,8 +135,7 @@ class BoardCheck:
 
     Attributes:
         corners: Corners that two or more cameras saw at the same moment.
-        reprojection_px: Root mean square distance of these corners from where the cameras saw
-            them.
+        reprojection_px: Root mean square of their residuals.
         distances: Pairs of corners of the same moment.
         median_mm: Median of the absolute errors of the pairs' distances.
         sd_mm: Standard deviation of the errors.
@@ -162,11 +151,7 @@ class BoardCheck:
 def floor_sigma_m(camera: Camera, covariance: Floats) -> float:
     """Returns the worst standard deviation of a place on the floor that a camera sees.
 
-    NaN where it sees no floor.
-
-    Args:
-        camera: The camera.
-        covariance: (15, 15) of its turn, shift and lens.
+    NaN where it sees no floor. `covariance` is (15, 15), of its turn, shift and lens.
     """
     axes = [np.linspace(0.0, size - 1.0, _GRID) for size in (camera.width_px, camera.height_px)]
     pixels = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
@@ -189,10 +174,9 @@ def floor_sigma_m(camera: Camera, covariance: Floats) -> float:
 def check_board(
     cameras: Sequence[Camera], views: Sequence[View], board: Board
 ) -> BoardCheck | None:
-    """Triangulates every corner that several cameras saw, and measures the board with them.
+    """Triangulates all corners that several cameras saw, and measures the board with them.
 
-    Returns:
-        The check, or None where no corner was seen by two cameras at once.
+    Returns None where no corner was seen by two cameras at once.
     """
     by_name = {camera.id: camera for camera in cameras}
     sights: dict[tuple[str, int], list[tuple[Camera, Floats]]] = {}
@@ -222,10 +206,7 @@ def check_board(
 
 
 def triangulated(sights: Sequence[tuple[Camera, Floats]]) -> Floats:
-    """Returns the (3,) point of the arena that lies nearest to all its sights.
-
-    Args:
-        sights: Two or more cameras, each with the (2,) pixel where it sees the point.
+    """Returns the (3,) arena point nearest to its sights, each a camera and a (2,) pixel.
 
     Source: Hartley and Zisserman, Multiple View Geometry, 12.2: the linear method.
     """

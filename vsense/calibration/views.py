@@ -1,6 +1,6 @@
 """Views: the corners of a board, or known points, that one camera saw at one moment.
 
-A board's inner corners are found in a picture to a few hundredths of a pixel.
+Corners are found in a picture to a few hundredths of a pixel.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.calibration.board import CHARUCO, Board
+from vsense.cameras.camera import Floats
+from vsense.cameras.picture import Image
 from vsense.errors import ConfigError, UsageError
 
-Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Image8 = NDArray[np.uint8]
 
 COLUMNS = ("camera", "moment", "corner", "x_px", "y_px")
 """Of a corners file."""
@@ -31,8 +31,7 @@ class View:
     """One camera's sight of the board.
 
     Attributes:
-        camera: The camera's name.
-        moment: Name of the moment: views of the same moment show the same pose of the board.
+        moment: Its name; views of the same moment show the same pose of the board.
         ids: (n,) numbers of the corners, row by row from the printed board's upper left one.
         pixels: (n, 2).
     """
@@ -45,13 +44,7 @@ class View:
 
 @dataclass(frozen=True, slots=True)
 class BoardViews:
-    """Everything that was seen of the board.
-
-    Attributes:
-        sizes: Width and height of each camera's pictures [px].
-        views: In order of camera and moment.
-        pictures: How many pictures each camera took, with or without a board in them.
-    """
+    """Views of the board by camera and moment; per camera, size [px] and number of pictures."""
 
     sizes: dict[str, tuple[int, int]]
     views: Sequence[View]
@@ -63,18 +56,9 @@ class BoardViews:
 
 
 def read_table(path: Path, columns: Sequence[str]) -> list[tuple[int, list[str]]]:
-    """Reads a CSV file with a header.
+    """Reads columns of a CSV file with a header; returns them per line, with its number.
 
-    Args:
-        path: The file.
-        columns: Names of the columns to take; others are allowed.
-
-    Returns:
-        Per line its number and the chosen columns.
-
-    Raises:
-        UsageError: The file cannot be read.
-        ConfigError: A column or a value is missing.
+    Raises UsageError for an unreadable file, ConfigError for a missing column or value.
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
@@ -101,11 +85,7 @@ def read_table(path: Path, columns: Sequence[str]) -> list[tuple[int, list[str]]
 
 
 def number_at(path: Path, line: int, name: str, text: str) -> float:
-    """Returns a finite number of a file.
-
-    Raises:
-        ConfigError: It is none.
-    """
+    """Returns a finite number of a file; raises ConfigError where it is none."""
     try:
         value = float(text)
     except ValueError:
@@ -116,16 +96,7 @@ def number_at(path: Path, line: int, name: str, text: str) -> float:
 
 
 def read_corners(path: Path, corners: int) -> list[View]:
-    """Reads a corners file, as `write_corners` writes it.
-
-    Args:
-        path: The file.
-        corners: How many the board has.
-
-    Raises:
-        UsageError: The file cannot be read.
-        ConfigError: A line is wrong.
-    """
+    """Reads a file of `write_corners`, for so many corners; raises as `read_table` does."""
     views: dict[tuple[str, str], dict[int, tuple[float, float]]] = {}
     for line, (camera, moment, corner, *place) in read_table(path, COLUMNS):
         if not corner.isdecimal() or int(corner) >= corners:
@@ -156,12 +127,12 @@ def write_corners(path: Path, views: Iterable[View]) -> None:
 
 
 LEAST_CORNERS = 6
-"""A ChArUco view with fewer corners says too little about the board's pose."""
+"""ChArUco corners that determine the board's pose well enough."""
 
 _CHESSBOARD_SHARE = 0.35
 """The refinement's half window over the smallest extent of a square."""
 _CHARUCO_GAPS = 1.0
-"""The same over the white gap around a marker: the marker itself would pull at the corner."""
+"""The same over the white gap around a marker, which must stay outside of the window."""
 _WINDOW_PX = (2, 11)
 _STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-3)
 _CHESSBOARD_FLAGS = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
@@ -177,14 +148,11 @@ class CornerFinder:
         gap = (1.0 - board.marker_share) / 2.0
         self._share = _CHARUCO_GAPS * gap if self._charuco else _CHESSBOARD_SHARE
 
-    def find(self, image: Image8) -> tuple[Ints, Floats] | None:
-        """Looks for the board.
-
-        Args:
-            image: (h, w) uint8.
+    def find(self, image: Image) -> tuple[Ints, Floats] | None:
+        """Looks for the board in an (h, w) uint8 picture.
 
         Returns:
-            (n,) numbers of the corners and (n, 2) pixels, or None where no board is seen.
+            (n,) numbers of the corners and (n, 2) pixels; None: no board was found.
         """
         if self._board.inverted:
             image = np.asarray(cv2.bitwise_not(image), dtype=np.uint8)
@@ -194,19 +162,19 @@ class CornerFinder:
         ids, pixels = found
         return ids, _refined(image, pixels, self._share * self._square_px(ids, pixels))
 
-    def _find_charuco(self, image: Image8) -> tuple[Ints, Floats] | None:
+    def _find_charuco(self, image: Image) -> tuple[Ints, Floats] | None:
         assert self._charuco is not None
         pixels, ids, _, _ = self._charuco.detectBoard(image)
         if ids is None or len(ids) < LEAST_CORNERS:
             return None
         numbers = np.asarray(ids, dtype=np.int64).ravel()
-        # Corners of one row only leave the board free to turn about it.
+        # Corners of a single row do not fix the turn about it.
         per_row = self._board.columns - 1
         if len(set(numbers // per_row)) < 2 or len(set(numbers % per_row)) < 2:
             return None
         return numbers, np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
 
-    def _find_chessboard(self, image: Image8) -> tuple[Ints, Floats] | None:
+    def _find_chessboard(self, image: Image) -> tuple[Ints, Floats] | None:
         size = (self._board.columns - 1, self._board.rows - 1)
         flags = _CHESSBOARD_FLAGS | cv2.CALIB_CB_FAST_CHECK
         found, corners = cv2.findChessboardCorners(image, size, flags=flags)
@@ -218,7 +186,7 @@ class CornerFinder:
         grid = self._upright(image, grid)
         return np.arange(size[0] * size[1]), grid.reshape(-1, 2)
 
-    def _upright(self, image: Image8, grid: Floats) -> Floats:
+    def _upright(self, image: Image, grid: Floats) -> Floats:
         """The (rows, columns, 2) corners with the printed board's upper left one first."""
         right, down = grid[0, -1] - grid[0, 0], grid[-1, 0] - grid[0, 0]
         if right[0] * down[1] - right[1] * down[0] < 0.0:
@@ -232,10 +200,10 @@ class CornerFinder:
         return grid[::-1, ::-1] if turned else grid
 
     def _square_px(self, ids: Ints, pixels: Floats) -> Floats:
-        """(n,) the smallest extent of a square near each corner, foreshortened as it is."""
+        """(n,) the smallest extent of a square near each corner, with its foreshortening."""
         per_row = self._board.columns - 1
         place = np.column_stack((ids % per_row, ids // per_row)).astype(np.float64)
-        # Lenses bend this map, but hardly the size of one square.
+        # The distortion of a lens is negligible over one square.
         matrix = np.asarray(cv2.findHomography(place, pixels)[0], dtype=np.float64)
         if matrix.shape != (3, 3):
             return np.zeros(len(ids))
@@ -252,14 +220,14 @@ def _mapped(matrix: Floats, points: Floats) -> Floats:
     return np.asarray(mapped[:, :2] / mapped[:, 2:])
 
 
-def _grey(image: Image8, points_px: Floats) -> Floats:
+def _grey(image: Image, points_px: Floats) -> Floats:
     column = np.clip(np.rint(points_px[..., 0]).astype(int), 0, image.shape[1] - 1)
     row = np.clip(np.rint(points_px[..., 1]).astype(int), 0, image.shape[0] - 1)
     return np.asarray(image[row, column], dtype=np.float64)
 
 
-def _refined(image: Image8, pixels: Floats, window_px: Floats) -> Floats:
-    """The corners where the grey levels have their saddles, each in a window of its own size."""
+def _refined(image: Image, pixels: Floats, window_px: Floats) -> Floats:
+    """The saddles of the grey levels near the corners, each in a window of its own size."""
     half = np.clip(window_px.astype(int), *_WINDOW_PX)
     refined: Floats = pixels.copy()
     for size in np.unique(half):
@@ -267,7 +235,7 @@ def _refined(image: Image8, pixels: Floats, window_px: Floats) -> Floats:
         start = pixels[chosen].astype(np.float32).reshape(-1, 1, 2)
         end = cv2.cornerSubPix(image, start.copy(), (int(size), int(size)), (-1, -1), _STOP)
         moved = end.reshape(-1, 2).astype(np.float64)
-        # A corner that wanders off has found something else than itself.
+        # A corner that moves out of its window has found something else.
         near = np.linalg.norm(moved - pixels[chosen], axis=1) <= size
         refined[chosen] = np.where(near[:, np.newaxis], moved, pixels[chosen])
     return refined

@@ -1,8 +1,8 @@
-"""Measures a picture's brightness and noise, and says what to change about exposure and gain.
+"""Measures a picture's brightness and noise, and advises on exposure and gain.
 
-In dim light a longer exposure smears what moves, and more gain brings noise (thesis, 2.2.2); so the
-exposure is best as long as the blur allows, and gain is for what is missing then. The limits are
-those of what was measured. Source: reference/tracking.md, section 2.
+In dim light a longer exposure smears what moves, and more gain brings noise (thesis, 2.2.2). The
+best exposure is as long as the blur allows; gain provides the rest. Source of the limits:
+reference/tracking.md, section 2.
 """
 
 from __future__ import annotations
@@ -13,28 +13,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.camera_setup.markers import PictureScale, blur_px
-from vsense.cameras.health import HealthLimits
+from vsense.cameras.health import DARK_LEVEL
 from vsense.cameras.picture import Image
 
 WHITE, BLACK = 254, 1
-"""From the one on a pixel is saturated, up to the other it is black: a level beside the very end
-is all that a rounding lens correction or a JPEG leaves of it."""
+"""Limits of saturated and of black pixels: lens corrections and JPEG round by one level."""
 _BLOCK_PX = 16
 _FLAT = (6.0, 249.0)
-"""Blocks whose mean is outside are clipped, and show less noise than there is."""
+"""Blocks with a mean beyond these are clipped and show too little noise."""
 
 
 @dataclass(frozen=True, slots=True)
 class Brightness:
     """The brightness of one picture, in grey levels from 0 to 255.
 
-    Attributes:
-        counts: (256,) how many pixels have each level.
-        mean: over all pixels.
-        dark: 1st percentile.
-        light: 99th percentile.
-        saturated: share of the pixels that are white, 0 to 1.
-        black: share of those that are black.
+    `counts` (256,) are the pixels of each level, `dark` and `light` the 1st and 99th percentile,
+    `saturated` and `black` shares of the pixels, 0 to 1.
     """
 
     counts: NDArray[np.int64]
@@ -60,19 +54,15 @@ def brightness(image: Image) -> Brightness:
 
 
 def noise(first: Image, second: Image) -> float | None:
-    """Measures the noise of a camera that hangs still, from two pictures in a row.
+    """Measures the noise of a camera at rest, from two (h, w) uint8 pictures in a row.
 
-    The difference of two pictures has the noise of both: sigma of the difference / sqrt 2. It is
-    taken in blocks, each freed from its own mean, so that a lamp's flicker is no noise; and the
-    median block counts, so that robots that drive through the picture are none, either.
-
-    Args:
-        first: (h, w) uint8.
-        second: the next picture, of the same size.
+    The difference of two pictures has the noise of both: sigma of the difference / sqrt 2. Each
+    block is measured about its own mean, which excludes a lamp's flicker; the median over the
+    blocks excludes robots that drive through the picture.
 
     Returns:
-        Standard deviation of a pixel [grey levels]; None where the picture is clipped all over,
-        or too small.
+        Standard deviation of a pixel [grey levels]; None where the picture is clipped all over, or
+        too small.
     """
     rows, columns = (side // _BLOCK_PX for side in first.shape)
     if first.shape != second.shape or rows * columns == 0:
@@ -89,34 +79,26 @@ def noise(first: Image, second: Image) -> float | None:
 
 
 MOST_BLUR_CELLS = 0.8
-"""Blur of 2.4 px cost no number where a cell is 3 px (hard set S3), 3.2 px 1.5 % where it is 4 px
-(S4), and 2.4 px up to 15 % where it is 2 px (F2): what counts is the share of a cell."""
+"""Numbers lost to blur: none by 2.4 px in cells of 3 px (hard set S3), 1.5 % by 3.2 px in 4 px
+(S4), up to 15 % by 2.4 px in 2 px (F2)."""
 GOOD_BLUR_CELLS = 0.5
-"""What to aim at: half of a cell costs nothing in any set."""
+"""The blur to aim at: half of a cell costs nothing in any set."""
 MOST_NOISE = 6.0
 """Up to this noise all robots were found and named; with 8 in the hard set 1.5 % were not."""
 LEAST_LIGHT = 150.0
 """White paper at 150 above black at 60 already costs 1 % (low contrast)."""
 GOOD_LIGHT = 200.0
-"""White at 200 leaves room for where the light is stronger."""
+"""White at 200 leaves room for places with stronger light."""
 MOST_SATURATED = 0.01
-"""Beyond this edges of paper swell into what is saturated: they move by what they glare."""
-DARK_MEAN = HealthLimits().dark_level
-"""A picture below shows nothing."""
+"""Beyond this, bright paper spreads and moves the edges of markers."""
 
 
 @dataclass(frozen=True, slots=True)
 class ExposureReading:
-    """What is known of a camera's pictures.
+    """What is known of a camera's pictures; None: unknown.
 
-    Attributes:
-        exposure_us: exposure time, None where the camera does not tell.
-        gain: in the camera's own unit, None where it does not tell.
-        light: the brightness.
-        noise: standard deviation of a pixel [grey levels], None where it cannot be told.
-        speed_m_s: of the robots.
-        scale: None where it is not known.
-        cell_m: side of a marker's cell.
+    `gain` has the camera's own unit; `noise` is a pixel's standard deviation [grey levels];
+    `speed_m_s` is the robots', and `cell_m` the side of a marker's cell.
     """
 
     exposure_us: float | None
@@ -129,7 +111,7 @@ class ExposureReading:
 
     @property
     def blur_px(self) -> float | None:
-        """How far a robot moves while a picture is exposed."""
+        """How far a robot moves during the exposure."""
         return None if self.exposure_us is None else self.blur_of(self.exposure_us)
 
     def blur_of(self, exposure_us: float) -> float | None:
@@ -145,7 +127,7 @@ class ExposureReading:
 
     @property
     def longest_us(self) -> float | None:
-        """The longest exposure that gives the blur to aim at."""
+        """The exposure that gives `GOOD_BLUR_CELLS` of blur."""
         return None if self.speed_m_s <= 0 else 1e6 * GOOD_BLUR_CELLS * self.cell_m / self.speed_m_s
 
     @property
@@ -156,9 +138,9 @@ class ExposureReading:
 
 
 def advise(reading: ExposureReading) -> str:
-    """Gives one line: what to do first, or that all is well."""
+    """Returns one line: what to change first, or that all is well."""
     light = reading.light
-    if light.mean < DARK_MEAN:
+    if light.mean < DARK_LEVEL:
         return "the picture is dark: is there light, and is the lens open?" + _brighter(reading)
     if light.saturated > MOST_SATURATED:
         return f"{100.0 * light.saturated:.1f} % is saturated: {_darker(reading)}"
@@ -173,7 +155,7 @@ def advise(reading: ExposureReading) -> str:
 
 
 def rounded(exposure_us: float) -> float:
-    """Gives an exposure with two digits, never a longer one."""
+    """Rounds an exposure down to two digits."""
     unit = 10.0 ** max(len(str(int(exposure_us))) - 2, 0)
     return float(exposure_us // unit * unit)
 
@@ -190,7 +172,7 @@ def _sharper(reading: ExposureReading) -> str:
 
 
 def _darker(reading: ExposureReading) -> str:
-    """Says how to get less light: less gain first, which brings nothing but noise then."""
+    """Says how to get less light: less gain first, which also reduces noise."""
     if reading.exposure_us is None:
         return "less gain or exposure"
     shorter = f"exposure {rounded(reading.exposure_us / 2.0):g} us"
@@ -203,7 +185,7 @@ def _brighter(reading: ExposureReading) -> str:
 
 
 def _longer(reading: ExposureReading, before: str) -> str:
-    """Says which exposure is longer and still sharp, or nothing where there is none."""
+    """Returns a longer exposure that is still sharp, or ""."""
     exposure_us, longest_us = reading.exposure_us, reading.longest_us
     if exposure_us is None:
         return f"{before}more exposure"

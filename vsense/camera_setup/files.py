@@ -1,4 +1,4 @@
-"""`vsense cameras init`: the configuration files for all cameras that are there, ready to edit."""
+"""`vsense cameras init`: configuration files for all cameras that are found, ready to edit."""
 
 from __future__ import annotations
 
@@ -61,12 +61,7 @@ _CAMERAS = """\
 
 
 def resources_text(found: Sequence[FoundCamera], tags: Sequence[int]) -> str:
-    """Gives the resources file.
-
-    Args:
-        found: the cameras.
-        tags: the roster.
-    """
+    """Returns the resources file; `tags` is the roster."""
     tracker = TrackerSpec(
         TRACKER, FAMILY, 0.0, dict.fromkeys(tags, DEFAULT_HEIGHT_M), DEFAULT_SPEED_M_S, True, 0
     )
@@ -85,22 +80,22 @@ def resources_text(found: Sequence[FoundCamera], tags: Sequence[int]) -> str:
 
 
 def experiment_text(found: Sequence[FoundCamera]) -> str:
-    """Gives the experiment file."""
+    """Returns the experiment file."""
     return pictures.session_text([(id, id, TRACKER) for id in camera_ids(found)])
 
 
 def camera_ids(found: Sequence[FoundCamera]) -> list[str]:
-    """Gives the cameras' ids in the files: short, and plain enough for a folder's name."""
+    """Returns the cameras' ids in the files, which are also names of folders."""
     return [f"cam{number}" for number in range(1, len(found) + 1)]
 
 
 def way(found: Sequence[FoundCamera]) -> tuple[str, list[float]]:
-    """Chooses how the cameras of a session take their pictures, which all do in the same way.
+    """Chooses how the cameras of a session take their pictures.
 
     Returns:
-        The trigger, and the rate of each camera: a common one where they are triggered.
+        The common trigger, and the rate of each camera: a common one where they are triggered.
     """
-    # No camera is asked for more than the usual: many of them share a link.
+    # The usual rate is the limit, because many cameras share a link.
     rates_hz = [min(_within(c.details.rate_hz, RATES_HZ) or RATE_HZ, RATE_HZ) for c in found]
     if len(found) < 2 or any(camera.kind == V4L2 for camera in found):
         return FREE, rates_hz
@@ -108,7 +103,7 @@ def way(found: Sequence[FoundCamera]) -> tuple[str, list[float]]:
 
 
 def grabber(id: str, camera: FoundCamera, trigger: str, rate_hz: float) -> str:
-    """Gives a camera's element, without what a resources file does not take."""
+    """Returns a camera's element, without values that a resources file does not take."""
     details = camera.details
     genicam = camera.kind != V4L2
     rows: list[dict[str, object]] = [
@@ -129,19 +124,12 @@ def grabber(id: str, camera: FoundCamera, trigger: str, rate_hz: float) -> str:
 
 
 def device(camera: FoundCamera) -> str:
-    """Gives what a camera is opened by: its address is fastest, where it is its own."""
+    """Returns how a camera is opened: by its address, which is fastest, where it is its own."""
     return camera.id if camera.trouble or camera.kind == V4L2 else camera.address or camera.id
 
 
 def write(directory: Path, found: Sequence[FoundCamera], tags: Sequence[int]) -> list[Path]:
-    """Writes both files, the folder for the calibration, and the schemas for editors.
-
-    Returns:
-        The two files.
-
-    Raises:
-        OSError: one cannot be written.
-    """
+    """Writes both files and the schemas for editors; returns the files. Raises OSError."""
     directory.mkdir(parents=True, exist_ok=True)
     pictures.write_schemas(directory)
     texts = {RESOURCES: resources_text(found, tags), EXPERIMENT: experiment_text(found)}
@@ -151,12 +139,12 @@ def write(directory: Path, found: Sequence[FoundCamera], tags: Sequence[int]) ->
 
 
 def _within(value: float | None, bounds: Bounds) -> float | None:
-    """Gives what a resources file takes; None: it is not known, or beyond."""
+    """Returns a value that a resources file takes; None: unknown, or beyond the bounds."""
     return value if value is not None and bounds[0] <= value <= bounds[1] else None
 
 
 def _joined(rows: Sequence[dict[str, object]]) -> str:
-    """Gives attributes, a line for each row, one below the other."""
+    """Returns attributes, a line for each row, aligned."""
     lines = [
         " ".join(
             f"{name}={quoteattr(_text(value))}" for name, value in row.items() if value is not None
@@ -167,7 +155,7 @@ def _joined(rows: Sequence[dict[str, object]]) -> str:
 
 
 def _comment(camera: FoundCamera) -> str:
-    """Says which camera it is, what it takes, and what is wrong with it."""
+    """Describes a camera: its name, what it takes, and its trouble."""
     details = camera.details
     parts = [camera.model]
     parts += [f"serial {camera.serial}"] if camera.serial else []
@@ -197,15 +185,11 @@ BOARD = "charuco:7x5:80mm:4X4_50"
 
 
 def run(directory: Path, force: bool) -> int:
-    """Writes the files, and says what comes next.
-
-    Args:
-        directory: where they go.
-        force: write over files that are there.
+    """Writes the files into a folder, and prints the next steps; `force` overwrites files.
 
     Raises:
-        UsageError: a file is there already.
-        VsenseError: there is no camera, or a file cannot be written.
+        UsageError: A file exists already.
+        VsenseError: There is no camera, or a file cannot be written.
     """
     there = [name for name in (RESOURCES, EXPERIMENT) if (directory / name).exists()]
     if there and not force:
@@ -230,7 +214,6 @@ def run(directory: Path, force: bool) -> int:
 
 
 def _next(directory: Path, ids: list[str]) -> list[str]:
-    """Gives the commands that lead on from here."""
     cameras = f"{len(ids)} camera{'' if len(ids) == 1 else 's'}"
     step = "" if directory == Path() else f"  cd {directory}\n"
     return [

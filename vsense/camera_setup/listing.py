@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 from vsense.cameras.discovery import FoundCamera, find
@@ -17,7 +18,7 @@ _UNKNOWN = "-"
 
 
 def lines(found: Sequence[FoundCamera]) -> list[str]:
-    """Gives a row for each camera, and what is wrong with it below that."""
+    """Returns a row for each camera, with its trouble below."""
     head, *rows = aligned([HEAD, *(_row(camera) for camera in found)])
     table = [head]
     for camera, row in zip(found, rows):
@@ -28,9 +29,9 @@ def lines(found: Sequence[FoundCamera]) -> list[str]:
 
 
 def facts(camera: FoundCamera) -> dict[str, Any]:
-    """Gives a camera for programs; null is what it does not tell."""
-    details = camera.details
-    width, height = details.size_px or (None, None)
+    """Returns a camera as JSON values; null is unknown."""
+    details = asdict(camera.details)
+    width, height = details.pop("size_px") or (None, None)
     return {
         "id": camera.id,
         "kind": camera.kind,
@@ -40,18 +41,13 @@ def facts(camera: FoundCamera) -> dict[str, Any]:
         "mac": camera.mac or None,
         "width_px": width,
         "height_px": height,
-        "formats": list(details.formats),
-        "rate_hz": details.rate_hz,
-        "exposure_us": details.exposure_us,
-        "exposure_bounds_us": details.exposure_bounds_us,
-        "gain": details.gain,
-        "gain_bounds": details.gain_bounds,
+        **details,
         "trouble": camera.trouble or None,
     }
 
 
 def formats(names: Sequence[str]) -> str:
-    """Gives the first few formats, those that vsense takes before all others."""
+    """Returns the first few formats, those that vsense takes first."""
     usable = [name for name in PIXEL_FORMATS if name in names]
     ordered = [*usable, *(name for name in names if name not in usable)]
     more = len(ordered) - FORMATS_SHOWN
@@ -83,11 +79,7 @@ NOTHING = (
 
 
 def run(as_json: bool) -> int:
-    """Prints the table, or the same as JSON.
-
-    Returns:
-        0, also where there is none: then standard error tells what to check.
-    """
+    """Prints the table or JSON; without cameras, what to check on standard error. Returns 0."""
     if sys.stderr.isatty():
         print("asking who is there ...", end="", file=sys.stderr, flush=True)
     found, missing = find()

@@ -1,8 +1,8 @@
-"""Finds markers in the pictures of a camera that nobody has calibrated yet.
+"""Finds markers in the pictures of an uncalibrated camera.
 
-The detectors know how large a marker is in the picture from the camera's calibration. Where there
-is none, the picture is searched for markers of one size after the other; the size at which there
-are most is the picture's scale.
+The detectors derive a marker's size in the picture from the camera's calibration. Without one, the
+picture is searched for markers of one size after the other; the size with the most markers is the
+picture's scale.
 """
 
 from __future__ import annotations
@@ -27,28 +27,23 @@ SPEED_M_S = 0.13
 
 @dataclass(frozen=True, slots=True)
 class PictureScale:
-    """The size of things in a picture.
-
-    Attributes:
-        px_per_m: pixels per metre, at the height of the markers.
-        source: where that is known from, for the user's eyes.
-    """
+    """Pixels per metre at the height of the markers, and for the user how they are known."""
 
     px_per_m: float
     source: str
 
 
 def blur_px(exposure_us: float, speed_m_s: float, px_per_m: float) -> float:
-    """Gives how far something moves in the picture while it is exposed."""
+    """Returns how far something moves in the picture during the exposure."""
     return speed_m_s * 1e-6 * exposure_us * px_per_m
 
 
 _LEAST_CELL_PX, _MOST_CELL_PX = 1.5, 20.0
-"""Smaller cells cannot be read, with larger ones there is no arena in the picture."""
+"""Smaller cells cannot be read; larger ones are no picture of an arena."""
 _ARROW_RATIO, _SQUARE_RATIO = 1.1, 1.25
-"""From one size to the next: what is 12 and 25 % larger or smaller than expected is found."""
+"""Steps of the search: markers up to 12 and 25 % off the expected size are found."""
 _REST = 8
-"""So many pictures after a search in vain go by before the next one."""
+"""Pictures to skip after a search without result."""
 _AWAY_M = 2.0
 _STEP_NS = 100_000_000
 _NAME = "camera"
@@ -56,12 +51,9 @@ _NAME = "camera"
 
 @dataclass(frozen=True, slots=True)
 class FoundMarkers:
-    """The markers in one picture.
+    """The markers in one picture, (n,) DETECTION, with the tag wherever it could be read.
 
-    Attributes:
-        rows: (n,) DETECTION, the tag wherever it could be read.
-        camera: through which they were found, calibrated or as good as can be guessed.
-        height_m: of the markers above the floor that this camera sees.
+    `camera` is calibrated or guessed; `height_m` is the markers' height above its floor.
     """
 
     rows: NDArray[np.void]
@@ -79,7 +71,7 @@ class FoundMarkers:
         return tuple(sorted({int(tag) for tag in self.rows["tag"] if tag != UNNAMED}))
 
     def poses(self) -> NDArray[np.void]:
-        """Gives those that could be read as IMAGE_POSE of the first of an arena's cameras."""
+        """Returns the numbered ones as IMAGE_POSE of the first of an arena's cameras."""
         if self.camera is None:
             return np.zeros(0, dtype=IMAGE_POSE)
         rows = np.sort(self.rows[self.rows["tag"] != UNNAMED], order="tag")
@@ -93,10 +85,9 @@ NOTHING = FoundMarkers(np.zeros(0, dtype=DETECTION), None)
 
 
 class MarkerFinder:
-    """Finds and reads the markers of one family, whatever their numbers are.
+    """Finds and reads all markers of one family.
 
-    Attributes:
-        px_per_m: the picture's scale, as soon as markers have told it.
+    `px_per_m` is the picture's scale once markers have been found.
     """
 
     def __init__(
@@ -105,7 +96,7 @@ class MarkerFinder:
         calibration: Camera | None = None,
         height_m: float = 0.0,
     ) -> None:
-        """Prepares to look; the markers are `height_m` above the floor of a calibrated camera."""
+        """Takes the family, and for a calibrated camera the height of its markers."""
         self._family = family
         self._calibration = calibration
         self._height_m = height_m
@@ -133,14 +124,14 @@ class MarkerFinder:
         return self._at(image, scale)
 
     def _search(self, image: Image) -> float | None:
-        """Gives the middle of the scales at which there are most markers, None without any."""
+        """Returns the middle of the scales with the most markers; None: no markers."""
         cell_m = 1e-3 * self._family.cell_mm
         ratio = _SQUARE_RATIO if isinstance(self._family, SquareFamily) else _ARROW_RATIO
         steps = int(np.log(_MOST_CELL_PX / _LEAST_CELL_PX) / np.log(ratio)) + 1
         scales = _LEAST_CELL_PX / cell_m * ratio ** np.arange(steps)
         fits = 1e-3 * self._family.disc_diameter_mm * scales < min(image.shape)
         found = [self._at(image, float(scale)) for scale in scales[fits]]
-        # What can be read is a marker; what merely looks like one is believed where nothing is.
+        # Readable markers count first, unreadable ones only without them.
         worth = [(len(each.tags), each.count) for each in found]
         most = max(worth, default=(0, 0))
         if most == (0, 0):
@@ -161,7 +152,7 @@ class MarkerFinder:
         rows = make_detector(self._family, (), height_m, seen).detect(image, camera)
         unlisted = seen.unlisted.get(camera.id)
         if unlisted is not None and len(rows):
-            # No tag is on the roster: all that can be read are unlisted.
+            # The roster is empty, so all tags that can be read are unlisted.
             places = np.column_stack((unlisted.places, np.full(len(unlisted.tags), height_m)))
             at_px = np.stack((rows["x_px"], rows["y_px"]), axis=-1)
             for tag, place_px in zip(unlisted.tags, camera.project(places)):

@@ -1,11 +1,10 @@
-"""Opens the camera that a user names, whatever kind it is, and makes tracking sessions of cameras
-that nobody has calibrated."""
+"""Opens any kind of camera that a user names; tracking sessions of uncalibrated cameras."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from vsense.cameras import aravis, v4l2
@@ -37,7 +36,7 @@ from vsense.tracking.specs import (
 )
 
 AWAY_M = 2.5
-"""So high they hang as far as anybody is told."""
+"""Assumed height of an uncalibrated camera."""
 NO_TRACKER = "not calibrated"
 
 Size = tuple[int, int]
@@ -49,13 +48,10 @@ def session_of(
     sizes_px: Mapping[str, Size],
     px_per_m: float | None = None,
 ) -> TrackingSession:
-    """Makes a tracking session that looks straight down through cameras, and tracks nobody.
+    """Makes a tracking session whose cameras look straight down, without robots.
 
-    Args:
-        name: what it is called.
-        specs: the cameras' grabbers.
-        sizes_px: width and height of their pictures, by their ids.
-        px_per_m: the pictures' scale, where it is known.
+    `sizes_px` are width and height of the pictures, by their cameras' ids; `px_per_m` is their
+    scale.
     """
     tracker = TrackerSpec(NO_TRACKER, "", 0.0, {}, 1.0, True, 0)
     views = tuple(
@@ -67,63 +63,44 @@ def session_of(
     return TrackingSession(name, resources, 0, 1, 0.3, views, record)
 
 
-def sizes_of(session: TrackingSession) -> dict[str, Size]:
-    """Gives width and height of all cameras' pictures, by their ids."""
-    return {v.camera.id: (v.camera.width_px, v.camera.height_px) for v in session.views}
-
-
 def _camera(id: str, size_px: Size, px_per_m: float | None) -> Camera:
     focal_px = float(max(size_px)) if px_per_m is None else AWAY_M * px_per_m
     return Camera.looking_down(id, 0.0, 0.0, AWAY_M, focal_px, size_px)
 
 
 MOST_DAMAGED = 20
-"""A camera that gives so many damaged pictures in a row gives no pictures."""
+"""Damaged pictures in a row that count as none."""
 
 NODE_DIGITS = 4
-"""A number that is shorter is one of /dev/video*, a longer one a serial number."""
+"""Shorter numbers are those of /dev/video*, longer ones are serial numbers."""
 
 
+@dataclass(slots=True)
 class OpenCamera:
-    """A camera's pictures, and its controls while it is open; for one thread.
+    """A camera's pictures, and its controls (if any) while it is open; for one thread.
 
-    Attributes:
-        id: what the user calls it.
-        source: its pictures.
-        controls: exposure and gain; None: it has no such.
-        rate_hz: pictures per second that it was asked for, where it was.
+    `id` is the user's name of it; `rate_hz` was asked for, if known.
     """
 
-    def __init__(
-        self, id: str, source: Source, controls: CameraControls | None, rate_hz: float | None = None
-    ) -> None:
-        self.id = id
-        self.source = source
-        self.controls = controls
-        self.rate_hz = rate_hz
+    id: str
+    source: Source
+    controls: CameraControls | None
+    rate_hz: float | None = None
 
     def open(self) -> list[str]:
-        """Opens it; see `vsense.cameras.source.Source.open`.
-
-        Raises:
-            GrabberError: it does not open; names it.
-        """
+        """Opens it, see `Source.open`; errors name the camera."""
         try:
             return self.source.open()
         except GrabberError as error:
             raise self.named(error) from None
 
     def named(self, error: GrabberError) -> GrabberError:
-        """Gives an error that says which camera it is about."""
+        """Returns an error that names the camera."""
         text = str(error)
         return error if text.startswith(self.id) else GrabberError(f"{self.id}: {text}")
 
     def picture(self) -> Shot:
-        """Waits for a good picture.
-
-        Raises:
-            GrabberError: the camera is gone, or gives damaged ones only; names it.
-        """
+        """Waits for a good picture; raises GrabberError, which names the camera, without one."""
         reason = ""
         for _ in range(MOST_DAMAGED):
             try:
@@ -140,24 +117,21 @@ def make(spec: GrabberSpec, clock: Callable[[], int] = time.monotonic_ns) -> Ope
     teach_opencv()
     source = make_source(spec, clock, NetworkLoad())
     if isinstance(source, GenicamSource):
-        return OpenCamera(
-            spec.id, source, GenicamControls(lambda: source.camera), spec.frame_rate_hz
-        )
+        controls = GenicamControls(lambda: source.camera)
+        return OpenCamera(spec.id, source, controls, spec.frame_rate_hz)
     return OpenCamera(spec.id, source, _v4l2_controls(spec.source), spec.frame_rate_hz)
 
 
 def choose(id: str, wanted: Controls, resources: str | None = None) -> GrabberSpec:
-    """Finds out which camera a user means.
+    """Finds the camera that a user means by an id of `vsense.commands.cameras`.
 
-    Args:
-        id: see `vsense.commands.cameras`.
-        wanted: what it is asked for on the command line.
-        resources: path of the resources file whose grabbers are meant.
+    With the path of a resources file, one of its grabbers is meant. `wanted` are settings from the
+    command line.
 
     Raises:
-        UsageError: there is no such camera, or the file cannot be read.
-        ConfigError: the resources file is wrong.
-        GrabberError: it is there and does not open.
+        UsageError: There is no such camera, or the file cannot be read.
+        ConfigError: The resources file is wrong.
+        GrabberError: The camera exists and does not open.
     """
     if resources is not None:
         return _of_file(id, wanted, resources)
@@ -207,7 +181,7 @@ def _of_aravis(id: str, wanted: Controls) -> GrabberSpec:
 
 
 def _known(listed: Sequence[ListedCamera]) -> str:
-    """Says which cameras there are."""
+    """Lists the cameras, for an error message."""
     known = [camera.id for camera in listed] + [device.path for device in v4l2.devices()]
     if not known:
         return "there are none; see vsense cameras"
@@ -215,7 +189,7 @@ def _known(listed: Sequence[ListedCamera]) -> str:
 
 
 def _of_file(id: str, wanted: Controls, path: str) -> GrabberSpec:
-    """Chooses what a resources file says, and sets what the command line says otherwise."""
+    """Chooses a grabber of a resources file; the command line's settings come first."""
     resources = resources_file.load(path)
     live = {name: spec for name, spec in resources.grabbers.items() if spec.is_live}
     if id not in live:
@@ -223,7 +197,8 @@ def _of_file(id: str, wanted: Controls, path: str) -> GrabberSpec:
         are = "is" if len(live) == 1 else "are"
         raise UsageError(f"no camera {id!r} among the grabbers of {path}: there {are} {known}")
     spec = live[id]
-    controls = _over(spec.controls, wanted)
+    asked = {name: value for name, value in asdict(wanted).items() if value is not None}
+    controls = replace(spec.controls, **asked)
     settings: Controls | GenicamSettings = controls
     if isinstance(spec.settings, GenicamSettings):
         settings = replace(spec.settings, controls=controls)
@@ -231,21 +206,11 @@ def _of_file(id: str, wanted: Controls, path: str) -> GrabberSpec:
 
 
 def free(spec: GrabberSpec) -> GrabberSpec:
-    """Has a camera run freely whose session would trigger it: one alone has nobody who does."""
+    """Has a single camera run freely that a session would trigger by software."""
     settings = spec.settings
     if not isinstance(settings, GenicamSettings) or settings.trigger != SOFTWARE:
         return spec
     return replace(spec, settings=replace(settings, trigger=FREE))
-
-
-def _over(controls: Controls, wanted: Controls) -> Controls:
-    """Gives what is wanted, and what the file says of the rest."""
-    return Controls(
-        wanted.size_px or controls.size_px,
-        wanted.rate_hz or controls.rate_hz,
-        controls.exposure_us if wanted.exposure_us is None else wanted.exposure_us,
-        controls.gain_raw if wanted.gain_raw is None else wanted.gain_raw,
-    )
 
 
 def _v4l2_controls(device: str) -> CameraControls | None:
@@ -256,5 +221,5 @@ def _v4l2_controls(device: str) -> CameraControls | None:
     try:
         return V4l2Controls(V4l2ControlDevice(path))
     except OSError:
-        # Then its pictures do not come, either, and that is told.
+        # Then its pictures do not come either, which is an error of its own.
         return None

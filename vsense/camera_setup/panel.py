@@ -18,22 +18,17 @@ COLUMNS = 32
 ROWS = 4
 _EIGHTHS = " ▁▂▃▄▅▆▇█"
 _PLAIN = " .:|#"
-"""Where the terminal has no blocks."""
+"""For terminals without blocks."""
 _INDENT = " " * 10
 _TAGS_MAX = 48
 
 
 @dataclass(frozen=True, slots=True)
 class PanelView:
-    """What there is to show of a camera at one moment.
+    """What to show of a camera at one moment.
 
-    Attributes:
-        id: what the user calls it.
-        size_px: width and height.
-        rate_hz: pictures per second that came, None after the first.
-        reading: exposure and gain, and what they make of the picture.
-        family: the markers that were looked for.
-        found: those that were found.
+    `size_px` is (width, height); `rate_hz` is None after the first picture; `family` names the
+    markers that were looked for.
     """
 
     id: str
@@ -45,12 +40,7 @@ class PanelView:
 
 
 def lines(view: PanelView, blocks: bool = True) -> list[str]:
-    """Gives the block's lines, none wider than `WIDTH`.
-
-    Args:
-        view: what to show.
-        blocks: whether the terminal has Unicode's block characters.
-    """
+    """Returns the block's lines, none wider than `WIDTH`; `blocks`: with block characters."""
     light = view.reading.light
     bars = histogram(light.counts, blocks)
     return [
@@ -71,7 +61,7 @@ def lines(view: PanelView, blocks: bool = True) -> list[str]:
 def histogram(counts: NDArray[np.int64], blocks: bool = True) -> list[str]:
     """Draws (256,) counts as `ROWS` lines of `COLUMNS` characters.
 
-    Heights are roots of the counts: markers are a small share of a picture, and shall be seen.
+    Heights are square roots of the counts, so that the few pixels of markers can be seen.
     """
     steps = _EIGHTHS if blocks else _PLAIN
     fine = len(steps) - 1
@@ -84,7 +74,7 @@ def histogram(counts: NDArray[np.int64], blocks: bool = True) -> list[str]:
 
 
 def facts(view: PanelView) -> dict[str, Any]:
-    """Gives the same for programs."""
+    """Returns the same as JSON values."""
     reading, light = view.reading, view.reading.light
     scale = reading.scale
     return {
@@ -147,7 +137,7 @@ def _markers(view: PanelView) -> str:
 
 
 def _numbers(tags: Sequence[int]) -> str:
-    """Gives as many numbers as fit the line."""
+    """Returns as many numbers as fit the line."""
     if not tags:
         return "no number could be read"
     shown: list[str] = []

@@ -19,7 +19,7 @@ from pathlib import Path
 from vsense.arena import Frame
 from vsense.calibration.board import Board
 from vsense.calibration.views import CornerFinder
-from vsense.camera_setup.opening import Size, free, make, session_of, sizes_of
+from vsense.camera_setup.opening import Size, free, make, session_of
 from vsense.camera_setup.showing import save_picture
 from vsense.cameras.genicam import GenicamSettings
 from vsense.cameras.grabber import Grabber, GrabberError, Troubles
@@ -36,16 +36,12 @@ _NUMBERED = re.compile(r"(.*)_([0-9]{1,6})")
 
 
 def is_plain(text: str) -> bool:
-    """Whether a text is a word that can be a file's name everywhere."""
+    """Whether a text is a word that can be a file name on any system."""
     return _PLAIN.fullmatch(text) is not None
 
 
 class Names:
-    """Gives each moment its name.
-
-    Attributes:
-        next: what the next moment is called if nobody says otherwise.
-    """
+    """Names of moments; `next` is the default name of the next one."""
 
     def __init__(self, directory: Path, series: str = FLOOR) -> None:
         """Goes on after the pictures that are in the cameras' folders already."""
@@ -53,10 +49,9 @@ class Names:
         self.next = self._first_free(series)
 
     def choose(self, text: str) -> str:
-        """Takes what a person has typed: nothing, a series such as "tilt", or a whole name.
+        """Returns the name for a typed line: empty, a series such as "tilt", or a whole name.
 
-        Returns:
-            The moment's name, or "" where the text is none, or taken.
+        It is "" where the line is no name, or a name that is taken.
         """
         words = text.strip()
         if not words:
@@ -65,9 +60,7 @@ class Names:
             return ""
         else:
             name = words if _NUMBERED.fullmatch(words) else self._first_free(words)
-        if name in self._taken:
-            return ""
-        return name
+        return "" if name in self._taken else name
 
     def take(self, name: str) -> None:
         """Notes that a name is used; its series goes on with the next number."""
@@ -83,23 +76,21 @@ class Names:
 
 
 WAIT_NS = 1_500_000_000
-"""A camera that has no picture for this long after the others' is left out of a moment."""
+"""Time that a moment waits for a camera."""
 FIRST_NS = 6_000_000_000
-"""Cameras open one after the other, and some need a while for their first picture."""
+"""Time for opening the cameras one after the other, and for their first pictures."""
 SILENCE_S = 0.2
 
 
 @dataclass(frozen=True, slots=True)
 class ShootOptions:
-    """Which pictures are taken.
+    """Which pictures are taken; see `vsense cameras shoot -h`.
 
     Attributes:
-        resources: path of the resources file: all its cameras take part.
-        output: gets a folder per camera.
-        board: what to look for in the pictures, as `Board.parse` reads it, None: nothing.
-        every: time from one moment to the next [s]; None: the Enter key takes each.
-        count: ends after so many moments, None: does not end by itself.
-        name: of the first series.
+        board: Looked for in the pictures, as `Board.parse` reads it; None: nothing.
+        every: Time from one moment to the next [s]; None: the Enter key takes each.
+        count: Number of moments; None: no limit.
+        name: Of the first series.
     """
 
     resources: str
@@ -119,8 +110,8 @@ def run(options: ShootOptions, as_json: bool) -> int:
         0, 130 after Ctrl-C, or 1 where nothing was taken.
 
     Raises:
-        UsageError: options contradict each other, or the series' name is no plain word.
-        VsenseError: there is no camera, none opens, or a picture cannot be written.
+        UsageError: Options contradict each other, or the series' name is no plain word.
+        VsenseError: There is no camera, none opens, or a picture cannot be written.
     """
     _check(options)
     board = Board.parse(options.board) if options.board else None
@@ -133,7 +124,7 @@ def run(options: ShootOptions, as_json: bool) -> int:
         console = Console()
         sizes_px = _sizes(specs, console)
         session = session_of(options.resources, [s for s in specs if s.id in sizes_px], sizes_px)
-        grabber = live_grabber(session, sizes_of(session), time.monotonic_ns)
+        grabber = live_grabber(session, sizes_px, time.monotonic_ns)
         stack.callback(grabber.close)
         shoot = ShootingSession(
             [spec.id for spec in specs], options.output, board, grabber, console
@@ -151,7 +142,7 @@ def run(options: ShootOptions, as_json: bool) -> int:
 
 
 def _check(options: ShootOptions) -> None:
-    """Refuses options that say nothing, or would write elsewhere."""
+    """Refuses options without effect, and names that would write elsewhere."""
     if options.count is not None and options.every is None:
         raise UsageError("--count: expected --every, too: with Enter you end it yourself")
     if not is_plain(options.name):
@@ -162,8 +153,8 @@ class ShootingSession:
     """Pictures of moments, in a folder per camera.
 
     Attributes:
-        moments: what was taken: moment -> camera -> how many corners of the board were found, or
-            None where no board was looked for; a camera without a picture is missing.
+        moments: Moment -> camera -> number of corners of the board that were found, or None where
+            no board was looked for; cameras without a picture are missing.
     """
 
     def __init__(
@@ -175,15 +166,9 @@ class ShootingSession:
         console: Console,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        """Prepares to take pictures.
+        """Prepares to take pictures of all `cameras` into folders of `directory`.
 
-        Args:
-            cameras: ids of all cameras.
-            directory: gets a folder per camera.
-            board: what to look for in the pictures.
-            grabber: of these cameras.
-            console: what a person is told.
-            clock: host's monotonic clock [ns].
+        `board` is looked for in the pictures; `clock` is the host's monotonic clock [ns].
         """
         self._cameras = cameras
         self._directory = directory
@@ -196,7 +181,7 @@ class ShootingSession:
         self.moments: dict[str, dict[str, int | None]] = {}
 
     def idle(self) -> list[Frame]:
-        """Takes the newest pictures, so that none waits and grows old; tells what happens."""
+        """Takes the newest pictures, so that none grows old; prints events."""
         try:
             frames = list(self._grabber.next(SILENCE_S))
         except GrabberError:
@@ -206,7 +191,7 @@ class ShootingSession:
         return frames
 
     def begin(self, interrupted: threading.Event) -> None:
-        """Waits until all cameras give pictures, but not for ever."""
+        """Waits until all cameras give pictures, for `FIRST_NS` at most."""
         begun_ns, seen = self._clock(), set[str]()
         while len(seen) < len(self._cameras) and self._clock() - begun_ns < FIRST_NS:
             if interrupted.is_set():
@@ -217,19 +202,12 @@ class ShootingSession:
             self._console.say(f"vsense: no picture yet of {', '.join(missing)}; going on without")
 
     def take(self, moment: str) -> bool:
-        """Takes a picture with every camera that delivers, and says what is in them.
-
-        Returns:
-            Whether one delivered.
-
-        Raises:
-            VsenseError: a picture cannot be written.
-        """
+        """Saves a picture of each camera; returns whether any delivered. Raises VsenseError."""
         asked_ns = self._clock()
         images: dict[str, Image] = {}
         while len(images) < len(self._cameras) and self._clock() - asked_ns < WAIT_NS:
             for frame in self.idle():
-                # Taken after it was asked for: whoever held the board holds it still now.
+                # Earlier pictures may show the board while it was moved.
                 if frame.capture_ns >= asked_ns:
                     images.setdefault(frame.camera, frame.image.copy())
         found: dict[str, int | None] = {}
@@ -263,7 +241,7 @@ class ShootingSession:
 
 
 def _sizes(specs: list[GrabberSpec], console: Console) -> dict[str, Size]:
-    """Looks how large pictures are where the file does not say; tells of what does not open."""
+    """Reads the sizes of pictures where the file does not say; prints what does not open."""
     sizes_px: dict[str, Size] = {}
     for spec in specs:
         settings = spec.settings
@@ -290,13 +268,13 @@ def _sizes(specs: list[GrabberSpec], console: Console) -> dict[str, Size]:
 def _by_hand(
     shoot: ShootingSession, names: Names, interrupted: threading.Event, console: Console
 ) -> None:
-    """Takes a moment with every line that is typed, until there are no more."""
+    """Takes a moment with every typed line, until there are no more."""
     lines = _typed()
     console.say("Enter takes a picture; 'tilt' or another word begins a new series; 'q' ends")
     asked = ""
     while not interrupted.is_set():
         if names.next != asked:
-            # Once and not always: what is being typed stands behind it.
+            # Only once, because the user's typing follows on the same line.
             asked = names.next
             console.progress(f"{asked}? ")
         shoot.idle()
@@ -333,7 +311,7 @@ def _by_itself(
 
 
 def _typed() -> queue.Queue[str | None]:
-    """Gives the lines that are typed as they come, and None after the last."""
+    """Returns the typed lines as they come, and None after the last."""
     lines: queue.Queue[str | None] = queue.Queue()
 
     def read() -> None:
@@ -346,7 +324,6 @@ def _typed() -> queue.Queue[str | None]:
 
 
 def _end(shoot: ShootingSession, options: ShootOptions, as_json: bool, console: Console) -> None:
-    """Says what was taken, and what comes next."""
     console.end_progress()
     if as_json:
         print(json.dumps(shoot.moments, indent=2))

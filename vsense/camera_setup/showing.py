@@ -15,7 +15,7 @@ import numpy as np
 
 from vsense.arena import POSE, ArenaState, Frame
 from vsense.camera_setup.markers import MarkerFinder
-from vsense.camera_setup.opening import OpenCamera, choose, make, session_of, sizes_of
+from vsense.camera_setup.opening import OpenCamera, choose, make, session_of
 from vsense.cameras.grabber import CameraEvent, GrabberError, Troubles
 from vsense.cameras.health import Health
 from vsense.cameras.opencv_source import Controls
@@ -30,26 +30,18 @@ from vsense.ui.access import WebAddress
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm")
 WARM_UP = 3
-"""So many pictures go by first: the first ones may still have the exposure of before."""
+"""Pictures to skip, which may still have the earlier exposure."""
 
 
 def settled(camera: OpenCamera) -> Image:
-    """Takes a picture once exposure and gain have settled.
-
-    Raises:
-        GrabberError: the camera is gone.
-    """
+    """Takes a picture once exposure and gain have settled; raises as `OpenCamera.picture`."""
     for _ in range(WARM_UP):
         camera.picture()
     return camera.picture().image
 
 
 def save_picture(image: Image, path: Path) -> None:
-    """Writes an (h, w) uint8 picture.
-
-    Raises:
-        VsenseError: it cannot be written.
-    """
+    """Writes an (h, w) uint8 picture; raises VsenseError where it cannot be written."""
     data = cv2.imencode(path.suffix.lower(), image)[1].tobytes()
     try:
         path.write_bytes(data)
@@ -58,7 +50,7 @@ def save_picture(image: Image, path: Path) -> None:
 
 
 WINDOW = 20
-"""The rate is that of so many pictures."""
+"""Pictures for the rate."""
 SILENCE_S = 0.5
 
 
@@ -70,19 +62,14 @@ def run(
     save: Path | None,
     web: WebAddress | None,
 ) -> int:
-    """Shows a camera until it is interrupted, or saves a picture.
+    """Shows a camera in the page until it is interrupted, or saves a picture.
 
-    Args:
-        id: what the user calls the camera, see `choose`.
-        wanted: what it is asked for.
-        resources: path of the resources file whose grabbers are meant.
-        family: of the markers to look for.
-        save: file for one picture, None: the camera is shown.
-        web: where the page is served.
+    `id`, `wanted` and `resources` are as in `choose`; with `save`, one picture goes into that
+    file.
 
     Raises:
-        UsageError: there is no such camera, or a file of this kind cannot be written.
-        VsenseError: the camera does not open, or the page cannot be served.
+        UsageError: There is no such camera, or a file of this kind cannot be written.
+        VsenseError: The camera does not open, or the page cannot be served.
     """
     if save is not None and save.suffix.lower() not in SUFFIXES:
         raise UsageError(f"{save}: expected a name that ends in {', '.join(SUFFIXES)}")
@@ -102,11 +89,7 @@ def run(
 
 
 def _look(spec: GrabberSpec, save: Path | None) -> Image:
-    """Takes a first picture, and keeps it if that is wanted.
-
-    Raises:
-        VsenseError: the camera gives none, or the file cannot be written.
-    """
+    """Takes a first picture, and saves it if wanted."""
     camera = make(spec)
     try:
         told = camera.open()
@@ -134,18 +117,21 @@ class ShowSession:
         console: Console,
         troubles: Troubles,
     ) -> None:
-        """Takes a session of one camera, whose troubles the room counts, too."""
+        """Takes a session of one camera; `troubles` are also those of the room."""
         self._session = session
         self._finder = finder
         self._room = room
         self._console = console
         self._troubles = troubles
-        self._health = Health([session.views[0].camera], {})
+        self._camera = session.views[0].camera
+        self._health = Health([self._camera], {})
         self._times_ns: deque[int] = deque(maxlen=WINDOW)
 
     def run(self, interrupted: threading.Event) -> None:
-        """Shows until it is interrupted; a camera that goes is told, and taken back."""
-        grabber = live_grabber(self._session, sizes_of(self._session), time.monotonic_ns)
+        """Shows the camera until it is interrupted; a lost camera is reopened."""
+        size_px = self._camera.width_px, self._camera.height_px
+        sizes_px = {self._camera.id: size_px}
+        grabber = live_grabber(self._session, sizes_px, time.monotonic_ns)
         self._console.say("Ctrl-C ends")
         try:
             while not interrupted.is_set():
@@ -162,7 +148,6 @@ class ShowSession:
             grabber.close()
 
     def _show(self, frames: Sequence[Frame]) -> None:
-        """Shows the camera's picture."""
         (frame,) = frames
         found = self._finder.find(frame.image)
         state = ArenaState(

@@ -1,4 +1,4 @@
-"""`vsense cameras tune --sweep`: tries exposures and gains, and says which are best."""
+"""`vsense cameras tune --sweep`: tries exposures and gains, and reports the best."""
 
 from __future__ import annotations
 
@@ -31,22 +31,22 @@ from vsense.errors import VsenseError
 from vsense.terminal import LiveBlock, aligned
 
 SHORTEST_US = 200.0
-"""Shorter exposures gain nothing: a robot moves by a twentieth of a pixel."""
+"""With shorter exposures a robot moves by less than a twentieth of a pixel."""
 GAINS = 4
-"""So many gains are tried, from the least to the greatest."""
+"""Number of gains to try, from the least to the greatest."""
 SETTLING = 4
-"""So many pictures go by after a change: those on their way still have the values of before."""
+"""Pictures to skip after a change, which may still have the earlier values."""
 PERIOD_SHARE = 0.9
-"""A longer exposure than this share of a period makes a camera slower."""
+"""Longest exposure that does not slow a camera down, as a share of its period."""
 
 HEAD = ("exposure", "gain", "mean", "lightest 1 %", "saturated", "noise", "blur", "markers")
 
 
 def worth(view: PanelView) -> tuple[int, int, float]:
-    """What makes one row better than another: read markers, good properties, a clear picture.
+    """Sort key of rows: markers read, good properties, a clear picture.
 
-    Robots that stand still look sharp with any exposure, so what they show is not all: the
-    picture's light, noise and blur are weighed by the limits of `vsense.camera_setup.advice`.
+    Robots at rest look sharp with any exposure, so light, noise and blur count with the limits of
+    `vsense.camera_setup.advice`.
     """
     reading, light = view.reading, view.reading.light
     noise = (reading.noise or 0.0) / MOST_NOISE
@@ -61,19 +61,19 @@ def worth(view: PanelView) -> tuple[int, int, float]:
         blur <= 1.0,
     )
     dim = max(GOOD_LIGHT - light.light, 0.0) / GOOD_LIGHT
-    # Less blur than what costs nothing is no gain, but needs gain.
+    # Less blur than this has no benefit, but needs more gain.
     smear = max(blur - GOOD_BLUR_CELLS / MOST_BLUR_CELLS, 0.0)
     return len(view.found.tags), sum(good), -(noise + smear + dim)
 
 
 def run(tuner: Tuner, interrupted: threading.Event, as_json: bool) -> bool:
-    """Tries exposures and gains, prints a row for each, and puts the camera's own values back.
+    """Tries exposures and gains, prints a row for each, and restores the camera's own values.
 
     Returns:
         Whether the camera has its own values again.
 
     Raises:
-        VsenseError: the camera has no such controls, is gone, or refuses; nothing is concluded.
+        VsenseError: The camera has no such controls, is gone, or refuses; nothing is concluded.
     """
     camera = tuner.camera
     controls = camera.controls
@@ -94,14 +94,13 @@ def run(tuner: Tuner, interrupted: threading.Event, as_json: bool) -> bool:
     except GrabberError as error:
         raise camera.named(error) from None
     finally:
-        # Whatever has happened: it must not stay as the last row was.
+        # The camera must not keep the values of the last row.
         is_back, end = _put_back(put_back, own)
         print(f"vsense: {camera.id}: {end}", file=sys.stderr)
     return is_back
 
 
 def _tell(rows: Sequence[PanelView], block: LiveBlock, as_json: bool) -> None:
-    """Prints what was measured, and what is best."""
     best = max(rows, key=worth, default=None)
     if as_json:
         print(json.dumps(facts(rows, best), indent=2))
@@ -112,11 +111,7 @@ def _tell(rows: Sequence[PanelView], block: LiveBlock, as_json: bool) -> None:
 def tried(
     tuner: Tuner, controls: CameraControls, interrupted: threading.Event
 ) -> Iterator[PanelView]:
-    """Measures one exposure after the other; gain is raised where the picture is too dark.
-
-    Raises:
-        GrabberError: the camera is gone, or refuses.
-    """
+    """Measures exposures in turn, with more gain where it is too dark; raises GrabberError."""
     rate_hz = tuner.camera.rate_hz
     period_us = None if rate_hz is None else PERIOD_SHARE * 1e6 / rate_hz
     left = gains(controls.bounds(GAIN))
@@ -135,14 +130,14 @@ def tried(
             row = tuner.view(first, second, None)
             yield row
             if row.reading.light.light >= GOOD_LIGHT:
-                # With a longer exposure a gain that saturates now does so all the more.
+                # A gain that saturates now would also do so with a longer exposure.
                 glares = row.reading.light.saturated > MOST_SATURATED
                 left = left[: max(left.index(gain) + (not glares), 1)]
                 break
 
 
 def scaled(rows: Sequence[PanelView]) -> list[PanelView]:
-    """Gives all rows the scale that markers have told in the one that showed most of them."""
+    """Gives all rows the scale of the row with the most markers."""
     known = [row for row in rows if row.reading.scale is not None]
     if not known:
         return list(rows)
@@ -153,13 +148,9 @@ def scaled(rows: Sequence[PanelView]) -> list[PanelView]:
 def exposures(
     bounds: Bounds | None, cell_m: float, speed_m_s: float, longest_us: float | None
 ) -> list[float]:
-    """Gives the exposures to try [us], rising: 1, 2, 5, 10 and so on.
+    """Returns the exposures to try [us], rising: 1, 2, 5, 10 and so on.
 
-    Args:
-        bounds: what the camera takes; None: it does not say.
-        cell_m: side of a marker's cell.
-        speed_m_s: of the robots.
-        longest_us: what the pictures' rate leaves room for, None: anything.
+    `bounds` are the camera's, `longest_us` is the limit that the rate sets; None: unknown.
     """
     blurred_us = 1e6 * MOST_BLUR_CELLS * cell_m / max(speed_m_s, 0.01)
     low, high = bounds or (SHORTEST_US, blurred_us)
@@ -171,7 +162,7 @@ def exposures(
 
 
 def gains(bounds: Bounds | None) -> Sequence[float | None]:
-    """Gives the gains to try, rising; None leaves the camera its own."""
+    """Returns the gains to try, rising; None leaves the camera's own."""
     if bounds is None or bounds[0] >= bounds[1]:
         return [None]
     low, high = bounds
@@ -181,14 +172,14 @@ def gains(bounds: Bounds | None) -> Sequence[float | None]:
 
 
 def table(rows: Sequence[PanelView], best: PanelView | None) -> list[str]:
-    """Gives a line for each row, the best with a mark."""
+    """Returns a line for each row, the best with a mark."""
     lines = aligned([HEAD, *(_cells(row) for row in rows)], left=0)
     marks = [" ", *("*" if row is best else " " for row in rows)]
     return [f"{mark} {line}" for mark, line in zip(marks, lines)]
 
 
 def conclusion(best: PanelView | None) -> list[str]:
-    """Says what to write into the resources file."""
+    """Returns the lines for the resources file."""
     if best is None:
         return []
     reading = best.reading
@@ -204,7 +195,7 @@ def conclusion(best: PanelView | None) -> list[str]:
 
 
 def facts(rows: Sequence[PanelView], best: PanelView | None) -> dict[str, Any]:
-    """Gives the same for programs."""
+    """Returns the same as JSON values."""
     return {
         "rows": [panel.facts(row) for row in rows],
         "best": None if best is None else panel.facts(best),
@@ -226,7 +217,7 @@ def _cells(row: PanelView) -> tuple[str, ...]:
 
 
 def _put_back(put_back: Callable[[], None], own: Mapping[str, float | None]) -> tuple[bool, str]:
-    """Sets the camera as it was; gives whether it is, and says so."""
+    """Restores the camera; returns whether that worked, and a message."""
     try:
         put_back()
     except GrabberError as error:

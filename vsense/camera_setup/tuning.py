@@ -1,4 +1,4 @@
-"""`vsense cameras tune`: watches what exposure and gain make of a camera's pictures."""
+"""`vsense cameras tune`: shows the effect of exposure and gain on a camera's pictures."""
 
 from __future__ import annotations
 
@@ -29,26 +29,17 @@ from vsense.markers.families import load_family
 from vsense.terminal import INTERRUPTED, LiveBlock, interruption
 
 PERIOD_NS = 500_000_000
-"""A block is drawn so often."""
+"""Time between two drawings."""
 RETRY_S = 1.0
 _STEP_M = 0.01
 
 
 @dataclass(frozen=True, slots=True)
 class TuneOptions:
-    """Which camera is tuned, and what the user knows of its pictures.
+    """Which camera is tuned, and what the user knows of it; see `vsense cameras tune -h`.
 
-    Attributes:
-        id: what the user calls the camera, see `choose`.
-        wanted: what it is asked for.
-        resources: path of the resources file whose grabbers and cameras are meant.
-        family: of the markers to look for.
-        speed: of the robots [m/s].
-        px_per_m: pixels per metre at the markers.
-        focal_px: focal length, told together with `height_m`.
-        height_m: from the lens down to the markers.
-        camera: id of the calibrated camera in the resources file.
-        marker_height: of the markers above the floor [m], for `camera`.
+    `id`, `wanted` and `resources` are as in `choose`; `speed` [m/s] is the robots'; `height_m` is
+    from the lens down to the markers, `marker_height` [m] from the floor up to them, for `camera`.
     """
 
     id: str
@@ -64,16 +55,12 @@ class TuneOptions:
 
 
 def known_scale(options: TuneOptions, calibration: Calibration | None) -> PictureScale | None:
-    """Gives the scale that the user tells, None where markers have to.
-
-    Raises:
-        UsageError: one of a pair is missing.
-    """
+    """Returns the scale of the options, if any; raises UsageError for half a pair."""
     if options.px_per_m is not None:
         return PictureScale(options.px_per_m, "--px-per-m")
     focal_px, away_m = options.focal_px, options.height_m
     if focal_px is not None and away_m is not None:
-        # As of a camera that looks straight down.
+        # The camera is taken to look straight down.
         text = f"focal length {focal_px:g} px at {away_m:g} m"
         return PictureScale(focal_px / away_m, text)
     if focal_px is not None or away_m is not None:
@@ -82,7 +69,7 @@ def known_scale(options: TuneOptions, calibration: Calibration | None) -> Pictur
 
 
 def _of_camera(camera: Calibration, height_m: float) -> PictureScale:
-    """Gives the scale in the middle of a picture, `height_m` above the floor."""
+    """Returns the scale in the middle of a picture, `height_m` above the floor."""
     middle = np.array([(camera.width_px - 1) / 2.0, (camera.height_px - 1) / 2.0])
     x, y = camera.to_plane(middle, height_m)
     steps = [(x, y, height_m), (x + _STEP_M, y, height_m), (x, y + _STEP_M, height_m)]
@@ -92,19 +79,15 @@ def _of_camera(camera: Calibration, height_m: float) -> PictureScale:
 
 
 class Tuner:
-    """Measures what a camera gives."""
+    """Measures the pictures of a camera."""
 
     def __init__(
         self, camera: OpenCamera, options: TuneOptions, calibration: Calibration | None
     ) -> None:
-        """Takes an open camera, and its calibration where there is one.
-
-        Raises:
-            FamilyError: there is no such marker family.
-        """
+        """Takes an open camera, and its calibration where there is one; raises FamilyError."""
         self.camera = camera
         self.family = load_family(options.family)
-        self._speed_m_s = options.speed
+        self.speed_m_s = options.speed
         wanted = options.wanted
         self._wanted = {EXPOSURE: wanted.exposure_us, GAIN: wanted.gain_raw}
         self._scale = known_scale(options, calibration)
@@ -115,13 +98,8 @@ class Tuner:
         """Side of a marker's cell."""
         return 1e-3 * float(self.family.cell_mm)
 
-    @property
-    def speed_m_s(self) -> float:
-        """Speed of the robots."""
-        return self._speed_m_s
-
     def view(self, first: Image, second: Image, rate_hz: float | None) -> PanelView:
-        """Measures two pictures in a row; `rate_hz` is how fast they come."""
+        """Measures two pictures in a row, which come at `rate_hz`."""
         found = self._finder.find(second)
         scale = self._scale
         if scale is None and self._finder.px_per_m is not None:
@@ -131,7 +109,7 @@ class Tuner:
             self._value(GAIN),
             brightness(second),
             noise(first, second),
-            self._speed_m_s,
+            self.speed_m_s,
             scale,
             self.cell_m,
         )
@@ -139,15 +117,15 @@ class Tuner:
         return PanelView(self.camera.id, (width, height), rate_hz, reading, self.family.name, found)
 
     def _value(self, name: str) -> float | None:
-        """Gives what a camera says of itself, and else what it was asked for."""
+        """Returns a camera's own value, or else the one it was asked for."""
         controls = self.camera.controls
         value = None if controls is None else controls.value(name)
         return self._wanted[name] if value is None else value
 
 
 Measure = Callable[[Tuner, threading.Event, bool], bool]
-"""Prints what an open camera gives, until the event is set, for programs where the last is True.
-Gives whether the camera is as it was before."""
+"""Prints measurements of an open camera until the event is set; True: as JSON. Returns whether the
+camera is as it was before."""
 
 
 def run(options: TuneOptions, measure: Measure, as_json: bool) -> int:
@@ -157,8 +135,8 @@ def run(options: TuneOptions, measure: Measure, as_json: bool) -> int:
         0, 1 where the camera is not as it was before, or 130 after Ctrl-C.
 
     Raises:
-        UsageError: there is no such camera, or options contradict each other.
-        VsenseError: it does not open, or there is no such marker family.
+        UsageError: There is no such camera, or options contradict each other.
+        VsenseError: It does not open, or there is no such marker family.
     """
     with ExitStack() as stack:
         interrupted = stack.enter_context(interruption())
@@ -175,12 +153,7 @@ def run(options: TuneOptions, measure: Measure, as_json: bool) -> int:
 
 
 def calibration_of(options: TuneOptions) -> Calibration | None:
-    """Gives the calibrated camera that --camera names.
-
-    Raises:
-        UsageError: there is none of that name.
-        ConfigError: its file is wrong.
-    """
+    """Returns the calibrated camera that --camera names; raises UsageError or ConfigError."""
     if options.camera is None:
         return None
     if options.resources is None:
@@ -193,7 +166,7 @@ def calibration_of(options: TuneOptions) -> Calibration | None:
 
 
 def watch(tuner: Tuner, interrupted: threading.Event, as_json: bool) -> bool:
-    """Draws a block again and again on a terminal, else one; changes nothing: gives True."""
+    """Draws a block repeatedly on a terminal, else once; changes nothing and returns True."""
     camera = tuner.camera
     if as_json or not sys.stdout.isatty():
         for _ in range(WARM_UP):
@@ -209,7 +182,7 @@ def watch(tuner: Tuner, interrupted: threading.Event, as_json: bool) -> bool:
 
 
 class TuningBlock:
-    """A block on a terminal, drawn again and again."""
+    """A block on a terminal that is drawn repeatedly."""
 
     def __init__(
         self,
@@ -224,7 +197,7 @@ class TuningBlock:
         self._clock = clock
 
     def run(self) -> None:
-        """Draws until it is interrupted; a camera that has gone is waited for."""
+        """Draws until it is interrupted; waits for a camera that has gone."""
         last: list[str] = []
         while not self._interrupted.is_set():
             try:
@@ -234,7 +207,7 @@ class TuningBlock:
                 self._reopen()
 
     def _draw_next(self) -> list[str]:
-        """Takes pictures for one period, and draws what they are like."""
+        """Takes pictures for one period, and draws their measurements."""
         begun_ns, times_ns = self._clock(), list[int]()
         before, now = None, self._taken(times_ns)
         while before is None or self._clock() - begun_ns < PERIOD_NS:

@@ -89,22 +89,15 @@ int64_t g_get_real_time(void);
 
 
 _loading = threading.Lock()
-"""All cameras' threads begin at once, and the library's types must be the same for all."""
+"""All cameras' threads begin at once and must share the library's types."""
 
 
 class AravisError(GrabberError):
-    """What the library or a camera refuses, in words for the user."""
+    """Something that the library or a camera refuses."""
 
 
 def load() -> SimpleNamespace:
-    """Opens the library.
-
-    Returns:
-        `ffi` and `lib`; `lib` has the functions of GLib, too.
-
-    Raises:
-        AravisError: It is not there; says which package brings it.
-    """
+    """Opens the library once; raises AravisError, which names its package, if it is missing."""
     with _loading:
         found = _load()
     if isinstance(found, str):
@@ -117,7 +110,7 @@ def load() -> SimpleNamespace:
 
 @cache
 def _load() -> SimpleNamespace | str:
-    """Opens the library once; gives the reason where that fails."""
+    """Returns the opened library, or the reason why it does not open."""
     ffi = cffi.FFI()
     ffi.cdef(_DECLARATIONS)
     try:
@@ -133,11 +126,7 @@ def _load() -> SimpleNamespace | str:
 
 
 def call(function: Callable[..., Any], *arguments: object) -> Any:
-    """Calls a function of the library that ends with a GError.
-
-    Raises:
-        AravisError: It reports one.
-    """
+    """Calls a function that ends with a GError; raises AravisError where it reports one."""
     ffi, lib = load().ffi, load().lib
     failure = ffi.new("GError **")
     result = function(*arguments, failure)
@@ -149,7 +138,7 @@ def call(function: Callable[..., Any], *arguments: object) -> Any:
 
 
 class _Question:
-    """Asks who is there, once for all who want to know at the same time."""
+    """Looks for cameras once for all threads that ask at the same time."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -157,12 +146,12 @@ class _Question:
         self._answer: list[ListedCamera] = []
 
     def ask(self) -> list[ListedCamera]:
-        """Gives an answer to a question that was put after this call."""
+        """Returns the cameras of a search that began after this call."""
         before = self._begun
         with self._lock:
             if self._done <= before:
                 self._begun += 1
-                # In a thread of its own: Ctrl-C must not disturb the library in its waiting.
+                # In a thread of its own, so that Ctrl-C does not interrupt the library.
                 with ThreadPoolExecutor(1, "asking") as asker:
                     self._answer = asker.submit(_ask).result()
                 self._done = self._begun
@@ -173,11 +162,7 @@ _question = _Question()
 
 
 def listed() -> list[ListedCamera]:
-    """Asks the network and the USB which cameras there are; takes a second.
-
-    Raises:
-        AravisError: The library is not there.
-    """
+    """Searches the network and the USB for a second; raises AravisError without the library."""
     load()
     return _question.ask()
 
@@ -197,6 +182,6 @@ def _ask() -> list[ListedCamera]:
     rows = [[ask(n) for ask in questions] for n in range(lib.arv_get_n_devices())]
     texts = [[ffi.string(t).decode(errors="replace") if t else "" for t in r] for r in rows]
     cameras = [ListedCamera(*row) for row in texts if row[1] in (GIGE, USB3)]
-    # Where the address of a USB3 camera would be, Aravis has a word that is none.
+    # Aravis fills a USB3 camera's address with a word that is no address.
     cameras = [c if c.protocol == GIGE else replace(c, address="") for c in cameras]
     return sorted(cameras, key=lambda camera: (camera.protocol, camera.id))

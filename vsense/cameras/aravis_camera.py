@@ -12,30 +12,25 @@ from vsense.cameras.networks import host_address
 
 _CHECK_RANGES = 1
 _NEVER_ADJUST = 0
-"""Of the packet size: it is chosen once, before a stream is made."""
+"""The packet size is chosen once, before a stream is made."""
 _NO_PACKET_SOCKET = 1
-"""Of the stream."""
 _opening = threading.Lock()
-"""Aravis reads the descriptions of all cameras with one and the same parser's memory. Source:
-Aravis 0.8.26, arvdomparser.c, `_parse_memory`."""
+"""Aravis parses all descriptions in shared memory. Source: its 0.8.26, arvdomparser.c."""
 
 
 def locate(name: str) -> str:
-    """Asks who is there, and gives what a camera can be opened by.
+    """Searches for a camera; returns its IPv4 address (GigE) or its id (USB3).
 
     Args:
         name: An IPv4 address, or an id, a serial number or a MAC address as `listed` has them.
 
-    Returns:
-        The IPv4 address of a GigE camera, the id of a USB3 camera.
-
     Raises:
-        AravisError: It does not answer, or is not the only one of that name or address.
+        AravisError: No camera answers to the name, or several share its name or address.
     """
     there = listed()
     found = [camera for camera in there if name in camera.names]
     if not found and is_address(name):
-        # Behind a router cameras do not hear the question, and can be opened all the same.
+        # The search does not reach cameras behind a router; they can still be opened.
         return name
     if not found:
         others = ", ".join(camera.id for camera in there) or "none"
@@ -60,18 +55,11 @@ class AravisCamera:
     """An opened camera, for one thread; only `trigger` may be called from another."""
 
     def __init__(self, name: str) -> None:
-        """Opens it, and takes control of it where no other program has.
-
-        Args:
-            name: An IPv4 address, or what `locate` gives.
-
-        Raises:
-            AravisError: It does not answer.
-        """
+        """Opens a camera as `locate` names it, with control if it is free; raises AravisError."""
         self._lib, self._ffi = load().lib, load().ffi
         self._name, self.is_gige = name, is_address(name)
         if self.is_gige and not answers(name):
-            # Aravis would ask for seconds, and all other cameras would have to wait.
+            # Aravis would wait for seconds, and all other cameras with it.
             raise AravisError(f"no camera answers at {name}")
         with _opening:
             device = self._gige_device(name) if self.is_gige else None
@@ -87,11 +75,7 @@ class AravisCamera:
 
     @property
     def in_control(self) -> bool:
-        """Whether the camera obeys this program; asks the camera.
-
-        Raises:
-            AravisError: It does not answer.
-        """
+        """Whether the camera obeys this program; raises AravisError if it does not answer."""
         if not self.is_gige:
             return True
         if not self._lib.arv_gv_device_is_controller(self._device):
@@ -99,36 +83,26 @@ class AravisCamera:
         if not self.answers:
             raise AravisError(f"no camera answers at {self._name}")
         value = self._ffi.new("uint32_t *")
-        read = self._lib.arv_device_read_register
-        call(read, self._device, CONTROL, value)
+        call(self._lib.arv_device_read_register, self._device, CONTROL, value)
         return bool(value[0] & IN_CONTROL)
 
     def has(self, feature: str) -> bool:
-        """Whether the camera has a feature now; some come and go with others."""
+        """Whether the camera has a feature now; some depend on other features."""
         available = self._lib.arv_device_is_feature_available
         return bool(call(available, self._device, feature.encode()))
 
     def get(self, feature: str) -> str:
-        """Reads a feature of any type.
-
-        Raises:
-            AravisError: There is none, or the camera refuses.
-        """
-        read = self._lib.arv_gc_feature_node_get_value_as_string
-        text = call(read, self._node(feature))
+        """Reads a feature of any type; raises AravisError if it is missing or refused."""
+        text = call(self._lib.arv_gc_feature_node_get_value_as_string, self._node(feature))
         return self._ffi.string(text).decode(errors="replace") if text else ""
 
     def set(self, feature: str, value: str) -> None:
-        """Writes a feature of any type; the camera may round it.
-
-        Raises:
-            AravisError: There is none, or the camera refuses.
-        """
+        """Writes a feature, which may be rounded; raises AravisError if missing or refused."""
         write = self._lib.arv_gc_feature_node_set_value_from_string
         call(write, self._node(feature), value.encode())
 
     def bounds(self, feature: str) -> tuple[float, float] | None:
-        """Gives the least and greatest value of a number; None: it is none, or does not say."""
+        """Returns the least and the greatest value of a number; None: unknown."""
         for kind, ask in (
             ("double", self._lib.arv_device_get_float_feature_bounds),
             ("int64_t", self._lib.arv_device_get_integer_feature_bounds),
@@ -142,7 +116,7 @@ class AravisCamera:
         return None
 
     def formats(self) -> list[str]:
-        """Gives the names of its pixel formats."""
+        """Returns the names of the pixel formats."""
         count = self._ffi.new("unsigned *")
         names = call(
             self._lib.arv_camera_dup_available_pixel_formats_as_strings, self.handle, count
@@ -153,37 +127,33 @@ class AravisCamera:
 
     @property
     def rate_hz(self) -> float:
-        """Pictures per second; cameras have many names for it."""
+        """Pictures per second; the feature has several names."""
         return float(call(self._lib.arv_camera_get_frame_rate, self.handle))
 
     def set_rate(self, rate_hz: float) -> None:
-        """Sets the rate; the camera keeps within its bounds, and triggers are off afterwards."""
+        """Sets the rate within the camera's bounds; switches triggers off."""
         call(self._lib.arv_camera_set_frame_rate, self.handle, rate_hz)
 
     def set_trigger(self, source: str | None) -> None:
-        """Has a picture taken at each signal of a source, "Software" or a line; None: freely."""
+        """Sets the trigger source, "Software" or a line; None: runs freely."""
         if source is None:
             call(self._lib.arv_camera_clear_triggers, self.handle)
         else:
             call(self._lib.arv_camera_set_trigger, self.handle, source.encode())
 
     def trigger(self) -> None:
-        """Has a picture taken now; from any thread; does nothing after `close`.
-
-        Raises:
-            AravisError: The camera does not answer, or refuses.
-        """
+        """Triggers a picture; any thread; does nothing after `close`; raises AravisError."""
         handle = self.handle
         if handle is not None:
             call(self._lib.arv_camera_software_trigger, handle)
 
     def use_plain_socket(self) -> None:
-        """Has its stream come through a socket of its own, and not through one that hears all."""
+        """Has the stream come through an ordinary UDP socket, not a packet socket."""
         self._lib.arv_gv_device_set_stream_options(self._device, _NO_PACKET_SOCKET)
 
     @property
     def answers(self) -> bool:
-        """Whether the camera answers quick questions: Aravis would ask it for seconds."""
+        """Whether the camera answers at once; Aravis would wait for seconds."""
         return not self.is_gige or answers(self._name)
 
     @property
@@ -192,11 +162,9 @@ class AravisCamera:
         return int(call(self._lib.arv_camera_gv_get_packet_size, self.handle))
 
     def set_packets(self, size: int | None, delay_us: float | None) -> None:
-        """Says how the pictures come through the network.
+        """Sets bytes per packet and the pause between two packets.
 
-        Args:
-            size: Bytes of a packet; None: the largest that gets through.
-            delay_us: Pause between two packets; None: the camera's own.
+        None stands for the largest packet that gets through, and for the camera's own pause.
         """
         if size is None:
             call(self._lib.arv_camera_gv_auto_packet_size, self.handle)
@@ -212,18 +180,18 @@ class AravisCamera:
         return float(call(self._lib.arv_camera_gv_get_packet_delay, self.handle)) / 1e3
 
     def stop(self) -> None:
-        """Has it send no pictures: a program that died may have left it at work."""
+        """Stops the pictures that a crashed program may have left running."""
         call(self._lib.arv_camera_stop_acquisition, self.handle)
 
     def close(self) -> None:
-        """Lets it go, and gives control back; can be called again.
+        """Closes the camera and gives control back; can be called again.
 
-        A thread that is just triggering it has it a moment longer.
+        A thread that is triggering it holds it until its call returns.
         """
         self._device = self.handle = None
 
     def _gige_device(self, address: str) -> Any:
-        """Opens by address, past Aravis' search: that would keep all other cameras waiting."""
+        """Opens by address, without Aravis' search, for which other cameras would wait."""
         host = host_address(address)
         if host is None:
             raise AravisError(f"no network of this machine leads to {address}")

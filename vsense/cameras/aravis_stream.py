@@ -1,7 +1,6 @@
-"""The pictures of a camera that Aravis has opened, lent and not copied.
+"""Pictures of a camera that Aravis has opened, without copying: each is a buffer of the driver.
 
-Aravis fills buffers and hands them over; a picture is the buffer's own memory. When the last who
-looks at it lets go, the buffer goes back to be filled again.
+When the last reference to a picture is gone, its buffer goes back to be filled again.
 """
 
 from __future__ import annotations
@@ -17,11 +16,10 @@ from vsense.cameras.aravis_camera import AravisCamera
 from vsense.cameras.picture import Image, PictureError
 
 BUFFERS = 8
-"""One is being filled, one is the newest of its camera; one is with the tracker, one waits in the
-double buffer, one is with the virtual world, others with a recorder."""
+"""For the driver, the camera's newest, the tracker, the double buffer, the world and recorders."""
 WAITING = 2
-"""Pictures for which the system keeps memory until Aravis fetches their packets: its usual 200 kB
-are less than one. It gives no more than net.core.rmem_max."""
+"""Pictures that the socket's memory should hold; the system's usual 200 kB are less than one, and
+net.core.rmem_max is its limit."""
 KEEP_FREE = 2
 """With fewer buffers left to fill, a picture is copied and its buffer goes back at once."""
 
@@ -36,14 +34,13 @@ _DAMAGE = {
 }
 """By Aravis' buffer status."""
 
-
 _BYTE_FORMATS = (0x01080001, 0x01080008, 0x01080009, 0x0108000A, 0x0108000B)
 """Mono8 and the four Bayer formats of 8 bits. Source: GenICam PFNC 2.4."""
 _MOST_WAITING = Path("/proc/sys/net/core/rmem_max")
 
 
 def _scant(picture_bytes: int) -> str:
-    """Says that the system has no room for a whole picture, if so: then packets are lost easily."""
+    """Warns of a system whose socket memory holds less than one picture; "": it holds more."""
     try:
         room_bytes = int(_MOST_WAITING.read_text())
     except (OSError, ValueError):
@@ -57,23 +54,18 @@ class AravisStream:
     """Pictures of one camera from now on; for one thread."""
 
     def __init__(self, camera: AravisCamera) -> None:
-        """Starts the camera.
-
-        Raises:
-            AravisError: The camera refuses, or does not answer.
-        """
+        """Starts the camera; raises AravisError if it refuses or does not answer."""
         self._lib, self._ffi = load().lib, load().ffi
         self._camera = camera
-        # It comes before its memory is set aside, or in the middle: its damage says nothing.
+        # The first picture may be cut off by the start of the stream: its damage is no fault.
         self._first = True
-        # Pictures may outlive this object, and are released by any thread.
+        # Pictures may outlive this object and be released by any thread.
         self._lock = threading.RLock()
         size = call(self._lib.arv_camera_get_payload, camera.handle)
         self._scant = _scant(size) if camera.is_gige else ""
         if camera.is_gige and not self._scant:
-            # Where it may, Aravis opens a packet socket: that has room enough of its own, but hears
-            # all cameras until its filter is set a moment later. What it hears then is taken for
-            # this camera's own, whose pictures may be left out as late for the next hundred.
+            # A packet socket of Aravis receives other cameras' packets until its filter is set; the
+            # camera's own pictures may then be dropped as late for the next hundred pictures.
             # Source: Aravis 0.8.26, arvgvstream.c.
             camera.use_plain_socket()
         stream = call(
@@ -93,11 +85,11 @@ class AravisStream:
         """Waits for the next picture.
 
         Returns:
-            The picture, its time by the camera's clock [ns], and how long ago its first packet
+            The picture, its time by the camera's clock [ns], and the time since its first packet
             came [ns]; None: none came in `timeout_s`.
 
         Raises:
-            PictureError: It is damaged.
+            PictureError: The picture is damaged.
         """
         buffer = self._lib.arv_stream_timeout_pop_buffer(self._stream, round(timeout_s * 1e6))
         if not buffer:
@@ -116,7 +108,7 @@ class AravisStream:
         return self._image(buffer), stamp_ns, age_ns
 
     def close(self) -> None:
-        """Stops the camera; pictures that are in use stay valid. Can be called again."""
+        """Stops the camera; can be called again. Pictures in use stay valid."""
         with self._lock:
             stream, self._stream = self._stream, None
         if stream is not None:
@@ -127,7 +119,7 @@ class AravisStream:
                 self._ffi.release(stream)
 
     def _image(self, buffer: Any) -> Image:
-        """Makes a picture of a buffer's memory, (h, w) uint8."""
+        """Wraps a buffer's memory as an (h, w) uint8 picture."""
         size, padding = self._ffi.new("size_t *"), self._ffi.new("int[2]")
         memory = self._lib.arv_buffer_get_data(buffer, size)
         width = self._lib.arv_buffer_get_image_width(buffer)
@@ -147,7 +139,7 @@ class AravisStream:
         return image.copy() if padding[0] or self._scarce() else image
 
     def _scarce(self) -> bool:
-        """Whether so many pictures are lent that the camera might find no buffer."""
+        """Whether so many buffers are lent that the camera might run out of them."""
         counts = self._ffi.new("int[2]")
         self._lib.arv_stream_get_n_buffers(self._stream, counts, counts + 1)
         return bool(counts[0] < KEEP_FREE)

@@ -31,12 +31,7 @@ class Camera:
 
     Attributes:
         id: Name, unique in the arena.
-        width_px: Picture width.
-        height_px: Picture height.
-        fx_px: Focal length along the picture's x.
-        fy_px: Focal length along the picture's y.
-        cx_px: Principal point, x.
-        cy_px: Principal point, y.
+        fx_px, fy_px: Focal lengths along the picture's x and y; cx_px, cy_px: principal point.
         distortion: k1, k2, p1, p2, k3 of OpenCV's model.
         rotation: 3x3 matrix, row by row, from the arena frame to the camera frame.
         position_m: The camera's centre in the arena frame.
@@ -75,10 +70,9 @@ class Camera:
         size: tuple[int, int],
         distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0),
     ) -> Camera:
-        """Returns a camera above (x_m, y_m) that looks straight down.
+        """Returns a camera above (x_m, y_m) that looks straight down, +y up in its picture.
 
-        Picture right is arena +x and picture down is arena -y; `size` is (width, height) in
-        pixels, and the principal point is the picture's middle.
+        `size` is (width, height) in pixels; the principal point is the picture's middle.
         """
         width, height = size
         return cls(
@@ -95,14 +89,7 @@ class Camera:
         )
 
     def project(self, points_m: Floats) -> Floats:
-        """Returns where the camera sees points of the arena.
-
-        Args:
-            points_m: (..., 3) in the arena frame, in front of the camera.
-
-        Returns:
-            (..., 2) pixels.
-        """
+        """Returns the (..., 2) pixels of (..., 3) arena points in front of the camera."""
         points = np.asarray(points_m, dtype=np.float64)
         seen = (points - np.array(self.position_m)) @ np.reshape(self.rotation, (3, 3)).T
         x, y = self._distort(seen[..., 0] / seen[..., 2], seen[..., 1] / seen[..., 2])
@@ -110,14 +97,9 @@ class Camera:
         return np.stack(pixels, axis=-1)
 
     def to_plane(self, points_px: Floats, height_m: float | Floats) -> Floats:
-        """Returns the points of a horizontal plane that the camera sees at given pixels.
+        """Returns arena x and y [m] of what (..., 2) pixels show of a horizontal plane.
 
-        Args:
-            points_px: (..., 2) pixels.
-            height_m: Height of the plane above the floor, one or one per point.
-
-        Returns:
-            (..., 2) arena x and y [m].
+        `height_m` is the plane's height above the floor, one for all pixels or one each.
         """
         pixels = np.asarray(points_px, dtype=np.float64)
         x, y = self._undistort(
@@ -129,7 +111,7 @@ class Camera:
         return np.asarray(centre[:2] + reach[..., np.newaxis] * rays[..., :2])
 
     def contains(self, points_px: Floats, margin_px: float = 0.0) -> NDArray[np.bool_]:
-        """Tells which of (..., 2) pixels lie in the picture, `margin_px` inside its border."""
+        """Whether (..., 2) pixels lie in the picture, `margin_px` inside its border."""
         low = margin_px - 0.5
         x, y = points_px[..., 0], points_px[..., 1]
         return np.asarray(
@@ -177,11 +159,7 @@ class Camera:
 
     @classmethod
     def from_json(cls, text: str) -> Camera:
-        """Reads the text of a camera file.
-
-        Raises:
-            CameraError: The text is no JSON object, or a value is missing or wrong.
-        """
+        """Reads the text of a camera file; raises CameraError if a value is missing or wrong."""
         try:
             values: dict[str, Any] = json.loads(text)
             return cls(

@@ -1,4 +1,4 @@
-"""Exposure and gain of a camera that is giving pictures: asked, turned, and put back."""
+"""Exposure and gain of an open camera: read, set, and restored."""
 
 from __future__ import annotations
 
@@ -8,19 +8,18 @@ from typing import Protocol
 
 from vsense.cameras.aravis import AravisError
 from vsense.cameras.aravis_camera import AravisCamera
-from vsense.cameras.genicam import NAMES, digits
+from vsense.cameras.genicam import AUTOMATIC, NAMES, digits
 from vsense.cameras.grabber import GrabberError
 from vsense.cameras.opencv_source import EXPOSURE_UNIT_US
 from vsense.cameras.source import Bounds
 from vsense.cameras.v4l2 import V4l2Control, V4l2ControlDevice
 
 EXPOSURE, GAIN = "exposure_time_abs", "gain_raw"
-"""As the resources file calls them: exposure in us, gain in the camera's own unit."""
+"""As in the resources file: exposure in us, gain in the camera's own unit."""
 
-_AUTOMATIC = {EXPOSURE: "ExposureAuto", GAIN: "GainAuto"}
 _CONTROLS = {EXPOSURE: V4l2Control.EXPOSURE, GAIN: V4l2Control.GAIN}
 _UNITS = {EXPOSURE: EXPOSURE_UNIT_US, GAIN: 1.0}
-"""Of V4L2, in ours."""
+"""V4L2's units in ours."""
 _MANUAL = {EXPOSURE: (V4l2Control.EXPOSURE_AUTO, 1), GAIN: (V4l2Control.AUTOGAIN, 0)}
 
 
@@ -28,29 +27,20 @@ class CameraControls(Protocol):
     """A camera's `EXPOSURE` and `GAIN`; belongs to its source's thread."""
 
     def value(self, name: str) -> float | None:
-        """Reads one; None: the camera does not have it, or does not tell."""
+        """Returns the current value; None: unknown, or the camera does not have it."""
 
     def bounds(self, name: str) -> Bounds | None:
-        """Gives the least and the greatest value; None: unknown."""
+        """Returns the least and the greatest value; None: unknown."""
 
     def set(self, name: str, value: float) -> None:
-        """Sets one, and what would set it by itself off; the camera may round.
-
-        Raises:
-            GrabberError: it refuses.
-        """
+        """Sets a value, which may be rounded, without its automatic mode; raises GrabberError."""
 
     def remember(self) -> Callable[[], None]:
-        """Notes how the camera is set.
-
-        Returns:
-            What sets it so again, and reads it back. Raises GrabberError at the first setting
-            that is not as it was, or that the camera does not answer about.
-        """
+        """Returns what restores the settings; it raises GrabberError if they are not as before."""
 
 
 class GenicamControls:
-    """Those of a camera behind Aravis; `opened` gives the camera, None while it is gone."""
+    """Controls of a camera behind Aravis; `opened` returns the camera, None while it is gone."""
 
     def __init__(self, opened: Callable[[], AravisCamera | None]) -> None:
         self._opened = opened
@@ -67,8 +57,8 @@ class GenicamControls:
         camera, feature = self._feature(name)
         if camera is None or feature is None:
             raise GrabberError(f"has no {name}")
-        if camera.has(_AUTOMATIC[name]):
-            camera.set(_AUTOMATIC[name], "Off")
+        if camera.has(AUTOMATIC[name]):
+            camera.set(AUTOMATIC[name], "Off")
         camera.set(feature, digits(value))
 
     def remember(self) -> Callable[[], None]:
@@ -77,10 +67,10 @@ class GenicamControls:
             feature = self._feature(name)[1]
             if camera is not None and feature is not None:
                 kept.append((name, feature, camera.get(feature)))
-                if camera.has(_AUTOMATIC[name]) and camera.get(_AUTOMATIC[name]) != "Off":
+                if camera.has(AUTOMATIC[name]) and camera.get(AUTOMATIC[name]) != "Off":
                     automatic.add(name)
-        # What a camera does by itself is taken up last: until then it could not be set.
-        for feature in _AUTOMATIC.values():
+        # Automatic modes are restored last: values cannot be set while they are on.
+        for feature in AUTOMATIC.values():
             if camera is not None and camera.has(feature):
                 kept.append((feature, feature, camera.get(feature)))
 
@@ -101,7 +91,7 @@ class GenicamControls:
 
 
 class V4l2Controls:
-    """Those of a V4L2 device, which can be set while another program takes its pictures."""
+    """Controls of a V4L2 device, which can be set while another program takes its pictures."""
 
     def __init__(self, device: V4l2ControlDevice) -> None:
         self._device = device
@@ -137,7 +127,7 @@ class V4l2Controls:
     def _set_back(
         self, name: str, control: V4l2Control, value: int | None, automatic: bool
     ) -> None:
-        """Sets a control as it was, and reads it back; see the function of this name."""
+        """Restores a control and reads it back; one that was automatic may differ."""
         if value is None:
             return
         self._device.set(control, value)
@@ -150,7 +140,7 @@ class V4l2Controls:
 
 
 def _set_back(camera: AravisCamera, name: str, feature: str, value: str, automatic: bool) -> None:
-    """Sets a feature as it was, and reads it back; one that is `automatic` may have moved on."""
+    """Restores a feature and reads it back; one that was automatic may differ."""
     reason = ""
     try:
         camera.set(feature, value)

@@ -1,4 +1,4 @@
-"""Which cameras are there, and what is wrong with those that cannot be used as they are."""
+"""Lists cameras, and says why one cannot be used as it is."""
 
 from __future__ import annotations
 
@@ -19,23 +19,17 @@ from vsense.cameras.source import Bounds
 GIGE, USB3, V4L2 = "GigE", "USB3", "V4L2"
 DEAF = "answers to everybody, but not to this host alone: look at its network mask and the firewall"
 _WORKERS = 8
-"""A camera that does not answer takes seconds to say so: the others do not wait for it."""
+"""A camera that does not answer takes seconds; the others are read meanwhile."""
 RATE_HZ = 10.0
-"""The thesis's rate: what a camera is asked for that does not tell its own."""
+"""The thesis's rate, for a camera whose own is unknown."""
 
 
 @dataclass(frozen=True, slots=True)
 class Details:
-    """What a camera that could be asked says of itself; None and empty: it did not say.
+    """What an open camera reports; None and empty: unknown.
 
-    Attributes:
-        size_px: width and height of its pictures.
-        formats: names of its pixel formats.
-        rate_hz: pictures per second.
-        exposure_us: exposure time.
-        exposure_bounds_us: the least and the greatest one.
-        gain: in its own unit.
-        gain_bounds: the least and the greatest one.
+    `size_px` is (width, height), `formats` are names of pixel formats, `gain` has the camera's
+    unit; bounds are the least and the greatest value.
     """
 
     size_px: tuple[int, int] | None = None
@@ -49,17 +43,15 @@ class Details:
 
 @dataclass(frozen=True, slots=True)
 class FoundCamera:
-    """A camera that is there.
+    """A camera that was found; texts may be empty.
 
     Attributes:
-        id: what is written into device=, and what commands take.
+        id: The name in device= and in commands.
         kind: `GIGE`, `USB3` or `V4L2`.
-        address: IPv4 address of GigE, bus of the others; may be empty.
-        model: vendor and model, or the device's name.
-        serial: serial number; may be empty.
-        mac: MAC address of GigE, GUID of USB3; may be empty.
-        details: what it says of itself.
-        trouble: why it cannot be used as it is, without its name; empty: it can.
+        address: IPv4 address of GigE, bus of the others.
+        model: Vendor and model, or the device's name.
+        mac: MAC address of GigE, GUID of USB3.
+        trouble: Why it cannot be used as it is, without its name; empty: it can.
     """
 
     id: str
@@ -70,12 +62,6 @@ class FoundCamera:
     mac: str = ""
     details: Details = field(default_factory=Details)
     trouble: str = ""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """All that a user may call it."""
-        address = self.address if self.kind == GIGE else ""
-        return tuple(filter(None, (self.id, address, self.serial, self.mac)))
 
 
 def find() -> tuple[list[FoundCamera], str]:
@@ -100,7 +86,7 @@ def find() -> tuple[list[FoundCamera], str]:
 def _unheard(
     answers: Sequence[ListedCamera], listed: Sequence[ListedCamera], missing: str
 ) -> list[FoundCamera]:
-    """Gives the GigE cameras that answer, and that Aravis does not hear, with the reason."""
+    """Returns the GigE cameras that answer and that Aravis does not find, with the reason."""
     known = {(camera.mac.lower(), camera.address) for camera in listed}
     there = networks()
     return [
@@ -127,7 +113,7 @@ def _listed(listed: ListedCamera) -> FoundCamera:
 
 
 def _mark_shared(listed: Sequence[ListedCamera]) -> list[FoundCamera]:
-    """Marks those that share an address."""
+    """Marks cameras that share an address."""
     found = []
     for each in listed:
         same = [other for other in listed if each.address and other.address == each.address]
@@ -137,35 +123,26 @@ def _mark_shared(listed: Sequence[ListedCamera]) -> list[FoundCamera]:
 
 
 def _asked(camera: FoundCamera) -> FoundCamera:
-    """Asks a camera about itself."""
+    """Opens a camera to read its details, or adds the reason why it does not open."""
     if camera.trouble:
         return camera
+    # Opening a camera that another program controls takes seconds and disturbs that program.
+    if camera.kind == GIGE and controlled(camera.address):
+        return replace(camera, trouble=HELD)
     try:
-        return _told(camera)
+        opened = AravisCamera(camera.address or camera.id)
+        try:
+            return replace(camera, details=read(opened))
+        finally:
+            opened.close()
     except GrabberError as error:
-        # A camera of another network may be reached through a router: only where it does not
-        # answer that is the trouble.
+        # A camera of another network may be reached through a router.
         lost = stranded(camera.address, networks()) if camera.kind == GIGE else ""
         return replace(camera, trouble=lost or f"does not open: {error}")
 
 
-def _told(camera: FoundCamera) -> FoundCamera:
-    # Opening a camera that another program has takes seconds, and asking it would disturb.
-    if camera.kind == GIGE and controlled(camera.address):
-        return replace(camera, trouble=HELD)
-    opened = AravisCamera(camera.address or camera.id)
-    try:
-        return replace(camera, details=read(opened))
-    finally:
-        opened.close()
-
-
 def read(camera: AravisCamera) -> Details:
-    """Asks an opened camera about itself.
-
-    Raises:
-        AravisError: it does not answer.
-    """
+    """Reads the details of an open camera; raises AravisError where it does not answer."""
     exposure_us, exposure_bounds_us = _number(camera, NAMES[EXPOSURE])
     gain, gain_bounds = _number(camera, NAMES[GAIN])
     return Details(
@@ -180,16 +157,16 @@ def read(camera: AravisCamera) -> Details:
 
 
 def rate_of(camera: AravisCamera) -> float | None:
-    """Gives the pictures per second of an opened camera; None: it does not tell."""
+    """Returns the pictures per second of an open camera; None: unknown."""
     try:
         return camera.rate_hz
     except AravisError:
-        # Some have no such feature, or only while they run freely.
+        # Some cameras have the feature only while they run freely, or never.
         return None
 
 
 def _number(camera: AravisCamera, names: Sequence[str]) -> tuple[float | None, Bounds | None]:
-    """Reads the first feature that the camera has of some."""
+    """Reads the first of some features that the camera has."""
     name = next((each for each in names if camera.has(each)), None)
     if name is None:
         return None, None

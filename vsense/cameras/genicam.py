@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from vsense.cameras.aravis import AravisError
@@ -18,7 +18,7 @@ from vsense.cameras.source import FIRST_S, Bounds, Shot, Value, absent, refused,
 FREE = "free"
 SOFTWARE = "software"
 PIXEL_FORMATS = ("Mono8", "BayerRG8", "BayerGB8", "BayerGR8", "BayerBG8")
-"""One byte per pixel. Bayer is taken as grey: the camera's white balance makes grey grey."""
+"""One byte per pixel. Bayer is taken as grey, which the camera's white balance keeps grey."""
 
 NAMES = {
     "exposure_time_abs": ("ExposureTimeAbs", "ExposureTime"),
@@ -29,7 +29,7 @@ NAMES = {
     "height": ("Height",),
     "pixel_format": ("PixelFormat",),
 }
-"""What the resources file calls it, and what cameras do: the older name first."""
+"""The resources file's name, and the cameras' names, the older one first."""
 _TIMES = {
     "AcquisitionFrameRate": "frame_rate",
     "AcquisitionFrameRateAbs": "frame_rate",
@@ -38,8 +38,9 @@ _TIMES = {
     "GevSCPSPacketSize": "packet_size",
     "GevSCPD": "packet_delay",
 }
-"""What Aravis sets by itself for these."""
-_AUTOMATIC = ("ExposureAuto", "GainAuto")
+"""Features that Aravis sets itself for these attributes."""
+AUTOMATIC = {"exposure_time_abs": "ExposureAuto", "gain_raw": "GainAuto"}
+"""Features that set these by themselves."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,9 +48,8 @@ class GenicamSettings:
     """What a camera is asked for; None leaves its own choice.
 
     Attributes:
-        controls: Size, rate, exposure and gain.
-        offset_px: Left upper corner of the part of the sensor that is read.
-        pixel_format: One of `PIXEL_FORMATS`; None: the first of them that it has.
+        offset_px: Upper left corner of the part of the sensor that is read.
+        pixel_format: One of `PIXEL_FORMATS`; None: the first of them that the camera has.
         packet_size: Bytes of a packet with its IP header; None: the largest that gets through.
         packet_delay_us: Pause between two packets.
         trigger: `FREE`, `SOFTWARE`, or the name of a line such as "Line1".
@@ -66,25 +66,18 @@ class GenicamSettings:
 
 
 def attribute_of(feature: str) -> str | None:
-    """Gives the resources file's own name for a feature, None where it has none."""
+    """Returns the resources file's own name for a feature; None: it has none."""
     named = {f: name for name, features in NAMES.items() for f in features}
     return named.get(feature) or _TIMES.get(feature)
 
 
 def apply(camera: AravisCamera, settings: GenicamSettings) -> list[str]:
-    """Sets everything.
-
-    Returns:
-        What the camera refused or rounded; see `vsense.cameras.source.Source.open`.
-
-    Raises:
-        AravisError: It does not answer, or gives no pictures that can be used.
-    """
+    """Sets everything; returns what was refused or rounded. Raises AravisError if unusable."""
     return _Setting(camera, settings).all()
 
 
 class _Setting:
-    """One camera that is being set."""
+    """One camera while it is set up."""
 
     def __init__(self, camera: AravisCamera, settings: GenicamSettings) -> None:
         self._camera = camera
@@ -92,29 +85,25 @@ class _Setting:
         self._said: list[str] = []
 
     def all(self) -> list[str]:
-        """Sets everything; gives what the camera made of it."""
+        """Sets everything; returns what the camera refused or rounded."""
         camera, settings, controls = self._camera, self._settings, self._settings.controls
-        for automatic in _AUTOMATIC:
-            wanted = controls.exposure_us if automatic == "ExposureAuto" else controls.gain_raw
-            if wanted is not None and camera.has(automatic):
+        wanted = {"exposure_time_abs": controls.exposure_us, "gain_raw": controls.gain_raw}
+        light = {name: value for name, value in wanted.items() if value is not None}
+        for automatic in (AUTOMATIC[name] for name in light):
+            if camera.has(automatic):
                 self._feature(automatic, automatic, "Off")
         self._pixels()
         self._times()
-        if controls.exposure_us is not None:
-            self._control("exposure_time_abs", controls.exposure_us)
-        if controls.gain_raw is not None:
-            self._control("gain_raw", controls.gain_raw)
-        for name, value in settings.features:
-            if camera.has(name):
-                self._feature(name, name, value)
-            else:
-                self._said.append(absent(name))
+        for name, value in light.items():
+            self._control(name, value)
+        for feature, text in settings.features:
+            self._control(feature, text, (feature,))
         if camera.is_gige:
             self._packets()
         return self._said
 
     def _pixels(self) -> None:
-        """Sets the format, and what part of the sensor is read."""
+        """Sets the format and the part of the sensor that is read."""
         camera = self._camera
         formats = camera.formats()
         usable = [name for name in PIXEL_FORMATS if name in formats]
@@ -126,7 +115,7 @@ class _Setting:
             self._control("pixel_format", usable[0])
         size_px, offset_px = self._settings.controls.size_px, self._settings.offset_px
         if size_px is not None:
-            # A part that begins far right cannot be made wide: it begins at the left first.
+            # An offset limits the size, so offsets are set to 0 first.
             for name in ("OffsetX", "OffsetY"):
                 if camera.has(name):
                     self._feature(name, name, 0)
@@ -137,7 +126,7 @@ class _Setting:
             self._control("offset_y", offset_px[1])
 
     def _times(self) -> None:
-        """Sets rate and trigger, in this order: a rate makes the camera run freely."""
+        """Sets the trigger, or else the rate, which switches triggers off."""
         camera = self._camera
         trigger, rate_hz = self._settings.trigger, self._settings.controls.rate_hz
         if trigger != FREE:
@@ -154,7 +143,6 @@ class _Setting:
             camera.set_trigger(None)
 
     def _packets(self) -> None:
-        """Says how the pictures come through the network."""
         camera = self._camera
         size, delay_us = self._settings.packet_size, self._settings.packet_delay_us
         try:
@@ -166,16 +154,16 @@ class _Setting:
         except AravisError as error:
             self._said.append(f"does not take packet_size or packet_delay: {error}")
 
-    def _control(self, name: str, value: Value) -> None:
-        """Sets what the resources file has its own name for, by the camera's name for it."""
-        feature = next((f for f in NAMES[name] if self._camera.has(f)), None)
+    def _control(self, name: str, value: Value, features: Sequence[str] = ()) -> None:
+        """Sets the first of some features that the camera has, by default those of a name."""
+        feature = next((f for f in features or NAMES[name] if self._camera.has(f)), None)
         if feature is None:
             self._said.append(absent(name))
         else:
             self._feature(name, feature, value)
 
     def _feature(self, name: str, feature: str, value: Value) -> None:
-        """Sets a feature, reads it back, and notes where the two differ."""
+        """Sets a feature, reads it back, and notes a difference."""
         camera = self._camera
         bounds = None if isinstance(value, str) else camera.bounds(feature)
         try:
@@ -183,7 +171,7 @@ class _Setting:
         except AravisError as error:
             beyond = bounds is not None and not bounds[0] <= float(value) <= bounds[1]
             kept = _like(value, camera.get(feature))
-            # Bounds say it all; otherwise the camera's own words may help.
+            # The camera's own message is shown where bounds do not explain the refusal.
             told = refused(name, value, kept, bounds if beyond else None)
             self._said.append(told if beyond else f"{told} ({error})")
         else:
@@ -201,10 +189,10 @@ def digits(value: float) -> str:
 
 
 def _like(wanted: Value, text: str) -> Value:
-    """Reads what a camera says as what it was asked for: a number, or a word."""
+    """Reads a camera's text as the type of the wanted value."""
     if isinstance(wanted, str):
         try:
-            # A number that was written as text: "8000" and "8000.0" are the same.
+            # Numbers written as text: "8000" and "8000.0" are the same.
             return wanted if float(wanted) == float(text) else text
         except ValueError:
             return text
@@ -215,9 +203,9 @@ def _like(wanted: Value, text: str) -> Value:
 
 
 FORGOTTEN_NS = 3_500_000_000
-"""A program that died is forgotten after its heartbeat's time, usually 3 s."""
+"""A dead program loses control after its heartbeat's time, usually 3 s."""
 MOST_AGE_NS = 1_000_000_000
-"""No picture is older when it is read; the host's wall clock, by which it was noted, may jump."""
+"""Ages beyond this are a jump of the host's wall clock, by which Aravis notes arrivals."""
 
 
 class GenicamSource:
@@ -230,13 +218,9 @@ class GenicamSource:
         clock: Callable[[], int],
         links: NetworkLoad | None = None,
     ) -> None:
-        """Notes what to open.
+        """Notes a device (IPv4 address, id, serial number or MAC address) to open.
 
-        Args:
-            device: IPv4 address, id, serial number or MAC address.
-            settings: What it is asked for.
-            clock: The host's monotonic clock [ns].
-            links: Who else is on the network.
+        `clock` is the host's monotonic clock [ns]; `links` is shared by all cameras.
         """
         self._device = device
         self._settings = settings
@@ -255,10 +239,9 @@ class GenicamSource:
         return self._camera
 
     def open(self) -> list[str]:
-        """Opens the camera; see `vsense.cameras.source.Source.open`.
+        """See `Source.open`.
 
-        One that was silent and still obeys is not set again: then the network was gone, not the
-        camera.
+        A silent camera that is still under control is not set again: only the network was gone.
         """
         if self._obeys():
             self._resumed = True
@@ -282,12 +265,7 @@ class GenicamSource:
         return told
 
     def read(self) -> Shot:
-        """Waits for the next picture.
-
-        Raises:
-            PictureError: It is damaged; the next one may be good.
-            GrabberError: None comes.
-        """
+        """See `Source.read`."""
         if self._stream is None:
             raise GrabberError(f"{self._device} is not open")
         patience_s = self._patience_s if self._running else max(FIRST_S, self._patience_s)
@@ -301,17 +279,13 @@ class GenicamSource:
         return Shot(image, stamp_ns or None, self._clock() - age_ns if known else None)
 
     def trigger(self) -> None:
-        """Has a picture taken now; from any thread. A camera that is not open takes none.
-
-        Raises:
-            AravisError: It does not answer, or refuses.
-        """
+        """See `Triggered.trigger` of `vsense.cameras.live_grabber`."""
         camera = self._camera
         if camera is not None:
             camera.trigger()
 
     def close(self) -> None:
-        """Lets it go; can be called again."""
+        """See `Source.close`."""
         stream, self._stream = self._stream, None
         camera, self._camera = self._camera, None
         if camera is None or camera.answers:
@@ -321,14 +295,15 @@ class GenicamSource:
             threading.Thread(target=_let_go, args=(stream, camera), daemon=True).start()
 
     def _obeys(self) -> bool:
-        """Whether the camera is open and under control, and may only have been cut off."""
+        """Whether the camera is open and under control, so that it may only have been cut off."""
         return self._camera is not None and not self._resumed and self._camera.in_control
 
     def _check_control(self, name: str) -> None:
         """Refuses a camera that another program controls.
 
-        Some do not even answer who asks for control, and Aravis would ask for seconds; some take
-        the question who has it for a sign of life of who had it, and so it is not asked too often.
+        Some such cameras do not answer a request for control, and Aravis would wait for seconds.
+        Some take the question for a sign of life of the program that had control, so it is not
+        asked too often.
         """
         now_ns = self._clock()
         if is_address(name) and now_ns >= self._held_until_ns and controlled(name):
@@ -341,19 +316,18 @@ class GenicamSource:
         size_px = int(camera.get("Width")), int(camera.get("Height"))
         rate_hz = self._settings.controls.rate_hz
         if rate_hz is None or self._settings.trigger == FREE:
-            # What it kept, which may not be what it was asked for.
+            # The camera's rate may differ from the one asked for.
             rate_hz = camera.rate_hz
         stream = Stream(size_px, rate_hz, camera.packet_size)
         self._links.claim(self._device, address, stream)
 
 
 def _let_go(stream: AravisStream | None, camera: AravisCamera | None) -> None:
-    """Ends a camera's stream, and gives control back."""
     try:
         if stream is not None:
             stream.close()
     except AravisError:
-        # It is gone already: there is nothing to stop.
+        # The camera is gone, so there is nothing to stop.
         pass
     finally:
         if camera is not None:

@@ -1,7 +1,7 @@
 """GVCP: quick questions to GigE cameras, which need neither Aravis nor control of the camera.
 
-Aravis asks for seconds where no camera answers, and it hears a camera only if its address is on the
-network that it is plugged into. `heard` also finds cameras with addresses of other networks.
+Aravis waits for seconds where no camera answers, and finds only cameras whose address is on the
+network that they are plugged into. `heard` also finds cameras with addresses of other networks.
 
 Source of numbers and layouts: GigE Vision 2.0, GVCP, DISCOVERY_CMD and DISCOVERY_ACK.
 """
@@ -19,7 +19,7 @@ from vsense.cameras.networks import Network, networks
 
 PORT = 3956
 CONTROL = 0x0A00
-"""The register that tells who controls the camera. Source: GigE Vision 2.0, CCP."""
+"""The register of who controls the camera. Source: GigE Vision 2.0, CCP."""
 IN_CONTROL = 0b11
 """Its bits for exclusive access and for control."""
 
@@ -36,18 +36,18 @@ _ANSWER_BYTES = 12
 
 
 def answers(address: str) -> bool:
-    """Whether a GigE camera answers at an address; asks some times, for half a second in all."""
+    """Whether a GigE camera answers at an address; asks for half a second at most."""
     return _read(address, _VERSION) is not None
 
 
 def controlled(address: str) -> bool:
     """Whether a program controls the GigE camera at an address.
 
-    Cameras may take this question for a sign of life of that program: who waits for a dead one to
-    be forgotten must not ask all the time.
+    Cameras may take this question for a sign of life of that program: do not ask often while
+    waiting for a dead program to lose control.
     """
     answer = _read(address, CONTROL) or b""
-    # A camera that refuses to say is there all the same: opening it will tell more.
+    # A camera that refuses the question counts as free: opening it gives the reason.
     return len(answer) >= _ANSWER_BYTES and bool(answer[_ANSWER_BYTES - 1] & IN_CONTROL)
 
 
@@ -62,7 +62,7 @@ def _read(address: str, register: int) -> bytes | None:
                 line.send(question)
                 return line.recv(64)
             except OSError:
-                # No answer, or the system knows that there is no such host.
+                # No answer, or no such host.
                 continue
     return None
 
@@ -89,10 +89,7 @@ class ListedCamera:
         id: Vendor, model and serial number, as Aravis puts them together.
         protocol: `GIGE` or `USB3`.
         address: IPv4 address; empty for USB3.
-        mac: What no two cameras share: the MAC address, or the GUID of USB3.
-        vendor: Who made it.
-        model: Its type.
-        serial: Its serial number.
+        mac: A unique MAC address, or the GUID of USB3.
     """
 
     id: str
@@ -105,12 +102,12 @@ class ListedCamera:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """All that a configuration may call it."""
+        """All names that a configuration may use."""
         return tuple(filter(None, (self.id, self.serial, self.mac, self.address)))
 
 
 def several(what: str, cameras: Sequence[ListedCamera]) -> str:
-    """Says that several cameras have what only one may have: one disturbs the other."""
+    """Error text for cameras that share what only one may have."""
     who = " and ".join(f"{camera.id} ({camera.mac})" for camera in cameras)
     return f"{len(cameras)} cameras have {what}: {who}; expected one of its own each"
 
@@ -120,17 +117,14 @@ def heard(
 ) -> list[ListedCamera]:
     """Asks through all interfaces at once; takes `listen_s`.
 
-    Args:
-        known: this host's networks; None: asks for them, too.
-        port: where cameras listen.
-        listen_s: how long answers are waited for.
+    `known` are this host's networks, which are looked up where it is None; `port` is the cameras'.
     """
     found: dict[ListedCamera, None] = {}
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ears:
         ears.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
         ears.bind(("", 0))
         for network in networks() if known is None else known:
-            # An interface that is down, or a firewall: the others are asked all the same.
+            # An interface may be down or behind a firewall; the others are still asked.
             with suppress(OSError):
                 _ask(ears, network, port)
         end_s = time.monotonic() + listen_s
@@ -159,7 +153,7 @@ def parse(data: bytes) -> ListedCamera | None:
 
 
 def _ask(ears: socket.socket, network: Network, port: int) -> None:
-    """Asks everybody who is plugged into one interface."""
+    """Asks all cameras that are plugged into one interface."""
     interface = socket.if_nametoindex(network.name)
     way = struct.pack("i4s4x", interface, network.address.ip.packed)
     ears.sendmsg([_QUESTION], [(socket.IPPROTO_IP, _IP_PKTINFO, way)], 0, (_EVERYBODY, port))

@@ -1,4 +1,4 @@
-"""Grabbers: where the pictures come from, and what happens to the cameras behind them."""
+"""Grabbers give the pictures of each timestep, and the events of their cameras."""
 
 from __future__ import annotations
 
@@ -12,22 +12,19 @@ from vsense.errors import VsenseError
 
 
 class GrabberError(VsenseError):
-    """No pictures: none came in time, or there will be no more."""
+    """No picture came in time, or none will come."""
 
 
 class NoMorePictures(GrabberError):
-    """A recording has come to its end."""
+    """A recording has ended."""
 
 
 @dataclass(frozen=True, slots=True)
 class CameraEvent:
-    """Something that happened to a camera, for the user's eyes.
+    """Something that happened to a camera, in words for the user.
 
-    Attributes:
-        camera: Its id.
-        kind: One word: what begins and what ends it are in `vsense.cameras.grabber.ENDS`;
-            "clock" and "control" are over as soon as they are told.
-        text: What happened, without the camera's name.
+    `kind` is one word: see `ENDS` for those that last; the others are over at once. `text` does
+    not name the camera.
     """
 
     camera: str
@@ -43,7 +40,7 @@ class Grabber(Protocol):
 
     @property
     def timesteps(self) -> int | None:
-        """How many there are, where that is known."""
+        """The number of timesteps; None: unknown."""
 
     @property
     def missed(self) -> int:
@@ -52,13 +49,13 @@ class Grabber(Protocol):
     def next(self, timeout_s: float) -> Sequence[Frame]:
         """Waits for the newest timestep's pictures, one per camera that delivered.
 
-        A picture is valid and does not change as long as anybody refers to it or to a view of it:
-        whoever holds one needs no copy, and a camera never waits for whoever holds one.
+        A picture stays valid and unchanged while anything refers to it or to a view of it, so no
+        copy is needed, and no camera waits for its readers.
 
         Pictures that were decoded (files, videos, streams, V4L2) have memory of their own. Those
-        of GenICam cameras and of the lab are lent: a driver's buffer, or a slot of the memory
-        that is shared with the lab's camera process. It goes back when the last reference is
-        gone. Where so much is lent that the camera might find no room, a copy is given instead.
+        of GenICam cameras and of the lab are lent: a driver's buffer, or a slot of the memory that
+        is shared with the lab's camera process. The memory goes back with the last reference;
+        where so much is lent that the camera might run out, a copy is given instead.
 
         Raises:
             NoMorePictures: There will be no more.
@@ -66,15 +63,14 @@ class Grabber(Protocol):
         """
 
     def events(self) -> list[CameraEvent]:
-        """Gives what happened to the cameras since the last call; any thread."""
+        """Returns what happened to the cameras since the last call; any thread."""
 
     def close(self) -> None:
-        """Lets the cameras go; can be called again."""
+        """Closes the cameras; can be called again."""
 
 
 REPEATS = 3
-"""One kind of trouble of one camera is told this often, then only counted."""
-
+"""Events of one kind of one camera that are printed; later ones are only counted."""
 
 ENDS = {
     "back": ("gone",),
@@ -87,15 +83,15 @@ ENDS = {
     "steady": ("moved", "apart"),
     "clear": ("crowded",),
 }
-"""Which kinds of trouble lasts until when; all others are over as soon as they are told."""
+"""The events that end lasting kinds of trouble; all other kinds are over at once."""
 
 _EACH_ITS_OWN = ("control",)
-"""Kinds whose events are not the same trouble again: each is about another setting."""
+"""Kinds whose events are all printed: each is about another setting."""
 _LASTING = frozenset(kind for kinds in ENDS.values() for kind in kinds)
 
 
 class Troubles:
-    """Counts events and lets the first few of each kind pass; to be called from one thread.
+    """Counts events, of which the first few of each kind become lines; for one thread.
 
     Attributes:
         counts: How often each kind of event came, by camera and kind.
@@ -103,12 +99,11 @@ class Troubles:
     """
 
     def __init__(self) -> None:
-        """Begins with nothing told."""
         self.counts: Counter[tuple[str, str]] = Counter()
         self.present: Mapping[tuple[str, str], CameraEvent] = {}
 
     def lines(self, events: Iterable[CameraEvent]) -> list[str]:
-        """Takes events in; gives a line for each that is worth telling."""
+        """Counts events; returns a line for each that is to be printed."""
         told = []
         for event in events:
             key = event.camera, event.kind
@@ -131,7 +126,7 @@ class Troubles:
             self.present = kept
 
     def summary(self) -> list[str]:
-        """Gives a line for each kind of which not all were told."""
+        """Returns a line for each kind of which not all were printed."""
         return [
             f"camera {camera}: {count} times {kind}"
             for (camera, kind), count in sorted(self.counts.items())

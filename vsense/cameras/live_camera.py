@@ -1,4 +1,4 @@
-"""One camera that runs by itself: opened as often as it takes, its pictures checked."""
+"""One camera on its own thread: reopened as often as needed, its pictures checked."""
 
 from __future__ import annotations
 
@@ -13,45 +13,28 @@ from vsense.cameras.recorded_grabber import wrong_size
 from vsense.cameras.source import FIRST_S, Shot, Source, silence_s
 
 WHOLE = 10
-"""So many good pictures after a damaged one, and they come whole again."""
+"""Good pictures after a damaged one that end the trouble."""
 
 Notify = Callable[[str, str], None]
-"""Takes the kind of an event and its text."""
+"""Receives the kind of an event and its text."""
 
 
 @dataclass(frozen=True, slots=True)
 class TakenPicture:
-    """A good picture.
-
-    Attributes:
-        image: (h, w) uint8.
-        capture_ns: When it was taken, by the host's clock.
-        ready_ns: When it was in memory.
-    """
+    """A good picture, (h, w) uint8; times are the host's, `ready_ns` is when it was in memory."""
 
     image: Image
     capture_ns: int
     ready_ns: int
 
 
-@dataclass(slots=True)
-class _Spell:
-    """Bad pictures that came, and good ones since."""
-
-    damaged: int = 0
-    good: int = 0
-    misfits: int = 0
-    reopened: bool = False
-    frozen: bool = False
-
-
 class LiveCamera:
     """One camera on a thread of its own.
 
     Attributes:
-        newest: The newest picture that nobody has taken yet.
+        newest: The newest picture that was not taken out yet.
         present: Whether it gives pictures now.
-        opened: Whether it is open, though it may give none.
+        opened: Whether it is open, even if it gives none.
     """
 
     def __init__(
@@ -66,14 +49,10 @@ class LiveCamera:
     ) -> None:
         """Begins with the camera closed.
 
-        Args:
-            source: The camera.
-            size_px: Width and height that its pictures must have.
-            rate_hz: Pictures per second that it should give; None: unknown.
-            news: Guards all that is known here, and is notified of news.
-            notify: Takes what happens; is called with `news` held.
-            clock: The host's monotonic clock [ns].
-            retry_s: Time between attempts to open it.
+        Its pictures must have `size_px`, and should come at `rate_hz`; None: unknown. `news`
+        guards this object's state and is notified of changes; `notify` is called with events while
+        `news` is held. `clock` is the host's monotonic clock [ns]; `retry_s` passes between
+        attempts to open.
         """
         self._source = source
         self._size_px = tuple(size_px)
@@ -88,13 +67,14 @@ class LiveCamera:
         self._due_ns = 0
         self._said: set[str] = set()
         self._gone = False
-        self._spell = _Spell()
+        self._damaged = self._good_since = self._misfits = 0
+        self._frozen = self._reopened = False
         self.newest: TakenPicture | None = None
         self.present = False
         self.opened = False
 
     def run(self) -> None:
-        """Opens the camera and takes pictures, until `end`; the camera's thread."""
+        """Opens the camera and takes pictures until `end`; the camera's thread."""
         try:
             while not self._ended.is_set():
                 try:
@@ -102,7 +82,7 @@ class LiveCamera:
                 except GrabberError as error:
                     self._leave(str(error))
                 except Exception as error:
-                    # Whatever is wrong with one camera must neither end its thread nor be hidden.
+                    # An error of one camera must neither end its thread nor be hidden.
                     self._leave(f"{type(error).__name__}: {error}")
                 self._ended.wait(self._retry_s)
         finally:
@@ -113,26 +93,26 @@ class LiveCamera:
         self._arrive(self._source.open())
         while not self._ended.is_set():
             if not self._read_picture():
-                # Not under the lock: a camera that has fallen silent takes its time to close.
+                # Outside the lock, because a silent camera closes slowly.
                 self._source.close()
                 return
 
     def end(self) -> None:
-        """Has the thread end, once the camera answers."""
+        """Ends the thread as soon as the camera answers."""
         self._ended.set()
 
     def watch(self, now_ns: int) -> None:
-        """Notices a camera that has fallen silent; to be called with `news` held."""
+        """Reports a camera that has fallen silent; to be called with `news` held."""
         if self.opened and not self._gone and now_ns > self._due_ns:
             self._lose("gives no pictures any more")
 
     def pop(self) -> TakenPicture | None:
-        """Takes the newest picture; to be called with `news` held."""
+        """Takes the newest picture out; to be called with `news` held."""
         taken, self.newest = self.newest, None
         return taken
 
     def _read_picture(self) -> bool:
-        """Waits for one picture and judges it; whether the camera stays open."""
+        """Waits for one picture and checks it; returns whether the camera stays open."""
         try:
             shot = self._source.read()
         except PictureError as error:
@@ -151,7 +131,7 @@ class LiveCamera:
         return True
 
     def _accept(self, shot: Shot, arrived_ns: int) -> None:
-        """Keeps a good picture, and tells what it shows to be over."""
+        """Keeps a good picture, and reports the troubles that it ends."""
         first_ns = arrived_ns if shot.arrived_ns is None else shot.arrived_ns
         capture_ns, jumped = self._timing.capture_ns(shot, first_ns)
         if jumped:
@@ -163,14 +143,14 @@ class LiveCamera:
                 self._notify("slow", f"gives only {rate}")
             else:
                 self._notify("prompt", f"gives {rate} again")
-        if self._spell.frozen:
+        if self._frozen:
             self._notify("running", "runs again")
-            self._spell.frozen = self._spell.reopened = False
-        self._spell.good += 1
-        if self._spell.damaged and self._spell.good >= WHOLE:
-            told = f"gives whole pictures again, after {self._spell.damaged} damaged ones"
+            self._frozen = self._reopened = False
+        self._good_since += 1
+        if self._damaged and self._good_since >= WHOLE:
+            told = f"gives whole pictures again, after {self._damaged} damaged ones"
             self._notify("whole", told)
-            self._spell.damaged = 0
+            self._damaged = 0
         if self._gone:
             self._notify("back", "is back")
         self._gone, self.present = False, True
@@ -178,50 +158,49 @@ class LiveCamera:
         self._news.notify_all()
 
     def _spoiled(self, reason: str) -> None:
-        """Reports a damaged picture; the listener counts them."""
         self._due_ns = self._clock() + self._silence_ns
         self._miss()
-        self._spell.good = 0
-        self._spell.damaged += 1
+        self._good_since = 0
+        self._damaged += 1
         self._notify("damaged", reason)
 
     def _repeat(self) -> bool:
-        """A picture with the stamp of the one before is no new one; reopening may help."""
+        """Skips a picture whose stamp is that of the one before; reopens the camera once."""
         self._miss()
         if self._timing.repeats < PICTURES:
             return True
-        if not self._spell.frozen:
-            self._spell.frozen = True
+        if not self._frozen:
+            self._frozen = True
             self._notify("frozen", f"froze: the same picture {PICTURES + 1} times")
         return not self._reopen()
 
     def _misfit(self, image: Image) -> bool:
-        """Leaves a picture of a wrong size out; reopening the camera may set it right."""
-        self._spell.misfits += 1
+        """Skips a picture of a wrong size; reopens the camera once."""
+        self._misfits += 1
         self._miss()
-        if self._spell.misfits == 1:
+        if self._misfits == 1:
             self._notify("size", wrong_size(image, (self._size_px[0], self._size_px[1])))
-        return self._spell.misfits < PICTURES or not self._reopen()
+        return self._misfits < PICTURES or not self._reopen()
 
     def _reopen(self) -> bool:
         """Whether the camera is to be reopened: once for each trouble."""
-        if self._spell.reopened:
+        if self._reopened:
             return False
-        self._spell.reopened, self.opened = True, False
+        self._reopened, self.opened = True, False
         return True
 
     def _miss(self) -> None:
-        """Notes that a picture cannot be used: a timestep does not wait for this camera."""
+        """Notes an unusable picture: a timestep does not wait for this camera."""
         self.present = False
         self._timing.skip()
 
     def _fits(self) -> None:
-        if self._spell.misfits:
+        if self._misfits:
             self._notify("fits", "has the size of its calibration again")
-            self._spell.misfits, self._spell.reopened = 0, False
+            self._misfits, self._reopened = 0, False
 
     def _arrive(self, said: list[str]) -> None:
-        """The camera is open; it is back when it gives a picture."""
+        """Notes that the camera is open; it is back when it gives a picture."""
         with self._news:
             for text in said:
                 if text not in self._said:
@@ -229,7 +208,7 @@ class LiveCamera:
             self._said.update(said)
             self._timing.forget()
             self._due_ns, self.opened = self._clock() + self._first_ns, True
-            # Worth waiting for, unless it opened before and gave nothing.
+            # Timesteps wait for it, unless it opened before and gave nothing.
             self.present = not self._gone
 
     def _leave(self, reason: str) -> None:

@@ -1,6 +1,6 @@
 """Live cameras together: their common trigger, and the newest picture of each per timestep.
 
-A camera that disappears is reported, tried again and taken back; the others go on without it.
+A camera that disappears is reported and reopened; the others go on without it.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from vsense.cameras.source import Source
 
 
 class Triggered(Protocol):
-    """A camera that takes a picture when it is told to."""
+    """A camera that takes a picture when it is triggered."""
 
     def trigger(self) -> None:
-        """Has a picture taken now; from any thread. A camera that is not open takes none.
+        """Triggers a picture; from any thread; does nothing while the camera is closed.
 
         Raises:
             GrabberError: It does not answer, or refuses.
@@ -32,19 +32,14 @@ class Triggered(Protocol):
 class SoftwareTrigger:
     """Triggers a set of cameras at a fixed rate, until it is closed.
 
-    Every camera is triggered by a thread of its own, so that none waits for another's answer. One
-    that has not answered yet is left out; its silence is noticed where its pictures are awaited.
+    Each camera has a thread, so that none waits for another's answer. One that has not answered
+    yet is left out; its silence is noticed where its pictures are awaited.
     """
 
     def __init__(
         self, cameras: Mapping[str, Triggered], rate_hz: float, clock: Callable[[], int]
     ) -> None:
-        """Begins at once.
-
-        Args:
-            rate_hz: Pictures per second.
-            clock: The host's monotonic clock [ns].
-        """
+        """Begins at once; `clock` is the host's monotonic clock [ns]."""
         self._cameras = dict(cameras)
         self._period_ns = round(1e9 / rate_hz)
         self._clock = clock
@@ -55,7 +50,7 @@ class SoftwareTrigger:
         self._thread.start()
 
     def close(self) -> None:
-        """Triggers no more; can be called again."""
+        """Ends the trigger; can be called again."""
         self._ended.set()
         self._thread.join()
         self._tellers.shutdown(wait=False, cancel_futures=True)
@@ -68,7 +63,7 @@ class SoftwareTrigger:
                 if asked is None or asked.done():
                     self._asked[id] = self._tellers.submit(_trigger, camera)
             now_ns = self._clock()
-            # After a pause the moments that were missed are not made up for.
+            # Triggers missed during a pause are not made up for.
             next_ns = max(next_ns + self._period_ns, now_ns)
             self._ended.wait((next_ns - now_ns) / 1e9)
 
@@ -77,29 +72,24 @@ def _trigger(camera: Triggered) -> None:
     try:
         camera.trigger()
     except GrabberError:
-        # Its own thread finds it silent, and tells why.
+        # The camera's own thread notices its silence and reports the reason.
         return
 
 
 RETRY_S = 0.5
 PATIENCE_S = 0.05
-"""So long a timestep waits for the other cameras once the first picture is there."""
 MOST_EVENTS = 256
-"""Nobody may listen for long: only the newest are kept."""
+"""Only the newest events are kept while they are not read."""
 JOIN_S = 1.5
-"""Cameras that answer end within this; those that do not are left to themselves."""
+"""Time that `close` waits for the cameras to answer."""
 
 
 class LiveGrabber:
     """A set of cameras that run freely, or are triggered together.
 
-    A timestep is complete when every camera that gives pictures has one that was not given before,
-    or after `patience_s`. The capture time is the camera's own, mapped to the host's clock, or
-    else when the picture arrived.
-
-    Attributes:
-        timesteps: None: unknown.
-        missed: 0: the newest pictures are always given.
+    A timestep is complete when every camera that gives pictures has a new one, or after
+    `patience_s`. The capture time is the camera's own, mapped to the host's clock, or else the
+    arrival.
     """
 
     timesteps: int | None = None
@@ -118,14 +108,11 @@ class LiveGrabber:
     ) -> None:
         """Starts one thread per camera, which opens it and takes pictures.
 
+        Mappings are by the camera's id; `clock` is the host's monotonic clock [ns].
+
         Args:
-            sources: By the camera's id.
-            sizes_px: Width and height that each camera's pictures must have.
-            clock: The host's monotonic clock [ns].
-            rates_hz: Pictures per second that each camera should give, where known.
             together_s: Pictures taken further apart are not of one timestep; None: they may be.
-            trigger: What has them taken; is closed together with this.
-            patience_s: How long a timestep waits for missing cameras.
+            patience_s: How long a timestep waits for missing cameras after the first picture.
             retry_s: Time between attempts to open a camera.
         """
         self._clock = clock
@@ -138,7 +125,10 @@ class LiveGrabber:
         self._events: deque[CameraEvent] = deque(maxlen=MOST_EVENTS)
         rates = rates_hz or {}
         self._cameras = {
-            c: self._camera(c, s, sizes_px[c], rates.get(c), retry_s) for c, s in sources.items()
+            c: LiveCamera(
+                s, sizes_px[c], rates.get(c), self._news, partial(self._notify, c), clock, retry_s
+            )
+            for c, s in sources.items()
         }
         self._threads = [
             threading.Thread(target=camera.run, daemon=True) for camera in self._cameras.values()
@@ -146,23 +136,8 @@ class LiveGrabber:
         for thread in self._threads:
             thread.start()
 
-    def _camera(
-        self,
-        id: str,
-        source: Source,
-        size_px: tuple[int, int],
-        rate_hz: float | None,
-        retry_s: float,
-    ) -> LiveCamera:
-        notify = partial(self._notify, id)
-        return LiveCamera(source, size_px, rate_hz, self._news, notify, self._clock, retry_s)
-
     def next(self, timeout_s: float) -> Sequence[Frame]:
-        """Waits for the newest picture of every camera that delivers.
-
-        Raises:
-            GrabberError: No camera delivered in `timeout_s`.
-        """
+        """See `Grabber.next`."""
         with self._news:
             found = self._news.wait_for(self._any_fresh, timeout_s) and not self._ended.is_set()
             if found:
@@ -176,14 +151,14 @@ class LiveGrabber:
         return frames
 
     def events(self) -> list[CameraEvent]:
-        """Gives what happened since the last call."""
+        """See `Grabber.events`."""
         with self._news:
             events = list(self._events)
             self._events.clear()
         return events
 
     def close(self) -> None:
-        """Ends all threads; one that waits for its camera ends when that answers."""
+        """Ends the trigger and the threads; those that wait for a camera end when it answers."""
         self._ended.set()
         if self._trigger is not None:
             self._trigger.close()
@@ -207,7 +182,7 @@ class LiveGrabber:
         )
 
     def _oldest_ns(self) -> int:
-        """Gives when a picture must have been taken to be one of this timestep."""
+        """Returns the earliest capture time that belongs to this timestep."""
         if self._together_ns is None:
             return 0
         times_ns = [c.newest.capture_ns for c in self._cameras.values() if c.newest is not None]

@@ -1,7 +1,6 @@
-"""This machine's networks: which leads to a camera, how much it carries, what misses it.
+"""This host's networks: which leads to a camera, how much it carries, what cannot be reached.
 
-Cameras that would send more than their network carries are refused beforehand. A camera whose
-address is on none of the networks cannot be reached.
+Cameras that would send more than their network carries are refused beforehand.
 """
 
 from __future__ import annotations
@@ -21,20 +20,14 @@ from vsense.cameras.grabber import GrabberError
 _ADDRESSES, _MASK = 0x8912, 0x891B
 """SIOCGIFCONF and SIOCGIFNETMASK. Source: Linux, include/uapi/linux/sockios.h."""
 _REQUEST = struct.Struct("16s4s4s16x")
-"""struct ifreq with an IPv4 address: the interface's name, family and port, address. Source:
-Linux, include/uapi/linux/if.h."""
+"""struct ifreq: interface, family and port, IPv4 address. Source: Linux, uapi/linux/if.h."""
 _ROOM = 256
 _ANY_PORT = 9
 
 
 @dataclass(frozen=True, slots=True)
 class Network:
-    """An IPv4 address of this host.
-
-    Attributes:
-        name: The interface's name, such as "eth1".
-        address: The host's address there, with the network's prefix.
-    """
+    """An IPv4 address of this host with its prefix, and its interface, such as "eth1"."""
 
     name: str
     address: IPv4Interface
@@ -44,7 +37,7 @@ class Network:
 
 
 def networks() -> list[Network]:
-    """Gives all IPv4 addresses of this host, also where one interface has several."""
+    """Returns all IPv4 addresses of this host, also several of one interface."""
     room = array("B", bytes(_ROOM * _REQUEST.size))
     place, _ = room.buffer_info()
     found = []
@@ -53,10 +46,10 @@ def networks() -> list[Network]:
         (size,) = struct.unpack_from("i", answer)
         for row in _REQUEST.iter_unpack(room.tobytes()[:size]):
             try:
-                # Asked with the address, the kernel tells the mask of just that one.
+                # With the address in the request, the kernel returns the mask of just that one.
                 mask = _REQUEST.unpack(fcntl.ioctl(asked, _MASK, _REQUEST.pack(*row)))[2]
             except OSError:
-                # It was taken away a moment ago.
+                # The address has just been removed.
                 continue
             text = f"{socket.inet_ntoa(row[2])}/{socket.inet_ntoa(mask)}"
             # A further address may have a label: "eth1:2" is an address of eth1.
@@ -66,10 +59,10 @@ def networks() -> list[Network]:
 
 
 def host_address(address: str) -> str | None:
-    """Gives the address that this machine has on the way to another; None: no way leads there."""
+    """Returns this host's address on the way to another; None: no way leads there."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
-            # Of a datagram socket this only chooses the way: nothing is sent.
+            # Connecting a datagram socket chooses the route and sends nothing.
             probe.connect((address, _ANY_PORT))
         except OSError:
             return None
@@ -77,13 +70,13 @@ def host_address(address: str) -> str | None:
 
 
 def interface_of(host: str) -> str | None:
-    """Gives the name of the network interface that has an address of this machine."""
+    """Returns the network interface that has an address of this host."""
     mine = (each.name for each in networks() if each.address.ip == IPv4Address(host))
     return next(mine, None)
 
 
 def speed_bit_s(interface: str, folder: Path = Path("/sys/class/net")) -> float | None:
-    """Gives what an interface carries; None: it does not say, as loopback and Wi-Fi do not."""
+    """Returns what an interface carries; None: unknown, as of loopback and Wi-Fi."""
     try:
         mbit_s = float((folder / interface / "speed").read_text())
     except (OSError, ValueError):
@@ -92,7 +85,7 @@ def speed_bit_s(interface: str, folder: Path = Path("/sys/class/net")) -> float 
 
 
 USUAL_PACKET = 1500
-"""Bytes of a packet with its IP header where nothing larger was agreed: Ethernet's own limit."""
+"""Bytes of a packet with its IP header: Ethernet's limit without jumbo frames."""
 
 _HEADERS = 20 + 8 + 8
 """IP, UDP and GVSP. Source: GigE Vision 2.0, GVSP data block packets."""
@@ -102,19 +95,12 @@ _LEADER_AND_TRAILER = 2
 
 
 class BandwidthError(GrabberError):
-    """More pictures than a network carries."""
+    """The cameras would send more than their network carries."""
 
 
 @dataclass(frozen=True, slots=True)
 class Stream:
-    """What a camera sends.
-
-    Attributes:
-        size_px: Width and height.
-        rate_hz: Pictures per second.
-        packet_size: Bytes of a packet with its IP header.
-        bits_per_px: Of its pixel format.
-    """
+    """What a camera sends; `packet_size` is in bytes, with the IP header."""
 
     size_px: tuple[int, int]
     rate_hz: float
@@ -123,14 +109,14 @@ class Stream:
 
     @property
     def bit_s(self) -> float:
-        """What it takes of the link [bit/s], with everything around the pixels."""
+        """Load of the link [bit/s], headers included."""
         picture = self.size_px[0] * self.size_px[1] * self.bits_per_px // 8
         packets = -(-picture // (self.packet_size - _HEADERS)) + _LEADER_AND_TRAILER
         return 8.0 * self.rate_hz * (picture + packets * (_HEADERS + _ETHERNET))
 
 
 class NetworkLoad:
-    """Who sends how much over which network; for any thread."""
+    """What each camera sends over which network; for any thread."""
 
     def __init__(
         self,
@@ -139,9 +125,8 @@ class NetworkLoad:
     ) -> None:
         """Begins without any camera.
 
-        Args:
-            way: Gives the network interface that leads to an address.
-            speed: Gives what an interface carries [bit/s]; None: unknown.
+        `way` returns the network interface that leads to an address, `speed` what it carries
+        [bit/s].
         """
         self._way = way
         self._speed = speed
@@ -149,12 +134,7 @@ class NetworkLoad:
         self._streams: dict[str, tuple[str | None, Stream]] = {}
 
     def claim(self, camera: str, address: str, stream: Stream) -> None:
-        """Notes what a camera sends from now on, instead of what was noted of it before.
-
-        Args:
-            camera: Its name.
-            address: Its IPv4 address.
-            stream: What it sends.
+        """Notes what the camera at an IPv4 address sends from now on; replaces its earlier note.
 
         Raises:
             BandwidthError: The network does not carry that beside the others; nothing is noted.
@@ -191,14 +171,10 @@ _LINK_LOCAL = IPv4Network("169.254.0.0/16")
 
 
 def stranded(address: str, known: Sequence[Network]) -> str:
-    """Says what to do where a camera's address is on none of this host's networks.
-
-    Args:
-        address: the camera's IPv4 address; "" has no trouble.
-        known: from `vsense.cameras.networks.networks`.
+    """Explains a camera's IPv4 address that is on none of the `known` networks of this host.
 
     Returns:
-        A sentence without the camera's name, or "".
+        A sentence without the camera's name; "" where the address is empty or reachable.
     """
     if not address or any(IPv4Address(address) in each.address.network for each in known):
         return ""

@@ -17,9 +17,9 @@ _SILENT = 0
 """OpenCV's level for no messages at all."""
 
 _SETTINGS = {
-    # FFmpeg says on the terminal what ails every single packet; -8 is its level for silence.
+    # FFmpeg's level for silence; it prints a line about every damaged packet otherwise.
     "OPENCV_FFMPEG_LOGLEVEL": "-8",
-    # A V4L2 camera that says nothing for this long [s] has ended; by default ten.
+    # Silence after which a V4L2 camera has ended [s]; ten by default.
     "OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT": "3",
 }
 """OpenCV reads these once, when it first opens a camera. Source: OpenCV, the sources of videoio."""
@@ -28,8 +28,8 @@ _SETTINGS = {
 def teach_opencv() -> None:
     """Keeps OpenCV and FFmpeg off the terminal: what matters is an event of the camera.
 
-    What the user has set in the environment stays. libjpeg writes a line about each damaged
-    picture all the same: nothing in OpenCV keeps it from that.
+    The user's own settings in the environment stay. OpenCV cannot stop libjpeg from writing a line
+    about each damaged picture.
     """
     for name, value in _SETTINGS.items():
         os.environ.setdefault(name, value)
@@ -40,10 +40,10 @@ def teach_opencv() -> None:
 
 OPEN_TIMEOUT_MS = 2000
 READ_TIMEOUT_MS = 3000
-"""A stream that says nothing for this long has ended."""
+"""Silence after which a stream has ended."""
 BUFFERS = 2
-"""One is filled while the other is read. With one alone every second picture of a camera that
-sends without pause is lost; with more, a reader that was late gets old ones."""
+"""One is filled while the other is read. With one, every second picture of a camera that sends
+without pause is lost; with more, a late reader gets old ones."""
 
 _AUTOMATIC_EXPOSURE = (0, 3)
 _MANUAL_EXPOSURE = 1
@@ -59,11 +59,8 @@ _PACKETS = -1
 class Controls:
     """What a camera is asked for; None leaves its own choice.
 
-    Attributes:
-        size_px: Width and height.
-        rate_hz: Pictures per second.
-        exposure_us: Exposure time; switches automatic exposure off.
-        gain_raw: Gain in the camera's own unit.
+    `size_px` is (width, height); `exposure_us` switches automatic exposure off; `gain_raw` has the
+    camera's own unit.
     """
 
     size_px: tuple[int, int] | None = None
@@ -74,25 +71,20 @@ class Controls:
 
 @dataclass(frozen=True, slots=True)
 class _Setting:
-    """One wanted value.
-
-    Attributes:
-        name: As the user wrote it.
-        wanted: In the user's unit.
-        key: OpenCV's property.
-        unit: The property's unit in the user's.
-        control: Whether a camera may be without it; sizes and rates they all have.
-    """
+    """A wanted value: its name and value as the user wrote them, and OpenCV's property."""
 
     name: str
     wanted: float
     key: int
-    unit: float = 1.0
-    control: bool = False
+
+    @property
+    def unit(self) -> float:
+        """The property's unit in the user's."""
+        return EXPOSURE_UNIT_US if self.key == cv2.CAP_PROP_EXPOSURE else 1.0
 
     @property
     def value(self) -> float:
-        """For OpenCV: a number of whole units, where they are not the user's."""
+        """The value for OpenCV: a whole number of units where they are not the user's."""
         return self.wanted if self.unit == 1.0 else max(1.0, round(self.wanted / self.unit))
 
 
@@ -100,11 +92,7 @@ class DeviceSource:
     """A camera behind OpenCV; belongs to one thread."""
 
     def __init__(self, device: str, controls: Controls) -> None:
-        """Notes what to open.
-
-        Args:
-            device: "/dev/video0", a number such as "0", or a URL.
-        """
+        """Notes the device: "/dev/video0", a number such as "0", or a URL."""
         self._device = f"/dev/video{device}" if device.isdecimal() else device
         self._is_v4l2 = self._device.startswith("/dev/")
         self._in_packets = False
@@ -112,11 +100,7 @@ class DeviceSource:
         self._capture: cv2.VideoCapture | None = None
 
     def open(self) -> list[str]:
-        """Opens the camera and sets its controls; see `vsense.cameras.source.Source.open`.
-
-        Raises:
-            GrabberError: It does not open.
-        """
+        """See `Source.open`."""
         self.close()
         capture = self._opened()
         if not capture.isOpened():
@@ -128,12 +112,7 @@ class DeviceSource:
             raise GrabberError(f"{self._device} does not open: {error.err}") from None
 
     def read(self) -> Shot:
-        """Waits for the next picture.
-
-        Raises:
-            PictureError: The picture cannot be used; the next one may be good.
-            GrabberError: The camera is gone.
-        """
+        """See `Source.read`."""
         if self._capture is None:
             raise GrabberError(f"{self._device} is not open")
         try:
@@ -153,13 +132,13 @@ class DeviceSource:
         return Shot(to_grey(image), self._stamp_ns(self._capture))
 
     def close(self) -> None:
-        """Lets the camera go; can be called again."""
+        """See `Source.close`."""
         if self._capture is not None:
             self._capture.release()
             self._capture = None
 
     def _opened(self) -> cv2.VideoCapture:
-        """Opens with the backend that fits: V4L2 for a device, time limits for a stream."""
+        """Opens with the fitting backend: V4L2 for a device, time limits for a stream."""
         if self._is_v4l2:
             return cv2.VideoCapture(self._device, cv2.CAP_V4L2)
         limits = [
@@ -170,33 +149,33 @@ class DeviceSource:
         ]
         capture = cv2.VideoCapture(self._device, cv2.CAP_FFMPEG, limits)
         if capture.isOpened() or "://" in self._device:
-            # Whatever else OpenCV would try with a URL has no time limit.
+            # OpenCV's other backends have no time limit for a URL.
             return capture
         return cv2.VideoCapture(self._device)
 
     def _set_up(self, capture: cv2.VideoCapture) -> list[str]:
-        """Sets what is wanted, reads all of it back, and says what is different."""
+        """Sets what is wanted, reads it back, and returns the differences."""
         if self._is_v4l2:
             capture.set(cv2.CAP_PROP_BUFFERSIZE, BUFFERS)
             if self._controls.exposure_us is not None:
                 capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, _MANUAL_EXPOSURE)
-        # One by one in this order, and read back after the last: a rate depends on the size, and
-        # an exposure time on the rate.
+        # Read back after the last: a rate depends on the size, and an exposure time on the rate.
         settings = self._settings()
         taken = [capture.set(each.key, each.value) for each in settings]
         told = [self._compare(capture, each, took) for each, took in zip(settings, taken)]
-        # A JPEG that was cut off or has another size is mended and stretched in silence by FFmpeg;
-        # by itself it is decoded here, and told.
+        # FFmpeg mends and stretches damaged JPEGs silently, so packets are decoded here.
         packed = not self._is_v4l2 and int(capture.get(cv2.CAP_PROP_FOURCC)) == _MJPEG
         self._in_packets = packed and bool(capture.set(cv2.CAP_PROP_FORMAT, _PACKETS))
         return [text for text in told if text is not None]
 
     def _compare(self, capture: cv2.VideoCapture, each: _Setting, took: bool) -> str | None:
-        """Says what became of one setting, None where it is as wanted."""
+        """Describes how a setting differs from what is wanted; None: it does not."""
         got = capture.get(each.key) * each.unit
         known = math.isfinite(got) and (got > 0.0 or (got == 0.0 and self._is_v4l2))
         if not known:
-            missing = each.control and self._is_v4l2 and not took
+            # Every camera has sizes and rates.
+            control = each.key in (cv2.CAP_PROP_EXPOSURE, cv2.CAP_PROP_GAIN)
+            missing = control and self._is_v4l2 and not took
             return absent(each.name) if missing else refused(each.name, each.wanted, None)
         text = said(each.name, each.wanted, got)
         if each.key == cv2.CAP_PROP_EXPOSURE and self._is_v4l2:
@@ -204,35 +183,29 @@ class DeviceSource:
             return refused(each.name, each.wanted, "automatic exposure") if automatic else text
         if text is None or took:
             return text
-        # What FFmpeg has for a stream's rate is often a guess.
+        # FFmpeg often guesses a stream's rate.
         guess = each.key == cv2.CAP_PROP_FPS and not self._is_v4l2
         return refused(each.name, each.wanted, None if guess else got)
 
     def _settings(self) -> list[_Setting]:
         """The wanted controls, in the order in which they are set."""
         wanted = self._controls
-        settings = []
-        if wanted.size_px is not None:
-            width, height = wanted.size_px
-            settings.append(_Setting("width", width, cv2.CAP_PROP_FRAME_WIDTH))
-            settings.append(_Setting("height", height, cv2.CAP_PROP_FRAME_HEIGHT))
-        if wanted.rate_hz is not None:
-            settings.append(_Setting("frame_rate", wanted.rate_hz, cv2.CAP_PROP_FPS))
-        if wanted.exposure_us is not None:
-            exposure = "exposure_time_abs", wanted.exposure_us, cv2.CAP_PROP_EXPOSURE
-            settings.append(_Setting(*exposure, EXPOSURE_UNIT_US, control=True))
-        if wanted.gain_raw is not None:
-            gain = "gain_raw", wanted.gain_raw, cv2.CAP_PROP_GAIN
-            settings.append(_Setting(*gain, control=True))
-        return settings
+        width, height = wanted.size_px or (None, None)
+        rows: tuple[tuple[str, float | None, int], ...] = (
+            ("width", width, cv2.CAP_PROP_FRAME_WIDTH),
+            ("height", height, cv2.CAP_PROP_FRAME_HEIGHT),
+            ("frame_rate", wanted.rate_hz, cv2.CAP_PROP_FPS),
+            ("exposure_time_abs", wanted.exposure_us, cv2.CAP_PROP_EXPOSURE),
+            ("gain_raw", wanted.gain_raw, cv2.CAP_PROP_GAIN),
+        )
+        return [_Setting(name, value, key) for name, value, key in rows if value is not None]
 
     def _stamp_ns(self, capture: cv2.VideoCapture) -> int | None:
-        """When the kernel got the picture that was read last, by its own clock; None: unknown.
+        """Returns when the kernel got the last picture, by its own clock; None: unknown.
 
-        Only V4L2 has that: its position in the "film" is the buffer's stamp, to the microsecond.
-        Of a stream it is the presentation time. For JPEGs over HTTP, which have none, FFmpeg
-        counts pictures at 25 Hz whenever they came, or gives nothing at all: no clock.
-        Source: OpenCV 4.11 and 5.0, CAP_PROP_POS_MSEC of its backends.
+        With V4L2 the position in the "film" is the buffer's stamp, to the microsecond. With a
+        stream it is the presentation time; JPEGs over HTTP have none, and FFmpeg counts them at 25
+        Hz or gives nothing. Source: OpenCV 4.11 and 5.0, CAP_PROP_POS_MSEC of its backends.
         """
         if not self._is_v4l2:
             return None
@@ -243,11 +216,7 @@ class DeviceSource:
 
 
 def _unpack(packet: bytes) -> Image:
-    """Decodes a packet of a stream of JPEGs.
-
-    Raises:
-        PictureError: it is none, or a damaged one.
-    """
+    """Decodes a packet of a stream of JPEGs; raises PictureError where it is not a good one."""
     if not is_jpeg(packet):
         raise PictureError("a picture is no JPEG, in a stream of JPEGs")
     return decode(packet, "a picture")

@@ -1,4 +1,4 @@
-"""Recordings that are handed out at the pace in which they were taken."""
+"""Recordings at the pace in which they were taken."""
 
 from __future__ import annotations
 
@@ -12,14 +12,10 @@ from vsense.cameras.recorded_grabber import PATIENCE_S, RecordedGrabber
 
 
 class PacedGrabber:
-    """Hands a recording out at the pace in which it was taken, as if it were happening now.
-
-    Attributes:
-        timesteps: How many there are.
-    """
+    """Gives the timesteps of a recording as if they happened now, from the first `next` on."""
 
     def __init__(self, recorded: RecordedGrabber, clock: Callable[[], int]) -> None:
-        """Starts at the first `next`; `clock` is the host's monotonic clock [ns]."""
+        """Takes the recording and the host's monotonic clock [ns]."""
         self._recorded = recorded
         self._clock = clock
         self._shift_ns: int | None = None
@@ -28,16 +24,11 @@ class PacedGrabber:
 
     @property
     def missed(self) -> int:
-        """Timesteps left out because a later one was due already."""
+        """See `Grabber.missed`."""
         return self._recorded.missed
 
     def next(self, timeout_s: float = PATIENCE_S) -> Sequence[Frame]:
-        """Waits until the next timestep is due.
-
-        Raises:
-            NoMorePictures: There is none.
-            GrabberError: None was due in `timeout_s`.
-        """
+        """Waits until the next timestep is due; see `Grabber.next`."""
         due_ns = self._recorded.due_ns()
         if due_ns is None:
             return self._recorded.next(timeout_s)
@@ -49,17 +40,14 @@ class PacedGrabber:
             raise GrabberError(f"no picture of the recording was due in {timeout_s:g} s")
         if wait_s > 0.0:
             self._ended.wait(wait_s)
-        self._leave_out_late(self._shift_ns)
-        return self._recorded.next(timeout_s)
-
-    def _leave_out_late(self, shift_ns: int) -> None:
-        """Leaves out timesteps after which another one is due already."""
-        now_ns = self._clock() - shift_ns
+        # Timesteps after which another one is due already are left out.
+        now_ns = self._clock() - self._shift_ns
         while (after_ns := self._recorded.due_ns(1)) is not None and after_ns <= now_ns:
             self._recorded.skip()
+        return self._recorded.next(timeout_s)
 
     def events(self) -> list[CameraEvent]:
-        """Gives what happened since the last call."""
+        """See `Grabber.events`."""
         return self._recorded.events()
 
     def close(self) -> None:
@@ -69,22 +57,17 @@ class PacedGrabber:
 
 
 class HeldPlayer:
-    """Hands a recording out: its first pictures until `play`, then all at their own pace.
+    """Repeats a recording's first pictures until `play`, then gives all at their own pace.
 
-    Attributes:
-        timesteps: how many there are.
-        held: whether the pictures given last were the first ones, not played yet.
+    `held` is whether the pictures given last were the first ones, not played yet.
     """
 
     def __init__(
         self, recorded: RecordedGrabber, period_s: float, clock: Callable[[], int]
     ) -> None:
-        """Stands still at the first pictures.
+        """Begins with the first pictures of a recording that is this player's alone.
 
-        Args:
-            recorded: the recording; it is this player's alone.
-            period_s: time between two looks at the first pictures.
-            clock: the host's monotonic clock [ns].
+        They are given every `period_s`; `clock` is the host's monotonic clock [ns].
         """
         self.timesteps = recorded.timesteps
         self.held = True
@@ -99,7 +82,7 @@ class HeldPlayer:
 
     @property
     def missed(self) -> int:
-        """Timesteps left out because a later one was due already."""
+        """See `Grabber.missed`."""
         return self._recorded.missed
 
     def play(self) -> None:
@@ -107,12 +90,7 @@ class HeldPlayer:
         self._started.set()
 
     def next(self, timeout_s: float) -> Sequence[Frame]:
-        """Waits until the next pictures are due; they are dated as if taken now.
-
-        Raises:
-            NoMorePictures: the recording has come to its end.
-            GrabberError: none was due in `timeout_s`.
-        """
+        """Waits until the next pictures are due, dated as if taken now; see `Grabber.next`."""
         if not self._first:
             self._first = self._recorded.next(timeout_s)
         elif self._started.wait(min(self._period_s, timeout_s)):
@@ -120,7 +98,7 @@ class HeldPlayer:
         return self._dated(self._first, anew=True)
 
     def events(self) -> list[CameraEvent]:
-        """Gives what happened since the last call."""
+        """See `Grabber.events`."""
         return self._recorded.events()
 
     def close(self) -> None:

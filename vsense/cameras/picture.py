@@ -1,4 +1,4 @@
-"""From whatever a file or a camera gives to a grey picture, or to one clear reason why not."""
+"""Turns what a file or a camera gives into a grey picture, or into one clear reason why not."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from vsense.cameras.grabber import GrabberError
 Image = NDArray[np.uint8]
 
 MOST_PIXELS = 50_000_000
-"""More than any camera has that looks at an arena, and so few that a picture takes megabytes."""
+"""More than any camera above an arena has; a picture then takes megabytes at most."""
 
 _PNG = b"\x89PNG\r\n\x1a\n"
 _JPEG = b"\xff\xd8"
 _JPEG_END = b"\xff\xd9"
 _BARE = (0x01, *range(0xD0, 0xD9))
-"""JPEG markers that nothing belongs to. Source: ITU-T T.81, table B.1."""
+"""JPEG markers without a segment. Source: ITU-T T.81, table B.1."""
 _FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 """JPEG markers that begin a picture, with its size. Source: ITU-T T.81, table B.1."""
 
@@ -30,16 +30,9 @@ class PictureError(GrabberError):
 
 
 def to_grey(image: NDArray[Any]) -> Image:
-    """Gives the grey picture of what OpenCV has read.
+    """Returns the (h, w) uint8 grey picture of an OpenCV image, uint8 or uint16.
 
-    Args:
-        image: (h, w) or (h, w, 1) grey, (h, w, 3) BGR or (h, w, 4) BGRA; uint8 or uint16.
-
-    Returns:
-        (h, w) uint8.
-
-    Raises:
-        PictureError: it is no such picture.
+    It is (h, w) or (h, w, 1) grey, (h, w, 3) BGR or (h, w, 4) BGRA; raises PictureError otherwise.
     """
     if image.dtype == np.uint16:
         image = (image >> 8).astype(np.uint8)
@@ -55,14 +48,7 @@ def to_grey(image: NDArray[Any]) -> Image:
 
 
 def read_picture(path: Path) -> Image:
-    """Reads a picture file as grey.
-
-    Returns:
-        (h, w) uint8.
-
-    Raises:
-        PictureError: it cannot be read, is cut off, or is no picture.
-    """
+    """Reads a picture file as grey, (h, w) uint8; raises PictureError if it is unusable."""
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -71,23 +57,17 @@ def read_picture(path: Path) -> Image:
 
 
 def decode(data: bytes, name: str, most_pixels: int = MOST_PIXELS) -> Image:
-    """Decodes a picture file's bytes.
+    """Decodes all bytes of a picture file, called `name` in messages, to (h, w) uint8.
 
-    Args:
-        data: All of them.
-        name: What to call it in messages.
-        most_pixels: A PNG or JPEG that claims to be larger is refused before any memory is spent
-            on it: four damaged bytes can ask for 2 GB. Other formats have OpenCV's limit of 2^30.
-
-    Returns:
-        (h, w) uint8.
+    A PNG or JPEG that claims more than `most_pixels` is refused before memory is spent on it: four
+    damaged bytes can ask for 2 GB. Other formats have OpenCV's limit of 2^30.
 
     Raises:
-        PictureError: it is cut off, too large, or is no picture; the message begins with `name`.
+        PictureError: It is cut off, too large, or is no picture; the message begins with `name`.
     """
     if not data:
         raise PictureError(f"{name} is empty")
-    # Some versions of OpenCV fill the missing part of a picture with grey and say nothing.
+    # Some versions of OpenCV silently fill the missing part of a picture with grey.
     if not _is_whole(data):
         raise PictureError(f"{name} is cut off after {len(data)} bytes")
     width, height = _claimed_size(data)
@@ -104,12 +84,12 @@ def decode(data: bytes, name: str, most_pixels: int = MOST_PIXELS) -> Image:
 
 
 def is_jpeg(data: bytes) -> bool:
-    """Whether this begins like a JPEG."""
+    """Whether the data begins like a JPEG."""
     return data.startswith(_JPEG)
 
 
 def _claimed_size(data: bytes) -> tuple[int, int]:
-    """Width and height as the header of a PNG or JPEG has them; zeros where it has none."""
+    """Width and height in the header of a PNG or JPEG; zeros where there is none."""
     if data.startswith(_PNG) and data[12:16] == b"IHDR":
         return _number(data, 16, 4), _number(data, 20, 4)
     if not is_jpeg(data):
@@ -133,12 +113,12 @@ def _number(data: bytes, place: int, length: int) -> int:
 
 
 def _is_whole(data: bytes) -> bool:
-    """Whether a PNG or JPEG has its end; other formats are taken as they are.
+    """Whether a PNG or JPEG is complete; other formats are not checked.
 
-    A little may come behind it: cameras on the network send line ends along, others fill up.
+    A little may follow its end: network cameras append line ends, others fill up.
     """
     if data.startswith(_PNG):
-        # From chunk to chunk: OpenCV takes memory for all that a chunk says it holds, up to 2 GB.
+        # Chunk by chunk: OpenCV allocates what a chunk claims to hold, up to 2 GB.
         place = len(_PNG)
         while place + 12 <= len(data):
             name, place = data[place + 4 : place + 8], place + 12 + _number(data, place, 4)

@@ -1,4 +1,4 @@
-"""Recordings of several cameras, put together timestep by timestep and read ahead."""
+"""Recordings of several cameras, combined by timestep and read ahead."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from vsense.cameras.picture import Image, PictureError
 from vsense.cameras.recordings import CaptureTime
 
 AHEAD = 2
-"""Timesteps that are read while the one before them is processed."""
+"""Timesteps that are read ahead."""
 READERS = 2
 
 PATIENCE_S = 60.0
-"""So long a caller waits for a picture that is being read, unless it says otherwise."""
+"""Default time to wait for a picture that is being read."""
 
 
 class CameraRecording(Protocol):
@@ -31,24 +31,18 @@ class CameraRecording(Protocol):
     taken: Sequence[CaptureTime]
 
     def read(self, place: int) -> Image:
-        """Reads the picture of a place in `taken`, (h, w) uint8.
-
-        Raises:
-            PictureError: It cannot be used.
-        """
+        """Reads the picture of a place in `taken`, (h, w) uint8; may raise PictureError."""
 
     def close(self) -> None:
-        """Lets the files go; can be called again."""
+        """Closes the files; can be called again."""
 
 
 @dataclass(frozen=True, slots=True)
 class RecordedTimestep:
     """One timestep of a recording.
 
-    Attributes:
-        timestep: Its number.
-        places: Where in each camera's recording its picture is; some may have none.
-        capture_ns: The earliest capture time among them.
+    `places` are the places of the pictures in the recordings of the cameras that have one;
+    `capture_ns` is their earliest capture time.
     """
 
     timestep: int
@@ -57,10 +51,10 @@ class RecordedTimestep:
 
 
 def moments(taken: Mapping[str, Sequence[CaptureTime]]) -> list[RecordedTimestep]:
-    """Puts the pictures of several cameras together.
+    """Groups the pictures of several cameras into timesteps.
 
-    Pictures belong together by their timestep where every picture has one, otherwise by their
-    times: those less than half a period after the first of them.
+    Where every picture has a timestep, that is the group; otherwise pictures less than half a
+    period after the first of a group belong to it.
     """
     everything = [t.timestep for times in taken.values() for t in times]
     by_timestep = all(timestep is not None for timestep in everything)
@@ -99,14 +93,10 @@ def _by_time(taken: Mapping[str, Sequence[CaptureTime]]) -> list[RecordedTimeste
 
 
 class RecordedGrabber:
-    """A camera set that was recorded, as fast as it is asked for.
+    """A recorded set of cameras, as fast as it is asked for.
 
-    The pictures of the next timesteps are read while the caller works on the last ones. What
-    cannot be read is left out, and told in `events`.
-
-    Attributes:
-        timesteps: How many there are.
-        missed: Timesteps that `skip` has left out.
+    The next timesteps are read while the caller works on the last ones. Unreadable pictures are
+    left out and reported in `events`. `missed` counts what `skip` has left out.
     """
 
     def __init__(
@@ -116,13 +106,10 @@ class RecordedGrabber:
         clock: Callable[[], int],
         readers: int = READERS,
     ) -> None:
-        """Puts the timesteps together and begins to read.
+        """Groups the timesteps and begins to read.
 
-        Args:
-            recordings: By the camera's id.
-            sizes_px: Width and height that each camera's pictures must have.
-            clock: The host's monotonic clock [ns], for when a picture was in memory.
-            readers: Threads that read; each reads its own cameras in order.
+        Mappings are by the camera's id; the host's monotonic `clock` [ns] says when a picture was
+        in memory. Each of `readers` threads reads its own cameras in order.
         """
         self._recordings = dict(recordings)
         self._sizes_px = sizes_px
@@ -139,12 +126,7 @@ class RecordedGrabber:
         self._lock = threading.Lock()
 
     def next(self, timeout_s: float = PATIENCE_S) -> Sequence[Frame]:
-        """Gives the next timestep of which there is a picture.
-
-        Raises:
-            NoMorePictures: There is none.
-            GrabberError: It could not be read in `timeout_s`.
-        """
+        """See `Grabber.next`; timesteps without any picture are left out."""
         while True:
             self._read_ahead()
             if not self._coming:
@@ -160,16 +142,12 @@ class RecordedGrabber:
                 return frames
 
     def due_ns(self, after: int = 0) -> int | None:
-        """Gives the capture time of what `next` will give, or of one up to `AHEAD` after it.
-
-        Returns:
-            The time [ns], or None where the recording ends before.
-        """
+        """Capture time [ns] of the next timestep, or of one up to `AHEAD` later; None: no such."""
         self._read_ahead()
         return self._coming[after][0].capture_ns if after < len(self._coming) else None
 
     def skip(self) -> None:
-        """Leaves out what `next` would have given, unread where nobody has begun to."""
+        """Leaves out the next timestep; pictures whose reading has not begun stay unread."""
         self._read_ahead()
         if self._coming:
             for part in self._coming.popleft()[1]:
@@ -177,7 +155,7 @@ class RecordedGrabber:
             self.missed += 1
 
     def events(self) -> list[CameraEvent]:
-        """Gives what happened since the last call."""
+        """See `Grabber.events`."""
         with self._lock:
             events, self._events = self._events, []
         return events
@@ -227,6 +205,6 @@ class RecordedGrabber:
 
 
 def wrong_size(image: Image, size_px: tuple[int, int]) -> str:
-    """Says that a picture does not have the size of its camera's calibration."""
+    """Error text for a picture whose size is not that of its calibration."""
     height, width = image.shape
     return f"a picture of {width} x {height} px, its calibration is for {size_px[0]} x {size_px[1]}"

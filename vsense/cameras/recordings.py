@@ -1,9 +1,9 @@
 """One camera's recorded pictures, a directory or a video, and when they were taken.
 
-The times come from a table, from the pictures' numbers, or at a rate. A table of timestamps is a
-CSV file with a header. Columns: `picture` (file name; a video's pictures come in order and need
-none), `timestep` (optional: the trigger's number, the same for all cameras), and one of
-`capture_ns` (whole number) and `capture_s` (decimal).
+The times come from a table, from the pictures' numbers, or from a rate. A table of timestamps is a
+CSV file with a header. Columns: `picture` (file name; not needed for a video), `timestep`
+(optional: the trigger's number, the same for all cameras), and one of `capture_ns` (whole number)
+and `capture_s` (decimal).
 """
 
 from __future__ import annotations
@@ -31,12 +31,9 @@ _INTEGER = re.compile(r"[0-9]{1,18}")
 
 @dataclass(frozen=True, slots=True)
 class CaptureTime:
-    """When one picture was taken.
+    """When a picture of some file name ("" in a video) was taken: the middle of the exposure.
 
-    Attributes:
-        picture: Its file name, or "" in a video.
-        timestep: The trigger's number, or None where it is not known.
-        capture_ns: Middle of the exposure.
+    `timestep` is the trigger's number; None: unknown.
     """
 
     picture: str
@@ -45,10 +42,10 @@ class CaptureTime:
 
 
 def at_rate(pictures: Sequence[str], start_ns: int, rate_hz: float) -> list[CaptureTime]:
-    """Gives times to pictures that came at a steady rate.
+    """Assigns times to pictures that came at a steady rate.
 
-    Where the last number in the names counts them, it is the timestep, so that a missing
-    picture leaves a gap. Otherwise each is one step after the one before it.
+    Where the last number in the names counts them, it is the timestep, so that a missing picture
+    leaves a gap. Otherwise each is one step after the one before it.
     """
     numbers = _numbers(pictures)
     steps = range(len(pictures)) if numbers is None else [n - numbers[0] for n in numbers]
@@ -63,7 +60,7 @@ def at_rate(pictures: Sequence[str], start_ns: int, rate_hz: float) -> list[Capt
 
 
 def _numbers(pictures: Sequence[str]) -> list[int] | None:
-    """Gives the numbers in the names where they count: rising, and without wide gaps."""
+    """The last numbers in the names where they count: rising, and without wide gaps."""
     found = [_LAST_NUMBER.search(Path(name).stem) for name in pictures]
     numbers = [int(match[1]) for match in found if match is not None]
     if len(numbers) != len(pictures) or not numbers:
@@ -74,14 +71,7 @@ def _numbers(pictures: Sequence[str]) -> list[int] | None:
 
 
 def read_timestamps(path: Path, named: bool) -> list[CaptureTime]:
-    """Reads a table of timestamps.
-
-    Args:
-        named: Whether every row must name its picture.
-
-    Raises:
-        ConfigError: It cannot be used; the error names file, line, value and expectation.
-    """
+    """Reads a table of timestamps; if `named`, rows must name pictures. Raises ConfigError."""
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except OSError as error:
@@ -124,9 +114,8 @@ def _row(path: Path, line: int, header: list[str], cells: list[str]) -> CaptureT
     if len(cells) != len(header):
         raise ConfigError(str(path), line, f"has {len(cells)} values, expected {len(header)}")
     values = dict(zip(header, (cell.strip() for cell in cells)))
-    timestep = None
-    if "timestep" in values:
-        timestep = _whole(path, line, "timestep", values["timestep"])
+    stamped = "timestep" in values
+    timestep = _whole(path, line, "timestep", values["timestep"]) if stamped else None
     if "capture_ns" in values:
         capture_ns = _whole(path, line, "capture_ns", values["capture_ns"])
     else:
@@ -161,11 +150,7 @@ _DIGITS = re.compile(r"([0-9]+)")
 
 
 class DirectoryRecording:
-    """The pictures of a directory, in the order of their timestamps or else of their names.
-
-    Attributes:
-        taken: When each was taken.
-    """
+    """The pictures of a directory, in the order of their timestamps or else of their names."""
 
     def __init__(
         self,
@@ -174,13 +159,10 @@ class DirectoryRecording:
         start_ns: int = 0,
         rate_hz: float | None = None,
     ) -> None:
-        """Looks which pictures there are; reads none of them.
+        """Lists the pictures of a folder; reads none of them.
 
-        Args:
-            folder: Where the pictures are.
-            timestamps: Table of when they were taken; see `read_timestamps`.
-            start_ns: Without a table: when the first was taken.
-            rate_hz: Without a table: pictures per second, by default `DEFAULT_RATE_HZ`.
+        Without a table of timestamps (see `read_timestamps`), the first was taken at `start_ns`
+        and the others at `rate_hz`, by default `DEFAULT_RATE_HZ`.
 
         Raises:
             GrabberError: There is no picture.
@@ -196,19 +178,15 @@ class DirectoryRecording:
             raise GrabberError(f"{folder}: holds no pictures, expected {', '.join(SUFFIXES)}")
 
     def read(self, place: int) -> Image:
-        """Reads a picture; places count from 0.
-
-        Raises:
-            PictureError: It cannot be used.
-        """
+        """See `CameraRecording.read`."""
         return read_picture(self._folder / self.taken[place].picture)
 
     def close(self) -> None:
-        """Has nothing to let go of."""
+        """Does nothing."""
 
 
 def natural_order(name: str) -> tuple[object, ...]:
-    """Sorts names as people do: "a2" before "a10"."""
+    """Sort key of names in which "a2" comes before "a10"."""
     parts = _DIGITS.split(name.lower())
     return tuple((int(p), "") if p.isdecimal() else (-1, p) for p in parts), name
 
@@ -222,15 +200,11 @@ def _pictures(folder: Path) -> list[str]:
 
 
 _MOST_PICTURES = 2_000_000
-"""More than a day at 20 per second; a damaged header may claim any number."""
+"""More than a day at 20 per second; a damaged header can claim any number."""
 
 
 class VideoRecording:
-    """The pictures of a video file.
-
-    Attributes:
-        taken: When each was taken.
-    """
+    """The pictures of a video file."""
 
     def __init__(
         self,
@@ -239,12 +213,7 @@ class VideoRecording:
         start_ns: int = 0,
         rate_hz: float | None = None,
     ) -> None:
-        """Opens the file.
-
-        Args:
-            timestamps: Table of when its pictures were taken, in order; see `read_timestamps`.
-            start_ns: Without a table: when the first was taken.
-            rate_hz: Without a table: pictures per second, by default what the video says.
+        """Opens the file; arguments are as in `DirectoryRecording`, the default rate is its own.
 
         Raises:
             GrabberError: It is no video that OpenCV opens, or holds no pictures.
@@ -266,11 +235,7 @@ class VideoRecording:
             raise GrabberError(f"{path}: holds no pictures")
 
     def read(self, place: int) -> Image:
-        """Reads a picture; places count from 0 and are fast in rising order.
-
-        Raises:
-            PictureError: The video ends before it, or it cannot be decoded.
-        """
+        """See `CameraRecording.read`; rising order is fast."""
         if place < self._next:
             self._video.release()
             self._video = cv2.VideoCapture(str(self._path))

@@ -1,4 +1,4 @@
-"""The seam of every kind of live camera, and the words for what it made of a setting."""
+"""The interface of every kind of live camera, and messages about its settings."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ Bounds = tuple[float, float]
 """The smallest and the largest value that a camera takes."""
 
 SILENCE_S = 0.4
-"""A camera that says nothing for this long, and for three periods, is silent."""
+"""A camera without pictures for this time and three periods is silent."""
 PERIODS = 3
 FIRST_S = 2.0
-"""Some need a while for their first picture."""
+"""Time that the first picture may take."""
 
 _SAME = 1e-6
 """Relative difference below which a number read back is the number asked for."""
@@ -25,14 +25,13 @@ _SAME = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """A picture as a camera hands it over.
+    """A picture as a camera delivers it.
 
     Attributes:
-        image: (h, w) uint8; the memory may be the driver's own, and stays valid as long as
-            anybody refers to it.
-        stamp_ns: When it was taken by the camera's own clock, whatever its zero; None: it has none.
-        arrived_ns: When its first bytes reached the host, by the host's monotonic clock; None:
-            nobody noted it.
+        image: (h, w) uint8; may be the driver's own memory, and stays valid while it is referred
+            to.
+        stamp_ns: Capture time by the camera's own clock, with any zero; None: it has none.
+        arrived_ns: When its first bytes came, by the host's monotonic clock; None: unknown.
     """
 
     image: Image
@@ -44,11 +43,11 @@ class Source(Protocol):
     """One camera; belongs to one thread."""
 
     def open(self) -> list[str]:
-        """Opens it, or takes up again what was interrupted, and sets what it was asked for.
+        """Opens it, or resumes after an interruption, and applies its settings.
 
         Returns:
-            What the camera made of that where it is not what was asked for: a text for each
-            setting that it refused or rounded, such as "does not take gain_raw 99".
+            A text for each setting that it refused or rounded, such as "does not take gain_raw
+            99".
 
         Raises:
             GrabberError: It does not open.
@@ -63,31 +62,23 @@ class Source(Protocol):
         """
 
     def close(self) -> None:
-        """Lets it go; can be called again."""
+        """Closes it; can be called again."""
 
 
 def silence_s(rate_hz: float | None) -> float:
-    """Gives how long a camera may say nothing between two pictures [s].
-
-    Args:
-        rate_hz: Pictures per second that it should give; None: unknown.
-    """
+    """Returns the longest pause between two pictures [s] of a camera; rate None: unknown."""
     return max(SILENCE_S, PERIODS / rate_hz if rate_hz else 0.0)
 
 
 def absent(name: str) -> str:
-    """Says that a camera does not know a setting at all."""
+    """Says that a camera does not have a setting."""
     return f"has no {name}"
 
 
 def refused(name: str, wanted: Value, kept: Value | None, bounds: Bounds | None = None) -> str:
     """Says that a camera did not take a value.
 
-    Args:
-        name: The setting, as the user wrote it.
-        wanted: What it was asked for.
-        kept: What it has instead; None: it does not tell.
-        bounds: What it would have taken; None: unknown.
+    `kept` is what it has instead, `bounds` what it would have taken; None: unknown.
     """
     would = "" if bounds is None else f" ({_text(bounds[0])} to {_text(bounds[1])})"
     instead = "" if kept is None else f": keeps {_text(kept)}"
@@ -95,16 +86,9 @@ def refused(name: str, wanted: Value, kept: Value | None, bounds: Bounds | None 
 
 
 def said(name: str, wanted: Value, got: Value, bounds: Bounds | None = None) -> str | None:
-    """Says what a camera made of a value that it has been given.
+    """Describes how a value read back differs from the one asked for; None: it does not.
 
-    Args:
-        name: The setting, as the user wrote it.
-        wanted: What it was asked for.
-        got: What was read back.
-        bounds: What it takes; a value beyond is refused, one within is rounded.
-
-    Returns:
-        None where it has what was asked for.
+    A value beyond `bounds` was refused, one within was rounded.
     """
     if _same(wanted, got):
         return None
@@ -122,7 +106,7 @@ def _same(wanted: Value, got: Value) -> bool:
 
 
 def _text(value: Value) -> str:
-    """Writes a value with all its digits that matter, whole numbers without a point."""
+    """Writes a value with all digits that matter, whole numbers without a point."""
     if isinstance(value, str):
         return value
     return f"{value:.0f}" if float(value).is_integer() else f"{value:.7g}"

@@ -1,8 +1,8 @@
-"""Whether a camera still hangs where it hung: the shift of the background behind the robots.
+"""Detects a moved camera by the shift of the background behind the robots.
 
-Corners of the floor that are easy to find again are chosen in a first picture, away from the
-robots. Later only the small patches around them are looked at, laid side by side in one little
-picture, with the light taken out. Some of them get covered; most of them decide.
+Corners of the floor are chosen in a first picture, away from the robots. Later the small patches
+around them are compared, laid side by side in one picture and with the light normalised. Some get
+covered; most of them decide.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 FAR = float("inf")
-"""The shift of a camera whose background cannot be found any more."""
+"""The shift of a camera whose background is not found any more."""
 
 Floats = NDArray[np.float64]
 
@@ -35,25 +35,20 @@ _WORN_PX = 0.5
 
 
 class Steadiness:
-    """The background of one camera."""
+    """The background of one camera; the first picture is the reference."""
 
     def __init__(self, size_px: tuple[int, int]) -> None:
-        """Takes the size of the camera's pictures; the first one shown is the reference."""
+        """Takes width and height of the camera's pictures."""
         self._size_px = size_px
         self._places: NDArray[np.int64] = np.zeros((0, 2), dtype=np.int64)
         self._reference = np.zeros((0, 0), dtype=np.uint8)
         self._origin = np.zeros(2)
 
     def shift_px(self, image: NDArray[np.uint8], markers_px: Floats | None = None) -> float | None:
-        """Gives how far the background has shifted since the first picture.
+        """Returns the shift of an (h, w) uint8 picture's background since the first picture.
 
-        Args:
-            image: (h, w) uint8.
-            markers_px: (n, 2) where robots are: no part of the background.
-
-        Returns:
-            The shift that most patches agree on; `FAR` where they do not; None where there is
-            too little to tell.
+        `markers_px` (n, 2) are places of robots, which are not background. The shift is that of
+        most patches; `FAR`: they disagree; None: unknown.
         """
         if len(self._places) < _LEAST_PATCHES:
             self._learn(image, markers_px)
@@ -66,7 +61,7 @@ class Steadiness:
         way = np.median(ways[agree], axis=0)
         shift = self._origin + way
         if agree.mean() < _WORN_SHARE and np.hypot(*way) < _WORN_PX:
-            # The floor has changed here and there, or robots stand on it: new patches.
+            # The floor has changed in places, or robots stand on it: new patches.
             self._origin = shift
             self._learn(image, markers_px)
         return float(np.hypot(*shift))
@@ -92,7 +87,7 @@ class Steadiness:
         self._reference = self._mosaic(image)
 
     def _mosaic(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Lays the patches side by side, each with its own light taken out."""
+        """Lays the patches side by side, each with its light normalised."""
         span = np.arange(-_HALF_PX, _HALF_PX)
         rows = self._places[:, 1, np.newaxis, np.newaxis] + span[:, np.newaxis]
         columns = self._places[:, 0, np.newaxis, np.newaxis] + span
@@ -109,7 +104,7 @@ class Steadiness:
         return np.asarray(cv2.GaussianBlur(mosaic, (0, 0), _BLUR_PX), dtype=np.uint8)
 
     def _ways(self, mosaic: NDArray[np.uint8]) -> tuple[Floats, NDArray[np.bool_]]:
-        """How far each patch's corner has gone, (n, 2) px, and whether it was found."""
+        """Returns each patch's shift, (n, 2) px, and whether it was found."""
         number = np.arange(len(self._places))
         middles = np.stack((number % _COLUMNS, number // _COLUMNS), axis=-1) * 2 * _HALF_PX
         start = (middles + _HALF_PX).astype(np.float32)[:, np.newaxis]

@@ -1,6 +1,6 @@
-"""V4L2 devices: which there are, what they can do, and their controls; asked of the kernel.
+"""V4L2 devices: their list, their abilities and their controls, asked of the kernel.
 
-Controls are read and set beside whatever program takes the pictures. Source of all numbers and
+Controls can be read and set while another program takes the pictures. Source of all numbers and
 layouts: Linux, <linux/videodev2.h> and <asm-generic/ioctl.h>.
 """
 
@@ -36,14 +36,10 @@ class V4l2Control(IntEnum):
 
 
 class V4l2ControlDevice:
-    """A device node, open as long as the process: a command looks through few of them."""
+    """A device node that stays open as long as the process."""
 
     def __init__(self, path: str, ioctl: ControlIoctl = fcntl.ioctl) -> None:
-        """Opens it.
-
-        Raises:
-            OSError: it is not there, or not ours to open.
-        """
+        """Opens it; raises OSError where it is missing or not permitted."""
         self._ioctl = ioctl
         self._file = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
 
@@ -56,7 +52,7 @@ class V4l2ControlDevice:
         return int(_VALUE.unpack(answer)[1])
 
     def set(self, control: V4l2Control, value: int) -> bool:
-        """Sets a control, which may be rounded; whether the device took it."""
+        """Sets a control, which may be rounded; returns whether the device took it."""
         try:
             self._ioctl(self._file, _SET, _VALUE.pack(control, value))
         except OSError:
@@ -64,7 +60,7 @@ class V4l2ControlDevice:
         return True
 
     def bounds(self, control: V4l2Control) -> tuple[int, int] | None:
-        """Gives the least and the greatest value; None: the device does not have it."""
+        """Returns the least and the greatest value; None: the device does not have it."""
         try:
             asked = _LIMITS.pack(control, 0, b"", 0, 0, 0, 0, 0)
             answer = _LIMITS.unpack(self._ioctl(self._file, _QUERY, asked))
@@ -91,7 +87,7 @@ _READ, _WRITE = 2, 1
 
 
 def _request(direction: int, number: int, layout: struct.Struct) -> int:
-    """The number of an ioctl of V4L2."""
+    """The number of a V4L2 ioctl."""
     return direction << 30 | layout.size << 16 | ord("V") << 8 | number
 
 
@@ -102,27 +98,21 @@ ENUM_FRAMEINTERVALS = _request(_READ | _WRITE, 75, _INTERVAL)
 
 _HAS_DEVICE_CAPS = 0x80000000
 _CAPTURES = {0x00000001: 1, 0x00001000: 9}
-"""Capability to capture -> the buffer type that goes with it: in one plane, or in several."""
+"""Capability to capture -> its buffer type: in one plane, or in several."""
 _DISCRETE = 1
 _MOST = 256
-"""No camera has more formats, sizes or rates; a driver that never ends its list might."""
+"""Limit of formats, sizes or rates, in case a driver never ends its list."""
 
 _NODE = re.compile(r"video([0-9]+)")
 
 
 @dataclass(frozen=True, slots=True)
 class V4l2Device:
-    """A camera as the kernel describes it.
+    """A camera as the kernel describes it; None and "" are unknown.
 
-    Attributes:
-        path: Its node.
-        name: What its maker calls it; "" where it cannot be opened.
-        bus: Where it is plugged in.
-        driver: The kernel's driver.
-        formats: What it can send, as four letters each.
-        size_px: Width and height of its largest picture; None: unknown.
-        rate_hz: The most pictures per second at that size; None: unknown.
-        trouble: Why it cannot be used; "" where it can.
+    Its formats have four letters each; `bus` is where it is plugged in; `size_px` is (width,
+    height) of its largest picture, and `rate_hz` the highest rate at that size. `trouble` is why
+    it cannot be used, or "".
     """
 
     path: str
@@ -132,11 +122,10 @@ class V4l2Device:
     size_px: tuple[int, int] | None
     rate_hz: float | None
     trouble: str
-    driver: str = ""
 
 
 def node(device: str) -> str:
-    """Gives the node of a device that may be a number alone: "/dev/video0" of "0"."""
+    """Returns the node of a device that may be a number alone: "/dev/video0" of "0"."""
     return f"/dev/video{device}" if device.isdecimal() else device
 
 
@@ -152,7 +141,7 @@ def devices(folder: Path = Path("/dev"), ioctl: Ioctl = fcntl.ioctl) -> list[V4l
 
 
 def _ask(path: Path, ioctl: Ioctl) -> V4l2Device | None:
-    """Opens a node and asks it; None where it cannot capture."""
+    """Opens a node and describes it; None where it cannot capture."""
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError as error:
@@ -170,31 +159,29 @@ def _reason(error: OSError) -> str:
 
 
 class _Node:
-    """An opened node."""
-
     def __init__(self, descriptor: int, ioctl: Ioctl) -> None:
         self._descriptor = descriptor
         self._ioctl = ioctl
 
     def describe(self, path: str) -> V4l2Device | None:
-        """Asks for everything; None where it is no V4L2 device, or cannot capture."""
+        """Describes it; None where it is no V4L2 device, or cannot capture."""
         answer = self._call(QUERYCAP, _CAPABILITY, bytes(16), bytes(32), bytes(32), 0, 0, 0)
         if answer is None:
             return None
-        driver, card, bus, _, capabilities, own = answer
-        # The capabilities are those of all of the camera's nodes; its own are this node's.
+        _, card, bus, _, capabilities, own = answer
+        # The capabilities are those of all nodes of the camera; its own are this node's.
         can = own if capabilities & _HAS_DEVICE_CAPS else capabilities
         kinds = [kind for flag, kind in _CAPTURES.items() if can & flag]
         if not kinds:
             return None
-        formats = list(self._formats(kinds[0]))
+        rows = self._rows(ENUM_FMT, _FORMAT, kinds[0], 0, bytes(32), 0, 0)
+        formats = [row[4] for row in rows]
         size_px, rate_hz = self._best(formats)
         names = tuple(_four_letters(code) for code in formats)
-        about = _text(card), _text(bus), names, size_px, rate_hz
-        return V4l2Device(path, *about, trouble="", driver=_text(driver))
+        return V4l2Device(path, _text(card), _text(bus), names, size_px, rate_hz, trouble="")
 
     def _best(self, formats: list[int]) -> tuple[tuple[int, int] | None, float | None]:
-        """The largest picture in any format, and the highest rate that it comes at."""
+        """Returns the largest picture in any format, and its highest rate."""
         sizes = {code: set(self._sizes(code)) for code in formats}
         known = set().union(*sizes.values())
         if not known:
@@ -204,37 +191,31 @@ class _Node:
         rates = [rate for code in having for rate in self._rates(code, largest)]
         return largest, max(rates, default=None)
 
-    def _formats(self, kind: int) -> Iterator[int]:
-        for index in range(_MOST):
-            answer = self._call(ENUM_FMT, _FORMAT, index, kind, 0, bytes(32), 0, 0)
-            if answer is None:
-                return
-            yield answer[4]
-
     def _sizes(self, code: int) -> Iterator[tuple[int, int]]:
-        for index in range(_MOST):
-            answer = self._call(ENUM_FRAMESIZES, _SIZE, index, code, 0, *[0] * 6)
-            if answer is None:
-                return
+        for answer in self._rows(ENUM_FRAMESIZES, _SIZE, code, 0, *[0] * 6):
             if answer[2] != _DISCRETE:
                 yield answer[4], answer[7]
                 return
             yield answer[3], answer[4]
 
     def _rates(self, code: int, size_px: tuple[int, int]) -> Iterator[float]:
-        for index in range(_MOST):
-            asked = (index, code, *size_px, 0, *[0] * 6)
-            answer = self._call(ENUM_FRAMEINTERVALS, _INTERVAL, *asked)
-            if answer is None:
-                return
-            # The fraction of a discrete interval, and the least of any others, in the same place.
+        for answer in self._rows(ENUM_FRAMEINTERVALS, _INTERVAL, code, *size_px, 0, *[0] * 6):
+            # A discrete interval, or the least of a range, is in the same place.
             if answer[5] > 0:
                 yield answer[6] / answer[5]
             if answer[4] != _DISCRETE:
                 return
 
+    def _rows(self, request: int, layout: struct.Struct, *fields: int | bytes) -> Iterator[Fields]:
+        """Yields the answers of a list, whose requests begin with an index."""
+        for index in range(_MOST):
+            answer = self._call(request, layout, index, *fields)
+            if answer is None:
+                return
+            yield answer
+
     def _call(self, request: int, layout: struct.Struct, *fields: int | bytes) -> Fields | None:
-        """One question; None where the list has ended, or this is not to be asked here."""
+        """Calls one ioctl; None where a list has ended, or the node does not support it."""
         memory = bytearray(layout.pack(*fields))
         try:
             self._ioctl(self._descriptor, request, memory)
@@ -248,5 +229,5 @@ def _text(field: bytes) -> str:
 
 
 def _four_letters(code: int) -> str:
-    """A format's name; the highest bit only says that its bytes are the other way round."""
+    """A format's name; the highest bit only means the other byte order."""
     return (code & 0x7FFFFFFF).to_bytes(4, "little").decode("ascii", "replace").rstrip()

@@ -1,5 +1,5 @@
 """Experiment files: from `.argos` XML to checked, frozen records.
 
-Every reader raises ConfigError, which names file, line, value and expectation, where an attribute
-is wrong.
+Every reader raises ConfigError, which names file, line, value and expectation, where something in
+the file is wrong.
 """

@@ -39,10 +39,7 @@ _MAX_CELL_M = 10.0
 def read_arena(element: Element, folder: Path, media: Media, timestep_s: float) -> ArenaContents:
     """Reads the arena and everything in it; tags that the file does not give are missing yet.
 
-    Args:
-        folder: where files with relative paths are looked for.
-        media: what lights may refer to.
-        timestep_s: length of a timestep.
+    Files with relative paths are looked for in `folder`; lights may refer to `media`.
     """
     low, high = MIN_LENGTH_M, MAX_LENGTH_M
     size_m = element.vector("size", low, high, "m")
@@ -75,10 +72,16 @@ def _read_child(element: Element, bodies: ArenaContents) -> None:
     else:
         name = element.text("id")
         bodies.claim_id(element, name)
-        _check_medium(element, bodies)
-        thing = read_thing(element, name, bodies.arena, True)
-        bodies.entities.append(thing)
-        _note_unseen(element, thing, bodies)
+        bodies.entities.append(_read_thing(element, name, bodies, True))
+
+
+def _read_thing(element: Element, name: str, bodies: ArenaContents, placed: bool) -> Entity:
+    if element.name == LIGHT:
+        check_medium(element, bodies.media)
+    thing = read_thing(element, name, bodies.arena, placed)
+    if isinstance(thing, (Box, Cylinder)) and not thing.physical:
+        bodies.unseen.append(element)
+    return thing
 
 
 def _read_crowd(element: Element, bodies: ArenaContents) -> None:
@@ -96,39 +99,20 @@ def _read_crowd(element: Element, bodies: ArenaContents) -> None:
 def _add_things(element: Element, crowd: Crowd, bodies: ArenaContents) -> None:
     """Adds the things of an `<entity>`, called NAME and a number from base_num."""
     prefix = crowd.element.text("id")
-    _check_medium(crowd.element, bodies)
     names = [f"{prefix}{number}" for number in crowd.numbers]
     for name in names:
         bodies.claim_id(crowd.element, name)
-    thing = read_thing(crowd.element, names[0], bodies.arena, False)
+    thing = _read_thing(crowd.element, names[0], bodies, False)
     on_floor = not isinstance(thing, (Box, Cylinder)) or thing.physical
     if on_floor and crowd.element.name != LIGHT:
         warn_of_height(element, crowd.distribution.position_m)
-    _note_unseen(crowd.element, thing, bodies)
     for name in names:
         spec = DistributedSpec(replace(thing, id=name), crowd.distribution, crowd.element.line)
         bodies.distributed.append(spec)
 
 
-def _check_medium(element: Element, bodies: ArenaContents) -> None:
-    if element.name == LIGHT:
-        check_medium(element, bodies.media)
-
-
-def _note_unseen(element: Element, thing: Entity, bodies: ArenaContents) -> None:
-    if isinstance(thing, (Box, Cylinder)) and not thing.physical:
-        bodies.unseen.append(element)
-
-
 def read_floor(element: Element, folder: Path) -> FloorSpec:
-    """Reads a `<floor>`; its picture must be there and be one.
-
-    Args:
-        folder: where a picture with a relative path is looked for.
-
-    Raises:
-        ConfigError: an attribute is wrong, or the picture cannot be read.
-    """
+    """Reads a `<floor>`; its picture, looked for in `folder`, must be there and be one."""
     name = element.text("id")
     source = element.choice("source", ("image", "loop_functions"))
     if source == "loop_functions":
@@ -171,11 +155,8 @@ def read_image(path: Path) -> Image:
 def floor_of(experiment: Experiment) -> Floor:
     """Makes the floor of an experiment: its picture, or plain.
 
-    A picture covers the arena's size around the origin, whatever the arena's centre: so does
-    ARGoS.
-
-    Raises:
-        ConfigError: the picture is no longer there.
+    As in ARGoS, a picture covers the arena's size around the origin, whatever the arena's centre.
+    Raises ConfigError where the picture is no longer there.
     """
     spec = experiment.floor
     if spec is None or spec.path is None:
@@ -190,15 +171,7 @@ def floor_of(experiment: Experiment) -> Floor:
 
 
 def read_field(element: Element, name: str, arena: Arena, timestep_s: float) -> FieldSpec:
-    """Reads a `<vs:field>`.
-
-    Args:
-        arena: where it lies.
-        timestep_s: how far it is to be stepped at once.
-
-    Raises:
-        ConfigError: an attribute is wrong, or it has too many cells or spreads too fast for them.
-    """
+    """Reads a `<vs:field>`; its cells must allow for steps of `timestep_s`."""
     spec = FieldSpec(
         name,
         element.number("cell", _MIN_CELL_M, _MAX_CELL_M, "m", 0.02),
@@ -215,11 +188,7 @@ def read_field(element: Element, name: str, arena: Arena, timestep_s: float) -> 
 
 
 def make_field(spec: FieldSpec, arena: Arena) -> Field:
-    """Makes a field as it is at the start.
-
-    Raises:
-        WorldError: it has too many cells.
-    """
+    """Makes a field as it is at the start; raises WorldError where it has too many cells."""
     return Field(
         spec.id, arena, spec.cell_m, spec.evaporation_per_s, spec.diffusion_m2_s, spec.initial
     )

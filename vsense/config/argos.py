@@ -5,8 +5,7 @@ entities, devices, engines and media of ARGoS 3 and its e-puck plug-in, and IRID
 sensors.
 
 C++ libraries and Lua scripts run on no robot here. The port of a library has its name:
-`libforaging.so` becomes `foraging.c`, a shipped controller or a file beside the experiment, and is
-taken in its place.
+`libforaging.so` becomes `foraging.c`, a shipped controller or a file beside the experiment.
 """
 
 from __future__ import annotations
@@ -111,7 +110,7 @@ ORIGINAL_SETTINGS = {
 """Attributes of IRIDIA's virtual sensors: their type, and what takes their place; "": nothing."""
 
 HEARING = "virtual_range_and_bearing_sensor"
-"""The virtual sensor that a range-and-bearing medium tells whether bodies are in the way."""
+"""The virtual sensor to which it matters what a medium says of bodies in the way."""
 
 PHYSICS_ENGINES = ("dynamics3d", "pointmass3d", "static")
 """Children of <physics_engines> beside <dynamics2d> and the tracking system."""
@@ -128,13 +127,8 @@ _MAX_NUMBER = 1e6
 def pass_over(element: Element, settings: Mapping[str, tuple[str, str]]) -> None:
     """Checks attributes that are not used here, and says what holds instead.
 
-    Args:
-        element: what has them.
-        settings: by attribute its type ("boolean", "number" or "text") and the words; "" says
-            nothing.
-
-    Raises:
-        ConfigError: one is not of its type.
+    `settings` has by attribute its type ("boolean", "number" or "text") and the words; "" says
+    nothing.
     """
     for key, (kind, instead) in settings.items():
         if not element.has(key):
@@ -160,7 +154,7 @@ _LIBRARY = re.compile(r"(?:.*/)?(?:lib([^/]+?)(?:\.so|\.dylib)?|([^/]+)(?:\.so|\
 
 
 def is_built_for_argos(library: str) -> bool:
-    """Tells whether a name is that of a compiled C++ library, as ARGoS takes it.
+    """Whether a name is that of a compiled C++ library, as ARGoS takes it.
 
     ARGoS adds the suffix where it is missing, so `build/libforaging` is one, too.
     """
@@ -168,14 +162,7 @@ def is_built_for_argos(library: str) -> bool:
 
 
 def ported_controller(library: str, folder: Path) -> str | None:
-    """Finds the port of a controller: a shipped one, or a C source beside the experiment file.
-
-    Args:
-        library: as ARGoS names it.
-
-    Returns:
-        What `library` may be here, None where there is no port.
-    """
+    """Finds the port of a controller: a shipped one, or a C source beside the experiment file."""
     stem = _stem(library)
     if stem in source_tree().controllers():
         return stem

@@ -16,18 +16,25 @@ from typing import Any
 
 import vsense.actuators
 import vsense.sensors
-from vsense.actuators.base import ActuatorError, MountedActuator
+from vsense.actuators.base import ActuatorError, MountedActuator, VirtualActuator
 from vsense.config import argos
 from vsense.config.framework import collect
 from vsense.config.robots import ArenaContents
 from vsense.config.specs import ControllerSpec
-from vsense.config.things import Media, check_medium
+from vsense.config.things import Media, by_id, check_medium
 from vsense.errors import UsageError
 from vsense.link.robots.table import Direction, Entry, Table
 from vsense.native import WireError, lib
 from vsense.robot.build import source_tree
 from vsense.sensors import updating
-from vsense.sensors.base import MountedSensor, Scope, SensorError, layout_dtype, scale_of
+from vsense.sensors.base import (
+    MountedSensor,
+    Scope,
+    SensorError,
+    VirtualSensor,
+    layout_dtype,
+    scale_of,
+)
 from vsense.sensors.quality import Quality
 from vsense.xml.element import Element, shown
 
@@ -42,10 +49,7 @@ Factory = Callable[[Element, Scope], Any]
 
 @cache
 def factories(section: str) -> dict[str, Factory]:
-    """Gives what makes a virtual device, by the name of its XML element.
-
-    Args:
-        section: `SENSORS` or `ACTUATORS`.
+    """Gives what makes a virtual device of a section, by the name of its XML element.
 
     Raises:
         SensorError, ActuatorError: two modules claim the same element.
@@ -67,11 +71,7 @@ def virtual_devices() -> dict[str, Collection[str]]:
 
 
 def mount_sensor(element: Element, scope: Scope) -> MountedSensor:
-    """Makes the sensor that an element of `factories(SENSORS)` asks for.
-
-    Raises:
-        ConfigError: an attribute is wrong.
-    """
+    """Makes the sensor that an element of `factories(SENSORS)` asks for."""
     element.choice("implementation", ("default",), "default")
     sensor = factories(SENSORS)[element.name](element, scope)
     try:
@@ -84,15 +84,7 @@ def mount_sensor(element: Element, scope: Scope) -> MountedSensor:
 
 
 def mount_actuator(element: Element, scope: Scope) -> MountedActuator:
-    """Makes the actuator that an element of `factories(ACTUATORS)` asks for.
-
-    Args:
-        element: its element.
-        scope: what it may refer to; the sensors have added their pollutant sources.
-
-    Raises:
-        ConfigError: an attribute is wrong.
-    """
+    """Makes an actuator; the sensors have added their pollutant sources to `scope`."""
     element.choice("implementation", ("default",), "default")
     actuator = factories(ACTUATORS)[element.name](element, scope)
     return MountedActuator(actuator, element.line, Quality.from_xml(element, actuator.scale))
@@ -103,49 +95,35 @@ def read_devices(
 ) -> tuple[list[MountedSensor], list[MountedActuator]]:
     """Mounts the virtual sensors and actuators that a controller asks for.
 
-    Args:
-        controller: its element.
-        scope: what they may refer to; sensors add their sources to it.
-        media: what they may refer to, too.
-
-    Raises:
-        ConfigError: one of them is wrong, two have the same name, or a datagram does not hold
-            them all.
+    They may refer to `scope`, to which sensors add their sources, and to `media`. They must have
+    different names, and a datagram must hold them all.
     """
-    virtual = virtual_devices()
     sensors: list[MountedSensor] = []
     actuators: list[MountedActuator] = []
     entries: dict[str, tuple[Entry, int]] = {}
-    section = controller.optional_child(SENSORS)
-    for element in _virtual(section, argos.ROBOT_SENSORS, argos.SENSORS, virtual[SENSORS], media):
-        sensor = mount_sensor(element, scope)
-        _add_entry(entries, element, sensor.sensor.name, sensor.sensor.layout, Direction.SENSOR)
-        sensors.append(sensor)
-    section = controller.optional_child(ACTUATORS)
-    for element in _virtual(
-        section, argos.ROBOT_ACTUATORS, argos.ACTUATORS, virtual[ACTUATORS], media
-    ):
-        actuator = mount_actuator(element, scope)
-        name, layout = actuator.actuator.name, actuator.actuator.layout
-        _add_entry(entries, element, name, layout, Direction.ACTUATOR)
-        actuators.append(actuator)
+    for element in _virtual(controller, SENSORS, argos.ROBOT_SENSORS, argos.SENSORS, media):
+        sensors.append(mount_sensor(element, scope))
+        _add_entry(entries, element, sensors[-1].sensor, Direction.SENSOR)
+    for element in _virtual(controller, ACTUATORS, argos.ROBOT_ACTUATORS, argos.ACTUATORS, media):
+        actuators.append(mount_actuator(element, scope))
+        _add_entry(entries, element, actuators[-1].actuator, Direction.ACTUATOR)
     return sensors, actuators
 
 
 def _add_entry(
-    entries: dict[str, tuple[Entry, int]], element: Element, name: str, layout: str, way: Direction
+    entries: dict[str, tuple[Entry, int]],
+    element: Element,
+    device: VirtualSensor | VirtualActuator,
+    way: Direction,
 ) -> None:
-    """Notes a device and its line in the robots' table.
-
-    Raises:
-        ConfigError: its name is there already, or the table has no room for it.
-    """
+    """Notes a device and its line in the robots' table, where it has a name and room."""
+    name = device.name
     if name in entries:
         entry, line = entries[name]
         kind = entry.direction.name.lower()
         message = f"the {kind} {name!r} is there already, in line {line}; expected another name"
         raise element.error(message)
-    entries[name] = (Entry(len(entries) + 1, name, layout, way), element.line)
+    entries[name] = (Entry(len(entries) + 1, name, device.layout, way), element.line)
     try:
         Table(entry for entry, _ in entries.values())
     except WireError as error:
@@ -153,15 +131,17 @@ def _add_entry(
 
 
 def _virtual(
-    section: Element | None,
+    controller: Element,
+    kind: str,
     real: Collection[str],
     unsupported: Mapping[str, str],
-    virtual: Collection[str],
     media: Media,
 ) -> list[Element]:
-    """Reads the devices that robots have anyway; gives the virtual ones."""
+    """Reads the devices of a kind that robots have anyway; gives the virtual ones."""
+    section = controller.optional_child(kind)
     if section is None:
         return []
+    virtual = factories(kind)
     found = section.children(*real, *virtual, *unsupported)
     for element in found:
         if element.name in virtual:
@@ -178,18 +158,8 @@ def _virtual(
 
 
 def used_controller(section: Element, bodies: ArenaContents) -> Element:
-    """Finds the one controller that the robots name.
-
-    Raises:
-        ConfigError: a robot names one that is not there, or they name several.
-    """
-    known: dict[str, Element] = {}
-    for element in section.children():
-        name = element.text("id")
-        if name in known:
-            line = known[name].line
-            raise element.error(f"{name!r} is the id of another controller, in line {line}", "id")
-        known[name] = element
+    """Finds the one controller that the robots name; refuses several."""
+    known = by_id(section.children(), "controller")
     used: dict[str, Element] = {}
     for robot, element in bodies.controllers.items():
         name = element.text("config")
@@ -212,10 +182,9 @@ def used_controller(section: Element, bodies: ArenaContents) -> Element:
 
 
 def read_controller(element: Element, folder: Path) -> ControllerSpec:
-    """Reads which program drives the robots, and what it is told.
+    """Reads which program drives the robots, and its parameters.
 
-    Args:
-        folder: where a C source with a relative path is looked for.
+    A C source with a relative path is looked for in `folder`.
     """
     library = _read_library(element, folder)
     params = element.optional_child("params")
@@ -230,7 +199,7 @@ def read_controller(element: Element, folder: Path) -> ControllerSpec:
 
 
 def _read_library(element: Element, folder: Path) -> str:
-    """Reads which program it is; what was written for ARGoS is replaced by its port."""
+    """Reads which program it is; one for ARGoS is replaced by its port."""
     if element.name == argos.LUA and not element.has("library"):
         element.warn(f"is Lua, which runs on no robot: they stand still; see {argos.PAGE}")
         return argos.STAND_STILL

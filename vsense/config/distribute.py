@@ -1,7 +1,7 @@
 """Reads `<distribute>`: how the places of what it holds are drawn.
 
-The draws depend on the seed alone (ARGoS's do not): Python's own generator gives the same
-numbers for a seed in every version.
+The draws depend on the seed alone (ARGoS's do not): Python's own generator gives the same numbers
+for a seed in every version.
 """
 
 from __future__ import annotations
@@ -35,16 +35,11 @@ class Draw:
 
     @property
     def is_random(self) -> bool:
-        """Tells whether another trial may give other numbers."""
+        """Whether another trial may give other numbers."""
         return self.method in ("uniform", "gaussian")
 
     def sample(self, index: int, draws: random.Random) -> Vector:
-        """Draws three numbers.
-
-        Args:
-            index: place among what is drawn together, from 0; decides the place in a grid.
-            draws: gives the random ones.
-        """
+        """Draws three numbers; in a grid `index` decides, from 0 among what is drawn together."""
         if self.method == "constant":
             return self.first
         if self.method == "grid":
@@ -74,8 +69,7 @@ class Distribution:
         position_m: x, y, z; of what stands on the floor z does not count.
         orientation_rad: turns about z, y, x; only the first counts.
         max_trials: draws per body before giving up.
-        number: place of the `<distribute>` among those of the arena, from 0: in this order they
-            are drawn.
+        number: place of the `<distribute>` in the arena, from 0: they are drawn in this order.
         line: line of its `<entity>`.
     """
 
@@ -88,13 +82,7 @@ class Distribution:
 
 @dataclass(frozen=True, slots=True)
 class DistributedSpec:
-    """One entity of a `<distribute>` whose place follows from the seed.
-
-    Attributes:
-        entity: the entity, at the arena frame's origin until it is placed.
-        distribution: how its place is drawn.
-        line: line of its element.
-    """
+    """An `entity` of a `<distribute>`, at the arena frame's origin until the seed places it."""
 
     entity: Entity
     distribution: Distribution
@@ -120,12 +108,8 @@ _KEYS = {
 class Crowd:
     """Several of a kind whose places are drawn.
 
-    Attributes:
-        entity: the `<entity>` around them.
-        element: what there are several of.
-        quantity: how many.
-        first: number of the first one.
-        distribution: how their places are drawn.
+    `entity` is the `<entity>` around them, `element` what there are several of, `first` the number
+    of the first one.
     """
 
     entity: Element
@@ -136,16 +120,11 @@ class Crowd:
 
     @property
     def numbers(self) -> range:
-        """Their numbers."""
         return range(self.first, self.first + self.quantity)
 
 
 def read_distribute(element: Element, number: int) -> Crowd | None:
-    """Reads a `<distribute>`, None where what it holds is not supported.
-
-    Args:
-        number: its place among those of the arena.
-    """
+    """Reads a `<distribute>`, the arena's `number`th; None where what it holds is not supported."""
     entity = element.child("entity")
     inner = entity.children(ROBOT, OBJECT, *THINGS, *argos.ENTITIES)
     if len(inner) != 1:
@@ -169,14 +148,12 @@ def read_distribute(element: Element, number: int) -> Crowd | None:
 
 
 def warn_of_height(element: Element, draw: Draw) -> None:
-    """Says that what stands on the floor stays there, where a draw may lift it."""
-    lifted = draw.first[2] != 0.0 or (draw.method != "constant" and draw.second[2] != 0.0)
-    if lifted:
+    """Warns where a draw may lift what stands on the floor."""
+    if draw.first[2] != 0.0 or (draw.method != "constant" and draw.second[2] != 0.0):
         element.child("position").warn("z does not count: these stand on the floor")
 
 
 def _read_draw(element: Element, bound: float, unit: str, scale: float, quantity: int) -> Draw:
-    """Reads a `<position>` or `<orientation>`, scaled to SI units."""
     method = element.choice("method", tuple(_KEYS))
     first_key, second_key = _KEYS[method]
     first = element.vector(first_key, -bound, bound, unit)
@@ -192,17 +169,15 @@ def _read_draw(element: Element, bound: float, unit: str, scale: float, quantity
 
 
 def _read_layout(element: Element, quantity: int) -> tuple[int, int, int]:
-    """Reads how many places a grid has along x, y and z."""
     text = element.text("layout", None, "three whole numbers 'x,y,z'")
     counts = element.integers("layout", 1, _MAX_LAYOUT)
     if len(counts) != 3:
         raise element.error(f"{shown(text)} is not three whole numbers with commas", "layout")
     columns, rows, layers = counts
-    if columns * rows * layers < quantity:
-        places = columns * rows * layers
-        raise element.error(
-            f"has {places} places, expected at least quantity, {quantity}", "layout"
-        )
+    places = columns * rows * layers
+    if places < quantity:
+        message = f"has {places} places, expected at least quantity, {quantity}"
+        raise element.error(message, "layout")
     return columns, rows, layers
 
 

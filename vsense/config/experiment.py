@@ -15,16 +15,10 @@ from vsense.config.controllers import (
     used_controller,
     virtual_devices,
 )
-from vsense.config.framework import (
-    RunSettings,
-    read_loop_functions,
-    read_rest,
-    read_run,
-    read_tracker,
-)
+from vsense.config.framework import read_loop_functions, read_rest, read_run, read_tracker
 from vsense.config.robots import ArenaContents, give_tags
 from vsense.config.settings import apply, check_used
-from vsense.config.specs import ControllerSpec, Experiment, MarkerSpec, ObjectSpec, RobotSpec
+from vsense.config.specs import Experiment, MarkerSpec, ObjectSpec, RobotSpec
 from vsense.config.things import read_media
 from vsense.errors import ConfigError, UsageError
 from vsense.markers.families import known_families, load_family
@@ -34,10 +28,7 @@ from vsense.xml.parsing import parse
 
 
 def first_robots(experiment: Experiment, count: int | None) -> Experiment:
-    """Keeps only the first robots of an experiment.
-
-    Args:
-        count: how many; None: all.
+    """Keeps only the first `count` robots of an experiment; None: all.
 
     Raises:
         UsageError: there are not so many, or what pollutes would be left out.
@@ -68,17 +59,16 @@ def load(
     length_s: float | None = None,
     settings: Mapping[str, str] | None = None,
 ) -> Experiment:
-    """Loads an experiment.
+    """Loads a shipped experiment by its name, or the `.argos` file at a path.
 
     Args:
-        name_or_path: a shipped experiment's name, or the path of an `.argos` file.
         length_s: length of the run instead of the file's; shares of it follow.
         settings: values by "ELEMENT.attribute" instead of the file's; see
             `vsense.config.settings`.
 
     Raises:
-        UsageError: there is no such experiment, its file cannot be read, or a setting fits
-            nothing in it.
+        UsageError: there is no such experiment, its file cannot be read, or a setting fits nothing
+            in it.
         ConfigError: the file is wrong; the error names file, line, value and expectation.
     """
     path, file = _find(str(name_or_path))
@@ -96,16 +86,7 @@ def read(
     length_s: float | None = None,
     settings: Mapping[str, str] | None = None,
 ) -> Experiment:
-    """Reads an experiment from its bytes; see `load`.
-
-    Args:
-        path: where the file lies.
-        length_s: length of the run instead of the file's.
-
-    Raises:
-        UsageError: a setting fits nothing in the file.
-        ConfigError: the file is wrong.
-    """
+    """Reads an experiment from the bytes of the file at `path`; see `load`."""
     root = parse(data, file)
     if root.name != "argos-configuration":
         raise root.error("is the outermost element, expected <argos-configuration>")
@@ -118,49 +99,23 @@ def read(
 
 
 def _read_understood(root: Element, path: Path, length_s: float | None) -> Experiment:
-    """Reads all that has a meaning here."""
     run = read_run(root, length_s)
     marker = _read_marker(root)
     media = read_media(root)
-    arena = root.child("arena")
-    bodies = read_arena(arena, path.parent, media, 1.0 / run.ticks_per_second)
-    loop_functions = read_loop_functions(root, path.parent)
+    arena, folder = root.child("arena"), path.parent
+    bodies = read_arena(arena, folder, media, 1.0 / run.ticks_per_second)
+    loop_functions = read_loop_functions(root, folder)
     if not bodies.robots:
         raise arena.error(_no_robot(root, arena))
     give_tags(bodies, marker.family)
     controller = used_controller(root.child("controllers"), bodies)
-    scope = Scope(
-        bodies.tags,
-        round(run.length_s * run.ticks_per_second),
-        1.0 / run.ticks_per_second,
-        bodies.everything,
-        [field.id for field in bodies.fields],
-        path.parent,
-    )
+    timesteps, fields = round(run.length_s * run.ticks_per_second), [f.id for f in bodies.fields]
+    scope = Scope(bodies.tags, timesteps, bodies.timestep_s, bodies.everything, fields, folder)
     sensors, actuators = read_devices(controller, scope, media)
     _check_objects(bodies, scope)
     _check_tags(bodies, marker, root.document.file)
     if not sensors:
         _warn_of_unsensed(bodies)
-    return replace(
-        _assemble(root, path, run, marker, bodies, read_controller(controller, path.parent)),
-        sensors=tuple(sensors),
-        sources=tuple(scope.sources),
-        loop_functions=loop_functions,
-        actuators=tuple(actuators),
-        tracker=read_tracker(root),
-    )
-
-
-def _assemble(
-    root: Element,
-    path: Path,
-    run: RunSettings,
-    marker: MarkerSpec,
-    bodies: ArenaContents,
-    controller: ControllerSpec,
-) -> Experiment:
-    """Makes an experiment without virtual devices."""
     return Experiment(
         name=path.name.removesuffix(SUFFIX),
         file=root.document.file,
@@ -170,12 +125,16 @@ def _assemble(
         robots=tuple(bodies.robots),
         objects=tuple(bodies.objects),
         marker=marker,
-        controller=controller,
+        controller=read_controller(controller, folder),
+        sensors=tuple(sensors),
+        sources=tuple(scope.sources),
         entities=tuple(bodies.entities),
         distributed=tuple(bodies.distributed),
         floor=bodies.floor,
         fields=tuple(bodies.fields),
-        lines=bodies.lines,
+        loop_functions=loop_functions,
+        actuators=tuple(actuators),
+        tracker=read_tracker(root),
     )
 
 
@@ -210,7 +169,6 @@ def _read_marker(root: Element) -> MarkerSpec:
 
 
 def _check_tags(bodies: ArenaContents, marker: MarkerSpec, file: str) -> None:
-    """Refuses a tag that the marker family does not have."""
     tags = load_family(marker.family).tags
     tagged: list[RobotSpec | ObjectSpec] = [*bodies.robots, *bodies.objects]
     for body in tagged:

@@ -16,10 +16,9 @@ from pathlib import Path
 
 from vsense.config import argos
 from vsense.config.specs import JsonLinesTracker, LoopSpec, TrackerAddress
+from vsense.config.things import by_id
+from vsense.link.trackers import protocol
 from vsense.xml.element import Element, shown
-
-TRACKER_PORT = 4040
-"""Of the original tracking server. Source: iridia.md section 1a."""
 
 LINES_PORT = 4041
 """Where trackers that write JSON lines find vsense."""
@@ -35,14 +34,7 @@ _KNOWN = ("library", "label")
 
 
 def read_loop_functions(root: Element, folder: Path) -> LoopSpec | None:
-    """Reads the loop functions, None where there are none that can be called.
-
-    Args:
-        folder: where a file with a relative path is looked for.
-
-    Raises:
-        ConfigError: an attribute is wrong, or the file is not there.
-    """
+    """Reads the loop functions, looked for in `folder`; None where there are none to be called."""
     element = root.optional_child("loop_functions")
     if element is None or not (element.free_attributes() or element.child_names()):
         return None
@@ -80,8 +72,7 @@ def _check_syntax(element: Element, path: Path) -> None:
 def collect(element: Element, settings: dict[str, str], prefix: str = "") -> dict[str, str]:
     """Flattens the user's own settings: an attribute of a child is called `child.key`.
 
-    Raises:
-        ConfigError: two settings have one name, or a value cannot stand in one line.
+    No two may have one name, and each value must fit one line.
     """
     for key, value in element.free_attributes().items():
         if any(not character.isprintable() for character in value):
@@ -124,11 +115,7 @@ class RunSettings:
 
 
 def read_run(root: Element, length_s: float | None) -> RunSettings:
-    """Reads `<framework>`.
-
-    Args:
-        length_s: length of the run instead of the file's.
-    """
+    """Reads `<framework>`; `length_s` is the length of the run instead of the file's."""
     framework = root.child("framework")
     run = framework.child("experiment")
     file_length_s = run.number("length", 0.0, _MAX_LENGTH_S, "s")
@@ -147,11 +134,7 @@ def read_run(root: Element, length_s: float | None) -> RunSettings:
 
 
 def read_rest(root: Element) -> None:
-    """Passes over the parts of ARGoS that have no meaning here, each with a warning.
-
-    Raises:
-        ConfigError: an attribute is wrong, or two engines have one id.
-    """
+    """Passes over the parts of ARGoS that have no meaning here, each with a warning."""
     framework = root.child("framework")
     system = framework.optional_child("system")
     if system is not None:
@@ -168,13 +151,9 @@ def read_rest(root: Element) -> None:
 
 def _read_engines(root: Element) -> None:
     """Reads the physics engines; the tracking system's address was read by `read_tracker`."""
-    engines = root.optional_child("physics_engines")
-    lines: dict[str, int] = {}
-    for child in engines.children("dynamics2d", _ENGINE, *argos.PHYSICS_ENGINES) if engines else ():
-        name = child.text("id")
-        if name in lines:
-            raise child.error(f"{name!r} is the id of another engine, in line {lines[name]}", "id")
-        lines[name] = child.line
+    section = root.optional_child("physics_engines")
+    known = ("dynamics2d", _ENGINE, *argos.PHYSICS_ENGINES)
+    for child in by_id(section.children(*known) if section else (), "engine").values():
         extras = set(child.free_attributes()) - {"id"} if child.name == "dynamics2d" else set()
         if child.child_names() or extras or child.name in argos.PHYSICS_ENGINES:
             child.leave_out("robots move in one plane, as the lab's own physics says")
@@ -193,7 +172,7 @@ def _read_address(root: Element) -> tuple[str, int]:
 
 
 def _read_host(element: Element, default: str) -> str:
-    """Reads an IPv4 address in numbers; robots look no names up, but for this very machine's."""
+    """Reads an IPv4 address in numbers: robots look up no names, `localhost` is replaced here."""
     key, expected = "vss_host", "an IPv4 address such as '10.0.0.1', or 'localhost'"
     text = element.text(key, default, expected)
     try:
@@ -203,17 +182,12 @@ def _read_host(element: Element, default: str) -> str:
 
 
 def _tracking_engine(root: Element) -> Element | None:
-    """Finds the engine of the original's tracking system."""
     engines = root.optional_child("physics_engines")
     return None if engines is None else engines.optional_child(_ENGINE)
 
 
 def read_tracker(root: Element) -> TrackerAddress | JsonLinesTracker | None:
-    """Reads where the arena state comes from, None where an experiment names no tracker.
-
-    Raises:
-        ConfigError: a value is wrong, a port has no host, or two elements name a tracker.
-    """
+    """Reads where the arena state comes from, None where an experiment names no tracker."""
     framework = root.child("framework")
     engine = _tracking_engine(root)
     lines = framework.optional_child(_TRACKER)
@@ -233,7 +207,6 @@ def read_tracker(root: Element) -> TrackerAddress | JsonLinesTracker | None:
 
 
 def _read_original(element: Element, origin_m: tuple[float, float]) -> TrackerAddress | None:
-    """Reads the address that stands on one element."""
     named = [prefix for prefix in _PREFIXES if element.has(f"{prefix}_host")]
     if len(named) > 1:
         raise element.error("stands beside ats_host, expected one of them", "its_host")
@@ -245,13 +218,12 @@ def _read_original(element: Element, origin_m: tuple[float, float]) -> TrackerAd
             raise element.error("is without ats_host", "vs:latency")
         return None
     host = element.text(f"{named[0]}_host", None, "a host's name or address")
-    port = element.integer(f"{named[0]}_port", 1, 65_535, TRACKER_PORT)
+    port = element.integer(f"{named[0]}_port", 1, 65_535, protocol.DEFAULT_PORT)
     latency_s = element.number("vs:latency", 0.0, _MAX_LATENCY_S, "s", 0.0)
     return TrackerAddress(host, port, origin_m, latency_s, element.line)
 
 
 def _read_lines(element: Element) -> JsonLinesTracker:
-    """Reads a <vs:tracker>."""
     element.choice("format", ("lines",))
     host = element.text("host", "127.0.0.1", "a name or address of this machine")
     port = element.integer("port", 0, 65_535, LINES_PORT)

@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 import random
 from collections import Counter
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import partial
 
 from vsense.arena import wrap_angle
 from vsense.config.distribute import DistributedSpec, Distribution
@@ -36,10 +37,8 @@ class Footprint:
 
     Attributes:
         what: its name in messages.
-        x_m: its middle.
-        y_m: its middle.
-        low_m: its lowest point.
-        high_m: its highest point.
+        x_m, y_m: its middle.
+        low_m, high_m: its lowest and its highest point.
         radius_m: of a disc; 0: it is a rectangle.
         half_m: half the extent of a rectangle along its own x and y.
         yaw_rad: the rectangle's turn.
@@ -55,7 +54,7 @@ class Footprint:
     yaw_rad: float = 0.0
 
     def distance_m(self, other: Footprint) -> float:
-        """Measures how far two footprints are apart, negative where they overlap.
+        """How far two footprints are apart, negative where they overlap.
 
         Between two rectangles that face each other with corners it is less than the distance, by
         at most 30 %. Bodies above each other are infinitely far apart.
@@ -72,7 +71,7 @@ class Footprint:
         return max(self._gap_m(other), other._gap_m(self))
 
     def distance_to_point_m(self, x_m: float, y_m: float) -> float:
-        """Measures how far a point is from the rectangle, 0 inside."""
+        """How far a point is from the rectangle, 0 inside."""
         x, y = x_m - self.x_m, y_m - self.y_m
         cosine, sine = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
         beyond_x = abs(x * cosine + y * sine) - self.half_m[0]
@@ -80,7 +79,7 @@ class Footprint:
         return math.hypot(max(beyond_x, 0.0), max(beyond_y, 0.0))
 
     def is_inside(self, arena: Arena, gap_m: float) -> bool:
-        """Tells whether it lies in the arena, at least gap_m from its border."""
+        """Whether it lies in the arena, at least gap_m from its border."""
         if self.radius_m:
             return arena.contains(self.x_m, self.y_m, self.radius_m + gap_m)
         return all(arena.contains(x, y, gap_m) for x, y in self._corners())
@@ -136,22 +135,16 @@ _TOUCH_M = 1e-9
 
 
 def settle(experiment: Experiment, seed: int, real: bool = True) -> Experiment:
-    """Gives everything that is distributed its place; what has one keeps it.
+    """Gives everything that is distributed a place that `seed` decides; what has one keeps it.
 
-    Args:
-        seed: decides the places.
-        real: False: robots and objects stand where a tracker finds them; the file's word about
-            that is left as it is, and they block no place.
-
-    Returns:
-        The experiment without distributed entities: its `entities` are complete. With `real`,
-        every robot and object has its pose.
+    Without `real`, robots and objects stand where a tracker finds them: they are left as the file
+    says, and block no place. With it, each gets its pose. No entity stays distributed.
 
     Raises:
         ConfigError: bodies that the file places overlap, or a distributed one finds no room.
     """
     bodies = experiment if real else replace(experiment, robots=(), objects=())
-    placed = _place_all(bodies, seed)
+    placed = _Placement(bodies, seed)
     poses = placed.poses
     robots = (replace(r, pose=poses[r.tag], distribution=None) for r in bodies.robots)
     objects = (replace(o, pose=poses[o.tag], distribution=None) for o in bodies.objects)
@@ -164,110 +157,90 @@ def settle(experiment: Experiment, seed: int, real: bool = True) -> Experiment:
     )
 
 
-@dataclass(slots=True)
+Drawn = RobotSpec | ObjectSpec | DistributedSpec
+
+
 class _Placement:
-    """What stands where so far.
+    """Poses of robots and objects by tag, and the distributed entities in their places."""
 
-    Attributes:
-        poses: of robots and objects, by tag.
-        entities: those that were distributed.
-        footprints: of everything with a body, virtual things included.
-        drawn: by `<distribute>` how many places were drawn.
-    """
+    def __init__(self, experiment: Experiment, seed: int) -> None:
+        self.poses: dict[int, Pose] = {}
+        self.entities: list[Entity] = []
+        self._experiment = experiment
+        self._draws = random.Random(seed)
+        self._drawn: Counter[int] = Counter()  # places, by `<distribute>`
+        self._footprints: list[Footprint] = []
+        self._occupy(*experiment.boxes, *experiment.cylinders)
+        self._place_fixed()
+        self._occupy(*(e for e in experiment.entities if not getattr(e, "physical", False)))
+        waiting: list[Drawn] = [
+            *experiment.robots, *experiment.objects, *experiment.distributed,
+        ]  # fmt: skip
+        drawn = [(spec.distribution, spec) for spec in waiting if spec.distribution is not None]
+        for distribution, spec in sorted(drawn, key=lambda pair: pair[0].number):
+            self._draw_free(spec, distribution)
 
-    poses: dict[int, Pose] = field(default_factory=dict)
-    entities: list[Entity] = field(default_factory=list)
-    footprints: list[Footprint] = field(default_factory=list)
-    drawn: Counter[int] = field(default_factory=Counter)
+    def _occupy(self, *entities: Entity) -> None:
+        self._footprints += [f for f in map(of_entity, entities) if f is not None]
 
+    def _place_fixed(self) -> None:
+        """Places bodies whose pose the file says; they may touch, and stand in virtual things."""
+        bodies: list[ObjectSpec | RobotSpec] = [
+            *self._experiment.objects, *self._experiment.robots,
+        ]  # fmt: skip
+        for body in bodies:
+            if body.pose is not None:
+                footprint = of_robot(f"the body with tag {body.tag}", body.pose)
+                in_the_way = self._obstacle(footprint, -_TOUCH_M)
+                if in_the_way:
+                    message = f"{body.id!r} overlaps with {in_the_way}"
+                    raise self._experiment.error(body.line, message)
+                self.poses[body.tag] = body.pose
+                self._footprints.append(footprint)
 
-def _place_all(experiment: Experiment, seed: int) -> _Placement:
-    placed = _Placement()
-    _place_fixed(experiment, placed)
-    virtual = (e for e in experiment.entities if not getattr(e, "physical", False))
-    placed.footprints += [f for f in map(of_entity, virtual) if f is not None]
-    draws = random.Random(seed)
-    waiting: list[RobotSpec | ObjectSpec | DistributedSpec] = [
-        *experiment.robots, *experiment.objects, *experiment.distributed,
-    ]  # fmt: skip
-    drawn = [(spec.distribution, spec) for spec in waiting if spec.distribution is not None]
-    for distribution, spec in sorted(drawn, key=lambda pair: pair[0].number):
-        _draw_free(experiment, placed, spec, distribution, draws)
-    return placed
+    def _draw_free(self, spec: Drawn, distribution: Distribution) -> None:
+        """Draws places until one is free; the error names the last obstacle."""
+        index = self._drawn[distribution.number]
+        self._drawn[distribution.number] += 1
+        is_random = distribution.position_m.is_random or distribution.orientation_rad.is_random
+        trials = distribution.max_trials if is_random else 1
+        obstacle = "nothing"
+        for _ in range(trials):
+            position_m = distribution.position_m.sample(index, self._draws)
+            turn_rad = distribution.orientation_rad.sample(index, self._draws)[0]
+            obstacle = self._try(spec, position_m, float(wrap_angle(turn_rad)))
+            if not obstacle:
+                return
+        name = spec.entity.id if isinstance(spec, DistributedSpec) else spec.id
+        raise self._experiment.error(
+            distribution.line,
+            f"<entity> max_trials: no room for {name!r} found in {trials} trials"
+            f" (the last one hit {obstacle}); give more trials, more room or fewer of them",
+        )
 
-
-def _place_fixed(experiment: Experiment, placed: _Placement) -> None:
-    """Places the bodies whose pose the file says; they may touch, and stand in virtual things."""
-    things: list[Entity] = [*experiment.boxes, *experiment.cylinders]
-    for thing in things:
-        footprint = of_entity(thing)
-        assert footprint is not None
-        placed.footprints.append(footprint)
-    bodies: list[ObjectSpec | RobotSpec] = [*experiment.objects, *experiment.robots]
-    for body in bodies:
-        if body.pose is not None:
-            footprint = of_robot(f"the body with tag {body.tag}", body.pose)
-            in_the_way = _obstacle(experiment, placed, footprint, -_TOUCH_M)
-            if in_the_way:
-                raise experiment.error(body.line, f"{body.id!r} overlaps with {in_the_way}")
-            placed.poses[body.tag] = body.pose
-            placed.footprints.append(footprint)
-
-
-def _draw_free(
-    experiment: Experiment,
-    placed: _Placement,
-    spec: RobotSpec | ObjectSpec | DistributedSpec,
-    distribution: Distribution,
-    draws: random.Random,
-) -> None:
-    """Draws places until one is free; the last obstacle tells why none was."""
-    index = placed.drawn[distribution.number]
-    placed.drawn[distribution.number] += 1
-    is_random = distribution.position_m.is_random or distribution.orientation_rad.is_random
-    trials = distribution.max_trials if is_random else 1
-    obstacle = "nothing"
-    for _ in range(trials):
-        position_m = distribution.position_m.sample(index, draws)
-        turn_rad = distribution.orientation_rad.sample(index, draws)[0]
-        yaw_rad = float(wrap_angle(turn_rad))
-        obstacle = _try(experiment, placed, spec, position_m, yaw_rad)
+    def _try(self, spec: Drawn, position_m: Vector, yaw_rad: float) -> str:
+        """Places a body if it stands free there; else names what is in the way."""
+        footprint: Footprint | None
+        if isinstance(spec, DistributedSpec):
+            entity = _put(spec.entity, position_m, yaw_rad)
+            footprint = of_entity(entity)
+            keep = partial(self.entities.append, entity)
+        else:
+            pose = Pose(position_m[0], position_m[1], yaw_rad)
+            footprint = of_robot(f"the body with tag {spec.tag}", pose)
+            keep = partial(self.poses.__setitem__, spec.tag, pose)
+        obstacle = "" if footprint is None else self._obstacle(footprint, MIN_GAP_M)
         if not obstacle:
-            return
-    name = spec.entity.id if isinstance(spec, DistributedSpec) else spec.id
-    raise experiment.error(
-        distribution.line,
-        f"<entity> max_trials: no room for {name!r} found in {trials} trials"
-        f" (the last one hit {obstacle}); give more trials, more room or fewer of them",
-    )
-
-
-def _try(
-    experiment: Experiment,
-    placed: _Placement,
-    spec: RobotSpec | ObjectSpec | DistributedSpec,
-    position_m: Vector,
-    yaw_rad: float,
-) -> str:
-    """Places a body if it stands free there; else names what is in the way."""
-    if isinstance(spec, DistributedSpec):
-        entity = _put(spec.entity, position_m, yaw_rad)
-        footprint = of_entity(entity)
-        if footprint is None:
-            placed.entities.append(entity)
-            return ""
-        obstacle = _obstacle(experiment, placed, footprint, MIN_GAP_M)
-        if not obstacle:
-            placed.entities.append(entity)
-            placed.footprints.append(footprint)
+            keep()
+            self._footprints += [] if footprint is None else [footprint]
         return obstacle
-    pose = Pose(position_m[0], position_m[1], yaw_rad)
-    footprint = of_robot(f"the body with tag {spec.tag}", pose)
-    obstacle = _obstacle(experiment, placed, footprint, MIN_GAP_M)
-    if not obstacle:
-        placed.poses[spec.tag] = pose
-        placed.footprints.append(footprint)
-    return obstacle
+
+    def _obstacle(self, footprint: Footprint, gap_m: float) -> str:
+        """Names what a body at this place would overlap with; "" if it stands free."""
+        if not footprint.is_inside(self._experiment.arena, gap_m):
+            return "the arena's border"
+        near = (other for other in self._footprints if footprint.distance_m(other) < gap_m)
+        return next((other.what for other in near), "")
 
 
 def _put(entity: Entity, position_m: Vector, yaw_rad: float) -> Entity:
@@ -278,15 +251,3 @@ def _put(entity: Entity, position_m: Vector, yaw_rad: float) -> Entity:
     if isinstance(entity, Light) or (isinstance(entity, (Box, Cylinder)) and not entity.physical):
         return replace(entity, position_m=(x_m, y_m, z_m))
     return entity
-
-
-def _obstacle(
-    experiment: Experiment, placed: _Placement, footprint: Footprint, gap_m: float
-) -> str:
-    """Names what a body at this place would overlap with; "" if it stands free."""
-    if not footprint.is_inside(experiment.arena, gap_m):
-        return "the arena's border"
-    for other in placed.footprints:
-        if footprint.distance_m(other) < gap_m:
-            return other.what
-    return ""

@@ -1,7 +1,7 @@
 """The resources file: every picture source, tracker and camera that a laboratory has.
 
 Thesis, 2.2.2. The file only declares; an experiment file (`tracking_session`) says by id what is
-used. So pictures and camera files are looked at when they are used, not when they are declared.
+used. Pictures and camera files are read when they are used, not when they are declared.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from vsense.markers.families import FamilyError, MarkerFamily, SquareFamily, loa
 from vsense.tracking.specs import (
     CAMERA,
     CAMERA_TYPES,
+    DIRECTORY,
     GENICAM,
     GRABBER_TYPES,
     CameraSpec,
@@ -39,15 +40,7 @@ _PACKET_BYTES = (576, 9216)
 
 
 def read_camera_grabber(id: str, kind: str, element: Element) -> GrabberSpec:
-    """Reads a grabber that is a camera.
-
-    Args:
-        id: its name.
-        kind: `CAMERA` or `GENICAM`.
-
-    Raises:
-        ConfigError: a value is wrong; names file, line, value and expectation.
-    """
+    """Reads a grabber whose `kind` is `CAMERA` or `GENICAM`."""
     expected = {
         CAMERA: "a device such as '/dev/video0', or a URL",
         GENICAM: "an IP address, or an id that 'vsense cameras' shows",
@@ -60,9 +53,7 @@ def read_camera_grabber(id: str, kind: str, element: Element) -> GrabberSpec:
 
 def read_rate_hz(element: Element) -> float | None:
     """Reads `frame_rate`, where there is one."""
-    if not element.has("frame_rate"):
-        return None
-    return element.number("frame_rate", *RATES_HZ, "pictures per second")
+    return _optional(element, "frame_rate", *RATES_HZ, "pictures per second")
 
 
 def _controls(element: Element, rate_needed: bool) -> Controls:
@@ -130,21 +121,12 @@ _RANGE = re.compile(r"([0-9]{1,9})(?:-([0-9]{1,9}))?")
 
 
 def load(path: str | Path) -> Resources:
-    """Reads a resources file.
-
-    Raises:
-        UsageError: it cannot be read.
-        ConfigError: it is wrong; the error names file, line, value and expectation.
-    """
+    """Reads a resources file; raises UsageError where it cannot be read."""
     return read(read_bytes(path), str(path), Path(path).parent)
 
 
 def read_bytes(path: str | Path) -> bytes:
-    """Reads a file that the user named.
-
-    Raises:
-        UsageError: it cannot be read.
-    """
+    """Reads a file that the user named; raises UsageError where it cannot be read."""
     try:
         return Path(path).read_bytes()
     except (OSError, ValueError) as error:
@@ -153,11 +135,7 @@ def read_bytes(path: str | Path) -> bytes:
 
 
 def read(data: bytes, file: str, folder: Path) -> Resources:
-    """Reads a resources file from its bytes.
-
-    Args:
-        folder: what its relative paths start from.
-    """
+    """Reads a resources file from its bytes; relative paths start from `folder`."""
     root = parse(data, file)
     if root.name != "arena_tracking_system":
         raise root.error("is the outermost element, expected <arena_tracking_system>")
@@ -196,15 +174,10 @@ def load_camera(resources: Resources, spec: CameraSpec) -> Camera:
 
 
 def check_recording(resources: Resources, spec: GrabberSpec) -> None:
-    """Refuses a recording that is not there.
-
-    Raises:
-        ConfigError: its directory, video or table of timestamps does not exist.
-    """
-    kinds = {"directory": (os.path.isdir, "path"), "video": (os.path.isfile, "path")}
-    exists, key = kinds[spec.type]
+    """Raises ConfigError where a recording's directory, video or timestamps do not exist."""
+    exists = os.path.isdir if spec.type == DIRECTORY else os.path.isfile
     if not exists(spec.source):
-        message = f"<grabber> {key}: there is no {spec.type} {spec.source}"
+        message = f"<grabber> path: there is no {spec.type} {spec.source}"
         raise resources.error(spec.line, message)
     if spec.timestamps is not None and not spec.timestamps.is_file():
         message = f"<grabber> timestamps: there is no file {spec.timestamps}"
@@ -265,7 +238,6 @@ def _read_tracker(id: str, element: Element, folder: Path) -> TrackerSpec:
 
 
 def _read_family(element: Element, folder: Path) -> tuple[str, MarkerFamily | SquareFamily]:
-    """Gives the family's name or path, and the family."""
     name = element.text("family", "arrow4x4")
     if name.endswith(".json"):
         name = str(folder / name)
@@ -276,7 +248,6 @@ def _read_family(element: Element, folder: Path) -> tuple[str, MarkerFamily | Sq
 
 
 def _read_heading(element: Element, family: MarkerFamily | SquareFamily) -> float:
-    """Reads how the markers are turned on their robots."""
     if element.has("heading") and not isinstance(family, SquareFamily):
         raise element.error(f"is for square markers, those of {family.name} show it", "heading")
     return element.number("heading", -360.0, 360.0, "degrees", 0.0)

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
 
 from vsense.config import argos
 from vsense.config.distribute import OBJECT, Crowd, DistributedSpec
@@ -25,22 +24,16 @@ class ArenaContents:
     """What is in the arena, while it is read.
 
     Attributes:
-        arena: the arena.
         folder: where files with relative paths are looked for.
-        media: what lights may refer to.
-        timestep_s: length of a timestep.
-        entities: what stands at a place that the file says.
-        distributed: what stands at a place that the seed will say.
-        robots: the real robots.
+        entities, distributed: what stands where the file says, and where the seed will say.
         objects: tagged things that are no robots.
-        floor: the floor, None: not said.
-        fields: quantities spread over it.
+        fields: quantities spread over the floor.
         controllers: by robot id the `<controller>` element that names what drives it.
         without_controller: by id the e-pucks that nothing drives: objects, as in the thesis.
         crowds: how many `<distribute>` were read.
-        unseen: boxes and cylinders that only virtual sensors feel.
+        unseen: boxes and cylinders that only virtual sensors notice.
         untagged: elements of bodies without a tag, with the bodies' ids.
-        lines: by id the line of its element.
+        lines, lines_of_tags: by id or tag the line of its element.
     """
 
     arena: Arena
@@ -59,7 +52,7 @@ class ArenaContents:
     unseen: list[Element] = field(default_factory=list)
     untagged: list[tuple[Element, list[str]]] = field(default_factory=list)
     lines: dict[str, int] = field(default_factory=dict)
-    _lines_of_tags: dict[int, int] = field(default_factory=dict)
+    lines_of_tags: dict[int, int] = field(default_factory=dict)
 
     @property
     def tags(self) -> dict[str, int]:
@@ -74,11 +67,7 @@ class ArenaContents:
         return {entity.id: entity for entity in entities}
 
     def claim_id(self, element: Element, name: str) -> None:
-        """Notes an id.
-
-        Raises:
-            ConfigError: another element has it, or it does not fit one line.
-        """
+        """Notes an id, which must be printable and no other element's."""
         if not name.isprintable():
             raise element.error(f"{name!r} holds a character that is not printable", "id")
         if name in self.lines:
@@ -87,24 +76,14 @@ class ArenaContents:
         self.lines[name] = element.line
 
     def claim_tag(self, element: Element, attribute: str, tag: int) -> None:
-        """Notes a tag.
-
-        Raises:
-            ConfigError: another thing wears it.
-        """
-        if tag in self._lines_of_tags:
-            line = self._lines_of_tags[tag]
+        """Notes a tag, which no other thing may wear."""
+        if tag in self.lines_of_tags:
+            line = self.lines_of_tags[tag]
             raise element.error(f"tag {tag} is worn by another one, in line {line}", attribute)
-        self._lines_of_tags[tag] = element.line
-
-    @property
-    def worn(self) -> frozenset[int]:
-        """The tags that the file gives."""
-        return frozenset(self._lines_of_tags)
+        self.lines_of_tags[tag] = element.line
 
     def next_virtual_tag(self) -> int:
-        """Gives a tag for another virtual robot."""
-        there = [*self.entities, *(spec.entity for spec in self.distributed)]
+        there = self.everything.values()
         return VIRTUAL_TAG_MIN + sum(isinstance(entity, VirtualRobot) for entity in there)
 
 
@@ -117,14 +96,6 @@ _LEAST_CHOSEN = 64
 """So many tags are chosen at least: another robot in the file leaves the first ones theirs."""
 _MOST_CHOSEN = 128
 """Choosing takes about 10 ms a tag; the robots of larger swarms wear whatever is free."""
-
-
-class _Identity(NamedTuple):
-    """What an id says: the tag is _NO_TAG and the number None where it does not."""
-
-    name: str
-    tag: int
-    number: int | None
 
 
 def add_epuck(element: Element, bodies: ArenaContents) -> None:
@@ -155,8 +126,8 @@ def add_object(element: Element, bodies: ArenaContents) -> str:
 def add_crowd(crowd: Crowd, bodies: ArenaContents) -> None:
     """Adds the robots or objects of an `<entity>`.
 
-    With vs:tags they are called NAME_TAG_NUMBER, with numbers from base_num; without, NAME and
-    the number, as in ARGoS.
+    With vs:tags they are called NAME_TAG_NUMBER, with numbers from base_num; without, NAME and the
+    number, as in ARGoS.
     """
     element = crowd.element
     prefix = element.text("id")
@@ -184,19 +155,11 @@ def add_crowd(crowd: Crowd, bodies: ArenaContents) -> None:
 
 
 def give_tags(bodies: ArenaContents, family: str) -> None:
-    """Gives a tag to every body whose tag the file does not say, and says so.
-
-    Args:
-        bodies: the arena, read.
-        family: the marker family that the tags are of.
-
-    Raises:
-        ConfigError: the family has too few tags.
-    """
+    """Gives a free tag of a marker family to every body without one in the file, and warns."""
     names = [name for _, group in bodies.untagged for name in group]
     if not names:
         return
-    free = _free_tags(family, len(names), bodies.worn)
+    free = _free_tags(family, len(names), frozenset(bodies.lines_of_tags))
     if len(free) < len(names):
         element = bodies.untagged[-1][0]
         raise element.error(f"has no tag, and the marker family {family!r} has none left for it")
@@ -213,7 +176,7 @@ def give_tags(bodies: ArenaContents, family: str) -> None:
 
 
 def _free_tags(family: str, count: int, worn: frozenset[int]) -> list[int]:
-    """Chooses free tags; the first ones are those that cameras tell apart best."""
+    """Chooses free tags; the first ones are those that cameras distinguish best."""
     chosen = _well_apart(family, min(max(_LEAST_CHOSEN, count + len(worn)), _MOST_CHOSEN))
     taken = worn | set(chosen)
     rest = (tag for tag in range(load_family(family).tags) if tag not in taken)
@@ -249,15 +212,18 @@ def _add_virtual_crowd(crowd: Crowd, prefix: str, bodies: ArenaContents) -> None
 
 
 def _is_driven(element: Element, name: str, bodies: ArenaContents) -> bool:
-    """Tells whether a controller drives a virtual robot; else loop functions move it."""
+    """Whether a controller drives a virtual robot; else loop functions move it."""
     controller = element.optional_child("controller")
     if controller is not None:
         bodies.controllers[name] = controller
     return controller is not None
 
 
-def _read_identity(element: Element, bodies: ArenaContents) -> _Identity:
-    """Reads an id of the form NAME_TAG_ROBOT, or another one and the tag from vs:tag."""
+def _read_identity(element: Element, bodies: ArenaContents) -> tuple[str, int, int | None]:
+    """Reads an id of the form NAME_TAG_ROBOT, or another one and the tag from vs:tag.
+
+    Gives the id, the tag or _NO_TAG, and the robot's number or None.
+    """
     name = element.text("id")
     bodies.claim_id(element, name)
     match = _ID.fullmatch(name)
@@ -273,7 +239,7 @@ def _read_identity(element: Element, bodies: ArenaContents) -> _Identity:
         bodies.untagged.append((element, [name]))
     else:
         bodies.claim_tag(element, "vs:tag" if match is None else "id", tag)
-    return _Identity(name, tag, number)
+    return name, tag, number
 
 
 def _read_tags(crowd: Crowd, bodies: ArenaContents) -> list[int]:

@@ -23,30 +23,17 @@ _SHORT = {"noise": "noise_level"}
 def apply(
     root: Element, settings: Mapping[str, str], virtual: Mapping[str, Collection[str]]
 ) -> dict[str, list[Element]]:
-    """Puts settings in their places, before the file is read.
+    """Puts settings, values by `ELEMENT.attribute`, in their places before the file is read.
 
-    Args:
-        settings: values by `ELEMENT.attribute`.
-        virtual: names of the virtual devices by the name of the element that holds them.
-
-    Returns:
-        By setting the elements that it changes.
-
-    Raises:
-        UsageError: a setting has no such form, or fits no element.
+    `virtual` has the names of the virtual devices by the name of the element that holds them.
+    Returns by setting the elements that it changes. Raises UsageError where a setting has no such
+    form, or fits no element.
     """
     return {key: _apply(root, key, value, virtual) for key, value in settings.items()}
 
 
 def check_used(root: Element, applied: Mapping[str, list[Element]]) -> None:
-    """Refuses settings that only change what is left out.
-
-    Args:
-        applied: what `apply` gave.
-
-    Raises:
-        UsageError: such a setting.
-    """
+    """Raises UsageError where an `applied` setting changes only what is left out."""
     in_use = {id(element) for element in root.walk()}
     for key, elements in applied.items():
         if not any(id(element) in in_use for element in elements):

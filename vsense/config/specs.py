@@ -1,14 +1,14 @@
 """What an experiment file says, as frozen records: lengths in m, angles in rad, arena frame.
 
-Every record that comes from one element carries the line it stood in, so that a fault which
-shows only later (a body that does not fit, a controller that does not build) is still reported
-at its place: `Experiment.error(line, message)`.
+`id` is what the file calls a thing. `line` is that of a record's element, so that a fault which
+shows only later (a body that does not fit, a controller that does not build) is still reported at
+its place: `Experiment.error(line, message)`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,7 +16,7 @@ from vsense.actuators.base import MountedActuator
 from vsense.config.distribute import DistributedSpec, Distribution
 from vsense.errors import ConfigError
 from vsense.sensors.base import MountedSensor
-from vsense.world.entities import Arena, Box, Cylinder, Entity, Light, VirtualRobot, Zone
+from vsense.world.entities import Arena, Box, Cylinder, Entity, VirtualRobot
 from vsense.world.pollution import PollutantSource
 
 
@@ -30,16 +30,14 @@ class Pose(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class RobotSpec:
-    """A robot of the experiment.
+    """A robot of the experiment, with `tag` on its marker.
 
     Attributes:
         id: NAME_TAG_ROBOT, or any name where `vs:tag` gives the tag.
-        tag: number on its marker.
         number: the last part of its id (the original's last octet of the robot's address), else
             its place in the file.
         pose: start pose, or None where it is distributed.
         distribution: how its start pose is drawn, or None.
-        line: line of its element.
     """
 
     id: str
@@ -52,15 +50,7 @@ class RobotSpec:
 
 @dataclass(frozen=True, slots=True)
 class ObjectSpec:
-    """A thing with a marker on it that is no robot, such as the polluter.
-
-    Attributes:
-        id: NAME_TAG_NUMBER.
-        tag: number on its marker.
-        pose: where it stands at the start, or None where it is distributed.
-        distribution: how its start pose is drawn, or None.
-        line: line of its element.
-    """
+    """A thing with a marker on it that is no robot, such as the polluter; see `RobotSpec`."""
 
     id: str
     tag: int
@@ -74,10 +64,8 @@ class ControllerSpec:
     """What drives the robots.
 
     Attributes:
-        id: its name in the file.
         library: a shipped controller's name, or the path of a C source.
         params: the user's own settings, passed on as they are.
-        line: line of its element.
     """
 
     id: str
@@ -93,12 +81,9 @@ class ControllerSpec:
 
 @dataclass(frozen=True, slots=True)
 class MarkerSpec:
-    """The markers on robots and objects.
+    """The markers on robots and objects: their family, and their height above the floor.
 
-    Attributes:
-        family: name of the marker family.
-        height_m: height of the markers above the floor.
-        line: line of its element; of the root where it is absent.
+    `line` is the root's where the element is absent.
     """
 
     family: str
@@ -111,11 +96,9 @@ class FloorSpec:
     """What the floor looks like.
 
     Attributes:
-        id: its name.
         source: "image" or "loop_functions".
         path: the image's file; None with source "loop_functions".
         pixels_per_m: resolution at which loop functions are asked for colours; 0 with an image.
-        line: line of its element.
     """
 
     id: str
@@ -130,12 +113,10 @@ class FieldSpec:
     """A quantity that is spread over the floor, such as a pheromone.
 
     Attributes:
-        id: its name, as sensors and actuators call it.
         cell_m: side of a grid cell.
         evaporation_per_s: share of it that vanishes in a second (rate of the exponential).
         diffusion_m2_s: how fast it spreads.
         initial: its amount everywhere at the start [1/m2].
-        line: line of its element.
     """
 
     id: str
@@ -154,7 +135,6 @@ class LoopSpec:
         path: their file.
         label: the class in it that holds them, as ARGoS's label names one; "": not said.
         params: the other attributes of `<loop_functions>` and of the elements in it (`child.key`).
-        line: line of the element.
     """
 
     path: Path
@@ -168,11 +148,9 @@ class TrackerAddress:
     """A tracker that speaks the original protocol.
 
     Attributes:
-        host: its name or address.
-        port: its TCP port.
+        host, port: its name or address, and its TCP port.
         origin_m: where the arena's origin lies in the tracker's frame.
         latency_s: from the middle of an exposure to the arrival of its state.
-        line: line of the element that names the host.
     """
 
     host: str
@@ -186,10 +164,7 @@ class TrackerAddress:
 class JsonLinesTracker:
     """Any other tracker: it connects to vsense and writes JSON lines.
 
-    Attributes:
-        host: name or address of the interface on which it is waited for.
-        port: TCP port; 0: any that is free.
-        line: line of its element.
+    `host` is the interface on which it is waited for; `port` 0 takes any that is free.
     """
 
     host: str
@@ -199,35 +174,24 @@ class JsonLinesTracker:
 
 @dataclass(frozen=True, slots=True)
 class Experiment:
-    """A checked experiment file.
+    """A checked experiment file; all that stands in it is in the file's order.
 
     Attributes:
         name: the file's name without ending.
         file: the file as errors call it.
         path: where it lies; relative paths in it are taken from its folder.
-        length_s: length of the run; 0: no limit. To change it, give it to `load`: the wind's
-            turn may be a share of it.
-        ticks_per_second: timesteps in one second.
+        length_s: length of the run; 0: no limit. To change it, give it to `load`: the wind's turn
+            may be a share of it.
         seed: seed of everything that is drawn; 0: the caller draws one.
-        host: IPv4 address of the virtual sensor server, in numbers, as the robots are told.
-        port: its port.
-        arena: the arena.
-        robots: the robots, in the file's order.
+        host, port: IPv4 address of the virtual sensor server, in numbers, and its port.
         objects: tagged things that are no robots.
-        marker: the markers.
-        controller: what drives all robots.
-        sensors: their virtual sensors, in the file's order.
         sources: what pollutes.
         warnings: what is passed over: `file:line: what happens instead`.
         entities: what stands in the arena beside robots and tagged objects, virtual robots
-            included, in the file's order.
+            included.
         distributed: entities that a seed places; empty once they are placed, see `settle`.
         floor: what the floor looks like, None: plain white.
-        fields: quantities spread over the floor.
-        loop_functions: the user's Python functions, or None.
-        actuators: the robots' virtual actuators, in the file's order.
         tracker: where the arena state comes from, None: from cameras of our own.
-        lines: by id the line of its element.
     """
 
     name: str
@@ -253,41 +217,27 @@ class Experiment:
     loop_functions: LoopSpec | None = None
     actuators: tuple[MountedActuator, ...] = ()
     tracker: TrackerAddress | JsonLinesTracker | None = None
-    lines: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def boxes(self) -> tuple[Box, ...]:
-        """Boxes in the real arena, those that await a place not counted."""
+        """Boxes in the real arena without those that await a place."""
         return tuple(e for e in self.entities if isinstance(e, Box) and e.physical)
 
     @property
     def cylinders(self) -> tuple[Cylinder, ...]:
-        """Cylinders in the real arena, those that await a place not counted."""
+        """See `boxes`."""
         return tuple(e for e in self.entities if isinstance(e, Cylinder) and e.physical)
 
     @property
-    def lights(self) -> tuple[Light, ...]:
-        """The lights."""
-        return tuple(e for e in self.entities if isinstance(e, Light))
-
-    @property
-    def zones(self) -> tuple[Zone, ...]:
-        """Named regions of the floor."""
-        return tuple(e for e in self.entities if isinstance(e, Zone))
-
-    @property
     def virtual_robots(self) -> tuple[VirtualRobot, ...]:
-        """Robots that live beside the real ones."""
         return tuple(e for e in self.entities if isinstance(e, VirtualRobot))
 
     @property
     def timestep_s(self) -> float:
-        """Length of a timestep."""
         return 1.0 / self.ticks_per_second
 
     @property
     def timestep_ns(self) -> int:
-        """Length of a timestep [ns]."""
         return round(1e9 / self.ticks_per_second)
 
     @property
@@ -305,16 +255,8 @@ class Experiment:
         """Timesteps of the run; 0: no limit."""
         return round(self.length_s * self.ticks_per_second)
 
-    def line_of(self, id: str) -> int:
-        """Gives the line of the element with an id, of the root where there is none."""
-        return self.lines.get(id, 1)
-
     def refuse_warnings(self) -> None:
-        """Refuses what is passed over: `--strict`.
-
-        Raises:
-            ConfigError: there is something, at the first one's place.
-        """
+        """Raises ConfigError at the first place where something is passed over: `--strict`."""
         if self.warnings:
             place, _, words = self.warnings[0].removeprefix(self.file).partition(": ")
             more = len(self.warnings) - 1

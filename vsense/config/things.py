@@ -7,7 +7,7 @@ one, so of a medium only its id counts, and for range and bearing whether bodies
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
 from vsense.arena import wrap_angle
@@ -41,11 +41,7 @@ NAMED: dict[str, Color] = {
 
 
 def read_color(element: Element, key: str, default: str | None = None) -> Color:
-    """Reads a colour's name, or its red, green and blue from 0 to 255 with commas between them.
-
-    Raises:
-        ConfigError: absent and required, or no colour.
-    """
+    """Reads a colour's name, or its red, green and blue from 0 to 255 with commas between them."""
     text = element.text(key, default, "a colour such as 'yellow' or '255,255,0'")
     if text in NAMED:
         return NAMED[text]
@@ -68,20 +64,24 @@ OCCLUSIONS = "check_occlusions"
 """Attribute of a range-and-bearing medium, and of the virtual sensor that uses it."""
 
 
-def read_media(root: Element) -> Media:
-    """Reads the media of an experiment.
-
-    Raises:
-        ConfigError: two have one id, or an attribute is wrong.
-    """
-    section = root.optional_child("media")
+def by_id(elements: Iterable[Element], kind: str) -> dict[str, Element]:
+    """Gives elements of a kind by their ids; raises ConfigError where two have one."""
     found: dict[str, Element] = {}
-    for element in section.children(*argos.MEDIA, *argos.OTHER_MEDIA) if section else ():
+    for element in elements:
         name = element.text("id")
         if name in found:
             line = found[name].line
-            raise element.error(f"{name!r} is the id of another medium, in line {line}", "id")
+            raise element.error(f"{name!r} is the id of another {kind}, in line {line}", "id")
         found[name] = element
+    return found
+
+
+def read_media(root: Element) -> Media:
+    """Reads the media of an experiment; raises ConfigError where two have one id."""
+    section = root.optional_child("media")
+    known = section.children(*argos.MEDIA, *argos.OTHER_MEDIA) if section else ()
+    found = by_id(known, "medium")
+    for element in found.values():
         if element.name in argos.OTHER_MEDIA:
             element.leave_out("nothing is sent through it")
             continue
@@ -93,11 +93,7 @@ def read_media(root: Element) -> Media:
 
 
 def check_medium(element: Element, media: Media) -> None:
-    """Reads the medium that a device or a light may name, and tells the device what it says.
-
-    Raises:
-        ConfigError: there is no such medium.
-    """
+    """Reads the medium that a device or a light may name, and sets on the device what it says."""
     if not element.has("medium"):
         return
     name = element.text("medium")
@@ -128,15 +124,9 @@ ORIGIN = Placing((0.0, 0.0, 0.0), 0.0)
 
 
 def read_place(element: Element, arena: Arena, default: str | None = None) -> Placing:
-    """Reads `position` and `orientation`, from a `<body>` or from the thing itself.
+    """Reads `position`, inside the arena, and `orientation`, from a `<body>` or the thing itself.
 
-    Args:
-        element: what carries the two.
-        arena: where it must lie.
-        default: the orientation, where it may be absent.
-
-    Raises:
-        ConfigError: one is wrong, or it lies outside the arena.
+    `default` is the orientation, where it may be absent.
     """
     far = MAX_LENGTH_M
     position_m = element.vector("position", -far, far, "m")
@@ -152,13 +142,7 @@ def read_place(element: Element, arena: Arena, default: str | None = None) -> Pl
 
 
 def read_thing(element: Element, name: str, arena: Arena, placed: bool) -> Entity:
-    """Reads a thing.
-
-    Args:
-        element: one whose name is in THINGS.
-        arena: where it stands.
-        placed: the file says where it stands; else it is put at the origin for now.
-    """
+    """Reads a thing whose element's name is in THINGS; without `placed` it is put at the origin."""
     read, holder = THINGS[element.name]
     place = ORIGIN
     if placed:
@@ -180,9 +164,9 @@ def _read_cylinder(element: Element, name: str, place: Placing) -> Cylinder:
 
 
 def _read_solid(element: Element, name: str, place: Placing) -> bool:
-    """Reads what boxes and cylinders share; tells whether it stands in the real arena.
+    """Reads what boxes and cylinders share; returns whether it stands in the real arena.
 
-    Walls do unless told otherwise, other things do not.
+    Walls do by default, other things do not.
     """
     if element.boolean("movable"):
         element.number("mass", 0.001, 1000.0, "kg")

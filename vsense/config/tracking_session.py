@@ -1,7 +1,4 @@
-"""The experiment file of the arena tracking system: what of the resources a session uses.
-
-Thesis, 2.2.2.
-"""
+"""The experiment file of the arena tracking system (thesis, 2.2.2): what a session uses."""
 
 from __future__ import annotations
 
@@ -12,6 +9,7 @@ from typing import TypeVar
 from vsense.cameras.genicam import FREE
 from vsense.config import resources as resources_file
 from vsense.config.resources import check_recording, load_camera, read_bytes
+from vsense.link.trackers.protocol import DEFAULT_PORT
 from vsense.tracking.specs import (
     CameraTrackerSpec,
     GrabberSpec,
@@ -23,8 +21,6 @@ from vsense.tracking.specs import (
 from vsense.xml.element import Element
 from vsense.xml.parsing import parse
 
-DEFAULT_PORT = 4040
-"""Of the original tracking server. Source: iridia.md section 1a."""
 DEFAULT_DIRECTORY = "recordings"
 IMAGE_FORMATS = ("png", "jpg", "pgm")
 
@@ -35,27 +31,14 @@ Part = TypeVar("Part")
 
 
 def load(resources_path: str | Path, experiment_path: str | Path) -> TrackingSession:
-    """Reads the two files of a tracking session.
-
-    Raises:
-        UsageError: one of them cannot be read.
-        ConfigError: one of them is wrong; the error names file, line, value and expectation.
-    """
+    """Reads the two files of a tracking session; raises UsageError where one cannot be read."""
     resources = resources_file.load(resources_path)
     folder = Path(experiment_path).parent
     return read(read_bytes(experiment_path), str(experiment_path), folder, resources)
 
 
 def read(data: bytes, file: str, folder: Path, resources: Resources) -> TrackingSession:
-    """Reads an experiment file from its bytes.
-
-    Args:
-        folder: what its relative paths start from.
-        resources: what its ids refer to.
-
-    Raises:
-        ConfigError: the file is wrong, or a part of the resources that it uses is.
-    """
+    """Reads an experiment file from its bytes; its relative paths start from `folder`."""
     root = parse(data, file)
     if root.name != "arena_tracking":
         raise root.error("is the outermost element, expected <arena_tracking>")
@@ -93,7 +76,6 @@ def _read_view(element: Element, resources: Resources) -> CameraTrackerSpec:
 
 
 def _referred(element: Element, key: str, known: Mapping[str, Part], file: str) -> Part:
-    """Gives what an attribute refers to by its id."""
     id = element.choice(key, tuple(known)) if known else element.text(key)
     if id not in known:
         raise element.error(f"{id!r} is not known: {file} declares no {key}", key)
@@ -101,7 +83,6 @@ def _referred(element: Element, key: str, known: Mapping[str, Part], file: str) 
 
 
 def _check_together(session: TrackingSession, elements: list[Element]) -> None:
-    """Refuses views that contradict each other."""
     first: dict[tuple[str, str], int] = {}
     heights_m: dict[int, tuple[float, str]] = {}
     for view, element in zip(session.views, elements):

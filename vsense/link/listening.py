@@ -37,10 +37,14 @@ class PendingOutput(Protocol):
 
 
 class Client:
-    """A client's socket, and what is still to be written to it.
+    """An accepted socket, and what is still to be written to it.
 
-    Attributes:
-        sock: the socket.
+    Args:
+        pending: what is to be written.
+        stuck_ns: a client that takes nothing of what waits for it for this long is gone.
+        keepalive: seconds of silence before the kernel asks whether it is still there, and
+            between two such questions; and how many stay unanswered before it is gone.
+        now_ns: monotonic clock.
     """
 
     def __init__(
@@ -51,16 +55,6 @@ class Client:
         keepalive: tuple[int, int],
         now_ns: int,
     ) -> None:
-        """Prepares an accepted socket.
-
-        Args:
-            sock: the socket.
-            pending: what is to be written.
-            stuck_ns: a client that takes nothing of what waits for it for this long is gone.
-            keepalive: seconds of silence before the kernel asks whether it is still there, and
-                between two such questions; and how many stay unanswered before it is gone.
-            now_ns: monotonic clock.
-        """
         self.sock = sock
         self._pending = pending
         self._stuck_ns = stuck_ns
@@ -100,16 +94,13 @@ class Client:
 
 
 class ListeningServer:
-    """A port and the thread that serves it; a subclass says who is served and how.
+    """A port and the thread that serves it; a subclass decides who is served and how.
 
     Args:
         name: the server's name, for people.
         host: name or address of the interface to listen on.
-        port: its number; 0 takes any that is free.
+        port: its number; 0 takes any that is free. It is taken at once and served from `start` on.
         clock: the host's monotonic clock [ns].
-
-    Attributes:
-        port: the port's number. It is taken at once; nobody is answered before `start`.
 
     Raises:
         LinkError: the host is unknown, or the port is taken.
@@ -139,7 +130,7 @@ class ListeningServer:
             raise LinkError(f"{self._name} has failed: {self._failure!r}")
 
     def _join(self) -> None:
-        """Ends the thread, which has been told to, and closes everything; can be called again."""
+        """Ends the thread where `_ending` is set, and closes everything; can be called again."""
         self._waker.wake()
         if self._thread.is_alive():
             self._thread.join(_JOIN_S)
@@ -159,18 +150,17 @@ class ListeningServer:
         self._selector.register(client.sock, _READ | _WRITE, client)
 
     def _await(self, client: Client, unsent: bool) -> None:
-        """Has the thread wait for what a client says, and while `unsent` until it takes more."""
+        """Has the thread wait until a client sends, and while `unsent` until it takes more."""
         self._selector.modify(client.sock, _READ | (_WRITE if unsent else 0), client)
 
     def _dismiss(self, client: Client) -> None:
-        """Closes a client's socket."""
         self._selector.unregister(client.sock)
         client.sock.close()
 
     # --- the server's thread
 
     def _run(self) -> None:
-        """The thread. A failure here is a fault of ours: it is kept for the next caller."""
+        """The thread. A failure here is a bug; it is kept for the next caller."""
         try:
             while not self._ending:
                 self._turn(_IDLE_S)
@@ -185,7 +175,6 @@ class ListeningServer:
                 self._let_go()
 
     def _turn(self, wait_s: float) -> None:
-        """Waits for a socket, and does all that is due."""
         for key, _ in self._selector.select(wait_s):
             if key.fileobj is self._waker:
                 self._waker.drain()
@@ -200,17 +189,17 @@ class ListeningServer:
         try:
             sock, address = self._listener.accept()
         except OSError:
-            return  # whoever it was has gone again
+            return  # the client has gone again
         self._greet(sock, str(address[0]))
 
     # --- what a subclass does
 
     def _greet(self, sock: socket.socket, origin: str) -> None:
-        """Takes a connection in, or turns it away."""
+        """Takes a connection in, or refuses it."""
         raise NotImplementedError
 
     def _hear(self, client: Any) -> None:
-        """Takes what a client says."""
+        """Takes what a client sends."""
         raise NotImplementedError
 
     def _settle(self) -> None:
@@ -218,9 +207,9 @@ class ListeningServer:
         raise NotImplementedError
 
     def _let_go(self) -> None:
-        """Drops everybody; the lock is held."""
+        """Drops all clients; the lock is held."""
         raise NotImplementedError
 
     def _unsent(self) -> bool:
-        """Tells whether anything still waits to be written."""
+        """Whether anything still waits to be written."""
         raise NotImplementedError

@@ -1,7 +1,7 @@
-"""Code words: what a camera makes of a tag's cells, and which tags it can tell apart best.
+"""Code words: the cells of a tag as a camera sees them, and the tags that differ most.
 
-A blurred cell carries some of its neighbours. A tag's code word is its cells' brightness
-after that blur, in [0, 1] between the arrow's black and the disc's white.
+Blur mixes the light of neighbouring cells. A tag's code word is its cells' brightness after that
+blur, in [0, 1] between the arrow's black and the disc's white.
 """
 
 from __future__ import annotations
@@ -15,22 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.errors import UsageError
+from vsense.markers.dictionary import Floats
 from vsense.markers.families import FamilyError, MarkerFamily, SquareFamily
-
-Floats = NDArray[np.float64]
 
 BLURS_U = np.arange(0.10, 0.86, 0.04)
 """Standard deviations of the blur for which code words are kept, in units u."""
 
 SPOTS = (-0.18, 0.0, 0.18)
-"""Where a cell is read, along and across, in its sides from its middle: nine spots, which stand
-for its inner half."""
+"""The nine spots where a cell is read, along and across, in sides from its middle."""
 
 AUTO_BLUR = 0.4
-"""Blur that chosen tags stay apart under, in cells: a point spread of 1.2 px at 0.57 px/mm."""
+"""Blur for the choice of tags, in cells: a point spread of 1.2 px at 0.57 px/mm."""
 
 MOST = 1000
-"""Tags on a sheet."""
+"""Most tags on a sheet."""
 
 _RANGE = re.compile(r"(\d{1,6})(?:-(\d{1,6}))?")
 _FINE = 4
@@ -38,14 +36,10 @@ _FINE = 4
 
 @cache
 def cell_blur(family: MarkerFamily, along_mm: float, across_mm: float | None = None) -> Floats:
-    """Returns how much of each cell's white the middle of each other cell sees.
+    """Returns (cells, cells): the share of cell j's light that the spots of cell i see on average.
 
-    Args:
-        along_mm: Standard deviation of the blur along the heading, a Gaussian on the marker.
-        across_mm: The same across the heading; by default as along it.
-
-    Returns:
-        (cells, cells): what the spots of cell i see of the light from cell j, on average.
+    `along_mm` and `across_mm` (default: the same) are standard deviations of a Gaussian blur on
+    the marker, along the heading and across it.
     """
     across_mm = along_mm if across_mm is None else across_mm
     return np.asarray(np.kron(_line_blur(family, along_mm), _line_blur(family, across_mm)))
@@ -55,7 +49,7 @@ def cell_blur(family: MarkerFamily, along_mm: float, across_mm: float | None = N
 def outer_light(family: MarkerFamily, along_mm: float, across_mm: float) -> Floats:
     """Returns how much of the disc's white around the arrow each cell sees, (cells,).
 
-    The arrow's body is taken for the rectangle around its rear; its tip is far from the cells.
+    The arrow counts as the rectangle around its rear, because its tip is far from the cells.
     """
     corners = family.polygon_mm
     rear, side = corners[:, 0].min(), corners[:, 1].max()
@@ -81,23 +75,15 @@ def _line_blur(family: MarkerFamily, sigma_mm: float) -> Floats:
 
 
 def usable(white: NDArray[np.intp], cells: int) -> NDArray[np.bool_]:
-    """Tells of numbers of white cells whether neither black nor white is in nearly all cells.
-
-    Blank things look like those.
-    """
+    """Whether white cells are a quarter to three quarters of all: others resemble blank things."""
     return np.asarray((4 * white >= cells) & (4 * white <= 3 * cells))
 
 
 def choose_tags(family: MarkerFamily, count: int, sigma_mm: float, seed: int = 0) -> list[int]:
     """Chooses tags that stay far apart under blur, by a farthest-first greedy search.
 
-    Words that are nearly all black or nearly all white are left out, because blank things
-    look like them. A tag also keeps away from the others turned by half a turn.
-
-    Args:
-        count: How many tags.
-        sigma_mm: The blur to stand, see `cell_blur`.
-        seed: Chooses the first tag; the rest follows from it.
+    Only `usable` words are taken. A tag also keeps away from the others turned by half a turn.
+    `sigma_mm` is the blur to stand, see `cell_blur`; `seed` determines the first tag.
 
     Returns:
         The tags in ascending order.
@@ -125,11 +111,7 @@ def choose_tags(family: MarkerFamily, count: int, sigma_mm: float, seed: int = 0
 
 
 def parse_tags(text: str, family: MarkerFamily | SquareFamily) -> list[int]:
-    """Returns the tags that a text such as `1-20`, `3,7,20-22` or `auto:20` names.
-
-    Raises:
-        UsageError: it is no such text, names a tag twice, or one that the family lacks.
-    """
+    """Returns the tags of a text such as `1-20`, `3,7,20-22` or `auto:20`; raises UsageError."""
     if text.startswith("auto:"):
         return _auto(text, family)
     tags: list[int] = []
@@ -170,11 +152,7 @@ def _auto(text: str, family: MarkerFamily | SquareFamily) -> list[int]:
 
 
 def choose_square_tags(family: SquareFamily, count: int) -> list[int]:
-    """Chooses tags of a dictionary that stay far apart under blur in all four positions.
-
-    Raises:
-        FamilyError: The dictionary has fewer tags.
-    """
+    """Chooses tags that stay far apart under blur in all four positions; raises FamilyError."""
     if count > family.tags:
         raise FamilyError(f"{count} tags: the family {family.name} has {family.tags}")
     cells = family.codes.bits().astype(np.float32)

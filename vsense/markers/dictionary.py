@@ -1,7 +1,7 @@
 """Square marker families: OpenCV's ArUco and AprilTag dictionaries, read from data files.
 
-A square marker is a black frame one cell wide around a matrix of cells, on white. The heading
-of the robot that carries it is a setting, because a square has no direction of its own.
+A square marker is a black frame one cell wide around a matrix of cells, on white. The heading of
+its robot is a setting, because a square has no direction of its own.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Codes:
         cells: Cells per side, without the frame.
         words: One number per tag: bit k is the cell at row k // cells, column k % cells of the
             marker seen upright, 1 where white.
-        correction: How many wrong cells of a marker can be put right.
+        correction: How many wrong cells of a marker can be corrected.
     """
 
     name: str
@@ -53,12 +53,9 @@ class SquareFamily:
     """Square markers on a white disc.
 
     Attributes:
-        name: Name of the family.
-        codes: The code words.
         size_mm: Side of the black square.
-        heading_deg: From the marker's upright direction counter-clockwise to the robot's
-            driving direction, seen from above.
-        disc_diameter_mm: Diameter of the white disc.
+        heading_deg: From the marker's upright direction counter-clockwise to the robot's driving
+            direction, seen from above.
         centre_mm: The disc's centre, seen from the square's: forwards and to the left.
     """
 
@@ -71,7 +68,7 @@ class SquareFamily:
 
     @property
     def tags(self) -> int:
-        """How many tags there are: 0 .. tags - 1."""
+        """See `Family.tags`."""
         return len(self.codes.words)
 
     @property
@@ -85,11 +82,7 @@ class SquareFamily:
         return np.array(self.centre_mm, dtype=np.float64)
 
     def bits(self, tag: int) -> NDArray[np.bool_]:
-        """Returns the (cells, cells) cells of a tag seen upright, True where white.
-
-        Raises:
-            FamilyError: The family has no such tag.
-        """
+        """Returns the (cells, cells) upright cells of a tag, True: white; raises FamilyError."""
         if not 0 <= tag < self.tags:
             raise FamilyError(f"tag {tag}: the family {self.name} has 0 to {self.tags - 1}")
         cells = self.codes.cells
@@ -97,15 +90,7 @@ class SquareFamily:
         return np.array(flat, dtype=bool).reshape(cells, cells)
 
     def is_white(self, tag: int, points_mm: Floats) -> NDArray[np.bool_]:
-        """Tells where the marker is white.
-
-        Args:
-            tag: The marker's number.
-            points_mm: (..., 2) in the family frame, on the disc.
-
-        Returns:
-            (...) True where white.
-        """
+        """See `Family.is_white`."""
         points = np.asarray(points_mm, dtype=np.float64)
         turn = math.radians(self.heading_deg)
         c, s = math.cos(turn), math.sin(turn)
@@ -121,17 +106,14 @@ class SquareFamily:
 
 
 def parse_square(file: str, values: dict[str, Any]) -> SquareFamily:
-    """Makes a family of the values of a definition file.
+    """Makes a family from the values of a definition file.
 
-    Args:
-        file: The definition, named in errors; a dictionary of one's own lies beside it.
-        values: What the definition says.
+    The file is named in errors, and a user's own dictionary lies beside it.
 
     Raises:
         FamilyError: There is no such dictionary, or a value is out of its range.
         KeyError: A value is missing.
-        TypeError: A value has the wrong type.
-        ValueError: A value is no number.
+        TypeError, ValueError: A value has the wrong type.
     """
     centre = values.get("centre_mm", (0.0, 0.0))
     family = SquareFamily(
@@ -155,11 +137,7 @@ def parse_square(file: str, values: dict[str, Any]) -> SquareFamily:
 
 
 def load_codes(name: str, folder: Path = Path()) -> Codes:
-    """Reads one of OpenCV's dictionaries by its name, or a dictionary file (ending in .yml).
-
-    Raises:
-        FamilyError: There is no such dictionary, or the file is none.
-    """
+    """Reads OpenCV's dictionary of a name, or a dictionary file (.yml); raises FamilyError."""
     if name.endswith((".yml", ".yaml", ".xml", ".json")):
         return _codes(name, _read_dictionary(folder / name))
     number = getattr(cv2.aruco, name, None) if name.startswith("DICT_") else None
@@ -170,7 +148,7 @@ def load_codes(name: str, folder: Path = Path()) -> Codes:
 
 
 def _read_dictionary(path: Path) -> cv2.aruco.Dictionary:
-    """Reads the format that OpenCV's tools write: nmarkers, markersize, marker_0 ..."""
+    """Reads the format of OpenCV's tools: nmarkers, markersize, marker_0 ..."""
     if not path.is_file():
         raise FamilyError(f"{path}: there is no such dictionary file")
     dictionary = cv2.aruco.Dictionary()
@@ -193,9 +171,9 @@ def _codes(name: str, dictionary: cv2.aruco.Dictionary) -> Codes:
 
 
 def _distance(bits: NDArray[np.uint8]) -> int:
-    """Returns in how many cells two of the (n, cells, cells) markers differ at least, any turn.
+    """Returns the least number of cells in which two (n, cells, cells) markers differ, any turn.
 
-    What OpenCV itself says about a dictionary's correction depends on its version.
+    The correction that OpenCV states depends on its version.
     """
     signs = 1.0 - 2.0 * bits.astype(np.float32)
     flat = signs.reshape(len(bits), -1)

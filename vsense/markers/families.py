@@ -1,8 +1,8 @@
 """Marker families: what the markers on the robots look like, read from data files.
 
-A definition says of which kind its markers are: arrows (this module) or squares (`dictionary`).
-The family frame has its origin in the middle of the marker's cells, +x in the driving direction
-and +y to the left, seen from above; lengths are in millimetres. The robot's centre is the disc's.
+A definition's kind is arrow (this module) or square (`dictionary`). The family frame has its
+origin in the middle of the marker's cells, +x in the driving direction and +y to the left, seen
+from above; lengths are in millimetres. The robot's centre is the disc's.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ __all__ = ["Family", "FamilyError", "MarkerFamily", "SquareFamily", "known_famil
 
 
 class Family(Protocol):
-    """Markers with numbers, each printed on a white disc that a robot carries."""
+    """Numbered markers, each printed on a white disc that a robot carries."""
 
     @property
     def name(self) -> str:
@@ -41,10 +41,10 @@ class Family(Protocol):
         """The disc's centre, which is the robot's, (2,)."""
 
     def is_white(self, tag: int, points_mm: Floats) -> NDArray[np.bool_]:
-        """Tells where the marker is white, (..., 2) points on the disc -> (...)."""
+        """Whether (..., 2) points on the disc, in the family frame, are white."""
 
     def __hash__(self) -> int:
-        """Families are values: what is drawn of one can be kept for the next use."""
+        """Families are values, so that what is drawn of one can be cached."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,12 +52,10 @@ class MarkerFamily:
     """A black convex arrow with a matrix of cells on a white disc.
 
     Attributes:
-        name: Name of the family.
         unit_mm: The length u.
         cell_mm: Side of one cell.
         grid: Cells per side.
-        polygon_u: The arrow's corners (x, y) in units u.
-        disc_diameter_mm: Diameter of the white disc.
+        polygon_u: The arrow's corners (x, y) in units u, counter-clockwise.
         disc_centre_u: The disc's centre in units u.
     """
 
@@ -71,7 +69,7 @@ class MarkerFamily:
 
     @property
     def tags(self) -> int:
-        """How many tags there are: 0 .. tags - 1."""
+        """See `Family.tags`."""
         return 1 << (self.grid * self.grid)
 
     @property
@@ -96,26 +94,22 @@ class MarkerFamily:
 
     @property
     def disc_centre_mm(self) -> Floats:
-        """The disc's centre, (2,)."""
+        """See `Family.disc_centre_mm`."""
         return np.array(self.disc_centre_u, dtype=np.float64) * self.unit_mm
 
     @property
     def cells_mm(self) -> Floats:
         """The middle of each cell, (grid * grid, 2), in the order of the bits.
 
-        Bit k is at row k // grid and column k % grid with the arrow pointing up: rows go
-        from the tip backwards, columns from the robot's left to its right.
+        Bit k is at row k // grid and column k % grid with the arrow pointing up: rows go from the
+        tip backwards, columns from the robot's left to its right.
         """
         along = ((self.grid - 1) / 2.0 - np.arange(self.grid)) * self.cell_mm
         rows, columns = np.meshgrid(along, along, indexing="ij")
         return np.stack((rows.ravel(), columns.ravel()), axis=-1)
 
     def bits(self, tag: int) -> NDArray[np.bool_]:
-        """Returns the (grid, grid) cells of a tag, True where white.
-
-        Raises:
-            FamilyError: The family has no such tag.
-        """
+        """Returns the (grid, grid) cells of a tag, True where white; raises FamilyError."""
         if not 0 <= tag < self.tags:
             raise FamilyError(f"tag {tag}: the family {self.name} has 0 to {self.tags - 1}")
         count = self.grid * self.grid
@@ -123,15 +117,7 @@ class MarkerFamily:
         return np.asarray(flat.reshape(self.grid, self.grid) == 1)
 
     def is_white(self, tag: int, points_mm: Floats) -> NDArray[np.bool_]:
-        """Tells where the marker is white.
-
-        Args:
-            tag: The marker's number.
-            points_mm: (..., 2) in the marker frame, on the disc.
-
-        Returns:
-            (...) True where white.
-        """
+        """See `Family.is_white`."""
         points = np.asarray(points_mm, dtype=np.float64)
         corners = self.polygon_mm
         edges = np.roll(corners, -1, axis=0) - corners
@@ -151,11 +137,7 @@ def known_families() -> tuple[str, ...]:
 
 
 def load_family(name: str) -> MarkerFamily | SquareFamily:
-    """Reads a shipped family by its name, or a definition by its path (ending in .json).
-
-    Raises:
-        FamilyError: There is no such family, or the definition is broken.
-    """
+    """Reads a shipped family by its name, or a .json definition by its path; raises FamilyError."""
     if name.endswith(".json"):
         try:
             text = Path(name).read_text(encoding="utf-8")

@@ -1,7 +1,7 @@
 """Pages of paper: polygons, strokes and text in millimetres, drawn as a PNG or written as a PDF.
 
 The origin is the lower left corner of the paper, x to the right, y up. Grey is 0 black to 1 white.
-A PNG knows its resolution. A PDF has vector graphics only, one standard font, and the same bytes
+A PNG stores its resolution. A PDF has vector graphics only, one standard font, and the same bytes
 for the same pages. Source: ISO 32000-1, 7.5 (file structure), 8.5 (paths), 9.6.2.2 (fonts).
 """
 
@@ -22,12 +22,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Fill:
-    """Polygons that are filled together, so that neighbours show no seam.
-
-    Attributes:
-        polygons: (n, 2) corners [mm] each; convex.
-        grey: the colour.
-    """
+    """Convex polygons of (n, 2) corners [mm], filled together so that neighbours show no seam."""
 
     polygons: Sequence[Floats]
     grey: float
@@ -35,13 +30,7 @@ class Fill:
 
 @dataclass(frozen=True, slots=True)
 class Stroke:
-    """A line through points.
-
-    Attributes:
-        points: (n, 2) [mm].
-        width_mm: how thick it is.
-        grey: the colour.
-    """
+    """A line through (n, 2) points [mm]."""
 
     points: Floats
     width_mm: float
@@ -50,14 +39,7 @@ class Stroke:
 
 @dataclass(frozen=True, slots=True)
 class Text:
-    """One line of text.
-
-    Attributes:
-        x_mm: where it begins.
-        y_mm: its base line.
-        size_mm: size of the font.
-        text: what it says, in Latin-1.
-    """
+    """One line of Latin-1 text, from the left end of its base line."""
 
     x_mm: float
     y_mm: float
@@ -67,13 +49,7 @@ class Text:
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """What is on one sheet of paper; later items cover earlier ones.
-
-    Attributes:
-        width_mm: width of the paper.
-        height_mm: height of the paper.
-        items: what is drawn.
-    """
+    """Items on one sheet of paper; later ones cover earlier ones."""
 
     width_mm: float
     height_mm: float
@@ -156,7 +132,6 @@ def _shrunk(corners: Floats, distance: float) -> Floats:
 
 
 def _bars(points_px: Floats, half_px: float) -> list[Floats]:
-    """Returns a rectangle around each piece of a line."""
     bars = []
     for start, end in pairwise(points_px):
         along = (end - start) / np.hypot(*(end - start))
@@ -222,7 +197,7 @@ def document(pages: Sequence[Page]) -> bytes:
 
 
 def _file(objects: Sequence[bytes]) -> bytes:
-    """Puts numbered objects, their table and the trailer together."""
+    """Combines numbered objects, their table and the trailer."""
     data = bytearray(b"%PDF-1.4\n%\xe2\xe3\xcf\xd3\n")
     table = [b"0000000000 65535 f \n"]
     for number, body in enumerate(objects, 1):

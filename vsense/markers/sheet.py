@@ -1,6 +1,6 @@
 """A sheet of markers: as many as fit on the paper, their numbers, and a bar to check the print.
 
-Numbers stand there in words, too: a 6 and a 9 lie on a table in any direction, "six" does not.
+Numbers are also written in words: a 6 looks like a 9 from the other side, "six" does not.
 """
 
 from __future__ import annotations
@@ -20,13 +20,10 @@ AnyFamily = MarkerFamily | SquareFamily
 
 
 def shapes(family: AnyFamily, tag: int) -> list[Fill]:
-    """Returns a marker's black and white parts, seen from above.
+    """Returns a marker's black and white parts, seen from above; raises FamilyError.
 
     The corners are in mm in the family frame moved to the disc's centre: +x is the driving
     direction, +y the left.
-
-    Raises:
-        FamilyError: The family has no such tag.
     """
     if isinstance(family, MarkerFamily):
         black = family.polygon_mm
@@ -41,7 +38,7 @@ def shapes(family: AnyFamily, tag: int) -> list[Fill]:
 
 
 def _white_cells(bits: NDArray[np.bool_], cell_mm: float) -> Iterator[Floats]:
-    """Returns rectangles around the runs of white cells of each row."""
+    """Yields rectangles around the runs of white cells of each row."""
     half = len(bits) / 2.0
     for row, cells in enumerate(bits):
         steps = np.diff(np.concatenate(((0,), cells.astype(np.int8), (0,))))
@@ -101,17 +98,11 @@ def largest_mm(paper: str) -> float:
 
 
 def pages(family: AnyFamily, tags: Sequence[int], size_mm: float, paper: str) -> list[Page]:
-    """Lays markers out.
-
-    Args:
-        family: what they look like.
-        tags: their numbers, in the order of the sheet.
-        size_mm: diameter of the disc.
-        paper: a key of `PAPERS_MM`.
+    """Lays out the markers of some tags, with discs of `size_mm`, on a paper of `PAPERS_MM`.
 
     Raises:
-        UsageError: a marker of that size does not fit on the paper, or cannot be cut.
-        FamilyError: the family has no such tag.
+        UsageError: A marker of that size does not fit on the paper, or cannot be cut.
+        FamilyError: The family has no such tag.
     """
     if not SMALLEST_MM <= size_mm <= largest_mm(paper):
         raise UsageError(

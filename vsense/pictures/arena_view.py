@@ -1,6 +1,6 @@
 """The arena from above with the virtual world and the robots drawn in.
 
-What the cameras saw lies beneath; without cameras the floor is plain paper with the real walls.
+The cameras' view lies beneath; without cameras it is plain paper with the real walls.
 """
 
 from __future__ import annotations
@@ -38,13 +38,12 @@ class ArenaMoment:
     """One moment of the arena; places are relative to the arena's middle.
 
     Attributes:
-        title: what moment this is.
-        note: what is to be said about it, or "".
-        view: (h, w) grey top view of the floor as the cameras saw it, +y up; None: no cameras.
-        snapshot: the virtual world.
+        title: The moment in words.
+        note: A remark about it, or "".
+        view: (h, w) grey top view of the floor by the cameras, +y up; None: no cameras.
         poses: (n, 3) x, y in m and yaw in rad of the robots.
         lit: (n,) whether each robot's red LEDs are on.
-        trails: (t, n, 2) where the robots were before, the oldest first; may be empty.
+        trails: (t, n, 2) earlier places of the robots, the oldest first; may be empty.
     """
 
     title: str
@@ -57,11 +56,7 @@ class ArenaMoment:
 
 
 def draw(scene: ArenaMoment) -> Image:
-    """Draws a moment.
-
-    Returns:
-        (h, w, 3) BGR, `SCALE` times as large as it will be shown.
-    """
+    """Draws a moment, (h, w, 3) BGR, `SCALE` times as large as it will be shown."""
     snapshot = scene.snapshot
     width_m, height_m = snapshot.arena.size_m[:2]
     zoom = WIDTH_PX / width_m
@@ -89,7 +84,7 @@ def draw(scene: ArenaMoment) -> Image:
 
 
 def _ground(canvas: Canvas, scene: ArenaMoment) -> None:
-    """What the cameras saw, or paper; upon it the virtual floor and the fields."""
+    """Draws the cameras' view, or paper; upon it the virtual floor and the fields."""
     height, width = canvas.image.shape[:2]
     size = (width, height)
     if scene.view is None:
@@ -97,12 +92,12 @@ def _ground(canvas: Canvas, scene: ArenaMoment) -> None:
     else:
         large = cv2.resize(scene.view, size, interpolation=cv2.INTER_CUBIC)
         grey = cv2.cvtColor(large, cv2.COLOR_GRAY2BGR)
-        # A lighter floor lets the drawing speak without hiding what the cameras saw.
+        # A lighter floor makes the drawing clear and keeps the cameras' view visible.
         canvas.image[:] = cv2.addWeighted(grey, 0.72, np.full_like(grey, 255), 0.28, 0)
     floor = scene.snapshot.floor
     if floor is not None:
         large = cv2.resize(floor, size, interpolation=cv2.INTER_NEAREST)
-        # White is what a floor is without paint: it does not hide what the cameras saw.
+        # White is an unpainted floor, which does not hide the cameras' view.
         painted = (large[..., :3] != 255).any(axis=-1) * (large[..., 3] / 255.0)
         _blend(canvas, large[..., 2::-1], painted * 0.55)
     for number, shares in enumerate(scene.snapshot.fields):
@@ -111,14 +106,14 @@ def _ground(canvas: Canvas, scene: ArenaMoment) -> None:
 
 
 def _blend(canvas: Canvas, colour: NDArray[np.generic], share: Floats) -> None:
-    """Lays a colour, (3,) or (h, w, 3), over everything; `share` (h, w) says how strongly."""
+    """Mixes in a colour, (3,) or (h, w, 3), with the (h, w) share of each pixel."""
     weight = share[..., None]
     mixed = canvas.image * (1.0 - weight) + np.asarray(colour, np.float64) * weight
     canvas.image[:] = np.rint(mixed).astype(np.uint8)
 
 
 def _lamps(canvas: Canvas, snapshot: WorldSnapshot, place: Place, zoom: float) -> None:
-    """The lights; one that hangs outside of the arena is drawn at its edge."""
+    """Draws the lights; one outside of the arena at its edge."""
     half = np.array(snapshot.arena.size_m[:2]) / 2.0
     for lamp in snapshot.lamps:
         at = place(np.clip(lamp.place_m, -half, half))
@@ -130,7 +125,7 @@ def _lamps(canvas: Canvas, snapshot: WorldSnapshot, place: Place, zoom: float) -
 
 
 def _robots(canvas: Canvas, scene: ArenaMoment, place: Place, zoom: float) -> None:
-    """Rings with a line where they head to, red where the LEDs are on."""
+    """Draws rings with a line along the heading, red where the LEDs are on."""
     radius = BODY_RADIUS_M * zoom
     for robot in range(scene.trails.shape[1] if len(scene.trails) > 1 else 0):
         canvas.lines(place(scene.trails[:, robot]), TRAIL, 1.0)
@@ -155,7 +150,6 @@ def _robot(canvas: Canvas, pose: Floats, place: Place, radius: float, colour: Co
 
 
 def _scale_bar(canvas: Canvas, zoom: float) -> None:
-    """Half a metre, for the eye."""
     bottom = canvas.image.shape[0] / SCALE - 16.0
     canvas.lines(np.array([[16.0, bottom], [16.0 + zoom / 2.0, bottom]]), INK, 2.0)
     canvas.text("0.5 m", 16.0, bottom - 8.0, INK, 0.45)

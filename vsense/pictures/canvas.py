@@ -1,4 +1,4 @@
-"""Letters, lines and colours that all pictures share, drawn large and reduced at the end."""
+"""Letters, lines and colours that all pictures share."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class Canvas:
         self.image[y * SCALE : (y + height) * SCALE, x * SCALE : (x + width) * SCALE] = large
 
     def place(self, large: Image, x: int, y: int) -> None:
-        """Puts a picture that is drawn `SCALE` times as large already at (x, y), with a frame."""
+        """Puts a picture that is `SCALE` times as large already at (x, y), with a frame."""
         height, width = large.shape[:2]
         self.image[y * SCALE : y * SCALE + height, x * SCALE : x * SCALE + width] = large
         corners = np.array([[0, 0], [width, 0], [width, height], [0, height]]) / SCALE

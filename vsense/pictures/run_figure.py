@@ -1,7 +1,7 @@
-"""Tells a run in one picture: two moments of the arena, and its measures over time.
+"""A run in one picture: two moments of the arena, and its measures over time.
 
-`vsense run`, `lab` and `sim` tell it alike; only the lab has pictures of its cameras to lay
-beneath. For the pollution experiment these are figures 5.1 and 5.2 of the thesis in one picture.
+`vsense run`, `lab` and `sim` draw it alike; only the lab has pictures of its cameras to lay
+beneath. For the pollution experiment it combines figures 5.1 and 5.2 of the thesis.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from vsense.pictures.canvas import GRID, INK, MUTED, SCALE, Canvas, Colour, Floa
 from vsense.pictures.run_samples import RunSamples, WorldSnapshot
 
 TRAIL_S = 6.0
-"""So much of the way behind each robot is drawn."""
+"""Time of the trail behind each robot."""
 
 MOST_CHARTS = 3
 
@@ -38,16 +38,14 @@ View = Callable[[int], Image | None]
 
 @dataclass(frozen=True, slots=True)
 class RunFigure:
-    """What happened, at the timesteps of the run that were lived.
+    """What happened at the timesteps of the run.
 
     Attributes:
-        experiment: what was run.
         run_timesteps: (n,) rising.
         poses: (n, robots, 3) x, y in m and yaw in rad, arena frame.
         lit: (n, robots) whether the red LEDs were on.
         inside: (n, robots) whether each was in the pollutant's cone; None without one.
-        turn: timestep of the run at which the wind turned; None: it did not.
-        samples: what was taken down.
+        turn: Timestep of the run at which the wind turned; None: it did not.
     """
 
     experiment: Experiment
@@ -66,17 +64,10 @@ class RunPictureError(VsenseError):
 def save(
     run: RunFigure, path: Path, blind: bool, subtitle: str, view: View = lambda timestep: None
 ) -> None:
-    """Writes the picture of a run.
+    """Writes the picture of a run into an existing folder; raises RunPictureError.
 
-    Args:
-        run: the run.
-        path: where to; its folder exists.
-        blind: the virtual sensors were held at 0.
-        subtitle: how it was run.
-        view: gives the cameras' top view at a timestep of the run, None where there is none.
-
-    Raises:
-        RunPictureError: the file cannot be written.
+    If `blind`, the virtual sensors were held at 0; `subtitle` is how it was run. `view` returns
+    the cameras' top view at a timestep of the run, or None.
     """
     heading = f"{run.experiment.name}{', blind' if blind else ''}"
     if not cv2.imwrite(str(path), draw(run, heading, subtitle, view)):
@@ -86,14 +77,7 @@ def save(
 def draw(run: RunFigure, heading: str, subtitle: str, view: View) -> Image:
     """Draws the arena at chosen moments, and below it the measures over time, side by side.
 
-    Args:
-        run: the run.
-        heading: what experiment this is.
-        subtitle: how it was run.
-        view: see `save`.
-
-    Returns:
-        (h, w, 3) BGR image.
+    `view` is as in `save`; returns an (h, w, 3) BGR image.
     """
     scenes, curves = _scenes(run, view), charts(run)
     panels = [arena_view.draw(scene) for scene in scenes]
@@ -148,7 +132,6 @@ def _scene(
 
 
 def _note(run: RunFigure, row: int) -> str:
-    """What there is to say about a moment."""
     if run.inside is not None:
         inside = run.inside[row]
         count, lit = int(inside.sum()), int((inside & run.lit[row]).sum())
@@ -158,7 +141,7 @@ def _note(run: RunFigure, row: int) -> str:
 
 
 def spoken(name: str) -> str:
-    """A measure's name as a person reads it; names end in their unit, as everywhere here."""
+    """A measure's name for people; names end in their unit."""
     words, _, unit = name.rpartition("_")
     if words and unit in _UNITS:
         return f"{words.replace('_', ' ')} [{unit}]"
@@ -166,7 +149,7 @@ def spoken(name: str) -> str:
 
 
 def charts(run: RunFigure) -> list[Chart]:
-    """The swarm in the cone over time, and every measure of the experiment's own."""
+    """The robots in the cone over time, and every measure of the experiment."""
     last = int(run.run_timesteps[-1]) + 1
     time_s = np.append(run.run_timesteps, last) * run.experiment.timestep_s
     found = []
@@ -176,8 +159,8 @@ def charts(run: RunFigure) -> list[Chart]:
             ChartSeries(name, values.astype(np.float64), colour)
             for name, values, colour in zip(("in the cone", "lit"), counts, (CONE, LIT))
         ]
-        turn_s = [] if run.turn is None else [run.turn * run.experiment.timestep_s]
-        marks = [(time, "the wind turns") for time in turn_s]
+        turn_s = (run.turn or 0) * run.experiment.timestep_s
+        marks = [] if run.turn is None else [(turn_s, "the wind turns")]
         found.append(Chart("robots", time_s, series, float(run.poses.shape[1]), marks))
     for (name, values), colour in zip(run.samples.measures().items(), _COLOURS):
         found.append(Chart(spoken(name), time_s, [ChartSeries("", values, colour)], 0.0))
@@ -187,7 +170,7 @@ def charts(run: RunFigure) -> list[Chart]:
 CHART_PX = 300
 TEXT = 0.45
 _LEFT = 48
-"""Room for the numbers on the left; names on the right take what they need."""
+"""Room for the numbers on the left."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,14 +184,13 @@ class ChartSeries:
 
 @dataclass(frozen=True, slots=True)
 class Chart:
-    """What the chart shows.
+    """A chart of one measure or more.
 
     Attributes:
-        unit: what is counted, over the vertical axis.
+        unit: Label of the vertical axis.
         time_s: (n + 1,) when each timestep began, and when the last one ended.
-        series: the measures, one at least.
-        top: end of the vertical axis; it begins at 0 or at the smallest value below.
-        marks: what happened when: time in s and words.
+        top: End of the vertical axis; it begins at 0 or at the smallest value below.
+        marks: Events: time in s and words.
     """
 
     unit: str
@@ -241,7 +223,7 @@ def draw_chart(canvas: Canvas, chart: Chart, left: float, top: float, width: flo
 
 
 class _Axis:
-    """Where times and values lie in the picture."""
+    """Maps times and values to the picture."""
 
     def __init__(self, chart: Chart, left: float, top: float, width: float) -> None:
         lowest = min(float(series.values.min()) for series in chart.series)
@@ -258,7 +240,7 @@ class _Axis:
         return x, self.bottom - (self.bottom - self._top) * share
 
     def grid(self, canvas: Canvas, unit: str, left: float) -> None:
-        """Numbers and lines along both axes."""
+        """Draws numbers and lines along both axes."""
         for value in ticks(self._low, self._high, 5):
             y = self.at(0.0, value)[1]
             canvas.lines(np.array([[self.left, y], [self.right, y]]), GRID)
@@ -273,7 +255,7 @@ class _Axis:
 
 
 def _line_names(canvas: Canvas, ends: list[tuple[float, str, Colour]], x: float) -> None:
-    """Names each line at its end, pushing names apart that would touch."""
+    """Names each line at its end, without overlaps."""
     lowest = -100.0
     for y, name, colour in sorted(ends, key=lambda end: end[0]):
         y = max(y, lowest + 20.0)

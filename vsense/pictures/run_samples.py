@@ -1,4 +1,4 @@
-"""What a run leaves for its picture: the virtual world at a few moments, and its measures."""
+"""Samples of a run for its picture: the virtual world at a few moments, and the measures."""
 
 from __future__ import annotations
 
@@ -8,18 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.config.specs import Experiment
+from vsense.pictures.canvas import Floats, Image
 from vsense.world.entities import Arena, Box, Cylinder
 from vsense.world.world import World
 
-Floats = NDArray[np.float64]
-Image = NDArray[np.uint8]
 Rgb = tuple[int, int, int]
 
 FLOOR_PX_PER_M = 100
 """Resolution at which floor and fields are drawn."""
 
 SPARE = 3
-"""The very last timestep before a moment may be one that the host missed."""
+"""Timesteps kept before a moment, because the host may miss the very last one."""
 
 _CORNERS = 0.5 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 _ROUND = np.linspace(0.0, 2.0 * np.pi, 36, endpoint=False)
@@ -27,7 +26,7 @@ _ROUND = np.linspace(0.0, 2.0 * np.pi, 36, endpoint=False)
 
 @dataclass(frozen=True, slots=True)
 class Lamp:
-    """A light: where it stands, and its colour."""
+    """A light: its place and its colour."""
 
     place_m: Floats
     colour: Rgb
@@ -35,16 +34,14 @@ class Lamp:
 
 @dataclass(frozen=True, slots=True)
 class WorldSnapshot:
-    """What of the virtual world can be seen; places are relative to the arena's middle.
+    """The visible virtual world; places are relative to the arena's middle.
 
     Attributes:
-        arena: the arena.
         floor: (h, w, 4) red, green, blue, alpha of the floor, first row at the highest y; None
             where it is white everywhere.
         fields: (h, w) concentrations of each field, likewise, as shares of its largest.
-        virtual: outlines (k, 2) of boxes and cylinders that are sensed only.
-        physical: outlines of those that stand in the real arena.
-        lamps: the lights.
+        virtual: Outlines (k, 2) of boxes and cylinders that are sensed only.
+        physical: Outlines of those that stand in the real arena.
         cones: (3, 2) polluted triangles, the source first.
         virtual_robots: (n, 3) x, y in m and yaw in rad of the virtual robots.
         leds: (n, 3) red, green, blue of the real robots' virtual LEDs; 0: off.
@@ -62,7 +59,7 @@ class WorldSnapshot:
 
 
 def take_snapshot(world: World, experiment: Experiment) -> WorldSnapshot:
-    """Takes down what the world of an experiment looks like now."""
+    """Copies the present state of the world of an experiment."""
     arena = experiment.arena
     centre = np.array(arena.centre_m[:2])
     solids: list[Box | Cylinder] = [*world.boxes(), *world.cylinders()]
@@ -83,14 +80,14 @@ def take_snapshot(world: World, experiment: Experiment) -> WorldSnapshot:
 
 
 class RunSamples:
-    """Filled timestep by timestep while a run goes on.
+    """Filled timestep by timestep during a run.
 
     Attributes:
-        moment: the run's timestep at whose end the first view is taken: the wind's turn, or
+        moment: The run's timestep at whose end the first view is taken: the wind's turn, or
             half-time; None for a run without length.
-        kept: timesteps of the run whose pictures are worth keeping for that view.
-        snapshots: the world at some timesteps of the run.
-        shares: how much was left of the first pollutant source, at every timestep looked at.
+        kept: Timesteps of the run whose pictures are kept for that view.
+        snapshots: The world at some timesteps of the run.
+        shares: What was left of the first pollutant source, at every sampled timestep.
     """
 
     def __init__(self, experiment: Experiment) -> None:
@@ -105,7 +102,7 @@ class RunSamples:
         self._results: list[dict[str, float]] = []
 
     def add(self, run_timestep: int, world: World) -> None:
-        """Takes down a timestep of the run, after the world has lived it."""
+        """Samples a timestep of the run, after the world has been updated."""
         self._timesteps.append(run_timestep)
         self._results.append(dict(world.results))
         source = self._experiment.source
@@ -114,14 +111,14 @@ class RunSamples:
             self.snapshots[run_timestep] = take_snapshot(world, self._experiment)
 
     def end(self, world: World) -> None:
-        """Takes down what the world looks like after the last timestep."""
+        """Samples the world after the last timestep."""
         if self._timesteps:
             self.snapshots[self._timesteps[-1]] = take_snapshot(world, self._experiment)
 
     def measures(self) -> dict[str, NDArray[np.float64]]:
-        """The results over time, (n,) each, for every timestep looked at.
+        """The results over time, (n,) each, for every sampled timestep.
 
-        One that came late is 0 before; what never changes says nothing over time and is left out.
+        A result is 0 before its first value; constant ones are left out.
         """
         names = dict.fromkeys(name for results in self._results for name in results)
         series = {

@@ -1,4 +1,4 @@
-"""A picture of one arena state: every camera's picture with what was found in it drawn in."""
+"""A picture of one arena state: every camera's picture with its detections drawn in."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _CARRIED: Colour = (40, 140, 245)
 _SIZE = 0.55 * _ZOOM
 _PAD = 3 * _ZOOM
 _TURNS = (0.0, 0.8, -0.8, 1.6, -1.6, 2.4, -2.4)
-"""Where a name may stand, as angles from right behind the robot."""
+"""Possible places of a name, as angles from right behind the robot."""
 
 
 def draw(
@@ -40,14 +40,10 @@ def draw(
     found: Mapping[str, NDArray[np.void]],
     heights_m: Mapping[int, float],
 ) -> Image:
-    """Draws one arena state.
+    """Draws one arena state and the pictures that it was made of.
 
-    Args:
-        state: The state.
-        frames: The pictures that it was made of.
-        cameras: The arena's cameras.
-        found: The DETECTION array of each camera.
-        heights_m: The height of each tag's marker above the floor.
+    `found` are the cameras' DETECTION arrays, `heights_m` the heights of the tags' markers above
+    the floor.
 
     Returns:
         (h, w, 3) uint8 BGR: the cameras as they hang above the arena, +y up.
@@ -74,7 +70,7 @@ def draw(
 
 
 def as_they_hang(cameras: Sequence[Camera]) -> list[list[Camera]]:
-    """Gives the cameras as seen from above: rows from high y to low y, each from low x to high."""
+    """Returns the cameras from above: rows from high y to low y, each from low x to high."""
     columns = max(1, round(math.sqrt(len(cameras))))
     ordered = sorted(cameras, key=lambda c: (-c.position_m[1], c.position_m[0]))
     rows = [ordered[k : k + columns] for k in range(0, len(ordered), columns)]
@@ -119,7 +115,7 @@ def _panel(
         return np.full((size[1], size[0], 3), 235, np.uint8)
     large = (size[0] * _ZOOM, size[1] * _ZOOM)
     grey = cv2.resize(image, large, interpolation=cv2.INTER_CUBIC)
-    # Stretched to a light picture, in which the drawing speaks and a dim arena can be seen.
+    # The contrast is stretched to a light picture, so that a dim arena can be seen.
     low, high = np.percentile(image[::8, ::8], (0.5, 99.5))
     gain = 190.0 / max(float(high - low), 20.0)
     light = np.clip((grey.astype(np.float32) - low) * gain + 50.0, 0.0, 255.0)
@@ -146,7 +142,7 @@ def _panel(
 
 @dataclass(frozen=True, slots=True)
 class _Name:
-    """A robot's name that is still to be written: where the robot is, and what is behind it."""
+    """A name to be written: the place of its robot, and the direction behind the robot."""
 
     text: str
     colour: Colour
@@ -178,7 +174,7 @@ class _Pen:
         self._names.append(_Name(name, colour, middle, math.dist(middle, points[0]), behind_rad))
 
     def write_names(self) -> None:
-        """Writes all names, each where it covers no robot and no other name, if it can."""
+        """Writes all names, each where it covers no robot and no other name, if possible."""
         taken = [(name.middle, np.full(2, name.ring)) for name in self._names]
         for name in self._names:
             (width, height), _ = cv2.getTextSize(name.text, FONT, _SIZE, _ZOOM)
@@ -207,7 +203,7 @@ class _Pen:
 
 
 def _covers(place: Floats, half: Floats, taken: Sequence[tuple[Floats, Floats]]) -> bool:
-    """Whether a plate overlaps with something that is there already."""
+    """Whether a plate overlaps with another one or with a robot."""
     return any(bool(np.all(np.abs(place - p) < half + h)) for p, h in taken)
 
 

@@ -24,8 +24,7 @@ from vsense.cameras.camera import Camera
 from vsense.errors import UsageError, VsenseError
 from vsense.markers.families import MarkerFamily, SquareFamily, load_family
 from vsense.tracking.arena_tracker import ArenaTracker
-from vsense.tracking.detector import CameraDetectors, MarkerSearch
-from vsense.tracking.prediction import Prediction, SearchPlan
+from vsense.tracking.prediction import MarkerSearch, SearchPlan
 from vsense.tracking.specs import TrackingSession
 from vsense.tracking.tracks import Limits
 
@@ -126,24 +125,21 @@ def _tracker(
 
 def _make(made: Made) -> ArenaTracker:
     cameras = [Camera.from_json(json.dumps(camera)) for camera in made["cameras"]]
-    sees: dict[str, str] = {camera.id: made["sees"][camera.id] for camera in cameras}
     trackers = {id: made["trackers"][id] for id in made["sees"].values()}
     searches = {
         id: MarkerSearch(_family(tracker), _heights_m(tracker), bool(tracker["open_roster"]))
         for id, tracker in trackers.items()
     }
-    roster = {tag: h for id in made["sees"].values() for tag, h in searches[id].heights_m.items()}
-    prediction = Prediction(SearchPlan(**made["plan"]))
-    limits, workers = Limits(**made["limits"]), int(made["workers"])
+    limits, plan = Limits(**made["limits"]), SearchPlan(**made["plan"])
+    workers = int(made["workers"])
     if workers > _MOST_WORKERS:
         raise ValueError(f"{workers} workers")
-    return ArenaTracker(
+    return ArenaTracker.of_searches(
         cameras,
-        lambda: CameraDetectors.make(sees, searches, prediction),
-        roster,
+        [searches[made["sees"][camera.id]] for camera in cameras],
         limits,
-        workers=workers,
-        prediction=prediction,
+        plan,
+        workers,
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
@@ -13,9 +14,9 @@ from vsense.arena import IMAGE_POSE, POSE, SIGHTING, ArenaState, Frame
 from vsense.cameras.camera import Camera
 from vsense.errors import VsenseError
 from vsense.markers.families import MarkerFamily, SquareFamily
-from vsense.tracking.detector import Detector, MarkerSearch, Workers
+from vsense.tracking.detector import CameraDetectors, Detector, Workers
 from vsense.tracking.joining import Joining, JoinLimits
-from vsense.tracking.prediction import Prediction, SearchPlan
+from vsense.tracking.prediction import MarkerSearch, Prediction, SearchPlan
 from vsense.tracking.tracks import Limits, Track, covariances
 from vsense.tracking.views import (
     Placed,
@@ -33,9 +34,9 @@ class TrackerCounters:
     """What the tracker has noticed since it began.
 
     Attributes:
-        old_frames: Frames not newer than the newest timestep already done, or beaten by a
-            newer one in the same call; dropped.
-        repeated_frames: Second and further frames of one camera in one timestep; dropped.
+        old_frames: Frames dropped because they were not newer than the newest timestep already
+            done, or beaten by a newer one in the same call.
+        repeated_frames: Second and further frames of one camera in one timestep, dropped.
         out_of_reach: Sightings at places where their robot cannot have come.
         duplicates: Tags seen at two places at once, counted each timestep.
         overflows: Pictures with more in them than a detector's tables hold.
@@ -68,28 +69,18 @@ class FrameGate:
 
     Attributes:
         cameras: The arena's cameras by their ids, sorted.
-        old: Frames dropped because they were not newer than the newest timestep already done, or
-            beaten by a newer one in the same call.
-        repeated: Second and further frames of one camera in one timestep, dropped.
+        counters: The tracker's; `old_frames` and `repeated_frames` are counted here.
     """
 
     def __init__(self, cameras: Sequence[Camera]) -> None:
-        """Begins before the first timestep.
-
-        Raises:
-            TrackingError: There is no camera, or two have the same id.
-        """
         self.cameras = {camera.id: camera for camera in sorted(cameras, key=lambda c: c.id)}
         if not cameras or len(self.cameras) != len(cameras):
             raise TrackingError("the arena needs cameras, each with an id of its own")
-        self.old = 0
-        self.repeated = 0
+        self.counters = TrackerCounters()
         self._newest = -1
 
     def choose(self, frames: Sequence[Frame]) -> list[Frame]:
-        """Returns one frame per camera of the newest timestep, in the order of the cameras.
-
-        Nothing is returned where no frame is newer than those of earlier calls.
+        """Returns the newest timestep's frames, one per camera, sorted; none if already done.
 
         Raises:
             TrackingError: A frame is of an unknown camera, or not of that camera's size.
@@ -98,14 +89,14 @@ class FrameGate:
             self._check(frame)
         newest = max((frame.timestep for frame in frames), default=-1)
         if newest <= self._newest:
-            self.old += len(frames)
+            self.counters.old_frames += len(frames)
             return []
         self._newest = newest
         now = [frame for frame in frames if frame.timestep == newest]
-        self.old += len(frames) - len(now)
+        self.counters.old_frames += len(frames) - len(now)
         now.sort(key=lambda frame: (frame.capture_ns, frame.ready_ns))
         single = {frame.camera: frame for frame in now}
-        self.repeated += len(now) - len(single)
+        self.counters.repeated_frames += len(now) - len(single)
         return [single[camera] for camera in sorted(single)]
 
     def _check(self, frame: Frame) -> None:
@@ -132,10 +123,10 @@ class ArenaTracker:
     been read beyond doubt for long enough, see `joining`.
 
     Attributes:
-        counters: What was noticed since it began.
         heights_m: The roster: the height of each tag's marker above the floor. It grows.
-        found: By the camera's id, what its newest picture shows: a DETECTION array.
+        found: By the camera's id, the DETECTION array of its newest picture.
         overflowed: Ids of the cameras whose newest picture held more than the detector's tables.
+        state: The newest arena state; its timestep is -1 before the first.
     """
 
     def __init__(
@@ -153,10 +144,8 @@ class ArenaTracker:
         Args:
             make_detector: Makes one detector per worker.
             heights_m: The roster.
-            limits: What tracks believe.
-            workers: Threads that look at pictures.
             pin: Keep each worker on a processor of its own, for a host that does nothing else.
-            prediction: Told before each timestep where the robots should be; the detectors'.
+            prediction: The detectors'; gets the expected poses before each timestep.
 
         Raises:
             TrackingError: There is no camera, two have the same id, or one is no higher than a
@@ -174,8 +163,8 @@ class ArenaTracker:
         self._joining = Joining(JoinLimits(max_speed_m_s=self._limits.max_speed_m_s))
         self._joined: set[int] = set()
         self._tracks: dict[int, Track] = {}
-        self._state = ArenaState(-1, 0, np.zeros(0, dtype=POSE), 0)
-        self.counters = TrackerCounters()
+        self.state = ArenaState(-1, 0, np.zeros(0, dtype=POSE), 0)
+        self.counters = self._gate.counters
         cv2.setNumThreads(1)
 
     @classmethod
@@ -190,9 +179,28 @@ class ArenaTracker:
     ) -> ArenaTracker:
         """Returns a tracker of one family's markers; `heights_m` is also the roster."""
         search = MarkerSearch(family, dict(heights_m), open_roster)
+        return cls.of_searches(cameras, [search] * len(cameras), limits, plan)
+
+    @classmethod
+    def of_searches(
+        cls,
+        cameras: Sequence[Camera],
+        searches: Sequence[MarkerSearch],
+        limits: Limits | None = None,
+        plan: SearchPlan | None = None,
+        workers: int = 2,
+        pin: bool = False,
+    ) -> ArenaTracker:
+        """Returns a tracker of what is looked for in each camera's pictures.
+
+        Raises:
+            FamilyError: A family does not have a tag of its roster.
+        """
+        sees = {camera.id: search for camera, search in zip(cameras, searches)}
         prediction = Prediction(plan or SearchPlan())
-        make = lambda: search.detector(prediction)  # noqa: E731
-        return cls(cameras, make, heights_m, limits, prediction=prediction)
+        make = partial(CameraDetectors, sees, prediction)
+        heights_m = {tag: height for search in searches for tag, height in search.heights_m.items()}
+        return cls(cameras, make, heights_m, limits, workers, pin, prediction)
 
     def close(self) -> None:
         """Ends the workers; can be called again."""
@@ -203,28 +211,19 @@ class ArenaTracker:
         """The arena's cameras, sorted by their ids."""
         return list(self._gate.cameras.values())
 
-    @property
-    def state(self) -> ArenaState:
-        """The newest arena state; its timestep is -1 before the first."""
-        return self._state
-
     def update(self, frames: Sequence[Frame]) -> ArenaState:
         """Takes the pictures of a timestep, in any order; some may be missing.
 
-        Frames of an older timestep than the newest, here or in an earlier call, are dropped
-        and counted.
-
         Returns:
-            The new arena state, or the last one where no frame was new.
+            The new arena state, or the last one where no frame was newer than the newest timestep.
 
         Raises:
             TrackingError: A frame is of an unknown camera, or not of that camera's size.
         """
-        counters, gate = self.counters, self._gate
+        gate = self._gate
         fresh = gate.choose(frames)
-        counters.old_frames, counters.repeated_frames = gate.old, gate.repeated
         if not fresh:
-            return self._state
+            return self.state
         self._prediction.expect(now_ns := max(frame.capture_ns for frame in fresh))
         found = self._detect(fresh)
         placed = [
@@ -233,30 +232,28 @@ class ArenaTracker:
         ]
         sightings = self._update_tracks(fresh, placed)
         self._forget(now_ns)
-        self._state = ArenaState(
+        self.state = ArenaState(
             timestep=fresh[0].timestep,
             capture_ns=now_ns,
             robots=self._poses(now_ns),
             detected=len(sightings),
             unnamed=count_unnamed(found),
             duplicates=self._duplicates(sightings),
-            sightings=_readings(sightings),
+            sightings=_sighting_rows(sightings),
             joined=tuple(sorted(self._joined)),
             cameras=tuple(frame.camera for frame in fresh),
             images=self._images(fresh, placed),
         )
-        self._prediction.learn(self._state)
+        self._prediction.learn(self.state)
         self._admit(now_ns, sightings)
-        return self._state
+        return self.state
 
     def _duplicates(self, sightings: Sightings) -> tuple[int, ...]:
-        """Returns the tags that were read at several places, and counts them."""
         twice = tuple(tag for tag, places in sightings.items() if len(places) > 1)
         self.counters.duplicates += len(twice)
         return twice
 
     def _update_tracks(self, frames: list[Frame], placed: list[Placed]) -> Sightings:
-        """Brings the tracks up to date; returns the sightings of each tag."""
         doubt_m, cameras = self._limits.height_doubt_m, self._gate.cameras
         views = [
             view
@@ -271,7 +268,6 @@ class ArenaTracker:
         return sightings
 
     def _images(self, frames: list[Frame], placed: list[Placed]) -> NDArray[np.void]:
-        """Returns where each camera sees robots."""
         images = [
             image_poses(place, self._gate.cameras[frame.camera], markers)
             for place, (frame, markers) in enumerate(zip(frames, placed, strict=True))
@@ -299,7 +295,7 @@ class ArenaTracker:
                 )
 
     def _detect(self, frames: list[Frame]) -> list[NDArray[np.void]]:
-        """Returns each frame's DETECTION array; keeps it, and whose picture held too much."""
+        """Returns each frame's DETECTION array; sets `found` and `overflowed`."""
         pictures = self._workers.detect(frames, self._gate.cameras)
         self.found = {frame.camera: seen.rows for frame, seen in zip(frames, pictures)}
         self.overflowed = tuple(f.camera for f, seen in zip(frames, pictures) if seen.full)
@@ -339,7 +335,6 @@ class ArenaTracker:
         return poses
 
 
-def _readings(sightings: Sightings) -> NDArray[np.void]:
-    """Returns the SIGHTING array of all tags' sightings."""
+def _sighting_rows(sightings: Sightings) -> NDArray[np.void]:
     seen = [(s.tag, s.x_m, s.y_m, s.yaw_rad) for places in sightings.values() for s in places]
     return np.array(seen, dtype=SIGHTING)

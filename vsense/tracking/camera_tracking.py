@@ -20,7 +20,7 @@ PERIOD_NS = 80_000_000
 
 
 class _Tracked(NamedTuple):
-    """A picture that was tracked: what was found in its timestep, and whether it held too much."""
+    """A picture that was tracked, what was found in its timestep, and whether it held too much."""
 
     frame: Frame
     found: Mapping[str, NDArray[np.void]]
@@ -30,14 +30,11 @@ class _Tracked(NamedTuple):
 class CameraTracking:
     """Turns pictures into arena states: of live cameras, of recordings, and of the lab.
 
-    `next` belongs to one thread; all other methods may be called by any. Camera health is never
-    looked at before a state has been handed on: that is what `check_cameras` is for, which the
-    caller of `next` or the thread that uses the states calls when the timestep's work is done.
-    What it finds is told then.
+    `next` belongs to one thread; all other methods may be called by any. Camera health is checked
+    in `check_cameras` only, which the caller of `next` or the thread that uses the states calls
+    when the timestep's work is done.
 
     Attributes:
-        grabber: where the pictures come from.
-        tracker: makes the arena state of them.
         record: takes the pictures that the tracker is about to be given, in the thread of `next`.
         troubles: what the cameras suffer from.
     """
@@ -53,12 +50,11 @@ class CameraTracking:
         """Takes grabber and tracker over.
 
         Args:
-            grabber: gives the pictures of the tracker's cameras.
-            tracker: finds the robots in them.
             tell: takes a line about a camera, for a person; any thread, must not wait.
             troubles: where to count what happens to cameras; None: begins with nothing known.
-            check_all: every timestep is checked, as recordings want it: `next` checks what nobody
-                has. Otherwise only the newest one is, and not more often than every `PERIOD_NS`.
+            check_all: every timestep is checked, as recordings want it: `next` checks what was not
+                checked yet. Otherwise only the newest one is, and not more often than every
+                `PERIOD_NS`.
         """
         self.grabber = grabber
         self.tracker = tracker
@@ -67,7 +63,7 @@ class CameraTracking:
         self._tell = tell
         self._check_all = check_all
         self._health = Health(tracker.cameras, tracker.heights_m)
-        # By camera. The thread of `next` puts in, whoever checks takes out.
+        # By camera. The thread of `next` puts in, `check_cameras` takes out.
         self._unchecked: dict[str, _Tracked] = {}
         self._noting = threading.Lock()
         self._checking = threading.Lock()
@@ -87,8 +83,8 @@ class CameraTracking:
         """Waits for the newest pictures and tracks the robots in them.
 
         Returns:
-            The state, and the pictures that it was made from; see `Grabber.next` for how long
-            these are valid.
+            The state, and the pictures that it was made from, which are valid as `Grabber.next`
+            says.
 
         Raises:
             NoMorePictures: a recording has come to its end.
@@ -104,8 +100,7 @@ class CameraTracking:
                 self._tell_events(self.grabber.events())
             raise
         self.record(frames)
-        tracker = self.tracker
-        state = tracker.update(frames)
+        state = self.tracker.update(frames)
         # A recording that is held shows one picture again and again: its camera has not frozen.
         if not (isinstance(self.grabber, HeldPlayer) and self.grabber.held):
             self._pictures += len(frames)
@@ -113,10 +108,9 @@ class CameraTracking:
         return state, frames
 
     def check_cameras(self) -> None:
-        """Looks at the newest pictures, unless somebody has, and tells what began or ended.
+        """Checks the newest pictures that were not checked yet, and reports what began or ended.
 
-        To be called when the arena state has been handed on. It takes 1 ms of processor time for
-        a camera of two megapixels.
+        It takes 1 ms of processor time for a camera of two megapixels.
         """
         with self._checking:
             events = self.grabber.events()
@@ -136,10 +130,9 @@ class CameraTracking:
     def figures(self) -> dict[str, int]:
         """What is reported of the cameras.
 
-        Returns:
-            `pictures` that were tracked, without those of a held recording; timesteps `left_out`
-            since the start of the run because later ones were due or there; `old_pictures`
-            dropped; `overflows` of the detectors' tables; and `camera_events`.
+        `pictures` that were tracked, without those of a held recording; timesteps `left_out` since
+        the start of the run because later ones were due or there; `old_pictures` dropped;
+        `overflows` of the detectors' tables; and `camera_events`.
         """
         counters = self.tracker.counters
         return {

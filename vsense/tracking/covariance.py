@@ -1,8 +1,8 @@
 """How precise a fitted marker is: the covariance of its place and heading.
 
-What an outline's samples leave over after the fit tells how far each of them errs; the outline's
-shape tells what that makes of place and heading. Blur adds an error of its own where white cells
-or the disc's rim shine through to the edge.
+The residuals of an outline's samples give the error of each of them; the outline's shape gives the
+resulting error of place and heading. Blur adds an error of its own where white cells or the disc's
+rim shine through to the edge.
 """
 
 from __future__ import annotations
@@ -49,10 +49,8 @@ class OutlineCovariance:
     ) -> Floats:
         """Returns the covariance of x, y [m] and yaw [rad] in the arena frame, (n, 3, 3).
 
-        Args:
-            markers: (n,) MARKER.
-            ahead: (n,) the blur along the heading, a place in `codes.BLURS_U`.
-            left: (n,) the same across the heading.
+        `markers` are (n,) MARKER; `ahead` and `left` their blurs along and across the heading,
+        (n,) indices of `codes.BLURS_U`.
         """
         blur = 0.5 * (BLURS_U[ahead] + BLURS_U[left])
         factor = _CORRELATION + _PER_BLUR * np.maximum(blur - _BLURRED, 0.0)
@@ -72,8 +70,7 @@ def square_covariance(
     Args:
         residual_m: (n,) root mean square distance of the edges found to the fitted sides.
         blur_m: (n,) standard deviation of the point spread across the sides.
-        ahead_x: (n,) x of the heading's unit vector.
-        ahead_y: (n,) its y.
+        ahead_x, ahead_y: (n,) the heading's unit vector.
     """
     shift = (_SQUARE_RESIDUAL * residual_m) ** 2 + (_SQUARE_BLUR * blur_m) ** 2 + LEAST_M**2
     half_m = 0.5e-3 * family.size_mm
@@ -91,10 +88,7 @@ def square_covariance(
 def turn_into_arena(covariance: Floats, ahead_x: Floats, ahead_y: Floats) -> Floats:
     """Turns (n, 3, 3) covariances of shifts ahead and to the left, and yaw, into the arena frame.
 
-    Args:
-        covariance: The covariances.
-        ahead_x: (n,) x of the heading's unit vector.
-        ahead_y: (n,) its y.
+    `ahead_x` and `ahead_y` are the headings' unit vectors, (n,) each.
     """
     turn = np.zeros_like(covariance)
     turn[:, 0, 0], turn[:, 0, 1] = ahead_x, -ahead_y

@@ -1,9 +1,8 @@
 """Which tag a marker carries: its cells compared with the roster's code words.
 
-A cell's brightness is compared with what the picture's blur makes of each tag in the roster;
-how blurred a marker is, along its heading and across it, is measured at its own edges. A marker is
-named only when one tag fits every cell and no other comes near: without a name is acceptable,
-a wrong name is not.
+A cell's brightness is compared with what the picture's blur makes of each tag in the roster; how
+blurred a marker is, along its heading and across it, is measured at its own edges. A marker is
+named only when one tag fits every cell and no other comes near: a wrong name is worse than none.
 """
 
 from __future__ import annotations
@@ -29,8 +28,8 @@ _WORST_CELL = 0.40
 _LEAST_MARGIN = 1.6
 _GREATEST_ERROR = 1.0
 _MOST_UNEXPLAINED, _LEAST_VARIED = 0.6, 0.1
-"""The error may be this share of how much the word's own cells differ: a word that explains less is
-not what is there, however much worse the others are. Nearly blank words differ by the second."""
+"""The error may be this share of how much the word's own cells differ; nearly blank words count as
+differing by the second."""
 
 
 class DecodedTag(NamedTuple):
@@ -50,11 +49,7 @@ class DecodedTag(NamedTuple):
 
 
 class Decoder:
-    """Names markers from a roster of tags.
-
-    Attributes:
-        tags: The roster, ascending.
-    """
+    """Names markers from a roster of tags; `tags` is the roster, ascending."""
 
     def __init__(self, family: MarkerFamily, roster: Sequence[int]) -> None:
         """Prepares the code words of `roster`, at all strengths of blur.
@@ -89,12 +84,9 @@ class Decoder:
     def brightness(self, cells: Floats, ahead: NDArray[np.intp], left: NDArray[np.intp]) -> Floats:
         """Returns (n, cells) brightness between true black and white.
 
-        Near to a blurred edge, where both are measured, black is not quite black.
-
-        Args:
-            cells: (n, cells) brightness between what was measured.
-            ahead: (n,) the blur along the heading, see `blur`.
-            left: (n,) the same across the heading.
+        `cells` is between what was measured as black and white near to blurred edges, where black
+        is not quite black; `ahead` and `left` are (n,) blurs along and across the heading, see
+        `blur`.
         """
         lost = 0.5 * (self._lost[ahead] + self._lost[left])[:, np.newaxis]
         return np.asarray((1.0 - 2.0 * lost) * cells + lost)
@@ -102,8 +94,7 @@ class Decoder:
     def read_unlisted(self, cells: Floats, sharp_ahead: Floats, sharp_left: Floats) -> Tags:
         """Reads markers whose tags are not on the roster; the arguments are those of `decode`.
 
-        Returns:
-            (n,) tags; -1 where the cells are not sure, and where the tag is on the roster.
+        Returns (n,) tags; -1 where the cells are not sure, and where the tag is on the roster.
         """
         ahead, left = self.blur(sharp_ahead), self.blur(sharp_left)
         tags = self._unlisted.read(self.brightness(cells, ahead, left), ahead, left)
@@ -114,19 +105,15 @@ class Decoder:
 
         Args:
             cells: (n, cells) brightness, 0 the arrow's black, 1 the disc's white.
-            sharp_ahead: (n,) share of its contrast that an edge across the heading gains
-                within a quarter of a unit to both sides.
+            sharp_ahead: (n,) share of its contrast that an edge across the heading gains within a
+                quarter of a unit to both sides.
             sharp_left: (n,) the same for an edge along the heading.
         """
         count, roster = len(cells), len(self.tags)
         if count == 0 or roster == 0:
-            far = np.full(count, _GREATEST_ERROR)
-            return DecodedTag(
-                np.full(count, UNNAMED, np.int32),
-                far,
-                far,
-                np.full((count, roster), _GREATEST_ERROR),
-            )
+            far = np.full((count, roster), _GREATEST_ERROR)
+            error = np.full(count, _GREATEST_ERROR)
+            return DecodedTag(np.full(count, UNNAMED, np.int32), error, error, far)
         ahead, left = self.blur(sharp_ahead), self.blur(sharp_left)
         true = self.brightness(cells, ahead, left)
         difference = true.astype(np.float32)[:, np.newaxis] - self._words[ahead, left]

@@ -2,8 +2,7 @@
 
 `ArrowDetector` reads the project's arrows: the kernel finds and fits them, the decoder names them,
 and where a tracker says what to expect, known robots are fitted where they must be and keep their
-names. `make_detector` chooses the detector of a marker family, `CameraDetectors` has each camera's
-pictures searched for what is looked for there, `Workers` are the threads that detect.
+names. `CameraDetectors` searches each camera's pictures for what is looked for there.
 """
 
 from __future__ import annotations
@@ -11,9 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from itertools import count
-from statistics import median
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -21,14 +18,13 @@ from numpy.typing import NDArray
 
 from vsense.arena import DETECTION, Frame
 from vsense.cameras.camera import Camera
-from vsense.markers.dictionary import SquareFamily
-from vsense.markers.families import MarkerFamily
+from vsense.markers.families import MarkerFamily, SquareFamily
 from vsense.tracking.covariance import OutlineCovariance
 from vsense.tracking.decoder import DecodedTag, Decoder, Tags
 from vsense.tracking.joining import UnlistedTags
 from vsense.tracking.kernel import MARKER, Image, LayeredKernel, join
 from vsense.tracking.naming import carry_names, find_unlisted_tags, gather_evidence
-from vsense.tracking.prediction import NEAR_M, DetectorSetup, Prediction
+from vsense.tracking.prediction import NEAR_M, MarkerSearch, Prediction
 from vsense.tracking.square_detector import SquareDetector
 
 
@@ -46,33 +42,28 @@ class Detector(Protocol):
 class ArrowDetector:
     """Finds the arrows of one family and names those of a roster."""
 
-    def __init__(self, family: MarkerFamily, setup: DetectorSetup) -> None:
-        """Prepares the detector.
-
-        Raises:
-            FamilyError: The family does not have a tag of the roster.
-        """
+    def __init__(
+        self, family: MarkerFamily, search: MarkerSearch, prediction: Prediction | None
+    ) -> None:
+        """See `detector_of`; `family` is that of `search`."""
         self._family = family
-        self._height_m = setup.height_m
+        self._height_m = search.height_m
         self._cells = family.grid**2
-        self._kernel = LayeredKernel(family, setup.height_m, setup.heights_m)
+        self._kernel = LayeredKernel(family, search.height_m, search.heights_m.values())
         self._covariance = OutlineCovariance(family)
-        self._roster = sorted(set(setup.roster))
+        self._roster = sorted(search.heights_m)
         self._decoder = Decoder(family, self._roster)
         self._joined: tuple[int, ...] = ()
-        self._prediction = setup.prediction
-        self._open_roster = setup.open_roster
+        self._prediction = prediction
+        self._open_roster = search.open_roster
 
     @property
     def overflows(self) -> int:
-        """Pictures with more in them than the kernel's tables hold; markers may be missed."""
+        """See `Detector.overflows`."""
         return self._kernel.overflows
 
     def detect(self, image: Image, camera: Camera) -> NDArray[np.void]:
-        """Returns the markers of a (height, width) uint8 picture, see DETECTION.
-
-        Markers that are not wholly in the picture are not reported.
-        """
+        """See `Detector.detect`; markers that are not wholly in the picture are not reported."""
         known = self._prediction
         if known is None:
             return self._report(self._kernel.search(image, camera), camera, None)
@@ -91,7 +82,6 @@ class ArrowDetector:
         return self._report(markers, camera, expected)
 
     def _grow(self, known: Prediction) -> None:
-        """Takes tags that have joined into the roster."""
         joined = known.joined.get(self._family.name, ())
         if joined != self._joined:
             self._joined = joined
@@ -112,7 +102,6 @@ class ArrowDetector:
     def _report(
         self, markers: NDArray[np.void], camera: Camera, expected: NDArray[np.void] | None
     ) -> NDArray[np.void]:
-        """Makes DETECTION rows of fitted markers."""
         found = np.zeros(len(markers), dtype=DETECTION)
         if len(found) == 0:
             return found
@@ -160,105 +149,54 @@ def _has_near(expected: NDArray[np.void], markers: NDArray[np.void]) -> NDArray[
 
 def make_detector(
     family: MarkerFamily | SquareFamily,
-    roster: Sequence[int],
+    roster: Iterable[int],
     height_m: float,
     prediction: Prediction | None = None,
-    heights_m: Iterable[float] = (),
-    open_roster: bool = True,
 ) -> Detector:
+    """Returns a new detector of markers at one height above the floor; see `detector_of`."""
+    heights_m = dict.fromkeys(roster, height_m)
+    return detector_of(MarkerSearch(family, heights_m, at_m=height_m), prediction)
+
+
+def detector_of(search: MarkerSearch, prediction: Prediction | None) -> Detector:
     """Returns a new detector; each thread needs one of its own.
 
-    The arguments after the family are those of `DetectorSetup`.
+    Args:
+        prediction: What the arena tracker expects, the same for all of its detectors; without it
+            every picture is searched and read for itself.
 
     Raises:
         FamilyError: The family does not have a tag of the roster.
     """
-    setup = DetectorSetup(roster, height_m, prediction, heights_m, open_roster)
-    if isinstance(family, SquareFamily):
-        return SquareDetector(family, setup)
-    return ArrowDetector(family, setup)
-
-
-@dataclass(frozen=True, slots=True)
-class MarkerSearch:
-    """What is looked for in a camera's pictures.
-
-    Attributes:
-        family: The marker family.
-        heights_m: The roster: the height of each tag's marker above the floor.
-        open_roster: Whether robots with other tags of the family can join.
-    """
-
-    family: MarkerFamily | SquareFamily
-    heights_m: Mapping[int, float]
-    open_roster: bool = True
-
-    def detector(self, prediction: Prediction) -> Detector:
-        """Returns a new detector for one thread.
-
-        Args:
-            prediction: What the arena tracker expects, the same for all of its detectors.
-
-        Raises:
-            FamilyError: The family does not have a tag of the roster.
-        """
-        heights_m = self.heights_m.values()
-        usual_m = median(heights_m) if heights_m else 0.0
-        return make_detector(
-            self.family,
-            sorted(self.heights_m),
-            usual_m,
-            prediction,
-            set(heights_m),
-            self.open_roster,
-        )
+    if isinstance(search.family, SquareFamily):
+        return SquareDetector(search.family, search, prediction)
+    return ArrowDetector(search.family, search, prediction)
 
 
 class CameraDetectors:
-    """A detector that finds in each camera's pictures what is looked for there."""
+    """A detector that finds in each camera's pictures what is looked for there.
 
-    def __init__(self, detectors: Mapping[str, Detector]) -> None:
-        """Takes the detector of each camera."""
-        self._detectors = detectors
-        self._each = list({id(detector): detector for detector in detectors.values()}.values())
+    `sees` has each camera's search by its id; cameras with the same search share a detector.
+    """
 
-    @classmethod
-    def make(
-        cls,
-        sees: Mapping[str, str],
-        searches: Mapping[str, MarkerSearch],
-        prediction: Prediction,
-    ) -> CameraDetectors:
-        """Makes one detector per search; cameras with the same search share it.
-
-        Args:
-            sees: By the camera's id the name of its search.
-            searches: By their names.
-            prediction: What the arena tracker expects.
-
-        Raises:
-            FamilyError: A family does not have a tag of its roster.
-        """
-        made = {name: search.detector(prediction) for name, search in searches.items()}
-        return cls({camera: made[name] for camera, name in sees.items()})
+    def __init__(self, sees: Mapping[str, MarkerSearch], prediction: Prediction) -> None:
+        searches = {id(search): search for search in sees.values()}
+        made = {key: detector_of(search, prediction) for key, search in searches.items()}
+        self._detectors = {camera: made[id(search)] for camera, search in sees.items()}
+        self._each = list(made.values())
 
     @property
     def overflows(self) -> int:
-        """Pictures with more in them than the detectors' tables hold; markers may be missed."""
+        """See `Detector.overflows`."""
         return sum(detector.overflows for detector in self._each)
 
     def detect(self, image: NDArray[np.uint8], camera: Camera) -> NDArray[np.void]:
-        """Returns the DETECTION array of a (height, width) uint8 picture of `camera`."""
+        """See `Detector.detect`."""
         return self._detectors[camera.id].detect(image, camera)
 
 
 class Detected(NamedTuple):
-    """What was found in one picture.
-
-    Attributes:
-        rows: DETECTION array.
-        full: Whether there was more in it than the detector's tables hold.
-    """
+    """DETECTION `rows` of one picture, and whether it held more than the detector's tables."""
 
     rows: NDArray[np.void]
     full: bool

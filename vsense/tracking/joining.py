@@ -1,12 +1,12 @@
 """Unlisted tags: how markers whose tag is not on the roster are read, and how they join it.
 
-With a roster a marker is the one tag that fits. Without one each cell has to be sure by itself:
-the blur is taken back, and the marker is read only where no cell is anywhere near to the middle
-between black and white, for what the picture's errors become when the blur is taken back.
+Without a roster each cell has to be sure by itself: the blur is taken back, and the marker is read
+only where no cell is near to the middle between black and white, for what the picture's errors
+become when the blur is taken back.
 
-One reading proves nothing. A tag joins when it was read for long enough at one place that moves no
-faster than robots do, without a reading to the contrary; and only if it cannot be a robot of the
-roster that is missing and has something lying on its marker.
+A tag joins when it was read for long enough at one place that moves no faster than robots do,
+without a reading to the contrary; and only if it cannot be a robot of the roster that is missing
+and has something lying on its marker.
 """
 
 from __future__ import annotations
@@ -53,8 +53,7 @@ class UnlistedTagReader:
 
         Args:
             cells: (n, cells) brightness, 0 true black, 1 true white.
-            ahead: (n,) the blur along the heading, a place in `codes.BLURS_U`.
-            left: (n,) the same across the heading.
+            ahead, left: (n,) the blur along and across the heading, an index of `codes.BLURS_U`.
 
         Returns:
             (n,) tags; -1 where one cell is not sure, or where nearly all are black or white.
@@ -77,10 +76,9 @@ def unlisted_tag_reader(family: MarkerFamily) -> UnlistedTagReader:
 
 
 def could_be(family: MarkerFamily, tag: int, read: int) -> bool:
-    """Tells whether a marker that was read as `read` may be `tag`, and something lies on it.
+    """Whether a marker that was read as `read` may be `tag` with something lying on it.
 
-    What lies on a marker is dark and blackens cells, or is light and whitens them; a few cells may
-    be anything.
+    What lies on a marker blackens cells or whitens them; a few cells may be anything.
     """
     true, seen = family.bits(tag), family.bits(read)
     darkened, lightened = (true & ~seen).sum(), (seen & ~true).sum()
@@ -96,8 +94,6 @@ class UnlistedTags:
     """What one camera's picture shows of tags that are not on its detector's roster.
 
     Attributes:
-        family: The marker family.
-        roster: The detector's roster.
         height_m: Height of the markers above the floor, taken for unlisted tags, too.
         tags: (n,) what was read.
         places: (n, 2) where in the arena [m].
@@ -160,16 +156,13 @@ class Joining:
         sightings: Mapping[int, Sequence[Sighting]],
         known: Collection[int],
     ) -> list[Newcomer]:
-        """Takes one timestep.
+        """Takes one timestep; returns who joins now, sorted.
 
         Args:
             now_ns: Its capture time.
             seen: By the camera's id, what its picture shows.
             sightings: The sightings of the tags on the roster.
             known: All tags on any roster; none of them can join.
-
-        Returns:
-            Who joins now, sorted.
         """
         oldest_ns = now_ns - round(1e9 * self._limits.gap_s)
         self._candidates = {k: c for k, c in self._candidates.items() if c.last_ns >= oldest_ns}
@@ -240,7 +233,7 @@ def _gather(cameras: Iterable[UnlistedTags], known: Collection[int]) -> dict[_Ke
 def _may_be_missing(family: MarkerFamily | SquareFamily, read: int, missing: Iterable[int]) -> bool:
     """Whether a robot of the roster that no camera sees may look like this.
 
-    Square markers' words differ in so many cells that none becomes another.
+    No word of a square family becomes another: they differ in too many cells.
     """
     if isinstance(family, SquareFamily):
         return False

@@ -1,7 +1,7 @@
 """The picture kernel: from a picture to fitted markers, in C and without Python's lock.
 
-This is the seam to `c_src/host/vs_markers.h`: it turns a family into an outline and a camera into a
-view, owns the working memory, and reports what did not fit the kernel's tables.
+This is the seam to `c_src/host/vs_markers.h`: it turns a family into an outline and a camera into
+a view, owns the working memory, and reports what did not fit the kernel's tables.
 
 The kernel accepts markers whose size is a little off, so one search serves heights that are not
 far apart; robots of very different heights need a search each (`LayeredKernel`). Wherever a marker
@@ -26,25 +26,14 @@ Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
 Pass = tuple[float, int, int, float, float]
 
+_CELLS = (kernels.VS_OUTLINE_CELLS,)
 MARKER = np.dtype(
     [
-        ("x_m", "f8"),
-        ("y_m", "f8"),
-        ("ahead_x", "f8"),
-        ("ahead_y", "f8"),
-        ("scale", "f8"),
-        ("x_px", "f8"),
-        ("y_px", "f8"),
-        ("residual_m", "f8"),
-        ("coverage", "f8"),
-        ("black", "f8"),
-        ("white", "f8"),
-        ("sharp_ahead", "f8"),
-        ("sharp_left", "f8"),
-        ("cell", "f8", (kernels.VS_OUTLINE_CELLS,)),
+        (name, "f8", _CELLS if name == "cell" else ())
+        for name, _ in kernel_ffi.typeof("struct vs_marker").fields
     ]
 )
-"""One fitted marker; the fields are those of `struct vs_marker`, see `c_src/host/vs_markers.h`."""
+"""One fitted marker: `struct vs_marker`, see `c_src/host/vs_markers.h`."""
 
 _CAPACITY = 1024
 _SPACING_U = 0.4
@@ -72,8 +61,7 @@ class Kernel:
     """Finds and follows one family's markers; one thread at a time.
 
     Attributes:
-        overflows: Pictures in which a table of the kernel was full, so that something may
-            have been missed.
+        overflows: Pictures in which a table of the kernel was full, so that markers may be missed.
         contrast: What white must have over dark for a closer look [grey] (36).
         level: Where the threshold lies between the darkest and the lightest [1/256] (100).
     """
@@ -125,15 +113,11 @@ class Kernel:
     def follow(
         self, image: Image, camera: Camera, height_m: float, poses: Floats
     ) -> tuple[NDArray[np.void], NDArray[np.uint32]]:
-        """Fits markers from where they are expected.
+        """Fits markers from where they are expected; the arguments are those of `search`.
 
-        Args:
-            image: (height, width) uint8 picture of `camera`.
-            height_m: Height of the markers above the floor.
-            poses: (n, 3) x, y of the disc's centre and yaw; at most 1024 are looked at.
-
-        Returns:
-            (k,) MARKER of those that fit and lie wholly in the picture; (k,) their rows of `poses`.
+        `poses` are (n, 3) x, y of the disc's centre and yaw; at most 1024 are looked at. Returns
+        (k,) MARKER of those that fit and lie wholly in the picture, and (k,) their rows of
+        `poses`.
         """
         view, _ = self._prepare(image, camera, height_m)
         count = min(len(poses), _CAPACITY)
@@ -149,7 +133,6 @@ class Kernel:
         return np.array(self._markers[:found]), np.array(self._origin[:found])
 
     def _prepare(self, image: Image, camera: Camera, height_m: float) -> tuple[Any, Any]:
-        """Returns the kernel's view of a picture and how to search it."""
         key = (camera, height_m)
         if key not in self._views:
             self._views[key] = (_view(camera, height_m), self._search(camera, height_m))
@@ -184,7 +167,6 @@ class Kernel:
 
 
 def _outline(family: MarkerFamily, passes: Sequence[Pass]) -> Any:
-    """Describes a family, and how it is fitted, to the kernel."""
     points, normals = sample_outline(family.polygon_mm, family.unit_mm)
     points = 1e-3 * (points - family.disc_centre_mm)
     inner = np.array(SPOTS) * family.cell_mm
@@ -205,15 +187,10 @@ def _outline(family: MarkerFamily, passes: Sequence[Pass]) -> Any:
 
 
 def _view(camera: Camera, height_m: float) -> Any:
-    """Describes a camera to the kernel."""
     view = kernel_ffi.new("struct vs_view *")
     lens = view.lens
-    lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px = (
-        camera.fx_px,
-        camera.fy_px,
-        camera.cx_px,
-        camera.cy_px,
-    )
+    lens.fx_px, lens.fy_px = camera.fx_px, camera.fy_px
+    lens.cx_px, lens.cy_px = camera.cx_px, camera.cy_px
     lens.distortion, lens.rotation = list(camera.distortion), list(camera.rotation)
     lens.position_m = list(camera.position_m)
     view.height_m = height_m
@@ -247,20 +224,16 @@ def sample_outline(corners: Floats, unit: float) -> tuple[Floats, Floats]:
 
 _OFF = 0.09
 """A marker may be so much nearer or farther than the plane that is searched, as a share."""
-
 _LENGTHS = ("x_m", "y_m", "residual_m", "scale")
 
 
 class LayeredKernel:
-    """Finds and follows one family's markers at all heights; one thread at a time."""
+    """Finds and follows one family's markers at all heights; one thread at a time.
+
+    `height_m` is the plane of reference, `heights_m` those of the markers, above the floor.
+    """
 
     def __init__(self, family: MarkerFamily, height_m: float, heights_m: Iterable[float]) -> None:
-        """Takes the heights above the floor.
-
-        Args:
-            height_m: Of the plane of reference.
-            heights_m: Of the markers.
-        """
         self._kernel = Kernel(family)
         self._height_m = height_m
         self._heights_m = sorted({height_m, *heights_m})
@@ -268,17 +241,13 @@ class LayeredKernel:
 
     @property
     def overflows(self) -> int:
-        """Pictures with more in them than the kernel's tables hold; markers may be missed."""
+        """See `Kernel.overflows`."""
         return self._kernel.overflows
 
     def search(
         self, image: Image, camera: Camera, windows: NDArray[np.int32] | None = None
     ) -> NDArray[np.void]:
-        """Looks for markers in a whole picture or in windows of it, see `Kernel.search`.
-
-        Returns:
-            (n,) MARKER, with places and sizes on the plane of reference.
-        """
+        """See `Kernel.search`; places and sizes are given on the plane of reference."""
         found = np.zeros(0, dtype=MARKER)
         for height_m in self._layers_of(camera):
             markers = self._kernel.search(image, camera, height_m, windows)
@@ -286,14 +255,9 @@ class LayeredKernel:
         return found
 
     def follow(self, image: Image, camera: Camera, robots: NDArray[np.void]) -> NDArray[np.void]:
-        """Fits robots where they are expected, see `Kernel.follow`.
+        """Fits (n,) EXPECTED robots, given on the plane of reference; see `Kernel.follow`.
 
-        Args:
-            image: (height, width) uint8 picture of `camera`.
-            robots: (n,) EXPECTED, on the plane of reference.
-
-        Returns:
-            (k,) MARKER of those that fit, with places and sizes on the plane of reference.
+        Returns (k,) MARKER of those that fit, with places and sizes on the plane of reference.
         """
         found = np.zeros(0, dtype=MARKER)
         if len(robots) == 0:
@@ -327,7 +291,6 @@ class LayeredKernel:
         return markers
 
     def _layers_of(self, camera: Camera) -> list[float]:
-        """Returns the heights to search at, from low to high."""
         if camera not in self._layers:
             self._layers[camera] = list(self._divide(camera.position_m[2]))
         return self._layers[camera]

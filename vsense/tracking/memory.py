@@ -1,7 +1,7 @@
 """What an arena tracker remembers from one timestep to the next, as JSON can hold it.
 
-With it a recording can begin in the middle: a tracker that is given the same memory and the same
-pictures says the same. Floats survive JSON bit for bit.
+With it a recording can begin in the middle: the same memory and the same pictures give the same
+states. Floats survive JSON bit for bit.
 """
 
 from __future__ import annotations
@@ -38,11 +38,7 @@ def freeze(tracker: ArenaTracker) -> dict[str, Any]:
 
 
 def restore(tracker: ArenaTracker, memory: Mapping[str, Any]) -> None:
-    """Gives a tracker another one's memory, in place of its own.
-
-    Args:
-        tracker: made from the same description as the other one.
-        memory: what `freeze` gave.
+    """Gives a tracker, in place of its own, the memory of another of the same description.
 
     Raises:
         KeyError, TypeError, ValueError, IndexError: the memory is damaged.

@@ -1,8 +1,8 @@
 """Names along the tracks: what a marker's cells leave open follows from where it is.
 
-A robot cannot jump, so a marker near where exactly one robot is expected is that robot, unless
-its cells speak against it. A marker without a name collects evidence from picture to picture
-until its cells are sure.
+A robot cannot jump, so a marker near where exactly one robot is expected is that robot, unless its
+cells speak against it. A marker without a name collects evidence from picture to picture until its
+cells are sure.
 """
 
 from __future__ import annotations
@@ -26,10 +26,9 @@ _LEAST_PICTURES = 3
 def carry_names(
     tags: Tags, reading: DecodedTag, roster: Tags, places: Floats, expected: NDArray[np.void]
 ) -> Tags:
-    """Gives names of expected robots to markers whose cells alone do not say enough.
+    """As `carry_read_names`, for markers whose cells alone do not say enough.
 
-    The arguments and the result are those of `carry_read_names`; `reading` is what the cells say of
-    the tags in `roster`.
+    `reading` is what the cells say of the tags in `roster`.
     """
 
     def plausible(tag: int, marker: int) -> bool:
@@ -49,17 +48,13 @@ def carry_read_names(
 ) -> Tags:
     """Gives names of expected robots to markers that cannot be read, such as square ones.
 
-    Their words differ in so many cells that one that is read is what it says; but a marker that is
-    read as another robot than the one that must be there stays without a name.
+    A marker that is read as another robot than the one that must be there stays without a name.
 
     Args:
-        tags: (n,) what was read, -1 where the cells do not tell.
+        tags: (n,) what was read, -1 where the cells are not sure; the names are returned.
         places: (n, 2) the markers' places in the arena [m].
         expected: (k,) EXPECTED in the camera's view.
         plausible: Whether a marker, by its row, may have an expected tag.
-
-    Returns:
-        (n,) names.
     """
     named = np.array(tags)
     for tag, marker in _alone(places, expected):
@@ -73,13 +68,16 @@ def carry_read_names(
 def _alone(places: Floats, expected: NDArray[np.void]) -> Iterator[tuple[int, int]]:
     """Yields robots that are sure to be somewhere, with the one marker that is there."""
     sure = expected[expected["sure"]]
-    if len(sure) == 0 or len(places) == 0:
-        return
-    offset = np.stack((sure["x_m"], sure["y_m"]), axis=1)[:, np.newaxis] - places
+    for robot, marker in _pairs(np.stack((sure["x_m"], sure["y_m"]), axis=1), places):
+        yield int(sure["tag"][robot]), int(marker)
+
+
+def _pairs(some: Floats, others: Floats) -> NDArray[np.intp]:
+    """Returns the rows (k, 2) of (n, 2) and (m, 2) places where one of each is near the other."""
+    offset = some[:, np.newaxis] - others
     near = np.hypot(offset[..., 0], offset[..., 1]) < NEAR_M
     single = near & (near.sum(axis=0) == 1) & (near.sum(axis=1) == 1)[:, np.newaxis]
-    for robot, marker in zip(*np.nonzero(single), strict=True):
-        yield int(sure["tag"][robot]), int(marker)
+    return np.argwhere(single)
 
 
 def gather_evidence(
@@ -94,16 +92,11 @@ def gather_evidence(
     """Names markers by the mean of their cells over the pictures since they appeared.
 
     Args:
-        tags: (n,) names so far.
+        tags: (n,) names so far; the new ones are returned.
         cells: (n, cells) brightness in this picture.
         sharpness: (n,) of the edges along and across the heading, see `Decoder.decode`.
         places: (n, 2) the markers' places in the arena [m].
-        camera: The camera's id.
-        prediction: Keeps what has been gathered.
-        decoder: Names cells.
-
-    Returns:
-        (n,) names.
+        prediction: Keeps what has been gathered, by `camera`, an id.
     """
     open_ = np.flatnonzero(tags == UNNAMED)
     once = np.ones(len(open_), dtype=np.int64)
@@ -128,14 +121,8 @@ def find_unlisted_tags(
 ) -> tuple[Tags, Floats]:
     """Reads markers without a name as tags that are not on the roster.
 
-    Args:
-        tags: (n,) names.
-        sharpness: (n,) of the edges along and across the heading, see `Decoder.decode`.
-        gathered: What `gather_evidence` has just kept of them.
-        decoder: Reads cells.
-
-    Returns:
-        (k,) the tags of those that are sure, and (k, 2) their places.
+    `tags` and `sharpness` are those of `gather_evidence`, `gathered` is what it has just kept of
+    them. Returns (k,) the tags of those that are sure, and (k, 2) their places.
     """
     rows = gathered.rows
     if len(rows) == 0:
@@ -147,10 +134,6 @@ def find_unlisted_tags(
 
 
 def _add_up(now: Anonymous, before: Anonymous) -> None:
-    """Adds what was gathered about markers that can only be these."""
-    offset = now.places[:, np.newaxis] - before.places
-    near = np.hypot(offset[..., 0], offset[..., 1]) < NEAR_M
-    single = near & (near.sum(axis=0) == 1) & (near.sum(axis=1) == 1)[:, np.newaxis]
-    for here, there in zip(*np.nonzero(single), strict=True):
+    for here, there in _pairs(now.places, before.places):
         now.cells[here] += before.cells[there]
         now.pictures[here] += before.pictures[there]

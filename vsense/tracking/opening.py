@@ -1,4 +1,4 @@
-"""Opens what a tracking session names: its cameras or recordings, detectors and arena tracker.
+"""Opens what a tracking session names: cameras or recordings, detectors and arena tracker.
 
 This is the factory of the thesis's figure 2.11.
 """
@@ -24,8 +24,7 @@ from vsense.cameras.source import Source
 from vsense.markers.families import SquareFamily, load_family
 from vsense.tracking.arena_tracker import ArenaTracker
 from vsense.tracking.camera_tracking import CameraTracking
-from vsense.tracking.detector import CameraDetectors, MarkerSearch
-from vsense.tracking.prediction import Prediction, SearchPlan
+from vsense.tracking.prediction import MarkerSearch, SearchPlan
 from vsense.tracking.specs import (
     DIRECTORY,
     CameraTrackerSpec,
@@ -48,20 +47,17 @@ def open_tracking(
 ) -> CameraTracking:
     """Opens a session's cameras or recordings and gets everything ready.
 
-    A camera that does not open is told and tried again.
+    A camera that does not open is reported and tried again.
 
     Args:
-        session: what to track.
         clock: the host's monotonic clock [ns].
-        tell: takes a line about a camera, for a person; any thread, must not wait.
+        tell, troubles: see `CameraTracking`.
         recordings: how recordings are handed out. `OFFLINE`: as fast as they are asked for.
             `PACED`: as they were taken, from the first `next` on. A number: their first pictures
             so often [s] until `CameraTracking.start`, then as they were taken, dated by the clock.
-        troubles: where to count what happens to cameras; None: begins with nothing known.
 
     Raises:
-        ConfigError: a recording or a camera cannot be used; the error names the place in the
-            resources file.
+        ConfigError: a recording or a camera cannot be used; names the place in the resources file.
         VsenseError: something else cannot be used.
     """
     teach_opencv()
@@ -99,18 +95,14 @@ def _recording(session: TrackingSession, spec: GrabberSpec) -> CameraRecording:
 
 
 def _tracker(session: TrackingSession) -> ArenaTracker:
-    """Makes the arena tracker and starts its workers."""
     views = session.views
     searches = {view.tracker.id: _search(view.tracker) for view in views}
-    sees = {view.camera.id: view.tracker.id for view in views}
-    prediction = Prediction(SearchPlan(session.key_frame_period, session.square_size_m))
-    return ArenaTracker(
+    return ArenaTracker.of_searches(
         [view.camera for view in views],
-        lambda: CameraDetectors.make(sees, searches, prediction),
-        session.heights_m,
+        [searches[view.tracker.id] for view in views],
         Limits(max(view.tracker.max_speed_m_s for view in views)),
+        SearchPlan(session.key_frame_period, session.square_size_m),
         pin=True,
-        prediction=prediction,
     )
 
 
@@ -122,13 +114,7 @@ def _search(tracker: TrackerSpec) -> MarkerSearch:
 
 
 def make_source(spec: GrabberSpec, clock: Callable[[], int], links: NetworkLoad) -> Source:
-    """Makes the source of a grabber that is a camera.
-
-    Args:
-        spec: the grabber.
-        clock: the host's monotonic clock [ns].
-        links: the networks that the cameras share.
-    """
+    """Makes the source of a grabber that is a camera; `links` are the networks of all cameras."""
     if isinstance(spec.settings, GenicamSettings):
         return GenicamSource(spec.source, spec.settings, clock, links)
     return DeviceSource(spec.source, spec.settings or Controls())
@@ -139,12 +125,7 @@ def live_grabber(
     sizes_px: Mapping[str, tuple[int, int]],
     clock: Callable[[], int],
 ) -> LiveGrabber:
-    """Starts all cameras of a session.
-
-    Args:
-        session: its views are all live.
-        sizes_px: width and height by the cameras' ids.
-        clock: the host's monotonic clock [ns].
+    """Starts all cameras of a session whose views are all live; `sizes_px` by the cameras' ids.
 
     Raises:
         ConfigError: the library for them is missing, or they would send more than their network
@@ -199,12 +180,8 @@ def _claim(
     assert isinstance(grabber.settings, GenicamSettings)
     size_px = grabber.settings.controls.size_px or (view.camera.width_px, view.camera.height_px)
     packet = grabber.settings.packet_size or USUAL_PACKET
+    assert grabber.frame_rate_hz is not None
     try:
-        links.claim(grabber.source, address, Stream(size_px, _rate(grabber), packet))
+        links.claim(grabber.source, address, Stream(size_px, grabber.frame_rate_hz, packet))
     except BandwidthError as error:
         raise session.resources.error(grabber.line, f"<grabber> frame_rate: {error}") from None
-
-
-def _rate(grabber: GrabberSpec) -> float:
-    assert grabber.frame_rate_hz is not None
-    return grabber.frame_rate_hz

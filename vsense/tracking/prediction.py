@@ -1,4 +1,4 @@
-"""Where the robots are expected: what the arena tracker tells the detectors beforehand.
+"""Where the robots are expected: what the arena tracker gives the detectors beforehand.
 
 The tracker writes between timesteps, on its own thread; the detectors read meanwhile, on theirs.
 What a detector keeps here of a camera's pictures is touched by that camera's thread alone, so the
@@ -8,14 +8,16 @@ order of the threads changes nothing.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from statistics import median
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import ArenaState
 from vsense.cameras.camera import Camera
+from vsense.markers.families import MarkerFamily, SquareFamily
 from vsense.tracking.joining import UnlistedTags
 
 Floats = NDArray[np.float64]
@@ -47,8 +49,7 @@ class SearchPlan:
 
     Attributes:
         key_frame_period: Every so many timesteps whole pictures are searched (1: always).
-        square_size_m: Side of the square searched around each robot in between, centred where
-            it is expected (0.11).
+        square_size_m: Side of the squares searched in between, where robots are expected (0.11).
         warm: Fit known robots directly where they are expected, and search only the squares of
             those that do not fit.
     """
@@ -74,10 +75,9 @@ class Anonymous:
 
     Attributes:
         rows: (n,) which of the newest picture's markers they are.
-        places: (n, 2) where they were seen last [m].
+        places: (n, 2) where they were seen last [m], at `capture_ns`.
         cells: (n, cells) sum of their brightness over the pictures.
         pictures: (n,) how many pictures that were.
-        capture_ns: When they were seen last.
     """
 
     rows: NDArray[np.intp]
@@ -89,15 +89,13 @@ class Anonymous:
 
 @dataclass(slots=True)
 class Prediction:
-    """The robots' expected poses, and each camera's nameless markers.
+    """The robots' expected poses, and each camera's nameless markers, by the camera's id.
 
     Attributes:
-        plan: How much of the pictures is searched.
         heights_m: The height of each tag's marker above the floor; 0 for others.
         capture_ns: The timestep's capture time.
         is_key_frame: Whether whole pictures are searched in this timestep.
         expected: EXPECTED, sorted by tag.
-        anonymous: By the camera's id.
         unlisted: By the camera's id, tags in the timestep's picture that are on no roster.
         joined: By the family's name, the tags that have joined the roster, in their order.
     """
@@ -149,9 +147,7 @@ class Prediction:
     def in_view(self, camera: Camera, height_m: float) -> NDArray[np.void]:
         """Returns those of `expected` whose middle is in a camera's picture.
 
-        Args:
-            height_m: Height of the plane on which their places are given, as the camera sees
-                them.
+        Their places are given as the camera sees them, on a plane `height_m` above the floor.
         """
         if len(self.expected) == 0:
             return self.expected
@@ -164,14 +160,9 @@ class Prediction:
         return np.asarray(seen[camera.contains(camera.project(points))])
 
     def windows(self, camera: Camera, height_m: float, places: Floats) -> NDArray[np.int32]:
-        """Returns the squares of a camera's picture around (n, 2) places of the arena.
+        """Returns the squares of a camera's picture around (n, 2) places of the arena [m].
 
-        Args:
-            height_m: Height of the markers above the floor.
-            places: x and y [m].
-
-        Returns:
-            (n, 4) left, top, right, bottom [px].
+        `height_m` is that of the markers. The squares are (n, 4) left, top, right, bottom [px].
         """
         half = 0.5 * self.plan.square_size_m
         corners = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
@@ -183,20 +174,25 @@ class Prediction:
 
 
 @dataclass(frozen=True, slots=True)
-class DetectorSetup:
-    """What a detector looks for, whatever the markers of its family look like.
+class MarkerSearch:
+    """What is looked for in a camera's pictures.
 
     Attributes:
-        roster: The tags in the arena; a marker with any other is reported without a name.
-        height_m: Height of most of the markers above the floor.
-        prediction: What the arena tracker expects, the same for all of its detectors; without it
-            every picture is searched and read for itself.
-        heights_m: Other heights of markers.
-        open_roster: Tell `prediction` of markers with other tags, so that they can join.
+        family: The marker family.
+        heights_m: The roster: the height of each tag's marker above the floor. A marker with any
+            other tag is reported without a name.
+        open_roster: Whether robots with other tags of the family can join.
+        at_m: Height of the plane on which detectors work; None: the usual height of the markers.
     """
 
-    roster: Iterable[int]
-    height_m: float
-    prediction: Prediction | None = None
-    heights_m: Iterable[float] = ()
+    family: MarkerFamily | SquareFamily
+    heights_m: Mapping[int, float]
     open_roster: bool = True
+    at_m: float | None = None
+
+    @property
+    def height_m(self) -> float:
+        """Height above the floor of the plane on which detectors work."""
+        if self.at_m is not None:
+            return self.at_m
+        return median(self.heights_m.values()) if self.heights_m else 0.0

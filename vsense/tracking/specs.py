@@ -1,7 +1,7 @@
 """What the two files of a tracking session say, as frozen records: m, rad, s, px; arena frame.
 
-Thesis, 2.2.2. Every record that comes from one element carries the line it stood in, so that a
-fault which shows only later is still reported at its place.
+Thesis, 2.2.2. `line` is that of a record's element, so that a fault which shows only later is
+still reported at its place; `id` is its name in the experiment file.
 """
 
 from __future__ import annotations
@@ -28,7 +28,6 @@ class GrabberSpec:
     """A picture source.
 
     Attributes:
-        id: its name in the experiment file.
         type: one of `GRABBER_TYPES`.
         source: the directory, the video file, or the camera: its device, URL, address or id.
         timestamps: table of the pictures' capture times, or None.
@@ -36,7 +35,6 @@ class GrabberSpec:
             camera; None: what the video or the camera says itself.
         start_s: when the first picture of a recording without timestamps was taken.
         settings: what a camera is asked for; None: it is a recording.
-        line: line of its element.
     """
 
     id: str
@@ -52,7 +50,7 @@ class GrabberSpec:
     def of_camera(
         cls, id: str, type: str, device: str, settings: Controls | GenicamSettings, line: int = 0
     ) -> GrabberSpec:
-        """Gives the spec of a camera, which has no recording's timestamps and start."""
+        """Makes the spec of a camera, without a recording's timestamps and start."""
         controls = settings.controls if isinstance(settings, GenicamSettings) else settings
         return cls(id, type, device, None, controls.rate_hz, 0.0, settings, line)
 
@@ -79,13 +77,10 @@ class TrackerSpec:
     """What to look for in the pictures.
 
     Attributes:
-        id: its name in the experiment file.
         family: name of the marker family, or path of its definition.
         heading_deg: what is added to the heading of the family's square markers.
         heights_m: the roster: the height of each tag's marker above the floor.
-        max_speed_m_s: greatest speed of a robot.
         open_roster: whether robots with other tags of the family can join.
-        line: line of its element.
     """
 
     id: str
@@ -99,12 +94,9 @@ class TrackerSpec:
 
 @dataclass(frozen=True, slots=True)
 class CameraSpec:
-    """A camera's place above the arena.
+    """A camera's place above the arena: its `calibration` is a camera file.
 
-    Attributes:
-        id: its name in the experiment file and in all that is reported.
-        calibration: its camera file.
-        line: line of its element.
+    `id` is its name also in all that is reported.
     """
 
     id: str
@@ -128,13 +120,9 @@ class Resources:
 
 @dataclass(frozen=True, slots=True)
 class CameraTrackerSpec:
-    """One camera of a session: a picture source, what is seen from where, and what to find.
+    """One camera of a session: a picture source, a calibrated camera, and what to look for.
 
-    Attributes:
-        grabber: the picture source.
-        camera: the calibrated camera; its id is the resources file's.
-        tracker: what to look for.
-        line: line of its element.
+    The camera's id is the resources file's.
     """
 
     grabber: GrabberSpec
@@ -148,12 +136,10 @@ class RecordSpec:
     """Whether and where the pictures are kept.
 
     Attributes:
-        record_image: keep the pictures.
-        change_root_directory_on_start: each run gets a directory of its own; otherwise all of
-            them are one recording.
+        change_root_directory_on_start: each run gets a directory of its own; otherwise all of them
+            are one recording.
         root_directory: where the recordings go.
         image_format: "png", "jpg" or "pgm".
-        line: line of its element.
     """
 
     record_image: bool
@@ -169,12 +155,9 @@ class TrackingSession:
 
     Attributes:
         file: the file as the user named it.
-        resources: what it takes its parts from.
         server_port: TCP port of the arena tracking server.
         key_frame_period: every so many timesteps the whole picture is searched; 1: always.
         square_size_m: side of the square searched around a known robot in between.
-        views: the cameras.
-        record: what is kept.
     """
 
     file: str

@@ -13,7 +13,7 @@ from vsense.markers.dictionary import FamilyError, Floats, SquareFamily
 from vsense.tracking.covariance import square_covariance
 from vsense.tracking.joining import UnlistedTags
 from vsense.tracking.naming import carry_read_names
-from vsense.tracking.prediction import NEAR_M, Anonymous, DetectorSetup, Prediction
+from vsense.tracking.prediction import NEAR_M, Anonymous, MarkerSearch, Prediction
 from vsense.tracking.squares import SQUARE, SquareFinder, lengths
 from vsense.tracking.squares_words import project_squares
 
@@ -25,24 +25,22 @@ _TILTED = 1.5
 class SquareDetector:
     """Finds the square markers of one family and names those of a roster."""
 
-    def __init__(self, family: SquareFamily, setup: DetectorSetup) -> None:
-        """Prepares the detector.
-
-        Raises:
-            FamilyError: The family does not have a tag of the roster.
-        """
-        unknown = [tag for tag in setup.roster if not 0 <= tag < family.tags]
+    def __init__(
+        self, family: SquareFamily, search: MarkerSearch, prediction: Prediction | None
+    ) -> None:
+        """See `detector.detector_of`; `family` is that of `search`."""
+        unknown = [tag for tag in search.heights_m if not 0 <= tag < family.tags]
         if unknown:
             raise FamilyError(
                 f"tag {unknown[0]}: the family {family.name} has 0 to {family.tags - 1}"
             )
         self._family = family
-        self._height_m = setup.height_m
-        self._heights_m = np.array(sorted({setup.height_m, *setup.heights_m}))
+        self._height_m = search.height_m
+        self._heights_m = np.array(sorted({search.height_m, *search.heights_m.values()}))
         self._finder = SquareFinder(family)
-        self._roster = sorted(set(setup.roster))
-        self._prediction = setup.prediction
-        self._open_roster = setup.open_roster
+        self._roster = sorted(search.heights_m)
+        self._prediction = prediction
+        self._open_roster = search.open_roster
 
     @property
     def overflows(self) -> int:
@@ -74,7 +72,7 @@ class SquareDetector:
         places: Floats,
         roster: Sequence[int],
     ) -> None:
-        """Keeps where markers without a name are, and tells of tags that are not on the roster."""
+        """Keeps where markers without a name are, and the tags that are not on the roster."""
         nameless = np.flatnonzero(~np.isin(tags, roster))
         cells, once = np.zeros((len(nameless), 0)), np.ones(len(nameless), dtype=np.int64)
         known.anonymous[camera.id] = Anonymous(
@@ -95,8 +93,7 @@ class SquareDetector:
     ) -> tuple[NDArray[np.void], Floats]:
         """Searches what the plan says; robots that it does not find are fitted where they must be.
 
-        Returns:
-            (n,) SQUARE, and (n, 4, 2) their corners on the plane of reference.
+        Returns (n,) SQUARE, and (n, 4, 2) their corners on the plane of reference.
         """
         if known.is_key_frame:
             found, corners_m = self._keep(self._finder.find(image, *self._sides(camera)), camera)
@@ -167,7 +164,6 @@ class SquareDetector:
         camera: Camera,
         roster: Sequence[int],
     ) -> NDArray[np.void]:
-        """Makes DETECTION rows of markers whose corners on the plane are known."""
         rows = np.zeros(len(found), dtype=DETECTION)
         if len(rows) == 0:
             return rows

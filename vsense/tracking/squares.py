@@ -1,15 +1,11 @@
 """Finding square markers, ArUco's and AprilTag's: from a picture to corners and tags.
 
-A local threshold at several scales separates dark from light; every contour's hull is reduced
-to the smallest quadrilateral around it. A hull forgives what blur does to a marker: white cells
-that break through the black frame leave it as it is.
-
-Nothing of the arena is known here; see `square_detector` for markers that robots carry.
+A local threshold at several scales separates dark from light; every contour's hull is reduced to
+the smallest quadrilateral around it. Where white cells break through a blurred marker's black
+frame, the hull stays as it is. `square_detector` is for markers that robots carry.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -27,83 +23,69 @@ _ENOUGH_PX = 10.0
 _NOISY = 5.0
 _NOISE_ROWS = 32
 
+_DARKNESS, _LEAST_STEP_GREY, _NOISE_STEP = 0.96, 3.0, 2.0
+"""Dark is below this share of the local mean, less so many grey values, or less so many times the
+picture's noise where that is more."""
+_FULLNESS = 0.8
+"""Least share of a quadrilateral that the hull fills."""
+_SLIMNESS = 0.4
+"""Least width of a thing, as a share of the least side."""
 
-@dataclass(frozen=True, slots=True)
-class QuadSearch:
-    """Finds quadrilaterals that are darker than what is around them.
 
-    Large ones are looked for in the picture at half its resolution.
+def find_quads(image: NDArray[np.uint8], least_px: float, most_px: float) -> Floats:
+    """Finds quadrilaterals that are darker than what is around them in a (height, width) picture.
 
-    Attributes:
-        darkness: Dark is below this share of the local mean (0.96),
-        least_step: less this many grey values (3).
-        noise_step: That step in the picture's noise, where the noise is more (2.0).
-        fullness: Least share of the quadrilateral that the hull fills (0.8).
-        slimness: Least width of a thing, as a share of the least side (0.4).
+    Large ones are looked for in the picture at half its resolution. The shortest and the longest
+    side of a marker are given as seen face to face.
+
+    Returns:
+        (n, 4, 2) pixels: the corners, clockwise in the picture.
     """
+    if least_px >= 2.0 * _ENOUGH_PX:
+        half = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+        small = find_quads(np.asarray(half, dtype=np.uint8), 0.5 * least_px, 0.5 * most_px)
+        return 2.0 * small + 0.5
+    noise = noise_level(image)
+    if noise > _NOISY:
+        image = np.asarray(cv2.GaussianBlur(image, (5, 5), 0.9), dtype=np.uint8)
+        noise *= 0.4
+    step = round(max(_LEAST_STEP_GREY, _NOISE_STEP * noise))
+    found = [
+        quad
+        for window in _windows(least_px, most_px)
+        for quad in _quads(_dark(image, window, step), least_px, most_px)
+    ]
+    quads = np.array(found, dtype=np.float64).reshape(-1, 4, 2)
+    turned = area(quads) < 0.0
+    quads[turned] = quads[turned, ::-1]
+    return quads
 
-    darkness: float = 0.96
-    least_step: float = 3.0
-    noise_step: float = 2.0
-    fullness: float = 0.8
-    slimness: float = 0.4
 
-    def find(self, image: NDArray[np.uint8], least_px: float, most_px: float) -> Floats:
-        """Returns the picture's candidates.
+def _dark(image: NDArray[np.uint8], window: int, step: int) -> NDArray[np.uint8]:
+    mean = cv2.boxFilter(image, -1, (window, window))
+    level = cv2.addWeighted(mean, _DARKNESS, mean, 0.0, -float(step))
+    return np.asarray(cv2.compare(image, level, cv2.CMP_LT), dtype=np.uint8)
 
-        Args:
-            image: (height, width) uint8.
-            least_px: Shortest side of a marker, seen face to face.
-            most_px: Longest side.
 
-        Returns:
-            (n, 4, 2) pixels: the corners, clockwise in the picture.
-        """
-        if least_px >= 2.0 * _ENOUGH_PX:
-            half = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-            small = self.find(np.asarray(half, dtype=np.uint8), 0.5 * least_px, 0.5 * most_px)
-            return 2.0 * small + 0.5
-        noise = noise_level(image)
-        if noise > _NOISY:
-            image = np.asarray(cv2.GaussianBlur(image, (5, 5), 0.9), dtype=np.uint8)
-            noise *= 0.4
-        step = round(max(self.least_step, self.noise_step * noise))
-        found = [
-            quad
-            for window in _windows(least_px, most_px)
-            for quad in self._quads(self._dark(image, window, step), least_px, most_px)
-        ]
-        quads = np.array(found, dtype=np.float64).reshape(-1, 4, 2)
-        turned = area(quads) < 0.0
-        quads[turned] = quads[turned, ::-1]
-        return quads
-
-    def _dark(self, image: NDArray[np.uint8], window: int, step: int) -> NDArray[np.uint8]:
-        mean = cv2.boxFilter(image, -1, (window, window))
-        level = cv2.addWeighted(mean, self.darkness, mean, 0.0, -float(step))
-        return np.asarray(cv2.compare(image, level, cv2.CMP_LT), dtype=np.uint8)
-
-    def _quads(
-        self, dark: NDArray[np.uint8], least_px: float, most_px: float
-    ) -> list[NDArray[np.float32]]:
-        contours, _ = cv2.findContours(dark, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)
-        thin, least, most = self.slimness * least_px, least_px**2 / 4.0, 2.0 * most_px**2
-        found = []
-        for contour in contours:
-            if len(contour) < 4:
-                continue
-            _, _, width, height = cv2.boundingRect(contour)
-            if max(width, height) < least_px or min(width, height) < thin:
-                continue
-            hull = cv2.convexHull(contour)
-            filled = cv2.contourArea(hull)
-            if len(hull) < 4 or not least < filled < most:
-                continue
-            quad = np.asarray(cv2.approxPolyN(hull, 4, ensure_convex=True), dtype=np.float32)
-            quad = quad.reshape(-1, 2)
-            if len(quad) == 4 and filled > self.fullness * cv2.contourArea(quad):
-                found.append(quad)
-        return found
+def _quads(dark: NDArray[np.uint8], least_px: float, most_px: float) -> list[NDArray[np.float32]]:
+    contours, _ = cv2.findContours(dark, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)
+    thin, least, most = _SLIMNESS * least_px, least_px**2 / 4.0, 2.0 * most_px**2
+    found = []
+    for contour in contours:
+        if len(contour) < 4:
+            continue
+        _, _, width, height = cv2.boundingRect(contour)
+        if max(width, height) < least_px or min(width, height) < thin:
+            continue
+        hull = cv2.convexHull(contour)
+        filled = cv2.contourArea(hull)
+        if len(hull) < 4 or not least < filled < most:
+            continue
+        quad = np.asarray(cv2.approxPolyN(hull, 4, ensure_convex=True), dtype=np.float32)
+        quad = quad.reshape(-1, 2)
+        if len(quad) == 4 and filled > _FULLNESS * cv2.contourArea(quad):
+            found.append(quad)
+    return found
 
 
 def area(quads: Floats) -> Floats:
@@ -173,13 +155,7 @@ _BORDER_PX = 1.0
 class SquareFinder:
     """Finds the square markers of one family, whatever their tags and sizes."""
 
-    def __init__(self, family: SquareFamily, search: QuadSearch | None = None) -> None:
-        """Prepares the words.
-
-        Args:
-            search: What proposes quadrilaterals.
-        """
-        self._search = search or QuadSearch()
+    def __init__(self, family: SquareFamily) -> None:
         self._readers = (WordReader(family.codes), WordReader(family.codes, around=False))
         self._span = family.codes.cells + 2
 
@@ -190,20 +166,19 @@ class SquareFinder:
         most_px: float | None = None,
         local_corners: bool = False,
     ) -> NDArray[np.void]:
-        """Returns the markers of a picture of which nothing else is known, as SQUARE rows.
+        """Returns the markers of a (height, width) uint8 picture, as SQUARE rows.
 
         All of the family's tags are named, on the roster or not. Markers with the same tag are
         separate rows; one marker is one row.
 
         Args:
-            image: (height, width) uint8.
             least_px: Shortest side to look for, seen face to face.
             most_px: Longest side; None: as long as the picture.
             local_corners: Follow sides that a lens or the paper bends, see
                 `squares_edges.fit_local_corners`; lines through whole sides are more precise.
         """
         longest = float(max(image.shape)) if most_px is None else most_px
-        quads = self._search.find(image, least_px, longest)
+        quads = find_quads(image, least_px, longest)
         sides = _refine(image, quads)
         sides = sides.keep(self._plausible(image, sides))
         sides = sides.keep(_distinct(sides))
@@ -220,11 +195,7 @@ class SquareFinder:
     ) -> NDArray[np.void]:
         """Returns the markers in windows of a picture, see `find`.
 
-        Args:
-            image: (height, width) uint8.
-            windows: (n, 4) left, top, right, bottom [px]; they may reach over the border.
-            least_px: Shortest side to look for, seen face to face.
-            most_px: Longest side.
+        `windows` are (n, 4) left, top, right, bottom [px]; they may reach over the border.
         """
         high, wide = image.shape
         found = np.zeros(0, dtype=SQUARE)
@@ -240,13 +211,9 @@ class SquareFinder:
     def follow(self, image: NDArray[np.uint8], quads: Floats) -> NDArray[np.void]:
         """Fits markers from where they are expected; what is read says whether they are.
 
-        Args:
-            image: (height, width) uint8.
-            quads: (n, 4, 2) where their corners should be, in the order of SQUARE [px].
-
-        Returns:
-            SQUARE rows of those that fit, in the order of `quads`; without a tag where the cells
-            do not tell.
+        `quads` are (n, 4, 2) where their corners should be, in the order of SQUARE [px]. Returns
+        SQUARE rows of those that fit, in the order of `quads`; without a tag where the cells do
+        not tell.
         """
         if len(quads) == 0:
             return np.zeros(0, dtype=SQUARE)
@@ -262,7 +229,7 @@ class SquareFinder:
         return found
 
     def _plausible(self, image: NDArray[np.uint8], sides: Sides) -> NDArray[np.bool_]:
-        """Tells which fitted quadrilaterals are black on white, large enough and whole."""
+        """Which fitted quadrilaterals are black on white, large enough and whole."""
         corners = sides.corners_px
         length = lengths(corners)
         contrast = max(_LEAST_CONTRAST, _NOISE_CONTRAST * noise_level(image))
@@ -279,7 +246,7 @@ class SquareFinder:
         )
 
     def _read(self, image: NDArray[np.uint8], sides: Sides) -> Readings:
-        """Reads n > 0 fitted quadrilaterals, the doubtful ones once more without what is around."""
+        """Reads n > 0 fitted quadrilaterals, the doubtful ones again without the white around."""
         blur = self._blur(sides)
         first, second = self._readers
         read = first.read(first.cells(image, sides.corners_px), blur)
@@ -300,7 +267,6 @@ class SquareFinder:
 
 
 def _rows(sides: Sides, read: Readings) -> NDArray[np.void]:
-    """Makes SQUARE rows of fitted quadrilaterals and what they say."""
     found = np.zeros(len(read.tag), dtype=SQUARE)
     found["tag"], found["error"], found["margin"] = read.tag, read.error, read.margin
     turned = (np.arange(4) - read.turn[:, np.newaxis]) % 4

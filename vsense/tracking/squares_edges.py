@@ -46,7 +46,6 @@ class Sides(NamedTuple):
     blur_px: Floats
 
     def keep(self, where: NDArray[np.bool_] | NDArray[np.intp]) -> Sides:
-        """Returns the chosen ones."""
         return Sides(*(values[where] for values in self))
 
 
@@ -85,10 +84,10 @@ def fit_sides(
 
 
 def fit_local_corners(image: NDArray[np.uint8], quads: Floats) -> Floats:
-    """Moves the corners of (n, 4, 2) quadrilaterals to where what is near them says they are.
+    """Moves the corners of (n, 4, 2) quadrilaterals with bent sides by the picture near them.
 
-    Sides are bent where the lens or the paper is. Large quadrilaterals have enough of a picture
-    around each corner; small ones need their whole sides, as parabolas where they are no lines.
+    Large quadrilaterals have enough of a picture around each corner; small ones need their whole
+    sides, as parabolas where they are no lines.
     """
     side = np.roll(quads, -1, axis=1) - quads
     long = np.hypot(side[..., 0], side[..., 1]).min(axis=1) > _LONG_PX
@@ -156,7 +155,7 @@ def _profiles(
 def sample_grey(image: NDArray[np.uint8], points_px: Floats) -> NDArray[np.float32]:
     """Returns the interpolated grey values at (n, ..., 2) pixels, n > 0, as float32.
 
-    A point outside of the picture sees the picture's nearest pixel.
+    A point outside of the picture gets its nearest pixel's.
     """
     shape = points_px.shape[:-1]
     x, y = np.moveaxis(points_px.reshape(shape[0], -1, 2).astype(np.float32), -1, 0)
@@ -168,8 +167,7 @@ def sample_grey(image: NDArray[np.uint8], points_px: Floats) -> NDArray[np.float
 def _edges(rise: NDArray[np.float32], steps: int) -> tuple[Floats, Floats, Floats]:
     """Finds the steepest rise of each profile, and its centroid.
 
-    Returns:
-        Place in [-1, 1] and height of each edge, and the places of the differences.
+    Returns the place in [-1, 1] and the height of each edge, and the places of the differences.
     """
     where = np.linspace(-1.0, 1.0, 2 * steps - 1)[1::2]
     steep = rise**2
@@ -193,8 +191,7 @@ def _fit_powers(
 ) -> tuple[Floats, Floats]:
     """Fits offset = a + b s + ... to each side by robust least squares, s in [-1, 1].
 
-    Returns:
-        (n, 4, powers) coefficients, and (n, 4) root mean square residuals.
+    Returns (n, 4, powers) coefficients, and (n, 4) root mean square residuals.
     """
     terms = along[:, np.newaxis] ** np.arange(powers)
     products = terms[:, :, np.newaxis] * terms[:, np.newaxis, :]

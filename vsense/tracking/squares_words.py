@@ -1,9 +1,9 @@
 """Reading square markers: which code word, turned how, makes the cells that the picture shows.
 
-The cells are the mean grey values of a marker's frame, of its matrix and of the white around
-it. They are compared with what a camera would see of every word of the dictionary, in all four
-turns and under the blur that the marker's edges have; black, white and a slope of the light
-are fitted. So neither a threshold per cell nor sharp cells are needed.
+The cells are the mean grey values of a marker's frame, of its matrix and of the white around it.
+They are compared with what a camera would see of every word of the dictionary, in all four turns
+and under the blur that the marker's edges have; black, white and a slope of the light are fitted.
+So neither a threshold per cell nor sharp cells are needed.
 """
 
 from __future__ import annotations
@@ -59,8 +59,8 @@ class Words(NamedTuple):
     Attributes:
         seen: (words, cells) grey values without mean and slope, of unit length.
         size: (words,) the length before.
-        least_match: How alike the matrix's cells must be, so that chance hardly is: the more
-            the blur mixes the cells, the fewer of them say something of their own.
+        least_match: How alike the matrix's cells must be, so that chance hardly is: the more the
+            blur mixes the cells, the fewer of them are independent.
     """
 
     seen: NDArray[np.float32]
@@ -69,16 +69,14 @@ class Words(NamedTuple):
 
 
 class WordReader:
-    """Reads the markers of one dictionary."""
+    """Reads the markers of one dictionary.
+
+    With `around` the white around the marker is compared, too; it shows the light best but may be
+    covered or too narrow.
+    """
 
     def __init__(self, codes: Codes, around: bool = True) -> None:
-        """Prepares the dictionary's words in their four turns.
-
-        Args:
-            codes: The dictionary.
-            around: Also compare the white around the marker, which tells most about the light
-                but may be covered or too narrow.
-        """
+        """Prepares the dictionary's words in their four turns."""
         self.side = codes.cells + 2
         self._correction = codes.correction
         bits = codes.bits().astype(np.float64)
@@ -144,8 +142,7 @@ class WordReader:
     ) -> tuple[int, tuple[int, int], float]:
         """Tries the likeliest words under all blurs near `pair`.
 
-        Returns:
-            The best word, its blur, and the likeness of the best word of another tag.
+        Returns the best word, its blur, and the likeness of the best word of another tag.
         """
         near = [range(max(0, k - _BLUR_DOUBT), min(len(_BLURS), k + _BLUR_DOUBT)) for k in pair]
         kinds = [(u, v) for u in near[0] for v in near[1]]
@@ -186,7 +183,7 @@ class WordReader:
         return self._words[u, v]
 
     def _needed(self, matrix: NDArray[np.float32]) -> float:
-        """Returns the least match by Fisher's transform, for as many cells as are independent.
+        """The least match by Fisher's transform, for as many cells as are independent.
 
         Source: R. A. Fisher, On the probable error of a coefficient of correlation (1921).
         """
@@ -209,14 +206,9 @@ def _products(some: Values, others: Values) -> NDArray[np.float32]:
 
 
 def project_squares(quads: Floats, points: Floats) -> Floats:
-    """Maps points of the unit square into quadrilaterals by their homographies.
+    """Maps (m, 2) points of the unit square into quadrilaterals by their homographies, (n, m, 2).
 
-    Args:
-        quads: (n, 4, 2) corners, those of (0, 0), (1, 0), (1, 1), (0, 1).
-        points: (m, 2).
-
-    Returns:
-        (n, m, 2).
+    `quads` are (n, 4, 2): the corners (0, 0), (1, 0), (1, 1), (0, 1).
 
     Source: P. Heckbert, Fundamentals of Texture Mapping and Image Warping (1989), 2.2.3.
     """
@@ -235,11 +227,10 @@ def project_squares(quads: Floats, points: Floats) -> Floats:
 
 
 def _cell_blur(span: int, blur: float) -> Floats:
-    """Returns how much of each cell of a row the middle half of each visible cell sees.
+    """How much of each cell of a row the middle half of each of `span` visible cells sees.
 
-    Args:
-        span: Visible cells; two more white ones lie on either side.
-        blur: Standard deviation of the point spread, in cells.
+    Two more white cells lie on either side. `blur` is the standard deviation of the point spread,
+    in cells.
     """
     cells = span + 2 * (_WHITE_CELLS - 1)
     step = (np.arange(cells * _FINE) + 0.5) / _FINE

@@ -1,8 +1,8 @@
 """Tracks: what is known of one robot from timestep to timestep.
 
-A track believes a sighting only where the robot can have driven since it was last seen. A
-robot that is not seen is carried on at its last velocity for a moment, then held, with an age and
-a covariance that grow and a confidence that falls, and in the end it is forgotten.
+A track believes a sighting only where the robot can have driven since it was last seen. A robot
+that is not seen is carried on at its last velocity for a moment, then held, with an age and a
+covariance that grow and a confidence that falls, and in the end it is forgotten.
 """
 
 from __future__ import annotations
@@ -53,12 +53,7 @@ class Limits:
 
 
 class Track:
-    """One robot.
-
-    Attributes:
-        last: The sighting believed last.
-        seen: Whether it was believed in the newest timestep.
-    """
+    """One robot: `last` is the sighting believed last, `seen` whether in the newest timestep."""
 
     def __init__(self, first: Sighting) -> None:
         self._start(first)
@@ -75,12 +70,7 @@ class Track:
     def update(self, sightings: Sequence[Sighting], limits: Limits) -> int:
         """Believes the one sighting that can be this robot, if there is exactly one.
 
-        Args:
-            sightings: The tag's sightings in this timestep; more than one means duplicates.
-            limits: What to believe.
-
-        Returns:
-            How many sightings were out of reach.
+        `sightings` are the tag's in this timestep. Returns how many were out of reach.
         """
         reachable = [s for s in sightings if _reaches(self.last, s, limits)]
         self.seen = len(reachable) == 1
@@ -93,16 +83,13 @@ class Track:
         return len(sightings) - len(reachable)
 
     def _believe(self, sighting: Sighting) -> None:
-        elapsed = 1e-9 * (sighting.capture_ns - self.last.capture_ns)
+        last, (old_vx, old_vy) = self.last, self._velocity
+        elapsed = 1e-9 * (sighting.capture_ns - last.capture_ns)
         if elapsed > 0.0:
             keep = 1.0 - _NEW_VELOCITY
-            vx = (sighting.x_m - self.last.x_m) / elapsed
-            vy = (sighting.y_m - self.last.y_m) / elapsed
-            self._velocity = (
-                keep * self._velocity[0] + _NEW_VELOCITY * vx,
-                keep * self._velocity[1] + _NEW_VELOCITY * vy,
-            )
-            turn = math.remainder(sighting.yaw_rad - self.last.yaw_rad, math.tau) / elapsed
+            vx, vy = (sighting.x_m - last.x_m) / elapsed, (sighting.y_m - last.y_m) / elapsed
+            self._velocity = keep * old_vx + _NEW_VELOCITY * vx, keep * old_vy + _NEW_VELOCITY * vy
+            turn = math.remainder(sighting.yaw_rad - last.yaw_rad, math.tau) / elapsed
             self._turn_rad_s = keep * self._turn_rad_s + _NEW_VELOCITY * turn
         self.last = sighting
 

@@ -1,8 +1,7 @@
 """Camera views: from one camera's detections to the arena, and from the arena to its picture.
 
-A detection is a point of a picture; with the height of the tag's marker it is a place in the
-arena. Views of the same tag that lie together are one sighting; views that do not are several,
-and are never merged.
+Views of the same tag that lie together are one sighting; views that do not are several, and are
+never merged.
 
 Thesis, 2.2: an ArenaElement has a position and an orientation in the image, too. What the cameras
 see is kept as it was seen; for clients that ask for one image pose of every robot, arena poses are
@@ -42,13 +41,11 @@ class Sighting:
     """A marker in the arena, seen by one or more cameras at about the same time.
 
     Attributes:
-        tag: The marker's number.
-        x_m: The disc's centre, x in the arena frame.
-        y_m: The disc's centre, y in the arena frame.
+        x_m, y_m: The disc's centre in the arena frame.
         yaw_rad: Heading in (-pi, pi].
         capture_ns: When, the mean over the cameras with the weights.
-        weight: What it counts when views are merged [1/m^2]: the inverse variance of the
-            position, less near the picture's border, so that nothing jumps where a view begins.
+        weight: What it counts when views are merged [1/m^2]: the inverse variance of the position,
+            less near the picture's border, so that nothing jumps where a view begins.
         cameras: Ids of the cameras, sorted.
         covariance: Of what the pictures tell.
         height_sensitivity: How far x and y [m] are off where the marker is one standard deviation
@@ -96,11 +93,9 @@ class Placed(NamedTuple):
 def place_markers(
     camera: Camera, found: NDArray[np.void], heights_m: Mapping[int, float]
 ) -> Placed:
-    """Puts one camera's named detections into the arena.
+    """Puts one camera's named (n,) DETECTION into the arena.
 
-    Args:
-        found: (n,) DETECTION.
-        heights_m: Height of each tag's marker above the floor; other tags are left out.
+    Tags without a height in `heights_m`, that of their markers above the floor, are left out.
     """
     tags = found["tag"].tolist()
     order = sorted(
@@ -117,13 +112,10 @@ def place_markers(
 def make_views(
     frame: Frame, camera: Camera, placed: Placed, height_doubt_m: float = HEIGHT_DOUBT_M
 ) -> list[Sighting]:
-    """Returns what one camera sees as sightings.
+    """Returns what `camera`, which took the frame, sees as sightings.
 
-    A view far from the camera's foot point weighs less, because a wrong height shifts it more.
-
-    Args:
-        camera: The camera that took it.
-        height_doubt_m: Standard deviation of the markers' heights.
+    A view far from the camera's foot point weighs less, because a wrong height shifts it more;
+    `height_doubt_m` is the standard deviation of the markers' heights.
     """
     rows, height_m, ground_m = placed
     if len(rows) == 0:
@@ -155,8 +147,8 @@ def _fade(camera: Camera, pixels: Floats) -> Floats:
 def merge_views(views: Iterable[Sighting]) -> dict[int, list[Sighting]]:
     """Returns the sightings of each tag; more than one means that the tag is duplicated.
 
-    The result does not depend on the order of `views`. Two views of one camera are never
-    merged: one marker is in a picture once.
+    The result does not depend on the order of `views`. Two views of one camera are never merged:
+    one marker is in a picture once.
     """
     groups: dict[int, list[list[Sighting]]] = {}
     for view in sorted(views, key=_order):
@@ -221,8 +213,7 @@ _AHEAD_M = 0.01
 def image_poses(place: int, camera: Camera, placed: Placed) -> NDArray[np.void]:
     """Returns one camera's named detections as IMAGE_POSE rows, sorted by tag.
 
-    Args:
-        place: The camera's place in the arena state's `cameras`.
+    `place` is the camera's in the arena state's `cameras`.
     """
     rows, height_m, ground_m = placed
     poses = np.zeros(len(rows), dtype=IMAGE_POSE)
@@ -250,10 +241,7 @@ class ImagePoses:
         self._heights_m.update(heights_m)
 
     def __call__(self, robots: NDArray[np.void]) -> Floats:
-        """Returns robots' poses in the picture whose middle they are nearest to.
-
-        Args:
-            robots: (n,) POSE.
+        """Returns (n,) POSE robots' poses in the picture whose middle they are nearest to.
 
         Returns:
             (n, 3) column and row of the disc's centre [px], and the heading in the picture
@@ -275,12 +263,9 @@ class ImagePoses:
 
 
 def _heading_px_rad(camera: Camera, points_m: Floats, at_px: Floats, yaw_rad: Floats) -> Floats:
-    """Returns headings as a picture shows them, counter-clockwise in (-pi, pi], 0 to the right.
+    """Returns (n,) headings in a picture, counter-clockwise in (-pi, pi] and 0 to the right.
 
-    Args:
-        points_m: (n, 3) the discs' centres in the arena.
-        at_px: (n, 2) the same in the picture.
-        yaw_rad: (n,) headings in the arena.
+    `points_m` (n, 3) are the discs' centres in the arena, `at_px` (n, 2) the same in the picture.
     """
     ahead = np.stack((np.cos(yaw_rad), np.sin(yaw_rad), np.zeros(len(points_m))), axis=-1)
     along = camera.project(points_m + _AHEAD_M * ahead) - at_px

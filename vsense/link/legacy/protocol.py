@@ -1,15 +1,10 @@
-"""The original virtual sensor protocol: what the host says to a robot that still runs its client.
+"""The original virtual sensor protocol, sans-I/O: host to robots that still run its client.
 
-All integers are big-endian; the robot never says anything. First the table, u32 length and
-entries (u8 sensor, u32 payload size); a bare u32 1 when the experiment starts; then at most once
-per timestep u32 length and entries (u8 sensor, payload) of what has changed; a bare u32 0 when the
-experiment ends. A real number is an i64 mantissa and an i32 exponent.
+LEGACY.md specifies the bytes. Source: iridia.md section 1b; black and white location:
+argos3-tycho's ci_virtual_black_white_location_sensor.h (white x, y, black x, y).
 
-Source: iridia.md section 1b; black and white location: argos3-tycho's
-ci_virtual_black_white_location_sensor.h (white x, y, black x, y).
-
-The robots' states are sans-I/O. Of readings only the newest wait: a robot that is slow to take them
-misses those between, as with the original, but holds up nobody else and grows no queue.
+Of readings only the newest wait: a robot that is slow to take them misses those between, as with
+the original, but holds up no other robot and grows no queue.
 """
 
 from __future__ import annotations
@@ -83,13 +78,10 @@ def encode_real(value: float) -> bytes:
 
 
 class Translation:
-    """Our readings in the original's encoding.
-
-    Args:
-        entries: the sensor table: of sensors and actuators, in the order of the readings.
+    """Readings in the order of the sensor table's `entries`, in the original's encoding.
 
     Attributes:
-        table: what a robot is told first.
+        table: what a robot is sent first.
         unknown: names of virtual sensors that the original's robots do not know.
 
     Raises:
@@ -115,8 +107,8 @@ class Translation:
     def payloads(self, values: Sequence[tuple[bytes, int]]) -> dict[int, bytes]:
         """Translates one robot's readings that have been measured; gives them by sensor number.
 
-        `values` are (value as on our wire, capture time) in the table's order; a time below 0 says
-        that it was never measured.
+        `values` are (value as on our wire, capture time) in the table's order; a time below 0
+        means that it was never measured.
         """
         found = {}
         for index, known, numbers in self._rows:
@@ -134,7 +126,6 @@ def update(payloads: Iterable[tuple[int, bytes]]) -> bytes:
 
 
 def _numbers(entry: Entry, known: LegacySensor) -> struct.Struct:
-    """How our own readings are read."""
     match = _LAYOUT.fullmatch(entry.layout)
     assert match is not None, "the table has checked it"
     count = int(match[1] or 1)
@@ -156,13 +147,7 @@ OCTET_MAX = 254
 
 
 class LegacyRobot:
-    """One connection's state.
-
-    Attributes:
-        tag: the robot's.
-        name: its name in the experiment.
-        updates: timesteps in which it was told something.
-    """
+    """One connection's state; in `updates` timesteps the robot was sent something."""
 
     def __init__(self, tag: int, name: str, table: bytes) -> None:
         self.tag = tag
@@ -191,14 +176,13 @@ class LegacyRobot:
 
     @property
     def pending(self) -> bool:
-        """Whether there is anything to write."""
         return bool(self.chunk())
 
     def chunk(self) -> bytes:
         """The bytes to write next; empty if there are none.
 
-        What has begun to leave is finished first. Only then is the next message made, of all
-        that differs from what this robot was told last; the end comes after the newest readings.
+        What has begun to leave is finished first. Only then is the next message made, of all that
+        differs from what this robot was sent last; the end comes after the newest readings.
         """
         if not self._out and self._running:
             changed = {k: p for k, p in self._newest.items() if self._told.get(k) != p}
@@ -210,19 +194,15 @@ class LegacyRobot:
         return self._out
 
     def wrote(self, count: int) -> None:
-        """Says how many bytes of the last `chunk` the kernel took."""
+        """See `PendingOutput.wrote`."""
         self._out = self._out[count:]
 
 
 class LegacySwarm:
-    """Who of an experiment's robots is connected, and what all are told.
+    """The robots of an experiment that are connected, and what all are sent.
 
-    Args:
-        translation: of the readings.
-        numbers: tag and name of each robot by the last octet of its address.
-
-    Attributes:
-        robots: those that are connected, by the last octet of their address.
+    `numbers` has tag and name of each robot, `robots` those that are connected, by the last octet
+    of their addresses.
     """
 
     def __init__(self, translation: Translation, numbers: Mapping[int, tuple[int, str]]) -> None:
@@ -233,7 +213,7 @@ class LegacySwarm:
         self._running = False
 
     def join(self, octet: int) -> LegacyRobot | None:
-        """Lets a robot in, anew if it comes again; None: no robot has this number."""
+        """Adds a robot, anew if it comes again; None: no robot has this number."""
         if octet not in self._numbers:
             return None
         tag, name = self._numbers[octet]
@@ -252,19 +232,16 @@ class LegacySwarm:
         return True
 
     def start(self) -> None:
-        """The experiment starts."""
         self._running = True
         for robot in self.robots.values():
             robot.start()
 
     def end(self) -> None:
-        """The experiment ends."""
         self._running = False
         for robot in self.robots.values():
             robot.end()
 
     def sense(self, tag: int, payloads: Mapping[int, bytes]) -> None:
-        """Takes a robot's newest readings."""
         self._payloads[tag] = payloads
         for robot in self.robots.values():
             if robot.tag == tag:
@@ -278,9 +255,8 @@ class LegacySwarm:
 def by_octet(robots: Mapping[int, tuple[str, int]]) -> dict[int, tuple[int, str]]:
     """Sorts an experiment's robots by the last octet of their addresses.
 
-    Args:
-        robots: name and number of each by tag; the number is the last part of its id
-            (NAME_TAG_NUMBER). Robots whose number is no octet of an address are left out.
+    `robots` has name and number of each by tag; the number is the last part of its id
+    (NAME_TAG_NUMBER). Robots whose number is no octet of an address are left out.
 
     Raises:
         LinkError: two have the same number, or none has one.

@@ -1,8 +1,8 @@
 """The original virtual sensor server, for robots that still run the original's client.
 
 Readings leave in the caller's thread, in the timestep in which they were made, as far as the
-kernel takes them at once; a thread of the server's own listens, goes on with what was left, and
-notices who has gone. No robot waits for another. `MixedServer` serves robots with `vsensed`, too.
+kernel takes them at once; a thread of the server's own listens, sends what was left, and notices
+robots that have gone. No robot waits for another. `MixedServer` serves robots with `vsensed`, too.
 """
 
 from __future__ import annotations
@@ -27,8 +27,6 @@ _KEEPALIVE = (1, 3)
 
 
 class _Connection(Client):
-    """One robot's socket."""
-
     def __init__(self, sock: socket.socket, octet: int, robot: LegacyRobot, now_ns: int) -> None:
         super().__init__(sock, robot, STUCK_NS, _KEEPALIVE, now_ns)
         self.octet = octet
@@ -38,11 +36,8 @@ class _Connection(Client):
 class LegacyServer(ListeningServer):
     """Serves robots with the original client; its methods may be called by any thread.
 
-    Args:
-        swarm: who may come and what they are told; belongs to this server from now on.
-        on_event: takes what a person wants to know; must not wait, nor call the server.
-
-    `host`, `port`, `clock` and what is raised are those of `ListeningServer`.
+    The `swarm` belongs to this server from now on. `on_event` must not wait, nor call the server.
+    The rest is as for `ListeningServer`.
     """
 
     def __init__(
@@ -61,7 +56,7 @@ class LegacyServer(ListeningServer):
     def publish(self, values: Mapping[int, Values], first: bool = False) -> None:
         """Sends every robot what has changed in its readings, by tag, and waits for none.
 
-        With the `first` ones the experiment starts: all robots are told, and whoever comes later.
+        With the `first` ones the experiment starts, also for robots that come later.
 
         Raises:
             LinkError: the server's thread has failed.
@@ -73,19 +68,19 @@ class LegacyServer(ListeningServer):
             if first:
                 self._swarm.start()
             now_ns = self._clock()
-            # Whoever is lost is let go by the server's thread.
+            # The server's thread drops robots that are lost.
             left = [c for c in self._connections.values() if c.write(now_ns) or c.robot.pending]
         if left:
             self._waker.wake()
 
     def end(self) -> None:
-        """The experiment ends: all robots are told."""
+        """Ends the experiment for all robots."""
         with self._lock:
             self._swarm.end()
         self._waker.wake()
 
     def robots(self) -> dict[int, int]:
-        """Who is connected: how many updates each was sent, by tag."""
+        """By tag of each connected robot, how many updates it was sent."""
         with self._lock:
             return {robot.tag: robot.updates for robot in self._swarm.robots.values()}
 
@@ -120,7 +115,7 @@ class LegacyServer(ListeningServer):
         self._tell("connected", robot.tag, text)
 
     def _hear(self, client: _Connection) -> None:
-        """Finds out who has gone; no such robot ever says anything."""
+        """Notices robots that have gone; none ever says anything."""
         with self._lock:
             if self._connections.get(client.octet) is not client:
                 return
@@ -131,7 +126,6 @@ class LegacyServer(ListeningServer):
                 self._drop(client, why)
 
     def _settle(self) -> None:
-        """Writes what waits; the lock is held."""
         for connection in list(self._connections.values()):
             why = connection.write(self._clock())
             if why:
@@ -144,7 +138,7 @@ class LegacyServer(ListeningServer):
             self._drop(connection, "")
 
     def _drop(self, connection: _Connection, why: str) -> None:
-        """Lets a robot go; the lock is held."""
+        """Closes a robot's connection; the lock is held."""
         if self._connections.get(connection.octet) is connection:
             del self._connections[connection.octet]
         self._swarm.leave(connection.octet, connection.robot)
@@ -169,12 +163,12 @@ class MixedServer(VirtualSensorServer):
 
     Args:
         legacy_address: interface and port for robots with the original client.
-        swarm: who of them may come.
+        swarm: which of them may come.
         options: of `VirtualSensorServer`, which says what is raised, too.
 
     Attributes:
         legacy_port: that port; known from the start on.
-        unknown: virtual sensors that robots with the original's client are not told.
+        unknown: virtual sensors that robots with the original's client do not get.
     """
 
     def __init__(self, legacy_address: tuple[str, int], swarm: LegacySwarm, **options: Any) -> None:
@@ -202,7 +196,7 @@ class MixedServer(VirtualSensorServer):
         return own
 
     def publish(self, timestep: int, capture_ns: int, values: Mapping[int, Values]) -> int:
-        """Sends a timestep's readings to all robots; see `VirtualSensorServer.publish`."""
+        """See `VirtualSensorServer.publish`."""
         sent_ns = super().publish(timestep, capture_ns, values)
         # Under the lock: a command that ends them must not come between flag and start.
         with self._legacy_lock:
@@ -214,10 +208,10 @@ class MixedServer(VirtualSensorServer):
         return sent_ns
 
     def command(self, wanted: Wanted, from_timestep: int = 0) -> None:
-        """Sets what every robot shall do; see `VirtualSensorServer.command`.
+        """See `VirtualSensorServer.command`.
 
-        Robots with the original client start when the first timestep has come, and know no
-        other state: whatever is not a run is the end to them.
+        Robots with the original client start when the first timestep has come, and know no other
+        state: anything but a run is the end to them.
         """
         super().command(wanted, from_timestep)
         with self._legacy_lock:
@@ -228,7 +222,7 @@ class MixedServer(VirtualSensorServer):
                 self._legacy.end()
 
     def robots(self) -> dict[int, RobotStatus]:
-        """A snapshot of every expected robot, by tag; see `VirtualSensorServer.robots`."""
+        """See `VirtualSensorServer.robots`."""
         found = super().robots()
         for tag in self._legacy.robots() if self._legacy is not None else ():
             found[tag] = replace(found[tag], connected=True, controller=CONTROLLER)
@@ -237,7 +231,7 @@ class MixedServer(VirtualSensorServer):
     def close(
         self, cause: GoodbyeCause = GoodbyeCause.END, text: str = "the host has ended"
     ) -> None:
-        """Says goodbye to every robot and closes everything; safe to call again."""
+        """See `VirtualSensorServer.close`."""
         if self._legacy is not None:
             self._legacy.close()
         super().close(cause, text)

@@ -1,8 +1,8 @@
-"""All TCP connections of a server: who comes in, greets, talks, and goes.
+"""All TCP connections of a server, from accepting to closing.
 
-Everything that concerns one robot is done for that robot alone: a full stream keeps its newest
-STATE and is left, a broken one is closed, bytes that no robot sends end the connection that
-they came from. Only the server's thread calls this, but for `put_state` and `dirty`.
+Everything that concerns one robot affects that robot alone: a full stream keeps its newest STATE,
+a broken one is closed, bytes that no robot sends end the connection that they came from. Only the
+server's thread calls this, but for `put_state` and `dirty`.
 """
 
 from __future__ import annotations
@@ -66,7 +66,6 @@ class Connections:
     """The TCP side of a server.
 
     Args:
-        shared: what the threads have in common.
         listener: the listening socket.
         selector: calls what is registered with it with the ready events.
         opened: called under the lock when a robot's session has opened.
@@ -105,14 +104,14 @@ class Connections:
             self.dirty.add(connection)
 
     def settle(self) -> None:
-        """Takes up what was left in `dirty`."""
+        """Continues with the connections in `dirty`."""
         with self._shared.lock:
             dirty, self.dirty = self.dirty, set()
         for connection in dirty:
             self._watch(connection)
 
     def keep_time(self, now_ns: int) -> None:
-        """Closes what has outstayed its deadline, and listens again after a pause."""
+        """Closes connections past their deadline, and listens again after a pause."""
         for connection in list(self._all.values()):
             if connection.robot is not None:
                 if connection.robot.peer.worn:
@@ -125,7 +124,7 @@ class Connections:
         self._listen()
 
     def finish(self, cause: GoodbyeCause, text: str) -> None:
-        """Takes nobody in any more and says goodbye to all robots."""
+        """Accepts no more connections and says goodbye to all robots."""
         self._finishing = True
         self._pause()
         for connection in list(self._all.values()):
@@ -135,7 +134,6 @@ class Connections:
                 self._drop(connection)
 
     def close(self) -> None:
-        """Closes every connection."""
         self._pause()
         for connection in list(self._all.values()):
             self._drop(connection)
@@ -195,11 +193,7 @@ class Connections:
             self._reject(connection, error)
 
     def _receive(self, connection: Connection, packet: bytes) -> None:
-        """Acts on one packet.
-
-        Raises:
-            WireError: no robot sends this here.
-        """
+        """Acts on one packet; raises WireError where no robot sends it here."""
         now_ns = self._shared.clock()
         robot = connection.robot
         if robot is None:
@@ -237,7 +231,7 @@ class Connections:
         self._shared.notify(answer.event)
 
     def _reject(self, connection: Connection, error: WireError) -> None:
-        """Ends a connection whose peer broke the protocol, and says why to a peer that has one."""
+        """Ends a connection whose peer broke the protocol; a robot gets the reason."""
         now_ns = self._shared.clock()
         origin = connection.origin
         if connection.robot is not None:
@@ -256,7 +250,6 @@ class Connections:
     # --- who goes
 
     def _dismiss(self, connection: Connection, cause: GoodbyeCause, text: str) -> None:
-        """Says goodbye to a robot and ends its session."""
         robot = connection.robot
         assert robot is not None
         with self._shared.lock:
@@ -266,14 +259,14 @@ class Connections:
             self._part(connection, packet, now_ns)
 
     def _part(self, connection: Connection, last: bytes, now_ns: int) -> None:
-        """Lets a connection finish with one last packet; its robot no longer talks here."""
+        """Ends a connection with one last packet; its robot no longer talks here."""
         if connection.robot is not None:
             del self._by_tag[connection.robot.tag]
         connection.finish(last, now_ns + FINISH_NS)
         self.dirty.add(connection)
 
     def _watch(self, connection: Connection) -> None:
-        """Has the selector wait for what the connection needs, or drops it if it is broken."""
+        """Has the selector wait for what the connection needs, or drops a broken one."""
         if connection.sock not in self._all:
             return
         if connection.broken:
@@ -284,7 +277,7 @@ class Connections:
             self._selector.modify(connection.sock, mask, partial(self._serve, connection))
 
     def _drop(self, connection: Connection) -> None:
-        """Closes a connection; if a session was open on it, it ends."""
+        """Closes a connection, and the session that was open on it."""
         del self._all[connection.sock]
         self._selector.unregister(connection.sock)
         events: list[LinkEvent] = []

@@ -1,8 +1,8 @@
 """The server's thread: one port number for TCP and UDP, one selector over both, the heartbeats.
 
-A robot needs to know one number: the port is taken on TCP and UDP or not at all, so that no two
-servers share it. The thread waits nowhere but in the selector, and there no longer than to the next
-deadline. The runtime's thread calls `send`, so that readings leave without waiting for this one.
+The port is taken on TCP and UDP or not at all, so that no two servers share it. The thread waits
+in the selector only, no longer than to the next deadline. The runtime's thread calls `send`, so
+that readings leave without waiting for this one.
 """
 
 from __future__ import annotations
@@ -36,13 +36,7 @@ _REASONS = {
 
 @dataclass(frozen=True, slots=True)
 class Ports:
-    """The two non-blocking sockets of a server, both on the same port number.
-
-    Attributes:
-        tcp: the listening socket.
-        udp: the datagram socket.
-        port: their number.
-    """
+    """A server's two non-blocking sockets on one port number; `tcp` listens."""
 
     tcp: socket.socket
     udp: socket.socket
@@ -50,7 +44,7 @@ class Ports:
 
 
 class Waker:
-    """Wakes a thread that waits for sockets; it is waited for as they are, by its `fileno`."""
+    """Wakes a thread that waits for sockets; it is registered like one, by its `fileno`."""
 
     def __init__(self) -> None:
         self._in, self._out = socket.socketpair()
@@ -58,7 +52,7 @@ class Waker:
             sock.setblocking(False)
 
     def fileno(self) -> int:
-        """What becomes readable when somebody calls `wake`."""
+        """What becomes readable after `wake`."""
         return self._in.fileno()
 
     def wake(self) -> None:
@@ -100,8 +94,7 @@ def bind(host: str, port: int) -> Ports:
 def listen(host: str, port: int) -> tuple[socket.socket, int]:
     """Takes a port number on TCP only; 0 takes any that is free.
 
-    Returns:
-        The listening, non-blocking socket and its port number.
+    Returns the listening, non-blocking socket and its port number.
 
     Raises:
         LinkError: the host is unknown, or another program has the number.
@@ -180,7 +173,7 @@ class ServerThread:
     def send(self, robot: HostSession, now_ns: int) -> None:
         """Sends the newest STATE to a robot with an open session; the lock is held."""
         if self.hushed:
-            robot.rest(now_ns)
+            robot.plan(now_ns)
             return
         packet = robot.state(self._shared.roster.orders, now_ns)
         by_tcp = robot.by_tcp(now_ns)
@@ -237,7 +230,7 @@ class ServerThread:
             each.close()
 
     def _opened(self, robot: HostSession) -> None:
-        """The first STATE follows the WELCOME at once: who joins in mid-run waits for nothing."""
+        """Sends the first STATE right after the WELCOME: a robot joins in mid-run at once."""
         self.send(robot, self._shared.clock())
         self._due_ns = 0
 

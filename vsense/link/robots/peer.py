@@ -2,16 +2,16 @@
 
 `Presence` judges from times alone whether a robot is there, and whether UDP reaches it. A robot
 that is gone and one whose datagrams are blocked look alike at first; what still comes over TCP
-tells them apart. A robot that was just welcomed may try UDP for a second before it uses TCP.
+distinguishes them. A robot that was just welcomed may try UDP for a second before it uses TCP.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from vsense.link.robots.status import EventKind
-from vsense.link.robots.table import Direction, Table
+from vsense.link.robots.table import Direction, Output, Table, text_of
 from vsense.link.robots.wire import (
     DATAGRAM_MAX,
     NEVER_US,
@@ -19,7 +19,6 @@ from vsense.link.robots.wire import (
     Header,
     Hello,
     Notice,
-    Output,
     Telemetry,
     Values,
     Wanted,
@@ -28,22 +27,22 @@ from vsense.link.robots.wire import (
     header_of,
     header_to,
     shown_of,
-    text_of,
 )
 from vsense.native import ffi, lib
 
-DROPS = (
-    "malformed",
-    "checksum",
-    "body",
-    "foreign_type",
-    "foreign_session",
-    "foreign_table",
-    "foreign_run",
-    "older",
-    "repeated",
-)
-"""Reasons for dropping a packet: received = accepted + the sum of these."""
+
+@dataclass(frozen=True, slots=True)
+class Orders:
+    """What the host wants of all robots, repeated in every STATE.
+
+    `run` is the run's number, which never goes down. With RUN, `from_timestep` is the first
+    timestep in which the robots run.
+    """
+
+    run: int = 1
+    wanted: Wanted = Wanted.IDLE
+    from_timestep: int = 0
+
 
 SEQUENCE_RESERVE = 1000
 """Sequence numbers that are kept for the time between noticing that they run out and the end."""
@@ -66,8 +65,8 @@ class Peer:
     def open(self, session: int, table: Table, hello_send_ns: int, now_ns: int) -> None:
         """Opens a session, whose number is not 0 and was never used before by this host.
 
-        `hello_send_ns` is the send time in the HELLO's header, the robot's clock; the HELLO came at
-        `now_ns`, the host's.
+        `hello_send_ns` is the send time in the HELLO's header, the robot's clock; `now_ns`, the
+        host's, when it came.
         """
         self._table = table
         self._sensors = [(offset, size) for _, offset, size in table.of_direction(Direction.SENSOR)]
@@ -89,36 +88,27 @@ class Peer:
 
     def send_state(
         self,
-        run: int,
+        orders: Orders,
         timestep: int,
         capture_ns: int,
-        wanted: Wanted,
-        from_timestep: int,
         values: Values,
         now_ns: int,
         log_heard: int = 0,
     ) -> bytes:
         """Makes the next STATE packet; send the same bytes on every path it is to take.
 
-        Args:
-            run: number of the run, never goes down.
-            timestep: of the arena state.
-            capture_ns: when the arena was seen, host's clock.
-            wanted: the wanted run state, for ever repeated.
-            from_timestep: the robot runs from this timestep on, while RUN is wanted.
-            values: the sensors' values in the table's order.
-            now_ns: host's clock.
-            log_heard: number of the robot's newest log line that was heard.
+        The arena was seen at `capture_ns`, host's clock; `values` are in the table's order;
+        `log_heard` is the number of the robot's newest log line that has come.
 
         Raises:
             WireError: no session is open, or VS_ERR_SEQUENCE: renew the session.
             ValueError: the values do not fit the table.
         """
         self._put_values(values, capture_ns)
-        self._state.wanted = wanted
-        self._state.from_timestep, self._state.log_heard = from_timestep, log_heard
+        self._state.wanted, self._state.from_timestep = orders.wanted, orders.from_timestep
+        self._state.log_heard = log_heard
         header = self._header
-        header.run, header.timestep, header.capture_ns = run, timestep, capture_ns
+        header.run, header.timestep, header.capture_ns = orders.run, timestep, capture_ns
         code = lib.vs_peer_send_state(
             self._peer, self._table.cdata, header, self._state, now_ns, *self._output.arguments
         )
@@ -175,38 +165,23 @@ class Peer:
         return bool(self._peer.udp_heard)
 
     @property
-    def heard_ns(self) -> int:
-        """When the newest accepted packet (or the greeting) came, host's clock."""
-        return int(self._peer.rx_ns)
-
-    @property
     def worn(self) -> bool:
         """Whether the session has hardly a sequence number left: it must be renewed."""
         return bool(self._peer.tx_sequence > lib.VS_SEQUENCE_MAX - SEQUENCE_RESERVE)
 
     @property
-    def sent(self) -> int:
-        """STATE packets made so far."""
-        return int(self._peer.counters.sent)
+    def counters(self) -> dict[str, int]:
+        """STATE packets `sent`, packets `received`, `accepted`, and not accepted by reason."""
+        return counters_of(self._peer.counters)
 
-    @property
-    def received(self) -> int:
-        """Packets that came, good or bad."""
-        return int(self._peer.counters.received)
 
-    @property
-    def accepted(self) -> int:
-        """Packets that passed the filter."""
-        return int(self._peer.counters.accepted)
-
-    @property
-    def dropped(self) -> Mapping[str, int]:
-        """Packets that did not, by reason (`DROPS`)."""
-        return {name: int(getattr(self._peer.counters, name)) for name in DROPS}
+def counters_of(cdata: Any) -> dict[str, int]:
+    """Copies a `struct vs_counters`: `received` is `accepted` and all after it."""
+    return {name: int(getattr(cdata, name)) for name, _ in ffi.typeof(cdata).fields}
 
 
 def older_us(capture_ns: int, value_ns: int) -> int:
-    """How much older than the header's capture time a value is, as STATE says it [us].
+    """How much older than the header's capture time a value is, as STATE gives it [us].
 
     A negative `value_ns` was never measured.
     """
@@ -233,12 +208,12 @@ Change = tuple[EventKind, str]
 
 
 class Presence:
-    """What is known of one robot's being there, over all its sessions.
+    """Whether one robot is there, over all its sessions.
 
     Attributes:
         since_ns: when the newest session opened, host's clock; None before the first.
         heard_ns: when the newest valid packet came, same clock.
-        lost: the open session has fallen silent, and that was told.
+        lost: the open session has fallen silent, and that was reported.
         left: the robot said goodbye after its newest session.
     """
 
@@ -291,7 +266,7 @@ class Presence:
         if udp == self._udp:
             return []
         if not udp and peer.udp_heard and not self._recent(now_ns):
-            return []  # silent on every way: that is another matter
+            return []  # silent on every way: `tick` reports that
         self._udp = udp
         if udp:
             return [("udp_back", "UDP works again")]

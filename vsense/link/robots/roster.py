@@ -1,4 +1,4 @@
-"""Who may join: the expected robots, their sessions, and the answer to every greeting; sans-I/O."""
+"""The expected robots, their sessions, and the answer to every greeting; sans-I/O."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import secrets
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from vsense.link.robots.session import HostSession, Orders
+from vsense.link.robots.peer import Orders
+from vsense.link.robots.session import HostSession
 from vsense.link.robots.status import LinkEvent, cut_text
 from vsense.link.robots.table import Table
 from vsense.link.robots.wire import (
@@ -34,7 +35,7 @@ class Answer:
         robot: whose session is open now; None if the greeting is refused.
         packet: WELCOME or REFUSE.
         farewell: GOODBYE for the connection of the session that this one replaces.
-        event: what to tell.
+        event: what to report.
     """
 
     robot: HostSession | None
@@ -49,14 +50,13 @@ class Roster:
     Args:
         expected: names in the experiment by tag.
         table: the sensor table that every robot gets.
-        timestep_ns: length of a timestep, whole microseconds of it are told.
+        timestep_ns: length of a timestep; robots get it in whole microseconds.
         seed: of the run; every robot gets one of its own made from it.
         params: lines "key=value\\n" for the controllers.
         draw: source of session numbers: uniform 32-bit numbers.
 
     Attributes:
         robots: every expected robot by its tag; never changes.
-        orders: what the host wants of all robots.
 
     Raises:
         WireError: params or timestep do not fit a WELCOME.
@@ -125,7 +125,7 @@ class Roster:
         return Answer(None, encode(header, Notice(code, cut_text(text))), None, event)
 
     def _number(self) -> int:
-        """A session number that no session had lately: chance must not repeat one of these."""
+        """A session number that no session had lately."""
         while (number := self._draw()) == 0 or number in self._by_session:
             pass
         return number

@@ -1,8 +1,7 @@
 """The virtual sensor server: the host's side of the link to all robots.
 
-Readings leave in the caller's thread, in the very timestep in which they were made; a thread of
-the server's own listens, answers, and repeats the newest STATE to every robot at least every
-50 ms. One robot's trouble is never another's.
+Readings leave in the caller's thread, in the timestep in which they were made; a thread of the
+server's own listens, answers, and repeats the newest STATE to every robot at least every 50 ms.
 """
 
 from __future__ import annotations
@@ -15,8 +14,8 @@ from dataclasses import replace
 from vsense.link.robots import network as ports
 from vsense.link.robots.links import ServerState
 from vsense.link.robots.network import ServerThread
+from vsense.link.robots.peer import Orders
 from vsense.link.robots.roster import Roster
-from vsense.link.robots.session import Orders
 from vsense.link.robots.status import (
     ActuatorReport,
     EventThrottle,
@@ -41,18 +40,11 @@ class VirtualSensorServer:
     Args:
         host: name or address of the interface to listen on.
         port: number for TCP and UDP; 0 takes any that is free on both.
-        table: the sensor table.
-        timestep_ns: length of a timestep.
-        seed: of the run; each robot's controller gets one of its own made from it.
-        params: lines "key=value\\n" for the controllers.
-        expected: the robots' names in the experiment, by tag.
+        table, timestep_ns, seed, params, expected: see `Roster`, which says what is raised, too.
         on_event: called from the server's thread; must not wait, nor call `close`.
         clock: the host's monotonic clock [ns].
-        calendar: seconds since 1970. The first run's number is taken from it, so that the
-            robots of a host that died never take its successor's run for the one before.
-
-    Raises:
-        WireError: params or timestep do not fit the protocol.
+        calendar: seconds since 1970. The first run's number is taken from it, so that the robots
+            of a host that died never take its successor's run for the one before.
     """
 
     _network: ServerThread | None = None
@@ -123,12 +115,8 @@ class VirtualSensorServer:
     def command(self, wanted: Wanted, from_timestep: int = 0) -> None:
         """Sets what every robot shall do, until the next command; it leaves at once.
 
-        Args:
-            wanted: run state. STOP leaves three times, 10 ms apart.
-            from_timestep: with RUN, the first timestep in which the robots run.
-
-        Raises:
-            LinkError: the server has not been started, or its thread has failed.
+        With RUN, `from_timestep` is the first timestep in which the robots run. STOP leaves three
+        times, 10 ms apart. Raises LinkError as `publish` does.
         """
         network = self._running()
         with self._lock:
@@ -139,8 +127,7 @@ class VirtualSensorServer:
     def new_run(self) -> int:
         """Begins a new run, all robots idle, no reading measured yet; returns its number.
 
-        Raises:
-            LinkError: the server has not been started, or its thread has failed.
+        Raises LinkError as `publish` does.
         """
         network = self._running()
         with self._lock:
@@ -151,12 +138,10 @@ class VirtualSensorServer:
         return self._roster.orders.run
 
     def hush(self, hushed: bool = True) -> None:
-        """Sends no STATE any more, or again, so that telemetry can catch up with all that was sent.
+        """Sends no STATE any more, or again, so that telemetry can catch up.
 
-        To be called after STOP: to the robots it is the silence of a dead host.
-
-        Raises:
-            LinkError: the server has not been started, or its thread has failed.
+        To be called after STOP: to the robots it is the silence of a dead host. Raises LinkError as
+        `publish` does.
         """
         self._running().hushed = hushed
 
@@ -169,16 +154,16 @@ class VirtualSensorServer:
         return found
 
     def reports(self) -> dict[int, ActuatorReport]:
-        """What the robots' virtual actuators say in the present run, by tag.
+        """What the robots' virtual actuators report in the present run, by tag.
 
-        A robot is missing as long as nothing that it said counts: before its first report, without
-        a session, and `status.LIFE_NS` after its newest control step.
+        A robot is missing before its first report, without a session, and `status.LIFE_NS` after
+        its newest control step.
         """
         found = {}
         with self._lock:
             run, now_ns = self._roster.orders.run, self._clock()
             for tag, robot in self._roster.robots.items():
-                report = robot.report(run, now_ns)
+                report = robot.reporter.report(run, now_ns)
                 if report is not None:
                     found[tag] = report
         return found
@@ -215,7 +200,7 @@ class VirtualSensorServer:
         network.wake()
 
     def _serve(self) -> None:
-        """The thread. A failure here is a fault of ours: it is kept for the next caller."""
+        """The thread. A failure here is a bug; it is kept for the next caller."""
         network = self._network
         assert network is not None
         try:

@@ -1,17 +1,15 @@
 """The host's end of one robot's link, sans-I/O: packets and times in, packets and events out.
 
-One `HostSession` lives as long as its server and goes through all sessions of one tag, so that
-counters, readings and the question "who had this tag last?" survive every reconnection.
+One `HostSession` lasts as long as its server and goes through all sessions of one tag, so that
+counters, readings and the tag's last holder survive every reconnection.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
-from vsense.link.robots.peer import Change, Peer, Presence
+from vsense.link.robots.peer import Change, Orders, Peer, Presence
 from vsense.link.robots.status import (
-    ActuatorReport,
     EventKind,
     LinkEvent,
     LogLines,
@@ -28,7 +26,6 @@ from vsense.link.robots.wire import (
     PacketType,
     Telemetry,
     Values,
-    Wanted,
     Welcome,
 )
 
@@ -46,32 +43,17 @@ Address = tuple[Any, ...]
 """Where datagrams come from and go to, as the socket module says it."""
 
 
-@dataclass(frozen=True, slots=True)
-class Orders:
-    """What the host wants of all robots, repeated in every STATE.
-
-    Attributes:
-        run: number of the run.
-        wanted: run state.
-        from_timestep: with RUN, the first timestep in which the robots run.
-    """
-
-    run: int = 1
-    wanted: Wanted = Wanted.IDLE
-    from_timestep: int = 0
-
-
 class HostSession:
     """What the host knows of one robot, and the packets between the two.
 
     Attributes:
-        tag: number on the robot's marker.
         name: the robot's name in the experiment.
         peer: sequences, acceptance filter and counters of the link.
         address: source of the newest accepted datagram of the open session, None before it.
         due_ns: when the next STATE is due at the latest; of no meaning while no session is open.
         superseded: STATE packets that a newer one replaced in a slow TCP stream.
         unsent: STATE packets that the kernel refused on their only way.
+        reporter: what the robot's virtual actuators say.
     """
 
     def __init__(self, tag: int, name: str, table: Table) -> None:
@@ -87,7 +69,7 @@ class HostSession:
         self._hello = _NO_HELLO
         self._sessions = 0
         self._presence = Presence()
-        self._reporter = Reporter()
+        self.reporter = Reporter()
         self._log = LogLines()
         self._repeats = 0
         self._repeat_ns = 0
@@ -119,15 +101,14 @@ class HostSession:
 
         Args:
             session: its number, not 0 and never used before.
-            hello: the robot's greeting, not `taken_from` it.
-            header: the greeting's header.
+            hello, header: the robot's greeting, not `taken_from` it, and the greeting's header.
             origin: where the robot is, for people.
             now_ns: when the greeting came, host's clock.
         """
         event = self._greeting(hello, origin, now_ns)
         self.peer.open(session, self._table, header.send_ns, now_ns)
         self._uid, self._hello = hello.uid, hello
-        self._reporter.open(hello.uid)
+        self.reporter.open(hello.uid)
         self._log.open(hello.uid, hello.started)
         self._sessions += 1
         self._presence.open(now_ns)
@@ -152,7 +133,7 @@ class HostSession:
         return self.peer.encode(self._header(PacketType.WELCOME, orders.run), welcome, now_ns)
 
     def goodbye(self, cause: GoodbyeCause, text: str, run: int, now_ns: int) -> bytes:
-        """The packet that tells the robot that its session ends; `close` must follow."""
+        """The packet that ends the robot's session; `close` must follow."""
         header = self._header(PacketType.GOODBYE, run)
         return self.peer.encode(header, Notice(cause, cut_text(text)), now_ns)
 
@@ -160,14 +141,14 @@ class HostSession:
         return Header(kind, run=run, timestep=self._timestep, capture_ns=self._capture_ns)
 
     def close(self) -> None:
-        """Ends the session without a word; every packet is foreign from now on."""
+        """Ends the session without a packet; every packet is foreign from now on."""
         self.peer.close()
-        self._reporter.close()
+        self.reporter.close()
         self.address = None
         self._repeats = 0
 
     def broke(self, reason: str, now_ns: int) -> list[LinkEvent]:
-        """Ends the session because its connection ended; `lost` unless that was told already."""
+        """Ends the session because its connection ended; `lost` unless reported already."""
         known = self._presence.lost
         self.close()
         return [] if known else [self._event("lost", f"its connection {reason}", now_ns)]
@@ -181,10 +162,8 @@ class HostSession:
     def hold(self, timestep: int, capture_ns: int, values: Values | None) -> None:
         """Takes the newest readings, to be repeated until the next ones.
 
-        Args:
-            timestep: of the arena state.
-            capture_ns: when the arena was seen, host's clock.
-            values: in the table's order; None leaves the old ones, which age.
+        `values` are in the table's order; None leaves the old ones, which age. The arena was seen
+        at `capture_ns`, host's clock.
 
         Raises:
             ValueError: the readings do not fit the table.
@@ -209,24 +188,14 @@ class HostSession:
     def state(self, orders: Orders, now_ns: int) -> bytes:
         """The next STATE: all readings and the orders; an open session only."""
         packet = self.peer.send_state(
-            orders.run,
-            self._timestep,
-            self._capture_ns,
-            orders.wanted,
-            orders.from_timestep,
-            self._values,
-            now_ns,
-            self._log.heard,
+            orders, self._timestep, self._capture_ns, self._values, now_ns, self._log.heard
         )
-        self._plan(now_ns)
+        self.plan(now_ns)
         return packet
 
-    def rest(self, now_ns: int) -> None:
-        """Lets a STATE that is due at now_ns pass unsent."""
-        self._plan(now_ns)
-
-    def _plan(self, sent_ns: int) -> None:
-        """Sets when the next STATE is due; one that leaves in between is no repetition of STOP."""
+    def plan(self, sent_ns: int) -> None:
+        """Sets when the STATE after that of sent_ns is due."""
+        # A STATE that leaves in between is no repetition of STOP.
         if self._repeats and sent_ns >= self._repeat_ns:
             self._repeats -= 1
             self._repeat_ns = sent_ns + REPEAT_NS
@@ -241,16 +210,14 @@ class HostSession:
     ) -> tuple[bool, list[LinkEvent]]:
         """Takes one packet that should be TELEMETRY, as `open_packet` gives it.
 
-        `source` is the datagram's, None for TCP; it came at `now_ns`, host's clock.
-
-        Returns:
-            Whether it was accepted (`peer.dropped` counts why not), and what that changed.
+        `source` is the datagram's, None for TCP; it came at `now_ns`, host's clock. Returns
+        whether it was accepted (`peer.counters` says why not), and what that changed.
         """
         telemetry = self.peer.receive_telemetry(header, body, source is not None, now_ns)
         if telemetry is None:
             return False, []
         self._telemetry = telemetry
-        self._reporter.receive(header, telemetry, now_ns)
+        self.reporter.receive(header, telemetry, now_ns)
         if source is not None and source != self.address:
             self.address, self.due_ns = source, now_ns
         events = self._told(self._presence.hear(self.peer, now_ns), now_ns)
@@ -259,7 +226,7 @@ class HostSession:
         return True, events
 
     def tick(self, now_ns: int) -> list[LinkEvent]:
-        """Says what has changed by the mere passing of time."""
+        """Gives what has changed only because time has passed."""
         return self._told(self._presence.tick(self.peer, now_ns), now_ns) if self.open else []
 
     def _told(self, changes: list[Change], now_ns: int) -> list[LinkEvent]:
@@ -268,14 +235,10 @@ class HostSession:
     def _event(self, kind: EventKind, text: str, now_ns: int) -> LinkEvent:
         return LinkEvent(kind, self.tag, f"{self.label}: {text}", now_ns)
 
-    def report(self, run: int, now_ns: int) -> ActuatorReport | None:
-        """What the robot's virtual actuators say in a run; None if nothing that still counts."""
-        return self._reporter.report(run, now_ns)
-
     def status(self, now_ns: int) -> RobotStatus:
         """A snapshot."""
         udp = self.open and self.address is not None and not self.peer.over_tcp(now_ns)
-        hello = self._hello
+        hello, counters = self._hello, self.peer.counters
         return RobotStatus(
             tag=self.tag,
             name=self.name,
@@ -289,10 +252,10 @@ class HostSession:
             udp=udp,
             telemetry=self._telemetry,
             sessions=self._sessions,
-            sent=self.peer.sent,
+            sent=counters.pop("sent"),
             superseded=self.superseded,
             unsent=self.unsent,
-            received=self.peer.received,
-            accepted=self.peer.accepted,
-            dropped=self.peer.dropped,
+            received=counters.pop("received"),
+            accepted=counters.pop("accepted"),
+            dropped=counters,
         )

@@ -1,4 +1,4 @@
-"""What the virtual sensor server tells the rest of the host: events, robots' status and reports."""
+"""What the virtual sensor server gives the rest of the host: events, status and reports."""
 
 from __future__ import annotations
 
@@ -28,11 +28,7 @@ class ActuatorReport:
 
 
 class Reporter:
-    """One robot's reports in one session.
-
-    Packets that were repeated, came too late, belong to another session or were made for another
-    table never get here: the acceptance filter has dropped them.
-    """
+    """One robot's reports in one session, of telemetry that the acceptance filter has passed."""
 
     def __init__(self) -> None:
         self._uid = b""
@@ -41,7 +37,7 @@ class Reporter:
         self._acted_ns = 0
 
     def open(self, uid: bytes) -> None:
-        """A session opens: what the robot said in the one before is forgotten."""
+        """A session opens: reports of the one before are forgotten."""
         self._uid, self._newest, self._control_step = uid, None, None
 
     def close(self) -> None:
@@ -55,11 +51,7 @@ class Reporter:
             self._control_step, self._acted_ns = telemetry.control_step, now_ns
 
     def report(self, run: int, now_ns: int) -> ActuatorReport | None:
-        """Gives the robot's report.
-
-        Returns:
-            None if there is none of this run, or none that still counts at `now_ns`, host's clock.
-        """
+        """Gives the robot's report of a run; None if none still counts at `now_ns`."""
         if self._newest is None or now_ns - self._acted_ns >= LIFE_NS:
             return None
         of_run, telemetry = self._newest
@@ -110,7 +102,7 @@ RING_LEDS = 0xFF
 """Bits of `Telemetry.leds`: the red ring."""
 
 REPEAT_NS = 10_000_000_000
-"""The same refusal or protocol error is told again only after this long."""
+"""The same refusal or protocol error is reported again only after this long."""
 
 REPEAT_ENTRIES = 256
 """Different refusals and protocol errors that are remembered at a time."""
@@ -148,13 +140,12 @@ class RobotStatus:
     """One expected robot, as of one moment. Counters never go down over its sessions.
 
     Attributes:
-        tag: number on the robot's marker.
         name: the robot's name in the experiment.
         connected: a session is open and was heard within 1 s.
         uid: 16 bytes, who the robot is; None before its first session.
         controller: name of the controller that runs on it.
         version: of its software; empty before its first session.
-        hash: of the controller's source; empty where nobody knows.
+        hash: of the controller's source; empty where it is not known.
         since_ns: when the newest session opened, host's monotonic clock; None before the first.
         heard_ns: when its newest valid packet came, same clock.
         udp: state travels over UDP both ways; False in the TCP fallback or without a session.
@@ -163,8 +154,7 @@ class RobotStatus:
         sent: STATE packets sent.
         superseded: of these, replaced by a newer one while they waited for a slow TCP stream.
         unsent: of these, refused by the kernel on their only way.
-        received: telemetry packets that arrived, good or bad.
-        accepted: telemetry packets that were taken.
+        received, accepted: telemetry packets that arrived, good or bad, and that were taken.
         dropped: by reason, how many were not; `received` is `accepted` plus all of these.
     """
 
@@ -189,15 +179,15 @@ class RobotStatus:
 
     @property
     def lit(self) -> bool:
-        """Whether LEDs of its red ring are on, as far as it has told."""
+        """Whether LEDs of its red ring are on, as far as it has reported."""
         return self.telemetry is not None and bool(self.telemetry.leds & RING_LEDS)
 
 
 class EventThrottle:
     """Passes events on; the same refusal or protocol error only once in `REPEAT_NS`.
 
-    A robot that is refused tries again every second, and anybody can send garbage: told each
-    time, they would hide the other events.
+    A refused robot tries again every second, and anybody can send garbage: such events would hide
+    the others.
     """
 
     def __init__(self, on_event: Callable[[LinkEvent], None]) -> None:

@@ -1,9 +1,8 @@
 """One robot's TCP stream: received bytes are cut into packets, packets wait to be written.
 
-What comes in is bounded by one packet. What goes out is a few packets in order and, of STATE, the
-newest only: a slow stream holds old readings nowhere but in the kernel, and never more than a
-handful of kilobytes here. No method waits or raises an error of the socket: `Connection.broken`
-says in words what happened, so that one robot's broken connection is one robot's event.
+What comes in is bounded by one packet; what goes out is a few packets in order and, of STATE, the
+newest only. No method waits or raises an error of the socket: `Connection.broken` says in words
+what happened, so that one robot's broken connection is one robot's event.
 """
 
 from __future__ import annotations
@@ -110,13 +109,10 @@ def prepare(sock: socket.socket, most_unsent: int) -> None:
 
 
 class Connection:
-    """A robot's TCP connection, or that of somebody who has not greeted yet.
+    """A TCP connection of a robot, or of a peer that has not greeted yet.
 
     Attributes:
-        sock: the socket.
         origin: the peer's address without its port, for people.
-        inbox: received bytes.
-        outbox: what is still to be written.
         robot: whose session this carries; None before the greeting and after the session's end.
         deadline_ns: while robot is None, when the connection is closed at the latest.
         finishing: nothing but the outbox leaves any more, and what comes is thrown away.
@@ -138,8 +134,7 @@ class Connection:
     def read(self) -> bool:
         """Moves what has come into the inbox, one system call's worth; sets `broken` at the end.
 
-        Returns:
-            Whether there is anything new in the inbox.
+        Returns whether there is anything new in the inbox.
         """
         try:
             data = self.sock.recv(DISCARD if self.finishing else self.inbox.room)
@@ -184,5 +179,4 @@ class Connection:
         self.write()
 
     def close(self) -> None:
-        """Closes the socket."""
         self.sock.close()

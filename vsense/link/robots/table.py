@@ -10,6 +10,29 @@ from typing import Any
 from vsense.native import check, ffi, lib
 
 
+def text_of(cdata: Any) -> str:
+    """Reads a zero-terminated text that C has checked."""
+    return str(ffi.string(cdata).decode())
+
+
+class Output:
+    """A C buffer that one packet is encoded into.
+
+    Attributes:
+        arguments: buffer, its size and where the length goes: the last three of every encoder.
+    """
+
+    def __init__(self, size: int) -> None:
+        self._buf = ffi.new("uint8_t[]", size)
+        self._length = ffi.new("size_t *")
+        self.arguments = (self._buf, size, self._length)
+
+    def packet(self, code: int) -> bytes:
+        """The packet, or the encoder's error."""
+        check(code)
+        return bytes(ffi.buffer(self._buf, self._length[0]))
+
+
 class Direction(IntEnum):
     """Which way an entry's values travel."""
 
@@ -42,15 +65,13 @@ class Table:
         sizes: bytes of each row's payload.
         hash: CRC-32 of the encoded table: both ends carry it in every packet.
         cdata: the `struct vs_table`, for calls of the C library.
+
+    Raises:
+        WireError: an entry is not valid, or the table does not fit one datagram; the message names
+            the entry.
     """
 
     def __init__(self, entries: Iterable[Entry] = ()) -> None:
-        """Builds the table.
-
-        Raises:
-            WireError: an entry is not valid, or the table does not fit one datagram; the
-                message names the entry.
-        """
         cdata = ffi.new("struct vs_table *")
         lib.vs_table_init(cdata)
         for entry in entries:
@@ -64,11 +85,7 @@ class Table:
 
     @classmethod
     def decode(cls, data: bytes) -> Table:
-        """Reads a table as WELCOME carries it.
-
-        Raises:
-            WireError: the bytes are no table.
-        """
+        """Reads a table as WELCOME carries it; raises WireError where the bytes are no table."""
         cdata = ffi.new("struct vs_table *")
         check(lib.vs_table_decode(cdata, data, len(data)), "sensor table")
         return cls.of(cdata)
@@ -84,23 +101,15 @@ class Table:
         self.cdata = cdata
         rows = cdata.entries[0 : cdata.count]
         self.entries = tuple(
-            Entry(
-                row.id,
-                ffi.string(row.name).decode(),
-                ffi.string(row.layout).decode(),
-                Direction(row.direction),
-            )
-            for row in rows
+            Entry(r.id, text_of(r.name), text_of(r.layout), Direction(r.direction)) for r in rows
         )
         self.sizes = tuple(row.size for row in rows)
         self.hash: int = cdata.hash
 
     def encode(self) -> bytes:
         """The table's bytes."""
-        buf = ffi.new("uint8_t[]", lib.VS_TABLE_BYTES)
-        length = ffi.new("size_t *")
-        check(lib.vs_table_encode(self.cdata, buf, len(buf), length))
-        return bytes(ffi.buffer(buf, length[0]))
+        out = Output(lib.VS_TABLE_BYTES)
+        return out.packet(lib.vs_table_encode(self.cdata, *out.arguments))
 
     def of_direction(self, direction: Direction) -> list[tuple[Entry, int, int]]:
         """Entries of one direction with the offset and size [byte] of their payload."""

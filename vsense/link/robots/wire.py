@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields
 from enum import IntEnum
 from typing import Any
 
-from vsense.link.robots.table import Table
+from vsense.link.robots.table import Output, Table, text_of
 from vsense.native import check, ffi, lib
 
 PACKET_MAX: int = lib.VS_PACKET_MAX
@@ -133,7 +133,6 @@ class Welcome:
     """The host's answer: a session.
 
     Attributes:
-        table: the sensor table.
         timestep_us: [us] length of a timestep, at least 1.
         seed: of this robot's controller.
         params: lines "key=value\\n" for the controller, at most 4096 bytes of UTF-8.
@@ -161,7 +160,7 @@ class Telemetry:
 
     Attributes:
         payload: the actuators' block in the table's order: levels or cumulative counters.
-        log: the oldest log line that the host has not heard, `log_number` its number.
+        log: the oldest log line that the host has not heard; `log_number` is its number.
         shown: the controller's named values, in the order in which it showed them first.
     """
 
@@ -258,15 +257,13 @@ def encode(header: Header, message: Hello | Welcome | Notice) -> bytes:
         for name in HELLO_TEXTS:
             put_text(getattr(hello, name), getattr(message, name))
         return out.packet(lib.vs_encode_hello(head, hello, *out.arguments))
-    welcome = ffi.new("struct vs_welcome *")
-    welcome.nonce, welcome.seed = message.nonce, message.seed
-    welcome.timestep_us = message.timestep_us
     params = message.params.encode(errors="surrogatepass")
     if len(params) > lib.VS_PARAMS_MAX:
         check(lib.VS_ERR_TEXT, f"params of {len(params)} bytes")
     text = ffi.new("char[]", params)
-    welcome.params, welcome.params_len = text, len(params)
-    welcome.table = message.table.cdata[0]
+    plain = {name: getattr(message, name) for name in ("nonce", "seed", "timestep_us")}
+    plain |= {"table": message.table.cdata[0], "params": text, "params_len": len(params)}
+    welcome = ffi.new("struct vs_welcome *", plain)
     return out.packet(lib.vs_encode_welcome(head, welcome, *out.arguments))
 
 
@@ -281,11 +278,7 @@ def decode(packet: bytes) -> tuple[Header, Hello | Welcome | Notice]:
 
 
 def decode_body(header: Header, body: bytes) -> Hello | Welcome | Notice:
-    """Reads the body of a packet that travels on TCP only, as `open_packet` gives it.
-
-    Raises:
-        WireError: the body is not valid, or it is that of STATE or TELEMETRY.
-    """
+    """Reads a body as `open_packet` gives it, and raises as `decode` does."""
     if header.type == PacketType.HELLO:
         hello = ffi.new("struct vs_hello *")
         check(lib.vs_decode_hello(body, len(body), hello), "HELLO")
@@ -303,11 +296,6 @@ def decode_body(header: Header, body: bytes) -> Hello | Welcome | Notice:
         check(lib.vs_decode_notice(header.type, body, len(body), notice))
         return Notice(notice.code, text_of(notice.text))
     return check(lib.VS_ERR_TYPE)  # type: ignore[return-value]
-
-
-def text_of(cdata: Any) -> str:
-    """Reads a zero-terminated text that C has checked."""
-    return str(ffi.string(cdata).decode())
 
 
 def put_text(cdata: Any, text: str) -> None:
@@ -340,21 +328,3 @@ def shown_of(block: bytes) -> Shown:
         check(code)
         is_text = kind[0] == lib.VS_SHOWN_TEXT
         shown.append((text_of(name), text_of(text) if is_text else float(number[0])))
-
-
-class Output:
-    """A C buffer that one packet is encoded into.
-
-    Attributes:
-        arguments: buffer, its size and where the length goes: the last three of every encoder.
-    """
-
-    def __init__(self, size: int) -> None:
-        self._buf = ffi.new("uint8_t[]", size)
-        self._length = ffi.new("size_t *")
-        self.arguments = (self._buf, size, self._length)
-
-    def packet(self, code: int) -> bytes:
-        """The packet, or the encoder's error."""
-        check(code)
-        return bytes(ffi.buffer(self._buf, self._length[0]))

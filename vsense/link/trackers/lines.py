@@ -1,33 +1,6 @@
-"""The JSON-lines link: arena states from any other tracker, over TCP. For users: TRACKERS.md.
+"""The JSON-lines link: arena states from any other tracker, over TCP.
 
-The tracker connects to vsense and writes one JSON object per line (UTF-8, ended by a line feed,
-at most 1 MiB), one line per timestep:
-
-    {"timestep": 17, "capture_ns": 81234567890123, "send_ns": 81234601234567, "robots": [
-      {"tag": 23, "x_m": 0.512, "y_m": -0.103, "yaw_rad": 1.5708}]}
-
-(on one line). `timestep` grows from line to line. `capture_ns` is the middle of the exposure and
-`send_ns` when the line was written, both on a clock of the tracker's that never jumps, whatever
-its zero; without `send_ns` the quickest line is taken to have needed no time. Places are in m and
-headings in rad in the arena frame, counter-clockwise, 0 along +x. A robot with `"seen": false` is
-as good as left out, and members that are not named here are ignored, so
-
-    vsense track resources.xml experiment.xml | nc HOST PORT
-
-works. In Python a tracker is
-
-    link = socket.create_connection((host, port))
-    for n in itertools.count():
-        picture, capture_ns = camera.take()
-        robots = [{"tag": t, "x_m": x, "y_m": y, "yaw_rad": a} for t, x, y, a in find(picture)]
-        line = {"timestep": n, "capture_ns": capture_ns, "robots": robots}
-        link.sendall(json.dumps(line | {"send_ns": time.monotonic_ns()}).encode() + b"\n")
-
-A line that is no such object is dropped and answered with one line of its own,
-`{"line": 3, "error": "robots[0].x_m is 'a', expected a number"}`; the next line is good again.
-One tracker is listened to at a time; a new one takes over where the old one fell silent for 1 s.
-
-`ArenaListener`, the receiving end, waits in `next` only, and there in the kernel; it has no thread.
+TRACKERS.md, for users, specifies the lines and what is made of them.
 """
 
 from __future__ import annotations
@@ -37,17 +10,16 @@ import json
 import math
 import select
 import socket
-import threading
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
 
-from vsense.arena import ArenaState, Frame
-from vsense.link.robots.network import Waker, listen
+from vsense.arena import ArenaState
+from vsense.link.robots.network import listen
 from vsense.link.robots.status import LinkError
 from vsense.link.trackers.protocol import ROBOTS_MAX, TrackerReport
-from vsense.link.trackers.repair import Repair
+from vsense.link.trackers.repair import Repair, StateCounters, TrackerLink
 
 LINE_MAX = 1_048_576
 
@@ -70,8 +42,8 @@ def parse(text: bytes) -> Line:
     """Reads one line without its end.
 
     Raises:
-        LinkError: it is no such line; the message names the member, what is there, and what
-            was expected.
+        LinkError: it is no such line; the message names the member, what is there, and what was
+            expected.
     """
     try:
         values = json.loads(text)
@@ -120,7 +92,6 @@ def _real(values: dict[str, Any], name: str, where: str) -> float:
 
 
 def _show(value: object) -> str:
-    """A value as an error shows it."""
     if value is None:
         return "missing"
     text = repr(value)
@@ -176,34 +147,22 @@ class SenderClock:
 SILENCE_NS = 1_000_000_000
 """A tracker that writes nothing for this long has to make room for another."""
 TOLD_MAX = 3
-"""Bad lines of one connection that a person is told of; the tracker is told of all."""
+"""Bad lines of one connection that a person gets to see; the tracker gets all."""
 
 _JUMP_MAX = 100_000
 _CHUNK = 65_536
 
 
 @dataclass(slots=True)
-class ListenerCounters:
-    """What happened on the link so far.
+class ListenerCounters(StateCounters):
+    """What happened on the link so far; `refused` trackers came while another one was writing."""
 
-    Attributes:
-        states: arena states taken.
-        skipped: of these, not given out because a newer one was there already.
-        bad_lines: lines that were none.
-        connections: trackers that were listened to.
-        refused: trackers that were sent away because another one was writing.
-    """
-
-    states: int = 0
-    skipped: int = 0
     bad_lines: int = 0
     connections: int = 0
     refused: int = 0
 
 
 class _Tracker:
-    """The tracker that is being listened to."""
-
     def __init__(self, sock: socket.socket, origin: str, now_ns: int) -> None:
         self.sock = sock
         self.origin = origin
@@ -214,15 +173,14 @@ class _Tracker:
         self.told = 0
 
 
-class ArenaListener:
-    """A source of arena states; `next` belongs to one thread, `close` to any.
+class ArenaListener(TrackerLink):
+    """A source of arena states; it has no thread and waits in `next` only.
 
     Args:
         host: name or address of the interface to listen on.
         port: its number; 0 takes any that is free.
         tags: the tags of the experiment.
-        tell: takes a line for a person; must not wait.
-        clock: the host's monotonic clock [ns].
+        tell, clock: see `TrackerLink`.
 
     Raises:
         LinkError: the host is unknown, or the port is taken.
@@ -237,16 +195,10 @@ class ArenaListener:
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self._listener, self.port = listen(host, port)
+        super().__init__(f"on port {self.port}", tell, clock)
         self.counters = ListenerCounters()
         self.repair = Repair(tags)
-        self._tell = tell
-        self._clock = clock
-        self._busy = threading.Lock()
-        self._closed = False
         self._tracker: _Tracker | None = None
-        self._timestep = -1
-        self._capture_ns = 0
-        self._waker = Waker()
 
     def start(self) -> None:
         """The link has no runs: a tracker writes as long as it is connected."""
@@ -254,47 +206,23 @@ class ArenaListener:
     def stop(self) -> None:
         """See `start`."""
 
-    def next(self, timeout_s: float) -> tuple[ArenaState, Sequence[Frame]]:
-        """Waits for the newest arena state; its timestep is greater than all before, pictures none.
+    def _miss(self, timeout_s: float) -> str:
+        return f"on {self._tracker.origin}" if self._tracker else self.name
 
-        Raises:
-            LinkError: no state came in time, or `close` was called.
-        """
-        with self._busy:
-            deadline_ns = self._clock() + round(timeout_s * 1e9)
-            while not self._closed:
-                left_ns = deadline_ns - self._clock()
-                if left_ns <= 0:
-                    who = self._tracker.origin if self._tracker else f"port {self.port}"
-                    raise LinkError(f"tracker on {who}: no arena state in {timeout_s:g} s")
-                state = self._wait(left_ns)
-                if state is not None:
-                    return state, ()
-        raise LinkError(f"tracker on port {self.port}: the link is closed")
-
-    def close(self) -> None:
-        """Ends a `next` that waits, and the connection; can be called again."""
-        self._closed = True
-        self._waker.wake()
-        with self._busy:
-            self._let_go("")
-            self._listener.close()
-            self._waker.close()
-
-    def _wait(self, left_ns: int) -> ArenaState | None:
-        """Waits for a socket and does what is due; gives the newest state that came."""
-        poll = select.poll()
+    def _step(self, until_ns: int) -> ArenaState | None:
         tracker = self._tracker
-        poll.register(self._waker, select.POLLIN)
-        for sock in (self._listener, *([tracker.sock] if tracker else [])):
-            poll.register(sock, select.POLLIN)
-        ready = {descriptor for descriptor, _ in poll.poll(-(-left_ns // 1_000_000))}
+        socks = [self._listener, *([tracker.sock] if tracker else [])]
+        ready = self._poll(dict.fromkeys(socks, select.POLLIN), until_ns)
         state = None
         if tracker is not None and tracker.sock.fileno() in ready:
             state = self._read(tracker)
         if self._listener.fileno() in ready:
             self._accept()
         return state
+
+    def _hang_up(self) -> None:
+        self._let_go("")
+        self._listener.close()
 
     def _accept(self) -> None:
         try:
@@ -315,7 +243,6 @@ class ArenaListener:
         self._tell(f"tracker on {origin}: connected")
 
     def _read(self, tracker: _Tracker) -> ArenaState | None:
-        """Takes all that has come and gives the newest state."""
         try:
             data = tracker.sock.recv(_CHUNK)
         except (BlockingIOError, InterruptedError):
@@ -339,7 +266,6 @@ class ArenaListener:
         return newest
 
     def _receive(self, tracker: _Tracker, text: bytes | None) -> ArenaState | None:
-        """Makes an arena state of a line; None of an empty one."""
         if text is None:
             raise LinkError(f"longer than {LINE_MAX} bytes")
         if not text.strip():
@@ -349,12 +275,8 @@ class ArenaListener:
         if not 1 <= step <= _JUMP_MAX:
             raise LinkError(f"timestep is {line.timestep} after {tracker.timestep}, expected more")
         tracker.timestep = line.timestep
-        self._timestep += step
-        # A line that was quicker than all before moves the clock, but never time back.
-        mapped_ns = tracker.clock.host_ns(line, tracker.heard_ns)
-        self._capture_ns = max(self._capture_ns, mapped_ns)
         self.counters.states += 1
-        return self.repair.update(line.robots, self._timestep, self._capture_ns)
+        return self.repair.follow(line.robots, step, tracker.clock.host_ns(line, tracker.heard_ns))
 
     def _reject(self, tracker: _Tracker, number: int, error: str) -> None:
         self.counters.bad_lines += 1
@@ -373,6 +295,6 @@ class ArenaListener:
 
 
 def _answer(sock: socket.socket, values: dict[str, object]) -> None:
-    """Writes one line, if the tracker reads; one that does not read misses it."""
+    """Writes one line, if the tracker reads."""
     with contextlib.suppress(OSError):
         sock.send(json.dumps(values).encode() + b"\n")

@@ -48,14 +48,7 @@ class TrackerCommand(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class TrackerReport:
-    """One robot as a tracker reports it.
-
-    Attributes:
-        tag: number on its marker.
-        x_m: in the arena frame.
-        y_m: in the arena frame.
-        yaw_rad: heading in (-pi, pi].
-    """
+    """One robot as a tracker reports it: pose in the arena frame, heading in (-pi, pi]."""
 
     tag: int
     x_m: float
@@ -75,8 +68,8 @@ def encode_state(
 
     Args:
         timestep: of the run, 0 outside of one.
-        robots: (n,) POSE; those that are not seen are left out, because the protocol has no
-            way to say so.
+        robots: (n,) POSE; those that are not seen are left out, because the protocol has no way to
+            say so.
         image_poses: (n, 3) x and y in px and the angle in degrees, in a picture of the robot.
     """
     tokens = [f"{timestep}"]
@@ -108,7 +101,7 @@ def decode_state(body: bytes) -> tuple[int, list[TrackerReport]]:
     timestep = _whole(tokens[0], "timestep")
     robots = []
     for at in range(1, len(tokens), _TOKENS):
-        # The image's coordinates are the tracker's own affair: they are not even looked at.
+        # The coordinates in the tracker's pictures are not used.
         tag = _whole(tokens[at], "tag")
         x_m, y_m = (_real(tokens[at + k], "place", _PLACE_MAX_M) for k in (4, 5))
         turn = math.radians(_real(tokens[at + 6], "angle", 1e6))
@@ -144,7 +137,7 @@ class StateInbox:
         An empty one is the end of a run.
 
         Raises:
-            LinkError: a length no arena state has; the stream is lost.
+            LinkError: a length that no arena state has; the stream is lost.
         """
         self._bytes += data
         whole = []

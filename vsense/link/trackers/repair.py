@@ -1,4 +1,4 @@
-"""Repair of another tracker's arena states with the list of the tags in use.
+"""What links to other trackers share: the wait for a state, and its repair with the list of tags.
 
 Thesis, 3.3.1. A tag that is not in the experiment is a misreading: where it lies within reach of
 exactly one lost robot, and of that robot alone, it is that robot; otherwise it is left out and
@@ -9,12 +9,17 @@ confidence that falls, and is left out in the end.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+import select
+import socket
+import threading
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from vsense.arena import POSE, SIGHTING, ArenaState
+from vsense.arena import POSE, SIGHTING, ArenaState, Frame
+from vsense.link.robots.network import Waker
+from vsense.link.robots.status import LinkError
 from vsense.link.trackers.protocol import TrackerReport
 
 MAX_SPEED_M_S = 0.25
@@ -48,8 +53,6 @@ class RepairCounters:
 
 @dataclass(slots=True)
 class _Robot:
-    """What is known of one robot."""
-
     last: TrackerReport
     capture_ns: int
     confidence: float
@@ -57,21 +60,28 @@ class _Robot:
 
 
 class Repair:
-    """Makes arena states of another tracker's reports; `tags` are those of the experiment."""
+    """Makes arena states of another tracker's reports; `tags` are those of the experiment.
+
+    `capture_ns` is when the newest state was seen, on the host's clock.
+    """
 
     def __init__(self, tags: Collection[int]) -> None:
         self.counters = RepairCounters()
+        self.capture_ns = 0
+        self._timestep = -1
         self._tags = frozenset(tags)
         self._robots: dict[int, _Robot] = {}
+
+    def follow(self, reports: Sequence[TrackerReport], steps: int, capture_ns: int) -> ArenaState:
+        """Takes the state `steps` timesteps after the last in; its capture time never goes back."""
+        self._timestep += steps
+        self.capture_ns = max(self.capture_ns, capture_ns)
+        return self.update(reports, self._timestep, self.capture_ns)
 
     def update(
         self, reports: Sequence[TrackerReport], timestep: int, capture_ns: int
     ) -> ArenaState:
-        """Takes one state in; `capture_ns` must not go back.
-
-        Returns:
-            The arena state; `unnamed` counts the tags that belong to nobody.
-        """
+        """Takes one state in; `capture_ns` must not go back. `unnamed` counts unknown tags."""
         groups: dict[int, list[TrackerReport]] = {}
         for report in reports:
             groups.setdefault(report.tag, []).append(report)
@@ -165,3 +175,83 @@ def _distance_m(a: TrackerReport, b: TrackerReport) -> float:
 def _reaches(robot: _Robot, report: TrackerReport, now_ns: int) -> bool:
     elapsed_s = (now_ns - robot.capture_ns) / 1e9
     return _distance_m(robot.last, report) <= SLACK_M + MAX_SPEED_M_S * elapsed_s
+
+
+@dataclass(slots=True)
+class StateCounters:
+    """How many arena states were taken, and how many of them a newer one replaced unseen."""
+
+    states: int = 0
+    skipped: int = 0
+
+
+class TrackerLink:
+    """A link to another tracker; `next` belongs to one thread, the rest to any.
+
+    Args:
+        name: the tracker, in messages after "tracker".
+        tell: takes a line for a person; must not wait.
+        clock: the host's monotonic clock [ns].
+    """
+
+    def __init__(self, name: str, tell: Callable[[str], None], clock: Callable[[], int]) -> None:
+        self.name = name
+        self._tell = tell
+        self._clock = clock
+        self._busy = threading.Lock()
+        self._closed = False
+        self._waker = Waker()
+
+    def next(self, timeout_s: float) -> tuple[ArenaState, Sequence[Frame]]:
+        """Waits for the newest arena state; its timestep is greater than all before, pictures none.
+
+        Raises:
+            TrackerEnded: the tracker has ended its run.
+            LinkError: no state came in time, or `close` was called.
+        """
+        with self._busy:
+            deadline_ns = self._clock() + round(timeout_s * 1e9)
+            while not self._closed:
+                self._check()
+                if self._clock() >= deadline_ns:
+                    who = self._miss(timeout_s)
+                    raise LinkError(f"tracker {who}: no arena state in {timeout_s:g} s")
+                state = self._step(deadline_ns)
+                if state is not None:
+                    return state, ()
+        raise LinkError(f"tracker {self.name}: the link is closed")
+
+    def close(self) -> None:
+        """Ends a `next` that waits, and the connection; can be called again."""
+        self._closed = True
+        self._waker.wake()
+        with self._busy:
+            self._hang_up()
+            self._waker.close()
+
+    def _poll(self, wanted: Mapping[socket.socket, int], until_ns: int) -> set[int]:
+        """Waits for events of sockets, `_waker` or the time; gives the ready descriptors."""
+        poll = select.poll()
+        poll.register(self._waker, select.POLLIN)
+        for sock, events in wanted.items():
+            poll.register(sock, events)
+        left_ns = max(until_ns - self._clock(), 0)
+        ready = {descriptor for descriptor, _ in poll.poll(-(-left_ns // 1_000_000))}
+        if self._waker.fileno() in ready:
+            self._waker.drain()
+        return ready
+
+    def _check(self) -> None:
+        """Raises what ends `next` before it waits."""
+
+    def _miss(self, timeout_s: float) -> str:
+        """Takes note that no state came in time; gives the tracker's name."""
+        raise NotImplementedError
+
+    def _step(self, until_ns: int) -> ArenaState | None:
+        """Does what is due and waits once; gives the newest state that came."""
+        raise NotImplementedError
+
+    def _hang_up(self) -> None:
+        """Closes the connection."""
+        raise NotImplementedError

@@ -1,9 +1,9 @@
 """The arena tracking server: hands the arena state to clients of the original system.
 
 Thesis, 2.3.2; the protocol is that of `vsense.link.trackers.protocol`. `ArenaSession` is the
-server's side of one conversation without its socket. One client after another is served; whoever
-connects meanwhile waits in the kernel's queue, as with the original. A thread of the server's own
-listens and answers; the tracker's thread calls `publish`, which never waits for a client.
+server's side of one conversation without its socket. One client after another is served; others
+wait in the kernel's queue, as with the original. A thread of the server's own listens and answers;
+the tracker's thread calls `publish`, which never waits for a client.
 """
 
 from __future__ import annotations
@@ -35,10 +35,9 @@ class ArenaSession:
     """One client: what it has asked for, and what still has to be sent to it.
 
     Attributes:
-        outbox: what is still to be written.
         running: between START_EXPERIMENT and STOP_EXPERIMENT.
         timestep: of the run, from 1; 0 outside of one and before its first state.
-        superseded: states of this run that were replaced by a newer one before they could leave.
+        superseded: states of this run that a newer one replaced before they could leave.
         refused: why the conversation must end, "" while it can go on.
     """
 
@@ -135,8 +134,6 @@ _KEEPALIVE = (5, 2)
 
 
 class _Served(Client):
-    """The client that is being served, and its session."""
-
     def __init__(self, sock: socket.socket, origin: str, session: ArenaSession, now_ns: int):
         super().__init__(sock, session.outbox, STUCK_NS, _KEEPALIVE, now_ns)
         self.origin = origin
@@ -146,11 +143,8 @@ class _Served(Client):
 class ArenaServer(ListeningServer):
     """Serves arena states; its methods may be called by any thread.
 
-    Args:
-        locate: gives robots' poses in the pictures.
-        tell: takes a line for a person; must not wait, nor call the server.
-
-    `host`, `port`, `clock` and what is raised are those of `ListeningServer`.
+    `locate` gives robots' poses in the pictures. `tell` takes a line for a person; it must not
+    wait, nor call the server. The rest is as for `ListeningServer`.
     """
 
     def __init__(
@@ -169,7 +163,7 @@ class ArenaServer(ListeningServer):
         self._client: _Served | None = None
 
     def publish(self, state: ArenaState) -> None:
-        """Makes a state the newest and has it sent to a client in a run; never waits for one.
+        """Makes a state the newest and sends it to a client in a run; never waits for one.
 
         Raises:
             LinkError: the server's thread has failed.
@@ -215,7 +209,7 @@ class ArenaServer(ListeningServer):
             return self._is_running()
 
     def end_run(self) -> None:
-        """Tells a client in a run that the run is over: a recording has come to its end.
+        """Ends a client's run where a recording has come to its end.
 
         ONE_SHOT waits for the next state then, which is the beginning of another one.
         """
@@ -250,7 +244,6 @@ class ArenaServer(ListeningServer):
         self._tell(f"{origin} has connected")
 
     def _hear(self, client: _Served) -> None:
-        """Takes commands of the client in; finds out whether it has gone."""
         data, lost = client.read()
         if not data and not lost:
             return
@@ -261,7 +254,6 @@ class ArenaServer(ListeningServer):
             self._change.notify_all()
 
     def _settle(self) -> None:
-        """Writes what waits and listens for what has to be waited for; the lock is held."""
         client = self._client
         if client is None:
             return
@@ -275,7 +267,7 @@ class ArenaServer(ListeningServer):
         self._drop("")
 
     def _drop(self, reason: str) -> None:
-        """Lets the client go and listens for the next one; the lock is held."""
+        """Closes the client's connection and listens for the next one; the lock is held."""
         client, self._client = self._client, None
         if client is None:
             return
