@@ -1,7 +1,8 @@
 """What stands or lies in the arena besides the real robots: frozen records in the arena frame.
 
-A loop function makes them as an experiment file does, so each checks itself: a number that is
-none, or that no arena has, is refused where the record is made.
+`id` is a name that is unique in the world. What is `physical` stands in the real arena; the rest is
+sensed only. Loop functions make them, too, so each checks itself: a number that is none, or that no
+arena has, is a WorldError where the record is made.
 """
 
 from __future__ import annotations
@@ -37,18 +38,13 @@ class WorldError(VsenseError):
 
 @dataclass(frozen=True, slots=True)
 class Arena:
-    """The box that everything stands in.
-
-    Attributes:
-        size_m: extent along x, y, z.
-        centre_m: its middle.
-    """
+    """The box that everything stands in; `size_m` is its extent along x, y, z."""
 
     size_m: Vector
     centre_m: Vector
 
     def contains(self, x_m: float, y_m: float, margin_m: float = 0.0) -> bool:
-        """Tells whether a point lies inside, at least margin_m from the border."""
+        """Whether a point lies inside, at least margin_m from the border."""
         return (
             abs(x_m - self.centre_m[0]) <= self.size_m[0] / 2.0 - margin_m
             and abs(y_m - self.centre_m[1]) <= self.size_m[1] / 2.0 - margin_m
@@ -60,11 +56,9 @@ class Box:
     """A box, also a wall.
 
     Attributes:
-        id: its name, unique in the world.
         position_m: middle of its base.
         size_m: extent along its own x, y, z.
         yaw_rad: its turn about z.
-        physical: it stands in the real arena; else it is sensed only.
     """
 
     id: str
@@ -82,15 +76,7 @@ class Box:
 
 @dataclass(frozen=True, slots=True)
 class Cylinder:
-    """An upright cylinder.
-
-    Attributes:
-        id: its name, unique in the world.
-        position_m: middle of its base.
-        radius_m: its radius.
-        height_m: its height.
-        physical: it stands in the real arena; else it is sensed only.
-    """
+    """An upright cylinder; `position_m` is the middle of its base."""
 
     id: str
     position_m: Vector
@@ -107,12 +93,10 @@ class Cylinder:
 
 @dataclass(frozen=True, slots=True)
 class Light:
-    """A lamp; it has no body.
+    """A lamp without a body.
 
     Attributes:
-        id: its name, unique in the world.
-        position_m: where it shines from.
-        intensity: how strong, as in ARGoS: a reading is (intensity / distance)^2.
+        intensity: as in ARGoS: a reading is (intensity / distance)^2.
         color: red, green, blue, 0..255 each.
     """
 
@@ -134,10 +118,8 @@ class Zone:
     """A named region of the floor.
 
     Attributes:
-        id: its name, unique in the world.
         shape: "circle" or "rectangle".
-        x_m: its middle.
-        y_m: its middle.
+        x_m, y_m: its middle.
         radius_m: of a circle.
         size_m: extent of a rectangle along its own x and y.
         yaw_rad: the rectangle's turn.
@@ -170,7 +152,7 @@ class Zone:
             _set(self, "color", _color(self))
 
     def contains(self, points_m: ArrayLike) -> NDArray[np.bool_]:
-        """Tells which points (..., 2) lie in the zone; its edge belongs to it."""
+        """Which points (..., 2) lie in the zone; its edge belongs to it."""
         points = np.asarray(points_m, dtype=np.float64)
         x, y = points[..., 0] - self.x_m, points[..., 1] - self.y_m
         if self.shape == "circle":
@@ -183,13 +165,10 @@ class Zone:
 
 @dataclass(frozen=True, slots=True)
 class VirtualRobot:
-    """A robot that lives beside the real ones and is sensed by them.
+    """A robot that the real ones sense.
 
     Attributes:
-        id: its name, unique in the world.
         tag: its number, from VIRTUAL_TAG_MIN.
-        x_m: where it stands.
-        y_m: where it stands.
         yaw_rad: its heading.
         driven: the experiment's controller drives it; else only loop functions move it.
     """
@@ -216,7 +195,7 @@ Entity = Box | Cylinder | Light | Zone | VirtualRobot
 
 
 def moved(entity: Entity, x_m: float, y_m: float, yaw_rad: float | None = None) -> Entity:
-    """Gives the same thing at another place; without yaw_rad it keeps its turn.
+    """The same thing at another place; without yaw_rad it keeps its turn.
 
     Raises:
         WorldError: a number that no arena has, or a turn of something without a heading.
