@@ -18,6 +18,8 @@ from vsense.link.robots.status import RING_LEDS
 from vsense.pictures.run_figure import RunFigure
 from vsense.pictures.run_samples import RunSamples
 
+Floats = NDArray[np.float64]
+
 POSITION_STD_M = 26e-6
 """Standard deviation of a tracked position along each axis: 0.037 mm in all, as in the lab.
 Source: `tracking.position_rmse_mm` of `vsense lab pollutant --json`, 120 s, seeds 1 to 3."""
@@ -26,7 +28,7 @@ HEADING_STD_RAD = 1.1e-3
 """That of a tracked heading: 0.062 degrees. Source: `tracking.heading_rmse_deg` there."""
 
 _STREAM = 1
-"""Tells these random numbers from the others that follow from a run's seed."""
+"""Separates these random numbers from the others that follow from a run's seed."""
 
 _BLOCK = 256
 """Errors of so many timesteps are drawn at once: one call costs as much as ten of them."""
@@ -46,16 +48,10 @@ class SimulatedTracker:
         self._states["confidence"] = 1.0
         self._states["cameras"] = 1
         self._states["seen"] = True
-        self._last: tuple[NDArray[np.float64], int] | None = None
+        self._last: tuple[Floats, int] | None = None
 
-    def update(self, poses: NDArray[np.float64], timestep: int, capture_ns: int) -> ArenaState:
-        """Sees everybody.
-
-        Args:
-            poses: (n, 3) true x_m, y_m, yaw_rad in (-pi, pi].
-            timestep: of the arena state.
-            capture_ns: when this is, later than the call before.
-        """
+    def update(self, poses: Floats, timestep: int, capture_ns: int) -> ArenaState:
+        """Sees all true poses (n, 3) x_m, y_m, yaw_rad in (-pi, pi] at a later time than before."""
         robots = self._states.copy()
         seen = poses[self._order] + self._error()
         x_m, y_m, yaw_rad = seen.T
@@ -70,28 +66,24 @@ class SimulatedTracker:
         self._last = seen, capture_ns
         return ArenaState(timestep, capture_ns, robots, len(robots))
 
-    def _error(self) -> NDArray[np.float64]:
+    def _error(self) -> Floats:
         """This timestep's errors (n, 3)."""
         if self._used == len(self._errors):
             self._errors = self._random.standard_normal((_BLOCK, len(self._states), 3))
             self._errors *= (POSITION_STD_M, POSITION_STD_M, HEADING_STD_RAD)
             self._used = 0
         self._used += 1
-        error: NDArray[np.float64] = self._errors[self._used - 1]
+        error: Floats = self._errors[self._used - 1]
         return error
 
 
 TRAJECTORY = "trajectory.npz"
-
-Floats = NDArray[np.float64]
 
 
 class Record:
     """A run, timestep by timestep, at the times of capture.
 
     Attributes:
-        tags: the robots' tags.
-        object_tags: those of the tagged objects.
         timesteps: (n,) TIMESTEP, of which only the numbers count.
         poses: (n, bodies, 3) true x_m, y_m, yaw_rad: robots, then objects.
         leds: (n, robots) uint16, bits 0-7 ring, 8 body, 9 front.
@@ -114,25 +106,17 @@ class Record:
         self._experiment = experiment
 
     def note(self, timestep: int, poses: Floats, leds: NDArray[np.uint16], share: float) -> None:
-        """Notes a timestep of the run.
-
-        Args:
-            timestep: from 0.
-            poses: (bodies, 3) true ones at its capture.
-            leds: (robots,) what was lit then.
-            share: how much was left of the first pollutant source.
-        """
+        """Sets the row of a timestep, from 0; see the class."""
         self.poses[timestep], self.leds[timestep], self.share[timestep] = poses, leds, share
 
     @cached_property
     def truth(self) -> metrics.SwarmTruth:
-        """The run as the lab's figures want it."""
         robots, numbers = len(self.tags), self.timesteps["run_timestep"]
         depth_m = metrics.depths_in_cone(self._experiment, self.poses, numbers, self.share)
         return metrics.SwarmTruth(self.poses[:, :robots], depth_m, (self.leds & RING_LEDS) != 0)
 
     def swarm(self) -> dict[str, int | None]:
-        """Robots in the cone, and lit there, before and after the wind's turn; as the lab's."""
+        """See `metrics.swarm`."""
         return metrics.swarm(self)
 
     def save(self, path: Path) -> None:
@@ -159,9 +143,6 @@ class Record:
             raise VsenseError(f"{path}: cannot be written: {error.strerror}") from None
 
     def figure(self, samples: RunSamples) -> RunFigure:
-        """The run as its picture wants it."""
-        truth, numbers = self.truth, self.timesteps["run_timestep"]
-        inside = None if truth.depth_m is None else truth.depth_m >= 0
-        return RunFigure(
-            self._experiment, numbers, truth.poses, truth.lit, inside, self.turn, samples
-        )
+        """The run as `run_figure` draws it."""
+        numbers = self.timesteps["run_timestep"]
+        return self.truth.figure(self._experiment, numbers, self.turn, samples)
