@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,7 +84,7 @@ def figures(run: MeasuredRun) -> dict[str, Any]:
         "latency_ms": latencies(run),
         "sensing": sensing(run),
         "clock": {"age_error_ms_p99": _round(_percentile(age_errors_ms(run), 99))},
-        "swarm": swarm(run),
+        "swarm": swarm(run.truth, steps["run_timestep"], run.turn),
         "link": dict(run.link),
     }
 
@@ -169,9 +169,10 @@ def sensing(run: MeasuredRun) -> dict[str, float | int | None]:
     """
     verdicts: dict[bool, list[bool]] = {True: [], False: []}
     readings = fresh = 0
+    first = int(run.timesteps["timestep"][0] - run.timesteps["run_timestep"][0])
     for robot, trace in enumerate(run.traces):
         lines = _first_lines(trace)
-        for timestep in _all_timesteps(run):
+        for timestep in range(first, first + run.wanted):
             line = lines.get(timestep)
             readings += line is not None
             fresh += line is not None and not line["stale"]
@@ -186,12 +187,6 @@ def sensing(run: MeasuredRun) -> dict[str, float | int | None]:
         "agreement_out": _round(_mean(verdicts[False]), 5),
         "fresh_share": _round(fresh / expected, 5),
     }
-
-
-def _all_timesteps(run: MeasuredRun) -> range:
-    """The triggers of all the run's timesteps, also of those that the host missed."""
-    first = int(run.timesteps["timestep"][0] - run.timesteps["run_timestep"][0])
-    return range(first, first + run.wanted)
 
 
 def _first_lines(trace: NDArray[np.void]) -> dict[int, np.void]:
@@ -281,37 +276,19 @@ class SwarmTruth:
         return None if self.depth_m is None else self.depth_m >= 0
 
     def figure(
-        self,
-        experiment: Experiment,
-        run_timesteps: NDArray[np.int64],
-        turn: int | None,
-        samples: RunSamples,
+        self, experiment: Experiment, run_timesteps: NDArray[np.int64], samples: RunSamples
     ) -> RunFigure:
         """The run as `run_figure` draws it."""
-        return RunFigure(
-            experiment, run_timesteps, self.poses, self.lit, self.inside, turn, samples
-        )
+        turn, inside = experiment.turn_timestep, self.inside
+        return RunFigure(experiment, run_timesteps, self.poses, self.lit, inside, turn, samples)
 
 
-class Phases(Protocol):
-    """A run that may have two phases."""
-
-    @property
-    def timesteps(self) -> NDArray[Any]:
-        """(n,) with a field `run_timestep`, rising."""
-
-    @property
-    def truth(self) -> SwarmTruth: ...
-
-    @property
-    def turn(self) -> int | None:
-        """The run's timestep at which the wind turns, or None."""
-
-
-def swarm(run: Phases) -> dict[str, int | None]:
-    """Robots in the cone, and lit there, at the last timestep of each phase."""
-    inside, lit, found = run.truth.inside, run.truth.lit, dict[str, int | None]()
-    for when, row in zip(("before", "after"), _phase_ends(run)):
+def swarm(
+    truth: SwarmTruth, run_timesteps: NDArray[np.int64], turn: int | None
+) -> dict[str, int | None]:
+    """Robots in the cone, and lit there, at the last timestep before and after the wind's turn."""
+    inside, lit, found = truth.inside, truth.lit, dict[str, int | None]()
+    for when, row in zip(("before", "after"), _phase_ends(run_timesteps, turn)):
         now = None if inside is None or row is None else inside[row]
         found[f"in_cone_{when}_turn"] = None if now is None else int(now.sum())
         found[f"lit_{when}_turn"] = None if now is None else int((now & lit[row]).sum())
@@ -331,13 +308,14 @@ def swarm_rows(swarm: dict[str, int | None], robots: int) -> list[tuple[str, str
     return found
 
 
-def _phase_ends(run: Phases) -> tuple[int | None, int | None]:
+def _phase_ends(
+    run_timesteps: NDArray[np.int64], turn: int | None
+) -> tuple[int | None, int | None]:
     """Rows of the last timesteps before the wind turned and after it; None: no such phase."""
-    timesteps = run.timesteps["run_timestep"]
-    if run.turn is None:
-        return len(timesteps) - 1, None
-    before = int(np.searchsorted(timesteps, run.turn)) - 1
-    after = len(timesteps) - 1
+    after = len(run_timesteps) - 1
+    if turn is None:
+        return after, None
+    before = int(np.searchsorted(run_timesteps, turn)) - 1
     return (before if before >= 0 else None), (after if after > before else None)
 
 

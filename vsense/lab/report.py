@@ -93,7 +93,7 @@ def draw(session: Session, recording: RunNotes, run: metrics.MeasuredRun, path: 
     """Draws the picture of a run; PictureError where the file cannot be written."""
     experiment, pictures = session.experiment, recording.pictures
     numbers = run.timesteps["run_timestep"]
-    figure = run.truth.figure(experiment, numbers, run.turn, recording.samples)
+    figure = run.truth.figure(experiment, numbers, recording.samples)
 
     def view(timestep: int) -> Image | None:
         if not pictures.get(timestep):

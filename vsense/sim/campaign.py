@@ -64,7 +64,7 @@ def run(campaign: Campaign, console: Console, interrupted: threading.Event) -> N
     if campaign.style is not None and can_draw():
         plot.require_sheet(campaign.style)
     tasks = prepare(sweep, campaign.setup)
-    results = CampaignResults(path, fingerprint(tasks[0]), sweep.keys)
+    results = CampaignResults(path, fingerprint(tasks[0]), tuple(sweep.values))
     there = results.keys()
     todo = [
         task for task in tasks if results.key(task.job.setup.settings, task.job.seed) not in there

@@ -108,11 +108,6 @@ class Sweep:
         return cls(values, tuple(seeds) if seeds is not None else tuple(range(1, (runs or 1) + 1)))
 
     @property
-    def keys(self) -> tuple[str, ...]:
-        """The settings' names."""
-        return tuple(self.values)
-
-    @property
     def first(self) -> dict[str, str]:
         """The first combination."""
         return {key: some[0] for key, some in self.values.items()}

@@ -13,7 +13,6 @@ from vsense.arena import POSE, ArenaState, wrap_angle
 from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
 from vsense.lab import metrics
-from vsense.lab.metrics import TIMESTEP
 from vsense.link.robots.status import RING_LEDS
 from vsense.pictures.run_figure import RunFigure
 from vsense.pictures.run_samples import RunSamples
@@ -52,8 +51,13 @@ class SimulatedTracker:
 
     def update(self, poses: Floats, timestep: int, capture_ns: int) -> ArenaState:
         """Sees all true poses (n, 3) x_m, y_m, yaw_rad in (-pi, pi] at a later time than before."""
+        if self._used == len(self._errors):
+            self._errors = self._random.standard_normal((_BLOCK, len(self._states), 3))
+            self._errors *= (POSITION_STD_M, POSITION_STD_M, HEADING_STD_RAD)
+            self._used = 0
         robots = self._states.copy()
-        seen = poses[self._order] + self._error()
+        seen = poses[self._order] + self._errors[self._used]
+        self._used += 1
         x_m, y_m, yaw_rad = seen.T
         robots["x_m"], robots["y_m"], robots["yaw_rad"] = x_m, y_m, yaw_rad
         if np.abs(yaw_rad).max(initial=0.0) > np.pi:
@@ -66,16 +70,6 @@ class SimulatedTracker:
         self._last = seen, capture_ns
         return ArenaState(timestep, capture_ns, robots, len(robots))
 
-    def _error(self) -> Floats:
-        """This timestep's errors (n, 3)."""
-        if self._used == len(self._errors):
-            self._errors = self._random.standard_normal((_BLOCK, len(self._states), 3))
-            self._errors *= (POSITION_STD_M, POSITION_STD_M, HEADING_STD_RAD)
-            self._used = 0
-        self._used += 1
-        error: Floats = self._errors[self._used - 1]
-        return error
-
 
 TRAJECTORY = "trajectory.npz"
 
@@ -84,25 +78,20 @@ class Record:
     """A run, timestep by timestep, at the times of capture.
 
     Attributes:
-        timesteps: (n,) TIMESTEP, of which only the numbers count.
+        timesteps: (n,) from 0.
         poses: (n, bodies, 3) true x_m, y_m, yaw_rad: robots, then objects.
         leds: (n, robots) uint16, bits 0-7 ring, 8 body, 9 front.
         share: (n,) how much was left of the first pollutant source, 1 where there is none.
-        source: that source, or None.
-        turn: the run's timestep at which its wind turns, or None.
     """
 
     def __init__(self, experiment: Experiment) -> None:
         timesteps = experiment.timesteps
         self.tags = tuple(robot.tag for robot in experiment.robots)
         self.object_tags = tuple(thing.tag for thing in experiment.objects)
-        self.timesteps = np.zeros(timesteps, dtype=TIMESTEP)
-        self.timesteps["timestep"] = self.timesteps["run_timestep"] = np.arange(timesteps)
+        self.timesteps = np.arange(timesteps)
         self.poses = np.zeros((timesteps, len(self.tags) + len(self.object_tags), 3))
         self.leds = np.zeros((timesteps, len(self.tags)), dtype=np.uint16)
         self.share = np.ones(timesteps)
-        self.source = experiment.source
-        self.turn = experiment.turn_timestep
         self._experiment = experiment
 
     def note(self, timestep: int, poses: Floats, leds: NDArray[np.uint16], share: float) -> None:
@@ -111,13 +100,13 @@ class Record:
 
     @cached_property
     def truth(self) -> metrics.SwarmTruth:
-        robots, numbers = len(self.tags), self.timesteps["run_timestep"]
-        depth_m = metrics.depths_in_cone(self._experiment, self.poses, numbers, self.share)
+        robots, experiment = len(self.tags), self._experiment
+        depth_m = metrics.depths_in_cone(experiment, self.poses, self.timesteps, self.share)
         return metrics.SwarmTruth(self.poses[:, :robots], depth_m, (self.leds & RING_LEDS) != 0)
 
     def swarm(self) -> dict[str, int | None]:
         """See `metrics.swarm`."""
-        return metrics.swarm(self)
+        return metrics.swarm(self.truth, self.timesteps, self._experiment.turn_timestep)
 
     def save(self, path: Path) -> None:
         """Writes the trajectories: an .npz file that NumPy reads.
@@ -132,7 +121,7 @@ class Record:
         try:
             np.savez(
                 path,
-                time_s=self.timesteps["run_timestep"] * self._experiment.timestep_s,
+                time_s=self.timesteps * self._experiment.timestep_s,
                 tags=np.array(self.tags, dtype=np.uint32),
                 object_tags=np.array(self.object_tags, dtype=np.uint32),
                 poses=self.poses[:, :robots],
@@ -144,5 +133,4 @@ class Record:
 
     def figure(self, samples: RunSamples) -> RunFigure:
         """The run as `run_figure` draws it."""
-        numbers = self.timesteps["run_timestep"]
-        return self.truth.figure(self._experiment, numbers, self.turn, samples)
+        return self.truth.figure(self._experiment, self.timesteps, samples)

@@ -77,7 +77,7 @@ class Simulation:
         self.environment = Environment(experiment, seed, blind)
         self.record = Record(experiment)
         self.samples: RunSamples | None = None
-        self._dt_ns = experiment.timestep_ns
+        self._dt_ns, self._source = experiment.timestep_ns, experiment.source
         self._physics = floor_of(experiment, EPOCH_NS)
         self._rings = ProximityRing(self._physics.near, seed)
         self._tracker = SimulatedTracker((*self.record.tags, *self.record.object_tags), seed)
@@ -111,14 +111,14 @@ class Simulation:
         """Runs one timestep, negative before the run, up to the moment before the next capture."""
         capture_ns = self._capture_ns()
         self._advance(capture_ns)
-        poses, source = self._physics.poses, self.record.source
+        poses, world = self._physics.poses, self.environment.world
         state = self._tracker.update(poses, self._timestep, capture_ns)
         readings = self.environment.step(state, run_timestep, self._reports)
         if run_timestep >= 0:
-            left = 1.0 if source is None else self.environment.world.stock.share(source)
+            left = 1.0 if self._source is None else world.stock.share(self._source)
             self.record.note(run_timestep, poses, self._leds, left)
             if self.samples is not None:
-                self.samples.add(run_timestep, self.environment.world)
+                self.samples.add(run_timestep, world)
         self._plan(capture_ns + SENSE_NS, self._control(capture_ns, self._timestep, readings))
         self._timestep += 1
 
