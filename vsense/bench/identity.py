@@ -11,21 +11,12 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vsense.arena import ArenaState, Frame
-from vsense.bench.frames import (
-    FRAMES_PER_S,
-    MARKER_M,
-    MovingStudio,
-    RenderedSwarm,
-    cameras,
-)
+from vsense.bench.frames import FRAMES_PER_S, MARKER_M, Floats, MovingStudio, RenderedSwarm, cameras
 from vsense.markers.codes import choose_tags
 from vsense.markers.families import MarkerFamily, load_family
 from vsense.tracking.arena_tracker import ArenaTracker
-
-Floats = NDArray[np.float64]
 
 FAMILIES = ("arrow4x4", "arrow4x4-thesis")
 ROBOTS = 20

@@ -13,11 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.cameras.camera import Camera
-from vsense.lab.optics import Image8, Image32, RayMap, blur, vignetting
+from vsense.lab.optics import Floats, Image8, Image32, RayMap, blur, vignetting
 from vsense.lab.scene import Scene
 from vsense.lab.shared import LabError
-
-Floats = NDArray[np.float64]
 
 FULL_DN = 213.0
 """Reading of a perfectly white surface in light of strength 1; paper stays below 255."""

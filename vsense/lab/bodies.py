@@ -13,15 +13,12 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from vsense.cameras.camera import Camera
-from vsense.lab.optics import BLUR_SIGMA_PX, Image32
+from vsense.lab.optics import BLUR_SIGMA_PX, Floats, Image32
 from vsense.lab.shared import LabError
 from vsense.markers.families import Family
 from vsense.world.entities import BODY_RADIUS_M
-
-Floats = NDArray[np.float64]
 
 PAPER, INK = 0.84, 0.05
 """Reflectances of a marker's white and black."""

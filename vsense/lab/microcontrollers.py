@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.lab.links import Link, make_link
-from vsense.lab.shared import LabError
+from vsense.lab.shared import LabError, file_errors
 
 ACTUATION = np.dtype(
     [
@@ -169,11 +169,8 @@ class ActuationLog:
         Raises:
             LabError: the file cannot be written.
         """
-        try:
-            with open(self._path, "wb" if new else "ab") as file:
-                file.write(self._pending)
-        except OSError as error:
-            raise LabError(f"{self._path}: {error.strerror}") from None
+        with file_errors(self._path), open(self._path, "wb" if new else "ab") as file:
+            file.write(self._pending)
         self._pending.clear()
 
 
@@ -183,8 +180,6 @@ def read_actuations(path: Path) -> NDArray[np.void]:
     Raises:
         LabError: the file cannot be read.
     """
-    try:
+    with file_errors(path):
         content = path.read_bytes()
-    except OSError as error:
-        raise LabError(f"{path}: {error.strerror}") from None
     return np.frombuffer(content, dtype=ACTUATION, count=len(content) // ACTUATION.itemsize)

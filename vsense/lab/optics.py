@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 
 from vsense.cameras.camera import Camera
 
+Floats = NDArray[np.float64]
+Image8 = NDArray[np.uint8]
 Image32 = NDArray[np.float32]
 Window = tuple[slice, slice]
 Row = tuple[float, float, float]
@@ -111,8 +113,6 @@ def sample_times_ns(capture_ns: int, samples: int) -> list[int]:
     step = EXPOSURE_NS / samples
     return [capture_ns + round((k - (samples - 1) / 2) * step) for k in range(samples)]
 
-
-Image8 = NDArray[np.uint8]
 
 READ_NOISE = 2.0
 """Sigma of the noise in the dark [DN]."""

@@ -40,7 +40,7 @@ from vsense.errors import UsageError, VsenseError
 from vsense.lab.links import bases_of
 from vsense.lab.microcontrollers import ActuationLog, Microcontrollers
 from vsense.lab.processes import describe_exit, end, read_line, start_module
-from vsense.lab.shared import LabError
+from vsense.lab.shared import LabError, file_errors
 from vsense.lab.truth import TruthWriter
 from vsense.physics.motion import TICK_NS, Physics, obstacles
 from vsense.physics.proximity_ring import ProximityRing
@@ -246,10 +246,8 @@ def main() -> int:
 def _leave(process: PhysicsProcess, path: Path, cpu_s: float) -> None:
     report = {**process.report(), "cpu_s": cpu_s}
     process.close()
-    try:
+    with file_errors(path):
         path.write_text(json.dumps(report, indent=2) + "\n")
-    except OSError as error:
-        raise LabError(f"{path}: {error.strerror}") from None
 
 
 class FloorProcess:

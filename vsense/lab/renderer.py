@@ -23,11 +23,10 @@ from numpy.typing import NDArray
 from vsense.lab.backdrop import Backdrop
 from vsense.lab.bodies import EMISSION_DN, TEXTURE_PX_PER_M, BodySprites, Effect, Sprite
 from vsense.lab.camera_spec import LabCameraSpec
-from vsense.lab.optics import Image8, Image32, RayMap, Sensor, Window, to_levels
+from vsense.lab.optics import Floats, Image8, Image32, RayMap, Sensor, Window, to_levels
 from vsense.lab.scene import Scene
 from vsense.markers.families import load_family
 
-Floats = NDArray[np.float64]
 Leds = NDArray[np.uint16]
 
 _MARGIN_PX = 1

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.lab.optics import Image8, Image32, RayMap
+from vsense.lab.optics import Floats, Image8, Image32, RayMap
 
 PX_PER_M = 800
 """Resolution of the floor: finer than any picture of it."""
@@ -140,7 +140,6 @@ def _uneven_light(grid: Grid, rng: np.random.Generator) -> Image32:
     return np.asarray(1.0 + LIGHT_SWING * (2.0 * even - 1.0), dtype=np.float32)
 
 
-Floats = NDArray[np.float64]
 Rng = np.random.Generator
 
 PAPER = 205

@@ -34,6 +34,15 @@ class LabError(VsenseError):
     """A part of the lab has failed; the message says which and why."""
 
 
+@contextmanager
+def file_errors(name: object) -> Iterator[None]:
+    """Raises LabError, which names the file, for what the system refuses to do with it."""
+    try:
+        yield
+    except OSError as error:
+        raise LabError(f"{name}: {error.strerror}") from None
+
+
 class SharedBlock:
     """Bytes that several processes map.
 

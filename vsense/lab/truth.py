@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import wrap_angle
-from vsense.lab.shared import LabError, SharedBlock
+from vsense.lab.shared import LabError, SharedBlock, file_errors
 
 Floats = NDArray[np.float64]
 Leds = NDArray[np.uint16]
@@ -215,13 +215,12 @@ class TruthLog:
     """Writes a truth log."""
 
     def __init__(self, path: Path, bodies: int) -> None:
-        """Begins a new file; raises LabError where it cannot be written."""
+        """Begins a new file; all methods raise LabError where it cannot be written."""
         self._record = np.zeros(1, dtype=truth_dtype(bodies))
-        try:
+        self._name = f"truth log {path}"
+        with file_errors(self._name):
             self._file = path.open("wb", buffering=0)
             self._file.write(_LOG_HEADER.pack(_LOG_MAGIC, bodies))
-        except OSError as error:
-            raise LabError(f"truth log {path}: {error.strerror}") from None
 
     def append(
         self,
@@ -234,17 +233,13 @@ class TruthLog:
     ) -> None:
         """Adds one timestep; see `truth_dtype`."""
         self._record[0] = (timestep, capture_ns, ready_ns, render_ns, poses, leds)
-        try:
+        with file_errors(self._name):
             self._file.write(self._record.tobytes())
-        except OSError as error:
-            raise LabError(f"truth log {self._file.name}: {error.strerror}") from None
 
     def close(self) -> None:
         """Ends the file."""
-        try:
+        with file_errors(self._name):
             self._file.close()
-        except OSError as error:
-            raise LabError(f"truth log {self._file.name}: {error.strerror}") from None
 
 
 def read_truth(path: Path) -> NDArray[np.void]:
@@ -253,10 +248,8 @@ def read_truth(path: Path) -> NDArray[np.void]:
     Raises:
         LabError: the file cannot be read, or is no truth log.
     """
-    try:
+    with file_errors(f"truth log {path}"):
         content = path.read_bytes()
-    except OSError as error:
-        raise LabError(f"truth log {path}: {error.strerror}") from None
     if len(content) < _LOG_HEADER.size:
         raise LabError(f"truth log {path}: {len(content)} bytes are no truth log")
     magic, bodies = _LOG_HEADER.unpack_from(content)

@@ -133,29 +133,28 @@ class Element:
         self._asked_attributes.add(key)
         return self.peek(key) is not None
 
-    def text(self, key: str, default: str | None = None, expected: str = "a text") -> str:
+    def text(self, key: str, default: str | float | None = None, expected: str = "a text") -> str:
         """Reads an attribute without blanks around it; `expected` is the value's name in errors."""
-        value = self.peek(key) if self.has(key) else default
-        if value is None:
+        found = self.peek(key) if self.has(key) else default
+        if found is None:
             raise self.error(f"is missing, expected {expected}{likely(key, self._attributes)}", key)
-        if not value.strip():
+        value = str(found).strip()
+        if not value:
             raise self.error(f"is empty, expected {expected}", key)
-        return value.strip()
+        return value
 
     def number(
         self, key: str, low: float, high: float, unit: str = "", default: float | None = None
     ) -> float:
         """Reads a finite number within [low, high]."""
-        fallback = None if default is None else repr(default)
-        text = self.text(key, fallback, f"a number from {low:g} to {high:g} {unit}".rstrip())
+        text = self.text(key, default, f"a number from {low:g} to {high:g} {unit}".rstrip())
         return self._number(key, text, low, high, unit)
 
     def integer(
         self, key: str, low: int, high: int, default: int | None = None, why: str = ""
     ) -> int:
         """Reads a whole number within [low, high]; `why` explains the range in the error."""
-        fallback = None if default is None else str(default)
-        text = self.text(key, fallback, f"a whole number from {low} to {high}")
+        text = self.text(key, default, f"a whole number from {low} to {high}")
         if not _INTEGER.fullmatch(text):
             raise self.error(f"{shown(text)} is not a whole number from {low} to {high}", key)
         if not low <= int(text) <= high:
