@@ -8,8 +8,9 @@ arena has, is a WorldError where the record is made.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,6 +31,7 @@ VIRTUAL_TAG_MIN = 0x10000
 
 MAX_LENGTH_M = 1e4
 MAX_INTENSITY = 1e6
+_LENGTH = (1e-6, MAX_LENGTH_M, f"a length from 1e-06 to {MAX_LENGTH_M:g} m")
 
 
 class WorldError(VsenseError):
@@ -68,10 +70,7 @@ class Box:
     physical: bool = False
 
     def __post_init__(self) -> None:
-        _check_id(self)
-        _set(self, "position_m", _vector(self, "position_m"))
-        _set(self, "size_m", _vector(self, "size_m", positive=True))
-        _set(self, "yaw_rad", _angle(self, "yaw_rad"))
+        _check(self, position_m=_vector, size_m=_sizes, yaw_rad=_angle)
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,10 +84,7 @@ class Cylinder:
     physical: bool = False
 
     def __post_init__(self) -> None:
-        _check_id(self)
-        _set(self, "position_m", _vector(self, "position_m"))
-        for name in ("radius_m", "height_m"):
-            _set(self, name, _length(self, name, getattr(self, name)))
+        _check(self, position_m=_vector, radius_m=_length, height_m=_length)
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,11 +102,7 @@ class Light:
     color: Color = (255, 255, 255)
 
     def __post_init__(self) -> None:
-        _check_id(self)
-        _set(self, "position_m", _vector(self, "position_m"))
-        expected = f"a number from 0 to {MAX_INTENSITY:g}"
-        _set(self, "intensity", _number(self, "intensity", 0.0, MAX_INTENSITY, expected))
-        _set(self, "color", _color(self))
+        _check(self, position_m=_vector, intensity=_intensity, color=_color)
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,18 +130,16 @@ class Zone:
     value: float = 0.0
 
     def __post_init__(self) -> None:
-        _check_id(self)
+        _check(self)
         if self.shape not in ("circle", "rectangle"):
             raise _error(self, "shape", self.shape, "'circle' or 'rectangle'")
-        for name in ("x_m", "y_m", "value"):
-            _set(self, name, _number(self, name))
+        _check(self, x_m=_number, y_m=_number, value=_number)
         if self.shape == "circle":
-            _set(self, "radius_m", _length(self, "radius_m", self.radius_m))
+            _check(self, radius_m=_length, yaw_rad=_angle)
         else:
-            _set(self, "size_m", _vector(self, "size_m", 2, positive=True))
-        _set(self, "yaw_rad", _angle(self, "yaw_rad"))
+            _check(self, size_m=_sizes, yaw_rad=_angle)
         if self.color is not None:
-            _set(self, "color", _color(self))
+            _check(self, color=_color)
 
     def contains(self, points_m: ArrayLike) -> NDArray[np.bool_]:
         """Which points (..., 2) lie in the zone; its edge belongs to it."""
@@ -181,14 +171,12 @@ class VirtualRobot:
     driven: bool = False
 
     def __post_init__(self) -> None:
-        _check_id(self)
+        _check(self)
         whole = isinstance(self.tag, (int, np.integer)) and not isinstance(self.tag, bool)
         if not whole or not VIRTUAL_TAG_MIN <= self.tag < 2**32:
             expected = f"a whole number from {VIRTUAL_TAG_MIN} on: smaller ones are real markers"
             raise _error(self, "tag", self.tag, expected)
-        for name in ("x_m", "y_m"):
-            _set(self, name, _number(self, name))
-        _set(self, "yaw_rad", _angle(self, "yaw_rad"))
+        _check(self, x_m=_number, y_m=_number, yaw_rad=_angle)
 
 
 Entity = Box | Cylinder | Light | Zone | VirtualRobot
@@ -210,19 +198,17 @@ def moved(entity: Entity, x_m: float, y_m: float, yaw_rad: float | None = None) 
     return replace(entity, x_m=x_m, y_m=y_m, yaw_rad=yaw_rad)
 
 
-def _set(entity: object, name: str, value: object) -> None:
-    """Frozen records are put right once, while they are made."""
-    object.__setattr__(entity, name, value)
-
-
 def _error(entity: Entity, name: str, value: object, expected: str) -> WorldError:
     kind = type(entity).__name__
     return WorldError(f"{kind} {entity.id!r}: {name} is {value!r:.60}, expected {expected}")
 
 
-def _check_id(entity: Entity) -> None:
+def _check(entity: Entity, **checks: Callable[[Any, str], object]) -> None:
+    """Checks a record's id and replaces attributes by what the checks make of them."""
     if not isinstance(entity.id, str) or not entity.id.strip() or not entity.id.isprintable():
         raise _error(entity, "id", entity.id, "a name")
+    for name, check in checks.items():
+        object.__setattr__(entity, name, check(entity, name))
 
 
 def _number(
@@ -244,10 +230,12 @@ def _within(
     return float(value)  # type: ignore[arg-type]
 
 
-def _length(entity: Entity, name: str, value: object) -> float:
-    smallest = 1e-6
-    expected = f"a length from {smallest:g} to {MAX_LENGTH_M:g} m"
-    return _within(entity, name, value, smallest, MAX_LENGTH_M, expected)
+def _intensity(light: Light, name: str) -> float:
+    return _number(light, name, 0.0, MAX_INTENSITY, f"a number from 0 to {MAX_INTENSITY:g}")
+
+
+def _length(entity: Entity, name: str) -> float:
+    return _number(entity, name, *_LENGTH)
 
 
 def _angle(entity: Entity, name: str) -> float:
@@ -256,23 +244,31 @@ def _angle(entity: Entity, name: str) -> float:
     return angle_rad if inside else float(wrap_angle(angle_rad))
 
 
-def _vector(entity: Entity, name: str, size: int = 3, positive: bool = False) -> tuple[float, ...]:
+def _vector(entity: Entity, name: str) -> tuple[float, ...]:
+    bound, expected = MAX_LENGTH_M, f"3 numbers of at most {MAX_LENGTH_M:g} m"
+    parts = _parts(entity, name, 3)
+    return tuple(_within(entity, name, part, -bound, bound, expected) for part in parts)
+
+
+def _sizes(entity: Box | Zone, name: str) -> tuple[float, ...]:
+    parts = _parts(entity, name, 3 if isinstance(entity, Box) else 2)
+    return tuple(_within(entity, name, part, *_LENGTH) for part in parts)
+
+
+def _parts(entity: Entity, name: str, size: int) -> Iterable[object]:
     value = getattr(entity, name)
     if not isinstance(value, (Sequence, np.ndarray)) or len(value) != size:
         raise _error(entity, name, value, f"{size} numbers")
-    if positive:
-        return tuple(_length(entity, name, part) for part in value)
-    bound, expected = MAX_LENGTH_M, f"{size} numbers of at most {MAX_LENGTH_M:g} m"
-    return tuple(_within(entity, name, part, -bound, bound, expected) for part in value)
+    return value
 
 
-def _color(entity: Light | Zone) -> Color:
+def _color(entity: Light | Zone, name: str) -> Color:
     expected = "red, green, blue, each a whole number from 0 to 255"
     value = entity.color
     if not isinstance(value, (Sequence, np.ndarray)) or len(value) != 3:
-        raise _error(entity, "color", value, expected)
+        raise _error(entity, name, value, expected)
     for part in value:
         whole = isinstance(part, (int, np.integer)) and not isinstance(part, bool)
         if not whole or not 0 <= part <= 255:
-            raise _error(entity, "color", value, expected)
+            raise _error(entity, name, value, expected)
     return int(value[0]), int(value[1]), int(value[2])
