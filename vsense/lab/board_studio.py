@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -41,15 +40,6 @@ _SPOTS = 0.72 * np.array(((-1, -1), (1, 1), (-1, 1), (1, -1), (0, 0), (1, 0), (0
 _EVERYTHING = (slice(None), slice(None))
 
 
-@dataclass(frozen=True, slots=True)
-class BoardPicture:
-    """One picture (h, w), with the names of its camera and its moment."""
-
-    camera: str
-    moment: str
-    image: Image8
-
-
 class BoardStudio:
     """Cameras above a floor, and a board."""
 
@@ -72,8 +62,8 @@ class BoardStudio:
         self._sensor = Sensor(cameras[0].height_px, cameras[0].width_px, seed)
         self._shots = 0
 
-    def take(self, moment: str, pose: BoardPose) -> Iterator[BoardPicture]:
-        """Takes a picture with every camera that sees half of the board or more.
+    def take(self, pose: BoardPose) -> Iterator[tuple[str, Image8]]:
+        """Pictures (h, w), with the camera's id, of every camera that sees half of the board.
 
         `pose` is from board to arena frame; all of the board is below the cameras.
         """
@@ -81,8 +71,7 @@ class BoardStudio:
             window = self._window(camera, pose)
             if window is not None:
                 self._shots += 1
-                image = self._picture(number, window, pose)
-                yield BoardPicture(camera.id, moment, image)
+                yield camera.id, self._picture(number, window, pose)
 
     def _window(self, camera: Camera, pose: BoardPose) -> Window | None:
         """The window that the board covers; None where too much of it is out of sight."""
@@ -231,9 +220,9 @@ def write(directory: Path, board_text: str, seed: int) -> int:
             (directory / "truth" / f"{camera.id}.json").write_text(camera.to_json() + "\n")
         studio, count = BoardStudio(cameras, board, seed), 0
         for moment, pose in plan:
-            for shot in studio.take(moment, pose):
-                data = cv2.imencode(".jpg", shot.image, (cv2.IMWRITE_JPEG_QUALITY, _QUALITY))[1]
-                path = directory / "pictures" / shot.camera / f"{moment}.jpg"
+            for camera_id, image in studio.take(pose):
+                data = cv2.imencode(".jpg", image, (cv2.IMWRITE_JPEG_QUALITY, _QUALITY))[1]
+                path = directory / "pictures" / camera_id / f"{moment}.jpg"
                 path.write_bytes(data.tobytes())
                 count += 1
     except OSError as error:
