@@ -77,12 +77,8 @@ def _add_tune(parser: argparse.ArgumentParser) -> None:
         metavar="PX",
         help="pixels per metre at the markers (default: told by the markers in the picture)",
     )
-    group.add_argument(
-        "--focal-px", type=_positive, metavar="PX", help="or: focal length, with --height-m"
-    )
-    group.add_argument(
-        "--height-m", type=_positive, metavar="M", help="from the lens down to the markers"
-    )
+    arguments.option(group, "--focal-px", _positive, "PX", "or: focal length, with --height-m")
+    arguments.option(group, "--height-m", _positive, "M", "from the lens down to the markers")
     group.add_argument(
         "--camera", metavar="ID", help="or: the calibrated camera of the resources file"
     )

@@ -40,9 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--paper", choices=("a4", "letter"), default="a4", help="paper (default: a4)"
     )
-    parser.add_argument(
-        "--dpi", type=_dpi, default=300, metavar="N", help="resolution of PNGs (default: 300)"
-    )
+    arguments.option(parser, "--dpi", _dpi, "N", "resolution of PNGs (default: 300)", 300)
     parser.add_argument(
         "-o",
         "--output",

@@ -40,11 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_process(parser: argparse.ArgumentParser) -> None:
     """Declares which experiment is meant."""
-    parser.add_argument(
-        "--process",
-        type=arguments.process,
-        metavar="PID",
-        help="its process number, where several run",
+    arguments.option(
+        parser, "--process", arguments.process, "PID", "its process number, where several run"
     )
 
 

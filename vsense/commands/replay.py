@@ -33,9 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     parser.add_argument("file", type=Path, help="the recording (.mcap)")
     arguments.add_web(parser, ("127.0.0.1", 8080))
-    parser.add_argument(
-        "--speed", type=float, default=1.0, metavar="X", help="times the real speed (default: 1)"
-    )
+    arguments.option(parser, "--speed", float, "X", "times the real speed (default: 1)", 1.0)
     again = parser.add_argument_group("tracking again")
     again.add_argument("--retrack", action="store_true", help="run the tracker again and compare")
     again.add_argument(

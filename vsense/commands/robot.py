@@ -44,13 +44,8 @@ def _add_build(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--target", required=True, choices=list(boards.TARGETS), help=f"kind of board. {kinds}"
     )
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        default=Path("vsensed"),
-        metavar="FILE",
-        help="where it goes (default: vsensed)",
+    arguments.option(
+        parser, "-o --output", Path, "FILE", "where it goes (default: vsensed)", Path("vsensed")
     )
     parser.add_argument("--json", action="store_true", help="print what was built as JSON")
 
@@ -76,9 +71,7 @@ def _add_deploy(parser: argparse.ArgumentParser) -> None:
         metavar="ADDRESS",
         help="numeric IPv4 address of the machine that `vsense run` will run on",
     )
-    parser.add_argument(
-        "--port", type=arguments.port, default=4050, metavar="P", help="its port (default: 4050)"
-    )
+    arguments.option(parser, "--port", arguments.port, "P", "its port (default: 4050)", 4050)
     parser.add_argument(
         "--base", help="what turns the robots' wheels, such as argos:/dev/ttyS0; see vsensed --help"
     )

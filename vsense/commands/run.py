@@ -42,11 +42,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="start after S s at the latest, without whoever is missing (default: wait for all)",
     )
-    parser.add_argument(
-        "--output",
-        type=Path,
-        metavar="DIR",
-        help="folder for notes and figures (default: runs/...)",
+    arguments.option(
+        parser, "--output", Path, "DIR", "folder for notes and figures (default: runs/...)"
     )
     experiments.add_room(parser)
 

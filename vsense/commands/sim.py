@@ -55,11 +55,8 @@ def _add_campaign(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="runs of every setting, with the seeds 1 to N unless --seeds says which",
     )
-    campaign.add_argument(
-        "--seeds",
-        type=arguments.numbers,
-        metavar="LIST",
-        help="their seeds, such as 1-100 or 1,2,10-12",
+    arguments.option(
+        campaign, "--seeds", arguments.numbers, "LIST", "their seeds, such as 1-100 or 1,2,10-12"
     )
     campaign.add_argument(
         "--set",

@@ -1,7 +1,5 @@
-"""The directory of one run, in which an earlier run is never written over.
-
-It keeps for people what was said, and one row per timestep.
-"""
+"""The directory of one run, in which an earlier run is never written over: messages, one row per
+timestep, and figures."""
 
 from __future__ import annotations
 
@@ -18,11 +16,11 @@ from vsense.terminal import Console, Level
 
 SUMMARY = "summary.json"
 SERIES = "series.json"
-"""What a run leaves, and what several together do."""
+"""Figures of one run, and of several."""
 
 
 class DirectoryError(VsenseError):
-    """What a run leaves cannot be written."""
+    """A file or directory of a run cannot be written."""
 
 
 def make(wanted: Path | None, name: str, seed: int) -> Path:
@@ -49,11 +47,7 @@ def make(wanted: Path | None, name: str, seed: int) -> Path:
 def write_summary(
     directory: Path, summary: Mapping[str, object], on_stdout: bool, name: str = SUMMARY
 ) -> None:
-    """Writes figures, and prints them where they are wanted.
-
-    Raises:
-        DirectoryError: the file, or standard output, cannot be written.
-    """
+    """Writes figures, and prints them if wanted; DirectoryError where that fails."""
     try:
         (directory / name).write_text(json.dumps(summary, indent=2) + "\n")
     except OSError as error:
@@ -62,11 +56,7 @@ def write_summary(
 
 
 def print_summary(summary: Mapping[str, object], on_stdout: bool) -> None:
-    """Prints figures where they are wanted.
-
-    Raises:
-        DirectoryError: standard output cannot be written.
-    """
+    """Prints figures if wanted; DirectoryError where standard output cannot be written."""
     try:
         if on_stdout:
             print(json.dumps(summary, indent=2), flush=True)
@@ -84,15 +74,10 @@ FLUSH_TIMESTEPS = 10
 
 
 class RunLog(Console):
-    """A console that also writes down what it says; a context that closes its files.
+    """A console that also writes a log; a context that closes its files.
 
-    A disk that fails ends the writing, never the run.
-
-    Args:
-        directory: of all runs, exists.
-
-    Raises:
-        DirectoryError: it cannot be written.
+    A disk that fails ends the writing, never the run. Everything raises DirectoryError where a
+    file cannot be opened. `directory`, of all runs, exists.
     """
 
     def __init__(self, directory: Path) -> None:
@@ -107,11 +92,7 @@ class RunLog(Console):
         self._good = True
 
     def begin_run(self, directory: Path) -> None:
-        """Starts the table of a run's timesteps in its directory, and completes the one before.
-
-        Raises:
-            DirectoryError: it cannot be written.
-        """
+        """Starts the table of a run's timesteps in its directory, and completes the one before."""
         with self._writing:
             try:
                 table, self._table = self._table, None
@@ -137,7 +118,7 @@ class RunLog(Console):
         self._write(f"{clock} {text}\n", "")
 
     def timestep(self, step: Step, connected: int, seen: int, stale: int) -> None:
-        """Notes a timestep, and how many robots are connected, seen, and hold readings too old."""
+        """Writes a row of the table, see `HEADER`."""
         times = f"{step.capture_ns},{step.ready_ns},{step.arena_ns},{step.sent_ns}"
         counts = f"{connected},{seen},{stale}"
         self._write("", f"{step.run_timestep},{step.timestep},{times},{counts}\n")

@@ -85,12 +85,9 @@ class Figures:
     def summary(
         self, runner: Runner, readiness: Readiness, results: Mapping[str, float]
     ) -> dict[str, Any]:
-        """Gives all figures under the names that scripts rely on.
+        """Gives all figures of a finished run under the names that scripts rely on.
 
-        Args:
-            runner: the run, which is over.
-            readiness: who was there when it began.
-            results: what the experiment itself measured.
+        `readiness` says who was there when it began, `results` are the experiment's own.
         """
         wanted = self._last_run_timestep + 1
         if runner.ended == "time":
@@ -134,7 +131,7 @@ class Figures:
         }
 
     def _latencies(self) -> dict[str, dict[str, float | None]]:
-        # Another tracker keeps its pictures to itself.
+        # Of another tracker the pictures are not known.
         pictured = (self._arena_ns, self._ready_ns) if self._pictures else ((), ())
         return {
             "capture_to_arena": _spread_ms(self._arena_ns, self._capture_ns),
