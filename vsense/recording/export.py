@@ -1,4 +1,4 @@
-"""Recordings as CSV tables, for whatever reads tables. README.md describes the columns."""
+"""Recordings as CSV tables. README.md describes the columns."""
 
 from __future__ import annotations
 

@@ -45,15 +45,12 @@ class PictureRecorder:
     """Writes pictures at once, in the caller's thread.
 
     The recording is `pictures/CAMERA/000012.png` with `timestamps.csv` beside them, and
-    `cameras/CAMERA.json`, the camera files.
+    `cameras/CAMERA.json`, the camera files. `written` counts the pictures on the disk.
 
     Args:
         directory: made where it does not exist; must not hold a recording.
         cameras: whose pictures come.
         suffix: format of the pictures: "png", "jpg" or "pgm".
-
-    Attributes:
-        written: pictures that are on the disk.
 
     Raises:
         PictureRecordingError: it cannot be written, or holds a recording already.
@@ -76,16 +73,11 @@ class PictureRecorder:
                 (directory / "cameras" / f"{name}.json").write_text(text, encoding="utf-8")
                 self._begin(camera.id, directory / "pictures" / name)
         except OSError as error:
-            raise PictureRecordingError(
-                f"{directory}: cannot be written: {error.strerror}"
-            ) from None
+            text = f"{directory}: cannot be written: {error.strerror}"
+            raise PictureRecordingError(text) from None
 
     def write(self, frames: Sequence[Frame]) -> None:
-        """Keeps the pictures of a timestep.
-
-        Raises:
-            PictureRecordingError: The disk is full, or gone.
-        """
+        """Writes the pictures of a timestep; PictureRecordingError if the disk is full, or gone."""
         for frame in frames:
             name = f"{frame.timestep:06d}.{self._suffix}"
             path = self._folders[frame.camera] / name
@@ -94,9 +86,8 @@ class PictureRecorder:
                 path.write_bytes(data.tobytes())
                 self._tables[frame.camera].write(f"{name},{frame.timestep},{frame.capture_ns}\n")
             except OSError as error:
-                raise PictureRecordingError(
-                    f"{path}: cannot be written: {error.strerror}"
-                ) from None
+                text = f"{path}: cannot be written: {error.strerror}"
+                raise PictureRecordingError(text) from None
             self.written += 1
 
     def close(self) -> None:
@@ -116,10 +107,7 @@ class PictureRecorder:
 class BackgroundRecorder:
     """Writes pictures on a thread of its own; what it cannot keep up with is left out.
 
-    At most `most` timesteps wait.
-
-    Attributes:
-        dropped: timesteps that were left out.
+    At most `most` timesteps wait; `dropped` counts those that were left out.
     """
 
     def __init__(self, recorder: PictureRecorder, most: int = 8) -> None:
@@ -198,11 +186,7 @@ def write_session_files(
 
 
 def write_schemas(directory: Path) -> None:
-    """Writes the schemas of both files into `directory / "schema"`, for editors.
-
-    Raises:
-        OSError: A file cannot be written.
-    """
+    """Writes the schemas of both files into `directory / "schema"`, for editors."""
     (directory / "schema").mkdir(exist_ok=True)
     for name in SCHEMAS:
         schema = (resources.files("vsense.config") / "schema" / name).read_text(encoding="utf-8")
@@ -212,10 +196,7 @@ def write_schemas(directory: Path) -> None:
 def resources_text(cameras: Sequence[Camera], trackers: Mapping[str, TrackerSpec]) -> str:
     """Gives the resources file of a recording; see `write_session_files`."""
     folders = folder_names(cameras)
-    lines = [
-        head("arena_tracking_system", "resources.xsd"),
-        "  <grabbers>",
-    ]
+    lines = [head("arena_tracking_system", "resources.xsd"), "  <grabbers>"]
     for camera in cameras:
         folder = f"pictures/{folders[camera.id]}"
         lines.append(
@@ -277,7 +258,7 @@ def tracker_lines(spec: TrackerSpec) -> list[str]:
     """Gives a tracker's element."""
     heights_m, family = spec.heights_m, spec.family
     if family.endswith(".json"):
-        # Its path starts from the folder of another file.
+        # Its path is relative to another file's folder.
         family = str(Path(family).resolve())
     usual_m = Counter(heights_m.values()).most_common(1)[0][0]
     others = sorted({height for height in heights_m.values() if height != usual_m})

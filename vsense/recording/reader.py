@@ -18,13 +18,10 @@ Choice = Collection[str] | Callable[[str], bool] | None
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """A time of which something is missing.
+    """A time, on the host's monotonic clock, of which messages or pictures are missing.
 
     Attributes:
-        from_ns: its beginning, host's monotonic clock.
-        to_ns: its end.
-        messages: how many messages are missing; 0 where nobody counted.
-        pictures: how many pictures are missing.
+        messages, pictures: how many are missing; 0 where they were not counted.
         why: for people.
     """
 
@@ -39,7 +36,6 @@ class Recording:
     """An open recording; for one thread. All times are those of the host that recorded.
 
     Attributes:
-        path: where it is.
         version: the vsense that wrote it.
         complete: whether it was ended in order; otherwise its last second may be missing.
         begin_ns: when it was begun, that host's monotonic clock.
@@ -68,7 +64,7 @@ class Recording:
         self.close()
 
     def close(self) -> None:
-        """Lets the file go; can be called again."""
+        """Closes the file; can be called again."""
         self._file.close()
 
     @property
@@ -93,9 +89,7 @@ class Recording:
 
     def messages(self, topics: Choice = None, start_s: float = 0.0) -> Iterator[Message]:
         """Gives messages of `topics` in the order of the recording, from `start_s` after its
-        beginning.
-
-        What is damaged is left out and noted in `damaged`.
+        beginning. What is damaged is left out and noted in `damaged`.
         """
         start_ns = None if start_s <= 0.0 else self.begin_ns + round(1e9 * start_s)
         if start_ns is not None:
@@ -126,7 +120,7 @@ class Recording:
         return found
 
     def _learn(self) -> None:
-        """Looks for all channels where no index tells of them: a chunk may use an earlier one's."""
+        """Finds all channels where there is no index: a chunk may use an earlier one's."""
         if not self.complete and not self._learnt:
             self._learnt = True
             for place in self._places:
