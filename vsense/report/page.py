@@ -15,7 +15,7 @@ from vsense.report.markup import CSS, Counter, Shown, note, share_of, tiles
 
 @dataclass(frozen=True, slots=True)
 class Chapter:
-    """One recording: what it says, and its pictures."""
+    """One recording: its findings and pictures."""
 
     findings: Findings
     pictures: Sequence[Shown]

@@ -32,7 +32,7 @@ class Report:
 
     Attributes:
         files: everything written, the page first.
-        findings: what each recording says.
+        findings: of each recording.
         lacking: why there are no charts, "" where there are.
     """
 
@@ -62,7 +62,7 @@ def make_report(
     Args:
         paths: the recordings, one at least; several are compared.
         folder: where to; made if need be, must be empty.
-        progress: is told now and then which share of a recording was read, 0..1.
+        progress: takes now and then which share of a recording was read, 0..1.
         form: of the charts' files, one of `FORMATS`; the page holds PNG.
         sheet: the user's style sheet, see `plot.styled`.
 
@@ -90,11 +90,7 @@ def make_report(
 
 
 def require_empty(folder: Path) -> None:
-    """Looks whether a report can be put into a folder.
-
-    Raises:
-        RecordingError: something is there already.
-    """
+    """Raises RecordingError if a report cannot be put into a folder."""
     try:
         taken = folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
     except OSError as error:
@@ -104,20 +100,14 @@ def require_empty(folder: Path) -> None:
 
 
 class _Charts:
-    """Writes charts into a folder.
-
-    Attributes:
-        folder: the folder.
-        form: of the files; "": there are no charts.
-        files: what was written.
-    """
+    """Writes charts of a form into a folder; "": there are no charts. `files` are all written."""
 
     def __init__(self, folder: Path, form: str) -> None:
         self.folder, self.form = folder, form
         self.files: list[Path] = []
 
     def keep(self, prefix: str, drawings: Iterable[plot.Drawing]) -> list[Shown]:
-        """Writes charts, and gives them for the page; without a form none is drawn."""
+        """Writes charts, and gives them for the page; none without a form."""
         return [self._keep(prefix, each) for each in drawings] if self.form else []
 
     def _keep(self, prefix: str, drawing: plot.Drawing) -> Shown:

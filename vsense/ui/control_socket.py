@@ -1,4 +1,4 @@
-"""The control socket: where a terminal finds the experiments that run on this machine.
+"""The control socket: how a terminal finds the experiments that run on this machine.
 
 Each process has one, in a folder that only this user can enter. One line of JSON asks, one line
 answers: {"ask": "status"}, or {"order": "pause", "value": 0, "by": "terminal"}.
@@ -21,7 +21,7 @@ from vsense.errors import VsenseError
 from vsense.run.orders import Give, Order, OrderKind
 
 TIMEOUT_S = 5.0
-"""A terminal that says nothing for so long is hung up on."""
+"""A terminal that says nothing for this long is disconnected."""
 
 MOST_BYTES = 4096
 
@@ -31,10 +31,10 @@ class ControlSocketError(VsenseError):
 
 
 def folder() -> Path:
-    """The folder of all sockets of this user; it is made where it is missing.
+    """The folder of all sockets of this user; made where it is missing.
 
     Raises:
-        ControlSocketError: it cannot be made, or belongs to somebody else.
+        ControlSocketError: it cannot be made, or belongs to another user.
     """
     base = os.environ.get("XDG_RUNTIME_DIR")
     place = Path(base) / "vsense" if base else Path(tempfile.gettempdir()) / f"vsense-{os.getuid()}"
@@ -49,11 +49,9 @@ def folder() -> Path:
 
 
 class ControlSocket:
-    """Answers terminals, on threads of its own, until `close`, which leaves no socket behind.
+    """Answers terminals, on threads of its own, until `close`, which removes the socket.
 
-    Args:
-        status: what a terminal is told; any thread.
-        give: carries orders out.
+    `status` and `give` are called by any thread.
 
     Raises:
         ControlSocketError: the socket cannot be made.
@@ -69,7 +67,7 @@ class ControlSocket:
             timeout = TIMEOUT_S
 
             def handle(self) -> None:
-                # Whoever hangs up in the middle wants no answer.
+                # A terminal that hangs up in the middle wants no answer.
                 with suppress(OSError):
                     line = self.rfile.readline(MOST_BYTES)
                     self.wfile.write(json.dumps(control.answer(line)).encode() + b"\n")
@@ -87,14 +85,14 @@ class ControlSocket:
         self._thread.start()
 
     def close(self) -> None:
-        """Takes the socket away."""
+        """Removes the socket."""
         self._server.shutdown()
         self._server.server_close()
         with suppress(FileNotFoundError):
             self.path.unlink()
 
     def answer(self, line: bytes) -> dict[str, Any]:
-        """Answers one line: what was asked for, or {"error": why not}."""
+        """Answers one line; {"error": reason} where it cannot."""
         try:
             asked = json.loads(line)
             if asked.get("ask") == "status":
