@@ -196,11 +196,7 @@ def _number(text: str) -> float:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Runs an action.
-
-    Raises:
-        VsenseError: it cannot be done; one clear line.
-    """
+    """Runs an action."""
     actions = {
         "list": lambda: listing.run(options.json),
         "show": lambda: _show(options),
@@ -228,12 +224,7 @@ def _tune(options: argparse.Namespace) -> int:
 
 
 def wanted_of(options: argparse.Namespace) -> Controls:
-    """Returns what the command line asks a camera for.
-
-    Raises:
-        UsageError: one of width and height is missing, or a value is beyond what the resources
-            file takes.
-    """
+    """What the command line asks a camera for; UsageError beyond what the resources file takes."""
     for name, bounds in _TAKEN.items():
         value = getattr(options, name)
         if value is not None and not bounds[0] <= value <= bounds[1]:

@@ -98,19 +98,15 @@ def room_of(options: argparse.Namespace) -> RoomOptions:
 def open_experiment(
     options: argparse.Namespace, settings: Mapping[str, str] | None = None
 ) -> Experiment | None:
-    """Loads an experiment as the command line says.
-
-    Args:
-        options: `experiment`, `duration`, `dry` and `strict`; and `set` where settings are None.
-        settings: values instead of the file's.
+    """Loads an experiment as the command line says; `settings` are by default those of `--set`.
 
     Returns:
-        The experiment; None with `--dry`: what it holds is on standard output then.
+        The experiment; None with `--dry`, which prints its contents on standard output.
 
     Raises:
         UsageError: there is no such experiment, or a setting fits nothing in it.
         ConfigError: the file is wrong, or is not fully supported with `--strict`.
-        VsenseError: nobody reads standard output.
+        VsenseError: standard output cannot be written.
     """
     if settings is None:
         settings = dict(options.set)
@@ -131,12 +127,7 @@ def say_warnings(console: Console, experiment: Experiment) -> None:
 def prepare(
     options: argparse.Namespace, experiment: Experiment, real: bool = True
 ) -> tuple[Experiment, int, Path]:
-    """Takes the robots that are wanted and settles their places.
-
-    Args:
-        options: `robots`, `seed` and `output`.
-        experiment: as it was opened.
-        real: see `settle`.
+    """Takes the robots that are wanted and settles their places; for `real` see `settle`.
 
     Returns:
         The experiment, the seed of its first run, and the new directory of all runs.

@@ -55,15 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Plays a recording, or tracks again.
-
-    Returns:
-        0, or 130 where it was interrupted, as whoever plays always does.
-
-    Raises:
-        VsenseError: the recording or the page cannot be opened, there is nothing to track, or the
-            settings make no tracker.
-    """
+    """Plays a recording, or tracks again; 0, or 130 where it was interrupted, as playing ends."""
     recording.require()
     if options.retrack:
         return _retrack(options)
@@ -75,13 +67,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def play(file: Path, speed: float, web: WebAddress) -> int:
-    """Plays a recording in the page until somebody interrupts; see `run`.
-
-    Args:
-        file: the recording.
-        speed: times the real one.
-        web: where the page is served.
-    """
+    """Plays a recording in the page until it is interrupted, `speed` times as fast as real time."""
     # These need the extra `record`.
     from vsense.recording.player import Player
     from vsense.recording.reader import open_recording

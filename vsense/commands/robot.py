@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -96,14 +97,7 @@ def _add_ways(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Runs an action.
-
-    Returns:
-        0, or 1 where a robot was not served.
-
-    Raises:
-        VsenseError: it cannot be done; one clear line.
-    """
+    """Runs an action; 0, or 1 where a robot was not served."""
     actions = {"build": build, "deploy": deploy, "status": orders.robots}
     return actions[options.action](options)
 
@@ -111,30 +105,17 @@ def run(options: argparse.Namespace) -> int:
 def build(options: argparse.Namespace) -> int:
     """Builds `vsensed` for a board and says what it is."""
     built = boards.build(options.controller, options.target, options.output)
-    facts: dict[str, Any] = {
-        "path": str(built.path),
-        "target": built.target,
-        "size": built.size,
-        "controller": str(built.controller),
-        "hash": built.hash,
-        "compiler": built.compiler,
-    }
-    if options.json:
-        print(json.dumps(facts, indent=2))
-    else:
-        print(
-            f"{built.path}: {built.size} bytes for {built.target},"
-            f" controller {built.controller.name} {built.hash}"
-        )
+    facts = asdict(built) | {"path": str(built.path), "controller": str(built.controller)}
+    text = (
+        f"{built.path}: {built.size} bytes for {built.target},"
+        f" controller {built.controller.name} {built.hash}"
+    )
+    print(json.dumps(facts, indent=2) if options.json else text)
     return 0
 
 
 def deploy(options: argparse.Namespace) -> int:
-    """Brings `vsensed` to all robots of a list and prints a table of what became of them.
-
-    Returns:
-        0, or 1 where a robot has failed.
-    """
+    """Brings `vsensed` to all robots of a list; prints a table of the outcomes."""
     robots = deploying.read(options.hosts)
     settings = {"host": options.host, "port": str(options.port), "base": options.base}
     plan = Plan(
@@ -158,7 +139,7 @@ def deploy(options: argparse.Namespace) -> int:
 
 
 def table(outcomes: list[Outcome]) -> str:
-    """Returns a row for every robot, and what the failed ones said below it."""
+    """A row for every robot, and below it the output of those that failed."""
     rows = [("robot", "tag", "", "")]
     rows += [
         (o.robot.destination, o.robot.settings["tag"], "ok" if o.ok else "FAILED", o.text)

@@ -18,7 +18,7 @@ from vsense import arena
 from vsense.arena import ArenaState, Frame
 from vsense.cameras.grabber import GrabberError, NoMorePictures, Troubles
 from vsense.config import tracking_session
-from vsense.errors import UsageError, VsenseError
+from vsense.errors import UsageError, VsenseError, failing_as
 from vsense.live.track_room import TrackRoom
 from vsense.pictures import snapshot
 from vsense.recording.pictures import (
@@ -223,10 +223,8 @@ class TrackingRun:
         tracker = self.tracking.tracker
         picture = snapshot.draw(state, frames, tracker.cameras, tracker.found, tracker.heights_m)
         suffix = path.suffix.lower() if path.suffix.lower() in (".png", ".jpg") else ".png"
-        try:
+        with failing_as(VsenseError, f"{path}: cannot be written"):
             path.write_bytes(cv2.imencode(suffix, picture)[1].tobytes())
-        except OSError as error:
-            raise VsenseError(f"{path}: cannot be written: {error.strerror}") from None
 
 
 def timesteps(
@@ -270,10 +268,8 @@ def begin_recording(session: TrackingSession, talk: Talk) -> BackgroundRecorder 
         directory /= time.strftime("%Y-%m-%d-%H%M%S")
     cameras = [view.camera for view in session.views]
     recorder = PictureRecorder(directory, cameras, record.image_format)
-    try:
-        trackers = {view.camera.id: view.tracker for view in session.views}
+    trackers = {view.camera.id: view.tracker for view in session.views}
+    with failing_as(PictureRecordingError, f"{directory}: cannot be written"):
         write_session_files(directory, cameras, trackers)
-    except OSError as error:
-        raise PictureRecordingError(f"{directory}: cannot be written: {error.strerror}") from None
     talk.say(f"recording into {directory}")
     return BackgroundRecorder(recorder)

@@ -8,6 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+from vsense.errors import failing_as
 from vsense.message_bus import Message
 from vsense.recording import form
 from vsense.recording.form import ROBOTS, ExperimentMessage, RecordingError
@@ -37,17 +38,14 @@ def export_csv(recording: Recording, folder: Path) -> dict[str, int]:
     for path in paths.values():
         if path.exists():
             raise RecordingError(f"{path}: is there already; expected another folder")
-    try:
+    with failing_as(RecordingError, f"{folder}: cannot be written"), ExitStack() as stack:
         folder.mkdir(parents=True, exist_ok=True)
-        with ExitStack() as stack:
-            files = {
-                name: stack.enter_context(path.open("x", encoding="utf-8", newline=""))
-                for name, path in paths.items()
-            }
-            writers = {name: csv.writer(file).writerow for name, file in files.items()}
-            return _Export(recording, writers).write()
-    except OSError as error:
-        raise RecordingError(f"{folder}: cannot be written: {error.strerror}") from None
+        files = {
+            name: stack.enter_context(path.open("x", encoding="utf-8", newline=""))
+            for name, path in paths.items()
+        }
+        writers = {name: csv.writer(file).writerow for name, file in files.items()}
+        return _Export(recording, writers).write()
 
 
 class _Export:

@@ -21,7 +21,7 @@ import cv2
 from vsense.arena import Frame
 from vsense.cameras.camera import Camera
 from vsense.config.resources import DEFAULT_SPEED_M_S
-from vsense.errors import VsenseError
+from vsense.errors import VsenseError, failing_as
 from vsense.tracking.specs import TrackerSpec
 
 TIMESTAMPS = "timestamps.csv"
@@ -65,16 +65,13 @@ class PictureRecorder:
             raise PictureRecordingError(
                 f"{directory}: holds a recording already; expected another place"
             )
-        try:
+        with failing_as(PictureRecordingError, f"{directory}: cannot be written"):
             (directory / "cameras").mkdir(parents=True, exist_ok=True)
             for camera in cameras:
                 name = folder_names(cameras)[camera.id]
                 text = camera.to_json() + "\n"
                 (directory / "cameras" / f"{name}.json").write_text(text, encoding="utf-8")
                 self._begin(camera.id, directory / "pictures" / name)
-        except OSError as error:
-            text = f"{directory}: cannot be written: {error.strerror}"
-            raise PictureRecordingError(text) from None
 
     def write(self, frames: Sequence[Frame]) -> None:
         """Writes the pictures of a timestep; PictureRecordingError if the disk is full, or gone."""
@@ -82,12 +79,9 @@ class PictureRecorder:
             name = f"{frame.timestep:06d}.{self._suffix}"
             path = self._folders[frame.camera] / name
             data = cv2.imencode(f".{self._suffix}", frame.image)[1]
-            try:
+            with failing_as(PictureRecordingError, f"{path}: cannot be written"):
                 path.write_bytes(data.tobytes())
                 self._tables[frame.camera].write(f"{name},{frame.timestep},{frame.capture_ns}\n")
-            except OSError as error:
-                text = f"{path}: cannot be written: {error.strerror}"
-                raise PictureRecordingError(text) from None
             self.written += 1
 
     def close(self) -> None:

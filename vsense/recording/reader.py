@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from vsense.errors import failing_as
 from vsense.message_bus import Message
 from vsense.recording import chunks, form
 from vsense.recording.chunks import ChunkPlace, Contents, DamagedError, Kept, Raw, scan
@@ -148,17 +149,16 @@ class Recording:
     def _unpack(self, place: ChunkPlace) -> list[Raw]:
         """Reads a chunk; one that is damaged gives what it has before the damage."""
         raws: list[Raw] = []
-        try:
+        with failing_as(RecordingError, f"{self.path}: cannot be read"):
             self._file.seek(place.offset)
+            content = self._file.read(place.length)
+        try:
             learnt: dict[int, Kept] = {}
-            data = chunks.unpack(self._file.read(place.length))
-            for raw in chunks.walk(data, learnt):
+            for raw in chunks.walk(chunks.unpack(content), learnt):
                 raws.append(raw)
             self._channels |= learnt
         except DamagedError:
             self.damaged.add(place.offset)
-        except OSError as error:
-            raise RecordingError(f"{self.path}: cannot be read: {error.strerror}") from None
         self._inside[place.offset] = frozenset(raw.channel for raw in raws)
         return raws
 
@@ -181,19 +181,13 @@ def open_recording(path: Path) -> Recording:
         RecordingError: it is not there, no recording of vsense, of another format, or cut off
             before anything was recorded.
     """
-    try:
+    with failing_as(RecordingError, f"{path}: cannot be read"):
         file = path.open("rb")
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from None
-    try:
-        size = file.seek(0, 2)
-        return Recording(path, file, scan(file, size, str(path)))
-    except OSError as error:
-        file.close()
-        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from None
-    except BaseException:
-        file.close()
-        raise
+        try:
+            return Recording(path, file, scan(file, file.seek(0, 2), str(path)))
+        except BaseException:
+            file.close()
+            raise
 
 
 def _test(topics: Choice) -> Callable[[str], bool]:

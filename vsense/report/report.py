@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from vsense.errors import failing_as
 from vsense.recording.form import RecordingError
 from vsense.report import LACKING, can_draw, charts, compare, findings, maps, plot
 from vsense.report.findings import Findings, read_findings
@@ -79,22 +80,18 @@ def make_report(
         read_findings(path, lambda share, path=path: progress(path, share))  # type: ignore[misc]
         for path in paths
     ]
-    try:
+    with failing_as(RecordingError, f"{folder}: cannot be written"):
         folder.mkdir(parents=True, exist_ok=True)
         if not can_draw():
             return _write(read, _Charts(folder, ""))
         with plot.styled(sheet):
             return _write(read, _Charts(folder, form))
-    except OSError as error:
-        raise RecordingError(f"{folder}: cannot be written: {error.strerror}") from None
 
 
 def require_empty(folder: Path) -> None:
     """Raises RecordingError if a report cannot be put into a folder."""
-    try:
+    with failing_as(RecordingError, f"{folder}: cannot be read"):
         taken = folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
-    except OSError as error:
-        raise RecordingError(f"{folder}: cannot be read: {error.strerror}") from None
     if taken:
         raise RecordingError(f"{folder}: is there already; expected a new or an empty folder")
 

@@ -10,9 +10,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TextIO
 
-from vsense.errors import VsenseError
+from vsense.errors import VsenseError, failing_as
 from vsense.run.runtime import Step
-from vsense.terminal import Console, Level
+from vsense.terminal import Console, Level, print_data
 
 SUMMARY = "summary.json"
 SERIES = "series.json"
@@ -35,33 +35,27 @@ def make(wanted: Path | None, name: str, seed: int) -> Path:
     while wanted is None and directory.exists():
         copies += 1
         directory = directory.with_name(f"{stem}-{copies}")
-    try:
+    with failing_as(DirectoryError, f"cannot write to {directory}"):
         directory.mkdir(parents=True, exist_ok=True)
         if any(directory.iterdir()):
             raise DirectoryError(f"{directory} is not empty: choose a new folder for this run")
-    except OSError as error:
-        raise DirectoryError(f"cannot write to {directory}: {error.strerror}") from None
     return directory.resolve()
 
 
 def write_summary(
     directory: Path, summary: Mapping[str, object], on_stdout: bool, name: str = SUMMARY
 ) -> None:
-    """Writes figures, and prints them if wanted; DirectoryError where that fails."""
-    try:
-        (directory / name).write_text(json.dumps(summary, indent=2) + "\n")
-    except OSError as error:
-        raise DirectoryError(f"{directory / name}: {error.strerror}") from None
-    print_summary(summary, on_stdout)
+    """Writes figures, and prints them if wanted.
 
-
-def print_summary(summary: Mapping[str, object], on_stdout: bool) -> None:
-    """Prints figures if wanted; DirectoryError where standard output cannot be written."""
-    try:
-        if on_stdout:
-            print(json.dumps(summary, indent=2), flush=True)
-    except OSError as error:
-        raise DirectoryError(f"standard output: {error.strerror}") from None
+    Raises:
+        DirectoryError: the file cannot be written.
+        VsenseError: standard output cannot be written.
+    """
+    text = json.dumps(summary, indent=2)
+    with failing_as(DirectoryError, str(directory / name)):
+        (directory / name).write_text(f"{text}\n")
+    if on_stdout:
+        print_data(text)
 
 
 LOG = "log.txt"

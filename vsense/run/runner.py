@@ -14,6 +14,7 @@ from typing import Any
 
 from vsense.cameras.grabber import NoMorePictures
 from vsense.config.specs import Experiment
+from vsense.errors import failing_as
 from vsense.link.robots.server import VirtualSensorServer
 from vsense.link.robots.status import RobotStatus
 from vsense.link.trackers.client import TrackerEnded
@@ -308,11 +309,8 @@ class Series:
         if not self.several:
             return self._directory
         directory = self._directory / f"run-{number}"
-        try:
+        with failing_as(run_directory.DirectoryError, f"cannot make {directory}"):
             directory.mkdir()
-        except OSError as error:
-            text = f"cannot make {directory}: {error.strerror}"
-            raise run_directory.DirectoryError(text) from None
         return directory
 
     def write_summary(

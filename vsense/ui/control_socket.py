@@ -17,7 +17,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from vsense.errors import VsenseError
+from vsense.errors import VsenseError, failing_as
 from vsense.run.orders import Give, Order, OrderKind
 
 TIMEOUT_S = 5.0
@@ -38,11 +38,9 @@ def folder() -> Path:
     """
     base = os.environ.get("XDG_RUNTIME_DIR")
     place = Path(base) / "vsense" if base else Path(tempfile.gettempdir()) / f"vsense-{os.getuid()}"
-    try:
+    with failing_as(ControlSocketError, str(place)):
         place.mkdir(mode=0o700, parents=True, exist_ok=True)
         found = place.lstat()
-    except OSError as error:
-        raise ControlSocketError(f"{place}: {error.strerror}") from None
     if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o077:
         raise ControlSocketError(f"{place}: others may enter it: remove it, and start again")
     return place
