@@ -58,11 +58,9 @@ def pip_line(package: str) -> str:
 
 
 def require(who: str, *packages: str) -> None:
-    """Checks that `packages`, keys of `EXTRAS`, are installed, before anything imports them.
+    """Raises UsageError unless `packages`, keys of `EXTRAS`, are installed; they are not imported.
 
-    Raises:
-        UsageError: one is not; the message begins with `who`, such as "recordings need", and says
-            how to install it.
+    The message begins with `who`, such as "recordings need", and says how to install one.
     """
     for package in packages:
         if importlib.util.find_spec(package) is None:

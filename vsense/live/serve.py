@@ -71,11 +71,8 @@ class RunPictures:
 def run(resources: str, experiment: str, host: str, port: int | None) -> int:
     """Serves until Ctrl-C or SIGTERM; returns 130.
 
-    Args:
-        resources: path of the resources file.
-        experiment: path of the experiment file.
-        host: address of the interface to listen on.
-        port: TCP port, 0: any free one, None: the experiment file's.
+    `resources` and `experiment` are paths, `host` is the address of the interface to listen on;
+    `port` 0 is any free one, None the experiment file's.
     """
     session = tracking_session.load(resources, experiment)
     console = Console()

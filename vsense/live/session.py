@@ -92,12 +92,9 @@ class ExperimentSession(ABC):
     def _open_room(
         self, source: ArenaSource, scene: ExperimentFacts, suspends: bool = False
     ) -> Runtime:
-        """Makes the runner and opens the control room; the runtime has yet to be opened.
+        """Makes the runner and opens the control room; for `suspends` see `Control`.
 
-        Args:
-            source: where the arena states come from.
-            scene: what all runs have in common.
-            suspends: see `Control`.
+        Gives the runtime, which has yet to be opened.
         """
         setup, server = self.setup, self.server
         runtime = Runtime(source, self.environment, server)
@@ -145,12 +142,7 @@ class ExperimentSession(ABC):
 
 
 class RunSession(ExperimentSession):
-    """The runs with real robots.
-
-    Attributes:
-        source: where the arena states come from.
-        port: the port that robots connect to.
-    """
+    """The runs with real robots, from the arena states of `source`; they connect to `port`."""
 
     def __init__(
         self, setup: RunSetup, tracking: tuple[str, str] | None, legacy_port: int | None

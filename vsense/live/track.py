@@ -150,11 +150,7 @@ class TrackOptions:
 
 
 def run(options: TrackOptions) -> int:
-    """Tracks until the recording ends, `frames` are done, or it is interrupted.
-
-    Returns:
-        0, or 130 after Ctrl-C or SIGTERM.
-    """
+    """Tracks until the recording ends or `frames` are done: 0; 130 after Ctrl-C or SIGTERM."""
     session = tracking_session.load(options.resources, options.experiment)
     if options.offline and session.is_live:
         raise UsageError(f"--offline: {options.experiment} uses cameras, expected recordings")

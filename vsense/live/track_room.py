@@ -39,14 +39,7 @@ class TrackRoom:
         console: Console,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        """Opens the page, if it is wanted.
-
-        Args:
-            web: where the page is served, None: nowhere.
-            session: what is tracked.
-            troubles: of its cameras.
-            console: where to say what happens.
-            clock: host's monotonic clock [ns].
+        """Opens the page at `web`, if it is not None; `troubles` are those of the cameras.
 
         Raises:
             VsenseError: the port is taken, or a library is missing.

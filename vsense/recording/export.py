@@ -31,8 +31,7 @@ TABLES = ("trajectories", "readings", "robots", "measures", "events")
 def export_csv(recording: Recording, folder: Path) -> dict[str, int]:
     """Writes a recording's tables into a folder; gives how many rows each has.
 
-    Raises:
-        RecordingError: there are tables already, or they cannot be written.
+    RecordingError if there are tables already, or they cannot be written.
     """
     paths = {name: folder / f"{name}.csv" for name in TABLES}
     for path in paths.values():

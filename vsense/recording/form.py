@@ -50,12 +50,10 @@ class RecordingError(VsenseError):
 
 @dataclass(frozen=True, slots=True)
 class Head:
-    """The beginning of a recording.
+    """The beginning of a recording: the vsense that wrote it, and the clock.
 
-    Attributes:
-        version: the vsense that wrote it.
-        begin_ns: when it was begun, host's monotonic clock.
-        utc_shift_ns: what that clock was behind UTC's nanoseconds since 1970.
+    `begin_ns` is the host's monotonic clock, which was `utc_shift_ns` behind UTC's nanoseconds
+    since 1970.
     """
 
     version: str
@@ -99,11 +97,7 @@ def has_blob(message: Message) -> bool:
 
 
 def encode(message: Message, utc_shift_ns: int) -> bytes:
-    """Gives a message's data as it is kept.
-
-    Raises:
-        ValueError, TypeError, RecursionError: JSON cannot hold it.
-    """
+    """A message's data as bytes; ValueError, TypeError, RecursionError if JSON cannot hold it."""
     data = _encode_data(message.data)
     if not has_blob(message):
         return data
@@ -123,8 +117,7 @@ def encode(message: Message, utc_shift_ns: int) -> bytes:
 def decode(topic: str, time_ns: int, blob: bool, data: bytes) -> Message:
     """Gives back what `encode` made; `blob`: its channel keeps blobs.
 
-    Raises:
-        ValueError, TypeError, KeyError, RecursionError: it is damaged.
+    ValueError, TypeError, KeyError, RecursionError if it is damaged.
     """
     values = json.loads(data)
     if blob:

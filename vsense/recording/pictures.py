@@ -115,8 +115,7 @@ class BackgroundRecorder:
     def write(self, frames: Sequence[Frame]) -> None:
         """Hands over the pictures of a timestep, whose memory must not be used again.
 
-        Raises:
-            PictureRecordingError: An earlier one could not be written.
+        PictureRecordingError if an earlier one could not be written.
         """
         if self._failure is not None:
             raise self._failure
@@ -126,11 +125,7 @@ class BackgroundRecorder:
             self.dropped += 1
 
     def close(self) -> None:
-        """Writes what waits, and ends.
-
-        Raises:
-            PictureRecordingError: Something could not be written.
-        """
+        """Writes what waits, and ends; PictureRecordingError if something was not written."""
         self._waiting.put(None)
         self._thread.join()
         self._recorder.close()
@@ -165,13 +160,8 @@ def write_session_files(
 ) -> None:
     """Writes `resources.xml`, `experiment.xml` and their schemas beside a recording.
 
-    Args:
-        directory: where a `PictureRecorder` has written `pictures` and `cameras`.
-        cameras: the recorded cameras.
-        trackers: what to look for in their pictures, by the camera's id.
-
-    Raises:
-        OSError: a file cannot be written.
+    A `PictureRecorder` has written into `directory` before; `trackers` are by the camera's id.
+    OSError if a file cannot be written.
     """
     write_schemas(directory)
     text = resources_text(cameras, trackers)

@@ -71,11 +71,7 @@ class Player:
             self._thread.join()
 
     def give(self, order: Order) -> str:
-        """Carries out PLAY, PAUSE, SPEED and SEEK; see `vsense.run.orders.Give`.
-
-        Raises:
-            OrderError: a replay does not know the order, or its value.
-        """
+        """Carries out PLAY, PAUSE, SPEED and SEEK; OrderError for others; see `Give`."""
         carry_out = {
             OrderKind.PLAY: lambda: self._play(order.value != 0.0),
             OrderKind.PAUSE: lambda: self._play(False),

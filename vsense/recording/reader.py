@@ -21,9 +21,7 @@ Choice = Collection[str] | Callable[[str], bool] | None
 class Gap:
     """A time, on the host's monotonic clock, of which messages or pictures are missing.
 
-    Attributes:
-        messages, pictures: how many are missing; 0 where they were not counted.
-        why: for people.
+    Their numbers are 0 where they were not counted; `why` is for people.
     """
 
     from_ns: int
@@ -39,8 +37,7 @@ class Recording:
     Attributes:
         version: the vsense that wrote it.
         complete: whether it was ended in order; otherwise its last second may be missing.
-        begin_ns: when it was begun, that host's monotonic clock.
-        utc_shift_ns: what that clock was behind UTC's nanoseconds since 1970.
+        begin_ns, utc_shift_ns: see `form.Head`.
         damaged: chunks that could not be read so far.
     """
 

@@ -140,10 +140,7 @@ class Recorder:
         }
 
     def close(self) -> None:
-        """Writes what waits, and the index of everything; can be called again.
-
-        A disk that does not take it leaves a recording without its last part.
-        """
+        """Writes what waits, and the index, as far as the disk takes them; can be called again."""
         with self._lock:
             listener, self._listener = self._listener, None
             if listener is not None:

@@ -14,13 +14,9 @@ from vsense.recording import form
 
 @dataclass(frozen=True, slots=True)
 class WaitingPicture:
-    """A picture that is not encoded yet.
+    """A picture that is not encoded yet: when it came, and a frame in memory of its own.
 
-    Attributes:
-        frame: in memory of its own.
-        time_ns: when it came.
-        update: which call of the tracker it belongs to, counted from 0.
-        pictures: how many belong to that call.
+    `update` is the call of the tracker that it belongs to, counted from 0; `pictures` belong to it.
     """
 
     frame: Frame

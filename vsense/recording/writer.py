@@ -22,10 +22,7 @@ from vsense.recording.form import Head, RecordingError
 class WholeFile:
     """A new file that grows by whole pieces; it gets its name with the first one.
 
-    `length` is in bytes that are on the disk.
-
-    Raises:
-        RecordingError: it cannot be made, or there is one already.
+    `length` is in bytes on the disk. RecordingError if it cannot be made, or exists already.
     """
 
     def __init__(self, path: Path, head: bytes) -> None:
@@ -116,15 +113,9 @@ _MOST_NS = (1 << 64) - 1
 
 
 class RecordingWriter:
-    """One recording that grows; for one thread.
+    """One recording that grows; for one thread; for the times see `form.Head`.
 
-    Args:
-        path: of a new file.
-        begin_ns: now, host's monotonic clock.
-        utc_shift_ns: what that clock is behind UTC.
-
-    Raises:
-        RecordingError: it cannot be made, or there is one already.
+    RecordingError if the file cannot be made, or exists already.
     """
 
     def __init__(self, path: Path, begin_ns: int, utc_shift_ns: int) -> None:
@@ -174,10 +165,9 @@ class RecordingWriter:
         self._to_disk()
 
     def close(self) -> None:
-        """Writes the index of everything, and closes the file.
+        """Writes the index, and closes the file.
 
-        Raises:
-            OSError: the disk does not take it; without its index the recording can still be read.
+        OSError if the disk does not take it; without its index the recording can still be read.
         """
         try:
             self.flush()

@@ -36,11 +36,9 @@ class Move:
     """What an order does. Texts may name {run}, {following} (the next run's number) and {by}.
 
     Attributes:
-        says: the message.
-        state: the new state; None: as it is.
+        state, following: the new state, and whether the next run is wanted; None: as it is.
         commands: what the robots are sent at once; None: nothing.
         asked: whether a start is wanted from now on.
-        following: whether the next run is wanted; None: as it is.
         waits: the next run waits for a START.
         why: what ended the run; "": it has not ended, or had before.
     """

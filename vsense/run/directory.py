@@ -26,8 +26,7 @@ class DirectoryError(VsenseError):
 def make(wanted: Path | None, name: str, seed: int) -> Path:
     """Makes `wanted`, or a directory in `runs/` named after time, experiment and seed.
 
-    Raises:
-        DirectoryError: it cannot be made, or it is not empty.
+    DirectoryError if it cannot be made, or is not empty.
     """
     stem = f"{time.strftime('%Y-%m-%d-%H%M%S')}-{name}-seed{seed}"
     directory = wanted or Path("runs") / stem
@@ -68,10 +67,9 @@ FLUSH_TIMESTEPS = 10
 
 
 class RunLog(Console):
-    """A console that also writes a log; a context that closes its files.
+    """A console that also writes a log into `directory`; a context that closes its files.
 
-    A disk that fails ends the writing, never the run. Everything raises DirectoryError where a
-    file cannot be opened. `directory`, of all runs, exists.
+    DirectoryError where a file cannot be opened; later failures end the writing, never the run.
     """
 
     def __init__(self, directory: Path) -> None:

@@ -31,14 +31,10 @@ class Environment:
     """World, virtual sensors and virtual actuators of one run. It reads no clock.
 
     Args:
-        experiment: what to make.
+        experiment: what to make; the attribute has everything in its place.
         seed: of everything that is drawn in the virtual world, and of the places of what is
             distributed; not negative.
         blind: every virtual sensor is held at 0: the control experiment.
-
-    Attributes:
-        experiment: the experiment, with everything in its place.
-        table_entries: the sensor table: sensors, then actuators.
 
     Raises:
         VsenseError: something in the experiment cannot be made.
@@ -98,8 +94,7 @@ class Environment:
         Args:
             state: the arena state of this timestep.
             run_timestep: timestep of the run, from 0; negative before it.
-            reports: by tag, the actuators' block of the robot's newest report. A robot that is
-                not in it is silent.
+            reports: by tag, the actuators' block of the newest report; other robots are silent.
             senders: by tag, who reports, where more than one robot may have had the tag.
 
         Returns:

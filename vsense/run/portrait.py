@@ -54,10 +54,7 @@ class Portrait:
     def draw(self, path: Path, world: World, blind: bool, subtitle: str) -> bool:
         """Draws the picture after the run, into an existing folder; `subtitle` says how it was run.
 
-        Returns whether there was anything to draw: not without a robot that was ever seen.
-
-        Raises:
-            PictureError: the file cannot be written.
+        False if no robot was ever seen; PictureError if the file cannot be written.
         """
         known = np.array(self._known)
         if not known.any():

@@ -64,8 +64,7 @@ class Readiness:
     """Who is there and who is missing, by name, in the experiment's order.
 
     Attributes:
-        robots: how many robots there should be.
-        markers: how many markers there should be, of robots and of tagged objects.
+        robots, markers: how many there should be; tagged objects have markers, too.
         absent: robots that are not connected.
         unseen: robots and objects whose marker is not seen.
     """

@@ -107,11 +107,9 @@ class Runner:
     def wait(self, limit_s: float | None = None) -> Readiness:
         """Runs timesteps until every robot is connected and every marker is seen.
 
-        Where runs are held until a START, it waits for that; a START that comes early ends the
-        wait at once. It waits for `limit_s` at the longest, None: for ever.
-
-        Returns:
-            Who is there: all, unless the time is over or the wait was interrupted.
+        Where runs are held it waits for a START; a START that comes early ends the wait at once.
+        It waits for `limit_s` at the longest, None: for ever. Gives who is there: all, unless the
+        time is over or the wait was interrupted.
         """
         begun_ns = self._clock()
         while True:
@@ -181,8 +179,7 @@ class Runner:
     def rest(self) -> bool:
         """Runs on after a run, with the robots stopped, until an order wants the next one.
 
-        Returns:
-            Whether one does; else the wait was interrupted, or there can be no other run.
+        False where the wait was interrupted, or there can be no other run.
         """
         try:
             while not self._interrupted.is_set() and not self.control.next_asked:
@@ -300,11 +297,7 @@ class Series:
         self._interrupted = interrupted
 
     def directory(self, number: int) -> Path:
-        """Gives the directory of a run, from 1; it exists.
-
-        Raises:
-            DirectoryError: it cannot be made.
-        """
+        """Makes the directory of a run, numbered from 1; DirectoryError if it cannot be made."""
         self.several |= number > 1
         if not self.several:
             return self._directory
@@ -316,11 +309,7 @@ class Series:
     def write_summary(
         self, name: str, summaries: Sequence[Mapping[str, Any]], on_stdout: bool
     ) -> None:
-        """Writes the figures of all runs where there may be several, and prints them if wanted.
-
-        Raises:
-            DirectoryError: the file, or standard output, cannot be written.
-        """
+        """Writes the figures of all runs where there may be several, and prints them if wanted."""
         if self.several:
             figures = {"experiment": name, "runs": list(summaries)}
             run_directory.write_summary(self._directory, figures, on_stdout, run_directory.SERIES)

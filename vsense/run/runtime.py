@@ -73,9 +73,7 @@ class Step:
         ready_ns: the last picture was in memory.
         arena_ns: the arena state was done.
         sent_ns: the last robot's datagram had left.
-        state: the arena state.
-        frames: the pictures; valid as long as this refers to them, see
-            `vsense.cameras.grabber.Grabber.next`.
+        frames: valid as long as this refers to them, see `vsense.cameras.grabber.Grabber.next`.
     """
 
     timestep: int

@@ -22,13 +22,10 @@ class ArenaSource(Protocol):
     """Where the arena states come from: cameras of our own, or another tracker's link."""
 
     def next(self, timeout_s: float) -> tuple[ArenaState, Sequence[Frame]]:
-        """Waits for the newest arena state.
+        """Waits for the newest arena state; gives it with its pictures, if they are here.
 
-        Gives it with the pictures that it was made from, if they are here; see
-        `vsense.cameras.grabber.Grabber.next` for how long these are valid.
-
-        Raises:
-            VsenseError: no state came in time, or there will be no more.
+        See `vsense.cameras.grabber.Grabber.next` for how long these are valid. VsenseError if no
+        state came in time, or there will be no more.
         """
 
     def start(self) -> None:
@@ -44,7 +41,7 @@ class Stamped(NamedTuple):
     Attributes:
         frames: the pictures that the state was made from, if they are here.
         ready_ns: when the last of them was in memory.
-        done_ns: when the state was written, as the writer said.
+        done_ns: when the state was written.
         sequence: its number, from 1; gaps are states that were not read.
     """
 

@@ -34,12 +34,9 @@ class Rights(Enum):
 
 @dataclass(frozen=True, slots=True)
 class WebAddress:
-    """Where the page is served.
+    """Where the page is served: the interface's address, and the port; 0 takes any free one.
 
-    Attributes:
-        host: address of the interface.
-        port: 0 takes any free one.
-        tokens: file with the two tokens, see `read_tokens`; None: they are drawn.
+    `tokens` is a file with the two tokens, see `read_tokens`; None: they are drawn.
     """
 
     host: str
@@ -126,12 +123,9 @@ def is_loopback(host: str) -> bool:
 
 
 class AccessControl:
-    """Decides about requests.
+    """Decides about requests to a server that listens on `host`, as it was configured.
 
-    Args:
-        host: what the server listens on, as it was configured.
-        port: the port.
-        tokens: what viewers must show; None admits all that pass the other checks.
+    Viewers must show one of `tokens`; None admits all that pass the other checks.
     """
 
     def __init__(self, host: str, port: int, tokens: Tokens | None) -> None:
@@ -147,12 +141,9 @@ class AccessControl:
         return self._tokens is not None
 
     def check_host(self, headers: Mapping[str, str]) -> None:
-        """Refuses names that are not this server's: a foreign name that leads here is an attack.
+        """Raises Forbidden for a Host that is not this server: a foreign name is an attack.
 
         Addresses cannot be rebound as names can, so any is accepted where other machines may come.
-
-        Raises:
-            Forbidden: the Host header names something else.
         """
         name = _name(headers.get("Host", ""))
         known = name == self._host or is_loopback(name)
@@ -164,11 +155,7 @@ class AccessControl:
             )
 
     def check_origin(self, headers: Mapping[str, str], needed: bool) -> None:
-        """Refuses requests of other pages; where `needed`, a request without Origin, too.
-
-        Raises:
-            Forbidden: the request comes from another page.
-        """
+        """Raises Forbidden for other pages; where `needed`, for a request without Origin, too."""
         origin = headers.get("Origin")
         if origin is None and not needed:
             return

@@ -33,8 +33,7 @@ class ControlSocketError(VsenseError):
 def folder() -> Path:
     """The folder of all sockets of this user; made where it is missing.
 
-    Raises:
-        ControlSocketError: it cannot be made, or belongs to another user.
+    ControlSocketError if it cannot be made, or belongs to another user.
     """
     base = os.environ.get("XDG_RUNTIME_DIR")
     place = Path(base) / "vsense" if base else Path(tempfile.gettempdir()) / f"vsense-{os.getuid()}"
@@ -49,10 +48,7 @@ def folder() -> Path:
 class ControlSocket:
     """Answers terminals, on threads of its own, until `close`, which removes the socket.
 
-    `status` and `give` are called by any thread.
-
-    Raises:
-        ControlSocketError: the socket cannot be made.
+    `status` and `give` are called by any thread. ControlSocketError if there can be no socket.
     """
 
     def __init__(self, status: Callable[[], dict[str, Any]], give: Give) -> None:

@@ -64,14 +64,10 @@ def _frame(message: Message) -> str | bytes:
 
 
 def read(text: str) -> tuple[str, Any]:
-    """Reads one sentence of a page.
+    """Reads one sentence of a page; the text of a ValueError is for the page.
 
-    Returns:
-        "order" with (Kind, value), "look" with a tag or None, "refresh" with a bool, "pictures"
-        with a tuple of camera ids, "got" with a number of frames.
-
-    Raises:
-        ValueError: it is none of these; the text is for the page.
+    Gives "order" with (Kind, value), "look" with a tag or None, "refresh" with a bool, "pictures"
+    with a tuple of camera ids, or "got" with a number of frames.
     """
     try:
         said = json.loads(text)

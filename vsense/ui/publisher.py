@@ -34,10 +34,7 @@ WINDOW = 100
 
 
 class Rates:
-    """How often arena states come, and how old pictures are when a timestep is done.
-
-    Only the newest `window` timesteps count.
-    """
+    """How often arena states come, and how old pictures are at the end of the last timesteps."""
 
     def __init__(self, window: int) -> None:
         self._times: deque[tuple[int, int]] = deque(maxlen=window)

@@ -63,8 +63,7 @@ class Recorders:
     def switch(self, on: bool) -> str:
         """Switches the recording on or off; gives a line for people, and does not wait for disks.
 
-        Raises:
-            UsageError: a library is missing.
+        UsageError if a library is missing.
         """
         recording.require()
         with self._lock:
@@ -85,8 +84,7 @@ class Recorders:
     def watch_session(self, session: TrackingSession, tracking: CameraTracking) -> None:
         """Records the pictures of a tracking session, if options or its file want them.
 
-        Raises:
-            VsenseError: a library is missing.
+        UsageError if a library is missing.
         """
         wanted = session.record.record_image
         self._wanted, self._pictures = self._wanted or wanted, self._pictures or wanted
@@ -95,8 +93,7 @@ class Recorders:
     def watch_family(self, marker: MarkerSpec, tracking: CameraTracking) -> None:
         """Records the pictures of cameras that look for one family of markers, if wanted.
 
-        Raises:
-            VsenseError: a library is missing.
+        UsageError if a library is missing.
         """
         cameras, heights_m = tracking.tracker.cameras, dict(tracking.tracker.heights_m)
         self._watch(tracking, lambda: tracker_made.of_family(cameras, marker.family, heights_m))

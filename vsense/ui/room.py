@@ -55,8 +55,7 @@ class RoomOptions:
 def make_server(web: WebAddress, bus: MessageBus, give: Give) -> WebServer:
     """Makes the page's server, which does not serve yet; `give` carries out its buttons' orders.
 
-    Raises:
-        VsenseError: the library for it is missing, or the tokens cannot be read.
+    VsenseError if the library for it is missing, or the tokens cannot be read.
     """
     errors.require("the page needs", "aiohttp")
     from vsense.ui.server import WebServer
@@ -68,8 +67,7 @@ def make_server(web: WebAddress, bus: MessageBus, give: Give) -> WebServer:
 def open_web(web: WebAddress, bus: MessageBus, give: Give) -> tuple[WebServer, list[str]]:
     """Serves the page; gives the server, which the caller closes, and lines for people.
 
-    Raises:
-        VsenseError: the library for it is missing, the port is taken, or the tokens cannot be read.
+    VsenseError also if the port is taken.
     """
     server = make_server(web, bus, give)
     found = server.start()
@@ -82,10 +80,7 @@ def open_web(web: WebAddress, bus: MessageBus, give: Give) -> tuple[WebServer, l
 class ControlRoom:
     """Shows and steers the runs of one process; a context that leaves no thread and no socket.
 
-    Attributes:
-        bus: takes all messages.
-        holds: see `RoomOptions.hold`.
-        recorders: the recordings, one per run.
+    `bus` takes all messages; for `holds` see `RoomOptions.hold`.
     """
 
     def __init__(self, options: RoomOptions, console: Console) -> None:
@@ -117,11 +112,7 @@ class ControlRoom:
         runtime: Runtime,
         control: Control,
     ) -> None:
-        """Opens page, control socket and keyboard.
-
-        Raises:
-            VsenseError: the page's port is taken, or a library for it is missing.
-        """
+        """Opens page, control socket and keyboard; VsenseError if the page cannot be served."""
         self._facts, self._server = facts, server
         self._publisher = Publisher(self.bus, facts, environment, runtime, control, self._others)
         control.record = self.recorders.switch

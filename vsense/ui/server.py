@@ -169,8 +169,7 @@ class WebServer:
     def start(self) -> Addresses:
         """Takes the port and begins to serve; gives what to open, with tokens where needed.
 
-        Raises:
-            VsenseError: the port cannot be had; the text says what to do.
+        VsenseError if the port cannot be had; the text says what to do.
         """
         try:
             listening, self.port = listen(self._host, self.port)
