@@ -150,6 +150,11 @@ def aligned(rows: Sequence[Sequence[str]], left: int | None = None) -> list[str]
     return lines
 
 
+def drop_output() -> None:
+    """Discards what is printed from now on: the program that read it has ended."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
 def print_data(text: str) -> None:
     """Prints on standard output, at once; VsenseError if it is closed."""
     with failing_as(VsenseError, "standard output"):

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
-import sys
 from pathlib import Path
 
 from vsense.camera_setup import files, listing, shooting, showing, sweep, tuning
@@ -15,6 +13,7 @@ from vsense.cameras.opencv_source import Controls
 from vsense.commands import arguments
 from vsense.config.resources import EXPOSURES_US, GAINS, RATES_HZ, SIDES_PX
 from vsense.errors import UsageError
+from vsense.terminal import drop_output
 
 DESCRIPTION = (
     "Without an action it lists the cameras: GigE Vision, USB3 Vision, V4L2. 'show' looks through"
@@ -207,8 +206,7 @@ def run(options: argparse.Namespace) -> int:
     try:
         return actions[options.action or "list"]()
     except BrokenPipeError:
-        # Whoever read the output has seen enough, and nothing more can be written there.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        drop_output()
         return 0
 
 

@@ -95,7 +95,7 @@ def _run_all(
                 session.wait_until_ready()
                 _announce(console, session, directory)
                 session.run(directory, _progress(console, session))
-                room.end_run()
+                room.recorders.end_run()
                 if not series.goes_on(session.runner):
                     return None
                 session.next_run()

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from vsense.commands import arguments, experiments
-from vsense.config.specs import Experiment
 from vsense.errors import UsageError, VsenseError, failing_as
 from vsense.link.legacy.server import MixedServer
 from vsense.live.run import OneRun
@@ -77,6 +76,10 @@ def _add_ends(parser: argparse.ArgumentParser) -> None:
     )
 
 
+PATIENCE_S = 10.0
+"""In a series, every run but the first waits this long for robots, then starts without them."""
+
+
 class RunError(VsenseError):
     """The run cannot begin."""
 
@@ -93,7 +96,8 @@ def run(options: argparse.Namespace) -> int:
         return 0
     require_source(opened, options.tracking)
     experiment, seed, directory = experiments.prepare(options, opened, real=False)
-    keep_file(experiment, directory)
+    with failing_as(run_directory.DirectoryError, f"cannot write to {directory}"):
+        (directory / experiment.path.name).write_bytes(experiment.path.read_bytes())
     with (
         RunLog(directory) as log,
         interruption() as interrupted,
@@ -105,22 +109,6 @@ def run(options: argparse.Namespace) -> int:
         setup = RunSetup(experiment, seed, options.blind, (host, port), log, interrupted, room)
         series = Series(directory, options.runs, room.holds, interrupted)
         return RunCommand(options, setup, directory, log, series).run()
-
-
-def keep_file(experiment: Experiment, directory: Path) -> None:
-    """Copies the experiment's present file into the directory of its runs."""
-    with failing_as(run_directory.DirectoryError, f"cannot write to {directory}"):
-        (directory / experiment.path.name).write_bytes(experiment.path.read_bytes())
-
-
-def _legacy_port(legacy_port: int | None, port: int) -> int | None:
-    """Raises UsageError if the two kinds of robots do not have a port each."""
-    if legacy_port and legacy_port == port:
-        raise UsageError(
-            f"--legacy-port: {port} is the port for vsensed, too: give that another, such as"
-            f" --port {port + 1}"
-        )
-    return legacy_port
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,8 +124,13 @@ class RunCommand:
     def run(self) -> int:
         """Carries out all runs; see `run`."""
         options, setup = self.options, self.setup
-        legacy_port = _legacy_port(options.legacy_port, setup.address[1])
-        session = RunSession(setup, options.tracking, legacy_port)
+        port = setup.address[1]
+        if options.legacy_port and options.legacy_port == port:
+            raise UsageError(
+                f"--legacy-port: {port} is the port for vsensed, too: give that another, such as"
+                f" --port {port + 1}"
+            )
+        session = RunSession(setup, options.tracking, options.legacy_port)
         summaries: list[dict[str, Any]] = []
         failure: VsenseError | None = None
         with session:
@@ -171,7 +164,7 @@ class RunCommand:
             self.log.say(f"no table of this run's timesteps: {error}", "trouble")
         one = OneRun(session, directory, readiness, self.log)
         one.run()
-        self.setup.room.end_run()
+        self.setup.room.recorders.end_run()
         summary = one.report()
         if summary is not None:
             summaries.append(summary)
@@ -207,7 +200,9 @@ class RunCommand:
         """
         if number > 1:
             self.log.say(f"run {number}, seed {session.environment.seed}")
-        limit_s = self.series.patience_s(number, self.options.start_after)
+        limit_s = self.options.start_after
+        if limit_s is None and number > 1:
+            limit_s = PATIENCE_S
         readiness = session.runner.wait(limit_s)
         if readiness.complete or self.setup.interrupted.is_set():
             return readiness

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import sys
 import threading
 import time
 from collections import deque
@@ -27,7 +25,7 @@ from vsense.recording.pictures import (
     PictureRecordingError,
     write_session_files,
 )
-from vsense.terminal import INTERRUPTED, Console, interruption
+from vsense.terminal import INTERRUPTED, Console, drop_output, interruption
 from vsense.tracking.arena_tracker import TrackerCounters
 from vsense.tracking.camera_tracking import CameraTracking
 from vsense.tracking.opening import OFFLINE, PACED, open_tracking
@@ -185,8 +183,7 @@ class TrackingRun:
         try:
             self._track(recorder)
         except BrokenPipeError:
-            # The program that read the states has ended: nothing more can be written there.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            drop_output()
         finally:
             if recorder is not None:
                 recorder.close()

@@ -269,10 +269,6 @@ class Runner:
         self._server.hush(False)
 
 
-PATIENCE_S = 10.0
-"""In a series, every run but the first waits this long for robots, then starts without them."""
-
-
 class Series:
     """The runs of one process.
 
@@ -313,10 +309,6 @@ class Series:
         if self.several:
             figures = {"experiment": name, "runs": list(summaries)}
             run_directory.write_summary(self._directory, figures, on_stdout, run_directory.SERIES)
-
-    def patience_s(self, number: int, wanted_s: float | None) -> float | None:
-        """How long a run waits for its robots, None: for ever; `wanted_s` is what the user said."""
-        return PATIENCE_S if wanted_s is None and number > 1 else wanted_s
 
     def goes_on(self, runner: Runner) -> bool:
         """Whether another run follows; may run on until an order wants one."""

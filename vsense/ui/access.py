@@ -130,15 +130,10 @@ class AccessControl:
 
     def __init__(self, host: str, port: int, tokens: Tokens | None) -> None:
         self._host = host.lower()
-        self._tokens = tokens
+        self.tokens = tokens
         self._local = is_loopback(host)
         # Cookies do not depend on ports: two servers on one machine must not share one.
         self.cookie = f"vsense_{port}"
-
-    @property
-    def needs_token(self) -> bool:
-        """Whether viewers must show a token."""
-        return self._tokens is not None
 
     def check_host(self, headers: Mapping[str, str]) -> None:
         """Raises Forbidden for a Host that is not this server: a foreign name is an attack.
@@ -171,9 +166,9 @@ class AccessControl:
 
     def rights(self, token: str | None, cookies: Mapping[str, str]) -> Rights:
         """The rights of a request, by the token in its address or else by that in its cookies."""
-        if self._tokens is None:
+        if self.tokens is None:
             return Rights.CONTROL
-        return self._tokens.rights(cookies.get(self.cookie, "") if token is None else token)
+        return self.tokens.rights(cookies.get(self.cookie, "") if token is None else token)
 
 
 def _name(host: str) -> str:

@@ -20,7 +20,7 @@ from aiohttp import WSMsgType, web
 
 from vsense.errors import VsenseError
 from vsense.message_bus import Listener, Message, MessageBus
-from vsense.recording.form import without_nan
+from vsense.recording.form import PICTURE, without_nan
 from vsense.run.orders import Give, Order, OrderKind
 from vsense.ui.access import Rights
 
@@ -129,8 +129,6 @@ replace it, and not in the buffers of two operating systems."""
 IDLE = frozenset({"/experiment", "/run", "/event", "/robots"})
 """What a hidden page, or one without refresh, still shows."""
 LIVE = IDLE | {"/arena", "/world", "/signals", "/fields", "/cameras"}
-PICTURE = "/picture/"
-READINGS = "/readings/"
 
 
 class WebClient:
@@ -233,7 +231,7 @@ class WebClient:
         """Sets what is wanted beside the fixed topics."""
         topics = {f"{PICTURE}{camera}" for camera in self._pictures}
         if self._look is not None:
-            topics.add(f"{READINGS}{self._look}")
+            topics.add(f"/readings/{self._look}")
         self._extra = frozenset(topics) if self._topics is LIVE else frozenset()
         with self._lock:
             for topic in [topic for topic in self._news if not self.wants(topic)]:

@@ -19,7 +19,7 @@ from vsense.arena import ArenaState, Frame, arena_data
 from vsense.link.robots.status import RobotStatus
 from vsense.link.robots.table import Direction
 from vsense.message_bus import Message, MessageBus
-from vsense.recording.form import Data, RunMessage
+from vsense.recording.form import PICTURE, Data, RunMessage
 from vsense.run.control import Control
 from vsense.run.environment import Environment
 from vsense.run.runtime import Runtime, Step
@@ -206,7 +206,6 @@ WIDTH_PX = 640
 """Greatest width of a picture."""
 
 JPEG_QUALITY = 70
-TOPIC = "/picture/"
 
 
 class PreviewEncoder:
@@ -226,7 +225,7 @@ class PreviewEncoder:
         """Takes pictures, copying those that are wanted; does not wait."""
         for frame in frames:
             due_ns = self._due_ns.get(frame.camera, 0)
-            if frame.capture_ns < due_ns or not self._bus.wants(TOPIC + frame.camera):
+            if frame.capture_ns < due_ns or not self._bus.wants(PICTURE + frame.camera):
                 continue
             self._due_ns[frame.camera] = max(due_ns + PICTURE_PERIOD_NS, frame.capture_ns)
             copy = replace(frame, image=frame.image.copy())
@@ -265,4 +264,4 @@ def picture(frame: Frame) -> Message:
         "height_px": height,
         "scale": scale,
     }
-    return Message(TOPIC + frame.camera, frame.capture_ns, data, blob)
+    return Message(PICTURE + frame.camera, frame.capture_ns, data, blob)

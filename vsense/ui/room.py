@@ -141,10 +141,6 @@ class ControlRoom:
         self._publisher.begin_run(environment)
         self.recorders.begin_run(directory / f"{environment.experiment.name}.mcap")
 
-    def end_run(self) -> None:
-        """Completes the run's recording."""
-        self.recorders.end_run()
-
     def update(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
         """Publishes the state of the run; see `Publisher.update`.
 

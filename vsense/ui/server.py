@@ -84,7 +84,7 @@ class Site:
         answer = web.Response(body=(PAGE / "index.html").read_bytes(), content_type="text/html")
         answer.charset = "utf-8"
         token = request.query.get("token")
-        if token is not None and self._access.needs_token:
+        if token is not None and self._access.tokens is not None:
             # Not by a redirect: browsers would not send the strict cookie along with one that
             # began on another site, such as a chat with the address in it.
             answer.set_cookie(
