@@ -23,18 +23,10 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class RobotRow:
-    """One robot in a run; None is unknown.
+    """One robot in a run, from its `RobotTrack` and `LinkHealth`; None is unknown.
 
-    Attributes:
-        distance_m: driven while it was seen.
-        speed_m_s: mean of that.
-        seen: share of the arena states in which it was seen, 0..1.
-        longest_unseen_s: the longest time without a sighting.
-        connected: share of the messages in which it was connected, 0..1.
-        losses: how often its link was lost.
-        stops: how often its wheels were held without an order, by cause.
-        battery_mv: the lowest voltage.
-        base_errors: errors of its base during the run.
+    `seen` and `connected` are shares of the arena states and of the messages, 0..1; `speed_m_s` is
+    the mean while it was seen.
     """
 
     tag: int
@@ -148,8 +140,7 @@ class Findings:
 def read_findings(path: Path, progress: Callable[[float], None] = lambda share: None) -> Findings:
     """Reads a recording; `progress` takes now and then which share of it was read, 0..1.
 
-    Raises:
-        RecordingError: it is no recording that can be read, or it holds nothing.
+    RecordingError if it cannot be read, or holds nothing.
     """
     with open_recording(path) as recording:
         whole_s = max(recording.duration_s, 1e-9)

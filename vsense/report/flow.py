@@ -21,12 +21,7 @@ MOST_SPELLS = 1_000
 
 @dataclass(slots=True)
 class Spell:
-    """A time in which something was amiss.
-
-    Attributes:
-        what: for people.
-        to_ns: None: it was not over at the end.
-    """
+    """A time in which something was amiss; `to_ns` None: it was not over at the end."""
 
     what: str
     from_ns: int
@@ -185,8 +180,7 @@ class SeenRobots:
     def add(self, time_ns: int, data: Mapping[str, Any]) -> dict[int, int]:
         """Adds a `/robots`; gives each robot's state by tag: `FINE`, `STOPPED` or `LOST`.
 
-        Raises:
-            KeyError, TypeError, ValueError: it is damaged.
+        KeyError, TypeError, ValueError if it is damaged.
         """
         tags = [int(tag) for tag in data["tag"]]
         none = [None] * len(tags)

@@ -51,15 +51,10 @@ class Counter:
         texts: Sequence[int] = (0,),
         over: Sequence[tuple[str, int]] = (),
     ) -> str:
-        """A table; all arguments are plain text.
+        """A table with heads of its columns; all arguments are plain text.
 
-        Args:
-            title: what it is.
-            caption: what its columns are.
-            heads: names of the columns.
-            rows: cells.
-            texts: places of the columns that are words; all others are numbers, at the right.
-            over: heads over several columns and how many each spans.
+        `texts` are the places of columns that are words, all others are numbers, at the right;
+        `over` are heads over several columns and how many each spans.
         """
         self._tables += 1
         kinds = ["" if place in texts else ' class="n"' for place in range(len(heads))]

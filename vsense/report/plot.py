@@ -116,11 +116,9 @@ class _Complaints(logging.Handler):
 def styled(sheet: str | None = None) -> Iterator[None]:
     """Draws in our style, over it the user's matplotlibrc, over both a style sheet.
 
-    `sheet` is a path, or a name that `matplotlib.style` knows. Warnings of Matplotlib, such as of
-    a missing font, are logged once at the end.
-
-    Raises:
-        UsageError: there is no such sheet, or something in it is no setting.
+    `sheet` is a path, or a name that `matplotlib.style` knows; UsageError if there is none, or
+    something in it is no setting. Warnings of Matplotlib, such as of a missing font, are logged
+    once at the end.
     """
     import matplotlib
     from matplotlib import style
@@ -179,8 +177,7 @@ def width_of(wide: bool) -> float:
 def encode(figure: Figure, form: str) -> bytes:
     """A figure as a file of one of `FORMATS`.
 
-    Raises:
-        VsenseError: it cannot be drawn, such as with LaTeX where there is none.
+    VsenseError if it cannot be drawn, such as with LaTeX where there is none.
     """
     data = io.BytesIO()
     try:

@@ -29,12 +29,9 @@ _MAKERS: Sequence[Callable[[Findings], plot.Drawing | None]] = (
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What was made.
+    """The written files, the page first, and the findings of each recording.
 
-    Attributes:
-        files: everything written, the page first.
-        findings: of each recording.
-        lacking: why there are no charts, "" where there are.
+    `lacking` says why there are no charts, "" where there are.
     """
 
     files: Sequence[Path]

@@ -118,8 +118,7 @@ class Tracks:
     def add(self, capture_ns: int, robots: Mapping[str, Any]) -> None:
         """Adds the robots of an arena state, in columns.
 
-        Raises:
-            KeyError, TypeError, ValueError: it is damaged; then nothing of it was added.
+        KeyError, TypeError, ValueError if it is damaged; then nothing of it was added.
         """
         columns = (robots["tag"], robots["x_m"], robots["y_m"], robots["seen"])
         rows = [
