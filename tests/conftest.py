@@ -23,14 +23,16 @@ settings.load_profile("vsense")
 
 
 ALONE = ("tests/system/", "tests/board/", "tests/ui/test_lab_page.py")
-"""Tests that need the machine for themselves: whole labs and runs that keep or measure times."""
+"""Tests that need the machine for themselves: whole labs and runs that keep or measure times. Those
+marked `quick` end before anything keeps time."""
 
 
 PACED = (
     "tests/gige/",
     *(f"tests/robot/test_{name}.py" for name in ("bases", "daemon", "faults", "hard_faults")),
 )
-"""Tests of one daemon or four cameras in real time: they share the machine with their like only."""
+"""Tests of one daemon or four cameras in real time: they mostly wait, and share the machine with
+their like only; those of the cameras are two of the groups of `--dist loadgroup`."""
 
 
 LONG = (
@@ -48,10 +50,13 @@ LONG = (
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Puts the tests of `LONG` first, and marks those of `ALONE` and `PACED`."""
     items.sort(key=lambda item: not item.nodeid.startswith(LONG))
-    for mark, places in (("alone", ALONE), ("paced", PACED)):
-        for item in items:
-            if item.nodeid.startswith(places):
-                item.add_marker(mark)
+    for item in items:
+        if item.nodeid.startswith(ALONE) and item.get_closest_marker("quick") is None:
+            item.add_marker("alone")
+        if item.nodeid.startswith(PACED):
+            item.add_marker("paced")
+        if item.nodeid.startswith("tests/gige/"):
+            item.add_marker(pytest.mark.xdist_group(f"gige {'faults' in item.nodeid}"))
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

@@ -29,7 +29,10 @@ LOOSE = {"__init__", "__main__", "arena", "cli", "errors", "message_bus", "nativ
 
 SHORT = {
     **{f"vsense.{name}": "a seam" for name in ("__main__", "cli")},
-    **{f"vsense.commands.{name}": "one file per command" for name in ("export", "serve", "track")},
+    **{
+        f"vsense.commands.{name}": "one file per command"
+        for name in ("export", "record", "serve", "track")
+    },
     "vsense.run.orders": "needs nothing, for the emergency stop",
 }
 """Modules below `PYTHON_MIN` lines, and why. Every `__init__` may be short, and so may the examples

@@ -1,8 +1,8 @@
 """Arena states: one per timestep, as structured arrays, as a message, and as text.
 
-The arena frame is right-handed with the floor at z = 0; yaw is counter-clockwise in
-(-pi, pi] and zero along +x. Times are integer nanoseconds of the host's monotonic clock. As text a
-covariance is six numbers of x, y and yaw: xx, xy, x yaw, yy, y yaw, yaw yaw.
+The arena frame is right-handed with the floor at z = 0; yaw is counter-clockwise in (-pi, pi] and
+zero along +x. Times are integer nanoseconds of the host's monotonic clock. As text a covariance is
+six numbers of x, y and yaw: xx, xy, x yaw, yy, y yaw, yaw yaw.
 """
 
 from __future__ import annotations
@@ -32,13 +32,12 @@ POSE = np.dtype(
 )
 """One robot of an arena state.
 
-`tag` is the number on the marker; `x_m`, `y_m` the disc's centre in the arena frame, at the
-arena state's capture time; `capture_ns` the time of the picture that last showed the robot;
-`age_ns` how much older that is than the arena state; `confidence` in [0, 1], falling while the
-robot is not seen; `cameras` how many cameras contributed; `seen` whether any did in this
-timestep; `covariance` that of the errors of x, y [m] and yaw [rad], NaN where nobody can tell,
-as with another tracker's states. A robot that is not seen is extrapolated for a moment, then
-held, then left out.
+`tag` is the number on the marker; `x_m`, `y_m` the disc's centre in the arena frame, at the arena
+state's capture time; `capture_ns` the time of the picture that last showed the robot; `age_ns` how
+much older that is than the arena state; `confidence` in [0, 1], falling while the robot is not
+seen; `cameras` how many cameras contributed; `seen` whether any did in this timestep; `covariance`
+that of the errors of x, y [m] and yaw [rad], NaN where it is unknown, as with another tracker's
+states. A robot that is not seen is extrapolated for a moment, then held, then left out.
 """
 
 DETECTION = np.dtype(
@@ -54,15 +53,14 @@ DETECTION = np.dtype(
 )
 """One marker in one picture.
 
-`tag` is the number, or -1 for a marker that could not be named; `x_px`, `y_px` the picture of
-the disc's centre; `yaw_rad` the heading in the arena frame; `covariance` that of the errors of
-x, y [m] and yaw [rad] in the arena frame, as far as the picture alone can tell; `error` the
-decoder's distance to the tag's code word; `margin` how much farther the next best code word is (a
-ratio).
+`tag` is the number, or -1 for a marker that could not be named; `x_px`, `y_px` the picture of the
+disc's centre; `yaw_rad` the heading in the arena frame; `covariance` that of the errors of x, y [m]
+and yaw [rad] in the arena frame, as far as the picture alone shows; `error` the decoder's distance
+to the tag's code word; `margin` how much farther the next best code word is (a ratio).
 """
 
 SIGHTING = np.dtype([("tag", "u4"), ("x_m", "f8"), ("y_m", "f8"), ("yaw_rad", "f8")])
-"""One place in the arena where a tag was read in this timestep, whatever the tracker makes of it.
+"""One place in the arena where a tag was read in this timestep, before tracking.
 
 `tag` is the number read; `x_m`, `y_m` the disc's centre and `yaw_rad` the heading in the arena
 frame, merged over the cameras that saw it there.
@@ -85,7 +83,7 @@ IMAGE_POSE = np.dtype(
 `tag` is the number that was read; `camera` the camera's place in the arena state's `cameras`;
 `x_px`, `y_px` the picture of the disc's centre; `yaw_px_rad` the heading in the picture,
 counter-clockwise in (-pi, pi] and 0 to the right; `x_m`, `y_m`, `yaw_rad` the pose in the arena
-frame as this camera alone tells it.
+frame by this camera alone.
 """
 
 UNNAMED = -1
@@ -97,7 +95,6 @@ class Frame:
     """One picture of one camera.
 
     Attributes:
-        camera: The camera's id.
         image: (height, width) uint8, grey.
         timestep: The trigger that the picture belongs to.
         capture_ns: Middle of the exposure.
@@ -116,15 +113,13 @@ class ArenaState:
     """Every known robot at one timestep.
 
     Attributes:
-        timestep: The timestep of the frames it was made from.
-        capture_ns: The newest capture time among these frames.
+        capture_ns: The newest capture time among the frames it was made from.
         robots: POSE array, sorted by tag, one entry per known robot.
-        detected: Distinct tags named by raw detections in this timestep; predictions do not
-            count.
+        detected: Distinct tags named by raw detections in this timestep, without predictions.
         unnamed: Markers in this timestep whose number could not be read.
         duplicates: Tags that were read at two places at once, sorted. Such a tag is followed
             only where one place alone can be reached from where the robot was.
-        sightings: SIGHTING array, the raw readings of this timestep: no beliefs, no predictions.
+        sightings: SIGHTING array, the raw readings of this timestep.
         joined: Tags that were not on the roster and have joined it since, sorted.
         cameras: Ids of the cameras whose pictures it was made from, sorted.
         images: IMAGE_POSE array, where the cameras see robots in this timestep, sorted by camera
@@ -143,7 +138,7 @@ class ArenaState:
     images: NDArray[np.void] = field(default_factory=lambda: np.zeros(0, IMAGE_POSE))
 
     def camera_state(self, camera: str) -> NDArray[np.void]:
-        """Returns what one camera sees (thesis, 2.2: GetCameraState), an IMAGE_POSE array.
+        """What one camera sees (thesis, 2.2: GetCameraState), an IMAGE_POSE array.
 
         Raises:
             KeyError: No picture of that camera is in this timestep.
@@ -157,14 +152,14 @@ def wrap_angle(angle_rad: NDArray[np.float64] | float) -> NDArray[np.float64]:
     """Returns the same angle in (-pi, pi] [rad], elementwise."""
     turn = np.asarray(angle_rad, dtype=np.float64)
     wrapped = np.pi - np.mod(np.pi - turn, 2.0 * np.pi)
-    # A hair above half a turn, the remainder rounds up to the whole turn.
+    # Just above half a turn, the remainder rounds up to the whole turn.
     return np.where(wrapped > -np.pi, wrapped, np.pi)[()]
 
 
 def arena_data(state: ArenaState) -> dict[str, Any]:
-    """Gives an arena state's columns; nothing of it is lost or rounded.
+    """Gives an arena state's columns, unrounded.
 
-    A covariance is nine numbers row by row, or null where nobody can tell.
+    A covariance is nine numbers row by row, or null where it is unknown.
     """
     return {
         "timestep": state.timestep,
@@ -172,8 +167,8 @@ def arena_data(state: ArenaState) -> dict[str, Any]:
         "robots": columns(state.robots),
         "detected": state.detected,
         "unnamed": state.unnamed,
-        "duplicates": [int(tag) for tag in state.duplicates],
-        "joined": [int(tag) for tag in state.joined],
+        "duplicates": list(map(int, state.duplicates)),
+        "joined": list(map(int, state.joined)),
         "sightings": columns(state.sightings),
         "cameras": list(state.cameras),
         "images": columns(state.images),
@@ -210,8 +205,8 @@ _DIGITS = 3
 def to_json(state: ArenaState) -> str:
     """Gives one line without its end.
 
-    `robots` hold the fields of POSE by their names, `covariance` as six numbers, or null where
-    nobody can tell; and in `images`, by the camera's id, where each camera sees the robot.
+    `robots` hold the fields of POSE by their names, `covariance` as six numbers, or null where it
+    is unknown; and in `images`, by the camera's id, where each camera sees the robot.
     `duplicate_sightings` are all places of the tags in `duplicates`.
     """
     images = _images(state)
@@ -233,16 +228,13 @@ def to_json(state: ArenaState) -> str:
 
 
 def to_csv(state: ArenaState) -> str:
-    """Gives one line per robot, without the last line's end; "" where there is none.
-
-    A covariance that nobody can tell is six empty cells.
-    """
+    """Gives one line per robot, without the last end; unknown covariances are empty cells."""
     head = f"{state.timestep},{state.capture_ns},"
     return "\n".join(head + ",".join(_cells(row)) for row in state.robots)
 
 
 def _twins(state: ArenaState) -> list[dict[str, float]]:
-    """Every place where a tag was read that is there twice."""
+    """Every place of a tag that was read at two places."""
     twins = state.sightings[np.isin(state.sightings["tag"], state.duplicates)]
     names = twins.dtype.names or ()
     return [{n: _plain(n, v) for n, v in zip(names, row)} for row in twins.tolist()]
@@ -264,7 +256,7 @@ def _covariance(row: np.void) -> list[float] | None:
 
 
 def _images(state: ArenaState) -> dict[int, dict[str, dict[str, float]]]:
-    """Where the cameras see each tag: by tag and camera. Of a tag that is there twice, neither."""
+    """Where the cameras see each tag, by tag and camera; without tags at two places."""
     found: dict[int, dict[str, dict[str, float]]] = {}
     fields = ("tag", "camera", "x_px", "y_px", "yaw_px_rad")
     for tag, camera, x_px, y_px, yaw in zip(*(state.images[f].tolist() for f in fields)):

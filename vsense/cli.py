@@ -1,7 +1,7 @@
-"""The command `vsense`: reads arguments, turns every error into one line and an exit code.
+"""The command `vsense`: reads arguments, makes every error one line and an exit code.
 
-Every module in `vsense/commands` is one command. Exit codes: 0 ok, 1 failed, 2 wrong usage or
-input, 130 interrupted. Standard output is data, standard error is talk.
+Exit codes: 0 ok, 1 failed, 2 wrong usage or input, 130 interrupted. Standard output is data,
+standard error is talk.
 """
 
 from __future__ import annotations
@@ -13,16 +13,9 @@ from vsense.errors import VsenseError
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs one command.
-
-    Args:
-        arguments: words after `vsense`; by default those of this process.
-
-    Returns:
-        The exit code.
-    """
+    """Runs one command and gives its exit code; `arguments` are by default those of the process."""
     try:
-        # Imported here: Ctrl-C while the commands load is as good as later.
+        # Imported here, so that Ctrl-C is handled while the commands load.
         from vsense import commands
 
         words = sys.argv[1:] if arguments is None else arguments

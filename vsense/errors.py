@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 EXTRAS = {
     "aiohttp": "web",
@@ -17,8 +19,7 @@ EXTRAS = {
 class VsenseError(Exception):
     """Something a user can mend; `str()` is the whole message.
 
-    Attributes:
-        exit_code: what the command exits with: 1 failed, 2 wrong usage or input.
+    `exit_code` is the command's: 1 failed, 2 wrong usage or input.
     """
 
     exit_code = 1
@@ -31,13 +32,7 @@ class UsageError(VsenseError):
 
 
 class ConfigError(VsenseError):
-    """A configuration file that cannot be used as it is.
-
-    Attributes:
-        file: the file as the user named it.
-        line: line in that file, counted from 1.
-        message: what was found there and what was expected.
-    """
+    """A configuration file, as the user named it, that is wrong in a line, counted from 1."""
 
     exit_code = 2
 
@@ -48,20 +43,24 @@ class ConfigError(VsenseError):
         self.message = message
 
 
+@contextmanager
+def failing_as(kind: type[VsenseError], what: str) -> Iterator[None]:
+    """Raises `kind` in place of an OSError: `what` failed, and the system's reason."""
+    try:
+        yield
+    except OSError as error:
+        raise kind(f"{what}: {error.strerror}") from None
+
+
 def pip_line(package: str) -> str:
-    """Returns the command that installs an optional package."""
+    """The command that installs an optional package."""
     return f"pip install 'vsense[{EXTRAS[package]}]'"
 
 
 def require(who: str, *packages: str) -> None:
-    """Checks that optional packages are installed, before anything imports them.
+    """Raises UsageError unless `packages`, keys of `EXTRAS`, are installed; they are not imported.
 
-    Args:
-        who: begins the message, such as "recordings need".
-        packages: keys of `EXTRAS`.
-
-    Raises:
-        UsageError: one is not installed; the message says how to install it.
+    The message begins with `who`, such as "recordings need", and says how to install one.
     """
     for package in packages:
         if importlib.util.find_spec(package) is None:

@@ -1,7 +1,7 @@
-"""Passes messages of a run on to whoever wants them: web pages, the recorder, a terminal that asks.
+"""Passes messages of a run on to listeners: web pages, the recorder, a terminal.
 
-No listener can hold the publisher up, and what nobody wants is not made. `vsense/ui/MESSAGES.md`
-lists the topics. A replay publishes the same messages again.
+No listener can hold the publisher up, and messages are made only if they are wanted. A replay
+publishes the same messages again. `vsense/ui/MESSAGES.md` lists the topics.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ class Message:
     """One message on the bus.
 
     Attributes:
-        topic: what it is about, such as "/arena".
+        topic: such as "/arena".
         time_ns: when it became so, host's monotonic clock.
-        data: what JSON can hold; nobody changes it any more.
+        data: what JSON can hold; not changed any more.
         blob: a picture's bytes, where the topic is a picture.
     """
 
@@ -35,7 +35,7 @@ class Listener:
 
     Attributes:
         receive: gets every wanted message, in the publisher's thread; must not wait.
-        wants: tells of a topic whether this one wants it now; any thread, must not wait.
+        wants: whether it wants a topic now; any thread, must not wait.
     """
 
     receive: Callable[[Message], None] = field(repr=False)
@@ -45,9 +45,8 @@ class Listener:
 class MessageBus:
     """Passes messages on. Its methods may be called by any thread.
 
-    Attributes:
-        joined: how many listeners have ever come. Whoever publishes what changes rarely publishes
-            it again when this number has grown: the new listener knows nothing.
+    `joined` counts the listeners that have ever joined. When it has grown, publishers publish
+    again what changes rarely.
     """
 
     def __init__(self) -> None:
@@ -56,7 +55,7 @@ class MessageBus:
         self._lock = threading.Lock()
 
     def join(self, receive: Callable[[Message], None], wants: Callable[[str], bool]) -> Listener:
-        """Adds a listener; see `Listener`."""
+        """Adds a listener; see `Listener` for the arguments."""
         listener = Listener(receive, wants)
         with self._lock:
             self._listeners = (*self._listeners, listener)
@@ -64,16 +63,16 @@ class MessageBus:
         return listener
 
     def leave(self, listener: Listener) -> None:
-        """Takes a listener away; it may still get a message that is being published."""
+        """Removes a listener; it may still get a message that is being published."""
         with self._lock:
             self._listeners = tuple(one for one in self._listeners if one is not listener)
 
     def wants(self, topic: str) -> bool:
-        """Whether anybody wants messages of a topic now."""
+        """Whether a listener wants a topic now."""
         return any(listener.wants(topic) for listener in self._listeners)
 
     def notify(self, topic: str, time_ns: int, make: Callable[[], Mapping[str, Any]]) -> None:
-        """Publishes a message whose data is made only if somebody wants it."""
+        """Publishes a message whose data is made only if it is wanted."""
         if self.wants(topic):
             self.publish(Message(topic, time_ns, make()))
 
@@ -82,7 +81,7 @@ class MessageBus:
         self.publish(Message("/event", time_ns, {"text": text, "level": level, "by": None}))
 
     def publish(self, message: Message) -> None:
-        """Gives a message to all who want it."""
+        """Gives a message to all listeners that want it."""
         for listener in self._listeners:
             if listener.wants(message.topic):
                 listener.receive(message)

@@ -1,8 +1,8 @@
-"""The one door to the compiled libraries: every other module takes what it calls from here.
+"""The compiled libraries: every other module takes what it calls from here.
 
 `ffi` and `lib` are what robot and host share; `kernel_ffi` and `kernels` are what only the host
-runs: pictures, rays and physics. A struct of one is not a struct of the other. Importing this says
-when a library is missing or older than the C sources beside it.
+runs: pictures, rays and physics. A struct of one is not a struct of the other. The import fails or
+warns when a library is missing or older than the C sources beside it.
 """
 
 from __future__ import annotations
@@ -38,12 +38,7 @@ class StaleLibraryWarning(UserWarning):
 
 
 class WireError(VsenseError):
-    """A call of the C library failed.
-
-    Attributes:
-        code: the negative `enum vs_err`.
-        name: its name in C, such as `VS_ERR_CHECKSUM`.
-    """
+    """A call of the C library failed: the negative `enum vs_err`, and its name in C."""
 
     def __init__(self, code: int, what: str = "") -> None:
         text = ffi.string(lib.vs_strerror(code)).decode()
@@ -63,29 +58,17 @@ except ImportError as error:
 
 
 def check(code: int, what: str = "") -> int:
-    """Passes a C function's result on, or raises it.
-
-    Args:
-        code: what the function returned: 0 or more is success.
-        what: what was being done, for the message.
-
-    Raises:
-        WireError: the code is negative.
-    """
+    """Gives a C function's result if it is 0 or more; else raises WireError, with `what` failed."""
     if code < 0:
         raise WireError(code, what)
     return code
 
 
 def stale_files(root: Path) -> list[str]:
-    """Names the sources below root if they are not those that the libraries were built from.
+    """Names sources below `root`, the checkout, that the libraries were not built from.
 
-    Args:
-        root: the checkout; without `c_src/build_ffi.py` in it there is nothing to compare.
-
-    Returns:
-        Nothing if all is well; else of each library that differs the missing files, or all of
-        its files if only their content differs.
+    Gives of each library that differs the missing files, or all of its files if only their content
+    differs. Without `c_src/build_ffi.py` there is nothing to compare.
     """
     if not (root / "c_src" / "build_ffi.py").is_file():
         return []

@@ -15,27 +15,26 @@ from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import Literal, TextIO
 
-from vsense.errors import VsenseError
+from vsense.errors import VsenseError, failing_as
 
 Level = Literal["info", "warning", "trouble"]
 
 QUIET_PERIOD_NS = 10_000_000_000
-"""Where no terminal is watching, one progress line in this time is enough."""
+"""Time between progress lines where the stream is no terminal."""
 
 
 class Console:
     """One live line that is drawn over itself, and messages that scroll away above it.
 
-    Safe to use from several threads. Where the stream is no terminal the live line becomes a
-    plain line every ten seconds.
+    For any thread. The stream is by default standard error; where it is no terminal the live line
+    becomes a plain line every ten seconds, where it is closed nothing is printed.
 
     Attributes:
-        newest: the live line, as long as it is.
-        also: is told every message, too; must not wait.
+        newest: the live line in its full length.
+        also: takes every message, too; must not wait.
     """
 
     def __init__(self, stream: TextIO | None = None) -> None:
-        """Talks to `stream`, by default standard error; one that is closed hears nothing."""
         self._stream = stream or sys.stderr or io.StringIO()
         self._live = self._stream.isatty()
         self._line = ""
@@ -50,9 +49,9 @@ class Console:
         self.whisper(text)
 
     def whisper(self, text: str) -> None:
-        """Prints a message that nobody else is told and nothing keeps, such as a secret."""
+        """Prints a message on the terminal only, such as a secret."""
+        # A stream that was closed must not end an experiment.
         with self._lock, suppress(OSError):
-            # Nobody may be listening any more: no reason to lose an experiment.
             self._erase()
             print(text, file=self._stream)
             self._printed_ns = None
@@ -98,7 +97,7 @@ INTERRUPTED = 130
 
 @contextmanager
 def interruption() -> Iterator[threading.Event]:
-    """Gives an event that the three set, instead of what they did before."""
+    """Gives an event that SIGINT, SIGTERM and SIGHUP set, instead of what they did before."""
     interrupted = threading.Event()
 
     def interrupt(number: int, frame: FrameType | None) -> None:
@@ -116,12 +115,10 @@ def interruption() -> Iterator[threading.Event]:
 class LiveBlock:
     """A block of lines at the foot of a terminal; where there is none, it is printed once more.
 
-    Attributes:
-        has_blocks: whether the stream takes Unicode's block characters.
+    `has_blocks`: whether the stream takes Unicode's block characters.
     """
 
     def __init__(self, stream: TextIO) -> None:
-        """Draws on a stream."""
         self._stream = stream
         self._live = stream.isatty()
         self._drawn = 0
@@ -141,12 +138,7 @@ class LiveBlock:
 
 
 def aligned(rows: Sequence[Sequence[str]], left: int | None = None) -> list[str]:
-    """Aligns cells in columns, two blanks apart.
-
-    Args:
-        rows: of the same number of cells.
-        left: so many columns are flush left, those after them flush right; None: all are left.
-    """
+    """Aligns cells in columns, two blanks apart: `left` of them flush left, None: all."""
     widths = [max(map(len, column)) for column in zip(*rows)]
     lines = []
     for row in rows:
@@ -158,13 +150,12 @@ def aligned(rows: Sequence[Sequence[str]], left: int | None = None) -> list[str]
     return lines
 
 
-def print_data(text: str) -> None:
-    """Prints on standard output, at once.
+def drop_output() -> None:
+    """Discards what is printed from now on: the program that read it has ended."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
-    Raises:
-        VsenseError: nobody reads it.
-    """
-    try:
+
+def print_data(text: str) -> None:
+    """Prints on standard output, at once; VsenseError if it is closed."""
+    with failing_as(VsenseError, "standard output"):
         print(text, flush=True)
-    except OSError as error:
-        raise VsenseError(f"standard output: {error.strerror}") from None

@@ -24,11 +24,11 @@ def shoot() -> BoardViews:
     views = []
     counts = dict.fromkeys((camera.id for camera in CAMERAS), 0)
     for moment, pose in PLAN:
-        for shot in studio.take(moment, pose):
-            counts[shot.camera] += 1
-            found = finder.find(shot.image)
+        for camera, image in studio.take(pose):
+            counts[camera] += 1
+            found = finder.find(image)
             if found is not None:
-                views.append(View(shot.camera, moment, *found))
+                views.append(View(camera, moment, *found))
     views.sort(key=lambda view: (view.camera, view.moment))
     return BoardViews({c.id: (c.width_px, c.height_px) for c in CAMERAS}, views, counts)
 

@@ -67,7 +67,7 @@ def test_robots_links_stops_and_batteries(found: Findings) -> None:
 
 
 def test_measures(found: Findings) -> None:
-    times, values = found.found.measures.of["items_home"]
+    times, values = found.found.measures["items_home"]
     assert np.allclose(times, [0.1 * n for n in range(20) if n != 8])
     expected = {"end": 19.0, "mean": (190 - 8) / 19, "min": 0.0, "max": 19.0}
     assert found.measures["items_home"] == pytest.approx(expected)
@@ -78,8 +78,8 @@ def test_measures(found: Findings) -> None:
 def test_robots_in_the_cone_are_counted(found: Findings) -> None:
     # The driver is in the cone from x = -0.3 m to 0: timesteps 8 to 19. It is lit from timestep 10
     # on, which is known one timestep later.
-    assert list(found.found.measures.of[IN_CONE][1]) == [0.0] * 8 + [1.0] * 11
-    assert list(found.found.measures.of[LIT_IN_CONE][1]) == [0.0] * 10 + [1.0] * 9
+    assert list(found.found.measures[IN_CONE][1]) == [0.0] * 8 + [1.0] * 11
+    assert list(found.found.measures[LIT_IN_CONE][1]) == [0.0] * 10 + [1.0] * 9
 
 
 def test_latency(found: Findings) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import weakref
+
 import pytest
 
 from tests.run.stage import DT_NS, MS, S, Stage, experiment
@@ -189,3 +191,18 @@ def test_after_a_run_it_rests_until_somebody_wants_the_next(stage: Stage) -> Non
     stage.runner.next_run(None)  # type: ignore[arg-type]
     assert (stage.runner.control.run, stage.runner.control.asked) == (2, True)
     assert (stage.runner.counters.sent, stage.runner.silences) == (0, [])
+
+
+def test_a_pause_keeps_nothing_of_the_timestep_before_it(stage: Stage) -> None:
+    stage.runner.wait()
+    give, kept, newest = stage.runner.control.give, list[bool](), list[weakref.ref[object]]()
+    for step in stage.runner.timesteps():
+        if not newest:
+            newest.append(weakref.ref(step.state.robots))
+            give(Order(OrderKind.PAUSE, "test"))
+            stage.acts = {
+                stage.calls + 1: lambda: kept.append(newest[0]() is not None),
+                stage.calls + 2: lambda: give(Order(OrderKind.START, "test")),
+            }
+        del step
+    assert kept == [False] and stage.runner.ended == "time"

@@ -111,6 +111,7 @@ class Source:
         self.due = threading.Semaphore(0)
         self.waiting = threading.Semaphore(0)
         self.failure: Exception | None = None
+        self.given: list[weakref.ref[np.ndarray]] = []
         self._timestep = 0
 
     def next(self, timeout_s: float) -> tuple[ArenaState, Sequence[Frame]]:
@@ -119,7 +120,9 @@ class Source:
         if self.failure is not None:
             raise self.failure
         self._timestep += 1
-        return state(self._timestep, self._timestep % 50), pictures(self._timestep)
+        frames = pictures(self._timestep)
+        self.given.append(weakref.ref(frames[0].image))
+        return state(self._timestep, self._timestep % 50), frames
 
     def start(self) -> None:
         """See `ArenaSource`."""
@@ -147,4 +150,21 @@ def test_the_newest_is_given_once_and_a_failure_to_every_caller() -> None:
     for _ in range(2):
         with pytest.raises(ValueError, match="the tracker"):
             watch.next(PATIENCE_S)
+    watch.close()
+
+
+def test_a_watch_whose_source_waits_keeps_no_pictures() -> None:
+    source = Source()
+    watch = Watch(source, lambda: 5000)
+    watch.start()
+    source.due.release()
+    for _ in range(2):
+        assert source.waiting.acquire(timeout=PATIENCE_S)
+    newest: Stamped | None = watch.next(PATIENCE_S)
+    assert newest is not None and whole(newest) and source.given[0]() is not None
+    newest = None
+    gc.collect()
+    assert source.given[0]() is None
+    source.failure = ValueError("the end")
+    source.due.release()
     watch.close()

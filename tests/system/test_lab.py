@@ -252,12 +252,14 @@ def fails(tmp_path: Path, *arguments: str, **variables: str) -> tuple[int, str]:
     return result.returncode, result.stderr
 
 
+@pytest.mark.quick
 def test_unknown_experiment_lists_the_known_ones(tmp_path: Path) -> None:
     code, said = fails(tmp_path, "polutant")
     assert code == 2
     assert re.fullmatch(r"vsense: no experiment 'polutant': .* one of: .*\bpollutant\b.*\n", said)
 
 
+@pytest.mark.quick
 def test_broken_file_is_named_with_its_line(tmp_path: Path) -> None:
     from importlib import resources
 
@@ -270,6 +272,7 @@ def test_broken_file_is_named_with_its_line(tmp_path: Path) -> None:
     assert re.search(rf"broken\.argos:{line}: .*'wide' is not a number", said), said
 
 
+@pytest.mark.quick
 def test_port_in_use_is_one_line(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
@@ -279,6 +282,7 @@ def test_port_in_use_is_one_line(tmp_path: Path) -> None:
     assert port in said and len(said.strip().splitlines()) == 1, said
 
 
+@pytest.mark.quick
 def test_unwritable_directory_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     code, said = fails(tmp_path, "pollutant", "--output", str(tmp_path / "file" / "run"))
@@ -289,6 +293,7 @@ def test_unwritable_directory_is_one_line(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "arguments", [("--duration", "nan"), ("--duration", "0"), ("--seed", "-1"), ("--robots", "99")]
 )
+@pytest.mark.quick
 def test_wrong_arguments_exit_with_2(tmp_path: Path, arguments: tuple[str, str]) -> None:
     code, said = fails(tmp_path, "pollutant", *arguments, "--output", str(tmp_path / "run"))
     assert code == 2

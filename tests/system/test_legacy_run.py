@@ -86,6 +86,7 @@ def test_a_mixed_swarm_runs_together(floor: Floor, tmp_path: Path) -> None:
         (["--legacy-port", "70000"], "argument --legacy-port: 70000: expected 0 to 65535"),
     ],
 )
+@pytest.mark.quick
 def test_ports_that_cannot_be(floor: Floor, tmp_path: Path, words: list[str], text: str) -> None:
     file = experiment(tmp_path, TRACKED, 2)
     program = floor.program("run", str(file), *words, "--output", str(tmp_path / "notes"))
@@ -94,6 +95,7 @@ def test_ports_that_cannot_be(floor: Floor, tmp_path: Path, words: list[str], te
     assert text in program.said
 
 
+@pytest.mark.quick
 def test_robots_that_it_cannot_tell_apart(floor: Floor, tmp_path: Path) -> None:
     file = experiment(tmp_path, TRACKED, 2)
     file.write_text(file.read_text().replace("epuck_24_31", "epuck_24_30"))

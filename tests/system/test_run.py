@@ -306,6 +306,7 @@ def fails(*words: str) -> tuple[int, str]:
     return result.returncode, result.stderr
 
 
+@pytest.mark.quick
 def test_an_experiment_without_a_tracker_says_what_to_do(tmp_path: Path) -> None:
     code, said = fails("pollutant", "--output", str(tmp_path / "notes"))
     assert code == 2
@@ -313,6 +314,7 @@ def test_an_experiment_without_a_tracker_says_what_to_do(tmp_path: Path) -> None
     assert not (tmp_path / "notes").exists(), "what cannot begin leaves nothing"
 
 
+@pytest.mark.quick
 def test_a_tag_that_no_camera_looks_for_is_refused_with_its_line(
     recording: Path,
     tmp_path: Path,
@@ -329,6 +331,7 @@ def test_a_tag_that_no_camera_looks_for_is_refused_with_its_line(
     assert "looks for its tag 77; they look for: 31, 1843" in said
 
 
+@pytest.mark.quick
 def test_a_port_in_use_is_one_line(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]

@@ -118,6 +118,7 @@ def test_a_run_that_is_stopped_starts_again_and_ctrl_c_ends_it(server: Server) -
     following.close()
 
 
+@pytest.mark.quick
 def test_a_port_in_use_is_one_clear_line(recording: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])

@@ -122,6 +122,7 @@ def test_a_camera_that_dies_is_told_and_the_rest_goes_on_until_ctrl_c(
     assert "robots detected per timestep" in talk
 
 
+@pytest.mark.quick
 def test_cameras_cannot_be_tracked_offline(
     files: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -129,6 +130,7 @@ def test_cameras_cannot_be_tracked_offline(
     assert "uses cameras, expected recordings" in capsys.readouterr().err
 
 
+@pytest.mark.quick
 def test_a_snapshot_of_nothing_and_one_that_cannot_be_written_are_told(
     files: list[str], capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-import importlib
 import json
 import logging
 import re
 import socket
-import sys
 import threading
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -484,14 +482,6 @@ def test_too_many_pages_are_told(served: Serve, monkeypatch: pytest.MonkeyPatch)
 
 
 # -- beginning and end ----------------------------------------------------------------------
-
-
-def test_without_its_library_the_page_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("vsense.ui.server", "vsense.ui.page_clients"):
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, "aiohttp", None)
-    with pytest.raises(VsenseError, match=r"needs aiohttp: pip install 'vsense\[web\]'"):
-        importlib.import_module("vsense.ui.server")
 
 
 def test_a_busy_port_is_one_clear_line(served: Serve) -> None:

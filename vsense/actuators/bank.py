@@ -1,5 +1,4 @@
-"""All virtual actuators of a run: turns the robots' reports into levels and growths, and applies
-them.
+"""All virtual actuators of a run: makes levels and growths of the robots' reports, applies them.
 
 A report may come twice, late or not at all; what happens in the world does not depend on it:
 * A level holds until the next report. A robot that is silent has level 0 in everything.
@@ -16,24 +15,18 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.actuators.base import ActuatorError, Floats, MountedActuator
+from vsense.actuators.base import ActuatorError, MountedActuator, Rows
 from vsense.sensors.bank import TableEntry
 from vsense.sensors.base import layout_dtype
-from vsense.sensors.quality import Delay, Distortion, generator
+from vsense.sensors.quality import Delay, Distortion, Floats, generator
 from vsense.world.sightings import NEVER_NS
 from vsense.world.world import World
-
-Rows = NDArray[np.intp]
 
 NO_SENDERS: Mapping[int, bytes] = MappingProxyType({})
 
 
 class ActuatorBank:
-    """The virtual actuators of all robots of a run.
-
-    Attributes:
-        table: their part of the sensor table, one entry per actuator.
-    """
+    """The virtual actuators of all robots of a run; `table` has one entry per actuator."""
 
     def __init__(
         self,
@@ -44,11 +37,8 @@ class ActuatorBank:
     ) -> None:
         """Mounts the actuators on every robot.
 
-        Args:
-            actuators: what the experiment asks for.
-            tags: the robots.
-            seed: of the noise and the drop-out.
-            first_id: number of the first one on the wire; the others follow.
+        `seed` is that of the noise and the drop-out, `first_id` the first actuator's number on the
+        wire; the others follow.
 
         Raises:
             SensorError: an actuator's layout is wrong.
@@ -61,10 +51,9 @@ class ActuatorBank:
     def apply(
         self, world: World, reports: Mapping[int, bytes], senders: Mapping[int, bytes] = NO_SENDERS
     ) -> None:
-        """Applies the reports of all robots for one timestep of the run.
+        """Applies the reports of all robots for one timestep, in which `world` was updated.
 
         Args:
-            world: updated in this timestep.
             reports: by tag, the actuators' block of each robot's newest report. A robot that is
                 not in it is silent.
             senders: by tag, who reports, where more than one robot may have had the tag.
@@ -91,7 +80,7 @@ class ActuatorBank:
 
 
 class _Slot:
-    """One actuator with what all robots said last: n robots, k numbers each."""
+    """One actuator with the last reports of all robots: n robots, k numbers each."""
 
     def __init__(self, mounted: MountedActuator, robots: int, seed: int) -> None:
         actuator, quality = mounted.actuator, mounted.quality
@@ -117,12 +106,8 @@ class _Slot:
     ) -> None:
         """Takes the reports of one timestep and acts.
 
-        Args:
-            world: updated in this timestep.
-            rows: (n,) each robot's row in it, -1 where it has none.
-            heard: (m,) which of the n robots report.
-            who: (m,) senders of the reports.
-            parts: their numbers as on the wire, one robot after the other.
+        `rows` (n,) are the robots' in the world, -1 where there is none; `heard` (m,) those that
+        report, `who` (m,) the senders, `parts` their numbers as on the wire, robot after robot.
         """
         said = self._numbers(parts)
         self._pending[heard] += self._counts.growth(heard, who, said)
@@ -138,14 +123,14 @@ class _Slot:
         self._actuator.apply(world, rows[order], levels[order], growth[order])
 
     def _numbers(self, parts: bytes) -> Floats:
-        """Reads numbers off the wire, (m, k), within the actuator's bounds."""
+        """Reads numbers (m, k) from the wire, within the actuator's bounds."""
         with np.errstate(invalid="ignore"):  # a NaN of any kind is 0
             raw = np.frombuffer(parts, dtype=self._dtype).astype(np.float64)
         known = np.nan_to_num(raw.reshape(-1, self._count), nan=0.0)
         return np.clip(known, self._low, self._high)
 
     def _due(self, run_timestep: int) -> NDArray[np.bool_]:
-        """Tells which robots' reports take effect in this timestep, (n,)."""
+        """Which robots' reports take effect in this timestep, (n,)."""
         due = np.zeros(len(self._levels), dtype=bool)
         if run_timestep - self._renewed >= self._quality.update_every:
             self._renewed = run_timestep
@@ -176,7 +161,7 @@ class _Counts:
         self._others: dict[tuple[int, bytes], Floats] = {}
 
     def growth(self, heard: Rows, who: Sequence[bytes], counts: Floats) -> Floats:
-        """Gives by how much counts (m, k) have grown, 0 or more, and remembers them."""
+        """By how much counts (m, k) have grown, 0 or more; remembers them."""
         for robot, sender in zip(heard.tolist(), who):
             before = self._who[robot]
             if before != sender:

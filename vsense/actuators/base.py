@@ -2,12 +2,12 @@
 
 A new actuator's file holds a class with the members of `VirtualActuator`, a function
 `from_xml(element, scope)` that makes one or raises ConfigError, and the line
-`ELEMENTS = ("virtual_..._actuator",)`. Nothing else in the tree has to know of it. `scope` is that
-of the virtual sensors, which are read before the actuators.
+`ELEMENTS = ("virtual_..._actuator",)`. Nothing else has to be changed. `scope` is that of the
+virtual sensors, which are read before the actuators.
 
-What a robot says is never an event, since a report may come twice or not at all. Each number is
-a **level** ("release 0.3 per second"), which holds until the next one and is 0 where nothing is
-done, or a **cumulative counter** ("dropped 7 since the run began"), whose growth is acted on.
+A robot's report is never an event, since it may come twice or not at all. Each number is a
+**level** ("release 0.3 per second"), which holds until the next one and is 0 where nothing is done,
+or a **cumulative counter** ("dropped 7 since the run began"), whose growth is acted on.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.errors import VsenseError
-from vsense.sensors.quality import Quality, Scale
+from vsense.sensors.quality import Floats, Quality, Scale
 from vsense.world.world import World
 
-Floats = NDArray[np.float64]
+Rows = NDArray[np.intp]
 
 
 class ActuatorError(VsenseError):
@@ -30,7 +30,7 @@ class ActuatorError(VsenseError):
 
 
 class VirtualActuator(Protocol):
-    """Has robots change one kind of thing in the virtual world, all robots at once."""
+    """Changes one kind of thing in the virtual world for all robots at once."""
 
     @property
     def name(self) -> str:
@@ -44,13 +44,10 @@ class VirtualActuator(Protocol):
     def scale(self) -> Scale:
         """Unit and bounds of its numbers; nothing outside of the bounds reaches `apply`."""
 
-    def apply(
-        self, world: World, rows: NDArray[np.intp], values: Floats, increments: Floats
-    ) -> None:
-        """Acts for one timestep.
+    def apply(self, world: World, rows: Rows, values: Floats, increments: Floats) -> None:
+        """Acts for one timestep, in which `world` was updated.
 
         Args:
-            world: updated in this timestep.
             rows: (m,) which of `world.robots`, ascending. A row may be a robot that no camera
                 sees now: it acts where it was seen last.
             values: (m, k) newest levels, k as the layout says; 0 for a silent robot.
@@ -60,13 +57,7 @@ class VirtualActuator(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class MountedActuator:
-    """A virtual actuator as the robots of an experiment carry it.
-
-    Attributes:
-        actuator: what acts.
-        line: line of its XML element.
-        quality: how good it is.
-    """
+    """A virtual actuator as the robots of an experiment carry it; `line` is its element's."""
 
     actuator: VirtualActuator
     line: int

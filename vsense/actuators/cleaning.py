@@ -17,11 +17,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vsense.actuators.base import Floats
+from vsense.actuators.base import Rows
 from vsense.sensors.base import Scope
-from vsense.sensors.quality import Scale
+from vsense.sensors.quality import Floats, Scale
 from vsense.world.pollution import PollutantSource
 from vsense.world.world import World
 from vsense.xml.element import Element
@@ -34,12 +33,7 @@ _SHARE = Scale(low=0.0, high=1.0)
 
 @dataclass(frozen=True, slots=True)
 class CleaningActuator:
-    """Takes pollution away.
-
-    Attributes:
-        source: what is cleaned; its amount is finite.
-        rate_per_s: what one robot cleans per second at level 1.
-    """
+    """Cleans a source of finite amount; `rate_per_s` is what one robot cleans at level 1."""
 
     source: PollutantSource
     rate_per_s: float
@@ -47,9 +41,7 @@ class CleaningActuator:
     layout: str = "f4"
     scale: Scale = _SHARE
 
-    def apply(
-        self, world: World, rows: NDArray[np.intp], values: Floats, increments: Floats
-    ) -> None:
+    def apply(self, world: World, rows: Rows, values: Floats, increments: Floats) -> None:
         """Cleans where the robots stand; see `VirtualActuator.apply`."""
         cone = world.cone(self.source)
         if cone is not None:
@@ -61,11 +53,7 @@ class CleaningActuator:
 
 
 def from_xml(element: Element, scope: Scope) -> CleaningActuator:
-    """Makes the actuator from its element.
-
-    Raises:
-        ConfigError: an attribute is wrong, or there is nothing to clean.
-    """
+    """Makes the actuator from its element; ConfigError where there is nothing to clean."""
     key = "pollutant_entity"
     tag = scope.tag(element, key, "epuck_22_1")
     sources = [source for source in scope.sources if source.tag == tag]

@@ -11,11 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vsense.actuators.base import Floats
+from vsense.actuators.base import Rows
 from vsense.sensors.base import Scope
-from vsense.sensors.quality import Scale
+from vsense.sensors.quality import Floats, Scale
 from vsense.world.world import World
 from vsense.xml.element import Element
 
@@ -33,9 +32,7 @@ class LedsActuator:
     layout: str = "3*u1"
     scale: Scale = _BRIGHTNESS
 
-    def apply(
-        self, world: World, rows: NDArray[np.intp], values: Floats, increments: Floats
-    ) -> None:
+    def apply(self, world: World, rows: Rows, values: Floats, increments: Floats) -> None:
         """Shows the colours; see `VirtualActuator.apply`."""
         world.leds[rows] = np.rint(values).astype(np.uint8)
 

@@ -3,8 +3,8 @@
     <virtual_range_and_bearing_actuator implementation="default" data_size="4" />
 
 A report is the length of the message and `data_size` bytes of it; length 0 says nothing. It is a
-level: the robot says the same in every timestep until it says something else. The controller's
-name for it is "message". Who hears it, and how far away, is the receiving sensor's affair.
+level: the robot sends the same in every timestep until the next report. The controller's name for
+it is "message". The receiving sensor decides who hears it, and how far away.
 """
 
 from __future__ import annotations
@@ -12,11 +12,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vsense.actuators.base import Floats
+from vsense.actuators.base import Rows
 from vsense.sensors.base import Scope
-from vsense.sensors.quality import Scale
+from vsense.sensors.quality import Floats, Scale
 from vsense.world.world import MESSAGE_MAX, World
 from vsense.xml.element import Element
 
@@ -28,11 +27,7 @@ DEFAULT_SIZE = 4
 
 @dataclass(frozen=True, slots=True)
 class MessagesActuator:
-    """Sets the robots' messages.
-
-    Attributes:
-        size: bytes that a message may have.
-    """
+    """Sets the robots' messages of at most `size` bytes."""
 
     size: int = DEFAULT_SIZE
     name: str = "message"
@@ -47,10 +42,8 @@ class MessagesActuator:
         """Bytes are no measurements: no noise changes them."""
         return Scale(unit=0.0, low=0.0, high=(float(self.size), *[255.0] * self.size))
 
-    def apply(
-        self, world: World, rows: NDArray[np.intp], values: Floats, increments: Floats
-    ) -> None:
-        """Says the messages; see `VirtualActuator.apply`."""
+    def apply(self, world: World, rows: Rows, values: Floats, increments: Floats) -> None:
+        """Sets the messages; see `VirtualActuator.apply`."""
         lengths = values[:, 0].astype(np.uint8)
         said = np.arange(self.size) < lengths[:, None]
         data = np.zeros((len(rows), MESSAGE_MAX), dtype=np.uint8)

@@ -18,11 +18,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vsense.actuators.base import Floats
+from vsense.actuators.base import Rows
 from vsense.sensors.base import Scope
-from vsense.sensors.quality import Scale
+from vsense.sensors.quality import Floats, Scale
 from vsense.world.world import World
 from vsense.xml.element import Element
 
@@ -35,12 +34,7 @@ MAX_DROPPED = 1e7
 
 @dataclass(frozen=True, slots=True)
 class PheromoneActuator:
-    """Adds to a field.
-
-    Attributes:
-        field: id of the field.
-        max_rate_per_s: most that a robot can release per second.
-    """
+    """Adds to the field of the id `field`."""
 
     field: str
     name: str = "pheromone_release"
@@ -52,9 +46,7 @@ class PheromoneActuator:
         """The counter is no measurement: no noise changes it."""
         return Scale(unit=(1.0, 0.0), low=0.0, high=(self.max_rate_per_s, MAX_DROPPED))
 
-    def apply(
-        self, world: World, rows: NDArray[np.intp], values: Floats, increments: Floats
-    ) -> None:
+    def apply(self, world: World, rows: Rows, values: Floats, increments: Floats) -> None:
         """Releases where the robots stand; see `VirtualActuator.apply`."""
         amounts = values[:, 0] * world.timestep_s + increments[:, 1]
         robots = world.robots[rows]
@@ -65,11 +57,7 @@ class PheromoneActuator:
 
 
 def from_xml(element: Element, scope: Scope) -> PheromoneActuator:
-    """Makes the actuator from its element.
-
-    Raises:
-        ConfigError: an attribute is wrong, or the arena has no such field.
-    """
+    """Makes the actuator from its element."""
     return PheromoneActuator(
         field=scope.field(element),
         name=element.text("name", "pheromone_release"),

@@ -1,10 +1,10 @@
-"""Who takes part: vsense's detectors, OpenCV's and AprilTag 3, behind one seam.
+"""The detectors that are compared, vsense's, OpenCV's and AprilTag 3, behind one seam.
 
-A contestant does passes over its pictures. What it found in the last one is judged against the
-truth, and what each pass took is kept.
+A contestant does passes over its pictures. The time of each pass counts; what it found in the last
+one is compared with the truth.
 
-AprilTag 3 (pupil-apriltags) has been seen to crash its process when it ends, so it has one of its
-own. This module is both ends: the parent sends a line for each pass and gets one JSON line back.
+AprilTag 3 (pupil-apriltags) may crash its process when it ends, so it has one of its own. This
+module is both ends: the parent sends a line for each pass and gets one JSON line back.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from vsense.arena import Frame
 from vsense.bench.frames import FRAMES_PER_S, MARKER_M, FrameSet, Image
 from vsense.cameras.camera import Camera
+from vsense.lab.processes import start_module
 from vsense.markers.families import load_family
 from vsense.tracking.arena_tracker import ArenaTracker
 from vsense.tracking.detector import Detector
@@ -39,7 +40,7 @@ MAX_THREADS = 2
 
 
 class FoundTags(NamedTuple):
-    """Markers that were named in a picture: their tags and their centres [px]."""
+    """Markers that were named in a picture, and their centres [px]."""
 
     tags: NDArray[np.int64]
     centres_px: NDArray[np.float64]
@@ -49,13 +50,7 @@ Look = Callable[[Image, Camera], FoundTags]
 
 
 class Contestant(Protocol):
-    """Somebody who finds markers.
-
-    Attributes:
-        name: For the report.
-        frames: The pictures.
-        threads: How many threads it uses.
-    """
+    """A detector with its pictures and its number of threads; the report has its name."""
 
     name: str
     frames: FrameSet
@@ -65,12 +60,11 @@ class Contestant(Protocol):
         """Does one pass over the pictures.
 
         Returns:
-            What each picture took [ms], or the mean where they are done side by side; what was
+            The time of each picture [ms], or the mean where they are done in parallel; what was
             found in each.
         """
 
-    def close(self) -> None:
-        """Ends what it started."""
+    def close(self) -> None: ...
 
 
 class Single:
@@ -80,7 +74,6 @@ class Single:
         self.name, self.frames, self.threads, self._look = name, frames, threads, look
 
     def run(self) -> tuple[list[float], list[FoundTags]]:
-        """Does one pass over the pictures."""
         cv2.setNumThreads(self.threads)
         times, found = [], []
         for image, camera in zip(self.frames.images, self.frames.cameras, strict=True):
@@ -95,16 +88,14 @@ class Single:
 
 
 class SharedOut:
-    """The pictures shared out to two threads, each on a processor of its own."""
+    """The pictures shared out to threads, one per function, each on a processor of its own."""
 
     def __init__(self, name: str, frames: FrameSet, looks: Sequence[Look]) -> None:
-        """Takes one function per thread."""
         self.name, self.frames, self.threads, self._looks = name, frames, len(looks), looks
         turns = count()
         self._pool = ThreadPoolExecutor(len(looks), initializer=lambda: _pin(next(turns)))
 
     def run(self) -> tuple[list[float], list[FoundTags]]:
-        """Does one pass over the pictures; whoever is free takes the next."""
         total = len(self.frames.images)
         found: dict[int, FoundTags] = {}
         turns = iter(range(total))
@@ -119,19 +110,17 @@ class SharedOut:
         return [spent / total], [found[turn] for turn in range(total)]
 
     def close(self) -> None:
-        """Ends the threads."""
         self._pool.shutdown()
 
 
 class Tracked:
-    """Our arena tracker on a sequence of one camera, with a search plan of the thesis."""
+    """Our arena tracker, new in each pass, on one camera's sequence with a plan of the thesis."""
 
     def __init__(self, name: str, frames: FrameSet, plan: SearchPlan) -> None:
         self.name, self.frames, self.threads, self._plan = name, frames, 1, plan
         self._family = load_family(frames.family)
 
     def run(self) -> tuple[list[float], list[FoundTags]]:
-        """Does one pass over the pictures, from a tracker that knows nothing."""
         camera = self.frames.cameras[0]
         heights = dict.fromkeys(self.frames.tags, MARKER_M)
         tracker = ArenaTracker.for_family([camera], self._family, heights, plan=self._plan)
@@ -153,7 +142,7 @@ class Tracked:
 
 
 def ours(detector: Detector) -> Look:
-    """Makes one of vsense's detectors look."""
+    """Wraps one of vsense's detectors."""
 
     def look(image: Image, camera: Camera) -> FoundTags:
         found = detector.detect(image, camera)
@@ -166,11 +155,9 @@ def ours(detector: Detector) -> Look:
 
 
 def opencv(refine: bool, window_px: int | None = None) -> Look:
-    """Makes OpenCV's detector of DICT_4X4_50 look.
+    """Wraps OpenCV's detector of DICT_4X4_50; with `refine` it refines corners to sub-pixels.
 
-    Args:
-        refine: Whether corners are refined to parts of a pixel.
-        window_px: The one window of the threshold (its best tuning); None: OpenCV's three.
+    `window_px` is the one window of the threshold (its best tuning); None: OpenCV's three.
     """
     settings = cv2.aruco.DetectorParameters()
     if refine:
@@ -191,7 +178,7 @@ def opencv(refine: bool, window_px: int | None = None) -> Look:
 
 
 def crossing(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns (n, 2) where the diagonals of (n, 4, 2) quadrilaterals cross."""
+    """Crossings (n, 2) of the diagonals of quadrilaterals (n, 4, 2)."""
     a, b, c, d = (corners[:, k] for k in range(4))
     along, other, apart = c - a, d - b, b - a
     share = (apart[:, 0] * other[:, 1] - apart[:, 1] * other[:, 0]) / (
@@ -212,7 +199,7 @@ _OFFSET_PX = 0.5
 
 
 def is_installed() -> bool:
-    """Tells whether pupil-apriltags can take part."""
+    """Whether pupil-apriltags is there."""
     return importlib.util.find_spec("pupil_apriltags") is not None
 
 
@@ -220,33 +207,21 @@ class AprilTag:
     """AprilTag 3 on pictures of tag36h11."""
 
     def __init__(self, name: str, frames: FrameSet, decimate: float, threads: int) -> None:
-        """Starts the process."""
         self.name, self.frames, self.threads = name, frames, threads
         self._folder = tempfile.TemporaryDirectory(prefix="vsense-bench-")
         pictures = Path(self._folder.name) / "pictures.npy"
         np.save(pictures, np.array(frames.images))
-        self._process = subprocess.Popen(
-            [
-                sys.executable,
-                "-m",
-                "vsense.bench.contestants",
-                pictures,
-                str(decimate),
-                str(threads),
-            ],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            text=True,
+        words = str(pictures), str(decimate), str(threads)
+        self._process, self._stdin, self._stdout = start_module(
+            "vsense.bench.contestants", *words, stderr=subprocess.DEVNULL
         )
 
     def run(self) -> tuple[list[float], list[FoundTags]]:
         """Does one pass over the pictures; nothing is found where the process has crashed."""
-        assert self._process.stdin is not None and self._process.stdout is not None
         try:
-            self._process.stdin.write("\n")
-            self._process.stdin.flush()
-            answer: dict[str, Any] = json.loads(self._process.stdout.readline())
+            self._stdin.write(b"\n")
+            self._stdin.flush()
+            answer: dict[str, Any] = json.loads(self._stdout.readline())
         except (BrokenPipeError, json.JSONDecodeError):
             return [], []
         found = [
@@ -259,11 +234,9 @@ class AprilTag:
         return answer["ms"], found
 
     def close(self) -> None:
-        """Ends the process, in whatever way it likes to end."""
-        assert self._process.stdin is not None and self._process.stdout is not None
-        self._process.stdin.close()
+        self._stdin.close()
         self._process.wait()
-        self._process.stdout.close()
+        self._stdout.close()
         self._folder.cleanup()
 
 

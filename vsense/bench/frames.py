@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vsense.cameras.camera import Camera
 from vsense.lab.bodies import Body
-from vsense.lab.camera_spec import DISTORTION, FOCAL_PX, HEIGHT_M, SIZE_PX, LabCameraSpec
+from vsense.lab.camera_spec import LabCameraSpec, camera_at
 from vsense.lab.renderer import Studio
 
 Floats = NDArray[np.float64]
@@ -36,12 +36,7 @@ _SEED = 3
 
 @dataclass(frozen=True, slots=True)
 class FrameTruth:
-    """What is in a picture.
-
-    Attributes:
-        tags: (n,) numbers of the markers.
-        centres_px: (n, 2) the discs' centres in the picture.
-    """
+    """The markers (n,) in a picture, and their discs' centres (n, 2)."""
 
     tags: NDArray[np.int64]
     centres_px: Floats
@@ -49,16 +44,7 @@ class FrameTruth:
 
 @dataclass(frozen=True, slots=True)
 class FrameSet:
-    """Pictures of one family's markers.
-
-    Attributes:
-        name: For the report.
-        family: Name of the marker family.
-        tags: The roster.
-        cameras: One per picture.
-        images: The pictures, (height, width) uint8.
-        truth: What is in each.
-    """
+    """Pictures (height, width) of one family's markers, each with its camera and its truth."""
 
     name: str
     family: str
@@ -69,24 +55,17 @@ class FrameSet:
 
 
 def cameras(columns: int, rows: int) -> tuple[Camera, ...]:
-    """Hangs up cameras that look straight down, side by side."""
+    """Cameras that look straight down, side by side."""
+    pitch_x_m, pitch_y_m = _PITCH_M
     return tuple(
-        Camera.looking_down(
-            f"cam_{column}_{row}",
-            column * _PITCH_M[0],
-            row * _PITCH_M[1],
-            HEIGHT_M,
-            FOCAL_PX,
-            SIZE_PX,
-            DISTORTION,
-        )
+        camera_at(f"cam_{column}_{row}", column * pitch_x_m, row * pitch_y_m)
         for row in range(rows)
         for column in range(columns)
     )
 
 
 def crowd(rng: np.random.Generator, count: int, reach_m: tuple[float, float] = _REACH_M) -> Floats:
-    """Returns (count, 3) poses around the middle of a picture; discs do not overlap."""
+    """Poses (count, 3) around the middle of a picture; discs do not overlap."""
     poses: list[tuple[float, float, float]] = []
     while len(poses) < count:
         x, y = rng.uniform((-reach_m[0], -reach_m[1]), reach_m)
@@ -96,10 +75,12 @@ def crowd(rng: np.random.Generator, count: int, reach_m: tuple[float, float] = _
 
 
 class RenderedSwarm:
-    """Robots that drive ahead at full speed and spin now and then; none touches another."""
+    """Robots that drive ahead at full speed and spin now and then; none touches another.
+
+    They stay within `reach_m` of the origin in x and y.
+    """
 
     def __init__(self, count: int, seed: int, reach_m: tuple[float, float] = _REACH_M) -> None:
-        """Puts robots within `reach_m` of the origin in x and y; `seed` decides what they do."""
         self._rng = np.random.default_rng(seed)
         self._reach_m = reach_m
         self._poses = crowd(self._rng, count, reach_m)
@@ -131,7 +112,6 @@ class MovingStudio:
     """Pictures of one family's markers on robots that drive ahead while they are exposed."""
 
     def __init__(self, family: str, tags: Sequence[int], rig: tuple[Camera, ...], seed: int):
-        """Builds the scene, about a second for each four cameras."""
         bodies = tuple(Body(tag, MARKER_M) for tag in tags)
         spec = LabCameraSpec(rig, (), bodies, family, 100_000_000, "", Path(), seed)
         self._studio = Studio(spec)
@@ -139,10 +119,7 @@ class MovingStudio:
         self._dark = np.zeros(len(tags), dtype=np.uint16)
 
     def expose(self, timestep: int, poses: Floats) -> Image:
-        """Takes the pictures (cameras, h, w) of robots that are at `poses` in mid-exposure.
-
-        The array is the same at every call.
-        """
+        """Pictures (cameras, h, w) of robots at `poses` in mid-exposure, always in one array."""
         ahead = 0.5 * EXPOSURE_S * SPEED_M_S
         way = np.stack((np.cos(poses[:, 2]), np.sin(poses[:, 2]), np.zeros(len(poses))), axis=1)
         through = np.array([poses + share * ahead * way for share in (-0.67, 0.0, 0.67)])
@@ -160,18 +137,18 @@ class Painter:
         self._timestep = 0
 
     def crowds(self, count: int) -> FrameSet:
-        """Returns pictures of the whole roster, each below another camera."""
+        """Pictures of the whole roster, each below another camera."""
         rng = np.random.default_rng(_SEED)
         shots = []
         for number in range(count):
-            camera = self._rig[number % len(self._rig)]
+            place = number % len(self._rig)
             poses = crowd(rng, len(self._tags))
-            poses[:, :2] += camera.position_m[:2]
-            shots.append((number % len(self._rig), poses))
-        return self._set([self._shoot(number, poses) for number, poses in shots])
+            poses[:, :2] += self._rig[place].position_m[:2]
+            shots.append(self._shoot(place, poses))
+        return self._set(shots)
 
     def spread(self) -> FrameSet:
-        """Returns one picture of each camera, the roster spread out below all of them."""
+        """One picture of each camera, the roster spread out below all of them."""
         rng = np.random.default_rng(_SEED + 1)
         poses = crowd(rng, len(self._tags))
         below = np.arange(len(self._tags)) % len(self._rig)
@@ -179,7 +156,7 @@ class Painter:
         return self._set([self._shoot(number, poses) for number in range(len(self._rig))])
 
     def walk(self, count: int) -> FrameSet:
-        """Returns pictures of the first camera in which the roster drives, turns and spins."""
+        """Pictures of the first camera in which the roster drives, turns and spins."""
         swarm = RenderedSwarm(len(self._tags), _SEED + 2)
         here = np.array((*self._rig[0].position_m[:2], 0.0))
         return self._set([self._shoot(0, swarm.drive() + here) for _ in range(count)])
@@ -189,7 +166,7 @@ class Painter:
         return FrameSet(self._name, self._family, self._tags, rig, images, truth)
 
     def _shoot(self, number: int, poses: Floats) -> tuple[Camera, Image, FrameTruth]:
-        """Takes a picture with one camera, in the middle of the exposure all are at `poses`."""
+        """Takes a picture with one camera; all are at `poses` in mid-exposure."""
         self._timestep += 1
         images = self._studio.expose(self._timestep, poses)
         camera = self._rig[number]

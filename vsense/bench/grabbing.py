@@ -1,7 +1,7 @@
 """`vsense bench grabbing`: what a GigE camera's pictures cost on top of finding markers in them.
 
-Without a camera Aravis' fake one on loopback sends them: a program of its own, whose work does not
-count. What counts is the processor time of this process, all of its threads, per picture.
+Without a camera Aravis' fake one on loopback sends them, a program of its own. Only the processor
+time of this process, all of its threads, counts, per picture.
 """
 
 from __future__ import annotations
@@ -42,15 +42,14 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class GrabbingRow:
-    """What one way of working costs.
+    """The cost of "detect", "grab" or "grab and detect".
 
     Attributes:
-        work: "detect", "grab" or "grab and detect".
-        packet_size: Bytes of a packet; None: no network.
-        cpu_ms: Processor time per picture, the median of the turns.
-        pictures: All of them together.
-        damaged: Pictures that came damaged.
-        age_ms: From the arrival of a picture's first packet until it was handed over, median.
+        packet_size: bytes of a packet; None: no network.
+        cpu_ms: processor time per picture, the median of the turns.
+        pictures: all of them together.
+        damaged: pictures that came damaged.
+        age_ms: from the arrival of a picture's first packet until `next` returned, median.
     """
 
     work: str
@@ -62,18 +61,15 @@ class GrabbingRow:
 
 
 def run(rounds: int, device: str | None, say: Say) -> dict[str, Any]:
-    """Runs the benchmark.
+    """Runs the benchmark: in each round each kind of work has its turn.
 
-    Args:
-        rounds: How often each way of working has its turn.
-        device: A GigE camera's address, id or serial number; None: the fake one.
-        say: Takes words for a person.
+    `device` is a GigE camera's address, id or serial number; None: the fake one.
 
     Returns:
         "rows", and of each packet size "on_top_ms": what grabbing adds to detecting.
 
     Raises:
-        VsenseError: There is no camera.
+        VsenseError: there is no camera.
     """
     rows = []
     with _camera(device) as address:
@@ -92,7 +88,7 @@ def run(rounds: int, device: str | None, say: Say) -> dict[str, Any]:
 
 
 def table(report: dict[str, Any]) -> str:
-    """Returns the report for a person."""
+    """The report as text."""
     lines = [
         f"{'work':16} {'packets':>8} {'CPU ms/picture':>15} {'pictures':>9} {'damaged':>8}"
         f" {'age ms':>7}"
@@ -113,7 +109,7 @@ def table(report: dict[str, Any]) -> str:
 
 @contextmanager
 def _camera(device: str | None) -> Iterator[str]:
-    """Gives a camera's name; without one, starts the fake camera and ends it afterwards."""
+    """A camera's name; without one, starts the fake camera and ends it afterwards."""
     if device is not None:
         yield device
         return
@@ -141,7 +137,7 @@ def _detecting() -> Callable[[], object]:
 def _turns(
     address: str, packet_size: int, rounds: int, detect: Callable[[], object]
 ) -> list[GrabbingRow]:
-    """Has the ways of working take turns with one open camera."""
+    """Does all kinds of work in turn."""
     settings = GenicamSettings(Controls(SIZE_PX, RATE_HZ), packet_size=packet_size)
     ways = {"detect": (False, True), "grab": (True, False), "grab and detect": (True, True)}
     found: dict[str, list[tuple[float, int, int, list[float]]]] = {way: [] for way in ways}
@@ -162,7 +158,7 @@ def _turns(
 def _turn(
     grabber: LiveGrabber | None, work: Callable[[], object]
 ) -> tuple[float, int, int, list[float]]:
-    """Works for a while; gives CPU time per picture [ms], pictures, damaged ones and their ages."""
+    """Works for a while; returns CPU time per picture [ms], pictures, damaged ones, and ages."""
     if grabber is not None:
         grabber.next(_FIRST_S)
     work()

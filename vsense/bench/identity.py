@@ -1,7 +1,7 @@
-"""`vsense bench identity`: a long run of the arena tracker, and every name that it gave judged.
+"""`vsense bench identity`: a long run of the arena tracker, of which every name is checked.
 
-Robots drive, turn and spin below four overlapping cameras, now and then nearly touching. Nobody
-takes part but vsense, and no time is measured.
+Robots drive, turn and spin below four overlapping cameras, now and then nearly touching. No time is
+measured.
 """
 
 from __future__ import annotations
@@ -11,21 +11,12 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vsense.arena import ArenaState, Frame
-from vsense.bench.frames import (
-    FRAMES_PER_S,
-    MARKER_M,
-    MovingStudio,
-    RenderedSwarm,
-    cameras,
-)
+from vsense.bench.frames import FRAMES_PER_S, MARKER_M, Floats, MovingStudio, RenderedSwarm, cameras
 from vsense.markers.codes import choose_tags
 from vsense.markers.families import MarkerFamily, load_family
 from vsense.tracking.arena_tracker import ArenaTracker
-
-Floats = NDArray[np.float64]
 
 FAMILIES = ("arrow4x4", "arrow4x4-thesis")
 ROBOTS = 20
@@ -41,17 +32,16 @@ _SAY_EVERY = 250
 
 @dataclass(slots=True)
 class IdentityScore:
-    """How one family's markers fared.
+    """Counts of one family's markers.
 
     Attributes:
-        family: The marker family.
-        robot_frames: Robots times timesteps.
-        named: Of these, how often the arena state had the robot seen at its place.
-        wrong_ids: Robots that the arena state had seen at places where they were not.
-        swaps: Of these, how many were another robot's places.
-        wrong_readings: The same for what the pictures alone said.
-        joined: Tags that joined the roster; there are none.
-        square_mm2: Sum of the squared distances to the truth of those named.
+        robot_frames: robots times timesteps.
+        named: of these, those that the arena state has as seen at their true place.
+        wrong_ids: robots that the arena state has as seen where they were not.
+        swaps: of these, those at another robot's place.
+        wrong_readings: wrong names in single pictures.
+        joined: tags that joined the roster, by mistake.
+        square_mm2: sum of the squared distances to the truth of those named.
     """
 
     family: str
@@ -82,7 +72,7 @@ class IdentityScore:
             self.wrong_readings += not there
 
     def report(self) -> dict[str, Any]:
-        """Returns the figures, with `named_share` and `position_rms_mm`."""
+        """The figures, with `named_share` and `position_rms_mm`."""
         values = asdict(self)
         square = values.pop("square_mm2")
         share = self.named / max(self.robot_frames, 1)
@@ -91,20 +81,11 @@ class IdentityScore:
 
 
 def run(timesteps: int, say: Callable[[str], None]) -> dict[str, Any]:
-    """Runs the benchmark.
-
-    Args:
-        timesteps: How many of each family.
-        say: Told what is being done.
-
-    Returns:
-        The report: `rows`, one for each of `FAMILIES`, see `IdentityScore`.
-    """
+    """Runs the benchmark; its report has `rows`, an `IdentityScore` for each of `FAMILIES`."""
     return {"rows": [_follow(family, timesteps, say).report() for family in FAMILIES]}
 
 
 def _follow(name: str, timesteps: int, say: Callable[[str], None]) -> IdentityScore:
-    """Tracks one family's robots for a while."""
     family = load_family(name)
     assert isinstance(family, MarkerFamily), "the shipped families are of arrows"
     tags = choose_tags(family, ROBOTS, _BLUR_MM, seed=14)
@@ -120,7 +101,7 @@ def _follow(name: str, timesteps: int, say: Callable[[str], None]) -> IdentitySc
 
 
 def _shots(name: str, tags: list[int], timesteps: int) -> Iterator[tuple[list[Frame], Floats]]:
-    """Yields each timestep's pictures, and where the robots are in the middle of the exposure."""
+    """Each timestep's pictures, and the robots' poses in mid-exposure."""
     rig = cameras(2, 2)
     studio = MovingStudio(name, tags, rig, _SEED)
     swarm = RenderedSwarm(len(tags), _SEED, _REACH_M)
@@ -136,7 +117,7 @@ def _shots(name: str, tags: list[int], timesteps: int) -> Iterator[tuple[list[Fr
 
 
 def table(report: dict[str, Any]) -> str:
-    """Returns the report for a person."""
+    """The report as text."""
     return "\n".join(
         f"{row['family']}: {row['robot_frames']} robot-frames, {100.0 * row['named_share']:.4f} %"
         f" named, {row['wrong_ids']} wrong ids, {row['swaps']} of them swaps,"

@@ -1,7 +1,7 @@
 """What a robot's daemon costs: bytes, memory, and instructions of a control step.
 
-Sizes and instruction counts are exact and the same on every machine with the pinned compiler;
-what cannot be measured here is said, never guessed.
+Sizes and instruction counts are exact and the same on every machine with the pinned compiler; the
+report lists what could not be measured.
 """
 
 from __future__ import annotations
@@ -37,9 +37,6 @@ Say = Callable[[str], None]
 def run(say: Say) -> dict[str, Any]:
     """Measures everything that can be measured here.
 
-    Args:
-        say: is told what goes on.
-
     Returns:
         `sizes` [byte] by target, `step_instructions`, `memory_kb` of both processes on this
         machine; None where something is missing, and `missing` says what.
@@ -63,21 +60,20 @@ def run(say: Say) -> dict[str, Any]:
 
 
 def table(report: dict[str, Any]) -> str:
-    """Returns the report for a person."""
+    """The report as text."""
     lines = [f"vsensed with the controller '{report['controller']}', static and stripped:"]
     for target, size in report["sizes"].items():
         limit = f" of {report['size_max']:,} allowed" if target == "epuck" else ""
         lines.append(f"  {target:<8} {f'{size:,} bytes{limit}' if size else 'not built'}")
     count = report["step_instructions"]
-    told = f"{count:,} of {report['step_max']:,} allowed" if count else "not counted"
-    lines.append(f"instructions of a control step on ARMv5, protocol included: {told}")
+    counted = f"{count:,} of {report['step_max']:,} allowed" if count else "not counted"
+    lines.append(f"instructions of a control step on ARMv5, protocol included: {counted}")
     memory = report["memory_kb"]
     lines.append(f"resident memory of both processes here: {f'{memory} kB' if memory else '?'}")
     return "\n".join([*lines, *(f"not measured: {text}" for text in report["missing"])])
 
 
 def _sizes(folder: Path, say: Say, missing: list[str]) -> dict[str, int | None]:
-    """Builds the daemon for every target."""
     sizes: dict[str, int | None] = {}
     for target in TARGETS:
         say(f"building vsensed for {target}; the first time takes a minute")
@@ -92,10 +88,7 @@ def _sizes(folder: Path, say: Say, missing: list[str]) -> dict[str, int | None]:
 def step_instructions(folder: Path, say: Say, missing: list[str]) -> int | None:
     """Counts the instructions of a control step on an emulated ARM926, host and kernel left out.
 
-    Args:
-        folder: for what is built.
-        say: is told what goes on.
-        missing: is told what is not there.
+    What is built goes into `folder`; what is not there is appended to `missing`.
     """
     qemu = shutil.which("qemu-arm")
     if qemu is None:
@@ -109,7 +102,7 @@ def step_instructions(folder: Path, say: Say, missing: list[str]) -> int | None:
     except BuildError as error:
         missing.append(f"instructions: {str(error).splitlines()[0]}")
         return None
-    # Two lengths of each: their difference is free of what happens once.
+    # Two lengths of each: their difference is free of start and end.
     costs = {}
     for mode in ("live", "host"):
         few, many = (_count(qemu, plugin, program, mode, n) for n in (STEPS // 10, STEPS))
@@ -134,7 +127,7 @@ def _build_plugin(plugin: Path) -> None:
 
 
 def _count(qemu: str, plugin: Path, program: Path, mode: str, steps: int) -> int:
-    """Runs a program on the emulated processor; gives how many instructions it took."""
+    """Runs a program on the emulated processor; returns how many instructions it took."""
     command = [qemu, "-cpu", "arm926", "-plugin", str(plugin), "-d", "plugin"]
     # Without an environment: its size would shift the count.
     done = subprocess.run(

@@ -1,7 +1,7 @@
 """`vsense bench tracking`: detectors side by side on the same floors, in one run.
 
-Contestants take turns, so that what else the machine does meets all of them; what counts is the
-median of all pictures of all rounds.
+Contestants take turns, so that other load of the machine affects all of them; the median of all
+pictures of all rounds counts.
 """
 
 from __future__ import annotations
@@ -54,13 +54,11 @@ class TrackingRow:
     """One contestant's result.
 
     Attributes:
-        detector: Its name.
-        frames: The pictures' name.
-        threads: How many it used.
-        ms_per_frame: Median time per picture.
-        detected_share: Share of the markers that it found and named.
-        wrong_ids: Names given to something that does not carry them, in all pictures together.
-        position_rms_px: Root mean square distance to the truth, in x and y together.
+        frames: name of the pictures.
+        ms_per_frame: median time per picture.
+        detected_share: share of the markers that it found and named.
+        wrong_ids: wrong names, in all pictures together.
+        position_rms_px: root mean square distance to the truth, in x and y together.
     """
 
     detector: str
@@ -76,13 +74,9 @@ Say = Callable[[str], None]
 
 
 def run(rounds: int, pictures: int, walk: int, say: Say) -> dict[str, Any]:
-    """Runs the benchmark.
+    """Runs the benchmark: in each round each contestant does a pass.
 
-    Args:
-        rounds: How often each contestant does its pictures.
-        pictures: Pictures in each set.
-        walk: Pictures in the motion sequence.
-        say: Told what is being done.
+    Each set has `pictures` pictures, the motion sequence `walk`.
 
     Returns:
         The report: `rows`, `floor_ms`, `memcpy_ms`, `set16`, `ratio_to_aruco`,
@@ -135,12 +129,7 @@ def _invite(pictures: int, walk: int, say: Say) -> tuple[list[Contestant], Conte
         contestants += [
             Single("cv2.aruco, default", squares, opencv(False), threads),
             Single(ARUCO_SUBPIX, squares, opencv(True), threads),
-            Single(
-                ARUCO_TUNED,
-                squares,
-                opencv(True, _TUNED_WINDOW_PX),
-                threads,
-            ),
+            Single(ARUCO_TUNED, squares, opencv(True, _TUNED_WINDOW_PX), threads),
         ]
     contestants += _plans(moving)
     if is_installed():
@@ -162,7 +151,7 @@ def _detector(frames: FrameSet) -> Any:
 
 
 def _plans(moving: FrameSet) -> Iterator[Contestant]:
-    """Yields the tracker with each row of Table 2.1, and with the warm fit."""
+    """The tracker with each row of Table 2.1, and with the warm fit."""
     for period, side_m in TABLE_2_1:
         square = f", {100.0 * side_m:.0f} cm" if period > 1 else ""
         name = f"vsense tracker, key frame {period}{square}"
@@ -196,7 +185,7 @@ def judge(contestant: Contestant, times: list[float], found: list[FoundTags]) ->
 
 
 def _floor(frames: FrameSet, touch: Callable[[Any], Any]) -> list[float]:
-    """Returns what it takes to touch pictures once [ms]; there are more than caches hold."""
+    """Times to touch pictures once [ms]; there are more than caches hold."""
     images: list[Image] = list(frames.images)
     while len(images) < _COLD_FRAMES:
         images += [image.copy() for image in frames.images]
@@ -223,11 +212,7 @@ def _report(
         "rows": [asdict(row) for row in rows],
         "floor_ms": floor_ms,
         "memcpy_ms": copy_ms,
-        "set16": {
-            "threads": MAX_THREADS,
-            "ms": set_ms,
-            "times_floor": set_ms / (16.0 * floor_ms),
-        },
+        "set16": {"threads": MAX_THREADS, "ms": set_ms, "times_floor": set_ms / (16.0 * floor_ms)},
         "ratio_to_aruco": against(ARUCO_SUBPIX),
         "ratio_to_aruco_tuned": against(ARUCO_TUNED),
         "ratio_to_apriltag": against(APRILTAG),

@@ -1,12 +1,11 @@
-"""`vsense bench world`: one timestep of the virtual world, and how many a simulation gets through.
+"""`vsense bench world`: one timestep of the virtual world, and the speed of a simulation.
 
-A timestep here is the update of the world with a new arena state, all light readings of all
-robots (24 sensors each, 4 lights, the generic formula; robots are in each other's light) and
-their bytes for the wire. Each robot has the room that it has in the pollutant experiment. The
-lights hang just above the robots' heads, so that these stand in the way of many rays.
+A timestep here is the update of the world with a new arena state, all light readings of all robots
+(24 sensors each, 4 lights, the generic formula; robots are in each other's light) and their bytes
+for the wire. Each robot has as much room as in the pollutant experiment. The lights hang just above
+the robots, which therefore stand in the way of many rays.
 
-One thread does it all, and its own time is what counts: a step of many milliseconds would
-otherwise be charged for what else a busy machine does meanwhile.
+One thread does it all; only its own processor time counts, not that of a busy machine.
 """
 
 from __future__ import annotations
@@ -51,13 +50,7 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class WorldRow:
-    """One size of swarm.
-
-    Attributes:
-        robots: How many.
-        ms_per_step: Median time of a timestep.
-        us_per_robot: The same for each robot.
-    """
+    """One size of swarm; times are medians of a timestep."""
 
     robots: int
     ms_per_step: float
@@ -65,15 +58,9 @@ class WorldRow:
 
 
 class SensingSwarm:
-    """Robots that drive about among lights, and what they sense.
-
-    Attributes:
-        world: The world.
-        states: Arena states that follow each other.
-    """
+    """Robots that drive among lights, and their sensors; `states` follow each other."""
 
     def __init__(self, robots: int) -> None:
-        """Places the robots, none on top of another."""
         columns = math.ceil(math.sqrt(robots))
         pitch_m = math.sqrt(_ROOM_M2)
         random = np.random.default_rng(_SEED)
@@ -95,7 +82,7 @@ class SensingSwarm:
         self._timestep = 0
 
     def step(self) -> dict[int, Any]:
-        """Lives a timestep; gives what every robot is sent."""
+        """Handles a timestep; returns the readings of every robot."""
         state = self.states[self._timestep % _STATES]
         self.world.update(state, self._timestep)
         self.world.step()
@@ -113,12 +100,7 @@ class SensingSwarm:
 
 
 def run(rounds: int, say: Say, robots: Sequence[int] = ROBOTS) -> dict[str, Any]:
-    """Runs the benchmark.
-
-    Args:
-        rounds: How often each size of swarm takes its turn.
-        say: Told what is being done.
-        robots: The sizes.
+    """Runs the benchmark: in each round each number of robots has its turn.
 
     Returns:
         The report: `rows`, `floor_ms` for the largest swarm, `sim_speedup`.
@@ -158,11 +140,7 @@ def brute_force_floor(robots: int) -> float:
 
 
 def simulation() -> Callable[[], float]:
-    """Makes a function that simulates the experiment; it gives simulated seconds per second.
-
-    Raises:
-        VsenseError: its controller cannot be built.
-    """
+    """Makes a function that simulates the experiment and returns simulated seconds per second."""
     setup = Setup(EXPERIMENT)
     experiment = setup.load()
     library = build.shared(experiment.controller.library, experiment.path.parent)
@@ -177,19 +155,14 @@ def simulation() -> Callable[[], float]:
 
 
 def table(report: dict[str, Any]) -> str:
-    """Returns the report for a person."""
+    """The report as text."""
     lines = [f"{'robots':>6}  {'ms/timestep':>11}  {'us/robot':>8}"]
     for row in report["rows"]:
         robots, ms, us = row["robots"], row["ms_per_step"], row["us_per_robot"]
         lines.append(f"{robots:6d}  {ms:11.3f}  {us:8.2f}")
-    return "\n".join(
-        [
-            *lines,
-            "",
-            f"floor: one NumPy operation on every pair of ray and body {report['floor_ms']:.1f} ms",
-            f"vsense sim {EXPERIMENT}: {report['sim_speedup']:.0f} simulated seconds per second",
-        ]
-    )
+    floor = f"floor: one NumPy operation on every pair of ray and body {report['floor_ms']:.1f} ms"
+    sim = f"vsense sim {EXPERIMENT}: {report['sim_speedup']:.0f} simulated seconds per second"
+    return "\n".join([*lines, "", floor, sim])
 
 
 def _timed(work: Callable[[], object]) -> float:

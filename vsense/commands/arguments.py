@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, TypeVar
@@ -80,6 +80,23 @@ def setting(text: str) -> tuple[str, str]:
             f"'{text}' is no ELEMENT.attribute=VALUE, such as sensor.noise=0.1"
         )
     return key, value
+
+
+def flag(group: Any, name: str, text: str) -> None:
+    """Declares an option without a value; `text` is its help."""
+    group.add_argument(name, action="store_true", help=text)
+
+
+def option(
+    group: Any,
+    names: str,
+    kind: Callable[[str], object],
+    metavar: str,
+    text: str,
+    default: object = None,
+) -> None:
+    """Declares an option, of which `kind` reads the value; a space separates its `names`."""
+    group.add_argument(*names.split(), type=kind, metavar=metavar, help=text, default=default)
 
 
 def add_charts(parser: argparse.ArgumentParser) -> None:

@@ -71,11 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Runs a benchmark and prints its report; returns 0.
-
-    Raises:
-        UsageError: an option that the subject does not have.
-    """
+    """Runs a benchmark and prints its report; UsageError for an option of another subject."""
     for option, subject in _ONLY.items():
         if options.subject != subject and getattr(options, option) is not None:
             raise UsageError(f"--{option}: 'vsense bench {options.subject}' has none")

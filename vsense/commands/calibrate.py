@@ -90,9 +90,7 @@ def _add_rig(steps: Any) -> None:
         metavar="DIR",
         help="folder with camera files whose lenses are right already and stay as they are",
     )
-    step.add_argument(
-        "--refine", action="store_true", help="let these lenses move a little, by half a percent"
-    )
+    arguments.flag(step, "--refine", "let these lenses move a little, by half a percent")
     step.add_argument(
         "--floor",
         nargs="+",
@@ -117,12 +115,8 @@ def _add_rig(steps: Any) -> None:
 
 
 def _add_points(step: argparse.ArgumentParser) -> None:
-    step.add_argument(
-        "--points", type=Path, metavar="CSV", help="known points: id,x_m,y_m,z_m in the arena"
-    )
-    step.add_argument(
-        "--seen", type=Path, metavar="CSV", help="where they are seen: camera,id,x_px,y_px"
-    )
+    arguments.option(step, "--points", Path, "CSV", "known points: id,x_m,y_m,z_m in the arena")
+    arguments.option(step, "--seen", Path, "CSV", "where they are seen: camera,id,x_px,y_px")
     step.add_argument(
         "--tags",
         metavar="DICT",
@@ -146,9 +140,7 @@ def _add_example(steps: Any) -> None:
     )
     step.add_argument("directory", type=Path, help="folder for pictures/ and truth/")
     step.add_argument("--board", default="charuco:7x5:80mm:4X4_50", metavar="BOARD", help=_BOARD)
-    step.add_argument(
-        "--seed", type=arguments.natural, default=1, metavar="N", help="seed of poses and noise"
-    )
+    arguments.option(step, "--seed", arguments.natural, "N", "seed of poses and noise", 1)
 
 
 def _add_sources(step: argparse.ArgumentParser) -> None:
@@ -169,9 +161,7 @@ def _add_sources(step: argparse.ArgumentParser) -> None:
         metavar="CSV",
         help="instead of pictures: corners found before, camera,moment,corner,x_px,y_px",
     )
-    step.add_argument(
-        "--size", type=_size, metavar="WxH", help="size of the pictures that --corners came from"
-    )
+    arguments.option(step, "--size", _size, "WxH", "size of the pictures that --corners came from")
     step.add_argument(
         "-o",
         "--output",
@@ -180,9 +170,7 @@ def _add_sources(step: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="folder for camera files and report (default: cameras)",
     )
-    step.add_argument(
-        "--json", action="store_true", help="print the report as one JSON object on standard output"
-    )
+    arguments.flag(step, "--json", "print the report as one JSON object on standard output")
 
 
 def _place(text: str) -> tuple[float, float, float]:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
-import sys
 from pathlib import Path
 
 from vsense.camera_setup import files, listing, shooting, showing, sweep, tuning
@@ -15,6 +13,7 @@ from vsense.cameras.opencv_source import Controls
 from vsense.commands import arguments
 from vsense.config.resources import EXPOSURES_US, GAINS, RATES_HZ, SIDES_PX
 from vsense.errors import UsageError
+from vsense.terminal import drop_output
 
 DESCRIPTION = (
     "Without an action it lists the cameras: GigE Vision, USB3 Vision, V4L2. 'show' looks through"
@@ -77,12 +76,8 @@ def _add_tune(parser: argparse.ArgumentParser) -> None:
         metavar="PX",
         help="pixels per metre at the markers (default: told by the markers in the picture)",
     )
-    group.add_argument(
-        "--focal-px", type=_positive, metavar="PX", help="or: focal length, with --height-m"
-    )
-    group.add_argument(
-        "--height-m", type=_positive, metavar="M", help="from the lens down to the markers"
-    )
+    arguments.option(group, "--focal-px", _positive, "PX", "or: focal length, with --height-m")
+    arguments.option(group, "--height-m", _positive, "M", "from the lens down to the markers")
     group.add_argument(
         "--camera", metavar="ID", help="or: the calibrated camera of the resources file"
     )
@@ -200,11 +195,7 @@ def _number(text: str) -> float:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Runs an action.
-
-    Raises:
-        VsenseError: it cannot be done; one clear line.
-    """
+    """Runs an action."""
     actions = {
         "list": lambda: listing.run(options.json),
         "show": lambda: _show(options),
@@ -215,8 +206,7 @@ def run(options: argparse.Namespace) -> int:
     try:
         return actions[options.action or "list"]()
     except BrokenPipeError:
-        # Whoever read the output has seen enough, and nothing more can be written there.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        drop_output()
         return 0
 
 
@@ -232,12 +222,7 @@ def _tune(options: argparse.Namespace) -> int:
 
 
 def wanted_of(options: argparse.Namespace) -> Controls:
-    """Returns what the command line asks a camera for.
-
-    Raises:
-        UsageError: one of width and height is missing, or a value is beyond what the resources
-            file takes.
-    """
+    """What the command line asks a camera for; UsageError beyond what the resources file takes."""
     for name, bounds in _TAKEN.items():
         value = getattr(options, name)
         if value is not None and not bounds[0] <= value <= bounds[1]:

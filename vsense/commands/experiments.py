@@ -28,20 +28,15 @@ def add_experiment(parser: argparse.ArgumentParser) -> None:
         help="only say what the experiment holds, what of its file is not supported, and how many"
         " bytes a robot is sent and sends",
     )
-    parser.add_argument(
-        "--strict",
-        action="store_true",
-        help="refuse a file in which anything is not supported, instead of warning",
+    arguments.flag(
+        parser, "--strict", "refuse a file in which anything is not supported, instead of warning"
     )
     _add_run(parser)
 
 
 def _add_run(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--duration",
-        type=arguments.seconds,
-        metavar="S",
-        help="length of a run in s (default: the file's)",
+    arguments.option(
+        parser, "--duration", arguments.seconds, "S", "length of a run in s (default: the file's)"
     )
     parser.add_argument(
         "--seed",
@@ -49,20 +44,11 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="seed of everything that is drawn (default: the file's; 0 draws a fresh one)",
     )
-    parser.add_argument(
-        "--robots",
-        type=arguments.positive,
-        metavar="N",
-        help="take only the first N robots of the file",
+    arguments.option(
+        parser, "--robots", arguments.positive, "N", "take only the first N robots of the file"
     )
-    parser.add_argument(
-        "--blind", action="store_true", help="hold the virtual sensors at 0: the control experiment"
-    )
-    parser.add_argument(
-        "--json",
-        action="store_true",
-        help="print the summary as one JSON object on standard output",
-    )
+    arguments.flag(parser, "--blind", "hold the virtual sensors at 0: the control experiment")
+    arguments.flag(parser, "--json", "print the summary as one JSON object on standard output")
 
 
 def add_settings(parser: argparse.ArgumentParser) -> None:
@@ -96,9 +82,7 @@ def add_room(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="a series of N runs; the seed of each is the one before plus 1 (default: 1)",
     )
-    group.add_argument(
-        "--record", action="store_true", help="record every run to an MCAP file from its beginning"
-    )
+    arguments.flag(group, "--record", "record every run to an MCAP file from its beginning")
     group.add_argument(
         "--record-images",
         action="store_true",
@@ -114,19 +98,15 @@ def room_of(options: argparse.Namespace) -> RoomOptions:
 def open_experiment(
     options: argparse.Namespace, settings: Mapping[str, str] | None = None
 ) -> Experiment | None:
-    """Loads an experiment as the command line says.
-
-    Args:
-        options: `experiment`, `duration`, `dry` and `strict`; and `set` where settings are None.
-        settings: values instead of the file's.
+    """Loads an experiment as the command line says; `settings` are by default those of `--set`.
 
     Returns:
-        The experiment; None with `--dry`: what it holds is on standard output then.
+        The experiment; None with `--dry`, which prints its contents on standard output.
 
     Raises:
         UsageError: there is no such experiment, or a setting fits nothing in it.
         ConfigError: the file is wrong, or is not fully supported with `--strict`.
-        VsenseError: nobody reads standard output.
+        VsenseError: standard output cannot be written.
     """
     if settings is None:
         settings = dict(options.set)
@@ -147,12 +127,7 @@ def say_warnings(console: Console, experiment: Experiment) -> None:
 def prepare(
     options: argparse.Namespace, experiment: Experiment, real: bool = True
 ) -> tuple[Experiment, int, Path]:
-    """Takes the robots that are wanted and settles their places.
-
-    Args:
-        options: `robots`, `seed` and `output`.
-        experiment: as it was opened.
-        real: see `settle`.
+    """Takes the robots that are wanted and settles their places; for `real` see `settle`.
 
     Returns:
         The experiment, the seed of its first run, and the new directory of all runs.

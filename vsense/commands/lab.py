@@ -54,18 +54,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 COMPLAINTS_TIMESTEP = 10
-"""By then every controller has begun and said what it misses."""
+"""By then every controller has begun and reported what it misses."""
 
 
 def run(options: argparse.Namespace) -> int:
-    """Runs an experiment in the lab and reports about it.
+    """Runs an experiment in the lab and reports about it, also after a failure.
 
     Returns:
         0, or 130 after Ctrl-C or SIGTERM: what was measured until then is reported all the same.
-
-    Raises:
-        VsenseError: it cannot run, or something failed in mid-run; what was measured until then
-            is reported first.
     """
     opened = experiments.open_experiment(options)
     if opened is None:
@@ -99,7 +95,7 @@ def _run_all(
                 session.wait_until_ready()
                 _announce(console, session, directory)
                 session.run(directory, _progress(console, session))
-                room.end_run()
+                room.recorders.end_run()
                 if not series.goes_on(session.runner):
                     return None
                 session.next_run()
@@ -123,7 +119,7 @@ def _announce(console: Console, session: Session, directory: Path) -> None:
 
 
 def _progress(console: Console, session: Session) -> Callable[[Step], None]:
-    """Makes the function that keeps the live line up to date."""
+    """Makes the function that updates the live line."""
     experiment = session.experiment
     length = f"/{experiment.length_s:g}" if experiment.length_s else ""
 
@@ -145,7 +141,7 @@ def _progress(console: Console, session: Session) -> Callable[[Step], None]:
 
 
 def _measured(session: Session) -> str:
-    """What the host knows of the experiment's success: robots in the cone, or its measures."""
+    """The host's measure of success: robots in the cone, or the experiment's measures."""
     world, source = session.environment.world, session.experiment.source
     if source is None:
         return "".join(f"  {spoken(name)} {value:.3g}" for name, value in world.results.items())
@@ -157,7 +153,7 @@ def _measured(session: Session) -> str:
 def _report_all(
     options: argparse.Namespace, session: Session, series: Series, console: Console
 ) -> None:
-    """Measures, writes and prints what became of every run."""
+    """Measures, writes and prints the figures of all runs."""
     summaries = []
     for number, recording in enumerate(session.recordings, 1):
         if recording.steps:

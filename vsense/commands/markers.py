@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from vsense.commands import arguments
-from vsense.errors import UsageError
+from vsense.errors import UsageError, failing_as
 from vsense.markers import codes, paper, sheet
 from vsense.markers.families import load_family
 
@@ -40,9 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--paper", choices=("a4", "letter"), default="a4", help="paper (default: a4)"
     )
-    parser.add_argument(
-        "--dpi", type=_dpi, default=300, metavar="N", help="resolution of PNGs (default: 300)"
-    )
+    arguments.option(parser, "--dpi", _dpi, "N", "resolution of PNGs (default: 300)", 300)
     parser.add_argument(
         "-o",
         "--output",
@@ -71,10 +69,8 @@ def run(options: argparse.Namespace) -> int:
         }
     )
     for name, data in files.items():
-        try:
+        with failing_as(UsageError, f"{name}: cannot be written"):
             name.write_bytes(data)
-        except OSError as error:
-            raise UsageError(f"{name}: cannot be written: {error.strerror}") from None
         print(name)
     print(f"vsense: tags {' '.join(map(str, chosen))}", file=sys.stderr)
     if abs(size_mm - family.disc_diameter_mm) > 1e-6:

@@ -40,11 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_process(parser: argparse.ArgumentParser) -> None:
     """Declares which experiment is meant."""
-    parser.add_argument(
-        "--process",
-        type=arguments.process,
-        metavar="PID",
-        help="its process number, where several run",
+    arguments.option(
+        parser, "--process", arguments.process, "PID", "its process number, where several run"
     )
 
 
@@ -56,11 +53,7 @@ class TerminalError(VsenseError):
 
 
 def run(options: argparse.Namespace) -> int:
-    """Asks the running experiment, or gives it an order.
-
-    Raises:
-        VsenseError: none runs, it does not answer, or it refuses.
-    """
+    """Asks the running experiment, or gives it an order."""
     if options.command == "status":
         answer = ask({"ask": "status"}, options.process)
         print(json.dumps(answer, indent=2) if options.json else table(answer))
@@ -72,11 +65,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def robots(options: argparse.Namespace) -> int:
-    """Shows the robots of the running experiment.
-
-    Raises:
-        VsenseError: none runs, or it does not answer.
-    """
+    """Shows the robots of the running experiment."""
     answer = ask({"ask": "status"}, options.process)
     rows = answer["robots"]
     print(json.dumps(rows, indent=2) if options.json else robot_table(rows))
@@ -84,14 +73,10 @@ def robots(options: argparse.Namespace) -> int:
 
 
 def ask(question: Mapping[str, Any], process: int | None = None) -> dict[str, Any]:
-    """Asks the experiment that runs on this machine.
-
-    Args:
-        question: see `vsense.ui.control_socket`.
-        process: its number; None: the only one there is.
+    """Asks the experiment that runs on this machine; for `question` see `vsense.ui.control_socket`.
 
     Raises:
-        UsageError: none runs, or several do and none is named.
+        UsageError: none runs, or several do and `process` names none.
         TerminalError: it does not answer, or refuses.
     """
     path = _find(process)

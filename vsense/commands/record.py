@@ -24,19 +24,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "experiment", help="a shipped experiment's name, or the path of a .argos file"
     )
     parser.add_argument("directory", type=Path, help="folder for the recording, made if need be")
-    parser.add_argument(
-        "--frames",
-        type=arguments.positive,
-        default=100,
-        metavar="N",
-        help="timesteps to record (default: 100)",
+    arguments.option(
+        parser, "--frames", arguments.positive, "N", "timesteps to record (default: 100)", 100
     )
-    parser.add_argument(
-        "--seed",
-        type=arguments.natural,
-        default=1,
-        metavar="N",
-        help="seed of poses, ways and noise (default: 1)",
+    arguments.option(
+        parser, "--seed", arguments.natural, "N", "seed of poses, ways and noise (default: 1)", 1
     )
     parser.add_argument(
         "--format",

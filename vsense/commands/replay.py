@@ -33,9 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     parser.add_argument("file", type=Path, help="the recording (.mcap)")
     arguments.add_web(parser, ("127.0.0.1", 8080))
-    parser.add_argument(
-        "--speed", type=float, default=1.0, metavar="X", help="times the real speed (default: 1)"
-    )
+    arguments.option(parser, "--speed", float, "X", "times the real speed (default: 1)", 1.0)
     again = parser.add_argument_group("tracking again")
     again.add_argument("--retrack", action="store_true", help="run the tracker again and compare")
     again.add_argument(
@@ -57,15 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Plays a recording, or tracks again.
-
-    Returns:
-        0, or 130 where it was interrupted, as whoever plays always does.
-
-    Raises:
-        VsenseError: the recording or the page cannot be opened, there is nothing to track, or the
-            settings make no tracker.
-    """
+    """Plays a recording, or tracks again; 0, or 130 where it was interrupted, as playing ends."""
     recording.require()
     if options.retrack:
         return _retrack(options)
@@ -77,13 +67,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def play(file: Path, speed: float, web: WebAddress) -> int:
-    """Plays a recording in the page until somebody interrupts; see `run`.
-
-    Args:
-        file: the recording.
-        speed: times the real one.
-        web: where the page is served.
-    """
+    """Plays a recording in the page until it is interrupted, `speed` times as fast as real time."""
     # These need the extra `record`.
     from vsense.recording.player import Player
     from vsense.recording.reader import open_recording

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -44,13 +45,8 @@ def _add_build(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--target", required=True, choices=list(boards.TARGETS), help=f"kind of board. {kinds}"
     )
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        default=Path("vsensed"),
-        metavar="FILE",
-        help="where it goes (default: vsensed)",
+    arguments.option(
+        parser, "-o --output", Path, "FILE", "where it goes (default: vsensed)", Path("vsensed")
     )
     parser.add_argument("--json", action="store_true", help="print what was built as JSON")
 
@@ -76,9 +72,7 @@ def _add_deploy(parser: argparse.ArgumentParser) -> None:
         metavar="ADDRESS",
         help="numeric IPv4 address of the machine that `vsense run` will run on",
     )
-    parser.add_argument(
-        "--port", type=arguments.port, default=4050, metavar="P", help="its port (default: 4050)"
-    )
+    arguments.option(parser, "--port", arguments.port, "P", "its port (default: 4050)", 4050)
     parser.add_argument(
         "--base", help="what turns the robots' wheels, such as argos:/dev/ttyS0; see vsensed --help"
     )
@@ -103,14 +97,7 @@ def _add_ways(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Runs an action.
-
-    Returns:
-        0, or 1 where a robot was not served.
-
-    Raises:
-        VsenseError: it cannot be done; one clear line.
-    """
+    """Runs an action; 0, or 1 where a robot was not served."""
     actions = {"build": build, "deploy": deploy, "status": orders.robots}
     return actions[options.action](options)
 
@@ -118,30 +105,17 @@ def run(options: argparse.Namespace) -> int:
 def build(options: argparse.Namespace) -> int:
     """Builds `vsensed` for a board and says what it is."""
     built = boards.build(options.controller, options.target, options.output)
-    facts: dict[str, Any] = {
-        "path": str(built.path),
-        "target": built.target,
-        "size": built.size,
-        "controller": str(built.controller),
-        "hash": built.hash,
-        "compiler": built.compiler,
-    }
-    if options.json:
-        print(json.dumps(facts, indent=2))
-    else:
-        print(
-            f"{built.path}: {built.size} bytes for {built.target},"
-            f" controller {built.controller.name} {built.hash}"
-        )
+    facts = asdict(built) | {"path": str(built.path), "controller": str(built.controller)}
+    text = (
+        f"{built.path}: {built.size} bytes for {built.target},"
+        f" controller {built.controller.name} {built.hash}"
+    )
+    print(json.dumps(facts, indent=2) if options.json else text)
     return 0
 
 
 def deploy(options: argparse.Namespace) -> int:
-    """Brings `vsensed` to all robots of a list and prints a table of what became of them.
-
-    Returns:
-        0, or 1 where a robot has failed.
-    """
+    """Brings `vsensed` to all robots of a list; prints a table of the outcomes."""
     robots = deploying.read(options.hosts)
     settings = {"host": options.host, "port": str(options.port), "base": options.base}
     plan = Plan(
@@ -165,7 +139,7 @@ def deploy(options: argparse.Namespace) -> int:
 
 
 def table(outcomes: list[Outcome]) -> str:
-    """Returns a row for every robot, and what the failed ones said below it."""
+    """A row for every robot, and below it the output of those that failed."""
     rows = [("robot", "tag", "", "")]
     rows += [
         (o.robot.destination, o.robot.settings["tag"], "ok" if o.ok else "FAILED", o.text)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from vsense.commands import arguments, experiments
-from vsense.config.specs import Experiment
-from vsense.errors import UsageError, VsenseError
+from vsense.errors import UsageError, VsenseError, failing_as
 from vsense.link.legacy.server import MixedServer
 from vsense.live.run import OneRun
 from vsense.live.session import RunSession, RunSetup
@@ -18,7 +18,7 @@ from vsense.run import directory as run_directory
 from vsense.run.directory import RunLog
 from vsense.run.robots import Readiness, shorten
 from vsense.run.runner import Series
-from vsense.terminal import INTERRUPTED, interruption
+from vsense.terminal import INTERRUPTED, interruption, print_data
 from vsense.ui.room import ControlRoom
 
 DESCRIPTION = (
@@ -42,11 +42,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="start after S s at the latest, without whoever is missing (default: wait for all)",
     )
-    parser.add_argument(
-        "--output",
-        type=Path,
-        metavar="DIR",
-        help="folder for notes and figures (default: runs/...)",
+    arguments.option(
+        parser, "--output", Path, "DIR", "folder for notes and figures (default: runs/...)"
     )
     experiments.add_room(parser)
 
@@ -79,27 +76,28 @@ def _add_ends(parser: argparse.ArgumentParser) -> None:
     )
 
 
+PATIENCE_S = 10.0
+"""In a series, every run but the first waits this long for robots, then starts without them."""
+
+
 class RunError(VsenseError):
     """The run cannot begin."""
 
 
 def run(options: argparse.Namespace) -> int:
-    """Runs an experiment with real robots, once or more often, and reports about every run.
+    """Runs an experiment with real robots and reports about every run, also after a failure.
 
     Returns:
         0, or 130 after Ctrl-C or SIGTERM in a run: what was measured until then is reported all
         the same.
-
-    Raises:
-        VsenseError: it cannot run, or something failed in mid-run; what was measured until then
-            is reported first.
     """
     opened = experiments.open_experiment(options)
     if opened is None:
         return 0
     require_source(opened, options.tracking)
     experiment, seed, directory = experiments.prepare(options, opened, real=False)
-    keep_file(experiment, directory)
+    with failing_as(run_directory.DirectoryError, f"cannot write to {directory}"):
+        (directory / experiment.path.name).write_bytes(experiment.path.read_bytes())
     with (
         RunLog(directory) as log,
         interruption() as interrupted,
@@ -113,44 +111,9 @@ def run(options: argparse.Namespace) -> int:
         return RunCommand(options, setup, directory, log, series).run()
 
 
-def keep_file(experiment: Experiment, directory: Path) -> None:
-    """Keeps the experiment's file as it is now beside what the run leaves.
-
-    Raises:
-        DirectoryError: it cannot be written.
-    """
-    try:
-        (directory / experiment.path.name).write_bytes(experiment.path.read_bytes())
-    except OSError as error:
-        text = f"cannot write to {directory}: {error.strerror}"
-        raise run_directory.DirectoryError(text) from None
-
-
-def _legacy_port(legacy_port: int | None, port: int) -> int | None:
-    """Checks that the two kinds of robots have a port each.
-
-    Raises:
-        UsageError: they have not.
-    """
-    if legacy_port and legacy_port == port:
-        raise UsageError(
-            f"--legacy-port: {port} is the port for vsensed, too: give that another, such as"
-            f" --port {port + 1}"
-        )
-    return legacy_port
-
-
 @dataclass(frozen=True, slots=True)
 class RunCommand:
-    """One call of the command, until all its runs are reported.
-
-    Attributes:
-        options: the command line.
-        setup: what the runs are made from.
-        directory: of all runs.
-        log: where to say what happens.
-        series: which runs there are.
-    """
+    """One call of the command, until all its runs are reported; `directory` is that of all runs."""
 
     options: argparse.Namespace
     setup: RunSetup
@@ -161,8 +124,13 @@ class RunCommand:
     def run(self) -> int:
         """Carries out all runs; see `run`."""
         options, setup = self.options, self.setup
-        legacy_port = _legacy_port(options.legacy_port, setup.address[1])
-        session = RunSession(setup, options.tracking, legacy_port)
+        port = setup.address[1]
+        if options.legacy_port and options.legacy_port == port:
+            raise UsageError(
+                f"--legacy-port: {port} is the port for vsensed, too: give that another, such as"
+                f" --port {port + 1}"
+            )
+        session = RunSession(setup, options.tracking, options.legacy_port)
         summaries: list[dict[str, Any]] = []
         failure: VsenseError | None = None
         with session:
@@ -173,27 +141,15 @@ class RunCommand:
             except VsenseError as error:
                 failure = error
         self.log.end_progress()
-        self._tell(summaries)
+        if summaries and not self.series.several and options.json:
+            print_data(json.dumps(summaries[0], indent=2))
+        self.series.write_summary(setup.experiment.name, summaries, options.json)
         if failure is not None:
             raise failure
         return INTERRUPTED if self.series.was_broken(session.runner.control) else 0
 
-    def _tell(self, summaries: list[dict[str, Any]]) -> None:
-        """Writes and prints the figures of all runs."""
-        options = self.options
-        if summaries and not self.series.several:
-            run_directory.print_summary(summaries[0], options.json)
-        self.series.write_summary(self.setup.experiment.name, summaries, options.json)
-
     def _one_run(self, session: RunSession, summaries: list[dict[str, Any]]) -> bool:
-        """Waits, carries out a run and reports.
-
-        Returns:
-            Whether it came to its end.
-
-        Raises:
-            VsenseError: something has failed; what was measured until then is reported first.
-        """
+        """Waits, carries out a run and reports; False if the wait was interrupted."""
         number = session.runner.control.run
         directory = self.series.directory(number)
         self.setup.room.begin_run(session.environment, directory)
@@ -208,7 +164,7 @@ class RunCommand:
             self.log.say(f"no table of this run's timesteps: {error}", "trouble")
         one = OneRun(session, directory, readiness, self.log)
         one.run()
-        self.setup.room.end_run()
+        self.setup.room.recorders.end_run()
         summary = one.report()
         if summary is not None:
             summaries.append(summary)
@@ -237,14 +193,16 @@ class RunCommand:
             say("only robots on this machine reach that address; for others: --host 0.0.0.0")
 
     def _wait(self, session: RunSession, number: int) -> Readiness:
-        """Waits until all are there, for as long as is said, or until somebody starts.
+        """Waits until all are there, for the time that is set, or until a START.
 
         Raises:
-            VsenseError: something has failed, or not one robot is there.
+            RunError: not one robot is there.
         """
         if number > 1:
             self.log.say(f"run {number}, seed {session.environment.seed}")
-        limit_s = self.series.patience_s(number, self.options.start_after)
+        limit_s = self.options.start_after
+        if limit_s is None and number > 1:
+            limit_s = PATIENCE_S
         readiness = session.runner.wait(limit_s)
         if readiness.complete or self.setup.interrupted.is_set():
             return readiness

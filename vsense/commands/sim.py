@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -55,11 +55,8 @@ def _add_campaign(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="runs of every setting, with the seeds 1 to N unless --seeds says which",
     )
-    campaign.add_argument(
-        "--seeds",
-        type=arguments.numbers,
-        metavar="LIST",
-        help="their seeds, such as 1-100 or 1,2,10-12",
+    arguments.option(
+        campaign, "--seeds", arguments.numbers, "LIST", "their seeds, such as 1-100 or 1,2,10-12"
     )
     campaign.add_argument(
         "--set",
@@ -83,14 +80,7 @@ def _add_campaign(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Runs what the command line says.
-
-    Returns:
-        0, or 130 after Ctrl-C or SIGTERM.
-
-    Raises:
-        VsenseError: it cannot run, or something failed in mid-run.
-    """
+    """Runs an experiment or a campaign; 0, or 130 after Ctrl-C or SIGTERM."""
     sweep = Sweep.of(options.set, options.runs, options.seeds)
     settings = sweep.first
     experiment = experiments.open_experiment(options, settings)
@@ -135,7 +125,12 @@ def _one(
         f" {experiment.length_s:g} s; results in {directory}"
     )
     job = Job(setup, seed, str(library), str(directory))
-    show = _progress(console, experiment)
+
+    def show(workers: Sequence[WorkerProcess]) -> None:
+        done = max(worker.timesteps for worker in workers)
+        time_s = done * experiment.timestep_s
+        console.progress(f"{time_s:6.1f}/{experiment.length_s:g} s  timestep {done}")
+
     for _, result in simulate_all([Task(job, experiment)], 1, interrupted, show):
         console.end_progress()
         for complaint in result["complaints"]:
@@ -167,26 +162,11 @@ def summarise(job: Job, result: dict[str, Any]) -> dict[str, Any]:
 
 def table(summary: dict[str, Any]) -> str:
     """The summary as a person reads it."""
-    rows = [
-        (
-            "run",
-            f"{summary['duration_s']:g} s of {summary['robots']} robots,"
-            f" {summary['speedup']:g} times as fast as real time",
-        )
-    ]
+    text = (
+        f"{summary['duration_s']:g} s of {summary['robots']} robots,"
+        f" {summary['speedup']:g} times as fast as real time"
+    )
+    rows = [("run", text)]
     rows += swarm_rows(summary["swarm"], summary["robots"])
     rows += [("measure", f"{name} = {value:g}") for name, value in summary["measures"].items()]
     return "\n".join(f"{name:<10}{text}" for name, text in rows)
-
-
-def _progress(
-    console: Console, experiment: Experiment
-) -> Callable[[Sequence[WorkerProcess]], None]:
-    """Makes the function that keeps the live line up to date."""
-
-    def show(workers: Sequence[WorkerProcess]) -> None:
-        done = max(worker.timesteps for worker in workers)
-        time_s = done * experiment.timestep_s
-        console.progress(f"{time_s:6.1f}/{experiment.length_s:g} s  timestep {done}")
-
-    return show

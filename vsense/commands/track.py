@@ -36,9 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="PNG",
         help="draw the last state: the cameras' pictures with every robot's ring, heading and id",
     )
-    parser.add_argument(
-        "--frames", type=arguments.natural, metavar="N", help="end after N timesteps"
-    )
+    arguments.option(parser, "--frames", arguments.natural, "N", "end after N timesteps")
     arguments.add_web(parser)
 
 

@@ -1,8 +1,7 @@
 """Loop functions of foraging.argos: count what is brought home.
 
 A robot has an item as soon as it stands on the food, and has brought it home as soon as it stands
-in the nest, whatever it knows of it: that some is brought home by chance is what a blind swarm
-shows.
+in the nest, whether its controller knows it or not: a blind swarm brings some home by chance.
 
 Measures, in every timestep:
     items_home       brought home so far
@@ -25,7 +24,7 @@ class LoopFunctions:
         self._home = 0
 
     def reset(self, world: World) -> None:
-        """Nobody has an item."""
+        """Begins without items."""
         self._carrying = np.zeros(len(world.robots), dtype=bool)
 
     def post_step(self, world: World) -> None:

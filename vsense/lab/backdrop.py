@@ -1,7 +1,7 @@
-"""What one camera sees of the lab while nothing moves: floor, walls and light.
+"""The empty arena in one camera: floor, walls and light.
 
-Walls and boxes are painted slice by slice from the floor upwards. What stands higher hides what
-is lower, and as every ray comes from above the highest slice is also the nearest.
+Walls and boxes are painted slice by slice from the floor upwards: as every ray comes from above,
+the highest slice is also the nearest.
 """
 
 from __future__ import annotations
@@ -13,15 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.cameras.camera import Camera
-from vsense.lab.optics import Image8, Image32, RayMap, blur, vignetting
+from vsense.lab.optics import Floats, Image8, Image32, RayMap, blur, vignetting
 from vsense.lab.scene import Scene
 from vsense.lab.shared import LabError
 
-Floats = NDArray[np.float64]
-
 FULL_DN = 213.0
-"""What a perfectly white surface reads in light of strength 1: paper in the brightest spot
-stays below 255."""
+"""Reading of a perfectly white surface in light of strength 1; paper stays below 255."""
 
 _SLICE_M = 0.003
 _EDGE_M = 0.02
@@ -34,16 +31,12 @@ _SHIFT = 4
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """A wall, a box or a cylinder that stands on the floor and never moves.
+    """A wall, a box or a cylinder that stands on the floor and never moves, arena frame.
 
     Attributes:
-        x_m: Its middle, arena frame.
-        y_m: Its middle, arena frame.
-        yaw_rad: How it is turned.
-        length_m: Extent along its own x.
-        width_m: Extent along its own y.
-        height_m: Height above the floor.
-        is_round: It is the upright cylinder that fits in.
+        x_m, y_m: its middle.
+        length_m, width_m: extents along its own x and y.
+        is_round: it is the upright cylinder that fits in.
     """
 
     x_m: float
@@ -59,7 +52,7 @@ class Block:
             raise LabError(f"box at {self.x_m}, {self.y_m}: its sizes must be positive")
 
     def outline(self) -> Floats:
-        """Returns (n, 2) points around the box, close enough for a lens to bend the edges."""
+        """Points (n, 2) around the box, close enough for a lens to bend the edges."""
         if self.is_round:
             radii = np.array((self.length_m, self.width_m)) / 2
             angles = np.linspace(0.0, 2.0 * np.pi, _ROUND_POINTS, endpoint=False)
@@ -76,16 +69,15 @@ class Block:
 
 
 class Backdrop:
-    """The empty arena in one camera.
+    """The empty arena in one camera; painted in about 0.1 s.
 
     Attributes:
         grey: (h, w) float32, the picture without noise [DN].
-        light: (h, w) float32, what a perfectly white surface would read there [DN].
+        light: (h, w) float32, reading of a perfectly white surface there [DN].
         top_m: (h, w) float32, height above the floor of what is seen.
     """
 
     def __init__(self, rays: RayMap, scene: Scene, boxes: tuple[Block, ...]) -> None:
-        """Paints the picture, about 0.1 s."""
         self.light: Image32 = scene.light(rays) * vignetting(rays.camera) * np.float32(FULL_DN)
         surface = scene.floor(rays)
         self.top_m: Image32 = np.zeros(surface.shape, dtype=np.float32)

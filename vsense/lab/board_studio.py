@@ -1,13 +1,9 @@
-"""Pictures of a calibration board as the lab's cameras see it, lens and noise and all.
-
-Pictures to try `vsense calibrate` with, where no camera is at hand.
-"""
+"""Pictures of a calibration board as the lab's cameras see it, to try `vsense calibrate` with."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -40,23 +36,8 @@ _LEAST_SHARE = 0.5
 """Of the board's corners that a picture has to show."""
 _LITTER = 20
 _SPOTS = 0.72 * np.array(((-1, -1), (1, 1), (-1, 1), (1, -1), (0, 0), (1, 0), (0, 1), (-1, 0)))
-"""Where in the picture a board is held: first the corners, where a lens bends most."""
+"""Places of a held board in the picture: first the corners, where a lens distorts most."""
 _EVERYTHING = (slice(None), slice(None))
-
-
-@dataclass(frozen=True, slots=True)
-class BoardPicture:
-    """One picture.
-
-    Attributes:
-        camera: The camera's name.
-        moment: The moment's name.
-        image: (h, w) uint8.
-    """
-
-    camera: str
-    moment: str
-    image: Image8
 
 
 class BoardStudio:
@@ -81,22 +62,19 @@ class BoardStudio:
         self._sensor = Sensor(cameras[0].height_px, cameras[0].width_px, seed)
         self._shots = 0
 
-    def take(self, moment: str, pose: BoardPose) -> Iterator[BoardPicture]:
-        """Takes a picture with every camera that sees half of the board or more.
+    def take(self, pose: BoardPose) -> Iterator[tuple[str, Image8]]:
+        """Pictures (h, w), with the camera's id, of every camera that sees half of the board.
 
-        Args:
-            moment: Its name.
-            pose: Board to arena frame, all of the board below the cameras.
+        `pose` is from board to arena frame; all of the board is below the cameras.
         """
         for number, camera in enumerate(self._cameras):
             window = self._window(camera, pose)
             if window is not None:
                 self._shots += 1
-                image = self._picture(number, window, pose)
-                yield BoardPicture(camera.id, moment, image)
+                yield camera.id, self._picture(number, window, pose)
 
     def _window(self, camera: Camera, pose: BoardPose) -> Window | None:
-        """The window that the board covers; None where a part of it is out of sight."""
+        """The window that the board covers; None where too much of it is out of sight."""
         pixels = camera.project(pose.apply(self._board.points_m))
         if camera.contains(pixels, _MARGIN_PX).mean() < _LEAST_SHARE:
             return None
@@ -162,17 +140,10 @@ class BoardStudio:
 def board_plan(
     cameras: Sequence[Camera], board: Board, floor: int, held: int, seed: int
 ) -> list[tuple[str, BoardPose]]:
-    """Plans where a careful person would put the board: all over the floor, then in the air.
+    """Moments `floor_00`, ... and `held_00`, ... with the board's poses below the cameras.
 
-    Args:
-        cameras: That look down.
-        board: The board.
-        floor: How many times it lies on the floor, the first time unturned in the middle.
-        held: How many times it is held up and tilted.
-        seed: Decides about the poses.
-
-    Returns:
-        Moments `floor_00`, ... and `held_00`, ... with the board's poses.
+    It lies `floor` times on the floor, first unturned in the middle, and is `held` times held up
+    and tilted.
     """
     rng = np.random.default_rng([seed, 7])
     spots = np.array([camera.position_m[:2] for camera in cameras])
@@ -229,16 +200,16 @@ def board_at(board: Board, middle: Floats, tilt: Floats, yaw: float) -> BoardPos
 
 ARENA = Arena((3.0, 2.4, 1.0), (0.0, 0.0, 0.5))
 FLOOR, HELD = 16, 24
-"""How many times the board lies on the floor and is held up."""
+"""Numbers of pictures on the floor and held up."""
 
 _QUALITY = 95
 
 
 def write(directory: Path, board_text: str, seed: int) -> int:
-    """Writes pictures/CAMERA/MOMENT.jpg and truth/CAMERA.json; says how to go on.
+    """Writes pictures/CAMERA/MOMENT.jpg and truth/CAMERA.json; prints the next command.
 
     Raises:
-        UsageError: The board is none, or the folder cannot be written.
+        UsageError: the board is none, or the folder cannot be written.
     """
     board, cameras = Board.parse(board_text), rig(ARENA)
     plan = board_plan(cameras, board, FLOOR, HELD, seed)
@@ -249,9 +220,9 @@ def write(directory: Path, board_text: str, seed: int) -> int:
             (directory / "truth" / f"{camera.id}.json").write_text(camera.to_json() + "\n")
         studio, count = BoardStudio(cameras, board, seed), 0
         for moment, pose in plan:
-            for shot in studio.take(moment, pose):
-                data = cv2.imencode(".jpg", shot.image, (cv2.IMWRITE_JPEG_QUALITY, _QUALITY))[1]
-                path = directory / "pictures" / shot.camera / f"{moment}.jpg"
+            for camera_id, image in studio.take(pose):
+                data = cv2.imencode(".jpg", image, (cv2.IMWRITE_JPEG_QUALITY, _QUALITY))[1]
+                path = directory / "pictures" / camera_id / f"{moment}.jpg"
                 path.write_bytes(data.tobytes())
                 count += 1
     except OSError as error:

@@ -1,7 +1,7 @@
-"""What robots and tagged objects look like from above, as stacks of flat sprites.
+"""Robots and tagged objects from above, as stacks of flat sprites.
 
 A body is a shadow on the floor, its sides as dark discs at several heights, its lit LEDs, and
-the marker at its true height, so that perspective shows the sides as it does in a real picture.
+the marker at its true height, so that perspective shows the sides as in a real picture.
 """
 
 from __future__ import annotations
@@ -13,25 +13,20 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from vsense.cameras.camera import Camera
-from vsense.lab.optics import BLUR_SIGMA_PX, Image32
+from vsense.lab.optics import BLUR_SIGMA_PX, Floats, Image32
 from vsense.lab.shared import LabError
 from vsense.markers.families import Family
 from vsense.world.entities import BODY_RADIUS_M
 
-Floats = NDArray[np.float64]
-
-PAPER = 0.84
-"""Reflectance of a marker's white."""
-INK = 0.05
-"""Reflectance of a marker's black."""
+PAPER, INK = 0.84, 0.05
+"""Reflectances of a marker's white and black."""
 TEXTURE_PX_PER_M = 2000.0
 """Resolution of sprites: three times finer than a picture of them."""
 
 EMISSION_DN = 190.0
-"""What light of strength 1 that a body emits adds to the picture."""
+"""Emitted light of strength 1 adds this to the picture."""
 
 ROBOT = "robot"
 OBJECT = "object"
@@ -61,13 +56,7 @@ _LED_BITS = 0x3FF
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """One thing with a marker on it.
-
-    Attributes:
-        tag: The marker's number.
-        height_m: The marker's height above the floor.
-        kind: "robot" or "object".
-    """
+    """A thing, ROBOT or OBJECT, with a marker at a height above the floor."""
 
     tag: int
     height_m: float
@@ -81,7 +70,7 @@ class Body:
 
 
 class Effect(Enum):
-    """What a sprite does to the light behind it, and what its texture holds."""
+    """Effect of a sprite on the light behind it; the values describe its texture."""
 
     PRINT = "(n, n, 2): reflectance times coverage, and coverage"
     COVER = "(n, n): coverage by a surface of one reflectance"
@@ -90,16 +79,14 @@ class Effect(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Sprite:
-    """A flat picture at one height of a body, already as blurred as the camera will see it.
+    """A flat picture at one height above the floor, already as blurred as in the camera.
 
     Attributes:
         texture: float32, see `Effect`; +x of the body runs to the right and +y up, the body's
             centre is in the middle, and the border is zero.
-        radius_m: Half the texture's side.
-        height_m: Height above the floor.
-        effect: What it does.
-        reflectance: Of a surface that is the same everywhere.
-        moving: Whether the motion during the exposure is worth drawing.
+        radius_m: half the texture's side.
+        reflectance: of a surface that is the same everywhere.
+        moving: whether the motion during the exposure is drawn.
     """
 
     texture: Image32
@@ -114,7 +101,7 @@ class BodySprites:
     """The sprites of one body as one kind of camera sees them."""
 
     def __init__(self, body: Body, family: Family, camera: Camera) -> None:
-        """Draws all that does not change; the camera decides the blur."""
+        """Draws all that does not change, with the camera's blur."""
         self._height_m = body.height_m
         self._pixel_m = _pixel_m(camera, body.height_m)
         sides = [
@@ -124,7 +111,7 @@ class BodySprites:
         self._top = _marker(body, family, self._pixel_m)
 
     def sprites(self, leds: int) -> tuple[Sprite, ...]:
-        """Returns the sprites from the floor upwards, with these LED bits lit."""
+        """The sprites from the floor upwards, with these LED bits lit."""
         bits = leds & _LED_BITS
         glow = (_glow(bits, self._height_m, self._pixel_m),) if bits else ()
         return (*self._below, *glow, self._top)
@@ -141,10 +128,10 @@ def _draw(
     """Samples a drawing densely and blurs it as the camera does.
 
     Args:
-        draw: Gets (n, n) x and y [m] in the body's frame, returns (n, n, channels).
-        radius_m: Where the drawing ends.
-        pixel_m: The camera's pixel on the drawing.
-        fine: Samples per texture pixel, both ways.
+        draw: takes (n, n) x and y [m] in the body's frame, returns (n, n, channels).
+        radius_m: of the drawing.
+        pixel_m: the camera's pixel on the drawing.
+        fine: samples per texture pixel, both ways.
 
     Returns:
         The texture with an empty border, and half its side [m].

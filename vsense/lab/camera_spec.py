@@ -1,7 +1,4 @@
-"""The lab's cameras: where they hang, what their process is told, and what it says of each picture.
-
-They hang two by two above the arena, looking straight down.
-"""
+"""The lab's cameras, two by two above the arena, looking down; the messages of their process."""
 
 from __future__ import annotations
 
@@ -34,16 +31,16 @@ _MARGIN_M = 0.05
 
 
 def rig(arena: Arena) -> list[Camera]:
-    """Hangs up four cameras, "cam_0_0" to "cam_1_1": column and row, from low x and y.
+    """Four cameras, "cam_0_0" to "cam_1_1": column and row, from low x and y.
 
-    Each stands above the middle of its quarter of the arena and sees at least 5 cm beyond it,
+    Each hangs above the middle of its quarter of the arena and sees at least 5 cm beyond it,
     so that every marker is whole in one picture.
 
     Raises:
-        LabError: The arena is too large for four cameras.
+        LabError: the arena is too large for four cameras.
     """
     size_x, size_y = arena.size_m[:2]
-    test = _camera("test", 0.0, 0.0)
+    test = camera_at("test", 0.0, 0.0)
     corner = np.array((test.width_px - 1.0, 0.0))
     edges = np.array(((corner[0], test.cy_px), (test.cx_px, corner[1])))
     reach = test.to_plane(edges, _TALLEST_M)
@@ -54,7 +51,7 @@ def rig(arena: Arena) -> list[Camera]:
             f"{4.0 * reach_x:.2f} x {4.0 * reach_y:.2f} m"
         )
     return [
-        _camera(
+        camera_at(
             f"cam_{column}_{row}",
             arena.centre_m[0] + (column - 0.5) * size_x / 2.0,
             arena.centre_m[1] + (row - 0.5) * size_y / 2.0,
@@ -64,7 +61,8 @@ def rig(arena: Arena) -> list[Camera]:
     ]
 
 
-def _camera(id: str, x_m: float, y_m: float) -> Camera:
+def camera_at(id: str, x_m: float, y_m: float) -> Camera:
+    """One of the lab's cameras, which looks straight down."""
     return Camera.looking_down(id, x_m, y_m, HEIGHT_M, FOCAL_PX, SIZE_PX, DISTORTION)
 
 
@@ -77,16 +75,14 @@ class LabCameraSpec:
     """Everything that decides about the pictures.
 
     Attributes:
-        cameras: The cameras; all pictures have one size.
-        boxes: Walls, boxes and cylinders.
-        bodies: What moves, in the order of the truth ring.
-        family: Name of the marker family.
-        timestep_ns: Time from trigger to trigger.
-        truth: Name of the truth ring.
-        log: Path of the truth log.
-        seed: Decides about floor, litter, light and noise.
-        frames: Timesteps after which the cameras stop; None: never.
-        litter: Pieces of litter per picture.
+        cameras: all pictures have one size.
+        boxes: walls, boxes and cylinders.
+        bodies: what moves, in the order of the truth ring.
+        family: name of the marker family.
+        truth: name of the truth ring.
+        log: path of the truth log.
+        seed: of floor, litter, light and noise.
+        frames: timesteps after which the cameras stop; None: never.
     """
 
     cameras: tuple[Camera, ...]
@@ -112,18 +108,12 @@ class LabCameraSpec:
         return len(self.cameras), self.cameras[0].height_px, self.cameras[0].width_px
 
     def to_json(self) -> str:
-        """Returns the spec as one line."""
-        values = asdict(self)
-        values["log"] = str(self.log)
-        return json.dumps(values)
+        """The spec as one line."""
+        return json.dumps(asdict(self) | {"log": str(self.log)})
 
     @classmethod
     def from_json(cls, text: str) -> LabCameraSpec:
-        """Reads the line of `to_json`.
-
-        Raises:
-            LabError: The text is no such line.
-        """
+        """Reads the line of `to_json`; LabError where the text is none."""
         try:
             values: dict[str, Any] = json.loads(text)
             values["cameras"] = tuple(
@@ -133,46 +123,34 @@ class LabCameraSpec:
             values["bodies"] = tuple(Body(**body) for body in values["bodies"])
             values["log"] = Path(values["log"])
             return cls(**values)
-        except (TypeError, ValueError, KeyError) as error:
-            raise LabError(f"camera spec: {error}") from None
-        except VsenseError as error:
+        except (TypeError, ValueError, KeyError, VsenseError) as error:
             raise LabError(f"camera spec: {error}") from None
 
 
 @dataclass(frozen=True, slots=True)
 class Exposure:
-    """What the process says about one timestep; times on the host's monotonic clock.
+    """The process's message of one timestep; times on the host's monotonic clock.
 
     Attributes:
-        timestep: Number of the trigger.
-        slot: Where in the frame bank its pictures are.
-        capture_ns: Middle of the exposure.
-        ready_ns: The last picture was in memory.
-        prepare_ms: Time it took to draw the empty arena, before the trigger.
-        wait_ms: Time from the exposure's end until the truth of it was known.
-        render_ms: Time it took then to draw the bodies.
+        timestep: number of the trigger.
+        slot: that of its pictures in the frame bank.
+        capture_ns: middle of the exposure.
+        ready_ns: the last picture was in memory.
+        render_ms: time it took to draw the bodies.
     """
 
     timestep: int
     slot: int
     capture_ns: int
     ready_ns: int
-    prepare_ms: float
-    wait_ms: float
     render_ms: float
 
 
 def spec_for(experiment: Experiment, truth: str, seed: int, log: Path) -> LabCameraSpec:
-    """Returns the spec of an experiment's cameras.
-
-    Args:
-        experiment: Says what stands in the arena.
-        truth: Name of a truth ring with the robots, then the objects.
-        seed: Decides about all that is random in the pictures.
-        log: Path of the truth log.
+    """The spec of an experiment's cameras; the truth ring holds the robots, then the objects.
 
     Raises:
-        LabError: The arena is too large for the cameras.
+        LabError: the arena is too large for the cameras.
     """
     height_m = experiment.marker.height_m
     return LabCameraSpec(

@@ -1,10 +1,10 @@
-"""The process that is the lab's cameras: one picture per camera and timestep, of the truth.
+"""The process of the lab's cameras: one picture per camera and timestep, of the truth.
 
 `python -m vsense.lab.cameras` reads two lines of JSON from standard input, first
 `{"bank": NAME, "spec": {...}}` with the frame bank and the `LabCameraSpec`. It builds the scene,
-says `{"ready": true}`, and reads `{"epoch_ns": ...}`. From then on it says one line of JSON per
+writes `{"ready": true}`, and reads `{"epoch_ns": ...}`. From then on it writes one line of JSON per
 timestep, an `Exposure`. It ends when standard input ends, on SIGTERM, or after the last timestep;
-Ctrl-C is its parent's to handle.
+its parent handles Ctrl-C.
 
 Timestep k is triggered at epoch + k * timestep, the middle of its exposure. The empty arena is
 drawn before that, the bodies when the exposure has ended and the truth of it is known. Timesteps
@@ -36,13 +36,13 @@ from vsense.lab.truth import TruthLog, TruthReader
 SAMPLES = 3
 """Moments of the exposure that a picture is averaged over; robots move up to 0.8 px in it."""
 PREPARE_NS = 15_000_000
-"""The empty arena is drawn so long before the trigger."""
+"""Drawing the empty arena begins so long before the trigger."""
 
 _TRUTH_POLL_NS = 500_000
 
 
 class CameraProcess:
-    """The cameras at work."""
+    """Draws the pictures of all timesteps into a frame bank."""
 
     def __init__(self, spec: LabCameraSpec, bank: FrameBank) -> None:
         """Builds the scene; raises VsenseError where the spec cannot be followed."""
@@ -73,7 +73,7 @@ class CameraProcess:
             timestep = max(timestep, passed_ns // self._spec.timestep_ns) + 1
 
     def close(self) -> None:
-        """Ends the log, and lets go of the truth."""
+        """Ends the log, and releases the truth."""
         self._stack.close()
 
     def _expose(self, timestep: int, capture_ns: int, stdin: int) -> Exposure | None:
@@ -81,11 +81,8 @@ class CameraProcess:
         slot = self._bank.begin(timestep)
         images = self._bank.images[slot]
         moments = sample_times_ns(capture_ns, SAMPLES)
-        begun_ns = time.monotonic_ns()
         self._studio.prepare(timestep, images)
-        prepared_ns = time.monotonic_ns()
-        exposed_ns = max(capture_ns + EXPOSURE_NS // 2, prepared_ns)
-        if not wait(stdin, exposed_ns) or not self._know(moments[-1], stdin):
+        if not wait(stdin, capture_ns + EXPOSURE_NS // 2) or not self._know(moments[-1], stdin):
             return None
         known_ns = time.monotonic_ns()
         truth = [self._truth.at(moment) for moment in moments]
@@ -95,15 +92,7 @@ class CameraProcess:
         ready_ns = time.monotonic_ns()
         render_ns = ready_ns - known_ns
         self._log.append(timestep, capture_ns, ready_ns, render_ns, poses[SAMPLES // 2], leds)
-        return Exposure(
-            timestep,
-            slot,
-            capture_ns,
-            ready_ns,
-            prepare_ms=(prepared_ns - begun_ns) / 1e6,
-            wait_ms=(known_ns - exposed_ns) / 1e6,
-            render_ms=render_ns / 1e6,
-        )
+        return Exposure(timestep, slot, capture_ns, ready_ns, render_ns / 1e6)
 
     def _know(self, moment_ns: int, stdin: int) -> bool:
         """Waits until the truth of a moment is known; False where `stdin` ended first."""
@@ -132,10 +121,10 @@ def _work() -> None:
     first = sys.stdin.readline()
     if not first:
         return
-    told = json.loads(first)
-    spec = LabCameraSpec.from_json(json.dumps(told["spec"]))
+    order = json.loads(first)
+    spec = LabCameraSpec.from_json(json.dumps(order["spec"]))
     with (
-        closing(FrameBank.open(told["bank"], spec.shape)) as bank,
+        closing(FrameBank.open(order["bank"], spec.shape)) as bank,
         closing(CameraProcess(spec, bank)) as cameras,
     ):
         _say({"ready": True})

@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import os
 import select
-import subprocess
-import sys
 import time
 from collections import deque
 from contextlib import suppress
@@ -16,7 +14,7 @@ from vsense.cameras.camera import Camera
 from vsense.cameras.grabber import CameraEvent, GrabberError
 from vsense.lab.camera_spec import Exposure, LabCameraSpec
 from vsense.lab.optics import EXPOSURE_NS
-from vsense.lab.processes import describe_exit, end
+from vsense.lab.processes import describe_exit, end, start_module
 from vsense.lab.shared import FrameBank
 from vsense.lab.truth import TruthReader
 
@@ -30,10 +28,10 @@ class LabGrabber:
     """Rendered cameras behind the seam of `vsense.cameras.grabber.Grabber`.
 
     Attributes:
-        cameras: The cameras, in the order of the pictures.
-        exposure: What the cameras said about the timestep that `next` gave last, or None.
-        timesteps: None: nobody knows how many there will be.
-        missed: Timesteps that `next` left out because a newer one was there already.
+        cameras: in the order of the pictures.
+        exposure: that of the timestep that `next` gave last, or None.
+        timesteps: None: their number is not known.
+        missed: timesteps that `next` left out because a newer one was there already.
     """
 
     timesteps: int | None = None
@@ -48,13 +46,8 @@ class LabGrabber:
         self._lines: deque[bytes] = deque()
         self._rest = b""
         self._bank = FrameBank.make(spec.shape)
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "vsense.lab.cameras"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            start_new_session=True,
-        )
-        self._tell(f'{{"bank": {json.dumps(self._bank.name)}, "spec": {spec.to_json()}}}')
+        self._process, self._stdin, self._stdout = start_module("vsense.lab.cameras")
+        self._send(f'{{"bank": {json.dumps(self._bank.name)}, "spec": {spec.to_json()}}}')
 
     @property
     def pid(self) -> int:
@@ -65,35 +58,35 @@ class LabGrabber:
         """Waits for the scene and sets the time of timestep 0.
 
         Args:
-            epoch_ns: Middle of the first exposure on the monotonic clock. Without it that is
+            epoch_ns: middle of the first exposure on the monotonic clock. Without it that is
                 soon, half an exposure after a tick of the physics: exposures of 10 ms then end
                 with a tick, and the pictures need not wait for the next.
 
         Raises:
-            GrabberError: The process ended, or the scene was not built in `READY_TIMEOUT_S`.
+            GrabberError: the process ended, or the scene was not built in `READY_TIMEOUT_S`.
         """
         self._line(READY_TIMEOUT_S)
         if epoch_ns is None:
             truth = TruthReader(self._truth)
             epoch_ns = (truth.newest_ns() or time.monotonic_ns()) + _LEAD_NS + EXPOSURE_NS // 2
             truth.close()
-        self._tell(json.dumps({"epoch_ns": epoch_ns}))
+        self._send(json.dumps({"epoch_ns": epoch_ns}))
         self._started = True
 
     def next(self, timeout_s: float) -> list[Frame]:
         """Waits for the newest timestep's pictures, in the order of the cameras.
 
-        The first call starts the cameras where nobody has. The pictures are the shared memory
+        The first call starts the cameras unless `start` has. The pictures are the shared memory
         itself; see `Grabber.next`.
 
         Raises:
-            GrabberError: No picture came in `timeout_s`, or there will be no more.
+            GrabberError: no picture came in `timeout_s`, or there will be no more.
         """
         if not self._started:
             self.start()
         exposure = self._newest(timeout_s)
         while (images := self._bank.lend(exposure.slot, exposure.timestep)) is None:
-            # It was drawn over since it was told: a newer one comes.
+            # It has been drawn over: a newer one comes.
             self.missed += 1
             exposure = self._newest(timeout_s)
         self.exposure = exposure
@@ -103,39 +96,36 @@ class LabGrabber:
         ]
 
     def events(self) -> list[CameraEvent]:
-        """Has nothing to tell: cameras of the lab do not come and go."""
+        """None: cameras of the lab do not come and go."""
         return []
 
     def close(self) -> None:
         """Ends the camera process, whose log is complete then; can be called again."""
-        assert self._process.stdin is not None and self._process.stdout is not None
         with suppress(BrokenPipeError):
-            self._process.stdin.close()
+            self._stdin.close()
         end(self._process)
-        self._process.stdout.close()
+        self._stdout.close()
         self._bank.close()
 
     def _newest(self, timeout_s: float) -> Exposure:
-        """Waits for a timestep and gives the newest that there is; counts those before it."""
+        """Waits for the newest timestep; counts those that it leaves out."""
         line = self._line(timeout_s)
         self.missed += len(self._lines)
         while self._lines:
             line = self._lines.popleft()
         return Exposure(**json.loads(line))
 
-    def _tell(self, line: str) -> None:
-        assert self._process.stdin is not None
+    def _send(self, line: str) -> None:
         try:
-            self._process.stdin.write(line.encode() + b"\n")
-            self._process.stdin.flush()
+            self._stdin.write(line.encode() + b"\n")
+            self._stdin.flush()
         except BrokenPipeError:
             raise self._ended() from None
 
     def _line(self, timeout_s: float) -> bytes:
-        """The oldest line of the process that was not read yet; all later ones are read, too."""
+        """The process's oldest line that was not read yet; all later ones are read, too."""
         deadline_s = time.monotonic() + timeout_s
-        assert self._process.stdout is not None
-        descriptor = self._process.stdout.fileno()
+        descriptor = self._stdout.fileno()
         while True:
             left_s = 0.0 if self._lines else max(0.0, deadline_s - time.monotonic())
             ready = select.select([descriptor], [], [], left_s)[0]

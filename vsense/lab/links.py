@@ -1,7 +1,7 @@
 """What a daemon opens in the lab: a pseudo-terminal, or a bus on a socket, with firmware behind it.
 
 The firmware is the C code of `firmware_bridge/`, one program per robot. Time is an argument in ns
-and never goes back. Nothing here waits: what nobody takes is lost, as on a wire.
+and never goes back. Nothing here waits: what is not read is lost, as on a wire.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from vsense.native import ffi, lib
 from vsense.robot.inprocess import AMBIENT_RAW
 
 KINDS = ("argos", "asercom", "gctronic", "york")
-"""As `vsensed --base` knows them."""
+"""The names of `vsensed --base`."""
 
 MIXED = "mixed"
 """One kind after the other."""
@@ -33,11 +33,7 @@ BASES = (*KINDS, MIXED)
 
 
 def bases_of(name: str, count: int) -> list[str]:
-    """The kind of base of each of `count` robots, where `name` is one of `BASES`.
-
-    Raises:
-        UsageError: it is none of them.
-    """
+    """The kind of base of each of `count` robots; UsageError where `name` is none of `BASES`."""
     if name not in BASES:
         raise UsageError(f"no base {name!r} in the lab: expected one of {', '.join(BASES)}")
     kinds = KINDS if name == MIXED else (name,)
@@ -45,10 +41,10 @@ def bases_of(name: str, count: int) -> list[str]:
 
 
 GROUND_RAW = 800
-"""What every ground sensor reads, higher is brighter: the lab's floor is a light one."""
+"""Reading of every ground sensor, higher is brighter: the lab's floor is a light one."""
 
 NEVER_US = 2**64 - 1
-"""In C: nothing happens by itself."""
+"""Due time in C of a program that waits for its host."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,9 +52,9 @@ class FirmwareKind:
     """One kind of base that the lab can emulate.
 
     Attributes:
-        prefix: what the program's functions in C begin with.
+        prefix: of the program's functions in C.
         arguments: for its init, after the struct.
-        byte_ns: what one byte takes on its serial line; 0 if it is on a bus.
+        byte_ns: duration of one byte on its serial line; 0 if it is on a bus.
         count: the field that counts the commands that reached it.
     """
 
@@ -74,11 +70,10 @@ PROGRAMS: dict[str, FirmwareKind] = {
     "gctronic": FirmwareKind("fw_gctronic"),
     "york": FirmwareKind("fw_york", count="writes"),
 }
-"""By the names of `vsense.lab.links`."""
 
 
 class Outputs(NamedTuple):
-    """What motors and LEDs do from `time_ns` on: speeds in steps/s, lit LEDs as bits."""
+    """Speeds in steps/s and lit LEDs as bits from `time_ns` on."""
 
     time_ns: int
     left_steps_s: int
@@ -91,7 +86,7 @@ class Program:
 
     Attributes:
         state: its C struct; tests make its faults there.
-        proximity: (8,) int16, what its sensors measure, raw, ps0..ps7.
+        proximity: (8,) int16, raw values of its sensors ps0..ps7.
     """
 
     def __init__(self, kind: FirmwareKind) -> None:
@@ -108,7 +103,7 @@ class Program:
         self.proximity: NDArray[np.int16] = np.frombuffer(ffi.buffer(inputs.prox), dtype=np.int16)
 
     def advance(self, now_ns: int) -> list[Outputs]:
-        """Lets it live on to `now_ns`: what motors and LEDs did since the last call, in order."""
+        """Runs up to `now_ns`; returns the outputs since the last call, in order."""
         done = []
         while self._advance(self.state, now_ns // 1000):
             body = self.state.body
@@ -119,7 +114,7 @@ class Program:
         return done
 
     def due_us(self) -> int:
-        """When it has something to do again, `NEVER_US` if only a host can wake it."""
+        """When it is due again, `NEVER_US` if it waits for its host."""
         due: int = self._due_us(self.state)
         return due
 
@@ -130,19 +125,18 @@ _REPLY = struct.Struct("<IB")
 """Number, 0 = acknowledged; what was read follows."""
 _GREETING = b"\x01"
 _FIFO_BYTES = 16
-"""A serial driver hands bytes on when its buffer is full or the line falls silent. So does a
-terminal here: bytes come out of it when the time of so many has passed or all are through, not
-one by one, which would wake a daemon for each."""
+"""A serial driver passes bytes on when its buffer is full or the line falls silent. So does a
+terminal here, when the time of so many bytes has passed or all are through: byte by byte it would
+wake a daemon for each."""
 
 
 class Link(Protocol):
     """What a daemon opens, with a program behind it.
 
     Attributes:
-        device: the path that goes into `--base KIND:DEVICE`.
-        program: the microcontroller.
-        due_ns: when `advance` has something to do again, None while all is quiet.
-        sent_bytes, lost_bytes: to the daemon; lost are those that it was not there for.
+        device: the path in `--base KIND:DEVICE`.
+        due_ns: when `advance` is due again, None while the line is idle.
+        sent_bytes, lost_bytes: to the daemon; lost are those that it did not take.
     """
 
     device: str
@@ -155,20 +149,19 @@ class Link(Protocol):
         """The descriptor whose input `receive` would take now, None while it takes nothing."""
 
     def receive(self, now_ns: int) -> None:
-        """Takes what the daemon wrote."""
+        """Takes the daemon's bytes."""
 
     def advance(self, now_ns: int) -> list[Outputs]:
-        """Lives on to `now_ns`, hands out what was sent, and says what motors and LEDs did."""
+        """Runs the program up to `now_ns` and passes on its bytes; see `Program.advance`."""
 
     def faults(self) -> dict[str, int]:
-        """Counters of what a good host never makes happen; names as in `Microcontrollers`."""
+        """Counters of a host's errors; names as in `Microcontrollers`."""
 
-    def close(self) -> None:
-        """Hangs up."""
+    def close(self) -> None: ...
 
 
 class Terminal:
-    """A program behind a pseudo-terminal; see `Link`. Daemons come and go, it stays."""
+    """A program behind a pseudo-terminal that outlives its daemons; see `Link`."""
 
     def __init__(self, kind: FirmwareKind) -> None:
         """Raises OSError where there are no more terminals."""
@@ -211,7 +204,7 @@ class Terminal:
         os.close(self._slave)
 
     def _offer(self, now_ns: int) -> None:
-        """Puts on the line what it has room for."""
+        """Passes on as many of the daemon's bytes as the program takes."""
         if self._waiting:
             waiting = self._waiting
             took = self._receive(self.program.state, waiting, len(waiting), now_ns // 1000)
@@ -242,8 +235,8 @@ class Terminal:
 class Bus:
     """A program, ground sensors and range and bearing on an I2C bus; see `Link`.
 
-    The bus is a Unix socket of packets (`firmware_bridge/README.md`). One daemon at a time has
-    it: the next one's greeting waits until the one before has gone.
+    The bus is a Unix socket of packets (`firmware_bridge/README.md`) for one daemon at a time: the
+    next one's greeting waits until the one before has ended.
 
     Attributes:
         wires: the C struct of the bus; tests make its faults there.
@@ -348,11 +341,7 @@ class Bus:
 
 
 def make_link(name: str, path: Path) -> Link:
-    """Makes an emulated robot's link.
-
-    Args:
-        name: the kind of base, of `PROGRAMS`.
-        path: where its socket would go, if it is on a bus.
+    """Makes the link of a robot of a kind of `PROGRAMS`; on a bus its socket is at `path`.
 
     Raises:
         LabError: there is no such kind.

@@ -1,7 +1,7 @@
-"""The figures of one run, every one measured: what `vsense lab --json` prints.
+"""The figures of one run: what `vsense lab --json` prints.
 
 Latencies count from the middle of the exposure, less the time spent rendering, which stands for
-the sensor's readout and is reported by itself.
+the sensor's readout and is a figure of its own.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from vsense.arena import wrap_angle
 from vsense.config.specs import Experiment
 from vsense.lab.swarm import UNKNOWN_AGE
+from vsense.pictures.run_figure import RunFigure
+from vsense.pictures.run_samples import RunSamples
 from vsense.world.entities import BODY_RADIUS_M
 
 TIMESTEP = np.dtype(
@@ -25,14 +27,14 @@ TIMESTEP = np.dtype(
         ("render_ns", "i8"), ("arena_ns", "i8"), ("sent_ns", "i8"),
     ]
 )  # fmt: skip
-"""One timestep that the host lived; times on the host's monotonic clock. `timestep` counts the
+"""One timestep that the host handled; times on the host's monotonic clock. `timestep` counts the
 cameras' triggers, `run_timestep` those of the run; `render_ns` is how long rendering took."""
 
 EDGE_MARGIN_M = 0.005
-"""Closer than this to the cone's edge the truth itself is a matter of millimetres: not judged."""
+"""Readings closer than this to the cone's edge are not judged."""
 
 NOWHERE_M = 1e6
-"""Where a body is that does not exist: a tag that has joined by mistake is a wrong id."""
+"""Place of a body that does not exist: a tag that has joined by mistake is a wrong id."""
 
 MISNAMED_M = BODY_RADIUS_M
 """A named marker farther than a robot's radius from that robot's true place is a wrong id."""
@@ -43,12 +45,9 @@ class MeasuredRun:
     """Everything that was noted during one run; arrays of robots follow `tags`.
 
     Attributes:
-        timesteps: (n,) TIMESTEP, those that the host lived; it may have missed some.
+        timesteps: (n,) TIMESTEP, those that the host handled; it may have missed some.
         wanted: number of timesteps that the run had, missed ones included.
-        dt_ns: length of a timestep.
-        tags: the robots' tags.
         sightings: per timestep the SIGHTING array of the arena state.
-        truth: the true poses, cone depths and LEDs.
         object_tags: tags of the tagged objects that are no robots.
         object_poses: (timesteps, objects, 3) their true poses.
         traces: per robot a `swarm.TRACE` array with host times.
@@ -85,13 +84,13 @@ def figures(run: MeasuredRun) -> dict[str, Any]:
         "latency_ms": latencies(run),
         "sensing": sensing(run),
         "clock": {"age_error_ms_p99": _round(_percentile(age_errors_ms(run), 99))},
-        "swarm": swarm(run),
+        "swarm": swarm(run.truth, steps["run_timestep"], run.turn),
         "link": dict(run.link),
     }
 
 
 def tracking(run: MeasuredRun) -> dict[str, float | int | None]:
-    """Raw detections against the truth: what the tracker believes or predicts does not count."""
+    """Raw detections against the truth; predictions do not count."""
     detected = []
     distance, turn = [np.empty(0)], [np.empty(0)]
     for row, seen in enumerate(run.sightings):
@@ -151,9 +150,8 @@ def latencies(run: MeasuredRun) -> dict[str, dict[str, float | None]]:
 def _applied_at(line: np.void, end_ns: int, applied: NDArray[np.void]) -> list[int]:
     """When the wheels took a control step's command, before the next step; empty where not.
 
-    The frames between two control steps may also be the guard's stop, or an exchange that repeats
-    the command before: only one that says what this step said counts. A base that is only told
-    what changes is told nothing by a step that changes nothing.
+    The frames between two control steps may also be the guard's stop, or repeat the command before:
+    only one with this step's speeds counts. Some bases are only sent what changes.
     """
     first, end = np.searchsorted(applied["time_ns"], [line["now_ns"], end_ns])
     for row in applied[first:end]:
@@ -163,17 +161,18 @@ def _applied_at(line: np.void, end_ns: int, applied: NDArray[np.void]) -> list[i
 
 
 def sensing(run: MeasuredRun) -> dict[str, float | int | None]:
-    """What the controllers held against what they should have held.
+    """Readings of the controllers against the truth.
 
-    Every robot-timestep of the run, missed ones included, is one reading expected. It agrees when
-    the value held at the control step of that timestep equals the value from the true poses at the
-    capture time it names; one that is missing, stale or names no capture time of this run is wrong.
+    One reading is expected for every robot and timestep of the run, missed ones included. It agrees
+    when the value at that timestep's control step equals the value from the true poses at its
+    capture time; one that is missing, stale or of no capture time of this run is wrong.
     """
     verdicts: dict[bool, list[bool]] = {True: [], False: []}
     readings = fresh = 0
+    first = int(run.timesteps["timestep"][0] - run.timesteps["run_timestep"][0])
     for robot, trace in enumerate(run.traces):
         lines = _first_lines(trace)
-        for timestep in _all_timesteps(run):
+        for timestep in range(first, first + run.wanted):
             line = lines.get(timestep)
             readings += line is not None
             fresh += line is not None and not line["stale"]
@@ -190,12 +189,6 @@ def sensing(run: MeasuredRun) -> dict[str, float | int | None]:
     }
 
 
-def _all_timesteps(run: MeasuredRun) -> range:
-    """The triggers of all the run's timesteps, those that the host missed too."""
-    first = int(run.timesteps["timestep"][0] - run.timesteps["run_timestep"][0])
-    return range(first, first + run.wanted)
-
-
 def _first_lines(trace: NDArray[np.void]) -> dict[int, np.void]:
     """Each timestep's first control step that held a value."""
     known = trace[trace["known"]]
@@ -206,7 +199,7 @@ def _first_lines(trace: NDArray[np.void]) -> dict[int, np.void]:
 def _verdict(
     run: MeasuredRun, robot: int, timestep: int, line: np.void | None
 ) -> tuple[bool, bool] | None:
-    """Whether the robot truly was in the cone, and whether its controller held just that.
+    """Whether the robot truly was in the cone, and whether its reading agrees.
 
     None where there is no cone, or the robot was too near its edge.
     """
@@ -233,7 +226,7 @@ def _row_at(times: NDArray[np.int64], time: np.int64) -> int | None:
 
 
 def age_errors_ms(run: MeasuredRun) -> NDArray[np.float64]:
-    """How wrong each robot was about the age of what it held, in ms, where it knew one."""
+    """Errors of the readings' ages that controllers got, in ms, where they were known."""
     lines = np.concatenate([trace[trace["age_ns"] != UNKNOWN_AGE] for trace in run.traces])
     true_age_ns = lines["now_ns"] - lines["capture_ns"]
     return np.asarray(np.abs(lines["age_ns"] - true_age_ns) / 1e6)
@@ -265,50 +258,41 @@ def _round(value: float | None, digits: int = 3) -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class SwarmTruth:
-    """Where everything really was, per timestep that the host lived.
+    """The truth of each robot at the capture times of the timesteps that the host handled.
 
     Attributes:
-        poses: (timesteps, robots, 3) x, y in m and yaw in rad at the capture time.
-        depth_m: (timesteps, robots) how deep in the cone, positive inside, negative outside;
-            None for an experiment without a cone.
-        lit: (timesteps, robots) whether the robot's red LEDs were on at the capture time.
+        poses: (timesteps, robots, 3) x, y in m and yaw in rad.
+        depth_m: (timesteps, robots) depth in the cone, negative outside; None without a cone.
+        lit: (timesteps, robots) whether the robot's red LEDs were on.
     """
 
     poses: NDArray[np.float64]
     depth_m: NDArray[np.float64] | None
     lit: NDArray[np.bool_]
 
-
-class Phases(Protocol):
-    """A run that may have two phases."""
-
     @property
-    def timesteps(self) -> NDArray[Any]:
-        """(n,) with a field `run_timestep`, rising."""
+    def inside(self) -> NDArray[np.bool_] | None:
+        """(timesteps, robots) whether the robot was in the cone; None without a cone."""
+        return None if self.depth_m is None else self.depth_m >= 0
 
-    @property
-    def truth(self) -> SwarmTruth:
-        """What truly was at these timesteps."""
+    def figure(
+        self, experiment: Experiment, run_timesteps: NDArray[np.int64], samples: RunSamples
+    ) -> RunFigure:
+        """The run as `run_figure` draws it."""
+        turn, inside = experiment.turn_timestep, self.inside
+        return RunFigure(experiment, run_timesteps, self.poses, self.lit, inside, turn, samples)
 
-    @property
-    def turn(self) -> int | None:
-        """The run's timestep at which the wind turns, or None."""
 
-
-def swarm(run: Phases) -> dict[str, int | None]:
-    """Robots in the cone, and lit there, at the last timestep of each phase."""
-    inside, lit = counts(run.truth) or (None, None)
-    before, after = phase_ends(run)
-
-    def at(series: NDArray[np.int64] | None, row: int | None) -> int | None:
-        return None if series is None or row is None else int(series[row])
-
-    return {
-        "in_cone_before_turn": at(inside, before),
-        "lit_before_turn": at(lit, before),
-        "in_cone_after_turn": at(inside, after),
-        "lit_after_turn": at(lit, after),
-    }
+def swarm(
+    truth: SwarmTruth, run_timesteps: NDArray[np.int64], turn: int | None
+) -> dict[str, int | None]:
+    """Robots in the cone, and lit there, at the last timestep before and after the wind's turn."""
+    inside, lit, found = truth.inside, truth.lit, dict[str, int | None]()
+    for when, row in zip(("before", "after"), _phase_ends(run_timesteps, turn)):
+        now = None if inside is None or row is None else inside[row]
+        found[f"in_cone_{when}_turn"] = None if now is None else int(now.sum())
+        found[f"lit_{when}_turn"] = None if now is None else int((now & lit[row]).sum())
+    return found
 
 
 def swarm_rows(swarm: dict[str, int | None], robots: int) -> list[tuple[str, str]]:
@@ -324,13 +308,14 @@ def swarm_rows(swarm: dict[str, int | None], robots: int) -> list[tuple[str, str
     return found
 
 
-def phase_ends(run: Phases) -> tuple[int | None, int | None]:
+def _phase_ends(
+    run_timesteps: NDArray[np.int64], turn: int | None
+) -> tuple[int | None, int | None]:
     """Rows of the last timesteps before the wind turned and after it; None: no such phase."""
-    timesteps = run.timesteps["run_timestep"]
-    if run.turn is None:
-        return len(timesteps) - 1, None
-    before = int(np.searchsorted(timesteps, run.turn)) - 1
-    after = len(timesteps) - 1
+    after = len(run_timesteps) - 1
+    if turn is None:
+        return after, None
+    before = int(np.searchsorted(run_timesteps, turn)) - 1
     return (before if before >= 0 else None), (after if after > before else None)
 
 
@@ -340,16 +325,15 @@ def depths_in_cone(
     run_timesteps: NDArray[np.int64],
     shares: Sequence[float] | NDArray[np.float64],
 ) -> NDArray[np.float64] | None:
-    """How deep each robot truly is in the cone of the first pollutant source.
+    """Depth of each robot in the cone of the first pollutant source; None without one.
 
     Args:
-        experiment: says who pollutes, a robot or an object.
         poses: (n, bodies, 3) true x_m, y_m, yaw_rad: robots, then objects.
         run_timesteps: (n,) rising.
         shares: (n,) how much was left of the source.
 
     Returns:
-        (n, robots) in m, negative outside, -inf where nothing is left; None without a source.
+        (n, robots) in m, negative outside, -inf where nothing is left.
     """
     source, robots = experiment.source, len(experiment.robots)
     if source is None:
@@ -368,11 +352,3 @@ def depths_in_cone(
             depth_m[rows] = -cone.edge_distance(poses[rows, :robots, :2])
         row = rows.stop
     return depth_m
-
-
-def counts(truth: SwarmTruth) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
-    """Robots in the cone, and robots lit in the cone, per timestep; None without a cone."""
-    if truth.depth_m is None:
-        return None
-    inside = truth.depth_m >= 0
-    return inside.sum(axis=1), (inside & truth.lit).sum(axis=1)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.lab.links import Link, make_link
-from vsense.lab.shared import LabError
+from vsense.lab.shared import LabError, file_errors
 
 ACTUATION = np.dtype(
     [
@@ -20,18 +20,17 @@ ACTUATION = np.dtype(
         ("left_steps_s", "<i2"), ("right_steps_s", "<i2"), ("leds", "<u2"),
     ]
 )  # fmt: skip
-"""What a microcontroller made motors and LEDs do; an actuation log is these, end to end.
+"""A microcontroller's command to motors and LEDs; an actuation log is these, end to end.
 
-`time_ns` is the host's monotonic clock when the firmware did so; `robot` the robot's index; the
-speeds are those that the motors turn with from then on; `leds` what is lit from then on, bits 0-7
-ring, 8 body, 9 front.
+`time_ns` is the host's monotonic clock when the firmware gave it; `robot` the robot's index; speeds
+and lit LEDs, bits 0-7 ring, 8 body, 9 front, hold from then on.
 """
 
 _RECORD = struct.Struct("<qHhhH")
 
 
 class Actuation(NamedTuple):
-    """What a microcontroller made motors and LEDs do: a row of `ACTUATION`."""
+    """A row of `ACTUATION`."""
 
     time_ns: int
     robot: int
@@ -43,18 +42,18 @@ class Actuation(NamedTuple):
 class Microcontrollers:
     """One emulated microcontroller, and what its daemon opens, per robot.
 
-    The other ends are held open here: daemons come and go, the microcontroller and what it
-    remembers stay. Nothing here waits: bytes that nobody reads are lost when a terminal is full,
-    as on a wire. Time is an argument in ns and never goes back.
+    The lines stay open when a daemon ends, and the microcontroller keeps its state. Nothing here
+    waits: bytes are lost when a terminal is full, as on a wire. Time is an argument in ns and never
+    goes back.
 
     Attributes:
         links: of each robot; tests make faults in their C structs.
-        bases: what goes behind `--base` of each robot's daemon.
-        due_ns: when `advance` has something to do again, None while all lines are idle.
+        bases: the values of `--base` of the robots' daemons.
+        due_ns: when `advance` is due again, None while all lines are idle.
     """
 
     def __init__(self, kinds: Sequence[str]) -> None:
-        """Powers one on for each kind of base, of `vsense.lab.links.KINDS`.
+        """Powers one on for each of `kinds`, of `vsense.lab.links.KINDS`.
 
         Raises:
             LabError: no such kind, or there are not that many pseudo-terminals or sockets.
@@ -79,7 +78,7 @@ class Microcontrollers:
 
     @property
     def devices(self) -> list[str]:
-        """What each robot's daemon opens: a terminal's path, or `unix:` and a socket's."""
+        """What the robots' daemons open: a terminal's path, or `unix:` and a socket's."""
         return [link.device for link in self.links]
 
     def readable(self) -> list[int]:
@@ -87,11 +86,9 @@ class Microcontrollers:
         return [fd for link in self.links if (fd := link.readable()) is not None]
 
     def receive(self, descriptors: Iterable[int], now_ns: int) -> None:
-        """Puts what daemons wrote on the lines to their microcontrollers.
+        """Passes the daemons' bytes that came at `now_ns` to the microcontrollers.
 
-        Args:
-            descriptors: those of `readable` that have bytes.
-            now_ns: when the bytes came.
+        `descriptors` are those of `readable` that have bytes.
         """
         ready = set(descriptors)
         for robot, link in enumerate(self.links):
@@ -101,10 +98,9 @@ class Microcontrollers:
         self._plan()
 
     def advance(self, now_ns: int) -> list[Actuation]:
-        """Lets all microcontrollers live on to `now_ns` and hands out the bytes they sent.
+        """Runs all microcontrollers up to `now_ns` and passes on the bytes that they sent.
 
-        Returns:
-            What motors and LEDs did since the last call, in order for each robot.
+        Returns the commands to motors and LEDs since the last call, in order for each robot.
         """
         applied = [
             Actuation(out.time_ns, robot, out.left_steps_s, out.right_steps_s, out.leds)
@@ -115,49 +111,47 @@ class Microcontrollers:
         return applied
 
     def sense(self, prox_raw: NDArray[np.int16]) -> None:
-        """Sets what the proximity sensors (count, 8) measure from now on, ps0..ps7."""
+        """Sets the raw values (count, 8) of the proximity sensors ps0..ps7 from now on."""
         for link, raw in zip(self.links, prox_raw):
             link.program.proximity[:] = raw
 
     def wake(self) -> None:
-        """Looks at every microcontroller with the next `advance`: somebody touched its state."""
+        """Makes the next `advance` run every microcontroller, as after a change of its state."""
         self._busy.update(range(len(self.links)))
 
     def counters(self) -> dict[str, int]:
-        """What went over the lines since power on, summed over all robots.
+        """Counters of the lines since power on, summed over all robots.
 
         `frames` are the commands that reached a microcontroller; `overlapped_bytes` and
         `overflowed_bytes` as in `fw_uart.h`; `failed_transactions` as in `fw_i2c.h`; `sent_bytes`
         to the daemons, and `lost_bytes` that a full terminal did not take.
         """
-        totals = dict.fromkeys(("sent_bytes", "lost_bytes", "frames"), 0)
-        faults = dict.fromkeys(
-            ("overlapped_bytes", "overflowed_bytes", "transactions", "failed_transactions"), 0
-        )
+        names = "sent_bytes lost_bytes frames overlapped_bytes overflowed_bytes transactions"
+        totals = dict.fromkeys((*names.split(), "failed_transactions"), 0)
         for link in self.links:
             totals["sent_bytes"] += link.sent_bytes
             totals["lost_bytes"] += link.lost_bytes
             totals["frames"] += getattr(link.program.state, link.program.kind.count)
             for name, value in link.faults().items():
-                faults[name] += value
-        return totals | faults
+                totals[name] += value
+        return totals
 
     def close(self) -> None:
-        """Hangs everything up."""
+        """Closes all lines."""
         for link in self.links:
             link.close()
         self.links = []
         self._folder.cleanup()
 
     def _plan(self) -> None:
-        """Forgets who has become idle and sets when there is something to do again."""
+        """Removes idle microcontrollers from `_busy` and sets `due_ns`."""
         dues = {robot: self.links[robot].due_ns for robot in self._busy}
         self._busy = {robot for robot, due_ns in dues.items() if due_ns is not None}
         self.due_ns = min((due for due in dues.values() if due is not None), default=None)
 
 
 class ActuationLog:
-    """Writes all that motors and LEDs did to a file of `ACTUATION` records."""
+    """Writes a file of `ACTUATION` records."""
 
     def __init__(self, path: Path) -> None:
         """Starts an empty log; raises LabError where the file cannot be written."""
@@ -166,20 +160,17 @@ class ActuationLog:
         self.flush(new=True)
 
     def append(self, actuation: Actuation) -> None:
-        """Adds one record; `flush` brings it to the file."""
+        """Adds one record; `flush` writes it to the file."""
         self._pending += _RECORD.pack(*actuation)
 
     def flush(self, new: bool = False) -> None:
-        """Brings all records so far to the file; a `new` one loses what it held.
+        """Writes all records so far to the file; a `new` one is emptied first.
 
         Raises:
             LabError: the file cannot be written.
         """
-        try:
-            with open(self._path, "wb" if new else "ab") as file:
-                file.write(self._pending)
-        except OSError as error:
-            raise LabError(f"{self._path}: {error.strerror}") from None
+        with file_errors(self._path), open(self._path, "wb" if new else "ab") as file:
+            file.write(self._pending)
         self._pending.clear()
 
 
@@ -189,8 +180,6 @@ def read_actuations(path: Path) -> NDArray[np.void]:
     Raises:
         LabError: the file cannot be read.
     """
-    try:
+    with file_errors(path):
         content = path.read_bytes()
-    except OSError as error:
-        raise LabError(f"{path}: {error.strerror}") from None
     return np.frombuffer(content, dtype=ACTUATION, count=len(content) // ACTUATION.itemsize)

@@ -2,11 +2,11 @@
 
 Magnitudes: tracking.md section 1 of the project's references.
 
-The noise of a pixel has sigma = sqrt(READ_NOISE^2 + SHOT_NOISE * DN). Fresh noise for every
-pixel costs 5 ms per picture and more, so one bank of noise is added at a random offset. Pictures
-are held as *levels*, a square root of the light in which the noise is equally strong everywhere:
-then one saturating addition and one table make a noisy picture, in 0.7 ms for 2 Mpx. With only
-256 levels sigma is right on average, and off by up to 14 % at single grey values.
+The noise of a pixel has sigma = sqrt(READ_NOISE^2 + SHOT_NOISE * DN). Fresh noise for every pixel
+costs 5 ms per picture and more, so one bank of noise is added at a random offset. Pictures are
+held as *levels*, a square root of the light in which the noise is equally strong everywhere: then
+one saturating addition and one table make a noisy picture, in 0.7 ms for 2 Mpx. With only 256
+levels sigma is right on average, and off by up to 14 % at single grey values.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 
 from vsense.cameras.camera import Camera
 
+Floats = NDArray[np.float64]
+Image8 = NDArray[np.uint8]
 Image32 = NDArray[np.float32]
 Window = tuple[slice, slice]
 Row = tuple[float, float, float]
@@ -38,14 +40,10 @@ _STEP = 4
 def everywhere(
     evaluate: Callable[[NDArray[np.float64]], NDArray[np.float64]], shape: tuple[int, int]
 ) -> tuple[Image32, Image32]:
-    """Evaluates a smooth function at every pixel of a picture.
+    """Evaluates a smooth function at every pixel of a picture of `shape` (rows, columns).
 
-    Args:
-        evaluate: Gets pixels (..., 2), column and row, and returns (..., 2).
-        shape: Rows and columns of the picture.
-
-    Returns:
-        Both results, (rows, columns) float32, solved at every fourth pixel and interpolated.
+    `evaluate` takes pixels (..., 2), column and row, and returns (..., 2). It is called for every
+    fourth pixel; both results (rows, columns) are interpolated.
     """
     height, width = shape
     columns = np.arange(-1, width // _STEP + 2) * _STEP + (_STEP - 1) / 2
@@ -62,15 +60,13 @@ def everywhere(
 
 
 class RayMap:
-    """Where each pixel's ray goes, by the exact inverse of the lens model.
+    """The rays of a camera's pixels, by the exact inverse of the lens model.
 
     Attributes:
-        camera: The camera.
         x_m, y_m: (h, w) float32, where the ray meets the floor, arena frame.
     """
 
     def __init__(self, camera: Camera) -> None:
-        """Solves the rays of one camera."""
         self.camera = camera
         self.x_m, self.y_m = everywhere(
             lambda pixels: camera.to_plane(pixels, 0.0), (camera.height_px, camera.width_px)
@@ -79,16 +75,10 @@ class RayMap:
     def affine(
         self, window: Window, height_m: float, rows: tuple[Row, Row]
     ) -> tuple[Image32, Image32]:
-        """Maps the pixels of a window through a horizontal plane by an affine function.
+        """Maps the pixels of a window by an affine function of a horizontal plane at a height.
 
-        Args:
-            window: Rows and columns.
-            height_m: The plane's height above the floor.
-            rows: Factors of arena x and y [1/m] where the ray crosses the plane, and offset,
-                of each coordinate of the result.
-
-        Returns:
-            Both coordinates, float32, of the window's shape.
+        `rows` are, for each coordinate of the result, the factors [1/m] of arena x and y where the
+        ray crosses the plane, and the offset. The coordinates have the window's shape.
         """
         centre_x, centre_y, centre_z = self.camera.position_m
         reach = 1.0 - height_m / centre_z
@@ -100,13 +90,13 @@ class RayMap:
         return mapped[0], mapped[1]  # type: ignore[return-value]
 
     def bounds(self) -> tuple[float, float, float, float]:
-        """Returns the least and greatest x, then y [m] that the camera sees of the floor."""
+        """Least and greatest x, then y [m] that the camera sees of the floor."""
         x, y = self.x_m, self.y_m
         return float(x.min()), float(x.max()), float(y.min()), float(y.max())
 
 
 def vignetting(camera: Camera) -> Image32:
-    """Returns (h, w) float32, the share of the light that reaches each pixel, 1 in the middle."""
+    """(h, w) float32, the share of the light that reaches each pixel, 1 in the middle."""
     x = (np.arange(camera.width_px) - camera.cx_px) / camera.fx_px
     y = (np.arange(camera.height_px) - camera.cy_px) / camera.fy_px
     squared = (x * x)[np.newaxis, :] + (y * y)[:, np.newaxis]
@@ -114,17 +104,15 @@ def vignetting(camera: Camera) -> Image32:
 
 
 def blur(image: Image32) -> Image32:
-    """Returns the picture as the lens's point spread and the pixels' width leave it."""
+    """Applies the lens's point spread and the pixels' width."""
     return np.asarray(cv2.GaussianBlur(image, (0, 0), BLUR_SIGMA_PX), dtype=np.float32)
 
 
 def sample_times_ns(capture_ns: int, samples: int) -> list[int]:
-    """Returns the moments whose pictures, averaged, stand for one exposure."""
+    """The moments whose pictures, averaged, stand for one exposure."""
     step = EXPOSURE_NS / samples
     return [capture_ns + round((k - (samples - 1) / 2) * step) for k in range(samples)]
 
-
-Image8 = NDArray[np.uint8]
 
 READ_NOISE = 2.0
 """Sigma of the noise in the dark [DN]."""
@@ -141,14 +129,14 @@ _LEVEL_SIGMA = 0.5 * SHOT_NOISE * _SCALE
 
 
 def to_levels(light_dn: Image32) -> Image8:
-    """Returns light [DN], not negative, as levels."""
+    """Converts light [DN], not negative, to levels."""
     root = cv2.sqrt(light_dn * SHOT_NOISE + READ_NOISE**2)
     levels = cv2.convertScaleAbs(root, alpha=_SCALE, beta=-READ_NOISE * _SCALE)
     return np.asarray(np.minimum(levels, 255 - 2 * _MIDDLE), dtype=np.uint8)
 
 
 def _table() -> Image8:
-    """What a level plus a value of the bank reads as, [DN]."""
+    """Readings [DN] of the sums of a level and a value of the bank."""
     level = np.maximum(np.arange(256) - _MIDDLE, 0)
     light = ((level / _SCALE + READ_NOISE) ** 2 - READ_NOISE**2) / SHOT_NOISE
     return np.asarray(np.rint(np.clip(light, 0, WHITE_DN)), dtype=np.uint8)
@@ -158,7 +146,6 @@ class Sensor:
     """Noise for pictures of one size."""
 
     def __init__(self, height_px: int, width_px: int, seed: int) -> None:
-        """Fills the bank."""
         self._shape = (height_px, width_px)
         self._seed = seed
         rng = np.random.default_rng([seed, 0])
@@ -169,20 +156,16 @@ class Sensor:
         self._table = _table()
 
     def noise(self, camera: int, timestep: int) -> Image8:
-        """Returns the (h, w) part of the bank that one picture gets."""
+        """The (h, w) part of the bank for one picture."""
         rng = np.random.default_rng([self._seed, 1, camera, timestep])
         row, column = rng.integers(0, _SPARE, size=2)
         height, width = self._shape
         return np.asarray(self._bank[row : row + height, column : column + width])
 
     def read(self, levels: Image8, noise: Image8, window: Window, image: Image8) -> None:
-        """Reads a window of the sensor out into `image`.
+        """Reads the levels of a window out into that window of `image`, (h, w) uint8.
 
-        Args:
-            levels: Light in that window, see `to_levels`.
-            noise: Noise of the whole picture.
-            window: Rows and columns.
-            image: (h, w) uint8, the whole picture; the window is written.
+        `noise` is that of the whole picture.
         """
         target = image[window]
         cv2.add(levels, noise[window], dst=target)

@@ -10,12 +10,12 @@
      "truth": "name of the truth ring", "log": "path of the actuation log",
      "directory": "run directory", "seed": 1}
 
-It answers with one line of JSON, `{"bases": ["argos:/dev/pts/3", ...], "epoch_ns": ...}`: what the
-daemon of every robot finds its base at, in the order of the indices, and the time of the first
-tick. Then it runs in real time, 10 ms per tick, until standard input ends or on SIGTERM; Ctrl-C is
-its parent's to handle. Bodies in the truth ring are the robots by index, then the objects. At the
-end it leaves `physics.json` in the run directory: how late ticks were, what went over the serial
-lines, CPU time.
+It answers with one line of JSON, `{"bases": ["argos:/dev/pts/3", ...], "epoch_ns": ...}`: where the
+daemon of every robot finds its base, in the order of the indices, and the time of the first tick.
+Then it runs in real time, 10 ms per tick, until standard input ends or on SIGTERM; its parent
+handles Ctrl-C. Bodies in the truth ring are the robots by index, then the objects. At the end it
+writes `physics.json` into the run directory: lateness of ticks, counters of the serial lines, CPU
+time.
 """
 
 from __future__ import annotations
@@ -25,11 +25,9 @@ import math
 import os
 import select
 import signal
-import subprocess
 import sys
 import time
 from array import array
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -41,8 +39,8 @@ from vsense.config.specs import Experiment, ObjectSpec, RobotSpec
 from vsense.errors import UsageError, VsenseError
 from vsense.lab.links import bases_of
 from vsense.lab.microcontrollers import ActuationLog, Microcontrollers
-from vsense.lab.processes import describe_exit, end, read_line
-from vsense.lab.shared import LabError
+from vsense.lab.processes import describe_exit, end, read_line, start_module
+from vsense.lab.shared import LabError, file_errors
 from vsense.lab.truth import TruthWriter
 from vsense.physics.motion import TICK_NS, Physics, obstacles
 from vsense.physics.proximity_ring import ProximityRing
@@ -54,18 +52,9 @@ _CYLINDER = ("x_m", "y_m", "radius_m")
 
 @dataclass(frozen=True, slots=True)
 class PhysicsSpec:
-    """What stands where when the process starts.
+    """The process's spec, see the module; bodies as `Physics` takes them, robots by index.
 
-    Attributes:
-        robots: (m, 3) x_m, y_m, yaw_rad by robot index, arena frame.
-        bases: what each robot is based on, of `vsense.lab.links.KINDS`.
-        objects: (k, 3) likewise of tagged bodies that never move.
-        boxes: (b, 5) x_m, y_m, yaw_rad, size_x_m, size_y_m of walls and boxes.
-        cylinders: (c, 3) x_m, y_m, radius_m of what stands and is round.
-        truth: name of the truth ring.
-        log: path of the actuation log.
-        directory: run directory.
-        seed: seed of the sensors' noise.
+    `bases` are of `vsense.lab.links.KINDS`; `seed` is that of the sensors' noise.
     """
 
     robots: NDArray[np.float64]
@@ -80,11 +69,7 @@ class PhysicsSpec:
 
     @classmethod
     def parse(cls, line: bytes) -> PhysicsSpec:
-        """Reads a spec from one line of JSON; see the module.
-
-        Raises:
-            UsageError: what is wrong, and where in the spec.
-        """
+        """Reads a spec from one line of JSON; UsageError says what is wrong, and where."""
         try:
             spec = json.loads(line)
         except ValueError as error:
@@ -149,7 +134,7 @@ def _text(spec: dict[str, Any], name: str) -> str:
 
 
 FLUSH_TICKS = 100
-"""The log reaches the disk at least once per second."""
+"""The log is written to disk at least once per second."""
 
 
 class PhysicsProcess:
@@ -172,16 +157,14 @@ class PhysicsProcess:
         self._publish()
 
     def wake_ns(self) -> int:
-        """When `step` has something to do even if no bytes come."""
+        """Time of the next `step` that is due even if no bytes come."""
         due_ns, tick_ns = self.controllers.due_ns, self._tick_ns + TICK_NS
         return tick_ns if due_ns is None else min(due_ns, tick_ns)
 
     def step(self, ready: list[int], now_ns: int) -> None:
         """Advances to `now_ns`: all ticks that are due, then the bytes that came.
 
-        Args:
-            ready: descriptors of `controllers.readable()` that have bytes.
-            now_ns: the host's monotonic clock, never going back.
+        `ready` are descriptors of `controllers.readable()`; the clock is monotonic.
         """
         while self._tick_ns + TICK_NS <= now_ns:
             self._tick_ns += TICK_NS
@@ -194,7 +177,7 @@ class PhysicsProcess:
         self._actuate(now_ns)
 
     def report(self) -> dict[str, Any]:
-        """What `physics.json` says: ticks, their lateness in ms, counters of the serial lines."""
+        """Contents of `physics.json`: ticks, their lateness in ms, counters of the serial lines."""
         late_ms = np.array(self._late_ns or [0]) / 1e6
         return {
             "ticks": len(self._late_ns),
@@ -229,7 +212,7 @@ class PhysicsProcess:
 
 
 def run(process: PhysicsProcess, stdin: int, ended: list[int]) -> None:
-    """Runs in real time until the descriptor `stdin` ends or something gets into `ended`."""
+    """Runs in real time until the descriptor `stdin` ends or `ended` is not empty."""
     while not ended:
         wait_s = max(0, process.wake_ns() - time.monotonic_ns()) / 1e9
         ready = select.select([stdin, *process.controllers.readable()], [], [], wait_s)[0]
@@ -263,45 +246,43 @@ def main() -> int:
 def _leave(process: PhysicsProcess, path: Path, cpu_s: float) -> None:
     report = {**process.report(), "cpu_s": cpu_s}
     process.close()
-    try:
+    with file_errors(path):
         path.write_text(json.dumps(report, indent=2) + "\n")
-    except OSError as error:
-        raise LabError(f"{path}: {error.strerror}") from None
 
 
 class FloorProcess:
-    """The physics process as the host sees it.
+    """The host's end of the physics process.
 
     Attributes:
-        bases: what the robots' daemons find their bases at, in the experiment's order.
-        log: where every applied motor command is noted.
+        bases: where the robots' daemons find their bases, in the experiment's order.
+        log: path of the actuation log.
     """
 
     def __init__(
         self, experiment: Experiment, truth: str, seed: int, directory: Path, base: str
     ) -> None:
-        """Starts the process with robots, objects and walls in their places.
+        """Starts the process with robots, objects and walls of a settled experiment.
 
         Args:
-            experiment: what stands in the arena; it is settled.
             truth: name of the truth ring.
-            seed: seed of the proximity sensors' noise.
-            directory: where the log goes.
-            base: what the robots are based on, of `vsense.lab.links.BASES`.
+            seed: of the proximity sensors' noise.
+            directory: of the log.
+            base: of all robots, of `vsense.lab.links.BASES`.
 
         Raises:
-            LabError: the process cannot do its work.
+            LabError: the process has failed.
         """
         self.log = directory / "actuations.bin"
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "vsense.lab.physics_process"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            start_new_session=True,
-        )
+        self._process, self._stdin, self._stdout = start_module("vsense.lab.physics_process")
         spec = _spec(experiment, truth, seed, self.log)
         spec["bases"] = bases_of(base, len(experiment.robots))
-        self.bases: list[str] = json.loads(self._ask(spec))["bases"]
+        self._stdin.write(json.dumps(spec).encode() + b"\n")
+        self._stdin.flush()
+        answer = self._stdout.readline()
+        if not answer:
+            self._process.wait()
+            raise LabError("the lab's physics did not start; the reason stands above")
+        self.bases: list[str] = json.loads(answer)["bases"]
 
     def check(self) -> None:
         """Raises LabError where the process has ended by itself."""
@@ -310,24 +291,13 @@ class FloorProcess:
 
     def close(self) -> None:
         """Ends the process; its log is complete then."""
-        assert self._process.stdin is not None and self._process.stdout is not None
-        self._process.stdin.close()
+        self._stdin.close()
         end(self._process)
-        self._process.stdout.close()
-
-    def _ask(self, spec: Mapping[str, object]) -> bytes:
-        assert self._process.stdin is not None and self._process.stdout is not None
-        self._process.stdin.write(json.dumps(spec).encode() + b"\n")
-        self._process.stdin.flush()
-        answer = self._process.stdout.readline()
-        if not answer:
-            self._process.wait()
-            raise LabError("the lab's physics did not start; the reason stands above")
-        return answer
+        self._stdout.close()
 
 
 def _spec(experiment: Experiment, truth: str, seed: int, log: Path) -> dict[str, object]:
-    """What the process is told; see the module."""
+    """The process's spec; see the module."""
     boxes, cylinders = obstacles(experiment.boxes, experiment.cylinders)
     return {
         "robots": [

@@ -1,9 +1,8 @@
-"""Child processes of the lab: how they end, and the canary among them.
+"""Child processes: how they start and end, and the lab's canary.
 
-The canary is an idle process with a 10 ms timer that notes how late it was woken. A latency
-measured on a busy machine says as much about the machine as about vsense; the canary's figures of
-the same run tell the two apart. `python -m vsense.lab.processes` runs until its standard input
-ends, then prints one lateness in ms per line, one line per tick.
+The canary is an idle process with a 10 ms timer that notes how late it was woken. Its figures show
+how much of a run's latencies is due to a busy machine. `python -m vsense.lab.processes` runs until
+its standard input ends, then prints one lateness in ms per line, one line per tick.
 """
 
 from __future__ import annotations
@@ -14,14 +13,30 @@ import signal
 import subprocess
 import sys
 import time
-from typing import Any
+from typing import IO, Any
 
 END_TIMEOUT_S = 5.0
-"""A process that was told to end and does not within this time is killed."""
+"""A process that was asked to end and does not within this time is killed."""
+
+Started = tuple[subprocess.Popen[bytes], IO[bytes], IO[bytes]]
+"""A process, and the pipes to its standard input and from its standard output."""
+
+
+def start_module(module: str, *arguments: str, **options: Any) -> Started:
+    """Starts a Python module in a session of its own: Ctrl-C reaches only this process."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", module, *arguments],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        start_new_session=True,
+        **options,
+    )
+    assert process.stdin is not None and process.stdout is not None
+    return process, process.stdin, process.stdout
 
 
 def end(process: subprocess.Popen[Any], timeout_s: float = END_TIMEOUT_S) -> None:
-    """Waits for a process that was told to end, and kills it where it does not listen."""
+    """Waits for a process that was asked to end, and kills it where it does not."""
     try:
         process.wait(timeout_s)
     except subprocess.TimeoutExpired:
@@ -37,10 +52,9 @@ def describe_exit(returncode: int) -> str:
 
 
 def read_line(descriptor: int) -> bytes:
-    """Reads up to a line's end and not a byte further, so that `select` sees all that follows.
+    """Reads a line and not a byte further, so that `select` sees all that follows.
 
-    Returns:
-        The line; empty where the input ended before it did.
+    The line is empty where the input ended before it did.
     """
     line = bytearray()
     while not line.endswith(b"\n"):
@@ -55,10 +69,9 @@ PERIOD_NS = 10_000_000
 
 
 def watch() -> list[float]:
-    """Ticks every 10 ms until standard input ends.
+    """Ticks every 10 ms until standard input ends; returns how late each tick was, in ms.
 
-    Returns:
-        How late each tick was, in ms. A tick that was missed whole counts once, with its lateness.
+    Ticks that were missed whole count once, with their lateness.
     """
     lateness_ms: list[float] = []
     due_ns = time.monotonic_ns() + PERIOD_NS
@@ -76,15 +89,10 @@ class Canary:
     """The canary process, from now until `end`."""
 
     def __init__(self) -> None:
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "vsense.lab.processes"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            start_new_session=True,
-        )
+        self._process = start_module("vsense.lab.processes")[0]
 
     def end(self) -> list[float]:
-        """Ends it and gives how late its ticks were, in ms; nothing if it was killed."""
+        """Ends it; returns how late its ticks were, in ms, or nothing if it was killed."""
         output, _ = self._process.communicate()
         return [float(value) for value in output.split()]
 
@@ -98,5 +106,5 @@ if __name__ == "__main__":
     try:
         print("\n".join(f"{value:.3f}" for value in watch()), flush=True)
     except BrokenPipeError:
-        # Whoever asked is gone; what is still buffered must not be tried again at exit.
+        # The parent has ended; what is still buffered must not be tried again at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,7 +1,7 @@
-"""Records the lab's pictures of a wandering swarm: what `vsense track` takes as its cameras.
+"""Records the lab's pictures of a wandering swarm, which `vsense track` takes as its cameras.
 
-Nothing runs in real time here: the robots are driven by random wheel speeds instead of daemons,
-and the pictures wait for nobody. The same seed gives the same recording.
+It does not run in real time; random wheel speeds drive the robots instead of daemons. The same seed
+gives the same recording.
 """
 
 from __future__ import annotations
@@ -38,10 +38,9 @@ _LEG_TICKS = (30, 200)
 
 
 class Wanderers:
-    """Robots that drive straight and turn by chance, in the lab's true physics."""
+    """Robots of a settled experiment that drive straight and turn by chance, in true physics."""
 
     def __init__(self, experiment: Experiment, seed: int) -> None:
-        """Puts robots and objects in their places; the experiment is settled."""
         self._robots = len(experiment.robots)
         self._physics = floor_of(experiment, 0)
         self._rng = np.random.default_rng([seed, 9])
@@ -50,11 +49,7 @@ class Wanderers:
         self._now_ns = 0
 
     def move_to(self, time_ns: int) -> NDArray[np.float64]:
-        """Lives on to a later time.
-
-        Returns:
-            (n, 3) x [m], y [m], yaw [rad] of the robots, then the objects, arena frame.
-        """
+        """Moves to a later time; returns poses (n, 3) of robots, then objects, arena frame."""
         while self._now_ns + TICK_NS <= time_ns:
             self._now_ns += TICK_NS
             self._physics.tick(self._now_ns)
@@ -66,7 +61,7 @@ class Wanderers:
         return np.array(self._physics.poses, dtype=np.float64)
 
     def _begin_leg(self, robot: int) -> None:
-        """Turns on the spot and drives straight by turns."""
+        """Turns on the spot and drives straight in turn."""
         self._turning[robot] = not self._turning[robot]
         if self._turning[robot]:
             speed = int(self._rng.choice((-_TURN_STEPS_S, _TURN_STEPS_S)))
@@ -90,11 +85,9 @@ def record(
     """Records the experiment's arena as the lab's cameras see it.
 
     Args:
-        experiment: what stands in the arena.
-        directory: gets `pictures`, `cameras`, `resources.xml`, `experiment.xml`, and where
-            everything truly was in `truth.csv`.
-        timesteps: how many.
-        seed: decides about poses, ways, floor, litter and noise.
+        directory: gets `pictures`, `cameras`, `resources.xml`, `experiment.xml`, and the true poses
+            in `truth.csv`.
+        seed: of poses, ways, floor, litter and noise.
         suffix: format of the pictures.
         progress: called with the number of timesteps done.
         spec: other cameras than the lab's.

@@ -1,12 +1,12 @@
-"""The lab's pictures: the empty arena, and on it every body where it truly is.
+"""The lab's pictures: the empty arena, and on it every body at its true place.
 
-A picture is made in two steps. `prepare` needs no poses and is done before the exposure;
-`expose` draws the bodies into the windows they cover. Both read the sensor's noise from the
-same place of the bank, so nobody can tell the two apart.
+A picture is made in two steps. `prepare` needs no poses and is done before the exposure; `expose`
+draws the bodies into the windows they cover. Both take the sensor's noise from the same place of
+the bank, so that the windows do not show.
 
-`Studio` holds all cameras. It is built on two threads and makes its pictures on one: small OpenCV
-calls hand Python's lock to and fro so often that a second thread costs a third more processor time
-and gains nothing.
+`Studio` holds all cameras. It is built on two threads and makes its pictures on one: with small
+OpenCV calls a second thread costs a third more processor time, for Python's lock, and gains
+nothing.
 """
 
 from __future__ import annotations
@@ -23,11 +23,10 @@ from numpy.typing import NDArray
 from vsense.lab.backdrop import Backdrop
 from vsense.lab.bodies import EMISSION_DN, TEXTURE_PX_PER_M, BodySprites, Effect, Sprite
 from vsense.lab.camera_spec import LabCameraSpec
-from vsense.lab.optics import Image8, Image32, RayMap, Sensor, Window, to_levels
+from vsense.lab.optics import Floats, Image8, Image32, RayMap, Sensor, Window, to_levels
 from vsense.lab.scene import Scene
 from vsense.markers.families import load_family
 
-Floats = NDArray[np.float64]
 Leds = NDArray[np.uint16]
 
 _MARGIN_PX = 1
@@ -40,13 +39,9 @@ _EVERYTHING: Window = (slice(None), slice(None))
 
 @dataclass(frozen=True, slots=True)
 class _Placed:
-    """A sprite where it is seen.
+    """A sprite with the pixels that it may cover, and its poses during the exposure.
 
-    Attributes:
-        sprite: The sprite.
-        window: The pixels that it may cover.
-        poses: Where it is during the exposure.
-        overtopped: Whether something in that window stands higher.
+    `overtopped`: something in that window stands higher.
     """
 
     sprite: Sprite
@@ -56,7 +51,7 @@ class _Placed:
 
 
 class CameraRenderer:
-    """Makes the pictures of one camera."""
+    """Makes the pictures of one camera; `bodies` come in the order of the poses."""
 
     def __init__(
         self,
@@ -66,7 +61,6 @@ class CameraRenderer:
         sensor: Sensor,
         bodies: Sequence[BodySprites],
     ) -> None:
-        """Takes its parts: `number` decides its noise, `bodies` come in the order of the poses."""
         self._number = number
         self._rays = rays
         self._backdrop = backdrop
@@ -76,24 +70,15 @@ class CameraRenderer:
         self._canvas = backdrop.grey.copy()
 
     def prepare(self, timestep: int, image: Image8) -> None:
-        """Takes a picture of the empty arena.
-
-        Args:
-            timestep: Decides about the noise.
-            image: (h, w) uint8, written.
-        """
+        """Writes the empty arena, with the timestep's noise, into `image` (h, w) uint8."""
         noise = self._sensor.noise(self._number, timestep)
         self._sensor.read(self._empty, noise, _EVERYTHING, image)
 
     def expose(self, timestep: int, poses: Floats, leds: Leds, image: Image8) -> None:
-        """Adds the bodies to a prepared picture.
+        """Adds the bodies to a picture of `prepare`; `leds` (n,) are LED bits.
 
-        Args:
-            timestep: As in `prepare`.
-            poses: (samples, n, 3) x [m], y [m], yaw [rad] at moments that are evenly spread
-                over the exposure, an odd number of them.
-            leds: (n,) LED bits.
-            image: (h, w) uint8 from `prepare`, changed.
+        `poses` (samples, n, 3) are x [m], y [m], yaw [rad] at an odd number of moments that are
+        evenly spread over the exposure.
         """
         bodies = self._place(poses, leds)
         for window, _ in bodies:
@@ -218,18 +203,12 @@ class Studio:
 
             self._renderers = list(builders.map(renderer, range(len(rays))))
 
-    def prepare(self, timestep: int, images: NDArray[np.uint8]) -> None:
+    def prepare(self, timestep: int, images: Image8) -> None:
         """Draws the empty arena into images (cameras, h, w) uint8."""
         for renderer, image in zip(self._renderers, images):
             renderer.prepare(timestep, image)
 
-    def expose(
-        self,
-        timestep: int,
-        poses: NDArray[np.float64],
-        leds: NDArray[np.uint16],
-        images: NDArray[np.uint8],
-    ) -> None:
+    def expose(self, timestep: int, poses: Floats, leds: Leds, images: Image8) -> None:
         """Draws the bodies into prepared images; see `CameraRenderer.expose`."""
         for renderer, image in zip(self._renderers, images):
             renderer.expose(timestep, poses, leds, image)

@@ -1,4 +1,4 @@
-"""After a run in the lab: gathers what every process noted, and shows it to a person."""
+"""After a run in the lab: gathers the notes of all processes, and shows them."""
 
 from __future__ import annotations
 
@@ -20,17 +20,15 @@ from vsense.link.robots.status import RING_LEDS
 from vsense.pictures import run_figure
 from vsense.pictures.arena_view import WIDTH_PX
 from vsense.pictures.canvas import Image
-from vsense.pictures.run_figure import RunFigure, spoken
+from vsense.pictures.run_figure import spoken
 from vsense.run.figures import link_row, number, percent
 from vsense.run.runtime import Step
-
-LINK_COUNTERS = ("sent", "received", "dropped", "reconnects")
 
 
 def gather(session: Session, recording: RunNotes) -> metrics.MeasuredRun:
     """Puts together what host, cameras, microcontrollers and daemons noted of a run.
 
-    The processes must have ended: their files are complete then.
+    The processes have ended, so that their files are complete.
 
     Raises:
         LabError: a file is missing or broken.
@@ -64,12 +62,11 @@ def gather(session: Session, recording: RunNotes) -> metrics.MeasuredRun:
         actuated=[actuations[actuations["robot"] == i] for i in range(robots)],
         turn=experiment.turn_timestep,
         lateness_ms=recording.lateness_ms,
-        link={name: getattr(recording, name) for name in LINK_COUNTERS},
+        link=recording.link,
     )
 
 
 def _timesteps(steps: list[Step], truth: NDArray[np.void]) -> NDArray[np.void]:
-    """The timesteps that the host lived."""
     rows = [
         (s.timestep, s.run_timestep, s.capture_ns, render_ns, s.arena_ns, s.sent_ns)
         for s, render_ns in zip(steps, truth["render_ns"])
@@ -78,7 +75,7 @@ def _timesteps(steps: list[Step], truth: NDArray[np.void]) -> NDArray[np.void]:
 
 
 def _rows_of(truth: NDArray[np.void], timesteps: list[int]) -> NDArray[np.void]:
-    """The truth at the timesteps that the host lived."""
+    """The truth at the timesteps that the host handled."""
     rows = np.searchsorted(truth["timestep"], timesteps)
     if rows[-1] >= len(truth) or (truth["timestep"][rows] != timesteps).any():
         raise LabError("the truth log does not hold every timestep of the run")
@@ -93,22 +90,10 @@ def _within(trace: NDArray[np.void], steps: NDArray[np.void]) -> NDArray[np.void
 
 
 def draw(session: Session, recording: RunNotes, run: metrics.MeasuredRun, path: Path) -> None:
-    """Draws the picture of a run.
-
-    Raises:
-        PictureError: the file cannot be written.
-    """
+    """Draws the picture of a run; PictureError where the file cannot be written."""
     experiment, pictures = session.experiment, recording.pictures
-    depth_m = run.truth.depth_m
-    told = RunFigure(
-        experiment,
-        run.timesteps["run_timestep"],
-        run.truth.poses,
-        run.truth.lit,
-        None if depth_m is None else depth_m >= 0,
-        run.turn,
-        recording.samples,
-    )
+    numbers = run.timesteps["run_timestep"]
+    figure = run.truth.figure(experiment, numbers, recording.samples)
 
     def view(timestep: int) -> Image | None:
         if not pictures.get(timestep):
@@ -119,11 +104,11 @@ def draw(session: Session, recording: RunNotes, run: metrics.MeasuredRun, path: 
 
     cameras = len(session.cameras)
     subtitle = f"{len(run.tags)} robots seen by {cameras} cameras, seed {recording.seed}"
-    run_figure.save(told, path, session.setup.blind, subtitle, view)
+    run_figure.save(figure, path, session.setup.blind, subtitle, view)
 
 
 def table(summary: dict[str, Any]) -> str:
-    """The summary as a person reads it."""
+    """The summary as text."""
     tracking, sensing = summary["tracking"], summary["sensing"]
     swarm, latency, vision = summary["swarm"], summary["latency_ms"], summary["vision"]
     rows = [

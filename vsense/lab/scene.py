@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.lab.optics import Image8, Image32, RayMap
+from vsense.lab.optics import Floats, Image8, Image32, RayMap
 
 PX_PER_M = 800
 """Resolution of the floor: finer than any picture of it."""
@@ -34,15 +34,7 @@ _LIGHT_PX_PER_M = 50
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """A picture of the floor, rows running along -y.
-
-    Attributes:
-        left_m: Arena x of the left border.
-        top_m: Arena y of the upper border.
-        width_m: Extent along x.
-        height_m: Extent along y.
-        px_per_m: Resolution.
-    """
+    """A picture of the floor from arena x `left_m` and y `top_m` on, rows running along -y."""
 
     left_m: float
     top_m: float
@@ -59,7 +51,7 @@ class Grid:
         )
 
     def to_px(self, x_m: Image32, y_m: Image32) -> tuple[Image32, Image32]:
-        """Returns column and row of places on the floor, (0, 0) the first pixel's middle."""
+        """Column and row of places on the floor, (0, 0) is the first pixel's middle."""
         scale = np.float32(self.px_per_m)
         column = (x_m - np.float32(self.left_m)) * scale - np.float32(0.5)
         row = (np.float32(self.top_m) - y_m) * scale - np.float32(0.5)
@@ -70,7 +62,7 @@ class Scene:
     """Everything on the floor that never moves, and the light."""
 
     def __init__(self, rays: list[RayMap], seed: int, litter_per_picture: int) -> None:
-        """Makes the floor that all cameras see; `seed` decides about dirt, litter and light."""
+        """Makes the floor that all cameras see; dirt, litter and light follow from `seed`."""
         rng = np.random.default_rng([seed, 2])
         low_x, high_x, low_y, high_y = np.array([r.bounds() for r in rays]).T
         seen_m2 = np.mean((high_x - low_x) * (high_y - low_y))
@@ -84,12 +76,12 @@ class Scene:
         self._light = _uneven_light(self._light_grid, rng)
 
     def floor(self, rays: RayMap) -> Image8:
-        """Returns the (h, w) reflectance that a camera sees, empty arena without walls."""
+        """The (h, w) reflectance that a camera sees, empty arena without walls."""
         column, row = self._grid.to_px(rays.x_m, rays.y_m)
         return np.asarray(cv2.remap(self._floor, column, row, cv2.INTER_LINEAR), dtype=np.uint8)
 
     def light(self, rays: RayMap) -> Image32:
-        """Returns the (h, w) light on the floor that a camera sees, 1 on average."""
+        """The (h, w) light on the floor that a camera sees, 1 on average."""
         column, row = self._light_grid.to_px(rays.x_m, rays.y_m)
         light = cv2.remap(self._light, column, row, cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE)
         return np.asarray(light, dtype=np.float32)
@@ -148,7 +140,6 @@ def _uneven_light(grid: Grid, rng: np.random.Generator) -> Image32:
     return np.asarray(1.0 + LIGHT_SWING * (2.0 * even - 1.0), dtype=np.float32)
 
 
-Floats = NDArray[np.float64]
 Rng = np.random.Generator
 
 PAPER = 205
@@ -160,14 +151,7 @@ _WORDS = ("ARENA", "EXIT", "B12", "LAB", "A4", "07", "STOP", "KEEP", "NORTH", "I
 
 @dataclass(frozen=True, slots=True)
 class _Pen:
-    """Draws into one place of the floor, turned.
-
-    Attributes:
-        floor: The picture that is drawn into.
-        px_per_m: Its resolution.
-        at_px: (2,) column and row of the piece's middle.
-        yaw_rad: How the piece is turned.
-    """
+    """Draws a turned piece into the floor; `at_px` (2,) are column and row of its middle."""
 
     floor: Image8
     px_per_m: float
@@ -182,7 +166,6 @@ class _Pen:
         return np.asarray(np.rint(pixels * (1 << _SHIFT)), dtype=np.int32)
 
     def fill(self, points_m: Floats, grey: int) -> None:
-        """Fills a polygon."""
         cv2.fillPoly(self.floor, [self.place(points_m)], grey, cv2.LINE_AA, _SHIFT)
 
     def trace(self, points_m: Floats, width_m: float, grey: int) -> None:
@@ -271,7 +254,7 @@ def _stamp(floor: Image8, mask: Image8, transform: Floats, grey: int) -> None:
 
 
 def _card(pen: _Pen, rng: Rng) -> None:
-    """A white card with a dark rectangle: what a careless detector takes for a marker."""
+    """A white card with a dark rectangle, which is easily taken for a marker."""
     length, width = rng.uniform(0.06, 0.10), rng.uniform(0.05, 0.075)
     pen.fill(_rectangle(length, width), int(rng.integers(185, 220)))
     pen.fill(_rectangle(length * rng.uniform(0.4, 0.7), width * rng.uniform(0.4, 0.7)), INK)

@@ -1,4 +1,4 @@
-"""One run in the lab: starts every process, lives all timesteps, and ends everything again."""
+"""One run in the lab: starts every process, handles all timesteps, and ends everything again."""
 
 from __future__ import annotations
 
@@ -30,17 +30,16 @@ READY_TIMEOUT_S = 20.0
 
 @dataclass(slots=True)
 class RunNotes:
-    """What the host noted during a run.
+    """The host's notes of a run.
 
     Attributes:
-        seed: of everything that was drawn.
         directory: where the run's figures go.
         ended: what ended it, as `Runner.ended`.
         steps: the timesteps of the run, without their pictures.
         samples: the virtual world and the experiment's measures over time.
-        measures: what the experiment measured in all, by name.
+        measures: the experiment's own, of the whole run.
         pictures: the cameras' pictures at chosen timesteps of the run.
-        sent, received, dropped, reconnects: packets with the robots' readings.
+        link: `sent`, `received`, `dropped` packets with readings, `reconnects`.
         lateness_ms: the canary's ticks.
     """
 
@@ -51,10 +50,7 @@ class RunNotes:
     measures: dict[str, float] = field(default_factory=dict)
     steps: list[Step] = field(default_factory=list)
     pictures: dict[int, list[Frame]] = field(default_factory=dict)
-    sent: int = 0
-    received: int = 0
-    dropped: int = 0
-    reconnects: int = 0
+    link: dict[str, int] = field(default_factory=dict)
     lateness_ms: list[float] = field(default_factory=list)
 
 
@@ -111,11 +107,11 @@ class Session(ExperimentSession):
         return CameraTracking(grabber, tracker, self.setup.console.say)
 
     def wait_until_ready(self) -> None:
-        """Lives timesteps until every robot is connected and every tag is seen.
+        """Handles timesteps until every robot is connected and every tag is seen.
 
         Raises:
-            LabError: a daemon has ended, or somebody is still missing after `READY_TIMEOUT_S`;
-                the message says who.
+            LabError: a daemon has ended, or a robot or tag is still missing after
+                `READY_TIMEOUT_S`; the message names them.
         """
         try:
             readiness = self.runner.wait(READY_TIMEOUT_S)
@@ -132,11 +128,7 @@ class Session(ExperimentSession):
             )
 
     def _observe(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
-        """Looks after the cameras and the daemons.
-
-        Raises:
-            LabError: one has ended before all were ready: it will not come.
-        """
+        """Checks cameras and daemons; LabError where one has ended before all were ready."""
         self.tracking.check_cameras()
         super()._observe(step, robots)
         for robot, how in self.swarm.fallen():
@@ -151,14 +143,12 @@ class Session(ExperimentSession):
             )
 
     def run(self, directory: Path, observe: Callable[[Step], None]) -> None:
-        """Starts all robots together, lives the run's timesteps, and stops them.
+        """Starts all robots together, handles the run's timesteps, and stops them.
 
-        Args:
-            directory: where the run's figures will go.
-            observe: called after every timestep of the run.
+        `directory` is that of the run's figures; `observe` is called after every timestep.
 
         Raises:
-            VsenseError: something has failed; what was recorded until then is there.
+            VsenseError: something has failed; what was recorded until then is kept.
         """
         notes = RunNotes(RunSamples(self.experiment), self.environment.seed, directory)
         self.recordings.append(notes)
@@ -172,10 +162,10 @@ class Session(ExperimentSession):
         self.stop()
         notes.ended, counters = self.runner.ended, self.runner.counters
         notes.lateness_ms = canary.end()
-        notes.sent, notes.received = counters.sent, counters.received
-        notes.dropped, notes.reconnects = counters.dropped, self.runner.reconnects
+        notes.link = {name: getattr(counters, name) for name in ("sent", "received", "dropped")}
+        notes.link["reconnects"] = self.runner.reconnects
         if failure is not None:
-            # Cameras starve without physics: say what failed first.
+            # Without physics the cameras fail, too: report what failed first.
             self.floor.check()
             raise failure
         notes.measures = self.environment.end()
@@ -197,5 +187,5 @@ class Session(ExperimentSession):
 
 
 def copy_frames(frames: Sequence[Frame]) -> list[Frame]:
-    """Copies pictures that are kept: what is lent for long is missing to the cameras."""
+    """Copies pictures that are kept, so that their slots return to the cameras."""
     return [replace(frame, image=frame.image.copy()) for frame in frames]

@@ -1,13 +1,13 @@
 """Memory that the processes of the lab share: plain blocks, and the bank of the newest pictures.
 
-`multiprocessing.shared_memory` is not used: before Python 3.13 every process that merely
-attaches also unlinks the block when it ends, with warnings. A block made by `anonymous` has no
-name in any folder: it is gone with the last process that maps it, whatever killed the others.
+`multiprocessing.shared_memory` is not used: before Python 3.13 every process that attaches also
+unlinks the block when it ends, with warnings. A block made by `anonymous` has no name in any
+folder: it ends with the last process that maps it, however the others have ended.
 
 The camera process draws into the bank, the host reads. A timestep that the host has taken is lent
 to it: its slot is not drawn over until the last reference to its pictures is gone. Of all other
-slots the cameras take the one that was drawn longest ago, so they never wait for the host, and the
-newest timestep is there for it until two newer ones are begun.
+slots the cameras take the one that was drawn longest ago. So they never wait for the host, and the
+newest timestep stays until two newer ones are begun.
 """
 
 from __future__ import annotations
@@ -31,16 +31,25 @@ _NAMED = Path("/dev/shm")
 
 
 class LabError(VsenseError):
-    """The lab cannot do its work; the message says which part and why."""
+    """A part of the lab has failed; the message says which and why."""
+
+
+@contextmanager
+def file_errors(name: object) -> Iterator[None]:
+    """Raises LabError, which names the file, for what the system refuses to do with it."""
+    try:
+        yield
+    except OSError as error:
+        raise LabError(f"{name}: {error.strerror}") from None
 
 
 class SharedBlock:
     """Bytes that several processes map.
 
     Attributes:
-        name: What another process of this user passes to `open`. A block made by `anonymous`
-            can be opened as long as its maker has not closed it.
-        bytes: (size,) uint8, zero at first. The memory lives as long as any view of it.
+        name: for `open` in another process of this user. A block made by `anonymous` can be opened
+            as long as its maker has not closed it.
+        bytes: (size,) uint8, zero at first. The memory stays as long as any view of it.
     """
 
     def __init__(self, name: str, descriptor: int, created: Path | None = None) -> None:
@@ -52,22 +61,20 @@ class SharedBlock:
 
     @classmethod
     def anonymous(cls, label: str, size: int) -> SharedBlock:
-        """Makes a block of `size` bytes that leaves nothing behind; `label` is for people."""
+        """Makes a block of `size` bytes without a name in any folder; `label` is for people."""
         descriptor = os.memfd_create(label)
         _reserve(descriptor, size, label)
         return cls(f"/proc/{os.getpid()}/fd/{descriptor}", descriptor)
 
     @classmethod
     def open(cls, name: str, size: int | None = None) -> SharedBlock:
-        """Opens the block of another process.
+        """Opens the block of another process by its `SharedBlock.name` or a plain name.
 
-        Args:
-            name: The other's `SharedBlock.name`, or a plain name that both sides agreed on.
-            size: Where given and nobody has made the plain name yet, it is made with so many
-                bytes, and removed again by `close`.
+        With `size` a plain name that does not exist yet is made with so many bytes, and removed
+        again by `close`.
 
         Raises:
-            LabError: There is no such block, or it is smaller than `size`.
+            LabError: there is no such block, or it is smaller than `size`.
         """
         path = _NAMED / name
         try:
@@ -85,10 +92,7 @@ class SharedBlock:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Keeps out all others that take this lock on blocks of their own.
-
-        The system ends the lock of a process that dies with it.
-        """
+        """Holds the lock of this block against other processes; it ends with its process."""
         assert self._descriptor is not None
         fcntl.flock(self._descriptor, fcntl.LOCK_EX)
         try:
@@ -97,7 +101,7 @@ class SharedBlock:
             fcntl.flock(self._descriptor, fcntl.LOCK_UN)
 
     def close(self) -> None:
-        """Lets go of the block; views that are still in use stay valid."""
+        """Releases the block; views that are still in use stay valid."""
         if self._descriptor is None:
             return
         os.close(self._descriptor)
@@ -117,7 +121,7 @@ def _open_existing(path: Path, size: int | None) -> int:
 
 
 def _reserve(descriptor: int, size: int, name: str) -> None:
-    """Takes the memory now: what is missing later would end the process with SIGBUS."""
+    """Allocates the memory now: if it were missing later, SIGBUS would end the process."""
     try:
         os.posix_fallocate(descriptor, 0, size)
     except OSError as error:
@@ -132,7 +136,7 @@ MOST_LENT = SLOTS - 2
 """With more lent, a copy is given, so that the cameras always have the slots that they need."""
 
 _HEADER = np.dtype([("timesteps", "i8", (SLOTS,)), ("lent", "?", (SLOTS,))])
-"""`timesteps` of the slots count from 1, 0 is none; both belong to whoever holds the lock."""
+"""`timesteps` of the slots count from 1, 0 is none; both are read and written under the lock."""
 _PAGE = 4096
 """The pictures begin here."""
 
@@ -143,7 +147,7 @@ class FrameBank:
     """Room for `SLOTS` times one picture of every camera.
 
     Attributes:
-        name: What the other process passes to `open`.
+        name: for `open` in another process.
         images: (SLOTS, cameras, h, w) uint8.
     """
 
@@ -160,16 +164,12 @@ class FrameBank:
 
     @classmethod
     def make(cls, shape: tuple[int, int, int]) -> FrameBank:
-        """Makes an empty bank that leaves nothing behind."""
+        """Makes an empty bank."""
         return cls(SharedBlock.anonymous("vsense-frames", _size(shape)), shape)
 
     @classmethod
     def open(cls, name: str, shape: tuple[int, int, int]) -> FrameBank:
-        """Opens the bank of another process.
-
-        Raises:
-            LabError: There is none, or it is too small.
-        """
+        """Opens the bank of another process; LabError where there is none, or it is too small."""
         return cls(SharedBlock.open(name), shape)
 
     def begin(self, timestep: int) -> int:
@@ -181,15 +181,11 @@ class FrameBank:
         return slot
 
     def lend(self, slot: int, timestep: int) -> Image8 | None:
-        """Gives a timestep's pictures; the host only, one thread.
-
-        Args:
-            slot: Where they were drawn.
-            timestep: Its number.
+        """Lends the pictures of a timestep in `slot`; the host only, one thread.
 
         Returns:
-            (cameras, h, w) uint8, which does not change as long as anybody refers to it or to a
-            view of it; None where the cameras have begun to draw over it.
+            (cameras, h, w) uint8, which does not change as long as there is a reference to it or
+            to a view of it; None where the cameras have begun to draw over it.
         """
         lent = self._header["lent"]
         with self._block.locked():
@@ -203,7 +199,7 @@ class FrameBank:
         return images.copy() if scarce else images
 
     def close(self) -> None:
-        """Lets go of the bank; pictures that are still in use stay valid."""
+        """Releases the bank; pictures that are still in use stay valid."""
         self.images = self.images[:0]
         self._block.close()
 
@@ -213,12 +209,12 @@ class FrameBank:
         return timesteps
 
     def _borrowed(self, slot: int) -> Image8:
-        """A slot's pictures, which note their own end: any thread may let go of them last."""
+        """A slot's pictures, which return the slot when any thread releases them last."""
         images: Image8 = self.images[slot]
         returned = self._returned
 
         def give_back(pointer: Any, memory: Image8 = images) -> None:
-            # `memory` keeps the bank mapped as long as somebody looks at it.
+            # `memory` keeps the bank mapped as long as the pictures are used.
             returned.append(slot)
 
         lent = ffi.gc(ffi.cast("uint8_t *", ffi.from_buffer(images)), give_back)
@@ -227,5 +223,4 @@ class FrameBank:
 
 
 def _size(shape: tuple[int, int, int]) -> int:
-    """Bytes of a bank."""
     return _PAGE + SLOTS * int(np.prod(shape))

@@ -24,18 +24,17 @@ def top_view(
     px_per_m: float,
     height_m: float = 0.0,
 ) -> NDArray[np.uint8]:
-    """Returns the arena as one camera infinitely far above would see it, about 0.2 s.
+    """The arena as one camera infinitely far above would see it, in about 0.2 s.
 
     Every place is taken from the camera that looks most steeply at it. The lenses' vignetting is
-    taken out. What is not in the plane is shifted, at the seams by a few pixels.
+    taken out. What is not in the plane at `height_m` is shifted, at the seams by a few pixels: with
+    0 the floor is at its true place, with the markers' height the markers are.
 
     Args:
-        frames: Pictures of one timestep.
-        cameras: The cameras that took them, in any order.
-        arena: The part of the floor to show.
-        px_per_m: Resolution of the result.
-        height_m: The plane that is shown as it is: 0 the floor, the markers' height for sharp
-            markers at their true places.
+        frames: pictures of one timestep.
+        cameras: those that took them, in any order.
+        arena: the part of the floor to show.
+        px_per_m: resolution of the result.
 
     Returns:
         (rows, columns) uint8, +x to the right and +y up; black where no camera sees.
@@ -83,7 +82,7 @@ def _pixels(
 
 
 def _distance_m(camera: Camera, x: Image32, y: Image32) -> Image32:
-    """How far from below the camera each place is."""
+    """Distance of each place from the point below the camera."""
     centre_x, centre_y = np.array(camera.position_m[:2], dtype=np.float32)
     return np.asarray(np.hypot(x - centre_x, y - centre_y), dtype=np.float32)
 

@@ -1,6 +1,6 @@
 """The robots' daemons: one real `vsensed` per robot, started, watched and ended; and their traces.
 
-`vsensed --trace` writes what each controller held at every step.
+`vsensed --trace` writes the readings of each controller at every step.
 """
 
 from __future__ import annotations
@@ -32,12 +32,11 @@ class Robot:
     """One robot of the lab.
 
     Attributes:
-        tag: number on its marker.
-        name: the experiment's name for it.
-        base: what its daemon finds its microcontroller at, `KIND:DEVICE`.
+        name: its id in the experiment.
+        base: its daemon's `--base`, `KIND:DEVICE`.
         clock_offset_ns: how far its own clock is ahead of the host's.
         clock_drift_ppm: how much too fast its own clock runs.
-        trace: where its daemon notes every control step.
+        trace: file of its daemon's control steps.
     """
 
     tag: int
@@ -100,7 +99,7 @@ class Swarm:
         return self._directory / f"{tag}.sh"
 
     def log(self, tag: int) -> Path:
-        """What a robot's daemon said."""
+        """The output of a robot's daemon."""
         return self._directory / f"{tag}.log"
 
     def complaints(self) -> list[str]:
@@ -124,7 +123,7 @@ class Swarm:
         return ended
 
     def end(self) -> None:
-        """Ends all daemons: SIGTERM, and SIGKILL for those that do not listen."""
+        """Ends all daemons: SIGTERM, and SIGKILL for those that do not end."""
         for process in self._processes.values():
             process.terminate()
         for process in self._processes.values():
@@ -152,28 +151,21 @@ TRACE = np.dtype(
 )  # fmt: skip
 """One control step of one robot; all times on the host's clock.
 
-`now_ns` is when the controller was called, `rx_ns` when the datagram had come that brought the
-newest capture, `newest_ns` the time of that capture. `known` says whether the controller held a
-value of every virtual sensor, `value` that of the one that is judged, `capture_ns` when it was
-measured (the oldest one, where none is judged); `age_ns` (-1: unknown) and `stale` are what the
-daemon told the controller about it. `left` and `right` are the wheels' speeds [steps/s] that the
-step commanded.
+`now_ns` is when the controller was called, `rx_ns` when the datagram with the newest capture had
+come, `newest_ns` the time of that capture. `known` is whether the controller had a value of every
+virtual sensor, `value` that of the judged one, `capture_ns` when it was measured (the oldest one,
+where none is judged); `age_ns` (-1: unknown) and `stale` are the controller's. `left` and `right`
+are the commanded wheel speeds [steps/s].
 """
 
 UNKNOWN_AGE = -1
 
 
 def read_trace(robot: Robot, sensors: Sequence[str], judged: str | None) -> NDArray[np.void]:
-    """Reads a robot's trace.
+    """Reads a robot's trace: (n,) TRACE; empty where the daemon never made a step.
 
-    Args:
-        robot: whose trace, and how wrong its clock is.
-        sensors: its virtual sensors.
-        judged: the one of them whose value is read, one single; None: no value is read.
-
-    Returns:
-        (n,) TRACE; empty where the daemon never made a step. A last line that was cut off by the
-        daemon's death is left out.
+    `judged` is the one of its sensors whose value, one single, is read; None: no value is read. A
+    last line that the daemon did not finish is left out.
 
     Raises:
         LabError: a line is no trace line.
@@ -212,15 +204,14 @@ def _held(
 ) -> tuple[bool, float, int, int, bool]:
     """Known, value, capture, age and stale out of "name=hex@capture:age:stale,...".
 
-    The times are those of the judged sensor; without one the oldest counts, so that no fresh
-    sensor hides another's age.
+    The times are those of the judged sensor; without one the oldest reading's.
     """
     found = dict(item.split("=", 1) for item in text.split(",")) if sensors else {}
     held = [found[name] for name in sensors]
     if not held or "-" in held:
         return False, 0.0, 0, UNKNOWN_AGE, True
-    told = held if judged is None else [found[judged]]
-    times = [item.split("@")[1].split(":") for item in told]
+    timed = held if judged is None else [found[judged]]
+    times = [item.split("@")[1].split(":") for item in timed]
     capture, age, stale = min(times, key=lambda time: int(time[0]))
     value = 0.0
     if judged is not None:

@@ -1,12 +1,12 @@
-"""Where every body of the lab really is: a ring for the present, a log for the report.
+"""The true poses of every body of the lab: a ring for the present, a log for the report.
 
 One process writes a record per tick of its physics into the ring, others read the truth at any
-moment of the last 256 ticks. Nobody waits for anybody. A record that is read while it is being
+moment of the last 256 ticks; no process waits for another. A record that is read while it is being
 written shows a wrong checksum, which needs no memory ordering from the processor: a reader takes
-the tick before it for the newest, and looks again only where the writer has got on.
+the tick before it for the newest, and reads again only where the writer has gone on.
 
-The log holds where every body was at every capture: a header, the number of bodies, and one record
-per timestep, all little endian.
+The log holds the truth at every capture: a header, the number of bodies, and one record per
+timestep, all little endian.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import wrap_angle
-from vsense.lab.shared import LabError, SharedBlock
+from vsense.lab.shared import LabError, SharedBlock, file_errors
 
 Floats = NDArray[np.float64]
 Leds = NDArray[np.uint16]
@@ -47,14 +47,14 @@ def _ring_size(bodies: int) -> int:
 
 
 def make_ring(bodies: int) -> SharedBlock:
-    """Makes an empty ring that leaves nothing behind; its `name` goes to writer and readers."""
+    """Makes an empty ring; writer and readers open its `name`."""
     block = SharedBlock.anonymous("vsense-truth", _ring_size(bodies))
     block.bytes[: _HEADER.itemsize].view(_HEADER)[0] = (_MAGIC, bodies)
     return block
 
 
 class TruthWriter:
-    """The one process that knows the truth."""
+    """The ring's only writer."""
 
     def __init__(self, name: str, bodies: int) -> None:
         """Empties the ring `name` of `make_ring`, or makes one under that plain name.
@@ -78,12 +78,10 @@ class TruthWriter:
         self._sequence = 0
 
     def write(self, time_ns: int, poses: Floats, leds: NDArray[np.integer]) -> None:
-        """Publishes one tick.
+        """Publishes one tick, later than the one before, on the host's monotonic clock.
 
-        Args:
-            time_ns: Host's monotonic clock; later than in the call before.
-            poses: (n, 3) x [m], y [m], yaw [rad] of every body, arena frame.
-            leds: (n,) LED bits: 0-7 ring, 8 body, 9 front.
+        `poses` (n, 3) are x [m], y [m], yaw [rad] of every body, arena frame; `leds` (n,) LED
+        bits: 0-7 ring, 8 body, 9 front.
         """
         self._sequence += 1
         self._record[0] = (self._sequence, time_ns, poses, leds, 0)
@@ -91,17 +89,13 @@ class TruthWriter:
         self._slots[self._sequence % SLOTS] = self._bytes
 
     def close(self) -> None:
-        """Lets go of the ring, and removes it where this writer has made it."""
+        """Releases the ring, and removes it where this writer has made it."""
         self._slots = self._slots[:0]
         self._block.close()
 
 
 class TruthReader:
-    """Reads the truth at any recent moment.
-
-    Attributes:
-        bodies: How many bodies each record holds.
-    """
+    """Reads the truth of `bodies` bodies at any recent moment."""
 
     def __init__(self, name: str) -> None:
         """Opens a ring; raises LabError where there is none of that name."""
@@ -116,10 +110,10 @@ class TruthReader:
         self._times = self._slots.view(self._dtype)["time_ns"][:, 0]
 
     def newest_ns(self) -> int:
-        """Returns the time of the newest whole tick, 0 while there is none.
+        """Time of the newest whole tick, 0 while there is none.
 
         Raises:
-            LabError: The ring holds records, and none of them is whole.
+            LabError: the ring holds records, and none of them is whole.
         """
         while True:
             times = self._times.copy()
@@ -134,44 +128,34 @@ class TruthReader:
                 raise LabError("truth ring: its records are broken")
 
     def at(self, time_ns: int) -> tuple[Floats, Leds]:
-        """Returns the truth at one moment.
+        """Poses and LED bits at one moment on the host's monotonic clock; see `TruthWriter.write`.
 
-        Args:
-            time_ns: Host's monotonic clock, between the oldest and the newest whole tick.
-
-        Returns:
-            (n, 3) x [m], y [m], yaw [rad], interpolated between the ticks on both sides;
-            (n,) LED bits of the tick before.
+        Poses are interpolated between the ticks on both sides; LEDs are those of the tick before.
 
         Raises:
-            LabError: The ring does not reach back or forward to that moment.
+            LabError: the ring does not reach back or forward to that moment.
         """
         while True:
             times = self._times.copy()
             pair = self._around(times, time_ns)
             if pair is not None:
                 return _interpolate(*pair, time_ns)
-            # Where the writer has got on, the ring may still reach to that moment or no more;
-            # where it has not, the record is the one that is being written.
+            # Where the writer has gone on, the ring may still reach to that moment; where it has
+            # not, the record is the one that is being written.
             if np.array_equal(times, self._times):
                 raise LabError(
                     f"truth ring: asked for {time_ns} ns, it holds no whole tick on one side of it"
                 )
 
     def close(self) -> None:
-        """Lets go of the ring."""
+        """Releases the ring."""
         self._slots, self._times = self._slots[:0], self._times[:0]
         self._block.close()
 
     def _around(self, times: NDArray[np.int64], time_ns: int) -> tuple[np.void, np.void] | None:
         """The ticks on both sides of a moment; None where one of them is not whole.
 
-        Args:
-            times: Of all slots.
-            time_ns: The moment.
-
-        Raises:
-            LabError: The ring does not reach back or forward to that moment.
+        `times` are those of all slots. Raises as `at`.
         """
         earlier = np.where((times > 0) & (times <= time_ns), times, 0)
         before = int(np.argmax(earlier))
@@ -211,15 +195,13 @@ _LOG_MAGIC = b"vstruth2"
 
 
 def truth_dtype(bodies: int) -> np.dtype[np.void]:
-    """One timestep of a truth log.
+    """One timestep of a truth log; poses and LEDs as in `TruthWriter.write`, at `capture_ns`.
 
     Fields:
         timestep: number of the trigger.
         capture_ns: middle of the exposure.
         ready_ns: the last picture was in memory.
         render_ns: how long it took to draw the bodies: the lab's readout of the sensor.
-        poses: (bodies, 3) x [m], y [m], yaw [rad] at capture_ns, arena frame.
-        leds: (bodies,) LED bits at capture_ns: 0-7 ring, 8 body, 9 front.
     """
     return np.dtype(
         [
@@ -233,13 +215,12 @@ class TruthLog:
     """Writes a truth log."""
 
     def __init__(self, path: Path, bodies: int) -> None:
-        """Begins a new file; raises LabError where it cannot be written."""
+        """Begins a new file; all methods raise LabError where it cannot be written."""
         self._record = np.zeros(1, dtype=truth_dtype(bodies))
-        try:
+        self._name = f"truth log {path}"
+        with file_errors(self._name):
             self._file = path.open("wb", buffering=0)
             self._file.write(_LOG_HEADER.pack(_LOG_MAGIC, bodies))
-        except OSError as error:
-            raise LabError(f"truth log {path}: {error.strerror}") from None
 
     def append(
         self,
@@ -247,37 +228,28 @@ class TruthLog:
         capture_ns: int,
         ready_ns: int,
         render_ns: int,
-        poses: NDArray[np.float64],
-        leds: NDArray[np.uint16],
+        poses: Floats,
+        leds: Leds,
     ) -> None:
         """Adds one timestep; see `truth_dtype`."""
         self._record[0] = (timestep, capture_ns, ready_ns, render_ns, poses, leds)
-        try:
+        with file_errors(self._name):
             self._file.write(self._record.tobytes())
-        except OSError as error:
-            raise LabError(f"truth log {self._file.name}: {error.strerror}") from None
 
     def close(self) -> None:
         """Ends the file."""
-        try:
+        with file_errors(self._name):
             self._file.close()
-        except OSError as error:
-            raise LabError(f"truth log {self._file.name}: {error.strerror}") from None
 
 
 def read_truth(path: Path) -> NDArray[np.void]:
-    """Reads a truth log, also one whose writer was killed in the middle of a record.
-
-    Returns:
-        (timesteps,) `truth_dtype`.
+    """Reads a truth log (timesteps,); a last record that is not whole is left out.
 
     Raises:
-        LabError: The file cannot be read, or is no truth log.
+        LabError: the file cannot be read, or is no truth log.
     """
-    try:
+    with file_errors(f"truth log {path}"):
         content = path.read_bytes()
-    except OSError as error:
-        raise LabError(f"truth log {path}: {error.strerror}") from None
     if len(content) < _LOG_HEADER.size:
         raise LabError(f"truth log {path}: {len(content)} bytes are no truth log")
     magic, bodies = _LOG_HEADER.unpack_from(content)

@@ -18,16 +18,12 @@ from vsense.run.runtime import Step
 
 
 class OneRun:
-    """Lives a run and tells of it.
-
-    Attributes:
-        failure: what has ended it before its time.
-    """
+    """Carries out a run and reports about it; `failure` is what has ended it before its time."""
 
     def __init__(
         self, session: RunSession, directory: Path, readiness: Readiness, log: RunLog
     ) -> None:
-        """Takes a session whose robots have been waited for; `directory` exists."""
+        """The robots of `session` have been waited for; `directory` exists."""
         self.failure: VsenseError | None = None
         self._session = session
         self._experiment = session.experiment
@@ -39,7 +35,7 @@ class OneRun:
         self._results: dict[str, float] = {}
 
     def run(self) -> None:
-        """Lives the run to its end; a failure is kept for after the report."""
+        """Carries out the run to its end; a failure is kept for after the report."""
         self._log.say("all robots start")
         for act in (self._timesteps, self._session.stop, self._end_world):
             try:
@@ -57,12 +53,13 @@ class OneRun:
             self._log.timestep(step, moment.connected, moment.seen, moment.stale)
             lost = [status.name for status in robots.values() if not status.connected]
             self._log.progress(self._line(step, moment, lost))
+            # Lent pictures go back during a pause.
+            del step
 
     def _end_world(self) -> None:
         self._results = self._session.environment.end()
 
     def _line(self, step: Step, moment: TimestepSample, lost: list[str]) -> str:
-        """The live line."""
         experiment = self._experiment
         length = f"/{experiment.length_s:g}" if experiment.length_s else ""
         robots = len(experiment.robots)
@@ -76,11 +73,7 @@ class OneRun:
         )
 
     def report(self) -> dict[str, Any] | None:
-        """Measures, writes, and tells.
-
-        Returns:
-            The figures; None where nothing was measured.
-        """
+        """Measures, writes, and prints the figures; None where nothing was measured."""
         session, environment = self._session, self._session.environment
         if not self._figures.timesteps:
             self._log.say("vsense: the run ended before its first timestep: nothing was measured")
@@ -104,11 +97,6 @@ class OneRun:
         return summary
 
     def _draw(self) -> None:
-        """Draws the picture of the run.
-
-        Raises:
-            RunPictureError: it cannot be written.
-        """
         environment, name = self._session.environment, self._experiment.name
         path = self._directory / f"{name}.png"
         count = len(self._experiment.robots)

@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
+from dataclasses import dataclass
 
 from vsense.arena import ArenaState, Frame
 from vsense.cameras.grabber import Troubles
@@ -68,19 +69,10 @@ class RunPictures:
 
 
 def run(resources: str, experiment: str, host: str, port: int | None) -> int:
-    """Serves until somebody interrupts.
+    """Serves until Ctrl-C or SIGTERM; returns 130.
 
-    Args:
-        resources: path of the resources file.
-        experiment: path of the experiment file.
-        host: address of the interface to listen on.
-        port: TCP port, 0: any free one, None: the experiment file's.
-
-    Returns:
-        130, after Ctrl-C or SIGTERM.
-
-    Raises:
-        VsenseError: it cannot go on; one clear line.
+    `resources` and `experiment` are paths, `host` is the address of the interface to listen on;
+    `port` 0 is any free one, None the experiment file's.
     """
     session = tracking_session.load(resources, experiment)
     console = Console()
@@ -105,39 +97,26 @@ def run(resources: str, experiment: str, host: str, port: int | None) -> int:
     return INTERRUPTED
 
 
+@dataclass(frozen=True, slots=True)
 class Serving:
-    """The tracker's thread of the server."""
+    """The tracker's thread of the server; `locate` is the server's and learns of new robots."""
 
-    def __init__(
-        self,
-        session: TrackingSession,
-        server: ArenaServer,
-        locate: ImagePoses,
-        pictures: RunPictures,
-        talk: Talk,
-        interrupted: threading.Event,
-    ) -> None:
-        """`locate` is the server's: it learns of robots that join."""
-        self._session = session
-        self._server = server
-        self._locate = locate
-        self._pictures = pictures
-        self._talk = talk
-        self._interrupted = interrupted
+    session: TrackingSession
+    server: ArenaServer
+    locate: ImagePoses
+    pictures: RunPictures
+    talk: Talk
+    interrupted: threading.Event
 
     def run(self) -> None:
-        """Tracks and publishes until it is interrupted.
-
-        Raises:
-            VsenseError: it cannot go on.
-        """
-        session, troubles = self._session, Troubles()
-        while not self._interrupted.is_set():
-            self._server.forget()
+        """Tracks and publishes until it is interrupted."""
+        session, troubles = self.session, Troubles()
+        while not self.interrupted.is_set():
+            self.server.forget()
             # Recordings are paced here: their first timestep lasts until a client starts a run.
-            tracking = open_tracking(session, time.monotonic_ns, self._talk.say, OFFLINE, troubles)
+            tracking = open_tracking(session, time.monotonic_ns, self.talk.say, OFFLINE, troubles)
             with closing(tracking):
-                steps = timesteps(tracking, self._interrupted)
+                steps = timesteps(tracking, self.interrupted)
                 if session.is_live:
                     for state, frames in steps:
                         self._publish(tracking, state, frames)
@@ -148,27 +127,27 @@ class Serving:
         """Plays a recording once, from the start of a client's run to its end."""
         first, frames = next(steps, (None, ()))
         if first is None:
-            self._server.end_run()
+            self.server.end_run()
             return
         self._publish(tracking, first, frames)
-        while not self._server.wait_for_run(SILENCE_S):
-            if self._interrupted.is_set():
+        while not self.server.wait_for_run(SILENCE_S):
+            if self.interrupted.is_set():
                 return
         shift_ns = time.monotonic_ns() - first.capture_ns
-        self._server.publish(first)
+        self.server.publish(first)
         for state, frames in steps:
             wait_ns = state.capture_ns + shift_ns - time.monotonic_ns()
-            self._interrupted.wait(max(wait_ns, 0) / 1e9)
+            self.interrupted.wait(max(wait_ns, 0) / 1e9)
             self._publish(tracking, state, frames)
-            if not self._server.running:
+            if not self.server.running:
                 return
-        self._server.end_run()
+        self.server.end_run()
 
     def _publish(
         self, tracking: CameraTracking, state: ArenaState, frames: Sequence[Frame]
     ) -> None:
-        """Hands one timestep on to everybody."""
-        self._locate.learn(tracking.tracker.heights_m)
-        self._server.publish(state)
-        self._pictures.timestep(self._server.running, frames)
-        self._talk.timestep(state, len(frames))
+        """Hands one timestep on to server, recording and live line."""
+        self.locate.learn(tracking.tracker.heights_m)
+        self.server.publish(state)
+        self.pictures.timestep(self.server.running, frames)
+        self.talk.timestep(state, len(frames))

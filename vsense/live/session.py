@@ -32,12 +32,10 @@ class RunSetup:
     """What all runs of one process are made from.
 
     Attributes:
-        experiment: what to run.
         seed: of everything that is drawn in the first run.
         blind: hold the virtual sensors at 0.
         address: interface and port for the robots; port 0 takes a free one.
-        console: where to say what happens.
-        interrupted: set by whoever wants everything to end.
+        interrupted: set to end everything.
         room: where the runs are seen and steered.
     """
 
@@ -54,22 +52,15 @@ class ExperimentSession(ABC):
     """What `vsense run` and `vsense lab` share; a context that leaves no thread and no socket.
 
     Attributes:
-        setup: what the runs are made from.
-        experiment: what is run.
         environment: the virtual world of the present run.
-        server: the link to the robots.
-        runner: waits for the robots and lives the runs.
-        quiet: kinds of link events that nobody is told.
+        runner: waits for the robots and carries out the runs.
+        quiet: kinds of link events that are not printed.
     """
 
     quiet: frozenset[EventKind] = frozenset()
 
     def __init__(self, setup: RunSetup, legacy_port: int | None = None) -> None:
-        """Makes the first world; `legacy_port` is for robots with the original's client.
-
-        Raises:
-            VsenseError: something in the experiment cannot be made.
-        """
+        """Makes the first world; `legacy_port` is for robots with the original's client."""
         self.setup, self.experiment = setup, setup.experiment
         self.environment = Environment(setup.experiment, setup.seed, setup.blind)
         table = Table(self.environment.table_entries)
@@ -101,15 +92,9 @@ class ExperimentSession(ABC):
     def _open_room(
         self, source: ArenaSource, scene: ExperimentFacts, suspends: bool = False
     ) -> Runtime:
-        """Makes the runner and opens the control room.
+        """Makes the runner and opens the control room; for `suspends` see `Control`.
 
-        Args:
-            source: where the arena states come from.
-            scene: what all runs have in common.
-            suspends: see `Control`.
-
-        Returns:
-            The runtime, which has to be opened.
+        Gives the runtime, which has yet to be opened.
         """
         setup, server = self.setup, self.server
         runtime = Runtime(source, self.environment, server)
@@ -128,26 +113,18 @@ class ExperimentSession(ABC):
         return ExperimentFacts(command, text, self.setup.blind, cameras, trackers, troubles)
 
     def _observe(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
-        """Is called after every timestep; see `vsense.run.runner.Look`."""
+        """Is called after every timestep; see `vsense.run.runner.Observer`."""
         self.setup.room.update(step, robots)
 
     def next_run(self) -> None:
-        """Goes back to before the start of the next run, whose seed is one more.
-
-        Raises:
-            VsenseError: its virtual world cannot be made, or the link has failed.
-        """
+        """Goes back to before the start of the next run, whose seed is one more."""
         self.environment = self.environment.following()
         self.runner.next_run(self.environment)
         self._over = False
 
     def stop(self) -> None:
-        """Stops all robots and waits for their last word; see `Runner.stop`.
-
-        Raises:
-            VsenseError: the link has failed.
-        """
-        # From here on silence is our own, and no news.
+        """Stops all robots and waits for their last telemetry; see `Runner.stop`."""
+        # From here on silence is expected and not reported.
         self._over = True
         self.runner.stop()
 
@@ -165,21 +142,12 @@ class ExperimentSession(ABC):
 
 
 class RunSession(ExperimentSession):
-    """The runs with real robots.
-
-    Attributes:
-        source: where the arena states come from.
-        port: the port that robots connect to.
-    """
+    """The runs with real robots, from the arena states of `source`; they connect to `port`."""
 
     def __init__(
         self, setup: RunSetup, tracking: tuple[str, str] | None, legacy_port: int | None
     ) -> None:
-        """Prepares the runs; for `tracking` see `open_source`.
-
-        Raises:
-            VsenseError: something in the experiment cannot be made.
-        """
+        """Prepares the runs; for `tracking` see `open_source`."""
         super().__init__(setup, legacy_port)
         self._tracking = tracking
 

@@ -32,16 +32,11 @@ class ClosableSource(ArenaSource, Protocol):
     """A source that holds sockets, cameras or files."""
 
     def close(self) -> None:
-        """Ends a `next` that waits and lets everything go; can be called again."""
+        """Ends a waiting `next` and releases everything; can be called again."""
 
 
 class OwnCameras(NamedTuple):
-    """Cameras of our own, or recordings in their place.
-
-    Attributes:
-        session: what they are opened from.
-        tracking: makes the arena states.
-    """
+    """Cameras of our own, or recordings in their place; `tracking` is opened from `session`."""
 
     session: TrackingSession
     tracking: CameraTracking
@@ -53,7 +48,7 @@ class SteadySource:
     Attributes:
         kind: "cameras", "recording", "original" or "lines".
         name: where the states come from, for people.
-        own: cameras of our own, or recordings in their place; None: somebody else tracks.
+        own: None where another tracker is used.
     """
 
     def __init__(
@@ -77,11 +72,8 @@ class SteadySource:
     def next(self, timeout_s: float) -> tuple[ArenaState, Sequence[Frame]]:
         """Waits for the arena state that begins the next timestep, however long that takes.
 
-        Args:
-            timeout_s: so long without a state is trouble that the source sees to.
-
-        Returns:
-            The state with the timestep's number, and the pictures that it was made from.
+        The state has the timestep's number. After `timeout_s` without one the source looks after
+        its connections.
 
         Raises:
             NoMorePictures: a recording has come to its end.
@@ -102,33 +94,25 @@ class SteadySource:
                 return replace(state, timestep=timestep), frames
 
     def start(self) -> None:
-        """The robots are about to start; any thread."""
+        """See `ArenaSource.start`."""
         self._source.start()
 
     def stop(self) -> None:
-        """The robots have stopped; any thread."""
+        """See `ArenaSource.stop`."""
         self._source.stop()
 
     def figures(self) -> dict[str, object]:
-        """What is reported of it."""
+        """Kind, name and counters, for the run's report."""
         return {"kind": self.kind, "name": self.name, **self._figures()}
 
     def close(self) -> None:
-        """Ends a `next` that waits, and the source; can be called again."""
+        """See `ClosableSource.close`."""
         self._closed = True
         self._source.close()
 
 
 def require_source(experiment: Experiment, tracking: tuple[str, str] | None) -> None:
-    """Refuses a run that nobody watches.
-
-    Args:
-        experiment: what to run.
-        tracking: the files of a tracking session, if the command line names them.
-
-    Raises:
-        UsageError: neither the command line nor the experiment names a source.
-    """
+    """Raises UsageError if neither the command line (`tracking`) nor the experiment names one."""
     if tracking is None and experiment.tracker is None:
         raise UsageError(
             f"{experiment.file} names no tracker: give --tracking RESOURCES.xml SESSION.xml for"
@@ -181,11 +165,7 @@ def _own_cameras(
 
 
 def _check_roster(experiment: Experiment, session: TrackingSession) -> None:
-    """Refuses an experiment with a tag that no tracker looks for, and none can learn of.
-
-    Raises:
-        ConfigError: names the body and its line.
-    """
+    """Raises ConfigError for a tag that no tracker looks for, and none can learn of."""
     if any(view.tracker.open_roster for view in session.views):
         return
     known = session.heights_m

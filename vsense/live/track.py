@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import sys
 import threading
 import time
 from collections import deque
@@ -18,7 +16,7 @@ from vsense import arena
 from vsense.arena import ArenaState, Frame
 from vsense.cameras.grabber import GrabberError, NoMorePictures, Troubles
 from vsense.config import tracking_session
-from vsense.errors import UsageError, VsenseError
+from vsense.errors import UsageError, VsenseError, failing_as
 from vsense.live.track_room import TrackRoom
 from vsense.pictures import snapshot
 from vsense.recording.pictures import (
@@ -27,7 +25,7 @@ from vsense.recording.pictures import (
     PictureRecordingError,
     write_session_files,
 )
-from vsense.terminal import INTERRUPTED, Console, interruption
+from vsense.terminal import INTERRUPTED, Console, drop_output, interruption
 from vsense.tracking.arena_tracker import TrackerCounters
 from vsense.tracking.camera_tracking import CameraTracking
 from vsense.tracking.opening import OFFLINE, PACED, open_tracking
@@ -41,10 +39,10 @@ _DRAW_NS = 100_000_000
 
 
 class Talk:
-    """Keeps the live line up to date and says once what need not be said for ever."""
+    """Keeps the live line up to date; says once which robots have joined."""
 
     def __init__(self, console: Console, clock: Callable[[], int], timesteps: int | None) -> None:
-        """`clock` is monotonic [ns]; `timesteps` None: nobody knows how many there will be."""
+        """`clock` is monotonic [ns]; `timesteps` None: it is not known how many there will be."""
         self._console = console
         self._clock = clock
         self._timesteps = timesteps
@@ -53,7 +51,7 @@ class Talk:
         self._done = 0
         self._pictures = 0
         self._detected = 0
-        self._recent: deque[tuple[int, int]] = deque()
+        self._recent: deque[int] = deque()
         self._joined: set[int] = set()
 
     def say(self, text: str) -> None:
@@ -69,8 +67,8 @@ class Talk:
         for tag in sorted(set(state.joined) - self._joined):
             self.say(f"robot {tag} was not on the roster and has joined")
         self._joined.update(state.joined)
-        self._recent.append((now_ns, pictures))
-        while now_ns - self._recent[0][0] > _WINDOW_NS:
+        self._recent.append(now_ns)
+        while now_ns - self._recent[0] > _WINDOW_NS:
             self._recent.popleft()
         if now_ns - self._drawn_ns >= _DRAW_NS or self._done == self._timesteps:
             self._drawn_ns = now_ns
@@ -82,13 +80,7 @@ class Talk:
             self.say(f"the disk was too slow: {dropped} timesteps were not recorded")
 
     def summary(self, missed: int, counters: TrackerCounters, troubles: Troubles) -> None:
-        """Says what was done in all.
-
-        Args:
-            missed: timesteps that were left out.
-            counters: what the tracker has noticed.
-            troubles: what happened to the cameras.
-        """
+        """Says what was done in all; `missed` timesteps were left out."""
         self._console.end_progress()
         elapsed_s = max((self._clock() - self._begun_ns) / 1e9, 1e-9)
         per_timestep = self._detected / max(self._done, 1)
@@ -118,15 +110,16 @@ class Talk:
 
     def _rate(self, now_ns: int) -> float:
         """Timesteps per second over the last two seconds."""
-        since_ns = self._recent[0][0] if self._done > len(self._recent) else self._begun_ns
-        counted = len(self._recent) - (self._done > len(self._recent))
+        earlier = self._done > len(self._recent)
+        since_ns = self._recent[0] if earlier else self._begun_ns
+        counted = len(self._recent) - earlier
         return counted / max((now_ns - since_ns) / 1e9, 1e-6)
 
 
 FIRST_PICTURE_NS = 15_000_000_000
 """Cameras that give nothing for this long at the beginning do not work at all."""
 SILENCE_S = 0.5
-"""So often a run without pictures looks whether it shall end."""
+"""A run without pictures checks this often whether it shall end."""
 
 Timesteps = Iterator[tuple[ArenaState, Sequence[Frame]]]
 """Arena states, each with the pictures that it was made from."""
@@ -137,8 +130,7 @@ class TrackOptions:
     """What `vsense track` is asked for.
 
     Attributes:
-        resources: path of the resources file.
-        experiment: path of the experiment file.
+        resources, experiment: paths of the two files.
         offline: as fast as possible, not at the pace of a recording's pictures.
         format: of the states on standard output: "jsonl" or "csv".
         snapshot: picture file of the last state, None: none is drawn.
@@ -156,14 +148,7 @@ class TrackOptions:
 
 
 def run(options: TrackOptions) -> int:
-    """Tracks until the recording ends, `--frames` are done, or somebody interrupts.
-
-    Returns:
-        0, or 130 after Ctrl-C or SIGTERM.
-
-    Raises:
-        VsenseError: it cannot go on; one clear line.
-    """
+    """Tracks until the recording ends or `frames` are done: 0; 130 after Ctrl-C or SIGTERM."""
     session = tracking_session.load(options.resources, options.experiment)
     if options.offline and session.is_live:
         raise UsageError(f"--offline: {options.experiment} uses cameras, expected recordings")
@@ -180,102 +165,67 @@ def run(options: TrackOptions) -> int:
         return INTERRUPTED if interrupted.is_set() else 0
 
 
+@dataclass(slots=True)
 class TrackingRun:
-    """One run of the command, from the first picture to the last word."""
+    """One run of the command, from the first picture to the summary."""
 
-    def __init__(
-        self,
-        options: TrackOptions,
-        session: TrackingSession,
-        tracking: CameraTracking,
-        interrupted: threading.Event,
-        talk: Talk,
-        room: TrackRoom,
-    ) -> None:
-        """Prepares a run.
-
-        Args:
-            options: what is asked for.
-            session: what the two files say.
-            tracking: the session at work.
-            interrupted: set by whoever wants the run to end.
-            talk: tells people how it goes.
-            room: where it can be looked at.
-        """
-        self._options = options
-        self._session = session
-        self._tracking = tracking
-        self._interrupted = interrupted
-        self._talk = talk
-        self._room = room
-        self._recorder = begin_recording(session, self._talk)
-        self._last: tuple[ArenaState, Sequence[Frame]] | None = None
+    options: TrackOptions
+    session: TrackingSession
+    tracking: CameraTracking
+    interrupted: threading.Event
+    talk: Talk
+    room: TrackRoom
+    _last: tuple[ArenaState, Sequence[Frame]] | None = None
 
     def run(self) -> None:
-        """Tracks to the end, and leaves picture, recording and summary.
-
-        Raises:
-            VsenseError: it cannot go on.
-        """
+        """Tracks to the end, and leaves picture, recording and summary."""
+        recorder = begin_recording(self.session, self.talk)
         try:
-            self._track()
+            self._track(recorder)
         except BrokenPipeError:
-            # Whoever read the states has seen enough, and nothing more can be written there.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            drop_output()
         finally:
-            if self._recorder is not None:
-                self._recorder.close()
-                self._talk.recorded(self._recorder.dropped)
-        tracking = self._tracking
-        self._talk.summary(tracking.grabber.missed, tracking.tracker.counters, tracking.troubles)
-        if self._options.snapshot is not None:
-            self._draw(self._options.snapshot)
+            if recorder is not None:
+                recorder.close()
+                self.talk.recorded(recorder.dropped)
+        tracking = self.tracking
+        self.talk.summary(tracking.grabber.missed, tracking.tracker.counters, tracking.troubles)
+        if self.options.snapshot is not None:
+            self._draw(self.options.snapshot)
 
-    def _track(self) -> None:
-        if self._options.format == "csv":
+    def _track(self, recorder: BackgroundRecorder | None) -> None:
+        csv = self.options.format == "csv"
+        if csv:
             print(arena.CSV_HEADER, flush=True)
-        for state, frames in timesteps(self._tracking, self._interrupted, self._options.frames):
-            self._publish(state, frames)
-
-    def _publish(self, state: ArenaState, frames: Sequence[Frame]) -> None:
-        """Hands one timestep on to everybody."""
-        self._last = state, frames
-        csv = self._options.format == "csv"
-        text = arena.to_csv(state) if csv else arena.to_json(state)
-        if text:
-            # A reader at the other end of a pipe wants a state when it is new.
-            print(text, flush=not self._options.offline)
-        if self._recorder is not None:
-            self._recorder.write(frames)
-        self._talk.timestep(state, len(frames))
-        self._room.update(state, frames)
+        for state, frames in timesteps(self.tracking, self.interrupted, self.options.frames):
+            self._last = state, frames
+            text = arena.to_csv(state) if csv else arena.to_json(state)
+            if text:
+                # A reader at the other end of a pipe wants a state when it is new.
+                print(text, flush=not self.options.offline)
+            if recorder is not None:
+                recorder.write(frames)
+            self.talk.timestep(state, len(frames))
+            self.room.update(state, frames)
 
     def _draw(self, path: Path) -> None:
         """Draws the last state into a file."""
         if self._last is None:
             raise VsenseError(f"{path}: not drawn, because there was no picture")
         state, frames = self._last
-        tracker = self._tracking.tracker
+        tracker = self.tracking.tracker
         picture = snapshot.draw(state, frames, tracker.cameras, tracker.found, tracker.heights_m)
         suffix = path.suffix.lower() if path.suffix.lower() in (".png", ".jpg") else ".png"
-        try:
+        with failing_as(VsenseError, f"{path}: cannot be written"):
             path.write_bytes(cv2.imencode(suffix, picture)[1].tobytes())
-        except OSError as error:
-            raise VsenseError(f"{path}: cannot be written: {error.strerror}") from None
 
 
 def timesteps(
     tracking: CameraTracking, interrupted: threading.Event, most: int | None = None
 ) -> Timesteps:
-    """Tracks timestep after timestep; the cameras are checked when each was handed on.
+    """Tracks until `interrupted` (within `SILENCE_S`), a recording ends or `most` are done.
 
-    Args:
-        tracking: the session at work.
-        interrupted: ends it; it may take `SILENCE_S`.
-        most: so many at most; None: until a recording ends.
-
-    Yields:
-        Each state with its pictures.
+    Yields each state with its pictures; the cameras are checked when each was handed on.
 
     Raises:
         GrabberError: cameras gave nothing at the beginning.
@@ -298,8 +248,7 @@ def timesteps(
 
 def known_timesteps(wanted: int | None, tracking: CameraTracking) -> int | None:
     """Gives how many there will be, where that is known; `wanted` is the most."""
-    known = tracking.grabber.timesteps
-    return wanted if known is None else min(known, known if wanted is None else wanted)
+    return min((n for n in (wanted, tracking.grabber.timesteps) if n is not None), default=None)
 
 
 def begin_recording(session: TrackingSession, talk: Talk) -> BackgroundRecorder | None:
@@ -312,10 +261,8 @@ def begin_recording(session: TrackingSession, talk: Talk) -> BackgroundRecorder 
         directory /= time.strftime("%Y-%m-%d-%H%M%S")
     cameras = [view.camera for view in session.views]
     recorder = PictureRecorder(directory, cameras, record.image_format)
-    try:
-        trackers = {view.camera.id: view.tracker for view in session.views}
+    trackers = {view.camera.id: view.tracker for view in session.views}
+    with failing_as(PictureRecordingError, f"{directory}: cannot be written"):
         write_session_files(directory, cameras, trackers)
-    except OSError as error:
-        raise PictureRecordingError(f"{directory}: cannot be written: {error.strerror}") from None
     talk.say(f"recording into {directory}")
     return BackgroundRecorder(recorder)

@@ -1,4 +1,4 @@
-"""The control room of `vsense track`: cameras and arena states to look at; nothing to press."""
+"""The control room of `vsense track`: shows cameras and arena states; nothing can be steered."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from vsense.ui.tables import CameraTable
 from vsense.world.entities import BODY_RADIUS_M
 
 MARGIN_M = 0.3
-"""What is shown around the cameras' places where nobody says how large the arena is."""
+"""What is shown around the cameras' places: no file says how large the arena is."""
 
 
 class TrackRoom:
@@ -39,14 +39,7 @@ class TrackRoom:
         console: Console,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        """Opens the page, if it is wanted.
-
-        Args:
-            web: where the page is served, None: nowhere.
-            session: what is tracked.
-            troubles: what its cameras suffer from.
-            console: where to say what happens.
-            clock: host's monotonic clock [ns].
+        """Opens the page at `web`, if it is not None; `troubles` are those of the cameras.
 
         Raises:
             VsenseError: the port is taken, or a library is missing.
@@ -76,7 +69,7 @@ class TrackRoom:
         self._stack.close()
 
     def update(self, state: ArenaState, frames: Sequence[Frame]) -> None:
-        """Publishes what is new after a timestep; nothing is made that nobody wants."""
+        """Publishes what is new after a timestep; messages are made only if they are wanted."""
         if self._preview is None:
             return
         now_ns, self._timestep = self._clock(), state.timestep
@@ -122,16 +115,12 @@ class TrackRoom:
 
 
 def refuse(order: Order) -> str:
-    """Carries no order out: there is nothing to steer.
-
-    Raises:
-        OrderError: always.
-    """
+    """Raises OrderError for every order: there is nothing to steer."""
     raise OrderError(f"{order.kind.value}: nothing runs here, robots are only tracked")
 
 
 def _extent(session: TrackingSession) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Centre and size [m] of the floor that the cameras see, as far as their places tell."""
+    """Centre and size [m] of the floor that the cameras see."""
     corners = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)])
     seen = [
         view.camera.to_plane(corners * (view.camera.width_px - 1, view.camera.height_px - 1), 0.0)

@@ -1,7 +1,7 @@
 """The physics of lab and simulation: differential drive by stepper motors, bodies in the way.
 
-Contacts are found in C (`c_src/host/vs_contacts.c`). With 15 robots in the pollutant experiment's
-arena a tick takes 2 us; it took 125 us in NumPy.
+Contacts are found in C (`c_src/host/vs_contacts.c`): with 15 robots in the pollutant experiment's
+arena a tick takes 2 us, where NumPy took 125 us.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ _PAIR = np.dtype([("robot", "u4"), ("other", "u4")])
 
 
 class Neighbourhood:
-    """The pairs that are near enough to touch or to be felt; see `struct vs_near`.
+    """The pairs that are near enough to touch or to be sensed; see `struct vs_near`.
 
     Attributes:
-        robots: how many of the bodies can feel and give way: the first ones.
+        robots: how many of the bodies can sense and give way: the first ones.
         cdata: the `struct vs_near`, for calls of the C library.
         room: of how many pairs there may be.
     """
@@ -55,11 +55,7 @@ class Neighbourhood:
 
 
 class Contacts:
-    """What moves overlapping bodies apart by the least possible displacement.
-
-    Attributes:
-        cdata: the `struct vs_contacts`, for calls of the C library.
-    """
+    """Moves overlapping bodies apart by the least possible displacement; `struct vs_contacts`."""
 
     def __init__(self, mobility: Floats, near: Neighbourhood) -> None:
         """`mobility` (n,): how readily each body gives way, 0 not at all; may change meanwhile."""
@@ -83,7 +79,7 @@ class Contacts:
 
 
 def pointer(kind: str, array: NDArray[Any]) -> Any:
-    """The items of a contiguous array as a C array, which the array has to outlive."""
+    """The items of a contiguous array as a C array, which is valid as long as the array lives."""
     return kernel_ffi.from_buffer(f"{kind}[]", array)
 
 
@@ -100,14 +96,14 @@ MAX_SPEED_STEPS_S: int = kernels.VS_MAX_STEPS_S
 class Physics:
     """Robots that drive, objects and boxes that stand, and no overlap between them.
 
-    Time is an argument: the same calls give the same poses. Bodies are discs. Contacts are
-    without friction, so a robot pressed against a wall slides along it and can turn on the spot.
+    Bodies are discs. Contacts are without friction, so a robot pressed against a wall slides along
+    it and can turn on the spot. The same calls give the same poses.
 
     Attributes:
         poses: (n, 3) true x_m, y_m, yaw_rad, arena frame, yaw in (-pi, pi]: robots, then
             objects. Holds for the time of the last `tick`. Objects may be moved by writing here;
             nothing else may.
-        bodies: the same, and behind them the cylinders.
+        bodies: the same, then the cylinders.
         near: the pairs of near bodies at these poses.
     """
 
@@ -119,26 +115,25 @@ class Physics:
         time_ns: int,
         cylinders: ArrayLike = (),
     ) -> None:
-        """A scene that starts at rest.
+        """A scene that starts at rest, in the arena frame.
 
         Args:
-            robots: (m, 3) x_m, y_m, yaw_rad of what drives, arena frame.
+            robots: (m, 3) x_m, y_m, yaw_rad of what drives.
             objects: (k, 3) likewise of tagged bodies that do not drive.
             boxes: (b, 5) x_m, y_m, yaw_rad, size_x_m, size_y_m of walls and boxes.
-            time_ns: when the scene starts.
             cylinders: (c, 3) x_m, y_m, radius_m of cylinders that stand.
         """
-        driving, standing, round_ones = (
+        driving, standing, posts = (
             np.asarray(rows, dtype=np.float64).reshape(-1, 3)
             for rows in (robots, objects, cylinders)
         )
         count = len(driving)
         tagged = count + len(standing)
-        self.bodies = np.concatenate([driving, standing, round_ones])
+        self.bodies = np.concatenate([driving, standing, posts])
         self.bodies[tagged:, 2] = 0.0
         self.poses = self.bodies[:tagged]
         radii_m = np.full(len(self.bodies), BODY_RADIUS_M)
-        radii_m[tagged:] = round_ones[:, 2]
+        radii_m[tagged:] = posts[:, 2]
         self.near = Neighbourhood(count, boxes, radii_m)
         mobility = np.zeros(len(self.bodies))
         self._contacts = Contacts(mobility, self.near)
@@ -160,14 +155,9 @@ class Physics:
         return made
 
     def drive(self, robot: int, left_steps_s: int, right_steps_s: int, time_ns: int) -> None:
-        """Sets the speeds of a robot's wheels from `time_ns` on.
+        """Sets the speeds of a robot's wheels from `time_ns` on; `robot` is its row in `poses`.
 
-        A time before the last tick counts as the time of that tick: the past stays as it is.
-
-        Args:
-            robot: its row in `poses`.
-            left_steps_s, right_steps_s: commanded speeds.
-            time_ns: when the microcontroller changed the speeds.
+        A time before the last tick counts as the time of that tick.
         """
         kernels.vs_physics_drive(self._cdata, robot, left_steps_s, right_steps_s, time_ns)
 
@@ -185,12 +175,7 @@ class Physics:
 
 
 def floor_of(experiment: Experiment, time_ns: int) -> Physics:
-    """Puts everything that is real in its place, at rest.
-
-    Args:
-        experiment: is settled: everything has a place.
-        time_ns: when the scene starts.
-    """
+    """Makes the physics of all that is real in a settled experiment, at rest."""
     robots, objects = (
         np.array([body.pose for body in bodies], dtype=np.float64).reshape(-1, 3)
         for bodies in (experiment.robots, experiment.objects)
@@ -200,12 +185,7 @@ def floor_of(experiment: Experiment, time_ns: int) -> Physics:
 
 
 def obstacles(boxes: Iterable[Box], cylinders: Iterable[Cylinder]) -> tuple[Floats, Floats]:
-    """What robots drive against, beside each other and tagged objects, as `Physics` takes it.
-
-    Returns:
-        Boxes (b, 5) x_m, y_m, yaw_rad, size_x_m, size_y_m and cylinders (c, 3) x_m, y_m,
-        radius_m, without those that hang above the robots.
-    """
+    """Boxes and cylinders that do not hang above the robots, as `Physics` takes them."""
     walls = [
         (*box.position_m[:2], box.yaw_rad, *box.size_m[:2])
         for box in boxes

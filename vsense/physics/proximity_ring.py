@@ -37,7 +37,7 @@ NOISE_RAW = 8.0
 """Standard deviation of the additive noise: between Webots's 4 near and 25 far along the table."""
 
 _NOISE_BLOCK = 64
-"""Noise of so many looks is drawn at once: that takes half the time."""
+"""Noise of so many readings is drawn at once: that takes half the time."""
 
 _RAYS = 7
 _HALF_CONE_RAD = np.radians(30.0)
@@ -85,31 +85,20 @@ class ProximityRing:
         self._distances_m = np.empty((near.robots, len(POSITIONS_M), _RAYS))
 
     def read(self, poses: Floats) -> NDArray[np.int16]:
-        """What every ring measures now.
+        """Raw readings (m, 8) of ps0..ps7 with noise, 0..4095, higher is nearer.
 
-        Args:
-            poses: (n, 3) x_m, y_m, yaw_rad of all bodies, robots first, arena frame, contiguous.
-
-        Returns:
-            (m, 8) raw readings 0..4095 of ps0..ps7, higher is nearer; with noise.
+        `poses` (n, 3) are x_m, y_m, yaw_rad of all bodies, robots first, arena frame, contiguous.
         """
-        raw = readings(self.distances(poses))
-        raw += self._next_noise()
-        np.rint(raw, out=raw)
-        np.maximum(raw, 0, out=raw)
-        return np.minimum(raw, MAX_RAW, out=raw).astype(np.int16)
-
-    def _next_noise(self) -> Floats:
-        """Noise (m, 8) of one look."""
         if self._used == len(self._noise):
             shape = (_NOISE_BLOCK, self._near.robots, len(POSITIONS_M))
             self._noise, self._used = self._random.normal(0.0, NOISE_RAW, shape), 0
+        raw: Floats = readings(self.distances(poses)) + self._noise[self._used]
         self._used += 1
-        noise: Floats = self._noise[self._used - 1]
-        return noise
+        np.clip(np.rint(raw, out=raw), 0, MAX_RAW, out=raw)
+        return raw.astype(np.int16)
 
     def distances(self, poses: Floats) -> Floats:
-        """How far each ray gets: (m, 8, rays per sensor) in m, inf where it meets nothing.
+        """Length of each ray, (m, 8, rays per sensor) [m], inf where it meets nothing.
 
         The array is the same at every call.
         """
@@ -120,13 +109,9 @@ class ProximityRing:
 
 
 def readings(distances_m: Floats) -> Floats:
-    """What sensors make of the distances along their rays, without noise.
+    """Raw values (...,) without noise of distances (..., rays per sensor), see `distances`.
 
-    Args:
-        distances_m: (..., rays per sensor), inf where a ray meets nothing.
-
-    Returns:
-        (...,) raw values: of the ray that reflects most.
+    That of the ray that reflects most counts.
     """
     rays = np.ascontiguousarray(distances_m, dtype=np.float64)
     raw = np.empty(rays.shape[:-1])

@@ -6,9 +6,5 @@ from vsense import errors
 
 
 def require() -> None:
-    """Checks that the packages for recordings are installed.
-
-    Raises:
-        UsageError: one is not; the message says how to install it.
-    """
+    """Raises UsageError, with how to install them, if packages for recordings are missing."""
     errors.require("recordings need", "mcap", "zstandard")

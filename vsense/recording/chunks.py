@@ -1,7 +1,8 @@
-"""Finds out what is where in a recording, and reads chunks from bytes that nobody vouches for.
+"""Finds the chunks of a recording, and reads them from bytes that are not trusted.
 
 A recording that was ended in order has an index at its end. Any other is walked through from chunk
-to chunk, up to where it was cut off; what is damaged is left out and said. All sizes are checked.
+to chunk, up to where it was cut off; what is damaged is left out and reported. All sizes are
+checked. Functions that read bytes raise `DamagedError` where these are no such record.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from vsense.recording import form
 from vsense.recording.form import Head, RecordingError
 
 MAX_CHUNK_BYTES = 256 << 20
-"""A chunk that says to be larger is damaged: ours end at 4 MB, or after one picture."""
+"""A larger chunk is damaged: ours end at 4 MB, or after one picture."""
 
 FAULTS = (McapError, ValueError, OverflowError, KeyError, struct.error, zstandard.ZstdError)
 """All that the readers of `mcap.records` raise where bytes are no such record."""
@@ -54,16 +55,12 @@ class Raw:
 
 
 def stream(data: bytes | memoryview) -> ReadDataStream:
-    """Gives bytes to the readers of `mcap.records`."""
+    """A stream for the readers of `mcap.records`."""
     return ReadDataStream(io.BytesIO(data))
 
 
 def records(data: memoryview, at: int = 0) -> Iterator[tuple[int, int, memoryview]]:
-    """Walks over records: opcode, place, content.
-
-    Raises:
-        DamagedError: the last one is not whole.
-    """
+    """Walks over records: opcode, place, content; the last one may be cut off."""
     while at < len(data):
         if at + _HEAD.size > len(data):
             raise DamagedError("a record without length")
@@ -76,11 +73,7 @@ def records(data: memoryview, at: int = 0) -> Iterator[tuple[int, int, memoryvie
 
 
 def unpack(record: bytes) -> memoryview:
-    """Gives the records in a chunk, from its content.
-
-    Raises:
-        DamagedError: it cannot be unpacked, or is not what was packed.
-    """
+    """Gives the records in a chunk, from its content."""
     try:
         chunk = Chunk.read(stream(record))
         size = chunk.uncompressed_size
@@ -96,7 +89,7 @@ def unpack(record: bytes) -> memoryview:
 
 def _decompress(chunk: Chunk, size: int) -> bytes:
     if chunk.compression == "zstd":
-        # Of what a frame says of its own size nothing is believed: it would be allocated.
+        # A frame's own size is not trusted: it would be allocated.
         if zstandard.frame_content_size(chunk.data) not in (size, -1):
             raise DamagedError("a chunk of two sizes")
         return zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=size)
@@ -106,11 +99,7 @@ def _decompress(chunk: Chunk, size: int) -> bytes:
 
 
 def channel(record: bytes | memoryview) -> tuple[int, Kept]:
-    """Reads a channel.
-
-    Raises:
-        DamagedError: it is none.
-    """
+    """Reads a channel: its number, and what messages need of it."""
     try:
         found = Channel.read(stream(record))
     except FAULTS as error:
@@ -119,11 +108,7 @@ def channel(record: bytes | memoryview) -> tuple[int, Kept]:
 
 
 def walk(data: memoryview, channels: dict[int, Kept]) -> Iterator[Raw]:
-    """Gives a chunk's messages; `channels` learns what the chunk declares.
-
-    Raises:
-        DamagedError: something in it is no record.
-    """
+    """Gives a chunk's messages; adds to `channels` what the chunk declares."""
     for opcode, _, content in records(data):
         if opcode == Opcode.MESSAGE:
             if len(content) < _MESSAGE.size:
@@ -146,14 +131,10 @@ _FAULTS = (*FAULTS, DamagedError)
 
 @dataclass(frozen=True, slots=True)
 class ChunkPlace:
-    """Where a chunk is.
+    """Where a chunk is: `offset` and `length` of its content in the file.
 
-    Attributes:
-        offset: of its content in the file.
-        length: of its content.
-        begin_ns: UTC of its first message.
-        end_ns: UTC of its last one.
-        channels: whose messages are in it; None: not known.
+    `begin_ns` and `end_ns` are UTC of its first and last message; `channels` are those of its
+    messages, None: not known.
     """
 
     offset: int
@@ -165,13 +146,9 @@ class ChunkPlace:
 
 @dataclass(slots=True)
 class Contents:
-    """What is where.
+    """The chunks of a recording in their order, and the channels that are known so far.
 
-    Attributes:
-        head: what the recording says first.
-        places: the chunks in their order.
-        channels: those that are known so far.
-        complete: whether it was ended in order, and all of it is here.
+    `complete`: it was ended in order, and all of it is here.
     """
 
     head: Head
@@ -181,7 +158,7 @@ class Contents:
 
 
 def scan(file: BinaryIO, size: int, name: str) -> Contents:
-    """Looks what is in a recording of `size` bytes; errors call it `name`.
+    """Scans a recording of `size` bytes; errors call it `name`.
 
     Raises:
         RecordingError: it is no recording that this vsense reads.

@@ -1,4 +1,4 @@
-"""Recordings as CSV tables, for whatever reads tables. README.md describes the columns."""
+"""Recordings as CSV tables. README.md describes the columns."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+from vsense.errors import failing_as
 from vsense.message_bus import Message
 from vsense.recording import form
 from vsense.recording.form import ROBOTS, ExperimentMessage, RecordingError
@@ -30,24 +31,20 @@ TABLES = ("trajectories", "readings", "robots", "measures", "events")
 def export_csv(recording: Recording, folder: Path) -> dict[str, int]:
     """Writes a recording's tables into a folder; gives how many rows each has.
 
-    Raises:
-        RecordingError: there are tables already, or they cannot be written.
+    RecordingError if there are tables already, or they cannot be written.
     """
     paths = {name: folder / f"{name}.csv" for name in TABLES}
     for path in paths.values():
         if path.exists():
             raise RecordingError(f"{path}: is there already; expected another folder")
-    try:
+    with failing_as(RecordingError, f"{folder}: cannot be written"), ExitStack() as stack:
         folder.mkdir(parents=True, exist_ok=True)
-        with ExitStack() as stack:
-            files = {
-                name: stack.enter_context(path.open("x", encoding="utf-8", newline=""))
-                for name, path in paths.items()
-            }
-            writers = {name: csv.writer(file).writerow for name, file in files.items()}
-            return _Export(recording, writers).write()
-    except OSError as error:
-        raise RecordingError(f"{folder}: cannot be written: {error.strerror}") from None
+        files = {
+            name: stack.enter_context(path.open("x", encoding="utf-8", newline=""))
+            for name, path in paths.items()
+        }
+        writers = {name: csv.writer(file).writerow for name, file in files.items()}
+        return _Export(recording, writers).write()
 
 
 class _Export:

@@ -2,10 +2,8 @@
 
 A recording is an MCAP file of the profile `vsense`. Every message is JSON; pictures are Foxglove's
 `foxglove.CompressedImage`, so that other tools show them. Log times are UTC for these tools; the
-host's monotonic clock is that less a constant, which the head says.
-
-Whoever makes `/experiment` or `/run`, whoever reads them from a recording, and the schemas that
-other tools are told use the same two classes. `vsense/ui/MESSAGES.md` describes all topics.
+host's monotonic clock is that less a constant, which the head says. `vsense/ui/MESSAGES.md`
+describes all topics.
 """
 
 from __future__ import annotations
@@ -14,7 +12,7 @@ import base64
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any, TypeVar
 
 import numpy as np
@@ -25,15 +23,15 @@ from vsense.message_bus import Message
 
 PROFILE = "vsense"
 FORMAT = (1, 0)
-"""Of what is written: the first number rises when an older vsense could not read it any more."""
+"""Of what is written: the first number rises when an older vsense can no longer read it."""
 
 _MOST_NS = 1 << 63
-"""No clock shows more."""
+"""More than any clock shows."""
 
 HEAD = "vsense"
 """Name of the metadata record that every recording begins with."""
 EXPERIMENT = "experiment"
-"""Name of the metadata record with the experiment's file, for people with other tools."""
+"""Name of the metadata record with the experiment's file, for other tools."""
 
 BLOB = "blob"
 """In a channel's metadata: its messages hold bytes beside their data."""
@@ -42,22 +40,20 @@ PICTURE = "/picture/"
 GAP = "/gap"
 TRACKER = "/tracker"
 NOT_RECORDED = (PICTURE, "/readings/", "/you", "/answer")
-"""Live pictures are scaled and lossy, one robot's readings are in `/readings` already, and the
-rest is between the server and one page."""
+"""Live pictures are scaled and lossy, one robot's readings are in `/readings` already, the rest is
+between the server and one page."""
 
 
 class RecordingError(VsenseError):
-    """A recording that cannot be written or read; one line that names the file."""
+    """A recording that cannot be written or read; the message names the file."""
 
 
 @dataclass(frozen=True, slots=True)
 class Head:
-    """What a recording says first.
+    """The beginning of a recording: the vsense that wrote it, and the clock.
 
-    Attributes:
-        version: the vsense that wrote it.
-        begin_ns: when it was begun, host's monotonic clock.
-        utc_shift_ns: what that clock was behind UTC's nanoseconds since 1970.
+    `begin_ns` is the host's monotonic clock, which was `utc_shift_ns` behind UTC's nanoseconds
+    since 1970.
     """
 
     version: str
@@ -68,18 +64,12 @@ class Head:
         """The head as MCAP keeps it: text by name."""
         return {
             "format": ".".join(map(str, FORMAT)),
-            "version": self.version,
-            "begin_ns": str(self.begin_ns),
-            "utc_shift_ns": str(self.utc_shift_ns),
+            **{name: str(value) for name, value in asdict(self).items()},
         }
 
     @classmethod
     def from_metadata(cls, values: Mapping[str, str], file: str) -> Head:
-        """Reads the head.
-
-        Raises:
-            RecordingError: it is of another format, or damaged.
-        """
+        """Reads the head; RecordingError if it is of another format, or damaged."""
         found = values.get("format", "")
         version = values.get("version", "?")
         try:
@@ -107,38 +97,27 @@ def has_blob(message: Message) -> bool:
 
 
 def encode(message: Message, utc_shift_ns: int) -> bytes:
-    """Gives a message's data as it is kept.
-
-    Raises:
-        ValueError, TypeError, RecursionError: JSON cannot hold it.
-    """
+    """A message's data as bytes; ValueError, TypeError, RecursionError if JSON cannot hold it."""
     data = _encode_data(message.data)
     if not has_blob(message):
         return data
     told = message.data.get("capture_ns")
     capture_ns = int(told) if isinstance(told, (int, np.integer)) else message.time_ns
     sec, nsec = divmod(max(capture_ns + utc_shift_ns, 0), 1_000_000_000)
-    frame = message.data.get("camera", message.topic)
-    return b"".join(
-        (
-            b'{"timestamp":{"sec":%d,"nsec":%d},"frame_id":' % (sec, nsec),
-            json.dumps(str(frame)).encode(),
-            b',"format":',
-            json.dumps(str(message.data.get("format", ""))).encode(),
-            b',"data":"',
-            base64.b64encode(message.blob),
-            b'","vsense":',
-            data,
-            b"}",
-        )
-    )
+    picture = {
+        "timestamp": {"sec": sec, "nsec": nsec},
+        "frame_id": str(message.data.get("camera", message.topic)),
+        "format": str(message.data.get("format", "")),
+    }
+    opened = _ENCODER.encode(picture).encode()[:-1]
+    blob = base64.b64encode(message.blob)
+    return b"".join((opened, b',"data":"', blob, b'","vsense":', data, b"}"))
 
 
 def decode(topic: str, time_ns: int, blob: bool, data: bytes) -> Message:
     """Gives back what `encode` made; `blob`: its channel keeps blobs.
 
-    Raises:
-        ValueError, TypeError, KeyError, RecursionError: it is damaged.
+    ValueError, TypeError, KeyError, RecursionError if it is damaged.
     """
     values = json.loads(data)
     if blob:
@@ -154,7 +133,7 @@ def _object(values: Any) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """What JSON does not know by itself: NumPy's numbers and arrays."""
+    """Converts what JSON does not know: NumPy's numbers and arrays."""
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, np.ndarray):
@@ -173,7 +152,7 @@ def _encode_data(data: Mapping[str, Any]) -> bytes:
     try:
         return _ENCODER.encode(data).encode()
     except ValueError:
-        # Rare, and looked for only now: a look at every number would cost more than the rest.
+        # Rare, and searched for only now: a check of every number would cost more than the rest.
         return _ENCODER.encode(without_nan(data)).encode()
 
 
@@ -213,7 +192,7 @@ _KINDS: dict[str, tuple[dict[str, str], tuple[type, ...]]] = {
 
 
 class _Message:
-    """A message whose fields are known; its defaults stand for what a recording does not say."""
+    """A message whose fields are known; its defaults stand for what a recording lacks."""
 
     __slots__ = ()
 
@@ -240,26 +219,7 @@ class _Message:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExperimentMessage(_Message):
-    """`/experiment`: what does not change while a run goes on.
-
-    Attributes:
-        mode: "live" or "track"; a replay tells "replay".
-        command: "lab", "run" or "track".
-        name: of the experiment.
-        seed: what everything is drawn from.
-        blind: the virtual sensors are held at 0.
-        version: of vsense.
-        file_text: the experiment's file.
-        timestep_s: length of a timestep [s].
-        length_s: of the run [s]; None: without end.
-        arena: `size_m` and `centre_m`, three numbers each.
-        robots: `tag`, `name` and `height_m` of each.
-        objects: `tag` and `name` of each.
-        sensors: `name`, `layout`, `count`, `unit` and `angles_rad` of each.
-        actuators: `name`, `layout` and `count` of each.
-        cameras: see `vsense.ui.messages.cameras`.
-        body_radius_m: of a robot.
-    """
+    """`/experiment`: what does not change during a run; see `vsense/ui/MESSAGES.md`."""
 
     mode: str = "live"
     command: str = ""
@@ -281,25 +241,7 @@ class ExperimentMessage(_Message):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunMessage(_Message):
-    """`/run`: where the run is.
-
-    Attributes:
-        state: see `vsense.run.control.State`.
-        run: its number, from 1.
-        runs: so many follow by themselves; None: nobody counts.
-        by: who pressed last.
-        can: the orders that make sense now.
-        timestep: of the run; -1 before it.
-        time_s: since its beginning [s].
-        length_s: of the run [s]; None: without end.
-        late: timesteps that were missed or whose readings left late; None: not counted.
-        rate_hz: arena states per second.
-        latency_ms: `p50` and `p99` from the capture to the end of the timestep.
-        silent_s: without an arena state, once that is remarkable [s]; None before the first.
-        text: the newest line for people.
-        recording: `on`, `file`, `bytes`, `lost_messages` and `trouble`.
-        disk_free_bytes: where the run's files go.
-    """
+    """`/run`: where the run is; see `vsense/ui/MESSAGES.md`."""
 
     state: str = ""
     run: int = 1

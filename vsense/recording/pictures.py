@@ -21,7 +21,7 @@ import cv2
 from vsense.arena import Frame
 from vsense.cameras.camera import Camera
 from vsense.config.resources import DEFAULT_SPEED_M_S
-from vsense.errors import VsenseError
+from vsense.errors import VsenseError, failing_as
 from vsense.tracking.specs import TrackerSpec
 
 TIMESTAMPS = "timestamps.csv"
@@ -45,15 +45,12 @@ class PictureRecorder:
     """Writes pictures at once, in the caller's thread.
 
     The recording is `pictures/CAMERA/000012.png` with `timestamps.csv` beside them, and
-    `cameras/CAMERA.json`, the camera files.
+    `cameras/CAMERA.json`, the camera files. `written` counts the pictures on the disk.
 
     Args:
         directory: made where it does not exist; must not hold a recording.
         cameras: whose pictures come.
         suffix: format of the pictures: "png", "jpg" or "pgm".
-
-    Attributes:
-        written: pictures that are on the disk.
 
     Raises:
         PictureRecordingError: it cannot be written, or holds a recording already.
@@ -68,35 +65,23 @@ class PictureRecorder:
             raise PictureRecordingError(
                 f"{directory}: holds a recording already; expected another place"
             )
-        try:
+        with failing_as(PictureRecordingError, f"{directory}: cannot be written"):
             (directory / "cameras").mkdir(parents=True, exist_ok=True)
             for camera in cameras:
                 name = folder_names(cameras)[camera.id]
                 text = camera.to_json() + "\n"
                 (directory / "cameras" / f"{name}.json").write_text(text, encoding="utf-8")
                 self._begin(camera.id, directory / "pictures" / name)
-        except OSError as error:
-            raise PictureRecordingError(
-                f"{directory}: cannot be written: {error.strerror}"
-            ) from None
 
     def write(self, frames: Sequence[Frame]) -> None:
-        """Keeps the pictures of a timestep.
-
-        Raises:
-            PictureRecordingError: The disk is full, or gone.
-        """
+        """Writes the pictures of a timestep; PictureRecordingError if the disk is full, or gone."""
         for frame in frames:
             name = f"{frame.timestep:06d}.{self._suffix}"
             path = self._folders[frame.camera] / name
             data = cv2.imencode(f".{self._suffix}", frame.image)[1]
-            try:
+            with failing_as(PictureRecordingError, f"{path}: cannot be written"):
                 path.write_bytes(data.tobytes())
                 self._tables[frame.camera].write(f"{name},{frame.timestep},{frame.capture_ns}\n")
-            except OSError as error:
-                raise PictureRecordingError(
-                    f"{path}: cannot be written: {error.strerror}"
-                ) from None
             self.written += 1
 
     def close(self) -> None:
@@ -116,10 +101,7 @@ class PictureRecorder:
 class BackgroundRecorder:
     """Writes pictures on a thread of its own; what it cannot keep up with is left out.
 
-    At most `most` timesteps wait.
-
-    Attributes:
-        dropped: timesteps that were left out.
+    At most `most` timesteps wait; `dropped` counts those that were left out.
     """
 
     def __init__(self, recorder: PictureRecorder, most: int = 8) -> None:
@@ -133,8 +115,7 @@ class BackgroundRecorder:
     def write(self, frames: Sequence[Frame]) -> None:
         """Hands over the pictures of a timestep, whose memory must not be used again.
 
-        Raises:
-            PictureRecordingError: An earlier one could not be written.
+        PictureRecordingError if an earlier one could not be written.
         """
         if self._failure is not None:
             raise self._failure
@@ -144,11 +125,7 @@ class BackgroundRecorder:
             self.dropped += 1
 
     def close(self) -> None:
-        """Writes what waits, and ends.
-
-        Raises:
-            PictureRecordingError: Something could not be written.
-        """
+        """Writes what waits, and ends; PictureRecordingError if something was not written."""
         self._waiting.put(None)
         self._thread.join()
         self._recorder.close()
@@ -183,13 +160,8 @@ def write_session_files(
 ) -> None:
     """Writes `resources.xml`, `experiment.xml` and their schemas beside a recording.
 
-    Args:
-        directory: where a `PictureRecorder` has written `pictures` and `cameras`.
-        cameras: the recorded cameras.
-        trackers: what to look for in their pictures, by the camera's id.
-
-    Raises:
-        OSError: a file cannot be written.
+    A `PictureRecorder` has written into `directory` before; `trackers` are by the camera's id.
+    OSError if a file cannot be written.
     """
     write_schemas(directory)
     text = resources_text(cameras, trackers)
@@ -198,11 +170,7 @@ def write_session_files(
 
 
 def write_schemas(directory: Path) -> None:
-    """Writes the schemas of both files into `directory / "schema"`, for editors.
-
-    Raises:
-        OSError: A file cannot be written.
-    """
+    """Writes the schemas of both files into `directory / "schema"`, for editors."""
     (directory / "schema").mkdir(exist_ok=True)
     for name in SCHEMAS:
         schema = (resources.files("vsense.config") / "schema" / name).read_text(encoding="utf-8")
@@ -212,10 +180,7 @@ def write_schemas(directory: Path) -> None:
 def resources_text(cameras: Sequence[Camera], trackers: Mapping[str, TrackerSpec]) -> str:
     """Gives the resources file of a recording; see `write_session_files`."""
     folders = folder_names(cameras)
-    lines = [
-        head("arena_tracking_system", "resources.xsd"),
-        "  <grabbers>",
-    ]
+    lines = [head("arena_tracking_system", "resources.xsd"), "  <grabbers>"]
     for camera in cameras:
         folder = f"pictures/{folders[camera.id]}"
         lines.append(
@@ -277,7 +242,7 @@ def tracker_lines(spec: TrackerSpec) -> list[str]:
     """Gives a tracker's element."""
     heights_m, family = spec.heights_m, spec.family
     if family.endswith(".json"):
-        # Its path starts from the folder of another file.
+        # Its path is relative to another file's folder.
         family = str(Path(family).resolve())
     usual_m = Counter(heights_m.values()).most_common(1)[0][0]
     others = sorted({height for height in heights_m.values() if height != usual_m})

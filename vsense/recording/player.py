@@ -15,26 +15,23 @@ from vsense.run.orders import Order, OrderError, OrderKind
 
 SLOWEST, FASTEST = 0.1, 100.0
 RUN_NS = 250_000_000
-"""So often `/run` says where the replay is, while it plays."""
+"""`/run` is published this often while the recording plays."""
 IDLE_NS = 1_000_000_000
-"""And so often while it does not."""
+"""And this often while it does not."""
 PICTURE_NS = 250_000_000
-"""Of each camera no more than one picture in this time, as in a run."""
+"""Each camera's pictures are published this far apart, as in a run."""
 LATE_NS = 1_000_000_000
-"""Whoever is later than this does not try to catch up."""
+"""A player that is later than this does not catch up."""
 _BURST = 50
 _CAN = ["play", "pause", "speed", "seek"]
 _PASSING = ("/event", form.GAP)
-"""News of a moment: not told again to those who come later."""
+"""News of a moment: not published again to later listeners."""
 
 
 class Player:
-    """One recording at play; begins paused at its beginning.
+    """Plays one recording; begins paused at its beginning. `clock` is monotonic [ns].
 
-    Args:
-        recording: from now on this player's alone; it is not closed here.
-        bus: gets the messages.
-        clock: monotonic [ns].
+    The recording is used by this player alone from now on; it is not closed here.
     """
 
     def __init__(
@@ -61,7 +58,7 @@ class Player:
         self._thread: threading.Thread | None = None
 
     def start(self) -> None:
-        """Plays on a thread of its own, until `close`."""
+        """Plays on its own thread, until `close`."""
         self._thread = threading.Thread(target=self._run, name="replay", daemon=True)
         self._thread.start()
 
@@ -74,11 +71,7 @@ class Player:
             self._thread.join()
 
     def give(self, order: Order) -> str:
-        """Carries out PLAY, PAUSE, SPEED and SEEK; see `vsense.run.control.Give`.
-
-        Raises:
-            OrderError: a replay does not know the order, or its value.
-        """
+        """Carries out PLAY, PAUSE, SPEED and SEEK; OrderError for others; see `Give`."""
         carry_out = {
             OrderKind.PLAY: lambda: self._play(order.value != 0.0),
             OrderKind.PAUSE: lambda: self._play(False),
@@ -93,19 +86,8 @@ class Player:
             self._orders.notify()
         return text
 
-    @property
-    def position_s(self) -> float:
-        """Where it is, since the recording's beginning."""
-        with self._orders:
-            return self._position_ns() / 1e9
-
-    @property
-    def playing(self) -> bool:
-        """Whether it plays."""
-        return self._playing
-
     def step(self) -> int:
-        """Publishes what is due; gives how long nothing is due if nobody gives an order [ns]."""
+        """Publishes what is due; gives the time until the next is due, unless orders come [ns]."""
         now_ns = self._clock()
         with self._orders:
             position_ns = self._position_ns()
@@ -163,7 +145,7 @@ class Player:
         return f"now at {self._from_ns / 1e9:.1f} s"
 
     def _begin_at(self, position_ns: int) -> None:
-        """Opens the recording at a place, and finds out what was the newest there."""
+        """Opens the recording at a place, and finds the newest messages there."""
         before_s = (position_ns + 1) / 1e9
         self._shown_ns.clear()
         if position_ns > 0:
@@ -180,7 +162,7 @@ class Player:
         return topic not in _PASSING and topic != form.TRACKER
 
     def _wants(self, topic: str) -> bool:
-        """Whether a message is worth being decoded."""
+        """Whether a message is to be decoded."""
         if topic.startswith(form.PICTURE):
             now_ns = self._clock()
             shown_ns = self._shown_ns.get(topic)
@@ -192,7 +174,7 @@ class Player:
         return topic != form.TRACKER
 
     def _publish_due(self, position_ns: int) -> int:
-        """Publishes up to a place; gives how long the next one has time [ns]."""
+        """Publishes up to a place; gives the time until the next message [ns]."""
         for _ in range(_BURST):
             if self._next is None:
                 return self._end(position_ns)
@@ -210,7 +192,7 @@ class Player:
         return 0
 
     def _end(self, position_ns: int) -> int:
-        """There is nothing more: pauses where the recording ends."""
+        """Pauses where the recording ends."""
         if position_ns < self._duration_ns:
             return round((self._duration_ns - position_ns) / self._speed)
         with self._orders:
@@ -243,7 +225,7 @@ class Player:
                 self._bus.publish(Message(topic, message.time_ns, {**message.data, **one}))
 
     def _publish_gap(self, message: Message) -> None:
-        """Tells people what is missing here."""
+        """Publishes what is missing here as an event."""
         gap = read_gap(message.data)
         if gap is not None:
             length_s = (gap.to_ns - gap.from_ns) / 1e9
@@ -251,7 +233,7 @@ class Player:
             self._bus.event(text, "warning", message.time_ns)
 
     def _tell_all(self) -> None:
-        """Publishes everything that lasts, for somebody who knows nothing."""
+        """Publishes everything that lasts, for a new listener."""
         self._joined = self._bus.joined
         for message in list(self._current.values()):
             if message.topic != "/run":

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from vsense.errors import failing_as
 from vsense.message_bus import Message
 from vsense.recording import chunks, form
 from vsense.recording.chunks import ChunkPlace, Contents, DamagedError, Kept, Raw, scan
@@ -18,14 +19,9 @@ Choice = Collection[str] | Callable[[str], bool] | None
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """A time of which something is missing.
+    """A time, on the host's monotonic clock, of which messages or pictures are missing.
 
-    Attributes:
-        from_ns: its beginning, host's monotonic clock.
-        to_ns: its end.
-        messages: how many messages are missing; 0 where nobody counted.
-        pictures: how many pictures are missing.
-        why: for people.
+    Their numbers are 0 where they were not counted; `why` is for people.
     """
 
     from_ns: int
@@ -39,11 +35,9 @@ class Recording:
     """An open recording; for one thread. All times are those of the host that recorded.
 
     Attributes:
-        path: where it is.
         version: the vsense that wrote it.
         complete: whether it was ended in order; otherwise its last second may be missing.
-        begin_ns: when it was begun, that host's monotonic clock.
-        utc_shift_ns: what that clock was behind UTC's nanoseconds since 1970.
+        begin_ns, utc_shift_ns: see `form.Head`.
         damaged: chunks that could not be read so far.
     """
 
@@ -68,7 +62,7 @@ class Recording:
         self.close()
 
     def close(self) -> None:
-        """Lets the file go; can be called again."""
+        """Closes the file; can be called again."""
         self._file.close()
 
     @property
@@ -93,9 +87,7 @@ class Recording:
 
     def messages(self, topics: Choice = None, start_s: float = 0.0) -> Iterator[Message]:
         """Gives messages of `topics` in the order of the recording, from `start_s` after its
-        beginning.
-
-        What is damaged is left out and noted in `damaged`.
+        beginning. What is damaged is left out and noted in `damaged`.
         """
         start_ns = None if start_s <= 0.0 else self.begin_ns + round(1e9 * start_s)
         if start_ns is not None:
@@ -126,7 +118,7 @@ class Recording:
         return found
 
     def _learn(self) -> None:
-        """Looks for all channels where no index tells of them: a chunk may use an earlier one's."""
+        """Finds all channels where there is no index: a chunk may use an earlier one's."""
         if not self.complete and not self._learnt:
             self._learnt = True
             for place in self._places:
@@ -154,17 +146,16 @@ class Recording:
     def _unpack(self, place: ChunkPlace) -> list[Raw]:
         """Reads a chunk; one that is damaged gives what it has before the damage."""
         raws: list[Raw] = []
-        try:
+        with failing_as(RecordingError, f"{self.path}: cannot be read"):
             self._file.seek(place.offset)
+            content = self._file.read(place.length)
+        try:
             learnt: dict[int, Kept] = {}
-            data = chunks.unpack(self._file.read(place.length))
-            for raw in chunks.walk(data, learnt):
+            for raw in chunks.walk(chunks.unpack(content), learnt):
                 raws.append(raw)
             self._channels |= learnt
         except DamagedError:
             self.damaged.add(place.offset)
-        except OSError as error:
-            raise RecordingError(f"{self.path}: cannot be read: {error.strerror}") from None
         self._inside[place.offset] = frozenset(raw.channel for raw in raws)
         return raws
 
@@ -187,19 +178,13 @@ def open_recording(path: Path) -> Recording:
         RecordingError: it is not there, no recording of vsense, of another format, or cut off
             before anything was recorded.
     """
-    try:
+    with failing_as(RecordingError, f"{path}: cannot be read"):
         file = path.open("rb")
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from None
-    try:
-        size = file.seek(0, 2)
-        return Recording(path, file, scan(file, size, str(path)))
-    except OSError as error:
-        file.close()
-        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from None
-    except BaseException:
-        file.close()
-        raise
+        try:
+            return Recording(path, file, scan(file, file.seek(0, 2), str(path)))
+        except BaseException:
+            file.close()
+            raise
 
 
 def _test(topics: Choice) -> Callable[[str], bool]:

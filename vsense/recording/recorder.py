@@ -1,9 +1,9 @@
-"""Records what the bus carries and the cameras see, on a thread of its own.
+"""Records the bus's messages and the cameras' pictures, on a thread of its own.
 
-Whoever publishes only puts it into a queue. The thread encodes it and brings it to the disk twice
-a second, so that whatever ends the process loses less than the last second. Where it cannot keep
-up, pictures are left out first; where the disk is full, everything that the queue does not hold;
-both leave a mark in the recording.
+Publishers only put messages into a queue. The thread encodes them and brings them to the disk twice
+a second, so that a killed process loses less than the last second. Where it cannot keep up,
+pictures are left out first; where the disk is full, everything that the queue does not hold; both
+leave a mark in the recording.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ FLUSH_S = 0.5
 RETRY_S = 1.0
 _CLOSE_S = 30.0
 _FIRST_SIZE = 2_048
-"""How large a message of a topic is taken to be before one was seen."""
+"""Assumed size of a topic's first message."""
 
 # Measured on rendered and on real pictures: the smallest and the fastest of the lossless ones.
 _PNG = (
@@ -44,14 +44,11 @@ class Recorder:
     """One recording of one run; all methods may be called by any thread.
 
     Args:
-        bus: what it carries is recorded; trouble with the disk is told there.
-        path: where; there must be nothing.
-        pictures: whether pictures are kept that are handed to `pictures`.
+        bus: what it carries is recorded; trouble with the disk is published there.
+        path: of a new file.
+        pictures: whether pictures that are given to `pictures` are kept.
         bounds: how much may wait.
         clock: the host's monotonic clock [ns].
-
-    Attributes:
-        path: where it is.
 
     Raises:
         RecordingError: the file cannot be made, or there is one already.
@@ -89,15 +86,15 @@ class Recorder:
         self._waiting.put([message], [size], self._clock())
 
     def describe_tracker(self, description: Mapping[str, Any]) -> None:
-        """Says what the tracker is made from, before the first pictures; see `tracker_made`."""
+        """Sets what the tracker is made from, before the first pictures; see `tracker_made`."""
         self._tracker, self._has_memory = description, False
 
     def pictures(self, frames: Sequence[Frame], tracker: ArenaTracker | None = None) -> None:
         """Copies all pictures that the tracker is about to be given, in that order.
 
         To be called in the tracker's thread, right before `tracker.update(frames)`. At the
-        beginning and after a gap, what a tracker of ours remembers is recorded, too: from there on,
-        the same pictures make the same arena states.
+        beginning and after a gap, the tracker's memory is recorded, too: from there on, the same
+        pictures make the same arena states.
         """
         wanted = self._keeps_pictures and self._off_since_ns is None
         if not wanted or not frames or self._closing.is_set():
@@ -117,7 +114,7 @@ class Recorder:
         self._has_memory = self._waiting.put(kept, sizes, now_ns)
 
     def pause(self) -> None:
-        """Stops recording until `resume`; nothing happens where it has stopped."""
+        """Stops recording until `resume`; can be called again."""
         with self._lock:
             if self._listener is not None:
                 self._bus.leave(self._listener)
@@ -129,11 +126,11 @@ class Recorder:
             if self._listener is not None or self._closing.is_set():
                 return
             self._end_pause()
-            # Joining anew: whoever publishes then tells again what changes rarely.
+            # Publishers repeat for a new listener what changes rarely.
             self._listener = self._bus.join(self.receive, form.is_recorded)
 
     def state(self) -> dict[str, Any]:
-        """How it goes: the "recording" of the message `/run`."""
+        """The "recording" of the message `/run`."""
         return {
             "on": self._listener is not None,
             "file": str(self.path),
@@ -143,10 +140,7 @@ class Recorder:
         }
 
     def close(self) -> None:
-        """Writes what waits, and the index of everything; can be called again.
-
-        A disk that does not take it leaves a recording without its last part.
-        """
+        """Writes what waits, and the index, as far as the disk takes them; can be called again."""
         with self._lock:
             listener, self._listener = self._listener, None
             if listener is not None:
@@ -159,7 +153,7 @@ class Recorder:
         self._thread.join(_CLOSE_S)
 
     def _end_pause(self) -> None:
-        """Marks the gap that `pause` has begun."""
+        """Marks the gap since `pause`."""
         since_ns, now_ns = self._off_since_ns, self._clock()
         if since_ns is not None:
             why = "recording was switched off"
@@ -167,7 +161,7 @@ class Recorder:
             self._has_memory, self._off_since_ns = False, None
 
     def _run(self) -> None:
-        """The thread. A fault of ours ends the recording, and is told."""
+        """The thread. An internal fault ends the recording, and is published."""
         try:
             self._record()
         except Exception as error:
@@ -183,13 +177,13 @@ class Recorder:
                 self._add(item)
             if time.monotonic() >= due_s or self._writer.is_full:
                 due_s = time.monotonic() + FLUSH_S
-                # However long the disk takes to have room.
+                # However long the disk is full.
                 while not self._flush() and not self._closing.wait(RETRY_S):
                     pass
         self._finish()
 
     def _add(self, item: Item) -> None:
-        """Encodes one item into the chunk that is being made."""
+        """Encodes one item into the present chunk."""
         topic = (
             f"{form.PICTURE}{item.frame.camera}" if isinstance(item, WaitingPicture) else item.topic
         )
@@ -203,7 +197,7 @@ class Recorder:
                 self._tell(f"messages {topic} cannot be recorded: {error}")
 
     def _flush(self) -> bool:
-        """Brings the chunk to the disk; says whether the disk took it."""
+        """Brings the chunk to the disk; gives whether the disk took it."""
         try:
             self._writer.flush()
         except OSError as error:
@@ -234,7 +228,7 @@ class Recorder:
             self._tell(f"the end of the recording is missing: {self.path}: {error.strerror}")
 
     def _rejoin(self) -> None:
-        """Joins the bus anew: whoever publishes tells a newcomer again what changes rarely."""
+        """Joins the bus anew: publishers repeat for a new listener what changes rarely."""
         with self._lock:
             if self._listener is not None:
                 self._bus.leave(self._listener)

@@ -1,4 +1,4 @@
-"""Runs the tracker again on recorded pictures, and compares what it says with what it said.
+"""Runs the tracker again on recorded pictures, and compares the new arena states with the recorded.
 
 With the recorded settings both are the same in every bit. The tracker's memory is recorded where
 pictures begin, at the beginning and after each gap, so that they are the same from anywhere.
@@ -26,7 +26,7 @@ from vsense.tracking.camera_tracking import CameraTracking
 
 _REMEMBERED = 500
 """Timesteps whose new state waits for the recorded one, or the other way round: pictures may have
-been written later than what was said of them."""
+been written later than their arena states."""
 
 
 @dataclass(slots=True)
@@ -38,10 +38,8 @@ class RetrackComparison:
         equal: those of them that are the same in every bit.
         no_pictures: recorded arena states whose pictures are not in the recording.
         robots: poses that are in both.
-        position_m: the largest distance between two of them.
-        heading_rad: the largest angle between two of them.
-        only_before: robots in timesteps where only the recorded tracking has them.
-        only_now: and where only the new one does.
+        position_m, heading_rad: the largest distance and angle between two of them.
+        only_before, only_now: robots in timesteps where only one tracking has them.
         fields: in how many timesteps each field differs.
         first: the first timestep that differs, or None.
         gaps: how often the pictures are interrupted.
@@ -62,11 +60,7 @@ class RetrackComparison:
     versions: dict[str, tuple[str, str]] = field(default_factory=dict)
 
     def add(self, before: Mapping[str, Any], now: Mapping[str, Any]) -> None:
-        """Compares two data of `/arena`.
-
-        Raises:
-            KeyError, TypeError, ValueError: the recorded one is damaged.
-        """
+        """Compares two data of `/arena`; KeyError, TypeError, ValueError if `before` is damaged."""
         different = [name for name in now if not _same(before.get(name), now[name])]
         self.timesteps += 1
         self.equal += not different
@@ -85,7 +79,7 @@ class RetrackComparison:
             self.heading_rad = max(self.heading_rad, turn_rad)
 
     def lines(self) -> list[str]:
-        """What there is to tell people."""
+        """The comparison for people."""
         lines = [f"{self.timesteps} timesteps compared, {self.equal} the same in every bit"]
         if self.no_pictures:
             lines.append(f"{self.no_pictures} timesteps without pictures: not compared")
@@ -106,12 +100,7 @@ class RetrackComparison:
 
 
 class _RecordedPictures:
-    """The pictures of a recording as a grabber: a timestep when all of it was taken in.
-
-    Attributes:
-        timesteps: None: nobody has counted them.
-        missed: 0: all are tracked.
-    """
+    """The pictures of a recording as a grabber: a timestep when all of its pictures were added."""
 
     timesteps: int | None = None
     missed = 0
@@ -121,7 +110,7 @@ class _RecordedPictures:
         self._update = -1
 
     def add(self, message: Message) -> bool:
-        """Takes a picture; whether all of its timestep are there."""
+        """Adds a picture; whether all of its timestep are there."""
         data = message.data
         if data["update"] != self._update:
             self._frames = []
@@ -131,25 +120,23 @@ class _RecordedPictures:
         return complete
 
     def next(self, timeout_s: float) -> list[Frame]:
-        """Gives the pictures that were taken in."""
+        """Gives the pictures that were added."""
         frames, self._frames = self._frames, []
         return frames
 
     def events(self) -> list[CameraEvent]:
-        """Has nothing to tell."""
+        """There are none."""
         return []
 
     def close(self) -> None:
-        """Drops what was taken in."""
+        """Drops the pictures that were added."""
         self._frames = []
 
 
 class Retracking:
-    """The tracker at work on a recording.
+    """The tracker on a recording with pictures.
 
-    Args:
-        recording: one with pictures.
-        change: gives the description of the tracker to run, from the recorded one.
+    `change` gives the description of the tracker to run, from the recorded one.
     """
 
     def __init__(self, recording: Recording, change: Callable[[dict[str, Any]], dict[str, Any]]):
@@ -174,7 +161,7 @@ class Retracking:
                 if message.topic == form.TRACKER:
                     self._begin(message)
                 elif message.topic == "/arena":
-                    # By capture time: a run numbers its timesteps itself, whatever cameras do.
+                    # By capture time: a run numbers its timesteps itself.
                     self._before[message.data["capture_ns"]] = message.data
                     self._compare(message.data["capture_ns"])
                 else:
@@ -193,7 +180,7 @@ class Retracking:
             )
 
     def _begin(self, message: Message) -> None:
-        """Makes the tracker; after a gap, gives it the memory it had then."""
+        """Makes the tracker; after a gap, restores the memory that it had then."""
         made = dict(message.data["made"])
         changed = self._change(made)
         self._pictures.close()
@@ -213,7 +200,7 @@ class Retracking:
             memory.restore(self._tracking.tracker, message.data["memory"])
 
     def _track(self, message: Message) -> Iterator[ArenaState]:
-        """Takes a picture; when all of a timestep are there, tracks."""
+        """Adds a picture; when all of a timestep are there, tracks."""
         if self._tracking is not None and self._pictures.add(message):
             state, _ = self._tracking.next(0.0)
             self._now[state.capture_ns] = arena_data(state)
@@ -226,8 +213,8 @@ class Retracking:
         """Compares an arena state if both of this capture time are known."""
         if capture_ns in self._now and capture_ns in self._before:
             before = self._before.pop(capture_ns)
-            number = {"timestep": before["timestep"]}
-            self.comparison.add(before, self._now[capture_ns] | number)
+            now = self._now[capture_ns] | {"timestep": before["timestep"]}
+            self.comparison.add(before, now)
         elif len(self._before) > _REMEMBERED:
             del self._before[next(iter(self._before))]
             self.comparison.no_pictures += 1

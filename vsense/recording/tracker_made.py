@@ -1,8 +1,8 @@
 """What an arena tracker is made from, as JSON can hold it, and a tracker made from that.
 
-The lab and a tracking session build their trackers in different ways; both are cameras, each with
-what is looked for in its pictures, and limits. Marker families are written out, so that a family
-of the user's own comes with the recording. `change_settings` changes what a person wants changed.
+Lab and tracking session build their trackers in different ways; both are cameras, each with what is
+looked for in its pictures, and limits. Marker families are written out, so that a family of the
+user's own comes with the recording.
 """
 
 from __future__ import annotations
@@ -39,22 +39,14 @@ _MOST_WORKERS = 64
 def of_family(
     cameras: Sequence[Camera], family: str, heights_m: Mapping[int, float], workers: int = 2
 ) -> Made:
-    """Describes `ArenaTracker.for_family(cameras, load_family(family), heights_m)`.
-
-    Raises:
-        VsenseError: there is no such family.
-    """
+    """Describes `ArenaTracker.for_family(cameras, load_family(family), heights_m)`."""
     tracker = _tracker(family, 0.0, heights_m, True)
     sees = {camera.id: "robots" for camera in cameras}
     return _made(cameras, sees, {"robots": tracker}, Limits(), SearchPlan(), workers)
 
 
 def of_session(session: TrackingSession) -> Made:
-    """Describes the tracker of `vsense.tracking.opening.open_tracking`.
-
-    Raises:
-        VsenseError: there is no such family.
-    """
+    """Describes the tracker of `vsense.tracking.opening.open_tracking`."""
     specs = {view.tracker.id: view.tracker for view in session.views}
     trackers = {
         id: _tracker(spec.family, spec.heading_deg, spec.heights_m, spec.open_roster)
@@ -71,11 +63,7 @@ def of_session(session: TrackingSession) -> Made:
 
 
 def make(made: Made) -> ArenaTracker:
-    """Makes the tracker that was described.
-
-    Raises:
-        VsenseError: the description does not make one.
-    """
+    """Makes the tracker that was described; VsenseError if the description is damaged."""
     try:
         return _make(made)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -83,7 +71,7 @@ def make(made: Made) -> ArenaTracker:
 
 
 def versions() -> dict[str, str]:
-    """Of what decides the last bit of a result."""
+    """Versions of what decides the last bit of a result."""
     return {"vsense": __version__, "opencv": cv2.__version__, "numpy": np.__version__}
 
 
@@ -162,11 +150,9 @@ HEIGHT = "tracker.height_m"
 
 
 def change_settings(made: Mapping[str, Any], settings: Mapping[str, str]) -> dict[str, Any]:
-    """Gives a description of a tracker with other settings.
+    """Gives the description `made` with other settings.
 
-    Args:
-        made: the description.
-        settings: by name, "limits.X", "plan.X", or "tracker.X" for all of its trackers.
+    `settings` are by name: "limits.X", "plan.X", or "tracker.X" for all of its trackers.
 
     Raises:
         UsageError: a setting is not known, or its value is none.
@@ -186,7 +172,7 @@ def change_settings(made: Mapping[str, Any], settings: Mapping[str, str]) -> dic
 
 
 def _parts(made: dict[str, Any], key: str) -> tuple[list[dict[str, Any]], str]:
-    """Finds what a setting is a setting of."""
+    """Finds what holds a setting, and the setting's name there."""
     group, _, name = key.partition(".")
     groups = {
         "limits": [made["limits"]],

@@ -1,4 +1,4 @@
-"""What waits to be written: a queue with bounds, and what is missing where it was full."""
+"""The recorder's queue, which has bounds, and the marks of what was left out where it was full."""
 
 from __future__ import annotations
 
@@ -14,13 +14,9 @@ from vsense.recording import form
 
 @dataclass(frozen=True, slots=True)
 class WaitingPicture:
-    """A picture that nobody has encoded yet.
+    """A picture that is not encoded yet: when it came, and a frame in memory of its own.
 
-    Attributes:
-        frame: it, in memory of its own.
-        time_ns: when it came.
-        update: which call of the tracker it belongs to, counted from 0.
-        pictures: how many belong to that call.
+    `update` is the call of the tracker that it belongs to, counted from 0; `pictures` belong to it.
     """
 
     frame: Frame
@@ -38,14 +34,7 @@ _SMALL = 200
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """How much may wait.
-
-    Attributes:
-        message_bytes: of messages, as they are kept.
-        picture_bytes: of pictures.
-        message_ns: when the oldest has waited for so long, messages are left out.
-        picture_ns: the same for pictures, which are dropped first.
-    """
+    """How much may wait: bytes, and the age of the oldest; pictures are left out first."""
 
     message_bytes: int = 16 << 20
     picture_bytes: int = 128 << 20
@@ -79,13 +68,11 @@ class _Queue:
 
 
 class Waiting:
-    """The queue; any thread may put, one takes: messages first, so that pictures, which take long
-    to encode, never hold them up.
+    """The queue; any thread may put, one takes: messages first, since pictures take long to encode.
 
     Attributes:
-        KEEP_UP: what gaps usually come from.
         lost: messages and pictures that were left out.
-        why: what a gap that begins now comes from.
+        why: the reason that a gap gets which begins now, usually `KEEP_UP`.
     """
 
     KEEP_UP = "it could not be written as fast as it came"
@@ -101,8 +88,7 @@ class Waiting:
     def put(self, items: Sequence[Item], sizes: Sequence[int], now_ns: int) -> bool:
         """Puts items of about `sizes` bytes, all or none; with a picture all wait as pictures do.
 
-        Returns:
-            Whether there was room; where not, a `/gap` precedes the next that finds room.
+        Gives whether there was room; where not, a `/gap` precedes the next that finds room.
         """
         kind = _PICTURES if any(isinstance(item, WaitingPicture) for item in items) else _MESSAGES
         with self._changed:
@@ -116,7 +102,7 @@ class Waiting:
         return True
 
     def mark(self, message: Message) -> None:
-        """Puts a message for which there is always room; for marks of gaps."""
+        """Puts the mark of a gap, for which there is always room."""
         with self._changed:
             self._queues[_MESSAGES].append(message, _SMALL, message.time_ns)
             self._changed.notify()
@@ -132,12 +118,12 @@ class Waiting:
             return None
 
     def wake(self) -> None:
-        """Has `pop` return now."""
+        """Makes `pop` return now."""
         with self._changed:
             self._changed.notify()
 
     def end(self, now_ns: int) -> None:
-        """Marks gaps that are still open; nothing comes any more."""
+        """Marks gaps that are still open, at the end."""
         with self._changed:
             for kind in list(self._gaps):
                 self._end_gap(kind, now_ns)
@@ -153,10 +139,9 @@ class Waiting:
     def _has_room(self, kind: str, size: int, now_ns: int) -> bool:
         queue, bounds = self._queues[kind], self._bounds
         oldest_ns = queue.items[0][2] if queue.items else now_ns
+        most, patience_ns = bounds.message_bytes, bounds.message_ns
         if kind == _PICTURES:
             most, patience_ns = bounds.picture_bytes, bounds.picture_ns
-        else:
-            most, patience_ns = bounds.message_bytes, bounds.message_ns
         return queue.bytes + size <= most and now_ns - oldest_ns <= patience_ns
 
     def _leave_out(self, kind: str, number: int, now_ns: int) -> None:

@@ -1,6 +1,6 @@
 """Writes messages into an MCAP file by whole chunks, each on the disk when `flush` returns.
 
-Whatever the disk does, the file ends with something whole.
+Even if the disk fails, the file ends with a whole chunk.
 """
 
 from __future__ import annotations
@@ -20,14 +20,9 @@ from vsense.recording.form import Head, RecordingError
 
 
 class WholeFile:
-    """A new file that grows by whole pieces; nobody ever sees it without its first one.
+    """A new file that grows by whole pieces; it gets its name with the first one.
 
-    Attributes:
-        path: where it is.
-        length: bytes that are on the disk.
-
-    Raises:
-        RecordingError: it cannot be made, or there is one already.
+    `length` is in bytes on the disk. RecordingError if it cannot be made, or exists already.
     """
 
     def __init__(self, path: Path, head: bytes) -> None:
@@ -51,11 +46,7 @@ class WholeFile:
             raise RecordingError(f"{path}: cannot be written: {error.strerror}") from None
 
     def append(self, piece: bytes) -> None:
-        """Writes a piece and waits until the disk has it.
-
-        Raises:
-            OSError: it could not be written whole; the file ends where it did before.
-        """
+        """Writes a piece and waits until the disk has it; an OSError leaves the file as before."""
         try:
             view, at = memoryview(piece), self.length
             while view:
@@ -69,7 +60,7 @@ class WholeFile:
         self.length += len(piece)
 
     def close(self) -> None:
-        """Lets the file go; it must not be used any more."""
+        """Closes the file."""
         os.close(self._fd)
 
 
@@ -77,13 +68,13 @@ def _sync(fd: int) -> None:
     try:
         getattr(os, "fdatasync", os.fsync)(fd)
     except OSError as error:
-        # What has no disk behind it, such as a pipe or a device, has nothing to wait for.
+        # A pipe or a device has no disk to wait for.
         if error.errno not in (errno.EINVAL, errno.ENOTSUP):
             raise
 
 
 def _sync_folder(folder: Path) -> None:
-    """Has the disk know a new file's name, too."""
+    """Brings a new file's name to the disk."""
     fd = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
     try:
         with suppress(OSError):
@@ -93,7 +84,7 @@ def _sync_folder(folder: Path) -> None:
 
 
 class MemoryFile(io.BytesIO):
-    """Where the MCAP writer writes: memory, until somebody takes it to the disk."""
+    """Where the MCAP writer writes: memory, which is copied to the disk and cleared."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -109,7 +100,7 @@ class MemoryFile(io.BytesIO):
         return super().tell()
 
     def clear(self) -> None:
-        """What waited is on the disk."""
+        """Drops what is on the disk now."""
         self._taken += super().tell()
         self.seek(0)
         self.truncate()
@@ -122,25 +113,16 @@ _MOST_NS = (1 << 64) - 1
 
 
 class RecordingWriter:
-    """One recording that grows; for one thread.
+    """One recording that grows; for one thread; for the times see `form.Head`.
 
-    Args:
-        path: where; there must be nothing.
-        begin_ns: now, host's monotonic clock.
-        utc_shift_ns: what that clock is behind UTC.
-
-    Attributes:
-        path: where it is.
-
-    Raises:
-        RecordingError: it cannot be made, or there is one already.
+    RecordingError if the file cannot be made, or exists already.
     """
 
     def __init__(self, path: Path, begin_ns: int, utc_shift_ns: int) -> None:
         self.path = path
         self._utc_shift_ns = utc_shift_ns
         self._outbox = MemoryFile()
-        # Chunks end where `flush` says: channels then stand in the chunk that uses them first.
+        # Chunks end where `flush` says, so channels are in the chunk that uses them first.
         self._mcap = Writer(self._outbox, _NEVER, CompressionType.ZSTD)
         self._mcap.start(form.PROFILE, f"vsense {__version__}")
         self._mcap.add_metadata(form.HEAD, Head(__version__, begin_ns, utc_shift_ns).as_metadata())
@@ -157,15 +139,11 @@ class RecordingWriter:
 
     @property
     def is_full(self) -> bool:
-        """Whether what was added since the last chunk is as much as a chunk holds."""
+        """Whether a chunk's bytes were added since the last one."""
         return self._gathered >= CHUNK_BYTES
 
     def add(self, message: Message) -> int:
-        """Adds a message to the chunk that is being made; gives its size as it is kept.
-
-        Raises:
-            ValueError, TypeError, RecursionError: JSON cannot hold it.
-        """
+        """Adds a message to the present chunk; gives its encoded size; raises as `form.encode`."""
         data = form.encode(message, self._utc_shift_ns)
         time_ns = min(max(message.time_ns + self._utc_shift_ns, 0), _MOST_NS)
         self._mcap.add_message(self._channel(message), time_ns, data, time_ns)
@@ -187,10 +165,9 @@ class RecordingWriter:
         self._to_disk()
 
     def close(self) -> None:
-        """Writes the index of everything, and lets the file go.
+        """Writes the index, and closes the file.
 
-        Raises:
-            OSError: the disk does not take it; without its index the recording is still one.
+        OSError if the disk does not take it; without its index the recording can still be read.
         """
         try:
             self.flush()
@@ -214,7 +191,7 @@ class RecordingWriter:
         return self._channels[key]
 
     def _keep_experiment(self, message: Message) -> None:
-        """Writes down for other tools what was done here."""
+        """Writes the experiment's facts for other tools."""
         wanted = ("name", "version", "seed", "blind", "command", "file_text")
         values = {key: str(message.data[key]) for key in wanted if key in message.data}
         if values != self._experiment:

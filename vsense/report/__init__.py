@@ -10,7 +10,7 @@ FORMATS = ("png", "svg", "pdf")
 """Files that charts can be kept in."""
 
 LACKING = f"charts need the Python package matplotlib: {pip_line('matplotlib')}"
-"""What is told where Matplotlib is not installed."""
+"""The message where Matplotlib is not installed."""
 
 
 def can_draw() -> bool:

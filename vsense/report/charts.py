@@ -36,13 +36,13 @@ _ABOVE: dict[str, Any] = {
     "loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.2, "ncols": 4,
     "borderpad": 0.2,
 }  # fmt: skip
-"""Where a legend stands: above its axes."""
+"""Place of a legend: above its axes."""
 _CONDITIONS = {"sighted": ("C0", "-"), "blind": ("C1", "--")}
 
 
 def measures(findings: Findings) -> Drawing | None:
-    """Everything that the experiment measured, one chart below the other."""
-    series = dict(list(findings.found.measures.of.items())[:MOST_MEASURES])
+    """All measures of the experiment, one chart below the other."""
+    series = dict(list(findings.found.measures.items())[:MOST_MEASURES])
     if not series:
         return None
     usual = plot.setting("figure.figsize")[1]
@@ -68,7 +68,7 @@ def measures(findings: Findings) -> Drawing | None:
 
 
 def _gaps(axes: Axes, findings: Findings) -> None:
-    """Tints the times in which nothing is known; those beside each other together."""
+    """Tints the times in which nothing is known; neighbours together."""
     spans: list[tuple[float, float]] = []
     near_s = findings.run_s / plot.MOST_PLACES
     for one in findings.amiss:
@@ -82,7 +82,7 @@ def _gaps(axes: Axes, findings: Findings) -> None:
 
 
 def robots(findings: Findings) -> Drawing | None:
-    """How many robots were seen and connected, and below how each of them was."""
+    """How many robots were seen and connected, and below each robot's state."""
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
 
@@ -140,8 +140,8 @@ def _counts(findings: Findings, axes: Axes, count: int) -> None:
 
 
 def latencies(findings: Findings) -> Drawing | None:
-    """How the latencies are distributed."""
-    values = np.array(findings.found.latencies.latency_ms)
+    """The distribution of the latencies."""
+    values = np.array(findings.found.latency_ms)
     values = values[values > 0.0]
     if not len(values):
         return None
@@ -184,10 +184,10 @@ def _logarithmic(axes: Axes, low: float, high: float) -> None:
 
 
 def latency_over_time(findings: Findings) -> Drawing | None:
-    """How the latency went: its median and its range in equal pieces of the run."""
+    """The latency over time: its median and its range in equal pieces of the run."""
     found = findings.found
-    values = np.array(found.latencies.latency_ms)
-    times = findings.times_s(found.latencies.time_ns)
+    values = np.array(found.latency_ms)
+    times = findings.times_s(found.latency_ns)
     if not len(values):
         return None
     timestep_ms = found.facts.timestep_s * 1e3
@@ -238,8 +238,8 @@ def _over_time(members: Sequence[Group], name: str, file: str) -> Drawing:
     count, end_s, limits = 0, 1e-3, [0.0]
     for group in members:
         colour, dashes = _CONDITIONS.get(group.condition, ("C2", "-."))
-        for run in (run for run in group.runs if name in run.found.measures.of):
-            times, values = run.found.measures.of[name]
+        for run in (run for run in group.runs if name in run.found.measures):
+            times, values = run.found.measures[name]
             plot.steps(axes, times, values, colour, linewidth=0.5, alpha=0.4)
             count, end_s = count + 1, max(end_s, times[-1])
             limits += [min(values), max(values)]

@@ -15,12 +15,9 @@ from vsense.report.findings import Findings
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """Runs of one experiment under one condition.
+    """Runs of one experiment, one at least, under one condition.
 
-    Attributes:
-        experiment: its name.
-        condition: "sighted", "blind" or "condition unknown".
-        runs: the runs, one at least.
+    `condition` is "sighted", "blind" or "condition unknown".
     """
 
     experiment: str
@@ -30,12 +27,9 @@ class Group:
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """A measure of a group over time, as far as all of its runs last.
+    """A measure of a group over time, (n,), as long as all of its runs last.
 
-    Attributes:
-        time_s: (n,).
-        mean: (n,) over the runs.
-        spread: (n,) sample standard deviation; 0 for a single run.
+    `mean` and `spread` are over the runs: sample standard deviation; 0 for a single run.
     """
 
     time_s: Floats
@@ -45,12 +39,9 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class Statistics:
-    """One value of each run of a group.
+    """One value of each run of a group that has it, and their mean and median.
 
-    Attributes:
-        values: as the runs are in the group; runs without it are left out.
-        mean, median: of these.
-        spread: sample standard deviation; None for a single value.
+    `spread` is the sample standard deviation; None for a single value.
     """
 
     values: Sequence[float]
@@ -81,12 +72,12 @@ def by_experiment(found: Sequence[Group]) -> dict[str, list[Group]]:
 def measure_names(found: Sequence[Group]) -> list[str]:
     """All measures of some groups, in their order of appearance."""
     runs = (run for group in found for run in group.runs)
-    return list(dict.fromkeys(name for run in runs for name in run.found.measures.of))
+    return list(dict.fromkeys(name for run in runs for name in run.found.measures))
 
 
 def curve(group: Group, name: str) -> Curve | None:
     """A measure of a group over time; None: no run has it."""
-    series = [run.found.measures.of[name] for run in group.runs if name in run.found.measures.of]
+    series = [run.found.measures[name] for run in group.runs if name in run.found.measures]
     if not series:
         return None
     step_s = min(run.found.facts.timestep_s for run in group.runs)
@@ -108,7 +99,7 @@ def held(times: Floats, values: Floats, grid: Floats) -> Floats:
 
 
 def quantities(run: Findings) -> dict[str, float]:
-    """What of a run is compared as single numbers, by a name with its unit."""
+    """What is compared of a run as single numbers, by a name with its unit."""
     found: dict[str, float] = {}
     for name, values in run.measures.items():
         found[f"{spoken(name)}, at the end"] = values["end"]

@@ -12,33 +12,22 @@ from vsense.world.entities import BODY_RADIUS_M, Arena
 TIMESTEP_S = 0.1
 """Where a recording does not say how long a timestep is."""
 TIMESTEPS_S = 1e-3, 60.0
-"""No timestep is shorter, and none is longer."""
+"""Shortest and longest timestep."""
 MOST = 1e15
-"""Numbers beyond this are damage."""
+"""Greater numbers are damage."""
 MOST_M = 1e4
-"""No place is further away than this, either way."""
+"""Greatest distance of a place, either way."""
 LEAST_M = 0.1
-"""No arena is smaller."""
+"""Smallest side of an arena."""
 MOST_ASPECT = 4.0
-"""An arena that is longer than so many of its widths is not drawn as it stands."""
+"""An arena that is longer than so many of its widths is not drawn as it is."""
 
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """What was run.
+    """What was run; "" and None are unknown, and so are `robots` if they are empty.
 
-    Attributes:
-        name: of the experiment; "" unknown.
-        seed: what everything was drawn from; None unknown.
-        blind: the virtual sensors were held at 0; None unknown.
-        command: the command that ran it, "" unknown.
-        timestep_s: length of a timestep [s].
-        length_s: wanted length of the run [s]; None: none, or unknown.
-        arena: where it was; None unknown.
-        robots: names of the robots by tag; empty: unknown.
-        objects: names of tagged objects by tag.
-        body_radius_m: of a robot.
-        file_text: the experiment's file, "" unknown.
+    `robots` and `objects` are names by tag; `length_s` None may also be a run without end.
     """
 
     name: str
@@ -81,18 +70,14 @@ def read_facts(data: Mapping[str, Any]) -> Facts:
 
 
 def number(value: Any) -> float | None:
-    """A number, or None; `MOST` bounds it."""
+    """A number of at most `MOST`, or None."""
     if isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= MOST:
         return float(value)
     return None
 
 
 def clock_ns(value: Any) -> int:
-    """A time of the host's clock [ns].
-
-    Raises:
-        ValueError: it is none.
-    """
+    """A time of the host's clock [ns]; ValueError if it is none."""
     if not isinstance(value, int) or abs(value) >= 1 << 62:
         raise ValueError("expected nanoseconds")
     return value
@@ -118,7 +103,7 @@ def _names(rows: Sequence[Any]) -> dict[int, str]:
 
 
 def _arena(data: Mapping[str, Any]) -> Arena | None:
-    """The arena, where it can be drawn as it stands."""
+    """The arena, if it can be drawn as it is."""
     size_m, centre_m = numbers(data.get("size_m"), 2), numbers(data.get("centre_m"), 2)
     if size_m is None or centre_m is None or not LEAST_M <= min(size_m) <= max(size_m) < MOST_M:
         return None

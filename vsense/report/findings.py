@@ -1,4 +1,4 @@
-"""What a recording says, in numbers: of the run, of each robot, and of all that was amiss."""
+"""What a recording says, in numbers: of the run, of each robot, and of all trouble."""
 
 from __future__ import annotations
 
@@ -23,19 +23,10 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class RobotRow:
-    """One robot in a run; None is what nobody told.
+    """One robot in a run, from its `RobotTrack` and `LinkHealth`; None is unknown.
 
-    Attributes:
-        tag, name: who it is.
-        distance_m: driven while it was seen.
-        speed_m_s: mean of that.
-        seen: share of the arena states in which it was seen, 0..1.
-        longest_unseen_s: the longest time without a sighting.
-        connected: share of the messages in which it was connected, 0..1.
-        losses: how often its link was lost.
-        stops: how often its wheels were held and nobody wanted that, by cause.
-        battery_mv: the lowest voltage.
-        base_errors: errors of its base during the run.
+    `seen` and `connected` are shares of the arena states and of the messages, 0..1; `speed_m_s` is
+    the mean while it was seen.
     """
 
     tag: int
@@ -53,10 +44,7 @@ class RobotRow:
 
 @dataclass(frozen=True, slots=True)
 class Amiss:
-    """Something that was amiss: when [s since the run's beginning], what kind, and the words.
-
-    Its end is None where it lasted to the end.
-    """
+    """Something that was amiss, in s since the run's beginning; `to_s` None: until the end."""
 
     kind: str
     from_s: float
@@ -69,7 +57,6 @@ class Findings:
     """What a recording says. Times are in s since the run began (`zero_ns`, capture time).
 
     Attributes:
-        path: the recording.
         version: the vsense that wrote it.
         begun: when the recording began, UTC.
         complete: it was ended in order.
@@ -77,8 +64,6 @@ class Findings:
         duration_s: of the recording.
         zero_ns: when the run began; without a run, the first arena state or the recording.
         run_s: length of the run as far as it is recorded.
-        found: everything gathered.
-        robots: one row for each robot.
         amiss: gaps, silences, lost links, cameras in trouble, by time.
     """
 
@@ -96,7 +81,7 @@ class Findings:
 
     @property
     def label(self) -> str:
-        """What was run, for headings."""
+        """The run's name, for headings."""
         facts = self.found.facts
         words = [facts.name or self.path.stem]
         if facts.blind is not None:
@@ -117,8 +102,8 @@ class Findings:
 
     @property
     def latency(self) -> dict[str, float]:
-        """Latency's median, p95, p99, mean and greatest [ms]; empty: nobody told."""
-        values = np.array(self.found.latencies.latency_ms)
+        """Latency's median, p95, p99, mean and greatest [ms]; empty: unknown."""
+        values = np.array(self.found.latency_ms)
         if not len(values):
             return {}
         p50, p95, p99 = (float(value) for value in np.percentile(values, (50, 95, 99)))
@@ -135,7 +120,7 @@ class Findings:
                 "min": min(values),
                 "max": max(values),
             }
-            for name, (_, values) in self.found.measures.of.items()
+            for name, (_, values) in self.found.measures.items()
         }
 
     @property
@@ -144,28 +129,23 @@ class Findings:
         found = self.found
         has = {
             "arena states (/arena)": found.flow.lived,
-            "measures (/signals)": found.measures.of,
+            "measures (/signals)": found.measures,
             "the robots' links (/robots)": found.links.of,
-            "readings (/readings)": found.latencies.time_ns,
+            "readings (/readings)": found.latency_ns,
             "the world (/world)": found.world,
         }
         return [words for words, value in has.items() if not value]
 
 
 def read_findings(path: Path, progress: Callable[[float], None] = lambda share: None) -> Findings:
-    """Reads a recording.
+    """Reads a recording; `progress` takes now and then which share of it was read, 0..1.
 
-    Args:
-        path: where it is.
-        progress: is told now and then which share of it was read, 0..1.
-
-    Raises:
-        RecordingError: it is no recording that can be read, or it holds nothing.
+    RecordingError if it cannot be read, or holds nothing.
     """
     with open_recording(path) as recording:
         whole_s = max(recording.duration_s, 1e-9)
         found = gather(recording, lambda read_s: progress(min(max(read_s / whole_s, 0.0), 1.0)))
-        if not (found.flow.lived or found.measures.of or found.links.of or found.events):
+        if not (found.flow.lived or found.measures or found.links.of or found.events):
             raise RecordingError(
                 f"{path}: holds nothing that a report could show; expected arena states, measures,"
                 " robots or events"
@@ -180,7 +160,7 @@ def read_findings(path: Path, progress: Callable[[float], None] = lambda share: 
             damaged=len(recording.damaged),
             duration_s=recording.duration_s,
             zero_ns=zero_ns,
-            # The last timestep lasts, too.
+            # The last timestep has a duration, too.
             run_s=(flow.end_ns - zero_ns) / 1e9 + found.facts.timestep_s if flow.lived else 0.0,
             found=found,
             robots=[_row(found, tag) for tag in sorted(_tags(found))],

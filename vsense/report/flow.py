@@ -1,4 +1,4 @@
-"""What a report keeps of a run: timesteps, silences, latencies, measures, cameras, robots."""
+"""What a report keeps of a run: timesteps, silences, cameras, robots."""
 
 from __future__ import annotations
 
@@ -11,23 +11,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.report.facts import clock_ns, number
+from vsense.report.facts import number
 
 SILENCE_NS = 500_000_000
-"""From here on a time without an arena state is worth a line."""
+"""A longer time without an arena state is reported."""
 MOST_SPELLS = 1_000
 """Silences, link losses and camera troubles of a recording, listed one by one: each so many."""
 
 
 @dataclass(slots=True)
 class Spell:
-    """A time in which something was amiss.
-
-    Attributes:
-        what: for people.
-        from_ns: when it began.
-        to_ns: when it was over; None: it was not until the end.
-    """
+    """A time in which something was amiss; `to_ns` None: it was not over at the end."""
 
     what: str
     from_ns: int
@@ -39,14 +33,13 @@ class Flow:
 
     Attributes:
         begin_ns: capture time of the first; None: there was none.
-        end_ns: capture time of the last that the run lived.
+        end_ns: capture time of the last in the run.
         newest_ns: capture time of the newest.
-        lived: how many timesteps there were.
-        missed: how many timesteps of the run are not there.
+        lived, missed: how many timesteps of the run are there, and are not.
         spells: silences.
         time_ns: (n,) capture times.
         seen: (n,) how many robots were seen in each.
-        connected: (n,) how many robots were connected then; -1: nobody told yet.
+        connected: (n,) how many robots were connected then; -1: not known yet.
     """
 
     def __init__(self) -> None:
@@ -58,7 +51,7 @@ class Flow:
         self._run_timestep: int | None = None
 
     def add(self, capture_ns: int, run_timestep: int, seen: int, connected: int) -> None:
-        """Takes an arena state; `run_timestep` is -1 where no run is on."""
+        """Adds an arena state; `run_timestep` is -1 outside of a run."""
         if self.begin_ns is None:
             self.begin_ns = self.newest_ns = capture_ns
         else:
@@ -75,7 +68,7 @@ class Flow:
         self.connected.append(connected)
 
     def pass_over(self, capture_ns: int) -> None:
-        """Takes an arena state that the run does not live, such as one in a pause."""
+        """Adds an arena state that is no part of the run, such as one in a pause."""
         if self.begin_ns is None:
             return
         if capture_ns - self.newest_ns > SILENCE_NS and len(self.spells) < MOST_SPELLS:
@@ -83,55 +76,13 @@ class Flow:
         self.newest_ns = max(capture_ns, self.newest_ns)
 
 
-class Latencies:
-    """How old a picture was when the readings made from it left.
-
-    Attributes:
-        time_ns: (n,) capture times.
-        latency_ms: (n,).
-    """
-
-    def __init__(self) -> None:
-        self.time_ns, self.latency_ms = array("q"), array("d")
-
-    def add(self, sent_ns: int, data: Mapping[str, Any]) -> None:
-        """Takes a `/readings`.
-
-        Raises:
-            KeyError, TypeError, ValueError: it is damaged.
-        """
-        capture_ns = clock_ns(data["capture_ns"])
-        self.time_ns.append(capture_ns)
-        self.latency_ms.append((sent_ns - capture_ns) / 1e6)
-
-
-class Measures:
-    """What the experiment measured over time.
-
-    Attributes:
-        of: by name, times since the run began [s] and values, (n,) each.
-    """
-
-    def __init__(self) -> None:
-        self.of: dict[str, tuple[array[float], array[float]]] = {}
-
-    def add(self, time_s: float, values: Mapping[str, Any]) -> None:
-        """Takes the measures of a timestep; what is no number is left out."""
-        for name, value in values.items():
-            known = number(value)
-            if known is not None:
-                times, column = self.of.setdefault(str(name), (array("d"), array("d")))
-                times.append(time_s)
-                column.append(known)
-
-
 class CameraCounts:
-    """How the cameras were.
+    """The cameras' state.
 
     Attributes:
-        rates_hz: of each camera, (sum, how many times it was told).
+        rates_hz: of each camera, sum and number of the messages with a rate.
         dropped: pictures that each dropped.
-        spells: times in which one was not well.
+        spells: times in which one was in trouble.
     """
 
     def __init__(self) -> None:
@@ -141,11 +92,7 @@ class CameraCounts:
         self._open: dict[str, tuple[str, Spell]] = {}
 
     def add(self, time_ns: int, data: Mapping[str, Any]) -> None:
-        """Takes a `/cameras`.
-
-        Raises:
-            KeyError, TypeError, ValueError, AttributeError: it is damaged.
-        """
+        """Adds a `/cameras`; KeyError, TypeError, ValueError, AttributeError if it is damaged."""
         for row in data["cameras"]:
             name, state = str(row["id"]), str(row.get("state") or "ok")
             rate_hz, dropped = number(row.get("rate_hz")), number(row.get("dropped"))
@@ -169,7 +116,7 @@ class CameraCounts:
 
 
 UNKNOWN, FINE, STOPPED, UNSEEN, LOST = range(5)
-"""How a robot is; the greater the worse."""
+"""States of a robot; the greater the worse."""
 
 BINS = 1024
 BIN_TIMESTEPS = 5
@@ -180,10 +127,10 @@ class LinkHealth:
     """One robot's health.
 
     Attributes:
-        told: messages that told of it.
+        told: messages about it.
         connected: those in which it was connected.
         losses: how often its link was lost.
-        stops: how often its wheels were held and nobody wanted that, by cause.
+        stops: how often its wheels were held without an order, by cause.
         battery_mv: the lowest voltage [mV]; None unknown.
         base_errors: errors of its base while looked at; None unknown.
     """
@@ -197,7 +144,7 @@ class LinkHealth:
         self._first_errors: float | None = None
 
     def add(self, connected: bool, cause: str, battery: Any, errors: Any) -> None:
-        """Takes what one message tells of it."""
+        """Adds what one message says of it."""
         self.told += 1
         self.connected += connected
         if cause and cause != self._cause:
@@ -213,17 +160,16 @@ class LinkHealth:
 
 
 class SeenRobots:
-    """The health of all robots.
+    """The health of all robots; `names` by tag, as far as they are known.
 
     Attributes:
         of: by tag.
         losses: times without link.
         lit: tags of the robots whose ring LEDs are on now.
-        connected: how many are connected now; -1: nobody told yet.
+        connected: how many are connected now; -1: not known yet.
     """
 
     def __init__(self, names: Mapping[int, str]) -> None:
-        """Begins empty; `names` are those of robots by tag, as far as they are known."""
         self._names = names
         self.of: dict[int, LinkHealth] = {}
         self.losses: list[Spell] = []
@@ -232,13 +178,9 @@ class SeenRobots:
         self._open: dict[int, Spell] = {}
 
     def add(self, time_ns: int, data: Mapping[str, Any]) -> dict[int, int]:
-        """Takes a `/robots`.
+        """Adds a `/robots`; gives each robot's state by tag: `FINE`, `STOPPED` or `LOST`.
 
-        Returns:
-            How each robot is, by tag: `FINE`, `STOPPED` or `LOST`.
-
-        Raises:
-            KeyError, TypeError, ValueError: it is damaged.
+        KeyError, TypeError, ValueError if it is damaged.
         """
         tags = [int(tag) for tag in data["tag"]]
         none = [None] * len(tags)
@@ -269,11 +211,11 @@ class SeenRobots:
 
 
 class Strips:
-    """How each robot was over time, the worst in each of at most `BINS` equal times.
+    """Each robot's state over time, the worst in each of at most `BINS` equal times.
 
     Attributes:
-        begin_ns: where the first begins; None: nothing was told yet.
-        bin_ns: how long one is; it doubles when they do not suffice.
+        begin_ns: where the first begins; None: nothing was added yet.
+        bin_ns: duration of one; it doubles when they do not suffice.
     """
 
     def __init__(self, timestep_ns: int) -> None:
@@ -285,13 +227,7 @@ class Strips:
     def add(
         self, time_ns: int, states: Mapping[int, int], since: Mapping[int, int] = _NONE
     ) -> None:
-        """Takes how the robots are now.
-
-        Args:
-            time_ns: now.
-            states: by tag.
-            since: tags of robots that have been so since a time before; [ns].
-        """
+        """Adds the present states by tag; `since` has older beginnings of some of them [ns]."""
         if self.begin_ns is None:
             self.begin_ns = time_ns
         place = self._place(time_ns)
@@ -313,7 +249,7 @@ class Strips:
         return max(time_ns - (self.begin_ns or 0), 0) // self.bin_ns
 
     def table(self) -> tuple[list[int], NDArray[np.uint8]]:
-        """Gives the tags, and (robots, times) how they were."""
+        """Gives the tags, and (robots, times) their states."""
         tags = sorted(self._rows)
         rows = [self._rows[tag][: self._used] for tag in tags]
         return tags, np.array(rows, np.uint8).reshape(len(tags), self._used)

@@ -1,8 +1,9 @@
-"""Goes through a recording once and keeps what a report needs: little, however long it is."""
+"""Reads a recording once and keeps what a report needs: little, however long it is."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from array import array
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,22 +13,13 @@ from vsense.message_bus import Message
 from vsense.recording.form import RunMessage
 from vsense.recording.reader import Recording
 from vsense.report.facts import MOST_ASPECT, MOST_M, Facts, clock_ns, number, read_facts
-from vsense.report.flow import (
-    FINE,
-    UNSEEN,
-    CameraCounts,
-    Flow,
-    Latencies,
-    Measures,
-    SeenRobots,
-    Strips,
-)
+from vsense.report.flow import FINE, UNSEEN, CameraCounts, Flow, SeenRobots, Strips
 from vsense.report.tracks import UNSEEN_NS, Tracks
 from vsense.world.entities import Arena
 
 MOST_EVENTS = 500
 IN_CONE, LIT_IN_CONE = "robots_in_cone", "lit_in_cone"
-"""Measures that the report counts itself, where there is a pollutant: chapter 5's figures."""
+"""Measures that the report counts itself, where there is a pollutant: figures of chapter 5."""
 
 Cone = tuple[tuple[float, float], ...]
 ODD = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError)
@@ -36,7 +28,7 @@ ODD = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowErro
 
 @dataclass(frozen=True, slots=True)
 class RecordedEvent:
-    """Something that people were told: when, how bad, by whom, and the words."""
+    """A message for people: when, how bad, by whom, and the words."""
 
     time_ns: int
     level: str
@@ -51,15 +43,16 @@ class Gatherer:
     where there is none, those of everything recorded.
 
     Attributes:
-        facts: what was run.
         ran: whether there is a run.
         odd: messages that could not be understood.
         world: the newest `/world`, as it came.
         cones: the first and the newest polluted triangle of each source.
         late: timesteps whose readings left late, as the run counted them; None unknown.
         state: the run's state at the recording's end, "" unknown.
-        events: what people were told, the first `MOST_EVENTS`.
+        events: messages for people, the first `MOST_EVENTS`.
         more_events: how many others there were.
+        measures: by name, times since the run began [s] and values, (n,) each.
+        latency_ns, latency_ms: capture times, and ages of pictures when the readings left, (n,).
     """
 
     def __init__(self, facts: Facts) -> None:
@@ -86,15 +79,16 @@ class Gatherer:
         }
 
     def _begin(self) -> None:
-        """The run begins: what was before it does not count."""
-        self.tracks = Tracks(self.facts.is_robot)
-        self.links, self.flow, self.latencies = SeenRobots(self.facts.robots), Flow(), Latencies()
-        self.measures, self.cameras = Measures(), CameraCounts()
+        """Begins the run: what was before it does not count."""
+        self.tracks, self.links = Tracks(self.facts.is_robot), SeenRobots(self.facts.robots)
+        self.flow, self.cameras = Flow(), CameraCounts()
+        self.latency_ns, self.latency_ms = array("q"), array("d")
+        self.measures: dict[str, tuple[array[float], array[float]]] = {}
         self.strips = Strips(round(self.facts.timestep_s * 1e9))
 
     @property
     def arena(self) -> Arena:
-        """The recorded arena; where it is unknown, the room that the robots needed."""
+        """The recorded arena; where it is unknown, the area that the robots needed."""
         if self.facts.arena is not None:
             return self.facts.arena
         points = np.concatenate([*(t.points_m for t in self.tracks.of.values()), np.zeros((0, 2))])
@@ -109,11 +103,11 @@ class Gatherer:
 
     @property
     def topics(self) -> frozenset[str]:
-        """The topics of the messages that it wants."""
+        """The topics that it reads."""
         return frozenset(self._takers)
 
     def receive(self, message: Message) -> None:
-        """Receives a message; one that is damaged is counted and left out."""
+        """Adds a message; one that is damaged is counted and left out."""
         try:
             self._takers[message.topic](message)
         except ODD:
@@ -141,7 +135,7 @@ class Gatherer:
         self._miss(capture_ns)
 
     def _miss(self, capture_ns: int) -> None:
-        """Notes who has not been seen for longer than a moment."""
+        """Notes which robots have not been seen for longer than a moment."""
         since = {}
         for tag in self.facts.robots or self.tracks.of:
             track = self.tracks.of.get(tag)
@@ -162,15 +156,23 @@ class Gatherer:
         for number_, cone in enumerate(cones):
             self.cones[number_] = (self.cones.get(number_, (cone, cone))[0], cone)
         if self.cones:
-            inside = [tag for tag, at in self.tracks.places_m.items() if _any_holds(cones, at)]
+            places = self.tracks.places_m.items()
+            inside = [tag for tag, at in places if any(_holds(cone, at) for cone in cones)]
             measures.setdefault(IN_CONE, len(inside))
-            # What the LEDs were one timestep ago: the robots tell later than the world.
+            # The LEDs of one timestep ago: the robots report later than the world.
             measures.setdefault(LIT_IN_CONE, sum(tag in self.links.lit for tag in inside))
-        self.measures.add(time_s, measures)
+        for name, value in measures.items():
+            known = number(value)
+            if known is not None:
+                times, values = self.measures.setdefault(str(name), (array("d"), array("d")))
+                times.append(time_s)
+                values.append(known)
 
     def _readings(self, message: Message) -> None:
         if self._going:
-            self.latencies.add(message.time_ns, message.data)
+            capture_ns = clock_ns(message.data["capture_ns"])
+            self.latency_ns.append(capture_ns)
+            self.latency_ms.append((message.time_ns - capture_ns) / 1e6)
 
     def _robots(self, message: Message) -> None:
         if self._going:
@@ -194,15 +196,7 @@ class Gatherer:
 
 
 def gather(recording: Recording, progress: Callable[[float], None]) -> Gatherer:
-    """Goes through a recording.
-
-    Args:
-        recording: what to read.
-        progress: is told now and then how many seconds of it were read.
-
-    Raises:
-        RecordingError: it cannot be read any more.
-    """
+    """Reads a recording; `progress` takes now and then how many seconds of it were read."""
     found = Gatherer(read_facts(recording.experiment))
     for place, message in enumerate(recording.messages(found.topics)):
         found.receive(message)
@@ -212,19 +206,11 @@ def gather(recording: Recording, progress: Callable[[float], None]) -> Gatherer:
 
 
 def read_cone(data: Mapping[str, Any]) -> Cone:
-    """Reads a polluted triangle.
-
-    Raises:
-        KeyError, TypeError, ValueError: it is damaged.
-    """
+    """Reads a polluted triangle; KeyError, TypeError, ValueError if it is damaged."""
     corners = tuple((float(x), float(y)) for x, y in zip(data["x_m"], data["y_m"], strict=True))
     if len(corners) != 3 or not (np.abs(corners) < MOST_M).all():
         raise ValueError("expected a triangle")
     return corners
-
-
-def _any_holds(cones: Sequence[Cone], at: tuple[float, float]) -> bool:
-    return any(_holds(cone, at) for cone in cones)
 
 
 def _holds(cone: Cone, at: tuple[float, float]) -> bool:

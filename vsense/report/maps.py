@@ -23,16 +23,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FLOOR_SHARE = 0.5
-"""How much of the floor's colour is left, so that ways upon it can be seen."""
+"""The share of the floor's colour that is left, so that ways upon it can be seen."""
 NEAR_SIZES = 20.0
-"""What is further away than so many sizes of the arena is not drawn."""
+"""What is so many sizes of the arena away is not drawn."""
 NEWEST_WIDTHS = 25.0
-"""Ways that together are longer than so many widths of the arena cannot be told apart: what is
-older is grey then."""
+"""If the ways are together longer than so many widths of the arena, older parts are grey."""
 MOST_TIMES = 12.0
-"""Ways so many times as long would make everything grey: what is older is left out then."""
+"""If they are so many times as long, older parts are left out."""
 MOST_NAMES = 30
-"""More robots than these are not named."""
+"""If there are more robots, they are not named."""
 _CONE, _LAMP, _VIRTUAL, _GHOST = "#E69F00", "#F0E442", "#CC79A7", "#009E73"
 _WHITE = 1.0, 1.0, 1.0
 _ANGLES = np.linspace(0.0, 2.0 * np.pi, 49)
@@ -98,7 +97,7 @@ def _tail(way: Floats, length_m: float) -> Floats:
 
 
 def _ends(axes: Axes, found: Gatherer, ways_: Mapping[int, Floats], first: bool) -> None:
-    """Marks where each way ends, with the robot's tag, and where it begins if that is wanted."""
+    """Marks the end of each way with the robot's tag, and its beginning if `first`."""
     paper, radius_m = setting("axes.facecolor"), found.facts.body_radius_m
     begin: dict[str, Any] = {"markersize": 4, "markeredgewidth": 0.8, "zorder": 3}
     for place, way in enumerate(ways_.values()):
@@ -112,7 +111,7 @@ def _ends(axes: Axes, found: Gatherer, ways_: Mapping[int, Floats], first: bool)
     axes.plot([], [], "o", color="0.4", fillstyle="none", markersize=7, label="last seen")
     for tag, way in ways_.items() if len(ways_) <= MOST_NAMES else ():
         last = way[np.isfinite(way).all(axis=1)][-1]
-        # Towards the arena's middle where its right edge is near.
+        # Towards the arena's middle near its right edge.
         side = -1 if last[0] - found.arena.centre_m[0] > 0.4 * found.arena.size_m[0] else 1
         axes.annotate(
             str(tag),
@@ -160,7 +159,7 @@ def occupancy(findings: Findings) -> Drawing | None:
 
 
 def _map(arena: Arena, width_in: float, bar_in: float = 0.0) -> tuple[Figure, Axes]:
-    """Axes in m that show the arena and nothing else, no tower in a page."""
+    """Axes in m that show the arena and nothing else, of limited height."""
     beside, below = _ROOM_IN[0] + bar_in, _ROOM_IN[1]
     aspect = arena.size_m[1] / arena.size_m[0]
     inside_in = min(width_in - beside, max(1.6 * (width_in - beside) / aspect, 0.6))
@@ -181,7 +180,7 @@ def _map(arena: Arena, width_in: float, bar_in: float = 0.0) -> tuple[Figure, Ax
 
 
 def _legend(figure: Figure, axes: Axes) -> None:
-    """Names each shape once, below the map; the figure grows by what that needs."""
+    """Names each shape once, below the map; the figure grows by the room for it."""
     handles, labels = axes.get_legend_handles_labels()
     shapes = dict(list(dict(zip(labels, handles)).items())[:_MOST_SHAPES])
     rows = -(-len(shapes) // _LEGEND_COLUMNS)
@@ -197,7 +196,7 @@ def _near(points_m: Floats, arena: Arena) -> bool:
 
 
 def _world(axes: Axes, found: Gatherer, arena: Arena) -> None:
-    """Draws what stands and lies in the arena at the end."""
+    """Draws the arena's contents at the end."""
     from matplotlib.patches import Polygon
 
     _floor(axes, found.world)
@@ -235,7 +234,7 @@ def _solids(axes: Axes, found: Gatherer, arena: Arena, fill: bool) -> None:
 
 
 def _light_or_robot(axes: Axes, entity: Mapping[str, Any], arena: Arena, radius_m: float) -> None:
-    """Draws a light, at the edge where it hangs outside of the arena, or a virtual robot."""
+    """Draws a light, at the edge if it is outside of the arena, or a virtual robot."""
     at, kind = numbers(entity.get("position_m"), 2), entity.get("kind")
     pose = numbers([entity.get(name) for name in ("x_m", "y_m", "yaw_rad")], 3)
     if kind == "light" and at is not None:
@@ -274,7 +273,7 @@ def _rgb(value: Any) -> Any:
 
 
 def _pale(colours: Any) -> Any:
-    """Colours 0..1 with less of themselves, so that ways upon them can be seen."""
+    """Paler colours 0..1, so that ways upon them can be seen."""
     return 1.0 - FLOOR_SHARE * (1.0 - np.asarray(colours))
 
 

@@ -8,19 +8,12 @@ from dataclasses import dataclass
 from html import escape
 
 DASH = "–"
-"""Where nobody told a value."""
+"""An unknown value."""
 
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """A picture of the page.
-
-    Attributes:
-        title, caption: text.
-        png: the picture.
-        width_px: how wide it is shown.
-        wide: it takes the page's whole width.
-    """
+    """A picture of the page; `width_px` is as shown, `wide` takes the page's whole width."""
 
     title: str
     caption: str
@@ -36,7 +29,7 @@ class Counter:
         self._figures = self._tables = 0
 
     def figures(self, shown: Iterable[Shown]) -> str:
-        """Pictures with their captions; they are part of the page."""
+        """Pictures with their captions, embedded in the page."""
         return f'<div class="figures">{"".join(map(self._figure, shown))}</div>\n'
 
     def _figure(self, shown: Shown) -> str:
@@ -58,15 +51,10 @@ class Counter:
         texts: Sequence[int] = (0,),
         over: Sequence[tuple[str, int]] = (),
     ) -> str:
-        """A table.
+        """A table with heads of its columns; all arguments are plain text.
 
-        Args:
-            title: what it is.
-            caption: what its columns are; text.
-            heads: names of the columns; text.
-            rows: cells; text.
-            texts: places of the columns that are words; all others are numbers, at the right.
-            over: heads over several columns and how many each spans.
+        `texts` are the places of columns that are words, all others are numbers, at the right;
+        `over` are heads over several columns and how many each spans.
         """
         self._tables += 1
         kinds = ["" if place in texts else ' class="n"' for place in range(len(heads))]
@@ -94,12 +82,12 @@ def tiles(values: Iterable[tuple[str, str]]) -> str:
 
 
 def note(words: str, level: str) -> str:
-    """Something that a reader must know; level is "warning" or "trouble"."""
+    """A note to the reader; level is "warning" or "trouble"."""
     return f'<p class="note {level}">{escape(words)}</p>\n'
 
 
 def figure_of(value: float | None, digits: int = 3) -> str:
-    """A number with so many digits that say something; never as a power of ten below 1e6."""
+    """A number with so many significant digits; never as a power of ten below 1e6."""
     if value is None:
         return DASH
     text = f"{value:.{digits}g}"
@@ -107,7 +95,7 @@ def figure_of(value: float | None, digits: int = 3) -> str:
 
 
 def share_of(value: float | None) -> str:
-    """A share in percent; 100 % and 0 % are said only where they are so."""
+    """A share in percent; 100 % and 0 % only if they are exact."""
     if value is None:
         return DASH
     percent = 100.0 * value

@@ -15,7 +15,7 @@ from vsense.report.markup import CSS, Counter, Shown, note, share_of, tiles
 
 @dataclass(frozen=True, slots=True)
 class Chapter:
-    """One recording: what it says, and its pictures."""
+    """One recording: its findings and pictures."""
 
     findings: Findings
     pictures: Sequence[Shown]
@@ -32,12 +32,9 @@ class ComparedRuns:
 def page(
     chapters: Sequence[Chapter], comparisons: Sequence[ComparedRuns], lacking: str = ""
 ) -> str:
-    """Makes the page.
+    """Makes the page of one recording at least; comparisons are of each experiment's runs.
 
-    Args:
-        chapters: the recordings, one at least.
-        comparisons: of each experiment's runs; empty for a single recording.
-        lacking: why there are no charts, "" where there are.
+    `lacking` says why there are no charts, "" where there are.
     """
     counter = Counter()
     many = len(chapters) > 1

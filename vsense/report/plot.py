@@ -1,7 +1,7 @@
 """Figures for papers: Matplotlib in our style and in the user's, written as PNG, SVG or PDF.
 
-Matplotlib is the extra `report`. Only functions that draw import it, figures are made with
-`matplotlib.figure.Figure`, and pyplot is never used: there is no window and no global figure.
+Only functions that draw import Matplotlib, the extra `report`. Pyplot is never used: there is no
+window and no global figure.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST_PLACES = 800
-"""Places across a chart that the eye can tell apart."""
+"""Places across a chart that can be told apart."""
 _NO_SHEET = "expected a Matplotlib style sheet, or a name in matplotlib.style.available"
 _WIDE = 7.16 / 3.5
 """A page's width in columns; IEEE's are 3.5 inches wide, and two with their gap 7.16 inches."""
@@ -49,7 +49,7 @@ _STYLE: Mapping[str, Any] = {
     "ytick.labelsize": 7,
     "legend.fontsize": 7,
     "figure.titlesize": 9,
-    # Okabe and Ito's colours: told apart by everybody.
+    # Okabe and Ito's colours: safe for the colour-blind.
     "axes.prop_cycle": (
         "cycler('color', ['0072B2', 'D55E00', '009E73', 'CC79A7', 'E69F00', '56B4E9'])"
     ),
@@ -74,14 +74,14 @@ _STYLE: Mapping[str, Any] = {
 SVG; fonts of PDF are TrueType, as publishers want them."""
 
 _FIXED: Mapping[str, Any] = {"svg.hashsalt": "vsense", "text.parse_math": False}
-"""Over everything: files are the same again, and a dollar sign in a name is no formula."""
+"""Over everything: the same files every time, and a dollar sign in a name is no formula."""
 
 _METADATA: Mapping[str, dict[str, Any]] = {
     "png": {"Software": None},
     "svg": {"Date": None},
     "pdf": {"CreationDate": None},
 }
-"""What says when a file was made, left out."""
+"""Leaves out when a file was made."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,9 +90,7 @@ class Drawing:
 
     Attributes:
         name: of its file, without a suffix.
-        title: what it is.
-        caption: what it shows, for somebody who sees nothing else.
-        figure: the figure itself.
+        caption: what it shows, understood without the text around it.
         wide: it is as wide as a page, else as a column.
     """
 
@@ -104,7 +102,7 @@ class Drawing:
 
 
 class _Complaints(logging.Handler):
-    """Keeps each different complaint of Matplotlib."""
+    """Keeps each different warning of Matplotlib."""
 
     def __init__(self) -> None:
         super().__init__(logging.WARNING)
@@ -118,13 +116,9 @@ class _Complaints(logging.Handler):
 def styled(sheet: str | None = None) -> Iterator[None]:
     """Draws in our style, over it the user's matplotlibrc, over both a style sheet.
 
-    What Matplotlib complains of, such as a font that is not there, is told once at the end.
-
-    Args:
-        sheet: path of a style sheet, or a name that `matplotlib.style` knows.
-
-    Raises:
-        UsageError: there is no such sheet, or something in it is no setting.
+    `sheet` is a path, or a name that `matplotlib.style` knows; UsageError if there is none, or
+    something in it is no setting. Warnings of Matplotlib, such as of a missing font, are logged
+    once at the end.
     """
     import matplotlib
     from matplotlib import style
@@ -154,11 +148,7 @@ def styled(sheet: str | None = None) -> Iterator[None]:
 
 
 def require_sheet(sheet: str) -> None:
-    """Looks whether a style sheet can be used, before anything is read or simulated.
-
-    Raises:
-        UsageError: see `styled`.
-    """
+    """Checks a style sheet before anything is read or simulated; raises as `styled` does."""
     with styled(sheet):
         pass
 
@@ -185,14 +175,9 @@ def width_of(wide: bool) -> float:
 
 
 def encode(figure: Figure, form: str) -> bytes:
-    """A figure as a file.
+    """A figure as a file of one of `FORMATS`.
 
-    Args:
-        figure: what to write.
-        form: one of `FORMATS`.
-
-    Raises:
-        VsenseError: it cannot be drawn, such as with LaTeX where there is none.
+    VsenseError if it cannot be drawn, such as with LaTeX where there is none.
     """
     data = io.BytesIO()
     try:
@@ -204,7 +189,7 @@ def encode(figure: Figure, form: str) -> bytes:
 
 
 def label(text: str) -> str:
-    """Any text so that it can be drawn as it stands."""
+    """Text made safe for drawing."""
     text = text.encode("utf-8", "replace").decode()
     return text.translate(_TEX) if setting("text.usetex") else text
 
@@ -228,7 +213,7 @@ def steps(axes: Axes, times: ArrayLike, values: ArrayLike, colour: str, **style:
 
 
 def from_zero(axes: Axes, values: Sequence[float]) -> None:
-    """Lets an axis begin at 0, or below it where a value is."""
+    """Makes an axis begin at 0, or below it where a value is."""
     low, high = min(0.0, *values), max(0.0, *values)
     room = 0.08 * (high - low) or 1.0
     axes.set_ylim(low - (room if low < 0.0 else 0.0), high + room)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from vsense.errors import failing_as
 from vsense.recording.form import RecordingError
 from vsense.report import LACKING, can_draw, charts, compare, findings, maps, plot
 from vsense.report.findings import Findings, read_findings
@@ -28,12 +29,9 @@ _MAKERS: Sequence[Callable[[Findings], plot.Drawing | None]] = (
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What was made.
+    """The written files, the page first, and the findings of each recording.
 
-    Attributes:
-        files: everything written, the page first.
-        findings: what each recording says.
-        lacking: why there are no charts, "" where there are.
+    `lacking` says why there are no charts, "" where there are.
     """
 
     files: Sequence[Path]
@@ -62,7 +60,7 @@ def make_report(
     Args:
         paths: the recordings, one at least; several are compared.
         folder: where to; made if need be, must be empty.
-        progress: is told now and then which share of a recording was read, 0..1.
+        progress: takes now and then which share of a recording was read, 0..1.
         form: of the charts' files, one of `FORMATS`; the page holds PNG.
         sheet: the user's style sheet, see `plot.styled`.
 
@@ -79,45 +77,31 @@ def make_report(
         read_findings(path, lambda share, path=path: progress(path, share))  # type: ignore[misc]
         for path in paths
     ]
-    try:
+    with failing_as(RecordingError, f"{folder}: cannot be written"):
         folder.mkdir(parents=True, exist_ok=True)
         if not can_draw():
             return _write(read, _Charts(folder, ""))
         with plot.styled(sheet):
             return _write(read, _Charts(folder, form))
-    except OSError as error:
-        raise RecordingError(f"{folder}: cannot be written: {error.strerror}") from None
 
 
 def require_empty(folder: Path) -> None:
-    """Looks whether a report can be put into a folder.
-
-    Raises:
-        RecordingError: something is there already.
-    """
-    try:
+    """Raises RecordingError if a report cannot be put into a folder."""
+    with failing_as(RecordingError, f"{folder}: cannot be read"):
         taken = folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
-    except OSError as error:
-        raise RecordingError(f"{folder}: cannot be read: {error.strerror}") from None
     if taken:
         raise RecordingError(f"{folder}: is there already; expected a new or an empty folder")
 
 
 class _Charts:
-    """Writes charts into a folder.
-
-    Attributes:
-        folder: the folder.
-        form: of the files; "": there are no charts.
-        files: what was written.
-    """
+    """Writes charts of a form into a folder; "": there are no charts. `files` are all written."""
 
     def __init__(self, folder: Path, form: str) -> None:
         self.folder, self.form = folder, form
         self.files: list[Path] = []
 
     def keep(self, prefix: str, drawings: Iterable[plot.Drawing]) -> list[Shown]:
-        """Writes charts, and gives them for the page; without a form none is drawn."""
+        """Writes charts, and gives them for the page; none without a form."""
         return [self._keep(prefix, each) for each in drawings] if self.form else []
 
     def _keep(self, prefix: str, drawing: plot.Drawing) -> Shown:

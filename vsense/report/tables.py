@@ -1,4 +1,4 @@
-"""The tables: a recording's measures, robots, what was amiss, events; runs compared."""
+"""The tables: a recording's measures, robots, troubles, events; runs compared."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from vsense.report.findings import Findings, RobotRow
 from vsense.report.markup import DASH, Counter, figure_of, share_of
 
 MOST_ROWS = 200
-"""Rows of a list that are shown; a page that nobody can scroll through helps nobody."""
+"""Rows of a list that are shown."""
 
 
 def measures(findings: Findings, counter: Counter) -> str:
@@ -36,7 +36,7 @@ _ROBOTS: Sequence[tuple[str, Callable[[RobotRow], str]]] = (
     ("base errors", lambda row: figure_of(row.base_errors)),
     ("battery, least [V]", lambda row: figure_of(row.battery_mv and row.battery_mv / 1e3)),
 )
-"""Columns of the robots' table; those that say nothing of any robot are left out."""
+"""Columns of the robots' table; empty ones are left out."""
 
 
 def robots(findings: Findings, counter: Counter) -> str:
@@ -79,33 +79,25 @@ def amiss(findings: Findings, counter: Counter) -> str:
     if not findings.amiss:
         words += "<p>No gaps in the recording, no silences, no lost links,"
         return words + " no camera trouble.</p>\n"
-    rows = [
-        [
-            one.kind,
-            f"{one.from_s:.1f}",
-            "to the end" if one.to_s is None else f"{one.to_s - one.from_s:.1f}",
-            one.text,
-        ]
-        for one in findings.amiss[:MOST_ROWS]
-    ]
+    rows = []
+    for one in findings.amiss[:MOST_ROWS]:
+        length = "to the end" if one.to_s is None else f"{one.to_s - one.from_s:.1f}"
+        rows.append([one.kind, f"{one.from_s:.1f}", length, one.text])
     caption = _shown(len(rows), len(findings.amiss))
     heads = ("what", "from [s]", "for [s]", "")
     return words + counter.table("Loss and gaps", caption, heads, rows, texts=(0, 3))
 
 
 def events(findings: Findings, counter: Counter) -> str:
-    """What people were told."""
+    """The messages for people."""
     told = findings.found.events
     if not told:
         return "<p>None.</p>\n"
-    rows = [
-        [
-            f"{(event.time_ns - findings.zero_ns) / 1e9:.1f}",
-            event.level,
-            event.text + (f" ({event.by})" if event.by else ""),
-        ]
-        for event in told[:MOST_ROWS]
-    ]
+    rows = []
+    for event in told[:MOST_ROWS]:
+        time_s = (event.time_ns - findings.zero_ns) / 1e9
+        text = event.text + (f" ({event.by})" if event.by else "")
+        rows.append([f"{time_s:.1f}", event.level, text])
     caption = _shown(len(rows), len(told) + findings.found.more_events)
     heads = ("time [s]", "level", "text")
     return counter.table("Events", caption, heads, rows, texts=(1, 2))

@@ -1,6 +1,6 @@
 """Where the robots were: thinned ways, driven distances, and how long each spot was occupied.
 
-All of it stays small however long a recording is.
+Memory is bounded, however long a recording is.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ Floats = NDArray[np.float64]
 CELL_M = 0.05
 """Occupancy is counted in squares of this side."""
 STILL_M = 0.005
-"""Shorter moves count once they add up to this: a standing robot's pose trembles."""
+"""Shorter moves count once they add up to this: a standing robot's pose has noise."""
 UNSEEN_NS = 1_000_000_000
-"""A way that was not seen for longer is not guessed: neither drawn nor counted."""
+"""A way that was not seen for longer is neither drawn nor counted."""
 MOST_POINTS = 4_000
-"""A robot's way is thinned to half of its points when it has as many."""
+"""A robot's way with so many points is thinned to half of them."""
 
 
 class RobotTrack:
@@ -42,7 +42,7 @@ class RobotTrack:
     def __init__(self) -> None:
         self.seen = 0
         self.distance_m = self.followed_s = self.longest_unseen_s = 0.0
-        # x and y by turns: a tuple for each point would take seven times the memory.
+        # x and y in turns: a tuple for each point would take seven times the memory.
         self._points = array("d")
         self._spacing_m = STILL_M
         self._most = MOST_POINTS
@@ -57,7 +57,7 @@ class RobotTrack:
         return np.array([*self._points, *(self._last or ())], np.float64).reshape(-1, 2)
 
     def add(self, time_ns: int, x_m: float, y_m: float) -> None:
-        """Takes a sighting."""
+        """Adds a sighting."""
         self.seen += 1
         here = (x_m, y_m)
         if self._anchor is not None:
@@ -80,7 +80,7 @@ class RobotTrack:
         self._last, self.last_ns = here, time_ns
 
     def lift(self) -> None:
-        """Ends the present piece of the way: what follows is not joined to it."""
+        """Ends the present piece of the way: the next is not joined to it."""
         if self._last is not None:
             self._points.extend((*self._last, math.nan, math.nan))
         self._anchor = self._kept = self._last = None
@@ -97,18 +97,17 @@ class RobotTrack:
 
 
 class Tracks:
-    """All robots' ways.
+    """All robots' ways; `is_robot` distinguishes robots from objects by their tags.
 
     Attributes:
         of: the ways by tag.
         objects_m: where tagged objects were last, by tag.
-        states: arena states taken.
+        states: number of arena states.
         cells: robots' timesteps by square (column, row) of `CELL_M`; (0, 0) begins at the origin.
         places_m: where the robots of the newest state were seen, by tag.
     """
 
     def __init__(self, is_robot: Callable[[int], bool]) -> None:
-        """Begins empty; `is_robot` tells robots from objects by their tags."""
         self.of: dict[int, RobotTrack] = {}
         self.objects_m: dict[int, tuple[float, float]] = {}
         self.states = 0
@@ -117,10 +116,9 @@ class Tracks:
         self._is_robot = is_robot
 
     def add(self, capture_ns: int, robots: Mapping[str, Any]) -> None:
-        """Takes the robots of an arena state, in columns.
+        """Adds the robots of an arena state, in columns.
 
-        Raises:
-            KeyError, TypeError, ValueError: it is damaged; then nothing of it was taken.
+        KeyError, TypeError, ValueError if it is damaged; then nothing of it was added.
         """
         columns = (robots["tag"], robots["x_m"], robots["y_m"], robots["seen"])
         rows = [
@@ -140,7 +138,7 @@ class Tracks:
             self.cells[math.floor(x_m / CELL_M), math.floor(y_m / CELL_M)] += 1
 
     def lift(self) -> None:
-        """The run pauses: what the robots do now is no part of their ways."""
+        """Ends all pieces: during a pause the robots' moves do not count."""
         for track in self.of.values():
             track.lift()
 

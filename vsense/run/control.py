@@ -1,8 +1,8 @@
 """What a run shall do: people's orders, and the state that follows from them.
 
-Page, terminal and keyboard all give their orders to `Control.give`. `TABLE` holds what every order
-does in every state. An order that stops anything is obeyed at once, in the thread of whoever gave
-it; the run's own thread finds out afterwards. Only that thread starts anything.
+Page, terminal and keyboard give their orders to `Control.give`. `TABLE` holds what every order does
+in every state. An order that stops anything is obeyed at once, in the caller's thread; the run's
+own thread, which alone starts anything, finds out afterwards.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from vsense.run.orders import Order, OrderError, OrderKind
 
 
 class State(str, Enum):
-    """How it stands with a run. READY waits for a START; the robots stand still in all but one."""
+    """The state of a run. READY waits for a START; the robots move in RUNNING only."""
 
     WAITING = "waiting"
     READY = "ready"
@@ -36,12 +36,10 @@ class Move:
     """What an order does. Texts may name {run}, {following} (the next run's number) and {by}.
 
     Attributes:
-        says: what people are told.
-        state: the new state; None: as it is.
-        commands: what the robots are told at once; None: nothing.
-        asked: from now on somebody wants a start; False: nobody does any more.
-        following: whether the next run is wanted; None: as it is.
-        waits: the run that comes waits for a START.
+        state, following: the new state, and whether the next run is wanted; None: as it is.
+        commands: what the robots are sent at once; None: nothing.
+        asked: whether a start is wanted from now on.
+        waits: the next run waits for a START.
         why: what ended the run; "": it has not ended, or had before.
     """
 
@@ -86,7 +84,7 @@ TABLE: Mapping[tuple[State, bool], tuple[Move | None, ...]] = {
     (State.ENDED, True):      (None,   None,  DROP, RENEW, HALT),
     (State.EMERGENCY, False): (None,   None,  None, RENEW, HALT),
 }  # fmt: skip
-"""What every order does, by state and whether somebody has asked for a start; None: refused.
+"""What every order does, by state and whether a start was asked for; None: refused.
 
 Where STOP only suspends a run, SUSPEND stands for STOP. In a run that has not begun AGAIN stands
 for RENEW.
@@ -97,17 +95,18 @@ class Control:
     """The state of one run after the other. `give` and all attributes are for any thread.
 
     Args:
-        command: tells all robots, from any thread.
+        command: sends all robots a command, from any thread.
         tell: takes a line for people, from any thread.
         holds: a run whose robots are all there waits for a START.
         suspends: STOP only suspends the run, which START resumes; RESET ends it.
 
     Attributes:
-        state: of the present run.
         run: its number, from 1.
         by: who gave the last order that was obeyed; None before the first.
         why: what ended the run: "time", or words.
-        record: has the recording switched on or off; None where nothing can be recorded.
+        begun: whether the run is past its wait.
+        next_asked: whether the next run is wanted.
+        record: switches the recording on or off; None where nothing can be recorded.
     """
 
     def __init__(
@@ -126,11 +125,11 @@ class Control:
         self._command = command
         self._tell = tell
         self._suspends = suspends
-        self._asked = self._next = self._begun = self._waits = False
+        self.begun = self.next_asked = self._asked = self._waits = False
         self._lock = threading.RLock()
 
     def give(self, order: Order) -> str:
-        """Carries an order out; see `vsense.run.control.Give`.
+        """Carries an order out; see `vsense.run.orders.Give`.
 
         Raises:
             OrderError: it makes no sense now.
@@ -161,19 +160,9 @@ class Control:
         return self._holds or self._waits
 
     @property
-    def begun(self) -> bool:
-        """Whether the run is past its wait."""
-        return self._begun
-
-    @property
     def asked(self) -> bool:
-        """Whether somebody wants the run to start, or to go on."""
+        """Whether an order wants the run to start, or to go on."""
         return self._asked and self.state in (*BEFORE, State.PAUSED)
-
-    @property
-    def next_asked(self) -> bool:
-        """Whether somebody wants the next run."""
-        return self._next
 
     def ready(self) -> None:
         """All robots are there."""
@@ -182,9 +171,9 @@ class Control:
                 self.state = State.READY
 
     def begin(self, start: Callable[[], object]) -> bool:
-        """Starts or resumes the run, unless somebody has stopped it; says whether it did."""
+        """Starts or resumes the run, unless an order has stopped it; says whether it did."""
         with self._lock:
-            self._begun = True
+            self.begun = True
             if self.state not in (*BEFORE, State.PAUSED):
                 return False
             start()
@@ -203,7 +192,7 @@ class Control:
             self.run += 1
             if self.state != State.EMERGENCY:
                 self.state = State.WAITING
-            self.why, self._next, self._begun = "interrupted", False, False
+            self.why, self.next_asked, self.begun = "interrupted", False, False
 
     def _obey(self, order: Order) -> str:
         """Does what the table says."""
@@ -215,7 +204,7 @@ class Control:
         names = {"run": self.run, "following": self.run + 1, "by": order.by}
         self.state = self.state if move.state is None else move.state
         self._asked = move.asked
-        self._next = self._next if move.following is None else move.following
+        self.next_asked = self.next_asked if move.following is None else move.following
         self._waits |= move.waits
         self.why = move.why.format(**names) if move.why else self.why
         return move.says.format(**names)
@@ -226,7 +215,7 @@ class Control:
         move = TABLE[self.state, self._asked][ORDERS.index(kind)]
         if move is STOP and self._suspends:
             return SUSPEND
-        return AGAIN if move is RENEW and not self._begun else move
+        return AGAIN if move is RENEW and not self.begun else move
 
     def _refusal(self, kind: OrderKind) -> str:
         """Says why an order makes no sense now."""

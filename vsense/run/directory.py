@@ -1,7 +1,5 @@
-"""The directory of one run, in which an earlier run is never written over.
-
-It keeps for people what was said, and one row per timestep.
-"""
+"""The directory of one run, in which an earlier run is never written over: messages, one row per
+timestep, and figures."""
 
 from __future__ import annotations
 
@@ -12,24 +10,23 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TextIO
 
-from vsense.errors import VsenseError
+from vsense.errors import VsenseError, failing_as
 from vsense.run.runtime import Step
-from vsense.terminal import Console, Level
+from vsense.terminal import Console, Level, print_data
 
 SUMMARY = "summary.json"
 SERIES = "series.json"
-"""What a run leaves, and what several together do."""
+"""Figures of one run, and of several."""
 
 
 class DirectoryError(VsenseError):
-    """What a run leaves cannot be written."""
+    """A file or directory of a run cannot be written."""
 
 
 def make(wanted: Path | None, name: str, seed: int) -> Path:
     """Makes `wanted`, or a directory in `runs/` named after time, experiment and seed.
 
-    Raises:
-        DirectoryError: it cannot be made, or it is not empty.
+    DirectoryError if it cannot be made, or is not empty.
     """
     stem = f"{time.strftime('%Y-%m-%d-%H%M%S')}-{name}-seed{seed}"
     directory = wanted or Path("runs") / stem
@@ -37,41 +34,27 @@ def make(wanted: Path | None, name: str, seed: int) -> Path:
     while wanted is None and directory.exists():
         copies += 1
         directory = directory.with_name(f"{stem}-{copies}")
-    try:
+    with failing_as(DirectoryError, f"cannot write to {directory}"):
         directory.mkdir(parents=True, exist_ok=True)
         if any(directory.iterdir()):
             raise DirectoryError(f"{directory} is not empty: choose a new folder for this run")
-    except OSError as error:
-        raise DirectoryError(f"cannot write to {directory}: {error.strerror}") from None
     return directory.resolve()
 
 
 def write_summary(
     directory: Path, summary: Mapping[str, object], on_stdout: bool, name: str = SUMMARY
 ) -> None:
-    """Writes figures, and prints them where they are wanted.
+    """Writes figures, and prints them if wanted.
 
     Raises:
-        DirectoryError: the file, or standard output, cannot be written.
+        DirectoryError: the file cannot be written.
+        VsenseError: standard output cannot be written.
     """
-    try:
-        (directory / name).write_text(json.dumps(summary, indent=2) + "\n")
-    except OSError as error:
-        raise DirectoryError(f"{directory / name}: {error.strerror}") from None
-    print_summary(summary, on_stdout)
-
-
-def print_summary(summary: Mapping[str, object], on_stdout: bool) -> None:
-    """Prints figures where they are wanted.
-
-    Raises:
-        DirectoryError: standard output cannot be written.
-    """
-    try:
-        if on_stdout:
-            print(json.dumps(summary, indent=2), flush=True)
-    except OSError as error:
-        raise DirectoryError(f"standard output: {error.strerror}") from None
+    text = json.dumps(summary, indent=2)
+    with failing_as(DirectoryError, str(directory / name)):
+        (directory / name).write_text(f"{text}\n")
+    if on_stdout:
+        print_data(text)
 
 
 LOG = "log.txt"
@@ -84,15 +67,9 @@ FLUSH_TIMESTEPS = 10
 
 
 class RunLog(Console):
-    """A console that also writes down what it says; a context that closes its files.
+    """A console that also writes a log into `directory`; a context that closes its files.
 
-    A disk that fails ends the writing, never the run.
-
-    Args:
-        directory: of all runs, exists.
-
-    Raises:
-        DirectoryError: it cannot be written.
+    DirectoryError where a file cannot be opened; later failures end the writing, never the run.
     """
 
     def __init__(self, directory: Path) -> None:
@@ -107,11 +84,7 @@ class RunLog(Console):
         self._good = True
 
     def begin_run(self, directory: Path) -> None:
-        """Starts the table of a run's timesteps in its directory, and completes the one before.
-
-        Raises:
-            DirectoryError: it cannot be written.
-        """
+        """Starts the table of a run's timesteps in its directory, and completes the one before."""
         with self._writing:
             try:
                 table, self._table = self._table, None
@@ -137,7 +110,7 @@ class RunLog(Console):
         self._write(f"{clock} {text}\n", "")
 
     def timestep(self, step: Step, connected: int, seen: int, stale: int) -> None:
-        """Notes a timestep, and how many robots are connected, seen, and hold readings too old."""
+        """Writes a row of the table, see `HEADER`."""
         times = f"{step.capture_ns},{step.ready_ns},{step.arena_ns},{step.sent_ns}"
         counts = f"{connected},{seen},{stale}"
         self._write("", f"{step.run_timestep},{step.timestep},{times},{counts}\n")

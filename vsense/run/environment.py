@@ -1,8 +1,7 @@
 """The virtual world of a run, one timestep at a time: the same for `sim`, `lab` and `run`.
 
-What stands around it differs (who makes the arena states, who carries readings and reports), so
-everything that must not differ is in here: the order in which the world takes over what was
-seen, lets the robots' virtual actuators act, evolves, and is sensed.
+They differ in who makes the arena states and who carries readings and reports. The order is here
+in which the world takes the poses, virtual actuators act, the world evolves, and is sensed.
 """
 
 from __future__ import annotations
@@ -32,24 +31,17 @@ class Environment:
     """World, virtual sensors and virtual actuators of one run. It reads no clock.
 
     Args:
-        experiment: what to make.
-        seed: of everything that is drawn in the virtual world, not negative; the places of
-            what is distributed follow from it, too.
+        experiment: what to make; the attribute has everything in its place.
+        seed: of everything that is drawn in the virtual world, and of the places of what is
+            distributed; not negative.
         blind: every virtual sensor is held at 0: the control experiment.
-
-    Attributes:
-        experiment: the experiment, with everything in its place.
-        world: what is sensed and acted upon.
-        sensors: the virtual sensors of all robots.
-        actuators: their virtual actuators.
-        table_entries: the sensor table: sensors, then actuators.
 
     Raises:
         VsenseError: something in the experiment cannot be made.
     """
 
     def __init__(self, experiment: Experiment, seed: int, blind: bool = False) -> None:
-        # Nothing distributed: then the start poses of real robots are nobody's business here.
+        # Nothing distributed: then the start poses of real robots do not matter here.
         settled = settle(experiment, seed) if experiment.distributed else experiment
         self.experiment = settled
         self.seed = seed
@@ -74,7 +66,7 @@ class Environment:
     def _virtual_swarm(self) -> VirtualSwarm | None:
         if not any(robot.driven for robot in self.experiment.virtual_robots):
             return None
-        # It needs a compiler: whoever has no such robots does not.
+        # It needs a compiler, which experiments without such robots do not.
         from vsense.run.virtual_swarm import VirtualSwarm
 
         return VirtualSwarm(self.experiment, Table(self.table_entries), self.seed)
@@ -87,11 +79,7 @@ class Environment:
         self._swarm = self._virtual_swarm()
 
     def following(self) -> Environment:
-        """Gives the environment of the run after this one, whose seed is one more.
-
-        Raises:
-            VsenseError: something in the experiment cannot be made.
-        """
+        """Gives the environment of the run after this one, whose seed is one more."""
         return Environment(self.experiment, self.seed % MOST_SEED + 1, self.blind)
 
     def step(
@@ -101,15 +89,12 @@ class Environment:
         reports: Mapping[int, bytes],
         senders: Mapping[int, bytes] = NO_SENDERS,
     ) -> dict[int, Values]:
-        """Runs one timestep.
-
-        Before the run nothing acts and nothing evolves, but everything is sensed.
+        """Runs one timestep; before the run nothing acts or evolves, but everything is sensed.
 
         Args:
             state: the arena state of this timestep.
             run_timestep: timestep of the run, from 0; negative before it.
-            reports: by tag, the actuators' block of the robot's newest report. A robot that is
-                not in it is silent.
+            reports: by tag, the actuators' block of the newest report; other robots are silent.
             senders: by tag, who reports, where more than one robot may have had the tag.
 
         Returns:
@@ -134,18 +119,14 @@ class Environment:
         return readings
 
     def _evolve(self, reports: Mapping[int, bytes], senders: Mapping[int, bytes]) -> None:
-        """What changes in the world in a timestep of the run."""
+        """Changes the world in a timestep of the run."""
         if self._loop is not None:
             self._loop.pre_step(self.world)
         self.actuators.apply(self.world, reports, senders)
         self.world.step()
 
     def end(self) -> dict[str, float]:
-        """Ends the run; gives its results by name: `world.results`, or what the user's `end` gives.
-
-        Raises:
-            VsenseError: the user's `end` has failed.
-        """
+        """Ends the run; gives its results by name: the world's, or those of the user's `end`."""
         return dict(self.world.results) if self._loop is None else self._loop.end(self.world)
 
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsense.config.specs import Experiment
 from vsense.link.robots.status import RobotStatus
@@ -46,24 +47,19 @@ class Figures:
         self._robots = {robot.tag: _Robot() for robot in experiment.robots}
         self._last_run_timestep = -1
         self._pictures = False
-        self._capture_ns = array("q")
-        self._ready_ns = array("q")
-        self._arena_ns = array("q")
-        self._sent_ns = array("q")
+        # Of each timestep: capture, pictures ready, arena state done, readings sent.
+        self._times_ns = array("q")
 
     @property
     def timesteps(self) -> int:
-        """Timesteps that were lived."""
-        return len(self._sent_ns)
+        """Timesteps that were counted."""
+        return len(self._times_ns) // 4
 
     def observe(self, step: Step, robots: Mapping[int, RobotStatus]) -> TimestepSample:
         """Counts a timestep; `robots` are the links' statuses by tag."""
         self._last_run_timestep = step.run_timestep
         self._pictures |= len(step.frames) > 0
-        self._capture_ns.append(step.capture_ns)
-        self._ready_ns.append(step.ready_ns)
-        self._arena_ns.append(step.arena_ns)
-        self._sent_ns.append(step.sent_ns)
+        self._times_ns.extend((step.capture_ns, step.ready_ns, step.arena_ns, step.sent_ns))
         seen = set(step.state.robots["tag"][step.state.robots["seen"]].tolist())
         stale = 0
         for tag, counted in self._robots.items():
@@ -85,17 +81,15 @@ class Figures:
     def summary(
         self, runner: Runner, readiness: Readiness, results: Mapping[str, float]
     ) -> dict[str, Any]:
-        """Gives all figures under the names that scripts rely on.
+        """Gives all figures of a finished run under the names that scripts rely on.
 
-        Args:
-            runner: the run, which is over.
-            readiness: who was there when it began.
-            results: what the experiment itself measured.
+        `readiness` says who was there when it began, `results` are the experiment's own.
         """
         wanted = self._last_run_timestep + 1
         if runner.ended == "time":
             wanted = self._experiment.timesteps
-        late = np.subtract(self._sent_ns, self._capture_ns) > self._dt_ns
+        capture_ns, _, _, sent_ns = self._columns_ns()
+        late = sent_ns - capture_ns > self._dt_ns
         counts = list(self._robots.values())
         return {
             "ended": runner.ended,
@@ -133,14 +127,17 @@ class Figures:
             "battery_mv": counted.battery_mv or None,
         }
 
+    def _columns_ns(self) -> NDArray[np.int64]:
+        return np.asarray(np.array(self._times_ns, np.int64).reshape(-1, 4).T)
+
     def _latencies(self) -> dict[str, dict[str, float | None]]:
-        # Another tracker keeps its pictures to itself.
-        pictured = (self._arena_ns, self._ready_ns) if self._pictures else ((), ())
+        capture, ready, arena, sent = self._columns_ns()
         return {
-            "capture_to_arena": _spread_ms(self._arena_ns, self._capture_ns),
-            "picture_to_arena": _spread_ms(*pictured),
-            "arena_to_sent": _spread_ms(self._sent_ns, self._arena_ns),
-            "capture_to_sent": _spread_ms(self._sent_ns, self._capture_ns),
+            "capture_to_arena": _spread_ms(arena - capture),
+            # Of another tracker the pictures are not known.
+            "picture_to_arena": _spread_ms((arena - ready)[: None if self._pictures else 0]),
+            "arena_to_sent": _spread_ms(sent - arena),
+            "capture_to_sent": _spread_ms(sent - capture),
         }
 
 
@@ -148,9 +145,9 @@ def _share(count: int, of: int) -> float | None:
     return round(count / of, 5) if of else None
 
 
-def _spread_ms(ends_ns: Sequence[int], begins_ns: Sequence[int]) -> dict[str, float | None]:
-    """Percentiles of the differences, in ms."""
-    spans_ms = np.subtract(ends_ns, begins_ns) / 1e6
+def _spread_ms(spans_ns: NDArray[np.int64]) -> dict[str, float | None]:
+    """Percentiles, in ms."""
+    spans_ms = spans_ns / 1e6
     names = {"p50": 50, "p99": 99, "max": 100}
     return {
         name: round(float(np.percentile(spans_ms, q)), 3) if len(spans_ms) else None

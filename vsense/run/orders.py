@@ -1,4 +1,4 @@
-"""Orders: what people press on the page, in a terminal and on the keyboard; obeyed by `Control`.
+"""Orders of page, terminal and keyboard, carried out by `Control`.
 
 This module needs nothing of vsense but its errors: `vsense stop --emergency` works while the
 compiled libraries are being built anew.
@@ -36,7 +36,6 @@ class Order:
     """One press of a button.
 
     Attributes:
-        kind: which.
         by: who, for people: "viewer 2 (10.0.0.7)", "terminal", "keyboard".
         value: RECORD, PLAY: 1 on, 0 off; SPEED: times real time; SEEK: [s] since the beginning.
     """

@@ -1,4 +1,4 @@
-"""The picture of a run with real robots: what the host took to be true, at chosen moments."""
+"""The picture of a run with real robots: the state that the host knew, at chosen moments."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Portrait:
         self._inside: list[NDArray[np.bool_]] = []
 
     def add(self, run_timestep: int, world: World, robots: Mapping[int, RobotStatus]) -> None:
-        """Takes down a timestep, and the links' statuses by tag; `world` is up to date."""
+        """Adds a timestep, and the links' statuses by tag; `world` is up to date."""
         if len(self._timesteps) == MOST_TIMESTEPS:
             return
         rows = world.robots[: len(self._experiment.robots)]
@@ -54,11 +54,7 @@ class Portrait:
     def draw(self, path: Path, world: World, blind: bool, subtitle: str) -> bool:
         """Draws the picture after the run, into an existing folder; `subtitle` says how it was run.
 
-        Returns:
-            Whether there was anything to draw: not without a robot that was ever seen.
-
-        Raises:
-            PictureError: the file cannot be written.
+        False if no robot was ever seen; PictureError if the file cannot be written.
         """
         known = np.array(self._known)
         if not known.any():
@@ -69,7 +65,7 @@ class Portrait:
         return True
 
     def _figure(self, known: NDArray[np.bool_]) -> RunFigure:
-        """Tells what happened to the robots that were seen at all."""
+        """The figure of the robots that were seen at all."""
         seen = known.any(axis=0)
         poses = np.array(self._poses)
         # Before a robot was seen for the first time it stands where that was.

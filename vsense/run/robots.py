@@ -56,7 +56,7 @@ def make_server(
 
 
 MOST_NAMES = 6
-"""So many names are told, then only how many more there are."""
+"""So many names are listed, then only how many more there are."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,8 +64,7 @@ class Readiness:
     """Who is there and who is missing, by name, in the experiment's order.
 
     Attributes:
-        robots: how many robots there should be.
-        markers: how many markers there should be: those of the robots and of tagged objects.
+        robots, markers: how many there should be; tagged objects have markers, too.
         absent: robots that are not connected.
         unseen: robots and objects whose marker is not seen.
     """
@@ -93,16 +92,16 @@ class Readiness:
 
     @property
     def complete(self) -> bool:
-        """Whether nobody is missing."""
+        """Whether none is missing."""
         return not self.absent and not self.unseen
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Everybody who is not connected or not seen, each once."""
+        """All that are not connected or not seen, each once."""
         return tuple(dict.fromkeys((*self.absent, *self.unseen)))
 
     def progress(self, watched: bool = True) -> str:
-        """Says in one line who is there; `watched` is False before the first arena state."""
+        """One line on who is there; `watched` is False before the first arena state."""
         connected = (
             f"{self.robots - len(self.absent)} of {self.robots} robots connected"
             f"{_without(self.absent)}"
@@ -115,13 +114,9 @@ class Readiness:
         )
 
     def missing_text(self) -> str:
-        """Says who is missing in which way; "" where nobody is."""
-        parts = []
-        if self.absent:
-            parts.append(f"not connected: {', '.join(self.absent)}")
-        if self.unseen:
-            parts.append(f"not seen: {', '.join(self.unseen)}")
-        return "; ".join(parts)
+        """Who is missing in which way; "" where none is."""
+        ways = {"not connected": self.absent, "not seen": self.unseen}
+        return "; ".join(f"{way}: {', '.join(names)}" for way, names in ways.items() if names)
 
 
 def _without(names: tuple[str, ...]) -> str:
@@ -130,9 +125,9 @@ def _without(names: tuple[str, ...]) -> str:
 
 def shorten(names: Iterable[str]) -> str:
     """Names in one line, the first few of many."""
-    told = list(names)
-    more = len(told) - MOST_NAMES
-    return ", ".join(told[:MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
+    listed = list(names)
+    more = len(listed) - MOST_NAMES
+    return ", ".join(listed[:MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
 
 
 PATIENCE_NS = 1_000_000_000
@@ -142,17 +137,16 @@ BATTERY_LOW = 1
 
 
 class RobotAlarms:
-    """Troubles in the robots' telemetry: told once when one begins, once when it is over."""
+    """Troubles in the robots' telemetry: reported once when one begins, once when it is over."""
 
     def __init__(self) -> None:
         self._since_ns: dict[tuple[int, str], int] = {}
         self._told: set[tuple[int, str]] = set()
 
     def update(self, robots: Mapping[int, RobotStatus], now_ns: int) -> list[str]:
-        """Takes over the newest status of every robot by tag.
+        """Takes the newest status of every robot by tag.
 
-        Returns:
-            A line for each trouble that has lasted long enough to be told, or that is over.
+        Returns a line for each trouble that has lasted long enough, or that is over.
         """
         lines = []
         for tag, status in robots.items():
@@ -174,24 +168,18 @@ class RobotAlarms:
 
 
 def _troubles(telemetry: Telemetry) -> list[tuple[str, str, bool]]:
-    """Words for each trouble, words for its end, and whether a telemetry tells of it."""
+    """Words for each trouble, words for its end, and whether it is present."""
+    base_lost = telemetry.stop_cause == StopCause.BASE
+    battery_low = telemetry.battery_low == BATTERY_LOW
     return [
-        (
-            "its base does not answer: its wheels are held",
-            "its base answers again",
-            telemetry.stop_cause == StopCause.BASE,
-        ),
-        (
-            "its battery is low",
-            "its battery is no longer low",
-            telemetry.battery_low == BATTERY_LOW,
-        ),
+        ("its base does not answer: its wheels are held", "its base answers again", base_lost),
+        ("its battery is low", "its battery is no longer low", battery_low),
     ]
 
 
 @dataclass(slots=True)
 class _LinkCounts:
-    """One robot's daemons: what the earlier ones had counted, and the newest telemetry."""
+    """One robot's daemons: counts of the earlier ones, and the newest telemetry."""
 
     received: int = 0
     dropped: int = 0
@@ -203,8 +191,8 @@ class _LinkCounts:
 class LinkCounters:
     """Counters of STATE packets, from the server's start or from `anew`.
 
-    A daemon counts from its own start. Of one that was killed the last telemetry is what is
-    known; what it received after that is counted as lost.
+    A daemon counts from its own start. Of one that was killed the last telemetry is known; what it
+    received after that is counted as lost.
 
     Attributes:
         sent: packets made by the host.
@@ -221,11 +209,7 @@ class LinkCounters:
     _earlier: tuple[int, int, int] = (0, 0, 0)
 
     def update(self, robots: Mapping[int, RobotStatus]) -> list[RobotStatus]:
-        """Takes over the newest status of every robot.
-
-        Returns:
-            The robots whose guard was replaced since the last call.
-        """
+        """Takes the newest status of every robot; gives those whose guard was replaced."""
         replaced = []
         for tag, status in robots.items():
             known = self._robots.setdefault(tag, _LinkCounts())
@@ -240,7 +224,7 @@ class LinkCounters:
         return replaced
 
     def anew(self) -> LinkCounters:
-        """Gives a counters that counts from here."""
+        """Gives counters that count from here."""
         now = (self.sent, self.received, self.dropped)
         sent, received, dropped = (a + b for a, b in zip(self._earlier, now))
         return LinkCounters(
@@ -248,12 +232,11 @@ class LinkCounters:
         )
 
     def _before(self, counter: str) -> int:
-        earlier: Iterable[int] = (getattr(robot, counter) for robot in self._robots.values())
-        return sum(earlier)
+        return sum(getattr(robot, counter) for robot in self._robots.values())
 
 
 def _add(known: _LinkCounts, now: Telemetry) -> bool:
-    """Adds a telemetry; True where it tells of a new guard."""
+    """Adds a telemetry; True where it reports a new guard."""
     before = known.newest
     if before is not None and now.received < before.received:
         known.received += _taken(before)

@@ -1,7 +1,6 @@
 """Waits for the robots, starts them together, runs the timesteps and stops them.
 
-`vsense lab` and `vsense run` both do it this way; they differ in what stands around it. `Series`
-says where each run leaves its files, and whether another one follows.
+`Series` says where each run leaves its files, and whether another one follows.
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ from typing import Any
 
 from vsense.cameras.grabber import NoMorePictures
 from vsense.config.specs import Experiment
+from vsense.errors import failing_as
 from vsense.link.robots.server import VirtualSensorServer
 from vsense.link.robots.status import RobotStatus
 from vsense.link.trackers.client import TrackerEnded
@@ -27,26 +27,24 @@ from vsense.run.watch import NoArenaState
 from vsense.terminal import Console
 
 POLL_S = 0.25
-"""So often a run without arena states looks whether it shall end."""
+"""A run without arena states checks this often whether it shall end."""
 
 SILENCE_NS = 500_000_000
-"""Robots have stopped 400 ms after the last arena state: from now on a person is told."""
+"""Robots have stopped 400 ms after the last arena state: from now on a message says so."""
 
 Observer = Callable[[Step | None, Mapping[int, RobotStatus]], None]
 """Called after every timestep, and with None in silences, with the status of every robot by tag;
 what it raises ends the run."""
 
 SETTLE_TIMEOUT_NS = 1_000_000_000
-"""After the run the last telemetry may take this long to tell what was received."""
+"""After the run the last telemetry may take this long to arrive."""
 
 
 @dataclass(frozen=True, slots=True)
 class Silence:
     """A time in the run without an arena state, in which the robots stood still.
 
-    Attributes:
-        run_timestep: the last timestep before it.
-        duration_s: how long it was.
+    `run_timestep` is the last timestep before it.
     """
 
     run_timestep: int
@@ -61,9 +59,9 @@ class Runner:
         runtime: is open, or will be before `wait`.
         server: has been started.
         console: where to say what happens.
-        interrupted: set by whoever wants everything to end.
+        interrupted: set to end everything.
         observe: see `Observer`.
-        control: what people order; None: nobody can.
+        control: takes orders; None: there are none.
         clock: the host's monotonic clock [ns].
 
     Attributes:
@@ -103,25 +101,19 @@ class Runner:
 
     @property
     def ended(self) -> str:
-        """Why the run ended: "time", "interrupted", or in the words of whoever ended it."""
+        """Why the run ended: "time", "interrupted", or in words."""
         return self.control.why
 
     def wait(self, limit_s: float | None = None) -> Readiness:
         """Runs timesteps until every robot is connected and every marker is seen.
 
-        Where runs are held until somebody starts them, it waits for that; a START that comes
-        early ends the wait at once. It waits for `limit_s` at the longest, None: for ever.
-
-        Returns:
-            Who is there: everybody, unless the time is over or somebody has interrupted.
-
-        Raises:
-            VsenseError: something has failed.
+        Where runs are held it waits for a START; a START that comes early ends the wait at once.
+        It waits for `limit_s` at the longest, None: for ever. Gives who is there: all, unless the
+        time is over or the wait was interrupted.
         """
         begun_ns = self._clock()
         while True:
-            step = self._step()
-            readiness = self._readiness(step)
+            readiness = self._readiness(self._step())
             waited_ns = self._clock() - begun_ns
             over = limit_s is not None and waited_ns > limit_s * 1e9
             anybody = len(readiness.absent) < len(self._robots)
@@ -130,12 +122,7 @@ class Runner:
             self._console.progress(self._waiting(readiness))
 
     def _may_start(self, ready: bool, anybody: bool) -> bool:
-        """Whether the run starts now.
-
-        Args:
-            ready: nobody else is waited for.
-            anybody: a robot is connected; without one not even an order starts a run.
-        """
+        """Whether the run starts now; without `anybody` connected not even an order starts it."""
         control = self.control
         if control.state == State.EMERGENCY or control.asked or not ready:
             return control.asked and anybody
@@ -151,11 +138,7 @@ class Runner:
         return f"{word.get(state, 'waiting')}: {there}"
 
     def timesteps(self) -> Iterator[Step]:
-        """Starts all robots together; yields the run's timesteps, of which some may be missed.
-
-        Raises:
-            VsenseError: something has failed.
-        """
+        """Starts all robots together; yields the run's timesteps, of which some may be missed."""
         self.counters.update(self._server.robots())
         self._sessions = self.counters.sessions
         if self._interrupted.is_set() or not self.control.begin(self._runtime.start):
@@ -169,6 +152,8 @@ class Runner:
                     self._run_timestep = step.run_timestep
                     if last < 0 or step.run_timestep <= last:
                         yield step
+                # Lent pictures go back while the run is paused.
+                step = None
                 # Arena states count the timesteps; where none come the clock ends the run.
                 self._obey()
                 late = self._silent and self._clock() > self._end_ns
@@ -192,13 +177,9 @@ class Runner:
         self._end_ns += self._clock() - begun_ns
 
     def rest(self) -> bool:
-        """Runs on after a run, with the robots stopped, until somebody wants the next one.
+        """Runs on after a run, with the robots stopped, until an order wants the next one.
 
-        Returns:
-            Whether somebody does; else somebody has interrupted, or there can be none.
-
-        Raises:
-            VsenseError: something has failed.
+        False where the wait was interrupted, or there can be no other run.
         """
         try:
             while not self._interrupted.is_set() and not self.control.next_asked:
@@ -210,22 +191,14 @@ class Runner:
         return self.control.next_asked
 
     def next_run(self, environment: Environment) -> None:
-        """Goes back to before the start of the next run, in another virtual world.
-
-        Raises:
-            VsenseError: the link has failed.
-        """
+        """Goes back to before the start of the next run, in another virtual world."""
         self._runtime.next_run(environment)
         self.control.next_run()
         self.silences, self._run_timestep = [], -1
         self.counters = self.counters.anew()
 
     def stop(self) -> None:
-        """Stops all robots, and waits until they have told what they received.
-
-        Raises:
-            VsenseError: the link has failed.
-        """
+        """Stops all robots, and waits until their telemetry says what they received."""
         if not self._interrupted.is_set():
             # The robots have the last readings and a whole timestep to act on them.
             threading.Event().wait(self._dt_ns / 1e9)
@@ -237,7 +210,7 @@ class Runner:
         self.reconnects = self.counters.sessions - self._sessions
 
     def _step(self) -> Step | None:
-        """Lives one timestep; None where no arena state came for a while."""
+        """Runs one timestep; None where no arena state came for a while."""
         step: Step | None = None
         try:
             step = self._runtime.step(POLL_S)
@@ -257,7 +230,7 @@ class Runner:
         return step
 
     def _readiness(self, step: Step | None) -> Readiness:
-        # A moment without an arena state makes nobody disappear.
+        # A moment without an arena state changes nothing.
         if step is not None:
             robots = step.state.robots
             self._seen = frozenset(robots["tag"][robots["seen"]].tolist())
@@ -277,7 +250,7 @@ class Runner:
         self._console.progress(f"no arena state for {silent_ns / 1e9:.1f} s")
 
     def _note_silence(self) -> float:
-        """A silence is over; gives how long it was [s]."""
+        """Ends a silence; gives its duration [s]."""
         assert self._heard_ns is not None
         self._silent = False
         duration_s = (self._clock() - self._heard_ns) / 1e9
@@ -286,7 +259,7 @@ class Runner:
         return duration_s
 
     def _settle(self) -> None:
-        """Stops sending and waits until every robot has told what it received."""
+        """Stops sending and waits until every robot has reported what it received."""
         self._server.hush()
         deadline_ns = self._clock() + SETTLE_TIMEOUT_NS
         self.counters.update(self._server.robots())
@@ -296,22 +269,18 @@ class Runner:
         self._server.hush(False)
 
 
-PATIENCE_S = 10.0
-"""In a series, a run but the first waits so long for robots; then it starts without them."""
-
-
 class Series:
     """The runs of one process.
 
     Args:
         directory: of all runs, exists.
         runs: so many follow by themselves.
-        holds: after them, or where somebody has stopped one, people may begin another.
-        interrupted: set by whoever wants the process to end.
+        holds: after them, or after a stop, an order may begin another.
+        interrupted: set to end the process.
 
     Attributes:
-        several: there may be more than one: each has a directory of its own. Of what was meant to
-            be one run, only those after a reset have.
+        several: there may be more than one run, and each has a directory of its own. If one run
+            was planned, only those after a reset have.
     """
 
     def __init__(
@@ -324,51 +293,31 @@ class Series:
         self._interrupted = interrupted
 
     def directory(self, number: int) -> Path:
-        """Gives the directory of a run, from 1; it exists.
-
-        Raises:
-            DirectoryError: it cannot be made.
-        """
+        """Makes the directory of a run, numbered from 1; DirectoryError if it cannot be made."""
         self.several |= number > 1
         if not self.several:
             return self._directory
         directory = self._directory / f"run-{number}"
-        try:
+        with failing_as(run_directory.DirectoryError, f"cannot make {directory}"):
             directory.mkdir()
-        except OSError as error:
-            raise run_directory.DirectoryError(
-                f"cannot make {directory}: {error.strerror}"
-            ) from None
         return directory
 
     def write_summary(
         self, name: str, summaries: Sequence[Mapping[str, Any]], on_stdout: bool
     ) -> None:
-        """Writes the figures of all runs where there may be several, and prints them if wanted.
-
-        Raises:
-            DirectoryError: the file, or standard output, cannot be written.
-        """
+        """Writes the figures of all runs where there may be several, and prints them if wanted."""
         if self.several:
             figures = {"experiment": name, "runs": list(summaries)}
             run_directory.write_summary(self._directory, figures, on_stdout, run_directory.SERIES)
 
-    def patience_s(self, number: int, wanted_s: float | None) -> float | None:
-        """How long a run waits for its robots, None: for ever; `wanted_s` is what the user said."""
-        return PATIENCE_S if wanted_s is None and number > 1 else wanted_s
-
     def goes_on(self, runner: Runner) -> bool:
-        """Whether another run follows; may live on until somebody wants one.
-
-        Raises:
-            VsenseError: something has failed meanwhile.
-        """
+        """Whether another run follows; may run on until an order wants one."""
         control = runner.control
         if self._interrupted.is_set():
             return False
         if control.next_asked or (control.why == "time" and control.run < self._runs):
             return True
-        # After an emergency stop somebody has to look first, however the run was started.
+        # After an emergency stop a person has to look first, however the run was started.
         if not self._holds and control.state != State.EMERGENCY:
             return False
         return runner.rest()

@@ -1,9 +1,8 @@
 """The runtime: every timestep of the host, from the pictures to the datagrams.
 
 Two threads, as in the thesis: one watches the arena (grabber and tracker, or the link to another
-tracker), the other runs the world (world, virtual sensors, server); between them lies the
-double buffer of `vsense.run.watch`, so a slow world never holds the cameras up. Nothing of the host
-but this module, the links and the lab reads a clock: all other modules are told the time.
+tracker), the other runs the world (world, virtual sensors, server). The double buffer of
+`vsense.run.watch` lies between them, so a slow world never holds the cameras up.
 """
 
 from __future__ import annotations
@@ -21,15 +20,15 @@ from vsense.run.watch import WATCH_TIMEOUT_S, ArenaSource, Watch
 
 FOLLOW = 100
 """The grid of the timesteps follows a tracker of nearly the same rate by up to one part in this
-many, so that the two do not slip past each other for ever."""
+many, so that the two do not drift apart."""
 
 
 class Pace:
     """Numbers capture times, from 0 at the first one.
 
-    An experiment says how long its timesteps are; a tracker or a camera may be faster or slower,
-    and falls silent now and then. The number of a timestep therefore follows from the capture time:
-    a state too early for the next timestep is passed over, and a pause leaves timesteps out.
+    An experiment sets the length of its timesteps; a tracker or a camera may be faster or slower,
+    or fall silent. The number of a timestep therefore follows from the capture time: a state too
+    early for the next timestep is passed over, and a pause leaves timesteps out.
     """
 
     def __init__(self, timestep_ns: int) -> None:
@@ -39,10 +38,9 @@ class Pace:
         self._passed_over = False
 
     def timestep(self, capture_ns: int) -> int | None:
-        """Gives the number of the timestep that a state begins; `capture_ns` is of a steady clock.
+        """Gives the number of the timestep that a state begins, greater than all before.
 
-        Returns:
-            A number greater than all before; None where the newest timestep is not over yet.
+        None where the newest timestep is not over yet. `capture_ns` is of a steady clock.
         """
         if self._newest < 0:
             self._epoch_ns, self._newest = capture_ns, 0
@@ -53,7 +51,7 @@ class Pace:
             self._passed_over = True
             return None
         if not self._passed_over:
-            # Of a faster tracker the first state in time is taken: it says nothing of its phase.
+            # Of a faster tracker the first state in time is taken, which has no fixed phase.
             late_ns = capture_ns - self._epoch_ns - number * span_ns
             self._epoch_ns += max(-span_ns // FOLLOW, min(late_ns, span_ns // FOLLOW))
         self._newest, self._passed_over = number, False
@@ -75,9 +73,7 @@ class Step:
         ready_ns: the last picture was in memory.
         arena_ns: the arena state was done.
         sent_ns: the last robot's datagram had left.
-        state: the arena state.
-        frames: the pictures; valid as long as this refers to them, see
-            `vsense.cameras.grabber.Grabber.next`.
+        frames: valid as long as this refers to them, see `vsense.cameras.grabber.Grabber.next`.
     """
 
     timestep: int
@@ -98,9 +94,7 @@ class Runtime:
     """Calls grabber, world, sensors and server in order.
 
     The world updates, senses and sends in the same timestep in which the arena state arrived.
-
-    Attributes:
-        readings: what every robot was sent last, by tag: (value, capture time) per sensor.
+    `readings` is what every robot was sent last, by tag: (value, capture time) per sensor.
     """
 
     def __init__(
@@ -134,7 +128,7 @@ class Runtime:
         return self.resume()
 
     def hold(self) -> None:
-        """Has the virtual world stand still from now on; the robots must be told otherwise.
+        """Holds the virtual world; the robots must be told separately.
 
         They are sent their last readings again, which say how old they are.
         """
@@ -156,8 +150,7 @@ class Runtime:
     def next_run(self, environment: Environment) -> int:
         """Goes back to before the start, in another world with the same sensors and actuators.
 
-        Returns:
-            The number by which the robots know the run.
+        Returns the number by which the robots know the run.
         """
         self._environment = environment
         self._first_timestep, self._lived, self._held = math.inf, -1, False

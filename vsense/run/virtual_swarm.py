@@ -1,9 +1,9 @@
 """Virtual robots that live beside the real ones: their bodies, and their controllers.
 
-A virtual robot runs the same controller as the real ones, in this process. It moves on the floor
-of the virtual world, where physical and virtual things stand in its way, and so do the real
-robots, whom it cannot push. Its own proximity sensors feel all of that. As for a real robot, what
-it decides in one timestep shows in the next.
+A virtual robot runs the same controller as the real ones, in this process. On the floor of the
+virtual world physical and virtual things are in its way, and so are the real robots, which it
+cannot push. Its own proximity sensors detect all of that. As for a real robot, what it decides in
+one timestep shows in the next.
 """
 
 from __future__ import annotations
@@ -28,25 +28,17 @@ from vsense.world.world import BODY_MEMORY_NS, World
 Floats = NDArray[np.float64]
 
 _FAR_M = 1e6
-"""Where those stand who are in nobody's way."""
+"""Place of those that are in no way."""
 
 REST_NS = 400_000_000
-"""Without an arena state for longer they stood still, as real robots do."""
+"""After a longer time without an arena state they go on from where they stood, as real robots."""
 
 
 class VirtualSwarm:
-    """The virtual robots of an experiment that its controller drives.
+    """The virtual robots of an experiment that its controller drives, at least one.
 
-    The others, and those that a loop function puts into the world, are moved by loop functions
-    only.
-
-    Args:
-        experiment: at least one of its virtual robots is driven.
-        table: the sensor table.
-        seed: of the run.
-
-    Attributes:
-        reports: by tag, the actuators' block of each robot after the newest timestep.
+    Loop functions alone move the others, and those that they put into the world. `reports` has,
+    by tag, the actuators' block of each robot after the newest timestep.
 
     Raises:
         VsenseError: the controller cannot be built or run.
@@ -83,12 +75,9 @@ class VirtualSwarm:
         scene.move(world, capture_ns)
 
     def control(self, state: ArenaState, run_timestep: int, readings: Mapping[int, Values]) -> None:
-        """Has every robot make its control step; `move` came before.
+        """Runs every robot's control step after `move`; `readings` are what each tag senses.
 
-        Args:
-            state: the arena state of this timestep.
-            run_timestep: timestep of the run; negative before it, when robots stand.
-            readings: by tag what every robot senses.
+        Before the run (`run_timestep` negative) robots stand.
         """
         assert self._scene is not None
         capture_ns = state.capture_ns
@@ -106,7 +95,7 @@ class VirtualSwarm:
 
 
 class _Scene:
-    """Virtual robots among everything that stands; holds until something else changes it."""
+    """Virtual robots among all obstacles; valid until something but a real robot moves."""
 
     def __init__(self, world: World, tags: Sequence[int], start_ns: int, seed: int) -> None:
         here = {robot.tag: robot for robot in _robots_of(world)}
@@ -120,7 +109,7 @@ class _Scene:
         self._ring = ProximityRing(self._physics.near, seed)
 
     def holds(self, world: World) -> bool:
-        """Tells whether only real robots have moved since `move`."""
+        """Whether only real robots have moved since `move`."""
         here = {robot.tag: robot for robot in _robots_of(world) if robot.tag in self._tags}
         same = zip(self._standing, obstacles(world.boxes(), world.cylinders()))
         known_here = {robot.tag: robot for robot in self._robots}
@@ -138,11 +127,11 @@ class _Scene:
         self._robots = [here[robot.tag] for robot in self._robots]
 
     def drive(self, wheels_steps_s: NDArray[np.int16], time_ns: int) -> None:
-        """Lets wheels turn, (n, 2) of all tags, from a time on."""
+        """Turns the wheels, (n, 2) of all tags, from a time on."""
         self._physics.drive_all(np.ascontiguousarray(wheels_steps_s[self._rows]), time_ns)
 
     def proximity(self) -> NDArray[np.int16]:
-        """What the robots' own proximity sensors feel, (n, 8) raw of all tags."""
+        """Raw values of the robots' own proximity sensors, (n, 8) of all tags."""
         raw = np.zeros((len(self._tags), 8), dtype=np.int16)
         raw[self._rows] = self._ring.read(self._physics.poses)
         return raw
@@ -153,7 +142,7 @@ def _robots_of(world: World) -> tuple[VirtualRobot, ...]:
 
 
 def _others(world: World) -> Floats:
-    """Where real robots and tagged things stand, (n, 3); who is nowhere stands far away."""
+    """Where real robots and tagged things stand, (n, 3); those nowhere are far away."""
     rows = []
     for poses in (world.robots[: world.real_robots], world.objects):
         there = known(poses, world.capture_ns, BODY_MEMORY_NS)

@@ -22,14 +22,10 @@ class ArenaSource(Protocol):
     """Where the arena states come from: cameras of our own, or another tracker's link."""
 
     def next(self, timeout_s: float) -> tuple[ArenaState, Sequence[Frame]]:
-        """Waits for the newest arena state.
+        """Waits for the newest arena state; gives it with its pictures, if they are here.
 
-        Returns:
-            The state, and the pictures that it was made from, if they are here; see
-            `vsense.cameras.grabber.Grabber.next` for how long these are valid.
-
-        Raises:
-            VsenseError: no state came in time, or there will be no more.
+        See `vsense.cameras.grabber.Grabber.next` for how long these are valid. VsenseError if no
+        state came in time, or there will be no more.
         """
 
     def start(self) -> None:
@@ -43,11 +39,10 @@ class Stamped(NamedTuple):
     """What a slot of the double buffer holds.
 
     Attributes:
-        state: the arena state.
-        frames: the pictures that it was made from, if they are here.
+        frames: the pictures that the state was made from, if they are here.
         ready_ns: when the last of them was in memory.
-        done_ns: when the state was written, as the writer said.
-        sequence: its number, from 1; gaps are states that nobody read.
+        done_ns: when the state was written.
+        sequence: its number, from 1; gaps are states that were not read.
     """
 
     state: ArenaState
@@ -61,9 +56,9 @@ class ArenaBuffer:
     """The thesis's double buffer between tracking and world: the newest arena state, never torn.
 
     One thread writes, one reads; neither ever waits for the other. They exchange the number of a
-    slot (`c_src/host/vs_latest.h`); state and pictures stay where they are. Whoever gets a slot
-    empties it: the reader takes its content out, the writer drops what nobody has read. Nothing
-    else refers to them here, so lent pictures go back when the reader lets go of what it took.
+    slot (`c_src/host/vs_latest.h`); state and pictures stay where they are. The side that gets a
+    slot empties it: the reader takes its content out, the writer drops what was not read. Nothing
+    else refers to them here, so lent pictures go back when the reader drops what it took.
     """
 
     def __init__(self) -> None:
@@ -83,11 +78,7 @@ class ArenaBuffer:
         self._slots[kernels.vs_latest_write_slot(self._exchange)] = None
 
     def read(self) -> Stamped | None:
-        """Takes the newest state out; the reading thread only.
-
-        Returns:
-            None where nothing was written since the last call.
-        """
+        """Takes the newest state out, None if it was read before; the reading thread only."""
         slot: int = kernels.vs_latest_read(self._exchange)
         if slot < 0:
             return None
@@ -126,7 +117,7 @@ class Watch:
         while True:
             if not self._news.wait(timeout_s):
                 raise NoArenaState(f"no arena state in {timeout_s:g} s")
-            # A failure is for every caller: the thread is no more.
+            # A failure is for every caller: the thread has ended.
             if self._failure is not None:
                 raise self._failure
             self._news.clear()
@@ -136,13 +127,15 @@ class Watch:
                 return newest
 
     def _run(self) -> None:
-        """The thread. A failure is kept for whoever waits for the next state."""
+        """The thread. A failure is kept for the callers of `next`."""
         try:
             while not self._ending.is_set():
                 state, frames = self._source.next(WATCH_TIMEOUT_S)
                 done_ns = self._clock()
                 ready_ns = max((frame.ready_ns for frame in frames), default=done_ns)
                 self._buffer.write(state, frames, ready_ns, done_ns)
+                # Only the buffer keeps them now: lent pictures go back while the source waits.
+                del state, frames
                 self._news.set()
         except BaseException as failure:
             self._failure = failure

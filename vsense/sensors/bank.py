@@ -1,8 +1,8 @@
 """All virtual sensors of a run: recomputes what is due and keeps what each robot is sent.
 
-What is sent in a timestep is always everything. A reading that was not renewed, because its
-sensor rests, its condition does not hold, it was dropped, or no camera saw the robot, goes out
-again with its old capture time: its age grows on the robot, and nothing pretends to be fresh.
+All readings are sent in every timestep. One that was not renewed, because its sensor is not due,
+its condition does not hold, it was dropped, or no camera saw the robot, goes out again with its old
+capture time: its age grows on the robot.
 """
 
 from __future__ import annotations
@@ -25,11 +25,8 @@ Values = list[tuple[bytes, int]]
 class TableEntry(NamedTuple):
     """One row of the sensor table.
 
-    Attributes:
-        id: number on the wire, from 1 in the order of the experiment file.
-        name: what controllers bind to.
-        layout: "[count*]type".
-        size: bytes of one reading.
+    `id` is the number on the wire, from 1 in the order of the experiment file; controllers bind to
+    `name`; `layout` is "[count*]type", `size` the bytes of one reading.
     """
 
     id: int
@@ -39,11 +36,7 @@ class TableEntry(NamedTuple):
 
 
 class SensorBank:
-    """The virtual sensors of all robots of a run.
-
-    Attributes:
-        table: the sensor table, one entry per sensor.
-    """
+    """The virtual sensors of all robots of a run; `table` has one entry per sensor."""
 
     def __init__(
         self,
@@ -68,15 +61,10 @@ class SensorBank:
         self.table = tuple(slot.entry(i + 1) for i, slot in enumerate(self._slots))
 
     def encode(self, world: World, timestep: int) -> dict[int, Values]:
-        """Recomputes what is due and gives what every robot is sent in this timestep.
+        """Recomputes what is due and gives what every robot, by tag, is sent in this timestep.
 
-        Args:
-            world: updated in this timestep.
-            timestep: of the arena state, from 0.
-
-        Returns:
-            Per tag one (value, capture time) per sensor, in the table's order. The capture time
-            is NEVER_NS where nothing has been measured yet; the value is 0 then.
+        The capture time is NEVER_NS where nothing has been measured yet; the value is 0 then.
+        `timestep` is that of the arena state, from 0.
 
         Raises:
             SensorError: a sensor gave a number that is not finite or does not fit its layout.

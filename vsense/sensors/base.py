@@ -2,10 +2,10 @@
 
 A new sensor's file holds a class with the members of `VirtualSensor`, a function
 `from_xml(element, scope)` that makes one or raises ConfigError, and the line
-`ELEMENTS = ("virtual_..._sensor",)`. Nothing else in the tree has to know of it. README.md beside
-this file builds one.
+`ELEMENTS = ("virtual_..._sensor",)`. Nothing else has to be changed. README.md beside this file
+builds one.
 
-A sensor may also have any of these members; without them it is a plain one:
+A sensor may also have any of these members:
 
     scale: Scale               unit and bounds of its numbers, for the quality settings
     changed(sent, fresh)       its own updating condition: (m, k) numbers that the robots were
@@ -32,9 +32,10 @@ from vsense.world.pollution import PollutantSource
 from vsense.world.world import World
 from vsense.xml.element import Element, listed, shown
 
-PLAIN = Scale()
-"""Of a sensor that says nothing about its numbers: one unit is 1, no bounds."""
-
+Robots = NDArray[np.void]
+"""POSE array (n,) of robots."""
+Readings = NDArray[Any]
+"""(n, k) numbers of n robots."""
 _LAYOUT = re.compile(r"(?:([1-9][0-9]{0,3})\*)?([uif][124])")
 _TYPES = ("u1", "i2", "u2", "i4", "u4", "f4")
 
@@ -57,29 +58,16 @@ class VirtualSensor(Protocol):
         Types are u1 i2 u2 i4 u4 f4; whole numbers are rounded to the nearest.
         """
 
-    def read(self, world: World, robots: NDArray[np.void]) -> NDArray[Any]:
-        """Computes the readings of robots.
+    def read(self, world: World, robots: Robots) -> Readings:
+        """Computes the readings of robots that a camera saw in this timestep.
 
-        Args:
-            world: everything that can be sensed.
-            robots: POSE array (n,) of robots that a camera saw in this timestep.
-
-        Returns:
-            (n, k) finite numbers, k as the layout says.
+        They are finite numbers (n, k), k as the layout says.
         """
 
 
 @dataclass(frozen=True, slots=True)
 class MountedSensor:
-    """A virtual sensor as the robots of an experiment carry it.
-
-    Attributes:
-        sensor: what computes the readings.
-        line: line of its XML element.
-        quality: how good it is.
-        updating: when robots are sent a new value; between, they keep being sent the last one,
-            with its age.
-    """
+    """A virtual sensor as the robots of an experiment carry it; `line` is that of its element."""
 
     sensor: VirtualSensor
     line: int
@@ -94,10 +82,9 @@ class Scope:
     Attributes:
         tags: markers of all tagged things of the experiment, robots included, by their id.
         timesteps: length of the run, 0 for a run without limit.
-        timestep_s: length of a timestep.
         entities: what else stands in the arena at the start, by id.
         fields: ids of the fields on the floor.
-        folder: where the experiment file lies.
+        folder: of the experiment file.
         sources: pollutant sources; sensors append theirs.
         named: tags that some sensor or actuator has asked for.
     """
@@ -112,50 +99,35 @@ class Scope:
     named: set[int] = field(default_factory=set)
 
     def tag(self, element: Element, attribute: str, default: str) -> int:
-        """Reads an attribute that names a tagged thing.
-
-        Raises:
-            ConfigError: there is no such thing.
-        """
+        """Reads an attribute that names a tagged thing; ConfigError where there is none."""
         entity = element.text(attribute, default)
         if entity not in self.tags:
-            known = ", ".join(sorted(self.tags)) or "none"
-            raise element.error(
-                f"there is no {entity!r} in the arena; tagged are: {known}", attribute
-            )
+            known = f"tagged are: {listed(self.tags)}"
+            raise element.error(f"there is no {entity!r} in the arena; {known}", attribute)
         self.named.add(self.tags[entity])
         return self.tags[entity]
 
     def field(self, element: Element) -> str:
-        """Reads the attribute `field`, the id of a field on the floor.
-
-        Raises:
-            ConfigError: there is no such field.
-        """
+        """Reads the attribute `field`, an id; ConfigError where the floor has no such field."""
         field = element.text("field", None, "the id of a <vs:field>")
         if field not in self.fields:
-            known = listed(self.fields)
-            raise element.error(
-                f"there is no field {shown(field)} in the arena; there are: {known}", "field"
-            )
+            known = f"there are: {listed(self.fields)}"
+            raise element.error(f"there is no field {shown(field)} in the arena; {known}", "field")
         return field
 
 
 def scale_of(sensor: VirtualSensor) -> Scale:
-    """Gives what a sensor's numbers mean to the quality settings."""
-    scale = getattr(sensor, "scale", PLAIN)
-    # A user's sensor may well call a number of its own so.
-    return scale if isinstance(scale, Scale) else PLAIN
+    """The scale of a sensor's numbers; without one a unit is 1, and there are no bounds."""
+    scale = getattr(sensor, "scale", None)
+    # A user's sensor may call something else so.
+    return scale if isinstance(scale, Scale) else Scale()
 
 
 def layout_dtype(layout: str) -> tuple[int, np.dtype[Any]]:
-    """Takes a layout apart.
-
-    Returns:
-        How many numbers a reading has, and their type on the wire (little-endian).
+    """Count of a reading's numbers, and their type on the wire (little-endian).
 
     Raises:
-        SensorError: it is not "[count*]type".
+        SensorError: the layout is not "[count*]type".
     """
     match = _LAYOUT.fullmatch(layout)
     if match is None or match[2] not in _TYPES:

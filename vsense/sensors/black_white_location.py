@@ -16,13 +16,12 @@ Source: argos3-tycho's sensor of that name (two unit vectors from the rectangles
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vsense.sensors import places
-from vsense.sensors.base import Scope
+from vsense.sensors.base import Readings, Robots, Scope
 from vsense.sensors.geometry import seen_from
 from vsense.sensors.quality import Scale
 from vsense.world.world import World
@@ -33,12 +32,7 @@ ELEMENTS = ("virtual_black_white_location_sensor",)
 
 @dataclass(frozen=True, slots=True)
 class BlackWhiteLocationSensor:
-    """Points to two places; see the module.
-
-    Attributes:
-        black: the first place.
-        white: the second place.
-    """
+    """Points to two places; see the module."""
 
     black: places.Place
     white: places.Place
@@ -46,7 +40,7 @@ class BlackWhiteLocationSensor:
     layout: str = "4*f4"
     scale: ClassVar[Scale] = Scale(low=-1.0, high=1.0)
 
-    def read(self, world: World, robots: NDArray[np.void]) -> NDArray[Any]:
+    def read(self, world: World, robots: Robots) -> Readings:
         """Reads the two directions; see `VirtualSensor.read`."""
         readings = np.zeros((len(robots), 4))
         for column, place in ((0, self.black), (2, self.white)):
@@ -61,12 +55,10 @@ class BlackWhiteLocationSensor:
 
 def from_xml(element: Element, scope: Scope) -> BlackWhiteLocationSensor:
     """Makes the sensor from its element."""
-    return BlackWhiteLocationSensor(
-        _place(element, scope, "black"), _place(element, scope, "white")
+    black, white = (
+        places.from_xml(element, scope, f"vs:{color}")
+        if element.has(f"vs:{color}")
+        else places.rectangle_from_xml(element, color)
+        for color in ("black", "white")
     )
-
-
-def _place(element: Element, scope: Scope, color: str) -> places.Place:
-    if element.has(f"vs:{color}"):
-        return places.from_xml(element, scope, f"vs:{color}")
-    return places.rectangle_from_xml(element, color)
+    return BlackWhiteLocationSensor(black, white)

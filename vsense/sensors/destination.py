@@ -9,7 +9,7 @@ first three are those of the original; with the other two a robot needs no GPS t
 
 `vs:target` is the id of something tagged or virtual, which may move; `{tag}` in it stands for the
 robot's own tag: so a loop function gives each robot a destination of its own by putting an entity
-of that id into the world. The default is "destination_{tag}". A robot without a destination is told
+of that id into the world. The default is "destination_{tag}". A robot without a destination is sent
 its own place: it has arrived. A unit of the quality settings is 1 m or 1 rad.
 
 Source: iridia.md section 1b (x, y, heading).
@@ -18,13 +18,12 @@ Source: iridia.md section 1b (x, y, heading).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vsense.sensors import places
-from vsense.sensors.base import Scope
+from vsense.sensors.base import Readings, Robots, Scope
 from vsense.sensors.geometry import seen_from
 from vsense.sensors.quality import Scale
 from vsense.world.world import World
@@ -37,11 +36,7 @@ _OWN_TAG = "{tag}"
 
 @dataclass(frozen=True, slots=True)
 class DestinationSensor:
-    """Tells robots where to go; see the module.
-
-    Attributes:
-        target: the one destination of all, or the pattern of the entities' ids.
-    """
+    """Robots' destinations: `target` is that of all, or the pattern of the entities' ids."""
 
     target: places.Place | str
     name: str = "destination"
@@ -50,29 +45,22 @@ class DestinationSensor:
         low=(-np.inf, -np.inf, -np.inf, 0.0, -np.inf), wraps=(False, False, True, False, True)
     )
 
-    def read(self, world: World, robots: NDArray[np.void]) -> NDArray[Any]:
+    def read(self, world: World, robots: Robots) -> Readings:
         """Reads the destinations; see `VirtualSensor.read`."""
         readings = np.zeros((len(robots), 5))
         for reading, robot in zip(readings, robots):
-            pose = self._place(int(robot["tag"])).pose(world)
-            reading[:3] = pose or (robot["x_m"], robot["y_m"], robot["yaw_rad"])
+            place = self.target
+            if isinstance(place, str):
+                place = places.EntityPlace(place.replace(_OWN_TAG, str(robot["tag"])))
+            reading[:3] = place.pose(world) or (robot["x_m"], robot["y_m"], robot["yaw_rad"])
         distance, bearing = seen_from(robots, readings[:, :1], readings[:, 1:2])
         readings[:, 3] = distance[:, 0]
         readings[:, 4] = np.where(distance > 0.0, bearing, 0.0)[:, 0]
         return readings
 
-    def _place(self, tag: int) -> places.Place:
-        if isinstance(self.target, str):
-            return places.EntityPlace(self.target.replace(_OWN_TAG, str(tag)))
-        return self.target
-
 
 def from_xml(element: Element, scope: Scope) -> DestinationSensor:
-    """Makes the sensor from its element.
-
-    Raises:
-        ConfigError: there is no such target.
-    """
+    """Makes the sensor from its element."""
     target = element.text("vs:target", f"destination_{_OWN_TAG}")
     if _OWN_TAG in target:
         return DestinationSensor(target)

@@ -13,12 +13,11 @@ Source: our own.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vsense.sensors.base import Scope
+from vsense.sensors.base import Readings, Robots, Scope
 from vsense.sensors.quality import Scale
 from vsense.world.world import World
 from vsense.xml.element import Element
@@ -28,18 +27,14 @@ ELEMENTS = ("virtual_field_sensor",)
 
 @dataclass(frozen=True, slots=True)
 class FieldSensor:
-    """Reads a field; see the module.
-
-    Attributes:
-        field: its id.
-    """
+    """Reads the field of the id `field`; see the module."""
 
     field: str
     name: str = "pheromone"
     layout: str = "3*f4"
     scale: ClassVar[Scale] = Scale(low=(0.0, -np.inf, -np.inf))
 
-    def read(self, world: World, robots: NDArray[np.void]) -> NDArray[Any]:
+    def read(self, world: World, robots: Robots) -> Readings:
         """Reads value and gradient; see `VirtualSensor.read`."""
         field = world.fields[self.field]
         points = np.stack((robots["x_m"], robots["y_m"]), axis=-1)
@@ -50,9 +45,5 @@ class FieldSensor:
 
 
 def from_xml(element: Element, scope: Scope) -> FieldSensor:
-    """Makes the sensor from its element.
-
-    Raises:
-        ConfigError: there is no such field, or the name is too long for a robot.
-    """
+    """Makes the sensor from its element."""
     return FieldSensor(scope.field(element), element.text("name", "pheromone"))

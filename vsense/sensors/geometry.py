@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vsense.arena import wrap_angle
+from vsense.sensors.base import Robots
+from vsense.sensors.quality import Floats
 from vsense.world.world import World
 from vsense.xml.element import Element
 
-Floats = NDArray[np.float64]
-
 NEAREST_M = 0.01
-"""Whatever grows without bound towards a point, such as 1/d^2, grows no more from here on: no
-source is smaller than this."""
+"""What grows without bound towards a point, such as 1/d^2, is constant within this distance."""
 
 RING_RADIUS_M = 0.036
 """Where an e-puck's infrared sensors sit, from its centre. Source: iridia.md section 3."""
@@ -35,8 +34,7 @@ class Ring:
     """Sensors around the body.
 
     Attributes:
-        angles_rad: (k,) what controllers are told, counter-clockwise from straight ahead, in
-            (-pi, pi].
+        angles_rad: (k,) what controllers get, counter-clockwise from straight ahead, in (-pi, pi].
         places_rad: (k,) where the sensors sit and look.
     """
 
@@ -68,13 +66,13 @@ class Ring:
     def __len__(self) -> int:
         return len(self.angles_rad)
 
-    def headings(self, robots: NDArray[np.void]) -> Floats:
-        """Gives where the sensors of robots (n,) look: (n, k) [rad] in the arena, not wrapped."""
+    def headings(self, robots: Robots) -> Floats:
+        """Directions in which the sensors of robots (n,) look: (n, k) [rad], not wrapped."""
         headings: Floats = robots["yaw_rad"][:, None] + self.places_rad
         return headings
 
-    def points(self, robots: NDArray[np.void]) -> Floats:
-        """Gives where the sensors of robots (n,) sit: (n, k, 3) [m] in the arena."""
+    def points(self, robots: Robots) -> Floats:
+        """Places of the sensors of robots (n,): (n, k, 3) [m] in the arena."""
         headings = self.headings(robots)
         # Each coordinate in one piece: `read` goes over them one by one.
         points = np.moveaxis(np.empty((3, *headings.shape)), 0, -1)
@@ -84,17 +82,11 @@ class Ring:
         return points
 
 
-def seen_from(robots: NDArray[np.void], x_m: ArrayLike, y_m: ArrayLike) -> tuple[Floats, Floats]:
-    """Tells where points of the arena are as robots see them.
+def seen_from(robots: Robots, x_m: ArrayLike, y_m: ArrayLike) -> tuple[Floats, Floats]:
+    """Distance along the floor [m] and bearing [rad] of points as robots see them, (n, k) each.
 
-    Args:
-        robots: POSE array (n,).
-        x_m: (k,) points, or (n, k) points of each robot's own.
-        y_m: likewise.
-
-    Returns:
-        Distance along the floor [m], and bearing [rad] counter-clockwise from the robot's
-        heading, in (-pi, pi]; (n, k) each.
+    Bearings are counter-clockwise from the robot's heading, in (-pi, pi]. The points are (k,) for
+    all robots or (n, k), each robot's own.
     """
     east = np.asarray(x_m, dtype=np.float64) - robots["x_m"][:, None]
     north = np.asarray(y_m, dtype=np.float64) - robots["y_m"][:, None]
@@ -102,8 +94,8 @@ def seen_from(robots: NDArray[np.void], x_m: ArrayLike, y_m: ArrayLike) -> tuple
     return np.hypot(east, north), bearing
 
 
-def points_at(robots: NDArray[np.void], ahead_m: ArrayLike, left_m: ArrayLike) -> Floats:
-    """Gives where points of the robots' own frame (k,) are in the arena: (n, k, 2) [m]."""
+def points_at(robots: Robots, ahead_m: ArrayLike, left_m: ArrayLike) -> Floats:
+    """Points (k,) of the robots' own frame in the arena: (n, k, 2) [m]."""
     ahead, left = np.asarray(ahead_m, dtype=np.float64), np.asarray(left_m, dtype=np.float64)
     cosine, sine = np.cos(robots["yaw_rad"])[:, None], np.sin(robots["yaw_rad"])[:, None]
     x = robots["x_m"][:, None] + ahead * cosine - left * sine
@@ -111,18 +103,18 @@ def points_at(robots: NDArray[np.void], ahead_m: ArrayLike, left_m: ArrayLike) -
     return np.stack((x, y), axis=-1)
 
 
-def rows_of(world: World, robots: NDArray[np.void]) -> NDArray[np.intp]:
-    """Gives the rows of robots (n,) in `world.robots` and so in `world.bodies()`."""
+def rows_of(world: World, robots: Robots) -> NDArray[np.intp]:
+    """Rows of robots (n,) in `world.robots` and so in `world.bodies()`."""
     tags = world.robots["tag"]
     order = np.argsort(tags)
     return np.asarray(order[np.searchsorted(tags, robots["tag"], sorter=order)])
 
 
 def field_of_view(element: Element) -> float:
-    """Reads `vs:field_of_view`: how wide a sensor sees, all around by default [rad]."""
+    """Reads `vs:field_of_view` [rad]; all around by default."""
     return element.angle("vs:field_of_view", 0.1, 360.0, 360.0)
 
 
 def within(bearing_rad: Floats, field_of_view_rad: float) -> NDArray[np.bool_]:
-    """Tells which bearings, in (-pi, pi], lie within a field of view around 0."""
+    """Which bearings, in (-pi, pi], lie within a field of view around 0."""
     return np.asarray(np.abs(bearing_rad) <= field_of_view_rad / 2.0)

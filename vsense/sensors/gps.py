@@ -11,12 +11,11 @@ Source: iridia.md section 1b.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vsense.sensors.base import Scope
+from vsense.sensors.base import Readings, Robots, Scope
 from vsense.sensors.quality import Scale
 from vsense.world.world import World
 from vsense.xml.element import Element
@@ -26,13 +25,13 @@ ELEMENTS = ("gps_virtual_sensor",)
 
 @dataclass(frozen=True, slots=True)
 class GpsSensor:
-    """Tells robots where the cameras see them; see the module."""
+    """The robots' own poses, as the cameras see them; see the module."""
 
     name: str = "gps"
     layout: str = "3*f4"
     scale: ClassVar[Scale] = Scale(wraps=(False, False, True))
 
-    def read(self, world: World, robots: NDArray[np.void]) -> NDArray[Any]:
+    def read(self, world: World, robots: Robots) -> Readings:
         """Reads place and heading; see `VirtualSensor.read`."""
         return np.stack((robots["x_m"], robots["y_m"], robots["yaw_rad"]), axis=-1)
 

@@ -12,12 +12,11 @@ Source: epuck_ground of ARGoS, iridia.md section 3; thesis 4.2.1.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vsense.sensors.base import Scope
+from vsense.sensors.base import Readings, Robots, Scope
 from vsense.sensors.geometry import points_at
 from vsense.sensors.quality import Scale
 from vsense.world.world import World
@@ -41,7 +40,7 @@ class GroundSensor:
     layout: str = "3*f4"
     scale: ClassVar[Scale] = Scale(low=0.0, high=1.0)
 
-    def read(self, world: World, robots: NDArray[np.void]) -> NDArray[Any]:
+    def read(self, world: World, robots: Robots) -> Readings:
         """Reads the floor's brightness; see `VirtualSensor.read`."""
         points = points_at(robots, AHEAD_M, LEFT_M)
         grey = world.floor.sample(points.reshape(-1, 2))[:, :3] @ GREY

@@ -17,14 +17,12 @@ Source: coloured_blob_omnidirectional_camera of ARGoS (its distances are in cm, 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vsense.sensors.base import Scope
+from vsense.sensors.base import Readings, Robots, Scope
 from vsense.sensors.neighbours import Reach, without_empty
-from vsense.sensors.quality import Scale
+from vsense.sensors.quality import Floats, Scale
 from vsense.world.world import World
 from vsense.xml.element import Element
 
@@ -38,12 +36,7 @@ _MAX_BLOBS = 32
 
 @dataclass(frozen=True, slots=True)
 class LedSensor:
-    """Sees coloured robots; see the module.
-
-    Attributes:
-        reach: who is seen at all.
-        max_blobs: places.
-    """
+    """Sees coloured robots, the nearest `max_blobs`; see the module."""
 
     reach: Reach
     layout: str
@@ -51,7 +44,7 @@ class LedSensor:
     max_blobs: int
     name: str = "leds"
 
-    def read(self, world: World, robots: NDArray[np.void]) -> NDArray[Any]:
+    def read(self, world: World, robots: Robots) -> Readings:
         """Reads the blobs; see `VirtualSensor.read`."""
         pairs = self.reach.pairs(world, robots, np.any(world.leds, axis=1))
         pairs = pairs.first(self.max_blobs, pairs.distance_m)
@@ -59,7 +52,7 @@ class LedSensor:
         columns = np.column_stack((100.0 * pairs.distance_m, pairs.bearing_rad, colors))
         return pairs.reading(len(robots), self.max_blobs, columns)
 
-    def tidy(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def tidy(self, values: Floats) -> Floats:
         """Leaves no noise in the places without a robot."""
         return without_empty(values, self.max_blobs)
 

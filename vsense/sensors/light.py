@@ -1,4 +1,4 @@
-"""The light sensor: a ring around the robot, feeling the experiment's virtual lights.
+"""The light sensor: a ring around the robot that senses the experiment's virtual lights.
 
     <virtual_light_sensor implementation="default" formula="epuck" vs:ring="epuck"
         vs:range="3" vs:field_of_view="360" vs:angles="true" vs:occlusions="true" />
@@ -24,20 +24,16 @@ sensor's axis; there are none by default. The unit of the quality settings is 1.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vsense.arena import wrap_angle
-from vsense.sensors.base import Scope
+from vsense.sensors.base import Readings, Robots, Scope
 from vsense.sensors.geometry import NEAREST_M, Ring, field_of_view, rows_of, within
-from vsense.sensors.quality import Scale
+from vsense.sensors.quality import Floats, Scale
 from vsense.world.rays import NOBODY
 from vsense.world.world import World
 from vsense.xml.element import Element
-
-Floats = NDArray[np.float64]
 
 ELEMENTS = ("virtual_light_sensor",)
 
@@ -50,15 +46,10 @@ _EPUCK_REACH = 2.5
 
 @dataclass(frozen=True, slots=True)
 class LightSensor:
-    """Feels the lights of the world; see the module.
+    """Senses the lights of the world; `formula` is one of FORMULAS. See the module.
 
-    Attributes:
-        formula: one of FORMULAS.
-        ring: the sensors.
-        range_m: lights farther away are not sensed.
-        field_of_view_rad: nor lights farther off a sensor's axis than half of this.
-        angles: whether the angles are sent.
-        occlusions: whether bodies stand in the way.
+    Lights farther away than `range_m`, or farther off a sensor's axis than half of
+    `field_of_view_rad`, are not sensed.
     """
 
     formula: str
@@ -71,7 +62,7 @@ class LightSensor:
     occlusions: bool = True
     name: str = "light"
 
-    def read(self, world: World, robots: NDArray[np.void]) -> NDArray[Any]:
+    def read(self, world: World, robots: Robots) -> Readings:
         """Reads the ring; see `VirtualSensor.read`."""
         count = len(self.ring)
         readings = np.zeros((len(robots), 2 * count if self.angles else count))
@@ -81,21 +72,21 @@ class LightSensor:
         if lights and len(robots):
             places = np.array([light.position_m for light in lights])
             intensities = np.array([light.intensity for light in lights])
-            felt = self._from_centre if self.formula == "epuck" else self._from_sensors
-            readings[:, :count] = felt(world, robots, places, intensities)
+            sense = self._from_centre if self.formula == "epuck" else self._from_sensors
+            readings[:, :count] = sense(world, robots, places, intensities)
         if self.formula != "thesis":
             np.minimum(readings[:, :count], 1.0, out=readings[:, :count])
         return readings
 
     def _from_sensors(
-        self, world: World, robots: NDArray[np.void], lights_m: Floats, intensities: Floats
+        self, world: World, robots: Robots, lights_m: Floats, intensities: Floats
     ) -> Floats:
-        """The sum of (I/d)^2, each sensor with its own lines to the lights (l, 3): (n, k)."""
+        """Sums (I/d)^2, each sensor with its own lines to the lights (l, 3): (n, k)."""
         points = self.ring.points(robots)
         seen = None
         if self.occlusions:
             seen = world.bodies().seen(points.reshape(-1, 3), lights_m, NOBODY)
-        felt = np.zeros(points.shape[:2])
+        total = np.zeros(points.shape[:2])
         # Light by light: sums over the short axis of lights would take most of the time.
         for number, (light_m, intensity) in enumerate(zip(lights_m, intensities)):
             east, north, up = (light_m[axis] - points[..., axis] for axis in range(3))
@@ -107,11 +98,11 @@ class LightSensor:
             if self.field_of_view_rad < 2.0 * np.pi:
                 off_axis = wrap_angle(np.arctan2(north, east) - self.ring.headings(robots))
                 part[~within(off_axis, self.field_of_view_rad)] = 0.0
-            felt += part
-        return felt
+            total += part
+        return total
 
     def _from_centre(
-        self, world: World, robots: NDArray[np.void], lights_m: Floats, intensities: Floats
+        self, world: World, robots: Robots, lights_m: Floats, intensities: Floats
     ) -> Floats:
         """What `epuck_light` makes of the lights (l, 3): (n, k)."""
         centres = np.zeros((len(robots), 3))
@@ -120,16 +111,16 @@ class LightSensor:
         distances = np.sqrt(np.einsum("nli,nli->nl", offsets, offsets))
         near = distances <= _EPUCK_REACH * intensities
         nowhere = np.full_like(distances, np.inf)
-        felt = np.exp(-2.0 * np.divide(distances, intensities, out=nowhere, where=near))
-        felt[distances > self.range_m] = 0.0
+        received = np.exp(-2.0 * np.divide(distances, intensities, out=nowhere, where=near))
+        received[distances > self.range_m] = 0.0
         if self.occlusions:
-            felt *= world.bodies().seen(centres, lights_m, rows_of(world, robots))
+            received *= world.bodies().seen(centres, lights_m, rows_of(world, robots))
         bearings = np.arctan2(offsets[..., 1], offsets[..., 0]) - robots["yaw_rad"][:, None]
         turn = np.abs(wrap_angle(bearings)[:, None, :] - self.ring.angles_rad[:, None])
         off_axis = np.minimum(turn, 2.0 * np.pi - turn)
         share: Floats = np.maximum(1.0 - 2.0 / np.pi * off_axis, 0.0)
         share[~within(off_axis, self.field_of_view_rad)] = 0.0
-        summed: Floats = np.einsum("nl,nkl->nk", felt, share)
+        summed: Floats = np.einsum("nl,nkl->nk", received, share)
         return summed
 
 
@@ -138,17 +129,17 @@ def from_xml(element: Element, scope: Scope) -> LightSensor:
     formula = element.choice("formula", FORMULAS, "thesis")
     ring = Ring.from_xml(element)
     angles = element.boolean("vs:angles", True)
-    readings, told = len(ring), len(ring) if angles else 0
+    readings, facts = len(ring), len(ring) if angles else 0
     high = np.inf if formula == "thesis" else 1.0
     return LightSensor(
         formula=formula,
         ring=ring,
-        layout=f"{readings + told}*f4",
+        layout=f"{readings + facts}*f4",
         # The angles are facts about the robot, no measurements.
         scale=Scale(
-            unit=(1.0,) * readings + (0.0,) * told,
-            low=(0.0,) * readings + (-np.pi,) * told,
-            high=(high,) * readings + (np.pi,) * told,
+            unit=(1.0,) * readings + (0.0,) * facts,
+            low=(0.0,) * readings + (-np.pi,) * facts,
+            high=(high,) * readings + (np.pi,) * facts,
         ),
         range_m=element.number("vs:range", 0.001, _MAX_RANGE_M, "m", _MAX_RANGE_M),
         field_of_view_rad=field_of_view(element),

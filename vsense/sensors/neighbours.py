@@ -8,25 +8,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import wrap_angle
+from vsense.sensors.base import Robots
 from vsense.sensors.geometry import field_of_view, rows_of, within
+from vsense.sensors.quality import Floats
 from vsense.world.sightings import NEVER_NS
 from vsense.world.world import World
 from vsense.xml.element import Element
-
-Floats = NDArray[np.float64]
 
 _MAX_RANGE_M = 1000.0
 
 
 @dataclass(frozen=True, slots=True)
 class Pairs:
-    """Pairs of receiver and sender, ordered by receiver.
+    """Pairs of receiver and sender, ordered by receiver; arrays (p,).
 
     Attributes:
-        receiver: (p,) rows of the robots that were asked about.
-        sender: (p,) rows of `world.robots`.
-        distance_m: (p,) between the centres.
-        bearing_rad: (p,) of the sender as the receiver sees it, in (-pi, pi].
+        receiver: rows of the robots that were asked about.
+        sender: rows of `world.robots`.
+        distance_m: between the centres.
+        bearing_rad: of the sender as the receiver sees it, in (-pi, pi].
     """
 
     receiver: NDArray[np.intp]
@@ -61,15 +61,10 @@ class Pairs:
         return np.bincount(self.receiver, minlength=receivers)
 
     def reading(self, receivers: int, places: int, columns: Floats) -> Floats:
-        """Lays the pairs out as readings.
+        """Lays numbers (p, w) of each pair out as readings, (receivers, 1 + places * w).
 
-        Args:
-            receivers: how many robots were asked about.
-            places: for how many pairs a reading has room; no receiver has more.
-            columns: (p, w) numbers of each pair.
-
-        Returns:
-            (receivers, 1 + places * w) for each its count, then its pairs; 0 where there is none.
+        A reading is the count of a receiver's pairs, at most `places`, then their numbers; 0 where
+        there is none.
         """
         width = columns.shape[1]
         reading: Floats = np.zeros((receivers, 1 + places * width))
@@ -81,11 +76,11 @@ class Pairs:
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """Whom a robot notices at all.
+    """The robots that a robot notices at all.
 
     Attributes:
-        range_m: nearer ones than this.
-        field_of_view_rad: within this angle around straight ahead.
+        range_m: they are nearer than this.
+        field_of_view_rad: they are within this angle around straight ahead.
         height_m: lines of sight are this high above the floor; None: nothing is in the way.
     """
 
@@ -102,13 +97,10 @@ class Reach:
             height_m if element.boolean("check_occlusions", True) else None,
         )
 
-    def pairs(self, world: World, robots: NDArray[np.void], candidates: NDArray[np.bool_]) -> Pairs:
-        """Finds the pairs.
+    def pairs(self, world: World, robots: Robots, candidates: NDArray[np.bool_]) -> Pairs:
+        """Finds the pairs of `robots` (n,) and `candidates` (m,), a mask of `world.robots`.
 
-        Args:
-            world: with all robots; one that no camera sees now is where it was seen last.
-            robots: POSE array (n,) of those that look.
-            candidates: (m,) which of `world.robots` can be noticed.
+        A robot that no camera sees now is where it was seen last.
         """
         own, others = rows_of(world, robots), world.robots
         east = others["x_m"] - robots["x_m"][:, None]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from vsense.sensors.base import Scope
-from vsense.world.entities import Box, Cylinder, Entity, Light
+from vsense.world.entities import Box, Cylinder, Light
 from vsense.world.pollution import DEFAULT_MEMORY_NS
 from vsense.world.world import World
 from vsense.xml.element import Element
@@ -18,33 +18,22 @@ _MAX_M = 1000.0
 
 @dataclass(frozen=True, slots=True)
 class FixedPlace:
-    """A point of the arena.
-
-    Attributes:
-        fixed: where.
-    """
+    """A point of the arena."""
 
     fixed: Pose
 
     def pose(self, world: World) -> Pose | None:
-        """Gives where it is."""
         return self.fixed
 
 
 @dataclass(frozen=True, slots=True)
 class TaggedPlace:
-    """A robot or another tagged thing, where the cameras see it.
-
-    Attributes:
-        tag: its marker.
-        memory_ns: how old its last sighting may be.
-    """
+    """A robot or another tagged thing, None where its last sighting is older than `memory_ns`."""
 
     tag: int
     memory_ns: int
 
     def pose(self, world: World) -> Pose | None:
-        """Gives where it is, None: no camera has seen it for too long."""
         pose = world.pose(self.tag)
         if pose is None or world.capture_ns - int(pose["capture_ns"]) > self.memory_ns:
             return None
@@ -53,30 +42,23 @@ class TaggedPlace:
 
 @dataclass(frozen=True, slots=True)
 class EntityPlace:
-    """A virtual thing; a loop function may move it.
-
-    Attributes:
-        id: its name.
-    """
+    """A virtual thing, which a loop function may move; None while it is not in the world."""
 
     id: str
 
     def pose(self, world: World) -> Pose | None:
-        """Gives where it is, None: it is not in the world now."""
         entity = world.entities.get(self.id)
-        return None if entity is None else entity_pose(entity)
+        if entity is None:
+            return None
+        if isinstance(entity, (Cylinder, Light)):
+            return entity.position_m[0], entity.position_m[1], 0.0
+        if isinstance(entity, Box):
+            return entity.position_m[0], entity.position_m[1], entity.yaw_rad
+        return entity.x_m, entity.y_m, entity.yaw_rad
 
 
 Place = FixedPlace | TaggedPlace | EntityPlace
-
-
-def entity_pose(entity: Entity) -> Pose:
-    """Gives where an entity is on the floor."""
-    if isinstance(entity, (Cylinder, Light)):
-        return entity.position_m[0], entity.position_m[1], 0.0
-    if isinstance(entity, Box):
-        return entity.position_m[0], entity.position_m[1], entity.yaw_rad
-    return entity.x_m, entity.y_m, entity.yaw_rad
+"""Its `pose(world)` is where it is now, or None while that is not known."""
 
 
 def read_memory_ns(element: Element) -> int:
@@ -88,10 +70,7 @@ def from_xml(element: Element, scope: Scope, attribute: str) -> Place:
     """Reads an attribute that names a tagged thing or a virtual entity by its id.
 
     `vs:memory` [s] of the same element says how long a tagged thing stays where it was seen last
-    once no camera sees it.
-
-    Raises:
-        ConfigError: there is no such thing.
+    once no camera sees it. Raises ConfigError where there is no such thing.
     """
     memory_ns = read_memory_ns(element)
     name = element.text(attribute, None, "the id of something in the arena")
@@ -106,8 +85,7 @@ def from_xml(element: Element, scope: Scope, attribute: str) -> Place:
 def rectangle_from_xml(element: Element, prefix: str) -> FixedPlace:
     """Reads the middle of the rectangle PREFIX_min_x, ..._y, PREFIX_max_x, ..._y.
 
-    Raises:
-        ConfigError: a corner is missing or wrong, or the upper one lies below the lower one.
+    Raises ConfigError where a corner is missing or wrong, or max is below min.
     """
     middle = []
     for axis in "xy":

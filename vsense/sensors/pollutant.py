@@ -14,12 +14,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vsense.sensors.base import Scope
+from vsense.sensors.base import Readings, Robots, Scope
 from vsense.sensors.places import read_memory_ns
 from vsense.sensors.quality import Scale
 from vsense.world.pollution import PollutantSource
@@ -36,18 +35,14 @@ _MAX_TIMESTEP = 10**9
 
 @dataclass(frozen=True, slots=True)
 class PollutantSensor:
-    """Tells every robot whether it stands in the cone of a source.
-
-    Attributes:
-        source: what pollutes.
-    """
+    """Senses whether robots stand in the cone of a source."""
 
     source: PollutantSource
     name: str = "pollutant"
     layout: str = "f4"
     scale: ClassVar[Scale] = Scale(low=0.0, high=1.0)
 
-    def read(self, world: World, robots: NDArray[np.void]) -> NDArray[Any]:
+    def read(self, world: World, robots: Robots) -> Readings:
         """Reads the pollution where the robots are; see `VirtualSensor.read`."""
         cone = world.cone(self.source)
         if cone is None:

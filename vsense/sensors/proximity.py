@@ -1,4 +1,4 @@
-"""Proximity of what is not there: the infrared ring of the e-puck, feeling virtual obstacles.
+"""Proximity of what is not there: the infrared ring of the e-puck for virtual obstacles.
 
     <virtual_proximity_sensor implementation="default" vs:fuse="true" />
 
@@ -7,7 +7,7 @@ Eight whole numbers 0..4095 as the real ring gives them, higher is nearer, in th
 With vs:fuse="true" the sensor is called "+proximity": the robot takes the larger one of each of
 these numbers and of its real ring's whenever a controller reads "proximity". It senses virtual
 boxes, cylinders and robots only; the real ring senses the real ones. So a virtual wall turns a real
-robot. Without it the sensor is called "proximity" and takes the real ring's place: then it feels
+robot. Without it the sensor is called "proximity" and takes the real ring's place: then it senses
 physical ones, too. `vs:obstacles="virtual"` or "all" says otherwise.
 
 Each sensor looks `vs:range` (0.05 m) far from its place on the ring, along seven lines spread over
@@ -28,17 +28,14 @@ from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vsense.sensors.base import Scope
+from vsense.sensors.base import Readings, Robots, Scope
 from vsense.sensors.geometry import Ring, rows_of
-from vsense.sensors.quality import Scale
+from vsense.sensors.quality import Floats, Scale
 from vsense.world.entities import Box, Cylinder
 from vsense.world.rays import NOBODY, Bodies, disc_rows, entity_rows
 from vsense.world.world import World
 from vsense.xml.element import Element
-
-Floats = NDArray[np.float64]
 
 ELEMENTS = ("virtual_proximity_sensor",)
 
@@ -57,13 +54,10 @@ _MAX_RANGE_M = 2.0
 
 @dataclass(frozen=True, slots=True)
 class ProximitySensor:
-    """Feels what is near; see the module.
+    """Senses what is near; see the module.
 
-    Attributes:
-        ring: the sensors.
-        virtual_only: physical things are left to the real ring.
-        range_m: how far it feels.
-        field_of_view_rad: how wide each sensor looks; 0: along one line.
+    With `virtual_only` physical things are left to the real ring. With a `field_of_view_rad` of 0
+    each sensor looks along one line.
     """
 
     ring: Ring
@@ -74,12 +68,12 @@ class ProximitySensor:
     field_of_view_rad: float = 0.0
     scale: ClassVar[Scale] = Scale(unit=MAX_RAW, low=0.0, high=MAX_RAW)
 
-    def read(self, world: World, robots: NDArray[np.void]) -> NDArray[Any]:
+    def read(self, world: World, robots: Robots) -> Readings:
         """Reads the ring; see `VirtualSensor.read`."""
         return MAX_RAW * response(self._distances(world, robots) * (RANGE_M / self.range_m))
 
-    def _distances(self, world: World, robots: NDArray[np.void]) -> Floats:
-        """How far the nearest thing is from each sensor: (n, k) [m], inf where there is none."""
+    def _distances(self, world: World, robots: Robots) -> Floats:
+        """Distances of the nearest thing from each sensor, (n, k) [m]; inf where there is none."""
         fan = np.zeros(1)
         if self.field_of_view_rad > 0.0:
             fan = self.field_of_view_rad / 2.0 * np.linspace(-1.0, 1.0, _RAYS)
@@ -98,21 +92,21 @@ class ProximitySensor:
 
 
 def response(distance_m: Floats) -> Floats:
-    """What ARGoS's sensor makes of a distance, in [0, 1]; 0 beyond RANGE_M."""
+    """Reading of ARGoS's sensor at a distance, in [0, 1]; 0 beyond RANGE_M."""
     near = np.minimum(distance_m, RANGE_M)
     curve = 298.701 * near**2 - 36.8961 * near + 1.08212
     return np.where(distance_m <= RANGE_M, np.clip(curve, 0.0, 1.0), 0.0)
 
 
 def _virtual_bodies(world: World) -> Bodies:
-    """Gives what the real ring cannot feel."""
+    """Bodies that the real ring cannot sense."""
     robots = world.robots[world.real_robots :]
     discs = disc_rows(robots["x_m"], robots["y_m"])
     return Bodies(np.concatenate((discs, _virtual_rows(world.boxes(), world.cylinders()))))
 
 
 @lru_cache(maxsize=8)
-def _virtual_rows(boxes: Sequence[Box], cylinders: Sequence[Cylinder]) -> NDArray[np.void]:
+def _virtual_rows(boxes: Sequence[Box], cylinders: Sequence[Cylinder]) -> Robots:
     things: list[Box | Cylinder] = [*cylinders, *boxes]
     return entity_rows([thing for thing in things if not thing.physical])
 

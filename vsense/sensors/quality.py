@@ -1,7 +1,7 @@
 """How good a virtual sensor or actuator is: what a perfect one's numbers become on their way.
 
-Trying out a device that does not exist yet is the first purpose of virtual sensing (thesis 1.2),
-so every one of them takes the same settings from its element; all are absent by default:
+Virtual sensing is for trying out devices that do not exist yet (thesis 1.2), so all of them take
+the same settings from their elements; all are absent by default:
 
     noise_level="0.05"    uniform noise of +-0.05               (an attribute of ARGoS)
     noise_std_dev="0.02"  Gaussian noise of this deviation      (an attribute of ARGoS)
@@ -45,9 +45,7 @@ _MAX_UPDATE_EVERY = 100_000
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """What the numbers of a device mean to its quality settings.
-
-    Each is one value for all numbers, or one for each number.
+    """What the numbers of a device mean to its quality settings; one value each, or one for all.
 
     Attributes:
         unit: what 1 in a setting means in the device's numbers; 0: the number is no measurement
@@ -75,16 +73,10 @@ class Quality:
     """The settings; the defaults are perfect. The module says what each means.
 
     Attributes:
-        noise_level: half width of the uniform noise.
-        noise_std_dev: standard deviation of the Gaussian noise.
-        bias: is added.
-        drift_per_s: growth of the bias [1/s].
-        low: saturation, None: the device's own.
-        high: saturation, None: the device's own.
+        low, high: saturation, None: the device's own.
         bits: resolution, 0: as fine as the layout.
-        latency: [timestep].
+        latency, update_every: [timestep].
         drop_out: probability per timestep.
-        update_every: [timestep].
     """
 
     noise_level: float = 0.0
@@ -106,10 +98,7 @@ class Quality:
 
     @classmethod
     def from_xml(cls, element: Element, scale: Scale) -> Quality:
-        """Reads the settings of a device's element.
-
-        Args:
-            scale: of the device's numbers.
+        """Reads the settings of a device's element; `scale` is that of its numbers.
 
         Raises:
             ConfigError: a setting is wrong, or `vs:bits` has no bounds to divide.
@@ -117,9 +106,8 @@ class Quality:
         low, high = _saturation(element, scale)
         bits = element.integer("vs:bits", 1, _MAX_BITS) if element.has("vs:bits") else 0
         if bits and not scale.bounded and None in (low, high):
-            raise element.error(
-                "needs 'vs:low' and 'vs:high': it divides what is between", "vs:bits"
-            )
+            needed = "needs 'vs:low' and 'vs:high': it divides what is between"
+            raise element.error(needed, "vs:bits")
         return cls(
             noise_level=element.number("noise_level", 0.0, _MAX_AMOUNT, default=0.0),
             noise_std_dev=element.number("noise_std_dev", 0.0, _MAX_AMOUNT, default=0.0),
@@ -153,10 +141,8 @@ class Distortion:
             high = np.minimum(high, quality.high * self._unit)
         apart = self._wraps | (self._unit == 0.0)
         self._low, self._high = np.where(apart, -np.inf, low), np.where(apart, np.inf, high)
-        base, span = (
-            np.where(self._wraps, -np.pi, low),
-            np.where(self._wraps, 2 * np.pi, high - low),
-        )
+        base = np.where(self._wraps, -np.pi, low)
+        span = np.where(self._wraps, 2 * np.pi, high - low)
         self._steps = 2.0**quality.bits - np.where(self._wraps, 0.0, 1.0)
         divided = (self._unit != 0.0) & (quality.bits > 0)
         self._base, self._span = np.where(divided, base, 0.0), np.where(divided, span, 0.0)
@@ -164,16 +150,9 @@ class Distortion:
     def apply(
         self, values: Floats, rows: NDArray[np.bool_], time_s: float, random: np.random.Generator
     ) -> Floats:
-        """Distorts numbers.
+        """Distorts numbers (m, k) at a time of the run; they stay within the device's bounds.
 
-        Args:
-            values: (m, k) true numbers.
-            rows: (n,) which robots they belong to: m of them are True.
-            time_s: time of the run.
-            random: where noise is drawn from.
-
-        Returns:
-            (m, k) numbers, finite and within the device's bounds.
+        They belong to those of the robots `rows` (n,) that are True.
         """
         quality = self._quality
         offset = np.zeros(self._shape)
@@ -198,23 +177,21 @@ T = TypeVar("T")
 
 
 class Delay(Generic[T]):
-    """Gives things out a number of timesteps after they were put in; until then `before`."""
+    """Returns things a number of timesteps after they were put in; until then `before`."""
 
     def __init__(self, timesteps: int, before: T) -> None:
         self._waiting: deque[T] = deque([before] * timesteps)
 
     def push(self, new: T) -> T:
-        """Puts in this timestep's thing; gives the one that is due."""
+        """Puts in this timestep's thing and takes out the one that is due."""
         self._waiting.append(new)
         return self._waiting.popleft()
 
 
 def generator(seed: int, name: str) -> np.random.Generator:
-    """Makes the source of random numbers of one device in one run.
+    """Makes the source of random numbers of one device, by name, in a run; `seed` is not negative.
 
-    Args:
-        seed: of the run, not negative.
-        name: of the device: adding one to an experiment changes nothing for the others.
+    Adding a device to an experiment changes nothing for the others.
     """
     return np.random.default_rng([seed, zlib.crc32(name.encode())])
 

@@ -14,13 +14,12 @@ Source: iridia.md section 3; the original named its source in its code, and had 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vsense.sensors import places
-from vsense.sensors.base import Scope
+from vsense.sensors.base import Readings, Robots, Scope
 from vsense.sensors.geometry import NEAREST_M, seen_from
 from vsense.sensors.quality import Scale
 from vsense.world.world import World
@@ -34,13 +33,7 @@ _MAX_RANGE_M = 1000.0
 
 @dataclass(frozen=True, slots=True)
 class RadiationSensor:
-    """Measures how strongly a thing radiates; see the module.
-
-    Attributes:
-        source: what radiates.
-        strength: reading at 1 m.
-        range_m: from where on it is 0.
-    """
+    """Measures how strongly a thing radiates: `strength` is the reading at 1 m; see the module."""
 
     source: places.Place
     strength: float = 1.0
@@ -49,14 +42,14 @@ class RadiationSensor:
     layout: str = "f4"
     scale: ClassVar[Scale] = Scale(low=0.0)
 
-    def read(self, world: World, robots: NDArray[np.void]) -> NDArray[Any]:
+    def read(self, world: World, robots: Robots) -> Readings:
         """Reads the radiation where the robots are; see `VirtualSensor.read`."""
         pose = self.source.pose(world)
         if pose is None:
             return np.zeros((len(robots), 1))
         distance, _ = seen_from(robots, [pose[0]], [pose[1]])
-        felt = self.strength / np.maximum(distance, NEAREST_M) ** 2
-        return np.where(distance <= self.range_m, felt, 0.0)
+        strengths = self.strength / np.maximum(distance, NEAREST_M) ** 2
+        return np.where(distance <= self.range_m, strengths, 0.0)
 
 
 def from_xml(element: Element, scope: Scope) -> RadiationSensor:

@@ -19,19 +19,15 @@ Source: epuck_range_and_bearing of ARGoS, iridia.md section 3.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vsense.sensors.base import Scope
+from vsense.sensors.base import Readings, Robots, Scope
 from vsense.sensors.neighbours import Pairs, Reach, without_empty
-from vsense.sensors.quality import Scale
+from vsense.sensors.quality import Floats, Scale
 from vsense.world.entities import BODY_RADIUS_M
 from vsense.world.world import MESSAGE_MAX, World
 from vsense.xml.element import Element
-
-Floats = NDArray[np.float64]
 
 ELEMENTS = ("virtual_range_and_bearing_sensor",)
 
@@ -44,15 +40,7 @@ _MAX_MESSAGES = 32
 
 @dataclass(frozen=True, slots=True)
 class RangeAndBearingSensor:
-    """Hears the robots around; see the module.
-
-    Attributes:
-        reach: who is heard at all.
-        data_size: bytes of a message.
-        max_messages: places.
-        loss_probability: of each message.
-        speaking_only: those who say nothing are not heard.
-    """
+    """Receives the messages of the robots around; see the module."""
 
     reach: Reach
     layout: str
@@ -63,7 +51,7 @@ class RangeAndBearingSensor:
     speaking_only: bool
     name: str = "range_and_bearing"
 
-    def read(self, world: World, robots: NDArray[np.void]) -> NDArray[Any]:
+    def read(self, world: World, robots: Robots) -> Readings:
         """Reads the messages; see `VirtualSensor.read`."""
         speaking = world.messages["length"] > 0
         heard = speaking if self.speaking_only else np.ones_like(speaking)
@@ -81,7 +69,7 @@ class RangeAndBearingSensor:
         return without_empty(values, self.max_messages)
 
     def _arrived(self, pairs: Pairs, receivers: int, random: np.random.Generator) -> Pairs:
-        """Leaves out what has no place, then what is lost."""
+        """Drops the messages that have no place, then those that are lost."""
         if pairs.counts(receivers).max(initial=0) > self.max_messages:
             pairs = pairs.first(self.max_messages, random.random(len(pairs)))
         if self.loss_probability > 0.0:

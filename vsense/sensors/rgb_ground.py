@@ -12,12 +12,11 @@ Source: thesis 4.2.1.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vsense.sensors.base import Scope
+from vsense.sensors.base import Readings, Robots, Scope
 from vsense.sensors.quality import Scale
 from vsense.world.world import World
 from vsense.xml.element import Element
@@ -33,7 +32,7 @@ class RgbGroundSensor:
     layout: str = "4*u1"
     scale: ClassVar[Scale] = Scale(unit=(255.0, 255.0, 255.0, 0.0), low=0.0, high=255.0)
 
-    def read(self, world: World, robots: NDArray[np.void]) -> NDArray[Any]:
+    def read(self, world: World, robots: Robots) -> Readings:
         """Reads the floor's colour; see `VirtualSensor.read`."""
         return world.floor.sample(np.stack((robots["x_m"], robots["y_m"]), axis=-1))
 

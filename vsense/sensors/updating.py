@@ -7,8 +7,8 @@
     vs:update="own"            when the sensor's own function `changed` says so (the default of a
                                sensor that has one)
 
-The condition decides when value and capture time are renewed. In between robots are sent the
-last value, and its age grows: so `stale` tells nothing about a sensor that waits for a change.
+The condition decides when value and capture time are renewed. In between robots are sent the last
+value, and its age grows: `stale` has no meaning for a sensor that waits for a change.
 """
 
 from __future__ import annotations
@@ -32,11 +32,9 @@ _MAX_THRESHOLD = 1e9
 
 @dataclass(frozen=True, slots=True)
 class Updating:
-    """An updating condition.
+    """An updating condition: "always", "change", "threshold" or "own".
 
-    Attributes:
-        kind: "always", "change", "threshold" or "own".
-        threshold: least difference that counts, in the sensor's unit; of "threshold" only.
+    `threshold` is the least difference that counts, in the sensor's unit.
     """
 
     kind: str = "always"
@@ -45,16 +43,10 @@ class Updating:
     def due(
         self, sensor: Any, scale: Scale, sent: NDArray[Any], fresh: NDArray[Any]
     ) -> NDArray[np.bool_]:
-        """Tells which robots are sent their new numbers.
+        """Which robots (m,) are sent their new numbers.
 
-        Args:
-            sensor: the sensor, asked where the condition is its own.
-            scale: of its numbers.
-            sent: (m, k) what they were sent last.
-            fresh: (m, k) what they could be sent now.
-
-        Returns:
-            (m,) True: the new numbers.
+        `sent` (m, k) are those that they were sent last, `fresh` (m, k) the new ones; `scale` is
+        that of the numbers. The sensor decides where the condition is its own.
         """
         if self.kind == "always":
             return np.ones(len(fresh), dtype=bool)
@@ -74,14 +66,9 @@ ALWAYS = Updating()
 
 
 def from_xml(element: Element, sensor: Any, update_every: int) -> tuple[Updating, int]:
-    """Reads the updating condition of a sensor's element.
+    """Reads the updating condition of a sensor's element, and every how many timesteps it counts.
 
-    Args:
-        sensor: the sensor that it makes.
-        update_every: what the element's `vs:update_every` says.
-
-    Returns:
-        The condition, and in which timesteps it is asked: every n-th.
+    `update_every` is the element's `vs:update_every`.
 
     Raises:
         ConfigError: it is none, or contradicts `vs:update_every`.

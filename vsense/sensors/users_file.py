@@ -23,7 +23,7 @@ _MEMBERS = ("name", "layout", "read")
 
 
 class UsersSensor:
-    """A user's sensor whose errors name his file."""
+    """A user's sensor; what goes wrong in its functions becomes an error that names the file."""
 
     def __init__(self, sensor: Any, code: UsersCode) -> None:
         self._sensor = sensor
@@ -38,12 +38,7 @@ class UsersSensor:
 
 
 def from_xml(element: Element, scope: Scope) -> VirtualSensor:
-    """Makes the sensor from its element.
-
-    Raises:
-        ConfigError: there is no such file, it is no sensor, or an attribute is wrong.
-        SensorError: it fails.
-    """
+    """Makes the sensor from its element; raises SensorError where the user's file fails."""
     path = scope.folder / element.text("file", None, "a Python file")
     if not path.is_file():
         raise element.error(f"there is no file {str(path)!r}", "file")
@@ -65,8 +60,6 @@ def _error(file: str, line: int, message: str) -> SensorError:
 
 
 def _guarded(function: Callable[..., Any], code: UsersCode) -> Callable[..., Any]:
-    """Makes what goes wrong in a user's function an error that names its file."""
-
     def call(*arguments: Any) -> Any:
         with code.watch():
             return function(*arguments)

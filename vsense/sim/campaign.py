@@ -27,16 +27,14 @@ from vsense.terminal import Console, print_data
 BAR_WIDTH = 24
 
 MAX_NAME = 256
-"""Bytes of the longest name of a file."""
+"""Longer texts are no file names, and the system refuses to look for them."""
 
 
 @dataclass(frozen=True, slots=True)
 class Campaign:
-    """What is done.
+    """The options of a campaign.
 
     Attributes:
-        sweep: settings and seeds.
-        setup: what is run.
         output: the CSV file.
         drawing: the picture's file.
         style: of the picture: a Matplotlib style sheet or its name, or None.
@@ -56,17 +54,17 @@ class Campaign:
 def run(campaign: Campaign, console: Console, interrupted: threading.Event) -> None:
     """Does all runs that the file does not hold yet, and compares the settings.
 
-    Rows are written in the order of the campaign, whatever number of processes works on it.
+    Rows are written in the order of the campaign, whatever the number of processes.
 
     Raises:
-        Interrupted: the user wants no more; the rows until then are in the file.
+        Interrupted: the user has ended it; the rows until then are in the file.
         VsenseError: it cannot run, or a run has failed.
     """
     sweep, path = campaign.sweep, campaign.output
     if campaign.style is not None and can_draw():
         plot.require_sheet(campaign.style)
     tasks = prepare(sweep, campaign.setup)
-    results = CampaignResults(path, fingerprint(tasks[0]), sweep.keys)
+    results = CampaignResults(path, fingerprint(tasks[0]), tuple(sweep.values))
     there = results.keys()
     todo = [
         task for task in tasks if results.key(task.job.setup.settings, task.job.seed) not in there
@@ -87,11 +85,9 @@ def run(campaign: Campaign, console: Console, interrupted: threading.Event) -> N
 
 
 def outputs(output: Path | None, form: str | None) -> tuple[Path, Path]:
-    """The campaign's CSV file, and its picture's; the suffix of --output may say what that is.
+    """The campaign's CSV file and its picture's.
 
-    Args:
-        output: as the user names it, or None.
-        form: of the picture: one of `FORMATS`, or None.
+    The picture's format, one of `FORMATS`, is `form` or the suffix of --output.
 
     Raises:
         UsageError: the suffix says something else than `form`.
@@ -126,8 +122,8 @@ def prepare(sweep: Sweep, setup: Setup) -> list[Task]:
 def fingerprint(task: Task) -> str:
     """What all runs of a campaign have in common, as 8 hexadecimal digits.
 
-    The experiment's file with the files it names, the controller, the length, the robots, whether
-    they are blind, and vsense itself. Not the settings and the seeds: more of them may come.
+    That is the experiment's file with the files it names, the controller, the length, the robots,
+    whether they are blind, and vsense itself; not settings and seeds, of which more may come.
 
     Raises:
         VsenseError: a file cannot be read.
@@ -149,7 +145,6 @@ def _files(path: Path) -> list[Path]:
     values = {
         value for element in ElementTree.parse(path).iter() for value in element.attrib.values()
     }
-    # Longer ones are no names, and the system may not even be asked for them.
     named = (path.parent / value for value in sorted(values) if value and len(value) < MAX_NAME)
     return [path, *(file for file in named if file.is_file())]
 
@@ -208,7 +203,7 @@ def _progress(
 
 
 def _report(campaign: Campaign, results: CampaignResults, console: Console) -> None:
-    """Prints what came out, and draws it where that can be."""
+    """Prints the results, and draws them where Matplotlib is there."""
     groups, drawing = group(campaign.sweep, results), campaign.drawing
     if campaign.json:
         summary = {"file": str(results.path), "settings": [_figures(*some) for some in groups]}
@@ -231,11 +226,11 @@ def _report(campaign: Campaign, results: CampaignResults, console: Console) -> N
 
 
 Group = tuple[dict[str, str], dict[str, list[float]]]
-"""A combination of settings, and by measure what its runs gave."""
+"""A combination of settings, and the values of its runs by measure."""
 
 
 def group(sweep: Sweep, results: CampaignResults) -> list[Group]:
-    """Gathers the rows of every combination of the campaign, of whatever seeds."""
+    """Gathers the rows of every combination of the campaign, of all seeds."""
     groups = []
     for settings in sweep.combinations():
         wanted = results.key(settings, "")[:-1]

@@ -1,4 +1,4 @@
-"""The picture of a campaign: what every setting gave, one row each, one panel per measure.
+"""The picture of a campaign: one panel per measure, one row per setting.
 
 Every run is a dot; the box spans the middle half of the runs, the line in it is their median, and
 the number beside it their mean.
@@ -38,10 +38,8 @@ def draw(
 ) -> Figure:
     """Draws the comparison, in a style of `vsense.report.plot`.
 
-    Args:
-        title: the experiment.
-        settings: every combination of settings.
-        measures: by name, for every combination what its runs gave; one measure at least.
+    `measures` are, by name, the values of the runs for every combination of `settings`; one measure
+    at least.
     """
     labels = [
         label("\n".join(f"{key} = {value}" for key, value in some.items()) or "as in the file")

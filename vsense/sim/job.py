@@ -41,7 +41,7 @@ class Setup:
         return self.fit(load(self.experiment, self.duration_s, self.settings))
 
     def fit(self, experiment: Experiment) -> Experiment:
-        """Takes the robots that are wanted of a loaded experiment; raises as `load`."""
+        """Reduces a loaded experiment to its wanted robots; raises as `load`."""
         if not experiment.timesteps:
             raise UsageError(f"{experiment.file}: has no length: give one with --duration")
         return first_robots(experiment, self.robots)
@@ -52,10 +52,8 @@ class Job:
     """One run.
 
     Attributes:
-        setup: what is run.
-        seed: of everything that is drawn.
         library: the controller's shared object.
-        directory: where trajectories and picture go, None: nobody wants them.
+        directory: where trajectories and picture go; None: they are not kept.
     """
 
     setup: Setup
@@ -90,13 +88,9 @@ class Sweep:
     def of(
         cls, settings: Sequence[tuple[str, str]], runs: int | None, seeds: Sequence[int] | None
     ) -> Sweep:
-        """Reads the command line.
+        """Reads the command line: settings, runs of every combination, and their seeds.
 
-        Args:
-            settings: setting and its values, separated by commas, or by semicolons where one
-                holds a comma.
-            runs: runs of every combination, None: not said.
-            seeds: their seeds, None: not said.
+        The values of a setting are separated by commas, or by semicolons where one holds a comma.
 
         Raises:
             UsageError: a setting or a value is there twice, a value is empty, or there are not
@@ -112,11 +106,6 @@ class Sweep:
         if runs is None and seeds is None and all(len(some) == 1 for some in values.values()):
             return cls(values, None)
         return cls(values, tuple(seeds) if seeds is not None else tuple(range(1, (runs or 1) + 1)))
-
-    @property
-    def keys(self) -> tuple[str, ...]:
-        """The settings' names."""
-        return tuple(self.values)
 
     @property
     def first(self) -> dict[str, str]:

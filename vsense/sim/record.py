@@ -13,10 +13,11 @@ from vsense.arena import POSE, ArenaState, wrap_angle
 from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
 from vsense.lab import metrics
-from vsense.lab.metrics import TIMESTEP
 from vsense.link.robots.status import RING_LEDS
 from vsense.pictures.run_figure import RunFigure
 from vsense.pictures.run_samples import RunSamples
+
+Floats = NDArray[np.float64]
 
 POSITION_STD_M = 26e-6
 """Standard deviation of a tracked position along each axis: 0.037 mm in all, as in the lab.
@@ -26,7 +27,7 @@ HEADING_STD_RAD = 1.1e-3
 """That of a tracked heading: 0.062 degrees. Source: `tracking.heading_rmse_deg` there."""
 
 _STREAM = 1
-"""Tells these random numbers from the others that follow from a run's seed."""
+"""Separates these random numbers from the others that follow from a run's seed."""
 
 _BLOCK = 256
 """Errors of so many timesteps are drawn at once: one call costs as much as ten of them."""
@@ -46,18 +47,17 @@ class SimulatedTracker:
         self._states["confidence"] = 1.0
         self._states["cameras"] = 1
         self._states["seen"] = True
-        self._last: tuple[NDArray[np.float64], int] | None = None
+        self._last: tuple[Floats, int] | None = None
 
-    def update(self, poses: NDArray[np.float64], timestep: int, capture_ns: int) -> ArenaState:
-        """Sees everybody.
-
-        Args:
-            poses: (n, 3) true x_m, y_m, yaw_rad in (-pi, pi].
-            timestep: of the arena state.
-            capture_ns: when this is, later than the call before.
-        """
+    def update(self, poses: Floats, timestep: int, capture_ns: int) -> ArenaState:
+        """Sees all true poses (n, 3) x_m, y_m, yaw_rad in (-pi, pi] at a later time than before."""
+        if self._used == len(self._errors):
+            self._errors = self._random.standard_normal((_BLOCK, len(self._states), 3))
+            self._errors *= (POSITION_STD_M, POSITION_STD_M, HEADING_STD_RAD)
+            self._used = 0
         robots = self._states.copy()
-        seen = poses[self._order] + self._error()
+        seen = poses[self._order] + self._errors[self._used]
+        self._used += 1
         x_m, y_m, yaw_rad = seen.T
         robots["x_m"], robots["y_m"], robots["yaw_rad"] = x_m, y_m, yaw_rad
         if np.abs(yaw_rad).max(initial=0.0) > np.pi:
@@ -70,70 +70,43 @@ class SimulatedTracker:
         self._last = seen, capture_ns
         return ArenaState(timestep, capture_ns, robots, len(robots))
 
-    def _error(self) -> NDArray[np.float64]:
-        """This timestep's errors (n, 3)."""
-        if self._used == len(self._errors):
-            self._errors = self._random.standard_normal((_BLOCK, len(self._states), 3))
-            self._errors *= (POSITION_STD_M, POSITION_STD_M, HEADING_STD_RAD)
-            self._used = 0
-        self._used += 1
-        error: NDArray[np.float64] = self._errors[self._used - 1]
-        return error
-
 
 TRAJECTORY = "trajectory.npz"
-
-Floats = NDArray[np.float64]
 
 
 class Record:
     """A run, timestep by timestep, at the times of capture.
 
     Attributes:
-        tags: the robots' tags.
-        object_tags: those of the tagged objects.
-        timesteps: (n,) TIMESTEP, of which only the numbers count.
+        timesteps: (n,) from 0.
         poses: (n, bodies, 3) true x_m, y_m, yaw_rad: robots, then objects.
         leds: (n, robots) uint16, bits 0-7 ring, 8 body, 9 front.
         share: (n,) how much was left of the first pollutant source, 1 where there is none.
-        source: that source, or None.
-        turn: the run's timestep at which its wind turns, or None.
     """
 
     def __init__(self, experiment: Experiment) -> None:
         timesteps = experiment.timesteps
         self.tags = tuple(robot.tag for robot in experiment.robots)
         self.object_tags = tuple(thing.tag for thing in experiment.objects)
-        self.timesteps = np.zeros(timesteps, dtype=TIMESTEP)
-        self.timesteps["timestep"] = self.timesteps["run_timestep"] = np.arange(timesteps)
+        self.timesteps = np.arange(timesteps)
         self.poses = np.zeros((timesteps, len(self.tags) + len(self.object_tags), 3))
         self.leds = np.zeros((timesteps, len(self.tags)), dtype=np.uint16)
         self.share = np.ones(timesteps)
-        self.source = experiment.source
-        self.turn = experiment.turn_timestep
         self._experiment = experiment
 
     def note(self, timestep: int, poses: Floats, leds: NDArray[np.uint16], share: float) -> None:
-        """Notes a timestep of the run.
-
-        Args:
-            timestep: from 0.
-            poses: (bodies, 3) true ones at its capture.
-            leds: (robots,) what was lit then.
-            share: how much was left of the first pollutant source.
-        """
+        """Sets the row of a timestep, from 0; see the class."""
         self.poses[timestep], self.leds[timestep], self.share[timestep] = poses, leds, share
 
     @cached_property
     def truth(self) -> metrics.SwarmTruth:
-        """The run as the lab's figures want it."""
-        robots, numbers = len(self.tags), self.timesteps["run_timestep"]
-        depth_m = metrics.depths_in_cone(self._experiment, self.poses, numbers, self.share)
+        robots, experiment = len(self.tags), self._experiment
+        depth_m = metrics.depths_in_cone(experiment, self.poses, self.timesteps, self.share)
         return metrics.SwarmTruth(self.poses[:, :robots], depth_m, (self.leds & RING_LEDS) != 0)
 
     def swarm(self) -> dict[str, int | None]:
-        """Robots in the cone, and lit there, before and after the wind's turn; as the lab's."""
-        return metrics.swarm(self)
+        """See `metrics.swarm`."""
+        return metrics.swarm(self.truth, self.timesteps, self._experiment.turn_timestep)
 
     def save(self, path: Path) -> None:
         """Writes the trajectories: an .npz file that NumPy reads.
@@ -148,7 +121,7 @@ class Record:
         try:
             np.savez(
                 path,
-                time_s=self.timesteps["run_timestep"] * self._experiment.timestep_s,
+                time_s=self.timesteps * self._experiment.timestep_s,
                 tags=np.array(self.tags, dtype=np.uint32),
                 object_tags=np.array(self.object_tags, dtype=np.uint32),
                 poses=self.poses[:, :robots],
@@ -159,9 +132,5 @@ class Record:
             raise VsenseError(f"{path}: cannot be written: {error.strerror}") from None
 
     def figure(self, samples: RunSamples) -> RunFigure:
-        """The run as its picture wants it."""
-        truth, numbers = self.truth, self.timesteps["run_timestep"]
-        inside = None if truth.depth_m is None else truth.depth_m >= 0
-        return RunFigure(
-            self._experiment, numbers, truth.poses, truth.lit, inside, self.turn, samples
-        )
+        """The run as `run_figure` draws it."""
+        return self.truth.figure(self._experiment, self.timesteps, samples)

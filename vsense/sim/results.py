@@ -1,4 +1,4 @@
-"""The file of a campaign: one row per run, never a row lost, never two campaigns in one file."""
+"""The file of a campaign: one row per run; it never mixes two campaigns."""
 
 from __future__ import annotations
 
@@ -10,16 +10,11 @@ from pathlib import Path
 
 from vsense.errors import UsageError, VsenseError
 
-CAMPAIGN, EXPERIMENT, SEED, ROBOTS, DURATION = (
-    "campaign",
-    "experiment",
-    "seed",
-    "robots",
-    "duration_s",
-)
+CAMPAIGN, EXPERIMENT, SEED = "campaign", "experiment", "seed"
+ROBOTS, DURATION = "robots", "duration_s"
 
 Key = tuple[str, ...]
-"""What tells runs of a campaign apart: the settings' values, in the file's order, and the seed."""
+"""Identifies a run of a campaign: the settings' values, in the file's order, and the seed."""
 
 
 class CampaignResults:
@@ -31,11 +26,11 @@ class CampaignResults:
 
     Attributes:
         rows: all rows, by column.
-        repaired: whether the file ended in half a row, which is gone.
+        repaired: whether the file ended in half a row, which was cut off.
     """
 
     def __init__(self, path: Path, campaign: str, settings: Sequence[str]) -> None:
-        """Reads what the file holds, if it is there; `campaign` is the fingerprint of what is run.
+        """Reads the file if there is one; `campaign` is the fingerprint of what is run.
 
         Raises:
             UsageError: the file holds something else.
@@ -53,11 +48,10 @@ class CampaignResults:
             self._take(text)
 
     def keys(self) -> set[Key]:
-        """Which runs are there."""
+        """The runs that the file holds."""
         return {self.key(row, row[SEED]) for row in self.rows}
 
     def key(self, settings: Mapping[str, str], seed: object) -> Key:
-        """Tells one run from the others."""
         return (*(settings[name] for name in self._settings), str(seed))
 
     @property
@@ -66,11 +60,7 @@ class CampaignResults:
         return (self._columns or self._fixed)[len(self._fixed) :]
 
     def append(self, fixed: Mapping[str, object], measures: Mapping[str, float | None]) -> None:
-        """Adds a row; it is on the disk when this returns.
-
-        Args:
-            fixed: values of all columns before the measures but `campaign`.
-            measures: by name; None: there is none in this run.
+        """Adds a row; `fixed` are the values of all columns before the measures but `campaign`.
 
         Raises:
             VsenseError: the measures are not those of the file, or it cannot be written.
@@ -83,11 +73,8 @@ class CampaignResults:
                 f" {', '.join(measures) or 'none'}; the rows before have"
                 f" {', '.join(self.measures) or 'none'}"
             )
-        numbers = {
-            name: "" if value is None else f"{value:.12g}" for name, value in measures.items()
-        }
-        words = {name: str(fixed[name]) for name in self._fixed[1:]}
-        row = {CAMPAIGN: self._campaign, **words, **numbers}
+        row = {CAMPAIGN: self._campaign} | {name: str(fixed[name]) for name in self._fixed[1:]}
+        row |= {name: "" if value is None else f"{value:.12g}" for name, value in measures.items()}
         text = io.StringIO()
         table = csv.DictWriter(text, self._columns, lineterminator="\n")
         if begins:
@@ -97,7 +84,7 @@ class CampaignResults:
         self.rows.append(row)
 
     def _read(self) -> str:
-        """The whole rows of the file; half a row at its end is cut off."""
+        """Reads the whole rows of the file; cuts off half a row at its end."""
         try:
             data = self.path.read_bytes()
             whole = data[: data.rfind(b"\n") + 1]

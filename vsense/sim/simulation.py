@@ -1,9 +1,9 @@
 """One simulated run: physics, virtual world and controller runtimes on one virtual clock.
 
 A timestep goes as in the lab (medians of `vsense lab pollutant`, 120 s): the cameras expose, 10 ms
-later their pictures are there, at 24 ms the robots have their own sensors' readings composed, at
-30 ms their controllers run, and at 31 ms the wheels obey. Where timesteps are shorter than that
-they overlap, as they do there. Nothing reads a clock: a seed gives the same bits every time.
+later their pictures are there, at 24 ms the robots have composed their own sensors' readings, at
+30 ms their controllers run, and at 31 ms the wheels obey. Shorter timesteps overlap, as in the lab.
+Nothing reads a clock: a seed gives the same bits every time.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ WARM_UP = 3
 """Timesteps before the run: after so many fresh states wheels may turn (robot/safety.h)."""
 
 SENSE_NS = 20_000_000
-"""From the capture to the last look of the proximity sensors before a control step: their frame is
-composed after 24 ms, and they look every 10 ms."""
+"""From the capture to the last reading of the proximity sensors before a control step: their frame
+is composed after 24 ms, and they measure every 10 ms."""
 
 
 class _Event(NamedTuple):
-    """Something that is due; events of the same time come in the order of their numbers."""
+    """Something that is due; events of one time happen in the order of their numbers."""
 
     time_ns: int
     number: int
@@ -50,8 +50,8 @@ class Simulation:
 
     Attributes:
         environment: the virtual world.
-        record: what happened.
-        samples: takes down what the picture of the run needs; None: nobody wants one.
+        record: the run's timesteps.
+        samples: collects what the picture of the run needs; None: there is no picture.
     """
 
     def __init__(
@@ -65,9 +65,8 @@ class Simulation:
         """Puts everything in its place.
 
         Args:
-            experiment: what to run; it has a length.
+            experiment: it has a length.
             library: its controller, as `vsense.robot.build.shared` gives it.
-            seed: of everything that is drawn.
             blind: hold the virtual sensors at 0.
             progress: see `Robots`.
 
@@ -78,7 +77,7 @@ class Simulation:
         self.environment = Environment(experiment, seed, blind)
         self.record = Record(experiment)
         self.samples: RunSamples | None = None
-        self._dt_ns = experiment.timestep_ns
+        self._dt_ns, self._source = experiment.timestep_ns, experiment.source
         self._physics = floor_of(experiment, EPOCH_NS)
         self._rings = ProximityRing(self._physics.near, seed)
         self._tracker = SimulatedTracker((*self.record.tags, *self.record.object_tags), seed)
@@ -96,10 +95,7 @@ class Simulation:
         self._timestep = self._numbers = 0
 
     def run(self) -> dict[str, float]:
-        """Runs all timesteps.
-
-        Returns:
-            The experiment's own results by name.
+        """Runs all timesteps; returns the experiment's own results by name.
 
         Raises:
             VsenseError: something in the virtual world has failed.
@@ -112,20 +108,17 @@ class Simulation:
         return self.environment.end()
 
     def step(self, run_timestep: int) -> None:
-        """Runs one timestep, up to the moment before the next capture.
-
-        Args:
-            run_timestep: timestep of the run, negative before it; one more at every call.
-        """
+        """Runs one timestep, negative before the run, up to the moment before the next capture."""
         capture_ns = self._capture_ns()
         self._advance(capture_ns)
-        poses = self._physics.poses
+        poses, world = self._physics.poses, self.environment.world
         state = self._tracker.update(poses, self._timestep, capture_ns)
         readings = self.environment.step(state, run_timestep, self._reports)
         if run_timestep >= 0:
-            self.record.note(run_timestep, poses, self._leds, self._share())
+            left = 1.0 if self._source is None else world.stock.share(self._source)
+            self.record.note(run_timestep, poses, self._leds, left)
             if self.samples is not None:
-                self.samples.add(run_timestep, self.environment.world)
+                self.samples.add(run_timestep, world)
         self._plan(capture_ns + SENSE_NS, self._control(capture_ns, self._timestep, readings))
         self._timestep += 1
 
@@ -133,19 +126,14 @@ class Simulation:
         """What the controllers asked for in vain, or do not know."""
         return self._robots.complaints()
 
-    def _share(self) -> float:
-        """How much is left of the first pollutant source."""
-        source = self.record.source
-        return 1.0 if source is None else self.environment.world.stock.share(source)
-
     def _capture_ns(self) -> int:
-        """When the timestep that comes next is captured."""
+        """Capture time of the next timestep."""
         return EPOCH_NS + self._timestep * self._dt_ns
 
     def _control(
         self, capture_ns: int, timestep: int, readings: dict[int, Values]
     ) -> Callable[[], None]:
-        """Makes the event in which the robots sense and think."""
+        """Makes the event in which the robots sense and their controllers run."""
 
         def happen() -> None:
             prox_raw = self._rings.read(self._physics.bodies)
@@ -158,7 +146,7 @@ class Simulation:
         return happen
 
     def _obey(self, time_ns: int, reports: dict[int, bytes]) -> Callable[[], None]:
-        """Makes the event in which wheels and LEDs do what the controllers said."""
+        """Makes the event in which wheels and LEDs follow the controllers."""
         wheels, leds = self._robots.wheels_steps_s.copy(), self._robots.leds.copy()
 
         def happen() -> None:
@@ -172,7 +160,7 @@ class Simulation:
         self._numbers += 1
 
     def _advance(self, time_ns: int) -> None:
-        """Moves everything on to a time; what is due then has happened."""
+        """Moves everything on to a time, with all events that are due then."""
         while self._events and self._events[0].time_ns <= time_ns:
             event = heapq.heappop(self._events)
             self._physics.advance(event.time_ns)

@@ -1,4 +1,4 @@
-"""The side that watches simulations: it names who crashed, and who never came back."""
+"""Starts and watches the processes that simulate; names the controller that crashed or hangs."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ import json
 import os
 import selectors
 import struct
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -18,26 +16,26 @@ from typing import Any
 
 from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
-from vsense.lab.processes import describe_exit
+from vsense.lab.processes import describe_exit, start_module
 from vsense.lab.shared import SharedBlock
 from vsense.robot.inprocess import PROGRESS_BYTES, SimError
 from vsense.sim.job import Job
 from vsense.sim.simulation import WARM_UP
 
 POLL_S = 0.1
-"""So often the watch looks at what goes on. It counts its looks, not time: a machine that slept, or
-a process that was stopped, is no loop without an end."""
+"""Period of the checks. Checks are counted, not time: a machine that slept, or a process that was
+stopped, is no endless loop."""
 
 LIMIT_S = 10.0
-"""A controller that has not returned for so long never will."""
+"""A controller that has not returned for so long hangs."""
 
 
 class Interrupted(Exception):
-    """Nobody wants the runs any more."""
+    """The user has ended the runs."""
 
 
 class SimulatedRunError(VsenseError):
-    """What a run's own process could not do, in its words."""
+    """An error in a run's own process, with its message."""
 
     def __init__(self, text: str, exit_code: int) -> None:
         super().__init__(text)
@@ -46,64 +44,48 @@ class SimulatedRunError(VsenseError):
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """A job, and what is needed to say who did what in it.
-
-    Attributes:
-        job: the run.
-        experiment: what it runs.
-        label: which run of many it is; "" where there is only one.
-    """
+    """A job with what errors name; `label`: which run of many, "" where there is only one."""
 
     job: Job
     experiment: Experiment
     label: str = ""
 
     def named(self, words: str) -> str:
-        """Says which run some words are about."""
+        """Puts the label before some words."""
         return f"{self.label}: {words}" if self.label else words
 
 
 class WorkerProcess:
-    """A worker process, and what it is at.
-
-    Attributes:
-        task: what it does now, or None.
-        answers: where its answers come.
-    """
+    """A worker process, its present task, and the pipe of its answers."""
 
     def __init__(self) -> None:
-        """Starts the process. It is in a session of its own: Ctrl-C is for this side to handle."""
         self.task: Task | None = None
         self._looks = 0
         self._last: tuple[int, int] | None = None
         self._block = SharedBlock.anonymous("vsense-sim", PROGRESS_BYTES)
         descriptor = os.open(self._block.name, os.O_RDWR)
         try:
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", "vsense.sim.worker", str(descriptor)],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
+            self._process, self._jobs, self.answers = start_module(
+                "vsense.sim.worker",
+                str(descriptor),
                 pass_fds=[descriptor],
                 # A run keeps one processor busy; threads of libraries only get in each other's way.
                 env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
-                start_new_session=True,
             )
         finally:
             os.close(descriptor)
-        assert self._process.stdin is not None and self._process.stdout is not None
-        self._jobs, self.answers = self._process.stdin, self._process.stdout
 
     def start(self, task: Task) -> None:
-        """Has it do a run; it has nothing else to do."""
+        """Starts a run; there is no other."""
         self.task, self._looks, self._last = task, 0, None
         self._block.bytes[:] = 0
-        # A process that is gone is found where its answer is missing.
+        # `receive` reports a process that has ended.
         with suppress(BrokenPipeError):
             self._jobs.write(task.job.to_line())
             self._jobs.flush()
 
     def receive(self) -> dict[str, Any]:
-        """Takes the answer, which is there: what `vsense.sim.worker.simulate` gave.
+        """Takes the answer, which has come: that of `vsense.sim.worker.simulate`.
 
         Raises:
             VsenseError: what went wrong, and where.
@@ -122,11 +104,7 @@ class WorkerProcess:
         return result
 
     def check(self, limit_s: float) -> None:
-        """Sees whether its run goes on, if it has one; to be called every `POLL_S`.
-
-        Raises:
-            SimError: a controller has not returned for `limit_s`.
-        """
+        """Raises SimError for a controller that hangs for `limit_s`; is called every `POLL_S`."""
         if self.task is None:
             return
         now = self._progress()
@@ -137,11 +115,11 @@ class WorkerProcess:
 
     @property
     def timesteps(self) -> int:
-        """How many timesteps of its run are over."""
+        """Timesteps of its run that are over."""
         return max(self._progress()[0] - WARM_UP, 0)
 
     def close(self) -> None:
-        """Ends the process, whatever it is at."""
+        """Ends the process and its run."""
         with suppress(BrokenPipeError):
             self._jobs.close()
         self._process.wait()
@@ -154,7 +132,7 @@ class WorkerProcess:
         return timestep, robot
 
     def _who(self, task: Task) -> str:
-        """Names what is going on: the controller that is running, and when."""
+        """Names the controller that is running, and the timestep."""
         experiment = task.experiment
         timestep, robot = self._progress()
         if timestep < WARM_UP:
@@ -178,21 +156,15 @@ def simulate_all(
     show: Callable[[Sequence[WorkerProcess]], None],
     limit_s: float = LIMIT_S,
 ) -> Iterator[tuple[Task, dict[str, Any]]]:
-    """Does many runs, several at once.
+    """Does runs in several processes; yields each task with its result as soon as it is done.
 
     Args:
-        tasks: the runs; the next one is taken when a process has nothing to do.
-        processes: how many at once.
-        interrupted: set by whoever wants the runs to end.
         show: called every `POLL_S` with the processes.
         limit_s: a controller must return within this time.
 
-    Yields:
-        Each task with its result, in the order in which they are done.
-
     Raises:
         Interrupted: `interrupted` was set.
-        VsenseError: a run has failed; the others are given up.
+        VsenseError: a run has failed; the others are ended.
     """
     waiting = iter(tasks)
     with ExitStack() as stack, selectors.DefaultSelector() as selector:
@@ -211,7 +183,6 @@ def simulate_all(
 
 
 def _start(task: Task, stack: ExitStack, selector: selectors.BaseSelector) -> WorkerProcess:
-    """Starts a process with its first run."""
     worker = WorkerProcess()
     stack.callback(worker.close)
     selector.register(worker.answers, selectors.EVENT_READ, worker)

@@ -1,18 +1,18 @@
 """The process that simulates: one after the other, every run in a fork of its own.
 
-A controller is anybody's C code, and a campaign is many runs: a fork costs milliseconds, keeps
-what one run breaks away from the next, and gives every run the same fresh memory. What a run
-needs is imported before.
+A controller is a user's C code, and a campaign is many runs. A fork costs milliseconds, separates
+the runs from each other, and gives every run the same fresh memory. What a run needs is imported
+before.
 
 `python -m vsense.sim.worker DESCRIPTOR` shares the memory of `Robots`' progress through the
 descriptor. It reads jobs from standard input, one line each (`vsense.sim.job`), and answers on
 standard output with one line of JSON each:
 
-    {"result": {...}}               what the run gave
+    {"result": {...}}                 see `simulate`
     {"error": "...", "exit_code": 1}  what a user can mend
-    {"status": 139}                 how the fork ended otherwise, as `os.waitpid` says it
+    {"status": 139}                   how the fork ended otherwise, as of `os.waitpid`
 
-The next job comes after the answer. When standard input ends, all ends.
+The next job comes after the answer. The process ends with its standard input.
 """
 
 from __future__ import annotations
@@ -41,11 +41,7 @@ from vsense.sim.simulation import Simulation
 
 
 def simulate(job: Job, progress: Any) -> dict[str, Any]:
-    """Does one run.
-
-    Args:
-        job: the run.
-        progress: see `Robots`.
+    """Does one run; `progress`: see `Robots`.
 
     Returns:
         The experiment's `name`, number of `robots` and `timesteps`, `timestep_s`, `wall_s` that
@@ -77,19 +73,18 @@ def simulate(job: Job, progress: Any) -> dict[str, Any]:
 
 
 def _save(run: Simulation, experiment: Experiment, job: Job, directory: Path) -> None:
-    """Writes `TRAJECTORY` and the picture of a run that has an samples."""
+    """Writes `TRAJECTORY` and the picture of a run that has samples."""
     assert run.samples is not None
     run.record.save(directory / TRAJECTORY)
-    told = run.record.figure(run.samples)
+    figure = run.record.figure(run.samples)
     subtitle = f"{len(run.record.tags)} simulated robots, seed {job.seed}"
-    run_figure.save(told, directory / f"{experiment.name}.png", job.setup.blind, subtitle)
+    run_figure.save(figure, directory / f"{experiment.name}.png", job.setup.blind, subtitle)
 
 
 class Worker:
-    """Takes jobs and has them done."""
+    """Does jobs; `progress` is shared memory, `answers` the descriptor to answer on."""
 
     def __init__(self, progress: Any, answers: int) -> None:
-        """`progress` is shared memory, `answers` the descriptor to answer on."""
         self._progress = progress
         self._answers = answers
 
@@ -102,33 +97,33 @@ class Worker:
             os.write(self._answers, json.dumps(answer).encode() + b"\n")
 
     def _do(self, line: bytes) -> dict[str, Any] | None:
-        """Does a job in a fork; None where nobody wants it any more."""
-        told, tell = os.pipe()
-        # The fork dies with this process, even in a loop that never ends: see `_die_with_parent`.
+        """Does a job in a fork; None where the parent has ended it."""
+        source, target = os.pipe()
+        # The fork dies with this process, even in an endless loop: see `_die_with_parent`.
         alive, life = os.pipe()
         pid = os.fork()
         if pid == 0:
             os.close(life)
-            os.close(told)
+            os.close(source)
             _die_with_parent(alive)
-            self._answer(line, tell)
-        os.close(tell)
+            self._answer(line, target)
+        os.close(target)
         os.close(alive)
         try:
-            said = _listen(told, pid)
+            answer = _listen(source, pid)
         finally:
             _, status = os.waitpid(pid, 0)
-            os.close(told)
+            os.close(source)
             os.close(life)
-        if said is None:
+        if answer is None:
             return None
-        return json.loads(said) if status == 0 and said else {"status": status}
+        return json.loads(answer) if status == 0 and answer else {"status": status}
 
-    def _answer(self, line: bytes, tell: int) -> None:
-        """The fork: does the job, says what came of it, and ends."""
+    def _answer(self, line: bytes, target: int) -> None:
+        """In the fork: does the job, writes its answer, and ends the process."""
         code = 1
         try:
-            # What a controller prints is talk, and nothing is there for it to read.
+            # What a controller prints goes to standard error; it has nothing to read.
             os.dup2(2, 1)
             os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
             os.close(self._answers)
@@ -136,7 +131,9 @@ class Worker:
                 answer: dict[str, Any] = {"result": simulate(Job.from_line(line), self._progress)}
             except VsenseError as error:
                 answer = {"error": str(error), "exit_code": error.exit_code}
-            _write_all(tell, json.dumps(answer).encode())
+            data = json.dumps(answer).encode()
+            while data:
+                data = data[os.write(target, data) :]
             code = 0
         except BaseException:
             traceback.print_exc()
@@ -154,23 +151,18 @@ def _die_with_parent(alive: int) -> None:
         os._exit(1)
 
 
-def _listen(told: int, pid: int) -> bytes | None:
-    """Waits for all that a fork says; None, and the fork is ended, where nobody wants it."""
-    said = bytearray()
+def _listen(source: int, pid: int) -> bytes | None:
+    """Waits for a fork's answer; kills the fork and gives None when standard input ends."""
+    answer = bytearray()
     while True:
-        ready = select.select([told, 0], [], [])[0]
+        ready = select.select([source, 0], [], [])[0]
         if 0 in ready:
             os.kill(pid, signal.SIGKILL)
             return None
-        part = os.read(told, 65536)
+        part = os.read(source, 65536)
         if not part:
-            return bytes(said)
-        said += part
-
-
-def _write_all(descriptor: int, data: bytes) -> None:
-    while data:
-        data = data[os.write(descriptor, data) :]
+            return bytes(answer)
+        answer += part
 
 
 def main() -> int:

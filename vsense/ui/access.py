@@ -18,14 +18,14 @@ from urllib.parse import urlsplit
 from vsense.errors import ConfigError, VsenseError
 
 TOKEN_BYTES = 16
-"""128 bits: nobody finds one by trying."""
+"""128 bits cannot be guessed."""
 MIN_LENGTH = 8
-"""Of a token that a person thought up."""
+"""Of a token that a person made up."""
 _NAMES = ("look", "control")
 
 
 class Rights(Enum):
-    """What somebody who opened the page may do."""
+    """What a viewer of the page may do."""
 
     NONE = "none"
     LOOK = "look"
@@ -34,12 +34,9 @@ class Rights(Enum):
 
 @dataclass(frozen=True, slots=True)
 class WebAddress:
-    """Where the page is served.
+    """Where the page is served: the interface's address, and the port; 0 takes any free one.
 
-    Attributes:
-        host: address of the interface.
-        port: 0 takes any free one.
-        tokens: file with the two tokens, see `read_tokens`; None: they are drawn.
+    `tokens` is a file with the two tokens, see `read_tokens`; None: they are drawn.
     """
 
     host: str
@@ -49,18 +46,13 @@ class WebAddress:
 
 @dataclass(frozen=True, slots=True)
 class Tokens:
-    """What a viewer has to show.
-
-    Attributes:
-        look: lets look.
-        control: lets look and press.
-    """
+    """What a viewer has to show: `look` to look, `control` to look and to give orders."""
 
     look: str = field(repr=False)
     control: str = field(repr=False)
 
     def rights(self, token: str) -> Rights:
-        """What a token gives; takes equally long for every wrong one."""
+        """The rights of a token; takes equally long for every wrong one."""
         shown = token.encode(errors="replace")
         control = hmac.compare_digest(shown, self.control.encode())
         look = hmac.compare_digest(shown, self.look.encode())
@@ -70,7 +62,7 @@ class Tokens:
 
 
 def make_tokens() -> Tokens:
-    """Draws two tokens that nobody guesses."""
+    """Draws two tokens."""
     return Tokens(secrets.token_urlsafe(TOKEN_BYTES), secrets.token_urlsafe(TOKEN_BYTES))
 
 
@@ -131,33 +123,22 @@ def is_loopback(host: str) -> bool:
 
 
 class AccessControl:
-    """Decides about requests; holds no state of its own.
+    """Decides about requests to a server that listens on `host`, as it was configured.
 
-    Args:
-        host: what the server listens on, as it was configured.
-        port: the port.
-        tokens: what viewers must show; None lets everybody in who passes the other checks.
+    Viewers must show one of `tokens`; None admits all that pass the other checks.
     """
 
     def __init__(self, host: str, port: int, tokens: Tokens | None) -> None:
         self._host = host.lower()
-        self._tokens = tokens
+        self.tokens = tokens
         self._local = is_loopback(host)
-        # Cookies know no ports: two servers on one machine must not share one.
+        # Cookies do not depend on ports: two servers on one machine must not share one.
         self.cookie = f"vsense_{port}"
 
-    @property
-    def needs_token(self) -> bool:
-        """Whether viewers must show a token."""
-        return self._tokens is not None
-
     def check_host(self, headers: Mapping[str, str]) -> None:
-        """Refuses names that are not this server's: a foreign name that leads here is an attack.
+        """Raises Forbidden for a Host that is not this server: a foreign name is an attack.
 
-        Addresses cannot be rebound as names can, so any is good where other machines may come.
-
-        Raises:
-            Forbidden: the Host header names something else.
+        Addresses cannot be rebound as names can, so any is accepted where other machines may come.
         """
         name = _name(headers.get("Host", ""))
         known = name == self._host or is_loopback(name)
@@ -169,11 +150,7 @@ class AccessControl:
             )
 
     def check_origin(self, headers: Mapping[str, str], needed: bool) -> None:
-        """Refuses what a page from elsewhere sends; where `needed`, a request without Origin, too.
-
-        Raises:
-            Forbidden: the request comes from another page.
-        """
+        """Raises Forbidden for other pages; where `needed`, for a request without Origin, too."""
         origin = headers.get("Origin")
         if origin is None and not needed:
             return
@@ -188,10 +165,10 @@ class AccessControl:
             raise Forbidden(f"the page '{origin:.80}' may not talk to this server")
 
     def rights(self, token: str | None, cookies: Mapping[str, str]) -> Rights:
-        """What a request may do, by the token in its address or else by that in its cookies."""
-        if self._tokens is None:
+        """The rights of a request, by the token in its address or else by that in its cookies."""
+        if self.tokens is None:
             return Rights.CONTROL
-        return self._tokens.rights(cookies.get(self.cookie, "") if token is None else token)
+        return self.tokens.rights(cookies.get(self.cookie, "") if token is None else token)
 
 
 def _name(host: str) -> str:
@@ -210,6 +187,6 @@ def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
 
 
 def _own_names() -> set[str]:
-    """What this machine calls itself; nobody is asked for it."""
+    """This machine's names, without a lookup."""
     own = socket.gethostname().lower()
     return {own, own.partition(".")[0], f"{own.partition('.')[0]}.local"}

@@ -1,4 +1,4 @@
-"""The control socket: where a terminal finds the experiments that run on this machine.
+"""The control socket: how a terminal finds the experiments that run on this machine.
 
 Each process has one, in a folder that only this user can enter. One line of JSON asks, one line
 answers: {"ask": "status"}, or {"order": "pause", "value": 0, "by": "terminal"}.
@@ -17,11 +17,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from vsense.errors import VsenseError
+from vsense.errors import VsenseError, failing_as
 from vsense.run.orders import Give, Order, OrderKind
 
 TIMEOUT_S = 5.0
-"""A terminal that says nothing for so long is hung up on."""
+"""A terminal that says nothing for this long is disconnected."""
 
 MOST_BYTES = 4096
 
@@ -31,32 +31,24 @@ class ControlSocketError(VsenseError):
 
 
 def folder() -> Path:
-    """The folder of all sockets of this user; it is made where it is missing.
+    """The folder of all sockets of this user; made where it is missing.
 
-    Raises:
-        ControlSocketError: it cannot be made, or belongs to somebody else.
+    ControlSocketError if it cannot be made, or belongs to another user.
     """
     base = os.environ.get("XDG_RUNTIME_DIR")
     place = Path(base) / "vsense" if base else Path(tempfile.gettempdir()) / f"vsense-{os.getuid()}"
-    try:
+    with failing_as(ControlSocketError, str(place)):
         place.mkdir(mode=0o700, parents=True, exist_ok=True)
         found = place.lstat()
-    except OSError as error:
-        raise ControlSocketError(f"{place}: {error.strerror}") from None
     if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o077:
         raise ControlSocketError(f"{place}: others may enter it: remove it, and start again")
     return place
 
 
 class ControlSocket:
-    """Answers terminals, on threads of its own, until `close`, which leaves no socket behind.
+    """Answers terminals, on threads of its own, until `close`, which removes the socket.
 
-    Args:
-        status: what a terminal is told; any thread.
-        give: carries orders out.
-
-    Raises:
-        ControlSocketError: the socket cannot be made.
+    `status` and `give` are called by any thread. ControlSocketError if there can be no socket.
     """
 
     def __init__(self, status: Callable[[], dict[str, Any]], give: Give) -> None:
@@ -69,7 +61,7 @@ class ControlSocket:
             timeout = TIMEOUT_S
 
             def handle(self) -> None:
-                # Whoever hangs up in the middle wants no answer.
+                # A terminal that hangs up in the middle wants no answer.
                 with suppress(OSError):
                     line = self.rfile.readline(MOST_BYTES)
                     self.wfile.write(json.dumps(control.answer(line)).encode() + b"\n")
@@ -87,14 +79,14 @@ class ControlSocket:
         self._thread.start()
 
     def close(self) -> None:
-        """Takes the socket away."""
+        """Removes the socket."""
         self._server.shutdown()
         self._server.server_close()
         with suppress(FileNotFoundError):
             self.path.unlink()
 
     def answer(self, line: bytes) -> dict[str, Any]:
-        """Answers one line: what was asked for, or {"error": why not}."""
+        """Answers one line; {"error": reason} where it cannot."""
         try:
             asked = json.loads(line)
             if asked.get("ask") == "status":

@@ -30,7 +30,7 @@ HELP = "keys: s start, p pause, x stop, r reset, Esc or e EMERGENCY STOP; Ctrl-C
 
 
 def usable() -> bool:
-    """Whether somebody sits at a keyboard that is ours to listen to."""
+    """Whether there is a keyboard, and this process is in its foreground."""
     try:
         return sys.stdin.isatty() and os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
     except (OSError, ValueError):
@@ -38,7 +38,7 @@ def usable() -> bool:
 
 
 class Keyboard:
-    """Takes the terminal over; listens on a thread of its own, and a line needs no Enter."""
+    """Reads keys of the terminal on a thread of its own, without Enter."""
 
     def __init__(self, give: Give, tell: Callable[[str], None]) -> None:
         self._give = give
@@ -51,12 +51,12 @@ class Keyboard:
         self._thread.start()
 
     def close(self) -> None:
-        """Gives the terminal back as it was."""
+        """Restores the terminal."""
         os.write(self._in, b".")
         self._thread.join()
         os.close(self._in)
         os.close(self._out)
-        # A terminal that was closed has nothing to be given back.
+        # A terminal that was closed cannot be restored.
         with suppress(termios.error):
             termios.tcsetattr(self._descriptor, termios.TCSADRAIN, self._before)
 
@@ -74,7 +74,7 @@ class Keyboard:
             self._press(keys)
 
     def _press(self, keys: str) -> None:
-        """Carries out what was pressed; an arrow key is no Esc, though it begins with one."""
+        """Carries out the keys; an arrow key is no Esc, though it begins with one."""
         pressed = _SEQUENCE.sub("", keys).lower()
         for kind in (KEYS[key] for key in pressed if key in KEYS):
             try:

@@ -1,6 +1,6 @@
-"""The data of messages, made from what the run holds: plain numbers and texts, as JSON has them.
+"""The data of messages, made from the run's state; `vsense/ui/MESSAGES.md` describes every topic.
 
-`vsense/ui/MESSAGES.md` describes every topic. Arrays become columns; what is no number is null.
+Arrays become columns; what is no number is null.
 """
 
 from __future__ import annotations
@@ -18,13 +18,12 @@ import numpy as np
 import vsense
 from vsense.cameras.camera import Camera
 from vsense.cameras.grabber import Troubles
-from vsense.config.specs import Experiment
 from vsense.link.robots.table import Direction, Entry
 from vsense.link.robots.wire import Values
 from vsense.pictures.snapshot import as_they_hang
 from vsense.recording.form import Data, ExperimentMessage
 from vsense.run.environment import Environment
-from vsense.sensors.base import layout_dtype
+from vsense.sensors.base import VirtualSensor, layout_dtype
 from vsense.world.entities import BODY_RADIUS_M, Entity
 from vsense.world.fields import Field
 from vsense.world.floor import Floor
@@ -42,7 +41,7 @@ MOST_PIXELS = 1024
 
 
 def world(world: World) -> Data:
-    """Gives /world: everything that stands or lies in the virtual world."""
+    """Gives /world: all virtual things and the floor."""
     floor = world.floor.with_zones(())
     return {"entities": [entity(e) for e in world.entities.values()], "floor": floor_data(floor)}
 
@@ -87,7 +86,7 @@ def signals(world: World) -> Data:
 
 
 def fields(grids: Iterable[Field]) -> Data:
-    """Gives /fields: concentrations as shares of the highest, coarse enough to be looked at."""
+    """Gives /fields: concentrations as shares of the highest, at display resolution."""
     return {"fields": [_field(grid) for grid in grids]}
 
 
@@ -154,7 +153,7 @@ class ExperimentFacts:
         blind: the virtual sensors are held at 0.
         cameras: our own, in no order.
         trackers: name of each camera's tracker, by camera; without one the camera's own.
-        troubles: what the cameras suffer from.
+        troubles: of the cameras.
     """
 
     command: str
@@ -184,7 +183,7 @@ def experiment(facts: ExperimentFacts, environment: Environment) -> Data:
             for robot in spec.robots
         ],
         objects=[{"tag": thing.tag, "name": thing.id} for thing in spec.objects],
-        sensors=_sensors(spec),
+        sensors=[_sensor(mounted.sensor) for mounted in spec.sensors],
         actuators=[
             {"name": e.name, "layout": e.layout, "count": layout_dtype(e.layout)[0]}
             for e in environment.table_entries
@@ -195,22 +194,15 @@ def experiment(facts: ExperimentFacts, environment: Environment) -> Data:
     ).data()
 
 
-def _sensors(spec: Experiment) -> list[Data]:
-    found = []
-    for mounted in spec.sensors:
-        sensor = mounted.sensor
-        ring = getattr(sensor, "ring", None)
-        angles = getattr(ring, "angles_rad", None)
-        found.append(
-            {
-                "name": sensor.name,
-                "layout": sensor.layout,
-                "count": layout_dtype(sensor.layout)[0],
-                "unit": getattr(sensor, "unit", None),
-                "angles_rad": None if angles is None else angles.tolist(),
-            }
-        )
-    return found
+def _sensor(sensor: VirtualSensor) -> Data:
+    angles_rad = getattr(getattr(sensor, "ring", None), "angles_rad", None)
+    return {
+        "name": sensor.name,
+        "layout": sensor.layout,
+        "count": layout_dtype(sensor.layout)[0],
+        "unit": getattr(sensor, "unit", None),
+        "angles_rad": None if angles_rad is None else angles_rad.tolist(),
+    }
 
 
 def cameras(found: Sequence[Camera], trackers: dict[str, str]) -> list[Data]:

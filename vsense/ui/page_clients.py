@@ -1,8 +1,8 @@
 """All open pages: what each says and wants, what waits to be sent to it (`MESSAGES.md`).
 
-Of every topic only the newest message waits, so a slow page skips and never lags; events wait in
-a queue of their own. The publisher's thread only puts messages in; they become text later, once
-for all viewers, in the web server's thread.
+Of every topic only the newest message waits, so a slow page skips and never lags; events have a
+queue of their own. The publisher's thread only puts messages in; the web server's thread makes them
+text, once for all viewers.
 """
 
 from __future__ import annotations
@@ -13,22 +13,23 @@ import json
 import threading
 import time
 from collections import OrderedDict, deque
+from collections.abc import Callable
 from typing import Any
 
 from aiohttp import WSMsgType, web
 
 from vsense.errors import VsenseError
 from vsense.message_bus import Listener, Message, MessageBus
-from vsense.recording.form import without_nan
+from vsense.recording.form import PICTURE, without_nan
 from vsense.run.orders import Give, Order, OrderKind
 from vsense.ui.access import Rights
 
 KEPT = 64
-"""Frames that are kept for other viewers who want the same message."""
+"""Frames that are kept for other viewers of the same message."""
 PICTURES_MAX = 256
 NAME_MAX = 200
 FAR = 2**53
-"""No whole number beyond it is exact in JavaScript."""
+"""Greater whole numbers are not exact in JavaScript."""
 
 
 class Frames:
@@ -63,14 +64,10 @@ def _frame(message: Message) -> str | bytes:
 
 
 def read(text: str) -> tuple[str, Any]:
-    """Understands one sentence of a page.
+    """Reads one sentence of a page; the text of a ValueError is for the page.
 
-    Returns:
-        "order" with (Kind, value), "look" with a tag or None, "refresh" with a bool, "pictures"
-        with a tuple of camera ids, "got" with a number of frames.
-
-    Raises:
-        ValueError: it is none of these; the text says so to the page.
+    Gives "order" with (Kind, value), "look" with a tag or None, "refresh" with a bool, "pictures"
+    with a tuple of camera ids, or "got" with a number of frames.
     """
     try:
         said = json.loads(text)
@@ -94,17 +91,6 @@ def _order(said: dict[str, Any]) -> tuple[OrderKind, float]:
         raise ValueError(f"there is no order {said['order']!r:.40}") from None
 
 
-def _look(said: dict[str, Any]) -> int | None:
-    tag = said["look"]
-    if tag is None:
-        return None
-    return _whole(tag, "tag")
-
-
-def _got(said: dict[str, Any]) -> int:
-    return _whole(said["got"], "number of frames")
-
-
 def _whole(value: Any, what: str) -> int:
     if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < FAR:
         raise ValueError(f"not a {what}: {value!r:.40}")
@@ -126,25 +112,23 @@ def _pictures(said: dict[str, Any]) -> tuple[str, ...]:
     return tuple(cameras)
 
 
-_READERS = {
+_READERS: dict[str, Callable[[dict[str, Any]], Any]] = {
     "order": _order,
-    "look": _look,
+    "look": lambda said: None if said["look"] is None else _whole(said["look"], "tag"),
     "refresh": _refresh,
     "pictures": _pictures,
-    "got": _got,
+    "got": lambda said: _whole(said["got"], "number of frames"),
 }
 
 EVENTS_MAX = 200
 """Events that wait for one page; the oldest go first."""
 UNDERWAY_MAX = 48
-"""Frames on their way to a page that tells what it got: the rest waits here, where newer ones
+"""Frames on their way to a page that reports what it got. The rest waits here, where newer ones
 replace it, and not in the buffers of two operating systems."""
 
 IDLE = frozenset({"/experiment", "/run", "/event", "/robots"})
 """What a hidden page, or one without refresh, still shows."""
 LIVE = IDLE | {"/arena", "/world", "/signals", "/fields", "/cameras"}
-PICTURE = "/picture/"
-READINGS = "/readings/"
 
 
 class WebClient:
@@ -174,7 +158,7 @@ class WebClient:
             self._bus.leave(listener)
 
     def wants(self, topic: str) -> bool:
-        """Whether the page shows what this topic tells."""
+        """Whether the page shows this topic."""
         return topic in self._topics or topic in self._extra
 
     def receive(self, message: Message) -> None:
@@ -197,10 +181,10 @@ class WebClient:
         self._ready.set()
 
     async def next(self) -> Message:
-        """Waits for what is to be sent next: events and answers first, then the longest waiting."""
+        """Waits for the next message to send: events and answers first, then the oldest."""
         while True:
             self._ready.clear()
-            # While too many are underway nobody has to wake this one: `got` will.
+            # While too many are underway nothing is sent: `got` sets the event.
             if self._got is None or self._sent - self._got < UNDERWAY_MAX:
                 message = self._pop()
                 if message is not None:
@@ -217,12 +201,12 @@ class WebClient:
             return None if topic is None else self._news.pop(topic)
 
     def got(self, frames: int) -> None:
-        """The page has dealt with so many frames since it came."""
+        """The page has handled so many frames since it came."""
         self._got = min(max(frames, self._got or 0), self._sent)
         self._ready.set()
 
     def look(self, tag: int | None) -> None:
-        """The page shows what this robot senses; None: no robot's."""
+        """The page shows this robot's readings; None: no robot's."""
         self._look = tag
         self._choose()
 
@@ -232,10 +216,9 @@ class WebClient:
         self._choose()
 
     def refresh(self, on: bool) -> None:
-        """The page is seen and refreshes, or not.
+        """The page is visible and refreshes, or not.
 
-        When it begins again it has missed changes that are told once only: the viewer joins the
-        bus as a newcomer.
+        When it begins again it has missed changes that are published once: it joins the bus anew.
         """
         again = on and self._topics is IDLE
         self._topics = LIVE if on else IDLE
@@ -245,10 +228,10 @@ class WebClient:
             self._listener = self._bus.join(self.receive, self.wants)
 
     def _choose(self) -> None:
-        """Puts together what is wanted beside the fixed topics."""
+        """Sets what is wanted beside the fixed topics."""
         topics = {f"{PICTURE}{camera}" for camera in self._pictures}
         if self._look is not None:
-            topics.add(f"{READINGS}{self._look}")
+            topics.add(f"/readings/{self._look}")
         self._extra = frozenset(topics) if self._topics is LIVE else frozenset()
         with self._lock:
             for topic in [topic for topic in self._news if not self.wants(topic)]:
@@ -256,13 +239,13 @@ class WebClient:
 
 
 HISTORY = 50
-"""Events that somebody who comes later is told."""
+"""Events that a later viewer is sent."""
 HEARTBEAT_S = 10.0
 """A page that does not answer for this long is gone."""
 BEAT_S = 2.0
-"""A page hears something at least this often, so that it notices when the network is gone."""
+"""A page is sent something at least this often, so that it notices when the network is gone."""
 SENTENCE_MAX = 65536
-"""Bytes that a page may say at once."""
+"""Bytes of one sentence of a page."""
 LOOKING = "you are looking only: open the page with the control token to press buttons"
 
 
@@ -285,14 +268,14 @@ class WebClients:
         return len(self._viewers)
 
     async def close(self) -> None:
-        """Sends everybody away."""
+        """Closes all pages."""
         self._bus.leave(self._listener)
         for socket in list(self._sockets):
             with contextlib.suppress(asyncio.TimeoutError, OSError):
                 await asyncio.wait_for(socket.close(message=b"vsense ended"), 1.0)
 
     async def serve(self, request: web.Request, rights: Rights) -> web.WebSocketResponse:
-        """Talks to one page, which has LOOK or CONTROL, until it goes."""
+        """Serves one page, which has LOOK or CONTROL, until it goes."""
         socket = web.WebSocketResponse(
             heartbeat=HEARTBEAT_S, max_msg_size=SENTENCE_MAX, compress=False
         )
@@ -313,13 +296,13 @@ class WebClients:
             del self._viewers[viewer]
             self._sockets.discard(socket)
             sending.cancel()
-            # What a page leaves behind when it goes in the middle of something is no news.
+            # Errors of a page that goes in the middle of something are no news.
             await asyncio.gather(sending, return_exceptions=True)
             self._introduce()
         return socket
 
     def _introduce(self) -> None:
-        """Tells everybody who they are and how many look."""
+        """Sends every viewer its name and the number of viewers."""
         for viewer in self._viewers:
             viewer.post(self._about(viewer))
 
@@ -329,7 +312,7 @@ class WebClients:
         return Message("/you", 0, told)
 
     async def _send(self, socket: web.WebSocketResponse, viewer: WebClient) -> None:
-        """Sends what waits for a page, as fast as the page takes it."""
+        """Sends messages to a page, as fast as the page takes them."""
         while not socket.closed:
             try:
                 message = await asyncio.wait_for(viewer.next(), BEAT_S)
@@ -345,7 +328,7 @@ class WebClients:
                 return
 
     async def _listen(self, socket: web.WebSocketResponse, viewer: WebClient) -> None:
-        """Does what a page says."""
+        """Reads a page's sentences."""
         with contextlib.suppress(ConnectionError):
             async for message in socket:
                 if message.type is WSMsgType.TEXT:
@@ -354,7 +337,7 @@ class WebClients:
                     self._answer(viewer, "not understood: a page says text", False)
 
     def _hear(self, viewer: WebClient, text: str) -> None:
-        """Does what one sentence says."""
+        """Carries out one sentence."""
         try:
             name, value = read(text)
         except ValueError as error:

@@ -1,7 +1,7 @@
-"""Publishes, after every timestep, what has become of the run; what nobody wants is not made.
+"""Publishes the state of the run after every timestep; messages are made only if they are wanted.
 
-It runs in the thread of the timesteps, when the readings have left. Pictures become
-small JPEGs, a few per second, on a thread of their own.
+It runs in the thread of the timesteps, when the readings have left. Pictures become small JPEGs, a
+few per second, on a thread of their own.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from vsense.arena import ArenaState, Frame, arena_data
 from vsense.link.robots.status import RobotStatus
 from vsense.link.robots.table import Direction
 from vsense.message_bus import Message, MessageBus
-from vsense.recording.form import Data, RunMessage
+from vsense.recording.form import PICTURE, Data, RunMessage
 from vsense.run.control import Control
 from vsense.run.environment import Environment
 from vsense.run.runtime import Runtime, Step
@@ -30,14 +30,11 @@ from vsense.ui.tables import CameraTable, RobotTable
 SECOND_NS = 1_000_000_000
 FIELDS_NS = SECOND_NS // 2
 WINDOW = 100
-"""Rates and latencies are those of so many timesteps."""
+"""Timesteps that rates and latencies are taken from."""
 
 
 class Rates:
-    """How often arena states come, and how old pictures are when a timestep is done.
-
-    Only the newest `window` timesteps count.
-    """
+    """How often arena states come, and how old pictures are at the end of the last timesteps."""
 
     def __init__(self, window: int) -> None:
         self._times: deque[tuple[int, int]] = deque(maxlen=window)
@@ -61,16 +58,13 @@ class Publisher:
     """Makes the messages of one process's runs.
 
     Args:
-        bus: where to.
+        bus: takes the messages.
         facts: what all runs have in common.
-        environment: the first run's virtual world.
-        runtime: knows what the robots were sent.
-        control: knows the state of the run.
-        others: gives what others know of /run: runs, text, recording, disk_free_bytes.
-        clock: host's monotonic clock [ns].
-
-    Attributes:
         environment: the present run's virtual world.
+        runtime: has the readings that the robots were sent.
+        control: has the state of the run.
+        others: gives the rest of /run: runs, text, recording, disk_free_bytes.
+        clock: host's monotonic clock [ns].
     """
 
     def __init__(
@@ -101,27 +95,20 @@ class Publisher:
         self._run_timestep = self._joined = -1
 
     def update(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
-        """Publishes what is new.
-
-        Args:
-            step: the newest timestep; None: no arena state came for a while.
-            robots: the status of every robot by tag.
-        """
+        """Publishes what is new: `step` is None where no arena state came for a while."""
         now_ns = self._clock()
         newcomers, self._joined = self._bus.joined != self._joined, self._bus.joined
         if newcomers:
             self._told.clear()
             self._due_ns = self._fields_due_ns = 0
-        self._tell_once("/experiment", self._control.run, self._facts, now_ns)
+        facts = lambda: messages.experiment(self._common, self.environment)  # noqa: E731
+        self._tell_once("/experiment", self._control.run, facts, now_ns)
         if step is not None:
             self._tell_step(step, now_ns)
         if now_ns >= self._due_ns:
             self._bus.notify("/cameras", now_ns, lambda: self._cameras.data(now_ns))
         self._tell_run(now_ns)
         self._bus.notify("/robots", now_ns, lambda: self.robots_data(robots))
-
-    def _facts(self) -> Data:
-        return messages.experiment(self._common, self.environment)
 
     def _tell_step(self, step: Step, now_ns: int) -> None:
         self._state = step.state
@@ -161,7 +148,7 @@ class Publisher:
         return self._robots.data(robots, self._state, self._clock())
 
     def begin_run(self, environment: Environment) -> None:
-        """The next run is about to be waited for."""
+        """Prepares for the next run."""
         self.environment = environment
         self._run_timestep, self._late = -1, 0
         self._told.clear()
@@ -197,7 +184,7 @@ class Publisher:
     def _tell_once(
         self, topic: str, version: object, make: Callable[[], Data], now_ns: int
     ) -> None:
-        """Tells what changes rarely: only when it has, or when somebody new looks."""
+        """Publishes what changes rarely: when it has changed, or for a new listener."""
         if self._told.get(topic) != version and self._bus.wants(topic):
             self._told[topic] = version
             self._bus.publish(Message(topic, now_ns, make()))
@@ -208,18 +195,17 @@ def _arena(step: Step) -> Data:
 
 
 def _silence_s(age_ns: int) -> float:
-    """How long there has been no arena state, once that is remarkable."""
+    """Time without an arena state, 0 up to half a second."""
     return round(age_ns / 1e9, 1) if age_ns > SECOND_NS // 2 else 0.0
 
 
 PICTURE_PERIOD_NS = 250_000_000
-"""A camera is shown so often."""
+"""Of each camera's pictures."""
 
 WIDTH_PX = 640
-"""Pictures are shown at most so wide."""
+"""Greatest width of a picture."""
 
 JPEG_QUALITY = 70
-TOPIC = "/picture/"
 
 
 class PreviewEncoder:
@@ -236,10 +222,10 @@ class PreviewEncoder:
         self._thread.start()
 
     def offer(self, frames: Sequence[Frame]) -> None:
-        """Takes pictures, copying those that somebody wants to see; does not wait."""
+        """Takes pictures, copying those that are wanted; does not wait."""
         for frame in frames:
             due_ns = self._due_ns.get(frame.camera, 0)
-            if frame.capture_ns < due_ns or not self._bus.wants(TOPIC + frame.camera):
+            if frame.capture_ns < due_ns or not self._bus.wants(PICTURE + frame.camera):
                 continue
             self._due_ns[frame.camera] = max(due_ns + PICTURE_PERIOD_NS, frame.capture_ns)
             copy = replace(frame, image=frame.image.copy())
@@ -278,4 +264,4 @@ def picture(frame: Frame) -> Message:
         "height_px": height,
         "scale": scale,
     }
-    return Message(TOPIC + frame.camera, frame.capture_ns, data, blob)
+    return Message(PICTURE + frame.camera, frame.capture_ns, data, blob)

@@ -1,4 +1,4 @@
-"""The recordings of one process: a file per run, begun with it or by whoever presses record."""
+"""The recordings of one process: a file per run, begun with it or by an order."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from vsense import recording
 from vsense.arena import Frame
 from vsense.errors import VsenseError
 from vsense.message_bus import MessageBus
+from vsense.recording import tracker_made
 from vsense.recording.form import Data
 
 if TYPE_CHECKING:
     from vsense.config.specs import MarkerSpec
     from vsense.recording.recorder import Recorder
-    from vsense.tracking.arena_tracker import ArenaTracker
     from vsense.tracking.camera_tracking import CameraTracking
     from vsense.tracking.specs import TrackingSession
 
@@ -28,7 +28,7 @@ class Recorders:
 
     Args:
         bus: what is recorded.
-        wanted: every run is recorded from its beginning; else only when somebody wants it.
+        wanted: every run is recorded from its beginning; else only by an order.
         pictures: cameras' pictures are recorded, too.
         trouble: takes a line about what cannot be recorded; any thread.
     """
@@ -46,7 +46,7 @@ class Recorders:
         self._lock = threading.RLock()
 
     def begin_run(self, path: Path) -> None:
-        """A run begins; `path` is where its recording goes."""
+        """Begins a run, whose recording goes to `path`."""
         self.end_run()
         with self._lock:
             self._path = path
@@ -61,10 +61,9 @@ class Recorders:
             recorder.close()
 
     def switch(self, on: bool) -> str:
-        """Switches the recording on or off; gives a line for people, and waits for no disk.
+        """Switches the recording on or off; gives a line for people, and does not wait for disks.
 
-        Raises:
-            UsageError: a library is missing.
+        UsageError if a library is missing.
         """
         recording.require()
         with self._lock:
@@ -83,49 +82,37 @@ class Recorders:
         return "recording is off"
 
     def watch_session(self, session: TrackingSession, tracking: CameraTracking) -> None:
-        """Has recordings hold the pictures of a tracking session, if it or its file wants them.
+        """Records the pictures of a tracking session, if options or its file want them.
 
-        Raises:
-            VsenseError: a library is missing.
+        UsageError if a library is missing.
         """
         wanted = session.record.record_image
         self._wanted, self._pictures = self._wanted or wanted, self._pictures or wanted
-        if self._pictures:
-            recording.require()
-            from vsense.recording import tracker_made
-
-            made = tracker_made.of_session(session)
-            tracking.record = self._watched(made, tracking.tracker)
+        self._watch(tracking, lambda: tracker_made.of_session(session))
 
     def watch_family(self, marker: MarkerSpec, tracking: CameraTracking) -> None:
-        """Has recordings hold the pictures of cameras that look for one family of markers.
+        """Records the pictures of cameras that look for one family of markers, if wanted.
 
-        Raises:
-            VsenseError: a library is missing.
+        UsageError if a library is missing.
         """
-        if self._pictures:
-            recording.require()
-            from vsense.recording import tracker_made
+        cameras, heights_m = tracking.tracker.cameras, dict(tracking.tracker.heights_m)
+        self._watch(tracking, lambda: tracker_made.of_family(cameras, marker.family, heights_m))
 
-            tracker = tracking.tracker
-            heights_m = dict(tracker.heights_m)
-            made = tracker_made.of_family(tracker.cameras, marker.family, heights_m)
-            tracking.record = self._watched(made, tracker)
-
-    def _watched(
-        self, made: Mapping[str, Any], tracker: ArenaTracker
-    ) -> Callable[[Sequence[Frame]], None]:
-        self._tracker = made
+    def _watch(self, tracking: CameraTracking, describe: Callable[[], Mapping[str, Any]]) -> None:
+        if not self._pictures:
+            return
+        recording.require()
+        self._tracker = describe()
 
         def record(frames: Sequence[Frame]) -> None:
             recorder = self._recorder
             if recorder is not None:
-                recorder.pictures(frames, tracker)
+                recorder.pictures(frames, tracking.tracker)
 
-        return record
+        tracking.record = record
 
     def state(self) -> Data:
-        """How it goes; "recording" of the message /run."""
+        """The "recording" of the message /run."""
         recorder = self._recorder
         return dict(OFF) if recorder is None else recorder.state()
 
@@ -135,7 +122,7 @@ class Recorders:
                 self._open()
 
     def _open(self) -> None:
-        """Begins the run's recording; what hinders it is told."""
+        """Begins the run's recording; says what prevents it."""
         if self._path is None:
             return
         try:

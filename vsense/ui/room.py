@@ -37,8 +37,8 @@ class RoomOptions:
     """How the runs of one process are seen, steered and kept.
 
     Attributes:
-        hold: every run waits until somebody starts it, and after the last one the process stays
-            for people to look, and to begin another.
+        hold: every run waits for a START, and after the last one the process goes on, to look and
+            to begin another.
         runs: how many there are in a series.
         record: every run is recorded from its beginning.
         record_images: recordings hold the cameras' pictures, too.
@@ -53,15 +53,9 @@ class RoomOptions:
 
 
 def make_server(web: WebAddress, bus: MessageBus, give: Give) -> WebServer:
-    """Makes the page's server, which does not serve yet.
+    """Makes the page's server, which does not serve yet; `give` carries out its buttons' orders.
 
-    Args:
-        web: where it will serve.
-        bus: what the page shows.
-        give: what its buttons do.
-
-    Raises:
-        VsenseError: the library for it is missing, or the tokens cannot be read.
+    VsenseError if the library for it is missing, or the tokens cannot be read.
     """
     errors.require("the page needs", "aiohttp")
     from vsense.ui.server import WebServer
@@ -71,13 +65,9 @@ def make_server(web: WebAddress, bus: MessageBus, give: Give) -> WebServer:
 
 
 def open_web(web: WebAddress, bus: MessageBus, give: Give) -> tuple[WebServer, list[str]]:
-    """Serves the page; the arguments are those of `make_server`.
+    """Serves the page; gives the server, which the caller closes, and lines for people.
 
-    Returns:
-        The server, which is the caller's to close, and what people shall be told.
-
-    Raises:
-        VsenseError: the library for it is missing, the port is taken, or the tokens cannot be read.
+    VsenseError also if the port is taken.
     """
     server = make_server(web, bus, give)
     found = server.start()
@@ -88,16 +78,13 @@ def open_web(web: WebAddress, bus: MessageBus, give: Give) -> tuple[WebServer, l
 
 
 class ControlRoom:
-    """Sees and steers the runs of one process; a context that leaves no thread and no socket.
+    """Shows and steers the runs of one process; a context that leaves no thread and no socket.
 
-    Attributes:
-        bus: where everything is told.
-        holds: see `RoomOptions.hold`.
-        recorders: the recordings, one per run.
+    `bus` takes all messages; for `holds` see `RoomOptions.hold`.
     """
 
     def __init__(self, options: RoomOptions, console: Console) -> None:
-        """Opens nothing yet; what is said on the console is told in the room, too."""
+        """Opens nothing yet; messages on the console are published in the room, too."""
         self.bus = MessageBus()
         self.holds = options.hold
         self._options = options
@@ -125,11 +112,7 @@ class ControlRoom:
         runtime: Runtime,
         control: Control,
     ) -> None:
-        """Opens page, control socket and keyboard.
-
-        Raises:
-            VsenseError: the page's port is taken, or a library for it is missing.
-        """
+        """Opens page, control socket and keyboard; VsenseError if the page cannot be served."""
         self._facts, self._server = facts, server
         self._publisher = Publisher(self.bus, facts, environment, runtime, control, self._others)
         control.record = self.recorders.switch
@@ -153,19 +136,15 @@ class ControlRoom:
             self._console.say(keyboard.HELP)
 
     def begin_run(self, environment: Environment, directory: Path) -> None:
-        """A run is about to be waited for. What cannot be recorded is told, and costs no run."""
+        """Prepares for a run. What cannot be recorded is reported, and the run goes on."""
         self._directory = directory
         self._publisher.begin_run(environment)
         self.recorders.begin_run(directory / f"{environment.experiment.name}.mcap")
 
-    def end_run(self) -> None:
-        """What the run leaves is complete."""
-        self.recorders.end_run()
-
     def update(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
-        """Publishes what has become of the run; see `Publisher.update`.
+        """Publishes the state of the run; see `Publisher.update`.
 
-        A fault of ours in it is told once and ends the publishing, not the run.
+        An internal fault in it is reported once and ends the publishing, not the run.
         """
         if self._failed:
             return
@@ -178,7 +157,7 @@ class ControlRoom:
             self._trouble(f"the page and the recording are told nothing any more: {error!r}")
 
     def status(self) -> Data:
-        """What a terminal is told; any thread."""
+        """The answer to `vsense status`; any thread."""
         publisher = self._publisher
         return {
             "name": publisher.environment.experiment.name,

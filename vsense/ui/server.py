@@ -1,6 +1,6 @@
 """The web server: a thread of its own beside the run, which never waits for it.
 
-`Site` says what lies at which address, and what every answer carries for safety.
+`Site` has the addresses, and what every answer carries for safety.
 """
 
 from __future__ import annotations
@@ -14,15 +14,9 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from aiohttp import web
+
 from vsense.errors import UsageError, VsenseError
-
-try:
-    from aiohttp import web
-except ImportError as error:
-    if not (error.name or "").startswith("aiohttp"):
-        raise
-    raise VsenseError("the web page needs aiohttp: pip install 'vsense[web]'") from error
-
 from vsense.link.robots.network import listen
 from vsense.link.robots.status import LinkError
 from vsense.message_bus import MessageBus
@@ -32,7 +26,7 @@ from vsense.ui.page_clients import WebClients
 
 PAGE = Path(__file__).parent / "page"
 VIEWERS_MAX = 64
-"""Pages at once; a browser that opens them in a loop must not eat the machine."""
+"""Open at once: a browser that opens pages in a loop must not use up the machine."""
 _FILE = re.compile(r"[a-z0-9_]+\.(?:js|css|svg)")
 _HEADERS = {
     "Content-Security-Policy": (
@@ -57,20 +51,16 @@ class Site:
         self, bus: MessageBus, give: Give, host: str, port: int, tokens: Tokens | None
     ) -> None:
         self._access = AccessControl(host, port, tokens)
-        self._clients = WebClients(bus, give)
+        self.clients = WebClients(bus, give)
         self.app = web.Application(middlewares=[self._guard], client_max_size=4096)
         self.app.router.add_get("/", self._page)
         self.app.router.add_get("/ws", self._socket)
         self.app.router.add_get("/{name}", self._file)
         self.app.on_response_prepare.append(_protect)
 
-    async def close(self) -> None:
-        """Ends all conversations."""
-        await self._clients.close()
-
     @web.middleware
     async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Refuses what comes from elsewhere before anything else is looked at."""
+        """Refuses requests from elsewhere before anything else."""
         try:
             self._access.check_host(request.headers)
             self._access.check_origin(request.headers, needed=request.path == "/ws")
@@ -79,7 +69,7 @@ class Site:
         try:
             return await handler(request)
         except ConnectionError:
-            # It went before it got an answer: nobody will read this one either.
+            # It went before it got an answer: this one is not read either.
             return web.Response(status=400)
 
     def _rights(self, request: web.Request) -> Rights:
@@ -94,9 +84,9 @@ class Site:
         answer = web.Response(body=(PAGE / "index.html").read_bytes(), content_type="text/html")
         answer.charset = "utf-8"
         token = request.query.get("token")
-        if token is not None and self._access.needs_token:
+        if token is not None and self._access.tokens is not None:
             # Not by a redirect: browsers would not send the strict cookie along with one that
-            # began on another site, such as a chat in which the address was passed on.
+            # began on another site, such as a chat with the address in it.
             answer.set_cookie(
                 self._access.cookie, token, httponly=True, samesite="Strict", path="/"
             )
@@ -106,9 +96,9 @@ class Site:
         rights = self._rights(request)
         if rights is Rights.NONE:
             return _refusal("this page needs a token", True)
-        if self._clients.viewers >= VIEWERS_MAX:
+        if self.clients.viewers >= VIEWERS_MAX:
             return _refusal(f"{VIEWERS_MAX} pages are open already: close one", status=503)
-        return await self._clients.serve(request, rights)
+        return await self.clients.serve(request, rights)
 
     async def _file(self, request: web.Request) -> web.StreamResponse:
         name = request.match_info["name"]
@@ -121,12 +111,12 @@ class Site:
 
 
 async def _protect(request: web.Request, response: web.StreamResponse) -> None:
-    """What every answer tells the browser."""
+    """Adds the headers of every answer."""
     response.headers.update(_HEADERS)
 
 
 def _refusal(reason: str, token: bool = False, status: int = 403) -> web.Response:
-    """A page that says why not, and asks for a token where one would help."""
+    """A page that says why not, with a form for a token where one would help."""
     form = (PAGE / "token_form.html").read_text(encoding="utf-8") if token else ""
     page = (PAGE / "refusal.html").read_text(encoding="utf-8")
     words = html.escape(reason[:1].upper() + reason[1:])
@@ -140,7 +130,7 @@ CLOSING_S = 5.0
 
 @dataclass(frozen=True, slots=True)
 class Addresses:
-    """What a person opens in a browser: to look only, and to control."""
+    """What to open in a browser: to look only, and to control."""
 
     look: str
     control: str
@@ -154,8 +144,8 @@ class WebServer:
         give: carries orders out.
         host: address to listen on.
         port: port to listen on; 0 takes any free one. Nothing is opened before `start`.
-        tokens: what viewers must show. Without, everybody on this machine may control, and
-            on any address that others reach two are drawn: see `start`.
+        tokens: what viewers must show. Without, all on this machine may control; on an address
+            that others reach two are drawn, see `start`.
 
     Raises:
         UsageError: the port is none.
@@ -177,11 +167,9 @@ class WebServer:
         self._failure: BaseException | None = None
 
     def start(self) -> Addresses:
-        """Takes the port and begins to serve; gives what to open, with tokens where they are
-        needed.
+        """Takes the port and begins to serve; gives what to open, with tokens where needed.
 
-        Raises:
-            VsenseError: the port cannot be had; the text says what to do.
+        VsenseError if the port cannot be had; the text says what to do.
         """
         try:
             listening, self.port = listen(self._host, self.port)
@@ -198,7 +186,7 @@ class WebServer:
         return self._addresses()
 
     def close(self) -> None:
-        """Sends the pages away and ends the thread; more than once is fine."""
+        """Closes the pages and ends the thread; can be called again."""
         thread, self._thread = self._thread, None
         if thread is None:
             return
@@ -217,7 +205,7 @@ class WebServer:
         return Addresses(f"{url}?token={self.tokens.look}", f"{url}?token={self.tokens.control}")
 
     async def _serve(self, listening: socket.socket, ready: threading.Event) -> None:
-        """The thread's life."""
+        """The thread."""
         self._loop = asyncio.get_running_loop()
         self._ending = asyncio.Event()
         try:
@@ -226,7 +214,7 @@ class WebServer:
             await runner.setup()
             await web.SockSite(runner, listening).start()
         except BaseException as failure:
-            # Whoever waits for a server that could not begin must not wait for ever.
+            # `start` waits for a server: it must not wait for ever.
             self._failure = failure
             ready.set()
             raise
@@ -234,7 +222,7 @@ class WebServer:
             ready.set()
             await self._ending.wait()
         finally:
-            await _in_time(site.close)
+            await _in_time(site.clients.close)
             await _in_time(runner.cleanup)
 
 
@@ -246,7 +234,7 @@ async def _in_time(close: Callable[[], Awaitable[None]]) -> None:
 
 
 def _own_address() -> str:
-    """The address that other machines see this one by; nothing is sent to find it."""
+    """This machine's address for others; nothing is sent to find it."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect(("192.0.2.1", 9))

@@ -17,7 +17,7 @@ from vsense.recording.form import Data
 from vsense.ui.messages import numbers
 
 SILENT_NS = 1_000_000_000
-"""A camera without a picture for so long is missed, whatever else is known of it."""
+"""A camera without a picture for this long is lost, whatever else is known of it."""
 
 
 class CameraTable:
@@ -31,7 +31,7 @@ class CameraTable:
         self._told_ns: int | None = None
 
     def see(self, frames: Sequence[Frame]) -> None:
-        """Takes the pictures of a timestep."""
+        """Counts the pictures of a timestep."""
         for frame in frames:
             self._pictures[frame.camera] += 1
             self._newest_ns[frame.camera] = frame.capture_ns
@@ -61,7 +61,7 @@ class CameraTable:
 
 
 UNSEEN_NS = 1_000_000_000
-"""A robot may be hidden for a moment: from here on that is trouble."""
+"""A robot may be hidden for a moment; longer is trouble."""
 
 CAUSES = {
     StopCause.NONE: "",
@@ -73,16 +73,11 @@ CAUSES = {
     StopCause.GUARD: "its guard was replaced",
     StopCause.SIGNAL: "it was told to end",
 }
-"""Why wheels are held, where nobody wanted that."""
+"""Why wheels are held without an order."""
 
 
 class RobotTable:
-    """Says how the robots are, and remembers when each was seen last.
-
-    Args:
-        names: the robots by tag.
-        actuators: the sensor table's actuators.
-    """
+    """The robots' rows, and when each was seen last; `names` and `actuators` by the experiment."""
 
     def __init__(self, names: Mapping[int, str], actuators: Sequence[Entry]) -> None:
         self._names = dict(names)
@@ -90,7 +85,7 @@ class RobotTable:
         self._seen_ns: dict[int, int] = {}
 
     def see(self, state: ArenaState) -> None:
-        """Takes an arena state over."""
+        """Notes which robots an arena state has seen."""
         seen = state.robots[state.robots["seen"]]
         self._seen_ns |= zip(seen["tag"].tolist(), seen["capture_ns"].tolist())
 
@@ -154,7 +149,7 @@ def _ms(then_ns: int | None, now_ns: int) -> float | None:
 
 
 def _trouble(row: Mapping[str, Any], unseen: bool) -> str:
-    """The worst that is wrong with a robot, in words; "" where nothing is."""
+    """The worst trouble of a robot, in words; "" where there is none."""
     if not row["connected"]:
         heard_ms = row["heard_ms"]
         return "not connected" if heard_ms is None else f"link lost for {heard_ms / 1e3:.1f} s"

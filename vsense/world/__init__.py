@@ -1,7 +1,4 @@
-"""What is not there plus what the cameras saw: the world that virtual sensors read.
-
-The names below are what loop functions need: `from vsense.world import Box, Light`.
-"""
+"""The world that virtual sensors read; loop functions import from here: `Box`, `Light`, ..."""
 
 from __future__ import annotations
 

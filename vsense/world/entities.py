@@ -1,14 +1,16 @@
 """What stands or lies in the arena besides the real robots: frozen records in the arena frame.
 
-A loop function makes them as an experiment file does, so each checks itself: a number that is
-none, or that no arena has, is refused where the record is made.
+`id` is a name that is unique in the world. What is `physical` stands in the real arena; the rest is
+sensed only. Loop functions make them, too, so each checks itself: a number that is none, or that no
+arena has, is a WorldError where the record is made.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,6 +31,7 @@ VIRTUAL_TAG_MIN = 0x10000
 
 MAX_LENGTH_M = 1e4
 MAX_INTENSITY = 1e6
+_LENGTH = (1e-6, MAX_LENGTH_M, f"a length from 1e-06 to {MAX_LENGTH_M:g} m")
 
 
 class WorldError(VsenseError):
@@ -37,18 +40,13 @@ class WorldError(VsenseError):
 
 @dataclass(frozen=True, slots=True)
 class Arena:
-    """The box that everything stands in.
-
-    Attributes:
-        size_m: extent along x, y, z.
-        centre_m: its middle.
-    """
+    """The box that everything stands in; `size_m` is its extent along x, y, z."""
 
     size_m: Vector
     centre_m: Vector
 
     def contains(self, x_m: float, y_m: float, margin_m: float = 0.0) -> bool:
-        """Tells whether a point lies inside, at least margin_m from the border."""
+        """Whether a point lies inside, at least margin_m from the border."""
         return (
             abs(x_m - self.centre_m[0]) <= self.size_m[0] / 2.0 - margin_m
             and abs(y_m - self.centre_m[1]) <= self.size_m[1] / 2.0 - margin_m
@@ -60,11 +58,9 @@ class Box:
     """A box, also a wall.
 
     Attributes:
-        id: its name, unique in the world.
         position_m: middle of its base.
         size_m: extent along its own x, y, z.
         yaw_rad: its turn about z.
-        physical: it stands in the real arena; else it is sensed only.
     """
 
     id: str
@@ -74,23 +70,12 @@ class Box:
     physical: bool = False
 
     def __post_init__(self) -> None:
-        _check_id(self)
-        _set(self, "position_m", _vector(self, "position_m"))
-        _set(self, "size_m", _vector(self, "size_m", positive=True))
-        _set(self, "yaw_rad", _angle(self, "yaw_rad"))
+        _check(self, position_m=_vector, size_m=_sizes, yaw_rad=_angle)
 
 
 @dataclass(frozen=True, slots=True)
 class Cylinder:
-    """An upright cylinder.
-
-    Attributes:
-        id: its name, unique in the world.
-        position_m: middle of its base.
-        radius_m: its radius.
-        height_m: its height.
-        physical: it stands in the real arena; else it is sensed only.
-    """
+    """An upright cylinder; `position_m` is the middle of its base."""
 
     id: str
     position_m: Vector
@@ -99,20 +84,15 @@ class Cylinder:
     physical: bool = False
 
     def __post_init__(self) -> None:
-        _check_id(self)
-        _set(self, "position_m", _vector(self, "position_m"))
-        for name in ("radius_m", "height_m"):
-            _set(self, name, _length(self, name, getattr(self, name)))
+        _check(self, position_m=_vector, radius_m=_length, height_m=_length)
 
 
 @dataclass(frozen=True, slots=True)
 class Light:
-    """A lamp; it has no body.
+    """A lamp without a body.
 
     Attributes:
-        id: its name, unique in the world.
-        position_m: where it shines from.
-        intensity: how strong, as in ARGoS: a reading is (intensity / distance)^2.
+        intensity: as in ARGoS: a reading is (intensity / distance)^2.
         color: red, green, blue, 0..255 each.
     """
 
@@ -122,11 +102,7 @@ class Light:
     color: Color = (255, 255, 255)
 
     def __post_init__(self) -> None:
-        _check_id(self)
-        _set(self, "position_m", _vector(self, "position_m"))
-        expected = f"a number from 0 to {MAX_INTENSITY:g}"
-        _set(self, "intensity", _number(self, "intensity", 0.0, MAX_INTENSITY, expected))
-        _set(self, "color", _color(self))
+        _check(self, position_m=_vector, intensity=_intensity, color=_color)
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,10 +110,8 @@ class Zone:
     """A named region of the floor.
 
     Attributes:
-        id: its name, unique in the world.
         shape: "circle" or "rectangle".
-        x_m: its middle.
-        y_m: its middle.
+        x_m, y_m: its middle.
         radius_m: of a circle.
         size_m: extent of a rectangle along its own x and y.
         yaw_rad: the rectangle's turn.
@@ -156,21 +130,19 @@ class Zone:
     value: float = 0.0
 
     def __post_init__(self) -> None:
-        _check_id(self)
+        _check(self)
         if self.shape not in ("circle", "rectangle"):
             raise _error(self, "shape", self.shape, "'circle' or 'rectangle'")
-        for name in ("x_m", "y_m", "value"):
-            _set(self, name, _number(self, name))
+        _check(self, x_m=_number, y_m=_number, value=_number)
         if self.shape == "circle":
-            _set(self, "radius_m", _length(self, "radius_m", self.radius_m))
+            _check(self, radius_m=_length, yaw_rad=_angle)
         else:
-            _set(self, "size_m", _vector(self, "size_m", 2, positive=True))
-        _set(self, "yaw_rad", _angle(self, "yaw_rad"))
+            _check(self, size_m=_sizes, yaw_rad=_angle)
         if self.color is not None:
-            _set(self, "color", _color(self))
+            _check(self, color=_color)
 
     def contains(self, points_m: ArrayLike) -> NDArray[np.bool_]:
-        """Tells which points (..., 2) lie in the zone; its edge belongs to it."""
+        """Which points (..., 2) lie in the zone; its edge belongs to it."""
         points = np.asarray(points_m, dtype=np.float64)
         x, y = points[..., 0] - self.x_m, points[..., 1] - self.y_m
         if self.shape == "circle":
@@ -183,13 +155,10 @@ class Zone:
 
 @dataclass(frozen=True, slots=True)
 class VirtualRobot:
-    """A robot that lives beside the real ones and is sensed by them.
+    """A robot that the real ones sense.
 
     Attributes:
-        id: its name, unique in the world.
         tag: its number, from VIRTUAL_TAG_MIN.
-        x_m: where it stands.
-        y_m: where it stands.
         yaw_rad: its heading.
         driven: the experiment's controller drives it; else only loop functions move it.
     """
@@ -202,21 +171,19 @@ class VirtualRobot:
     driven: bool = False
 
     def __post_init__(self) -> None:
-        _check_id(self)
+        _check(self)
         whole = isinstance(self.tag, (int, np.integer)) and not isinstance(self.tag, bool)
         if not whole or not VIRTUAL_TAG_MIN <= self.tag < 2**32:
             expected = f"a whole number from {VIRTUAL_TAG_MIN} on: smaller ones are real markers"
             raise _error(self, "tag", self.tag, expected)
-        for name in ("x_m", "y_m"):
-            _set(self, name, _number(self, name))
-        _set(self, "yaw_rad", _angle(self, "yaw_rad"))
+        _check(self, x_m=_number, y_m=_number, yaw_rad=_angle)
 
 
 Entity = Box | Cylinder | Light | Zone | VirtualRobot
 
 
 def moved(entity: Entity, x_m: float, y_m: float, yaw_rad: float | None = None) -> Entity:
-    """Gives the same thing at another place; without yaw_rad it keeps its turn.
+    """The same thing at another place; without yaw_rad it keeps its turn.
 
     Raises:
         WorldError: a number that no arena has, or a turn of something without a heading.
@@ -231,19 +198,17 @@ def moved(entity: Entity, x_m: float, y_m: float, yaw_rad: float | None = None) 
     return replace(entity, x_m=x_m, y_m=y_m, yaw_rad=yaw_rad)
 
 
-def _set(entity: object, name: str, value: object) -> None:
-    """Frozen records are put right once, while they are made."""
-    object.__setattr__(entity, name, value)
-
-
 def _error(entity: Entity, name: str, value: object, expected: str) -> WorldError:
     kind = type(entity).__name__
     return WorldError(f"{kind} {entity.id!r}: {name} is {value!r:.60}, expected {expected}")
 
 
-def _check_id(entity: Entity) -> None:
+def _check(entity: Entity, **checks: Callable[[Any, str], object]) -> None:
+    """Checks a record's id and replaces attributes by what the checks make of them."""
     if not isinstance(entity.id, str) or not entity.id.strip() or not entity.id.isprintable():
         raise _error(entity, "id", entity.id, "a name")
+    for name, check in checks.items():
+        object.__setattr__(entity, name, check(entity, name))
 
 
 def _number(
@@ -265,10 +230,12 @@ def _within(
     return float(value)  # type: ignore[arg-type]
 
 
-def _length(entity: Entity, name: str, value: object) -> float:
-    smallest = 1e-6
-    expected = f"a length from {smallest:g} to {MAX_LENGTH_M:g} m"
-    return _within(entity, name, value, smallest, MAX_LENGTH_M, expected)
+def _intensity(light: Light, name: str) -> float:
+    return _number(light, name, 0.0, MAX_INTENSITY, f"a number from 0 to {MAX_INTENSITY:g}")
+
+
+def _length(entity: Entity, name: str) -> float:
+    return _number(entity, name, *_LENGTH)
 
 
 def _angle(entity: Entity, name: str) -> float:
@@ -277,23 +244,31 @@ def _angle(entity: Entity, name: str) -> float:
     return angle_rad if inside else float(wrap_angle(angle_rad))
 
 
-def _vector(entity: Entity, name: str, size: int = 3, positive: bool = False) -> tuple[float, ...]:
+def _vector(entity: Entity, name: str) -> tuple[float, ...]:
+    bound, expected = MAX_LENGTH_M, f"3 numbers of at most {MAX_LENGTH_M:g} m"
+    parts = _parts(entity, name, 3)
+    return tuple(_within(entity, name, part, -bound, bound, expected) for part in parts)
+
+
+def _sizes(entity: Box | Zone, name: str) -> tuple[float, ...]:
+    parts = _parts(entity, name, 3 if isinstance(entity, Box) else 2)
+    return tuple(_within(entity, name, part, *_LENGTH) for part in parts)
+
+
+def _parts(entity: Entity, name: str, size: int) -> Iterable[object]:
     value = getattr(entity, name)
     if not isinstance(value, (Sequence, np.ndarray)) or len(value) != size:
         raise _error(entity, name, value, f"{size} numbers")
-    if positive:
-        return tuple(_length(entity, name, part) for part in value)
-    bound, expected = MAX_LENGTH_M, f"{size} numbers of at most {MAX_LENGTH_M:g} m"
-    return tuple(_within(entity, name, part, -bound, bound, expected) for part in value)
+    return value
 
 
-def _color(entity: Light | Zone) -> Color:
+def _color(entity: Light | Zone, name: str) -> Color:
     expected = "red, green, blue, each a whole number from 0 to 255"
     value = entity.color
     if not isinstance(value, (Sequence, np.ndarray)) or len(value) != 3:
-        raise _error(entity, "color", value, expected)
+        raise _error(entity, name, value, expected)
     for part in value:
         whole = isinstance(part, (int, np.integer)) and not isinstance(part, bool)
         if not whole or not 0 <= part <= 255:
-            raise _error(entity, "color", value, expected)
+            raise _error(entity, name, value, expected)
     return int(value[0]), int(value[1]), int(value[2])

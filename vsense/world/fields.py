@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 MAX_CELLS = 4_000_000
 MAX_SUBSTEPS = 50
 MAX_CONCENTRATION = 1e9
-"""Concentrations saturate here [1/m^2]: what no robot needs, and every float holds."""
+"""Concentrations saturate here [1/m^2]."""
 
 _STABLE = 0.2
 """Share of a cell's difference to each neighbour that one substep may level out; explicit
@@ -29,13 +29,10 @@ class Field:
     not depend on the size of the cells. Nothing leaves the field over the arena's border.
 
     Attributes:
-        id: its name.
         cell_m: side of a cell.
         corner_m: (2,) the lowest x and y of all cells.
-        evaporation_per_s: share that is lost per second, continuously: the amount falls by
-            exp(-evaporation_per_s * t).
-        diffusion_m2_s: how fast it spreads: the variance of a drop grows by twice this per
-            second, along x and y.
+        evaporation_per_s: the amount falls by exp(-evaporation_per_s * t).
+        diffusion_m2_s: the variance of a drop grows by twice this per second, along x and y.
         concentration: (rows, columns) amounts per m^2; row 0 has the lowest y.
     """
 
@@ -48,11 +45,9 @@ class Field:
         diffusion_m2_s: float = 0.0,
         initial: float = 0.0,
     ) -> None:
-        """Makes a field over the whole arena.
+        """Makes a field over the whole arena, with the concentration `initial` everywhere.
 
-        Args:
-            arena: where it lies; the last column and row may reach beyond its border.
-            initial: concentration everywhere at the start.
+        The last column and row may reach beyond the arena's border.
 
         Raises:
             WorldError: a number is out of range, or there would be too many cells.
@@ -72,11 +67,7 @@ class Field:
         self.concentration = np.full((rows, columns), self._initial)
 
     def check(self, timestep_s: float) -> None:
-        """Tells whether the field can be stepped.
-
-        Raises:
-            WorldError: it spreads over too many cells in one timestep.
-        """
+        """Raises WorldError where the field spreads over too many cells in one timestep."""
         if self._substeps(timestep_s) > MAX_SUBSTEPS:
             most = MAX_SUBSTEPS * _STABLE * self.cell_m**2 / timestep_s
             raise WorldError(
@@ -93,11 +84,11 @@ class Field:
         self.concentration[:] = self._number("concentration", concentration, 0.0)
 
     def total(self) -> float:
-        """Gives the amount of the substance in the arena."""
+        """The amount of the substance in the arena."""
         return float(self.concentration.sum()) * self.cell_m**2
 
     def value(self, points_m: ArrayLike) -> Floats:
-        """Reads the concentration at points (n, 2), interpolated between the cells [1/m^2].
+        """Concentration at points (n, 2), interpolated between the cells [1/m^2].
 
         A point outside reads what the nearest one inside reads.
         """
@@ -106,9 +97,9 @@ class Field:
         return read
 
     def gradient(self, points_m: ArrayLike) -> Floats:
-        """Reads how the concentration rises at points (n, 2): d/dx and d/dy, (n, 2) [1/m^3].
+        """Gradient of the concentration at points (n, 2): d/dx and d/dy, (n, 2) [1/m^3].
 
-        Taken over two cells, and level across the border.
+        It is taken over two cells, and 0 across the border.
         """
         grid = self._grid(points_m)
         slopes = []
@@ -120,11 +111,9 @@ class Field:
         return np.stack(slopes, axis=1)
 
     def deposit(self, points_m: ArrayLike, amounts: ArrayLike) -> None:
-        """Adds amounts at points, shared out between the four nearest cells.
+        """Adds amounts at points (n, 2), shared out between the four nearest cells.
 
-        Args:
-            points_m: (n, 2) places; outside of the arena the nearest one inside.
-            amounts: (n,) or one for all, 0 or more.
+        A point outside of the arena is the nearest one inside. Amounts are (n,) or one for all.
 
         Raises:
             WorldError: an amount is negative or not finite.
@@ -136,20 +125,13 @@ class Field:
         np.minimum(flat, MAX_CONCENTRATION, out=flat)
 
     def take(self, points_m: ArrayLike, amounts: ArrayLike) -> Floats:
-        """Takes amounts away at points, as far as there is something.
+        """Takes amounts away at points, as far as there is something; arguments as of `deposit`.
 
-        Where several take from one cell and it has too little for all, each gets the same share
-        of what it wanted: so the order does not matter.
-
-        Args:
-            points_m: (n, 2) places, as in `deposit`.
-            amounts: (n,) or one for all, 0 or more.
+        Where a cell has too little for all, each point gets the same share of what it wanted: so
+        the order does not matter.
 
         Returns:
-            (n,) what each got.
-
-        Raises:
-            WorldError: an amount is negative or not finite.
+            (n,) what each point got.
         """
         cells, shares = self._around(self._grid(points_m))
         wanted = self._amounts(amounts, len(cells))[:, None] * shares / self.cell_m**2
@@ -163,11 +145,7 @@ class Field:
         return taken
 
     def step(self, dt_s: float) -> None:
-        """Steps the field: the substance diffuses, then evaporates.
-
-        Raises:
-            WorldError: it spreads over too many cells in dt_s.
-        """
+        """Steps the field: the substance diffuses, then evaporates; raises as `check`."""
         self.check(dt_s)
         substeps = self._substeps(dt_s)
         for _ in range(substeps):
@@ -188,12 +166,12 @@ class Field:
         self.concentration[1:] -= along
 
     def _grid(self, points_m: ArrayLike) -> Floats:
-        """Gives places in cells, 0, 0 being the middle of the first one."""
+        """Places in cells; (0, 0) is the middle of the first one."""
         points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
         return (points - self.corner_m) / self.cell_m - 0.5
 
     def _around(self, grid: Floats) -> tuple[NDArray[np.intp], Floats]:
-        """Gives the four cells around each place, (n, 4) flat, and their shares of it."""
+        """The four cells around each place, (n, 4) flat, and their shares of it."""
         rows, columns = self.concentration.shape
         last = np.array([columns - 1, rows - 1])
         inside = np.clip(grid, 0.0, last)
@@ -226,7 +204,7 @@ class Field:
 
 
 def by_id(fields: Iterable[Field], timestep_s: float) -> dict[str, Field]:
-    """Gives fields by their ids.
+    """Fields by their ids.
 
     Raises:
         WorldError: two have the same, or one changes too fast for a timestep.

@@ -19,17 +19,16 @@ OPAQUE = 255.0
 
 @dataclass(frozen=True)
 class Floor:
-    """What lies on the floor.
+    """The floor's colours.
 
     Attributes:
-        image: (h, w, 3 or 4) uint8 red, green, blue and perhaps alpha, its first row on top, at
-            the highest y; None: the floor is plain.
+        image: (h, w, 3 or 4) uint8 red, green, blue and perhaps alpha, its first row at the highest
+            y; None: the floor is plain.
         size_m: extent along x and y that the picture covers.
-        centre_m: middle of the picture. ARGoS lays it round the origin whatever the arena's
-            centre.
+        centre_m: middle of the picture. ARGoS lays it round the origin whatever the arena's centre.
         color: of a plain floor.
-        zones: regions painted over it, later ones over earlier ones; those without colour are
-            not seen.
+        zones: regions painted over it, later ones over earlier ones; those without colour are not
+            seen.
     """
 
     image: Image | None = None
@@ -39,11 +38,7 @@ class Floor:
     zones: Sequence[Zone] = field(default=())
 
     def __post_init__(self) -> None:
-        """Refuses what is no picture.
-
-        Raises:
-            WorldError: wrong shape, type, or extent.
-        """
+        """Raises WorldError for a picture of a wrong shape, type, or extent."""
         image = self.image
         if image is None:
             return
@@ -57,22 +52,14 @@ class Floor:
             raise WorldError(f"the floor's picture covers {self.size_m} m, expected lengths")
 
     def with_zones(self, zones: Sequence[Zone]) -> Floor:
-        """Gives the same floor with other zones painted over it."""
+        """The same floor with other zones painted over it."""
         return replace(self, zones=tuple(zones))
 
     def sample(self, points_m: ArrayLike) -> Floats:
-        """Reads the floor's colour.
+        """Colours (n, 4) at points (n, 2): red, green, blue, alpha, each 0..255.
 
         A point is as the pixel that it lies in, not interpolated, as in ARGoS; one outside of the
-        picture as the nearest pixel inside.
-
-        Args:
-            points_m: (n, 2) points.
-
-        Returns:
-            (n, 4) red, green, blue, alpha, each 0..255.
-
-        Source: ARGoS's image floor, iridia.md section 2.
+        picture as the nearest pixel inside. Source: ARGoS's image floor, iridia.md section 2.
         """
         points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
         colors = np.full((len(points), 4), OPAQUE)
@@ -88,7 +75,7 @@ class Floor:
     def _pixels(
         self, points: Floats, height: int, width: int
     ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Gives each point's row, from the top, and column."""
+        """Each point's row, from the top, and column."""
         cells = np.array([width, height])
         size = np.asarray(self.size_m)
         place = (points - self.centre_m + 0.5 * size) * (cells / size)

@@ -1,4 +1,4 @@
-"""Everything virtual that stands in the world, by id, and a count of its changes."""
+"""Everything that stands in the world besides what has a marker, by id."""
 
 from __future__ import annotations
 
@@ -24,18 +24,13 @@ _SHOWN = 8
 
 
 class Inventory:
-    """Entities by id, in the order in which they were put.
+    """Entities by id, in the order in which they were put; `version` grows with every change.
 
-    Attributes:
-        version: grows with every change.
+    What raises WorldError and why stands in `World`.
     """
 
     def __init__(self, entities: Iterable[Entity] = ()) -> None:
-        """Takes what is there at the start; that may be physical.
-
-        Raises:
-            WorldError: two have the same id, or the same tag.
-        """
+        """Takes what is there at the start; that may be physical."""
         self.version = 0
         self._entities: dict[str, Entity] = {}
         self._by_kind: dict[type, tuple[Entity, ...]] = {}
@@ -46,28 +41,24 @@ class Inventory:
         self._first = dict(self._entities)
 
     def reset(self) -> None:
-        """Goes back to what was there at the start."""
+        """Goes back to the start."""
         self._entities = dict(self._first)
         self._changed()
 
     @property
     def entities(self) -> Mapping[str, Entity]:
-        """All of them by id; cannot be changed through this view."""
+        """A view of all of them by id."""
         return MappingProxyType(self._entities)
 
     def of(self, kind: type[Kind]) -> tuple[Kind, ...]:
-        """Gives all entities of one kind."""
+        """All entities of one kind."""
         if kind not in self._by_kind:
             found = tuple(e for e in self._entities.values() if isinstance(e, kind))
             self._by_kind[kind] = found
         return self._by_kind[kind]  # type: ignore[return-value]
 
     def put(self, entity: object) -> None:
-        """Adds an entity, or replaces the one of its id.
-
-        Raises:
-            WorldError: it is none, its tag is another one's, or it stands in the real arena.
-        """
+        """See `World.put`."""
         if not isinstance(entity, KINDS):
             names = ", ".join(kind.__name__ for kind in KINDS)
             raise WorldError(f"{entity!r:.60} cannot be put into the world, expected: {names}")
@@ -76,31 +67,19 @@ class Inventory:
         self._add(entity)
 
     def remove(self, name: str) -> None:
-        """Takes an entity out of the world.
-
-        Raises:
-            WorldError: there is none, or it stands in the real arena.
-        """
+        """See `World.remove`."""
         _check_virtual(self.get(name))
         del self._entities[name]
         self._changed()
 
     def move(self, name: str, x_m: float, y_m: float, yaw_rad: float | None) -> None:
-        """Puts an entity to another place.
-
-        Raises:
-            WorldError: there is none, it stands in the real arena, or there is no such place.
-        """
+        """See `World.move`."""
         _check_virtual(self.get(name))
         self._entities[name] = moved(self._entities[name], x_m, y_m, yaw_rad)
         self._changed()
 
     def get(self, name: str) -> Entity:
-        """Gives an entity.
-
-        Raises:
-            WorldError: there is none.
-        """
+        """The entity of an id; WorldError where there is none."""
         if name not in self._entities:
             known = sorted(self._entities)
             listed = ", ".join(known[:_SHOWN]) + (", ..." if len(known) > _SHOWN else "")
@@ -121,6 +100,6 @@ class Inventory:
 
 
 def _check_virtual(entity: Entity | None) -> None:
-    """What the robots can bump into stays where the experiment file says that it is."""
+    """Raises WorldError for what robots can drive against: only the experiment file places it."""
     if isinstance(entity, (Box, Cylinder)) and entity.physical:
         raise WorldError(f"{entity.id!r} stands in the real arena: the world cannot change it")

@@ -10,9 +10,9 @@ where there is none), which is made for every run, without arguments:
     def end(world):        after the last timestep; may give measures of the run, a dict
     def floor_color(x_m, y_m):  with <floor source="loop_functions">: red, green, blue, 0..255
 
-`world` is the `World`: `world.params["door_s"]` are the other attributes of the element, as
-texts; `world.random` is what to draw from, so that a seed repeats a run.
-Whatever goes wrong in the file becomes one error that names its line.
+`world` is the `World`: `world.params["door_s"]` are the other attributes of the element, as texts;
+`world.random` is what to draw from, so that a seed repeats a run. What goes wrong in the file
+becomes one error that names its line.
 """
 
 from __future__ import annotations
@@ -44,13 +44,7 @@ Hook = Callable[..., Any]
 
 
 class LoopFunctionsError(VsenseError):
-    """The user's file failed; `file:line: what happened`.
-
-    Attributes:
-        file: the file.
-        line: line in it, from 1.
-        message: what happened there.
-    """
+    """The user's file failed; `file:line: what happened`, lines from 1."""
 
     def __init__(self, file: str, line: int, message: str) -> None:
         super().__init__(f"{file}:{line}: {message}")
@@ -65,10 +59,9 @@ class LoopFunctions:
     def __init__(
         self, path: Path, label: str = "", params: Mapping[str, str] | None = None
     ) -> None:
-        """Loads the file.
+        """Loads the file; modules beside it may be imported in it.
 
         Args:
-            path: the file; modules beside it may be imported in it.
             label: name of the class that holds the hooks, "": the default one. Without such a
                 class the file's own functions are the hooks: in ARGoS everything has a label.
             params: the user's settings, for `world.params`.
@@ -109,24 +102,17 @@ class LoopFunctions:
         self._step("post_step", world)
 
     def end(self, world: World) -> dict[str, float]:
-        """Calls the user's `end`.
-
-        Returns:
-            All measures of the run, those that stood in `world.results` too.
-        """
+        """Calls the user's `end`; returns its measures and those in `world.results`."""
         given = self._call("end", world)
         if given is None:
-            return dict(world.results)
+            given = {}
         if not isinstance(given, Mapping):
             expected = "a dict of numbers by name"
             raise self._wrong("end", f"gave {_shown(given)}, expected {expected}")
-        results = Results()
-        results.update(world.results)
         try:
-            results.update(given)
+            return dict(Results({**world.results, **given}))
         except WorldError as error:
             raise self._wrong("end", str(error)) from None
-        return dict(results)
 
     def floor(self, arena: Arena, pixels_per_m: float) -> Floor:
         """Makes the floor that the user's `floor_color` gives, pixel by pixel.
@@ -176,7 +162,7 @@ class LoopFunctions:
             return hook(*arguments)
 
     def _holder(self, module: ModuleType, label: str) -> object:
-        """Gives what holds the hooks: the module, or an object of the class in it."""
+        """What holds the hooks: the module, or an object of the class in it."""
         found = getattr(module, label or DEFAULT_LABEL, None)
         if inspect.isclass(found):
             with self._code.watch(f"in {found.__name__}: ", line_of(found.__init__)):
@@ -187,15 +173,12 @@ class LoopFunctions:
         return module
 
     def _check_hook(self, name: str, hook: object, arguments: int) -> None:
-        """Refuses what can be seen to be no hook before it is called."""
+        """Raises LoopFunctionsError for what can be seen to be no hook before it is called."""
         wanted = f"expected a function {name}({_ARGUMENTS[arguments]})"
         if not callable(hook):
             raise LoopFunctionsError(self._file, 1, f"{name} is {_shown(hook)}, {wanted}")
-        if (
-            inspect.iscoroutinefunction(hook)
-            or inspect.isgeneratorfunction(hook)
-            or inspect.isasyncgenfunction(hook)
-        ):
+        kinds = inspect.iscoroutinefunction, inspect.isgeneratorfunction, inspect.isasyncgenfunction
+        if any(is_kind(hook) for is_kind in kinds):
             raise self._wrong_at(hook, f"{name} is async or yields, {wanted}")
         try:
             inspect.signature(hook).bind(*range(arguments))

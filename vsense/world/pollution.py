@@ -28,11 +28,9 @@ class Cone:
     from the apex, so along its axis it ends at max_distance_m * cos(wide_rad / 2).
 
     Attributes:
-        x_m: the apex.
-        y_m: the apex.
+        x_m, y_m: the apex.
         direction_rad: direction of the axis, in (-pi, pi].
         wide_rad: opening angle, in (0, pi).
-        max_distance_m: distance of the two far corners from the apex.
     """
 
     x_m: float
@@ -42,24 +40,18 @@ class Cone:
     max_distance_m: float
 
     def vertices(self) -> Floats:
-        """Gives the corners, (3, 2), counter-clockwise from the apex."""
+        """The corners, (3, 2), counter-clockwise from the apex."""
         angles = self.direction_rad + self.wide_rad / 2.0 * np.array([-1.0, 1.0])
         far = self.max_distance_m * np.stack((np.cos(angles), np.sin(angles)), axis=-1)
         apex = np.array([[self.x_m, self.y_m]])
         return np.concatenate((apex, apex + far))
 
     def contains(self, points_m: ArrayLike) -> NDArray[np.bool_]:
-        """Tells which points are polluted; apex and edges are.
+        """Which points (..., 2) are polluted; apex and edges are.
 
-        The thesis asks for barycentric coordinates within [0, 1]; each of the three is the
-        distance to one side up to a positive factor, and these distances are compared here:
-        turned into the cone's own frame they need no determinant and are exactly 0 at the apex.
-
-        Args:
-            points_m: (..., 2) points.
-
-        Returns:
-            (...) True inside.
+        The thesis asks for barycentric coordinates within [0, 1]. Each of the three is the distance
+        to one side up to a positive factor. These distances are compared here: in the cone's own
+        frame they need no determinant and are exactly 0 at the apex.
         """
         along, across = self._local(points_m)
         cosine, sine = math.cos(self.wide_rad / 2.0), math.sin(self.wide_rad / 2.0)
@@ -67,14 +59,7 @@ class Cone:
         return np.asarray((beside <= 0.0) & (along <= self.max_distance_m * cosine))
 
     def edge_distance(self, points_m: ArrayLike) -> Floats:
-        """Measures how far points are from the triangle's edge.
-
-        Args:
-            points_m: (..., 2) points.
-
-        Returns:
-            (...) distance to the nearest point of the edge [m], negative inside.
-        """
+        """Distances (...) of points (..., 2) to the triangle's edge [m], negative inside."""
         points = np.asarray(points_m, dtype=np.float64)[..., None, :]
         start = self.vertices()
         side = np.roll(start, -1, axis=0) - start
@@ -85,7 +70,7 @@ class Cone:
         return np.asarray(np.where(self.contains(points_m), -distance, distance))
 
     def _local(self, points_m: ArrayLike) -> tuple[Floats, Floats]:
-        """Gives points along the axis and across it (left positive), seen from the apex."""
+        """Points along the axis and across it (left positive), seen from the apex."""
         points = np.asarray(points_m, dtype=np.float64)
         x, y = points[..., 0] - self.x_m, points[..., 1] - self.y_m
         cosine, sine = math.cos(self.direction_rad), math.sin(self.direction_rad)
@@ -94,16 +79,13 @@ class Cone:
 
 @dataclass(frozen=True, slots=True)
 class PollutantSource:
-    """A tagged thing that pollutes downwind of where the cameras see it.
+    """A tagged thing that pollutes downwind of where the cameras see it; see `Cone`.
 
     Attributes:
-        tag: the thing's marker.
         direction_rad: where the wind blows to at the start.
-        wide_rad: opening angle of the cone, in (0, pi).
-        max_distance_m: reach of the cone.
         turn_timestep: first timestep of the run with the turned wind; None: it never turns.
         turn_rad: by how much it turns, counter-clockwise.
-        memory_ns: how old the source's last sighting may be; then its cone goes.
+        memory_ns: how old the source's last sighting may be; then its cone ends.
         amount: how much it pollutes in all, before it is cleaned; inf: it cannot be cleaned.
     """
 
@@ -117,11 +99,10 @@ class PollutantSource:
     amount: float = math.inf
 
     def cone_at(self, x_m: float, y_m: float, run_timestep: int, share: float = 1.0) -> Cone:
-        """Gives the cone of a source that stands at (x_m, y_m) in a timestep of the run.
+        """The cone of a source that stands at (x_m, y_m) in a timestep of the run.
 
-        Args:
-            share: how much of its amount is left, above 0: the polluted area shrinks with it, so
-                the reach with its root.
+        `share`, above 0, is how much of its amount is left: the polluted area shrinks with it, so
+        the reach with its root.
         """
         turned = self.turn_timestep is not None and run_timestep >= self.turn_timestep
         direction = float(wrap_angle(self.direction_rad + (self.turn_rad if turned else 0.0)))
@@ -130,25 +111,17 @@ class PollutantSource:
 
 
 class Stock:
-    """How much of every source's pollution has been cleaned in a run."""
+    """What is left of every source's pollution in a run."""
 
     def __init__(self) -> None:
         self._cleaned: dict[PollutantSource, float] = {}
 
-    def cleaned(self, source: PollutantSource) -> float:
-        """How much of a source has been cleaned."""
-        return self._cleaned.get(source, 0.0)
-
     def share(self, source: PollutantSource) -> float:
         """Which share of a source is left, 0..1; 1 for one that cannot be cleaned."""
-        return 1.0 - self.cleaned(source) / source.amount
+        return 1.0 - self._cleaned.get(source, 0.0) / source.amount
 
     def clean(self, source: PollutantSource, amount: float) -> float:
-        """Takes an amount, 0 or more, as far as there is one.
-
-        Returns:
-            How much was taken.
-        """
-        before = self.cleaned(source)
+        """Takes an amount, 0 or more, as far as there is one; returns how much was taken."""
+        before = self._cleaned.get(source, 0.0)
         self._cleaned[source] = min(before + amount, source.amount)
         return self._cleaned[source] - before

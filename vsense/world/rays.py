@@ -1,7 +1,7 @@
-"""What stands in the way of straight lines: robots, boxes and cylinders, asked in C.
+"""What stands in the way of straight lines, robots, boxes and cylinders: `c_src/host/vs_rays.h`.
 
-This is the seam to `c_src/host/vs_rays.h`. A body is an upright cylinder or an upright box with a
-turn about z; a line is blocked where it touches one, from its start to its end.
+A body is an upright cylinder or an upright box with a turn about z; a line is blocked where it
+touches one, from its start to its end.
 """
 
 from __future__ import annotations
@@ -19,41 +19,25 @@ from vsense.world.entities import BODY_HEIGHT_M, BODY_RADIUS_M, Box, Cylinder
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-BODY = np.dtype(
-    [
-        ("x_m", "f8"),
-        ("y_m", "f8"),
-        ("z_low_m", "f8"),
-        ("z_high_m", "f8"),
-        ("radius_m", "f8"),
-        ("half_x_m", "f8"),
-        ("half_y_m", "f8"),
-        ("cosine", "f8"),
-        ("sine", "f8"),
-    ]
-)
-"""One body; the fields are those of `struct vs_obstacle`, see `c_src/host/vs_rays.h`."""
+_FIELDS = "x_m y_m z_low_m z_high_m radius_m half_x_m half_y_m cosine sine"
+BODY = np.dtype([(name, "f8") for name in _FIELDS.split()])
+"""One body; the fields are those of `struct vs_obstacle`."""
 
 NOBODY = -1
-"""In `skip`: the line passes through no body unhindered."""
+"""In `skip`: the line passes through no body."""
 
 
 class Bodies:
     """Bodies that stand in the way, sorted into a grid for quick questions.
 
+    Their methods raise WireError where a number is not finite, or beyond what an arena can hold.
+    `skip` are rows of bodies that do not stand in the way, (n,) or (n, 2) or one for all lines.
+
     Attributes:
-        rows: BODY array; `skip` counts in it. A body with z_high_m < z_low_m is not there.
+        rows: BODY array, not to be changed. A body with z_high_m < z_low_m is not there.
     """
 
     def __init__(self, rows: NDArray[np.void]) -> None:
-        """Sorts the bodies into the grid.
-
-        Args:
-            rows: BODY array; not changed afterwards.
-
-        Raises:
-            WireError: a body's number is not finite, or beyond what an arena can hold.
-        """
         self.rows = np.ascontiguousarray(rows)
         self._obstacles = kernel_ffi.new("struct vs_obstacles *")
         self._obstacles.bodies = kernel_ffi.cast(
@@ -68,27 +52,13 @@ class Bodies:
         return len(self.rows)
 
     def blocked(self, starts_m: ArrayLike, ends_m: ArrayLike, skip: ArrayLike = NOBODY) -> Bools:
-        """Tells which lines touch a body.
-
-        Args:
-            starts_m: (n, 3) starts.
-            ends_m: (n, 3) ends.
-            skip: rows of bodies that are no hindrance, (n,) or (n, 2) or one for all lines; NOBODY.
-
-        Returns:
-            (n,) True where something is in the way, also at the start or the end itself.
-
-        Raises:
-            WireError: a coordinate is not finite, or beyond what an arena can hold.
-        """
+        """Which lines (n, 3) to (n, 3) touch a body, also at the start or the end itself: (n,)."""
         return self._trace(kernels.vs_rays_blocked, "uint8_t *", np.bool_, starts_m, ends_m, skip)
 
     def nearest(self, starts_m: ArrayLike, ends_m: ArrayLike, skip: ArrayLike = NOBODY) -> Floats:
-        """Tells where lines touch the first body; arguments and errors as of `blocked`.
+        """Share of each line up to the first body that it touches, in [0, 1]: (n,).
 
-        Returns:
-            (n,) share of the line up to there, in [0, 1]; 0 where it starts in a body; inf where
-            it is free.
+        It is 0 where the line starts in a body, inf where the line is free.
         """
         return self._trace(kernels.vs_rays_nearest, "double *", np.float64, starts_m, ends_m, skip)
 
@@ -101,7 +71,6 @@ class Bodies:
         ends_m: ArrayLike,
         skip: ArrayLike,
     ) -> NDArray[Any]:
-        """Has the kernel say something about every line: (n,) of `dtype`."""
         starts, ends, skips, each = _lines(starts_m, ends_m, skip)
         found = np.empty(len(starts), dtype=dtype)
         code = kernel(
@@ -117,16 +86,7 @@ class Bodies:
         return found
 
     def seen(self, points_m: ArrayLike, goals_m: ArrayLike, skip: ArrayLike = NOBODY) -> Bools:
-        """Tells from which points one sees which goals.
-
-        Args:
-            points_m: (n, 3) where the lines start.
-            goals_m: (k, 3) where they end.
-            skip: rows of bodies that are no hindrance, (n,) or (n, 2) or one for all points.
-
-        Returns:
-            (n, k) True where the line is free.
-        """
+        """Whether the lines from points (n, 3) to goals (k, 3) are free: (n, k)."""
         goals = np.ascontiguousarray(goals_m, dtype=np.float64).reshape(-1, 3)
         points, _, skips, each = _lines(points_m, points_m, skip)
         found = np.empty((len(points), len(goals)), dtype=np.bool_)
@@ -151,14 +111,9 @@ def disc_rows(
     radius_m: float = BODY_RADIUS_M,
     height_m: float = BODY_HEIGHT_M,
 ) -> NDArray[np.void]:
-    """Makes BODY rows of robots and tagged things.
+    """Makes BODY rows of robots and tagged things at (n,) centres.
 
-    Args:
-        x_m: (n,) centres.
-        y_m: (n,) centres.
-        there: (n,) or one for all; one that is not there blocks no line but has its row.
-        radius_m: of all.
-        height_m: of all.
+    One that is not `there`, (n,) or one for all, blocks no line but has its row.
     """
     rows = np.zeros(len(np.atleast_1d(x_m)), dtype=BODY)
     rows["x_m"], rows["y_m"], rows["radius_m"] = x_m, y_m, radius_m
@@ -184,7 +139,7 @@ def entity_rows(entities: Sequence[Box | Cylinder]) -> NDArray[np.void]:
 def _lines(
     starts_m: ArrayLike, ends_m: ArrayLike, skip: ArrayLike
 ) -> tuple[Floats, Floats, NDArray[np.int32], int]:
-    """Gives lines as the library takes them, and how many bodies each passes through."""
+    """Lines as the library takes them, and how many bodies each passes through."""
     starts = np.ascontiguousarray(starts_m, dtype=np.float64).reshape(-1, 3)
     ends = np.ascontiguousarray(ends_m, dtype=np.float64).reshape(-1, 3)
     if len(starts) != len(ends):

@@ -1,4 +1,4 @@
-"""Where tagged things were seen last: POSE arrays that outlive the arena states."""
+"""Last sightings of tagged things: POSE arrays that outlive the arena states."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NEVER_NS = -1
 
 
 def unseen(tags: Sequence[int]) -> NDArray[np.void]:
-    """Gives a POSE array of things that no camera has seen yet."""
+    """A POSE array of things that no camera has seen yet."""
     poses = np.zeros(len(tags), dtype=POSE)
     poses["tag"] = tags
     poses["capture_ns"] = NEVER_NS
@@ -26,9 +26,7 @@ def unseen(tags: Sequence[int]) -> NDArray[np.void]:
 def update_poses(kept: NDArray[np.void], seen: NDArray[np.void]) -> None:
     """Overwrites the kept rows of the tags that a camera saw; the others stay, not seen.
 
-    Args:
-        kept: POSE array, changed in place.
-        seen: POSE array sorted by tag.
+    Both are POSE arrays; `kept` is changed in place, `seen` is sorted by tag.
     """
     kept["seen"] = False
     if len(seen) == 0:
@@ -39,13 +37,13 @@ def update_poses(kept: NDArray[np.void], seen: NDArray[np.void]) -> None:
 
 
 def known(poses: NDArray[np.void], now_ns: int, memory_ns: int) -> NDArray[np.bool_]:
-    """Tells of which things the last sighting is at most memory_ns older than now_ns."""
+    """Which things' last sighting is at most memory_ns older than now_ns."""
     captures_ns = poses["capture_ns"]
     return np.asarray((captures_ns != NEVER_NS) & (now_ns - captures_ns <= memory_ns))
 
 
 def standing(robots: Sequence[VirtualRobot], now_ns: int) -> NDArray[np.void]:
-    """Gives the POSE array of virtual robots: always seen, for sure, where they are now."""
+    """The POSE array of virtual robots: always seen, with full confidence."""
     poses = unseen([robot.tag for robot in robots])
     poses["capture_ns"], poses["seen"], poses["confidence"] = now_ns, True, 1.0
     for pose, robot in zip(poses, robots):
@@ -54,27 +52,22 @@ def standing(robots: Sequence[VirtualRobot], now_ns: int) -> NDArray[np.void]:
 
 
 def in_order(poses: NDArray[np.void], tags: Sequence[int]) -> NDArray[np.void]:
-    """Gives the rows of tags in their order; a tag that is not there was never seen."""
+    """The rows of tags in their order; a tag that is not there was never seen."""
     first = poses[: len(tags)]
     if first["tag"].tolist() == list(tags):
         return first
-    rows = unseen(tags)
-    places = {tag: row for row, tag in enumerate(poses["tag"].tolist())}
-    for row, tag in enumerate(tags):
-        if tag in places:
-            rows[row] = poses[places[tag]]
-    return rows
+    return carried(poses, poses["tag"].tolist(), tags, unseen(tags))
 
 
-def carried(kept: NDArray[Any], before: Sequence[int], after: Sequence[int]) -> NDArray[Any]:
-    """Gives the rows that belong to tags after robots came or went; new ones have zeros.
-
-    Args:
-        kept: (n, ...) one row per robot of `before`.
-        before: tags of the rows.
-        after: tags of the rows that are wanted.
-    """
-    rows = np.zeros((len(after), *kept.shape[1:]), dtype=kept.dtype)
+def carried(
+    kept: NDArray[Any],
+    before: Sequence[int],
+    after: Sequence[int],
+    rows: NDArray[Any] | None = None,
+) -> NDArray[Any]:
+    """Moves rows of the tags `before` to those of `after`; new tags have theirs of `rows`, or 0."""
+    if rows is None:
+        rows = np.zeros((len(after), *kept.shape[1:]), dtype=kept.dtype)
     places = {tag: row for row, tag in enumerate(before)}
     for row, tag in enumerate(after):
         if tag in places:
@@ -83,7 +76,7 @@ def carried(kept: NDArray[Any], before: Sequence[int], after: Sequence[int]) -> 
 
 
 def read_only(poses: NDArray[np.void]) -> NDArray[np.void]:
-    """Gives a view that cannot be written to."""
+    """A view that cannot be written to."""
     view: NDArray[np.void] = poses.view()
     view.flags.writeable = False
     return view

@@ -1,4 +1,4 @@
-"""Python files of users: loaded and called so that whatever goes wrong has its file and line."""
+"""Python files of users: loaded and called so that every error has its file and line."""
 
 from __future__ import annotations
 
@@ -15,18 +15,12 @@ _MAX_SHOWN = 300
 
 
 class UsersCode:
-    """One Python file of a user.
-
-    Attributes:
-        file: the file as errors call it.
-    """
+    """One Python file of a user; `file` is its name in errors."""
 
     def __init__(self, path: Path, error: Callable[[str, int, str], VsenseError]) -> None:
-        """Notes the file.
+        """Modules beside the file at `path` may be imported in it.
 
-        Args:
-            path: the file; modules beside it may be imported in it.
-            error: makes what is raised from file, line (from 1) and what happened there.
+        `error` makes what is raised from file, line (from 1) and what happened there.
         """
         self.file = str(path)
         self._path = path
@@ -38,10 +32,7 @@ class UsersCode:
         return self._error(self.file, line, message)
 
     def load(self, name: str) -> ModuleType:
-        """Runs the file as a module of its own: a second run must not find the first one's.
-
-        Args:
-            name: of the module, none of the program's own.
+        """Runs the file as a new module `name`: a second run does not find the first one's.
 
         Raises:
             VsenseError: the user's, made by `error`: it cannot be read, or it failed.
@@ -68,13 +59,12 @@ class UsersCode:
     def watch(
         self, where: str = "", fallback: int = 1, through: tuple[type[Exception], ...] = ()
     ) -> Iterator[None]:
-        """Runs the user's code: modules beside it are found, and whatever it raises has its line.
+        """Runs the user's code: modules beside it are found, and its errors have their line.
 
-        SystemExit is an error here, too: a file must not end the program. Only the user's own
-        Ctrl-C goes through.
+        SystemExit is an error here, too: a file must not end the program. Ctrl-C goes through.
 
         Args:
-            where: leads what happened.
+            where: begins the error's message.
             fallback: line of an error that came from none of the file's.
             through: errors that have a better place of their own.
 
@@ -98,14 +88,14 @@ class UsersCode:
 
 
 def line_of(function: object) -> int:
-    """Gives the line that a function begins in, 1 where it is none."""
+    """The line that a function begins in, 1 where it is none."""
     plain = inspect.unwrap(function) if callable(function) else function
     code = getattr(plain, "__code__", None)
     return code.co_firstlineno if code is not None else 1
 
 
 def _line_in(file: str, error: BaseException) -> int | None:
-    """Finds the line of a file that an error came from, or came through last."""
+    """The line of a file that an error came from, or came through last."""
     if isinstance(error, SyntaxError) and error.filename == file and error.lineno:
         return error.lineno
     line, step = None, error.__traceback__
@@ -117,7 +107,7 @@ def _line_in(file: str, error: BaseException) -> int | None:
 
 
 def _words(error: BaseException) -> str:
-    """Says in one line what happened; an error of our own says enough by itself."""
+    """What happened, in one line; an error of our own says enough by itself."""
     try:
         text = " ".join(str(error.msg if isinstance(error, SyntaxError) else error).split())
     except Exception:  # the user's own class may fail at this, too

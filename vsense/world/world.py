@@ -1,13 +1,14 @@
-"""The world of one run: what the cameras saw last, and what is not there at all.
+"""The world of one run: what the cameras saw last, and what is virtual.
 
-It reads no clock and draws from its own seed: every age follows from the capture times that the
-arena state carries. The same arena states therefore give the same world, live and in a replay.
+It reads no clock and draws from its own seed; ages follow from the arena states' capture times. The
+same arena states therefore give the same world, live and in a replay.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, MutableMapping, Sequence
+from collections import UserDict
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,49 +33,26 @@ from vsense.world.sightings import NEVER_NS as NEVER_NS
 from vsense.world.sightings import carried, known, read_only, standing, unseen, update_poses
 
 
-class Results(MutableMapping[str, float]):
-    """Finite numbers by name; anything else is refused where it is written."""
-
-    def __init__(self) -> None:
-        self._numbers: dict[str, float] = {}
-
-    def __getitem__(self, name: str) -> float:
-        return self._numbers[name]
+class Results(UserDict[str, float]):
+    """Finite numbers by name; WorldError for anything else that is written."""
 
     def __setitem__(self, name: str, number: float) -> None:
-        """Writes a measure down.
-
-        Raises:
-            WorldError: the name is none, or the number is not finite.
-        """
         if not isinstance(name, str) or not name.strip() or not name.isprintable():
             raise WorldError(f"a result is called {name!r:.60}, expected a name")
         plain = isinstance(number, (int, float, np.integer, np.floating, np.bool_))
         if not plain or not math.isfinite(number):
             raise WorldError(f"result {name!r} is {number!r:.60}, expected a finite number")
-        self._numbers[name] = float(number)
-
-    def __delitem__(self, name: str) -> None:
-        del self._numbers[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._numbers)
-
-    def __len__(self) -> int:
-        return len(self._numbers)
-
-    def __repr__(self) -> str:
-        return repr(self._numbers)
+        super().__setitem__(name, float(number))
 
 
 BODY_MEMORY_NS = DEFAULT_MEMORY_NS
-"""How long a tagged thing that is not seen stands in the way where it was seen last."""
+"""A tagged thing that is not seen stands in the way so long where it was seen last."""
 
 MESSAGE_MAX = 16
 """Bytes of the longest virtual message."""
 
 MESSAGE = np.dtype([("length", "u1"), ("data", "u1", (MESSAGE_MAX,))])
-"""What a robot says to its neighbours: `length` bytes of `data`; length 0: nothing."""
+"""A robot's message to its neighbours: `length` bytes of `data`; length 0: nothing."""
 
 
 class World:
@@ -82,21 +60,20 @@ class World:
 
     Attributes:
         robots: POSE array, read-only, one row per robot: the real ones in the order of `tags`,
-            then the virtual ones in the order in which they were put. `seen` tells whether the
-            row is of this timestep; a robot that is not seen keeps its last sighting, whose
-            `capture_ns` (NEVER_NS before the first) tells how old it is.
+            then the virtual ones in the order in which they were put. `seen` is whether the row is
+            of this timestep; a robot that is not seen keeps its last sighting, of the time
+            `capture_ns` (NEVER_NS before the first).
         objects: POSE array, read-only, of the tagged things that are no robots, likewise.
         real_robots: how many of the robots are real.
         leds: (n, 3) uint8 red, green, blue of each robot's virtual LEDs; 0: off.
-        messages: MESSAGE array (n,), what each robot says now.
+        messages: MESSAGE array (n,), what each robot sends now.
         sources: what pollutes, in the experiment's order.
         fields: fields by id.
-        random: where whatever happens by chance in the world is drawn from.
+        random: all that happens by chance in the world is drawn from it.
         results: measures of the run by name.
-        stock: what robots have cleaned of the pollutant sources.
+        stock: what robots have left of the pollutant sources.
         params: the loop functions' own settings.
         arena: the arena, or None where it is not needed.
-        timestep_s: length of a timestep.
         capture_ns: capture time of the newest arena state, 0 before the first.
         run_timestep: timestep of the run, from 0; negative before the run.
     """
@@ -121,14 +98,13 @@ class World:
         timestep_s: float = 0.1,
         seed: int = 0,
     ) -> None:
-        """Makes an unseen world.
+        """Makes a world of which no camera has seen anything yet.
 
         Args:
             tags: markers of the robots of the run, without repetition.
             entities: what else is in it, virtual robots too.
             floor: the floor's colours; None: white.
             objects: markers of the things that are no robots; the sources' are added.
-            seed: of everything that is drawn.
 
         Raises:
             WorldError: two things have the same id, or a field changes too fast for a timestep.
@@ -146,7 +122,7 @@ class World:
         self.reset()
 
     def reset(self) -> None:
-        """Goes back to the start of the run; what the cameras saw last stays."""
+        """Goes back to the start of the run but for what the cameras saw last."""
         self._inventory.reset()
         self.floor = self._first_floor
         for field in self.fields.values():
@@ -160,14 +136,8 @@ class World:
         self._settle()
 
     def update(self, state: ArenaState, run_timestep: int) -> None:
-        """Takes over what the cameras saw.
-
-        Args:
-            state: the arena state of this timestep.
-            run_timestep: timestep of the run, from 0; negative before the run.
-        """
-        self.capture_ns = state.capture_ns
-        self.run_timestep = run_timestep
+        """Takes over what the cameras saw in a timestep of the run; negative before the run."""
+        self.capture_ns, self.run_timestep = state.capture_ns, run_timestep
         update_poses(self._robots[: self.real_robots], state.robots)
         update_poses(self._objects, state.robots)
         self._settle()
@@ -176,31 +146,27 @@ class World:
         self._bodies = None
 
     def step(self) -> None:
-        """Steps what changes by itself: the fields."""
+        """Steps what changes by itself, the fields."""
         for field in self.fields.values():
             field.step(self.timestep_s)
 
     @property
     def robots(self) -> NDArray[np.void]:
-        """See the class."""
         self._settle()
         return read_only(self._robots)
 
     @property
     def leds(self) -> NDArray[np.uint8]:
-        """See the class."""
         self._settle()
         return self._leds
 
     @property
     def messages(self) -> NDArray[np.void]:
-        """See the class."""
         self._settle()
         return self._messages
 
     @property
     def objects(self) -> NDArray[np.void]:
-        """See the class."""
         return read_only(self._objects)
 
     @property
@@ -210,12 +176,12 @@ class World:
 
     @property
     def version(self) -> tuple[int, int]:
-        """Another one whenever an entity or the plain floor was changed."""
+        """Changes with every change of an entity or of the plain floor."""
         return self._inventory.version, self._floors
 
     @property
     def entities(self) -> Mapping[str, Entity]:
-        """What is in the world besides real robots and tagged things, by id."""
+        """All that is in the world besides real robots and tagged things, by id; read-only."""
         return self._inventory.entities
 
     def put(self, entity: Entity) -> None:
@@ -238,24 +204,25 @@ class World:
         """Puts an entity to another place; without yaw_rad it keeps its turn.
 
         Raises:
-            WorldError: there is none of this name, or it stands in the real arena.
+            WorldError: there is none of this name, it stands in the real arena, or there is no such
+                place.
         """
         self._inventory.move(name, x_m, y_m, yaw_rad)
 
     def boxes(self) -> tuple[Box, ...]:
-        """Gives all boxes, physical and virtual."""
+        """All boxes, physical and virtual."""
         return self._inventory.of(Box)
 
     def cylinders(self) -> tuple[Cylinder, ...]:
-        """Gives all cylinders, physical and virtual."""
+        """All cylinders, physical and virtual."""
         return self._inventory.of(Cylinder)
 
     def lights(self) -> tuple[Light, ...]:
-        """Gives all lights."""
+        """All lights."""
         return self._inventory.of(Light)
 
     def zones(self) -> tuple[Zone, ...]:
-        """Gives all zones."""
+        """All zones."""
         return self._inventory.of(Zone)
 
     @property
@@ -273,11 +240,10 @@ class World:
         self._floors += 1
 
     def bodies(self) -> Bodies:
-        """Gives all that stands in the way of light and sight.
+        """All that stands in the way of light and sight.
 
-        The rows are those of `robots`, then those of `objects`, then cylinders and boxes: so a
-        robot's row in `robots` is what `skip` wants. A tagged thing that no camera has seen for
-        BODY_MEMORY_NS blocks no line.
+        The rows are those of `robots`, which `skip` takes, then those of `objects`, then cylinders
+        and boxes. A tagged thing that no camera has seen for BODY_MEMORY_NS blocks no line.
         """
         self._settle()
         if self._bodies is None:
@@ -289,25 +255,22 @@ class World:
         return self._bodies
 
     def pose(self, tag: int) -> np.void | None:
-        """Gives the last sighting of a robot or tagged thing, or None if there is none yet."""
+        """The last sighting of a robot or tagged thing, or None if there is none yet."""
         for poses in (self._robots, self._objects):
             for row in np.flatnonzero(poses["tag"] == tag):
                 return None if poses[row]["capture_ns"] == NEVER_NS else poses[row]
         return None
 
     def age_ns(self, source: PollutantSource) -> int | None:
-        """How old the source's last sighting is; None: it was never seen."""
+        """Age of the source's last sighting; None: it was never seen."""
         pose = self.pose(source.tag)
         return None if pose is None else self.capture_ns - int(pose["capture_ns"])
 
     def cone(self, source: PollutantSource) -> Cone | None:
-        """Gives the polluted triangle of a source.
+        """The polluted triangle of a source, or None while there is none.
 
-        A source that is not seen pollutes on from where it was seen last, until that sighting
-        is older than the source's `memory_ns`.
-
-        Returns:
-            The triangle, or None while there is none.
+        A source that is not seen pollutes on from where it was seen last, until that sighting is
+        older than the source's `memory_ns`.
         """
         pose, age_ns = self.pose(source.tag), self.age_ns(source)
         share = self.stock.share(source)
@@ -316,10 +279,7 @@ class World:
         return source.cone_at(float(pose["x_m"]), float(pose["y_m"]), self.run_timestep, share)
 
     def _settle(self) -> None:
-        """Renews what follows from the entities, if they have changed since the last time.
-
-        Rows of virtual robots come and go; who stays keeps LEDs and message.
-        """
+        """Renews what follows from the entities, if they have changed since the last time."""
         if self._settled == self._inventory.version:
             return
         self._settled = self._inventory.version
@@ -330,5 +290,6 @@ class World:
         self._robots = np.concatenate([self._robots[: self.real_robots], rows])
         after = self._robots["tag"].tolist()
         if after != before:
+            # Virtual robots that stay keep LEDs and message.
             self._leds = carried(self._leds, before, after)
             self._messages = carried(self._messages, before, after)

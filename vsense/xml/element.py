@@ -1,8 +1,7 @@
-"""One element of an experiment file: knows where it stands and what has been read of it.
+"""One element of an experiment file, with its line and what has been read of it.
 
-A reader asks an element for attributes and children by name; what was not asked for is
-reported at the end, with the names that would have been understood. So a misspelt key is an
-error instead of a default.
+A reader asks an element for attributes and children by name; what was not asked for is an error at
+the end that lists the names that are known: so a misspelt key is no default.
 """
 
 from __future__ import annotations
@@ -25,31 +24,29 @@ COUNTS = ("no", "one", "two", "three", "four")
 class Document:
     """An experiment file while it is read.
 
-    Attributes:
-        file: the file as the user named it.
-        passed_over: line and words for whatever is not done as the file asks.
+    `passed_over` are line and words for each thing that is not done as the file asks.
     """
 
     file: str
     passed_over: list[tuple[int, str]] = field(default_factory=list)
 
     def warnings(self) -> tuple[str, ...]:
-        """Gives what is passed over, in the file's order: `file:line: what happens instead`."""
+        """What is passed over, in the file's order: `file:line: what happens instead`."""
         return tuple(f"{self.file}:{line}: {words}" for line, words in sorted(self.passed_over))
 
 
 def shown(text: str) -> str:
-    """Gives a value in quotes, a long one cut."""
+    """A value in quotes, a long one cut."""
     return repr(text if len(text) <= MAX_SHOWN else text[:MAX_SHOWN] + "...")
 
 
 def listed(names: Iterable[str]) -> str:
-    """Gives names in alphabetical order, "none" where there is none."""
+    """Names in alphabetical order, "none" where there is none."""
     return ", ".join(sorted(names)) or "none"
 
 
 def likely(missing: str, present: Iterable[str]) -> str:
-    """Points to a name nearby that looks like a misspelling of the missing one."""
+    """Points to a present name that looks like a misspelling of the missing one."""
     close = difflib.get_close_matches(missing, sorted(present), 1, 0.75)
     return f" (is {close[0]!r} meant?)" if close else ""
 
@@ -61,6 +58,9 @@ _OURS = "vs:"
 
 class Element:
     """One element of an experiment file.
+
+    What reads an attribute raises ConfigError where the attribute is absent and has no default, is
+    malformed, or is out of range.
 
     Attributes:
         name: its name; one of our own namespace starts with `vs:`.
@@ -102,11 +102,11 @@ class Element:
         self._settings[key.removeprefix(_OURS)] = value
 
     def peek(self, key: str) -> str | None:
-        """Gives an attribute as it stands, None where it is absent, without counting it as read."""
+        """An attribute as it stands, None where it is absent, without counting it as read."""
         return self._settings.get(key.removeprefix(_OURS), self._attributes.get(key))
 
     def walk(self) -> Iterator[Element]:
-        """Gives this element and all below it that are not left out, in the file's order."""
+        """This element and all below it that are not left out, in the file's order."""
         if not self._left_out:
             yield self
             for child in self._children:
@@ -129,50 +129,32 @@ class Element:
         self.warn(f"is not supported: {instead}")
 
     def has(self, key: str) -> bool:
-        """Tells whether an optional attribute is there."""
+        """Whether an optional attribute is there."""
         self._asked_attributes.add(key)
         return self.peek(key) is not None
 
-    def text(self, key: str, default: str | None = None, expected: str = "a text") -> str:
-        """Reads an attribute as it stands, without blanks around it.
-
-        Args:
-            key: the attribute's name.
-            default: its value where it is absent; None: it is required.
-            expected: what the error calls the value.
-
-        Raises:
-            ConfigError: it is absent and required, or empty.
-        """
-        value = self.peek(key) if self.has(key) else default
-        if value is None:
+    def text(self, key: str, default: str | float | None = None, expected: str = "a text") -> str:
+        """Reads an attribute without blanks around it; `expected` is the value's name in errors."""
+        found = self.peek(key) if self.has(key) else default
+        if found is None:
             raise self.error(f"is missing, expected {expected}{likely(key, self._attributes)}", key)
-        if not value.strip():
+        value = str(found).strip()
+        if not value:
             raise self.error(f"is empty, expected {expected}", key)
-        return value.strip()
+        return value
 
     def number(
         self, key: str, low: float, high: float, unit: str = "", default: float | None = None
     ) -> float:
-        """Reads a finite number within [low, high].
-
-        Raises:
-            ConfigError: absent and required, not a number, or out of range.
-        """
-        fallback = None if default is None else repr(default)
-        text = self.text(key, fallback, f"a number from {low:g} to {high:g} {unit}".rstrip())
+        """Reads a finite number within [low, high]."""
+        text = self.text(key, default, f"a number from {low:g} to {high:g} {unit}".rstrip())
         return self._number(key, text, low, high, unit)
 
     def integer(
         self, key: str, low: int, high: int, default: int | None = None, why: str = ""
     ) -> int:
-        """Reads a whole number within [low, high]; `why` explains the range in the error.
-
-        Raises:
-            ConfigError: absent and required, not a whole number, or out of range.
-        """
-        fallback = None if default is None else str(default)
-        text = self.text(key, fallback, f"a whole number from {low} to {high}")
+        """Reads a whole number within [low, high]; `why` explains the range in the error."""
+        text = self.text(key, default, f"a whole number from {low} to {high}")
         if not _INTEGER.fullmatch(text):
             raise self.error(f"{shown(text)} is not a whole number from {low} to {high}", key)
         if not low <= int(text) <= high:
@@ -181,14 +163,7 @@ class Element:
         return int(text)
 
     def share(self, key: str) -> float:
-        """Reads a percentage such as "50%".
-
-        Returns:
-            The share, in [0, 1].
-
-        Raises:
-            ConfigError: absent, or not a percentage from 0 to 100.
-        """
+        """Reads a percentage such as "50%" as a share in [0, 1]."""
         text = self.text(key, None, "a percentage such as '50%'")
         if not text.endswith("%"):
             raise self.error(f"{shown(text)} is not a percentage such as '50%'", key)
@@ -197,14 +172,7 @@ class Element:
     def angle(
         self, key: str, low_deg: float, high_deg: float, default_deg: float | None = None
     ) -> float:
-        """Reads an angle that the file gives in degrees.
-
-        Returns:
-            The angle [rad], not wrapped.
-
-        Raises:
-            ConfigError: absent and required, not a number, or out of range.
-        """
+        """Reads an angle in degrees as one in rad, not wrapped."""
         return math.radians(self.number(key, low_deg, high_deg, "deg", default_deg))
 
     def vector(
@@ -223,11 +191,7 @@ class Element:
         unit: str = "",
         default: str | None = None,
     ) -> tuple[float, ...]:
-        """Reads two or three numbers with commas between them, each within [low, high].
-
-        Raises:
-            ConfigError: absent and required, not that many numbers, or one out of range.
-        """
+        """Reads two or three numbers with commas between them, each within [low, high]."""
         letters = ",".join("xyz"[:count])
         text = self.text(key, default, f"{COUNTS[count]} numbers '{letters}' {unit}".rstrip())
         parts = [part.strip() for part in text.split(",")]
@@ -237,20 +201,12 @@ class Element:
         return tuple(self._number(key, part, low, high, unit) for part in parts)
 
     def boolean(self, key: str, default: bool | None = None) -> bool:
-        """Reads "true" or "false".
-
-        Raises:
-            ConfigError: absent and required, or neither of the two.
-        """
+        """Reads "true" or "false"."""
         fallback = None if default is None else str(default).lower()
         return self.choice(key, ("true", "false"), fallback) == "true"
 
     def choice(self, key: str, choices: Sequence[str], default: str | None = None) -> str:
-        """Reads one of several words.
-
-        Raises:
-            ConfigError: absent and required, or none of them.
-        """
+        """Reads one of several words."""
         known = ", ".join(choices)
         text = self.text(key, default, f"one of: {known}")
         if text not in choices:
@@ -258,11 +214,7 @@ class Element:
         return text
 
     def integers(self, key: str, low: int, high: int) -> list[int]:
-        """Reads whole numbers within [low, high] with blanks or commas between them.
-
-        Raises:
-            ConfigError: absent, not whole numbers, or one out of range.
-        """
+        """Reads whole numbers within [low, high] with blanks or commas between them."""
         text = self.text(key, None, f"whole numbers from {low} to {high}")
         parts = text.replace(",", " ").split()
         for part in parts:
@@ -271,47 +223,35 @@ class Element:
         return [int(part) for part in parts]
 
     def free_attributes(self) -> dict[str, str]:
-        """Gives all attributes of an element whose keys are the user's own."""
+        """All attributes of an element whose keys are the user's own."""
         self._asked_attributes.update(self._attributes, self._settings)
         return {**self._attributes, **self._settings}
 
     def children(self, *names: str) -> list[Element]:
-        """Gives the children of these names, in the file's order; without names all of them."""
+        """The children of these names, in the file's order; without names all of them."""
         self._asked_children.update(names or self.child_names())
         return self.below(*names)
 
     def below(self, *names: str) -> list[Element]:
-        """Gives the same children as `children`, without counting them as read."""
+        """The same children as `children`, without counting them as read."""
         return [child for child in self._children if not names or child.name in names]
 
     def optional_child(self, name: str) -> Element | None:
-        """Gives the only child of this name, or None.
-
-        Raises:
-            ConfigError: there are two.
-        """
+        """The only child of this name, or None; ConfigError where there are two."""
         found = self.children(name)
         if len(found) > 1:
             raise found[1].error(f"appears twice in <{self.name}>, first in line {found[0].line}")
         return found[0] if found else None
 
     def child(self, name: str) -> Element:
-        """Gives the only child of this name.
-
-        Raises:
-            ConfigError: there is none, or there are two.
-        """
+        """The only child of this name; ConfigError where there is none, or there are two."""
         found = self.optional_child(name)
         if found is None:
             raise self.error(f"<{name}> is missing in it{likely(name, self.child_names())}")
         return found
 
     def check_all_read(self) -> None:
-        """Refuses what was not asked for, here and below.
-
-        Raises:
-            ConfigError: an attribute or a child element that means nothing here.
-        """
+        """Raises ConfigError for an attribute or child that was not asked for, here and below."""
         if self._left_out:
             return
         asked = self._asked_attributes
@@ -325,7 +265,7 @@ class Element:
             child.check_all_read()
 
     def child_names(self) -> list[str]:
-        """Gives the children's names in the file's order, without counting them as read."""
+        """The children's names in the file's order, without counting them as read."""
         return [child.name for child in self._children]
 
     def _number(self, key: str, text: str, low: float, high: float, unit: str) -> float:

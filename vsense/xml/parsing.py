@@ -1,7 +1,7 @@
 """From the bytes of an experiment file to its element tree, with the line of every element.
 
-An experiment file may come from anywhere, so no entity is expanded, no other file is opened,
-and size and depth are bounded.
+As a file may come from anywhere, no entity is expanded, no other file is opened, and size and depth
+are bounded.
 """
 
 from __future__ import annotations
@@ -23,13 +23,7 @@ _SEPARATOR = " "
 
 
 def parse(data: bytes, file: str) -> Element:
-    """Reads an XML file.
-
-    Args:
-        data: the file's bytes.
-
-    Returns:
-        The root element.
+    """Reads the bytes of an XML file; returns its root element.
 
     Raises:
         ConfigError: the file is too large or too deep, is not well-formed, holds a DOCTYPE,
@@ -41,8 +35,6 @@ def parse(data: bytes, file: str) -> Element:
 
 
 class _TreeBuilder:
-    """Holds the elements that are still open while expat reports what it finds."""
-
     def __init__(self, file: str) -> None:
         self._document = Document(file)
         self._open: list[Element] = []
@@ -92,7 +84,7 @@ class _TreeBuilder:
         raise self._error("a DOCTYPE is not accepted in an experiment file")
 
     def _local(self, name: str) -> str:
-        """Shortens a name with its namespace; gives "" for one that is passed over."""
+        """Shortens a name with its namespace; "" for one that is passed over."""
         uri, _, local = name.rpartition(_SEPARATOR)
         if uri in _PASSED_OVER:
             return ""
