@@ -10,8 +10,8 @@ import pytest
 from tests.recording.conftest import BEGIN_NS, record
 from vsense import cli
 from vsense.message_bus import Message
-from vsense.recording.export import EVENTS, ROBOTS, TRAJECTORIES, export_csv
-from vsense.recording.form import RecordingError
+from vsense.recording.export import TRAJECTORIES, export_csv
+from vsense.recording.form import EVENTS, ROBOTS, RecordingError
 from vsense.recording.reader import open_recording
 
 STEP_NS = 100_000_000
@@ -52,6 +52,8 @@ def messages() -> list[Message]:
         "connected": [True, False],
         "trouble": ["", "x"],
     }
+    shows = robots | {"shown": [{"state": "go", "n": 1.5}, {}]}
+    shows_later = robots | {"shown": [{"n": 2.5}, {"state": "go"}]}
     del robots["hash"]
     gap = {"from_ns": at, "to_ns": at + STEP_NS, "messages": 4, "pictures": 5, "why": "full"}
     return [
@@ -59,7 +61,9 @@ def messages() -> list[Message]:
         arena(1),
         arena(2),
         Message("/readings", at, readings),
-        Message("/robots", at, robots),
+        Message("/robots", at, shows),
+        Message("/robots", at + STEP_NS, shows_later),
+        Message("/robots", at + STEP_NS, robots),
         Message("/signals", at, {"timestep": 1, "measures": {"cleaned": 0.5}}),
         Message("/signals", at + STEP_NS, {"timestep": 2, "measures": {"late": 1, "cleaned": 0.7}}),
         Message("/signals", at + STEP_NS, {"timestep": 3, "measures": {}}),
@@ -84,7 +88,7 @@ def test_tables_hold_what_was_recorded(file: Path, tmp_path: Path) -> None:
     folder = tmp_path / "made" / "tables"
     with open_recording(file) as recording:
         assert export_csv(recording, folder) == {
-            "trajectories": 4, "readings": 2, "robots": 2, "measures": 2, "events": 2,
+            "trajectories": 4, "readings": 2, "robots": 6, "shown": 5, "measures": 2, "events": 2,
         }  # fmt: skip
     head, first, second, *_ = rows(folder / "trajectories.csv")
     assert head == list(TRAJECTORIES)
@@ -97,9 +101,17 @@ def test_tables_hold_what_was_recorded(file: Path, tmp_path: Path) -> None:
         ["0.1", "1", "3", "0.1", "0.2", "0.3", "0.1", "1.0", "2.0", ""],
         ["0.1", "1", "7", "0.4", "", "", "0.0", "3.0", "4.0", "0.0"],
     ]  # fmt: skip
-    head, first, second = rows(folder / "robots.csv")
+    head, first, second, *_ = rows(folder / "robots.csv")
     assert head == ["time_s", *ROBOTS]
     assert second[:4] == ["0.1", "7", "b, the second", "0"] and second[-1] == "x"
+    assert rows(folder / "shown.csv") == [
+        ["time_s", "tag", "name", "value"],
+        ["0.1", "3", "state", "go"],
+        ["0.1", "3", "n", "1.5"],
+        ["0.2", "3", "n", "2.5"],
+        ["0.2", "3", "state", ""],
+        ["0.2", "7", "state", "go"],
+    ]
     assert rows(folder / "measures.csv") == [
         ["time_s", "timestep", "cleaned", "late"],
         ["0.1", "1", "0.5", ""],

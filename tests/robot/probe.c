@@ -7,6 +7,7 @@
 
 #include <errno.h>
 #include <poll.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <sys/socket.h>
 #include <sys/types.h>
@@ -17,6 +18,7 @@
 struct probe {
     int steps;
     int drops;
+    int talk;
 };
 
 static void init(void *state, struct vs_robot *robot)
@@ -24,8 +26,21 @@ static void init(void *state, struct vs_robot *robot)
     struct probe *probe = state;
 
     probe->drops = vs_robot_actuator(robot, "drops");
+    probe->talk = vs_robot_param(robot, "talk", 0) > 0;
     if (vs_robot_param(robot, "child", 0) > 0 && system("sleep 5 >/dev/null 2>&1 &") != 0)
         abort();
+}
+
+/* Shows its steps, and logs a line in the first three. */
+static void talk(const struct probe *probe, struct vs_robot *robot)
+{
+    char line[32];
+
+    vs_robot_show(robot, "steps", probe->steps);
+    vs_robot_show_text(robot, "state", probe->steps % 2 ? "odd" : "even");
+    snprintf(line, sizeof line, "step %d", probe->steps);
+    if (probe->steps <= 3)
+        vs_robot_log(robot, line);
 }
 
 static void step(void *state, struct vs_robot *robot)
@@ -37,6 +52,8 @@ static void step(void *state, struct vs_robot *robot)
     vs_robot_set_wheels(robot, 300, 300);
     if (probe->steps == 1)
         vs_robot_actuate(robot, probe->drops, 0, 5);
+    if (probe->talk)
+        talk(probe, robot);
 }
 
 const struct vs_controller vs_controller = {"probe", sizeof(struct probe), init, step};

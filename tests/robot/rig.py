@@ -62,6 +62,7 @@ class Host:
         pollutant: payload of the first sensor.
         table, params: what WELCOME offers from the next greeting on.
         hellos, telemetry, goodbyes: what came.
+        log_heard: the log line up to which it says to have heard.
         fresh_ns: when the newest STATE with a newer capture left.
     """
 
@@ -77,7 +78,7 @@ class Host:
         self.hellos: list[Hello] = []
         self.telemetry: list[Telemetry] = []
         self.goodbyes: list[Notice] = []
-        self.fresh_ns = 0
+        self.fresh_ns = self.log_heard = 0
         self._peer = Peer()
         self._session = 0
         self._timestep = self._capture_ns = self._sent_ns = 0
@@ -135,6 +136,7 @@ class Host:
             self._capture_ns,
             values,
             now_ns,
+            self.log_heard,
         )
         if self.udp and self._address is not None:
             self._datagrams.sendto(packet, self._address)

@@ -243,6 +243,24 @@ def test_actuators_live_as_long_as_their_run_and_table(probes: Callable[..., Rig
     assert {t.payload for t in rig.host.telemetry[seen:]} == {bytes(4)}
 
 
+def test_what_a_controller_shows_and_logs_reaches_the_host(probes: Callable[..., Rig]) -> None:
+    rig = probes(params="talk=1\n")
+    rig.wait_for(lambda: lived(rig) > 5, "steps")
+    last = rig.host.last
+    steps = dict(last.shown)["steps"]
+    assert last.shown == (("steps", steps), ("state", "odd" if steps % 2 else "even"))
+    said = {(t.log_number, t.log) for t in rig.host.telemetry} - {(0, "")}
+    assert said == {(1, "step 1")}, "repeated as long as the host has not heard it"
+    for number, line in ((1, (2, "step 2")), (2, (3, "step 3")), (3, (0, ""))):
+        rig.host.log_heard = number
+        rig.wait_for(lambda line=line: (rig.host.last.log_number, rig.host.last.log) == line, line)
+    rig.host.drop()
+    rig.run()
+    assert rig.host.last.log_number == 0 and dict(rig.host.last.shown)["steps"] >= steps
+    assert {hello.started for hello in rig.host.hellos} == {rig.host.hellos[0].started}
+    assert len({hello.nonce for hello in rig.host.hellos}) == len(rig.host.hellos) >= 2
+
+
 def test_daemon_without_a_network_stops_the_wheels_and_waits_for_one(
     rig: Rig, program: Path
 ) -> None:

@@ -31,6 +31,12 @@ static void step(void *state, struct vs_robot *robot)
     struct vs_reading smell = vs_robot_read(robot, p->smell);
 
     calls++;
+    vs_robot_show(robot, "smell", smell.value);
+    if (smell.value > 50.0)
+        vs_robot_log(robot, "it smells");
+    if (smell.value > 90.0)
+        for (int i = 0; i < 9; i++)
+            vs_robot_log(robot, i == 8 ? "last" : "more");
     vs_robot_actuate(robot, p->heard, 0, vs_robot_random(robot));
     vs_robot_actuate(robot, p->heard, 1, smell.known ? smell.value : -1.0);
     vs_robot_actuate(robot, p->heard, 2, (double)smell.age_ns / 1e6);

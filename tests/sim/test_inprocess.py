@@ -118,3 +118,21 @@ def test_what_is_no_shared_object_is_one_clear_line(tmp_path: Path) -> None:
 def test_params_that_no_robot_can_be_told_are_refused(probe: Path) -> None:
     with pytest.raises(WireError):
         Robots(probe, TAGS, TABLE, STEP_NS, 1, "a" * 5000)
+
+
+def test_what_controllers_show_and_log_is_told_as_it_changes(probe: Path) -> None:
+    run = Run(probe)
+    run.warm_up()
+    values = {7: 1.0, 12: 60.0, 40223: 2.0}
+    run.live(values)
+    assert run.robots.shown() == [(tag, (("smell", value),)) for tag, value in values.items()]
+    assert run.robots.logged() == [(12, "logged: it smells")]
+    run.live(values)
+    assert run.robots.shown() == []
+    run.live(values | {7: 3.0, 12: 95.0})
+    assert run.robots.shown() == [(7, (("smell", 3.0),)), (12, (("smell", 95.0),))]
+    lost, *lines = run.robots.logged()
+    # Ten lines of one step and the one before: eight are kept.
+    assert lost == (12, "3 of its log lines are lost")
+    assert [text for _, text in lines] == ["logged: more"] * 7 + ["logged: last"]
+    assert run.robots.logged() == []

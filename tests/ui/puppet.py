@@ -264,6 +264,8 @@ class Puppet:
             "sessions": [1] * len(tags), "version": ["0.1"] * len(tags),
             "controller": ["pollutant"] * len(tags), "hash": ["a1b2c3d4"] * len(tags),
             "actuators": [[[1]] for _ in tags],
+            "shown": [{"state": "in the cone" if i else "searching", "n": tag / 8}
+                      for i, tag in zip(inside, tags)],
             "trouble": [self.trouble.get(tag, "") for tag in tags],
         }  # fmt: skip
 

@@ -150,6 +150,9 @@ def test_the_run_is_told_when_it_changes_and_once_per_second() -> None:
     assert room.of("/run")[-1]["silent_s"] == pytest.approx(3.1)
 
 
+SHOWN = (("state", "go"), ("n", 0.5), ("bad", float("nan")))
+
+
 def test_trouble_is_told_in_words() -> None:
     room = Room("pollutant", "/robots")
     room.join()
@@ -163,7 +166,7 @@ def test_trouble_is_told_in_words() -> None:
         second: status(second, "b", telemetry=base),
         third: status(third, "c", telemetry=None, connected=False, heard_ns=None, sessions=0),
         fourth: status(fourth, "d", udp=False),
-        fifth: status(fifth, "e", telemetry=Telemetry(battery_low=1)),
+        fifth: status(fifth, "e", telemetry=Telemetry(battery_low=1, shown=SHOWN)),
     }
     room.step()
     rows = room.of("/robots")[-1]
@@ -172,6 +175,7 @@ def test_trouble_is_told_in_words() -> None:
         "no UDP: its readings come over TCP", "battery low", "",
     ]  # fmt: skip
     assert (rows["battery_mv"][1], rows["base_errors"][1], rows["state"][1]) == (3700, 7, "run")
+    assert rows["shown"][3:6] == [{}, {"state": "go", "n": 0.5, "bad": None}, {}]
     assert rows["battery_low"][5] is None and rows["heard_ms"][2] is None
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -12,36 +10,35 @@ from vsense.link.robots.peer import Orders
 from vsense.link.robots.status import LogLines
 from vsense.link.robots.wire import Telemetry, Wanted, open_packet
 
-LINE = Telemetry(log_number=1, log="first")
+LINE = 1, "first"
 
 
 def test_a_line_is_told_once() -> None:
     lines = LogLines()
     lines.open(b"u", 5)
-    assert lines.receive(Telemetry()) == []
-    assert lines.receive(LINE) == ["logged: first"]
-    assert lines.receive(LINE) == []
+    assert lines.add(0, "") == []
+    assert lines.add(*LINE) == ["logged: first"]
+    assert lines.add(*LINE) == []
     assert lines.heard == 1
 
 
 def test_missing_lines_are_counted() -> None:
     lines = LogLines()
     lines.open(b"u", 5)
-    lines.receive(LINE)
-    fourth = replace(LINE, log_number=4, log="fourth")
-    assert lines.receive(fourth) == ["2 of its log lines are lost", "logged: fourth"]
+    lines.add(*LINE)
+    assert lines.add(4, "fourth") == ["2 of its log lines are lost", "logged: fourth"]
 
 
 def test_a_session_of_the_same_daemon_tells_nothing_twice_and_a_new_daemon_begins_anew() -> None:
     lines = LogLines()
     lines.open(b"u", 5)
-    lines.receive(LINE)
+    lines.add(*LINE)
     lines.open(b"u", 5)
-    assert (lines.heard, lines.receive(LINE)) == (1, [])
+    assert (lines.heard, lines.add(*LINE)) == (1, [])
     lines.open(b"u", 6)
-    assert (lines.heard, lines.receive(LINE)) == (0, ["logged: first"])
+    assert (lines.heard, lines.add(*LINE)) == (0, ["logged: first"])
     lines.open(b"v", 6)
-    assert lines.receive(LINE) == ["logged: first"]
+    assert lines.add(*LINE) == ["logged: first"]
 
 
 def test_the_robot_hears_how_far_the_host_has_heard() -> None:
@@ -70,7 +67,7 @@ def test_every_line_arrives_in_order_over_any_loss(ways: list[tuple[bool, bool]]
     for up, down in [*ways, *[(True, True)] * 40]:
         number = robot_heard + 1
         if number <= 8 and up:
-            told += lines.receive(Telemetry(log_number=number, log=str(number)))
+            told += lines.add(number, str(number))
         if down:
             robot_heard = lines.heard
     assert told == [f"logged: {number}" for number in range(1, 9)]

@@ -135,6 +135,11 @@ def _one(
         console.end_progress()
         for complaint in result["complaints"]:
             console.say(f"vsense: {complaint}")
+        for time_s, text in result["events"]:
+            console.say(f"{time_s:8.1f} s  {text}")
+        more = result["events_in_all"] - len(result["events"])
+        if more:
+            console.say(f"{more} more events: {directory / 'events.csv'}")
         summary = summarise(job, result)
         run_directory.write_summary(directory, summary, options.json)
         console.say(table(summary))

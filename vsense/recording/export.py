@@ -11,7 +11,7 @@ from typing import Any
 from vsense.errors import failing_as
 from vsense.message_bus import Message
 from vsense.recording import form
-from vsense.recording.form import ROBOTS, ExperimentMessage, RecordingError
+from vsense.recording.form import EVENTS, ROBOTS, SHOWN, ExperimentMessage, RecordingError, changes
 from vsense.recording.reader import Recording, read_gap
 
 Row = list[Any]
@@ -24,8 +24,7 @@ TRAJECTORIES = (
     "covariance_xx_m2", "covariance_xy_m2", "covariance_x_yaw_m_rad",
     "covariance_yy_m2", "covariance_y_yaw_m_rad", "covariance_yaw_yaw_rad2",
 )  # fmt: skip
-EVENTS = ("time_s", "level", "by", "text")
-TABLES = ("trajectories", "readings", "robots", "measures", "events")
+TABLES = ("trajectories", "readings", "robots", "shown", "measures", "events")
 
 
 def export_csv(recording: Recording, folder: Path) -> dict[str, int]:
@@ -57,33 +56,35 @@ class _Export:
         sensors = ExperimentMessage.read(recording.experiment).sensors
         self._sensors = [(str(s["name"]), int(s["count"])) for s in sensors if _is_sensor(s)]
         self._measures = self._measure_names()
+        self._shown: dict[int, dict[str, Any]] = {}
 
     def write(self) -> dict[str, int]:
         write = self._write
         write["trajectories"](list(TRAJECTORIES))
         write["robots"](["time_s", *ROBOTS])
         write["events"](list(EVENTS))
+        write["shown"](list(SHOWN))
         write["measures"](["time_s", "timestep", *self._measures])
         names = [[f"{s}_{n}" for n in range(count)] + [f"{s}_age_s"] for s, count in self._sensors]
         write["readings"](["time_s", "timestep", "tag", *(n for each in names for n in each)])
-        rows: dict[str, tuple[str, Callable[[Message], Iterable[Row]]]] = {
-            "/arena": ("trajectories", _poses),
-            "/readings": ("readings", self._readings),
-            "/robots": ("robots", _robots),
-            "/signals": ("measures", self._measure),
-            "/event": ("events", _event),
-            form.GAP: ("events", _gap),
+        rows: dict[str, list[tuple[str, Callable[[Message], Iterable[Row]]]]] = {
+            "/arena": [("trajectories", _poses)],
+            "/readings": [("readings", self._readings)],
+            "/robots": [("robots", _robots), ("shown", self._changes)],
+            "/signals": [("measures", self._measure)],
+            "/event": [("events", _event)],
+            form.GAP: [("events", _gap)],
         }
         for message in self._recording.messages(rows.keys()):
-            table, make = rows[message.topic]
             time_s = round((message.time_ns - self._recording.begin_ns) / 1e9, 9)
-            try:
-                made = [[time_s, *row] for row in make(message)]
-            except (KeyError, TypeError, ValueError, IndexError, AttributeError):
-                continue
-            for row in made:
-                write[table](row)
-            self._rows[table] += len(made)
+            for table, make in rows[message.topic]:
+                try:
+                    made = [[time_s, *row] for row in make(message)]
+                except (KeyError, TypeError, ValueError, IndexError, AttributeError):
+                    continue
+                for row in made:
+                    write[table](row)
+                self._rows[table] += len(made)
         return self._rows
 
     def _measure_names(self) -> list[str]:
@@ -99,6 +100,12 @@ class _Export:
         measures = message.data["measures"]
         if measures:
             yield [message.data["timestep"], *(measures.get(name) for name in self._measures)]
+
+    def _changes(self, message: Message) -> Iterable[Row]:
+        """What controllers show, where it changes."""
+        for tag, values in zip(message.data["tag"], message.data.get("shown") or []):
+            before, self._shown[tag] = self._shown.get(tag, {}), values
+            yield from ([tag, name, value] for name, value in changes(before, values))
 
     def _readings(self, message: Message) -> Iterable[Row]:
         data = message.data

@@ -273,7 +273,23 @@ ROBOTS = (
     "stop_cause", "battery_mv", "battery_low", "leds", "left_steps_s", "right_steps_s",
     "base_errors", "guard_restarts", "sessions", "version", "controller", "hash", "trouble",
 )  # fmt: skip
-"""Columns of `/robots`; beside them there are `actuators`, a list of lists for each robot."""
+"""Columns of `/robots`; beside them `actuators`, a list of lists for each robot, and `shown`, an
+object for each."""
+
+EVENTS = ("time_s", "level", "by", "text")
+SHOWN = ("time_s", "tag", "name", "value")
+"""Columns of the tables events.csv and shown.csv."""
+
+
+def changes(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[tuple[str, Any]]:
+    """The shown values that differ; one that is shown no more is None."""
+    names = [*now, *(name for name in before if name not in now)]
+    return [
+        (name, now.get(name))
+        for name in names
+        if name not in before or now.get(name) != before[name]
+    ]
+
 
 _TOPICS: dict[str, tuple[str, Fields]] = {
     "/experiment": (

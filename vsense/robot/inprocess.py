@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from vsense.errors import VsenseError
 from vsense.link.robots.roster import robot_seed
+from vsense.link.robots.status import LogLines
 from vsense.link.robots.table import Direction, Table
 from vsense.link.robots.wire import (
     Header,
@@ -169,28 +170,29 @@ class Robots:
         whole = bytes(self._reports)
         return {tag: whole[i * size : (i + 1) * size] for i, tag in enumerate(self._tags)}
 
-    def shown(self) -> dict[int, Shown]:
-        """What every controller shows, by tag; robots that show nothing are left out."""
-        size = 1 + lib.VS_SHOWN_MAX
-        blocks = [self._shown[i * size : (i + 1) * size] for i in range(len(self._tags))]
-        return {
-            tag: shown_of(block[1 : 1 + block[0]])
-            for tag, block in zip(self._tags, blocks)
-            if block[0]
-        }
+    def shown(self) -> list[tuple[int, Shown]]:
+        """All values that a controller shows, by tag, where one has changed since the last call."""
+        changed = np.flatnonzero((self._shown != self._shown_before).any(axis=1))
+        self._shown_before[changed] = self._shown[changed]
+        return [
+            (self._tags[i], shown_of(self._shown[i, 1 : 1 + self._shown[i, 0]].tobytes()))
+            for i in changed
+        ]
 
-    def logged(self) -> list[tuple[int, int, str]]:
-        """The lines that controllers have logged since the last call: tag, number, text."""
+    def logged(self) -> list[tuple[int, str]]:
+        """What controllers have logged since the last call: tag, and what to say."""
         if self._now.logged == 0:
             return []
         robot, number = self._ffi.new("uint32_t *"), self._ffi.new("uint32_t *")
         line = self._ffi.new("const char **")
-        lines = []
+        said = []
         while self._lib.vs_inprocess_log(self._all, robot, number, line):
             text = self._ffi.string(line[0]).decode()
-            lines.append((self._tags[robot[0]], number[0], text))
+            said += [
+                (self._tags[robot[0]], each) for each in self._log[robot[0]].add(number[0], text)
+            ]
         self._now.logged = 0
-        return lines
+        return said
 
     def complaints(self) -> list[str]:
         """What the controllers asked for and did not get, or do not know: each complaint once."""
@@ -214,12 +216,12 @@ class Robots:
         self._light = np.full((count, 8), LIGHT_RAW, dtype=np.int16)
         self.wheels_steps_s = np.zeros((count, 2), dtype=np.int16)
         self.leds = np.zeros(count, dtype=np.uint16)
-        self._shown_block = ffi.new("uint8_t[]", count * (1 + lib.VS_SHOWN_MAX))
-        self._shown = ffi.buffer(self._shown_block)
+        self._shown = np.zeros((count, 1 + lib.VS_SHOWN_MAX), dtype=np.uint8)
+        self._shown_before = self._shown.copy()
+        self._log = [LogLines() for _ in self._tags]
         now = self._now = ffi.new("struct vs_inprocess_timestep *")
         now.values, now.reports = self._value_block, self._report_block
-        now.shown = self._shown_block
-        for name in ("captures_ns", "prox", "light"):
+        for name in ("captures_ns", "prox", "light", "shown"):
             self._point(name, getattr(self, f"_{name}"))
         self._point("wheels_steps_s", self.wheels_steps_s)
         self._point("leds", self.leds)

@@ -6,7 +6,7 @@ in which the world takes the poses, virtual actuators act, the world evolves, an
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from vsense.actuators.bank import NO_SENDERS, ActuatorBank
@@ -70,6 +70,10 @@ class Environment:
         from vsense.run.virtual_swarm import VirtualSwarm
 
         return VirtualSwarm(self.experiment, Table(self.table_entries), self.seed)
+
+    def logged(self) -> Sequence[tuple[int, str]]:
+        """What driven virtual robots logged since the last call: tag, and what to say."""
+        return () if self._swarm is None else self._swarm.logged()
 
     def reset(self) -> None:
         """Goes back to the state before the run; what the cameras saw last stays."""

@@ -221,6 +221,8 @@ class Runner:
                 duration_s = self._note_silence()
                 self._console.say(f"arena states are back after {duration_s:.1f} s")
             self._heard_ns = step.arena_ns
+            for tag, text in self._runtime.logged():
+                self._console.say(f"virtual robot {tag}: {text}")
         robots = self.robots = self._server.robots()
         for status in self.counters.update(robots):
             self._console.say(f"robot {status.name}: its guard was replaced", "warning")

@@ -181,6 +181,10 @@ class Runtime:
             frames=newest.frames,
         )
 
+    def logged(self) -> Sequence[tuple[int, str]]:
+        """See `Environment.logged`."""
+        return self._environment.logged()
+
     def _sense(self, state: ArenaState, run_timestep: int) -> None:
         """Runs a timestep in the virtual world."""
         reports = self._server.reports()

@@ -74,6 +74,10 @@ class VirtualSwarm:
             scene.drive(self._wheels, start_ns)
         scene.move(world, capture_ns)
 
+    def logged(self) -> Sequence[tuple[int, str]]:
+        """See `Robots.logged`."""
+        return self._controllers.logged()
+
     def control(self, state: ArenaState, run_timestep: int, readings: Mapping[int, Values]) -> None:
         """Runs every robot's control step after `move`; `readings` are what each tag senses.
 

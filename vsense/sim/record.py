@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
@@ -11,11 +12,13 @@ from numpy.typing import NDArray
 
 from vsense.arena import POSE, ArenaState, wrap_angle
 from vsense.config.specs import Experiment
-from vsense.errors import VsenseError
+from vsense.errors import VsenseError, failing_as
 from vsense.lab import metrics
 from vsense.link.robots.status import RING_LEDS
+from vsense.link.robots.wire import Shown
 from vsense.pictures.run_figure import RunFigure
 from vsense.pictures.run_samples import RunSamples
+from vsense.recording.form import EVENTS, SHOWN, changes
 
 Floats = NDArray[np.float64]
 
@@ -82,6 +85,7 @@ class Record:
         poses: (n, bodies, 3) true x_m, y_m, yaw_rad: robots, then objects.
         leds: (n, robots) uint16, bits 0-7 ring, 8 body, 9 front.
         share: (n,) how much was left of the first pollutant source, 1 where there is none.
+        events: what controllers logged, in words, and when [s].
     """
 
     def __init__(self, experiment: Experiment) -> None:
@@ -93,10 +97,27 @@ class Record:
         self.leds = np.zeros((timesteps, len(self.tags)), dtype=np.uint16)
         self.share = np.ones(timesteps)
         self._experiment = experiment
+        self.events: list[tuple[float, str]] = []
+        self._shown: list[tuple[float, int, str, float | str | None]] = []
+        self._showing: dict[int, dict[str, float | str]] = {}
 
     def note(self, timestep: int, poses: Floats, leds: NDArray[np.uint16], share: float) -> None:
         """Sets the row of a timestep, from 0; see the class."""
         self.poses[timestep], self.leds[timestep], self.share[timestep] = poses, leds, share
+
+    def note_event(self, timestep: int, text: str) -> None:
+        """Adds what a controller logged in a timestep."""
+        self.events.append((self._time_s(timestep), text))
+
+    def note_shown(self, timestep: int, tag: int, values: Shown) -> None:
+        """Takes all values that a robot shows from a timestep on; those that change are kept."""
+        before, now = self._showing.get(tag, {}), dict(values)
+        self._showing[tag] = now
+        time_s = self._time_s(timestep)
+        self._shown += [(time_s, tag, name, value) for name, value in changes(before, now)]
+
+    def _time_s(self, timestep: int) -> float:
+        return round(timestep * self._experiment.timestep_s, 9)
 
     @cached_property
     def truth(self) -> metrics.SwarmTruth:
@@ -130,6 +151,24 @@ class Record:
             )
         except OSError as error:
             raise VsenseError(f"{path}: cannot be written: {error.strerror}") from None
+
+    def save_notes(self, directory: Path) -> None:
+        """Writes what controllers showed and logged: shown.csv and events.csv, as of an export.
+
+        Raises:
+            VsenseError: a file cannot be written.
+        """
+        events = [(time_s, "info", "", text) for time_s, text in self.events]
+        for name, head, rows in (
+            ("shown", SHOWN, self._shown),
+            ("events", EVENTS, events),
+        ):
+            path = directory / f"{name}.csv"
+            with (
+                failing_as(VsenseError, f"{path}: cannot be written"),
+                path.open("w", encoding="utf-8", newline="") as file,
+            ):
+                csv.writer(file).writerows([head, *rows])
 
     def figure(self, samples: RunSamples) -> RunFigure:
         """The run as `run_figure` draws it."""

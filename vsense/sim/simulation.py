@@ -92,6 +92,7 @@ class Simulation:
         )
         self._leds = np.zeros_like(self._robots.leds)
         self._reports, self._events = dict[int, bytes](), list[_Event]()
+        self._names = {robot.tag: robot.id for robot in experiment.robots}
         self._timestep = self._numbers = 0
 
     def run(self) -> dict[str, float]:
@@ -140,10 +141,20 @@ class Simulation:
             wanted = Wanted.RUN if timestep >= WARM_UP else Wanted.IDLE
             times_ns = capture_ns, capture_ns + CONTROL_NS
             self._robots.step(wanted, WARM_UP, timestep, times_ns, readings, prox_raw)
+            self._note(timestep - WARM_UP)
             act_ns = capture_ns + ACT_NS
             self._plan(act_ns, self._obey(act_ns, self._robots.reports()))
 
         return happen
+
+    def _note(self, run_timestep: int) -> None:
+        """Keeps what controllers show and log in a timestep of the run."""
+        for tag, values in self._robots.shown():
+            self.record.note_shown(run_timestep, tag, values)
+        for tag, text in self._robots.logged():
+            self.record.note_event(run_timestep, f"robot {tag} ({self._names[tag]}): {text}")
+        for tag, text in self.environment.logged():
+            self.record.note_event(run_timestep, f"virtual robot {tag}: {text}")
 
     def _obey(self, time_ns: int, reports: dict[int, bytes]) -> Callable[[], None]:
         """Makes the event in which wheels and LEDs follow the controllers."""

@@ -39,6 +39,9 @@ from vsense.sim.job import Job
 from vsense.sim.record import TRAJECTORY
 from vsense.sim.simulation import Simulation
 
+EVENTS_TOLD = 20
+"""Of what controllers log so many lines come with the result; events.csv has them all."""
+
 
 def simulate(job: Job, progress: Any) -> dict[str, Any]:
     """Does one run; `progress`: see `Robots`.
@@ -46,7 +49,8 @@ def simulate(job: Job, progress: Any) -> dict[str, Any]:
     Returns:
         The experiment's `name`, number of `robots` and `timesteps`, `timestep_s`, `wall_s` that
         the timesteps took, `swarm` as of `metrics.swarm`, `measures` of the experiment's own,
-        and `complaints` of controllers.
+        and `complaints` of controllers, and of what they logged the first `events` (seconds and
+        words) and how many there are.
 
     Raises:
         VsenseError: the run cannot be had.
@@ -69,6 +73,8 @@ def simulate(job: Job, progress: Any) -> dict[str, Any]:
         "swarm": run.record.swarm(),
         "measures": measures,
         "complaints": run.complaints(),
+        "events": run.record.events[:EVENTS_TOLD],
+        "events_in_all": len(run.record.events),
     }
 
 
@@ -76,6 +82,7 @@ def _save(run: Simulation, experiment: Experiment, job: Job, directory: Path) ->
     """Writes `TRAJECTORY` and the picture of a run that has samples."""
     assert run.samples is not None
     run.record.save(directory / TRAJECTORY)
+    run.record.save_notes(directory)
     figure = run.record.figure(run.samples)
     subtitle = f"{len(run.record.tags)} simulated robots, seed {job.seed}"
     run_figure.save(figure, directory / f"{experiment.name}.png", job.setup.blind, subtitle)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -11,7 +12,7 @@ from vsense.cameras.camera import Camera
 from vsense.cameras.grabber import Troubles
 from vsense.link.robots.status import RobotStatus
 from vsense.link.robots.table import Entry
-from vsense.link.robots.wire import StopCause, Wanted
+from vsense.link.robots.wire import Shown, StopCause, Wanted
 from vsense.native import lib
 from vsense.recording.form import Data
 from vsense.ui.messages import numbers
@@ -120,7 +121,12 @@ class RobotTable:
     def _telemetry(self, link: RobotStatus) -> dict[str, Any]:
         told = link.telemetry
         if told is None:
-            return dict.fromkeys(_TOLD) | {"state": "idle", "stop_cause": "", "leds": 0}
+            return dict.fromkeys(_TOLD) | {
+                "state": "idle",
+                "stop_cause": "",
+                "leds": 0,
+                "shown": {},
+            }
         known = told.battery_low != lib.VS_UNKNOWN
         return {
             "state": _STATES.get(told.state, str(told.state)),
@@ -133,14 +139,23 @@ class RobotTable:
             "base_errors": told.base_errors,
             "guard_restarts": told.guard_restarts,
             "actuators": numbers(self._actuators, told.payload) if self._actuators else [],
+            "shown": shown(told.shown),
         }
+
+
+def shown(values: Shown) -> dict[str, float | str | None]:
+    """A controller's shown values by name; JSON knows no number that is not finite."""
+    return {
+        name: None if isinstance(value, float) and not math.isfinite(value) else value
+        for name, value in values
+    }
 
 
 _STATES = {state.value: state.name.lower() for state in Wanted}
 
 _TOLD = (
     *("state", "stop_cause", "battery_mv", "battery_low", "leds", "left_steps_s"),
-    *("right_steps_s", "base_errors", "guard_restarts", "actuators"),
+    *("right_steps_s", "base_errors", "guard_restarts", "actuators", "shown"),
 )
 
 

@@ -221,7 +221,7 @@ class HostSession:
         if source is not None and source != self.address:
             self.address, self.due_ns = source, now_ns
         events = self._told(self._presence.hear(self.peer, now_ns), now_ns)
-        for text in self._log.receive(telemetry):
+        for text in self._log.add(telemetry.log_number, telemetry.log):
             events.append(self._event("log", text, now_ns))
         return True, events
 

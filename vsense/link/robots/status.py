@@ -74,13 +74,15 @@ class LogLines:
         if self._source != (uid, started):
             self._source, self.heard = (uid, started), 0
 
-    def receive(self, telemetry: Telemetry) -> list[str]:
-        """Takes accepted telemetry; gives what to say: the line, and how many were lost."""
-        number = telemetry.log_number
+    def add(self, number: int, text: str) -> list[str]:
+        """Takes a line; gives what to say: how many before it were lost, and the line.
+
+        Nothing if it was heard before; number 0 is none.
+        """
         if number <= self.heard:
             return []
         lost, self.heard = number - self.heard - 1, number
-        said = [f"logged: {telemetry.log}"]
+        said = [f"logged: {text}"]
         return [f"{lost} of its log lines are lost", *said] if lost else said
 
 

@@ -55,6 +55,9 @@ export class Robot {
       ["battery", robot ? volts(robot.battery_mv) : "–"],
       ["program", robot ? `${robot.controller ?? "–"} ${robot.hash ?? ""}` : "–"],
     ];
+    for (const [name, value] of Object.entries(robot?.shown ?? {})) {
+      all.push([name, value === null ? "–" : typeof value === "number" ? reading(value) : value]);
+    }
     if (trouble) all.unshift(["trouble", trouble]);
     if (this.facts.childElementCount !== 2 * all.length) {
       this.facts.replaceChildren(...all.flatMap(() => [make("span"), make("b")]));

@@ -1,7 +1,7 @@
 // The table of robots: those in trouble first, then as the head of a column was clicked.
 
 import { byId, make, mark, write } from "./dom.js";
-import { count, milliseconds, volts } from "./format.js";
+import { count, milliseconds, reading, volts } from "./format.js";
 
 const STALE_MS = 500;
 const LONG_NAME = 12;
@@ -28,6 +28,12 @@ export function words(robot) {
   if (robot.stop_cause && !(robot.trouble ?? "").includes(robot.stop_cause)) parts.push(`stopped: ${robot.stop_cause}`);
   if (robot.doubt) parts.push(`identity: ${robot.doubt}`);
   return parts.filter(Boolean).join(" · ");
+}
+
+/** What its controller shows, in one line. */
+export function shown(robot) {
+  const parts = Object.entries(robot.shown ?? {}).map(([name, value]) => `${name} ${value === null ? "–" : typeof value === "number" ? reading(value) : value}`);
+  return parts.join(" · ");
 }
 
 /** The table. */
@@ -97,8 +103,10 @@ export class Robots {
       if (column) mark(cells[column], "bad", bad(robot));
     });
     mark(lamp, "on", robot.leds & 0xff);
-    const text = words(robot);
+    const trouble = words(robot);
+    const text = trouble || shown(robot);
     write(wordsCell, text);
+    mark(wordsCell, "shown", !trouble);
     wordsRow.hidden = !text;
     mark(body, "bad", robot.trouble);
     mark(body, "doubt", robot.doubt || robot.stop_cause);
