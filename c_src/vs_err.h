@@ -18,7 +18,7 @@ enum vs_err {
     VS_ERR_TYPE = -12,     /* unknown packet type, or one that is not expected here */
     VS_ERR_LENGTH = -13,   /* length field outside the type's limits, or bytes left over */
     VS_ERR_CHECKSUM = -14, /* CRC-32 does not match */
-    VS_ERR_TAG = -15,      /* authentication tag set: not understood by version 1 */
+    VS_ERR_TAG = -15,      /* the tag is of a key that this end does not have */
 
     /* 20..29: the body */
     VS_ERR_BODY = -20,     /* a field is outside its range, or the size is wrong */
