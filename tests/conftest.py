@@ -32,7 +32,7 @@ PACED = (
     *(f"tests/robot/test_{name}.py" for name in ("bases", "daemon", "faults", "hard_faults")),
 )
 """Tests of one daemon or four cameras in real time: they mostly wait, and share the machine with
-their like only; those of the cameras are two of the groups of `--dist loadgroup`."""
+their like only, a file on one worker. Those of the cameras come last, when few workers are left."""
 
 
 LONG = (
@@ -48,15 +48,14 @@ LONG = (
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Puts the tests of `LONG` first, and marks those of `ALONE` and `PACED`."""
+    """Puts the tests of `LONG` first and those of cameras last; marks `ALONE` and `PACED`."""
+    items.sort(key=lambda item: item.nodeid.startswith("tests/gige/"))
     items.sort(key=lambda item: not item.nodeid.startswith(LONG))
     for item in items:
         if item.nodeid.startswith(ALONE) and item.get_closest_marker("quick") is None:
             item.add_marker("alone")
         if item.nodeid.startswith(PACED):
             item.add_marker("paced")
-        if item.nodeid.startswith("tests/gige/"):
-            item.add_marker(pytest.mark.xdist_group(f"gige {'faults' in item.nodeid}"))
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
