@@ -28,11 +28,13 @@ marked `quick` end before anything keeps time."""
 
 
 PACED = (
-    "tests/gige/",
-    *(f"tests/robot/test_{name}.py" for name in ("bases", "daemon", "faults", "hard_faults")),
+    *("tests/gige/test_track.py", "tests/gige/test_faults.py"),
+    *("tests/robot/test_bases.py", "tests/robot/test_faults.py"),
+    *("tests/gige/test_rig.py", "tests/gige/test_run.py"),
+    *("tests/robot/test_hard_faults.py", "tests/robot/test_daemon.py"),
 )
 """Tests of one daemon or four cameras in real time: they mostly wait, and share the machine with
-their like only; those of the cameras are two of the groups of `--dist loadgroup`."""
+their like only. Four workers take the files in this order: cameras keep two of them busy."""
 
 
 LONG = (
@@ -48,15 +50,18 @@ LONG = (
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Puts the tests of `LONG` first, and marks those of `ALONE` and `PACED`."""
-    items.sort(key=lambda item: not item.nodeid.startswith(LONG))
+    """Puts the tests of `LONG` first and those of `PACED` in order; marks `ALONE` and `PACED`."""
+    items.sort(key=lambda item: (not item.nodeid.startswith(LONG), _place(item.nodeid)))
     for item in items:
         if item.nodeid.startswith(ALONE) and item.get_closest_marker("quick") is None:
             item.add_marker("alone")
         if item.nodeid.startswith(PACED):
             item.add_marker("paced")
-        if item.nodeid.startswith("tests/gige/"):
-            item.add_marker(pytest.mark.xdist_group(f"gige {'faults' in item.nodeid}"))
+
+
+def _place(nodeid: str) -> int:
+    file = nodeid.partition("::")[0]
+    return PACED.index(file) if file in PACED else -1
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

@@ -49,7 +49,7 @@ class Console:
         self.whisper(text)
 
     def whisper(self, text: str) -> None:
-        """Prints a message on the terminal only, such as a secret."""
+        """Prints a message on the stream only, for secrets: neither `also` nor a log gets it."""
         # A stream that was closed must not end an experiment.
         with self._lock, suppress(OSError):
             self._erase()

@@ -129,7 +129,7 @@ def test_pictures_come_as_triggered_and_as_the_studio_draws_them(spec, capfd) ->
                 studio.prepare(frames[0].timestep, expected)
                 studio.expose(frames[0].timestep, np.array(poses), leds[1], expected)
                 assert np.array_equal([frame.image for frame in frames], expected)
-                assert grabber.exposure is not None and grabber.exposure.render_ms > 0.0
+                assert grabber.exposure is not None
     assert seen == sorted(set(seen)) and seen
     log = read_truth(spec.log)
     assert set(seen) <= set(log["timestep"].tolist())

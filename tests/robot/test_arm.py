@@ -28,7 +28,7 @@ SUITES: dict[str, list[Path]] = {
 }
 FOLDERS = ("c_src", "c_src/host", "robot", "firmware_bridge", "tests/c")
 RUNS = {name: str(max(int(count) // 30, 10)) for name, count in robot.RUNS.items()}
-RUNS |= {"test_physics": "30", "test_rays": "5", "test_scan": "60"}
+RUNS |= {"test_physics": "30", "test_rays": "5"}
 """An emulated processor lives more slowly: fewer random worlds; of the crowds, every fifth."""
 
 

@@ -32,6 +32,14 @@ def test_what_is_no_finite_number_is_refused(number: Any) -> None:
     assert not results
 
 
+def test_an_update_in_place_is_checked_like_any_other() -> None:
+    results = Results()
+    results |= {"one": 1}
+    with pytest.raises(WorldError, match="expected a finite number"):
+        results |= {"two": math.nan}
+    assert dict(results) == {"one": 1.0}
+
+
 @pytest.mark.parametrize("name", ["", " ", 3, None, "two\nlines"])
 def test_a_name_is_a_name(name: Any) -> None:
     with pytest.raises(WorldError, match="expected a name"):

@@ -234,8 +234,10 @@ class AprilTag:
         return answer["ms"], found
 
     def close(self) -> None:
-        self._stdin.close()
+        # In the middle of a pass it would wait for a reader of its answer.
+        self._process.kill()
         self._process.wait()
+        self._stdin.close()
         self._stdout.close()
         self._folder.cleanup()
 

@@ -82,9 +82,9 @@ class Knowledge:
     Attributes:
         camera_free: (c, 15) which of turn, shift and lens are unknown.
         body_free: (b, 6) which of turn and shift are unknown.
-        lens_mean: (c, 9).
+        lens_mean: (c, 9) prior mean of the lens.
         lens_weight: (c, 9) noise over standard deviation, squared; 0 where nothing is known.
-        shift_mean: (b, 3) [m].
+        shift_mean: (b, 3) [m] prior mean of the body's place.
         shift_weight: (b, 3) likewise.
     """
 

@@ -17,7 +17,7 @@ from typing import TypeVar
 
 import cv2
 
-from vsense.cameras.picture import Image, read_picture, to_grey
+from vsense.cameras.picture import Image, PictureError, read_picture, to_grey
 from vsense.cameras.recordings import SUFFIXES, CaptureTime, read_timestamps
 from vsense.errors import UsageError
 
@@ -126,7 +126,14 @@ def _read(group: Sequence[PictureFile]) -> Iterator[tuple[PictureFile, Image]]:
         if number in wanted:
             good, image = video.retrieve()
             if good:
-                yield wanted[number], to_grey(image)
+                yield wanted[number], _grey(group[0].path, image)
+
+
+def _grey(video: Path, image: cv2.typing.MatLike) -> Image:
+    try:
+        return to_grey(image)
+    except PictureError as error:
+        raise PictureError(f"{video.name}: {error}") from None
 
 
 def _expanded(paths: Sequence[Path]) -> Iterator[Path]:

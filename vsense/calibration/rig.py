@@ -29,7 +29,8 @@ from vsense.calibration.views import BoardViews, View
 from vsense.cameras.camera import Floats
 
 REFINE_SIGMA = (0.005, 0.005, 0.005, 0.005, 0.02, 0.05, 0.002, 0.002, 0.05)
-"""Standard deviation of a calibrated lens; f is relative to f, c to the width of the picture."""
+"""Standard deviations of a calibrated lens: fx, fy as shares of the focal length, cx, cy of the
+picture's width, then the distortion."""
 
 _WIDE_PX = 50.0
 _NOISE_PX = (0.02, 5.0)

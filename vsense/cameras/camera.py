@@ -70,7 +70,9 @@ class Camera:
         size: tuple[int, int],
         distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0),
     ) -> Camera:
-        """Returns a camera above (x_m, y_m) that looks straight down, +y up in its picture.
+        """Returns a camera above (x_m, y_m) that looks straight down.
+
+        In its picture +x is to the right and +y up.
 
         `size` is (width, height) in pixels; the principal point is the picture's middle.
         """

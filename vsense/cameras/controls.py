@@ -33,7 +33,9 @@ class CameraControls(Protocol):
         """Returns the least and the greatest value; None: unknown."""
 
     def set(self, name: str, value: float) -> None:
-        """Sets a value, which may be rounded, without its automatic mode; raises GrabberError."""
+        """Switches its automatic mode off and sets a value, which may be rounded, or raises
+        GrabberError.
+        """
 
     def remember(self) -> Callable[[], None]:
         """Returns what restores the settings; it raises GrabberError if they are not as before."""

@@ -136,7 +136,8 @@ def _asked(camera: FoundCamera) -> FoundCamera:
         finally:
             opened.close()
     except GrabberError as error:
-        # A camera of another network may be reached through a router.
+        # A camera of another network may be reached through a router; only where it does not answer
+        # is the network the trouble.
         lost = stranded(camera.address, networks()) if camera.kind == GIGE else ""
         return replace(camera, trouble=lost or f"does not open: {error}")
 

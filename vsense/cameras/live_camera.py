@@ -49,10 +49,10 @@ class LiveCamera:
     ) -> None:
         """Begins with the camera closed.
 
-        Its pictures must have `size_px`, and should come at `rate_hz`; None: unknown. `news`
-        guards this object's state and is notified of changes; `notify` is called with events while
-        `news` is held. `clock` is the host's monotonic clock [ns]; `retry_s` passes between
-        attempts to open.
+        Its pictures must have `size_px` (width, height), and should come at `rate_hz`; None:
+        unknown. `news` guards this object's state and is notified of changes; `notify` is called
+        with events while `news` is held. `clock` is the host's monotonic clock [ns]; `retry_s`
+        passes between attempts to open.
         """
         self._source = source
         self._size_px = tuple(size_px)

@@ -108,7 +108,7 @@ class LiveGrabber:
     ) -> None:
         """Starts one thread per camera, which opens it and takes pictures.
 
-        Mappings are by the camera's id; `clock` is the host's monotonic clock [ns].
+        Mappings are by the camera's id, sizes (width, height), `clock` monotonic, the host's [ns].
 
         Args:
             together_s: Pictures taken further apart are not of one timestep; None: they may be.

@@ -100,7 +100,7 @@ class BandwidthError(GrabberError):
 
 @dataclass(frozen=True, slots=True)
 class Stream:
-    """What a camera sends; `packet_size` is in bytes, with the IP header."""
+    """What a camera sends: pictures of (width, height), packets in bytes with their IP header."""
 
     size_px: tuple[int, int]
     rate_hz: float

@@ -159,7 +159,8 @@ class DeviceSource:
             capture.set(cv2.CAP_PROP_BUFFERSIZE, BUFFERS)
             if self._controls.exposure_us is not None:
                 capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, _MANUAL_EXPOSURE)
-        # Read back after the last: a rate depends on the size, and an exposure time on the rate.
+        # Set in this order and read back after the last: a rate depends on the size, and an
+        # exposure time on the rate.
         settings = self._settings()
         taken = [capture.set(each.key, each.value) for each in settings]
         told = [self._compare(capture, each, took) for each, took in zip(settings, taken)]
@@ -205,7 +206,8 @@ class DeviceSource:
 
         With V4L2 the position in the "film" is the buffer's stamp, to the microsecond. With a
         stream it is the presentation time; JPEGs over HTTP have none, and FFmpeg counts them at 25
-        Hz or gives nothing. Source: OpenCV 4.11 and 5.0, CAP_PROP_POS_MSEC of its backends.
+        Hz or gives nothing: only V4L2 has a clock that can be used. Source:
+        OpenCV 4.11 and 5.0, CAP_PROP_POS_MSEC of its backends.
         """
         if not self._is_v4l2:
             return None

@@ -108,8 +108,8 @@ class RecordedGrabber:
     ) -> None:
         """Groups the timesteps and begins to read.
 
-        Mappings are by the camera's id; the host's monotonic `clock` [ns] says when a picture was
-        in memory. Each of `readers` threads reads its own cameras in order.
+        Mappings are by the camera's id, sizes (width, height); the host's monotonic `clock` [ns]
+        says when a picture was in memory. Each of `readers` threads reads its own cameras in order.
         """
         self._recordings = dict(recordings)
         self._sizes_px = sizes_px

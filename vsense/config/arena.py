@@ -171,7 +171,7 @@ def floor_of(experiment: Experiment) -> Floor:
 
 
 def read_field(element: Element, name: str, arena: Arena, timestep_s: float) -> FieldSpec:
-    """Reads a `<vs:field>`; its cells must allow for steps of `timestep_s`."""
+    """Reads a `<vs:field>`; ConfigError if it has too many cells, or they are too small."""
     spec = FieldSpec(
         name,
         element.number("cell", _MIN_CELL_M, _MAX_CELL_M, "m", 0.02),

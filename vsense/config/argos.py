@@ -110,7 +110,7 @@ ORIGINAL_SETTINGS = {
 """Attributes of IRIDIA's virtual sensors: their type, and what takes their place; "": nothing."""
 
 HEARING = "virtual_range_and_bearing_sensor"
-"""The virtual sensor to which it matters what a medium says of bodies in the way."""
+"""The virtual sensor for which a medium decides whether bodies are in the way."""
 
 PHYSICS_ENGINES = ("dynamics3d", "pointmass3d", "static")
 """Children of <physics_engines> beside <dynamics2d> and the tracking system."""
@@ -162,7 +162,7 @@ def is_built_for_argos(library: str) -> bool:
 
 
 def ported_controller(library: str, folder: Path) -> str | None:
-    """Finds the port of a controller: a shipped one, or a C source beside the experiment file."""
+    """Finds a controller's port: a shipped one, a C source beside the experiment file, or None."""
     stem = _stem(library)
     if stem in source_tree().controllers():
         return stem

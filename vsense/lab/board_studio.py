@@ -63,7 +63,8 @@ class BoardStudio:
         self._shots = 0
 
     def take(self, pose: BoardPose) -> Iterator[tuple[str, Image8]]:
-        """Pictures (h, w), with the camera's id, of every camera that sees half of the board.
+        """Pictures (h, w), with the camera's id, of every camera that sees at least half of the
+        board.
 
         `pose` is from board to arena frame; all of the board is below the cameras.
         """

@@ -136,14 +136,12 @@ class Exposure:
         slot: that of its pictures in the frame bank.
         capture_ns: middle of the exposure.
         ready_ns: the last picture was in memory.
-        render_ms: time it took to draw the bodies.
     """
 
     timestep: int
     slot: int
     capture_ns: int
     ready_ns: int
-    render_ms: float
 
 
 def spec_for(experiment: Experiment, truth: str, seed: int, log: Path) -> LabCameraSpec:

@@ -92,7 +92,7 @@ class CameraProcess:
         ready_ns = time.monotonic_ns()
         render_ns = ready_ns - known_ns
         self._log.append(timestep, capture_ns, ready_ns, render_ns, poses[SAMPLES // 2], leds)
-        return Exposure(timestep, slot, capture_ns, ready_ns, render_ns / 1e6)
+        return Exposure(timestep, slot, capture_ns, ready_ns)
 
     def _know(self, moment_ns: int, stdin: int) -> bool:
         """Waits until the truth of a moment is known; False where `stdin` ended first."""

@@ -96,7 +96,7 @@ class LabGrabber:
         ]
 
     def events(self) -> list[CameraEvent]:
-        """None: cameras of the lab do not come and go."""
+        """Always empty: cameras of the lab do not come and go."""
         return []
 
     def close(self) -> None:

@@ -31,7 +31,8 @@ TIMESTEP = np.dtype(
 cameras' triggers, `run_timestep` those of the run; `render_ns` is how long rendering took."""
 
 EDGE_MARGIN_M = 0.005
-"""Readings closer than this to the cone's edge are not judged."""
+"""Readings closer than this to the cone's edge are not judged: there the truth itself is a
+matter of millimetres."""
 
 NOWHERE_M = 1e6
 """Place of a body that does not exist: a tag that has joined by mistake is a wrong id."""
@@ -151,7 +152,8 @@ def _applied_at(line: np.void, end_ns: int, applied: NDArray[np.void]) -> list[i
     """When the wheels took a control step's command, before the next step; empty where not.
 
     The frames between two control steps may also be the guard's stop, or repeat the command before:
-    only one with this step's speeds counts. Some bases are only sent what changes.
+    only one with this step's speeds counts. Some bases are only sent what changes: a step that
+    changes nothing has no frame there, and no latency.
     """
     first, end = np.searchsorted(applied["time_ns"], [line["now_ns"], end_ns])
     for row in applied[first:end]:

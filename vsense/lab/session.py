@@ -28,6 +28,9 @@ READY_TIMEOUT_S = 20.0
 """All robots must be connected and seen within this time."""
 
 
+LINK_COUNTERS = ("sent", "received", "dropped")
+
+
 @dataclass(slots=True)
 class RunNotes:
     """The host's notes of a run.
@@ -50,7 +53,9 @@ class RunNotes:
     measures: dict[str, float] = field(default_factory=dict)
     steps: list[Step] = field(default_factory=list)
     pictures: dict[int, list[Frame]] = field(default_factory=dict)
-    link: dict[str, int] = field(default_factory=dict)
+    link: dict[str, int] = field(
+        default_factory=lambda: dict.fromkeys((*LINK_COUNTERS, "reconnects"), 0)
+    )
     lateness_ms: list[float] = field(default_factory=list)
 
 
@@ -162,7 +167,7 @@ class Session(ExperimentSession):
         self.stop()
         notes.ended, counters = self.runner.ended, self.runner.counters
         notes.lateness_ms = canary.end()
-        notes.link = {name: getattr(counters, name) for name in ("sent", "received", "dropped")}
+        notes.link = {name: getattr(counters, name) for name in LINK_COUNTERS}
         notes.link["reconnects"] = self.runner.reconnects
         if failure is not None:
             # Without physics the cameras fail, too: report what failed first.

@@ -204,7 +204,8 @@ def _held(
 ) -> tuple[bool, float, int, int, bool]:
     """Known, value, capture, age and stale out of "name=hex@capture:age:stale,...".
 
-    The times are those of the judged sensor; without one the oldest reading's.
+    The times are those of the judged sensor; without one the oldest reading's, so that no
+    fresh sensor hides another's age.
     """
     found = dict(item.split("=", 1) for item in text.split(",")) if sensors else {}
     held = [found[name] for name in sensors]

@@ -60,7 +60,7 @@ def stream(data: bytes | memoryview) -> ReadDataStream:
 
 
 def records(data: memoryview, at: int = 0) -> Iterator[tuple[int, int, memoryview]]:
-    """Walks over records: opcode, place, content; the last one may be cut off."""
+    """Walks over records: opcode, place, content; DamagedError where one is cut off."""
     while at < len(data):
         if at + _HEAD.size > len(data):
             raise DamagedError("a record without length")

@@ -39,14 +39,20 @@ _MOST_WORKERS = 64
 def of_family(
     cameras: Sequence[Camera], family: str, heights_m: Mapping[int, float], workers: int = 2
 ) -> Made:
-    """Describes `ArenaTracker.for_family(cameras, load_family(family), heights_m)`."""
+    """Describes `ArenaTracker.for_family(cameras, load_family(family), heights_m)`.
+
+    VsenseError if there is no such family.
+    """
     tracker = _tracker(family, 0.0, heights_m, True)
     sees = {camera.id: "robots" for camera in cameras}
     return _made(cameras, sees, {"robots": tracker}, Limits(), SearchPlan(), workers)
 
 
 def of_session(session: TrackingSession) -> Made:
-    """Describes the tracker of `vsense.tracking.opening.open_tracking`."""
+    """Describes the tracker of `vsense.tracking.opening.open_tracking`.
+
+    VsenseError if there is no such family.
+    """
     specs = {view.tracker.id: view.tracker for view in session.views}
     trackers = {
         id: _tracker(spec.family, spec.heading_deg, spec.heights_m, spec.open_roster)

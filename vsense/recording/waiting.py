@@ -16,7 +16,8 @@ from vsense.recording import form
 class WaitingPicture:
     """A picture that is not encoded yet: when it came, and a frame in memory of its own.
 
-    `update` is the call of the tracker that it belongs to, counted from 0; `pictures` belong to it.
+    `update` is the call of the tracker that it belongs to, counted from 0; `pictures` is
+    how many pictures belong to that call.
     """
 
     frame: Frame

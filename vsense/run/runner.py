@@ -152,7 +152,7 @@ class Runner:
                     self._run_timestep = step.run_timestep
                     if last < 0 or step.run_timestep <= last:
                         yield step
-                # Lent pictures go back while the run is paused.
+                # Lent pictures go back while the run is paused, unless the caller keeps the step.
                 step = None
                 # Arena states count the timesteps; where none come the clock ends the run.
                 self._obey()

@@ -28,7 +28,7 @@ from vsense.world.world import BODY_MEMORY_NS, World
 Floats = NDArray[np.float64]
 
 _FAR_M = 1e6
-"""Place of those that are in no way."""
+"""Where robots and things are put that must block nothing."""
 
 REST_NS = 400_000_000
 """After a longer time without an arena state they go on from where they stood, as real robots."""

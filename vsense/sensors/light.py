@@ -129,17 +129,17 @@ def from_xml(element: Element, scope: Scope) -> LightSensor:
     formula = element.choice("formula", FORMULAS, "thesis")
     ring = Ring.from_xml(element)
     angles = element.boolean("vs:angles", True)
-    readings, facts = len(ring), len(ring) if angles else 0
+    readings, angles_sent = len(ring), len(ring) if angles else 0
     high = np.inf if formula == "thesis" else 1.0
     return LightSensor(
         formula=formula,
         ring=ring,
-        layout=f"{readings + facts}*f4",
+        layout=f"{readings + angles_sent}*f4",
         # The angles are facts about the robot, no measurements.
         scale=Scale(
-            unit=(1.0,) * readings + (0.0,) * facts,
-            low=(0.0,) * readings + (-np.pi,) * facts,
-            high=(high,) * readings + (np.pi,) * facts,
+            unit=(1.0,) * readings + (0.0,) * angles_sent,
+            low=(0.0,) * readings + (-np.pi,) * angles_sent,
+            high=(high,) * readings + (np.pi,) * angles_sent,
         ),
         range_m=element.number("vs:range", 0.001, _MAX_RANGE_M, "m", _MAX_RANGE_M),
         field_of_view_rad=field_of_view(element),

@@ -28,6 +28,7 @@ from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsense.sensors.base import Readings, Robots, Scope
 from vsense.sensors.geometry import Ring, rows_of
@@ -106,7 +107,7 @@ def _virtual_bodies(world: World) -> Bodies:
 
 
 @lru_cache(maxsize=8)
-def _virtual_rows(boxes: Sequence[Box], cylinders: Sequence[Cylinder]) -> Robots:
+def _virtual_rows(boxes: Sequence[Box], cylinders: Sequence[Cylinder]) -> NDArray[np.void]:
     things: list[Box | Cylinder] = [*cylinders, *boxes]
     return entity_rows([thing for thing in things if not thing.physical])
 

@@ -38,7 +38,12 @@ class UsersSensor:
 
 
 def from_xml(element: Element, scope: Scope) -> VirtualSensor:
-    """Makes the sensor from its element; raises SensorError where the user's file fails."""
+    """Makes the sensor from its element.
+
+    Raises:
+        ConfigError: there is no such file, it has no `from_xml`, or a member is missing.
+        SensorError: the user's code fails.
+    """
     path = scope.folder / element.text("file", None, "a Python file")
     if not path.is_file():
         raise element.error(f"there is no file {str(path)!r}", "file")

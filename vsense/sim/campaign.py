@@ -27,7 +27,7 @@ from vsense.terminal import Console, print_data
 BAR_WIDTH = 24
 
 MAX_NAME = 256
-"""Longer texts are no file names, and the system refuses to look for them."""
+"""[byte] Longer texts are no file names, and the system refuses to look for them."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -62,6 +62,8 @@ class CampaignResults:
     def append(self, fixed: Mapping[str, object], measures: Mapping[str, float | None]) -> None:
         """Adds a row; `fixed` are the values of all columns before the measures but `campaign`.
 
+        A measure that is None was not taken in this run.
+
         Raises:
             VsenseError: the measures are not those of the file, or it cannot be written.
         """

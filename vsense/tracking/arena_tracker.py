@@ -191,12 +191,13 @@ class ArenaTracker:
         workers: int = 2,
         pin: bool = False,
     ) -> ArenaTracker:
-        """Returns a tracker of what is looked for in each camera's pictures.
+        """Returns a tracker; `searches` says for each of `cameras` what is looked for.
 
         Raises:
             FamilyError: A family does not have a tag of its roster.
+            TrackingError: No cameras, or two with one id.
         """
-        sees = {camera.id: search for camera, search in zip(cameras, searches)}
+        sees = {camera.id: search for camera, search in zip(cameras, searches, strict=True)}
         prediction = Prediction(plan or SearchPlan())
         make = partial(CameraDetectors, sees, prediction)
         heights_m = {tag: height for search in searches for tag, height in search.heights_m.items()}

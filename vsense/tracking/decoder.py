@@ -28,8 +28,8 @@ _WORST_CELL = 0.40
 _LEAST_MARGIN = 1.6
 _GREATEST_ERROR = 1.0
 _MOST_UNEXPLAINED, _LEAST_VARIED = 0.6, 0.1
-"""The error may be this share of how much the word's own cells differ; nearly blank words count as
-differing by the second."""
+"""The error may be this share of how much the word's own cells differ: a word that explains less is
+not what is there, however much worse the others are. Nearly blank words differ by the second."""
 
 
 class DecodedTag(NamedTuple):

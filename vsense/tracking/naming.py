@@ -48,7 +48,8 @@ def carry_read_names(
 ) -> Tags:
     """Gives names of expected robots to markers that cannot be read, such as square ones.
 
-    A marker that is read as another robot than the one that must be there stays without a name.
+    Their words differ in so many cells that a word that is read is believed; but a marker that is
+    read as another robot than the one that must be there stays without a name.
 
     Args:
         tags: (n,) what was read, -1 where the cells are not sure; the names are returned.

@@ -29,7 +29,7 @@ class SquareDetector:
         self, family: SquareFamily, search: MarkerSearch, prediction: Prediction | None
     ) -> None:
         """See `detector.detector_of`; `family` is that of `search`."""
-        unknown = [tag for tag in search.heights_m if not 0 <= tag < family.tags]
+        unknown = [tag for tag in sorted(search.heights_m) if not 0 <= tag < family.tags]
         if unknown:
             raise FamilyError(
                 f"tag {unknown[0]}: the family {family.name} has 0 to {family.tags - 1}"

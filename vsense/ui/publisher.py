@@ -34,7 +34,8 @@ WINDOW = 100
 
 
 class Rates:
-    """How often arena states come, and how old pictures are at the end of the last timesteps."""
+    """How often arena states come, and how old pictures are at the end of a timestep, from the last
+    `window` timesteps."""
 
     def __init__(self, window: int) -> None:
         self._times: deque[tuple[int, int]] = deque(maxlen=window)

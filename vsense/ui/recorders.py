@@ -11,7 +11,6 @@ from vsense import recording
 from vsense.arena import Frame
 from vsense.errors import VsenseError
 from vsense.message_bus import MessageBus
-from vsense.recording import tracker_made
 from vsense.recording.form import Data
 
 if TYPE_CHECKING:
@@ -88,7 +87,13 @@ class Recorders:
         """
         wanted = session.record.record_image
         self._wanted, self._pictures = self._wanted or wanted, self._pictures or wanted
-        self._watch(tracking, lambda: tracker_made.of_session(session))
+
+        def describe() -> Mapping[str, Any]:
+            from vsense.recording import tracker_made
+
+            return tracker_made.of_session(session)
+
+        self._watch(tracking, describe)
 
     def watch_family(self, marker: MarkerSpec, tracking: CameraTracking) -> None:
         """Records the pictures of cameras that look for one family of markers, if wanted.
@@ -96,9 +101,16 @@ class Recorders:
         UsageError if a library is missing.
         """
         cameras, heights_m = tracking.tracker.cameras, dict(tracking.tracker.heights_m)
-        self._watch(tracking, lambda: tracker_made.of_family(cameras, marker.family, heights_m))
+
+        def describe() -> Mapping[str, Any]:
+            from vsense.recording import tracker_made
+
+            return tracker_made.of_family(cameras, marker.family, heights_m)
+
+        self._watch(tracking, describe)
 
     def _watch(self, tracking: CameraTracking, describe: Callable[[], Mapping[str, Any]]) -> None:
+        """`describe` imports the arena tracker, which only pictures need."""
         if not self._pictures:
             return
         recording.require()

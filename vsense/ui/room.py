@@ -67,7 +67,7 @@ def make_server(web: WebAddress, bus: MessageBus, give: Give) -> WebServer:
 def open_web(web: WebAddress, bus: MessageBus, give: Give) -> tuple[WebServer, list[str]]:
     """Serves the page; gives the server, which the caller closes, and lines for people.
 
-    VsenseError also if the port is taken.
+    As `make_server`; VsenseError also if the port is taken.
     """
     server = make_server(web, bus, give)
     found = server.start()

@@ -78,7 +78,10 @@ CAUSES = {
 
 
 class RobotTable:
-    """The robots' rows, and when each was seen last; `names` and `actuators` by the experiment."""
+    """The robots' rows, and when each was seen last.
+
+    `names` are the experiment's, by tag; `actuators` are the sensor table's.
+    """
 
     def __init__(self, names: Mapping[int, str], actuators: Sequence[Entry]) -> None:
         self._names = dict(names)

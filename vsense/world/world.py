@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections import UserDict
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +44,11 @@ class Results(UserDict[str, float]):
         if not plain or not math.isfinite(number):
             raise WorldError(f"result {name!r} is {number!r:.60}, expected a finite number")
         super().__setitem__(name, float(number))
+
+    def __ior__(self, other: Any) -> Results:  # type: ignore[override,misc]
+        # That of UserDict would write without a check.
+        self.update(other)
+        return self
 
 
 BODY_MEMORY_NS = DEFAULT_MEMORY_NS

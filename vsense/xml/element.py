@@ -1,7 +1,8 @@
 """One element of an experiment file, with its line and what has been read of it.
 
 A reader asks an element for attributes and children by name; what was not asked for is an error at
-the end that lists the names that are known: so a misspelt key is no default.
+the end that lists the names that are known: so a misspelt key is an error, not a silent
+default.
 """
 
 from __future__ import annotations

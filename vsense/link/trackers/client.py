@@ -232,8 +232,6 @@ class ArenaClient(TrackerLink):
         except OSError as error:
             self._lose(f"is gone: {error.strerror}")
 
-        return None
-
     def _arrive(self, sock: socket.socket) -> None:
         code = sock.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
         if code:

@@ -22,6 +22,8 @@ from numpy.typing import NDArray
 from vsense.link.robots.status import LinkError
 
 DEFAULT_PORT = 4040
+"""Of the original tracking server. Source: iridia.md section 1a."""
+
 ROBOTS_MAX = 1024
 """Robots that a state from another tracker can hold."""
 STATE_MAX = 262_144
