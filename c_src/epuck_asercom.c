@@ -62,37 +62,21 @@ size_t epuck_asercom_reply_len(const struct epuck_asercom_mode *mode)
     return 2u * mode->ring + PAIR_LEN + BATTERY_LEN + mode->ground + PAIR_LEN;
 }
 
-/* Reads 8 raw values. Returns 0, or -1 if one is none. */
-static int get_ring(const uint8_t *at, int16_t ring[8])
-{
-    int i;
-
-    for (i = 0; i < 8; i++) {
-        ring[i] = epuck_get_s16(at + 2 * i);
-        if (ring[i] < 0 || ring[i] > EPUCK_ASERCOM_RAW_MAX)
-            return -1;
-    }
-    return 0;
-}
-
 int epuck_asercom_get_reply(const struct epuck_asercom_mode *mode, const uint8_t *reply,
                             struct epuck_asercom_sensors *sensors)
 {
     struct epuck_asercom_sensors read = {{0}, {0}, {0}, 0, {0}, 0, 0};
     const uint8_t *at = reply + 2u * mode->ring;
-    int i;
 
-    if (get_ring(reply, read.prox) != 0 || get_ring(reply + mode->ring, read.light) != 0)
+    if (epuck_get_calibrated(reply, 8, read.prox) != 0 ||
+        epuck_get_raw(reply + mode->ring, 8, 0, EPUCK_ASERCOM_RAW_MAX, read.light) != 0)
         return -1;
     read.steps[0] = epuck_get_u16(at);
     read.steps[1] = epuck_get_u16(at + 2);
     read.battery = epuck_get_u16(at + PAIR_LEN);
     at += PAIR_LEN + BATTERY_LEN;
-    for (i = 0; i < 3 && mode->ground > 0; i++) {
-        read.ground[i] = epuck_get_s16(at + 2 * i);
-        if (read.ground[i] < 0 || read.ground[i] > EPUCK_ASERCOM_RAW_MAX)
-            return -1;
-    }
+    if (mode->ground > 0 && epuck_get_raw(at, 3, 0, EPUCK_ASERCOM_RAW_MAX, read.ground) != 0)
+        return -1;
     at += mode->ground;
     read.left_steps_s = epuck_get_s16(at);
     read.right_steps_s = epuck_get_s16(at + 2);

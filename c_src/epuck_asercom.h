@@ -31,7 +31,7 @@ enum {
     EPUCK_ASERCOM_LIGHT = 0xB1,     /* 'O': 8 or 10 values u16, higher is darker */
     EPUCK_ASERCOM_STEPS = 0xAF,     /* 'Q': left, right counters u16, they wrap */
     EPUCK_ASERCOM_LEDS = 10,        /* LEDs 0..9 */
-    EPUCK_ASERCOM_RAW_MAX = 4095,   /* of proximity and light */
+    EPUCK_ASERCOM_RAW_MAX = 4095,   /* of proximity and light as they are given here */
     EPUCK_ASERCOM_REQUEST_MAX = 64, /* [byte] its receive ring has no overflow test */
     EPUCK_ASERCOM_REPLY_MAX = 64,   /* [byte] longest answer to a poll */
     EPUCK_ASERCOM_NO_GROUND = 6     /* [byte] answer to 'M', built without ground sensors */

@@ -17,10 +17,12 @@ extern "C" {
 
 /* What the sensors measure now, raw. */
 struct fw_inputs {
-    int16_t prox[8];     /* ps0..ps7, 0..4095, higher is nearer */
+    int16_t prox[8];     /* ps0..ps7, higher is nearer, below 0 with flickering light */
     int16_t light[8];    /* the same places, 0..4095, higher is darker */
     int16_t ground[3];   /* left, centre, right, 0..1023, higher is brighter */
     uint16_t battery_mv; /* [mV] */
+    int16_t acceleration[3]; /* x, y, z; zeros where the firmware does not read them */
+    int16_t microphones[4];  /* likewise; IRIDIA's firmware has three */
 };
 
 /* What the motors and LEDs do now. */

@@ -51,6 +51,8 @@ static void compose(struct fw_gctronic *fw, uint64_t at_us)
         sensors.prox[i] = inputs->prox[i];
         sensors.light[i] = inputs->light[i];
     }
+    for (i = 0; i < 4; i++)
+        sensors.microphones[i] = inputs->microphones[i];
     sensors.steps[0] = fw_body_steps(&fw->body, 0, at_us);
     sensors.steps[1] = fw_body_steps(&fw->body, 1, at_us);
     epuck_gctronic_put_sensors(&sensors, fw->answer);

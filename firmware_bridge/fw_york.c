@@ -88,11 +88,102 @@ static void live(struct fw_york *fw, uint64_t now_us)
         fw->lived_us = now_us;
 }
 
+/* A register of an e-puck2 as it is sent: its low bytes. Returns how many, 0: it does not
+ * answer. */
+static uint8_t answer_of(struct fw_york *fw, uint8_t number, uint64_t now_us, uint16_t *value)
+{
+    const struct fw_inputs *inputs = &fw->body.inputs;
+
+    if (number <= EPUCK_YORK_RIGHT_SPEED) {
+        *value = fw->registers[number];
+        return number <= EPUCK_YORK_OTHER_LEDS ? 1 : 2;
+    }
+    if (number == EPUCK_YORK_SENSING || number >= EPUCK_YORK_REGISTERS)
+        return 0;
+    if (number >= EPUCK_YORK_LIGHT)
+        *value = (uint16_t)inputs->light[number - EPUCK_YORK_LIGHT];
+    else if (number >= EPUCK_YORK_PROX)
+        *value = inputs->prox[number - EPUCK_YORK_PROX] < 0
+                     ? 0 : (uint16_t)inputs->prox[number - EPUCK_YORK_PROX];
+    else
+        *value = fw_body_steps(&fw->body, number - EPUCK_YORK_LEFT_STEPS, now_us);
+    return 2;
+}
+
+static int16_t clamp(int16_t steps_s)
+{
+    if (steps_s > EPUCK_YORK_SPEED_MAX)
+        return EPUCK_YORK_SPEED_MAX;
+    return steps_s < -EPUCK_YORK_SPEED_MAX ? -EPUCK_YORK_SPEED_MAX : steps_s;
+}
+
+/* The thread of an e-puck2 that applies what was written. */
+static void obey(struct fw_york *fw, uint8_t number, uint64_t now_us)
+{
+    struct fw_body *body = &fw->body;
+    int16_t left = body->outputs.left_steps_s;
+    int16_t right = body->outputs.right_steps_s;
+    uint16_t leds = epuck_york_get_leds(fw->registers[EPUCK_YORK_RING_LEDS],
+                                        fw->registers[EPUCK_YORK_OTHER_LEDS]);
+    uint16_t others = number == EPUCK_YORK_RING_LEDS ? (uint16_t)~LOW_BYTE : LOW_BYTE;
+
+    if (fw->had_error) {
+        fw->had_error = 0;
+        fw->dropped++;
+        return;
+    }
+    if (number == EPUCK_YORK_LEFT_SPEED)
+        left = (int16_t)signed_register(fw, number);
+    else if (number == EPUCK_YORK_RIGHT_SPEED)
+        right = (int16_t)signed_register(fw, number);
+    else
+        body->outputs.leds = (uint16_t)((body->outputs.leds & others) | (leds & ~others));
+    fw_body_drive(body, left, right, now_us);
+    fw_body_apply(body, now_us);
+    fw_body_feed(body, now_us);
+}
+
+/* A message to an e-puck2 has ended: a number alone asks, more of it writes. */
+static void take_message(struct fw_york *fw, size_t len, uint64_t now_us)
+{
+    uint8_t number = fw->received[0];
+    uint16_t value = fw->received[1];
+
+    if (len == 1) {
+        uint8_t count = answer_of(fw, number, now_us, &value);
+
+        if (count == 0)
+            return;
+        epuck_put_u16(fw->answer, value);
+        fw->answer_len = count;
+    } else if (number <= EPUCK_YORK_RIGHT_SPEED) {
+        if (number >= EPUCK_YORK_LEFT_SPEED)
+            value = (uint16_t)clamp(epuck_get_s16(fw->received + 1));
+        fw->registers[number] = value;
+        fw->writes++;
+        obey(fw, number, now_us);
+    }
+}
+
+static enum fw_i2c_result write_epuck2(struct fw_york *fw, const uint8_t *buf, size_t len,
+                                       uint64_t first_us)
+{
+    size_t i;
+
+    watch(fw, first_us);
+    for (i = 0; i < len && i < sizeof fw->received; i++)
+        fw->received[i] = buf[i];
+    take_message(fw, len, first_us + (len - 1) * FW_I2C_BYTE_US);
+    return FW_I2C_ACK;
+}
+
 static enum fw_i2c_result write(void *context, const uint8_t *buf, size_t len, uint64_t first_us)
 {
     struct fw_york *fw = context;
     size_t i;
 
+    if (fw->is_epuck2)
+        return first_us < fw->booted_us ? FW_I2C_NACK : write_epuck2(fw, buf, len, first_us);
     live(fw, first_us);
     store(fw, first_us);
     if (first_us < fw->booted_us || len > EPUCK_YORK_WRITE_LEN)
@@ -123,7 +214,7 @@ static uint16_t tear(struct fw_york *fw, uint16_t steps)
 static uint16_t value_of(struct fw_york *fw, uint8_t number, uint64_t now_us)
 {
     const struct fw_inputs *inputs = &fw->body.inputs;
-    int senses = fw->always_senses || fw->registers[EPUCK_YORK_SENSING] != 0;
+    int senses = fw->registers[EPUCK_YORK_SENSING] != 0;
 
     if (number == EPUCK_YORK_LEFT_STEPS || number == EPUCK_YORK_RIGHT_STEPS)
         return tear(fw, fw_body_steps(&fw->body, number - EPUCK_YORK_LEFT_STEPS, now_us));
@@ -140,11 +231,17 @@ static enum fw_i2c_result read(void *context, uint8_t *buf, size_t len, uint64_t
 {
     struct fw_york *fw = context;
     uint8_t bytes[3] = {0};
+    size_t i;
 
     live(fw, first_us);
     store(fw, first_us);
     if (first_us < fw->booted_us)
         return FW_I2C_NACK;
+    if (fw->is_epuck2) {
+        for (i = 0; i < len; i++)
+            buf[i] = fw->answer[i < fw->answer_len ? i : fw->answer_len - 1u];
+        return FW_I2C_ACK;
+    }
     if (len > EPUCK_YORK_READ_LEN)
         return FW_I2C_STUCK;
     bytes[0] = fw->left_over;
@@ -157,15 +254,17 @@ static enum fw_i2c_result read(void *context, uint8_t *buf, size_t len, uint64_t
     return FW_I2C_ACK;
 }
 
-/* Its interrupt keeps no errors. */
+/* The interrupt of an e-puck keeps no errors. */
 static void error(void *context)
 {
-    (void)context;
+    struct fw_york *fw = context;
+
+    fw->had_error = fw->is_epuck2;
 }
 
 void fw_york_init(struct fw_york *fw)
 {
-    *fw = (struct fw_york){.always_senses = 0};
+    *fw = (struct fw_york){.answer_len = 1};
     fw_body_init(&fw->body, EPUCK_YORK_SPEED_MAX);
     fw->device = (struct fw_i2c_device){fw, EPUCK_YORK_ADDRESS, write, read, error};
 }
@@ -179,6 +278,9 @@ void fw_york_reset(struct fw_york *fw, uint64_t now_us)
         fw->registers[i] = 0;
     fw->expected = fw->stored = 0;
     fw->has_left_over = 0;
+    fw->had_error = 0;
+    fw->answer[0] = 0;
+    fw->answer_len = 1;
     fw->dirty = 0;
     fw->body.changed = 1;
     fw->lived_us = now_us;

@@ -37,9 +37,13 @@ struct vs_base_reading {
     uint8_t blind;       /* 1: it has neither, both mean nothing */
     uint8_t battery_low; /* 0, 1 or 255 = unknown */
     uint16_t battery_mv; /* [mV] 0 = unknown */
+    int16_t acceleration[3]; /* [raw] x, y, z; all 0: not measured */
+    int16_t microphones[4];  /* [raw] all 0: not measured */
+    uint8_t microphone_count;
     uint8_t has_steps;   /* 1: steps are counted */
     int32_t steps[2];    /* [step] of the left and right wheel, forwards, since the start */
     uint32_t step_nm;    /* [nm] way of a wheel per step */
+    int16_t max_steps_s; /* [step/s] what its motors can do, 0: not known */
     struct vs_board_reading boards;
 };
 
@@ -48,6 +52,8 @@ struct vs_base_body {
     int16_t max_steps_s; /* [step/s] what its motors can do */
     uint32_t step_nm;    /* [nm] way of a wheel per step */
 };
+
+#define VS_EPUCK2_STEP_NM 125664 /* 1000 steps a turn of a 40 mm wheel. Source: epuck.md 6 */
 
 extern const struct vs_base_body vs_body_epuck;
 extern const struct vs_base_body vs_body_epuck2;
@@ -124,6 +130,14 @@ int vs_base_exchange(struct vs_base *base, const struct vs_base_command *command
  * is more, to be done at once, else 0. */
 int vs_base_rest(struct vs_base *base, const struct vs_base_command *command);
 
+/* A speed limited to +-max_steps_s. */
+static inline int16_t vs_base_clamp(int16_t steps_s, int16_t max_steps_s)
+{
+    if (steps_s > max_steps_s)
+        return max_steps_s;
+    return steps_s < -max_steps_s ? (int16_t)-max_steps_s : steps_s;
+}
+
 /* For an exchange: proximity as it was measured, and light, which e-pucks measure as most
  * minus brightness, as brightness. */
 static inline void vs_base_see(const int16_t prox[8], const int16_t light[8], int16_t most,
@@ -136,6 +150,10 @@ static inline void vs_base_see(const int16_t prox[8], const int16_t light[8], in
         reading->light[i] = (int16_t)(most - light[i]);
     }
 }
+
+/* For an exchange: what the accelerometer, NULL if there is none, and so many microphones say. */
+void vs_base_feel(const int16_t acceleration[3], const int16_t *microphones, int count,
+                  struct vs_base_reading *reading);
 
 /* For an exchange: adds up what the wheels' counters, which wrap, say. */
 void vs_base_count(struct vs_base *base, const uint16_t counters[2],

@@ -62,7 +62,7 @@ static int open_asercom(struct vs_base *base, const struct vs_base_config *confi
     a->quiet_ns = patience[mode].quiet_ns;
     a->line.owed_ns = patience[mode].owed_ns;
     a->line.wanted = (uint8_t)epuck_asercom_reply_len(a->mode);
-    base->body = &vs_body_epuck;
+    base->body = config->choice[1] == 0 ? &vs_body_epuck : &vs_body_epuck2;
     vs_posix_io(&base->io, &base->fd);
     return vs_posix_open_serial(config->device, a->mode->baud, VS_BASE_LOCK_NS, &base->fd);
 }
@@ -313,14 +313,17 @@ static int close_asercom(struct vs_base *base)
 }
 
 static const char *const modes[] = {"extension", "bluetooth", "bluetooth+ground", NULL};
-static const struct vs_base_choice choices[] = {{"mode", modes}, {NULL, NULL}};
+static const char *const models[] = {"epuck", "epuck2", NULL};
+static const struct vs_base_choice choices[] = {{"mode", modes}, {"model", models}, {NULL, NULL}};
 
 const struct vs_base_ops vs_base_asercom = {
     "asercom",
     "asercom:DEVICE  e-puck with GCtronic's firmware on a serial port\n"
     "    mode=extension         selector 10, extension connector, 230400 baud (default)\n"
     "    mode=bluetooth         selector 3, Bluetooth, 115200 baud\n"
-    "    mode=bluetooth+ground  the same with ground sensors",
+    "    mode=bluetooth+ground  the same with ground sensors\n"
+    "    model=epuck            its wheels and motors (default)\n"
+    "    model=epuck2           those of an e-puck2",
     "/dev/ttyS1",
     0,
     choices,

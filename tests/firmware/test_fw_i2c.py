@@ -258,6 +258,84 @@ def test_york_leaves_a_byte_over_and_refuses_a_fourth() -> None:
     assert bus.transfer(0x1F, bytes([2, 1, 0, 0])) is None
 
 
+def epuck2() -> York:
+    """An e-puck2 with York's map."""
+    bus = York()
+    bus.fw.is_epuck2 = 1
+    return bus
+
+
+def test_york_on_an_epuck2_answers_one_byte_of_its_leds() -> None:
+    """Source: e-puck2_main-processor fcb74b1 src/gumstix.c:126-152."""
+    bus = epuck2()
+    bus.set(0, 0x1A5)
+    bus.set(1, 0x03)
+    assert bus.fw.body.outputs.leds == 0x3A5
+    assert bus.get(0) == tables.york_epuck2_read(0xA5, 1, 2) == b"\xa5\xa5"
+    assert bus.get(1) == tables.york_epuck2_read(0x03, 1, 2) == b"\x03\x03"
+    assert bus.get(0, 1) == b"\xa5"
+
+
+@given(st.integers(-32768, 32767), st.integers(1, 5))
+def test_york_on_an_epuck2_takes_a_speed_as_a_whole(value: int, count: int) -> None:
+    """Clamped when it comes, never torn, and any number of bytes may be read.
+
+    Source: e-puck2_main-processor fcb74b1 src/gumstix.c:153-190, 425-435.
+    """
+    bus = epuck2()
+    bus.set(3, value)
+    clamped = max(-1000, min(1000, value))
+    assert bus.wheels == (0, clamped)
+    assert bus.get(3, count) == tables.york_epuck2_read(clamped, 2, count)
+    assert bus.wires.stuck == 0
+
+
+def test_york_on_an_epuck2_drops_what_is_written_after_an_error() -> None:
+    """It reads back all the same. Source: the same file, 83-99 and 408-414."""
+    bus = epuck2()
+    bus.set(2, 100)
+    bus.wires.faults.refuse = 1
+    assert bus.get(2) is None
+    assert bus.get(2) == struct.pack("<h", 100), "a question changes nothing"
+    bus.set(2, 0)
+    assert bus.get(2) == b"\0\0" and bus.wheels == (100, 0)
+    bus.set(2, 0)
+    assert bus.wheels == (0, 0) and bus.fw.dropped == 1
+
+
+def test_york_on_an_epuck2_always_senses_and_light_is_as_measured() -> None:
+    """Proximity is never below 0; light is higher where it is darker, unlike York's e-puck.
+
+    Source: e-puck2_main-processor fcb74b1 src/gumstix.c:209-354, src/sensors/proximity.c:
+    191-197 (lit is lower than ambient: what is brighter is lower), 342-370; York's e-puck:
+    pi-puck-e-puck1 0041716 pi-puck-e-puck1.X/ir_sensors.c:155-161.
+    """
+    bus = epuck2()
+    bus.fw.body.inputs.prox = [-5, *range(101, 108)]
+    bus.fw.body.inputs.light = [1000] * 8
+    assert bus.get(7) == b"\0\0" and bus.get(8) == struct.pack("<H", 101)
+    assert bus.get(15) == bus.get(22) == struct.pack("<H", 1000)
+    answer = bus.get(22)
+    bus.set(6, 1)
+    assert bus.get(6) == answer, "register 6 answers nothing: the answer before it stays"
+
+
+def test_york_proximity_of_an_epuck_is_signed() -> None:
+    """Source: pi-puck-e-puck1 0041716 pi-puck-e-puck1.X: ir_sensors.c:44, 175; main.c:96-103."""
+    bus = York()
+    bus.fw.body.inputs.prox = [-4, 0, 0, 0, 0, 0, 0, 4095]
+    bus.set(6, 1)
+    bus.live(2 * MS)
+    assert bus.get(7) == b"\xfc\xff" and bus.get(14) == b"\xff\x0f"
+
+
+def test_range_and_bearing_stores_the_light() -> None:
+    """Source: argos3-epuck 66cb8d9 erab_firmware/e-RandB_firmware_parametric/I2CSlaveDrv.c:319."""
+    bus = York()
+    bus.transfer(0x20, bytes([16, 0]))
+    assert bus.rab.light_stored == 1
+
+
 def test_ground_registers_count_on() -> None:
     bus = York()
     bus.ground.ground = [1, 513, 1023]
