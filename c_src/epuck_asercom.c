@@ -11,6 +11,8 @@ enum {
     BATTERY_LOW_RAW = 2070,
     BATTERY_SPAN_MV = 800,
     BATTERY_SPAN_RAW = 490,
+    EPUCK2_FULL_MV = 5000, /* its converter's most */
+    EPUCK2_FULL_RAW = 4096,
     BATTERY_LEN = 2,
     PAIR_LEN = 4 /* two 16-bit numbers: counters, speeds */
 };
@@ -84,16 +86,20 @@ int epuck_asercom_get_reply(const struct epuck_asercom_mode *mode, const uint8_t
     return 0;
 }
 
-uint16_t epuck_asercom_battery_mv(uint16_t raw)
+uint16_t epuck_asercom_battery_mv(uint16_t raw, int is_epuck2)
 {
     int32_t over = (int32_t)raw - BATTERY_LOW_RAW;
 
     if (raw <= BATTERY_FLAG_MAX || raw > EPUCK_ASERCOM_RAW_MAX)
         return 0;
+    if (is_epuck2)
+        return (uint16_t)((uint32_t)raw * EPUCK2_FULL_MV / EPUCK2_FULL_RAW);
     return (uint16_t)(BATTERY_LOW_MV + over * BATTERY_SPAN_MV / BATTERY_SPAN_RAW);
 }
 
-uint8_t epuck_asercom_battery_low(uint16_t raw)
+uint8_t epuck_asercom_battery_low(uint16_t raw, int is_epuck2)
 {
-    return (uint8_t)(raw <= BATTERY_FLAG_MAX ? raw == 0 : raw < BATTERY_LOW_RAW);
+    if (raw <= BATTERY_FLAG_MAX)
+        return raw == 0;
+    return epuck_asercom_battery_mv(raw, is_epuck2) < BATTERY_LOW_MV;
 }

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 #include "fw_argos.h"
 
-enum { MOTOR_MAX_STEPS_S = 1000, RING_LED_MASK = 0xFF, RAB_ENABLED = 1 };
+/* Timer: argos3-epuck 66cb8d9 firmware/firmware/motor_led/advance_one_timer/e_motors.c:253-288. */
+enum { TIMER_HZ = 10000, MOTOR_MAX_STEPS_S = 1000, RING_LED_MASK = 0xFF, RAB_ENABLED = 1 };
 
 #define NS_PER_US 1000u
 
@@ -26,7 +27,7 @@ static void wake_up(struct fw_argos *fw)
 void fw_argos_init(struct fw_argos *fw)
 {
     *fw = (struct fw_argos){0};
-    fw_body_init(&fw->body, MOTOR_MAX_STEPS_S);
+    fw_body_init(&fw->body, MOTOR_MAX_STEPS_S, TIMER_HZ, 0);
     fw_uart_init(&fw->uart, EPUCK_ARGOS_BYTE_NS);
     wait_for_host(fw, 0);
 }

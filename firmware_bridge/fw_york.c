@@ -3,7 +3,13 @@
 
 #include "epuck_bytes.h"
 
-enum { OTHER_MASK = 3, LOW_BYTE = 0xFF };
+enum {
+    OTHER_MASK = 3,
+    LOW_BYTE = 0xFF,
+    TIMER_HZ = 57600,       /* FCY / 256, and a dsPIC counts from 0: pi-puck-e-puck1 0041716
+                               pi-puck-e-puck1.X/motors.c:187-193 */
+    EPUCK2_TIMER_HZ = 50000 /* e-puck2_main-processor fcb74b1 src/motors.c:193-229 */
+};
 
 static uint64_t byte_us(const struct fw_york *fw, int index)
 {
@@ -46,6 +52,10 @@ static void loop(struct fw_york *fw, uint64_t now_us)
     fw->registers[EPUCK_YORK_RING_LEDS] &= LOW_BYTE;
     fw->registers[EPUCK_YORK_OTHER_LEDS] &= OTHER_MASK;
     fw->registers[EPUCK_YORK_SENSING] &= 1;
+    if (fw->registers[EPUCK_YORK_SENSING] == 0)
+        fw->sensing_us = FW_NEVER_US;
+    else if (fw->sensing_us == FW_NEVER_US)
+        fw->sensing_us = now_us;
     is->leds = epuck_york_get_leds(fw->registers[EPUCK_YORK_RING_LEDS],
                                    fw->registers[EPUCK_YORK_OTHER_LEDS]);
     if (is->left_steps_s == was.left_steps_s && is->right_steps_s == was.right_steps_s &&
@@ -170,6 +180,8 @@ static enum fw_i2c_result write_epuck2(struct fw_york *fw, const uint8_t *buf, s
 {
     size_t i;
 
+    fw->body.timer_hz = EPUCK2_TIMER_HZ;
+    fw->body.timer_more = 0;
     watch(fw, first_us);
     for (i = 0; i < len && i < sizeof fw->received; i++)
         fw->received[i] = buf[i];
@@ -210,18 +222,26 @@ static uint16_t tear(struct fw_york *fw, uint16_t steps)
     return fw->tear == 0 ? (uint16_t)(steps - 0x100) : steps;
 }
 
+/* 1 if a sensor's register holds something that was measured. */
+static int has_sensed(const struct fw_york *fw, uint8_t number, uint64_t now_us)
+{
+    uint64_t pair = (uint64_t)(number - EPUCK_YORK_PROX) % 4;
+
+    return fw->sensing_us != FW_NEVER_US &&
+           now_us >= fw->sensing_us + FW_YORK_FIRST_US + pair * FW_YORK_PAIR_US;
+}
+
 /* What a register holds now; those of the sensors are the loop's. */
 static uint16_t value_of(struct fw_york *fw, uint8_t number, uint64_t now_us)
 {
     const struct fw_inputs *inputs = &fw->body.inputs;
-    int senses = fw->registers[EPUCK_YORK_SENSING] != 0;
 
     if (number == EPUCK_YORK_LEFT_STEPS || number == EPUCK_YORK_RIGHT_STEPS)
         return tear(fw, fw_body_steps(&fw->body, number - EPUCK_YORK_LEFT_STEPS, now_us));
     if (number < EPUCK_YORK_PROX || number >= EPUCK_YORK_REGISTERS)
         return fw->registers[number];
-    if (!senses)
-        return 0;
+    if (!has_sensed(fw, number, now_us))
+        return number < EPUCK_YORK_LIGHT ? 0 : EPUCK_YORK_RAW_MAX;
     if (number < EPUCK_YORK_LIGHT)
         return (uint16_t)inputs->prox[number - EPUCK_YORK_PROX];
     return (uint16_t)(EPUCK_YORK_RAW_MAX - inputs->light[number - EPUCK_YORK_LIGHT]);
@@ -264,8 +284,8 @@ static void error(void *context)
 
 void fw_york_init(struct fw_york *fw)
 {
-    *fw = (struct fw_york){.answer_len = 1};
-    fw_body_init(&fw->body, EPUCK_YORK_SPEED_MAX);
+    *fw = (struct fw_york){.answer_len = 1, .sensing_us = FW_NEVER_US};
+    fw_body_init(&fw->body, EPUCK_YORK_SPEED_MAX, TIMER_HZ, 1);
     fw->device = (struct fw_i2c_device){fw, EPUCK_YORK_ADDRESS, write, read, error};
 }
 
@@ -278,6 +298,7 @@ void fw_york_reset(struct fw_york *fw, uint64_t now_us)
         fw->registers[i] = 0;
     fw->expected = fw->stored = 0;
     fw->has_left_over = 0;
+    fw->sensing_us = FW_NEVER_US;
     fw->had_error = 0;
     fw->answer[0] = 0;
     fw->answer_len = 1;

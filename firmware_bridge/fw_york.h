@@ -7,7 +7,8 @@
  *   see a number that nobody wrote;
  * - a third byte that is read holds the bus low until a reset; one byte that is read
  *   leaves its partner for the next read; a fourth byte that is written is refused;
- * - proximity and light are 0 until sensing is switched on;
+ * - proximity is 0 and light 4095 until it was sensed: two sensors every 2.45 ms, from
+ *   when sensing is switched on;
  * - a counter that is read while its low byte carries is wrong by 256 (on request).
  *
  * An e-puck2 with the same map (is_epuck2) is another program:
@@ -34,6 +35,8 @@ extern "C" {
 
 enum {
     FW_YORK_LOOP_US = 1000,   /* [us] of the main loop */
+    FW_YORK_FIRST_US = 350,   /* [us] from switching on to the first two sensors */
+    FW_YORK_PAIR_US = 2450,   /* [us] from two sensors to the next two */
     FW_YORK_BOOT_US = 100000, /* [us] estimate: nobody acknowledges after a reset */
     FW_YORK_REGISTERS = 256,
     FW_YORK_MESSAGE_MAX = 32  /* [byte] an e-puck2 keeps of a message */
@@ -49,6 +52,7 @@ struct fw_york {
                                     is read while its low byte carries, 0 = not */
     uint64_t booted_us;          /* it acknowledges from then on */
     uint64_t lived_us;
+    uint64_t sensing_us;         /* since when, FW_NEVER_US = not */
     uint16_t registers[FW_YORK_REGISTERS];
     uint8_t pointer;
     uint8_t has_left_over;       /* a read of one byte left its partner */

@@ -13,6 +13,7 @@
 #include <stdint.h>
 
 #include "base_boards.h"
+#include "base_body.h"
 #include "../c_src/vs_i2c.h"
 #include "../c_src/vs_io.h"
 
@@ -46,17 +47,6 @@ struct vs_base_reading {
     int16_t max_steps_s; /* [step/s] what its motors can do, 0: not known */
     struct vs_board_reading boards;
 };
-
-/* What the robots that one protocol may sit on differ in. */
-struct vs_base_body {
-    int16_t max_steps_s; /* [step/s] what its motors can do */
-    uint32_t step_nm;    /* [nm] way of a wheel per step */
-};
-
-#define VS_EPUCK2_STEP_NM 125664 /* 1000 steps a turn of a 40 mm wheel. Source: epuck.md 6 */
-
-extern const struct vs_base_body vs_body_epuck;
-extern const struct vs_base_body vs_body_epuck2;
 
 /* "mode=extension|bluetooth": one option of a kind of base; the first value is the
  * default. */
@@ -129,14 +119,6 @@ int vs_base_exchange(struct vs_base *base, const struct vs_base_command *command
 /* What there is to do for the boards while nobody wants an exchange. Returns 1 if there
  * is more, to be done at once, else 0. */
 int vs_base_rest(struct vs_base *base, const struct vs_base_command *command);
-
-/* A speed limited to +-max_steps_s. */
-static inline int16_t vs_base_clamp(int16_t steps_s, int16_t max_steps_s)
-{
-    if (steps_s > max_steps_s)
-        return max_steps_s;
-    return steps_s < -max_steps_s ? (int16_t)-max_steps_s : steps_s;
-}
 
 /* For an exchange: proximity as it was measured, and light, which e-pucks measure as most
  * minus brightness, as brightness. */

@@ -36,7 +36,7 @@ static int may_ask(const struct vs_boards *boards, int board, uint64_t deadline_
 void vs_boards_read_ground(struct vs_boards *boards, uint64_t deadline_ns, const char **news)
 {
     static const uint8_t first = 0;
-    const struct vs_i2c *bus = &boards->bus[VS_BOARD_GROUND];
+    struct vs_i2c *bus = &boards->bus[VS_BOARD_GROUND];
     uint8_t registers[EPUCK_GROUND_LEN];
     int err;
 

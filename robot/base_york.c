@@ -15,10 +15,10 @@
 #include "../c_src/vs_i2c_posix.h"
 
 #define RECOVER_NS 90000000u /* [ns] longest step of recovery */
+#define SENSE_NS 12000000u   /* [ns] from switching on: all sensors have measured */
 
 enum {
     FAILURES_MAX = 3,
-    TRIES = 3,       /* of a transaction */
     READS_MAX = 3,   /* of a counter that cannot be right */
     RING_MASK = 0xFF,
     UNKNOWN_LEDS = 0xFFFF,
@@ -38,7 +38,6 @@ enum {
 
 struct york {
     uint8_t is_epuck2;
-    uint8_t had_error;   /* 1: a transaction failed since the newest write */
     uint8_t found;
     uint8_t failures;    /* in a row */
     uint8_t turn;        /* which register is read back next */
@@ -79,34 +78,19 @@ static int open_york(struct vs_base *base, const struct vs_base_config *config)
     return vs_i2c_open(&base->bus, config->device, VS_BASE_LOCK_NS, &base->fd);
 }
 
-/* As vs_i2c_insist, and keeps in mind what went wrong. */
-static int insist(struct vs_base *base, const uint8_t *out, size_t out_len, uint8_t *in,
-                  size_t in_len, uint64_t deadline_ns)
-{
-    int err = VS_ERR_BUSY;
-    int i;
-
-    for (i = 0; i < TRIES && vs_i2c_has_time(&base->bus, deadline_ns); i++) {
-        err = base->bus.transfer(base->bus.context, EPUCK_YORK_ADDRESS, out, out_len, in, in_len);
-        if (err != VS_ERR_SILENT)
-            break;
-        of(base)->had_error = 1;
-    }
-    return err;
-}
-
 static int put(struct vs_base *base, uint8_t number, uint16_t value, uint64_t deadline_ns)
 {
-    struct york *y = of(base);
-    int times = y->is_epuck2 ? 2 : 1;
+    int is_epuck2 = of(base)->is_epuck2;
+    int times = is_epuck2 ? 2 : 1;
     uint8_t out[EPUCK_YORK_WRITE_LEN];
     int err = VS_OK;
 
     epuck_york_put_write(number, value, out);
     while (times > 0 && err == VS_OK) {
-        y->had_error = 0;
-        err = insist(base, out, sizeof out, NULL, 0, deadline_ns);
-        times -= !(y->is_epuck2 && y->had_error);
+        uint32_t failures = base->bus.failures;
+
+        err = vs_i2c_insist(&base->bus, EPUCK_YORK_ADDRESS, out, sizeof out, NULL, 0, deadline_ns);
+        times -= !(is_epuck2 && base->bus.failures != failures);
     }
     return err;
 }
@@ -114,7 +98,8 @@ static int put(struct vs_base *base, uint8_t number, uint16_t value, uint64_t de
 static int get(struct vs_base *base, uint8_t number, uint16_t *value, uint64_t deadline_ns)
 {
     uint8_t in[EPUCK_YORK_READ_LEN];
-    int err = insist(base, &number, 1, in, sizeof in, deadline_ns);
+    int err = vs_i2c_insist(&base->bus, EPUCK_YORK_ADDRESS, &number, 1, in, sizeof in,
+                            deadline_ns);
 
     if (err == VS_OK)
         *value = epuck_get_u16(in);
@@ -285,6 +270,7 @@ static int start(struct vs_base *base, uint64_t deadline_ns)
 {
     struct york *y = of(base);
     int err = write_speed(base, 0, 0, deadline_ns);
+    uint64_t sensed_ns;
     int i;
 
     if (err == VS_OK)
@@ -294,8 +280,11 @@ static int start(struct vs_base *base, uint64_t deadline_ns)
     if (err == VS_OK)
         err = put(base, EPUCK_YORK_SENSING, 1, deadline_ns);
     y->unchecked = (1u << CHECKED) - 1;
+    sensed_ns = now(base) + SENSE_NS;
     if (err == VS_OK)
         err = check_all(base, deadline_ns);
+    while (err == VS_OK && !y->is_epuck2 && now(base) < sensed_ns)
+        err = check(base, CHECK_SENSING, deadline_ns);
     for (i = 0; i < 8 && err == VS_OK; i++)
         err = get_light(base, deadline_ns);
     return err;

@@ -286,6 +286,22 @@ static void test_gctronic_proximity_above_the_converter(void)
     CHECK(bus_exchange(&w, 0, 0, 0) != VS_OK);
 }
 
+/* The first reading after a reset has every sensor's light: what was not measured yet is 4095.
+ * Source: pi-puck-e-puck1 0041716 pi-puck-e-puck1.X: ir_sensors.c:9, 155-161, main.c:105. */
+static void test_york_first_light_is_measured(void)
+{
+    struct bus_world w;
+    int i;
+
+    bus_begin(&w, &vs_base_york, 18);
+    find(&w);
+    CHECK(bus_exchange(&w, 0, 0, 0) == VS_OK);
+    for (i = 0; i < 8; i++) {
+        CHECK(w.reading.light[i] == 4095 - w.body->inputs.light[i]);
+        CHECK(w.reading.prox[i] == w.body->inputs.prox[i]);
+    }
+}
+
 static void test_gctronic_microphones(void)
 {
     struct bus_world w;
@@ -381,6 +397,7 @@ int main(int argc, char *argv[])
     test_york_on_an_epuck2_after_an_error();
     test_york_negative_proximity();
     test_gctronic_proximity_above_the_converter();
+    test_york_first_light_is_measured();
     test_gctronic_microphones();
     test_slow_host();
     test_torn_counters();

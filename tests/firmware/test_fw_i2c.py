@@ -219,12 +219,20 @@ def test_york_speeds_may_be_torn_for_a_millisecond() -> None:
 
 
 def test_york_senses_only_when_switched_on() -> None:
+    """Light that was not yet measured is 4095 - 0; two sensors after the other are measured.
+
+    Source: pi-puck-e-puck1 0041716 pi-puck-e-puck1.X: ir_sensors.c:9-37 (four pairs), 53, 77
+    (times), 138-160; main.c:83-112.
+    """
     bus = York()
     bus.fw.body.inputs.prox = list(range(100, 108))
     bus.fw.body.inputs.light = [1000] * 8
-    assert bus.get(7) == bus.get(15) == b"\0\0"
+    bus.fw.body.inputs.prox = list(range(100, 108))
+    assert bus.get(7) == b"\0\0" and bus.get(15) == b"\xff\x0f"
     bus.set(6, 1)
     bus.live(2 * MS)
+    assert bus.get(15) != b"\xff\x0f" and bus.get(18) == b"\xff\x0f"
+    bus.live(8 * MS)
     assert [bus.get(7 + i) for i in range(8)] == [struct.pack("<H", 100 + i) for i in range(8)]
     assert bus.get(15) == struct.pack("<H", 4095 - 1000), "higher is brighter"
 
@@ -240,6 +248,31 @@ def test_york_leds_and_counters() -> None:
     bus.live(1_000 * MS)
     (steps,) = struct.unpack("<h", bus.get(5) or b"")
     assert -510 <= steps <= -495
+
+
+@pytest.mark.parametrize(("kind", "real"), [("york", 57600 // 65), ("gctronic", 50000 // 55)])
+def test_motors_count_their_own_ticks(kind: str, real: int) -> None:
+    """A speed of 900 steps/s is what a whole number of ticks gives.
+
+    Source: pi-puck-e-puck1 0041716 pi-puck-e-puck1.X/motors.c:187-193 with system.h:6-8 (57600 Hz,
+    counted from 0); e-puck2_main-processor 517ef07 src/motors.c:6, 193-229 (100 kHz, half steps).
+    """
+    bus = GCtronic() if kind == "gctronic" else York()
+    drive(bus, 900)
+    before, began_us = steps(bus), bus.now_us
+    bus.live(5_000 * MS)
+    passed_us = bus.now_us - began_us
+    assert abs(steps(bus) - before - real * passed_us / 1e6) < 12
+
+
+def steps(bus: Bus) -> int:
+    """The left wheel's counter."""
+    if isinstance(bus, York):
+        return int.from_bytes(bus.get(4) or b"", "little")
+    assert isinstance(bus, GCtronic)
+    answer = bus.exchange(900, 900)
+    assert answer is not None
+    return int.from_bytes(answer[41:43], "little")
 
 
 def test_york_hangs_the_bus_on_a_third_byte_until_it_is_reset() -> None:
@@ -325,7 +358,7 @@ def test_york_proximity_of_an_epuck_is_signed() -> None:
     bus = York()
     bus.fw.body.inputs.prox = [-4, 0, 0, 0, 0, 0, 0, 4095]
     bus.set(6, 1)
-    bus.live(2 * MS)
+    bus.live(10 * MS)
     assert bus.get(7) == b"\xfc\xff" and bus.get(14) == b"\xff\x0f"
 
 

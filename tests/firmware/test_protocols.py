@@ -122,8 +122,22 @@ def test_light_is_what_the_converter_gives(value: int) -> None:
     [(2560, 4200, 0), (2070, 3400, 0), (2069, 3399, 1), (1, 0, 0), (0, 0, 1)],
 )
 def test_asercom_battery_of_both_hardwares(battery: int, mv: int, low: int) -> None:
-    assert lib.epuck_asercom_battery_mv(battery) == mv
-    assert lib.epuck_asercom_battery_low(battery) == low
+    assert lib.epuck_asercom_battery_mv(battery, 0) == mv
+    assert lib.epuck_asercom_battery_low(battery, 0) == low
+
+
+@pytest.mark.parametrize("volt", [3.0, 3.39, 3.41, 3.7, 4.2])
+def test_asercom_battery_of_an_epuck2(volt: float) -> None:
+    """The converter's counts of a voltage, whatever hardware it says it is.
+
+    Source: e-puck2_main-processor d2e0dbb src/sensors/battery_level.h:14-15 (220 and 330 kohm),
+    battery_level.c:15-20, 102, 127 (raw = volt * 4096 * divider / 3 V);
+    src/epuck1x/utility/utility.c:21-23; src/epuck1x/Asercom.c:331-335 ('b');
+    src/epuck1x/motor_led/e_init_port.c:43 (always hardware 1.3, so never the fixed pin).
+    """
+    counts = int(volt * 4096 * (330 / (220 + 330)) / 3.0)
+    assert abs(lib.epuck_asercom_battery_mv(counts, 1) - 1000 * volt) < 2
+    assert lib.epuck_asercom_battery_low(counts, 1) == (volt < 3.4)
 
 
 @given(st.integers(-32768, 32767), st.integers(-32768, 32767), st.integers(0, 255))
