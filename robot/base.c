@@ -94,7 +94,8 @@ int vs_base_exchange(struct vs_base *base, const struct vs_base_command *command
     if (err != VS_OK)
         return err;
     vs_boards_read_ground(&base->boards, deadline_ns, &base->news);
-    reading->boards = base->boards.reading;
+    if (base->boards.reading.there)
+        reading->boards = base->boards.reading;
     reading->step_nm = base->body->step_nm;
     reading->max_steps_s = base->body->max_steps_s;
     return VS_OK;

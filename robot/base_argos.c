@@ -280,21 +280,22 @@ static int write_frame(struct vs_base *base, const struct vs_base_command *comma
 
 /* Its own range-and-bearing can only hear something if a frame of ours became its
  * configuration: it was reset. */
-static int decode(struct vs_base *base, struct vs_base_reading *reading)
+static int decode(struct vs_base *base, struct epuck_argos_sensors *sensors)
 {
-    struct epuck_argos_sensors sensors;
+    if (epuck_argos_get_sensors(of(base)->line.answer, sensors) != 0)
+        return VS_ERR_GARBLED;
+    if (sensors->rab_received == 0)
+        return VS_OK;
+    base->news = "its microcontroller was reset";
+    return VS_ERR_GARBLED;
+}
 
-    if (epuck_argos_get_sensors(of(base)->line.answer, &sensors) != 0)
-        return VS_ERR_GARBLED;
-    if (sensors.rab_received) {
-        base->news = "its microcontroller was reset";
-        return VS_ERR_GARBLED;
-    }
-    vs_base_see(sensors.prox, sensors.light, EPUCK_ARGOS_RAW_MAX, reading);
-    vs_base_feel(sensors.acceleration, sensors.microphones, 3, reading);
-    reading->battery_low = !sensors.battery_good;
+static void report(const struct epuck_argos_sensors *sensors, struct vs_base_reading *reading)
+{
+    vs_base_see(sensors->prox, sensors->light, EPUCK_ARGOS_RAW_MAX, reading);
+    vs_base_feel(sensors->acceleration, sensors->microphones, 3, reading);
+    reading->battery_low = !sensors->battery_good;
     reading->battery_mv = 0;
-    return VS_OK;
 }
 
 /* Keeps what exchange and close promise: after a failure only recovery helps. It
@@ -310,7 +311,7 @@ static int settled(struct vs_base *base, int err)
 
 /* One frame and its answer. */
 static int go_round(struct vs_base *base, const struct vs_base_command *command,
-                    struct vs_base_reading *reading, uint64_t deadline_ns)
+                    struct epuck_argos_sensors *sensors, uint64_t deadline_ns)
 {
     struct argos *a = of(base);
     int err = write_frame(base, command, 0, deadline_ns);
@@ -322,7 +323,7 @@ static int go_round(struct vs_base *base, const struct vs_base_command *command,
     a->lates = 0;
     if (err == VS_OK) {
         answered(a);
-        err = decode(base, reading);
+        err = decode(base, sensors);
     }
     return settled(base, err == VS_ERR_BUSY ? VS_ERR_GARBLED : err);
 }
@@ -332,20 +333,20 @@ static int exchange_argos(struct vs_base *base, const struct vs_base_command *co
 {
     struct argos *a = of(base);
     uint64_t deadline_ns = vs_serial_now(base) + VS_BASE_EXCHANGE_NS;
-    struct vs_base_reading read = *reading;
+    struct epuck_argos_sensors sensors;
     int err = settle(base, deadline_ns);
 
     if (err != VS_OK)
         return settled(base, err);
     do {
-        err = go_round(base, command, &read, deadline_ns);
+        err = go_round(base, command, &sensors, deadline_ns);
         if (err != VS_OK)
             return err;
     } while (a->zero_sent && a->zeros < STOP_FRAMES &&
              vs_serial_now(base) + ROUND_NS <= deadline_ns);
     if (a->zero_sent && a->zeros < STOP_FRAMES)
         return VS_ERR_LATE;
-    *reading = read;
+    report(&sensors, reading);
     return VS_OK;
 }
 

@@ -106,12 +106,19 @@ static int choose(const char *const *values, struct part value, uint8_t *chosen)
     return -1;
 }
 
-/* Reads a whole number text. Returns 0, or -1 if it is none, or not in least..most. */
-static int number_of(struct part value, double least, double most, double *number)
+/* Reads 0..255. Returns 0, or -1 if it is none of them. */
+static int byte_of(struct part value, uint8_t *byte)
 {
-    if (value.len == 0 || vs_number_read(value.text, number) != value.len)
-        return -1;
-    return *number >= least && *number <= most ? 0 : -1;
+    unsigned int number = 0;
+    size_t i;
+
+    for (i = 0; i < value.len && number <= UINT8_MAX; i++) {
+        if (value.text[i] < '0' || value.text[i] > '9')
+            return -1;
+        number = 10 * number + (unsigned int)(value.text[i] - '0');
+    }
+    *byte = (uint8_t)number;
+    return value.len > 0 && number <= UINT8_MAX ? 0 : -1;
 }
 
 /* An option of the range-and-bearing board. */
@@ -128,16 +135,12 @@ static int take_rab_option(struct vs_base_config *config, struct part name, stru
         config->rab_bytes = width == 0 ? 4 : 2;
         return 0;
     }
-    if (is(name, "rab_power")) {
-        if (number_of(value, 0.0, 255.0, &number) != 0)
-            return -1;
-        config->rab_power = (uint8_t)number;
-        return (double)config->rab_power == number ? 0 : -1;
-    }
-    if (!is(name, "rab_k") || number_of(value, 0.0, RAB_K_MAX_CM, &number) != 0)
+    if (is(name, "rab_power"))
+        return byte_of(value, &config->rab_power);
+    if (!is(name, "rab_k") || vs_number_read(value.text, &number) != value.len)
         return -1;
     config->rab_k_cm = (float)number;
-    return number > 0.0 ? 0 : -1;
+    return number > 0.0 && number <= RAB_K_MAX_CM ? 0 : -1;
 }
 
 static int take_option(struct vs_base_config *config, struct part name, const char *equals,
