@@ -46,6 +46,7 @@ struct argos {
     uint8_t fed;         /* bytes fed without an answer */
     uint8_t proofs;      /* in a row that it stands where we think */
     uint8_t configured;  /* 1: its configuration is all zeros */
+    uint16_t rab_received; /* as it was then */
     uint8_t rounds;      /* since a last byte was held back */
     uint8_t lates;       /* answers in a row that were too late for their exchange */
     uint8_t zero_sent;   /* 1: the newest frame was all zeros */
@@ -140,6 +141,8 @@ static int prove(struct vs_base *base)
         err = vs_serial_collect(base, a->line.written_ns + VS_BASE_EXCHANGE_NS);
     if (err == VS_OK && epuck_argos_get_sensors(a->line.answer, &sensors) != 0)
         err = VS_ERR_BUSY;
+    if (err == VS_OK)
+        a->rab_received = sensors.rab_received;
     a->proofs++;
     if (err != VS_OK || vs_serial_now(base) >= a->line.written_ns + PROMPT_NS)
         a->proofs = 0;
@@ -278,13 +281,13 @@ static int write_frame(struct vs_base *base, const struct vs_base_command *comma
     return vs_serial_write(base, frame + held, sizeof frame - held, deadline_ns);
 }
 
-/* Its own range-and-bearing can only hear something if a frame of ours became its
+/* Its own range-and-bearing can only begin to hear something if a frame of ours became its
  * configuration: it was reset. */
 static int decode(struct vs_base *base, struct epuck_argos_sensors *sensors)
 {
     if (epuck_argos_get_sensors(of(base)->line.answer, sensors) != 0)
         return VS_ERR_GARBLED;
-    if (sensors->rab_received == 0)
+    if (sensors->rab_received == of(base)->rab_received)
         return VS_OK;
     base->news = "its microcontroller was reset";
     return VS_ERR_GARBLED;
