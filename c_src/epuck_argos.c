@@ -6,14 +6,15 @@
 enum {
     PROX_AT = 8,
     BATTERY_AT = 24,
-    UNUSED_AT = 26, /* accelerometer and microphones, commented out in the firmware */
-    UNUSED_LEN = 14,
+    ACCELERATION_AT = 26,
+    MICROPHONES_AT = 32,
+    MICROPHONES_PAD_AT = 38,
     LIGHT_AT = 40,
+    RAB_RECEIVED_AT = 56,
     PAD_AT = 61,
     RING_LEDS_AT = 6,
     OTHER_LEDS_AT = 7,
     IRCOM_ENABLE_AT = 8,
-    RESET_AT = 10,
     OTHER_FRONT = 1,
     OTHER_BODY = 2
 };
@@ -30,7 +31,7 @@ void epuck_argos_put_actuators(const struct epuck_argos_actuators *actuators,
     if (actuators->leds & EPUCK_ARGOS_LED_BODY)
         frame[OTHER_LEDS_AT] |= OTHER_BODY;
     frame[IRCOM_ENABLE_AT] = actuators->ircom_enable;
-    frame[RESET_AT] = actuators->reset;
+    frame[EPUCK_ARGOS_RESET_AT] = actuators->reset;
 }
 
 void epuck_argos_get_actuators(const uint8_t frame[EPUCK_ARGOS_ACTUATOR_LEN],
@@ -44,7 +45,7 @@ void epuck_argos_get_actuators(const uint8_t frame[EPUCK_ARGOS_ACTUATOR_LEN],
     if (frame[OTHER_LEDS_AT] & OTHER_BODY)
         actuators->leds |= EPUCK_ARGOS_LED_BODY;
     actuators->ircom_enable = frame[IRCOM_ENABLE_AT];
-    actuators->reset = frame[RESET_AT];
+    actuators->reset = frame[EPUCK_ARGOS_RESET_AT];
 }
 
 void epuck_argos_put_sensors(const struct epuck_argos_sensors *sensors,
@@ -55,24 +56,31 @@ void epuck_argos_put_sensors(const struct epuck_argos_sensors *sensors,
         epuck_put_u16(frame + PROX_AT + 2 * i, (uint16_t)sensors->prox[i]);
         epuck_put_u16(frame + LIGHT_AT + 2 * i, (uint16_t)sensors->light[i]);
     }
-    epuck_put_u16(frame + BATTERY_AT, sensors->battery_low);
+    for (size_t i = 0; i < 3; i++) {
+        epuck_put_u16(frame + ACCELERATION_AT + 2 * i, (uint16_t)sensors->acceleration[i]);
+        epuck_put_u16(frame + MICROPHONES_AT + 2 * i, (uint16_t)sensors->microphones[i]);
+    }
+    epuck_put_u16(frame + BATTERY_AT, sensors->battery_good);
+    epuck_put_u16(frame + RAB_RECEIVED_AT, sensors->rab_received);
 }
 
 int epuck_argos_get_sensors(const uint8_t frame[EPUCK_ARGOS_SENSOR_LEN],
                             struct epuck_argos_sensors *sensors)
 {
     struct epuck_argos_sensors read;
+    int bad = frame[PAD_AT] | frame[MICROPHONES_PAD_AT] | frame[MICROPHONES_PAD_AT + 1];
 
-    read.battery_low = epuck_get_u16(frame + BATTERY_AT);
-    if (read.battery_low > 1 || frame[PAD_AT] != 0 || epuck_or(frame + UNUSED_AT, UNUSED_LEN) != 0)
+    read.battery_good = epuck_get_u16(frame + BATTERY_AT);
+    read.rab_received = epuck_get_u16(frame + RAB_RECEIVED_AT);
+    bad |= read.battery_good > 1;
+    bad |= epuck_get_raw(frame + PROX_AT, 8, -EPUCK_ARGOS_RAW_MAX, EPUCK_ARGOS_RAW_MAX,
+                         read.prox);
+    bad |= epuck_get_raw(frame + LIGHT_AT, 8, 0, EPUCK_ARGOS_RAW_MAX, read.light);
+    bad |= epuck_get_raw(frame + ACCELERATION_AT, 3, -EPUCK_ARGOS_RAW_MAX, EPUCK_ARGOS_RAW_MAX,
+                         read.acceleration);
+    bad |= epuck_get_raw(frame + MICROPHONES_AT, 3, 0, EPUCK_ARGOS_RAW_MAX, read.microphones);
+    if (bad)
         return -1;
-    for (size_t i = 0; i < 8; i++) {
-        read.prox[i] = epuck_get_s16(frame + PROX_AT + 2 * i);
-        read.light[i] = epuck_get_s16(frame + LIGHT_AT + 2 * i);
-        if (read.prox[i] < -EPUCK_ARGOS_PROX_MAX || read.prox[i] > EPUCK_ARGOS_PROX_MAX ||
-            read.light[i] < 0 || read.light[i] > EPUCK_ARGOS_PROX_MAX)
-            return -1;
-    }
     *sensors = read;
     return 0;
 }

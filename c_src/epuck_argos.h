@@ -32,9 +32,14 @@ enum {
     EPUCK_ARGOS_LED_BODY = 256,    /* bit 8 of `leds` */
     EPUCK_ARGOS_LED_FRONT = 512,   /* bit 9 of `leds` */
     EPUCK_ARGOS_LED_ALL = 1023,    /* every bit of `leds` that means something */
-    EPUCK_ARGOS_PROX_MAX = 4096,   /* raw proximity lies within +- this, light within 0..this */
-    EPUCK_ARGOS_RESET = 82         /* 'R': PIC applies the frame, then waits for
+    EPUCK_ARGOS_RAW_MAX = 4096,    /* raw proximity and acceleration lie within +- this,
+                                      light and microphones within 0..this */
+    EPUCK_ARGOS_RESET = 82,        /* 'R': PIC applies the frame, then waits for
                                       a wake-up byte again */
+    EPUCK_ARGOS_RESET_AT = 10,     /* where in the frame */
+    EPUCK_ARGOS_REST_RAW = 2048,   /* middle of the converter: no acceleration, silence */
+    EPUCK_ARGOS_GRAVITY_RAW = 800  /* 1 g, about. Source of both: e-puck2_main-processor
+                                      d2e0dbb src/epuck1x/a_d/advance_ad_scan/e_acc.c:20,39 */
 };
 
 /* What the host commands. Range-and-bearing is sent as 0. */
@@ -46,12 +51,15 @@ struct epuck_argos_actuators {
     uint8_t reset;         /* EPUCK_ARGOS_RESET or 0 */
 };
 
-/* What the PIC measured. Accelerometer and microphones are always 0 in this
- * firmware, range-and-bearing and IRcom are not used: they are not decoded. */
+/* What the PIC measured. Of range-and-bearing and IRcom nothing else is decoded. */
 struct epuck_argos_sensors {
     int16_t prox[8];      /* [raw ADC] e-puck order ps0..ps7, higher is nearer */
     int16_t light[8];     /* [raw ADC] same places, 0..4096, higher is darker */
-    uint16_t battery_low; /* 1: below about 3.4 V, 0: not */
+    uint16_t battery_good;   /* pin BATT_LOW, active low: 0 below about 3.4 V, else 1 */
+    int16_t acceleration[3]; /* [raw ADC] x, y, z; zeros where the firmware has it commented
+                                out, as the public one has */
+    int16_t microphones[3];  /* [raw ADC] right, left, back; likewise */
+    uint16_t rab_received;   /* not 0: its own range-and-bearing is on, and heard something */
 };
 
 /* Writes the 12 bytes of an actuator frame. */
@@ -68,9 +76,9 @@ void epuck_argos_put_sensors(const struct epuck_argos_sensors *sensors,
 
 /* Reads the 72 bytes of a sensor frame.
  * Returns 0, or -1 if no PIC would send them: a lost byte shifts every later
- * one, and only implausible values show it (flag not 0 or 1, pad, accelerometer
- * or microphones not 0, proximity or light out of range). *sensors is then left
- * alone. Range-and-bearing may be anything: an earlier host may have enabled it. */
+ * one, and only implausible values show it (flag not 0 or 1, a pad not 0, a sensor
+ * beyond what the converter gives). *sensors is then left alone. Range-and-bearing may
+ * be anything: an earlier host may have enabled it. */
 int epuck_argos_get_sensors(const uint8_t frame[EPUCK_ARGOS_SENSOR_LEN],
                             struct epuck_argos_sensors *sensors);
 

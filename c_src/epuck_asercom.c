@@ -11,6 +11,8 @@ enum {
     BATTERY_LOW_RAW = 2070,
     BATTERY_SPAN_MV = 800,
     BATTERY_SPAN_RAW = 490,
+    EPUCK2_FULL_MV = 5000, /* its converter's most */
+    EPUCK2_FULL_RAW = 4096,
     BATTERY_LEN = 2,
     PAIR_LEN = 4 /* two 16-bit numbers: counters, speeds */
 };
@@ -62,37 +64,21 @@ size_t epuck_asercom_reply_len(const struct epuck_asercom_mode *mode)
     return 2u * mode->ring + PAIR_LEN + BATTERY_LEN + mode->ground + PAIR_LEN;
 }
 
-/* Reads 8 raw values. Returns 0, or -1 if one is none. */
-static int get_ring(const uint8_t *at, int16_t ring[8])
-{
-    int i;
-
-    for (i = 0; i < 8; i++) {
-        ring[i] = epuck_get_s16(at + 2 * i);
-        if (ring[i] < 0 || ring[i] > EPUCK_ASERCOM_RAW_MAX)
-            return -1;
-    }
-    return 0;
-}
-
 int epuck_asercom_get_reply(const struct epuck_asercom_mode *mode, const uint8_t *reply,
                             struct epuck_asercom_sensors *sensors)
 {
     struct epuck_asercom_sensors read = {{0}, {0}, {0}, 0, {0}, 0, 0};
     const uint8_t *at = reply + 2u * mode->ring;
-    int i;
 
-    if (get_ring(reply, read.prox) != 0 || get_ring(reply + mode->ring, read.light) != 0)
+    if (epuck_get_calibrated(reply, 8, read.prox) != 0 ||
+        epuck_get_raw(reply + mode->ring, 8, 0, EPUCK_ASERCOM_RAW_MAX, read.light) != 0)
         return -1;
     read.steps[0] = epuck_get_u16(at);
     read.steps[1] = epuck_get_u16(at + 2);
     read.battery = epuck_get_u16(at + PAIR_LEN);
     at += PAIR_LEN + BATTERY_LEN;
-    for (i = 0; i < 3 && mode->ground > 0; i++) {
-        read.ground[i] = epuck_get_s16(at + 2 * i);
-        if (read.ground[i] < 0 || read.ground[i] > EPUCK_ASERCOM_RAW_MAX)
-            return -1;
-    }
+    if (mode->ground > 0 && epuck_get_raw(at, 3, 0, EPUCK_ASERCOM_RAW_MAX, read.ground) != 0)
+        return -1;
     at += mode->ground;
     read.left_steps_s = epuck_get_s16(at);
     read.right_steps_s = epuck_get_s16(at + 2);
@@ -100,16 +86,20 @@ int epuck_asercom_get_reply(const struct epuck_asercom_mode *mode, const uint8_t
     return 0;
 }
 
-uint16_t epuck_asercom_battery_mv(uint16_t raw)
+uint16_t epuck_asercom_battery_mv(uint16_t raw, int is_epuck2)
 {
     int32_t over = (int32_t)raw - BATTERY_LOW_RAW;
 
     if (raw <= BATTERY_FLAG_MAX || raw > EPUCK_ASERCOM_RAW_MAX)
         return 0;
+    if (is_epuck2)
+        return (uint16_t)((uint32_t)raw * EPUCK2_FULL_MV / EPUCK2_FULL_RAW);
     return (uint16_t)(BATTERY_LOW_MV + over * BATTERY_SPAN_MV / BATTERY_SPAN_RAW);
 }
 
-uint8_t epuck_asercom_battery_low(uint16_t raw)
+uint8_t epuck_asercom_battery_low(uint16_t raw, int is_epuck2)
 {
-    return (uint8_t)(raw <= BATTERY_FLAG_MAX ? raw == 0 : raw < BATTERY_LOW_RAW);
+    if (raw <= BATTERY_FLAG_MAX)
+        return raw == 0;
+    return epuck_asercom_battery_mv(raw, is_epuck2) < BATTERY_LOW_MV;
 }

@@ -31,7 +31,7 @@ enum {
     EPUCK_ASERCOM_LIGHT = 0xB1,     /* 'O': 8 or 10 values u16, higher is darker */
     EPUCK_ASERCOM_STEPS = 0xAF,     /* 'Q': left, right counters u16, they wrap */
     EPUCK_ASERCOM_LEDS = 10,        /* LEDs 0..9 */
-    EPUCK_ASERCOM_RAW_MAX = 4095,   /* of proximity and light */
+    EPUCK_ASERCOM_RAW_MAX = 4095,   /* of proximity and light as they are given here */
     EPUCK_ASERCOM_REQUEST_MAX = 64, /* [byte] its receive ring has no overflow test */
     EPUCK_ASERCOM_REPLY_MAX = 64,   /* [byte] longest answer to a poll */
     EPUCK_ASERCOM_NO_GROUND = 6     /* [byte] answer to 'M', built without ground sensors */
@@ -96,12 +96,15 @@ size_t epuck_asercom_reply_len(const struct epuck_asercom_mode *mode);
 int epuck_asercom_get_reply(const struct epuck_asercom_mode *mode, const uint8_t *reply,
                             struct epuck_asercom_sensors *sensors);
 
-/* [mV] of a raw battery value, 0 if it says only low or not: older hardware.
- * Source: 2560 are about 4.2 V, 2070 about 3.4 V. */
-uint16_t epuck_asercom_battery_mv(uint16_t raw);
+/* [mV] of a raw battery value, 0 if it says only low or not: older hardware. An e-puck is
+ * at about 4.2 V with 2560, at 3.4 V with 2070; an e-puck2's converter of 12 bits sees 3/5 of
+ * the voltage, with 3 V as its most.
+ * Source: e-puck-library 4cb85cb library/utility; e-puck2_main-processor d2e0dbb
+ * src/sensors/battery_level.h:14-15, battery_level.c:15-20, 102. */
+uint16_t epuck_asercom_battery_mv(uint16_t raw, int is_epuck2);
 
 /* 1 if the battery is below about 3.4 V, else 0. */
-uint8_t epuck_asercom_battery_low(uint16_t raw);
+uint8_t epuck_asercom_battery_low(uint16_t raw, int is_epuck2);
 
 #ifdef __cplusplus
 }

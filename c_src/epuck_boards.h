@@ -41,15 +41,17 @@ enum {
     EPUCK_RAB_DATA_0 = 2,       /* data[0] */
     EPUCK_RAB_BEARING_HIGH = 3, /* i16 [1e-4 rad] counter-clockwise from straight ahead */
     EPUCK_RAB_BEARING_LOW = 4,
-    EPUCK_RAB_RANGE_HIGH = 5,   /* u16, raw: cm = 0.0867 exp(9.0642 - 0.0056507 raw) */
+    EPUCK_RAB_RANGE_HIGH = 5,   /* u16, raw: cm = k exp(9.0642 - 0.0056507 raw) */
     EPUCK_RAB_RANGE_LOW = 6,
     EPUCK_RAB_DATA_3 = 10,      /* data[3], IRIDIA's firmware only */
     EPUCK_RAB_DATA_2 = 11,      /* data[2] */
 
     /* write */
-    EPUCK_RAB_POWER = 12,       /* 0 = about 1 m .. 255 = nearly nothing; ARGoS writes 115 */
+    EPUCK_RAB_POWER = 12,       /* 0 = about 1 m .. 255 = nearly nothing */
+    EPUCK_RAB_POWER_DEFAULT = 115, /* what ARGoS writes */
     EPUCK_RAB_FIRST = 13,       /* number = this byte */
     EPUCK_RAB_SEND = 14,        /* number = number << 8 | this byte; sends it on all emitters */
+    EPUCK_RAB_STORE_LIGHT = 16, /* any byte: the light around now counts as none */
     EPUCK_RAB_ON_ROBOT = 17,    /* 0 = the board computes range and bearing itself */
     EPUCK_RAB_THEN = 19,        /* number = number << 8 | this byte, IRIDIA's firmware only */
     EPUCK_RAB_THEN_TOO = 20,    /* the same */

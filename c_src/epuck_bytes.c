@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 #include "epuck_bytes.h"
 
+enum { ADC_MAX = 4095 }; /* of 12 bits */
+
 void epuck_put_u16(uint8_t at[2], uint16_t value)
 {
     at[0] = (uint8_t)(value & 0xFFu);
@@ -17,6 +19,29 @@ int16_t epuck_get_s16(const uint8_t at[2])
     int32_t value = epuck_get_u16(at);
 
     return (int16_t)(value < 0x8000 ? value : value - 0x10000);
+}
+
+int epuck_get_raw(const uint8_t *at, int count, int16_t least, int16_t most, int16_t *raw)
+{
+    int bad = 0;
+    int i;
+
+    for (i = 0; i < count; i++) {
+        raw[i] = epuck_get_s16(at + 2 * i);
+        bad |= raw[i] < least || raw[i] > most;
+    }
+    return -bad;
+}
+
+int epuck_get_calibrated(const uint8_t *at, int count, int16_t *prox)
+{
+    int i;
+
+    if (epuck_get_raw(at, count, 0, 2 * ADC_MAX, prox) != 0)
+        return -1;
+    for (i = 0; i < count; i++)
+        prox[i] = prox[i] < ADC_MAX ? prox[i] : ADC_MAX;
+    return 0;
 }
 
 void epuck_zero(uint8_t *at, size_t len)

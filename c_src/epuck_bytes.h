@@ -16,6 +16,15 @@ uint16_t epuck_get_u16(const uint8_t at[2]);
 
 int16_t epuck_get_s16(const uint8_t at[2]);
 
+/* Reads numbers. Returns 0, or -1 if one is not within least..most. */
+int epuck_get_raw(const uint8_t *at, int count, int16_t least, int16_t most, int16_t *raw);
+
+/* Reads calibrated proximity: what was measured, -4095..4095, minus what was measured where
+ * nothing was near, so 0..8190 with flickering light. What is above 4095 becomes that.
+ * Returns 0, or -1. Source: e-puck-library 4cb85cb library/a_d/advance_ad_scan/e_prox.c:124-138;
+ * e-puck2_main-processor 517ef07 src/sensors/proximity.c:346-358. */
+int epuck_get_calibrated(const uint8_t *at, int count, int16_t *prox);
+
 void epuck_zero(uint8_t *at, size_t len);
 
 /* XOR of all bytes. */

@@ -7,6 +7,7 @@ enum {
     RED_LEDS_AT = 5,
     RGB_LEDS_AT = 6,
     LIGHT_AT = 16,
+    MICROPHONES_AT = 32,
     SELECTOR_AT = 40,
     STEPS_AT = 41,
     SELECTOR = 10 /* the only one at which this firmware speaks */
@@ -59,15 +60,12 @@ void epuck_gctronic_put_sensors(const struct epuck_gctronic_sensors *sensors,
         epuck_put_u16(packet + 2 * i, (uint16_t)sensors->prox[i]);
         epuck_put_u16(packet + LIGHT_AT + 2 * i, (uint16_t)sensors->light[i]);
     }
+    for (i = 0; i < 4; i++)
+        epuck_put_u16(packet + MICROPHONES_AT + 2 * i, (uint16_t)sensors->microphones[i]);
     packet[SELECTOR_AT] = SELECTOR;
     epuck_put_u16(packet + STEPS_AT, sensors->steps[0]);
     epuck_put_u16(packet + STEPS_AT + 2, sensors->steps[1]);
     packet[EPUCK_GCTRONIC_SENSOR_LEN - 1] = epuck_xor(packet, EPUCK_GCTRONIC_SENSOR_LEN - 1);
-}
-
-static int is_raw(int16_t value)
-{
-    return value >= 0 && value <= EPUCK_GCTRONIC_RAW_MAX;
 }
 
 int epuck_gctronic_get_sensors(const uint8_t packet[EPUCK_GCTRONIC_SENSOR_LEN],
@@ -79,11 +77,13 @@ int epuck_gctronic_get_sensors(const uint8_t packet[EPUCK_GCTRONIC_SENSOR_LEN],
     if (epuck_or(packet, EPUCK_GCTRONIC_SENSOR_LEN) == 0 ||
         epuck_xor(packet, EPUCK_GCTRONIC_SENSOR_LEN) != 0)
         return -1;
-    for (i = 0; i < 8; i++) {
-        read.prox[i] = epuck_get_s16(packet + 2 * i);
-        read.light[i] = epuck_get_s16(packet + LIGHT_AT + 2 * i);
-        if (!is_raw(read.prox[i]) || !is_raw(read.light[i]))
-            return -1;
+    if (epuck_get_calibrated(packet, 8, read.prox) != 0 ||
+        epuck_get_raw(packet + LIGHT_AT, 8, 0, EPUCK_GCTRONIC_RAW_MAX, read.light) != 0)
+        return -1;
+    for (i = 0; i < 4; i++) {
+        uint16_t volume = epuck_get_u16(packet + MICROPHONES_AT + 2 * i);
+
+        read.microphones[i] = (int16_t)(volume < INT16_MAX ? volume : INT16_MAX);
     }
     read.steps[0] = epuck_get_u16(packet + STEPS_AT);
     read.steps[1] = epuck_get_u16(packet + STEPS_AT + 2);

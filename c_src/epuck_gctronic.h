@@ -28,7 +28,7 @@ enum {
     EPUCK_GCTRONIC_ACTUATOR_LEN = 20,   /* [byte] host to e-puck */
     EPUCK_GCTRONIC_SENSOR_LEN = 47,     /* [byte] e-puck to host */
     EPUCK_GCTRONIC_SPEED_MAX = 1100,    /* [step/s] it clamps to +- this */
-    EPUCK_GCTRONIC_RAW_MAX = 4095,      /* of proximity and light */
+    EPUCK_GCTRONIC_RAW_MAX = 4095,      /* of proximity and light as they are given here */
     EPUCK_GCTRONIC_BRIGHTNESS_MAX = 100 /* of one colour of an RGB LED */
 };
 
@@ -43,7 +43,8 @@ struct epuck_gctronic_actuators {
 /* What the e-puck measured. */
 struct epuck_gctronic_sensors {
     int16_t prox[8];   /* ps0..ps7, calibrated, higher is nearer */
-    int16_t light[8];  /* ps0..ps7, higher is darker: inferred from the e-puck1's circuit */
+    int16_t light[8];  /* ps0..ps7, higher is darker */
+    int16_t microphones[4]; /* loudness, what is above 32767 as that */
     uint16_t steps[2]; /* left, right counters, low 16 bits */
 };
 

@@ -10,11 +10,14 @@
  * - the low byte takes effect, with a high byte of 0, before the high byte has come: for
  *   about a millisecond a speed of -100 may be +156, so speeds are written on change;
  * - a counter may be read torn where its low byte carries.
- * There is no checksum. Proximity and light stay 0 until IR sensing is switched on, and
- * a reset switches it off again.
- * Source: yorkrobotlab/pi-puck-e-puck1 i2c_slave.c, main.c, commit 0041716. An e-puck2
- * with branch pi-puck_proto-epuck1 has the same map, but senses always. Read, not tried
- * on hardware.
+ * There is no checksum. Until IR sensing is switched on proximity stays 0 and light 4095,
+ * and a reset switches it off again.
+ * An e-puck2 with branch pi-puck_proto-epuck1 has the same map in another program: it takes
+ * writes as a whole, but not the one after an error on the bus, though that reads back; it
+ * answers one byte of registers 0 and 1 and repeats it, always senses, and its light is
+ * higher where it is darker.
+ * Source: yorkrobotlab/pi-puck-e-puck1 i2c_slave.c, main.c, ir_sensors.c, commit 0041716;
+ * e-puck2_main-processor src/gumstix.c, commit fcb74b1. Read, not tried on hardware.
  */
 #ifndef EPUCK_YORK_H
 #define EPUCK_YORK_H
@@ -35,12 +38,12 @@ enum {
     EPUCK_YORK_LEFT_STEPS = 4,  /* u16 counter, it wraps */
     EPUCK_YORK_RIGHT_STEPS = 5,
     EPUCK_YORK_SENSING = 6,     /* bit 0 = IR sensing is on, 0 after a reset */
-    EPUCK_YORK_PROX = 7,        /* 8 registers, ps0..ps7, not calibrated, higher is nearer */
+    EPUCK_YORK_PROX = 7,        /* 8 registers i16, ps0..ps7, not calibrated, higher is nearer */
     EPUCK_YORK_LIGHT = 15,      /* 8 registers, higher is brighter */
     EPUCK_YORK_REGISTERS = 23,
     EPUCK_YORK_WRITE_LEN = 3,   /* [byte] */
     EPUCK_YORK_READ_LEN = 2,    /* [byte] */
-    EPUCK_YORK_RAW_MAX = 4095,  /* of proximity and light */
+    EPUCK_YORK_RAW_MAX = 4095,  /* proximity lies within +- this, light within 0..this */
     EPUCK_YORK_SPEED_MAX = 1000 /* [step/s] clamped to +- this */
 };
 

@@ -8,7 +8,7 @@ int vs_i2c_has_time(const struct vs_i2c *bus, uint64_t deadline_ns)
     return bus->now_ns(bus->context) + VS_I2C_TIMEOUT_NS <= deadline_ns;
 }
 
-int vs_i2c_insist(const struct vs_i2c *bus, uint8_t address, const uint8_t *out, size_t out_len,
+int vs_i2c_insist(struct vs_i2c *bus, uint8_t address, const uint8_t *out, size_t out_len,
                   uint8_t *in, size_t in_len, uint64_t deadline_ns)
 {
     int err = VS_ERR_BUSY;
@@ -18,6 +18,7 @@ int vs_i2c_insist(const struct vs_i2c *bus, uint8_t address, const uint8_t *out,
         err = bus->transfer(bus->context, address, out, out_len, in, in_len);
         if (err != VS_ERR_SILENT)
             break;
+        bus->failures++;
     }
     return err;
 }

@@ -31,11 +31,13 @@ struct vs_i2c {
      * arrived nobody knows; VS_ERR_IO: the adapter failed; VS_ERR_HANGUP: it is gone. */
     int (*transfer)(void *context, uint8_t address, const uint8_t *out, size_t out_len,
                     uint8_t *in, size_t in_len);
+
+    uint32_t failures; /* how often the device was silent for vs_i2c_insist */
 };
 
 /* As transfer, up to three times while the device is silent. A try begins only if it
  * surely ends before deadline_ns; VS_ERR_BUSY if not even the first one could. */
-int vs_i2c_insist(const struct vs_i2c *bus, uint8_t address, const uint8_t *out, size_t out_len,
+int vs_i2c_insist(struct vs_i2c *bus, uint8_t address, const uint8_t *out, size_t out_len,
                   uint8_t *in, size_t in_len, uint64_t deadline_ns);
 
 /* 1 if a transaction that begins now surely ends before deadline_ns. */

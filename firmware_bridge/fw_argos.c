@@ -1,31 +1,48 @@
 /* SPDX-License-Identifier: MIT */
 #include "fw_argos.h"
 
-enum { MOTOR_MAX_STEPS_S = 1000, RING_LED_MASK = 0xFF };
+/* Timer: argos3-epuck 66cb8d9 firmware/firmware/motor_led/advance_one_timer/e_motors.c:253-288. */
+enum { TIMER_HZ = 10000, MOTOR_MAX_STEPS_S = 1000, RING_LED_MASK = 0xFF, RAB_ENABLED = 1 };
 
 #define NS_PER_US 1000u
 
-static void wait_for_host(struct fw_argos *fw)
+static void wait_for_host(struct fw_argos *fw, uint64_t now_us)
 {
     fw->body.outputs.leds &= (uint16_t)~RING_LED_MASK;
     fw->state = FW_ARGOS_WAKE;
+    fw->waiting_us = now_us;
+}
+
+/* The wake-up byte has come: it is seen when the light takes its next step. */
+static void wake_up(struct fw_argos *fw)
+{
+    uint64_t now_us = fw->uart.lived_ns / NS_PER_US;
+    uint64_t waited_us = now_us > fw->waiting_us ? now_us - fw->waiting_us : 0;
+
+    fw->state = FW_ARGOS_CONFIG;
+    fw->got = 0;
+    fw_uart_keep_busy(&fw->uart, (uint32_t)(FW_ARGOS_BLINK_US - waited_us % FW_ARGOS_BLINK_US));
 }
 
 void fw_argos_init(struct fw_argos *fw)
 {
     *fw = (struct fw_argos){0};
-    fw_body_init(&fw->body, MOTOR_MAX_STEPS_S);
+    fw_body_init(&fw->body, MOTOR_MAX_STEPS_S, TIMER_HZ, 0);
     fw_uart_init(&fw->uart, EPUCK_ARGOS_BYTE_NS);
-    wait_for_host(fw);
+    wait_for_host(fw, 0);
 }
 
 void fw_argos_reset(struct fw_argos *fw, uint64_t now_us)
 {
+    int i;
+
     fw_body_reset(&fw->body, now_us);
     fw_uart_reset(&fw->uart);
     fw->old = (struct epuck_argos_actuators){0};
     fw->got = 0;
-    wait_for_host(fw);
+    for (i = 0; i < EPUCK_ARGOS_CONFIG_LEN; i++)
+        fw->config[i] = 0;
+    wait_for_host(fw, now_us);
 }
 
 static void send_sensors(struct fw_argos *fw)
@@ -39,7 +56,12 @@ static void send_sensors(struct fw_argos *fw)
         sensors.prox[i] = inputs->prox[i];
         sensors.light[i] = inputs->light[i];
     }
-    sensors.battery_low = inputs->battery_mv < FW_ARGOS_BATTERY_LOW_MV;
+    for (i = 0; i < 3; i++) {
+        sensors.acceleration[i] = inputs->acceleration[i];
+        sensors.microphones[i] = inputs->microphones[i];
+    }
+    sensors.rab_received = fw->rab_hears && fw->config[RAB_ENABLED] != 0;
+    sensors.battery_good = inputs->battery_mv >= FW_ARGOS_BATTERY_LOW_MV;
     epuck_argos_put_sensors(&sensors, frame);
     fw_uart_send(&fw->uart, frame, sizeof frame);
 }
@@ -64,7 +86,7 @@ static void apply(struct fw_argos *fw)
     fw->old = new;
     fw->frames++;
     if (new.reset == EPUCK_ARGOS_RESET)
-        wait_for_host(fw);
+        wait_for_host(fw, now_us);
     else if (new.ircom_enable)
         fw_uart_keep_busy(&fw->uart, FW_ARGOS_IRCOM_US);
     else
@@ -74,11 +96,11 @@ static void apply(struct fw_argos *fw)
 static void consume(struct fw_argos *fw, uint8_t byte)
 {
     if (fw->state == FW_ARGOS_WAKE) {
-        fw->state = FW_ARGOS_CONFIG;
-        fw->got = 0;
+        wake_up(fw);
         return;
     }
     if (fw->state == FW_ARGOS_CONFIG) {
+        fw->config[fw->got] = byte;
         fw->got++;
         if (fw->got == EPUCK_ARGOS_CONFIG_LEN) {
             fw->state = FW_ARGOS_FRAME;
@@ -118,7 +140,7 @@ int fw_argos_advance(struct fw_argos *fw, uint64_t now_us)
     uint8_t byte;
 
     while ((event = fw_uart_step(&fw->uart, until_us, &byte)) != FW_UART_NONE) {
-        if (event == FW_UART_IDLE && !fw->uart.sending)
+        if (event == FW_UART_IDLE && !fw->uart.sending && fw->state == FW_ARGOS_FRAME)
             send_sensors(fw);
         if (event == FW_UART_BYTE)
             consume(fw, byte);

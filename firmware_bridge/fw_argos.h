@@ -11,7 +11,10 @@
  * - motors are written only when a frame's speed differs from the last frame's;
  * - LEDs are toggled by the difference between two frames, never set;
  * - 'R' applies the frame, puts the ring LEDs out behind the toggling's back
- *   and goes back to waiting for the wake-up byte;
+ *   and goes back to waiting for the wake-up byte, for which it looks between two
+ *   steps of a light that runs around only;
+ * - the configuration may switch on its own range-and-bearing, and only another one
+ *   switches that off again: a frame that follows a reset is taken for one;
  * - a frame that enables IRcom (ours never does, a misaligned one may) is answered
  *   only after an infrared word was sent;
  * - bytes that come while it transmits wait in a ring of 64 without an overflow
@@ -42,6 +45,8 @@ extern "C" {
 enum {
     FW_ARGOS_IRCOM_US = 60000, /* [us] estimate: 12 bits at libIrcom's 30 bytes/s, and
                                   a delay loop of about as much */
+    FW_ARGOS_BLINK_US = 60000, /* [us] estimate: 100000 rounds of a delay loop at 14.7 MIPS
+                                  pass between two looks for the wake-up byte */
     FW_ARGOS_BATTERY_LOW_MV = 3400
 };
 
@@ -59,6 +64,10 @@ struct fw_argos {
     struct epuck_argos_actuators old;
     uint8_t frame[EPUCK_ARGOS_ACTUATOR_LEN];
     uint32_t got; /* bytes of config or frame so far */
+    uint8_t config[EPUCK_ARGOS_CONFIG_LEN]; /* as received last, zeros after a reset */
+    uint64_t waiting_us;                    /* when it began to wait for the wake-up byte */
+    uint8_t rab_hears;   /* the owner writes: 1 = its own range-and-bearing, if it is on,
+                            hears somebody in every frame */
 };
 
 /* Power on: motors and LEDs off, waits for the wake-up byte. */

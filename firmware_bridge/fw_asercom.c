@@ -5,6 +5,7 @@
 
 enum {
     MOTOR_MAX_STEPS_S = 1000,
+    TIMER_HZ = 10000, /* e-puck-library 4cb85cb library/motor_led/advance_one_timer/e_motors.c */
     BINARY = 0x80, /* codes begin here */
     RING_LEDS = 0xFF,
     ALL_LEDS = 0x3FF,
@@ -47,7 +48,7 @@ void fw_asercom_init(struct fw_asercom *fw, int mode)
     fw->mode = &epuck_asercom_modes[mode];
     fw->state = FW_ASERCOM_IDLE;
     fw->reset_us = FW_NEVER_US;
-    fw_body_init(&fw->body, MOTOR_MAX_STEPS_S);
+    fw_body_init(&fw->body, MOTOR_MAX_STEPS_S, TIMER_HZ, 0);
     fw_uart_init(&fw->uart, (uint32_t)(10000000000u / fw->mode->baud));
 }
 

@@ -55,6 +55,8 @@ static void write_register(struct fw_rab *fw, uint8_t number, uint8_t value, uin
 {
     if (number == EPUCK_RAB_POWER)
         fw->power = value;
+    else if (number == EPUCK_RAB_STORE_LIGHT)
+        fw->light_stored++;
     else if (number == EPUCK_RAB_ON_ROBOT)
         fw->on_robot = value;
     else if (number == EPUCK_RAB_FIRST)

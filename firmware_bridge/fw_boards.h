@@ -38,6 +38,7 @@ struct fw_rab {
     uint8_t bits;                /* of a message */
     uint8_t power;
     uint8_t on_robot;
+    uint32_t light_stored;       /* how often */
     uint8_t pointer;
     uint32_t number;             /* being put together */
     struct epuck_rab_message taken;

@@ -1,14 +1,17 @@
 /* SPDX-License-Identifier: MIT */
 #include "fw_body.h"
 
-enum { TIMER_HZ = 10000, BATTERY_MV = 4000 };
+enum { BATTERY_MV = 4000 };
 
 #define STEP_E12 INT64_C(1000000000000)
 
-void fw_body_init(struct fw_body *body, int16_t max_steps_s)
+void fw_body_init(struct fw_body *body, int16_t max_steps_s, uint16_t timer_hz,
+                  uint16_t timer_more)
 {
     *body = (struct fw_body){.inputs = {.battery_mv = BATTERY_MV}};
     body->max_steps_s = max_steps_s;
+    body->timer_hz = timer_hz;
+    body->timer_more = timer_more;
 }
 
 void fw_body_reset(struct fw_body *body, uint64_t now_us)
@@ -20,16 +23,15 @@ void fw_body_reset(struct fw_body *body, uint64_t now_us)
     body->applied_us = now_us;
 }
 
-/* The speed that a motor really turns with, in 1e-6 step/s: it counts the time between
- * two steps in ticks of 0.1 ms. Source: epuck.md 1.6. */
-static int64_t real_speed_e6(int16_t steps_s)
+/* The speed that a motor really turns with, in 1e-6 step/s. */
+static int64_t real_speed_e6(const struct fw_body *body, int16_t steps_s)
 {
     int64_t size = steps_s < 0 ? -(int64_t)steps_s : steps_s;
     int64_t real;
 
     if (size == 0)
         return 0;
-    real = (int64_t)TIMER_HZ * 1000000 / (TIMER_HZ / size);
+    real = (int64_t)body->timer_hz * 1000000 / (body->timer_hz / size + body->timer_more);
     return steps_s < 0 ? -real : real;
 }
 
@@ -37,8 +39,8 @@ static void roll(struct fw_body *body, uint64_t now_us)
 {
     int64_t passed_us = (int64_t)(now_us - body->rolled_us);
 
-    body->steps_e12[0] += real_speed_e6(body->outputs.left_steps_s) * passed_us;
-    body->steps_e12[1] += real_speed_e6(body->outputs.right_steps_s) * passed_us;
+    body->steps_e12[0] += real_speed_e6(body, body->outputs.left_steps_s) * passed_us;
+    body->steps_e12[1] += real_speed_e6(body, body->outputs.right_steps_s) * passed_us;
     body->steps_e12[0] %= 65536 * STEP_E12;
     body->steps_e12[1] %= 65536 * STEP_E12;
     body->rolled_us = now_us;

@@ -17,10 +17,12 @@ extern "C" {
 
 /* What the sensors measure now, raw. */
 struct fw_inputs {
-    int16_t prox[8];     /* ps0..ps7, 0..4095, higher is nearer */
+    int16_t prox[8];     /* ps0..ps7, higher is nearer, below 0 with flickering light */
     int16_t light[8];    /* the same places, 0..4095, higher is darker */
     int16_t ground[3];   /* left, centre, right, 0..1023, higher is brighter */
     uint16_t battery_mv; /* [mV] */
+    int16_t acceleration[3]; /* x, y, z; zeros where the firmware does not read them */
+    int16_t microphones[4];  /* likewise; IRIDIA's firmware has three */
 };
 
 /* What the motors and LEDs do now. */
@@ -42,13 +44,17 @@ struct fw_body {
     uint32_t stops;       /* of the watchdog */
     /* its own */
     int16_t max_steps_s;
+    uint16_t timer_hz;
+    uint16_t timer_more;
     uint64_t rolled_us;   /* the steps are counted up to here */
     int64_t steps_e12[2]; /* [1e-12 step] of the left and the right wheel, modulo 65536 */
     uint64_t fed_us;      /* the newest command */
 };
 
-/* Power on: battery full, no light missing, motors and LEDs off. */
-void fw_body_init(struct fw_body *body, int16_t max_steps_s);
+/* Power on: battery full, no light missing, motors and LEDs off. The time between two steps
+ * is timer_hz / speed ticks, cut to a whole number, and timer_more ticks. */
+void fw_body_init(struct fw_body *body, int16_t max_steps_s, uint16_t timer_hz,
+                  uint16_t timer_more);
 
 /* Reset: motors and LEDs off, counters at 0. The robot stays what it is. */
 void fw_body_reset(struct fw_body *body, uint64_t now_us);

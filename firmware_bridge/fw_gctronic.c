@@ -3,6 +3,9 @@
 
 #include "epuck_bytes.h"
 
+/* Two microsteps of 100 kHz a step. Source: e-puck2_main-processor 517ef07 src/motors.c:193-229. */
+enum { TIMER_HZ = 50000 };
+
 /* A packet has come: the thread that applies packets is woken. */
 static void wake(struct fw_gctronic *fw, uint64_t at_us)
 {
@@ -51,6 +54,8 @@ static void compose(struct fw_gctronic *fw, uint64_t at_us)
         sensors.prox[i] = inputs->prox[i];
         sensors.light[i] = inputs->light[i];
     }
+    for (i = 0; i < 4; i++)
+        sensors.microphones[i] = inputs->microphones[i];
     sensors.steps[0] = fw_body_steps(&fw->body, 0, at_us);
     sensors.steps[1] = fw_body_steps(&fw->body, 1, at_us);
     epuck_gctronic_put_sensors(&sensors, fw->answer);
@@ -94,7 +99,7 @@ static void error(void *context)
 void fw_gctronic_init(struct fw_gctronic *fw)
 {
     *fw = (struct fw_gctronic){0};
-    fw_body_init(&fw->body, EPUCK_GCTRONIC_SPEED_MAX);
+    fw_body_init(&fw->body, EPUCK_GCTRONIC_SPEED_MAX, TIMER_HZ, 0);
     fw->device = (struct fw_i2c_device){fw, EPUCK_GCTRONIC_ADDRESS, write, read, error};
 }
 

@@ -19,9 +19,10 @@
 BASES(DECLARE)
 const struct vs_base_ops *const vs_bases[] = {BASES(POINT_TO) NULL};
 
-/* Source: epuck.md section 6: 1000 steps per turn of a 41 mm, and a 40 mm, wheel. */
+/* Source: epuck.md section 6: 1000 steps per turn of a 41 mm wheel. The e-puck2's limit:
+ * e-puck2_main-processor 517ef07 src/motors.h:7. */
 const struct vs_base_body vs_body_epuck = {1000, 128805};
-const struct vs_base_body vs_body_epuck2 = {1100, 125664};
+const struct vs_base_body vs_body_epuck2 = {1100, VS_EPUCK2_STEP_NM};
 
 /* The bus of a board: the base's own, that of the board before it, or one of its own. */
 static int open_board(struct vs_base *base, const struct vs_base_config *config, int board)
@@ -54,6 +55,8 @@ int vs_base_open(struct vs_base *base, const struct vs_base_config *config)
     memset(base, 0, sizeof *base);
     base->ops = config->ops;
     base->boards.reading.rab_bytes = config->rab_bytes;
+    base->boards.reading.rab_k_cm = config->rab_k_cm;
+    base->boards.rab_power = config->rab_power;
     base->news = config->device;
     err = config->ops->open(base, config);
     for (board = 0; board < VS_BOARDS && err == VS_OK; board++) {
@@ -71,13 +74,6 @@ int vs_base_recover(struct vs_base *base)
     return base->ops->recover(base);
 }
 
-static int16_t clamp(int16_t steps_s, int16_t max_steps_s)
-{
-    if (steps_s > max_steps_s)
-        return max_steps_s;
-    return steps_s < -max_steps_s ? (int16_t)-max_steps_s : steps_s;
-}
-
 static uint64_t now(const struct vs_base *base)
 {
     return base->ops->on_i2c ? base->bus.now_ns(base->bus.context)
@@ -91,15 +87,17 @@ int vs_base_exchange(struct vs_base *base, const struct vs_base_command *command
     struct vs_base_command limited = *command;
     int err;
 
-    limited.left_steps_s = clamp(command->left_steps_s, base->body->max_steps_s);
-    limited.right_steps_s = clamp(command->right_steps_s, base->body->max_steps_s);
+    limited.left_steps_s = vs_base_clamp(command->left_steps_s, base->body->max_steps_s);
+    limited.right_steps_s = vs_base_clamp(command->right_steps_s, base->body->max_steps_s);
     limited.leds &= VS_BASE_LEDS;
     err = base->ops->exchange(base, &limited, reading);
     if (err != VS_OK)
         return err;
     vs_boards_read_ground(&base->boards, deadline_ns, &base->news);
-    reading->boards = base->boards.reading;
+    if (base->boards.reading.there)
+        reading->boards = base->boards.reading;
     reading->step_nm = base->body->step_nm;
+    reading->max_steps_s = base->body->max_steps_s;
     return VS_OK;
 }
 
@@ -107,6 +105,15 @@ int vs_base_rest(struct vs_base *base, const struct vs_base_command *command)
 {
     return vs_boards_talk(&base->boards, &command->message, now(base) + VS_BASE_REST_NS,
                           &base->news);
+}
+
+void vs_base_feel(const int16_t acceleration[3], const int16_t *microphones, int count,
+                  struct vs_base_reading *reading)
+{
+    if (acceleration != NULL)
+        memcpy(reading->acceleration, acceleration, sizeof reading->acceleration);
+    memcpy(reading->microphones, microphones, (size_t)count * sizeof *microphones);
+    reading->microphone_count = (uint8_t)count;
 }
 
 void vs_base_count(struct vs_base *base, const uint16_t counters[2],

@@ -13,6 +13,7 @@
 #include <stdint.h>
 
 #include "base_boards.h"
+#include "base_body.h"
 #include "../c_src/vs_i2c.h"
 #include "../c_src/vs_io.h"
 
@@ -37,20 +38,15 @@ struct vs_base_reading {
     uint8_t blind;       /* 1: it has neither, both mean nothing */
     uint8_t battery_low; /* 0, 1 or 255 = unknown */
     uint16_t battery_mv; /* [mV] 0 = unknown */
+    int16_t acceleration[3]; /* [raw] x, y, z; all 0: not measured */
+    int16_t microphones[4];  /* [raw] all 0: not measured */
+    uint8_t microphone_count;
     uint8_t has_steps;   /* 1: steps are counted */
     int32_t steps[2];    /* [step] of the left and right wheel, forwards, since the start */
     uint32_t step_nm;    /* [nm] way of a wheel per step */
+    int16_t max_steps_s; /* [step/s] what its motors can do, 0: not known */
     struct vs_board_reading boards;
 };
-
-/* What the robots that one protocol may sit on differ in. */
-struct vs_base_body {
-    int16_t max_steps_s; /* [step/s] what its motors can do */
-    uint32_t step_nm;    /* [nm] way of a wheel per step */
-};
-
-extern const struct vs_base_body vs_body_epuck;
-extern const struct vs_base_body vs_body_epuck2;
 
 /* "mode=extension|bluetooth": one option of a kind of base; the first value is the
  * default. */
@@ -136,6 +132,10 @@ static inline void vs_base_see(const int16_t prox[8], const int16_t light[8], in
         reading->light[i] = (int16_t)(most - light[i]);
     }
 }
+
+/* For an exchange: what the accelerometer, NULL if there is none, and so many microphones say. */
+void vs_base_feel(const int16_t acceleration[3], const int16_t *microphones, int count,
+                  struct vs_base_reading *reading);
 
 /* For an exchange: adds up what the wheels' counters, which wrap, say. */
 void vs_base_count(struct vs_base *base, const uint16_t counters[2],

@@ -7,7 +7,8 @@
  * found by holding back a frame's last byte now and then, for an answer that comes
  * before it, or by answers that are always late. Only zeros mean the same at every shift,
  * so a stop is three frames of them: after the first a frame may still hold what came
- * before.
+ * before. A microcontroller that was reset takes the next frame for its configuration,
+ * which may switch on its own range-and-bearing: recovery ends with configuring it.
  */
 #include "base_config.h"
 #include "base_serial.h"
@@ -24,6 +25,8 @@
 #define PROMPT_NS 10000000u      /* [ns] an answer later than this proves nothing */
 #define LEAVE_NS 3000000u        /* [ns] the line's time for a last frame */
 #define HOLD_NS 4000000u         /* [ns] 11 bytes, and a serial driver's time for an answer */
+#define GREET_NS 200000000u      /* [ns] it looks for the wake-up byte every 70 ms or so */
+#define GREET_STEP_NS 80000000u  /* [ns] longest step of waiting for that */
 
 enum {
     FEEDS_MAX = EPUCK_ARGOS_ACTUATOR_LEN,
@@ -33,13 +36,17 @@ enum {
     LATES_MAX = 4,  /* in a row: as with infrared words that we never asked for */
     NO_BURST = 2 * EPUCK_ARGOS_SENSOR_LEN, /* as `got`: what is read proves nothing */
     PHASE_FEED = VS_SERIAL_OWN, /* recovery: byte by byte until a burst comes */
-    PHASE_PROVE                 /* recovery: a burst came; is it where we think? */
+    PHASE_PROVE,                /* recovery: a burst came; is it where we think? */
+    PHASE_RESET,                /* recovery: it is; let it wait for a configuration */
+    PHASE_GREET                 /* recovery: it got one, of zeros */
 };
 
 struct argos {
     struct vs_serial line;
     uint8_t fed;         /* bytes fed without an answer */
     uint8_t proofs;      /* in a row that it stands where we think */
+    uint8_t configured;  /* 1: its configuration is all zeros */
+    uint16_t rab_received; /* as it was then */
     uint8_t rounds;      /* since a last byte was held back */
     uint8_t lates;       /* answers in a row that were too late for their exchange */
     uint8_t zero_sent;   /* 1: the newest frame was all zeros */
@@ -126,7 +133,6 @@ static int prove(struct vs_base *base)
     if (err == VS_OK)
         err = vs_serial_collect(base, a->line.written_ns + FEED_NS);
     if (err != VS_ERR_BUSY || a->line.got > 0) {
-        a->line.got = NO_BURST;
         a->proofs = 0;
         return err == VS_OK ? VS_ERR_BUSY : err;
     }
@@ -135,14 +141,57 @@ static int prove(struct vs_base *base)
         err = vs_serial_collect(base, a->line.written_ns + VS_BASE_EXCHANGE_NS);
     if (err == VS_OK && epuck_argos_get_sensors(a->line.answer, &sensors) != 0)
         err = VS_ERR_BUSY;
+    if (err == VS_OK)
+        a->rab_received = sensors.rab_received;
     a->proofs++;
     if (err != VS_OK || vs_serial_now(base) >= a->line.written_ns + PROMPT_NS)
         a->proofs = 0;
     if (err != VS_OK)
         return err;
-    a->line.phase = a->proofs < PROOFS ? PHASE_PROVE : VS_SERIAL_READY;
+    a->line.phase = PHASE_PROVE;
+    if (a->proofs < PROOFS)
+        return VS_ERR_BUSY;
+    a->line.phase = a->configured ? VS_SERIAL_READY : PHASE_RESET;
     a->zeros = STOP_FRAMES; /* it stands where we think, and has got nothing else */
-    return a->proofs < PROOFS ? VS_ERR_BUSY : VS_OK;
+    return a->configured ? VS_OK : VS_ERR_BUSY;
+}
+
+/* It stands where we think: 'R', which nothing answers, then wake-up and configuration. */
+static int reset(struct vs_base *base)
+{
+    static const uint8_t frame[EPUCK_ARGOS_ACTUATOR_LEN] = {[EPUCK_ARGOS_RESET_AT] =
+                                                                EPUCK_ARGOS_RESET};
+    struct argos *a = of(base);
+    int err = vs_serial_write(base, frame, sizeof frame, vs_serial_now(base) + FEED_NS);
+
+    a->proofs = 0;
+    a->line.phase = VS_SERIAL_QUIET;
+    if (err == VS_OK)
+        err = vs_serial_collect(base, a->line.written_ns + FEED_NS);
+    if (err != VS_ERR_BUSY || a->line.got > 0)
+        return err == VS_OK ? VS_ERR_BUSY : err;
+    a->line.phase = PHASE_GREET;
+    err = write_zeros(base, 1 + EPUCK_ARGOS_CONFIG_LEN);
+    return err == VS_OK ? VS_ERR_BUSY : err;
+}
+
+/* Its burst says that it is configured; one more proof, and it is found. */
+static int greet(struct vs_base *base)
+{
+    struct argos *a = of(base);
+    int err = vs_serial_collect(base, vs_serial_now(base) + GREET_STEP_NS);
+
+    if (err == VS_OK) {
+        a->configured = 1;
+        a->proofs = PROOFS - 1;
+        a->line.phase = PHASE_PROVE;
+        return VS_ERR_BUSY;
+    }
+    if (err == VS_ERR_BUSY && vs_serial_now(base) >= a->line.written_ns + GREET_NS) {
+        a->line.phase = VS_SERIAL_UNKNOWN;
+        return VS_ERR_SILENT;
+    }
+    return err;
 }
 
 static int recover_argos(struct vs_base *base)
@@ -154,6 +203,10 @@ static int recover_argos(struct vs_base *base)
         return feed(base);
     case PHASE_PROVE:
         return prove(base);
+    case PHASE_RESET:
+        return reset(base);
+    case PHASE_GREET:
+        return greet(base);
     case VS_SERIAL_QUIET:
         return drain(base);
     default:
@@ -161,6 +214,7 @@ static int recover_argos(struct vs_base *base)
             a->line.got = NO_BURST;
         a->fed = 0;
         a->proofs = 0;
+        a->configured = 0;
         a->line.phase = VS_SERIAL_QUIET;
         return drain(base);
     }
@@ -227,16 +281,24 @@ static int write_frame(struct vs_base *base, const struct vs_base_command *comma
     return vs_serial_write(base, frame + held, sizeof frame - held, deadline_ns);
 }
 
-static int decode(const struct argos *a, struct vs_base_reading *reading)
+/* Its own range-and-bearing can only begin to hear something if a frame of ours became its
+ * configuration: it was reset. */
+static int decode(struct vs_base *base, struct epuck_argos_sensors *sensors)
 {
-    struct epuck_argos_sensors sensors;
-
-    if (epuck_argos_get_sensors(a->line.answer, &sensors) != 0)
+    if (epuck_argos_get_sensors(of(base)->line.answer, sensors) != 0)
         return VS_ERR_GARBLED;
-    vs_base_see(sensors.prox, sensors.light, EPUCK_ARGOS_PROX_MAX, reading);
-    reading->battery_low = (uint8_t)sensors.battery_low;
+    if (sensors->rab_received == of(base)->rab_received)
+        return VS_OK;
+    base->news = "its microcontroller was reset";
+    return VS_ERR_GARBLED;
+}
+
+static void report(const struct epuck_argos_sensors *sensors, struct vs_base_reading *reading)
+{
+    vs_base_see(sensors->prox, sensors->light, EPUCK_ARGOS_RAW_MAX, reading);
+    vs_base_feel(sensors->acceleration, sensors->microphones, 3, reading);
+    reading->battery_low = !sensors->battery_good;
     reading->battery_mv = 0;
-    return VS_OK;
 }
 
 /* Keeps what exchange and close promise: after a failure only recovery helps. It
@@ -252,7 +314,7 @@ static int settled(struct vs_base *base, int err)
 
 /* One frame and its answer. */
 static int go_round(struct vs_base *base, const struct vs_base_command *command,
-                    struct vs_base_reading *reading, uint64_t deadline_ns)
+                    struct epuck_argos_sensors *sensors, uint64_t deadline_ns)
 {
     struct argos *a = of(base);
     int err = write_frame(base, command, 0, deadline_ns);
@@ -264,7 +326,7 @@ static int go_round(struct vs_base *base, const struct vs_base_command *command,
     a->lates = 0;
     if (err == VS_OK) {
         answered(a);
-        err = decode(a, reading);
+        err = decode(base, sensors);
     }
     return settled(base, err == VS_ERR_BUSY ? VS_ERR_GARBLED : err);
 }
@@ -274,20 +336,20 @@ static int exchange_argos(struct vs_base *base, const struct vs_base_command *co
 {
     struct argos *a = of(base);
     uint64_t deadline_ns = vs_serial_now(base) + VS_BASE_EXCHANGE_NS;
-    struct vs_base_reading read = *reading;
+    struct epuck_argos_sensors sensors;
     int err = settle(base, deadline_ns);
 
     if (err != VS_OK)
         return settled(base, err);
     do {
-        err = go_round(base, command, &read, deadline_ns);
+        err = go_round(base, command, &sensors, deadline_ns);
         if (err != VS_OK)
             return err;
     } while (a->zero_sent && a->zeros < STOP_FRAMES &&
              vs_serial_now(base) + ROUND_NS <= deadline_ns);
     if (a->zero_sent && a->zeros < STOP_FRAMES)
         return VS_ERR_LATE;
-    *reading = read;
+    report(&sensors, reading);
     return VS_OK;
 }
 

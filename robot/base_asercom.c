@@ -37,6 +37,7 @@ struct asercom {
     uint8_t matched;   /* bytes of EPUCK_ASERCOM_VERSION that came just now */
     uint8_t versions;  /* times that it came */
     uint8_t refreshed; /* LED that was set again last */
+    uint8_t is_epuck2;
     uint8_t closing;   /* the packet that is owed an answer was a clean end's */
     int16_t left_steps_s; /* of the packet before it */
     int16_t right_steps_s;
@@ -62,7 +63,8 @@ static int open_asercom(struct vs_base *base, const struct vs_base_config *confi
     a->quiet_ns = patience[mode].quiet_ns;
     a->line.owed_ns = patience[mode].owed_ns;
     a->line.wanted = (uint8_t)epuck_asercom_reply_len(a->mode);
-    base->body = &vs_body_epuck;
+    a->is_epuck2 = config->choice[1] == 1;
+    base->body = a->is_epuck2 ? &vs_body_epuck2 : &vs_body_epuck;
     vs_posix_io(&base->io, &base->fd);
     return vs_posix_open_serial(config->device, a->mode->baud, VS_BASE_LOCK_NS, &base->fd);
 }
@@ -236,13 +238,14 @@ static int settled(struct asercom *a, int err)
 static void report(struct vs_base *base, const struct epuck_asercom_sensors *sensors,
                    struct vs_base_reading *reading)
 {
+    const struct asercom *a = of(base);
     size_t i;
 
     vs_base_see(sensors->prox, sensors->light, EPUCK_ASERCOM_RAW_MAX, reading);
-    reading->battery_low = epuck_asercom_battery_low(sensors->battery);
-    reading->battery_mv = epuck_asercom_battery_mv(sensors->battery);
+    reading->battery_low = epuck_asercom_battery_low(sensors->battery, a->is_epuck2);
+    reading->battery_mv = epuck_asercom_battery_mv(sensors->battery, a->is_epuck2);
     vs_base_count(base, sensors->steps, reading);
-    if (of(base)->mode->ground == 0)
+    if (a->mode->ground == 0)
         return;
     base->boards.reading.there |= 1u << VS_BOARD_GROUND;
     base->boards.reading.has_ground = 1;
@@ -313,14 +316,17 @@ static int close_asercom(struct vs_base *base)
 }
 
 static const char *const modes[] = {"extension", "bluetooth", "bluetooth+ground", NULL};
-static const struct vs_base_choice choices[] = {{"mode", modes}, {NULL, NULL}};
+static const char *const models[] = {"epuck", "epuck2", NULL};
+static const struct vs_base_choice choices[] = {{"mode", modes}, {"model", models}, {NULL, NULL}};
 
 const struct vs_base_ops vs_base_asercom = {
     "asercom",
     "asercom:DEVICE  e-puck with GCtronic's firmware on a serial port\n"
     "    mode=extension         selector 10, extension connector, 230400 baud (default)\n"
     "    mode=bluetooth         selector 3, Bluetooth, 115200 baud\n"
-    "    mode=bluetooth+ground  the same with ground sensors",
+    "    mode=bluetooth+ground  the same with ground sensors\n"
+    "    model=epuck            its wheels and motors (default)\n"
+    "    model=epuck2           those of an e-puck2",
     "/dev/ttyS1",
     0,
     choices,

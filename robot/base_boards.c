@@ -1,10 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 #include "base_boards.h"
 
-enum {
-    POWER = 115, /* what ARGoS uses */
-    SETTINGS = 3
-};
+enum { SETTINGS = 4 };
 
 static uint64_t now(const struct vs_boards *boards, int board)
 {
@@ -39,7 +36,7 @@ static int may_ask(const struct vs_boards *boards, int board, uint64_t deadline_
 void vs_boards_read_ground(struct vs_boards *boards, uint64_t deadline_ns, const char **news)
 {
     static const uint8_t first = 0;
-    const struct vs_i2c *bus = &boards->bus[VS_BOARD_GROUND];
+    struct vs_i2c *bus = &boards->bus[VS_BOARD_GROUND];
     uint8_t registers[EPUCK_GROUND_LEN];
     int err;
 
@@ -70,13 +67,14 @@ static int read_register(struct vs_boards *boards, uint8_t number, uint8_t *valu
                          deadline_ns);
 }
 
-/* The board needs a pause after each of its settings. */
+/* In ARGoS' order; the board needs a pause after each of them. */
 static int write_setting(struct vs_boards *boards, uint64_t deadline_ns)
 {
     const uint8_t settings[SETTINGS][2] = {
         {EPUCK_RAB_ON_ROBOT, 0},
-        {EPUCK_RAB_POWER, POWER},
+        {EPUCK_RAB_STORE_LIGHT, 0},
         {EPUCK_RAB_BITS, (uint8_t)(8 * boards->reading.rab_bytes)},
+        {EPUCK_RAB_POWER, boards->rab_power},
     };
     const uint8_t *next = settings[boards->settings];
     int err = write_register(boards, next[0], next[1], deadline_ns);

@@ -29,18 +29,20 @@ struct vs_board_reading {
     uint8_t has_ground;   /* 1: ground is measured */
     uint8_t has_rab;      /* 1: heard is up to date */
     uint8_t rab_bytes;    /* of a message heard */
+    float rab_k_cm;       /* [cm] this board's range = rab_k_cm * exp(9.0642 - 0.0056507 raw) */
     int16_t ground[3];    /* [raw] left, centre, right, higher is brighter */
     uint32_t heard_count; /* messages heard since the start */
     struct epuck_rab_message heard[VS_BOARD_HEARD]; /* the n-th, from 0, is at n % 8 */
 };
 
-/* The caller fills bus (transfer NULL: no such board), reading.there and reading.rab_bytes (2 or 4), all else is 0 at
- * first. */
+/* The caller fills bus (transfer NULL: no such board), reading.there, reading.rab_bytes (2 or
+ * 4), reading.rab_k_cm and rab_power; all else is 0 at first. */
 struct vs_boards {
     struct vs_i2c bus[VS_BOARDS];
     int fd[VS_BOARDS];       /* of buses that are not the base's */
     uint8_t silent;          /* bit n: board n does not answer */
     uint8_t settings;        /* range and bearing: how many settings were written */
+    uint8_t rab_power;       /* EPUCK_RAB_POWER */
     uint8_t saying;          /* bytes of the message being written that are */
     struct vs_board_message message; /* being written, or said last */
     uint8_t listening;       /* 1: there may be more in its queue */

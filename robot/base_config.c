@@ -4,6 +4,12 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "number.h"
+
+#define RAB_K_CM 0.0867438559f /* [cm] Source: argos3-epuck 66cb8d9
+                                  real_epuck_range_and_bearing_sensor.cpp:75 */
+#define RAB_K_MAX_CM 10.0
+
 static const char *const board_names[VS_BOARDS] = {"ground", "rab"};
 
 /* A part of the text, not ended by '\0'. */
@@ -70,7 +76,7 @@ static int refuse_option(const struct vs_base_ops *ops, char *expected, size_t s
         }
         add(expected, size, ", ");
     }
-    add(expected, size, "ground=BUS, rab=BUS, rab_bytes=2|4");
+    add(expected, size, "ground=BUS, rab=BUS, rab_bytes=4|2, rab_power=0..255, rab_k=CM");
     if (ops->on_i2c)
         add(expected, size, " (without =BUS: on the same bus)");
     return -1;
@@ -100,11 +106,46 @@ static int choose(const char *const *values, struct part value, uint8_t *chosen)
     return -1;
 }
 
+/* Reads 0..255. Returns 0, or -1 if it is none of them. */
+static int byte_of(struct part value, uint8_t *byte)
+{
+    unsigned int number = 0;
+    size_t i;
+
+    for (i = 0; i < value.len && number <= UINT8_MAX; i++) {
+        if (value.text[i] < '0' || value.text[i] > '9')
+            return -1;
+        number = 10 * number + (unsigned int)(value.text[i] - '0');
+    }
+    *byte = (uint8_t)number;
+    return value.len > 0 && number <= UINT8_MAX ? 0 : -1;
+}
+
+/* An option of the range-and-bearing board. */
+static int take_rab_option(struct vs_base_config *config, struct part name, struct part value)
+{
+    static const char *const widths[] = {"4", "2", NULL};
+    double number = 0.0;
+
+    if (is(name, "rab_bytes")) {
+        uint8_t width;
+
+        if (choose(widths, value, &width) != 0)
+            return -1;
+        config->rab_bytes = width == 0 ? 4 : 2;
+        return 0;
+    }
+    if (is(name, "rab_power"))
+        return byte_of(value, &config->rab_power);
+    if (!is(name, "rab_k") || vs_number_read(value.text, &number) != value.len)
+        return -1;
+    config->rab_k_cm = (float)number;
+    return number > 0.0 && number <= RAB_K_MAX_CM ? 0 : -1;
+}
+
 static int take_option(struct vs_base_config *config, struct part name, const char *equals,
                        struct part value)
 {
-    static const char *const widths[] = {"2", "4", NULL};
-    uint8_t width;
     int i;
 
     for (i = 0; i < VS_BOARDS; i++) {
@@ -119,10 +160,7 @@ static int take_option(struct vs_base_config *config, struct part name, const ch
     for (i = 0; i < VS_BASE_CHOICES && config->ops->choices[i].name != NULL; i++)
         if (is(name, config->ops->choices[i].name))
             return choose(config->ops->choices[i].values, value, &config->choice[i]);
-    if (!is(name, "rab_bytes") || choose(widths, value, &width) != 0)
-        return -1;
-    config->rab_bytes = width == 0 ? 2 : 4;
-    return 0;
+    return take_rab_option(config, name, value);
 }
 
 int vs_base_configure(struct vs_base_config *config, const char *text, char *expected, size_t size)
@@ -131,7 +169,9 @@ int vs_base_configure(struct vs_base_config *config, const char *text, char *exp
 
     memset(config, 0, sizeof *config);
     config->ops = find(kind);
-    config->rab_bytes = 2;
+    config->rab_bytes = 4;
+    config->rab_power = EPUCK_RAB_POWER_DEFAULT;
+    config->rab_k_cm = RAB_K_CM;
     if (config->ops == NULL || *text != ':')
         return refuse_kind(expected, size);
     text++;

@@ -12,6 +12,8 @@ struct vs_base_config {
     char device[VS_BASE_DEVICE_MAX + 1];
     char board[VS_BOARDS][VS_BASE_DEVICE_MAX + 1]; /* bus of each, "" = not there */
     uint8_t rab_bytes;                             /* of a message: 2 or 4 */
+    uint8_t rab_power;                             /* of transmission, 0 full .. 255 */
+    float rab_k_cm;                                /* [cm] range constant of its board */
     uint8_t choice[VS_BASE_CHOICES];               /* index of the chosen value */
 };
 

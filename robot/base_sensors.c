@@ -7,15 +7,16 @@
 
 #define CM_PER_NM 1e-7
 #define RAD_PER_E4 1e-4
-/* Range of a message, 0.0867 exp(9.0642 - 0.0056507 raw) cm, as a power.
- * Source: argos3-epuck real_epuck_range_and_bearing_sensor.cpp. */
-#define RANGE_CM 749.514846
+/* Range of a message, k exp(9.0642 - 0.0056507 raw) cm, as a power.
+ * Source: argos3-epuck 66cb8d9 real_epuck_range_and_bearing_sensor.cpp:62-67, 73-74. */
+#define RANGE_PER_K 8640.552554617
 #define RANGE_BASE 0.99436518665
 
-enum { RING = 8, GROUND = 3, PLACE = 6 };
+enum { RING = 8, GROUND = 3, PLACE = 6, AXES = 3 };
 
 static const char *const names[VS_BASE_SENSORS] = {"proximity", "light",  "battery_low",
-                                                   "ground",    "wheels", "range_and_bearing"};
+                                                   "ground",    "wheels", "range_and_bearing",
+                                                   "accelerometer", "microphones"};
 
 int vs_base_sensor(const char *name)
 {
@@ -25,6 +26,17 @@ int vs_base_sensor(const char *name)
         if (strcmp(name, names[i]) == 0)
             return i;
     return -1;
+}
+
+/* A sensor that measures never reads 0 in all of its numbers: gravity, and the middle of the
+ * converter's range, are in them. */
+static int measures(const int16_t *raw, int count)
+{
+    int16_t any = 0;
+
+    while (count > 0)
+        any |= raw[--count];
+    return any != 0;
 }
 
 int vs_base_has(const struct vs_base_reading *reading, int sensor)
@@ -39,17 +51,21 @@ int vs_base_has(const struct vs_base_reading *reading, int sensor)
         return reading->has_steps;
     case VS_BASE_RAB:
         return reading->boards.there >> VS_BOARD_RAB & 1;
+    case VS_BASE_ACCELEROMETER:
+        return measures(reading->acceleration, AXES);
+    case VS_BASE_MICROPHONES:
+        return measures(reading->microphones, reading->microphone_count);
     default:
         return sensor == VS_BASE_BATTERY;
     }
 }
 
-static int ring_values(const int16_t *ring, int count, double *values, int max)
+static int raw_values(const int16_t *raw, int count, double *values, int max)
 {
     int i;
 
     for (i = 0; i < count && i < max; i++)
-        values[i] = ring[i];
+        values[i] = raw[i];
     return count;
 }
 
@@ -73,10 +89,10 @@ static int wheel_values(const struct vs_base_reading *reading, double *values, i
     return 2;
 }
 
-static double range_cm(uint16_t raw)
+static double range_cm(uint16_t raw, float k_cm)
 {
     double factor = RANGE_BASE;
-    double cm = RANGE_CM;
+    double cm = RANGE_PER_K * (double)k_cm;
 
     for (; raw > 0; raw >>= 1, factor *= factor)
         if (raw & 1)
@@ -85,10 +101,10 @@ static double range_cm(uint16_t raw)
 }
 
 /* Number `at` of a message's place. */
-static double place_value(const struct epuck_rab_message *message, int at)
+static double place_value(const struct epuck_rab_message *message, float k_cm, int at)
 {
     if (at == 0)
-        return range_cm(message->range_raw);
+        return range_cm(message->range_raw, k_cm);
     return at == 1 ? message->bearing_e4rad * RAD_PER_E4 : message->data[at - 2];
 }
 
@@ -108,7 +124,8 @@ static int rab_values(const struct vs_base_reading *reading, uint32_t heard_from
         if (i == 0)
             values[i] = count;
         else if ((i - 1) / PLACE < count)
-            values[i] = place_value(&boards->heard[number % VS_BOARD_HEARD], (i - 1) % PLACE);
+            values[i] = place_value(&boards->heard[number % VS_BOARD_HEARD], boards->rab_k_cm,
+                                    (i - 1) % PLACE);
         else
             values[i] = 0.0;
     }
@@ -122,15 +139,19 @@ int vs_base_values(const struct vs_base_reading *reading, int sensor, uint32_t h
         return 0;
     switch (sensor) {
     case VS_BASE_PROXIMITY:
-        return ring_values(reading->prox, RING, values, max);
+        return raw_values(reading->prox, RING, values, max);
     case VS_BASE_LIGHT:
-        return ring_values(reading->light, RING, values, max);
+        return raw_values(reading->light, RING, values, max);
     case VS_BASE_GROUND:
         return ground_values(reading, values, max);
     case VS_BASE_WHEELS:
         return wheel_values(reading, values, max);
     case VS_BASE_RAB:
         return rab_values(reading, heard_from, values, max);
+    case VS_BASE_ACCELEROMETER:
+        return raw_values(reading->acceleration, AXES, values, max);
+    case VS_BASE_MICROPHONES:
+        return raw_values(reading->microphones, reading->microphone_count, values, max);
     default:
         if (reading->battery_low == VS_UNKNOWN)
             return 0;

@@ -14,6 +14,8 @@ enum {
     VS_BASE_WHEELS,        /* [cm] way of the left and the right wheel since the start */
     VS_BASE_RAB,           /* "range_and_bearing": how many messages, then for each of 5 places
                               [cm] range, [rad] bearing, 4 bytes; the newest first */
+    VS_BASE_ACCELEROMETER, /* 3 numbers, raw: x, y, z */
+    VS_BASE_MICROPHONES,   /* 3 or 4 numbers, raw */
     VS_BASE_SENSORS
 };
 

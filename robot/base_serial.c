@@ -3,6 +3,20 @@
 
 enum { STATE_FITS = 1 / (sizeof(struct vs_serial) <= VS_BASE_STATE_MAX) };
 
+uint64_t vs_serial_now(const struct vs_base *base)
+{
+    return base->io.now_ns(base->io.context);
+}
+
+int vs_serial_write(struct vs_base *base, const uint8_t *buf, size_t len, uint64_t deadline_ns)
+{
+    struct vs_serial *line = vs_serial_of(base);
+
+    line->got = 0;
+    line->written_ns = vs_serial_now(base);
+    return base->io.write(base->io.context, buf, len, deadline_ns);
+}
+
 int vs_serial_collect(struct vs_base *base, uint64_t deadline_ns)
 {
     struct vs_serial *line = vs_serial_of(base);

@@ -33,21 +33,10 @@ static inline struct vs_serial *vs_serial_of(struct vs_base *base)
     return (struct vs_serial *)(void *)base->state.bytes;
 }
 
-static inline uint64_t vs_serial_now(const struct vs_base *base)
-{
-    return base->io.now_ns(base->io.context);
-}
+uint64_t vs_serial_now(const struct vs_base *base);
 
 /* Writes bytes, whose answer is the present one from now on. Errors: as of vs_io.write. */
-static inline int vs_serial_write(struct vs_base *base, const uint8_t *buf, size_t len,
-                                  uint64_t deadline_ns)
-{
-    struct vs_serial *line = vs_serial_of(base);
-
-    line->got = 0;
-    line->written_ns = vs_serial_now(base);
-    return base->io.write(base->io.context, buf, len, deadline_ns);
-}
+int vs_serial_write(struct vs_base *base, const uint8_t *buf, size_t len, uint64_t deadline_ns);
 
 /* Reads on until the answer is complete (VS_OK) or time is up (VS_ERR_BUSY). */
 int vs_serial_collect(struct vs_base *base, uint64_t deadline_ns);

@@ -5,6 +5,8 @@
  * the IR sensors always: a write that was lost is repeated, and a microcontroller that
  * was reset is noticed. An exchange takes a dozen transactions; what there is no time for goes on
  * with the next call.
+ * An e-puck2 does not apply what is written next after an error on the bus, and says that
+ * it did: it is told everything twice, and once more after an error.
  */
 #include "base_config.h"
 
@@ -13,6 +15,7 @@
 #include "../c_src/vs_i2c_posix.h"
 
 #define RECOVER_NS 90000000u /* [ns] longest step of recovery */
+#define SENSE_NS 12000000u   /* [ns] from switching on: all sensors have measured */
 
 enum {
     FAILURES_MAX = 3,
@@ -34,6 +37,7 @@ enum {
 };
 
 struct york {
+    uint8_t is_epuck2;
     uint8_t found;
     uint8_t failures;    /* in a row */
     uint8_t turn;        /* which register is read back next */
@@ -64,18 +68,31 @@ static uint64_t now(const struct vs_base *base)
     return base->bus.now_ns(base->bus.context);
 }
 
+/* This firmware's limit is that of its registers. */
+static const struct vs_base_body epuck2 = {EPUCK_YORK_SPEED_MAX, VS_EPUCK2_STEP_NM};
+
 static int open_york(struct vs_base *base, const struct vs_base_config *config)
 {
-    base->body = config->choice[0] == 0 ? &vs_body_epuck : &vs_body_epuck2;
+    of(base)->is_epuck2 = config->choice[0] == 1;
+    base->body = of(base)->is_epuck2 ? &epuck2 : &vs_body_epuck;
     return vs_i2c_open(&base->bus, config->device, VS_BASE_LOCK_NS, &base->fd);
 }
 
 static int put(struct vs_base *base, uint8_t number, uint16_t value, uint64_t deadline_ns)
 {
+    int is_epuck2 = of(base)->is_epuck2;
+    int times = is_epuck2 ? 2 : 1;
     uint8_t out[EPUCK_YORK_WRITE_LEN];
+    int err = VS_OK;
 
     epuck_york_put_write(number, value, out);
-    return vs_i2c_insist(&base->bus, EPUCK_YORK_ADDRESS, out, sizeof out, NULL, 0, deadline_ns);
+    while (times > 0 && err == VS_OK) {
+        uint32_t failures = base->bus.failures;
+
+        err = vs_i2c_insist(&base->bus, EPUCK_YORK_ADDRESS, out, sizeof out, NULL, 0, deadline_ns);
+        times -= !(is_epuck2 && base->bus.failures != failures);
+    }
+    return err;
 }
 
 static int get(struct vs_base *base, uint8_t number, uint16_t *value, uint64_t deadline_ns)
@@ -89,7 +106,8 @@ static int get(struct vs_base *base, uint8_t number, uint16_t *value, uint64_t d
     return err;
 }
 
-/* A sensor's register. */
+/* A sensor's register: -4095..4095, since flickering light may be brighter without the
+ * infrared LED. What is below 0 is 0. */
 static int get_raw(struct vs_base *base, int number, int16_t *raw, uint64_t deadline_ns)
 {
     uint16_t value;
@@ -97,9 +115,9 @@ static int get_raw(struct vs_base *base, int number, int16_t *raw, uint64_t dead
 
     if (err != VS_OK)
         return err;
-    if (value > EPUCK_YORK_RAW_MAX)
+    if (value > EPUCK_YORK_RAW_MAX && value < UINT16_MAX - EPUCK_YORK_RAW_MAX + 1)
         return VS_ERR_GARBLED;
-    *raw = (int16_t)value;
+    *raw = (int16_t)(value > EPUCK_YORK_RAW_MAX ? 0 : value);
     return VS_OK;
 }
 
@@ -145,10 +163,12 @@ static int check(struct vs_base *base, int which, uint64_t deadline_ns)
     uint16_t value = 1;
     int err = VS_OK;
 
-    if (which != CHECK_SENSING || base->body == &vs_body_epuck)
+    if (which != CHECK_SENSING || !y->is_epuck2)
         err = get(base, checked[which], &value, deadline_ns);
     if (err != VS_OK)
         return err;
+    if (which == CHECK_RING || which == CHECK_OTHER)
+        value &= RING_MASK; /* an e-puck2 answers one byte, and says it twice */
     if (value == wanted(y, which)) {
         y->unchecked &= (uint8_t)~(1u << which);
         return VS_OK;
@@ -215,9 +235,12 @@ static int get_light(struct vs_base *base, uint64_t deadline_ns)
     struct york *y = of(base);
     int err = get_raw(base, EPUCK_YORK_LIGHT + y->light, &y->lights[y->light], deadline_ns);
 
-    if (err == VS_OK)
-        y->light = (uint8_t)((y->light + 1) % 8);
-    return err;
+    if (err != VS_OK)
+        return err;
+    if (y->is_epuck2)
+        y->lights[y->light] = (int16_t)(EPUCK_YORK_RAW_MAX - y->lights[y->light]);
+    y->light = (uint8_t)((y->light + 1) % 8);
+    return VS_OK;
 }
 
 /* Reads on until this exchange's reading is complete. */
@@ -247,6 +270,7 @@ static int start(struct vs_base *base, uint64_t deadline_ns)
 {
     struct york *y = of(base);
     int err = write_speed(base, 0, 0, deadline_ns);
+    uint64_t sensed_ns;
     int i;
 
     if (err == VS_OK)
@@ -256,8 +280,11 @@ static int start(struct vs_base *base, uint64_t deadline_ns)
     if (err == VS_OK)
         err = put(base, EPUCK_YORK_SENSING, 1, deadline_ns);
     y->unchecked = (1u << CHECKED) - 1;
+    sensed_ns = now(base) + SENSE_NS;
     if (err == VS_OK)
         err = check_all(base, deadline_ns);
+    while (err == VS_OK && !y->is_epuck2 && now(base) < sensed_ns)
+        err = check(base, CHECK_SENSING, deadline_ns);
     for (i = 0; i < 8 && err == VS_OK; i++)
         err = get_light(base, deadline_ns);
     return err;
@@ -276,16 +303,17 @@ static int recover_york(struct vs_base *base)
     return err == VS_ERR_GARBLED || err == VS_ERR_BUSY ? VS_ERR_SILENT : err;
 }
 
-/* Writes what changes, since a speed that is being written is wrong for a moment, and
- * reads back what was written; at the beginning of an exchange one register more. */
+/* Writes what changes, since a speed that is being written is wrong for a moment, which it
+ * is not on an e-puck2, and reads back what was written; at the beginning of an exchange one
+ * register more. */
 static int obey(struct vs_base *base, const struct vs_base_command *command, uint64_t deadline_ns)
 {
     struct york *y = of(base);
     int err = VS_OK;
 
-    if (command->left_steps_s != y->speeds[0])
+    if (y->is_epuck2 || command->left_steps_s != y->speeds[0])
         err = write_speed(base, 0, command->left_steps_s, deadline_ns);
-    if (err == VS_OK && command->right_steps_s != y->speeds[1])
+    if (err == VS_OK && (y->is_epuck2 || command->right_steps_s != y->speeds[1]))
         err = write_speed(base, 1, command->right_steps_s, deadline_ns);
     if (err == VS_OK && command->leds != y->leds)
         err = write_leds(base, command->leds, deadline_ns);

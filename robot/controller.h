@@ -21,7 +21,9 @@
  * The robot's own: "proximity" and "light", 8 numbers each, ps0..ps7 at
  * vs_robot_sensor_angle_rad, raw 0..4096 (higher is nearer, brighter); "battery_low"
  * (0 or 1); "wheels", the way [cm] of the left and the right wheel since the daemon
- * began, where the base counts steps; with boards on I2C (`vsensed --help`) "ground", 3
+ * began, where the base counts steps; "accelerometer", raw x, y, z, and "microphones", raw,
+ * where the base's firmware reads them (IRIDIA's: the newest sample of right, left and back;
+ * GCtronic's for the e-puck2: the loudness of its four); with boards on I2C (`vsensed --help`) "ground", 3
  * numbers from 0 black to 1 white, and "range_and_bearing", laid out as the virtual one
  * with 5 places. Its own actuator, with that board: "message", the length and 4 bytes.
  *
@@ -42,7 +44,7 @@ extern "C" {
 
 #define VS_CONTROLLER_STATE_MAX 16384 /* [byte] largest state of a controller */
 #define VS_ROBOT_STEPS_PER_CM 77.64   /* [step/cm] wheel of 41 mm, 1000 steps a turn */
-#define VS_ROBOT_MAX_STEPS_S 1000     /* [step/s] what the motors can do */
+#define VS_ROBOT_MAX_STEPS_S 1000     /* [step/s] what every robot's motors can do */
 #define VS_ROBOT_LED_RING 0xFF        /* the 8 red LEDs around the body */
 #define VS_ROBOT_LED_BODY 0x100
 #define VS_ROBOT_LED_FRONT 0x200
@@ -113,7 +115,8 @@ void vs_robot_log(struct vs_robot *robot, const char *line);
 /* Uniform in [0, 1): a generator of this robot's own, seeded by the experiment. */
 double vs_robot_random(struct vs_robot *robot);
 
-/* [step/s], positive forwards; stays until set again. Limited to +-1000. */
+/* [step/s], positive forwards; stays until set again. Limited to what its motors can do:
+ * +-1000, an e-puck2's +-1100. */
 void vs_robot_set_wheels(struct vs_robot *robot, int left_steps_s, int right_steps_s);
 
 /* Lit ones: VS_ROBOT_LED_*, bit n of the ring = LED n; stays until set again. */

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "loop.h"
+#include "../c_src/epuck_argos.h"
 #include "../c_src/vs_offer.h"
 
 #define LINE_BYTES 128
@@ -191,10 +192,19 @@ static void hear(struct mind *mind, uint32_t robot, const struct vs_inprocess_ti
     (void)vs_clock_sample(&s->clock, now->now_ns, now->now_ns, 0, now->now_ns);
 }
 
+/* Its accelerometer feels gravity only, and nothing makes a noise. */
 static void read_base(struct vs_base_reading *reading, uint32_t robot,
                       const struct vs_inprocess_timestep *now)
 {
+    static const int16_t acceleration[3] = {EPUCK_ARGOS_REST_RAW, EPUCK_ARGOS_REST_RAW,
+                                            EPUCK_ARGOS_REST_RAW + EPUCK_ARGOS_GRAVITY_RAW};
+    static const int16_t microphones[3] = {EPUCK_ARGOS_REST_RAW, EPUCK_ARGOS_REST_RAW,
+                                           EPUCK_ARGOS_REST_RAW};
+
     memset(reading, 0, sizeof *reading);
+    memcpy(reading->acceleration, acceleration, sizeof acceleration);
+    memcpy(reading->microphones, microphones, sizeof microphones);
+    reading->microphone_count = 3;
     memcpy(reading->prox, now->prox + 8 * robot, sizeof reading->prox);
     memcpy(reading->light, now->light + 8 * robot, sizeof reading->light);
 }

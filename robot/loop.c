@@ -126,6 +126,12 @@ static void begin_run(struct vs_loop *loop)
     loop->seed = s->seed;
 }
 
+/* Of a base that does not say: an e-puck's. */
+static int16_t max_steps_s(const struct vs_base_reading *reading)
+{
+    return reading->max_steps_s > 0 ? reading->max_steps_s : VS_ROBOT_MAX_STEPS_S;
+}
+
 static void run_controller(struct vs_loop *loop, const struct vs_instant *now)
 {
     struct vs_step *step = &loop->step;
@@ -138,7 +144,7 @@ static void run_controller(struct vs_loop *loop, const struct vs_instant *now)
     vs_robot_begin_step(&loop->robot);
     loop->controller->step(loop->state, &loop->robot);
     loop->command = loop->robot.command;
-    vs_safety_limit(&loop->command, may_move(loop, now->base_ns));
+    vs_safety_limit(&loop->command, may_move(loop, now->base_ns), max_steps_s(&loop->robot.base));
     step->number++;
     step->session_ns = now->session_ns;
     step->age_ns = vs_session_age_ns(loop->session, loop->session->capture_ns, now->session_ns);
@@ -209,7 +215,7 @@ static void give_act(struct vs_loop *loop, struct vs_guard_request *request)
 static void give_hold(struct vs_loop *loop, struct vs_guard_request *request)
 {
     loop->command = loop->robot.command;
-    vs_safety_limit(&loop->command, 0);
+    vs_safety_limit(&loop->command, 0, 0);
     loop->hold_due = 0;
     loop->acting = 0;
     give_act(loop, request);

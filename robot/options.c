@@ -43,7 +43,9 @@ const char vs_options_help[] =
     "Options of every base, for boards on an I2C bus (/dev/i2c-3):\n"
     "  ground=BUS             ground sensors, address 0x60\n"
     "  rab=BUS                range and bearing, address 0x20\n"
-    "  rab_bytes=2|4          length of its messages (default: 2)\n"
+    "  rab_bytes=4|2          length of its messages (default: 4; GCtronic's: 2)\n"
+    "  rab_power=0..255       of transmission, 0 is the most (default: 115)\n"
+    "  rab_k=CM               its range constant (default: 0.0867438559)\n"
     "Bases:\n";
 
 struct reading {
@@ -125,7 +127,7 @@ static int take_name(const struct reading *r, struct vs_options *o)
 
 static int take_base(const struct reading *r, struct vs_options *o)
 {
-    char expected[160];
+    char expected[256];
 
     return vs_base_configure(&o->base, r->value, expected, sizeof expected) == 0
                ? 0

@@ -31,15 +31,10 @@ uint64_t vs_safety_expiry_ns(const struct vs_safety *s)
     return s->fresh_ns + VS_SAFETY_SILENCE_NS;
 }
 
-static int16_t clamp(int16_t steps_s)
+void vs_safety_limit(struct vs_base_command *command, int may_move, int16_t max_steps_s)
 {
-    if (steps_s > VS_ROBOT_MAX_STEPS_S)
-        return VS_ROBOT_MAX_STEPS_S;
-    return steps_s < -VS_ROBOT_MAX_STEPS_S ? -VS_ROBOT_MAX_STEPS_S : steps_s;
-}
+    int16_t most = may_move ? max_steps_s : 0;
 
-void vs_safety_limit(struct vs_base_command *command, int may_move)
-{
-    command->left_steps_s = may_move ? clamp(command->left_steps_s) : 0;
-    command->right_steps_s = may_move ? clamp(command->right_steps_s) : 0;
+    command->left_steps_s = vs_base_clamp(command->left_steps_s, most);
+    command->right_steps_s = vs_base_clamp(command->right_steps_s, most);
 }

@@ -32,7 +32,7 @@ int vs_safety_may_move(const struct vs_safety *s, uint64_t now_ns);
 /* When a command given now has to end. */
 uint64_t vs_safety_expiry_ns(const struct vs_safety *s);
 
-/* *command limited to what the motors can do, or to speed 0 if not may_move. */
-void vs_safety_limit(struct vs_base_command *command, int may_move);
+/* *command limited to +-max_steps_s, what the motors can do, or to speed 0 if not may_move. */
+void vs_safety_limit(struct vs_base_command *command, int may_move, int16_t max_steps_s);
 
 #endif

@@ -46,9 +46,11 @@ static void start(struct bus_world *w, uint8_t rab_bytes, uint32_t seed)
     bus_board(w, VS_BOARD_RAB, rab_bytes);
     w->rab.is_stock = rab_bytes == 2;
     CHECK(bus_recover(w) == VS_OK);
-    for (i = 0; i < 4; i++)
+    w->base.boards.rab_power = 90;
+    for (i = 0; i < 5; i++) /* one setting each, and the reading of the last */
         CHECK(exchange(w) == VS_OK);
-    CHECK(w->reading.boards.has_rab && w->rab.on_robot == 0 && w->rab.power == 115);
+    CHECK(w->reading.boards.has_rab && w->rab.on_robot == 0 && w->rab.power == 90);
+    CHECK(w->rab.light_stored == 1); /* real_epuck_range_and_bearing_sensor.cpp:141-144 */
     CHECK(w->rab.bits == 8 * rab_bytes);
 }
 
@@ -185,7 +187,7 @@ static void test_missing_board(void)
     for (i = 0; i < 15; i++)
         CHECK(exchange(&w) == VS_OK);
     CHECK(w.reading.boards.has_ground && w.reading.boards.has_rab && w.base.news != NULL);
-    CHECK(w.rab.bits == 32);
+    CHECK(w.rab.bits == 32 && w.rab.light_stored == 1);
 }
 
 /* A board that holds the bus costs the base one time-out a second. */

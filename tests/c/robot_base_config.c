@@ -8,7 +8,7 @@
 #include "base_config.h"
 #include "robot_check.h"
 
-static char expected[160];
+static char expected[256];
 
 static int configure(struct vs_base_config *config, const char *text)
 {
@@ -22,14 +22,20 @@ static void test_good(void)
 
     CHECK(configure(&config, "argos:/dev/ttyS0") == 0);
     CHECK(strcmp(config.ops->name, "argos") == 0 && strcmp(config.device, "/dev/ttyS0") == 0);
-    CHECK(config.board[0][0] == '\0' && config.board[1][0] == '\0' && config.rab_bytes == 2);
+    CHECK(config.board[0][0] == '\0' && config.board[1][0] == '\0' && config.rab_bytes == 4);
+    CHECK(config.rab_power == 115 && config.rab_k_cm == 0.0867438559f); /* as ARGoS has it */
     CHECK(configure(&config, "asercom:/dev/ttyS1") == 0 && config.choice[0] == 0);
     CHECK(configure(&config, "asercom:/dev/rfcomm0,mode=bluetooth+ground") == 0);
     CHECK(config.choice[0] == 2);
-    CHECK(configure(&config, "york:unix:/tmp/a,model=epuck2,ground,rab=/dev/i2c-3,rab_bytes=4") == 0);
+    CHECK(configure(&config, "york:unix:/tmp/a,model=epuck2,ground,rab=/dev/i2c-3,rab_bytes=2") == 0);
     CHECK(strcmp(config.device, "unix:/tmp/a") == 0 && config.choice[0] == 1);
     CHECK(strcmp(config.board[VS_BOARD_GROUND], "unix:/tmp/a") == 0);
-    CHECK(strcmp(config.board[VS_BOARD_RAB], "/dev/i2c-3") == 0 && config.rab_bytes == 4);
+    CHECK(strcmp(config.board[VS_BOARD_RAB], "/dev/i2c-3") == 0 && config.rab_bytes == 2);
+    CHECK(configure(&config, "york:/x,rab,rab_power=0,rab_k=0.1,rab_bytes=4") == 0);
+    CHECK(config.rab_power == 0 && config.rab_k_cm == 0.1f && config.rab_bytes == 4);
+    CHECK(configure(&config, "york:/x,rab_power=255") == 0 && config.rab_power == 255);
+    CHECK(configure(&config, "asercom:/x,model=epuck2") == 0);
+    CHECK(config.choice[0] == 0 && config.choice[1] == 1);
     CHECK(configure(&config, "argos:/dev/ttyS0,ground=/dev/i2c-3,ground=/dev/i2c-4") == 0);
     CHECK(strcmp(config.board[VS_BOARD_GROUND], "/dev/i2c-4") == 0);
 }
@@ -41,7 +47,10 @@ static void test_bad(void)
     static const char *const options[] = {
         "argos:/x,", "argos:/x,ground", "argos:/x,ground=", "argos:/x,,", "argos:/x,mode=bluetooth",
         "asercom:/x,mode", "asercom:/x,mode=", "asercom:/x,mode=bluetoot", "york:/x,model=epuck3",
-        "york:/x,rab_bytes=3", "york:/x,rab_bytes", "gctronic:/x,Ground", "york:/x,ground=/y,z"};
+        "york:/x,rab_bytes=3", "york:/x,rab_bytes", "gctronic:/x,Ground", "york:/x,ground=/y,z",
+        "york:/x,rab_power", "york:/x,rab_power=", "york:/x,rab_power=256", "york:/x,rab_power=-1",
+        "york:/x,rab_power=1.5", "york:/x,rab_power=9x", "york:/x,rab_k=0", "york:/x,rab_k=-1",
+        "york:/x,rab_k=11", "york:/x,rab_k=nan", "york:/x,rab_k"};
     char text[400];
     struct vs_base_config config;
     size_t i;
@@ -52,7 +61,7 @@ static void test_bad(void)
     }
     for (i = 0; i < sizeof options / sizeof options[0]; i++) {
         CHECK_FOR(options[i], configure(&config, options[i]) == -1);
-        CHECK_FOR(options[i], strstr(expected, "rab_bytes=2|4") != NULL);
+        CHECK_FOR(options[i], strstr(expected, "rab_k=CM") != NULL);
     }
     CHECK(configure(&config, "york:") == -1 && strstr(expected, "york:/dev/i2c-12") != NULL);
     CHECK(configure(&config, "argos:,ground=/x") == -1);
@@ -62,6 +71,21 @@ static void test_bad(void)
     CHECK(configure(&config, text) == -1);
     text[6 + VS_BASE_DEVICE_MAX] = '\0';
     CHECK(configure(&config, text) == 0 && strlen(config.device) == VS_BASE_DEVICE_MAX);
+}
+
+/* Who asks for an e-puck2 gets its wheels and its motors' limit: the asercom of an e-puck2 hands
+ * speeds to its own motors. Source: e-puck2_main-processor d2e0dbb
+ * src/epuck1x/motor_led/advance_one_timer/e_motors.c:81-97, src/motors.h:7. */
+static void test_model_of_asercom(void)
+{
+    static struct vs_base base;
+    struct vs_base_config config;
+
+    CHECK(configure(&config, "asercom:/nowhere,model=epuck2") == 0);
+    CHECK(vs_base_open(&base, &config) == VS_ERR_IO);
+    CHECK(base.body->max_steps_s == 1100 && base.body->step_nm == 125664);
+    CHECK(configure(&config, "asercom:/nowhere") == 0);
+    CHECK(vs_base_open(&base, &config) == VS_ERR_IO && base.body->max_steps_s == 1000);
 }
 
 /* Pieces of good texts in any order: each is read or refused. */
@@ -113,6 +137,7 @@ int main(void)
     test_good();
     test_bad();
     test_counters_wrap();
+    test_model_of_asercom();
     for (seed = 1; seed <= 20000; seed++)
         test_any_text(seed);
     return 0;

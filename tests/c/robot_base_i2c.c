@@ -14,6 +14,16 @@
 
 static const struct vs_base_ops *const kinds[] = {&vs_base_gctronic, &vs_base_york};
 
+/* York's map on an e-puck2. */
+static void begin_york_on_epuck2(struct bus_world *w, uint32_t seed)
+{
+    struct vs_base_config config = {&vs_base_york, "/nowhere", {"", ""}, 4, 115, 0.0867438559f, {1, 0}};
+
+    bus_begin(w, &vs_base_york, seed);
+    CHECK(vs_base_york.open(&w->base, &config) == VS_ERR_IO);
+    w->york.is_epuck2 = 1;
+}
+
 static void find(struct bus_world *w)
 {
     int steps = 0;
@@ -70,14 +80,17 @@ static void test_plain_exchange(const struct vs_base_ops *ops)
 }
 
 /* It drives, stops and drives while things go wrong. */
-static void test_faults(const struct vs_base_ops *ops, uint32_t seed)
+static void test_faults(const struct vs_base_ops *ops, int is_epuck2, uint32_t seed)
 {
     struct bus_world w;
     int lost = 1;
     int goods = 0;
     int i;
 
-    bus_begin(&w, ops, seed);
+    if (is_epuck2)
+        begin_york_on_epuck2(&w, seed);
+    else
+        bus_begin(&w, ops, seed);
     w.fault_one_in = 5 + draw(&w.random, 300);
     for (i = 0; i < 60; i++) {
         int16_t left = (int16_t)(i % 3 == 0 ? 0 : 10 * i + 3);
@@ -197,24 +210,108 @@ static void test_reset_between_exchanges(void)
     CHECK(w.york.registers[EPUCK_YORK_SENSING] == 1);
 }
 
-/* An e-puck2 with York's map always senses: its switch stays what it likes, and is no sign
- * of a reset. */
+/* An e-puck2 with York's map: every LED may be lit, light is brightness as on an e-puck
+ * (check_obeyed), its limit is that of the registers, and it has no switch for its sensors. */
 static void test_york_on_an_epuck2(void)
 {
-    struct vs_base_config config = {&vs_base_york, "/nowhere", {"", ""}, 2, {1, 0}};
     struct bus_world w;
     int i;
 
-    bus_begin(&w, &vs_base_york, 11);
-    CHECK(vs_base_york.open(&w.base, &config) == VS_ERR_IO && w.base.body == &vs_body_epuck2);
-    w.york.always_senses = 1;
+    begin_york_on_epuck2(&w, 11);
     find(&w);
     for (i = 0; i < 20; i++) {
-        w.york.registers[EPUCK_YORK_SENSING] = 0;
-        CHECK(bus_exchange(&w, 100, 100, 0) == VS_OK);
+        CHECK(complete(&w, 100, 100, (uint16_t)(0x3FF >> i / 2)) == VS_OK);
         check_obeyed(&w, 100, 100);
+        CHECK(w.body->outputs.leds == 0x3FF >> i / 2);
     }
     CHECK(w.reading.step_nm == vs_body_epuck2.step_nm);
+    CHECK(complete(&w, 1100, -1100, 0) == VS_OK);
+    check_obeyed(&w, 1000, -1000);
+    CHECK(w.base.ops->close(&w.base) == VS_OK && bus_at_rest(&w));
+}
+
+/* After an error on the bus what is written next is not applied, but read back as if it were.
+ * Source: e-puck2_main-processor fcb74b1 src/gumstix.c:83-99, 159-170, 408-414. */
+static void test_york_on_an_epuck2_after_an_error(void)
+{
+    struct bus_world w;
+    uint32_t at;
+
+    for (at = 1; at <= 16; at++) {
+        begin_york_on_epuck2(&w, 14);
+        find(&w);
+        CHECK(complete(&w, 300, 300, 1) == VS_OK);
+        w.wires.faults.refuse = at;
+        CHECK(complete(&w, 0, 0, 2) == VS_OK);
+        CHECK(bus_at_rest(&w) && w.body->outputs.leds == 2);
+        w.york.had_error = 1; /* it noted one that the host has not seen */
+        CHECK(complete(&w, 200, 0, 2) == VS_OK);
+        CHECK(w.body->outputs.left_steps_s == 200 && w.york.dropped > 0);
+    }
+}
+
+/* Flickering light may make proximity negative: that is nothing near, and no damage.
+ * Source: pi-puck-e-puck1 0041716 pi-puck-e-puck1.X: ir_sensors.c:44,175 (a difference of two
+ * readings of 0..4095, not clamped), main.c:96-103 (sent as it is). */
+static void test_york_negative_proximity(void)
+{
+    struct bus_world w;
+    int i;
+
+    bus_begin(&w, &vs_base_york, 15);
+    w.body->inputs.prox[3] = -4;
+    w.body->inputs.prox[4] = -4095;
+    find(&w);
+    for (i = 0; i < 5; i++)
+        CHECK(bus_exchange(&w, 0, 0, 0) == VS_OK);
+    CHECK(w.reading.prox[3] == 0 && w.reading.prox[4] == 0 && w.reading.prox[5] == 507);
+    w.body->inputs.prox[3] = -4096; /* no converter of 12 bits says that */
+    CHECK(bus_exchange(&w, 0, 0, 0) == VS_ERR_BUSY);
+}
+
+/* A calibrated proximity is what was measured minus what was measured where nothing was near,
+ * which may be negative. Source: e-puck2_main-processor 517ef07 src/sensors/proximity.c:191-193
+ * (a difference of two readings), 346-358. */
+static void test_gctronic_proximity_above_the_converter(void)
+{
+    struct bus_world w;
+
+    bus_begin(&w, &vs_base_gctronic, 16);
+    w.body->inputs.prox[2] = 4100;
+    w.body->inputs.prox[6] = 8190;
+    find(&w);
+    CHECK(bus_exchange(&w, 0, 0, 0) == VS_OK);
+    CHECK(w.reading.prox[2] == 4095 && w.reading.prox[6] == 4095 && w.gctronic.packets == 3);
+    w.body->inputs.prox[6] = 8191;
+    CHECK(bus_exchange(&w, 0, 0, 0) != VS_OK);
+}
+
+/* The first reading after a reset has every sensor's light: what was not measured yet is 4095.
+ * Source: pi-puck-e-puck1 0041716 pi-puck-e-puck1.X: ir_sensors.c:9, 155-161, main.c:105. */
+static void test_york_first_light_is_measured(void)
+{
+    struct bus_world w;
+    int i;
+
+    bus_begin(&w, &vs_base_york, 18);
+    find(&w);
+    CHECK(bus_exchange(&w, 0, 0, 0) == VS_OK);
+    for (i = 0; i < 8; i++) {
+        CHECK(w.reading.light[i] == 4095 - w.body->inputs.light[i]);
+        CHECK(w.reading.prox[i] == w.body->inputs.prox[i]);
+    }
+}
+
+static void test_gctronic_microphones(void)
+{
+    struct bus_world w;
+
+    bus_begin(&w, &vs_base_gctronic, 17);
+    w.body->inputs.microphones[0] = 700;
+    w.body->inputs.microphones[3] = -1; /* 65535 on the bus */
+    find(&w);
+    CHECK(bus_exchange(&w, 0, 0, 0) == VS_OK && w.reading.microphone_count == 4);
+    CHECK(w.reading.microphones[0] == 700 && w.reading.microphones[3] == INT16_MAX);
 }
 
 /* The bus of York's map is so slow that an exchange goes on with the next call; it must
@@ -297,6 +394,11 @@ int main(int argc, char *argv[])
     test_resends_after_an_error();
     test_reset_between_exchanges();
     test_york_on_an_epuck2();
+    test_york_on_an_epuck2_after_an_error();
+    test_york_negative_proximity();
+    test_gctronic_proximity_above_the_converter();
+    test_york_first_light_is_measured();
+    test_gctronic_microphones();
     test_slow_host();
     test_torn_counters();
     for (i = 0; i < sizeof kinds / sizeof kinds[0]; i++) {
@@ -305,9 +407,11 @@ int main(int argc, char *argv[])
         test_counters(kinds[i]);
         test_speed_limit(kinds[i]);
         for (seed = 1; seed <= worlds; seed++) {
-            test_faults(kinds[i], seed);
+            test_faults(kinds[i], 0, seed);
             test_reset(kinds[i], seed);
         }
     }
+    for (seed = 1; seed <= worlds; seed++)
+        test_faults(&vs_base_york, 1, seed);
     return 0;
 }

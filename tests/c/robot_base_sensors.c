@@ -31,6 +31,7 @@ static struct vs_base_reading make_reading(void)
     }
     reading.battery_low = VS_UNKNOWN;
     reading.step_nm = 125664;
+    reading.boards.rab_k_cm = 0.0867438559f;
     reading.steps[0] = 1000;
     reading.steps[1] = -250;
     reading.boards.ground[0] = 1023;
@@ -92,6 +93,28 @@ static void test_messages(void)
     for (i = 1 + 6 * 3; i < 31; i++)
         CHECK(values[i] == 0.0);
     CHECK(vs_base_values(&reading, VS_BASE_RAB, 0, values, 31) == 31 && values[0] == 5.0);
+    reading.boards.rab_k_cm = 0.1f; /* of this robot's board */
+    CHECK(vs_base_values(&reading, VS_BASE_RAB, 0, values, 31) == 31);
+    CHECK(is_near(values[1], (double)0.1f * exp(9.06422181283387 - 0.00565074879677167 *
+                                                (double)reading.boards.heard[3].range_raw)));
+}
+
+static void test_accelerometer_and_microphones(void)
+{
+    static const int16_t still[3] = {2048, 2040, 2848};
+    static const int16_t quiet[3] = {2000, 0, 2010};
+    struct vs_base_reading reading = make_reading();
+    double values[4];
+    int acceleration = vs_base_sensor("accelerometer");
+    int microphones = vs_base_sensor("microphones");
+
+    reading.microphone_count = 3; /* a firmware that does not read them sends zeros */
+    CHECK(vs_base_values(&reading, acceleration, 0, values, 3) == 0);
+    CHECK(vs_base_values(&reading, microphones, 0, values, 3) == 0);
+    memcpy(reading.acceleration, still, sizeof still);
+    memcpy(reading.microphones, quiet, sizeof quiet);
+    CHECK(vs_base_values(&reading, acceleration, 0, values, 2) == 3 && values[1] == 2040.0);
+    CHECK(vs_base_values(&reading, microphones, 0, values, 4) == 3 && values[2] == 2010.0);
 }
 
 /* Each control step sees what was heard since the one before, a new guard's from the start. */
@@ -159,6 +182,7 @@ int main(void)
     test_what_is_not_there_is_not_known();
     test_ground_and_wheels();
     test_messages();
+    test_accelerometer_and_microphones();
     test_steps_see_new_messages_only();
     test_own_message();
     return 0;

@@ -15,6 +15,8 @@ struct seen {
     int ground;
     int heard;
     int proximity;
+    int acceleration;
+    int microphones;
     int unknown;
     int steps;
 };
@@ -29,6 +31,8 @@ static void init(void *state, struct vs_robot *robot)
     CHECK(seen->steps == 0);
     seen->ground = vs_robot_sensor(robot, "ground");
     seen->proximity = vs_robot_sensor(robot, "proximity");
+    seen->acceleration = vs_robot_sensor(robot, "accelerometer");
+    seen->microphones = vs_robot_sensor(robot, "microphones");
     seen->unknown = vs_robot_sensor(robot, "moonlight");
     seen->heard = vs_robot_actuator(robot, "heard");
     (void)vs_robot_param(robot, "speed", 1.0);
@@ -40,11 +44,14 @@ static void step(void *state, struct vs_robot *robot)
     struct vs_reading ground = vs_robot_read(robot, seen->ground);
     char line[] = "line0";
     double prox[8];
+    double raw[4];
 
     seen->steps++;
     CHECK(progress.robot >= 1 && progress.robot <= ROBOTS);
     robots_seen |= 1u << progress.robot;
     CHECK(vs_robot_values(robot, seen->proximity, prox, 8) == 8);
+    CHECK(vs_robot_values(robot, seen->acceleration, raw, 3) == 3 && raw[2] > raw[0]);
+    CHECK(vs_robot_values(robot, seen->microphones, raw, 4) == 3 && raw[0] == raw[2]);
     CHECK(!vs_robot_read(robot, seen->unknown).known);
     vs_robot_actuate(robot, seen->heard, 0, ground.known ? ground.value : -1.0);
     vs_robot_actuate(robot, seen->heard, 1, (double)ground.age_ns / 1e6);

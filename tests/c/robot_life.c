@@ -109,6 +109,7 @@ static void serve_guard(struct world *w)
     struct vs_base_reading reading;
 
     memset(&reading, 0, sizeof reading);
+    reading.max_steps_s = w->max_steps_s;
     if (w->answer_ns != 0 && w->now.base_ns >= w->answer_ns) {
         w->guard.reading = reading;
         w->answer_ns = 0;
@@ -139,7 +140,8 @@ static void check_always(struct world *w)
     uint64_t mend_ns = w->fault_one_in ? 2 * LATE_NS + SILENT_NS + RECOVER_NS : 0;
 
     if (turning(w)) {
-        CHECK(w->base.left_steps_s == 1000 && w->base.right_steps_s == -300);
+        CHECK(w->base.left_steps_s == (w->max_steps_s > 0 ? w->max_steps_s : 1000));
+        CHECK(w->base.right_steps_s == -300);
         CHECK(now_ns < w->fresh_ns + VS_SAFETY_SILENCE_NS + 3 * EXCHANGE_NS + mend_ns);
         CHECK(w->wished_ns == 0 || now_ns < w->wished_ns + 50 * MS + mend_ns);
     }

@@ -199,6 +199,23 @@ static void test_actuators_end_with_their_experiment(void)
     CHECK(w.loop.robot.actuators[0] == 0);
 }
 
+/* The controller wants 2000 steps/s: it gets what its robot's motors can do. */
+static void test_speed_limit_is_the_base_s(void)
+{
+    static const int16_t limits[2][2] = {{0, 1000}, {1100, 1100}};
+    struct world w;
+    int i;
+
+    for (i = 0; i < 2; i++) {
+        begin(&w, 9);
+        w.max_steps_s = limits[i][0];
+        open_session(&w);
+        wish(&w, VS_RUN);
+        good_host(&w, 1000 * MS);
+        CHECK(w.base.left_steps_s == limits[i][1] && w.base.right_steps_s == -300);
+    }
+}
+
 int main(int argc, char *argv[])
 {
     uint32_t lives = argc > 1 ? (uint32_t)strtoul(argv[1], NULL, 10) : 50;
@@ -211,6 +228,7 @@ int main(int argc, char *argv[])
     test_end_and_lost_guard();
     test_completed_steps();
     test_actuators_end_with_their_experiment();
+    test_speed_limit_is_the_base_s();
     for (seed = 1; seed <= lives; seed++) {
         test_random_life(seed, TIMESTEP_NS, seed % 2 ? 0 : 40);
         test_random_life(seed, 10 * MS, seed % 2 ? 0 : 40);

@@ -29,6 +29,7 @@ struct world {
     int16_t allowed[2];        /* speeds that may be applied, besides 0 and the first */
     int watching;
     uint32_t watched;          /* frames applied since watch() */
+    uint64_t reset_ns;         /* when the newest 'R' frame was applied */
     int leds_lost;             /* an 'R' frame with LEDs: only a reset cures that */
     uint32_t lose_written;     /* the byte to the far end that gets lost, 1 = the next; 0: none */
     uint32_t lose_read;        /* the same for bytes from there */
@@ -69,6 +70,8 @@ static inline void on_frame(struct world *w)
         CHECK(frame->left_steps_s == 0 || frame->left_steps_s == w->allowed[0]);
         CHECK(frame->right_steps_s == 0 || frame->right_steps_s == w->allowed[1]);
     }
+    if (frame->reset == EPUCK_ARGOS_RESET)
+        w->reset_ns = w->now_ns;
     if (frame->reset == EPUCK_ARGOS_RESET && frame->leds != 0)
         w->leds_lost = 1;
 }
@@ -126,7 +129,7 @@ static inline int io_write(void *context, const uint8_t *buf, size_t len, uint64
 
 static inline void begin(struct world *w, uint32_t seed)
 {
-    struct vs_base_config config = {&vs_base_argos, "/nowhere", {"", ""}, 2, {0, 0}};
+    struct vs_base_config config = {&vs_base_argos, "/nowhere", {"", ""}, 2, 115, 0.0867438559f, {0, 0}};
 
     memset(w, 0, sizeof *w);
     w->random = seed * 2654435761u + 1u;

@@ -60,10 +60,28 @@ def gctronic_actuators(left: int, right: int, leds: int) -> bytes:
     return checked(struct.pack("<hhBB", left, right, 0, red) + rgb + b"\x00")
 
 
-def gctronic_sensors(prox: Sequence[int], light: Sequence[int], steps: tuple[int, int]) -> bytes:
-    """47 bytes: microphones and remote control say nothing, the selector stands at 10."""
-    rings = struct.pack("<16h", *prox, *light)
-    return checked(rings + bytes(8) + bytes([10]) + struct.pack("<HH", *steps) + b"\x00")
+def gctronic_sensors(
+    prox: Sequence[int],
+    light: Sequence[int],
+    steps: tuple[int, int],
+    volumes: Sequence[int] = (0, 0, 0, 0),
+) -> bytes:
+    """47 bytes: the remote control says nothing, the selector stands at 10.
+
+    Source: e-puck2_main-processor 517ef07 src/gumstix.c:111-160 (messageProcessor).
+    """
+    rings = struct.pack("<16h4H", *prox, *light, *volumes)
+    return checked(rings + bytes([10]) + struct.pack("<HH", *steps) + b"\x00")
+
+
+def york_epuck2_read(value: int, size: int, count: int) -> bytes:
+    """What an e-puck2 with York's map sends for `count` bytes of an answer of `size`.
+
+    Source: e-puck2_main-processor fcb74b1 src/gumstix.c:126-354 (the answers' sizes),
+    ChibiOS_ext/os/hal/ports/STM32/LLD/I2Cv1/i2c_ms_lld.c:1055-1081 (the last byte again).
+    """
+    answer = struct.pack("<H", value & 0xFFFF)[:size]
+    return (answer + count * answer[-1:])[:count]
 
 
 def york_write(register: int, value: int) -> bytes:

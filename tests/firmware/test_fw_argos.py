@@ -27,6 +27,25 @@ def frame(
     return struct.pack("<hhHBBBBcx", left, right, 0, ring, other, 0, 0, reset)
 
 
+def sensor_frame(
+    prox: list[int],
+    light: list[int],
+    battery: int,
+    acceleration: list[int],
+    micro: list[int],
+    received: int = 0,
+) -> bytes:
+    """A sensor frame, written from the original's struct.
+
+    Source: argos3-epuck 66cb8d9, firmware/firmware/real_epuck_base.h:48-72 (BaseSensorState,
+    16-bit words, `Real` a 4-byte float), little-endian as send_data has it in memory.
+    """
+    rab = struct.pack("<HHf", 0, 0, 0.0)
+    own = struct.pack("<8hH3h4h8h", *prox, battery, *acceleration, *micro, 0, *light)
+    ircom = struct.pack("<HBxHff", 0, 0, 0, 0.0, 0.0)
+    return rab + own + struct.pack("<H", received) + ircom
+
+
 class Pic:
     """A microcontroller and a clock in us."""
 
@@ -50,6 +69,11 @@ class Pic:
         self.say(data)
         return self.live(20_000)
 
+    def wake(self, config: bytes = bytes(4)) -> bytes:
+        """Greets it; it looks for that between two steps of its running light only."""
+        self.say(b"\x01" + config)
+        return self.live(lib.FW_ARGOS_BLINK_US + 20_000)
+
     @property
     def outputs(self) -> tuple[int, int, int]:
         out = self.fw.body.outputs
@@ -60,7 +84,7 @@ class Pic:
 def pic() -> Pic:
     """A microcontroller that waits for a frame."""
     one = Pic()
-    assert len(one.exchange(b"\x01" + bytes(4))) == BURST
+    assert len(one.wake()) == BURST
     return one
 
 
@@ -69,6 +93,7 @@ def test_power_on_waits_for_wake_up_and_configuration() -> None:
     assert pic.live(1_000_000) == b""
     for byte in (b"\x01", b"a", b"b", b"c"):
         assert pic.exchange(byte) == b""
+    pic.live(lib.FW_ARGOS_BLINK_US)
     assert len(pic.exchange(b"d")) == BURST
     assert pic.outputs == (0, 0, 0)
 
@@ -80,7 +105,7 @@ def test_frame_is_applied_then_answered(pic: Pic) -> None:
     burst = pic.exchange(frame(500, -500, 0x81, 0x03))
     assert pic.outputs == (500, -500, 0x81 | lib.EPUCK_ARGOS_LED_BODY | lib.EPUCK_ARGOS_LED_FRONT)
     assert struct.unpack_from("<8h", burst, 8) == tuple(range(100, 108))
-    assert struct.unpack_from("<H", burst, 24) == (1,)
+    assert struct.unpack_from("<H", burst, 24) == (0,)
     assert struct.unpack_from("<8h", burst, 40) == tuple(range(3000, 3008))
     zeros = burst[:8] + burst[26:40] + burst[56:]
     assert zeros == bytes(len(zeros))
@@ -93,16 +118,60 @@ def test_bit_0_is_the_front_led_and_bit_1_the_body(pic: Pic) -> None:
     assert pic.outputs[2] == lib.EPUCK_ARGOS_LED_BODY
 
 
-def test_battery_is_low_below_3400_mv(pic: Pic) -> None:
-    for battery_mv, low in ((3400, 0), (3399, 1)):
+def test_battery_pin_is_active_low(pic: Pic) -> None:
+    """`Battery_LOW` is the pin as it stands, and the pin is 0 below 3.4 V.
+
+    Source: argos3-epuck 66cb8d9, firmware/firmware: firmware/epuck_firmware.c:128 (send_data),
+    motor_led/e_epuck_ports.h:264-265, battery_level/battery.c:280-294 (drives on while it is 1).
+    """
+    for battery_mv, pin in ((3400, 1), (3399, 0)):
         pic.fw.body.inputs.battery_mv = battery_mv
-        assert struct.unpack_from("<H", pic.exchange(frame()), 24) == (low,)
+        assert struct.unpack_from("<H", pic.exchange(frame()), 24) == (pin,)
+
+
+def test_accelerometer_and_microphones_of_a_firmware_that_reads_them(pic: Pic) -> None:
+    """Accel is at 26 and Micro at 32; the public firmware has both commented out.
+
+    Source: argos3-epuck 66cb8d9, firmware/firmware: real_epuck_base.h:62-72,
+    firmware/epuck_firmware.c:129-140.
+    """
+    pic.fw.body.inputs.acceleration = [2048, -7, 2848]
+    pic.fw.body.inputs.microphones = [1990, 2000, 2010, 77]
+    burst = pic.exchange(frame())
+    assert burst == sensor_frame([0] * 8, [0] * 8, 1, [2048, -7, 2848], [1990, 2000, 2010])
+
+
+def test_a_frame_after_a_reset_is_the_configuration(pic: Pic) -> None:
+    """Its own range-and-bearing stays on until 'R', wake-up and zeros.
+
+    Source: argos3-epuck 66cb8d9, firmware/firmware: firmware/epuck_firmware.c:87-117
+    (receive_sensors_configuration), 146-159 (what it hears is sent), 279-315 (main);
+    real_epuck_base.h:43-47 (RBRange, RBEnabled, two bytes of padding).
+    """
+    pic.fw.rab_hears = 1
+    lib.fw_argos_reset(pic.fw, pic.now_us)
+    pic.say(frame(0x1234, 0x5678))
+    burst = pic.live(lib.FW_ARGOS_BLINK_US + 20_000)
+    assert bytes(pic.fw.config) == b"\x12\x78\x56\x00"
+    assert len(burst) == BURST and struct.unpack_from("<H", burst, 56) == (1,)
+    pic.exchange(bytes(5))
+    assert pic.exchange(frame(reset=b"R")) == b""
+    burst = pic.wake()
+    assert bytes(pic.fw.config) == bytes(4) and burst[56:58] == bytes(2)
+
+
+def test_it_looks_for_the_wake_up_byte_between_two_steps_of_its_light(pic: Pic) -> None:
+    """Source: argos3-epuck 66cb8d9, firmware/firmware/firmware/epuck_firmware.c:279-292."""
+    pic.exchange(frame(reset=b"R"))
+    pic.say(bytes(5))
+    assert pic.live(lib.FW_ARGOS_BLINK_US - 21_000) == b""
+    assert len(pic.live(21_000)) == BURST
 
 
 @given(st.integers(-(2**15), 2**15 - 1), st.integers(-(2**15), 2**15 - 1))
 def test_motor_library_clamps(left: int, right: int) -> None:
     pic = Pic()
-    pic.exchange(bytes(5))
+    pic.wake()
     pic.exchange(frame(left, right))
     assert pic.outputs[:2] == (max(-1000, min(1000, left)), max(-1000, min(1000, right)))
 
@@ -113,7 +182,7 @@ def test_leds_are_toggled_by_difference_not_set(pic: Pic) -> None:
     assert pic.outputs[2] == 0x3C
     pic.exchange(frame(ring=0x3C, reset=b"R"))
     assert pic.outputs[2] == 0, "waiting for the wake-up byte it puts the ring out"
-    pic.exchange(bytes(5))
+    pic.wake()
     pic.exchange(frame())
     assert pic.outputs[2] == 0x3C, "and the next difference inverts it"
 
@@ -122,7 +191,7 @@ def test_reset_applies_the_frame_and_answers_nothing(pic: Pic) -> None:
     assert pic.exchange(frame(300, 300, reset=b"R")) == b""
     assert pic.outputs == (300, 300, 0)
     assert pic.fw.state == lib.FW_ARGOS_WAKE
-    assert len(pic.exchange(bytes(5))) == BURST
+    assert len(pic.wake()) == BURST
 
 
 def test_both_directions_keep_the_lines_pace(pic: Pic) -> None:
@@ -223,18 +292,35 @@ def test_actuator_frame_read_and_written_is_the_same(data: bytes) -> None:
     st.lists(st.integers(-4096, 4096), min_size=8, max_size=8),
     st.lists(st.integers(0, 4096), min_size=8, max_size=8),
     st.integers(0, 1),
+    st.lists(st.integers(-4096, 4096), min_size=3, max_size=3),
+    st.lists(st.integers(0, 4096), min_size=3, max_size=3),
 )
 def test_sensor_frame_written_and_read_is_the_same(
-    prox: list[int], light: list[int], battery: int
+    prox: list[int], light: list[int], battery: int, acceleration: list[int], micro: list[int]
 ) -> None:
-    values = prox + light
-    sensors = ffi.new("struct epuck_argos_sensors *", {"prox": values[:8], "light": values[8:]})
-    sensors.battery_low = battery
+    fields = {"prox": prox, "light": light, "battery_good": battery}
+    fields |= {"acceleration": acceleration, "microphones": micro, "rab_received": battery}
+    sensors = ffi.new("struct epuck_argos_sensors *", fields)
     data = ffi.new("uint8_t[72]")
     lib.epuck_argos_put_sensors(sensors, data)
+    assert bytes(data) == sensor_frame(prox, light, battery, acceleration, micro, battery)
     read = ffi.new("struct epuck_argos_sensors *")
     assert lib.epuck_argos_get_sensors(data, read) == 0
-    assert [*read.prox, *read.light, read.battery_low] == [*values, battery]
+    assert [*read.prox, *read.light, read.battery_good] == [*prox, *light, battery]
+    assert [*read.acceleration, *read.microphones] == [*acceleration, *micro]
+    assert read.rab_received == battery
+
+
+@pytest.mark.parametrize("place", range(26, 40, 2))
+def test_accelerometer_and_microphones_that_no_converter_gives(place: int) -> None:
+    """Microphone 3 is padding, and 0 (real_epuck_base.h:67)."""
+    worst = -4097 if place < 32 else -1 if place < 38 else 1
+    good = sensor_frame([0] * 8, [9] * 8, 1, [-4095, 4095, 800], [0, 4095, 2000])
+    data = bytearray(good)
+    struct.pack_into("<h", data, place, worst)
+    read = ffi.new("struct epuck_argos_sensors *")
+    assert lib.epuck_argos_get_sensors(good, read) == 0
+    assert lib.epuck_argos_get_sensors(bytes(data), read) == -1
 
 
 @pytest.mark.parametrize("shift", range(1, 72, 2))
@@ -279,7 +365,7 @@ def test_reset_loses_everything_but_the_robot(pic: Pic) -> None:
     pic.live(1000)
     lib.fw_argos_reset(pic.fw, pic.now_us)
     assert pic.outputs == (0, 0, 0) and pic.fw.state == lib.FW_ARGOS_WAKE
-    burst = pic.exchange(bytes(5))
+    burst = pic.wake()
     assert struct.unpack_from("<h", burst, 8) == (77,)
     pic.exchange(frame(300, 300, ring=3))
     assert pic.outputs == (300, 300, 3)

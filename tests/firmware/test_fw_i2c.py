@@ -219,12 +219,20 @@ def test_york_speeds_may_be_torn_for_a_millisecond() -> None:
 
 
 def test_york_senses_only_when_switched_on() -> None:
+    """Light that was not yet measured is 4095 - 0; two sensors after the other are measured.
+
+    Source: pi-puck-e-puck1 0041716 pi-puck-e-puck1.X: ir_sensors.c:9-37 (four pairs), 53, 77
+    (times), 138-160; main.c:83-112.
+    """
     bus = York()
     bus.fw.body.inputs.prox = list(range(100, 108))
     bus.fw.body.inputs.light = [1000] * 8
-    assert bus.get(7) == bus.get(15) == b"\0\0"
+    bus.fw.body.inputs.prox = list(range(100, 108))
+    assert bus.get(7) == b"\0\0" and bus.get(15) == b"\xff\x0f"
     bus.set(6, 1)
     bus.live(2 * MS)
+    assert bus.get(15) != b"\xff\x0f" and bus.get(18) == b"\xff\x0f"
+    bus.live(8 * MS)
     assert [bus.get(7 + i) for i in range(8)] == [struct.pack("<H", 100 + i) for i in range(8)]
     assert bus.get(15) == struct.pack("<H", 4095 - 1000), "higher is brighter"
 
@@ -242,6 +250,31 @@ def test_york_leds_and_counters() -> None:
     assert -510 <= steps <= -495
 
 
+@pytest.mark.parametrize(("kind", "real"), [("york", 57600 // 65), ("gctronic", 50000 // 55)])
+def test_motors_count_their_own_ticks(kind: str, real: int) -> None:
+    """A speed of 900 steps/s is what a whole number of ticks gives.
+
+    Source: pi-puck-e-puck1 0041716 pi-puck-e-puck1.X/motors.c:187-193 with system.h:6-8 (57600 Hz,
+    counted from 0); e-puck2_main-processor 517ef07 src/motors.c:6, 193-229 (100 kHz, half steps).
+    """
+    bus = GCtronic() if kind == "gctronic" else York()
+    drive(bus, 900)
+    before, began_us = steps(bus), bus.now_us
+    bus.live(5_000 * MS)
+    passed_us = bus.now_us - began_us
+    assert abs(steps(bus) - before - real * passed_us / 1e6) < 12
+
+
+def steps(bus: Bus) -> int:
+    """The left wheel's counter."""
+    if isinstance(bus, York):
+        return int.from_bytes(bus.get(4) or b"", "little")
+    assert isinstance(bus, GCtronic)
+    answer = bus.exchange(900, 900)
+    assert answer is not None
+    return int.from_bytes(answer[41:43], "little")
+
+
 def test_york_hangs_the_bus_on_a_third_byte_until_it_is_reset() -> None:
     bus = York()
     assert bus.get(4, 3) is None
@@ -256,6 +289,84 @@ def test_york_leaves_a_byte_over_and_refuses_a_fourth() -> None:
     assert bus.get(2, 1) == b"\x01"
     assert bus.get(2) == b"\x02\x01", "the partner of the byte before comes first"
     assert bus.transfer(0x1F, bytes([2, 1, 0, 0])) is None
+
+
+def epuck2() -> York:
+    """An e-puck2 with York's map."""
+    bus = York()
+    bus.fw.is_epuck2 = 1
+    return bus
+
+
+def test_york_on_an_epuck2_answers_one_byte_of_its_leds() -> None:
+    """Source: e-puck2_main-processor fcb74b1 src/gumstix.c:126-152."""
+    bus = epuck2()
+    bus.set(0, 0x1A5)
+    bus.set(1, 0x03)
+    assert bus.fw.body.outputs.leds == 0x3A5
+    assert bus.get(0) == tables.york_epuck2_read(0xA5, 1, 2) == b"\xa5\xa5"
+    assert bus.get(1) == tables.york_epuck2_read(0x03, 1, 2) == b"\x03\x03"
+    assert bus.get(0, 1) == b"\xa5"
+
+
+@given(st.integers(-32768, 32767), st.integers(1, 5))
+def test_york_on_an_epuck2_takes_a_speed_as_a_whole(value: int, count: int) -> None:
+    """Clamped when it comes, never torn, and any number of bytes may be read.
+
+    Source: e-puck2_main-processor fcb74b1 src/gumstix.c:153-190, 425-435.
+    """
+    bus = epuck2()
+    bus.set(3, value)
+    clamped = max(-1000, min(1000, value))
+    assert bus.wheels == (0, clamped)
+    assert bus.get(3, count) == tables.york_epuck2_read(clamped, 2, count)
+    assert bus.wires.stuck == 0
+
+
+def test_york_on_an_epuck2_drops_what_is_written_after_an_error() -> None:
+    """It reads back all the same. Source: the same file, 83-99 and 408-414."""
+    bus = epuck2()
+    bus.set(2, 100)
+    bus.wires.faults.refuse = 1
+    assert bus.get(2) is None
+    assert bus.get(2) == struct.pack("<h", 100), "a question changes nothing"
+    bus.set(2, 0)
+    assert bus.get(2) == b"\0\0" and bus.wheels == (100, 0)
+    bus.set(2, 0)
+    assert bus.wheels == (0, 0) and bus.fw.dropped == 1
+
+
+def test_york_on_an_epuck2_always_senses_and_light_is_as_measured() -> None:
+    """Proximity is never below 0; light is higher where it is darker, unlike York's e-puck.
+
+    Source: e-puck2_main-processor fcb74b1 src/gumstix.c:209-354, src/sensors/proximity.c:
+    191-197 (lit is lower than ambient: what is brighter is lower), 342-370; York's e-puck:
+    pi-puck-e-puck1 0041716 pi-puck-e-puck1.X/ir_sensors.c:155-161.
+    """
+    bus = epuck2()
+    bus.fw.body.inputs.prox = [-5, *range(101, 108)]
+    bus.fw.body.inputs.light = [1000] * 8
+    assert bus.get(7) == b"\0\0" and bus.get(8) == struct.pack("<H", 101)
+    assert bus.get(15) == bus.get(22) == struct.pack("<H", 1000)
+    answer = bus.get(22)
+    bus.set(6, 1)
+    assert bus.get(6) == answer, "register 6 answers nothing: the answer before it stays"
+
+
+def test_york_proximity_of_an_epuck_is_signed() -> None:
+    """Source: pi-puck-e-puck1 0041716 pi-puck-e-puck1.X: ir_sensors.c:44, 175; main.c:96-103."""
+    bus = York()
+    bus.fw.body.inputs.prox = [-4, 0, 0, 0, 0, 0, 0, 4095]
+    bus.set(6, 1)
+    bus.live(10 * MS)
+    assert bus.get(7) == b"\xfc\xff" and bus.get(14) == b"\xff\x0f"
+
+
+def test_range_and_bearing_stores_the_light() -> None:
+    """Source: argos3-epuck 66cb8d9 erab_firmware/e-RandB_firmware_parametric/I2CSlaveDrv.c:319."""
+    bus = York()
+    bus.transfer(0x20, bytes([16, 0]))
+    assert bus.rab.light_stored == 1
 
 
 def test_ground_registers_count_on() -> None:

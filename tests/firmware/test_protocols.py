@@ -69,7 +69,34 @@ def test_asercom_reply(mode, prox, light, left, right, battery, ahead, back, dat
     assert list(got.ground)[:count] == ground
 
 
-@given(raw, raw, st.integers(0, 7), st.sampled_from([-1, -32768, 4096, 32767]), st.booleans())
+calibrated = st.lists(st.integers(0, 8190), min_size=8, max_size=8)
+"""A difference of two readings of 12 bits, minus one that may be negative, and never below 0."""
+
+
+@given(calibrated)
+def test_calibrated_proximity_above_the_converter_is_clamped(prox: list[int]) -> None:
+    """Both firmwares may send more than 4095: the stored offset may be negative.
+
+    Source: e-puck-library 4cb85cb library/a_d/advance_ad_scan/e_prox.c:107-138 (e_get_prox has
+    no clamp, e_get_calibrated_prox clamps at 0 only), program/DemoGCtronic-complete/Asercom.c:
+    441-455 ('N'); e-puck2_main-processor 517ef07 src/sensors/proximity.c:191-193, 346-358,
+    src/gumstix.c:122-126.
+    """
+    clamped = [min(value, 4095) for value in prox]
+    reply = tables.asercom_reply("extension", prox, [0] * 8, (0, 0), 0, (0, 0))
+    got = ffi.new("struct epuck_asercom_sensors *")
+    assert lib.epuck_asercom_get_reply(mode_of("extension"), reply, got) == 0
+    assert list(got.prox) == clamped
+    packet = tables.gctronic_sensors(prox, [0] * 8, (0, 0))
+    read = ffi.new("struct epuck_gctronic_sensors *")
+    assert lib.epuck_gctronic_get_sensors(packet, read) == 0
+    assert list(read.prox) == clamped
+
+
+outside = st.sampled_from([-1, -32768, 8191, 32767])
+
+
+@given(raw, raw, st.integers(0, 7), outside, st.booleans())
 def test_asercom_values_that_no_sensor_gives(prox, light, place, value, is_light) -> None:
     (light if is_light else prox)[place] = value
     reply = tables.asercom_reply("extension", prox, light, (0, 0), 0, (0, 0))
@@ -78,13 +105,39 @@ def test_asercom_values_that_no_sensor_gives(prox, light, place, value, is_light
     assert got.battery == 77, "left alone"
 
 
+@pytest.mark.parametrize("value", [-1, 4096])
+def test_light_is_what_the_converter_gives(value: int) -> None:
+    """Ambient light is one reading of 12 bits. Source: e_prox.c:147-153, proximity.c:364-370."""
+    light = [0] * 7 + [value]
+    reply = tables.asercom_reply("extension", [1] * 8, light, (0, 0), 0, (0, 0))
+    got = ffi.new("struct epuck_asercom_sensors *")
+    assert lib.epuck_asercom_get_reply(mode_of("extension"), reply, got) == -1
+    packet = tables.gctronic_sensors([1] * 8, light, (0, 0))
+    read = ffi.new("struct epuck_gctronic_sensors *")
+    assert lib.epuck_gctronic_get_sensors(packet, read) == -1
+
+
 @pytest.mark.parametrize(
     ("battery", "mv", "low"),
     [(2560, 4200, 0), (2070, 3400, 0), (2069, 3399, 1), (1, 0, 0), (0, 0, 1)],
 )
 def test_asercom_battery_of_both_hardwares(battery: int, mv: int, low: int) -> None:
-    assert lib.epuck_asercom_battery_mv(battery) == mv
-    assert lib.epuck_asercom_battery_low(battery) == low
+    assert lib.epuck_asercom_battery_mv(battery, 0) == mv
+    assert lib.epuck_asercom_battery_low(battery, 0) == low
+
+
+@pytest.mark.parametrize("volt", [3.0, 3.39, 3.41, 3.7, 4.2])
+def test_asercom_battery_of_an_epuck2(volt: float) -> None:
+    """The converter's counts of a voltage, whatever hardware it says it is.
+
+    Source: e-puck2_main-processor d2e0dbb src/sensors/battery_level.h:14-15 (220 and 330 kohm),
+    battery_level.c:15-20, 102, 127 (raw = volt * 4096 * divider / 3 V);
+    src/epuck1x/utility/utility.c:21-23; src/epuck1x/Asercom.c:331-335 ('b');
+    src/epuck1x/motor_led/e_init_port.c:43 (always hardware 1.3, so never the fixed pin).
+    """
+    counts = int(volt * 4096 * (330 / (220 + 330)) / 3.0)
+    assert abs(lib.epuck_asercom_battery_mv(counts, 1) - 1000 * volt) < 2
+    assert lib.epuck_asercom_battery_low(counts, 1) == (volt < 3.4)
 
 
 @given(st.integers(-32768, 32767), st.integers(-32768, 32767), st.integers(0, 255))
@@ -98,12 +151,18 @@ def test_gctronic_actuators(left: int, right: int, leds: int) -> None:
     assert (read.left_steps_s, read.right_steps_s, read.leds) == (left, right, leds)
 
 
-@given(raw, raw, word, word)
-def test_gctronic_sensors(prox: list[int], light: list[int], left: int, right: int) -> None:
-    packet = tables.gctronic_sensors(prox, light, (left, right))
+volumes = st.lists(st.integers(0, 32767), min_size=4, max_size=4)
+
+
+@given(raw, raw, word, word, volumes)
+def test_gctronic_sensors(
+    prox: list[int], light: list[int], left: int, right: int, loud: list[int]
+) -> None:
+    packet = tables.gctronic_sensors(prox, light, (left, right), loud)
     read = ffi.new("struct epuck_gctronic_sensors *")
     assert lib.epuck_gctronic_get_sensors(packet, read) == 0
     assert (list(read.prox), list(read.light), list(read.steps)) == (prox, light, [left, right])
+    assert list(read.microphones) == loud
     again = ffi.new("uint8_t[47]")
     lib.epuck_gctronic_put_sensors(read, again)
     assert bytes(again) == packet

@@ -16,6 +16,7 @@ from vsense.errors import UsageError
 from vsense.lab.links import BASES, GROUND_RAW, KINDS, MIXED, PROGRAMS, Bus, bases_of
 from vsense.lab.microcontrollers import Actuation, Microcontrollers
 from vsense.lab.shared import LabError
+from vsense.native import lib
 
 PATIENCE_S = 20.0
 BYTE_NS = 90_000
@@ -122,7 +123,9 @@ def test_an_answer_comes_when_its_transaction_is_over(client: Client) -> None:
     assert client.answer() is None
     client.live(2 * BYTE_NS)
     reply = client.answer()
-    assert reply == struct.pack("<IB", 1, 0) + tables.gctronic_sensors([0] * 8, DARK, (0, 0))
+    quiet = [lib.EPUCK_ARGOS_REST_RAW] * 4
+    sensors = tables.gctronic_sensors([0] * 8, DARK, (0, 0), quiet)
+    assert reply == struct.pack("<IB", 1, 0) + sensors
     assert [applied[1:] for applied in client.applied] == [(0, 300, -300, 0)]
     assert client.chips.due_ns is None, "an idle bus needs no service"
 

@@ -21,6 +21,7 @@ from hypothesis import strategies as st
 
 from vsense.lab.microcontrollers import Actuation, ActuationLog, Microcontrollers, read_actuations
 from vsense.lab.shared import LabError
+from vsense.native import lib
 from vsense.robot.inprocess import AMBIENT_RAW
 
 BYTE_NS = 86_806
@@ -81,8 +82,10 @@ class Daemon:
         return self.read(SENSOR_BYTES)
 
     def wake(self) -> bytes:
-        """Wakes the microcontroller up and takes its first frame."""
-        return self.exchange(WAKE_AND_CONFIG)
+        """Wakes the microcontroller up, which looks for that now and then, and takes its frame."""
+        self.write(WAKE_AND_CONFIG)
+        self.live(lib.FW_ARGOS_BLINK_US * 1000 + (SENSOR_BYTES + 2) * BYTE_NS)
+        return self.read(SENSOR_BYTES)
 
 
 def _available(fd: int) -> int:
@@ -110,7 +113,9 @@ def test_the_first_frame_comes_after_wake_up_and_configuration(daemon: Daemon) -
     frame = daemon.wake()
     assert struct.unpack_from("<8h", frame, 8) == tuple(prox[0])
     assert struct.unpack_from("<8h", frame, 40) == (AMBIENT_RAW,) * 8
-    assert frame[24:40] == bytes(16)
+    battery_good, rest, gravity = 1, lib.EPUCK_ARGOS_REST_RAW, lib.EPUCK_ARGOS_GRAVITY_RAW
+    at_rest = (rest, rest, rest + gravity, rest, rest, rest, 0)
+    assert frame[24:40] == struct.pack("<H7h", battery_good, *at_rest)
     assert daemon.applied == []
 
 
@@ -135,8 +140,9 @@ def test_a_frame_says_what_was_measured_when_it_was_composed(daemon: Daemon) -> 
 
 
 def test_bytes_come_no_faster_than_the_line_carries_them(daemon: Daemon) -> None:
-    daemon.write(WAKE_AND_CONFIG)
-    daemon.live(len(WAKE_AND_CONFIG) * BYTE_NS)
+    daemon.wake()
+    daemon.write(actuators(0, 0))
+    daemon.live(ACTUATOR_BYTES * BYTE_NS)
     daemon.live(40 * BYTE_NS + BYTE_NS // 2)
     first = daemon.read(32)
     assert _available(daemon.fd) <= 8
@@ -146,6 +152,7 @@ def test_bytes_come_no_faster_than_the_line_carries_them(daemon: Daemon) -> None
 
 
 def test_an_idle_line_needs_no_service(daemon: Daemon) -> None:
+    daemon.wake()
     assert daemon.controllers.due_ns is None
     daemon.write(b"\x01")
     due_ns = daemon.controllers.due_ns

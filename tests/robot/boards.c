@@ -6,6 +6,8 @@ struct talker {
     int ground;
     int rab;
     int wheels;
+    int acceleration;
+    int microphones;
     int message;
     unsigned int heard; /* messages so far */
 };
@@ -17,17 +19,22 @@ static void init(void *state, struct vs_robot *robot)
     talker->ground = vs_robot_sensor(robot, "ground");
     talker->rab = vs_robot_sensor(robot, "range_and_bearing");
     talker->wheels = vs_robot_sensor(robot, "wheels");
+    talker->acceleration = vs_robot_sensor(robot, "accelerometer");
+    talker->microphones = vs_robot_sensor(robot, "microphones");
     talker->message = vs_robot_actuator(robot, "message");
 }
 
 /* LED 0: it is bright on the left; 1: the wheels have turned; 2: the newest message came
- * from the right; 3 and more: how many messages were heard. */
+ * from the right; 3 and more: how many messages were heard. The body: it feels gravity and
+ * hears the same with three microphones. */
 static void step(void *state, struct vs_robot *robot)
 {
     struct talker *talker = state;
     double ground[3] = {0};
     double heard[31] = {0};
     double ways_cm[2] = {0};
+    double g[3] = {0};
+    double sounds[4] = {0};
     unsigned int leds = 0;
 
     if (vs_robot_values(robot, talker->ground, ground, 3) == 3 && ground[0] > 0.5)
@@ -38,6 +45,9 @@ static void step(void *state, struct vs_robot *robot)
         talker->heard += (unsigned int)heard[0];
     if (heard[0] > 0.0 && heard[2] < 0.0)
         leds |= 4;
+    if (vs_robot_values(robot, talker->acceleration, g, 3) == 3 && g[2] - g[0] == 800 &&
+        vs_robot_values(robot, talker->microphones, sounds, 4) == 3 && sounds[0] == sounds[2])
+        leds |= VS_ROBOT_LED_BODY;
     vs_robot_set_leds(robot, leds | talker->heard << 3);
     vs_robot_actuate(robot, talker->message, 0, 2);
     vs_robot_actuate(robot, talker->message, 1, talker->heard);

@@ -213,6 +213,17 @@ def test_boards_reach_the_controller_and_the_others(talking: Rig) -> None:
     assert rig.link.rab.sent == sent, "outside a run it says nothing"
 
 
+def test_accelerometer_and_microphones_reach_the_controller(talker: Path) -> None:
+    rig = Rig(talker, kind="argos")
+    rig.start()
+    rig.run()
+    rig.wait_for(lambda: rig.applied[-1].leds == lib.EPUCK_ARGOS_LED_BODY, "gravity and silence")
+    for i in range(3):
+        rig.link.program.state.body.inputs.acceleration[i] = 0
+    rig.wait_for(lambda: rig.applied[-1].leds == 0, "a firmware that does not read it")
+    rig.close()
+
+
 def test_a_board_that_is_missing_is_told(talker: Path) -> None:
     rig = Rig(talker, kind="gctronic", options=",ground,rab")
     rig.link.ground.device.address = 0x7F

@@ -35,7 +35,7 @@ POLLUTANT = ROBOT / "controllers" / "pollutant.c"
 OWN = [ROBOT / f"{part}.c" for part in ("robot", "log", "base_sensors", "number")]
 MINDS = [*(ROBOT / f"{part}.c" for part in ("loop", "guard", "safety")), *OWN]
 BASES = [*ROBOT.glob("base*.c"), *C_SRC.glob("epuck_*.c"), *C_SRC.glob("vs_i2c*.c")]
-BASES += [C_SRC / "vs_posix.c", *FIRMWARE.glob("*.c")]
+BASES += [ROBOT / "number.c", C_SRC / "vs_posix.c", *FIRMWARE.glob("*.c")]
 SUITES = {
     "robot_base": BASES,
     "robot_base_asercom": BASES,

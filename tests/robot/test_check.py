@@ -41,6 +41,15 @@ def test_all_is_well(idle: Rig, check: Check) -> None:
     assert not idle.host.connected, "nobody's session is taken"
 
 
+def test_an_empty_battery_and_a_full_one(idle: Rig, check: Check) -> None:
+    """The pin is 1 while the battery is good (see tests/firmware/test_fw_argos.py)."""
+    for battery_mv, words in ((3300, "BAD  argos on"), (4000, "ok   argos on")):
+        idle.link.program.state.body.inputs.battery_mv = battery_mv
+        _, said = check()
+        assert said["base"].startswith(words)
+        assert ("its battery is low: charge it" in said["base"]) == (battery_mv == 3300)
+
+
 def test_a_daemon_finds_the_base_after_a_check(idle: Rig, check: Check) -> None:
     check()
     idle.start()

@@ -19,11 +19,13 @@
 #include "guard.h"
 #include "loop.h"
 #include "talk.h"
+#include "../../c_src/epuck_argos.h"
 
 #define MS UINT64_C(1000000)
 #define TIMESTEP_MS 100
 #define HALF_NS (50 * MS)
 #define FRAME 12   /* [byte] that the microcontroller waits for */
+#define GREETING 5 /* [byte] that it waits for after a reset: wake-up and configuration */
 #define ANSWER 72  /* [byte] that it answers with */
 
 static struct vs_peer peer;
@@ -35,6 +37,7 @@ static struct vs_base base;
 static struct vs_talk talk;
 static union vs_controller_state state;
 static struct vs_instant now = {1000 * MS, 1000 * MS};
+static size_t wanted = FRAME;
 static size_t taken;   /* of the microcontroller's frame */
 static size_t waiting; /* of its answer */
 static unsigned long steps;
@@ -69,11 +72,15 @@ static int line_read(void *context, uint8_t *buf, size_t cap, uint64_t deadline_
 static int line_write(void *context, const uint8_t *buf, size_t len, uint64_t deadline_ns)
 {
     (void)context;
-    (void)buf;
     (void)deadline_ns;
+    if (len == FRAME && buf[EPUCK_ARGOS_RESET_AT] == EPUCK_ARGOS_RESET) {
+        wanted = GREETING;
+        return VS_OK;
+    }
     taken += len;
-    if (taken >= FRAME) {
-        taken -= FRAME;
+    if (taken >= wanted) {
+        taken -= wanted;
+        wanted = FRAME;
         waiting = ANSWER;
     }
     return VS_OK;
@@ -138,7 +145,7 @@ static void open_session(void)
 
 static void find_base(void)
 {
-    static const struct vs_base_config nowhere = {NULL, "/nowhere", {"", ""}, 2, {0, 0}};
+    static const struct vs_base_config nowhere = {NULL, "/nowhere", {"", ""}, 4, 115, 0.1f, {0, 0}};
     int tries = 0;
 
     base.ops = vs_bases[0];

@@ -100,6 +100,10 @@ class Program:
             inputs.light[i] = AMBIENT_RAW
         for i in range(3):
             inputs.ground[i] = GROUND_RAW
+            inputs.acceleration[i] = lib.EPUCK_ARGOS_REST_RAW
+        inputs.acceleration[2] += lib.EPUCK_ARGOS_GRAVITY_RAW
+        for i in range(4):
+            inputs.microphones[i] = lib.EPUCK_ARGOS_REST_RAW
         self.proximity: NDArray[np.int16] = np.frombuffer(ffi.buffer(inputs.prox), dtype=np.int16)
 
     def advance(self, now_ns: int) -> list[Outputs]:

@@ -46,7 +46,7 @@ ACT_NS = 31_000_000
 
 AMBIENT_RAW = 3000
 """What every light sensor measures in an evenly lit room, higher is darker."""
-LIGHT_RAW: int = lib.EPUCK_ARGOS_PROX_MAX - AMBIENT_RAW
+LIGHT_RAW: int = lib.EPUCK_ARGOS_RAW_MAX - AMBIENT_RAW
 """The same as the controller is given it, higher is brighter."""
 
 
