@@ -37,6 +37,8 @@ def test_table_of_a_machine_that_can_measure_nothing() -> None:
         "size_max": robot.SIZE_MAX,
         "step_instructions": None,
         "step_max": robot.STEP_MAX,
+        "step_calls": None,
+        "calls_max": robot.CALLS_MAX,
         "memory_kb": None,
         "missing": ["everything"],
     }
@@ -44,6 +46,8 @@ def test_table_of_a_machine_that_can_measure_nothing() -> None:
     assert text.count("not built") == len(boards.TARGETS)
     assert "not counted" in text and text.endswith("not measured: everything")
     report |= {"sizes": {"epuck": 108_900}, "step_instructions": 24_423, "memory_kb": 204}
+    report |= {"step_calls": 39}
     text = robot.table(report)
     assert "epuck    108,900 bytes of 120,000 allowed" in text
     assert "24,423 of 25,000 allowed" in text and "204 kB" in text
+    assert "system calls of a control step at 10 Hz, all processes: 39 of 40 allowed" in text

@@ -32,6 +32,7 @@ SUITES = {
     "robot_base_boards": BASES,
     "robot_base_config": BASES,
     "robot_base_sensors": [*OWN, *PROTOCOL],
+    "robot_memory": [ROBOT / "memory.c"],
     "robot_guard": [ROBOT / "guard.c"],
     "robot_posix": [],
     "robot_i2c_posix": [],

@@ -1,4 +1,4 @@
-"""What a robot's daemon costs: bytes, memory, and instructions of a control step.
+"""What a robot's daemon costs: bytes, memory, instructions and system calls of a control step.
 
 Sizes and instruction counts are exact and the same on every machine with the pinned compiler;
 what cannot be measured here is said, never guessed.
@@ -16,6 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from vsense.bench import robot_calls
 from vsense.lab.microcontrollers import Microcontrollers
 from vsense.robot import boards
 from vsense.robot.boards import TARGETS, toolchain
@@ -28,7 +29,11 @@ SIZE_MAX = 120_000
 STEP_MAX = 25_000
 """Instructions of a control step on ARMv5, the protocol's among them."""
 
+CALLS_MAX = 40
+"""System calls of a control step at 10 Hz, of all processes."""
+
 STEPS = 1000
+CALL_STEPS = 200
 HERE = Path(__file__).parent
 
 Say = Callable[[str], None]
@@ -41,8 +46,8 @@ def run(say: Say) -> dict[str, Any]:
         say: is told what goes on.
 
     Returns:
-        `sizes` [byte] by target, `step_instructions`, `memory_kb` of both processes on this
-        machine; None where something is missing, and `missing` says what.
+        `sizes` [byte] by target, `step_instructions`, `step_calls`, `memory_kb` of both processes
+        on this machine; None where something is missing, and `missing` says what.
     """
     missing: list[str] = []
     with tempfile.TemporaryDirectory(prefix="vsense-bench-") as folder:
@@ -53,6 +58,8 @@ def run(say: Say) -> dict[str, Any]:
             "size_max": SIZE_MAX,
             "step_instructions": step_instructions(Path(folder), say, missing),
             "step_max": STEP_MAX,
+            "step_calls": _step_calls(Path(folder) / "epuck", say) if sizes["epuck"] else None,
+            "calls_max": CALLS_MAX,
             "memory_kb": _memory_kb(Path(folder) / "host", say) if sizes["host"] else None,
             "missing": [
                 *missing,
@@ -71,6 +78,9 @@ def table(report: dict[str, Any]) -> str:
     count = report["step_instructions"]
     told = f"{count:,} of {report['step_max']:,} allowed" if count else "not counted"
     lines.append(f"instructions of a control step on ARMv5, protocol included: {told}")
+    calls = report["step_calls"]
+    told = f"{calls} of {report['calls_max']} allowed" if calls else "not counted"
+    lines.append(f"system calls of a control step at 10 Hz, all processes: {told}")
     memory = report["memory_kb"]
     lines.append(f"resident memory of both processes here: {f'{memory} kB' if memory else '?'}")
     return "\n".join([*lines, *(f"not measured: {text}" for text in report["missing"])])
@@ -115,6 +125,15 @@ def step_instructions(folder: Path, say: Say, missing: list[str]) -> int | None:
         few, many = (_count(qemu, plugin, program, mode, n) for n in (STEPS // 10, STEPS))
         costs[mode] = (many - few) / (STEPS - STEPS // 10)
     return round(costs["live"] - costs["host"])
+
+
+def _step_calls(program: Path, say: Say) -> int | None:
+    """Counts system calls; None without the emulator, of which `step_instructions` told."""
+    qemu = shutil.which("qemu-arm")
+    if qemu is None:
+        return None
+    say(f"counting system calls, for {CALL_STEPS * robot_calls.TIMESTEP_NS / 1e9:.0f} s")
+    return robot_calls.per_step(qemu, program, CALL_STEPS)
 
 
 def _build_steps(program: Path) -> None:
