@@ -12,8 +12,12 @@
 extern "C" {
 #endif
 
-/* CLOCK_MONOTONIC [ns]. */
+/* CLOCK_MONOTONIC [ns], read now. */
 uint64_t vs_posix_now_ns(void);
+
+/* The newest reading of this process's clock, without a system call: the time since is what
+ * the process computed. Whatever waits (vs_posix_wait, a bus's transfer) reads it anew. */
+uint64_t vs_posix_recent_ns(void);
 
 /* Milliseconds for poll() from now_ns until deadline_ns, rounded up: 0 if it has
  * passed, -1 (for ever) if deadline_ns is UINT64_MAX. */

@@ -7,14 +7,16 @@
 #include <netinet/in.h>
 #include <poll.h>
 #include <stdarg.h>
-#include <stdio.h>
 #include <string.h>
 #include <sys/socket.h>
 #include <time.h>
 #include <unistd.h>
 
+#include "report.h"
+#include "uid.h"
 #include "../c_src/vs_posix.h"
 
+#define LINE_MAX_BYTES 500
 #define NAPS 20                 /* so many short sleeps show the timer's grain */
 #define NAP_NS 2000000u         /* [ns] each */
 #define COARSE_NS 20000000u     /* [ns] mostly later than this and no step is on time */
@@ -23,17 +25,21 @@
 #define FIND_NS 4000000000u     /* [ns] the base may take to be found */
 #define ANSWER_NS 500000000u    /* [ns] and to answer then */
 
+static int say(const char *what, int ok, const char *format, ...) VS_FORMAT_CHECKED(3, 4);
+
 /* One line of the report. Returns its ok. */
 static int say(const char *what, int ok, const char *format, ...)
 {
+    char line[LINE_MAX_BYTES + 1];
     va_list arguments;
+    size_t len = vs_format(line, LINE_MAX_BYTES, "%-8s %-4s ", what, ok ? "ok" : "BAD");
 
-    printf("%-8s %-4s ", what, ok ? "ok" : "BAD");
     va_start(arguments, format);
-    vprintf(format, arguments);
+    len += vs_format_list(line + len, LINE_MAX_BYTES - len, format, arguments);
     va_end(arguments);
-    putchar('\n');
-    fflush(stdout);
+    line[len] = '\n';
+    line[len + 1] = '\0';
+    vs_print(line);
     return ok;
 }
 
@@ -47,10 +53,17 @@ static void insert(uint64_t *values, int count, uint64_t value)
     values[count] = value;
 }
 
+static unsigned int tenths_ms(uint64_t ns)
+{
+    return (unsigned int)((ns + 50000u) / 100000u);
+}
+
 /* Everything is timed with CLOCK_MONOTONIC: it has to run on, and poll() to wake soon. */
 static int check_clock(void)
 {
     uint64_t late_ns[NAPS];
+    unsigned int mostly;
+    unsigned int worst;
     int i;
 
     for (i = 0; i < NAPS; i++) {
@@ -64,12 +77,14 @@ static int check_clock(void)
         insert(late_ns, i, took_ns > NAP_NS ? took_ns - NAP_NS : 0);
     }
     if (late_ns[NAPS / 2] > COARSE_NS)
-        return say("clock", 0, "timers wake %.0f ms late: end whatever keeps this board busy (top)",
-                   (double)late_ns[NAPS / 2] / 1e6);
+        return say("clock", 0, "timers wake %u ms late: end whatever keeps this board busy (top)",
+                   tenths_ms(late_ns[NAPS / 2]) / 10);
     if (time(NULL) < FIRST_SANE_S)
         return say("clock", 1, "timers are good; the calendar is wrong, which only log files notice");
-    return say("clock", 1, "timers wake %.1f ms late, %.1f ms at worst",
-               (double)late_ns[NAPS / 2] / 1e6, (double)late_ns[NAPS - 1] / 1e6);
+    mostly = tenths_ms(late_ns[NAPS / 2]);
+    worst = tenths_ms(late_ns[NAPS - 1]);
+    return say("clock", 1, "timers wake %u.%u ms late, %u.%u ms at worst", mostly / 10,
+               mostly % 10, worst / 10, worst % 10);
 }
 
 static int is_address(const struct vs_options *o, struct sockaddr_in *address)
@@ -85,7 +100,7 @@ static int check_route(const struct vs_options *o, const struct sockaddr_in *hos
 {
     struct sockaddr_in own;
     socklen_t size = sizeof own;
-    char text[INET_ADDRSTRLEN] = "?";
+    const uint8_t *at = (const uint8_t *)&own.sin_addr; /* in the network's order */
     int fd = socket(AF_INET, SOCK_DGRAM, 0);
     int why = 0;
 
@@ -97,8 +112,8 @@ static int check_route(const struct vs_options *o, const struct sockaddr_in *hos
     if (why != 0)
         return say("network", 0, "no way to %s: %s; join the host's network (ip address, ip route)",
                    o->host, strerror(why));
-    inet_ntop(AF_INET, &own.sin_addr, text, sizeof text);
-    return say("network", 1, "this board is %s on the way to %s", text, o->host);
+    return say("network", 1, "this board is %d.%d.%d.%d on the way to %s", at[0], at[1], at[2],
+               at[3], o->host);
 }
 
 /* Connects. Returns 0, or the errno of what went wrong. */
@@ -230,10 +245,28 @@ static int check_base(const struct vs_options *o)
     return say("base", good, "%s on %s answers, wheels at 0", kind, o->base.device);
 }
 
+/* Who it will be for the host: what a start looks at, too. */
+static int check_uid(const struct vs_options *o)
+{
+    struct vs_options own = *o;
+    const char *source = vs_uid_find(&own);
+    char text[2 * VS_UID_SIZE + 1];
+    size_t i;
+
+    if (source == NULL)
+        return say("uid", 0, "%s", vs_uid_missing);
+    for (i = 0; i < VS_UID_SIZE; i++) {
+        text[2 * i] = "0123456789abcdef"[own.uid[i] >> 4];
+        text[2 * i + 1] = "0123456789abcdef"[own.uid[i] & 15];
+    }
+    text[2 * VS_UID_SIZE] = '\0';
+    return say("uid", 1, "%s, from %s", text, source);
+}
+
 int vs_check_run(const struct vs_options *options)
 {
     struct sockaddr_in host;
-    int good = check_clock();
+    int good = check_clock() & check_uid(options);
 
     if (!is_address(options, &host)) {
         good &= say("network", 0, "host: expected a numeric IPv4 address, got '%s'",

@@ -77,7 +77,7 @@ int vs_guard_link_receive(struct vs_guard_link *link, struct vs_guard_reply *rep
     if (len != (ssize_t)sizeof *reply || reply->number != link->number)
         return -1;
     link->waiting = 0;
-    link->heard_ns = vs_posix_now_ns();
+    link->heard_ns = vs_posix_recent_ns();
     link->base_errors = link->errors_before + reply->base_errors;
     return 1;
 }

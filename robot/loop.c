@@ -64,6 +64,9 @@ static void look_at_state(struct vs_loop *loop, const struct vs_instant *now)
 {
     const struct vs_session *s = loop->session;
 
+    /* The process is awake now, and need not wake up for this alone soon. */
+    if (now->base_ns - loop->telemetry_ns >= VS_LOOP_TELEMETRY_NS / 2)
+        loop->telemetry_due = 1;
     if (s->fresh_ns != loop->seen_fresh_ns) {
         loop->seen_fresh_ns = s->fresh_ns;
         if (!is_surely_old(s, now))
@@ -243,7 +246,7 @@ int vs_loop_request(struct vs_loop *loop, const struct vs_instant *now,
         } else {
             give_hold(loop, request);
         }
-    } else if (now->base_ns - loop->sent_ns >= VS_LOOP_PING_NS) {
+    } else if (now->base_ns - loop->sent_ns >= VS_LOOP_PING_NS / 2) { /* while awake anyway */
         request->kind = VS_GUARD_PING;
     } else {
         return 0;

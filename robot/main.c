@@ -6,38 +6,26 @@
  */
 #include <errno.h>
 #include <fcntl.h>
-#include <stdio.h>
 #include <string.h>
 #include <unistd.h>
 
 #include "check.h"
 #include "options.h"
 #include "report.h"
+#include "uid.h"
 #include "worker.h"
-
-#define MACHINE_ID "/etc/machine-id"
+#include "../c_src/vs_format.h"
 
 static void print_help(void)
 {
     size_t i;
 
-    fputs(vs_options_help, stdout);
-    for (i = 0; vs_bases[i] != NULL; i++)
-        printf("  %s\n", vs_bases[i]->help);
-}
-
-/* Returns 0, or -1 if this machine has no id. */
-static int uid_of_machine(struct vs_options *options)
-{
-    char text[64] = "";
-    int fd = open(MACHINE_ID, O_RDONLY);
-    ssize_t len;
-
-    if (fd < 0)
-        return -1;
-    len = read(fd, text, sizeof text - 1);
-    close(fd);
-    return len < 0 ? -1 : vs_options_make_uid(options, text);
+    vs_print(vs_options_help);
+    for (i = 0; vs_bases[i] != NULL; i++) {
+        vs_print("  ");
+        vs_print(vs_bases[i]->help);
+        vs_print("\n");
+    }
 }
 
 /* Reads a settings file whole. 0, or -1 and why. */
@@ -52,9 +40,9 @@ static int load(const char *file, struct vs_settings *settings, char *why, size_
                        settings->len)) > 0)
         settings->len += (size_t)len;
     if (fd < 0 || len < 0)
-        snprintf(why, why_size, "%s: cannot be read: %s", file, strerror(errno));
+        vs_format(why, why_size, "%s: cannot be read: %s", file, strerror(errno));
     else if (settings->len > VS_SETTINGS_MAX || memchr(settings->text, 0, settings->len) != NULL)
-        snprintf(why, why_size, "%s: expected a text of at most %d bytes", file, VS_SETTINGS_MAX);
+        vs_format(why, why_size, "%s: expected a text of at most %d bytes", file, VS_SETTINGS_MAX);
     else
         len = 1;
     if (fd >= 0)
@@ -87,8 +75,9 @@ int main(int argc, char *argv[])
         print_help();
         return 0;
     case VS_OPTIONS_VERSION:
-        printf("vsensed %s, controller %s%s\n", VSENSED_VERSION, vs_controller.name,
-               *VSENSED_CONTROLLER_HASH ? " " VSENSED_CONTROLLER_HASH : "");
+        vs_format(why, sizeof why, "vsensed %s, controller %s%s\n", VSENSED_VERSION,
+                  vs_controller.name, *VSENSED_CONTROLLER_HASH ? " " VSENSED_CONTROLLER_HASH : "");
+        vs_print(why);
         return 0;
     case VS_OPTIONS_BAD:
         vs_report("%s", why);
@@ -99,8 +88,8 @@ int main(int argc, char *argv[])
     if (options.check)
         return vs_check_run(&options);
     vs_report_as(options.tag);
-    if (!options.has_uid && uid_of_machine(&options) != 0) {
-        vs_report("no machine id in %s: give --uid, 32 hexadecimal digits", MACHINE_ID);
+    if (vs_uid_find(&options) == NULL) {
+        vs_report("%s", vs_uid_missing);
         return 2;
     }
     return vs_worker_run(&worker, &options);

@@ -1,12 +1,11 @@
 /* SPDX-License-Identifier: MIT */
 #include "options.h"
 
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "../c_src/vs_bytes.h"
 #include "number.h"
+#include "../c_src/vs_format.h"
 
 #define CLOCK_MAX_NS INT64_C(1000000000000000000)
 #define DRIFT_MAX_PPM 100000.0
@@ -25,7 +24,8 @@ const char vs_options_help[] =
     "  --tag TAG        number of the marker on the robot's back, 0..65535\n"
     "  --base BASE      what turns the wheels: KIND:DEVICE[,OPTION]..., see below\n"
     "  --uid HEX        32 hexadecimal digits that no other robot has\n"
-    "                   (default: /etc/machine-id mixed with the tag)\n"
+    "                   (default: the board's machine-id, serial number or MAC address, the\n"
+    "                   first that it has, mixed with the tag)\n"
     "  --name NAME      for people, at most 31 bytes (default: robot_TAG)\n"
     "  --config FILE    a file of settings, one in a line: the name of an option without\n"
     "                   its dashes, = and its value, such as: port = 4050. What the\n"
@@ -55,16 +55,15 @@ struct reading {
 
 static int refuse(const struct reading *r, const char *expected)
 {
-    snprintf(r->why, r->why_size, "%s: expected %s, got '%.100s'", r->option, expected, r->value);
+    vs_format(r->why, r->why_size, "%s: expected %s, got '%.100s'", r->option, expected, r->value);
     return -1;
 }
 
 static int read_number(const struct reading *r, uint16_t *number)
 {
-    char *end;
-    long value = strtol(r->value, &end, 10);
+    int64_t value;
 
-    if (end == r->value || *end != '\0' || value < 0 || value > 65535)
+    if (vs_number_whole(r->value, 0, 65535, &value) != 0)
         return refuse(r, "a number from 0 to 65535");
     *number = (uint16_t)value;
     return 0;
@@ -134,12 +133,8 @@ static int take_base(const struct reading *r, struct vs_options *o)
 
 static int take_offset(const struct reading *r, struct vs_options *o)
 {
-    char *end;
-    long long value = strtoll(r->value, &end, 10);
-
-    if (end == r->value || *end != '\0' || value > CLOCK_MAX_NS || value < -CLOCK_MAX_NS)
+    if (vs_number_whole(r->value, -CLOCK_MAX_NS, CLOCK_MAX_NS, &o->clock_offset_ns) != 0)
         return refuse(r, "a whole number of nanoseconds");
-    o->clock_offset_ns = value;
     return 0;
 }
 
@@ -212,11 +207,11 @@ static int take(struct vs_options *o, const char *name, const char *value,
     size_t i = strncmp(name, "--", 2) == 0 ? place(name + 2) : OPTIONS;
 
     if (i == OPTIONS && strcmp(name, "--config") != 0) {
-        snprintf(why, why_size, "unknown option '%.100s'; see vsensed --help", name);
+        vs_format(why, why_size, "unknown option '%.100s'; see vsensed --help", name);
         return -1;
     }
     if (value == NULL) {
-        snprintf(why, why_size, "%s: expected a value after it", name);
+        vs_format(why, why_size, "%s: expected a value after it", name);
         return -1;
     }
     return i < OPTIONS ? table[i].take(&r, o) : 0; /* --config: was read before */
@@ -231,16 +226,16 @@ static int take_line(struct vs_options *o, enum vs_settings_result kind, const c
     size_t i = place(name);
 
     if (kind == VS_SETTINGS_BAD) {
-        snprintf(why, why_size, "expected a setting and its value, such as 'port = 4050', got "
+        vs_format(why, why_size, "expected a setting and its value, such as 'port = 4050', got "
                  "'%.100s'", name);
         return -1;
     }
     if (i == OPTIONS) {
-        snprintf(why, why_size, "unknown setting '%.100s'; see vsensed --help", name);
+        vs_format(why, why_size, "unknown setting '%.100s'; see vsensed --help", name);
         return -1;
     }
     if (lines[i] != 0) {
-        snprintf(why, why_size, "%s: is set twice, before in line %u", name, lines[i]);
+        vs_format(why, why_size, "%s: is set twice, before in line %u", name, lines[i]);
         return -1;
     }
     lines[i] = line;
@@ -261,11 +256,11 @@ static int check(struct vs_options *o, char *why, size_t why_size)
     else if (o->base.ops == NULL)
         missing = "--base";
     if (missing != NULL) {
-        snprintf(why, why_size, "%s is missing; see vsensed --help", missing);
+        vs_format(why, why_size, "%s is missing; see vsensed --help", missing);
         return -1;
     }
     if (o->name[0] == '\0')
-        snprintf(o->name, sizeof o->name, "robot_%u", (unsigned int)o->tag);
+        vs_format(o->name, sizeof o->name, "robot_%u", (unsigned int)o->tag);
     return 0;
 }
 
@@ -297,7 +292,7 @@ int vs_options_read_settings(struct vs_options *options, const char *file,
     vs_settings_begin(settings);
     while ((kind = vs_settings_next(settings, &name, &value)) != VS_SETTINGS_END)
         if (take_line(options, kind, name, value, lines, settings->line, what, sizeof what) != 0) {
-            snprintf(why, why_size, "%s:%u: %s", file, settings->line, what);
+            vs_format(why, why_size, "%s:%u: %s", file, settings->line, what);
             return -1;
         }
     return 0;

@@ -24,7 +24,7 @@ POLLUTANT = ROBOT / "controllers" / "pollutant.c"
 OWN = [ROBOT / f"{part}.c" for part in ("robot", "base_sensors", "number")]
 MINDS = [*(ROBOT / f"{part}.c" for part in ("loop", "guard", "safety")), *OWN]
 BASES = [*ROBOT.glob("base*.c"), *C_SRC.glob("epuck_*.c"), *C_SRC.glob("vs_i2c*.c")]
-BASES += [C_SRC / "vs_posix.c", *FIRMWARE.glob("*.c")]
+BASES += [C_SRC / "vs_format.c", C_SRC / "vs_posix.c", *FIRMWARE.glob("*.c")]
 SUITES = {
     "robot_base": BASES,
     "robot_base_asercom": BASES,
@@ -35,8 +35,14 @@ SUITES = {
     "robot_memory": [ROBOT / "memory.c"],
     "robot_guard": [ROBOT / "guard.c"],
     "robot_posix": [],
-    "robot_i2c_posix": [],
+    "robot_format": [C_SRC / "vs_format.c"],
+    "robot_i2c_posix": [C_SRC / "vs_format.c"],
     "robot_settings": [ROBOT / "settings.c"],
+    "robot_uid": [
+        *(ROBOT / f"{part}.c" for part in ("options", "settings", "number")),
+        *(p for p in BASES if FIRMWARE not in p.parents),
+        C_SRC / "vs_bytes.c",
+    ],
     "robot_number": [ROBOT / "number.c"],
     "robot_stop": [ROBOT / "guard.c", *BASES],
     "robot_loop": [TESTS / "robot_life.c", *MINDS, *PROTOCOL],
@@ -53,7 +59,7 @@ RUNS |= {"robot_base_i2c": "2000"}
 """How many random worlds a suite goes through."""
 
 EDGE = {"check", "guard_link", "guard_process", "main", "net", "report", "signals", "trace"}
-EDGE |= {"worker"}
+EDGE |= {"uid", "worker"}
 """The files that talk to the operating system; all others are pure."""
 
 SYSTEM = {"errno", "fcntl", "poll", "signal", "termios", "time", "unistd", "pthread"}

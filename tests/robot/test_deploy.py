@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import select
 import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -198,6 +200,73 @@ def test_init_script_starts_stops_and_starts_again(
         os.close(started)
     assert call("status") != 0
     assert "init: vsensed 9.9" in capsys.readouterr().out
+
+
+def init_board(boards: Path, name: str) -> tuple[Path, Callable[[str], int]]:
+    """A board without systemd, and its init script."""
+    board = boards / name
+    board.mkdir()
+    script = board / "etc/init.d/vsensed"
+    environment = {**os.environ, "VSENSED_ROOT": str(board)}
+    return (
+        board,
+        lambda word: subprocess.run([script, word], env=environment, timeout=30).returncode,
+    )
+
+
+def test_init_script_leaves_the_owner_of_a_stale_pid_alone(boards: Path, tmp_path: Path) -> None:
+    board, call = init_board(boards, "old")
+    assert deploy(tmp_path, "old tag=1\n") == 0
+    call("stop")
+    # After a power failure: whoever has these numbers now, even with such a name.
+    bystanders = [
+        subprocess.Popen(["sleep", "600"]),
+        subprocess.Popen(["sh", "-c", "sleep 600; : vsensed"], start_new_session=True),
+    ]
+    try:
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+        for name, one in zip(("loop", "loop.child"), bystanders):
+            birth = Path(f"/proc/{one.pid}/stat").read_text().rsplit(")", 1)[1].split()[19]
+            for content in (f"{one.pid}\n", f"{one.pid} {boot} 1\n", f"{one.pid} other {birth}\n"):
+                (board / f"var/run/vsensed.{name}").write_text(content)
+                assert call("status") != 0
+                call("stop")
+                assert not is_gone(one.pid)
+                assert not (board / f"var/run/vsensed.{name}").exists()
+    finally:
+        for one in bystanders:
+            os.kill(one.pid, signal.SIGKILL) if one is bystanders[0] else os.killpg(one.pid, 9)
+            one.wait()
+
+
+def test_log_of_the_init_script_is_bounded(boards: Path, tmp_path: Path) -> None:
+    board, call = init_board(boards, "old")
+    program(
+        tmp_path / "vsensed",
+        FAKE_DAEMON.replace("exec sleep", "seq -f 'line %.0f' 5000 >&2; exec sleep"),
+    )
+    try:
+        assert deploy(tmp_path, "old tag=1\n") == 0
+        log = board / "var/log/vsensed.log"
+        end = time.monotonic() + 30
+        while not (log.exists() and "line 5000" in log.read_text()) and time.monotonic() < end:
+            select.select([], [], [], 0.02)
+        logs = [log.read_text(), log.with_suffix(".log.1").read_text()]
+        assert logs[0].endswith("line 5000\n") and logs[1].startswith("line 4401\n")
+        assert sum(text.count("\n") for text in logs) <= 800
+    finally:
+        call("stop")
+
+
+def test_unit_never_gives_up() -> None:
+    unit = deploying.service_files()["vsensed.service"].decode()
+    sections = dict(re.findall(r"^\[(\w+)\]\n(.*?)(?=^\[|\Z)", unit, re.M | re.S))
+    # systemd.unit(5): "set to 0 to disable any kind of rate limiting"; before version 230 the
+    # setting had another name and place (its NEWS file).
+    assert "StartLimitIntervalSec=0\n" in sections["Unit"]
+    assert (
+        "StartLimitInterval=0\n" in sections["Service"] and "Restart=always" in sections["Service"]
+    )
 
 
 def test_ctrl_c_ends_all_connections(boards: Path, tmp_path: Path) -> None:
