@@ -251,15 +251,10 @@ static int check_uid(const struct vs_options *o)
     struct vs_options own = *o;
     const char *source = vs_uid_find(&own);
     char text[2 * VS_UID_SIZE + 1];
-    size_t i;
 
     if (source == NULL)
         return say("uid", 0, "%s", vs_uid_missing);
-    for (i = 0; i < VS_UID_SIZE; i++) {
-        text[2 * i] = "0123456789abcdef"[own.uid[i] >> 4];
-        text[2 * i + 1] = "0123456789abcdef"[own.uid[i] & 15];
-    }
-    text[2 * VS_UID_SIZE] = '\0';
+    vs_uid_text(own.uid, text);
     return say("uid", 1, "%s, from %s", text, source);
 }
 

@@ -64,10 +64,30 @@ static enum vs_options_result read_options(struct vs_options *options, int argc,
     return vs_options_read(options, argc, argv, why, why_size);
 }
 
+static void print_version(void)
+{
+    char line[200];
+
+    vs_format(line, sizeof line, "vsensed %s, controller %s%s\n", VSENSED_VERSION,
+              vs_controller.name, *VSENSED_CONTROLLER_HASH ? " " VSENSED_CONTROLLER_HASH : "");
+    vs_print(line);
+}
+
+static void print_uid(const struct vs_options *options, const char *source)
+{
+    char uid[2 * VS_UID_SIZE + 1];
+    char line[200];
+
+    vs_uid_text(options->uid, uid);
+    vs_format(line, sizeof line, "%s from %s\n", uid, source);
+    vs_print(line);
+}
+
 int main(int argc, char *argv[])
 {
     static struct vs_worker worker;
     struct vs_options options;
+    const char *source;
     char why[400];
 
     switch (read_options(&options, argc, argv, why, sizeof why)) {
@@ -75,9 +95,7 @@ int main(int argc, char *argv[])
         print_help();
         return 0;
     case VS_OPTIONS_VERSION:
-        vs_format(why, sizeof why, "vsensed %s, controller %s%s\n", VSENSED_VERSION,
-                  vs_controller.name, *VSENSED_CONTROLLER_HASH ? " " VSENSED_CONTROLLER_HASH : "");
-        vs_print(why);
+        print_version();
         return 0;
     case VS_OPTIONS_BAD:
         vs_report("%s", why);
@@ -88,9 +106,14 @@ int main(int argc, char *argv[])
     if (options.check)
         return vs_check_run(&options);
     vs_report_as(options.tag);
-    if (vs_uid_find(&options) == NULL) {
+    source = vs_uid_find(&options);
+    if (source == NULL) {
         vs_report("%s", vs_uid_missing);
         return 2;
+    }
+    if (options.identify) {
+        print_uid(&options, source);
+        return 0;
     }
     return vs_worker_run(&worker, &options);
 }

@@ -32,6 +32,7 @@ const char vs_options_help[] =
     "                   command line says wins\n"
     "  --check          look whether clock, network, host and base are well, say what is\n"
     "                   wrong and how to mend it, and end: 0 all is well, 1 it is not\n"
+    "  --identify       print the uid that the host will see, and where it is from, and end\n"
     "  --version        print the version and the controller, and end\n"
     "  --help           print this and end\n"
     "\n"
@@ -269,12 +270,18 @@ void vs_options_init(struct vs_options *options)
     memset(options, 0, sizeof *options);
 }
 
+/* 1 if no value comes after it. */
+static int is_flag(const char *name)
+{
+    return strcmp(name, "--check") == 0 || strcmp(name, "--identify") == 0;
+}
+
 const char *vs_options_config(int argc, char *const argv[])
 {
     const char *file = NULL;
     int i;
 
-    for (i = 1; i < argc; i += strcmp(argv[i], "--check") == 0 ? 1 : 2)
+    for (i = 1; i < argc; i += is_flag(argv[i]) ? 1 : 2)
         if (strcmp(argv[i], "--config") == 0 && i + 1 < argc)
             file = argv[i + 1];
     return file;
@@ -310,8 +317,9 @@ enum vs_options_result vs_options_read(struct vs_options *options, int argc, cha
             return VS_OPTIONS_HELP;
         if (strcmp(argv[i], "--version") == 0)
             return VS_OPTIONS_VERSION;
-        if (strcmp(argv[i], "--check") == 0) {
-            options->check = 1;
+        if (is_flag(argv[i])) {
+            options->check |= strcmp(argv[i], "--check") == 0;
+            options->identify |= strcmp(argv[i], "--identify") == 0;
             i++;
             continue;
         }

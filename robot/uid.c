@@ -47,6 +47,18 @@ static int from_file(struct vs_options *options, const char *path)
            strspn(text, "0") != DIGITS && vs_options_make_uid(options, text) == 0;
 }
 
+/* Writes bytes in hexadecimal, and no zero behind them. */
+static void put_hex(const uint8_t *bytes, size_t count, char *digits)
+{
+    static const char hexadecimal[] = "0123456789abcdef";
+    size_t i;
+
+    for (i = 0; i < count; i++) {
+        digits[2 * i] = hexadecimal[bytes[i] >> 4];
+        digits[2 * i + 1] = hexadecimal[bytes[i] & 15];
+    }
+}
+
 /* Digits that are too few for a uid: before them comes what they are, so that no number of one
  * kind is ever that of another. */
 static int from_digits(struct vs_options *options, char kind, const char *digits, size_t count)
@@ -119,21 +131,16 @@ static int find_lowest_mac(int fd, uint8_t lowest[MAC_SIZE])
 
 static int from_mac(struct vs_options *options)
 {
-    static const char hexadecimal[] = "0123456789abcdef";
     uint8_t mac[MAC_SIZE];
     char digits[2 * MAC_SIZE];
     int fd = socket(AF_INET, SOCK_DGRAM, 0);
     int found = fd < 0 ? 0 : find_lowest_mac(fd, mac);
-    size_t i;
 
     if (fd >= 0)
         close(fd);
     if (found == 0)
         return 0;
-    for (i = 0; i < MAC_SIZE; i++) {
-        digits[2 * i] = hexadecimal[mac[i] >> 4];
-        digits[2 * i + 1] = hexadecimal[mac[i] & 15];
-    }
+    put_hex(mac, sizeof mac, digits);
     return from_digits(options, '2', digits, sizeof digits);
 }
 
@@ -148,4 +155,10 @@ const char *vs_uid_find(struct vs_options *options)
     if (from_serial(options))
         return "the processor's serial number";
     return from_mac(options) ? "a MAC address" : NULL;
+}
+
+void vs_uid_text(const uint8_t uid[VS_UID_SIZE], char text[2 * VS_UID_SIZE + 1])
+{
+    put_hex(uid, VS_UID_SIZE, text);
+    text[2 * VS_UID_SIZE] = '\0';
 }

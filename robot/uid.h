@@ -22,4 +22,7 @@ extern const char vs_uid_missing[];
  * is from, one phrase, or NULL. */
 const char *vs_uid_find(struct vs_options *options);
 
+/* A uid in hexadecimal. */
+void vs_uid_text(const uint8_t uid[VS_UID_SIZE], char text[2 * VS_UID_SIZE + 1]);
+
 #endif
