@@ -151,13 +151,34 @@ static int check_host(const struct vs_options *o, const struct sockaddr_in *host
                o->host, port, strerror(why), port);
 }
 
+static int begins(const char *text, const char *with)
+{
+    return strncmp(text, with, strlen(with)) == 0;
+}
+
+/* Which module, overlay or other name a device lacks that is not there. */
+static const char *find_device(const char *path)
+{
+    if (begins(path, "/dev/i2c-") && access("/sys/class/i2c-dev", F_OK) != 0)
+        return "i2c-dev is not loaded: modprobe i2c-dev, and a line i2c-dev in /etc/modules";
+    if (begins(path, "/dev/i2c-"))
+        return "no such bus (ls /dev/i2c-*): on a Pi-puck it comes with dtoverlay=pi-puck in"
+               " /boot/config.txt, and an older Linux calls it /dev/i2c-4 (--base pipuck-old)";
+    if (begins(path, "/dev/ttyS") || begins(path, "/dev/ttyO"))
+        return "an Overo's port is /dev/ttyS0 until Linux 2.6.36 (--base overo) and /dev/ttyO0"
+               " from then on (--base overo-omap)";
+    if (begins(path, "/dev/rfcomm"))
+        return "pair the robot, and: rfcomm bind 0 ADDRESS";
+    return "is it named right, and its driver loaded? (ls /dev)";
+}
+
 /* What to do about a device that cannot be opened. */
-static const char *cure(int err, int why)
+static const char *cure(int err, int why, const char *path)
 {
     if (err == VS_ERR_LOCKED)
         return "another vsensed has it: end that one first";
     if (why == ENOENT || why == ENODEV || why == ENXIO)
-        return "is it named right, and its driver loaded? (ls /dev)";
+        return find_device(path);
     if (why == EACCES || why == EPERM)
         return "run vsensed as root, or as a member of the device's group (ls -l)";
     return "is it a device that such a base can have?";
@@ -228,7 +249,8 @@ static int check_base(const struct vs_options *o)
     why = errno;
     if (err != VS_OK)
         return say("base", 0, "cannot open %s: %s; %s", base.news,
-                   err == VS_ERR_IO ? strerror(why) : vs_strerror(err), cure(err, why));
+                   err == VS_ERR_IO ? strerror(why) : vs_strerror(err),
+                   cure(err, why, base.news));
     err = ask(&base, &reading);
     if (err == VS_OK) {
         good = check_boards(&base, &reading);

@@ -11,6 +11,7 @@
 
 #include "check.h"
 #include "options.h"
+#include "presets.h"
 #include "report.h"
 #include "uid.h"
 #include "worker.h"
@@ -18,6 +19,8 @@
 
 static void print_help(void)
 {
+    const struct vs_preset *preset;
+    char line[200];
     size_t i;
 
     vs_print(vs_options_help);
@@ -25,6 +28,12 @@ static void print_help(void)
         vs_print("  ");
         vs_print(vs_bases[i]->help);
         vs_print("\n");
+    }
+    vs_print("Boards:\n");
+    for (preset = vs_presets; preset->name != NULL; preset++) {
+        vs_format(line, sizeof line, "  %-12s  %s (%s)\n", preset->name, preset->base,
+                  preset->about);
+        vs_print(line);
     }
 }
 

@@ -5,6 +5,7 @@
 
 #include "../c_src/vs_bytes.h"
 #include "number.h"
+#include "presets.h"
 #include "../c_src/vs_format.h"
 
 #define CLOCK_MAX_NS INT64_C(1000000000000000000)
@@ -22,7 +23,8 @@ const char vs_options_help[] =
     "  --host ADDRESS   the host's numeric IPv4 address\n"
     "  --port PORT      the host's port, TCP and UDP\n"
     "  --tag TAG        number of the marker on the robot's back, 0..65535\n"
-    "  --base BASE      what turns the wheels: KIND:DEVICE[,OPTION]..., see below\n"
+    "  --base BASE      what turns the wheels: KIND:DEVICE[,OPTION]..., or the name of a board\n"
+    "                   in place of KIND:DEVICE, see below\n"
     "  --uid HEX        32 hexadecimal digits that no other robot has\n"
     "                   (default: the board's machine-id, serial number or MAC address, the\n"
     "                   first that it has, mixed with the tag)\n"
@@ -125,11 +127,13 @@ static int take_name(const struct reading *r, struct vs_options *o)
 
 static int take_base(const struct reading *r, struct vs_options *o)
 {
+    char expanded[4 * VS_BASE_DEVICE_MAX];
     char expected[160];
+    const char *text = vs_preset_expand(r->value, expanded, sizeof expanded);
 
-    return vs_base_configure(&o->base, r->value, expected, sizeof expected) == 0
-               ? 0
-               : refuse(r, expected);
+    if (vs_base_configure(&o->base, text, expected, sizeof expected) == 0)
+        return 0;
+    return refuse(r, strchr(text, ':') != NULL ? expected : "KIND:DEVICE or a board's name");
 }
 
 static int take_offset(const struct reading *r, struct vs_options *o)

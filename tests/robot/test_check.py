@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -73,6 +74,32 @@ def test_a_base_that_is_not_there(check: Check) -> None:
     status, said = check(base="argos:/nowhere/ttyS0")
     assert status == 1
     assert said["base"].startswith("BAD  cannot open /nowhere/ttyS0: No such file or directory;")
+
+
+I2C_DEV = Path("/sys/class/i2c-dev")
+
+
+@pytest.mark.parametrize(
+    ("base", "device", "words"),
+    [
+        (
+            "pipuck",
+            "/dev/i2c-12",
+            "dtoverlay=pi-puck in /boot/config.txt"
+            if I2C_DEV.exists()
+            else "i2c-dev is not loaded: modprobe i2c-dev",
+        ),
+        ("overo-omap,rab=/dev/i2c-3", "/dev/ttyO0", "/dev/ttyS0 until Linux 2.6.36 (--base overo)"),
+        ("asercom:/dev/rfcomm9", "/dev/rfcomm9", "rfcomm bind"),
+    ],
+)
+def test_a_module_or_an_overlay_is_missing(
+    check: Check, base: str, device: str, words: str
+) -> None:
+    status, said = check(base=base)
+    assert status == 1
+    text = f"BAD  cannot open {device}: No such file or directory; "
+    assert said["base"].startswith(text) and words in said["base"]
 
 
 def test_a_base_that_is_silent(check: Check) -> None:

@@ -29,7 +29,18 @@ RUNTIME_PARTS = ("err", "bytes", "wire", "table", "body", "peer", "clock", "sess
 SYSTEM_PARTS = (
     *("base", "base_argos", "base_asercom", "base_boards", "base_config", "base_gctronic"),
     *("base_serial", "base_york", "check", "guard", "guard_link", "guard_process", "main", "net"),
-    *("memory", "options", "report", "settings", "signals", "talk", "trace", "uid", "worker"),
+    *(
+        "memory",
+        "options",
+        "presets",
+        "report",
+        "settings",
+        "signals",
+        "talk",
+        "trace",
+        "uid",
+        "worker",
+    ),
 )
 """What of `robot/` only a daemon needs: processes, files, network, and the base."""
 
