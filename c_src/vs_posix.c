@@ -3,6 +3,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <limits.h>
 #include <poll.h>
 #include <sys/file.h>
 #include <sys/syscall.h>
@@ -67,10 +68,13 @@ void vs_posix_keep_from_children(int fd)
     fcntl(fd, F_SETFD, FD_CLOEXEC);
 }
 
+/* The serial port. The kernel wakes whoever waits when `gathers` bytes are there. */
+static struct termios settings;
+static size_t gathers = 1;  /* 0: nobody knows */
+static size_t expected = 1; /* by the next read */
+
 static int set_raw(int fd, speed_t speed)
 {
-    struct termios settings;
-
     if (tcgetattr(fd, &settings) != 0)
         return -1;
     settings.c_iflag = 0;
@@ -83,6 +87,7 @@ static int set_raw(int fd, speed_t speed)
         return -1;
     if (tcsetattr(fd, TCSANOW, &settings) != 0)
         return -1;
+    gathers = expected = 1;
     return tcflush(fd, TCIOFLUSH);
 }
 
@@ -173,19 +178,64 @@ static int read_some(int fd, uint8_t *buf, size_t cap)
     return len == 0 ? VS_ERR_HANGUP : failure();
 }
 
+static void io_expect(void *context, size_t len)
+{
+    (void)context;
+    expected = len > 0 && len <= UCHAR_MAX ? len : 1;
+}
+
+/* Has the kernel wake this process when what the read expects is there. */
+static int gather(int fd)
+{
+    size_t wanted = expected;
+
+    expected = 1;
+    if (wanted == gathers)
+        return 0;
+    settings.c_cc[VMIN] = (cc_t)wanted;
+    gathers = wanted;
+    return tcsetattr(fd, TCSANOW, &settings);
+}
+
+void vs_posix_take_over(void)
+{
+    gathers = 0;
+}
+
+/* Reads what was gathered: newer kernels hand out 64 bytes at a time. */
+static int read_gathered(int fd, uint8_t *buf, size_t cap)
+{
+    int done = 0;
+
+    while ((size_t)done < gathers && (size_t)done < cap) {
+        int len = read_some(fd, buf + done, cap - (size_t)done);
+
+        if (len <= 0)
+            return done > 0 ? done : len;
+        done += len;
+    }
+    return done;
+}
+
 static int io_read(void *context, uint8_t *buf, size_t cap, uint64_t deadline_ns)
 {
     int fd = *(const int *)context;
 
-    if (deadline_ns <= vs_posix_recent_ns())
+    if (deadline_ns <= vs_posix_recent_ns()) {
+        expected = 1;
         return read_some(fd, buf, cap);
+    }
+    if (gather(fd) != 0)
+        return failure();
     for (;;) {
         int err = vs_posix_wait(fd, POLLIN, deadline_ns);
         int len;
 
+        if (err == VS_ERR_BUSY)
+            return gathers > 1 ? read_gathered(fd, buf, cap) : 0;
         if (err != VS_OK)
-            return err == VS_ERR_BUSY ? 0 : err;
-        len = read_some(fd, buf, cap);
+            return err;
+        len = read_gathered(fd, buf, cap);
         if (len != 0 || vs_posix_recent_ns() >= deadline_ns)
             return len;
     }
@@ -220,4 +270,5 @@ void vs_posix_io(struct vs_io *io, int *fd)
     io->now_ns = io_now_ns;
     io->read = io_read;
     io->write = io_write;
+    io->expect = io_expect;
 }

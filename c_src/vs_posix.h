@@ -43,8 +43,11 @@ int vs_posix_lock(int fd, uint64_t wait_ns);
  */
 int vs_posix_open_serial(const char *path, uint32_t baud, uint64_t wait_ns, int *fd);
 
-/* Lets io work on *fd. *fd has to outlive io. */
+/* Lets io work on *fd, the one serial port that this process has open. *fd has to outlive io. */
 void vs_posix_io(struct vs_io *io, int *fd);
+
+/* Another process has used the port since: how it was left nobody here knows. */
+void vs_posix_take_over(void);
 
 #ifdef __cplusplus
 }

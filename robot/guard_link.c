@@ -118,6 +118,7 @@ int vs_guard_link_stop_base(struct vs_guard_link *link)
     uint64_t until_ns = vs_posix_now_ns() + STOP_NS;
     int err = VS_ERR_BUSY;
 
+    vs_posix_take_over();
     while (err == VS_ERR_BUSY && vs_posix_now_ns() < until_ns)
         err = vs_base_recover(link->base);
     return err;

@@ -64,9 +64,6 @@ static void look_at_state(struct vs_loop *loop, const struct vs_instant *now)
 {
     const struct vs_session *s = loop->session;
 
-    /* The process is awake now, and need not wake up for this alone soon. */
-    if (now->base_ns - loop->telemetry_ns >= VS_LOOP_TELEMETRY_NS / 2)
-        loop->telemetry_due = 1;
     if (s->fresh_ns != loop->seen_fresh_ns) {
         loop->seen_fresh_ns = s->fresh_ns;
         if (!is_surely_old(s, now))
@@ -77,6 +74,10 @@ static void look_at_state(struct vs_loop *loop, const struct vs_instant *now)
         loop->seen_run = s->run;
         loop->timestep_new = 1;
     }
+    /* The process is awake now, and need not wake up soon for this alone; a step tells, too. */
+    if ((!loop->timestep_new || !loop->running) &&
+        now->base_ns - loop->telemetry_ns >= VS_LOOP_TELEMETRY_NS / 2)
+        loop->telemetry_due = 1;
 }
 
 static uint8_t same_offer(const struct vs_loop *loop)

@@ -2,7 +2,6 @@
 #include "uid.h"
 
 #include <fcntl.h>
-#include <net/if.h>
 #include <string.h>
 #include <sys/ioctl.h>
 #include <sys/socket.h>
@@ -10,13 +9,14 @@
 
 #define DIGITS (2 * VS_UID_SIZE)
 #define MAC_SIZE 6
+#define NAME_SIZE 16 /* of a network, the zero behind it included */
 #define SIOCGIFHWADDR_LINUX 0x8927 /* linux/sockios.h; musl and glibc show it beyond POSIX only */
 
 enum { ETHERNET = 1, GIVEN_LOCALLY = 2 };
 
 /* What that ioctl reads and writes: linux/if.h's struct ifreq as far as it matters here. */
 struct hardware {
-    char name[IF_NAMESIZE];
+    char name[NAME_SIZE];
     struct sockaddr address;
     char rest[16];
 };

@@ -4,7 +4,6 @@
  * read. Expected: the order that its header documents, and what the kernel's files look like.
  */
 #include <fcntl.h>
-#include <net/if.h>
 #include <stdarg.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -51,7 +50,7 @@ static ssize_t fake_read(int fd, char *buf, size_t size)
 static int fake_ioctl(void *argument)
 {
     struct {
-        char name[IF_NAMESIZE];
+        char name[16];
         struct sockaddr address;
     } request;
     uint8_t mac[6] = {0x00, 0x11, 0x22, 0x33, 0x44, 0};

@@ -23,13 +23,13 @@ from vsense.robot.boards import TARGETS, toolchain
 from vsense.robot.build import SHIPPED_CONTROLLER, cache_directory, source_tree
 from vsense.robot.compiling import BuildError, Sources, native
 
-SIZE_MAX = 120_000
+SIZE_MAX = 100_000
 """[byte] of the daemon for ARMv5 with a controller in it."""
 
-STEP_MAX = 25_000
+STEP_MAX = 14_500
 """Instructions of a control step on ARMv5, the protocol's among them."""
 
-CALLS_MAX = 40
+CALLS_MAX = 52
 """System calls of a control step at 10 Hz, of all processes."""
 
 STEPS = 1000

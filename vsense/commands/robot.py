@@ -67,6 +67,24 @@ def _add_deploy(parser: argparse.ArgumentParser) -> None:
         help="one robot in a line: what ssh is told, tag=TAG, and if they differ from robot to"
         " robot base=BASE, name=NAME, host=, port=, uid=; such as: root@192.168.1.30 tag=23",
     )
+    _add_what(parser)
+    parser.add_argument(
+        "--host",
+        metavar="ADDRESS",
+        help="numeric IPv4 address of the machine that `vsense run` will run on",
+    )
+    parser.add_argument(
+        "--port", type=arguments.port, default=4050, metavar="P", help="its port (default: 4050)"
+    )
+    parser.add_argument(
+        "--base",
+        help="what turns the robots' wheels: argos:/dev/ttyS0, or a board's name, such as pipuck;"
+        " see vsensed --help",
+    )
+    _add_ways(parser)
+
+
+def _add_what(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--binary",
         type=Path,
@@ -91,20 +109,6 @@ def _add_deploy(parser: argparse.ArgumentParser) -> None:
         help="send nothing: each robot goes back to the daemon before this one and its settings;"
         " a second time, forth again",
     )
-    parser.add_argument(
-        "--host",
-        metavar="ADDRESS",
-        help="numeric IPv4 address of the machine that `vsense run` will run on",
-    )
-    parser.add_argument(
-        "--port", type=arguments.port, default=4050, metavar="P", help="its port (default: 4050)"
-    )
-    parser.add_argument(
-        "--base",
-        help="what turns the robots' wheels: argos:/dev/ttyS0, or a board's name, such as pipuck;"
-        " see vsensed --help",
-    )
-    _add_ways(parser)
 
 
 def _add_ways(parser: argparse.ArgumentParser) -> None:
