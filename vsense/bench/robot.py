@@ -58,7 +58,7 @@ def run(say: Say) -> dict[str, Any]:
             "size_max": SIZE_MAX,
             "step_instructions": step_instructions(Path(folder), say, missing),
             "step_max": STEP_MAX,
-            "step_calls": _step_calls(Path(folder) / "epuck", say) if sizes["epuck"] else None,
+            "step_calls": _step_calls(Path(folder) / "epuck", say, missing),
             "calls_max": CALLS_MAX,
             "memory_kb": _memory_kb(Path(folder) / "host", say) if sizes["host"] else None,
             "missing": [
@@ -127,13 +127,18 @@ def step_instructions(folder: Path, say: Say, missing: list[str]) -> int | None:
     return round(costs["live"] - costs["host"])
 
 
-def _step_calls(program: Path, say: Say) -> int | None:
-    """Counts system calls; None without the emulator, of which `step_instructions` told."""
+def _step_calls(program: Path, say: Say, missing: list[str]) -> int | None:
+    """Counts the system calls of a control step of a daemon that was built for ARMv5."""
     qemu = shutil.which("qemu-arm")
-    if qemu is None:
+    if qemu is None or not program.exists():
+        missing.append("system calls: they need qemu-arm and a daemon for epuck boards")
         return None
     say(f"counting system calls, for {CALL_STEPS * robot_calls.TIMESTEP_NS / 1e9:.0f} s")
-    return robot_calls.per_step(qemu, program, CALL_STEPS)
+    try:
+        return robot_calls.per_step(qemu, program, CALL_STEPS)
+    except BuildError as error:
+        missing.append(f"system calls: {error}")
+        return None
 
 
 def _build_steps(program: Path) -> None:
