@@ -70,12 +70,16 @@ static void hear(struct process *p, uint64_t deadline_ns)
     struct vs_guard *g = &p->guard;
     struct pollfd fds[2] = {{p->socket, 0, 0}, {p->signals_fd, POLLIN, 0}};
     struct vs_guard_request request;
+    uint64_t now_ns = vs_posix_recent_ns();
     int ready;
-    uint64_t now_ns;
 
     if (vs_guard_listens(g))
         fds[0].events = POLLIN;
-    ready = poll(fds, 2, vs_posix_timeout_ms(vs_posix_recent_ns(), deadline_ns));
+    /* The worker that was just answered may have had the processor since: while wheels turn no
+     * wait is longer for that. */
+    if (deadline_ns > now_ns && deadline_ns != UINT64_MAX)
+        now_ns = vs_posix_now_ns();
+    ready = poll(fds, 2, vs_posix_timeout_ms(now_ns, deadline_ns));
     now_ns = vs_posix_now_ns();
     if (ready <= 0)
         return;
