@@ -113,7 +113,7 @@ NATIVE = Library(
         "firmware_bridge/fw_body.h",
         "firmware_bridge/fw_uart.h",
     ),
-    robot_only=("vs_posix", "vs_io", "vs_i2c", "vs_i2c_posix"),
+    robot_only=("vs_posix", "vs_io", "vs_i2c", "vs_i2c_posix", "vs_format"),
 )
 
 KERNELS = Library(

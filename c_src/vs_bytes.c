@@ -11,17 +11,24 @@ void vs_writer_init(struct vs_writer *w, uint8_t *buf, size_t cap)
     w->error = VS_OK;
 }
 
+/* Keeps the first error. Without room left nothing else has to ask whether there was one. */
+static void fail_writing(struct vs_writer *w, int error)
+{
+    if (w->error == VS_OK)
+        w->error = error;
+    w->cap = w->len;
+}
+
 /* Room for len more bytes, or NULL. */
 static uint8_t *reserve(struct vs_writer *w, size_t len)
 {
-    uint8_t *at = NULL;
+    uint8_t *at = w->buf + w->len;
 
-    if (w->error == VS_OK && len > w->cap - w->len)
-        w->error = VS_ERR_SPACE;
-    if (w->error == VS_OK) {
-        at = w->buf + w->len;
-        w->len += len;
+    if (len > w->cap - w->len) {
+        fail_writing(w, VS_ERR_SPACE);
+        return NULL;
     }
+    w->len += len;
     return at;
 }
 
@@ -88,8 +95,8 @@ void vs_put_text(struct vs_writer *w, const char *text, size_t max)
 {
     size_t len = strlen(text);
 
-    if (w->error == VS_OK && (len > max || vs_text_check((const uint8_t *)text, len, 0) < 0))
-        w->error = VS_ERR_TEXT;
+    if (len > max || vs_text_check((const uint8_t *)text, len, 0) < 0)
+        fail_writing(w, VS_ERR_TEXT);
     vs_put_u8(w, (uint8_t)len);
     vs_put_bytes(w, (const uint8_t *)text, len);
 }
@@ -102,16 +109,23 @@ void vs_reader_init(struct vs_reader *r, const uint8_t *buf, size_t len)
     r->error = VS_OK;
 }
 
+/* As fail_writing. */
+static void fail_reading(struct vs_reader *r, int error)
+{
+    if (r->error == VS_OK)
+        r->error = error;
+    r->len = r->pos;
+}
+
 const uint8_t *vs_get_bytes(struct vs_reader *r, size_t len)
 {
-    const uint8_t *at = NULL;
+    const uint8_t *at = r->buf + r->pos;
 
-    if (r->error == VS_OK && len > r->len - r->pos)
-        r->error = VS_ERR_BODY;
-    if (r->error == VS_OK) {
-        at = r->buf + r->pos;
-        r->pos += len;
+    if (len > r->len - r->pos) {
+        fail_reading(r, VS_ERR_BODY);
+        return NULL;
     }
+    r->pos += len;
     return at;
 }
 
@@ -152,7 +166,7 @@ void vs_get_text(struct vs_reader *r, char *text, size_t max)
     if (!at)
         return;
     if (len > max || vs_text_check(at, len, 0) < 0) {
-        r->error = VS_ERR_TEXT;
+        fail_reading(r, VS_ERR_TEXT);
         return;
     }
     memcpy(text, at, len);

@@ -3,17 +3,31 @@
 
 #include <string.h>
 
+enum {
+    DRIFT_PART = 1000000 / VS_CLOCK_DRIFT_PPM, /* clocks drift apart by one in so many */
+    IS_4000 = 1 / (1000000 == 4000 * VS_CLOCK_DRIFT_PPM)
+};
+
+/* n / (125 << shift). The processors of robots have no division, but a multiplication:
+ * 2^38 / 125, rounded up, is exact for 32 bits. */
+static uint64_t divided(uint64_t n, unsigned int shift)
+{
+    uint64_t units = n >> shift;
+
+    return units <= UINT32_MAX ? (units * 2199023256u) >> 38 : units / 125u;
+}
+
 /* What two clocks can drift apart in elapsed_ns, rounded up. */
 static uint64_t drift_ns(uint64_t elapsed_ns)
 {
-    uint32_t few_ns = (uint32_t)elapsed_ns;
+    uint64_t whole_ns = divided(elapsed_ns, 5);
 
-    /* Within 4 s, as nearly always, a small processor need not divide 64 bits. */
-    if (elapsed_ns == few_ns)
-        return few_ns / 1000000u * VS_CLOCK_DRIFT_PPM +
-               (few_ns % 1000000u * VS_CLOCK_DRIFT_PPM + 999999u) / 1000000u;
-    return elapsed_ns / 1000000 * VS_CLOCK_DRIFT_PPM +
-           (elapsed_ns % 1000000 * VS_CLOCK_DRIFT_PPM + 999999) / 1000000;
+    return whole_ns + (whole_ns * DRIFT_PART != elapsed_ns);
+}
+
+uint64_t vs_clock_us(uint64_t ns)
+{
+    return divided(ns, 3);
 }
 
 /* a - b modulo 2^64 as a signed number, without a conversion that C leaves to the

@@ -33,6 +33,9 @@ void vs_clock_init(struct vs_clock *c);
 int vs_clock_sample(struct vs_clock *c, uint64_t echo_ns, uint64_t send_ns,
                     uint32_t hold_us, uint64_t now_ns);
 
+/* Whole microseconds. */
+uint64_t vs_clock_us(uint64_t ns);
+
 /* Estimate at now_ns. Errors: VS_ERR_STATE before the first sample. */
 int vs_clock_estimate(const struct vs_clock *c, uint64_t now_ns,
                       int64_t *offset_ns, uint64_t *bound_ns);

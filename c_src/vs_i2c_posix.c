@@ -6,8 +6,6 @@
 #include <linux/i2c-dev.h>
 #include <linux/i2c.h>
 #include <poll.h>
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 #include <sys/ioctl.h>
 #include <sys/socket.h>
@@ -16,6 +14,7 @@
 #include <sys/un.h>
 #include <unistd.h>
 
+#include "vs_format.h"
 #include "vs_posix.h"
 
 #define TIMEOUT_UNIT_NS 10000000u /* [ns] of ioctl I2C_TIMEOUT */
@@ -27,7 +26,7 @@
 static uint64_t bus_now_ns(void *context)
 {
     (void)context;
-    return vs_posix_now_ns();
+    return vs_posix_recent_ns();
 }
 
 static int transfer_device(void *context, uint8_t address, const uint8_t *out, size_t out_len,
@@ -36,6 +35,8 @@ static int transfer_device(void *context, uint8_t address, const uint8_t *out, s
     uint8_t copy[VS_I2C_OUT_MAX]; /* the kernel's struct wants what it writes to be mutable */
     struct i2c_msg messages[2];
     struct i2c_rdwr_ioctl_data transaction = {messages, 0};
+    int done;
+    int why;
 
     if (out_len > sizeof copy || in_len > VS_I2C_IN_MAX || out_len + in_len == 0)
         return VS_ERR_ARGUMENT;
@@ -53,11 +54,14 @@ static int transfer_device(void *context, uint8_t address, const uint8_t *out, s
         transaction.nmsgs++;
     }
     messages[0].addr = messages[1].addr = address;
-    if (ioctl(*(const int *)context, I2C_RDWR, &transaction) == (int)transaction.nmsgs)
+    done = ioctl(*(const int *)context, I2C_RDWR, &transaction);
+    why = errno;
+    (void)vs_posix_now_ns(); /* the bus took its time */
+    if (done == (int)transaction.nmsgs)
         return VS_OK;
-    if (errno == ENODEV)
+    if (why == ENODEV)
         return VS_ERR_HANGUP;
-    return errno == EBADF || errno == EINVAL || errno == EFAULT ? VS_ERR_IO : VS_ERR_SILENT;
+    return why == EBADF || why == EINVAL || why == EFAULT ? VS_ERR_IO : VS_ERR_SILENT;
 }
 
 static void put_u32(uint8_t *at, uint32_t value)
@@ -156,14 +160,17 @@ static int parent_of(int number)
     char target[256];
     const char *name;
     ssize_t len;
+    int parent = 0;
 
-    snprintf(link, sizeof link, "/sys/bus/i2c/devices/i2c-%d/mux_device", number);
+    vs_format(link, sizeof link, "/sys/bus/i2c/devices/i2c-%d/mux_device", number);
     len = readlink(link, target, sizeof target - 1);
     if (len < 0)
         return -1;
     target[len] = '\0';
     name = strrchr(target, '/'); /* of the multiplexer: "1-0070", adapter and address */
-    return (int)strtol(name == NULL ? target : name + 1, NULL, 10);
+    for (name = name == NULL ? target : name + 1; *name >= '0' && *name <= '9'; name++)
+        parent = parent * 10 + (*name - '0');
+    return parent;
 }
 
 /* Errors of the bus block for as long as its adapter's time-out says: a whole second,
@@ -181,7 +188,7 @@ static int bound_errors(int fd)
         return -1;
     parent = parent_of((int)minor(device.st_rdev));
     for (i = 0; i < ADAPTERS_MAX && parent >= 0; i++) {
-        snprintf(path, sizeof path, "/dev/i2c-%d", parent);
+        vs_format(path, sizeof path, "/dev/i2c-%d", parent);
         fd = open(path, O_RDWR);
         if (fd < 0)
             return -1;

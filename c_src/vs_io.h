@@ -24,6 +24,10 @@ struct vs_io {
     /* Hands all len bytes to the line. VS_OK, VS_ERR_IO (also if the line did not
      * take them until deadline_ns) or VS_ERR_HANGUP. */
     int (*write)(void *context, const uint8_t *buf, size_t len, uint64_t deadline_ns);
+
+    /* The next read wants so many bytes together: it may wait for all of them, and give
+     * fewer with its deadline only. Spares a slow line's wake-ups. NULL: cannot. */
+    void (*expect)(void *context, size_t len);
 };
 
 #endif

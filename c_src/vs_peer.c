@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: MIT */
+#include "vs_clock.h"
 #include "vs_peer_robot.h"
 
 #include <string.h>
@@ -39,7 +40,7 @@ int vs_peer_over_tcp(const struct vs_peer *p, uint64_t now_ns)
 
 void vs_peer_stamp(const struct vs_peer *p, uint64_t now_ns, struct vs_header *header)
 {
-    uint64_t hold_us = (now_ns - p->rx_ns) / 1000;
+    uint64_t hold_us = vs_clock_us(now_ns - p->rx_ns);
 
     header->flags = vs_peer_udp_silent(p, now_ns) ? VS_FLAG_NO_UDP : 0;
     header->session = p->session;

@@ -12,8 +12,12 @@
 extern "C" {
 #endif
 
-/* CLOCK_MONOTONIC [ns]. */
+/* CLOCK_MONOTONIC [ns], read now. */
 uint64_t vs_posix_now_ns(void);
+
+/* The newest reading of this process's clock, without a system call: the time since is what
+ * the process computed. Whatever waits (vs_posix_wait, a bus's transfer) reads it anew. */
+uint64_t vs_posix_recent_ns(void);
 
 /* Milliseconds for poll() from now_ns until deadline_ns, rounded up: 0 if it has
  * passed, -1 (for ever) if deadline_ns is UINT64_MAX. */
@@ -39,8 +43,11 @@ int vs_posix_lock(int fd, uint64_t wait_ns);
  */
 int vs_posix_open_serial(const char *path, uint32_t baud, uint64_t wait_ns, int *fd);
 
-/* Lets io work on *fd. *fd has to outlive io. */
+/* Lets io work on *fd, the one serial port that this process has open. *fd has to outlive io. */
 void vs_posix_io(struct vs_io *io, int *fd);
+
+/* Another process has used the port since: how it was left nobody here knows. */
+void vs_posix_take_over(void);
 
 #ifdef __cplusplus
 }

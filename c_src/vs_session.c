@@ -300,13 +300,12 @@ static uint32_t clock_bound_us(const struct vs_clock *clock, uint64_t now_ns)
 {
     int64_t offset_ns;
     uint64_t bound_ns;
+    uint64_t bound_us;
 
     if (vs_clock_estimate(clock, now_ns, &offset_ns, &bound_ns) != VS_OK)
         return VS_NEVER_US;
-    if (bound_ns <= UINT32_MAX)
-        return (uint32_t)bound_ns / 1000 + 1;
-    bound_ns = bound_ns / 1000 + 1;
-    return bound_ns < VS_NEVER_US ? (uint32_t)bound_ns : VS_NEVER_US - 1;
+    bound_us = vs_clock_us(bound_ns) + 1;
+    return bound_us < VS_NEVER_US ? (uint32_t)bound_us : VS_NEVER_US - 1;
 }
 
 int vs_session_telemetry(struct vs_session *s, struct vs_telemetry *t, uint64_t now_ns,

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT */
 #include "base_config.h"
 
-#include <stdio.h>
 #include <string.h>
 
 #include "number.h"
+#include "../c_src/vs_format.h"
 
 #define RAB_K_CM 0.0867438559f /* [cm] Source: argos3-epuck 66cb8d9
                                   real_epuck_range_and_bearing_sensor.cpp:75 */
@@ -47,14 +47,14 @@ static void add(char *text, size_t size, const char *more)
 {
     size_t len = strlen(text);
 
-    snprintf(text + len, size - len, "%s", more);
+    vs_format(text + len, size - len, "%s", more);
 }
 
 static int refuse_kind(char *expected, size_t size)
 {
     size_t i;
 
-    snprintf(expected, size, "KIND:DEVICE with KIND one of ");
+    vs_format(expected, size, "KIND:DEVICE with KIND one of ");
     for (i = 0; vs_bases[i] != NULL; i++) {
         add(expected, size, i == 0 ? "" : ", ");
         add(expected, size, vs_bases[i]->name);
@@ -67,7 +67,7 @@ static int refuse_option(const struct vs_base_ops *ops, char *expected, size_t s
     const struct vs_base_choice *choice;
     size_t i;
 
-    snprintf(expected, size, "after %s:DEVICE only ", ops->name);
+    vs_format(expected, size, "after %s:DEVICE only ", ops->name);
     for (choice = ops->choices; choice->name != NULL; choice++) {
         add(expected, size, choice->name);
         for (i = 0; choice->values[i] != NULL; i++) {
@@ -176,7 +176,7 @@ int vs_base_configure(struct vs_base_config *config, const char *text, char *exp
         return refuse_kind(expected, size);
     text++;
     if (keep(cut(&text, ","), config->device) != 0) {
-        snprintf(expected, size, "a device of at most %d bytes, such as %s:%s",
+        vs_format(expected, size, "a device of at most %d bytes, such as %s:%s",
                  VS_BASE_DEVICE_MAX, config->ops->name, config->ops->device);
         return -1;
     }

@@ -22,9 +22,12 @@ int vs_serial_collect(struct vs_base *base, uint64_t deadline_ns)
     struct vs_serial *line = vs_serial_of(base);
 
     while (line->got < line->wanted) {
-        int len = base->io.read(base->io.context, line->answer + line->got,
-                                line->wanted - line->got, deadline_ns);
+        int len;
 
+        if (base->io.expect != NULL)
+            base->io.expect(base->io.context, line->wanted - line->got);
+        len = base->io.read(base->io.context, line->answer + line->got, line->wanted - line->got,
+                            deadline_ns);
         if (len < 0)
             return len;
         if (len == 0)

@@ -7,14 +7,16 @@
 #include <netinet/in.h>
 #include <poll.h>
 #include <stdarg.h>
-#include <stdio.h>
 #include <string.h>
 #include <sys/socket.h>
 #include <time.h>
 #include <unistd.h>
 
+#include "report.h"
+#include "uid.h"
 #include "../c_src/vs_posix.h"
 
+#define LINE_MAX_BYTES 500
 #define NAPS 20                 /* so many short sleeps show the timer's grain */
 #define NAP_NS 2000000u         /* [ns] each */
 #define COARSE_NS 20000000u     /* [ns] mostly later than this and no step is on time */
@@ -23,17 +25,21 @@
 #define FIND_NS 4000000000u     /* [ns] the base may take to be found */
 #define ANSWER_NS 500000000u    /* [ns] and to answer then */
 
+static int say(const char *what, int ok, const char *format, ...) VS_FORMAT_CHECKED(3, 4);
+
 /* One line of the report. Returns its ok. */
 static int say(const char *what, int ok, const char *format, ...)
 {
+    char line[LINE_MAX_BYTES + 1];
     va_list arguments;
+    size_t len = vs_format(line, LINE_MAX_BYTES, "%-8s %-4s ", what, ok ? "ok" : "BAD");
 
-    printf("%-8s %-4s ", what, ok ? "ok" : "BAD");
     va_start(arguments, format);
-    vprintf(format, arguments);
+    len += vs_format_list(line + len, LINE_MAX_BYTES - len, format, arguments);
     va_end(arguments);
-    putchar('\n');
-    fflush(stdout);
+    line[len] = '\n';
+    line[len + 1] = '\0';
+    vs_print(line);
     return ok;
 }
 
@@ -47,10 +53,17 @@ static void insert(uint64_t *values, int count, uint64_t value)
     values[count] = value;
 }
 
+static unsigned int tenths_ms(uint64_t ns)
+{
+    return (unsigned int)((ns + 50000u) / 100000u);
+}
+
 /* Everything is timed with CLOCK_MONOTONIC: it has to run on, and poll() to wake soon. */
 static int check_clock(void)
 {
     uint64_t late_ns[NAPS];
+    unsigned int mostly;
+    unsigned int worst;
     int i;
 
     for (i = 0; i < NAPS; i++) {
@@ -64,12 +77,14 @@ static int check_clock(void)
         insert(late_ns, i, took_ns > NAP_NS ? took_ns - NAP_NS : 0);
     }
     if (late_ns[NAPS / 2] > COARSE_NS)
-        return say("clock", 0, "timers wake %.0f ms late: end whatever keeps this board busy (top)",
-                   (double)late_ns[NAPS / 2] / 1e6);
+        return say("clock", 0, "timers wake %u ms late: end whatever keeps this board busy (top)",
+                   tenths_ms(late_ns[NAPS / 2]) / 10);
     if (time(NULL) < FIRST_SANE_S)
         return say("clock", 1, "timers are good; the calendar is wrong, which only log files notice");
-    return say("clock", 1, "timers wake %.1f ms late, %.1f ms at worst",
-               (double)late_ns[NAPS / 2] / 1e6, (double)late_ns[NAPS - 1] / 1e6);
+    mostly = tenths_ms(late_ns[NAPS / 2]);
+    worst = tenths_ms(late_ns[NAPS - 1]);
+    return say("clock", 1, "timers wake %u.%u ms late, %u.%u ms at worst", mostly / 10,
+               mostly % 10, worst / 10, worst % 10);
 }
 
 static int is_address(const struct vs_options *o, struct sockaddr_in *address)
@@ -85,7 +100,7 @@ static int check_route(const struct vs_options *o, const struct sockaddr_in *hos
 {
     struct sockaddr_in own;
     socklen_t size = sizeof own;
-    char text[INET_ADDRSTRLEN] = "?";
+    const uint8_t *at = (const uint8_t *)&own.sin_addr; /* in the network's order */
     int fd = socket(AF_INET, SOCK_DGRAM, 0);
     int why = 0;
 
@@ -97,8 +112,8 @@ static int check_route(const struct vs_options *o, const struct sockaddr_in *hos
     if (why != 0)
         return say("network", 0, "no way to %s: %s; join the host's network (ip address, ip route)",
                    o->host, strerror(why));
-    inet_ntop(AF_INET, &own.sin_addr, text, sizeof text);
-    return say("network", 1, "this board is %s on the way to %s", text, o->host);
+    return say("network", 1, "this board is %d.%d.%d.%d on the way to %s", at[0], at[1], at[2],
+               at[3], o->host);
 }
 
 /* Connects. Returns 0, or the errno of what went wrong. */
@@ -136,13 +151,34 @@ static int check_host(const struct vs_options *o, const struct sockaddr_in *host
                o->host, port, strerror(why), port);
 }
 
+static int begins(const char *text, const char *with)
+{
+    return strncmp(text, with, strlen(with)) == 0;
+}
+
+/* Which module, overlay or other name a device lacks that is not there. */
+static const char *find_device(const char *path)
+{
+    if (begins(path, "/dev/i2c-") && access("/sys/class/i2c-dev", F_OK) != 0)
+        return "i2c-dev is not loaded: modprobe i2c-dev, and a line i2c-dev in /etc/modules";
+    if (begins(path, "/dev/i2c-"))
+        return "no such bus (ls /dev/i2c-*): on a Pi-puck it comes with dtoverlay=pi-puck in"
+               " /boot/config.txt, and an older Linux calls it /dev/i2c-4 (--base pipuck-old)";
+    if (begins(path, "/dev/ttyS") || begins(path, "/dev/ttyO"))
+        return "an Overo's port is /dev/ttyS0 until Linux 2.6.36 (--base overo) and /dev/ttyO0"
+               " from then on (--base overo-omap)";
+    if (begins(path, "/dev/rfcomm"))
+        return "pair the robot, and: rfcomm bind 0 ADDRESS";
+    return "is it named right, and its driver loaded? (ls /dev)";
+}
+
 /* What to do about a device that cannot be opened. */
-static const char *cure(int err, int why)
+static const char *cure(int err, int why, const char *path)
 {
     if (err == VS_ERR_LOCKED)
         return "another vsensed has it: end that one first";
     if (why == ENOENT || why == ENODEV || why == ENXIO)
-        return "is it named right, and its driver loaded? (ls /dev)";
+        return find_device(path);
     if (why == EACCES || why == EPERM)
         return "run vsensed as root, or as a member of the device's group (ls -l)";
     return "is it a device that such a base can have?";
@@ -213,7 +249,8 @@ static int check_base(const struct vs_options *o)
     why = errno;
     if (err != VS_OK)
         return say("base", 0, "cannot open %s: %s; %s", base.news,
-                   err == VS_ERR_IO ? strerror(why) : vs_strerror(err), cure(err, why));
+                   err == VS_ERR_IO ? strerror(why) : vs_strerror(err),
+                   cure(err, why, base.news));
     err = ask(&base, &reading);
     if (err == VS_OK) {
         good = check_boards(&base, &reading);
@@ -230,10 +267,23 @@ static int check_base(const struct vs_options *o)
     return say("base", good, "%s on %s answers, wheels at 0", kind, o->base.device);
 }
 
+/* Who it will be for the host: what a start looks at, too. */
+static int check_uid(const struct vs_options *o)
+{
+    struct vs_options own = *o;
+    const char *source = vs_uid_find(&own);
+    char text[2 * VS_UID_SIZE + 1];
+
+    if (source == NULL)
+        return say("uid", 0, "%s", vs_uid_missing);
+    vs_uid_text(own.uid, text);
+    return say("uid", 1, "%s, from %s", text, source);
+}
+
 int vs_check_run(const struct vs_options *options)
 {
     struct sockaddr_in host;
-    int good = check_clock();
+    int good = check_clock() & check_uid(options);
 
     if (!is_address(options, &host)) {
         good &= say("network", 0, "host: expected a numeric IPv4 address, got '%s'",

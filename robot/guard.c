@@ -31,16 +31,8 @@ static void answer(struct vs_guard *g, int result, int sensed)
 {
     if (!g->answer)
         return;
-    g->reply.number = g->request.number;
-    g->reply.kind = (uint8_t)g->request.kind;
-    g->reply.result = result;
-    g->reply.sensed = (uint8_t)sensed;
-    g->reply.cause = g->cause;
-    g->reply.lost = g->lost;
-    g->reply.base_errors = g->base_errors;
-    g->reply.command = g->command;
-    g->reply.reading = g->reading;
-    g->reply.reading_ns = g->reading_ns;
+    g->result = result;
+    g->sensed = (uint8_t)sensed;
     g->answer = 0;
     g->reply_due = 1;
 }
@@ -206,7 +198,19 @@ int vs_guard_reply(struct vs_guard *g, struct vs_guard_reply *reply)
 {
     if (!g->reply_due)
         return 0;
-    *reply = g->reply;
+    reply->number = g->request.number;
+    reply->result = g->result;
+    reply->kind = (uint8_t)g->request.kind;
+    reply->cause = g->cause;
+    reply->sensed = g->sensed;
+    reply->lost = g->lost;
+    reply->base_errors = g->base_errors;
+    reply->command = g->command;
+    reply->reading_ns = g->reading_ns;
+    if (g->sensed)
+        reply->reading = g->reading;
+    else
+        memset(&reply->reading, 0, sizeof reply->reading);
     g->reply_due = 0;
     return 1;
 }

@@ -50,7 +50,7 @@ struct vs_guard_reply {
     uint8_t lost;                   /* the base is being searched for */
     uint32_t base_errors;           /* since this guard began */
     struct vs_base_command command; /* in force now */
-    struct vs_base_reading reading; /* newest */
+    struct vs_base_reading reading; /* zeros unless sensed */
     uint64_t reading_ns;            /* when it came, 0 = none yet */
 };
 
@@ -80,8 +80,9 @@ struct vs_guard {
     uint8_t action;       /* enum vs_guard_action given by vs_guard_next */
     uint8_t answer;       /* a request waits for its reply */
     struct vs_guard_request request;
-    struct vs_guard_reply reply;
     uint8_t reply_due;
+    uint8_t sensed;       /* for the reply */
+    int result;
 };
 
 /* Begins with wheels at 0. found: the base was just recovered; else that is first. */

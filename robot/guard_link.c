@@ -77,7 +77,7 @@ int vs_guard_link_receive(struct vs_guard_link *link, struct vs_guard_reply *rep
     if (len != (ssize_t)sizeof *reply || reply->number != link->number)
         return -1;
     link->waiting = 0;
-    link->heard_ns = vs_posix_now_ns();
+    link->heard_ns = vs_posix_recent_ns();
     link->base_errors = link->errors_before + reply->base_errors;
     return 1;
 }
@@ -118,6 +118,7 @@ int vs_guard_link_stop_base(struct vs_guard_link *link)
     uint64_t until_ns = vs_posix_now_ns() + STOP_NS;
     int err = VS_ERR_BUSY;
 
+    vs_posix_take_over();
     while (err == VS_ERR_BUSY && vs_posix_now_ns() < until_ns)
         err = vs_base_recover(link->base);
     return err;

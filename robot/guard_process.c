@@ -41,7 +41,7 @@ static void perform(struct process *p, enum vs_guard_action action)
         p->result = p->base->ops->close(p->base);
     else
         return;
-    vs_guard_done(g, p->result, vs_posix_now_ns());
+    vs_guard_done(g, p->result, vs_posix_recent_ns());
     pass_on(p);
 }
 
@@ -61,7 +61,7 @@ static void tell(struct process *p)
     if (vs_guard_reply(&p->guard, &reply) &&
         send(p->socket, &reply, sizeof reply, MSG_NOSIGNAL | MSG_DONTWAIT) !=
             (ssize_t)sizeof reply)
-        vs_guard_orphaned(&p->guard, vs_posix_now_ns());
+        vs_guard_orphaned(&p->guard, vs_posix_recent_ns());
 }
 
 /* Waits until deadline_ns for what the worker, or a signal, says. */
@@ -70,13 +70,19 @@ static void hear(struct process *p, uint64_t deadline_ns)
     struct vs_guard *g = &p->guard;
     struct pollfd fds[2] = {{p->socket, 0, 0}, {p->signals_fd, POLLIN, 0}};
     struct vs_guard_request request;
-    uint64_t now_ns = vs_posix_now_ns();
+    uint64_t now_ns = vs_posix_recent_ns();
+    int ready;
 
     if (vs_guard_listens(g))
         fds[0].events = POLLIN;
-    if (poll(fds, 2, vs_posix_timeout_ms(now_ns, deadline_ns)) <= 0)
-        return;
+    /* The worker that was just answered may have had the processor since: while wheels turn no
+     * wait is longer for that. */
+    if (deadline_ns > now_ns && deadline_ns != UINT64_MAX)
+        now_ns = vs_posix_now_ns();
+    ready = poll(fds, 2, vs_posix_timeout_ms(now_ns, deadline_ns));
     now_ns = vs_posix_now_ns();
+    if (ready <= 0)
+        return;
     if (fds[0].revents & (POLLHUP | POLLERR | POLLNVAL))
         vs_guard_orphaned(g, now_ns);
     else if ((fds[0].revents & POLLIN) &&
@@ -87,23 +93,32 @@ static void hear(struct process *p, uint64_t deadline_ns)
         vs_guard_end(g, now_ns);
 }
 
+static enum vs_guard_action next(struct process *p)
+{
+    return vs_guard_next(&p->guard, vs_posix_recent_ns());
+}
+
+/* Does what is to be done now. Returns until when to wait. */
+static uint64_t act(struct process *p, enum vs_guard_action action)
+{
+    perform(p, action);
+    tell(p);
+    /* Mostly nothing more is to be done, and nobody need be heard before that is known. */
+    if (action != VS_GUARD_WAIT && p->result == VS_OK)
+        action = next(p);
+    if (action == VS_GUARD_WAIT)
+        return rest(p);
+    return p->result == VS_ERR_IO ? vs_posix_recent_ns() + RETRY_NS : 0;
+}
+
 int vs_guard_process(int socket, int signals_fd, struct vs_base *base, int found)
 {
     struct process p = {.base = base, .socket = socket, .signals_fd = signals_fd};
     enum vs_guard_action action;
 
     vs_guard_init(&p.guard, found);
-    while ((action = vs_guard_next(&p.guard, vs_posix_now_ns())) != VS_GUARD_EXIT) {
-        uint64_t wait_ns = 0;
-
-        perform(&p, action);
-        tell(&p);
-        if (action == VS_GUARD_WAIT)
-            wait_ns = rest(&p);
-        else if (p.result == VS_ERR_IO)
-            wait_ns = vs_posix_now_ns() + RETRY_NS;
-        hear(&p, wait_ns);
-    }
+    while ((action = next(&p)) != VS_GUARD_EXIT)
+        hear(&p, act(&p, action));
     tell(&p);
     if (p.result == VS_ERR_HANGUP)
         return VS_GUARD_GONE;

@@ -74,6 +74,10 @@ static void look_at_state(struct vs_loop *loop, const struct vs_instant *now)
         loop->seen_run = s->run;
         loop->timestep_new = 1;
     }
+    /* The process is awake now, and need not wake up soon for this alone; a step tells, too. */
+    if ((!loop->timestep_new || !loop->running) &&
+        now->base_ns - loop->telemetry_ns >= VS_LOOP_TELEMETRY_NS / 2)
+        loop->telemetry_due = 1;
 }
 
 /* A controller lives as long as its run, its table, its seed and its parameters. Which run
@@ -241,7 +245,7 @@ int vs_loop_request(struct vs_loop *loop, const struct vs_instant *now,
         } else {
             give_hold(loop, request);
         }
-    } else if (now->base_ns - loop->sent_ns >= VS_LOOP_PING_NS) {
+    } else if (now->base_ns - loop->sent_ns >= VS_LOOP_PING_NS / 2) { /* while awake anyway */
         request->kind = VS_GUARD_PING;
     } else {
         return 0;

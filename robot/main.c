@@ -6,38 +6,35 @@
  */
 #include <errno.h>
 #include <fcntl.h>
-#include <stdio.h>
 #include <string.h>
 #include <unistd.h>
 
 #include "check.h"
 #include "options.h"
+#include "presets.h"
 #include "report.h"
+#include "uid.h"
 #include "worker.h"
-
-#define MACHINE_ID "/etc/machine-id"
+#include "../c_src/vs_format.h"
 
 static void print_help(void)
 {
+    const struct vs_preset *preset;
+    char line[200];
     size_t i;
 
-    fputs(vs_options_help, stdout);
-    for (i = 0; vs_bases[i] != NULL; i++)
-        printf("  %s\n", vs_bases[i]->help);
-}
-
-/* Returns 0, or -1 if this machine has no id. */
-static int uid_of_machine(struct vs_options *options)
-{
-    char text[64] = "";
-    int fd = open(MACHINE_ID, O_RDONLY);
-    ssize_t len;
-
-    if (fd < 0)
-        return -1;
-    len = read(fd, text, sizeof text - 1);
-    close(fd);
-    return len < 0 ? -1 : vs_options_make_uid(options, text);
+    vs_print(vs_options_help);
+    for (i = 0; vs_bases[i] != NULL; i++) {
+        vs_print("  ");
+        vs_print(vs_bases[i]->help);
+        vs_print("\n");
+    }
+    vs_print("Boards:\n");
+    for (preset = vs_presets; preset->name != NULL; preset++) {
+        vs_format(line, sizeof line, "  %-12s  %s (%s)\n", preset->name, preset->base,
+                  preset->about);
+        vs_print(line);
+    }
 }
 
 /* Reads a settings file whole. 0, or -1 and why. */
@@ -52,9 +49,9 @@ static int load(const char *file, struct vs_settings *settings, char *why, size_
                        settings->len)) > 0)
         settings->len += (size_t)len;
     if (fd < 0 || len < 0)
-        snprintf(why, why_size, "%s: cannot be read: %s", file, strerror(errno));
+        vs_format(why, why_size, "%s: cannot be read: %s", file, strerror(errno));
     else if (settings->len > VS_SETTINGS_MAX || memchr(settings->text, 0, settings->len) != NULL)
-        snprintf(why, why_size, "%s: expected a text of at most %d bytes", file, VS_SETTINGS_MAX);
+        vs_format(why, why_size, "%s: expected a text of at most %d bytes", file, VS_SETTINGS_MAX);
     else
         len = 1;
     if (fd >= 0)
@@ -76,10 +73,30 @@ static enum vs_options_result read_options(struct vs_options *options, int argc,
     return vs_options_read(options, argc, argv, why, why_size);
 }
 
+static void print_version(void)
+{
+    char line[200];
+
+    vs_format(line, sizeof line, "vsensed %s, controller %s%s\n", VSENSED_VERSION,
+              vs_controller.name, *VSENSED_CONTROLLER_HASH ? " " VSENSED_CONTROLLER_HASH : "");
+    vs_print(line);
+}
+
+static void print_uid(const struct vs_options *options, const char *source)
+{
+    char uid[2 * VS_UID_SIZE + 1];
+    char line[200];
+
+    vs_uid_text(options->uid, uid);
+    vs_format(line, sizeof line, "%s from %s\n", uid, source);
+    vs_print(line);
+}
+
 int main(int argc, char *argv[])
 {
     static struct vs_worker worker;
     struct vs_options options;
+    const char *source;
     char why[400];
 
     switch (read_options(&options, argc, argv, why, sizeof why)) {
@@ -87,8 +104,7 @@ int main(int argc, char *argv[])
         print_help();
         return 0;
     case VS_OPTIONS_VERSION:
-        printf("vsensed %s, controller %s%s\n", VSENSED_VERSION, vs_controller.name,
-               *VSENSED_CONTROLLER_HASH ? " " VSENSED_CONTROLLER_HASH : "");
+        print_version();
         return 0;
     case VS_OPTIONS_BAD:
         vs_report("%s", why);
@@ -99,9 +115,14 @@ int main(int argc, char *argv[])
     if (options.check)
         return vs_check_run(&options);
     vs_report_as(options.tag);
-    if (!options.has_uid && uid_of_machine(&options) != 0) {
-        vs_report("no machine id in %s: give --uid, 32 hexadecimal digits", MACHINE_ID);
+    source = vs_uid_find(&options);
+    if (source == NULL) {
+        vs_report("%s", vs_uid_missing);
         return 2;
+    }
+    if (options.identify) {
+        print_uid(&options, source);
+        return 0;
     }
     return vs_worker_run(&worker, &options);
 }

@@ -59,6 +59,7 @@ static void drop(struct vs_net *net, int which)
     if (net->fds[which] >= 0)
         close(net->fds[which]);
     net->fds[which] = -1;
+    net->readable[which] = 0;
 }
 
 void vs_net_close(struct vs_net *net, struct vs_session *session, const char *why,
@@ -170,9 +171,22 @@ enum vs_net_result vs_net_tick(struct vs_net *net, struct vs_session *session,
     return VS_NET_NOTHING;
 }
 
+/* 1, once, if poll() said so. */
+static int is_readable(struct vs_net *net, int which)
+{
+    int readable = net->readable[which];
+
+    net->readable[which] = 0;
+    return readable;
+}
+
 static int read_datagram(struct vs_net *net)
 {
-    ssize_t len = recv(net->fds[UDP], net->datagram, sizeof net->datagram, 0);
+    ssize_t len;
+
+    if (!is_readable(net, UDP))
+        return 0;
+    len = recv(net->fds[UDP], net->datagram, sizeof net->datagram, 0);
 
     net->has_datagram = len >= 0;
     net->datagram_len = len >= 0 ? (size_t)len : 0;
@@ -187,6 +201,8 @@ static int read_stream(struct vs_net *net)
         return 0;
     if (net->in_pos < net->in_len)
         return 1;
+    if (!is_readable(net, TCP))
+        return 0;
     len = recv(net->fds[TCP], net->in, sizeof net->in, 0);
     if (len < 0 && (errno == EAGAIN || errno == EINTR))
         return 0;
@@ -298,6 +314,12 @@ void vs_net_poll(const struct vs_net *net, struct pollfd fds[2])
         fds[TCP].events |= POLLOUT;
     fds[UDP].fd = net->fds[UDP];
     fds[UDP].events = POLLIN;
+}
+
+void vs_net_polled(struct vs_net *net, const struct pollfd fds[2])
+{
+    net->readable[TCP] = fds[TCP].revents != 0;
+    net->readable[UDP] = fds[UDP].revents != 0;
 }
 
 uint64_t vs_net_wake_ns(const struct vs_net *net)

@@ -36,6 +36,7 @@ struct vs_net {
     uint64_t heard_ns;  /* UP: newest valid packet, else when it came up */
     int trouble;        /* errno of the newest try that got no way, 0 = none */
     const char *why;    /* the connection last ended: one phrase */
+    uint8_t readable[2]; /* what poll() said of fds; 0 once read */
     uint8_t datagram[VS_DATAGRAM_MAX + 1];
     size_t datagram_len;
     uint8_t has_datagram;
@@ -58,7 +59,8 @@ int vs_net_open(struct vs_net *net, const char *address, uint16_t port);
 enum vs_net_result vs_net_tick(struct vs_net *net, struct vs_session *session,
                                uint64_t now_ns);
 
-/* Reads one datagram, or what TCP has. 1: vs_net_take has work, 0: nothing came. */
+/* Reads what poll() said is there: one datagram, or what TCP has. 1: vs_net_take has work,
+ * 0: nothing came. A second datagram waits for the next poll(). */
 int vs_net_read(struct vs_net *net);
 
 /* Hands what was read to the session, at most one packet. The two times are of now, after
@@ -82,6 +84,9 @@ void vs_net_finish(struct vs_net *net, struct vs_session *session, uint64_t sess
 
 /* Fills what poll() has to wait for: TCP, UDP. */
 void vs_net_poll(const struct vs_net *net, struct pollfd fds[2]);
+
+/* Takes over what poll() said of them. */
+void vs_net_polled(struct vs_net *net, const struct pollfd fds[2]);
 
 /* When vs_net_tick has to be called at the latest. */
 uint64_t vs_net_wake_ns(const struct vs_net *net);

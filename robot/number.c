@@ -95,3 +95,27 @@ size_t vs_number_read(const char *text, double *value)
     *value = *text == '-' ? -size : size;
     return (size_t)(at - text);
 }
+
+int vs_number_whole(const char *text, int64_t least, int64_t most, int64_t *value)
+{
+    int negative = *text == '-';
+    int64_t whole = 0;
+
+    text += negative || *text == '+';
+    if (*text == '\0')
+        return -1;
+    for (; is_digit(*text); text++) {
+        int digit = *text - '0';
+
+        if (whole < (INT64_MIN + digit) / 10)
+            return -1;
+        whole = whole * 10 - digit; /* below 0, where one number more fits */
+    }
+    if (*text != '\0' || (!negative && whole == INT64_MIN))
+        return -1;
+    whole = negative ? whole : -whole;
+    if (whole < least || whole > most)
+        return -1;
+    *value = whole;
+    return 0;
+}

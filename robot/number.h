@@ -7,11 +7,16 @@
 #define VS_NUMBER_H
 
 #include <stddef.h>
+#include <stdint.h>
 
 /* Reads the number that text begins with: sign, digits with or without a point, and an
  * exponent. Of up to 15 digits and with an exponent of up to 22 it is the nearest double, as from
  * strtod(), else one within 4 units of its last place. Returns how many characters it
  * has, 0 if it is none or too large; *value is then left alone. */
 size_t vs_number_read(const char *text, double *value);
+
+/* Reads a text that is nothing but a whole number, with or without a sign. Returns 0, or -1 if
+ * it is none, or not from least to most. */
+int vs_number_whole(const char *text, int64_t least, int64_t most, int64_t *value);
 
 #endif

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT */
 #include "options.h"
 
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "../c_src/vs_bytes.h"
 #include "number.h"
+#include "presets.h"
+#include "../c_src/vs_format.h"
 
 #define CLOCK_MAX_NS INT64_C(1000000000000000000)
 #define DRIFT_MAX_PPM 100000.0
@@ -23,15 +23,18 @@ const char vs_options_help[] =
     "  --host ADDRESS   the host's numeric IPv4 address\n"
     "  --port PORT      the host's port, TCP and UDP\n"
     "  --tag TAG        number of the marker on the robot's back, 0..65535\n"
-    "  --base BASE      what turns the wheels: KIND:DEVICE[,OPTION]..., see below\n"
+    "  --base BASE      what turns the wheels: KIND:DEVICE[,OPTION]..., or the name of a board\n"
+    "                   in place of KIND:DEVICE, see below\n"
     "  --uid HEX        32 hexadecimal digits that no other robot has\n"
-    "                   (default: /etc/machine-id mixed with the tag)\n"
+    "                   (default: the board's machine-id, serial number or MAC address, the\n"
+    "                   first that it has, mixed with the tag)\n"
     "  --name NAME      for people, at most 31 bytes (default: robot_TAG)\n"
     "  --config FILE    a file of settings, one in a line: the name of an option without\n"
     "                   its dashes, = and its value, such as: port = 4050. What the\n"
     "                   command line says wins\n"
     "  --check          look whether clock, network, host and base are well, say what is\n"
     "                   wrong and how to mend it, and end: 0 all is well, 1 it is not\n"
+    "  --identify       print the uid that the host will see, and where it is from, and end\n"
     "  --version        print the version and the controller, and end\n"
     "  --help           print this and end\n"
     "\n"
@@ -57,16 +60,15 @@ struct reading {
 
 static int refuse(const struct reading *r, const char *expected)
 {
-    snprintf(r->why, r->why_size, "%s: expected %s, got '%.100s'", r->option, expected, r->value);
+    vs_format(r->why, r->why_size, "%s: expected %s, got '%.100s'", r->option, expected, r->value);
     return -1;
 }
 
 static int read_number(const struct reading *r, uint16_t *number)
 {
-    char *end;
-    long value = strtol(r->value, &end, 10);
+    int64_t value;
 
-    if (end == r->value || *end != '\0' || value < 0 || value > 65535)
+    if (vs_number_whole(r->value, 0, 65535, &value) != 0)
         return refuse(r, "a number from 0 to 65535");
     *number = (uint16_t)value;
     return 0;
@@ -127,21 +129,19 @@ static int take_name(const struct reading *r, struct vs_options *o)
 
 static int take_base(const struct reading *r, struct vs_options *o)
 {
+    char expanded[4 * VS_BASE_DEVICE_MAX];
     char expected[256];
+    const char *text = vs_preset_expand(r->value, expanded, sizeof expanded);
 
-    return vs_base_configure(&o->base, r->value, expected, sizeof expected) == 0
-               ? 0
-               : refuse(r, expected);
+    if (vs_base_configure(&o->base, text, expected, sizeof expected) == 0)
+        return 0;
+    return refuse(r, strchr(text, ':') != NULL ? expected : "KIND:DEVICE or a board's name");
 }
 
 static int take_offset(const struct reading *r, struct vs_options *o)
 {
-    char *end;
-    long long value = strtoll(r->value, &end, 10);
-
-    if (end == r->value || *end != '\0' || value > CLOCK_MAX_NS || value < -CLOCK_MAX_NS)
+    if (vs_number_whole(r->value, -CLOCK_MAX_NS, CLOCK_MAX_NS, &o->clock_offset_ns) != 0)
         return refuse(r, "a whole number of nanoseconds");
-    o->clock_offset_ns = value;
     return 0;
 }
 
@@ -214,11 +214,11 @@ static int take(struct vs_options *o, const char *name, const char *value,
     size_t i = strncmp(name, "--", 2) == 0 ? place(name + 2) : OPTIONS;
 
     if (i == OPTIONS && strcmp(name, "--config") != 0) {
-        snprintf(why, why_size, "unknown option '%.100s'; see vsensed --help", name);
+        vs_format(why, why_size, "unknown option '%.100s'; see vsensed --help", name);
         return -1;
     }
     if (value == NULL) {
-        snprintf(why, why_size, "%s: expected a value after it", name);
+        vs_format(why, why_size, "%s: expected a value after it", name);
         return -1;
     }
     return i < OPTIONS ? table[i].take(&r, o) : 0; /* --config: was read before */
@@ -233,16 +233,16 @@ static int take_line(struct vs_options *o, enum vs_settings_result kind, const c
     size_t i = place(name);
 
     if (kind == VS_SETTINGS_BAD) {
-        snprintf(why, why_size, "expected a setting and its value, such as 'port = 4050', got "
+        vs_format(why, why_size, "expected a setting and its value, such as 'port = 4050', got "
                  "'%.100s'", name);
         return -1;
     }
     if (i == OPTIONS) {
-        snprintf(why, why_size, "unknown setting '%.100s'; see vsensed --help", name);
+        vs_format(why, why_size, "unknown setting '%.100s'; see vsensed --help", name);
         return -1;
     }
     if (lines[i] != 0) {
-        snprintf(why, why_size, "%s: is set twice, before in line %u", name, lines[i]);
+        vs_format(why, why_size, "%s: is set twice, before in line %u", name, lines[i]);
         return -1;
     }
     lines[i] = line;
@@ -263,11 +263,11 @@ static int check(struct vs_options *o, char *why, size_t why_size)
     else if (o->base.ops == NULL)
         missing = "--base";
     if (missing != NULL) {
-        snprintf(why, why_size, "%s is missing; see vsensed --help", missing);
+        vs_format(why, why_size, "%s is missing; see vsensed --help", missing);
         return -1;
     }
     if (o->name[0] == '\0')
-        snprintf(o->name, sizeof o->name, "robot_%u", (unsigned int)o->tag);
+        vs_format(o->name, sizeof o->name, "robot_%u", (unsigned int)o->tag);
     return 0;
 }
 
@@ -276,12 +276,18 @@ void vs_options_init(struct vs_options *options)
     memset(options, 0, sizeof *options);
 }
 
+/* 1 if no value comes after it. */
+static int is_flag(const char *name)
+{
+    return strcmp(name, "--check") == 0 || strcmp(name, "--identify") == 0;
+}
+
 const char *vs_options_config(int argc, char *const argv[])
 {
     const char *file = NULL;
     int i;
 
-    for (i = 1; i < argc; i += strcmp(argv[i], "--check") == 0 ? 1 : 2)
+    for (i = 1; i < argc; i += is_flag(argv[i]) ? 1 : 2)
         if (strcmp(argv[i], "--config") == 0 && i + 1 < argc)
             file = argv[i + 1];
     return file;
@@ -299,7 +305,7 @@ int vs_options_read_settings(struct vs_options *options, const char *file,
     vs_settings_begin(settings);
     while ((kind = vs_settings_next(settings, &name, &value)) != VS_SETTINGS_END)
         if (take_line(options, kind, name, value, lines, settings->line, what, sizeof what) != 0) {
-            snprintf(why, why_size, "%s:%u: %s", file, settings->line, what);
+            vs_format(why, why_size, "%s:%u: %s", file, settings->line, what);
             return -1;
         }
     return 0;
@@ -317,8 +323,9 @@ enum vs_options_result vs_options_read(struct vs_options *options, int argc, cha
             return VS_OPTIONS_HELP;
         if (strcmp(argv[i], "--version") == 0)
             return VS_OPTIONS_VERSION;
-        if (strcmp(argv[i], "--check") == 0) {
-            options->check = 1;
+        if (is_flag(argv[i])) {
+            options->check |= strcmp(argv[i], "--check") == 0;
+            options->identify |= strcmp(argv[i], "--identify") == 0;
             i++;
             continue;
         }

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT */
 #include "report.h"
 
+#include <errno.h>
 #include <poll.h>
 #include <stdarg.h>
-#include <stdio.h>
 #include <string.h>
 #include <unistd.h>
 
@@ -14,7 +14,7 @@ static unsigned int dropped;
 
 void vs_report_as(unsigned int tag)
 {
-    snprintf(prefix, sizeof prefix, "vsensed %u", tag);
+    vs_format(prefix, sizeof prefix, "vsensed %u", tag);
 }
 
 /* stderr is shared with other programs, so it cannot be made non-blocking: look first. */
@@ -29,10 +29,9 @@ static void put(const char *format, va_list arguments)
 {
     char line[LINE_MAX_BYTES + 2];
     ssize_t ignored;
-    size_t len = (size_t)snprintf(line, LINE_MAX_BYTES, "%s: ", prefix);
+    size_t len = vs_format(line, LINE_MAX_BYTES, "%s: ", prefix);
 
-    vsnprintf(line + len, LINE_MAX_BYTES - len, format, arguments);
-    len = strlen(line);
+    len += vs_format_list(line + len, LINE_MAX_BYTES - len, format, arguments);
     line[len] = '\n';
     /* one write: lines of several daemons on one terminal do not mix */
     ignored = write(STDERR_FILENO, line, len + 1);
@@ -63,4 +62,18 @@ void vs_report(const char *format, ...)
     va_start(arguments, format);
     put(format, arguments);
     va_end(arguments);
+}
+
+void vs_print(const char *text)
+{
+    size_t left = strlen(text);
+
+    while (left > 0) {
+        ssize_t done = write(STDOUT_FILENO, text, left);
+
+        if (done < 0 && errno != EINTR)
+            return;
+        text += done > 0 ? done : 0;
+        left -= done > 0 ? (size_t)done : 0;
+    }
 }

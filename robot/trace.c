@@ -4,10 +4,10 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <inttypes.h>
-#include <stdio.h>
 #include <string.h>
 #include <unistd.h>
 
+#include "../c_src/vs_format.h"
 #include "../c_src/vs_posix.h"
 
 #define LINE_BYTES 6144 /* 32 names and times, 1116 bytes in hexadecimal, the rest */
@@ -49,7 +49,7 @@ static void put_value(struct line *line, const struct vs_value *value,
         put_char(line, digits[value->data[i] >> 4]);
         put_char(line, digits[value->data[i] & 15]);
     }
-    snprintf(times, sizeof times, "@%" PRIu64 ":%" PRId64 ":%d", value->capture_ns,
+    vs_format(times, sizeof times, "@%" PRIu64 ":%" PRId64 ":%d", value->capture_ns,
              (int64_t)reading->age_ns, reading->stale != 0);
     put_text(line, times);
 }
@@ -108,7 +108,7 @@ int vs_trace_step(int fd, const struct vs_loop *loop)
     const struct vs_step *step = &loop->step;
     struct line line;
 
-    line.len = (size_t)snprintf(
+    line.len = vs_format(
         line.text, LINE_BYTES,
         "step %" PRIu32 " timestep %" PRIu32 " run %" PRIu32 " now_ns %" PRId64 " rx_ns %" PRId64
         " capture_ns %" PRIu64 " age_ns %" PRId64 " bound_ns %" PRId64

@@ -21,16 +21,16 @@ static const char MUTE[] = "the base did not answer at the end";
 
 enum { FD_NET = 0, FD_SIGNALS = 2, FD_GUARD = 3, FD_COUNT = 4 };
 
-static struct vs_instant instant(const struct vs_worker *w)
+static void read_clock(struct vs_worker *w)
 {
-    struct vs_instant now;
     int64_t ppb = w->options->clock_drift_ppb;
+    uint64_t base_ns = vs_posix_now_ns();
 
-    now.base_ns = vs_posix_now_ns();
-    now.session_ns = now.base_ns + (uint64_t)w->options->clock_offset_ns +
-                     (uint64_t)((int64_t)(now.base_ns / 1000000000u) * ppb +
-                                (int64_t)(now.base_ns % 1000000000u) * ppb / 1000000000);
-    return now;
+    w->now.base_ns = base_ns;
+    w->now.session_ns = base_ns + (uint64_t)w->options->clock_offset_ns;
+    if (ppb != 0)
+        w->now.session_ns += (uint64_t)((int64_t)(base_ns / 1000000000u) * ppb +
+                                        (int64_t)(base_ns % 1000000000u) * ppb / 1000000000);
 }
 
 static void complain(void *context, const char *what, const char *name)
@@ -46,17 +46,19 @@ static uint64_t stay_away_ns(const struct vs_session *session)
     return session->notice.code == VS_BYE_TAKEN_OVER ? VS_NET_TAKEN_NS : VS_NET_RETRY_NS;
 }
 
-static void on_event(struct vs_worker *w, enum vs_event event, const struct vs_instant *now)
+static void on_event(struct vs_worker *w, enum vs_event event)
 {
-    vs_loop_event(&w->loop, event, now);
+    uint64_t now_ns = w->now.base_ns;
+
+    vs_loop_event(&w->loop, event, &w->now);
     vs_talk_event(&w->talk, event, &w->session);
     if (event == VS_EV_REFUSED)
-        vs_net_close(&w->net, &w->session, "refused", now->base_ns, VS_NET_REFUSED_NS);
+        vs_net_close(&w->net, &w->session, "refused", now_ns, VS_NET_REFUSED_NS);
     else if (event == VS_EV_GOODBYE)
-        vs_net_close(&w->net, &w->session, "goodbye", now->base_ns, stay_away_ns(&w->session));
+        vs_net_close(&w->net, &w->session, "goodbye", now_ns, stay_away_ns(&w->session));
 }
 
-static void on_lost(struct vs_worker *w, enum vs_net_result result, const struct vs_instant *now)
+static void on_lost(struct vs_worker *w, enum vs_net_result result)
 {
     if (result == VS_NET_NO_WAY)
         vs_report("no way to the host %s: %s; trying on", w->options->host,
@@ -64,29 +66,36 @@ static void on_lost(struct vs_worker *w, enum vs_net_result result, const struct
     if (result != VS_NET_LOST)
         return;
     vs_talk_lost(&w->talk, w->net.why);
-    vs_loop_event(&w->loop, VS_EV_NONE, now);
+    vs_loop_event(&w->loop, VS_EV_NONE, &w->now);
+}
+
+/* A datagram was there when the clock was read; what TCP has may have come since. */
+static int read_net(struct vs_worker *w)
+{
+    if (!vs_net_read(&w->net))
+        return 0;
+    if (!w->net.has_datagram)
+        read_clock(w);
+    return 1;
 }
 
 static void serve_net(struct vs_worker *w)
 {
-    struct vs_instant now = instant(w);
     enum vs_event event;
     int i;
 
-    on_lost(w, vs_net_tick(&w->net, &w->session, now.base_ns), &now);
-    for (i = 0; i < PACKETS_AT_ONCE && vs_net_read(&w->net); i++) {
-        enum vs_net_result result;
+    on_lost(w, vs_net_tick(&w->net, &w->session, w->now.base_ns));
+    for (i = 0; i < PACKETS_AT_ONCE && read_net(w); i++) {
+        enum vs_net_result result =
+            vs_net_take(&w->net, &w->session, w->now.base_ns, w->now.session_ns, &event);
 
-        now = instant(w);
-        result = vs_net_take(&w->net, &w->session, now.base_ns, now.session_ns, &event);
-        on_lost(w, result, &now);
+        on_lost(w, result);
         if (result == VS_NET_EVENT)
-            on_event(w, event, &now);
+            on_event(w, event);
     }
-    now = instant(w);
-    vs_session_tick(&w->session, now.session_ns, &event);
+    vs_session_tick(&w->session, w->now.session_ns, &event);
     if (event != VS_EV_NONE)
-        on_event(w, event, &now);
+        on_event(w, event);
 }
 
 static void end(struct vs_worker *w, int status, const char *why)
@@ -147,6 +156,7 @@ static void replace_guard(struct vs_worker *w, const char *why)
     }
     w->guard.restarts++;
     start_guard(w, err == VS_OK);
+    read_clock(w);
 }
 
 static void trace(struct vs_worker *w)
@@ -165,9 +175,9 @@ static void trace(struct vs_worker *w)
 
 static void on_reply(struct vs_worker *w, const struct vs_guard_reply *reply)
 {
-    struct vs_instant now = instant(w);
-
-    vs_loop_reply(&w->loop, reply, &now);
+    vs_loop_reply(&w->loop, reply, &w->now);
+    if (w->loop.acting)
+        read_clock(w); /* a controller may compute for long */
     if (w->loop.trace_due && w->trace_fd >= 0)
         trace(w);
     w->loop.trace_due = 0;
@@ -182,42 +192,42 @@ static void serve_guard(struct vs_worker *w)
 {
     struct vs_guard_request request;
     struct vs_guard_reply reply;
-    struct vs_instant now;
-    int got;
+    int got = 0;
+    int late;
 
     if (w->late_ns > LATE_NS)
         vs_guard_link_excuse(&w->guard, w->late_ns);
-    got = vs_guard_link_receive(&w->guard, &reply);
-    now = instant(w);
+    late = w->now.base_ns >= vs_guard_link_deadline_ns(&w->guard);
+    if (w->guard_spoke || late)
+        got = vs_guard_link_receive(&w->guard, &reply);
     if (got == 1)
         on_reply(w, &reply);
     else if (got < 0)
         replace_guard(w, "has ended");
-    else if (now.base_ns >= vs_guard_link_deadline_ns(&w->guard))
+    else if (late)
         replace_guard(w, "is silent");
     if (w->ended)
         return;
-    now = instant(w);
-    if (vs_loop_request(&w->loop, &now, &request))
+    if (vs_loop_request(&w->loop, &w->now, &request))
         vs_guard_link_send(&w->guard, &request);
 }
 
 static void serve_host(struct vs_worker *w)
 {
-    struct vs_instant now = instant(w);
+    const struct vs_instant *now = &w->now;
     struct vs_telemetry telemetry;
     uint8_t packet[VS_DATAGRAM_MAX];
     size_t len;
 
-    vs_talk_cause(&w->talk, vs_loop_cause(&w->loop, &now), now.base_ns);
-    if (vs_loop_telemetry(&w->loop, &now, &telemetry)) {
+    vs_talk_cause(&w->talk, vs_loop_cause(&w->loop, now), now->base_ns);
+    if (vs_loop_telemetry(&w->loop, now, &telemetry)) {
         telemetry.base_errors = w->guard.base_errors;
         telemetry.guard_restarts = w->guard.restarts;
-        if (vs_session_telemetry(&w->session, &telemetry, now.session_ns, packet, sizeof packet,
+        if (vs_session_telemetry(&w->session, &telemetry, now->session_ns, packet, sizeof packet,
                                  &len) == VS_OK)
-            vs_net_send(&w->net, packet, len, vs_session_over_tcp(&w->session, now.session_ns));
+            vs_net_send(&w->net, packet, len, vs_session_over_tcp(&w->session, now->session_ns));
     }
-    vs_net_flush(&w->net, &w->session, now.session_ns);
+    vs_net_flush(&w->net, &w->session, now->session_ns);
 }
 
 static void await(struct vs_worker *w)
@@ -236,11 +246,14 @@ static void await(struct vs_worker *w)
     fds[FD_SIGNALS].events = POLLIN;
     fds[FD_GUARD].fd = w->guard.socket;
     fds[FD_GUARD].events = POLLIN;
-    poll(fds, FD_COUNT, vs_posix_timeout_ms(vs_posix_now_ns(), wake_ns));
+    poll(fds, FD_COUNT, vs_posix_timeout_ms(w->now.base_ns, wake_ns));
     if (wake_ns < w->round_ns)
         wake_ns = w->round_ns;
-    w->round_ns = vs_posix_now_ns();
+    read_clock(w);
+    w->round_ns = w->now.base_ns;
     w->late_ns = w->round_ns > wake_ns ? w->round_ns - wake_ns : 0;
+    vs_net_polled(&w->net, fds + FD_NET);
+    w->guard_spoke = fds[FD_GUARD].revents != 0;
     if (fds[FD_SIGNALS].revents)
         vs_loop_end(&w->loop);
 }
@@ -308,12 +321,11 @@ static int open_files(struct vs_worker *w)
 
 static void say_goodbye(struct vs_worker *w)
 {
-    struct vs_instant now = instant(w);
     uint8_t cause = w->status == 0 ? VS_BYE_END : VS_BYE_BASE;
 
     vs_report("end: %s", w->why);
     if (vs_session_goodbye(&w->session, cause, w->why) == VS_OK)
-        vs_net_finish(&w->net, &w->session, now.session_ns);
+        vs_net_finish(&w->net, &w->session, w->now.session_ns);
 }
 
 int vs_worker_run(struct vs_worker *w, const struct vs_options *options)
@@ -334,7 +346,8 @@ int vs_worker_run(struct vs_worker *w, const struct vs_options *options)
         return w->status;
     vs_report("up: controller '%s', base %s, host %s:%u", vs_controller.name, options->base.device,
               options->host, (unsigned int)options->port);
-    w->round_ns = vs_posix_now_ns();
+    read_clock(w);
+    w->round_ns = w->now.base_ns;
     while (!w->ended) {
         serve_net(w);
         serve_guard(w);

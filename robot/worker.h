@@ -23,8 +23,10 @@ struct vs_worker {
     int signals_fd;
     int trace_fd;      /* -1: none */
     int foreign[3];    /* descriptors that a guard must not hold */
+    struct vs_instant now; /* read once after each wait, and after what takes long */
     uint64_t round_ns; /* when this round of the loop began */
     uint64_t late_ns;  /* how late that was */
+    uint8_t guard_spoke; /* poll() says so */
     uint8_t trace_full; /* lines of the trace are being dropped */
     uint8_t ended;     /* the base was handed back */
     int status;        /* exit status once ended */

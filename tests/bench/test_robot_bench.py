@@ -7,8 +7,10 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import require_tool, require_zig
-from vsense.bench import robot
+from vsense.bench import robot, robot_calls
 from vsense.robot import boards
+from vsense.robot.build import SHIPPED_CONTROLLER
+from vsense.robot.compiling import BuildError
 
 
 def test_a_control_step_takes_so_many_instructions_at_most(tmp_path: Path) -> None:
@@ -21,6 +23,25 @@ def test_a_control_step_takes_so_many_instructions_at_most(tmp_path: Path) -> No
     assert missing == []
     assert counts[0] is not None and 10_000 < counts[0] <= robot.STEP_MAX
     assert counts[0] == counts[1], "the count is exact"
+
+
+def test_a_control_step_makes_so_many_system_calls_at_most(tmp_path: Path) -> None:
+    qemu = require_tool("qemu-arm", "qemu-user")
+    require_zig()
+    program = tmp_path / "vsensed"
+    size = boards.build(SHIPPED_CONTROLLER, "epuck", program).size
+    assert size <= robot.SIZE_MAX
+    count = robot_calls.per_step(qemu, program, 40)
+    print(f"{size} bytes, {count} system calls of a control step")
+    assert 20 < count <= robot.CALLS_MAX
+
+
+def test_a_daemon_that_does_not_run_is_told(tmp_path: Path) -> None:
+    program = tmp_path / "vsensed"
+    program.write_text("no program")
+    program.chmod(0o755)
+    with pytest.raises(BuildError, match="makes no control step"):
+        robot_calls.per_step(require_tool("qemu-arm", "qemu-user"), program, 1)
 
 
 def test_what_is_missing_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -37,13 +58,17 @@ def test_table_of_a_machine_that_can_measure_nothing() -> None:
         "size_max": robot.SIZE_MAX,
         "step_instructions": None,
         "step_max": robot.STEP_MAX,
+        "step_calls": None,
+        "calls_max": robot.CALLS_MAX,
         "memory_kb": None,
         "missing": ["everything"],
     }
     text = robot.table(report)
     assert text.count("not built") == len(boards.TARGETS)
     assert "not counted" in text and text.endswith("not measured: everything")
-    report |= {"sizes": {"epuck": 108_900}, "step_instructions": 24_423, "memory_kb": 204}
+    report |= {"sizes": {"epuck": 96_800}, "step_instructions": 14_199, "memory_kb": 204}
+    report |= {"step_calls": 53}
     text = robot.table(report)
-    assert "epuck    108,900 bytes of 120,000 allowed" in text
-    assert "24,423 of 25,000 allowed" in text and "204 kB" in text
+    assert "epuck    96,800 bytes of 100,000 allowed" in text
+    assert "14,199 of 14,500 allowed" in text and "204 kB" in text
+    assert "system calls of a control step at 10 Hz, all processes: 53 of 58 allowed" in text

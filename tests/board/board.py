@@ -27,6 +27,7 @@ HOST = "10.0.2.2"
 """This machine, as the guest sees it."""
 
 MODULES = ("virtio_pci", "virtio_net", "xhci-pci", "i2c-dev", "i2c-tiny-usb")
+MAC = "00:04:25:01:02:03"
 UART = "/dev/ttyS0"
 I2C = "/dev/i2c-0"
 
@@ -85,6 +86,7 @@ class Board:
         words: list[str],
         uart: str | None,
         bus: str | None,
+        old: bool = False,
     ) -> None:
         """Switches it on.
 
@@ -94,16 +96,19 @@ class Board:
             words: the daemon's arguments.
             uart: path of the terminal that is its serial port.
             bus: path of the Unix socket that is its I2C bus.
+            old: its system is one of 2010: vsensed can make system calls only that Linux 2.6.24
+                has, and nothing has written a machine-id.
         """
         wired = kernel()
         modules = wired.order(MODULES if bus else MODULES[:2])
         waits = [UART] * bool(uart) + [I2C] * bool(bus)
         plan = [f"module /boot/{name}.ko" for name in modules] + ["up eth0"]
+        plan += ["old"] * old
         plan += [f"wait {device}" for device in waits] + [f"run /bin/vsensed {' '.join(words)}"]
         content = {
             "init": files["init"].read_bytes(),
             "bin/vsensed": files["vsensed"].read_bytes(),
-            "etc/machine-id": b"0123456789abcdef0123456789abcdef\n",
+            **({} if old else {"etc/machine-id": b"0123456789abcdef0123456789abcdef\n"}),
             "boot/plan": ("\n".join(plan) + "\n").encode(),
             **{f"boot/{name}.ko": wired.modules[name].read_bytes() for name in modules},
         }
@@ -125,7 +130,12 @@ class Board:
         command += ["-display", "none", "-monitor", "none", "-nodefaults", "-no-reboot"]
         command += ["-kernel", str(wired.image), "-initrd", str(folder / "initramfs")]
         command += ["-append", "console=ttyAMA0 panic=-1 quiet", "-serial", "stdio"]
-        command += ["-netdev", "user,id=net", "-device", "virtio-net-pci,netdev=net,romfile="]
+        command += [
+            "-netdev",
+            "user,id=net",
+            "-device",
+            f"virtio-net-pci,netdev=net,romfile=,mac={MAC}",
+        ]
         if uart:
             command += [
                 "-chardev",

@@ -6,7 +6,8 @@
  *     memory   prints the resident memory of every vsensed
  *     term     SIGTERM to vsensed        kill   SIGKILL to its worker
  *
- * /boot/plan says what: lines "module PATH", "wait PATH" and "run WORD WORD ...". Every
+ * /boot/plan says what: lines "module PATH", "wait PATH" and "run WORD WORD ..."; "old"
+ * before that: vsensed finds a kernel that knows no call younger than Linux 2.6.24. Every
  * line that it prints begins with "board: ". When vsensed has ended it switches off.
  */
 #define _GNU_SOURCE
@@ -14,23 +15,36 @@
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <linux/audit.h>
+#include <linux/filter.h>
+#include <linux/seccomp.h>
 #include <net/if.h>
 #include <poll.h>
 #include <signal.h>
+#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/ioctl.h>
 #include <sys/mount.h>
+#include <sys/prctl.h>
 #include <sys/reboot.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/syscall.h>
 #include <sys/wait.h>
+#include <time.h>
 #include <unistd.h>
 
 #define WORDS_MAX 32
 #define DEVICE_MS 20000
+
+/* Numbers of system calls only grow. Source: arch/arm/include/asm/unistd.h of Linux: utimensat,
+ * 348, is of 2.6.22; the next ones came until 2.6.25. Those of ARM itself are above all others. */
+#define OLD_CALLS 348
+#define ARM_CALLS 0x0F0000
+
+static int old;
 
 static void say(const char *what, const char *which)
 {
@@ -148,6 +162,27 @@ static void tell_memory(void)
     say("memory", "end");
 }
 
+/* Every younger system call fails from now on as it does on an old kernel. */
+static void become_old(void)
+{
+    struct sock_filter filter[] = {
+        BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(struct seccomp_data, nr)),
+        BPF_JUMP(BPF_JMP | BPF_JGE | BPF_K, ARM_CALLS, 2, 0),
+        BPF_JUMP(BPF_JMP | BPF_JGT | BPF_K, OLD_CALLS, 0, 1),
+        BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ERRNO | ENOSYS),
+        BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW),
+    };
+    struct sock_fprog program = {sizeof filter / sizeof filter[0], filter};
+
+    if (prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0 ||
+        prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &program) != 0)
+        fail("seccomp");
+    errno = 0;
+    if (syscall(SYS_clock_gettime64, CLOCK_MONOTONIC, NULL) != -1 || errno != ENOSYS)
+        fail("the kernel is not old");
+    say("kernel", "is old");
+}
+
 static pid_t run(char *words)
 {
     char *argv[WORDS_MAX + 1];
@@ -158,6 +193,8 @@ static pid_t run(char *words)
         argv[++count] = strtok(NULL, " ");
     pid = fork();
     if (pid == 0) {
+        if (old)
+            become_old();
         execv(argv[0], argv);
         fail(argv[0]);
     }
@@ -179,6 +216,8 @@ static pid_t follow_plan(void)
             wait_for(line + 5);
         else if (strncmp(line, "up ", 3) == 0)
             bring_up(line + 3);
+        else if (strcmp(line, "old") == 0)
+            old = 1;
         else if (strncmp(line, "run ", 4) == 0)
             pid = run(line + 4);
     }

@@ -11,7 +11,7 @@ import pytest
 
 from tests.board.board import HOST, I2C, UART, Board
 from tests.conftest import require_zig
-from tests.robot.rig import MS, Rig
+from tests.robot.rig import MS, TAG, Rig
 from vsense.lab.microcontrollers import Microcontrollers
 from vsense.robot.boards import TARGETS, toolchain
 from vsense.robot.build import cache_directory
@@ -43,12 +43,12 @@ class BoardRig(Rig):
         assert isinstance(board, Board)
         return board
 
-    def switch_on(self) -> Board:
-        """Switches the board on."""
+    def switch_on(self, old: bool = False) -> Board:
+        """Switches the board on; `old`: see `Board`."""
         on_bus = self.device.startswith("unix:")
         words = self.words(host=HOST, base=f"{self._kind}:{I2C if on_bus else UART}")
         bus = self.device.removeprefix("unix:") if on_bus else None
-        board = Board(self._folder, self._files, words, None if on_bus else self.device, bus)
+        board = Board(self._folder, self._files, words, None if on_bus else self.device, bus, old)
         self.daemons.append(board)  # type: ignore[arg-type]
         return board
 
@@ -121,3 +121,17 @@ def test_board(rig: Callable[[str], BoardRig], kind: str) -> None:
     one.wait_for(lambda: not one.moving, "rest")
     one.wait_for(said(one, "board: vsensed ended 0"), "a clean end")
     one.wait_for(lambda: board.process.poll() is not None, "power off")
+
+
+def test_on_a_system_of_2010(rig: Callable[[str], BoardRig]) -> None:
+    """Linux 2.6.24 and no machine-id: it runs, and its network card says who it is."""
+    one = rig("argos")
+    board = one.switch_on(old=True)
+    one.wait_for(said(one, "board: kernel is old"), "the kernel and its filter", 120)
+    one.wait_for(lambda: one.host.connected, "a session", 60)
+    assert one.host.hellos[0].uid.hex() == f"{TAG:02x}00200000000000" + "0000" + "000425010203"
+    one.run()
+    one.live_for(1000 * MS)
+    assert one.host.last.guard_restarts == 0
+    board.tell("term")
+    one.wait_for(said(one, "board: vsensed ended 0"), "a clean end")

@@ -49,6 +49,28 @@ static void test_what_is_no_number(void)
     }
 }
 
+static void test_whole_numbers(void)
+{
+    static const char *const texts[] = {"", "-", "+", "1.5", "1e3", "12x", " 1", "--1",
+                                        "9223372036854775808", "-9223372036854775809"};
+    int64_t value = 0;
+    size_t i;
+
+    CHECK(vs_number_whole("0", 0, 65535, &value) == 0 && value == 0);
+    CHECK(vs_number_whole("+007", 0, 65535, &value) == 0 && value == 7);
+    CHECK(vs_number_whole("65535", 0, 65535, &value) == 0 && value == 65535);
+    CHECK(vs_number_whole("-12", -12, 5, &value) == 0 && value == -12);
+    CHECK(vs_number_whole("9223372036854775807", INT64_MIN, INT64_MAX, &value) == 0 &&
+          value == INT64_MAX);
+    CHECK(vs_number_whole("-9223372036854775808", INT64_MIN, INT64_MAX, &value) == 0 &&
+          value == INT64_MIN);
+    value = 77;
+    CHECK(vs_number_whole("65536", 0, 65535, &value) != 0 && value == 77);
+    CHECK(vs_number_whole("-1", 0, 65535, &value) != 0);
+    for (i = 0; i < sizeof texts / sizeof texts[0]; i++)
+        CHECK_FOR(texts[i], vs_number_whole(texts[i], INT64_MIN, INT64_MAX, &value) != 0);
+}
+
 /* A number of so many digits with a point somewhere and an exponent. */
 static void make(char *text, size_t size, uint32_t *random, uint32_t digits, int exponent)
 {
@@ -88,6 +110,7 @@ int main(void)
 
     test_numbers_and_where_they_end();
     test_what_is_no_number();
+    test_whole_numbers();
     for (seed = 1; seed <= 100000; seed++)
         test_against_strtod(seed * 2654435761u | 1u);
     return 0;

@@ -7,6 +7,7 @@
 #include <fcntl.h>
 #include <poll.h>
 #include <sys/file.h>
+#include <sys/syscall.h>
 #include <termios.h>
 #include <time.h>
 #include <unistd.h>
@@ -31,6 +32,16 @@ static ssize_t give_outcome(void)
     return outcome;
 }
 
+static int settings_made;
+static int gathered; /* VMIN of the newest */
+
+static int note_settings(const struct termios *settings)
+{
+    settings_made++;
+    gathered = settings->c_cc[VMIN];
+    return 0;
+}
+
 /* Each look at the clock is a millisecond later. */
 static int tick(struct timespec *now)
 {
@@ -42,13 +53,36 @@ static int tick(struct timespec *now)
     return 0;
 }
 
+#undef SYS_clock_gettime32
 #define poll(fds, count, timeout_ms) always_ready(fds)
-#define read(fd, buf, cap) ((void)(buf), (void)(cap), give_outcome())
-#define write(fd, buf, len) ((void)(buf), (void)(len), give_outcome())
+#define read(fd, buf, cap) ((void)(fd), (void)(buf), (void)(cap), give_outcome())
+#define write(fd, buf, len) ((void)(fd), (void)(buf), (void)(len), give_outcome())
+#define tcsetattr(fd, when, settings) ((void)(fd), note_settings(settings))
 #define clock_gettime(clock, now) tick(now)
 #include "../../c_src/vs_posix.c"
 #undef read
 #undef write
+
+/* The kernel is told how much to wait for when that changes, and only then. */
+static void test_gathering(struct vs_io *io)
+{
+    uint8_t buf[72];
+    int i;
+
+    outcome = 64; /* so many at once, however many are there */
+    for (i = 0; i < 3; i++) {
+        io->expect(io->context, 72);
+        CHECK(io->read(io->context, buf, 72, io->now_ns(io->context) + 20000000) == 128);
+        CHECK(settings_made == 1 && gathered == 72);
+    }
+    io->expect(io->context, 72);
+    CHECK(io->read(io->context, buf, 1, 0) == 64 && settings_made == 1);
+    CHECK(io->read(io->context, buf, 1, io->now_ns(io->context) + 20000000) == 64);
+    CHECK(settings_made == 2 && gathered == 1);
+    vs_posix_take_over();
+    CHECK(io->read(io->context, buf, 1, io->now_ns(io->context) + 20000000) == 64);
+    CHECK(settings_made == 3 && gathered == 1);
+}
 
 int main(void)
 {
@@ -67,5 +101,7 @@ int main(void)
     outcome = sizeof buf;
     CHECK(io.read(io.context, buf, sizeof buf, 0) == (int)sizeof buf);
     CHECK(io.write(io.context, buf, sizeof buf, 0) == VS_OK);
+    CHECK(settings_made == 0);
+    test_gathering(&io);
     return 0;
 }

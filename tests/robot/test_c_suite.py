@@ -35,7 +35,8 @@ POLLUTANT = ROBOT / "controllers" / "pollutant.c"
 OWN = [ROBOT / f"{part}.c" for part in ("robot", "log", "base_sensors", "number")]
 MINDS = [*(ROBOT / f"{part}.c" for part in ("loop", "guard", "safety")), *OWN]
 BASES = [*ROBOT.glob("base*.c"), *C_SRC.glob("epuck_*.c"), *C_SRC.glob("vs_i2c*.c")]
-BASES += [ROBOT / "number.c", C_SRC / "vs_posix.c", *FIRMWARE.glob("*.c")]
+BASES += [ROBOT / "number.c", C_SRC / "vs_format.c", C_SRC / "vs_posix.c"]
+BASES += [*FIRMWARE.glob("*.c")]
 SUITES = {
     "robot_base": BASES,
     "robot_base_asercom": BASES,
@@ -43,10 +44,17 @@ SUITES = {
     "robot_base_boards": BASES,
     "robot_base_config": BASES,
     "robot_base_sensors": [*OWN, *PROTOCOL],
+    "robot_memory": [ROBOT / "memory.c"],
     "robot_guard": [ROBOT / "guard.c"],
     "robot_posix": [],
-    "robot_i2c_posix": [],
+    "robot_format": [C_SRC / "vs_format.c"],
+    "robot_i2c_posix": [C_SRC / "vs_format.c"],
     "robot_settings": [ROBOT / "settings.c"],
+    "robot_uid": [
+        *(ROBOT / f"{part}.c" for part in ("options", "presets", "settings", "number")),
+        *(p for p in BASES if FIRMWARE not in p.parents),
+        C_SRC / "vs_bytes.c",
+    ],
     "robot_number": [ROBOT / "number.c"],
     "robot_stop": [ROBOT / "guard.c", *BASES],
     "robot_loop": [TESTS / "robot_life.c", *MINDS, *PROTOCOL],
@@ -63,7 +71,7 @@ RUNS |= {"robot_base_i2c": "2000"}
 """How many random worlds a suite goes through."""
 
 EDGE = {"check", "guard_link", "guard_process", "main", "net", "random", "report", "signals"}
-EDGE |= {"trace", "worker"}
+EDGE |= {"trace", "uid", "worker"}
 """The files that talk to the operating system; all others are pure."""
 
 SYSTEM = {"errno", "fcntl", "poll", "signal", "termios", "time", "unistd", "pthread"}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -33,7 +34,7 @@ def check(idle: Rig) -> Check:
 
 def test_all_is_well(idle: Rig, check: Check) -> None:
     status, said = check()
-    assert list(said) == ["clock", "network", "host", "base"]
+    assert list(said) == ["clock", "uid", "network", "host", "base"]
     assert said["network"] == "ok   this board is 127.0.0.1 on the way to 127.0.0.1"
     assert said["host"] == f"ok   127.0.0.1 answers on port {idle.host.port}"
     assert said["base"] == f"ok   argos on {idle.device} answers, wheels at 0"
@@ -82,6 +83,32 @@ def test_a_base_that_is_not_there(check: Check) -> None:
     status, said = check(base="argos:/nowhere/ttyS0")
     assert status == 1
     assert said["base"].startswith("BAD  cannot open /nowhere/ttyS0: No such file or directory;")
+
+
+I2C_DEV = Path("/sys/class/i2c-dev")
+
+
+@pytest.mark.parametrize(
+    ("base", "device", "words"),
+    [
+        (
+            "pipuck",
+            "/dev/i2c-12",
+            "dtoverlay=pi-puck in /boot/config.txt"
+            if I2C_DEV.exists()
+            else "i2c-dev is not loaded: modprobe i2c-dev",
+        ),
+        ("overo-omap,rab=/dev/i2c-3", "/dev/ttyO0", "/dev/ttyS0 until Linux 2.6.36 (--base overo)"),
+        ("asercom:/dev/rfcomm9", "/dev/rfcomm9", "rfcomm bind"),
+    ],
+)
+def test_a_module_or_an_overlay_is_missing(
+    check: Check, base: str, device: str, words: str
+) -> None:
+    status, said = check(base=base)
+    assert status == 1
+    text = f"BAD  cannot open {device}: No such file or directory; "
+    assert said["base"].startswith(text) and words in said["base"]
 
 
 def test_a_base_that_is_silent(check: Check) -> None:

@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import select
 import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -30,6 +33,10 @@ case "$1" in
         cat "$3" >"$VSENSED_ROOT/checked"
         [ ! -e "$VSENSED_ROOT/sick" ] || { echo "base     BAD  no answer"; exit 1; }
         echo "base     ok   it answers" ;;
+    --identify)
+        uid=$(sed -n 's/^uid = //p' "$3")
+        echo "${uid:-$(cat "$VSENSED_ROOT/uid" 2>/dev/null || echo "$VSENSED_ROOT" | md5sum |
+            cut -c1-32)} from somewhere" ;;
     --config) echo "$$" >"$VSENSED_ROOT/started"; exec sleep 600 ;;
 esac
 """
@@ -200,6 +207,241 @@ def test_init_script_starts_stops_and_starts_again(
     assert "init: vsensed 9.9" in capsys.readouterr().out
 
 
+def settings(board: Path) -> dict[str, str]:
+    text = (board / "etc/vsensed.conf").read_text()
+    pairs = (row.split(" = ") for row in text.splitlines() if " = " in row)
+    return dict(pairs)
+
+
+def test_copied_cards_get_an_id_of_their_own(
+    boards: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Their settings came with the card; nothing but the list tells them apart."""
+    lines = "".join(f"clone{n} tag={n}\n" for n in range(3)) + "other tag=9\n"
+    for n in range(3):
+        (systemd(boards, f"clone{n}") / "uid").write_text("c" * 32)
+    (systemd(boards, "other") / "uid").write_text("d" * 32)
+    assert deploy(tmp_path, lines, "--json") == 0
+    facts = json.loads(capsys.readouterr().out)
+    uids = [row["uid"] for row in facts]
+    assert len(set(uids)) == 4 and uids[3] == "d" * 32 and "c" * 32 not in uids
+    assert all("it has one of its own now" in row["text"] for row in facts[:3])
+    assert [settings(boards / f"clone{n}")["uid"] for n in range(3)] == uids[:3]
+    assert [settings(boards / f"clone{n}")["tag"] for n in range(3)] == ["0", "1", "2"]
+    assert "uid" not in settings(boards / "other")
+    started = (boards / "clone0" / "systemctl").read_text().splitlines()
+    assert started[-2:] == ["stop vsensed", "start vsensed"], "it runs with its new id"
+    # What was given stays, also with the next daemon.
+    (tmp_path / "vsensed").write_text((tmp_path / "vsensed").read_text() + "# newer\n")
+    assert deploy(tmp_path, lines, "--json") == 0
+    assert [row["uid"] for row in json.loads(capsys.readouterr().out)] == uids
+    # And is found again if that card is copied.
+    shutil.copy(boards / "clone0/etc/vsensed.conf", boards / "other/etc/vsensed.conf")
+    assert deploy(tmp_path, lines, "--json") == 0
+    after = [row["uid"] for row in json.loads(capsys.readouterr().out)]
+    assert len(set(after)) == 4 and after[1:3] == uids[1:3]
+
+
+def test_rollback_brings_the_last_daemon_and_its_settings_back(
+    boards: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    board = systemd(boards, "board")
+    binary = board / "usr/local/bin/vsensed"
+    assert deploy(tmp_path, "board tag=1\n", "--rollback") == 1
+    assert "has no earlier daemon to go back to" in capsys.readouterr().out
+    assert deploy(tmp_path, "board tag=1\n") == 0
+    first = binary.read_bytes()
+    program(tmp_path / "vsensed", FAKE_DAEMON.replace("9.9", "10.0"))
+    for _ in range(2):  # the same once more is no other daemon
+        assert deploy(tmp_path, "board tag=2\n") == 0
+    second = binary.read_bytes()
+    assert second != first and settings(board)["tag"] == "2"
+    for content, tag, version in ((first, "1", "9.9"), (second, "2", "10.0")):
+        capsys.readouterr()
+        # Neither a daemon nor its settings are needed for that.
+        (tmp_path / "robots.txt").write_text("board tag=1\n")
+        assert cli.main(["robot", "deploy", "--hosts", "robots.txt", "--rollback"]) == 0
+        assert f"systemd: vsensed {version}," in capsys.readouterr().out
+        assert binary.read_bytes() == content and settings(board)["tag"] == tag
+        assert binary.stat().st_mode & 0o777 == 0o755
+
+
+def test_a_controller_alone_is_replaced(
+    boards: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def build(controller: str, target: str, output: Path) -> SimpleNamespace:
+        program(output, FAKE_DAEMON.replace("test", f"{controller}-{target}"))
+        return SimpleNamespace(path=output)
+
+    monkeypatch.setattr("vsense.commands.robot.boards.build", build)
+    (tmp_path / "robots.txt").write_text("board tag=1\n")
+    words = ["robot", "deploy", "--hosts", "robots.txt", "--controller", "mine.c"]
+    board = systemd(boards, "board")
+    assert cli.main(words) == 1
+    assert "has no settings yet: deploy to it once" in capsys.readouterr().out
+    assert deploy(tmp_path, "board tag=7 name=seven\n") == 0
+    before = {p: p.read_bytes() for p in board.rglob("etc/**/*") if p.is_file()}
+    assert cli.main([*words, "--target", "pi-puck"]) == 0
+    assert "controller mine.c-pi-puck 0123456789ab" in capsys.readouterr().out
+    assert {p: p.read_bytes() for p in before} == before
+    assert "mine.c" in (board / "usr/local/bin/vsensed").read_text()
+    assert cli.main([*words, "--rollback"]) == 2
+    assert "--controller and --rollback: expected one of them" in capsys.readouterr().err
+
+
+# Documentation/networking/proc_net_tcp.rst of Linux: addresses in the processor's order of bytes,
+# ports in hexadecimal, the state behind them: 01 is ESTABLISHED, 02 SYN_SENT.
+TCP = "   0: 0A01000A:C350 0100000A:{port} {state} 00000000:00000000 00:00000000 00000000     0\n"
+
+
+@pytest.mark.parametrize(
+    ("port", "state", "busy"),
+    [("0FD2", "01", True), ("0FD2", "02", False), ("0FD3", "01", False), ("0016", "01", False)],
+)
+def test_a_robot_in_an_experiment_is_left_alone(
+    boards: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    port: str,
+    state: str,
+    busy: bool,
+) -> None:
+    board = systemd(boards, "board")
+    assert deploy(tmp_path, "board tag=1\n") == 0
+    (board / "proc/net").mkdir(parents=True)
+    head = "  sl  local_address rem_address   st tx_queue rx_queue tr tm->when retrnsmt   uid\n"
+    (board / "proc/net/tcp").write_text(head + TCP.format(port=port, state=state))
+    for words in (["--rollback"], []):
+        calls = len((board / "systemctl").read_text().splitlines())
+        assert deploy(tmp_path, "board tag=2\n", *words) == (1 if busy or words else 0)
+        if busy:
+            text = "is in an experiment of 10.0.0.1: end that first, or give --force"
+            assert text in capsys.readouterr().out
+            assert settings(board)["tag"] == "1"
+            assert len((board / "systemctl").read_text().splitlines()) == calls
+    assert deploy(tmp_path, "board tag=2\n", "--force") == 0
+    assert settings(board)["tag"] == "2"
+
+
+# What OpenSSH 9.2 writes: sshconnect.c, kex.c and sshkey.c of its source.
+NO_HOST_KEY = (
+    "Unable to negotiate with 10.0.0.7 port 22: no matching host key type found. Their offer:"
+    " ssh-rsa,ssh-dss"
+)
+
+
+@pytest.mark.parametrize(
+    ("said", "way_out"),
+    [
+        ("Host key verification failed.", "--ssh-option StrictHostKeyChecking=accept-new"),
+        (
+            NO_HOST_KEY,
+            "--ssh-option HostKeyAlgorithms=+ssh-rsa,ssh-dss"
+            " --ssh-option PubkeyAcceptedAlgorithms=+ssh-rsa,ssh-dss",
+        ),
+        (
+            NO_HOST_KEY.replace("host key type", "key exchange method").replace(
+                "ssh-rsa,ssh-dss", "diffie-hellman-group1-sha1"
+            ),
+            "--ssh-option KexAlgorithms=+diffie-hellman-group1-sha1",
+        ),
+        (NO_HOST_KEY.replace("host key type", "cipher"), "--ssh-option Ciphers=+ssh-rsa"),
+        (NO_HOST_KEY.replace("host key type", "MAC"), "--ssh-option MACs=+ssh-rsa"),
+        (
+            "@ WARNING: REMOTE HOST IDENTIFICATION HAS CHANGED! @\nHost key verification failed.",
+            "ssh-keygen -R board",
+        ),
+        ("Bad server host key: Invalid key length", "--ssh-option RequiredRSASize=1024"),
+        ("pi@board: Permission denied (publickey).", "ssh-copy-id pi@board"),
+    ],
+)
+def test_what_ssh_refuses_comes_with_the_way_out(
+    boards: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], said: str, way_out: str
+) -> None:
+    program(tmp_path / "path" / "ssh", f"cat <<'END' >&2\n{said}\nEND\nexit 255")
+    assert deploy(tmp_path, "pi@board tag=1\n") == 1
+    out = capsys.readouterr().out
+    assert f"FAILED  {said.splitlines()[-1]}: " in out and way_out in out
+
+
+def test_ssh_is_told_the_options(boards: Path, tmp_path: Path) -> None:
+    program(tmp_path / "path" / "ssh", 'echo "$@" >>"$BOARDS/ssh"; exit 255')
+    words = ["--ssh-option", "HostKeyAlgorithms=+ssh-rsa", "--ssh-option", "MACs=+hmac-md5"]
+    assert deploy(tmp_path, "board tag=1\n", *words) == 1
+    expected = "-o HostKeyAlgorithms=+ssh-rsa -o MACs=+hmac-md5 board d=$(mktemp"
+    assert expected in (boards / "ssh").read_text()
+
+
+def init_board(boards: Path, name: str) -> tuple[Path, Callable[[str], int]]:
+    """A board without systemd, and its init script."""
+    board = boards / name
+    board.mkdir()
+    script = board / "etc/init.d/vsensed"
+    environment = {**os.environ, "VSENSED_ROOT": str(board)}
+    return (
+        board,
+        lambda word: subprocess.run([script, word], env=environment, timeout=30).returncode,
+    )
+
+
+def test_init_script_leaves_the_owner_of_a_stale_pid_alone(boards: Path, tmp_path: Path) -> None:
+    board, call = init_board(boards, "old")
+    assert deploy(tmp_path, "old tag=1\n") == 0
+    call("stop")
+    # After a power failure: whoever has these numbers now, even with such a name.
+    bystanders = [
+        subprocess.Popen(["sleep", "600"]),
+        subprocess.Popen(["sh", "-c", "sleep 600; : vsensed"], start_new_session=True),
+    ]
+    try:
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+        for name, one in zip(("loop", "loop.child"), bystanders):
+            birth = Path(f"/proc/{one.pid}/stat").read_text().rsplit(")", 1)[1].split()[19]
+            for content in (f"{one.pid}\n", f"{one.pid} {boot} 1\n", f"{one.pid} other {birth}\n"):
+                (board / f"var/run/vsensed.{name}").write_text(content)
+                assert call("status") != 0
+                call("stop")
+                assert not is_gone(one.pid)
+                assert not (board / f"var/run/vsensed.{name}").exists()
+    finally:
+        for one in bystanders:
+            os.kill(one.pid, signal.SIGKILL) if one is bystanders[0] else os.killpg(one.pid, 9)
+            one.wait()
+
+
+def test_log_of_the_init_script_is_bounded(boards: Path, tmp_path: Path) -> None:
+    board, call = init_board(boards, "old")
+    program(
+        tmp_path / "vsensed",
+        FAKE_DAEMON.replace("exec sleep", "seq -f 'line %.0f' 5000 >&2; exec sleep"),
+    )
+    try:
+        assert deploy(tmp_path, "old tag=1\n") == 0
+        log = board / "var/log/vsensed.log"
+        end = time.monotonic() + 30
+        while not (log.exists() and "line 5000" in log.read_text()) and time.monotonic() < end:
+            select.select([], [], [], 0.02)
+        logs = [log.read_text(), log.with_suffix(".log.1").read_text()]
+        assert logs[0].endswith("line 5000\n") and logs[1].startswith("line 4401\n")
+        assert sum(text.count("\n") for text in logs) <= 800
+    finally:
+        call("stop")
+
+
+def test_unit_never_gives_up() -> None:
+    unit = deploying.service_files()["vsensed.service"].decode()
+    sections = dict(re.findall(r"^\[(\w+)\]\n(.*?)(?=^\[|\Z)", unit, re.M | re.S))
+    # systemd.unit(5): "set to 0 to disable any kind of rate limiting"; before version 230 the
+    # setting had another name and place (its NEWS file).
+    assert "StartLimitIntervalSec=0\n" in sections["Unit"]
+    assert (
+        "StartLimitInterval=0\n" in sections["Service"] and "Restart=always" in sections["Service"]
+    )
+
+
 def test_ctrl_c_ends_all_connections(boards: Path, tmp_path: Path) -> None:
     (tmp_path / "robots.txt").write_text("slow tag=1\n")
     os.mkfifo(boards / "slow.pid")
@@ -235,6 +477,7 @@ def test_ctrl_c_ends_all_connections(boards: Path, tmp_path: Path) -> None:
         ("a;b tag=1\n", 1, "expected [user@]host, got 'a;b'"),
         ("a tag=1\n\nb tag=01\n", 3, "tag 1 is in line 1, too"),
         ("a tag=1\na tag=2\n", 2, "a is in line 1, too"),
+        ("a tag=1 uid=0aB\nb tag=2 uid=0Ab\n", 2, "uid 0ab is in line 1, too"),
     ],
 )
 def test_lists_that_are_wrong(tmp_path: Path, lines: str, line: int, words: str) -> None:

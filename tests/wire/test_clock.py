@@ -129,3 +129,12 @@ def test_an_age_is_never_negative() -> None:
     link = Link()
     link.greet(S)
     assert link.robot.age_ns(2 * S, link.robot_ns(S)) == 0
+
+
+@given(
+    st.integers(0, 2**64 - 1)
+    | st.integers(0, 2**36)
+    | st.integers(0, 2**32).map(lambda n: n * 1000)
+)
+def test_whole_microseconds_without_a_division(ns: int) -> None:
+    assert lib.vs_clock_us(ns) == ns // 1000

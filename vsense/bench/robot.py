@@ -1,4 +1,4 @@
-"""What a robot's daemon costs: bytes, memory, and instructions of a control step.
+"""What a robot's daemon costs: bytes, memory, instructions and system calls of a control step.
 
 Sizes and instruction counts are exact and the same on every machine with the pinned compiler; the
 report lists what could not be measured.
@@ -16,19 +16,24 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from vsense.bench import robot_calls
 from vsense.lab.microcontrollers import Microcontrollers
 from vsense.robot import boards
 from vsense.robot.boards import TARGETS, toolchain
 from vsense.robot.build import SHIPPED_CONTROLLER, cache_directory, source_tree
 from vsense.robot.compiling import BuildError, Sources, native
 
-SIZE_MAX = 120_000
+SIZE_MAX = 100_000
 """[byte] of the daemon for ARMv5 with a controller in it."""
 
-STEP_MAX = 25_000
+STEP_MAX = 14_500
 """Instructions of a control step on ARMv5, the protocol's among them."""
 
+CALLS_MAX = 58
+"""System calls of a control step at 10 Hz, of all processes."""
+
 STEPS = 1000
+CALL_STEPS = 200
 HERE = Path(__file__).parent
 
 Say = Callable[[str], None]
@@ -38,8 +43,8 @@ def run(say: Say) -> dict[str, Any]:
     """Measures everything that can be measured here.
 
     Returns:
-        `sizes` [byte] by target, `step_instructions`, `memory_kb` of both processes on this
-        machine; None where something is missing, and `missing` says what.
+        `sizes` [byte] by target, `step_instructions`, `step_calls`, `memory_kb` of both processes
+        on this machine; None where something is missing, and `missing` says what.
     """
     missing: list[str] = []
     with tempfile.TemporaryDirectory(prefix="vsense-bench-") as folder:
@@ -50,6 +55,8 @@ def run(say: Say) -> dict[str, Any]:
             "size_max": SIZE_MAX,
             "step_instructions": step_instructions(Path(folder), say, missing),
             "step_max": STEP_MAX,
+            "step_calls": _step_calls(Path(folder) / "epuck", say, missing),
+            "calls_max": CALLS_MAX,
             "memory_kb": _memory_kb(Path(folder) / "host", say) if sizes["host"] else None,
             "missing": [
                 *missing,
@@ -68,6 +75,9 @@ def table(report: dict[str, Any]) -> str:
     count = report["step_instructions"]
     counted = f"{count:,} of {report['step_max']:,} allowed" if count else "not counted"
     lines.append(f"instructions of a control step on ARMv5, protocol included: {counted}")
+    calls = report["step_calls"]
+    counted = f"{calls} of {report['calls_max']} allowed" if calls else "not counted"
+    lines.append(f"system calls of a control step at 10 Hz, all processes: {counted}")
     memory = report["memory_kb"]
     lines.append(f"resident memory of both processes here: {f'{memory} kB' if memory else '?'}")
     return "\n".join([*lines, *(f"not measured: {text}" for text in report["missing"])])
@@ -108,6 +118,20 @@ def step_instructions(folder: Path, say: Say, missing: list[str]) -> int | None:
         few, many = (_count(qemu, plugin, program, mode, n) for n in (STEPS // 10, STEPS))
         costs[mode] = (many - few) / (STEPS - STEPS // 10)
     return round(costs["live"] - costs["host"])
+
+
+def _step_calls(program: Path, say: Say, missing: list[str]) -> int | None:
+    """Counts the system calls of a control step of a daemon that was built for ARMv5."""
+    qemu = shutil.which("qemu-arm")
+    if qemu is None or not program.exists():
+        missing.append("system calls: they need qemu-arm and a daemon for epuck boards")
+        return None
+    say(f"counting system calls, for {CALL_STEPS * robot_calls.TIMESTEP_NS / 1e9:.0f} s")
+    try:
+        return robot_calls.per_step(qemu, program, CALL_STEPS)
+    except BuildError as error:
+        missing.append(f"system calls: {error}")
+        return None
 
 
 def _build_steps(program: Path) -> None:

@@ -21,8 +21,8 @@ DESCRIPTION = (
     " sensors each, and a simulation of the pollutant experiment. 'grabbing' says what a GigE"
     " camera's pictures cost on top of finding markers in them, with Aravis' fake camera or your"
     " own (--device). 'robot' says how large vsensed"
-    " is on every kind of board, how much memory it holds, and how many instructions a control"
-    " step takes."
+    " is on every kind of board, how much memory it holds, and how many instructions and system"
+    " calls a control step takes."
 )
 
 _PICTURES = 8

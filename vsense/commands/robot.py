@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import argparse
 import json
-from dataclasses import asdict
+import tempfile
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from vsense.commands import arguments, orders
+from vsense.errors import UsageError
 from vsense.robot import boards, deploying
-from vsense.robot.deploying import Outcome, Plan
+from vsense.robot.deploying import Outcome, Part, Plan
 from vsense.terminal import Console, aligned
 
 DESCRIPTION = (
@@ -60,13 +62,7 @@ def _add_deploy(parser: argparse.ArgumentParser) -> None:
         help="one robot in a line: what ssh is told, tag=TAG, and if they differ from robot to"
         " robot base=BASE, name=NAME, host=, port=, uid=; such as: root@192.168.1.30 tag=23",
     )
-    parser.add_argument(
-        "--binary",
-        type=Path,
-        default=Path("vsensed"),
-        metavar="FILE",
-        help="the daemon, from `vsense robot build` (default: vsensed)",
-    )
+    _add_what(parser)
     parser.add_argument(
         "--host",
         metavar="ADDRESS",
@@ -74,9 +70,38 @@ def _add_deploy(parser: argparse.ArgumentParser) -> None:
     )
     arguments.option(parser, "--port", arguments.port, "P", "its port (default: 4050)", 4050)
     parser.add_argument(
-        "--base", help="what turns the robots' wheels, such as argos:/dev/ttyS0; see vsensed --help"
+        "--base",
+        help="what turns the robots' wheels: argos:/dev/ttyS0, or a board's name, such as pipuck;"
+        " see vsensed --help",
     )
     _add_ways(parser)
+
+
+def _add_what(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--binary",
+        type=Path,
+        metavar="FILE",
+        help="the daemon, from `vsense robot build` (default: vsensed)",
+    )
+    parser.add_argument(
+        "--controller",
+        metavar="FILE",
+        help="replace the controller alone: build a daemon with this .c file, or shipped"
+        " controller, for --target, and send that; settings and service stay as they are",
+    )
+    parser.add_argument(
+        "--target",
+        choices=list(boards.TARGETS),
+        default="epuck",
+        help="with --controller: kind of board, as in `vsense robot build` (default: epuck)",
+    )
+    parser.add_argument(
+        "--rollback",
+        action="store_true",
+        help="send nothing: each robot goes back to the daemon before this one and its settings;"
+        " a second time, forth again",
+    )
 
 
 def _add_ways(parser: argparse.ArgumentParser) -> None:
@@ -92,6 +117,19 @@ def _add_ways(parser: argparse.ArgumentParser) -> None:
         "--check",
         action="store_true",
         help="have each robot look whether its base, network and clock are well (vsensed --check)",
+    )
+    parser.add_argument(
+        "--force",
+        action="store_true",
+        help="replace it on robots that are in a running experiment, too; their wheels stop",
+    )
+    parser.add_argument(
+        "--ssh-option",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="what ssh is told with -o, such as HostKeyAlgorithms=+ssh-rsa for an old board; may"
+        " be given several times",
     )
     parser.add_argument("--json", action="store_true", help="print the results as JSON")
 
@@ -117,15 +155,10 @@ def build(options: argparse.Namespace) -> int:
 def deploy(options: argparse.Namespace) -> int:
     """Brings `vsensed` to all robots of a list; prints a table of the outcomes."""
     robots = deploying.read(options.hosts)
-    settings = {"host": options.host, "port": str(options.port), "base": options.base}
-    plan = Plan(
-        deploying.load(options.binary),
-        {name: value for name, value in settings.items() if value is not None},
-        options.service,
-        options.sudo,
-        options.check,
-    )
-    deploying.check(plan, robots, str(options.hosts))
+    with tempfile.TemporaryDirectory(prefix="vsense-") as folder:
+        plan = _plan(options, Path(folder))
+    if plan.part is Part.ALL:
+        deploying.check(plan, robots, str(options.hosts))
     console, done = Console(), [0]
 
     def told(outcome: Outcome) -> None:
@@ -136,6 +169,28 @@ def deploy(options: argparse.Namespace) -> int:
     console.end_progress()
     print(json.dumps([_facts(o) for o in outcomes], indent=2) if options.json else table(outcomes))
     return 0 if all(outcome.ok for outcome in outcomes) else 1
+
+
+def _plan(options: argparse.Namespace, folder: Path) -> Plan:
+    """What the options say; a daemon that is built first is built in the folder."""
+    chosen = [f"--{name}" for name in ("binary", "controller", "rollback") if vars(options)[name]]
+    if len(chosen) > 1:
+        raise UsageError(f"{' and '.join(chosen)}: expected one of them")
+    settings = {"host": options.host, "port": str(options.port), "base": options.base}
+    plan = Plan(
+        settings={name: value for name, value in settings.items() if value is not None},
+        kind=options.service,
+        sudo=options.sudo,
+        check=options.check,
+        force=options.force,
+        ssh_options=tuple(options.ssh_option),
+    )
+    if options.rollback:
+        return replace(plan, part=Part.BACK)
+    if options.controller is None:
+        return replace(plan, binary=deploying.load(options.binary or Path("vsensed")))
+    built = boards.build(options.controller, options.target, folder / "vsensed")
+    return replace(plan, binary=deploying.load(built.path), part=Part.DAEMON)
 
 
 def table(outcomes: list[Outcome]) -> str:
@@ -158,6 +213,7 @@ def _facts(outcome: Outcome) -> dict[str, Any]:
         "robot": outcome.robot.destination,
         "tag": int(outcome.robot.settings["tag"]),
         "ok": outcome.ok,
+        "uid": outcome.uid or None,
         "text": outcome.text,
         "details": list(outcome.details),
     }

@@ -32,7 +32,8 @@ RUNTIME_PARTS = (
 SYSTEM_PARTS = (
     *("base", "base_argos", "base_asercom", "base_boards", "base_config", "base_gctronic"),
     *("base_serial", "base_york", "check", "guard", "guard_link", "guard_process", "main", "net"),
-    *("options", "random", "report", "settings", "signals", "talk", "trace", "worker"),
+    *("memory", "options", "presets", "random", "report", "settings"),
+    *("signals", "talk", "trace", "uid", "worker"),
 )
 """What of `robot/` only a daemon needs: processes, files, network, and the base."""
 

@@ -22,16 +22,21 @@ from __future__ import annotations
 import io
 import ipaddress
 import re
+import secrets
 import shutil
 import subprocess
 import tarfile
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from enum import Enum
 from pathlib import Path
 
 from vsense.errors import ConfigError, UsageError, VsenseError
+from vsense.robot import ssh
+from vsense.robot.ssh import SSH
 
 _BOARD = Path(__file__).parent / "board"
 FILES = ("install.sh", "vsensed.init", "vsensed.service")
@@ -120,19 +125,19 @@ def _check_unique(file: str, robots: list[RobotHost]) -> None:
     """Two robots with one tag, or two lines for one board, would fight for a session."""
     seen: dict[str, int] = {}
     for robot in robots:
-        for what in (robot.destination, f"tag {int(robot.settings['tag'])}"):
+        uid = robot.settings.get("uid", "").lower()
+        own = (robot.destination, f"tag {int(robot.settings['tag'])}", uid and f"uid {uid}")
+        for what in filter(None, own):
             if what in seen:
                 raise ConfigError(file, robot.line, f"{what} is in line {seen[what]}, too")
             seen[what] = robot.line
 
 
-SSH = ("ssh", "-o", "BatchMode=yes", "-o", "ConnectTimeout=10")
-"""Never asks for a password: with many robots at once nobody could tell who asks."""
-
 TIMEOUT_S = 120.0
 
 _RECEIVE = 'd=$(mktemp -d /tmp/vsensed.XXXXXX) && tar -xf - -C "$d"'
 _MOST = 16
+_SSH_FAILED = 255
 
 
 class DeployError(VsenseError):
@@ -148,12 +153,25 @@ class Outcome:
         ok: the daemon is there and runs, and, if asked for, found all to be well.
         text: one line for a person.
         details: what the robot said beside it.
+        uid: who it will be for the host, 32 hexadecimal digits; empty where it did not tell.
     """
 
     robot: RobotHost
     ok: bool
     text: str
     details: tuple[str, ...] = ()
+    uid: str = ""
+
+
+class Part(Enum):
+    """What of a robot is replaced; the value is the word for `install.sh`."""
+
+    ALL = ""
+    DAEMON = "daemon"
+    """The daemon alone, with the controller in it: settings and service stay."""
+    SETTINGS = "settings"
+    BACK = "rollback"
+    """Nothing is sent: the daemon before this one comes back, with its settings."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,13 +184,19 @@ class Plan:
         kind: "auto", "systemd", "init" or "none".
         sudo: become root with sudo.
         check: look whether all is well there.
+        force: replace it in the midst of an experiment, too.
+        part: what is replaced.
+        ssh_options: NAME=VALUE, as after `ssh -o`.
     """
 
-    binary: bytes
+    binary: bytes = b""
     settings: Mapping[str, str] = field(default_factory=dict)
     kind: str = "auto"
     sudo: bool = False
     check: bool = False
+    force: bool = False
+    part: Part = Part.ALL
+    ssh_options: tuple[str, ...] = ()
 
     def settings_of(self, robot: RobotHost) -> dict[str, str]:
         """A robot's settings."""
@@ -180,11 +204,11 @@ class Plan:
 
     def archive(self, robot: RobotHost) -> bytes:
         """What a robot is sent, as a tar file."""
-        files = {
-            "vsensed": self.binary,
-            "vsensed.conf": settings_text(self.settings_of(robot)).encode(),
-            **service_files(),
-        }
+        files = service_files()
+        if self.part in (Part.ALL, Part.DAEMON):
+            files["vsensed"] = self.binary
+        if self.part in (Part.ALL, Part.SETTINGS):
+            files["vsensed.conf"] = settings_text(self.settings_of(robot)).encode()
         packed = io.BytesIO()
         with tarfile.open(fileobj=packed, mode="w", format=tarfile.USTAR_FORMAT) as tar:
             for name, content in files.items():
@@ -196,7 +220,8 @@ class Plan:
     def command(self) -> str:
         """What the robot's shell is told."""
         install = f'{"sudo -n " if self.sudo else ""}sh "$d/install.sh" "$d"'
-        return f"{_RECEIVE} && {install} {self.kind} {'check' if self.check else '-'}"
+        words = [self.kind, self.part.value, "check" * self.check, "force" * self.force]
+        return f"{_RECEIVE} && {install} {' '.join(filter(None, words))}"
 
 
 def load(binary: Path) -> bytes:
@@ -241,7 +266,7 @@ def check(plan: Plan, robots: Iterable[RobotHost], file: str) -> None:
 def deploy(
     plan: Plan, robots: Sequence[RobotHost], told: Callable[[Outcome], None] = lambda _: None
 ) -> list[Outcome]:
-    """Deploys to all robots at the same time.
+    """Deploys to all robots at the same time; of those with one uid each gets its own.
 
     Args:
         plan: what and how.
@@ -256,6 +281,42 @@ def deploy(
     """
     if shutil.which(SSH[0]) is None:
         raise DeployError("no ssh here; install it with: sudo apt install openssh-client")
+    outcomes = _serve_all(plan, robots, told)
+    clones = _clones(outcomes)
+    if not clones or plan.part is not Part.ALL:
+        return [_tell_clone(one) if one in clones else one for one in outcomes]
+    # Cards that were copied, with the id that the first of them was given.
+    own = [replace(o.robot, settings={**o.robot.settings, "uid": new_uid()}) for o in clones]
+    again = iter(_serve_all(replace(plan, part=Part.SETTINGS, force=True), own, lambda _: None))
+    return [_renamed(next(again)) if one in clones else one for one in outcomes]
+
+
+def new_uid() -> str:
+    """An id that no other robot has."""
+    return secrets.token_hex(16)
+
+
+def _clones(outcomes: Sequence[Outcome]) -> list[Outcome]:
+    """The robots that have their uid in common with another one."""
+    count = Counter(one.uid for one in outcomes)
+    return [one for one in outcomes if one.uid and count[one.uid] > 1]
+
+
+def _tell_clone(one: Outcome) -> Outcome:
+    text = (
+        f"{one.text}, but another robot has its uid {one.uid}: deploy to both with their settings"
+    )
+    return replace(one, ok=False, text=text)
+
+
+def _renamed(one: Outcome) -> Outcome:
+    text = "its uid was another robot's, too: it has one of its own now"
+    return replace(one, text=f"{one.text}; {text}") if one.ok else one
+
+
+def _serve_all(
+    plan: Plan, robots: Sequence[RobotHost], told: Callable[[Outcome], None]
+) -> list[Outcome]:
     crew = _Crew(plan, told)
     with ThreadPoolExecutor(max_workers=_MOST) as pool:
         try:
@@ -300,7 +361,7 @@ class _Crew:
                 return Outcome(robot, False, "interrupted")
             # In a session of its own: Ctrl-C is ours, and no terminal is asked for anything.
             process = subprocess.Popen(
-                [*SSH, robot.destination, self._plan.command()],
+                ssh.command(robot.destination, self._plan.ssh_options, self._plan.command()),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
@@ -326,9 +387,13 @@ def _lines(said: bytes) -> list[str]:
 def _judge(robot: RobotHost, status: int, out: list[str], err: list[str]) -> Outcome:
     """Says what became of a robot."""
     installed = bool(out) and ": vsensed " in out[-1]
-    if status == 0 and installed:
-        return Outcome(robot, True, out[-1], tuple(out[:-1]))
     if installed:
-        bad = [line for line in out[:-1] if " BAD " in line] or ["the check has failed"]
-        return Outcome(robot, False, f"{out[-1]}, but {bad[0]}", tuple(out[:-1]))
-    return Outcome(robot, False, err[-1] if err else f"ssh ended with {status}", tuple(err[:-1]))
+        uids = [line.split()[1] for line in out[:-1] if line.startswith("uid: ")]
+        text, details = out[-1], tuple(out[:-1])
+        if status != 0:
+            bad = [line for line in details if " BAD " in line] or ["the check has failed"]
+            text = f"{text}, but {bad[0]}"
+        return Outcome(robot, status == 0, text, details, "".join(uids))
+    text = err[-1] if err else f"ssh ended with {status}"
+    way_out = ssh.advice(robot.destination, err) if status == _SSH_FAILED else None
+    return Outcome(robot, False, f"{text}: {way_out}" if way_out else text, tuple(err[:-1]))

@@ -1,55 +1,122 @@
 # Puts vsensed in its place on a robot's board; it runs there, as part of `vsense robot deploy`.
 #
-#     sh install.sh FOLDER auto|systemd|init|none check|-
+#     sh install.sh FOLDER auto|systemd|init|none [WORD]...
 #
-# FOLDER holds what was sent, and goes away. "check" looks whether all is well before the new
-# daemon starts. Each file is replaced whole: a board whose power fails meanwhile has the old one
-# or the new one. With VSENSED_ROOT set all paths begin there, as for an image of a board.
+# FOLDER holds what was sent, and goes away. Words: "check" looks whether all is well before the new
+# daemon starts; "force" does it in the midst of an experiment, too; "daemon" brings the daemon
+# alone, to a board that has settings; "settings" brings the settings alone; "rollback" brings
+# nothing, and goes back to the daemon before this one and its settings. Each file is replaced
+# whole: a board whose power fails meanwhile has the old one or the new one. With VSENSED_ROOT set
+# all paths begin there, as for an image of a board.
 set -eu
-from=$1 kind=$2 check=$3 root=${VSENSED_ROOT:-}
+from=$1 kind=$2 root=${VSENSED_ROOT:-}
+shift 2
+words=" $* "
 trap 'rm -rf "$from"' EXIT
 fail() { echo "$1" >&2; exit 1; }
+told() { case $words in *" $1 "*) ;; *) return 1 ;; esac; }
 [ "$(id -u)" -eq 0 ] || fail "needs root: log in as root, or give --sudo"
-chmod 755 "$from/vsensed"
-version=$("$from/vsensed" --version) || fail "this board cannot run it: built for another target?"
-put() { # put FILE PLACE MODE
+binary=/usr/local/bin/vsensed conf=/etc/vsensed.conf
+copy() { # copy FILE PLACE MODE
     mkdir -p "$(dirname "$root$2")"
-    cp "$from/$1" "$root$2.new"
+    cp "$1" "$root$2.new"
     chmod "$3" "$root$2.new"
     sync
     mv "$root$2.new" "$root$2"
 }
+put() { copy "$from/$1" "$2" "$3"; }
+setting() { sed -n "s/^$1 *= *//p" "$2" 2>/dev/null || true; }
+
+# A connection to the host's port is an experiment that has this robot.
+experiment() {
+    port=$(setting port "$root$conf")
+    [ -n "$port" ] || return 1
+    port=$(printf %04X "$port")
+    grep -q "^ *[0-9]*: [0-9A-F]*:[0-9A-F]* [0-9A-F]*:$port 01 " "$root/proc/net/tcp" 2>/dev/null
+}
+if ! told force && experiment; then
+    fail "is in an experiment of $(setting host "$root$conf"): end that first, or give --force"
+fi
+
 if [ "$kind" = auto ]; then
     kind=init
     [ ! -d "$root/run/systemd/system" ] || kind=systemd
 fi
-put vsensed /usr/local/bin/vsensed 755
-put vsensed.conf /etc/vsensed.conf 644
-case $kind in
-    systemd)
-        put vsensed.service /etc/systemd/system/vsensed.service 644
-        systemctl daemon-reload
-        systemctl -q enable vsensed
-        systemctl stop vsensed
-        ;;
-    init)
-        mkdir -p "$root/var/run" "$root/var/log"
-        put vsensed.init /etc/init.d/vsensed 755
-        if command -v update-rc.d >/dev/null; then
-            update-rc.d vsensed defaults >/dev/null
-        elif [ -e "$root/etc/init.d/rcS" ]; then # BusyBox starts all S* in order
-            ln -sf vsensed "$root/etc/init.d/S90vsensed"
-        fi
-        "$root/etc/init.d/vsensed" stop
-        ;;
-esac
-well=0
-if [ "$check" = check ]; then
-    "$root/usr/local/bin/vsensed" --check --config "$root/etc/vsensed.conf" || well=1
+service() { # service start|stop
+    case $kind in
+        systemd) systemctl "$1" vsensed ;;
+        init) "$root/etc/init.d/vsensed" "$1" ;;
+    esac
+}
+install_service() {
+    case $kind in
+        systemd)
+            put vsensed.service /etc/systemd/system/vsensed.service 644
+            systemctl daemon-reload
+            systemctl -q enable vsensed
+            ;;
+        init)
+            mkdir -p "$root/var/run" "$root/var/log"
+            put vsensed.init /etc/init.d/vsensed 755
+            if command -v update-rc.d >/dev/null; then
+                update-rc.d vsensed defaults >/dev/null
+            elif [ -e "$root/etc/init.d/rcS" ]; then # BusyBox starts all S* in order
+                ln -sf vsensed "$root/etc/init.d/S90vsensed"
+            fi
+            ;;
+    esac
+}
+
+# The same daemon again is no other one to go back to.
+put_daemon() {
+    if [ -f "$root$binary" ] && ! cmp -s "$root$binary" "$from/vsensed"; then
+        copy "$root$binary" $binary.last 755
+        [ ! -f "$root$conf" ] || copy "$root$conf" $conf.last 644
+    fi
+    put vsensed $binary 755
+}
+
+# An id that was given to this robot stays its own.
+put_settings() {
+    uid=$(setting uid "$root$conf")
+    if [ -n "$uid" ] && [ -z "$(setting uid "$from/vsensed.conf")" ]; then
+        echo "uid = $uid" >>"$from/vsensed.conf"
+    fi
+    put vsensed.conf $conf 644
+}
+go_back() {
+    [ -f "$root$binary.last" ] || fail "has no earlier daemon to go back to"
+    for file in $binary $conf; do
+        [ -f "$root$file.last" ] || continue
+        cp "$root$file" "$from/now"
+        copy "$root$file.last" $file "$([ $file = $binary ] && echo 755 || echo 644)"
+        copy "$from/now" $file.last "$([ $file = $binary ] && echo 755 || echo 644)"
+    done
+}
+
+if told rollback; then
+    go_back
+elif told settings; then
+    put_settings
+else
+    chmod 755 "$from/vsensed"
+    "$from/vsensed" --version >/dev/null || fail "this board cannot run it: built for another target?"
+    if told daemon; then
+        [ -f "$root$conf" ] || fail "has no settings yet: deploy to it once without --controller"
+        put_daemon
+    else
+        put_daemon
+        put_settings
+        install_service
+    fi
 fi
-case $kind in
-    systemd) systemctl start vsensed ;;
-    init) "$root/etc/init.d/vsensed" start ;;
-esac
+version=$("$root$binary" --version)
+service stop
+well=0
+report=$("$root$binary" --identify --config "$root$conf" 2>/dev/null) && echo "uid: $report"
+if told check; then
+    "$root$binary" --check --config "$root$conf" || well=1
+fi
+service start
 echo "$kind: $version"
 exit $well
