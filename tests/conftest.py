@@ -22,19 +22,17 @@ settings.register_profile("vsense", deadline=None)
 settings.load_profile("vsense")
 
 
-ALONE = ("tests/system/", "tests/board/", "tests/ui/test_lab_page.py")
+ALONE = ("tests/system/", "tests/ui/test_lab_page.py")
 """Tests that need the machine for themselves: whole labs and runs that keep or measure times. Those
 marked `quick` end before anything keeps time."""
 
 
 PACED = (
-    *("tests/gige/test_track.py", "tests/gige/test_faults.py"),
-    *("tests/robot/test_bases.py", "tests/robot/test_faults.py"),
-    *("tests/gige/test_rig.py", "tests/gige/test_run.py"),
-    *("tests/robot/test_hard_faults.py", "tests/robot/test_daemon.py"),
+    *("tests/board/", "tests/gige/"),
+    *(f"tests/robot/test_{name}.py" for name in ("bases", "daemon", "faults", "hard_faults")),
 )
-"""Tests of one daemon or four cameras in real time: they mostly wait, and share the machine with
-their like only. Four workers take the files in this order: cameras keep two of them busy."""
+"""Tests of one board, one daemon or four cameras in real time: two at a time, with their like only,
+since four more cameras and a busy machine are a fault of cameras too."""
 
 
 LONG = (
@@ -50,18 +48,13 @@ LONG = (
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Puts the tests of `LONG` first and those of `PACED` in order; marks `ALONE` and `PACED`."""
-    items.sort(key=lambda item: (not item.nodeid.startswith(LONG), _place(item.nodeid)))
+    """Puts the tests of `LONG` first, and marks those of `ALONE` and `PACED`."""
+    items.sort(key=lambda item: not item.nodeid.startswith(LONG))
     for item in items:
         if item.nodeid.startswith(ALONE) and item.get_closest_marker("quick") is None:
             item.add_marker("alone")
         if item.nodeid.startswith(PACED):
             item.add_marker("paced")
-
-
-def _place(nodeid: str) -> int:
-    file = nodeid.partition("::")[0]
-    return PACED.index(file) if file in PACED else -1
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
