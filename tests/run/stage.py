@@ -85,6 +85,10 @@ class Stage:
         things = self.experiment.objects
         return {r.tag for r in self.experiment.robots} | {thing.tag for thing in things}
 
+    def logged(self) -> list[tuple[int, str]]:
+        """Stands in for `Runtime.logged`: there are no virtual robots."""
+        return []
+
     def step(self, timeout_s: float) -> Step:
         """Stands in for `Runtime.step`."""
         self.calls += 1
