@@ -8,6 +8,7 @@
  *
  * Parameters: release of pheromone per second on the way home (1), trail, least
  * concentration that is followed (3), pull towards its middle (0.05), and those of walk.h.
+ * It shows what it does and how often it brought food home, and logs each time.
  */
 #include "controller.h"
 
@@ -25,6 +26,7 @@ struct ant {
     double trail;
     double pull;
     int carrying;
+    int delivered;
     struct vs_walk walk;
 };
 
@@ -40,6 +42,7 @@ static void init(void *state, struct vs_robot *robot)
     s->trail = vs_robot_param(robot, "trail", 3.0);
     s->pull = vs_robot_param(robot, "pull", 0.05);
     vs_walk_init(&s->walk, robot);
+    vs_robot_show(robot, "delivered", 0.0);
 }
 
 /* The nest is blue, food is green, all else is neither. */
@@ -80,23 +83,36 @@ static int on_trail(const struct ant *s, const struct vs_robot *robot, double *t
     return 1;
 }
 
+static void deliver(struct ant *s, struct vs_robot *robot)
+{
+    vs_robot_show(robot, "delivered", ++s->delivered);
+    vs_robot_log(robot, "brought food home");
+}
+
 static void step(void *state, struct vs_robot *robot)
 {
     struct ant *s = state;
     enum place place = standing_on(s, robot);
     double nest_rad = 0.0;
     double turn_rad = 0.0;
+    const char *does = "carries home";
     int oriented = nest_bearing(s, robot, &nest_rad);
 
+    if (s->carrying && place == NEST)
+        deliver(s, robot);
     s->carrying = place == FOOD || (s->carrying && place != NEST);
     vs_robot_set_leds(robot, s->carrying ? VS_ROBOT_LED_RING : 0);
     vs_robot_actuate(robot, s->gland, 0, s->carrying ? s->release : 0.0);
-    if (oriented && s->carrying)
+    if (oriented && s->carrying) {
         vs_walk_towards(&s->walk, robot, nest_rad);
-    else if (oriented && on_trail(s, robot, &turn_rad))
+    } else if (oriented && on_trail(s, robot, &turn_rad)) {
         vs_walk_towards(&s->walk, robot, nest_rad + PI + turn_rad);
-    else
+        does = "follows a trail";
+    } else {
         vs_walk_wander(&s->walk, robot);
+        does = "searches";
+    }
+    vs_robot_show_text(robot, "does", does);
 }
 
 const struct vs_controller vs_controller = {"foraging", sizeof(struct ant), init, step};
