@@ -21,6 +21,7 @@ void fw_body_reset(struct fw_body *body, uint64_t now_us)
     body->steps_e12[1] = 0;
     body->rolled_us = now_us;
     body->applied_us = now_us;
+    body->changed = 1;
     fw_watchdog_feed(&body->watchdog, 0);
 }
 

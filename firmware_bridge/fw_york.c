@@ -302,7 +302,6 @@ void fw_york_reset(struct fw_york *fw, uint64_t now_us)
     fw->answer[0] = 0;
     fw->answer_len = 1;
     fw->dirty = 0;
-    fw->body.changed = 1;
     fw->lived_us = now_us;
     fw->booted_us = now_us + FW_YORK_BOOT_US;
 }

@@ -59,6 +59,10 @@ int vs_base_open(struct vs_base *base, const struct vs_base_config *config)
     base->boards.rab_power = config->rab_power;
     base->news = config->device;
     err = config->ops->open(base, config);
+    if (err == VS_OK && config->reset[0] != '\0') {
+        base->news = "the reset GPIO";
+        err = vs_reset_open(&base->reset, config->reset);
+    }
     for (board = 0; board < VS_BOARDS && err == VS_OK; board++) {
         base->news = config->board[board];
         err = open_board(base, config, board);
@@ -68,16 +72,26 @@ int vs_base_open(struct vs_base *base, const struct vs_base_config *config)
     return err;
 }
 
-int vs_base_recover(struct vs_base *base)
-{
-    base->counting = 0;
-    return base->ops->recover(base);
-}
-
 static uint64_t now(const struct vs_base *base)
 {
     return base->ops->on_i2c ? base->bus.now_ns(base->bus.context)
                              : base->io.now_ns(base->io.context);
+}
+
+int vs_base_recover(struct vs_base *base)
+{
+    int err;
+
+    base->counting = 0;
+    if (vs_reset_lasts(&base->reset, now(base)))
+        return VS_ERR_BUSY;
+    err = base->ops->recover(base);
+    if (err == VS_OK)
+        base->reset.begun_ns = 0; /* it was not in vain, and the next one need not wait */
+    if (err != VS_ERR_SILENT || !vs_reset_begin(&base->reset, now(base)))
+        return err;
+    base->news = "its microcontroller does not answer and is being reset";
+    return VS_ERR_BUSY;
 }
 
 int vs_base_exchange(struct vs_base *base, const struct vs_base_command *command,

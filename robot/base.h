@@ -14,6 +14,7 @@
 
 #include "base_boards.h"
 #include "base_body.h"
+#include "base_reset.h"
 #include "../c_src/vs_i2c.h"
 #include "../c_src/vs_io.h"
 
@@ -93,6 +94,7 @@ struct vs_base {
     struct vs_io io;      /* of a base behind a serial line */
     struct vs_i2c bus;    /* of a base on a bus */
     int fd;               /* of the device: both processes hold it */
+    struct vs_reset reset;
     const char *news;     /* a phrase worth telling, for whoever owns the base; NULL: none */
     struct vs_boards boards;
     uint16_t counters[2]; /* of the wheels, as read last */
@@ -108,7 +110,8 @@ struct vs_base {
  * opened is then in base->news. */
 int vs_base_open(struct vs_base *base, const struct vs_base_config *config);
 
-/* ops->recover. */
+/* ops->recover. Where nothing answers, and the microcontroller can be reset, it is: VS_ERR_BUSY
+ * until that is done. */
 int vs_base_recover(struct vs_base *base);
 
 /* ops->exchange with a command that the body can do, and what the boards say. *reading

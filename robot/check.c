@@ -167,6 +167,8 @@ static const char *find_device(const char *path)
     if (begins(path, "/dev/ttyS") || begins(path, "/dev/ttyO"))
         return "an Overo's port is /dev/ttyS0 until Linux 2.6.36 (--base overo) and /dev/ttyO0"
                " from then on (--base overo-omap)";
+    if (begins(path, "the reset"))
+        return "is that its number, 24 on a Pi-puck? (ls /sys/class/gpio /dev/gpiochip*)";
     if (begins(path, "/dev/rfcomm"))
         return "pair the robot, and: rfcomm bind 0 ADDRESS";
     return "is it named right, and its driver loaded? (ls /dev)";
@@ -267,6 +269,15 @@ static int check_base(const struct vs_options *o)
     return say("base", good, "%s on %s answers, wheels at 0", kind, o->base.device);
 }
 
+/* It is not opened: that would start it, and some cannot be stopped again. */
+static int check_watchdog(const char *path)
+{
+    if (access(path, W_OK) != 0)
+        return say("watchdog", 0, "%s: %s; load the board's driver (modprobe), or leave --watchdog"
+                   " out", path, strerror(errno));
+    return say("watchdog", 1, "%s is there; whether it is free a start tells", path);
+}
+
 /* Who it will be for the host: what a start looks at, too. */
 static int check_uid(const struct vs_options *o)
 {
@@ -293,6 +304,8 @@ int vs_check_run(const struct vs_options *options)
     } else {
         good = 0;
     }
+    if (options->watchdog != NULL)
+        good &= check_watchdog(options->watchdog);
     good &= check_base(options);
     return good ? 0 : 1;
 }

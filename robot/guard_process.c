@@ -6,6 +6,7 @@
 #include <sys/socket.h>
 
 #include "report.h"
+#include "watchdog.h"
 #include "../c_src/vs_posix.h"
 
 #define RETRY_NS 15000000u /* [ns] between two tries on a device that fails at once */
@@ -117,8 +118,10 @@ int vs_guard_process(int socket, int signals_fd, struct vs_base *base, int found
     enum vs_guard_action action;
 
     vs_guard_init(&p.guard, found);
-    while ((action = next(&p)) != VS_GUARD_EXIT)
+    while ((action = next(&p)) != VS_GUARD_EXIT) {
+        vs_watchdog_feed(vs_posix_recent_ns());
         hear(&p, act(&p, action));
+    }
     tell(&p);
     if (p.result == VS_ERR_HANGUP)
         return VS_GUARD_GONE;

@@ -10,6 +10,7 @@
 #include "report.h"
 #include "signals.h"
 #include "trace.h"
+#include "watchdog.h"
 #include "../c_src/vs_posix.h"
 
 #define PACKETS_AT_ONCE 64   /* then guard and steps get their turn */
@@ -313,6 +314,8 @@ static int open_files(struct vs_worker *w)
         return 1;
     }
     err = vs_base_open(&w->base, &o->base);
+    if (err == VS_OK && o->watchdog != NULL)
+        vs_watchdog_open(o->watchdog);
     if (err != VS_OK)
         vs_report("cannot open the base %s: %s", w->base.news,
                   err == VS_ERR_IO ? strerror(errno) : vs_strerror(err));
@@ -356,6 +359,8 @@ int vs_worker_run(struct vs_worker *w, const struct vs_options *options)
             await(w);
     }
     vs_guard_link_kill(&w->guard);
+    if (w->status == 0)
+        vs_watchdog_close();
     say_goodbye(w);
     return w->status;
 }

@@ -92,7 +92,7 @@ static int io_write(void *context, const uint8_t *buf, size_t len, uint64_t dead
 /* A base as ops->open leaves it, but on our line. */
 static void begin(struct world *w, uint8_t mode, uint32_t seed)
 {
-    struct vs_base_config config = {&vs_base_asercom, "/nowhere", {"", ""}, 2, 115, 0.0867438559f, {mode, 0}};
+    struct vs_base_config config = {&vs_base_asercom, "/nowhere", {"", ""}, 2, 115, 0.0867438559f, {mode, 0}, ""};
     int i;
 
     memset(w, 0, sizeof *w);

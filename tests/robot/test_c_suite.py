@@ -49,12 +49,14 @@ SUITES = {
     "robot_posix": [],
     "robot_format": [C_SRC / "vs_format.c"],
     "robot_i2c_posix": [C_SRC / "vs_format.c"],
+    "robot_reset": [C_SRC / "vs_format.c"],
     "robot_settings": [ROBOT / "settings.c"],
     "robot_uid": [
-        *(ROBOT / f"{part}.c" for part in ("options", "presets", "settings", "number")),
+        *(ROBOT / f"{part}.c" for part in ("options", "presets", "settings")),
         *(p for p in BASES if FIRMWARE not in p.parents),
         C_SRC / "vs_bytes.c",
     ],
+    "robot_watchdog": [],
     "robot_number": [ROBOT / "number.c"],
     "robot_stop": [ROBOT / "guard.c", *BASES],
     "robot_loop": [TESTS / "robot_life.c", *MINDS, *PROTOCOL],
@@ -71,7 +73,7 @@ RUNS |= {"robot_base_i2c": "2000"}
 """How many random worlds a suite goes through."""
 
 EDGE = {"check", "guard_link", "guard_process", "main", "net", "random", "report", "signals"}
-EDGE |= {"trace", "uid", "worker"}
+EDGE |= {"base_reset", "trace", "uid", "watchdog", "worker"}
 """The files that talk to the operating system; all others are pure."""
 
 SYSTEM = {"errno", "fcntl", "poll", "signal", "termios", "time", "unistd", "pthread"}

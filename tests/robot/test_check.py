@@ -42,6 +42,14 @@ def test_all_is_well(idle: Rig, check: Check) -> None:
     assert not idle.host.connected, "nobody's session is taken"
 
 
+def test_the_boards_watchdog_is_looked_for_but_not_started(idle: Rig, check: Check) -> None:
+    _, said = check(watchdog="/dev/null")
+    assert said["watchdog"] == "ok   /dev/null is there; whether it is free a start tells"
+    status, said = check(watchdog="/nowhere/watchdog")
+    assert said["watchdog"].startswith("BAD  /nowhere/watchdog: No such file or directory; load")
+    assert status == 1
+
+
 def test_an_empty_battery_and_a_full_one(idle: Rig, check: Check) -> None:
     """The pin is 1 while the battery is good (see tests/firmware/test_fw_argos.py)."""
     for battery_mv, words in ((3300, "BAD  argos on"), (4000, "ok   argos on")):
