@@ -24,21 +24,23 @@ const struct vs_base_ops *const vs_bases[] = {BASES(POINT_TO) NULL};
 const struct vs_base_body vs_body_epuck = {1000, 128805};
 const struct vs_base_body vs_body_epuck2 = {1100, VS_EPUCK2_STEP_NM};
 
-/* The bus of a board: the base's own, that of the board before it, or one of its own. */
+/* The bus of a board: the base's own, that of the board before it, or one of its own. A
+ * socket cannot be shared: each board's process needs its own. */
 static int open_board(struct vs_base *base, const struct vs_base_config *config, int board)
 {
     struct vs_boards *boards = &base->boards;
     const char *path = config->board[board];
+    int shares = !vs_i2c_is_socket(path);
     int other;
 
     if (path[0] == '\0')
         return VS_OK;
     boards->reading.there |= (uint8_t)(1u << board);
-    if (config->ops->on_i2c && strcmp(path, config->device) == 0) {
+    if (shares && config->ops->on_i2c && strcmp(path, config->device) == 0) {
         boards->bus[board] = base->bus;
         return VS_OK;
     }
-    for (other = 0; other < board; other++) {
+    for (other = 0; shares && other < board; other++) {
         if (strcmp(path, config->board[other]) == 0) {
             boards->bus[board] = boards->bus[other];
             return VS_OK;
@@ -97,7 +99,6 @@ int vs_base_recover(struct vs_base *base)
 int vs_base_exchange(struct vs_base *base, const struct vs_base_command *command,
                      struct vs_base_reading *reading)
 {
-    uint64_t deadline_ns = now(base) + VS_BASE_EXCHANGE_NS;
     struct vs_base_command limited = *command;
     int err;
 
@@ -107,18 +108,15 @@ int vs_base_exchange(struct vs_base *base, const struct vs_base_command *command
     err = base->ops->exchange(base, &limited, reading);
     if (err != VS_OK)
         return err;
-    vs_boards_read_ground(&base->boards, deadline_ns, &base->news);
-    if (base->boards.reading.there)
-        reading->boards = base->boards.reading;
     reading->step_nm = base->body->step_nm;
     reading->max_steps_s = base->body->max_steps_s;
     return VS_OK;
 }
 
-int vs_base_rest(struct vs_base *base, const struct vs_base_command *command)
+int vs_base_shares_bus(const struct vs_base *base, int board)
 {
-    return vs_boards_talk(&base->boards, &command->message, now(base) + VS_BASE_REST_NS,
-                          &base->news);
+    return base->boards.bus[board].transfer != NULL &&
+           base->boards.bus[board].context == &base->fd;
 }
 
 void vs_base_feel(const int16_t acceleration[3], const int16_t *microphones, int count,

@@ -18,6 +18,8 @@ void vs_watchdog_open(const char *path)
 {
     int seconds = VS_WATCHDOG_S;
 
+    if (path == NULL)
+        return;
     device = open(path, O_WRONLY | O_NONBLOCK);
     if (device < 0) {
         vs_report("--watchdog %s: %s; going on without it", path,
@@ -44,9 +46,9 @@ void vs_watchdog_feed(uint64_t now_ns)
     say('\0');
 }
 
-void vs_watchdog_close(void)
+void vs_watchdog_end(int orderly)
 {
-    if (device < 0)
+    if (device < 0 || !orderly)
         return;
     say('V'); /* "magic close": Documentation/watchdog/watchdog-api of Linux */
     close(device);

@@ -13,13 +13,13 @@
 #define VS_WATCHDOG_S 10               /* [s] asked for; a driver may take its own */
 #define VS_WATCHDOG_FEED_NS 1000000000u /* [ns] from one feeding to the next */
 
-/* Opens it, which starts it. One that cannot be had is told, and done without. */
+/* Opens it, which starts it. One that cannot be had is told, and done without. NULL: none. */
 void vs_watchdog_open(const char *path);
 
 /* The guard goes round: feeds it if it is time. */
 void vs_watchdog_feed(uint64_t now_ns);
 
-/* An orderly end: switches it off. */
-void vs_watchdog_close(void);
+/* Switches it off, if that was an orderly end. */
+void vs_watchdog_end(int orderly);
 
 #endif

@@ -82,10 +82,11 @@ static void test_one_that_is_taken_is_told(void)
     CHECK(strcmp(said, "--watchdog /dev/watchdog: another program has it (systemd's"
                        " RuntimeWatchdogSec, or a watchdog daemon); going on without it") == 0);
     vs_watchdog_feed(5 * S);
-    vs_watchdog_close();
+    vs_watchdog_end(1);
     CHECK(count == 0 && closed == 0);
     fake_error = ENOENT;
     vs_watchdog_open("/dev/watchdog");
+    vs_watchdog_open(NULL);
     CHECK(strstr(said, "No such file or directory; going on without it") != NULL);
 }
 
@@ -99,9 +100,10 @@ static void test_fed_once_a_second_and_closed(void)
     CHECK(said[0] == '\0' && timeout_s == 10);
     for (now_ns = 100 * S; now_ns < 105 * S; now_ns += S / 20)
         vs_watchdog_feed(now_ns);
-    CHECK(count == 5 && memchr(fed, 'V', count) == NULL);
-    vs_watchdog_close();
-    vs_watchdog_close();
+    vs_watchdog_end(0);
+    CHECK(count == 5 && memchr(fed, 'V', count) == NULL && closed == 0);
+    vs_watchdog_end(1);
+    vs_watchdog_end(1);
     vs_watchdog_feed(200 * S);
     CHECK(count == 6 && fed[5] == 'V' && closed == 1);
 }
