@@ -100,6 +100,7 @@ NATIVE = Library(
         "c_src/epuck_gctronic.h",
         "c_src/epuck_york.h",
         "c_src/epuck_boards.h",
+        "firmware_bridge/fw_watchdog.h",
         "firmware_bridge/fw_body.h",
         "firmware_bridge/fw_uart.h",
         "firmware_bridge/fw_i2c.h",
@@ -110,6 +111,7 @@ NATIVE = Library(
         "firmware_bridge/fw_boards.h",
     ),
     layouts=(
+        "firmware_bridge/fw_watchdog.h",
         "firmware_bridge/fw_body.h",
         "firmware_bridge/fw_uart.h",
     ),

@@ -217,10 +217,15 @@ static int open_device(int fd, uint64_t wait_ns)
     return bound_errors(fd) == 0 ? VS_OK : VS_ERR_IO;
 }
 
+int vs_i2c_is_socket(const char *path)
+{
+    return strncmp(path, VS_I2C_UNIX, strlen(VS_I2C_UNIX)) == 0;
+}
+
 int vs_i2c_open(struct vs_i2c *bus, const char *path, uint64_t wait_ns, int *fd)
 {
     size_t prefix = strlen(VS_I2C_UNIX);
-    int is_socket = strncmp(path, VS_I2C_UNIX, prefix) == 0;
+    int is_socket = vs_i2c_is_socket(path);
     int opened = is_socket ? socket(AF_UNIX, SOCK_SEQPACKET, 0) : open(path, O_RDWR);
     int err;
     int why;

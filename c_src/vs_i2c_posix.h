@@ -23,6 +23,9 @@ extern "C" {
  */
 int vs_i2c_open(struct vs_i2c *bus, const char *path, uint64_t wait_ns, int *fd);
 
+/* 1 if the path is that of a socket. */
+int vs_i2c_is_socket(const char *path);
+
 #ifdef __cplusplus
 }
 #endif

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 #include "fw_body.h"
 
-enum { BATTERY_MV = 4000 };
+enum { BATTERY_MV = 4000, TICK_US = FW_WATCHDOG_TICK_MS * 1000 };
 
 #define STEP_E12 INT64_C(1000000000000)
 
@@ -21,6 +21,8 @@ void fw_body_reset(struct fw_body *body, uint64_t now_us)
     body->steps_e12[1] = 0;
     body->rolled_us = now_us;
     body->applied_us = now_us;
+    body->changed = 1;
+    fw_watchdog_feed(&body->watchdog, 0);
 }
 
 /* The speed that a motor really turns with, in 1e-6 step/s. */
@@ -93,25 +95,30 @@ int fw_body_take_change(struct fw_body *body)
 
 void fw_body_feed(struct fw_body *body, uint64_t now_us)
 {
-    body->fed_us = now_us;
+    fw_watchdog_feed(&body->watchdog, (uint16_t)(body->watchdog_us / TICK_US));
+    body->ticked_us = now_us;
 }
 
 uint64_t fw_body_watchdog_due_us(const struct fw_body *body)
 {
-    if (body->watchdog_us == 0 ||
+    if (body->watchdog.left == 0 ||
         (body->outputs.left_steps_s == 0 && body->outputs.right_steps_s == 0))
         return FW_NEVER_US;
-    return body->fed_us + body->watchdog_us;
+    return body->ticked_us + (uint64_t)body->watchdog.left * TICK_US;
 }
 
 int fw_body_watch(struct fw_body *body, uint64_t now_us)
 {
-    uint64_t due_us = fw_body_watchdog_due_us(body);
+    int stands = body->outputs.left_steps_s == 0 && body->outputs.right_steps_s == 0;
 
-    if (now_us < due_us)
-        return 0;
-    fw_body_drive(body, 0, 0, due_us);
-    fw_body_apply(body, due_us);
-    body->stops++;
-    return 1;
+    while (body->watchdog.left > 0 && now_us >= body->ticked_us + TICK_US) {
+        body->ticked_us += TICK_US;
+        if (!fw_watchdog_tick(&body->watchdog) || stands)
+            continue;
+        fw_body_drive(body, 0, 0, body->ticked_us);
+        fw_body_apply(body, body->ticked_us);
+        body->stops++;
+        return 1;
+    }
+    return 0;
 }

@@ -9,6 +9,8 @@
 
 #include <stdint.h>
 
+#include "fw_watchdog.h"
+
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -35,8 +37,8 @@ struct fw_outputs {
 struct fw_body {
     /* the owner writes */
     struct fw_inputs inputs;
-    uint32_t watchdog_us; /* [us] without a command after which the motors stop; 0 = never,
-                             as stock firmware has it */
+    uint32_t watchdog_us; /* [us] without a command after which the motors stop, in whole
+                             ticks of fw_watchdog.h; 0 = never, as stock firmware has it */
     /* the owner reads */
     struct fw_outputs outputs;
     uint64_t applied_us;  /* when a command, the watchdog or a reset changed them last */
@@ -48,7 +50,8 @@ struct fw_body {
     uint16_t timer_more;
     uint64_t rolled_us;   /* the steps are counted up to here */
     int64_t steps_e12[2]; /* [1e-12 step] of the left and the right wheel, modulo 65536 */
-    uint64_t fed_us;      /* the newest command */
+    struct fw_watchdog watchdog;
+    uint64_t ticked_us;   /* its newest tick; the first one comes a whole tick after a command */
 };
 
 /* Power on: battery full, no light missing, motors and LEDs off. The time between two steps

@@ -200,6 +200,7 @@ static enum fw_i2c_result write(void *context, const uint8_t *buf, size_t len, u
     store(fw, first_us);
     if (first_us < fw->booted_us || len > EPUCK_YORK_WRITE_LEN)
         return FW_I2C_NACK;
+    fw_body_feed(&fw->body, first_us); /* whatever is written: speeds are when they change */
     fw->pointer = buf[0];
     fw->stored = 0;
     fw->expected = (uint8_t)(len - 1);
@@ -209,8 +210,6 @@ static enum fw_i2c_result write(void *context, const uint8_t *buf, size_t len, u
     if (len == 1)
         return FW_I2C_ACK;
     fw->writes++;
-    if (fw->pointer == EPUCK_YORK_LEFT_SPEED || fw->pointer == EPUCK_YORK_RIGHT_SPEED)
-        fw_body_feed(&fw->body, first_us);
     return FW_I2C_ACK;
 }
 
@@ -303,7 +302,6 @@ void fw_york_reset(struct fw_york *fw, uint64_t now_us)
     fw->answer[0] = 0;
     fw->answer_len = 1;
     fw->dirty = 0;
-    fw->body.changed = 1;
     fw->lived_us = now_us;
     fw->booted_us = now_us + FW_YORK_BOOT_US;
 }

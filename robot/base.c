@@ -24,21 +24,23 @@ const struct vs_base_ops *const vs_bases[] = {BASES(POINT_TO) NULL};
 const struct vs_base_body vs_body_epuck = {1000, 128805};
 const struct vs_base_body vs_body_epuck2 = {1100, VS_EPUCK2_STEP_NM};
 
-/* The bus of a board: the base's own, that of the board before it, or one of its own. */
+/* The bus of a board: the base's own, that of the board before it, or one of its own. A
+ * socket cannot be shared: each board's process needs its own. */
 static int open_board(struct vs_base *base, const struct vs_base_config *config, int board)
 {
     struct vs_boards *boards = &base->boards;
     const char *path = config->board[board];
+    int shares = !vs_i2c_is_socket(path);
     int other;
 
     if (path[0] == '\0')
         return VS_OK;
     boards->reading.there |= (uint8_t)(1u << board);
-    if (config->ops->on_i2c && strcmp(path, config->device) == 0) {
+    if (shares && config->ops->on_i2c && strcmp(path, config->device) == 0) {
         boards->bus[board] = base->bus;
         return VS_OK;
     }
-    for (other = 0; other < board; other++) {
+    for (other = 0; shares && other < board; other++) {
         if (strcmp(path, config->board[other]) == 0) {
             boards->bus[board] = boards->bus[other];
             return VS_OK;
@@ -59,6 +61,10 @@ int vs_base_open(struct vs_base *base, const struct vs_base_config *config)
     base->boards.rab_power = config->rab_power;
     base->news = config->device;
     err = config->ops->open(base, config);
+    if (err == VS_OK && config->reset[0] != '\0') {
+        base->news = "the reset GPIO";
+        err = vs_reset_open(&base->reset, config->reset);
+    }
     for (board = 0; board < VS_BOARDS && err == VS_OK; board++) {
         base->news = config->board[board];
         err = open_board(base, config, board);
@@ -68,22 +74,31 @@ int vs_base_open(struct vs_base *base, const struct vs_base_config *config)
     return err;
 }
 
-int vs_base_recover(struct vs_base *base)
-{
-    base->counting = 0;
-    return base->ops->recover(base);
-}
-
 static uint64_t now(const struct vs_base *base)
 {
     return base->ops->on_i2c ? base->bus.now_ns(base->bus.context)
                              : base->io.now_ns(base->io.context);
 }
 
+int vs_base_recover(struct vs_base *base)
+{
+    int err;
+
+    base->counting = 0;
+    if (vs_reset_lasts(&base->reset, now(base)))
+        return VS_ERR_BUSY;
+    err = base->ops->recover(base);
+    if (err == VS_OK)
+        base->reset.begun_ns = 0; /* it was not in vain, and the next one need not wait */
+    if (err != VS_ERR_SILENT || !vs_reset_begin(&base->reset, now(base)))
+        return err;
+    base->news = "its microcontroller does not answer and is being reset";
+    return VS_ERR_BUSY;
+}
+
 int vs_base_exchange(struct vs_base *base, const struct vs_base_command *command,
                      struct vs_base_reading *reading)
 {
-    uint64_t deadline_ns = now(base) + VS_BASE_EXCHANGE_NS;
     struct vs_base_command limited = *command;
     int err;
 
@@ -93,18 +108,15 @@ int vs_base_exchange(struct vs_base *base, const struct vs_base_command *command
     err = base->ops->exchange(base, &limited, reading);
     if (err != VS_OK)
         return err;
-    vs_boards_read_ground(&base->boards, deadline_ns, &base->news);
-    if (base->boards.reading.there)
-        reading->boards = base->boards.reading;
     reading->step_nm = base->body->step_nm;
     reading->max_steps_s = base->body->max_steps_s;
     return VS_OK;
 }
 
-int vs_base_rest(struct vs_base *base, const struct vs_base_command *command)
+int vs_base_shares_bus(const struct vs_base *base, int board)
 {
-    return vs_boards_talk(&base->boards, &command->message, now(base) + VS_BASE_REST_NS,
-                          &base->news);
+    return base->boards.bus[board].transfer != NULL &&
+           base->boards.bus[board].context == &base->fd;
 }
 
 void vs_base_feel(const int16_t acceleration[3], const int16_t *microphones, int count,

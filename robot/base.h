@@ -14,6 +14,7 @@
 
 #include "base_boards.h"
 #include "base_body.h"
+#include "base_reset.h"
 #include "../c_src/vs_i2c.h"
 #include "../c_src/vs_io.h"
 
@@ -21,14 +22,13 @@
 #define VS_BASE_DEVICE_MAX 111 /* [byte] longest path of a device or bus */
 #define VS_BASE_LEDS 0x3FF     /* bits 0-7 ring, 8 body, 9 front */
 #define VS_BASE_EXCHANGE_NS 30000000u /* [ns] longest exchange */
-#define VS_BASE_REST_NS 24000000u     /* [ns] longest pause's work; 4 unless a bus is stuck */
 #define VS_BASE_LOCK_NS 2000000000u   /* [ns] for an earlier daemon's end */
 
 struct vs_base_command {
     int16_t left_steps_s;  /* [step/s] */
     int16_t right_steps_s; /* [step/s] */
     uint16_t leds;         /* lit ones: bits 0-7 ring, 8 body, 9 front */
-    struct vs_board_message message; /* for the range-and-bearing board */
+    struct vs_board_message message; /* for the range-and-bearing board, not for the base */
 };
 
 /* What the base measured, in the order and scale that controller.h documents. */
@@ -45,8 +45,12 @@ struct vs_base_reading {
     int32_t steps[2];    /* [step] of the left and right wheel, forwards, since the start */
     uint32_t step_nm;    /* [nm] way of a wheel per step */
     int16_t max_steps_s; /* [step/s] what its motors can do, 0: not known */
-    struct vs_board_reading boards;
+    uint8_t has_ground;  /* 1: it measures ground itself, without a board */
+    int16_t ground[3];   /* [raw] as a board's */
+    struct vs_board_reading boards; /* no base writes it: boards have processes of their own */
 };
+
+#define VS_BASE_OWN offsetof(struct vs_base_reading, boards) /* [byte] what the base says */
 
 /* "mode=extension|bluetooth": one option of a kind of base; the first value is the
  * default. */
@@ -93,6 +97,7 @@ struct vs_base {
     struct vs_io io;      /* of a base behind a serial line */
     struct vs_i2c bus;    /* of a base on a bus */
     int fd;               /* of the device: both processes hold it */
+    struct vs_reset reset;
     const char *news;     /* a phrase worth telling, for whoever owns the base; NULL: none */
     struct vs_boards boards;
     uint16_t counters[2]; /* of the wheels, as read last */
@@ -105,20 +110,18 @@ struct vs_base {
 };
 
 /* Opens what the configuration says, boards included. As ops->open; what could not be
- * opened is then in base->news. */
+ * opened is then in base->news. Nothing is asked of a board yet. */
 int vs_base_open(struct vs_base *base, const struct vs_base_config *config);
 
-/* ops->recover. */
+/* ops->recover; where nothing answers a reset, too, if there is a GPIO for it. */
 int vs_base_recover(struct vs_base *base);
 
-/* ops->exchange with a command that the body can do, and what the boards say. *reading
- * keeps what was not measured now. */
+/* ops->exchange with a command that the body can do. *reading keeps what was not measured. */
 int vs_base_exchange(struct vs_base *base, const struct vs_base_command *command,
                      struct vs_base_reading *reading);
 
-/* What there is to do for the boards while nobody wants an exchange. Returns 1 if there
- * is more, to be done at once, else 0. */
-int vs_base_rest(struct vs_base *base, const struct vs_base_command *command);
+/* 1 if this board is reached through the base's own descriptor. */
+int vs_base_shares_bus(const struct vs_base *base, int board);
 
 /* For an exchange: proximity as it was measured, and light, which e-pucks measure as most
  * minus brightness, as brightness. */

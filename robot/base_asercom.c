@@ -247,10 +247,9 @@ static void report(struct vs_base *base, const struct epuck_asercom_sensors *sen
     vs_base_count(base, sensors->steps, reading);
     if (a->mode->ground == 0)
         return;
-    base->boards.reading.there |= 1u << VS_BOARD_GROUND;
-    base->boards.reading.has_ground = 1;
+    reading->has_ground = 1;
     for (i = 0; i < 3; i++)
-        base->boards.reading.ground[i] = sensors->ground[i];
+        reading->ground[i] = sensors->ground[i];
 }
 
 /* Commands, and waits for the answer that proves it. */

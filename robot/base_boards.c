@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 #include "base_boards.h"
 
+#include <string.h>
+
 enum { SETTINGS = 4 };
 
 static uint64_t now(const struct vs_boards *boards, int board)
@@ -222,6 +224,26 @@ int vs_boards_talk(struct vs_boards *boards, const struct vs_board_message *mess
         forget(boards);
     boards->reading.has_rab = boards->settings == SETTINGS;
     return 0;
+}
+
+void vs_boards_take(struct vs_board_reading *all, const struct vs_board_reading *one, int board)
+{
+    if (board == VS_BOARD_GROUND) {
+        all->has_ground = one->has_ground;
+        memcpy(all->ground, one->ground, sizeof all->ground);
+    } else {
+        all->has_rab = one->has_rab;
+        all->heard_count = one->heard_count;
+        memcpy(all->heard, one->heard, sizeof all->heard);
+    }
+}
+
+void vs_boards_lose(struct vs_board_reading *all, int board)
+{
+    if (board == VS_BOARD_GROUND)
+        all->has_ground = 0;
+    else
+        all->has_rab = 0;
 }
 
 int vs_boards_are_well(const struct vs_boards *boards)

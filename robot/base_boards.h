@@ -1,9 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 /*
  * base_boards.h - the boards beside a base, each on an I2C bus that may be the base's
- * own. The ground sensors are read after the base, if the exchange's time allows; range
- * and bearing, which takes a transaction per byte, has the pauses between exchanges. One
- * that does not answer is left alone for a second. Pure.
+ * own, and each with a process of its own (board_process.h). One that does not answer is
+ * left alone for a second. Pure.
  */
 #ifndef VS_BASE_BOARDS_H
 #define VS_BASE_BOARDS_H
@@ -15,6 +14,8 @@
 #define VS_BOARD_REGISTERS 8         /* of one message heard */
 #define VS_BOARD_REST_NS 1000000000u /* [ns] without a board that does not answer */
 #define VS_BOARD_SAY_NS 100000000u   /* [ns] until the same message is said again */
+#define VS_BOARD_READ_NS 30000000u   /* [ns] for reading the ground sensors */
+#define VS_BOARD_TALK_NS 24000000u   /* [ns] range and bearing at a time; 4 mostly */
 
 enum { VS_BOARD_GROUND = 0, VS_BOARD_RAB = 1, VS_BOARDS = 2 };
 
@@ -63,6 +64,12 @@ void vs_boards_read_ground(struct vs_boards *boards, uint64_t deadline_ns, const
  * no time for goes on with the next call: returns 1 if that is so, else 0. */
 int vs_boards_talk(struct vs_boards *boards, const struct vs_board_message *message,
                    uint64_t deadline_ns, const char **news);
+
+/* Takes over what the process of one board measured. */
+void vs_boards_take(struct vs_board_reading *all, const struct vs_board_reading *one, int board);
+
+/* Nothing is known of a board now. */
+void vs_boards_lose(struct vs_board_reading *all, int board);
 
 /* 1 if every board on a bus answers and is ready. */
 int vs_boards_are_well(const struct vs_boards *boards);

@@ -9,6 +9,7 @@
 #define RAB_K_CM 0.0867438559f /* [cm] Source: argos3-epuck 66cb8d9
                                   real_epuck_range_and_bearing_sensor.cpp:75 */
 #define RAB_K_MAX_CM 10.0
+#define RESET_DIGITS 4 /* of a GPIO's number */
 
 static const char *const board_names[VS_BOARDS] = {"ground", "rab"};
 
@@ -78,7 +79,7 @@ static int refuse_option(const struct vs_base_ops *ops, char *expected, size_t s
     }
     add(expected, size, "ground=BUS, rab=BUS, rab_bytes=4|2, rab_power=0..255, rab_k=CM");
     if (ops->on_i2c)
-        add(expected, size, " (without =BUS: on the same bus)");
+        add(expected, size, " (without =BUS: on the same bus), reset=GPIO");
     return -1;
 }
 
@@ -143,6 +144,16 @@ static int take_rab_option(struct vs_base_config *config, struct part name, stru
     return number > 0.0 && number <= RAB_K_MAX_CM ? 0 : -1;
 }
 
+/* The GPIO that resets the microcontroller: its number, or a folder. */
+static int take_reset(struct vs_base_config *config, struct part value)
+{
+    size_t digits = strspn(value.text, "0123456789");
+
+    if (keep(value, config->reset) != 0)
+        return -1;
+    return value.text[0] == '/' || (digits == value.len && digits <= RESET_DIGITS) ? 0 : -1;
+}
+
 static int take_option(struct vs_base_config *config, struct part name, const char *equals,
                        struct part value)
 {
@@ -157,6 +168,8 @@ static int take_option(struct vs_base_config *config, struct part name, const ch
             return -1;
         return keep(equals == NULL ? device : value, config->board[i]);
     }
+    if (config->ops->on_i2c && is(name, "reset"))
+        return take_reset(config, value);
     for (i = 0; i < VS_BASE_CHOICES && config->ops->choices[i].name != NULL; i++)
         if (is(name, config->ops->choices[i].name))
             return choose(config->ops->choices[i].values, value, &config->choice[i]);

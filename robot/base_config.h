@@ -15,6 +15,7 @@ struct vs_base_config {
     uint8_t rab_power;                             /* of transmission, 0 full .. 255 */
     float rab_k_cm;                                /* [cm] range constant of its board */
     uint8_t choice[VS_BASE_CHOICES];               /* index of the chosen value */
+    char reset[VS_BASE_DEVICE_MAX + 1];            /* name of the GPIO, "" = none */
 };
 
 /* Reads such a text. 0, or -1 and a phrase that says what was expected. */

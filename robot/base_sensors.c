@@ -46,7 +46,7 @@ int vs_base_has(const struct vs_base_reading *reading, int sensor)
     case VS_BASE_LIGHT:
         return !reading->blind;
     case VS_BASE_GROUND:
-        return reading->boards.there >> VS_BOARD_GROUND & 1;
+        return reading->has_ground || (reading->boards.there >> VS_BOARD_GROUND & 1);
     case VS_BASE_WHEELS:
         return reading->has_steps;
     case VS_BASE_RAB:
@@ -71,12 +71,13 @@ static int raw_values(const int16_t *raw, int count, double *values, int max)
 
 static int ground_values(const struct vs_base_reading *reading, double *values, int max)
 {
+    const int16_t *raw = reading->has_ground ? reading->ground : reading->boards.ground;
     int i;
 
-    if (!reading->boards.has_ground)
+    if (!reading->has_ground && !reading->boards.has_ground)
         return 0;
     for (i = 0; i < GROUND && i < max; i++)
-        values[i] = (double)reading->boards.ground[i] / (double)EPUCK_GROUND_MAX;
+        values[i] = (double)raw[i] / (double)EPUCK_GROUND_MAX;
     return GROUND;
 }
 

@@ -12,6 +12,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "guard_rights.h"
 #include "report.h"
 #include "uid.h"
 #include "../c_src/vs_posix.h"
@@ -167,6 +168,8 @@ static const char *find_device(const char *path)
     if (begins(path, "/dev/ttyS") || begins(path, "/dev/ttyO"))
         return "an Overo's port is /dev/ttyS0 until Linux 2.6.36 (--base overo) and /dev/ttyO0"
                " from then on (--base overo-omap)";
+    if (begins(path, "the reset"))
+        return "is that its number, 24 on a Pi-puck? (ls /sys/class/gpio /dev/gpiochip*)";
     if (begins(path, "/dev/rfcomm"))
         return "pair the robot, and: rfcomm bind 0 ADDRESS";
     return "is it named right, and its driver loaded? (ls /dev)";
@@ -220,14 +223,16 @@ static int hand_back(struct vs_base *base)
 }
 
 /* Whether the boards that the robot should have answer, too. */
-static int check_boards(struct vs_base *base, struct vs_base_reading *reading)
+static int check_boards(struct vs_base *base)
 {
-    static const struct vs_base_command rest;
+    static const struct vs_board_message nothing;
     uint64_t end_ns = vs_posix_now_ns() + ANSWER_NS;
 
     while (base->news == NULL && vs_posix_now_ns() < end_ns) {
-        if (vs_base_exchange(base, &rest, reading) == VS_OK && vs_base_rest(base, &rest) == 0 &&
-            vs_boards_are_well(&base->boards))
+        vs_boards_read_ground(&base->boards, vs_posix_now_ns() + VS_BOARD_READ_NS, &base->news);
+        (void)vs_boards_talk(&base->boards, &nothing, vs_posix_now_ns() + VS_BOARD_TALK_NS,
+                             &base->news);
+        if (vs_boards_are_well(&base->boards))
             return 1;
         poll(NULL, 0, (int)(NAP_NS / 1000000u));
     }
@@ -253,7 +258,7 @@ static int check_base(const struct vs_options *o)
                    cure(err, why, base.news));
     err = ask(&base, &reading);
     if (err == VS_OK) {
-        good = check_boards(&base, &reading);
+        good = check_boards(&base);
         err = hand_back(&base);
     }
     if (err != VS_OK && base.news != NULL)
@@ -265,6 +270,27 @@ static int check_base(const struct vs_options *o)
         return say("base", 0, "%s on %s answers, but its battery is low: charge it", kind,
                    o->base.device);
     return say("base", good, "%s on %s answers, wheels at 0", kind, o->base.device);
+}
+
+/* It is not opened: that would start it, and some cannot be stopped again. */
+static int check_watchdog(const char *path)
+{
+    if (access(path, W_OK) != 0)
+        return say("watchdog", 0, "%s: %s; load the board's driver (modprobe), or leave --watchdog"
+                   " out", path, strerror(errno));
+    return say("watchdog", 1, "%s is there; whether it is free a start tells", path);
+}
+
+/* Last of all, because it is this process that gets them. A guard works without them. */
+static int check_guard(void)
+{
+    char text[VS_RIGHTS_TEXT];
+    unsigned int refused = vs_rights_take();
+
+    if (refused == 0)
+        return say("guard", 1, "memory, out-of-memory score and priority are what it asks for");
+    vs_rights_text(refused, text);
+    return say("guard", 1, "runs %s: the system refuses; run vsensed as root", text);
 }
 
 /* Who it will be for the host: what a start looks at, too. */
@@ -293,6 +319,9 @@ int vs_check_run(const struct vs_options *options)
     } else {
         good = 0;
     }
+    if (options->watchdog != NULL)
+        good &= check_watchdog(options->watchdog);
     good &= check_base(options);
+    good &= check_guard();
     return good ? 0 : 1;
 }

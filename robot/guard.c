@@ -14,7 +14,6 @@ static void hold(struct vs_guard *g, uint8_t cause)
 {
     g->command.left_steps_s = 0;
     g->command.right_steps_s = 0;
-    g->command.message.length = 0;
     g->cause = cause;
     g->due = 1;
 }
@@ -60,6 +59,7 @@ void vs_guard_request(struct vs_guard *g, const struct vs_guard_request *request
                       uint64_t now_ns)
 {
     g->request = *request;
+    g->heard_ns = now_ns;
     g->answer = 1;
     switch (request->kind) {
     case VS_GUARD_CLOSE:
@@ -98,7 +98,8 @@ void vs_guard_end(struct vs_guard *g, uint64_t now_ns)
     begin_end(g, ENDING_CLOSE, now_ns);
 }
 
-uint64_t vs_guard_deadline_ns(const struct vs_guard *g)
+/* Until when wheels may turn. */
+static uint64_t still_ns(const struct vs_guard *g)
 {
     uint64_t beat_ns = g->beat_ns + VS_GUARD_BEAT_NS;
 
@@ -107,10 +108,28 @@ uint64_t vs_guard_deadline_ns(const struct vs_guard *g)
     return g->expiry_ns < beat_ns ? g->expiry_ns : beat_ns;
 }
 
+uint64_t vs_guard_deadline_ns(const struct vs_guard *g)
+{
+    uint64_t hung_ns = g->ending || g->heard_ns == 0 ? UINT64_MAX : g->heard_ns + VS_GUARD_HUNG_NS;
+
+    return still_ns(g) < hung_ns ? still_ns(g) : hung_ns;
+}
+
+static void look_at_worker(struct vs_guard *g, uint64_t now_ns)
+{
+    if (g->heard_ns == 0)
+        g->heard_ns = now_ns;
+    if (g->ending || now_ns < g->heard_ns + VS_GUARD_HUNG_NS)
+        return;
+    begin_end(g, ENDING_ORPHANED, now_ns);
+    g->hung = 1;
+}
+
 enum vs_guard_action vs_guard_next(struct vs_guard *g, uint64_t now_ns)
 {
-    if (now_ns >= vs_guard_deadline_ns(g))
+    if (now_ns >= still_ns(g))
         hold(g, now_ns >= g->expiry_ns ? VS_CAUSE_STALE : VS_CAUSE_NO_BEAT);
+    look_at_worker(g, now_ns);
     if (g->ending && now_ns >= g->end_ns)
         g->over = 1;
     if (g->over) {
@@ -208,9 +227,9 @@ int vs_guard_reply(struct vs_guard *g, struct vs_guard_reply *reply)
     reply->command = g->command;
     reply->reading_ns = g->reading_ns;
     if (g->sensed)
-        reply->reading = g->reading;
+        memcpy(&reply->reading, &g->reading, VS_BASE_OWN);
     else
-        memset(&reply->reading, 0, sizeof reply->reading);
+        memset(&reply->reading, 0, VS_BASE_OWN);
     g->reply_due = 0;
     return 1;
 }

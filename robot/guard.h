@@ -15,6 +15,7 @@
  * step). Only a newer command can turn them again. Every request is answered once.
  * A stop counts only when the base has answered it: the line has no checksum, so a
  * frame that lost a byte is written, but not applied. Until then it is due.
+ * A worker that asks nothing for VS_GUARD_HUNG_NS is given up like one that is gone.
  * Times are CLOCK_MONOTONIC [ns], the same for worker and guard.
  */
 #ifndef VS_GUARD_H
@@ -25,6 +26,7 @@
 
 #define VS_GUARD_BEAT_NS 250000000u /* [ns] a control step must follow within this */
 #define VS_GUARD_END_NS 1000000000u /* [ns] longest try to stop a base at the end */
+#define VS_GUARD_HUNG_NS UINT64_C(3000000000) /* [ns] a worker that asks nothing hangs */
 
 enum vs_guard_kind {
     VS_GUARD_PING = 0,  /* answered without touching the base */
@@ -50,9 +52,13 @@ struct vs_guard_reply {
     uint8_t lost;                   /* the base is being searched for */
     uint32_t base_errors;           /* since this guard began */
     struct vs_base_command command; /* in force now */
-    struct vs_base_reading reading; /* zeros unless sensed */
     uint64_t reading_ns;            /* when it came, 0 = none yet */
+    const char *news;               /* a line for the log, NULL = none: a phrase of the program */
+    uint8_t refused;                /* what the system refused the guard: guard_rights.h */
+    struct vs_base_reading reading; /* up to VS_BASE_OWN bytes; zeros unless sensed */
 };
+
+#define VS_GUARD_REPLY_SIZE (offsetof(struct vs_guard_reply, reading) + VS_BASE_OWN) /* sent */
 
 enum vs_guard_action {
     VS_GUARD_WAIT = 0,     /* nothing until a request or the deadline */
@@ -69,12 +75,14 @@ struct vs_guard {
     uint64_t reading_ns;
     uint64_t expiry_ns;
     uint64_t beat_ns;
+    uint64_t heard_ns;    /* newest request, 0 = none yet */
     uint64_t end_ns;      /* ending: give up then */
     uint32_t base_errors;
     uint8_t cause;        /* enum vs_stop_cause */
     uint8_t lost;         /* the base has to be recovered */
     uint8_t due;          /* an exchange is due: command not written, or a reading wanted */
-    uint8_t ending;       /* 0, 1: the worker is gone, 2: close */
+    uint8_t ending;       /* 0, 1: the worker is gone or hangs, 2: close */
+    uint8_t hung;         /* 1: the worker hangs, and has to be ended before the guard ends */
     uint8_t over;         /* EXIT is next */
     uint8_t stopped;      /* at EXIT: 1 = the base surely stands still */
     uint8_t action;       /* enum vs_guard_action given by vs_guard_next */

@@ -2,33 +2,66 @@
 #include "guard_link.h"
 
 #include <errno.h>
+#include <poll.h>
 #include <signal.h>
+#include <string.h>
 #include <sys/socket.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "guard_rights.h"
+#include "report.h"
+#include "restart.h"
 #include "signals.h"
 #include "../c_src/vs_posix.h"
 
 #define STOP_NS 500000000u /* [ns] two whole recoveries */
+#define END_TRIES 10       /* for a killed guard's end, 1 ms each */
 
-static void become_guard(struct vs_guard_link *link, int socket, int found)
+/* The guard's last act, once nothing has to be guarded: now it may take time to say what
+ * nobody has heard. A base that another daemon opens must not be held here meanwhile. */
+static void leave(struct vs_guard_link *link, int socket, long worker,
+                  const struct vs_guard_rest *rest)
 {
+    int ended = !rest->hung || vs_restart_end(worker, socket);
+    size_t i;
+
+    close(link->base->fd);
+    for (i = 0; i < rest->count; i++)
+        vs_report("base: %s", rest->news[i]);
+    if (!rest->hung)
+        return;
+    vs_report("the worker hung for %d s: %s, %s", (int)(VS_GUARD_HUNG_NS / 1000000000u),
+              rest->stopped ? "stopped the wheels" : "the base did not answer",
+              ended ? "ended it" : "it cannot be ended");
+    if (vs_restart_by_service())
+        return;
+    vs_restart(link->argv);
+    vs_report("cannot start anew: %s", strerror(errno));
+}
+
+static void become_guard(struct vs_guard_link *link, int socket, int found, long worker)
+{
+    struct vs_guard_rest rest;
     int signals_fd;
+    int status;
     size_t i;
 
     for (i = 0; i < link->foreign_count; i++)
-        if (link->foreign_fds[i] >= 0)
-            close(link->foreign_fds[i]);
+        if (*link->foreign[i] >= 0)
+            close(*link->foreign[i]);
     if (vs_signals_open(&signals_fd) != 0)
         _exit(VS_GUARD_UNSURE);
     vs_signals_stay_awake();
     vs_signals_unblock();
-    _exit(vs_guard_process(socket, signals_fd, link->base, found));
+    status = vs_guard_process(socket, signals_fd, link->base, found, vs_rights_take(), &rest);
+    leave(link, socket, worker, &rest);
+    _exit(status);
 }
 
 int vs_guard_link_start(struct vs_guard_link *link, int found)
 {
+    long worker = getpid();
     int ends[2];
     pid_t pid;
 
@@ -40,7 +73,7 @@ int vs_guard_link_start(struct vs_guard_link *link, int found)
     pid = fork();
     if (pid == 0) {
         close(ends[0]);
-        become_guard(link, ends[1], found);
+        become_guard(link, ends[1], found, worker);
     }
     vs_signals_unblock();
     close(ends[1]);
@@ -71,10 +104,10 @@ int vs_guard_link_receive(struct vs_guard_link *link, struct vs_guard_reply *rep
 
     if (link->pid == 0)
         return -1;
-    len = recv(link->socket, reply, sizeof *reply, MSG_DONTWAIT);
+    len = recv(link->socket, reply, VS_GUARD_REPLY_SIZE, MSG_DONTWAIT);
     if (len < 0 && (errno == EAGAIN || errno == EINTR))
         return 0;
-    if (len != (ssize_t)sizeof *reply || reply->number != link->number)
+    if (len != (ssize_t)VS_GUARD_REPLY_SIZE || reply->number != link->number)
         return -1;
     link->waiting = 0;
     link->heard_ns = vs_posix_recent_ns();
@@ -97,7 +130,10 @@ void vs_guard_link_kill(struct vs_guard_link *link)
     pid_t pid = (pid_t)link->pid;
     pid_t ended;
     int how = 0;
+    int i;
 
+    if (link->dying != 0 && waitpid((pid_t)link->dying, NULL, WNOHANG) != 0)
+        link->dying = 0;
     if (pid == 0)
         return;
     link->pid = 0;
@@ -106,10 +142,14 @@ void vs_guard_link_kill(struct vs_guard_link *link)
     link->waiting = 0;
     link->errors_before = link->base_errors;
     ended = waitpid(pid, &how, WNOHANG);
-    if (ended == 0) {
+    if (ended == 0)
         kill(pid, SIGKILL);
-        ended = waitpid(pid, &how, 0);
+    for (i = 0; i < END_TRIES && ended == 0; i++) {
+        poll(NULL, 0, 1);
+        ended = waitpid(pid, &how, WNOHANG);
     }
+    if (ended == 0)
+        link->dying = pid;
     link->status = ended == pid && WIFEXITED(how) ? WEXITSTATUS(how) : -1;
 }
 

@@ -14,8 +14,10 @@
 
 struct vs_guard_link {
     struct vs_base *base;
-    const int *foreign_fds; /* what the child must not hold open; -1 = none */
+    const int *const *foreign; /* descriptors that the child must not hold open; -1 = none */
     size_t foreign_count;
+    char *const *argv;      /* of this daemon */
+    long dying;             /* a guard that was killed and has not ended yet, 0 = none */
     long pid;               /* 0: no guard */
     int socket;
     uint32_t number;        /* of the newest request */
@@ -42,7 +44,8 @@ uint64_t vs_guard_link_deadline_ns(const struct vs_guard_link *link);
 /* The worker itself was held up for late_ns: the guard's silence proves nothing. */
 void vs_guard_link_excuse(struct vs_guard_link *link, uint64_t late_ns);
 
-/* Ends what is left of the guard: SIGKILL unless it ended by itself. */
+/* Ends what is left of the guard: SIGKILL unless it ended by itself. One that a driver keeps
+ * from dying is not waited for. */
 void vs_guard_link_kill(struct vs_guard_link *link);
 
 /* Stops the base through the worker's own descriptor, while there is no guard.

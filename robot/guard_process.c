@@ -3,12 +3,14 @@
 
 #include <errno.h>
 #include <poll.h>
+#include <string.h>
 #include <sys/socket.h>
 
-#include "report.h"
+#include "watchdog.h"
 #include "../c_src/vs_posix.h"
 
-#define RETRY_NS 15000000u /* [ns] between two tries on a device that fails at once */
+#define RETRY_NS 15000000u /* [ns] between two tries on a base that failed */
+#define BREATH_NS 1000000u /* [ns] from one step of a try to the next */
 
 struct process {
     struct vs_guard guard;
@@ -16,17 +18,30 @@ struct process {
     int socket;
     int signals_fd;
     int result;       /* newest result of the base */
+    unsigned int refused;
     const char *told; /* of the base's news */
+    struct vs_guard_rest *rest;
 };
 
-/* A base that fails in the same way again is no news. */
-static void pass_on(struct process *p)
+/* Drops the oldest line. */
+static void drop_line(struct vs_guard_rest *rest)
 {
-    if (p->base->news != NULL && p->base->news != p->told) {
-        vs_report("base: %s", p->base->news);
-        p->told = p->base->news;
-    }
+    rest->count--;
+    memmove(rest->news, rest->news + 1, rest->count * sizeof *rest->news);
+}
+
+/* A base that fails in the same way again is no news. */
+static void keep_news(struct process *p)
+{
+    const char *news = p->base->news;
+
     p->base->news = NULL;
+    if (news == NULL || news == p->told)
+        return;
+    p->told = news;
+    if (p->rest->count == VS_GUARD_KEPT)
+        drop_line(p->rest);
+    p->rest->news[p->rest->count++] = news;
 }
 
 static void perform(struct process *p, enum vs_guard_action action)
@@ -42,33 +57,31 @@ static void perform(struct process *p, enum vs_guard_action action)
     else
         return;
     vs_guard_done(g, p->result, vs_posix_recent_ns());
-    pass_on(p);
-}
-
-/* Nothing is asked for. Returns until when to wait. */
-static uint64_t rest(struct process *p)
-{
-    int more = vs_base_rest(p->base, &p->guard.command);
-
-    pass_on(p);
-    return more ? 0 : vs_guard_deadline_ns(&p->guard);
+    keep_news(p);
 }
 
 static void tell(struct process *p)
 {
     struct vs_guard_reply reply;
 
-    if (vs_guard_reply(&p->guard, &reply) &&
-        send(p->socket, &reply, sizeof reply, MSG_NOSIGNAL | MSG_DONTWAIT) !=
-            (ssize_t)sizeof reply)
+    if (!vs_guard_reply(&p->guard, &reply))
+        return;
+    reply.refused = (uint8_t)p->refused;
+    reply.news = p->rest->count > 0 ? p->rest->news[0] : NULL;
+    if (send(p->socket, &reply, VS_GUARD_REPLY_SIZE, MSG_NOSIGNAL | MSG_DONTWAIT) !=
+        (ssize_t)VS_GUARD_REPLY_SIZE)
         vs_guard_orphaned(&p->guard, vs_posix_recent_ns());
+    else if (reply.news != NULL)
+        drop_line(p->rest);
 }
 
-/* Waits until deadline_ns for what the worker, or a signal, says. */
+/* Waits until deadline_ns for what the worker, or a signal, says. At the end neither matters
+ * any more, and what is ready for ever would keep the wait from being one. */
 static void hear(struct process *p, uint64_t deadline_ns)
 {
     struct vs_guard *g = &p->guard;
-    struct pollfd fds[2] = {{p->socket, 0, 0}, {p->signals_fd, POLLIN, 0}};
+    struct pollfd fds[2] = {{g->ending ? -1 : p->socket, 0, 0},
+                            {g->ending ? -1 : p->signals_fd, POLLIN, 0}};
     struct vs_guard_request request;
     uint64_t now_ns = vs_posix_recent_ns();
     int ready;
@@ -98,28 +111,49 @@ static enum vs_guard_action next(struct process *p)
     return vs_guard_next(&p->guard, vs_posix_recent_ns());
 }
 
+/* Until when to leave a base alone that did not do as told. Whatever it does, and however fast
+ * it fails, a guard that goes before all other processes lets them run. */
+static uint64_t pause_until_ns(const struct process *p, uint64_t began_ns)
+{
+    if (p->result == VS_OK)
+        return 0;
+    if (p->result == VS_ERR_IO || p->result == VS_ERR_SILENT)
+        return vs_posix_recent_ns() + RETRY_NS;
+    return began_ns + BREATH_NS;
+}
+
 /* Does what is to be done now. Returns until when to wait. */
 static uint64_t act(struct process *p, enum vs_guard_action action)
 {
+    uint64_t began_ns = vs_posix_recent_ns();
+
     perform(p, action);
     tell(p);
     /* Mostly nothing more is to be done, and nobody need be heard before that is known. */
     if (action != VS_GUARD_WAIT && p->result == VS_OK)
         action = next(p);
     if (action == VS_GUARD_WAIT)
-        return rest(p);
-    return p->result == VS_ERR_IO ? vs_posix_recent_ns() + RETRY_NS : 0;
+        return vs_guard_deadline_ns(&p->guard);
+    return pause_until_ns(p, began_ns);
 }
 
-int vs_guard_process(int socket, int signals_fd, struct vs_base *base, int found)
+int vs_guard_process(int socket, int signals_fd, struct vs_base *base, int found,
+                     unsigned int refused, struct vs_guard_rest *rest)
 {
     struct process p = {.base = base, .socket = socket, .signals_fd = signals_fd};
     enum vs_guard_action action;
 
+    memset(rest, 0, sizeof *rest);
+    p.refused = refused;
+    p.rest = rest;
     vs_guard_init(&p.guard, found);
-    while ((action = next(&p)) != VS_GUARD_EXIT)
+    while ((action = next(&p)) != VS_GUARD_EXIT) {
+        vs_watchdog_feed(vs_posix_recent_ns());
         hear(&p, act(&p, action));
+    }
     tell(&p);
+    rest->hung = p.guard.hung;
+    rest->stopped = p.guard.stopped;
     if (p.result == VS_ERR_HANGUP)
         return VS_GUARD_GONE;
     return p.guard.stopped ? VS_GUARD_STOPPED : VS_GUARD_UNSURE;

@@ -169,7 +169,7 @@ void vs_loop_reply(struct vs_loop *loop, const struct vs_guard_reply *reply,
     loop->guard_cause = reply->cause;
     loop->applied = reply->command;
     if (reply->sensed) {
-        loop->robot.base = reply->reading;
+        memcpy(&loop->robot.base, &reply->reading, VS_BASE_OWN);
         loop->robot.base_ns = reply->reading_ns;
     }
     if (reply->kind == VS_GUARD_SENSE && loop->running && !loop->base_lost)

@@ -67,6 +67,7 @@ static enum vs_options_result read_options(struct vs_options *options, int argc,
     const char *file = vs_options_config(argc, argv);
 
     vs_options_init(options);
+    options->argv = argv;
     if (file != NULL && (load(file, &settings, why, why_size) != 0 ||
                          vs_options_read_settings(options, file, &settings, why, why_size) != 0))
         return VS_OPTIONS_BAD;

@@ -18,7 +18,9 @@ const char vs_options_help[] =
     "\n"
     "Runs one robot: its controller gets the virtual sensors of the host, its base the\n"
     "controller's commands. Wheels stop when the host falls silent for 400 ms, on SIGTERM,\n"
-    "and when any process of the daemon dies.\n"
+    "and when any process of the daemon dies. Nothing here stops them when both its processes\n"
+    "are killed at once or Linux hangs: only a watchdog in the microcontroller's firmware does\n"
+    "(firmware_bridge/README.md).\n"
     "\n"
     "  --host ADDRESS   the host's numeric IPv4 address\n"
     "  --port PORT      the host's port, TCP and UDP\n"
@@ -32,6 +34,8 @@ const char vs_options_help[] =
     "  --config FILE    a file of settings, one in a line: the name of an option without\n"
     "                   its dashes, = and its value, such as: port = 4050. What the\n"
     "                   command line says wins\n"
+    "  --watchdog FILE  feed the board's watchdog, /dev/watchdog: a board that hangs restarts\n"
+    "                   some 10 s later. It does not stop wheels in time\n"
     "  --check          look whether clock, network, host and base are well, say what is\n"
     "                   wrong and how to mend it, and end: 0 all is well, 1 it is not\n"
     "  --identify       print the uid that the host will see, and where it is from, and end\n"
@@ -49,6 +53,10 @@ const char vs_options_help[] =
     "  rab_bytes=4|2          length of its messages (default: 4; GCtronic's: 2)\n"
     "  rab_power=0..255       of transmission, 0 is the most (default: 115)\n"
     "  rab_k=CM               its range constant (default: 0.0867438559)\n"
+    "And of gctronic and york:\n"
+    "  reset=GPIO             resets the robot's microcontroller when it does not answer; its\n"
+    "                         number, 24 on a Pi-puck, or a folder such as\n"
+    "                         /sys/class/gpio/gpio536\n"
     "Bases:\n";
 
 struct reading {
@@ -168,6 +176,12 @@ static int take_trace(const struct reading *r, struct vs_options *o)
     return 0;
 }
 
+static int take_watchdog(const struct reading *r, struct vs_options *o)
+{
+    o->watchdog = r->value;
+    return 0;
+}
+
 static int take_port(const struct reading *r, struct vs_options *o)
 {
     return read_number(r, &o->port);
@@ -189,6 +203,7 @@ static const struct {
     {"base", take_base},
     {"uid", take_uid},
     {"name", take_name},
+    {"watchdog", take_watchdog},
     {"trace", take_trace},
     {"clock-offset-ns", take_offset},
     {"clock-drift-ppm", take_drift},

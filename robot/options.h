@@ -27,7 +27,9 @@ struct vs_options {
     uint8_t has_tag;
     uint8_t check;                    /* look whether all is well, and end */
     uint8_t identify;                 /* print the uid, and end */
+    char *const *argv;                /* the whole command line */
     struct vs_base_config base;
+    const char *watchdog;             /* the board's, NULL: none */
     const char *trace;                /* NULL: none */
     int64_t clock_offset_ns;
     int64_t clock_drift_ppb;

@@ -53,7 +53,7 @@ void vs_robot_begin_step(struct vs_robot *robot)
 {
     uint32_t count = robot->base.boards.heard_count;
 
-    robot->heard_from = robot->heard_until <= count ? robot->heard_until : 0; /* a new guard's */
+    robot->heard_from = robot->heard_until <= count ? robot->heard_until : 0; /* counts anew */
     robot->heard_until = count;
 }
 

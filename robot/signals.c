@@ -37,10 +37,17 @@ static void handle(int number, void (*handler)(int))
     sigaction(number, &action, NULL);
 }
 
+static void handle_endings(void (*handler)(int))
+{
+    size_t i;
+
+    for (i = 0; i < ENDINGS; i++)
+        handle(endings[i], handler);
+}
+
 int vs_signals_open(int *fd)
 {
     int ends[2];
-    size_t i;
 
     if (pipe(ends) != 0)
         return -1;
@@ -54,8 +61,7 @@ int vs_signals_open(int *fd)
     }
     told_fd = ends[0];
     tell_fd = ends[1];
-    for (i = 0; i < ENDINGS; i++)
-        handle(endings[i], tell);
+    handle_endings(tell);
     handle(SIGPIPE, SIG_IGN);
     handle(SIGCHLD, SIG_DFL);
     *fd = told_fd;
@@ -65,6 +71,19 @@ int vs_signals_open(int *fd)
 void vs_signals_stay_awake(void)
 {
     handle(SIGTSTP, SIG_IGN);
+}
+
+void vs_signals_ignore(void)
+{
+    handle_endings(SIG_IGN);
+    handle(SIGTSTP, SIG_IGN);
+}
+
+void vs_signals_default(void)
+{
+    handle_endings(SIG_DFL);
+    handle(SIGTSTP, SIG_DFL);
+    handle(SIGPIPE, SIG_DFL);
 }
 
 static void mask(int how)

@@ -13,6 +13,13 @@ int vs_signals_open(int *fd);
  * worker that it did stop. */
 void vs_signals_stay_awake(void);
 
+/* From now on what tells a process to end, or to stop, does nothing: one that ends when its
+ * parent does. */
+void vs_signals_ignore(void);
+
+/* Every signal does again what it does in a program that was just started. */
+void vs_signals_default(void);
+
 /* Holds the signals back between fork() and the child's vs_signals_open. */
 void vs_signals_block(void);
 void vs_signals_unblock(void);

@@ -3,6 +3,7 @@
 
 #include <string.h>
 
+#include "guard_rights.h"
 #include "report.h"
 
 static void opened(struct vs_talk *talk, const struct vs_session *session)
@@ -64,6 +65,25 @@ void vs_talk_unused(const struct vs_robot *robot, const char *controller)
     while ((param = vs_robot_unasked_param(robot, param)) != NULL)
         vs_report("controller '%s' does not know the parameter '%.*s': ignored", controller,
                   (int)strcspn(param, "="), param);
+}
+
+void vs_talk_complain(void *context, const char *what, const char *name)
+{
+    (void)context;
+    vs_report("controller '%s': %s '%s'", vs_controller.name, what, name);
+}
+
+void vs_talk_guard(struct vs_talk *talk, const struct vs_guard_reply *reply)
+{
+    char text[VS_RIGHTS_TEXT];
+
+    if (reply->news != NULL)
+        vs_report("base: %s", reply->news);
+    if ((reply->refused & ~talk->refused) != 0) {
+        vs_rights_text(reply->refused, text);
+        vs_report("the guard runs %s: the system refuses; run vsensed as root", text);
+    }
+    talk->refused |= reply->refused;
 }
 
 static const char *cause_text(enum vs_stop_cause cause)

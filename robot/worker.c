@@ -10,6 +10,7 @@
 #include "report.h"
 #include "signals.h"
 #include "trace.h"
+#include "watchdog.h"
 #include "../c_src/vs_posix.h"
 
 #define PACKETS_AT_ONCE 64   /* then guard and steps get their turn */
@@ -19,7 +20,7 @@
 static const char GONE[] = "the base is gone";
 static const char MUTE[] = "the base did not answer at the end";
 
-enum { FD_NET = 0, FD_SIGNALS = 2, FD_GUARD = 3, FD_COUNT = 4 };
+enum { FD_NET = 0, FD_SIGNALS = 2, FD_GUARD = 3, FD_BOARDS = 4, FD_COUNT = FD_BOARDS + VS_BOARDS };
 
 static void read_clock(struct vs_worker *w)
 {
@@ -31,12 +32,6 @@ static void read_clock(struct vs_worker *w)
     if (ppb != 0)
         w->now.session_ns += (uint64_t)((int64_t)(base_ns / 1000000000u) * ppb +
                                         (int64_t)(base_ns % 1000000000u) * ppb / 1000000000);
-}
-
-static void complain(void *context, const char *what, const char *name)
-{
-    (void)context;
-    vs_report("controller '%s': %s '%s'", vs_controller.name, what, name);
 }
 
 /* How long to stay away after a GOODBYE. Two robots with one uid would take the session
@@ -110,9 +105,6 @@ static int start_guard(struct vs_worker *w, int found)
 {
     int why;
 
-    w->foreign[0] = w->net.fds[0];
-    w->foreign[1] = w->net.fds[1];
-    w->foreign[2] = w->trace_fd;
     if (vs_guard_link_start(&w->guard, found) == 0)
         return 0;
     why = errno;
@@ -175,6 +167,7 @@ static void trace(struct vs_worker *w)
 
 static void on_reply(struct vs_worker *w, const struct vs_guard_reply *reply)
 {
+    vs_talk_guard(&w->talk, reply);
     vs_loop_reply(&w->loop, reply, &w->now);
     if (w->loop.acting)
         read_clock(w); /* a controller may compute for long */
@@ -208,8 +201,21 @@ static void serve_guard(struct vs_worker *w)
         replace_guard(w, "is silent");
     if (w->ended)
         return;
-    if (vs_loop_request(&w->loop, &w->now, &request))
+    if (vs_loop_request(&w->loop, &w->now, &request)) {
         vs_guard_link_send(&w->guard, &request);
+        vs_board_links_ask(&w->boards, &w->loop.command.message, w->now.base_ns);
+    }
+}
+
+/* The host hears of a board as of what a controller logs. */
+static void serve_boards(struct vs_worker *w)
+{
+    const char *news;
+
+    while ((news = vs_board_links_serve(&w->boards, w->now.base_ns)) != NULL) {
+        vs_report("base: %s", news);
+        vs_log_add(&w->loop.robot.log, news);
+    }
 }
 
 static void serve_host(struct vs_worker *w)
@@ -233,6 +239,7 @@ static void serve_host(struct vs_worker *w)
 static void await(struct vs_worker *w)
 {
     struct pollfd fds[FD_COUNT] = {{-1, 0, 0}};
+    int i;
     uint64_t wake_ns = vs_loop_wake_ns(&w->loop);
     uint64_t other_ns = vs_net_wake_ns(&w->net);
 
@@ -246,6 +253,10 @@ static void await(struct vs_worker *w)
     fds[FD_SIGNALS].events = POLLIN;
     fds[FD_GUARD].fd = w->guard.socket;
     fds[FD_GUARD].events = POLLIN;
+    for (i = 0; i < VS_BOARDS; i++) {
+        fds[FD_BOARDS + i].fd = w->boards.link[i].waiting ? w->boards.link[i].socket : -1;
+        fds[FD_BOARDS + i].events = POLLIN;
+    }
     poll(fds, FD_COUNT, vs_posix_timeout_ms(w->now.base_ns, wake_ns));
     if (wake_ns < w->round_ns)
         wake_ns = w->round_ns;
@@ -280,7 +291,7 @@ static int open_session(struct vs_worker *w)
     if (name_len <= VS_NAME_MAX && vs_controller.state_size <= VS_CONTROLLER_STATE_MAX &&
         vs_session_init(&w->session, &config) == VS_OK) {
         vs_loop_init(&w->loop, &w->session, &vs_controller, w->state.bytes);
-        w->loop.robot.complain = complain;
+        w->loop.robot.complain = vs_talk_complain;
         return 0;
     }
     vs_report("controller '%s': expected a name of plain text of at most %d bytes and a state of "
@@ -328,20 +339,44 @@ static void say_goodbye(struct vs_worker *w)
         vs_net_finish(&w->net, &w->session, w->now.session_ns);
 }
 
-int vs_worker_run(struct vs_worker *w, const struct vs_options *options)
+static void begin(struct vs_worker *w, const struct vs_options *options)
 {
-    int status;
-
     memset(w, 0, sizeof *w);
     w->options = options;
     w->trace_fd = -1;
     w->guard.base = &w->base;
-    w->guard.foreign_fds = w->foreign;
-    w->guard.foreign_count = sizeof w->foreign / sizeof w->foreign[0];
+    w->guard.socket = -1;
+    w->guard.foreign = w->foreign;
+    w->guard.foreign_count = VS_WORKER_FOREIGN;
+    w->guard.argv = options->argv;
     w->talk.cause = VS_CAUSE_NO_SESSION;
+}
+
+static void open_boards(struct vs_worker *w)
+{
+    int i;
+
+    vs_board_links_init(&w->boards, &w->base, &w->loop.robot.base.boards);
+    w->boards.foreign = w->foreign;
+    w->boards.foreign_count = VS_WORKER_FOREIGN;
+    w->foreign[0] = &w->net.fds[0];
+    w->foreign[1] = &w->net.fds[1];
+    w->foreign[2] = &w->trace_fd;
+    w->foreign[3] = &w->guard.socket;
+    for (i = 0; i < VS_BOARDS; i++)
+        w->foreign[4 + i] = &w->boards.link[i].socket;
+}
+
+int vs_worker_run(struct vs_worker *w, const struct vs_options *options)
+{
+    int status;
+
+    begin(w, options);
     if ((status = open_session(w)) != 0 || (status = open_net(w)) != 0 ||
         (status = open_files(w)) != 0)
         return status;
+    open_boards(w);
+    vs_watchdog_open(options->watchdog);
     if (start_guard(w, 0) != 0)
         return w->status;
     vs_report("up: controller '%s', base %s, host %s:%u", vs_controller.name, options->base.device,
@@ -350,12 +385,14 @@ int vs_worker_run(struct vs_worker *w, const struct vs_options *options)
     w->round_ns = w->now.base_ns;
     while (!w->ended) {
         serve_net(w);
+        serve_boards(w);
         serve_guard(w);
         serve_host(w);
         if (!w->ended)
             await(w);
     }
     vs_guard_link_kill(&w->guard);
+    vs_watchdog_end(w->status == 0);
     say_goodbye(w);
     return w->status;
 }

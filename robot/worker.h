@@ -6,23 +6,27 @@
 #ifndef VS_WORKER_H
 #define VS_WORKER_H
 
+#include "board_link.h"
 #include "guard_link.h"
 #include "loop.h"
 #include "net.h"
 #include "options.h"
 #include "talk.h"
 
+#define VS_WORKER_FOREIGN (4 + VS_BOARDS)
+
 struct vs_worker {
     const struct vs_options *options;
     struct vs_base base;
     struct vs_guard_link guard;
+    struct vs_board_links boards;
     struct vs_net net;
     struct vs_session session;
     struct vs_loop loop;
     union vs_controller_state state;
     int signals_fd;
     int trace_fd;      /* -1: none */
-    int foreign[3];    /* descriptors that a guard must not hold */
+    const int *foreign[VS_WORKER_FOREIGN]; /* descriptors that no child must hold */
     struct vs_instant now; /* read once after each wait, and after what takes long */
     uint64_t round_ns; /* when this round of the loop began */
     uint64_t late_ns;  /* how late that was */

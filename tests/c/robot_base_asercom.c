@@ -92,7 +92,7 @@ static int io_write(void *context, const uint8_t *buf, size_t len, uint64_t dead
 /* A base as ops->open leaves it, but on our line. */
 static void begin(struct world *w, uint8_t mode, uint32_t seed)
 {
-    struct vs_base_config config = {&vs_base_asercom, "/nowhere", {"", ""}, 2, 115, 0.0867438559f, {mode, 0}};
+    struct vs_base_config config = {&vs_base_asercom, "/nowhere", {"", ""}, 2, 115, 0.0867438559f, {mode, 0}, ""};
     int i;
 
     memset(w, 0, sizeof *w);
@@ -187,8 +187,8 @@ static void test_plain_exchange(uint8_t mode)
     check_obeyed(&w, 300, -200);
     CHECK(w.fw.body.outputs.leds == leds);
     CHECK(w.reading.battery_low == 0 && w.reading.battery_mv > 3990 && w.reading.battery_mv < 4010);
-    CHECK(w.reading.has_steps && w.reading.boards.has_ground == (mode == 2));
-    CHECK(mode != 2 || w.reading.boards.ground[1] == 400);
+    CHECK(w.reading.has_steps && w.reading.has_ground == (mode == 2));
+    CHECK(mode != 2 || w.reading.ground[1] == 400);
     way = w.reading.steps[0];
     pass(&w, 1000 * MS);
     w.fw.body.inputs.battery_mv = 3300;

@@ -9,18 +9,23 @@
 
 static struct vs_base_command still; /* whose message goes out */
 
-/* The guard's pause after an exchange. */
-static void rest(struct bus_world *w)
+/* What the boards' processes do between two requests, one after the other here. */
+static void serve_boards(struct bus_world *w)
 {
-    uint64_t began_ns;
-    int more;
+    struct vs_boards *boards = &w->base.boards;
+    uint64_t began_ns = w->now_ns;
+    int more = 1;
 
-    do {
+    vs_boards_read_ground(boards, w->now_ns + VS_BOARD_READ_NS, &w->base.news);
+    CHECK(w->now_ns - began_ns <= VS_BOARD_READ_NS);
+    while (more) {
         began_ns = w->now_ns;
-        more = vs_base_rest(&w->base, &still);
-        CHECK(w->now_ns - began_ns <= VS_BASE_REST_NS);
+        more = vs_boards_talk(boards, &still.message, w->now_ns + VS_BOARD_TALK_NS, &w->base.news);
+        CHECK(w->now_ns - began_ns <= VS_BOARD_TALK_NS);
         CHECK(w->fault_one_in != 0 || w->now_ns - began_ns <= 5 * MS);
-    } while (more);
+    }
+    vs_boards_take(&w->reading.boards, &boards->reading, VS_BOARD_GROUND);
+    vs_boards_take(&w->reading.boards, &boards->reading, VS_BOARD_RAB);
 }
 
 static int exchange(struct bus_world *w)
@@ -30,7 +35,7 @@ static int exchange(struct bus_world *w)
 
     CHECK(w->now_ns - began_ns <= 30 * MS);
     if (err == VS_OK)
-        rest(w);
+        serve_boards(w);
     if (w->now_ns < began_ns + 50 * MS)
         bus_pass(w, began_ns + 50 * MS - w->now_ns);
     return err;

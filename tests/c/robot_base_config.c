@@ -34,6 +34,10 @@ static void test_good(void)
     CHECK(configure(&config, "york:/x,rab,rab_power=0,rab_k=0.1,rab_bytes=4") == 0);
     CHECK(config.rab_power == 0 && config.rab_k_cm == 0.1f && config.rab_bytes == 4);
     CHECK(configure(&config, "york:/x,rab_power=255") == 0 && config.rab_power == 255);
+    CHECK(config.reset[0] == '\0');
+    CHECK(configure(&config, "york:/x,reset=24") == 0 && strcmp(config.reset, "24") == 0);
+    CHECK(configure(&config, "gctronic:/x,reset=/sys/class/gpio/gpio536,ground") == 0);
+    CHECK(strcmp(config.reset, "/sys/class/gpio/gpio536") == 0);
     CHECK(configure(&config, "asercom:/x,model=epuck2") == 0);
     CHECK(config.choice[0] == 0 && config.choice[1] == 1);
     CHECK(configure(&config, "argos:/dev/ttyS0,ground=/dev/i2c-3,ground=/dev/i2c-4") == 0);
@@ -50,7 +54,9 @@ static void test_bad(void)
         "york:/x,rab_bytes=3", "york:/x,rab_bytes", "gctronic:/x,Ground", "york:/x,ground=/y,z",
         "york:/x,rab_power", "york:/x,rab_power=", "york:/x,rab_power=256", "york:/x,rab_power=-1",
         "york:/x,rab_power=1.5", "york:/x,rab_power=9x", "york:/x,rab_k=0", "york:/x,rab_k=-1",
-        "york:/x,rab_k=11", "york:/x,rab_k=nan", "york:/x,rab_k"};
+        "york:/x,rab_k=11", "york:/x,rab_k=nan", "york:/x,rab_k",
+        "york:/x,reset", "york:/x,reset=", "york:/x,reset=high", "york:/x,reset=24x",
+        "york:/x,reset=-1", "york:/x,reset=12345", "argos:/x,reset=24"};
     char text[400];
     struct vs_base_config config;
     size_t i;

@@ -17,7 +17,7 @@ static const struct vs_base_ops *const kinds[] = {&vs_base_gctronic, &vs_base_yo
 /* York's map on an e-puck2. */
 static void begin_york_on_epuck2(struct bus_world *w, uint32_t seed)
 {
-    struct vs_base_config config = {&vs_base_york, "/nowhere", {"", ""}, 4, 115, 0.0867438559f, {1, 0}};
+    struct vs_base_config config = {&vs_base_york, "/nowhere", {"", ""}, 4, 115, 0.0867438559f, {1, 0}, ""};
 
     bus_begin(w, &vs_base_york, seed);
     CHECK(vs_base_york.open(&w->base, &config) == VS_ERR_IO);

@@ -101,7 +101,7 @@ static inline int bus_transfer(void *context, uint8_t address, const uint8_t *ou
 /* A base as vs_base_open leaves it, but on our wires. */
 static inline void bus_begin(struct bus_world *w, const struct vs_base_ops *ops, uint32_t seed)
 {
-    struct vs_base_config config = {ops, "/nowhere", {"", ""}, 2, 115, 0.0867438559f, {0, 0}};
+    struct vs_base_config config = {ops, "/nowhere", {"", ""}, 2, 115, 0.0867438559f, {0, 0}, ""};
     int i;
 
     memset(w, 0, sizeof *w);

@@ -22,7 +22,8 @@ struct world {
     uint64_t now_ns;
     /* the model */
     uint64_t until_ns;     /* wheels may turn before this, 0 = not */
-    uint64_t ends_ns;      /* asked or orphaned then, 0 = not yet */
+    uint64_t ends_ns;      /* asked, orphaned or hung then, 0 = not yet */
+    uint64_t heard_ns;     /* the worker gave a sign of life */
     enum wheels base;      /* what the base does */
     int closing;           /* the end is a CLOSE: the base has to be handed back */
     int handed;
@@ -33,7 +34,7 @@ struct world {
 
 struct key {
     uint8_t turning, cause, lost, due, ending, over, stopped, answer, reply_due, base, asked, kind;
-    uint8_t until, expiry, beat, end, ends, closing, handed;
+    uint8_t until, expiry, beat, end, ends, closing, handed, hung;
 };
 
 static struct key seen[TABLE_SIZE];
@@ -41,6 +42,7 @@ static uint8_t used[TABLE_SIZE];
 static struct world stack[STACK_SIZE];
 static uint32_t depth;
 static uint32_t states;
+static uint32_t hangs;
 
 static uint8_t ahead(uint64_t at_ns, uint64_t now_ns)
 {
@@ -72,6 +74,7 @@ static struct key key_of(const struct world *w)
     key.ends = w->ends_ns != 0;
     key.closing = (uint8_t)w->closing;
     key.handed = (uint8_t)w->handed;
+    key.hung = (uint8_t)(g->hung + 2 * (w->now_ns >= w->heard_ns + VS_GUARD_HUNG_NS));
     return key;
 }
 
@@ -131,6 +134,7 @@ static void ask(const struct world *from, uint32_t kind, int16_t speed, uint64_t
         return;
     CHECK(!w.asked);
     w.asked = 1;
+    w.heard_ns = w.now_ns;
     w.kind = kind;
     if (kind == VS_GUARD_ACT && !w.guard.lost) {
         uint64_t beat_ns = w.now_ns + VS_GUARD_BEAT_NS;
@@ -229,6 +233,19 @@ static void every_request(const struct world *w)
     end(w, vs_guard_end);
 }
 
+/* Only a worker that could ask, and did not, hangs; then all is as if it were gone. */
+static void check_hung(struct world *w)
+{
+    int silent = w->now_ns >= w->heard_ns + VS_GUARD_HUNG_NS;
+
+    if (w->ends_ns != 0)
+        return;
+    CHECK(w->guard.hung == silent);
+    if (silent)
+        w->ends_ns = w->now_ns;
+    hangs += (uint32_t)silent;
+}
+
 static void explore(const struct world *from)
 {
     static const int results[] = {VS_OK, VS_ERR_BUSY, VS_ERR_LATE, VS_ERR_SILENT,
@@ -237,6 +254,7 @@ static void explore(const struct world *from)
     enum vs_guard_action action = vs_guard_next(&w.guard, w.now_ns);
     size_t i;
 
+    check_hung(&w);
     if (w.ends_ns != 0 && w.now_ns >= w.ends_ns + VS_GUARD_END_NS)
         CHECK(action == VS_GUARD_EXIT);
     if (action == VS_GUARD_EXCHANGE)
@@ -251,6 +269,7 @@ static void explore(const struct world *from)
     if (action == VS_GUARD_WAIT) {
         sleep_for(&w, 1);
         sleep_for(&w, 3);
+        sleep_for(&w, 400);
     } else {
         for (i = 0; i < sizeof results / sizeof results[0]; i++) {
             if (action == VS_GUARD_RECOVER && results[i] == VS_ERR_LATE)
@@ -258,10 +277,34 @@ static void explore(const struct world *from)
             done(&w, results[i], 0, 1);
             done(&w, results[i], 1, 1);
             done(&w, results[i], 0, 0);
+            if (action == VS_GUARD_RECOVER) /* so long that a silent worker hangs meanwhile */
+                done(&w, results[i], 400, 1);
         }
     }
     w.guard.action = VS_GUARD_WAIT;
     every_request(&w);
+}
+
+/* Of however little it asks. */
+static void test_a_worker_that_asks_does_not_hang(void)
+{
+    struct vs_guard_request ping = {VS_GUARD_PING, 1, {0, 0, 0, {0, {0}}}, 0};
+    struct vs_guard_reply reply;
+    struct vs_guard guard;
+    uint64_t now_ns = STEP_NS;
+    int i;
+
+    vs_guard_init(&guard, 1);
+    CHECK(vs_guard_next(&guard, now_ns) == VS_GUARD_WAIT);
+    for (i = 0; i < 5; i++) {
+        now_ns += VS_GUARD_HUNG_NS - 1;
+        CHECK(vs_guard_next(&guard, now_ns) == VS_GUARD_WAIT);
+        vs_guard_request(&guard, &ping, now_ns);
+        CHECK(vs_guard_reply(&guard, &reply) && reply.result == VS_OK);
+        CHECK(vs_guard_deadline_ns(&guard) == now_ns + VS_GUARD_HUNG_NS);
+    }
+    now_ns += VS_GUARD_HUNG_NS;
+    CHECK(vs_guard_next(&guard, now_ns) == VS_GUARD_EXCHANGE && guard.hung);
 }
 
 int main(void)
@@ -269,9 +312,10 @@ int main(void)
     struct world w;
     int found;
 
+    test_a_worker_that_asks_does_not_hang();
     for (found = 0; found < 2; found++) {
         memset(&w, 0, sizeof w);
-        w.now_ns = 20 * STEP_NS;
+        w.now_ns = w.heard_ns = 20 * STEP_NS;
         w.base = found ? STILL : ANYTHING;
         vs_guard_init(&w.guard, found);
         keep(&w);
@@ -281,6 +325,6 @@ int main(void)
         explore(&w);
     }
     printf("%u states\n", (unsigned int)states);
-    CHECK(states > 1000);
+    CHECK(states > 1000 && hangs > 3);
     return 0;
 }

@@ -129,7 +129,7 @@ static inline int io_write(void *context, const uint8_t *buf, size_t len, uint64
 
 static inline void begin(struct world *w, uint32_t seed)
 {
-    struct vs_base_config config = {&vs_base_argos, "/nowhere", {"", ""}, 2, 115, 0.0867438559f, {0, 0}};
+    struct vs_base_config config = {&vs_base_argos, "/nowhere", {"", ""}, 2, 115, 0.0867438559f, {0, 0}, ""};
 
     memset(w, 0, sizeof *w);
     w->random = seed * 2654435761u + 1u;

@@ -261,3 +261,13 @@ def test_the_process_refuses_with_one_line(
     assert (process.returncode, out) == (code, b"")
     assert talk.startswith(b"physics: ")
     assert talk.count(b"\n") == 1
+
+
+@pytest.mark.parametrize("watchdog", [False, True])
+def test_firmware_has_a_watchdog_where_it_is_wanted(spec: dict[str, Any], watchdog: bool) -> None:
+    process = PhysicsProcess(
+        PhysicsSpec.parse(json.dumps({**spec, "watchdog": watchdog}).encode()), EPOCH_NS
+    )
+    found = [link.program.state.body.watchdog_us for link in process.controllers.links]
+    process.close()
+    assert found == [400_000 * watchdog] * 2

@@ -9,6 +9,7 @@ import subprocess
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from multiprocessing.pool import ThreadPool
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -110,7 +111,7 @@ def rigs(program: Path) -> Iterator[Callable[..., Rig]]:
     """Makes rigs whose daemon gets more arguments."""
     made: list[Rig] = []
 
-    def make(*more: str, **changes: str) -> Rig:
+    def make(*more: str, **changes: Any) -> Rig:
         made.append(Rig(program, *more, **changes))
         return made[-1]
 

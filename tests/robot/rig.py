@@ -272,12 +272,19 @@ class Rig:
             measured while it was large says nothing.
     """
 
-    def __init__(self, program: Path, *more: str, kind: str = "argos", options: str = "") -> None:
+    def __init__(
+        self,
+        program: Path,
+        *more: str,
+        kind: str = "argos",
+        options: str = "",
+        watchdog: bool = False,
+    ) -> None:
         self._program = program
         self._more = more
         self._options = options
         self.host = Host()
-        self.base = Microcontrollers([kind])
+        self.base = Microcontrollers([kind], watchdog)
         self.applied: list[Actuation] = []
         self.held_up_ns = 0
         self.plugged = True

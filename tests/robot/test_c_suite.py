@@ -49,12 +49,14 @@ SUITES = {
     "robot_posix": [],
     "robot_format": [C_SRC / "vs_format.c"],
     "robot_i2c_posix": [C_SRC / "vs_format.c"],
+    "robot_reset": [C_SRC / "vs_format.c"],
     "robot_settings": [ROBOT / "settings.c"],
     "robot_uid": [
         *(ROBOT / f"{part}.c" for part in ("options", "presets", "settings")),
         *(p for p in BASES if FIRMWARE not in p.parents),
         C_SRC / "vs_bytes.c",
     ],
+    "robot_watchdog": [],
     "robot_number": [ROBOT / "number.c"],
     "robot_stop": [ROBOT / "guard.c", *BASES],
     "robot_loop": [TESTS / "robot_life.c", *MINDS, *PROTOCOL],
@@ -70,8 +72,9 @@ RUNS = {"robot_base": "3000", "robot_loop": "300", "robot_base_asercom": "500"}
 RUNS |= {"robot_base_i2c": "2000"}
 """How many random worlds a suite goes through."""
 
-EDGE = {"check", "guard_link", "guard_process", "main", "net", "random", "report", "signals"}
-EDGE |= {"trace", "uid", "worker"}
+EDGE = {"base_reset", "board_link", "board_process", "check", "guard_link", "guard_process"}
+EDGE |= {"guard_rights", "main", "net", "random", "report", "restart", "signals", "trace", "uid"}
+EDGE |= {"watchdog", "worker"}
 """The files that talk to the operating system; all others are pure."""
 
 SYSTEM = {"errno", "fcntl", "poll", "signal", "termios", "time", "unistd", "pthread"}
@@ -104,7 +107,7 @@ def test_c_suite_under_sanitizers(name: str, tmp_path: Path) -> None:
 
 
 MUTANTS = [
-    ("if (now_ns >= vs_guard_deadline_ns(g))", "if (0)"),
+    ("if (now_ns >= still_ns(g))", "if (0)"),
     ("g->expiry_ns < beat_ns ? g->expiry_ns : beat_ns", "beat_ns"),
     ("g->expiry_ns < beat_ns ? g->expiry_ns : beat_ns", "g->expiry_ns"),
     ("    hold(g, VS_CAUSE_SIGNAL);\n", ""),
@@ -116,6 +119,9 @@ MUTANTS = [
     ("} else if (g->due || g->ending == ENDING_ORPHANED) {", "} else if (!g->ending && g->due) {"),
     ("if (g->ending && now_ns >= g->end_ns)", "if (0)"),
     ("        if (g->lost)\n            answer(g, VS_ERR_SILENT, 0);\n        else\n", ""),
+    ("now_ns < g->heard_ns + VS_GUARD_HUNG_NS", "1"),
+    ("    g->heard_ns = now_ns;\n", ""),
+    ("    begin_end(g, ENDING_ORPHANED, now_ns);\n    g->hung", "    g->hung"),
 ]
 
 

@@ -34,12 +34,20 @@ def check(idle: Rig) -> Check:
 
 def test_all_is_well(idle: Rig, check: Check) -> None:
     status, said = check()
-    assert list(said) == ["clock", "uid", "network", "host", "base"]
+    assert list(said) == ["clock", "uid", "network", "host", "base", "guard"]
     assert said["network"] == "ok   this board is 127.0.0.1 on the way to 127.0.0.1"
     assert said["host"] == f"ok   127.0.0.1 answers on port {idle.host.port}"
     assert said["base"] == f"ok   argos on {idle.device} answers, wheels at 0"
     assert status == (0 if said["clock"].startswith("ok") else 1)
     assert not idle.host.connected, "nobody's session is taken"
+
+
+def test_the_boards_watchdog_is_looked_for_but_not_started(idle: Rig, check: Check) -> None:
+    _, said = check(watchdog="/dev/null")
+    assert said["watchdog"] == "ok   /dev/null is there; whether it is free a start tells"
+    status, said = check(watchdog="/nowhere/watchdog")
+    assert said["watchdog"].startswith("BAD  /nowhere/watchdog: No such file or directory; load")
+    assert status == 1
 
 
 def test_an_empty_battery_and_a_full_one(idle: Rig, check: Check) -> None:

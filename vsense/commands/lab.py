@@ -42,6 +42,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " other (default: argos)",
     )
     parser.add_argument(
+        "--firmware-watchdog",
+        action="store_true",
+        help="the emulated firmware stops the wheels 400 ms after the last command, as one built"
+        " with firmware_bridge/fw_watchdog.h does. By default it has no watchdog, as real firmware:"
+        " both processes of a vsensed killed at once leave its wheels turning",
+    )
+    parser.add_argument(
         "--port",
         type=arguments.port,
         metavar="P",
@@ -73,7 +80,7 @@ def run(options: argparse.Namespace) -> int:
     with interruption() as interrupted, ControlRoom(experiments.room_of(options), console) as room:
         address = (experiment.host, port)
         setup = RunSetup(experiment, seed, options.blind, address, console, interrupted, room)
-        session = Session(setup, directory, options.base)
+        session = Session(setup, directory, options.base, options.firmware_watchdog)
         series = Series(directory, options.runs, room.holds, interrupted)
         failure = _run_all(session, series, room, console)
         console.end_progress()

@@ -7,6 +7,7 @@ and never goes back. Nothing here waits: what is not read is lost, as on a wire.
 from __future__ import annotations
 
 import os
+import select
 import socket
 import struct
 import tty
@@ -236,11 +237,17 @@ class Terminal:
             self.due_ns = min(due_us * 1000, now_ns + self._fifo_ns)
 
 
+def _peer(daemon: socket.socket) -> bytes:
+    """Who opened a connection: process, user and group."""
+    return daemon.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
+
+
 class Bus:
     """A program, ground sensors and range and bearing on an I2C bus; see `Link`.
 
     The bus is a Unix socket of packets (`firmware_bridge/README.md`) for one daemon at a time: the
-    next one's greeting waits until the one before has ended.
+    next one's greeting waits until the one before has ended. A daemon has several connections, one
+    for each of its processes; it opens them all itself, so they have one peer.
 
     Attributes:
         wires: the C struct of the bus; tests make its faults there.
@@ -264,9 +271,11 @@ class Bus:
         for chip in (self.program.state, self.ground, self.rab):
             lib.fw_i2c_add(self.wires, ffi.addressof(chip, "device"))
         self._bytes: Any = ffi.new("uint8_t[]", 256)
-        self._replies: deque[tuple[int, bytes]] = deque()
+        self._replies: deque[tuple[int, socket.socket, bytes]] = deque()
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self._daemon: socket.socket | None = None
+        self._daemon: list[socket.socket] = []
+        self._waiting: list[socket.socket] = []
+        self._ready = select.epoll()
         try:
             self._listener.bind(str(path))
         except OSError:
@@ -274,30 +283,32 @@ class Bus:
             raise
         self._listener.listen()
         self._listener.setblocking(False)
+        self._ready.register(self._listener, select.EPOLLIN)
 
     def readable(self) -> int | None:
-        return (self._daemon or self._listener).fileno()
+        return self._ready.fileno()
 
     def receive(self, now_ns: int) -> None:
-        if self._daemon is None:
-            self._daemon = self._listener.accept()[0]
-            self._daemon.setblocking(False)
-            self._send(_GREETING)
-            return
-        try:
-            request = self._daemon.recv(256)
-        except ConnectionError:
-            request = b""
-        if len(request) < _REQUEST.size:
-            self._hang_up()
-        else:
-            self._transfer(request, now_ns)
+        ready = {fd for fd, _ in self._ready.poll(0)}
+        for one in [one for one in self._daemon if one.fileno() in ready]:
+            try:
+                request = one.recv(256)
+            except ConnectionError:
+                request = b""
+            if len(request) < _REQUEST.size:
+                self._hang_up(one)
+            else:
+                self._transfer(one, request, now_ns)
+        if self._listener.fileno() in ready:
+            self._waiting.append(self._listener.accept()[0])
+            self._waiting[-1].setblocking(False)
+        self._admit()
         self._plan()
 
     def advance(self, now_ns: int) -> list[Outputs]:
         done = self.program.advance(now_ns)
         while self._replies and self._replies[0][0] <= now_ns:
-            self._send(self._replies.popleft()[1])
+            self._send(*self._replies.popleft()[1:])
         self._plan()
         return done
 
@@ -306,10 +317,23 @@ class Bus:
         return {"transactions": wires.transactions, "failed_transactions": wires.failed}
 
     def close(self) -> None:
-        self._hang_up()
-        self._listener.close()
+        for one in (*self._daemon, *self._waiting, self._listener):
+            one.close()
+        self._ready.close()
 
-    def _transfer(self, request: bytes, now_ns: int) -> None:
+    def _admit(self) -> None:
+        """Greets who belongs to the daemon that has the bus; if none has it, who came first."""
+        for one in [*self._waiting]:
+            if self._daemon and _peer(one) != _peer(self._daemon[0]):
+                continue
+            self._waiting.remove(one)
+            if self._send(one, _GREETING):
+                self._daemon.append(one)
+                self._ready.register(one, select.EPOLLIN)
+            else:
+                one.close()
+
+    def _transfer(self, daemon: socket.socket, request: bytes, now_ns: int) -> None:
         number, address, count = _REQUEST.unpack_from(request)
         out = request[_REQUEST.size :]
         result = lib.fw_i2c_transfer(
@@ -320,22 +344,22 @@ class Bus:
         acknowledged = result == lib.FW_I2C_ACK
         read = bytes(ffi.buffer(self._bytes, count)) if acknowledged else b""
         reply = _REPLY.pack(number, 0 if acknowledged else 1) + read
-        self._replies.append((self.wires.free_us * 1000, reply))
+        self._replies.append((self.wires.free_us * 1000, daemon, reply))
 
-    def _send(self, packet: bytes) -> None:
+    def _send(self, daemon: socket.socket, packet: bytes) -> bool:
         try:
-            assert self._daemon is not None
-            self._daemon.send(packet)
+            daemon.send(packet)
         except (BlockingIOError, ConnectionError):
             self.lost_bytes += len(packet)
-        else:
-            self.sent_bytes += len(packet)
+            return False
+        self.sent_bytes += len(packet)
+        return True
 
-    def _hang_up(self) -> None:
-        if self._daemon is not None:
-            self._daemon.close()
-        self._daemon = None
-        self._replies.clear()
+    def _hang_up(self, daemon: socket.socket) -> None:
+        self._ready.unregister(daemon)
+        daemon.close()
+        self._daemon.remove(daemon)
+        self._replies = deque(reply for reply in self._replies if reply[1] is not daemon)
 
     def _plan(self) -> None:
         due_ns = self.program.due_us() * 1000

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from vsense.lab.links import Link, make_link
 from vsense.lab.shared import LabError, file_errors
+from vsense.native import lib
 
 ACTUATION = np.dtype(
     [
@@ -27,6 +28,9 @@ and lit LEDs, bits 0-7 ring, 8 body, 9 front, hold from then on.
 """
 
 _RECORD = struct.Struct("<qHhhH")
+
+WATCHDOG_US: int = lib.FW_WATCHDOG_TICKS * lib.FW_WATCHDOG_TICK_MS * 1000
+"""How long a firmware with a watchdog waits for the next command."""
 
 
 class Actuation(NamedTuple):
@@ -52,8 +56,13 @@ class Microcontrollers:
         due_ns: when `advance` is due again, None while all lines are idle.
     """
 
-    def __init__(self, kinds: Sequence[str]) -> None:
+    def __init__(self, kinds: Sequence[str], watchdog: bool = False) -> None:
         """Powers one on for each of `kinds`, of `vsense.lab.links.KINDS`.
+
+        Args:
+            kinds: of each robot.
+            watchdog: their firmware stops the motors when its host falls silent, as
+                `firmware_bridge/fw_watchdog.h` does and stock firmware does not.
 
         Raises:
             LabError: no such kind, or there are not that many pseudo-terminals or sockets.
@@ -74,6 +83,8 @@ class Microcontrollers:
         except LabError:
             self.close()
             raise
+        for link in self.links:
+            link.program.state.body.watchdog_us = WATCHDOG_US if watchdog else 0
         self.bases = [f"{kind}:{link.device}" for kind, link in zip(kinds, self.links)]
 
     @property

@@ -8,7 +8,7 @@
      "boxes":   [{"x_m": 1.2, "y_m": 0, "yaw_rad": 0, "size_x_m": 0.01, "size_y_m": 2}, ...],
      "cylinders": [{"x_m": 0.5, "y_m": 0.5, "radius_m": 0.1}, ...],
      "truth": "name of the truth ring", "log": "path of the actuation log",
-     "directory": "run directory", "seed": 1}
+     "directory": "run directory", "seed": 1, "watchdog": false}
 
 It answers with one line of JSON, `{"bases": ["argos:/dev/pts/3", ...], "epoch_ns": ...}`: where the
 daemon of every robot finds its base, in the order of the indices, and the time of the first tick.
@@ -54,7 +54,8 @@ _CYLINDER = ("x_m", "y_m", "radius_m")
 class PhysicsSpec:
     """The process's spec, see the module; bodies as `Physics` takes them, robots by index.
 
-    `bases` are of `vsense.lab.links.KINDS`; `seed` is that of the sensors' noise.
+    `bases` are of `vsense.lab.links.KINDS`; `seed` is that of the sensors' noise; `watchdog` as in
+    `Microcontrollers`.
     """
 
     robots: NDArray[np.float64]
@@ -66,6 +67,7 @@ class PhysicsSpec:
     log: Path
     directory: Path
     seed: int
+    watchdog: bool = False
 
     @classmethod
     def parse(cls, line: bytes) -> PhysicsSpec:
@@ -97,6 +99,7 @@ class PhysicsSpec:
             Path(_text(spec, "log")),
             Path(_text(spec, "directory")),
             int(_number(spec, "seed", "spec: ")),
+            spec.get("watchdog") is True,
         )
 
 
@@ -146,7 +149,7 @@ class PhysicsProcess:
         Raises:
             LabError: no terminals or sockets, no truth ring, or a log that cannot be written.
         """
-        self.controllers = Microcontrollers(spec.bases)
+        self.controllers = Microcontrollers(spec.bases, spec.watchdog)
         self._physics = Physics(spec.robots, spec.objects, spec.boxes, now_ns, spec.cylinders)
         self._rings = ProximityRing(self._physics.near, spec.seed)
         self._leds = np.zeros(len(self._physics.poses), dtype=np.uint16)
@@ -259,7 +262,13 @@ class FloorProcess:
     """
 
     def __init__(
-        self, experiment: Experiment, truth: str, seed: int, directory: Path, base: str
+        self,
+        experiment: Experiment,
+        truth: str,
+        seed: int,
+        directory: Path,
+        base: str,
+        watchdog: bool = False,
     ) -> None:
         """Starts the process with robots, objects and walls of a settled experiment.
 
@@ -268,6 +277,7 @@ class FloorProcess:
             seed: of the proximity sensors' noise.
             directory: of the log.
             base: of all robots, of `vsense.lab.links.BASES`.
+            watchdog: as in `Microcontrollers`.
 
         Raises:
             LabError: the process has failed.
@@ -276,6 +286,7 @@ class FloorProcess:
         self._process, self._stdin, self._stdout = start_module("vsense.lab.physics_process")
         spec = _spec(experiment, truth, seed, self.log)
         spec["bases"] = bases_of(base, len(experiment.robots))
+        spec["watchdog"] = watchdog
         self._stdin.write(json.dumps(spec).encode() + b"\n")
         self._stdin.flush()
         answer = self._stdout.readline()

@@ -64,8 +64,10 @@ class Session(ExperimentSession):
 
     quiet = frozenset({"connected"})
 
-    def __init__(self, setup: RunSetup, directory: Path, base: str) -> None:
+    def __init__(self, setup: RunSetup, directory: Path, base: str, watchdog: bool = False) -> None:
         """Prepares runs of robots on a `base` of `vsense.lab.links.BASES`; `directory` exists.
+
+        Their firmware has a `watchdog`, as in `Microcontrollers`, or none.
 
         Raises:
             VsenseError: something in the experiment cannot be made.
@@ -75,6 +77,7 @@ class Session(ExperimentSession):
         self.truth_log = directory / "truth.bin"
         self.recordings: list[RunNotes] = []
         self._base = base
+        self._watchdog = watchdog
         self._ready = False
         self.dt_ns = setup.experiment.timestep_ns
 
@@ -90,7 +93,9 @@ class Session(ExperimentSession):
         self.cameras = grabber.cameras
         self.tracking = self._track(grabber)
         self._stack.callback(self.tracking.close)
-        self.floor = FloorProcess(experiment, truth.name, seed, self.directory, self._base)
+        self.floor = FloorProcess(
+            experiment, truth.name, seed, self.directory, self._base, self._watchdog
+        )
         self._stack.callback(self.floor.close)
         self.swarm = Swarm(daemon, experiment.host, port, seed, self.directory / "robots")
         self._stack.callback(self.swarm.end)

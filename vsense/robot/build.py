@@ -31,9 +31,10 @@ RUNTIME_PARTS = (
 
 SYSTEM_PARTS = (
     *("base", "base_argos", "base_asercom", "base_boards", "base_config", "base_gctronic"),
-    *("base_serial", "base_york", "check", "guard", "guard_link", "guard_process", "main", "net"),
-    *("memory", "options", "presets", "random", "report", "settings"),
-    *("signals", "talk", "trace", "uid", "worker"),
+    *("base_reset", "base_serial", "base_york", "board_link", "board_process", "check", "guard"),
+    *("guard_link", "guard_process", "guard_rights", "main", "memory", "net", "options"),
+    *("presets", "random", "report", "restart", "settings", "signals", "talk", "trace", "uid"),
+    *("watchdog", "worker"),
 )
 """What of `robot/` only a daemon needs: processes, files, network, and the base."""
 

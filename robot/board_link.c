@@ -1,0 +1,170 @@
+/* SPDX-License-Identifier: MIT */
+#include "board_link.h"
+
+#include <errno.h>
+#include <signal.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "signals.h"
+#include "../c_src/vs_posix.h"
+
+static const char *const hangs[VS_BOARDS] = {
+    "the ground sensors' bus hangs: going on without them",
+    "the range-and-bearing board's bus hangs: going on without it"};
+static const char *const moves[VS_BOARDS] = {"the ground sensors' bus moves again",
+                                             "the range-and-bearing board's bus moves again"};
+static const char *const ended[VS_BOARDS] = {
+    "the ground sensors' process ended: starting another",
+    "the range-and-bearing board's process ended: starting another"};
+
+void vs_board_links_init(struct vs_board_links *links, struct vs_base *base,
+                         struct vs_board_reading *reading)
+{
+    int i;
+
+    memset(links, 0, sizeof *links);
+    links->base = base;
+    links->reading = reading;
+    *reading = base->boards.reading;
+    for (i = 0; i < VS_BOARDS; i++)
+        links->link[i].socket = -1;
+}
+
+/* In the child: a base that it held open would be locked as long as the board hangs. */
+static void become_board(struct vs_board_links *links, int board, int socket)
+{
+    struct vs_boards *boards = &links->base->boards;
+    size_t i;
+
+    for (i = 0; i < links->foreign_count; i++)
+        if (*links->foreign[i] >= 0)
+            close(*links->foreign[i]);
+    if (!vs_base_shares_bus(links->base, board))
+        close(links->base->fd);
+    vs_signals_ignore();
+    vs_signals_unblock();
+    boards->reading = *links->reading; /* messages are counted on */
+    vs_board_process(socket, boards, board);
+    _exit(0);
+}
+
+static void start(struct vs_board_links *links, int board, uint64_t now_ns)
+{
+    struct vs_board_link *link = &links->link[board];
+    int ends[2];
+    pid_t pid;
+
+    link->again_ns = now_ns + VS_BOARD_AGAIN_NS;
+    if (socketpair(AF_UNIX, SOCK_SEQPACKET, 0, ends) != 0)
+        return;
+    vs_posix_keep_from_children(ends[0]);
+    vs_posix_keep_from_children(ends[1]);
+    vs_signals_block();
+    pid = fork();
+    if (pid == 0) {
+        close(ends[0]);
+        become_board(links, board, ends[1]);
+    }
+    vs_signals_unblock();
+    close(ends[1]);
+    if (pid < 0) {
+        close(ends[0]);
+        return;
+    }
+    link->pid = pid;
+    link->socket = ends[0];
+    link->waiting = 0;
+    link->hangs = 0;
+}
+
+/* Its end of the socket is closed: it has ended, or is about to. */
+static const char *give_up(struct vs_board_links *links, int board, uint64_t now_ns)
+{
+    struct vs_board_link *link = &links->link[board];
+
+    close(link->socket);
+    link->socket = -1;
+    link->again_ns = now_ns + VS_BOARD_AGAIN_NS;
+    vs_boards_lose(links->reading, board);
+    return ended[board];
+}
+
+/* One that a driver holds may die at any later time. */
+static void bury(struct vs_board_link *link)
+{
+    if (link->pid != 0 && link->socket < 0 && waitpid((pid_t)link->pid, NULL, WNOHANG) != 0)
+        link->pid = 0;
+}
+
+/* Nothing came. */
+static const char *wait_on(struct vs_board_links *links, int board, uint64_t now_ns)
+{
+    struct vs_board_link *link = &links->link[board];
+
+    if (!link->waiting || now_ns < link->asked_ns + VS_BOARD_HANGS_NS)
+        return NULL;
+    if (now_ns >= link->asked_ns + VS_BOARD_KILL_NS)
+        kill((pid_t)link->pid, SIGKILL);
+    if (link->hangs)
+        return NULL;
+    link->hangs = 1;
+    vs_boards_lose(links->reading, board);
+    return hangs[board];
+}
+
+static const char *serve(struct vs_board_links *links, int board, uint64_t now_ns)
+{
+    struct vs_board_link *link = &links->link[board];
+    struct vs_board_answer answer;
+    ssize_t len;
+
+    bury(link);
+    if (link->pid == 0 && now_ns >= link->again_ns)
+        start(links, board, now_ns);
+    if (link->socket < 0 || !link->waiting)
+        return NULL;
+    len = recv(link->socket, &answer, sizeof answer, MSG_DONTWAIT);
+    if (len < 0 && (errno == EAGAIN || errno == EINTR))
+        return wait_on(links, board, now_ns);
+    if (len != (ssize_t)sizeof answer)
+        return give_up(links, board, now_ns);
+    link->waiting = 0;
+    vs_boards_take(links->reading, &answer.reading, board);
+    if (answer.news == NULL && link->hangs)
+        answer.news = moves[board];
+    link->hangs = 0;
+    return answer.news;
+}
+
+const char *vs_board_links_serve(struct vs_board_links *links, uint64_t now_ns)
+{
+    const char *news = NULL;
+    int i;
+
+    for (i = 0; i < VS_BOARDS && news == NULL; i++)
+        if (links->base->boards.bus[i].transfer != NULL)
+            news = serve(links, i, now_ns);
+    return news;
+}
+
+void vs_board_links_ask(struct vs_board_links *links, const struct vs_board_message *message,
+                        uint64_t now_ns)
+{
+    struct vs_board_request request;
+    int i;
+
+    request.message = *message;
+    for (i = 0; i < VS_BOARDS; i++) {
+        struct vs_board_link *link = &links->link[i];
+
+        if (link->socket < 0 || link->waiting)
+            continue;
+        link->waiting = 1;
+        link->asked_ns = now_ns;
+        /* what cannot be sent is not answered, and that is noticed */
+        (void)send(link->socket, &request, sizeof request, MSG_NOSIGNAL | MSG_DONTWAIT);
+    }
+}

@@ -1,0 +1,109 @@
+/* SPDX-License-Identifier: MIT */
+#include "guard_rights.h"
+
+#include <fcntl.h>
+#include <link.h>
+#include <sched.h>
+#include <string.h>
+#include <sys/auxv.h>
+#include <sys/mman.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+
+#include "../c_src/vs_format.h"
+
+#define PRIORITY 1      /* before all ordinary processes, behind the kernel's own */
+#define STACK 12288     /* [byte] more than the guard ever uses */
+
+long syscall(long number, ...); /* no part of POSIX, so no header shows it */
+
+/* The program's own parts, as the kernel mapped them. mlockall() would lock the whole of the
+ * stack's first 132 kB besides, and the C library's pages that nobody uses. */
+static int lock_program(void)
+{
+    const ElfW(Phdr) *part = (const ElfW(Phdr) *)getauxval(AT_PHDR);
+    unsigned long count = getauxval(AT_PHNUM);
+    uintptr_t offset = 0;
+    uintptr_t page = (uintptr_t)sysconf(_SC_PAGESIZE);
+    int err = part == NULL ? -1 : 0;
+
+    for (; count > 0 && part != NULL; count--, part++) {
+        uintptr_t at;
+        uintptr_t until;
+
+        if (part->p_type == PT_PHDR)
+            offset = (uintptr_t)getauxval(AT_PHDR) - part->p_vaddr;
+        if (part->p_type != PT_LOAD)
+            continue;
+        at = (offset + part->p_vaddr) & ~(page - 1);
+        until = offset + part->p_vaddr + part->p_memsz;
+        err |= mlock((const void *)at, until - at);
+    }
+    return err;
+}
+
+/* From here downwards: the caller's callers are not come back to. */
+static int lock_stack(void)
+{
+    volatile char depth[STACK];
+    size_t i;
+
+    for (i = 0; i < sizeof depth; i += 1024)
+        depth[i] = 0;
+    return mlock((const void *)(uintptr_t)depth, sizeof depth);
+}
+
+static int write_file(const char *path, const char *text)
+{
+    int fd = open(path, O_WRONLY);
+    ssize_t len = -1;
+
+    if (fd >= 0) {
+        len = write(fd, text, strlen(text));
+        close(fd);
+    }
+    return len > 0 ? 0 : -1;
+}
+
+/* Before Linux 2.6.36 the score had another file and another scale. */
+static int set_oom_score(const char *score, const char *old_score)
+{
+    if (access("/proc/self/oom_score_adj", F_OK) == 0)
+        return write_file("/proc/self/oom_score_adj", score);
+    return write_file("/proc/self/oom_adj", old_score);
+}
+
+/* The C library for the robots' boards has this function, but it only says ENOSYS. */
+static int set_scheduler(int policy, int priority)
+{
+    return (int)syscall(SYS_sched_setscheduler, 0, policy, &priority);
+}
+
+unsigned int vs_rights_take(void)
+{
+    unsigned int refused = 0;
+    int unlocked = lock_program();
+
+    if ((unlocked | lock_stack()) != 0)
+        refused |= VS_RIGHT_MEMORY;
+    if (set_oom_score("-1000", "-17") != 0)
+        refused |= VS_RIGHT_OOM;
+    if (set_scheduler(SCHED_FIFO, PRIORITY) != 0)
+        refused |= VS_RIGHT_TIME;
+    return refused;
+}
+
+void vs_rights_give_back(void)
+{
+    (void)set_scheduler(SCHED_OTHER, 0);
+    (void)set_oom_score("0", "0");
+}
+
+void vs_rights_text(unsigned int refused, char text[VS_RIGHTS_TEXT])
+{
+    vs_format(text, VS_RIGHTS_TEXT, "without%s%s%s",
+              refused & VS_RIGHT_MEMORY ? " locked memory," : "",
+              refused & VS_RIGHT_OOM ? " the least out-of-memory score," : "",
+              refused & VS_RIGHT_TIME ? " real-time priority," : "");
+    text[strlen(text) - 1] = '\0';
+}
