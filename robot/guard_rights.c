@@ -24,7 +24,7 @@ static int lock_program(void)
     const ElfW(Phdr) *part = (const ElfW(Phdr) *)getauxval(AT_PHDR);
     unsigned long count = getauxval(AT_PHNUM);
     uintptr_t offset = 0;
-    uintptr_t page = (uintptr_t)sysconf(_SC_PAGESIZE);
+    uintptr_t page = (uintptr_t)getauxval(AT_PAGESZ);
     int err = part == NULL ? -1 : 0;
 
     for (; count > 0 && part != NULL; count--, part++) {

@@ -46,6 +46,7 @@ SUITES = {
     "robot_base_sensors": [*OWN, *PROTOCOL],
     "robot_memory": [ROBOT / "memory.c"],
     "robot_guard": [ROBOT / "guard.c"],
+    "robot_guard_process": [ROBOT / "guard.c", ROBOT / "guard_process.c", *BASES],
     "robot_posix": [],
     "robot_format": [C_SRC / "vs_format.c"],
     "robot_i2c_posix": [C_SRC / "vs_format.c"],
