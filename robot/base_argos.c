@@ -269,7 +269,7 @@ static int write_frame(struct vs_base *base, const struct vs_base_command *comma
     int err = VS_OK;
 
     epuck_argos_put_actuators(&actuators, frame);
-    a->zero_sent = epuck_or(frame, sizeof frame) == 0;
+    a->zero_sent = (actuators.left_steps_s | actuators.right_steps_s | actuators.leds | reset) == 0;
     a->line.phase = VS_SERIAL_OWED;
     if (!a->zero_sent && reset == 0 && ++a->rounds >= HOLD_EVERY) {
         a->rounds = 0;

@@ -16,7 +16,7 @@
  * A stop counts only when the base has answered it: the line has no checksum, so a
  * frame that lost a byte is written, but not applied. Until then it is due.
  * A worker that asks nothing for VS_GUARD_HUNG_NS is given up like one that is gone.
- * Times are CLOCK_MONOTONIC [ns], the same for worker and guard.
+ * Times are of the board's clock [ns], the same for worker and guard.
  */
 #ifndef VS_GUARD_H
 #define VS_GUARD_H

@@ -51,13 +51,14 @@ static void look_at_wish(struct vs_loop *loop)
 /* Datagrams that waited while this process slept are newer, but not fresh. */
 static int is_surely_old(const struct vs_session *s, const struct vs_instant *now)
 {
+    uint64_t age_ns = vs_session_age_ns(s, s->newest_capture_ns, now->session_ns);
     int64_t offset_ns;
     uint64_t bound_ns;
 
-    if (vs_clock_estimate(&s->clock, now->session_ns, &offset_ns, &bound_ns) != VS_OK)
+    if (age_ns <= VS_SAFETY_SILENCE_NS ||
+        vs_clock_estimate(&s->clock, now->session_ns, &offset_ns, &bound_ns) != VS_OK)
         return 0;
-    return vs_session_age_ns(s, s->newest_capture_ns, now->session_ns) >
-           VS_SAFETY_SILENCE_NS + bound_ns;
+    return age_ns > VS_SAFETY_SILENCE_NS + bound_ns;
 }
 
 static void look_at_state(struct vs_loop *loop, const struct vs_instant *now)
@@ -139,7 +140,6 @@ static int16_t max_steps_s(const struct vs_base_reading *reading)
 static void run_controller(struct vs_loop *loop, const struct vs_instant *now)
 {
     struct vs_step *step = &loop->step;
-    int64_t offset_ns;
 
     begin_run(loop);
     loop->timestep_new = 0;
@@ -154,9 +154,6 @@ static void run_controller(struct vs_loop *loop, const struct vs_instant *now)
     step->age_ns = vs_session_age_ns(loop->session, loop->session->capture_ns, now->session_ns);
     step->stale = (uint8_t)vs_robot_is_stale(loop->session, step->age_ns);
     step->command = loop->command;
-    if (vs_clock_estimate(&loop->session->clock, now->session_ns, &offset_ns,
-                          &step->bound_ns) != VS_OK)
-        step->bound_ns = UINT64_MAX;
     loop->trace_due = 1;
     loop->acting = 1;
 }
@@ -228,7 +225,11 @@ static void give_hold(struct vs_loop *loop, struct vs_guard_request *request)
 int vs_loop_request(struct vs_loop *loop, const struct vs_instant *now,
                     struct vs_guard_request *request)
 {
-    if (loop->waiting)
+    int sensing = now->base_ns >= next_step_ns(loop);
+    int pinging = now->base_ns - loop->sent_ns >= VS_LOOP_PING_NS / 2; /* while awake anyway */
+
+    if (loop->waiting ||
+        !(loop->ending || loop->hold_due || loop->acting || sensing || pinging))
         return 0;
     memset(request, 0, sizeof *request);
     if (loop->ending) {
@@ -237,7 +238,7 @@ int vs_loop_request(struct vs_loop *loop, const struct vs_instant *now,
         give_hold(loop, request);
     } else if (loop->acting && loop->running) {
         give_act(loop, request);
-    } else if (now->base_ns >= next_step_ns(loop)) {
+    } else if (sensing) {
         loop->begin_ns = now->base_ns;
         if (loop->running) {
             loop->step_ns = now->base_ns;
@@ -245,7 +246,7 @@ int vs_loop_request(struct vs_loop *loop, const struct vs_instant *now,
         } else {
             give_hold(loop, request);
         }
-    } else if (now->base_ns - loop->sent_ns >= VS_LOOP_PING_NS / 2) { /* while awake anyway */
+    } else if (pinging) {
         request->kind = VS_GUARD_PING;
     } else {
         return 0;
@@ -302,10 +303,12 @@ int vs_loop_telemetry(struct vs_loop *loop, const struct vs_instant *now,
     t->left_steps_s = loop->applied.left_steps_s;
     t->right_steps_s = loop->applied.right_steps_s;
     t->leds = loop->applied.leds;
-    memcpy(t->payload, loop->robot.actuators, loop->session->table.actuator_bytes);
+    if (loop->session->table.actuator_bytes > 0)
+        memcpy(t->payload, loop->robot.actuators, loop->session->table.actuator_bytes);
     strcpy(t->log, vs_log_due(&loop->robot.log, &t->log_number));
     t->shown_len = loop->robot.shown_len;
-    memcpy(t->shown, loop->robot.shown, t->shown_len);
+    if (t->shown_len > 0)
+        memcpy(t->shown, loop->robot.shown, t->shown_len);
     return 1;
 }
 

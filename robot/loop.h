@@ -23,7 +23,7 @@
 
 /* Now, on both of the worker's clocks. */
 struct vs_instant {
-    uint64_t base_ns;    /* CLOCK_MONOTONIC */
+    uint64_t base_ns;    /* the board's clock, vs_posix.h */
     uint64_t session_ns; /* the session's clock */
 };
 
@@ -39,7 +39,6 @@ struct vs_step {
     uint32_t number;      /* 1.. */
     uint64_t session_ns;  /* when the controller was called */
     uint64_t age_ns;      /* of the newest capture then, UINT64_MAX = unknown */
-    uint64_t bound_ns;    /* of that age, UINT64_MAX = unknown */
     uint8_t stale;
     struct vs_base_command command; /* after safety */
 };

@@ -127,7 +127,7 @@ static void connecting(struct vs_net *net, struct vs_session *session, uint64_t 
     } else if (connected == 1) {
         net->phase = VS_NET_UP;
         net->heard_ns = now_ns;
-        /* CLOCK_MONOTONIC counts from the board's start. */
+        /* The clock counts from the board's start. */
         vs_session_connected(session, nonce, (uint32_t)(now_ns / 1000000000u));
     } else if (connected < 0 || now_ns >= net->next_ns) {
         vs_net_close(net, session, net->why, now_ns, VS_NET_RETRY_NS);

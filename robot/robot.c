@@ -392,5 +392,5 @@ void vs_robot_set_leds(struct vs_robot *robot, unsigned int leds)
 
 double vs_robot_timestep_s(const struct vs_robot *robot)
 {
-    return (double)robot->session->timestep_ns / 1e9;
+    return robot->session->timestep_s;
 }

@@ -280,6 +280,7 @@ static int open_session(struct vs_worker *w)
     memcpy(config.uid, o->uid, sizeof config.uid);
     memcpy(config.name, o->name, sizeof config.name);
     config.tag = o->tag;
+    config.clock_slewed = (uint8_t)vs_posix_clock_is_slewed();
     memcpy(config.version, VSENSED_VERSION, sizeof VSENSED_VERSION);
     memcpy(config.hash, VSENSED_CONTROLLER_HASH, sizeof VSENSED_CONTROLLER_HASH);
     if (vs_random_fill(&config.started, sizeof config.started) != 0) {

@@ -11,12 +11,12 @@ import select
 import shutil
 import subprocess
 import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from vsense.bench import robot_calls
+from vsense.clock import host_ns
 from vsense.lab.microcontrollers import Microcontrollers
 from vsense.robot import boards
 from vsense.robot.boards import TARGETS, toolchain
@@ -175,11 +175,11 @@ def _memory_kb(program: Path, say: Say) -> int:
     words = ["--host", "127.0.0.1", "--port", "9", "--tag", "1", "--base", base.bases[0]]
     daemon = subprocess.Popen([program, *words], stderr=subprocess.DEVNULL)
     try:
-        end_ns = time.monotonic_ns() + 2_000_000_000
-        while time.monotonic_ns() < end_ns:
+        end_ns = host_ns() + 2_000_000_000
+        while host_ns() < end_ns:
             ready = select.select(base.readable(), [], [], 0.001)[0]
-            base.receive(ready, time.monotonic_ns())
-            base.advance(time.monotonic_ns())
+            base.receive(ready, host_ns())
+            base.advance(host_ns())
         return sum(map(_resident_kb, [daemon.pid, *_children(daemon.pid)]))
     finally:
         daemon.terminate()
