@@ -106,18 +106,22 @@ static size_t make_state(uint32_t timestep, uint8_t *buf)
 
 static void make_host(void)
 {
+    static const char params[] = "stop_probability=0.3\nspeed_cm_s=12\nwalk_s=8\n";
+
     vs_peer_init(&peer);
     vs_table_init(&welcome.table);
     if (vs_table_add(&welcome.table, 1, VS_SENSOR, "pollutant", "f4") != VS_OK)
         fail("no table");
     welcome.timestep_us = TIMESTEP_MS * 1000;
     welcome.seed = 5;
-    strcpy(welcome.params, "stop_probability=0.3\nspeed_cm_s=12\nwalk_s=8\n");
+    welcome.params = params;
+    welcome.params_len = sizeof params - 1;
     vs_peer_open(&peer, 7, welcome.table.hash, 1, now.session_ns);
 }
 
 static void open_session(void)
 {
+    static const uint8_t nonce[VS_NONCE_SIZE] = {9};
     struct vs_session_config config;
     struct vs_header header;
     uint8_t packet[VS_PACKET_MAX];
@@ -129,7 +133,7 @@ static void open_session(void)
     config.tag = 23;
     if (vs_session_init(&session, &config) != VS_OK)
         fail("no session");
-    vs_session_connected(&session, 9, now.session_ns);
+    vs_session_connected(&session, nonce, 0);
     vs_session_tcp_out(&session, packet, sizeof packet, now.session_ns, &len);
     memset(&header, 0, sizeof header);
     header.run = 1;

@@ -42,7 +42,7 @@ def _add_build(parser: argparse.ArgumentParser) -> None:
         "--controller",
         required=True,
         metavar="FILE",
-        help="the controller's .c file, or a shipped controller's name",
+        help="the controller's .c or .cpp file, or a shipped controller's name",
     )
     parser.add_argument(
         "--target", required=True, choices=list(boards.TARGETS), help=f"kind of board. {kinds}"
@@ -87,8 +87,8 @@ def _add_what(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--controller",
         metavar="FILE",
-        help="replace the controller alone: build a daemon with this .c file, or shipped"
-        " controller, for --target, and send that; settings and service stay as they are",
+        help="replace the controller alone: build a daemon with this .c or .cpp file, or"
+        " shipped controller, for --target, and send that; settings and service stay as they are",
     )
     parser.add_argument(
         "--target",
