@@ -139,6 +139,7 @@ static int16_t max_steps_s(const struct vs_base_reading *reading)
 static void run_controller(struct vs_loop *loop, const struct vs_instant *now)
 {
     struct vs_step *step = &loop->step;
+    int16_t most = max_steps_s(&loop->robot.base);
     int64_t offset_ns;
 
     begin_run(loop);
@@ -148,7 +149,9 @@ static void run_controller(struct vs_loop *loop, const struct vs_instant *now)
     vs_robot_begin_step(&loop->robot);
     loop->controller->step(loop->state, &loop->robot);
     loop->command = loop->robot.command;
-    vs_safety_limit(&loop->command, may_move(loop, now->base_ns), max_steps_s(&loop->robot.base));
+    if (loop->calibration != NULL)
+        vs_calibration_drive(loop->calibration, &loop->command, most);
+    vs_safety_limit(&loop->command, may_move(loop, now->base_ns), most);
     step->number++;
     step->session_ns = now->session_ns;
     step->age_ns = vs_session_age_ns(loop->session, loop->session->capture_ns, now->session_ns);
@@ -171,6 +174,8 @@ void vs_loop_reply(struct vs_loop *loop, const struct vs_guard_reply *reply,
     if (reply->sensed) {
         loop->robot.base = reply->reading;
         loop->robot.base_ns = reply->reading_ns;
+        if (loop->calibration != NULL)
+            vs_calibration_sense(loop->calibration, &loop->robot.base);
     }
     if (reply->kind == VS_GUARD_SENSE && loop->running && !loop->base_lost)
         run_controller(loop, now);

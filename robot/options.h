@@ -7,6 +7,7 @@
 #define VS_OPTIONS_H
 
 #include "base_config.h"
+#include "calibration.h"
 #include "settings.h"
 #include "../c_src/vs_session.h"
 
@@ -28,6 +29,7 @@ struct vs_options {
     uint8_t check;                    /* look whether all is well, and end */
     uint8_t identify;                 /* print the uid, and end */
     struct vs_base_config base;
+    struct vs_calibration calibration;
     const char *trace;                /* NULL: none */
     int64_t clock_offset_ns;
     int64_t clock_drift_ppb;

@@ -280,6 +280,7 @@ static int open_session(struct vs_worker *w)
     if (name_len <= VS_NAME_MAX && vs_controller.state_size <= VS_CONTROLLER_STATE_MAX &&
         vs_session_init(&w->session, &config) == VS_OK) {
         vs_loop_init(&w->loop, &w->session, &vs_controller, w->state.bytes);
+        w->loop.calibration = &o->calibration;
         w->loop.robot.complain = complain;
         return 0;
     }
