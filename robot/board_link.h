@@ -9,6 +9,7 @@
 
 #include "base.h"
 #include "board_process.h"
+#include "calibration.h"
 
 #define VS_BOARD_HANGS_NS 300000000u  /* [ns] without an answer: the longest read takes 90 ms */
 #define VS_BOARD_KILL_NS UINT64_C(10000000000) /* [ns] then it is killed */
@@ -26,6 +27,7 @@ struct vs_board_link {
 struct vs_board_links {
     struct vs_base *base;
     struct vs_board_reading *reading; /* of all boards, for the controller */
+    const struct vs_calibration *calibration; /* of the ground board; NULL: none */
     const int *const *foreign; /* descriptors that a child must not hold open; -1 = none */
     size_t foreign_count;
     struct vs_board_link link[VS_BOARDS];

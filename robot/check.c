@@ -293,6 +293,20 @@ static int check_guard(void)
     return say("guard", 1, "runs %s: the system refuses; run vsensed as root", text);
 }
 
+/* What of this robot was measured; nothing is wrong with a robot of which nothing was. */
+static int say_calibration(const struct vs_calibration *calibration)
+{
+    char line[LINE_MAX_BYTES];
+    size_t len = 0;
+    int i;
+
+    for (i = 0; i < VS_CAL_SETTINGS; i++)
+        if (calibration->text[i] != NULL)
+            len += vs_format(line + len, sizeof line - len, "%s%s %s", len > 0 ? "; " : "",
+                             vs_calibration_name((enum vs_calibrated)i), calibration->text[i]);
+    return say("scales", 1, "%s", len > 0 ? line : "none: sensors and wheels count as nominal");
+}
+
 /* Who it will be for the host: what a start looks at, too. */
 static int check_uid(const struct vs_options *o)
 {
@@ -309,7 +323,7 @@ static int check_uid(const struct vs_options *o)
 int vs_check_run(const struct vs_options *options)
 {
     struct sockaddr_in host;
-    int good = check_clock() & check_uid(options);
+    int good = check_clock() & check_uid(options) & say_calibration(&options->calibration);
 
     if (!is_address(options, &host)) {
         good &= say("network", 0, "host: expected a numeric IPv4 address, got '%s'",

@@ -140,6 +140,7 @@ static int16_t max_steps_s(const struct vs_base_reading *reading)
 static void run_controller(struct vs_loop *loop, const struct vs_instant *now)
 {
     struct vs_step *step = &loop->step;
+    int16_t most = max_steps_s(&loop->robot.base);
 
     begin_run(loop);
     loop->timestep_new = 0;
@@ -148,7 +149,9 @@ static void run_controller(struct vs_loop *loop, const struct vs_instant *now)
     vs_robot_begin_step(&loop->robot);
     loop->controller->step(loop->state, &loop->robot);
     loop->command = loop->robot.command;
-    vs_safety_limit(&loop->command, may_move(loop, now->base_ns), max_steps_s(&loop->robot.base));
+    if (loop->calibration != NULL)
+        vs_calibration_drive(loop->calibration, &loop->command, most);
+    vs_safety_limit(&loop->command, may_move(loop, now->base_ns), most);
     step->number++;
     step->session_ns = now->session_ns;
     step->age_ns = vs_session_age_ns(loop->session, loop->session->capture_ns, now->session_ns);
@@ -168,6 +171,8 @@ void vs_loop_reply(struct vs_loop *loop, const struct vs_guard_reply *reply,
     if (reply->sensed) {
         memcpy(&loop->robot.base, &reply->reading, VS_BASE_OWN);
         loop->robot.base_ns = reply->reading_ns;
+        if (loop->calibration != NULL)
+            vs_calibration_sense(loop->calibration, &loop->robot.base);
     }
     if (reply->kind == VS_GUARD_SENSE && loop->running && !loop->base_lost)
         run_controller(loop, now);

@@ -13,6 +13,7 @@
 #ifndef VS_LOOP_H
 #define VS_LOOP_H
 
+#include "calibration.h"
 #include "guard.h"
 #include "robot.h"
 #include "safety.h"
@@ -47,6 +48,7 @@ struct vs_loop {
     struct vs_session *session;
     const struct vs_controller *controller;
     void *state; /* the controller's, a union vs_controller_state */
+    const struct vs_calibration *calibration; /* of this robot, NULL: it is nominal */
     struct vs_robot robot;
     struct vs_safety safety;
     struct vs_base_command applied; /* what the guard said is in force */

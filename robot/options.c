@@ -42,6 +42,15 @@ const char vs_options_help[] =
     "  --version        print the version and the controller, and end\n"
     "  --help           print this and end\n"
     "\n"
+    "What was measured of this robot: its controller sees the simulation's e-puck. One for all\n"
+    "sensors, or one for each with commas between them:\n"
+    "  --proximity-scale NOTHING:WALL  raw: nothing near, a white wall 1 cm ahead\n"
+    "  --light-scale DARK:BRIGHT    raw\n"
+    "  --ground-scale BLACK:WHITE   raw: left, centre, right\n"
+    "  --wheel-diameter MM    (default: 41)\n"
+    "  --wheel-ratio F        right wheel over left wheel (default: 1)\n"
+    "  --axle-length MM       (default: 53)\n"
+    "\n"
     "Test aids:\n"
     "  --trace FILE           one line per control step\n"
     "  --clock-offset-ns N    session's clock = the board's * (1 + F / 1e6) + N\n"
@@ -146,6 +155,14 @@ static int take_base(const struct reading *r, struct vs_options *o)
     return refuse(r, strchr(text, ':') != NULL ? expected : "KIND:DEVICE or a board's name");
 }
 
+static int take_calibration(const struct reading *r, struct vs_options *o)
+{
+    const char *name = r->option + strspn(r->option, "-");
+    const char *expected = vs_calibration_take(&o->calibration, name, r->value);
+
+    return expected == NULL ? 0 : refuse(r, expected);
+}
+
 static int take_offset(const struct reading *r, struct vs_options *o)
 {
     if (vs_number_whole(r->value, -CLOCK_MAX_NS, CLOCK_MAX_NS, &o->clock_offset_ns) != 0)
@@ -207,6 +224,12 @@ static const struct {
     {"trace", take_trace},
     {"clock-offset-ns", take_offset},
     {"clock-drift-ppm", take_drift},
+    {"proximity-scale", take_calibration},
+    {"light-scale", take_calibration},
+    {"ground-scale", take_calibration},
+    {"wheel-diameter", take_calibration},
+    {"wheel-ratio", take_calibration},
+    {"axle-length", take_calibration},
 };
 
 enum { OPTIONS = sizeof table / sizeof table[0] };

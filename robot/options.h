@@ -7,6 +7,7 @@
 #define VS_OPTIONS_H
 
 #include "base_config.h"
+#include "calibration.h"
 #include "settings.h"
 #include "../c_src/vs_session.h"
 
@@ -30,6 +31,7 @@ struct vs_options {
     char *const *argv;                /* the whole command line */
     struct vs_base_config base;
     const char *watchdog;             /* the board's, NULL: none */
+    struct vs_calibration calibration;
     const char *trace;                /* NULL: none */
     int64_t clock_offset_ns;
     int64_t clock_drift_ppb;

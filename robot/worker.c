@@ -292,6 +292,7 @@ static int open_session(struct vs_worker *w)
     if (name_len <= VS_NAME_MAX && vs_controller.state_size <= VS_CONTROLLER_STATE_MAX &&
         vs_session_init(&w->session, &config) == VS_OK) {
         vs_loop_init(&w->loop, &w->session, &vs_controller, w->state.bytes);
+        w->loop.calibration = &o->calibration;
         w->loop.robot.complain = vs_talk_complain;
         return 0;
     }
@@ -358,6 +359,7 @@ static void open_boards(struct vs_worker *w)
     int i;
 
     vs_board_links_init(&w->boards, &w->base, &w->loop.robot.base.boards);
+    w->boards.calibration = &w->options->calibration;
     w->boards.foreign = w->foreign;
     w->boards.foreign_count = VS_WORKER_FOREIGN;
     w->foreign[0] = &w->net.fds[0];

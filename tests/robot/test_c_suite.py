@@ -33,7 +33,8 @@ PROTOCOL = [
 ]
 POLLUTANT = ROBOT / "controllers" / "pollutant.c"
 OWN = [ROBOT / f"{part}.c" for part in ("robot", "log", "base_sensors", "number")]
-MINDS = [*(ROBOT / f"{part}.c" for part in ("loop", "guard", "safety")), *OWN]
+CALIBRATION = [ROBOT / "calibration.c"]
+MINDS = [*(ROBOT / f"{part}.c" for part in ("loop", "guard", "safety")), *CALIBRATION, *OWN]
 BASES = [*ROBOT.glob("base*.c"), *C_SRC.glob("epuck_*.c"), *C_SRC.glob("vs_i2c*.c")]
 BASES += [ROBOT / "number.c", C_SRC / "vs_format.c", C_SRC / "vs_posix.c"]
 BASES += [*FIRMWARE.glob("*.c")]
@@ -54,15 +55,18 @@ SUITES = {
     "robot_settings": [ROBOT / "settings.c"],
     "robot_uid": [
         *(ROBOT / f"{part}.c" for part in ("options", "presets", "settings")),
+        *CALIBRATION,
         *(p for p in BASES if FIRMWARE not in p.parents),
         C_SRC / "vs_bytes.c",
     ],
     "robot_watchdog": [],
     "robot_number": [ROBOT / "number.c"],
+    "robot_calibration": [*CALIBRATION, ROBOT / "number.c"],
     "robot_stop": [ROBOT / "guard.c", *BASES],
     "robot_loop": [TESTS / "robot_life.c", *MINDS, *PROTOCOL],
     "robot_inprocess": [
         *(ROBOT / f"{part}.c" for part in ("inprocess", "loop", "safety")),
+        *CALIBRATION,
         *OWN,
         *PROTOCOL,
     ],

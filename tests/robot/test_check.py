@@ -34,7 +34,7 @@ def check(idle: Rig) -> Check:
 
 def test_all_is_well(idle: Rig, check: Check) -> None:
     status, said = check()
-    assert list(said) == ["clock", "uid", "network", "host", "base", "guard"]
+    assert list(said) == ["clock", "uid", "scales", "network", "host", "base", "guard"]
     assert said["network"] == "ok   this board is 127.0.0.1 on the way to 127.0.0.1"
     assert said["host"] == f"ok   127.0.0.1 answers on port {idle.host.port}"
     assert said["base"] == f"ok   argos on {idle.device} answers, wheels at 0"
@@ -57,6 +57,15 @@ def test_an_empty_battery_and_a_full_one(idle: Rig, check: Check) -> None:
         _, said = check()
         assert said["base"].startswith(words)
         assert ("its battery is low: charge it" in said["base"]) == (battery_mv == 3300)
+
+
+def test_what_was_measured_is_shown(idle: Rig, tmp_path: Path, check: Check) -> None:
+    _, said = check()
+    assert said["scales"] == "ok   none: sensors and wheels count as nominal"
+    file = tmp_path / "robot.conf"
+    file.write_text("wheel-ratio = 1.004\nproximity-scale = 80:1500\n")
+    _, said = check(config=str(file))
+    assert said["scales"] == "ok   proximity-scale 80:1500; wheel-ratio 1.004"
 
 
 def test_a_daemon_finds_the_base_after_a_check(idle: Rig, check: Check) -> None:

@@ -106,6 +106,21 @@ def test_real_sensor_decides_too(rig: Rig) -> None:
     rig.wait_for(lambda: rig.applied[-1].left_steps_s < 0 < rig.applied[-1].right_steps_s, "turn")
 
 
+def test_what_was_measured_of_it_moves_thresholds_and_wheels(
+    rigs: Callable[..., Rig],
+) -> None:
+    """The reading that the nominal robot avoids, 4000, is this one's for nothing near. Its wheels
+    of 45 mm turn 41/45 as fast for the 621 steps/s that are 8 cm/s."""
+    rig = rigs("--proximity-scale", "4000:4096", "--wheel-diameter", "45")
+    rig.link.program.state.body.inputs.prox[0] = 4000
+    rig.start()
+    rig.run()
+    outputs = rig.link.program.state.body.outputs
+    rig.wait_for(lambda: outputs.left_steps_s == outputs.right_steps_s == 566, "its own speed")
+    rig.link.program.state.body.inputs.prox[0] = 4096
+    rig.wait_for(lambda: outputs.left_steps_s < 0 < outputs.right_steps_s, "a turn to the left")
+
+
 def test_run_begins_with_the_named_timestep(rig: Rig) -> None:
     rig.wait_for(lambda: rig.host.connected, "a session")
     rig.host.from_timestep = 2**32 - 1

@@ -465,6 +465,19 @@ def test_ctrl_c_ends_all_connections(boards: Path, tmp_path: Path) -> None:
     assert is_gone(ssh)
 
 
+def test_what_was_measured_of_a_robot_goes_into_its_settings(tmp_path: Path) -> None:
+    file = tmp_path / "robots.txt"
+    spans = "80:1500,81:1400,82:1450,83:1500,84:1500,85:1500,86:1500,87:1500"
+    file.write_text(f"a tag=1 proximity-scale={spans} wheel-ratio=1.004 axle-length=53.4\n")
+    (robot,) = deploying.read(file)
+    lines = deploying.settings_text(robot.settings).splitlines()
+    assert lines[2:] == [
+        f"proximity-scale = {spans}",
+        "wheel-ratio = 1.004",
+        "axle-length = 53.4",
+    ]
+
+
 @pytest.mark.parametrize(
     ("lines", "line", "words"),
     [

@@ -60,6 +60,12 @@ def test_command_line_wins_wherever_it_stands(program: Path, file: Path, order: 
             f"{NO_PAIR} 'hello'",
         ),
         (GOOD + "uid =\n", 5, f"{NO_PAIR} 'uid"),
+        (
+            GOOD + "proximity-scale = 80:90\n",
+            5,
+            "proximity-scale: expected 1 or 8 NOTHING:WALL, -4096..4096, 16 apart, got '80:90'",
+        ),
+        (GOOD + "axle-length = 5.3\n", 5, "axle-length: expected 40..70 mm, got '5.3'"),
         (GOOD + "x" * 300 + " = 1\n", 5, "unknown setting 'xxx"),
     ],
 )

@@ -42,7 +42,7 @@ def _add_build(parser: argparse.ArgumentParser) -> None:
         "--controller",
         required=True,
         metavar="FILE",
-        help="the controller's .c file, or a shipped controller's name",
+        help="the controller's .c or .cpp file, or a shipped controller's name",
     )
     parser.add_argument(
         "--target", required=True, choices=list(boards.TARGETS), help=f"kind of board. {kinds}"
@@ -60,7 +60,8 @@ def _add_deploy(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="FILE",
         help="one robot in a line: what ssh is told, tag=TAG, and if they differ from robot to"
-        " robot base=BASE, name=NAME, host=, port=, uid=; such as: root@192.168.1.30 tag=23",
+        " robot base=BASE, name=NAME, host=, port=, uid=, and what was measured of it, such as"
+        " wheel-diameter=40.8; a line may be: root@192.168.1.30 tag=23",
     )
     _add_what(parser)
     parser.add_argument(
@@ -87,8 +88,8 @@ def _add_what(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--controller",
         metavar="FILE",
-        help="replace the controller alone: build a daemon with this .c file, or shipped"
-        " controller, for --target, and send that; settings and service stay as they are",
+        help="replace the controller alone: build a daemon with this .c or .cpp file, or"
+        " shipped controller, for --target, and send that; settings and service stay as they are",
     )
     parser.add_argument(
         "--target",

@@ -5,7 +5,8 @@ entities, devices, engines and media of ARGoS 3 and its e-puck plug-in, and IRID
 sensors.
 
 C++ libraries and Lua scripts run on no robot here. The port of a library has its name:
-`libforaging.so` becomes `foraging.c`, a shipped controller or a file beside the experiment.
+`libforaging.so` becomes `foraging.c` or `foraging.cpp`, a shipped controller or a file beside the
+experiment.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from vsense.robot.build import source_tree
+from vsense.robot.compiling import SUFFIXES
 from vsense.xml.element import Element
 
 _OTHER_ROBOT = "only e-pucks are driven here"
@@ -163,11 +165,19 @@ def is_built_for_argos(library: str) -> bool:
 
 
 def ported_controller(library: str, folder: Path) -> str | None:
-    """Finds a controller's port: a shipped one, a C source beside the experiment file, or None."""
+    """Finds a controller's port: a shipped one, a source beside the experiment file, or None.
+
+    A C++ file of that name may be what ARGoS's library was built from: a port names the variable
+    `vs_controller`.
+    """
     stem = _stem(library)
     if stem in source_tree().controllers():
         return stem
-    return f"{stem}.c" if (folder / f"{stem}.c").is_file() else None
+    for name in (f"{stem}{suffix}" for suffix in SUFFIXES):
+        path = folder / name
+        if path.is_file() and (path.suffix == ".c" or b"vs_controller" in path.read_bytes()):
+            return name
+    return None
 
 
 def ported_loop_functions(library: str, folder: Path) -> Path | None:

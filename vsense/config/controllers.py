@@ -184,7 +184,7 @@ def used_controller(section: Element, bodies: ArenaContents) -> Element:
 def read_controller(element: Element, folder: Path) -> ControllerSpec:
     """Reads which program drives the robots, and its parameters.
 
-    A C source with a relative path is looked for in `folder`.
+    A source with a relative path is looked for in `folder`.
     """
     library = _read_library(element, folder)
     params = element.optional_child("params")
@@ -203,7 +203,8 @@ def _read_library(element: Element, folder: Path) -> str:
     if element.name == argos.LUA and not element.has("library"):
         element.warn(f"is Lua, which runs on no robot: they stand still; see {argos.PAGE}")
         return argos.STAND_STILL
-    library = element.text("library", None, "a shipped controller's name or the path of a .c file")
+    expected = "a shipped controller's name or the path of a .c or .cpp file"
+    library = element.text("library", None, expected)
     if argos.is_built_for_argos(library):
         port = argos.ported_controller(library, folder)
         if port is None:

@@ -16,7 +16,7 @@ import platform
 import re
 import shutil
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from vsense.errors import pip_line
@@ -91,14 +91,19 @@ def toolchain(target: Target, cache: Path) -> Toolchain:
         return zig
     if target.name == "host":
         found = native()
-        return Toolchain(found.command, SMALL)
+        return replace(found, flags=SMALL)
     command, *flags = target.debian
     if shutil.which(command) is None:
         raise BuildError(
             f"no compiler for {target.name} boards: install one with: {pip_line('ziglang')}"
             f" (or, for Debian's: sudo apt install {target.package})"
         )
-    return Toolchain((command,), (*SMALL, *flags))
+    return Toolchain(
+        (command,),
+        (*SMALL, *flags),
+        cxx=(f"{command.removesuffix('gcc')}g++",),
+        cxx_line=f"sudo apt install {target.package.replace('gcc-', 'g++-')}",
+    )
 
 
 def _zig(target: Target, cache: Path) -> Toolchain | None:
@@ -111,7 +116,8 @@ def _zig(target: Target, cache: Path) -> Toolchain | None:
         "ZIG_GLOBAL_CACHE_DIR": str(cache / "zig"),
         "ZIG_LOCAL_CACHE_DIR": str(cache / "zig"),
     }
-    return Toolchain((sys.executable, "-m", "ziglang", "cc"), (*SMALL, *flags), folders)
+    zig = (sys.executable, "-m", "ziglang")
+    return Toolchain((*zig, "cc"), (*SMALL, *flags), folders, cxx=(*zig, "c++"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +146,7 @@ def build(controller: str, target: str, output: Path) -> Built:
     """Builds one.
 
     Args:
-        controller: a shipped controller's name or the path of a `.c` file.
+        controller: a shipped controller's name or the path of a `.c` or `.cpp` file.
         target: a name in `TARGETS`.
         output: where it goes; what was there is replaced whole, or stays as it is.
 

@@ -15,7 +15,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vsense.errors import UsageError
-from vsense.robot.compiling import CFLAGS, LIBRARIES, BuildError, Sources, native
+from vsense.robot.compiling import (
+    CFLAGS,
+    CXX_LIBRARIES,
+    CXXFLAGS,
+    SUFFIXES,
+    BuildError,
+    Sources,
+    native,
+    own_cxxflags,
+)
 
 __all__ = ["BuildError", "SourceTree", "cache_directory", "daemon", "shared"]
 
@@ -30,6 +39,7 @@ RUNTIME_PARTS = (
 """What of `c_src/` a robot's controller runtime needs beside `robot/`: the protocol's own files."""
 
 SYSTEM_PARTS = (
+    "atomics",
     *("base", "base_argos", "base_asercom", "base_boards", "base_config", "base_gctronic"),
     *("base_reset", "base_serial", "base_york", "board_link", "board_process", "check", "guard"),
     *("guard_link", "guard_process", "guard_rights", "main", "memory", "net", "options"),
@@ -72,7 +82,8 @@ class SourceTree:
 
     def daemon(self, controller: Path) -> Sources:
         """What a daemon with this controller is made of."""
-        return Sources(self.daemon_sources(), controller, self.includes())
+        own_cxx = sorted((self.root / "robot").glob("*.cpp"))
+        return Sources(self.daemon_sources(), controller, self.includes(), own_cxx)
 
     def runtime(self, controller: Path) -> Sources:
         """What the robots of a simulation with this controller are made of."""
@@ -90,7 +101,7 @@ class SourceTree:
         """Finds a controller's source.
 
         Args:
-            name: a shipped controller's name, or the path of a `.c` file.
+            name: a shipped controller's name, or the path of a `.c` or `.cpp` file.
             beside: folder that a relative path is taken from.
 
         Raises:
@@ -100,11 +111,11 @@ class SourceTree:
         if name in shipped:
             return shipped[name]
         path = (beside or Path()) / name
-        if path.suffix == ".c" and path.is_file():
+        if path.suffix in SUFFIXES and path.is_file():
             return path.resolve()
         known = ", ".join(shipped)
         raise UsageError(
-            f"no controller {name!r}: expected the path of a .c file or one of: {known}"
+            f"no controller {name!r}: expected the path of a .c or .cpp file or one of: {known}"
         )
 
 
@@ -125,7 +136,7 @@ def daemon(controller: str = SHIPPED_CONTROLLER, beside: Path | None = None) -> 
     """Gives the host's `vsensed` with this controller, building it where needed.
 
     Args:
-        controller: a shipped controller's name or the path of a `.c` file.
+        controller: a shipped controller's name or the path of a `.c` or `.cpp` file.
         beside: folder that a relative path is taken from (the experiment file's).
 
     Returns:
@@ -149,7 +160,7 @@ def shared(controller: str, beside: Path | None = None) -> Path:
     """Gives the shared object of `robot/inprocess.h` with this controller, building it if needed.
 
     Args:
-        controller: a shipped controller's name or the path of a `.c` file.
+        controller: a shipped controller's name or the path of a `.c` or `.cpp` file.
         beside: folder that a relative path is taken from (the experiment file's).
 
     Returns:
@@ -196,9 +207,11 @@ def compile_daemon(tree: SourceTree, controller: Path, target: Path) -> None:
 def _fingerprint(tree: SourceTree, controller: Path) -> str:
     """Hash of the compiler, the flags and every source and header that goes into a build."""
     compiler = native()
-    flags = f"{CFLAGS}{SHARED_FLAGS}{LIBRARIES}"
-    digest = hashlib.sha256(f"{list(compiler.command)}{compiler.version()}{flags}".encode())
-    own = tree.daemon(controller).dependencies(compiler)
-    for path in (*tree.daemon_sources(), *tree.headers(), *own):
+    flags = f"{CFLAGS}{SHARED_FLAGS}{CXXFLAGS}{own_cxxflags()}{CXX_LIBRARIES}{compiler.cxx}"
+    sources = tree.daemon(controller)
+    versions = compiler.version() + (compiler.for_cxx().version() if sources.is_cxx else "")
+    digest = hashlib.sha256(f"{list(compiler.command)}{versions}{flags}".encode())
+    own = sources.dependencies(compiler)
+    for path in (*sources.own, *sources.own_cxx, *tree.headers(), *own):
         digest.update(os.fsencode(path.name) + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()[:24]

@@ -9,16 +9,31 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from vsense.errors import VsenseError
 
-CFLAGS = ("-std=c99", "-D_POSIX_C_SOURCE=200809L", "-O2", "-ffunction-sections", "-fdata-sections")
+SECTIONS = ("-O2", "-ffunction-sections", "-fdata-sections")
+
+CFLAGS = ("-std=c99", "-D_POSIX_C_SOURCE=200809L", *SECTIONS)
+
+CXXFLAGS = (
+    *("-std=c++17", *SECTIONS),
+    *("-fno-exceptions", "-fno-rtti", "-fno-threadsafe-statics"),
+)
+"""For a controller in C++; the user's own CXXFLAGS come after them. Exceptions and their tables
+would more than double the daemon, and nothing on a robot has two threads."""
+
+CXX_SUFFIXES = (".cpp", ".cc", ".cxx")
+SUFFIXES = (".c", *CXX_SUFFIXES)
+"""Of a controller's file, in the order in which they are looked for."""
 
 LIBRARIES = ("-Wl,--gc-sections", "-Wl,--as-needed", "-lm")
 """What only the host uses of the C library is left out. The daemon needs libc alone; a user's
 controller may want sines, and only then gets libm."""
+
+CXX_LIBRARIES = ("-Wl,--as-needed", "-lstdc++", *LIBRARIES)
 
 HASH_DIGITS = 12
 """Of a controller's hash so many are told: enough to tell any two apart."""
@@ -38,11 +53,28 @@ class Toolchain:
         command: the words that start it.
         flags: what it is told beside `CFLAGS`, and after them.
         environment: variables that it needs beside the caller's own.
+        cxx: the words that start the C++ compiler for the same target.
+        cxx_line: the line that installs that one.
     """
 
     command: tuple[str, ...]
     flags: tuple[str, ...] = ()
     environment: Mapping[str, str] = field(default_factory=dict)
+    cxx: tuple[str, ...] = ("c++",)
+    cxx_line: str = APT_LINE
+
+    def for_cxx(self) -> Toolchain:
+        """The C++ compiler for the same target.
+
+        Raises:
+            BuildError: it is not there; the message holds the line that installs one.
+        """
+        if shutil.which(self.cxx[0]) is None:
+            raise BuildError(
+                f"no C++ compiler '{self.cxx[0]}' for a controller in C++; install one with:"
+                f" {self.cxx_line}"
+            )
+        return replace(self, command=self.cxx)
 
     def run(self, arguments: Sequence[str]) -> subprocess.CompletedProcess[str]:
         """Runs it; in a session of its own, since Ctrl-C is for the caller to handle."""
@@ -69,48 +101,44 @@ class Sources:
         own: files that come with vsense.
         controller: the controller's file.
         includes: folders of headers.
+        own_cxx: C++ files that come with vsense, for a controller in C++.
     """
 
     own: Sequence[Path]
     controller: Path
     includes: Sequence[Path]
-
-    def compile(self, toolchain: Toolchain, arguments: Sequence[str]) -> str:
-        """Runs the compiler with our flags and these arguments; gives what it prints.
-
-        Raises:
-            BuildError: it refuses a source; the message says which.
-        """
-        folders = [f"-I{folder}" for folder in self.includes]
-        result = toolchain.run([*CFLAGS, *toolchain.flags, *folders, *arguments])
-        if result.returncode != 0:
-            said = result.stderr.strip()
-            raise BuildError(f"{self._blame(said)}:\n{said}")
-        return result.stdout
+    own_cxx: Sequence[Path] = ()
 
     def link(self, toolchain: Toolchain, target: Path, flags: Sequence[str] = ()) -> None:
-        """Compiles and links everything in one go and moves it into place whole, stripped.
+        """Compiles and links everything and moves it into place whole, stripped.
 
         Raises:
             BuildError: the compiler refuses a source, or the folder cannot be written.
         """
-        names = map(str, (*self.own, self.controller))
         try:
             target.parent.mkdir(parents=True, exist_ok=True)
-            handle, made = tempfile.mkstemp(prefix=f"{target.name}.", dir=target.parent)
+            folder = tempfile.TemporaryDirectory(prefix=f"{target.name}.", dir=target.parent)
         except OSError as error:
             raise BuildError(f"cannot build in {target.parent}: {error.strerror}") from error
-        os.close(handle)
-        try:
-            self.compile(toolchain, [*flags, "-s", "-o", made, *names, *LIBRARIES])
-            os.chmod(made, 0o755)
-            os.replace(made, target)
-        except IsADirectoryError as error:
-            Path(made).unlink(missing_ok=True)
-            raise BuildError(f"cannot write {target}: it is a folder") from error
-        except BaseException:
-            Path(made).unlink(missing_ok=True)
-            raise
+        with folder as name:
+            made = Path(name) / "made"
+            self._link(toolchain, made, flags)
+            made.chmod(0o755)
+            try:
+                os.replace(made, target)
+            except IsADirectoryError as error:
+                raise BuildError(f"cannot write {target}: it is a folder") from error
+
+    def _link(self, toolchain: Toolchain, made: Path, flags: Sequence[str]) -> None:
+        """Compiles and links everything: the C in one go, C++ before it."""
+        names = [*map(str, self.own), str(self.controller)]
+        if self.is_cxx:
+            names.pop()
+            for source in (self.controller, *self.own_cxx):
+                names.append(f"{made.with_name(source.stem)}.o")
+                self._compile(toolchain, [*flags, "-c", str(source), "-o", names[-1]])
+        libraries = CXX_LIBRARIES if self.is_cxx else LIBRARIES
+        self._run(toolchain, CFLAGS, [*flags, "-s", "-o", str(made), *names, *libraries])
 
     def link_daemon(self, toolchain: Toolchain, target: Path) -> str:
         """Links a daemon that tells which controller it has; gives the controller's hash.
@@ -145,10 +173,34 @@ class Sources:
         Raises:
             BuildError: the compiler does not find one of them.
         """
-        rule = self.compile(toolchain, ["-MM", "-MT", "it", str(self.controller)])
+        rule = self._compile(toolchain, ["-MM", "-MT", "it", str(self.controller)])
         # A rule for make: its lines end in a backslash, and blanks in names have one before them.
         names = re.findall(r"(?:\\[ #]|\S)+", rule.replace("\\\n", " ").removeprefix("it:"))
         return [Path(re.sub(r"\\([ #])", r"\1", name).replace("$$", "$")) for name in names]
+
+    @property
+    def is_cxx(self) -> bool:
+        """Whether the controller is C++."""
+        return self.controller.suffix in CXX_SUFFIXES
+
+    def _compile(self, toolchain: Toolchain, arguments: Sequence[str]) -> str:
+        """Runs the compiler for the controller's language; as `_run`."""
+        if not self.is_cxx:
+            return self._run(toolchain, CFLAGS, arguments)
+        return self._run(toolchain.for_cxx(), CXXFLAGS, [*own_cxxflags(), *arguments])
+
+    def _run(self, toolchain: Toolchain, language: Sequence[str], arguments: Sequence[str]) -> str:
+        """Runs a compiler with our flags and these arguments; gives what it prints.
+
+        Raises:
+            BuildError: it refuses a source; the message says which.
+        """
+        folders = [f"-I{folder}" for folder in self.includes]
+        result = toolchain.run([*language, *toolchain.flags, *folders, *arguments])
+        if result.returncode != 0:
+            said = result.stderr.strip()
+            raise BuildError(f"{self._blame(said)}:\n{said}")
+        return result.stdout
 
     def _blame(self, said: str) -> str:
         """Says which source the compiler's words are about; a linker's words name no line."""
@@ -156,7 +208,7 @@ class Sources:
         def is_named(path: Path) -> bool:
             return re.search(rf"(?:^|from ){re.escape(str(path))}:\d", said, re.M) is not None
 
-        shipped = [str(path) for path in self.own if is_named(path)]
+        shipped = [str(path) for path in (*self.own, *self.own_cxx) if is_named(path)]
         if shipped:
             return f"a source of vsensed itself does not build: {', '.join(shipped)}"
         if is_named(self.controller):
@@ -164,8 +216,13 @@ class Sources:
         return f"vsensed with the controller {self.controller} does not build"
 
 
+def own_cxxflags() -> list[str]:
+    """What the user wants a C++ compiler to be told: `$CXXFLAGS`."""
+    return os.environ.get("CXXFLAGS", "").split()
+
+
 def native() -> Toolchain:
-    """The compiler for this machine: `$CC` or `cc`.
+    """The compilers for this machine: `$CC` or `cc`, and `$CXX` or `c++`.
 
     Raises:
         BuildError: it is not there; the message holds the line that installs one.
@@ -173,4 +230,4 @@ def native() -> Toolchain:
     command = os.environ.get("CC", "cc").split() or ["cc"]
     if shutil.which(command[0]) is None:
         raise BuildError(f"no C compiler '{command[0]}'; install one with: {APT_LINE}")
-    return Toolchain(tuple(command))
+    return Toolchain(tuple(command), cxx=tuple(os.environ.get("CXX", "").split() or ["c++"]))
