@@ -31,7 +31,8 @@ static int wanted_to_run(const struct vs_loop *loop)
 
 static int may_move(const struct vs_loop *loop, uint64_t base_ns)
 {
-    return loop->running && !loop->base_lost && vs_safety_may_move(&loop->safety, base_ns);
+    return loop->running && !loop->base_lost && !loop->battery.empty &&
+           vs_safety_may_move(&loop->safety, base_ns);
 }
 
 static void look_at_wish(struct vs_loop *loop)
@@ -171,6 +172,8 @@ void vs_loop_reply(struct vs_loop *loop, const struct vs_guard_reply *reply,
     if (reply->sensed) {
         memcpy(&loop->robot.base, &reply->reading, VS_BASE_OWN);
         loop->robot.base_ns = reply->reading_ns;
+        vs_battery_look(&loop->battery, vs_base_battery_mv(&loop->robot.base),
+                        vs_base_battery_low(&loop->robot.base), now->base_ns);
     }
     if (reply->kind == VS_GUARD_SENSE && loop->running && !loop->base_lost)
         run_controller(loop, now);
@@ -267,6 +270,8 @@ enum vs_stop_cause vs_loop_cause(const struct vs_loop *loop, const struct vs_ins
         return VS_CAUSE_GUARD;
     if (loop->base_lost)
         return VS_CAUSE_BASE;
+    if (loop->battery.empty)
+        return VS_CAUSE_BATTERY;
     if (!vs_safety_may_move(&loop->safety, now->base_ns))
         return VS_CAUSE_STALE;
     return (enum vs_stop_cause)loop->guard_cause;
@@ -296,8 +301,8 @@ int vs_loop_telemetry(struct vs_loop *loop, const struct vs_instant *now,
     memset(t, 0, offsetof(struct vs_telemetry, payload));
     t->state = actual_state(loop);
     t->stop_cause = (uint8_t)vs_loop_cause(loop, now);
-    t->battery_low = loop->robot.base.battery_low;
-    t->battery_mv = loop->robot.base.battery_mv;
+    t->battery_low = vs_base_battery_low(&loop->robot.base);
+    t->battery_mv = vs_base_battery_mv(&loop->robot.base);
     t->control_step = loop->completed;
     t->left_steps_s = loop->applied.left_steps_s;
     t->right_steps_s = loop->applied.right_steps_s;

@@ -13,6 +13,7 @@
 #ifndef VS_LOOP_H
 #define VS_LOOP_H
 
+#include "battery.h"
 #include "guard.h"
 #include "robot.h"
 #include "safety.h"
@@ -50,6 +51,7 @@ struct vs_loop {
     void *state; /* the controller's, a union vs_controller_state */
     struct vs_robot robot;
     struct vs_safety safety;
+    struct vs_battery battery; /* the owner writes its stop_mv */
     struct vs_base_command applied; /* what the guard said is in force */
     struct vs_base_command command; /* newest asked for */
     struct vs_step step;            /* newest control step */

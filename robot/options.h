@@ -30,6 +30,7 @@ struct vs_options {
     char *const *argv;                /* the whole command line */
     struct vs_base_config base;
     const char *watchdog;             /* the board's, NULL: none */
+    uint16_t battery_stop_mv;         /* [mV] 0: none */
     const char *trace;                /* NULL: none */
     int64_t clock_offset_ns;
     int64_t clock_drift_ppb;

@@ -292,6 +292,7 @@ static int open_session(struct vs_worker *w)
         vs_session_init(&w->session, &config) == VS_OK) {
         vs_loop_init(&w->loop, &w->session, &vs_controller, w->state.bytes);
         w->loop.robot.complain = vs_talk_complain;
+        w->loop.battery.stop_mv = o->battery_stop_mv;
         return 0;
     }
     vs_report("controller '%s': expected a name of plain text of at most %d bytes and a state of "

@@ -33,7 +33,7 @@ PROTOCOL = [
 ]
 POLLUTANT = ROBOT / "controllers" / "pollutant.c"
 OWN = [ROBOT / f"{part}.c" for part in ("robot", "log", "base_sensors", "number")]
-MINDS = [*(ROBOT / f"{part}.c" for part in ("loop", "guard", "safety")), *OWN]
+MINDS = [*(ROBOT / f"{part}.c" for part in ("loop", "guard", "safety", "battery")), *OWN]
 BASES = [*ROBOT.glob("base*.c"), *C_SRC.glob("epuck_*.c"), *C_SRC.glob("vs_i2c*.c")]
 BASES += [ROBOT / "number.c", C_SRC / "vs_format.c", C_SRC / "vs_posix.c"]
 BASES += [*FIRMWARE.glob("*.c")]
@@ -57,11 +57,12 @@ SUITES = {
         C_SRC / "vs_bytes.c",
     ],
     "robot_watchdog": [],
+    "robot_battery": [ROBOT / "battery.c"],
     "robot_number": [ROBOT / "number.c"],
     "robot_stop": [ROBOT / "guard.c", *BASES],
     "robot_loop": [TESTS / "robot_life.c", *MINDS, *PROTOCOL],
     "robot_inprocess": [
-        *(ROBOT / f"{part}.c" for part in ("inprocess", "loop", "safety")),
+        *(ROBOT / f"{part}.c" for part in ("inprocess", "loop", "safety", "battery")),
         *OWN,
         *PROTOCOL,
     ],
