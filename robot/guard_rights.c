@@ -5,7 +5,6 @@
 #include <link.h>
 #include <sched.h>
 #include <string.h>
-#include <sys/auxv.h>
 #include <sys/mman.h>
 #include <sys/syscall.h>
 #include <unistd.h>
@@ -17,27 +16,24 @@
 
 long syscall(long number, ...); /* no part of POSIX, so no header shows it */
 
+extern const ElfW(Ehdr) __ehdr_start; /* the linker puts it where the program begins */
+
 /* The program's own parts, as the kernel mapped them. mlockall() would lock the whole of the
  * stack's first 132 kB besides, and the C library's pages that nobody uses. */
 static int lock_program(void)
 {
-    const ElfW(Phdr) *part = (const ElfW(Phdr) *)getauxval(AT_PHDR);
-    unsigned long count = getauxval(AT_PHNUM);
+    uintptr_t begin = (uintptr_t)&__ehdr_start;
+    const ElfW(Phdr) *parts = (const ElfW(Phdr) *)(begin + __ehdr_start.e_phoff);
     uintptr_t offset = 0;
-    uintptr_t page = (uintptr_t)getauxval(AT_PAGESZ);
-    int err = part == NULL ? -1 : 0;
+    int err = 0;
+    int i;
 
-    for (; count > 0 && part != NULL; count--, part++) {
-        uintptr_t at;
-        uintptr_t until;
-
-        if (part->p_type == PT_PHDR)
-            offset = (uintptr_t)getauxval(AT_PHDR) - part->p_vaddr;
-        if (part->p_type != PT_LOAD)
+    for (i = 0; i < __ehdr_start.e_phnum; i++) {
+        if (parts[i].p_type != PT_LOAD)
             continue;
-        at = (offset + part->p_vaddr) & ~(page - 1);
-        until = offset + part->p_vaddr + part->p_memsz;
-        err |= mlock((const void *)at, until - at);
+        if (parts[i].p_offset == 0) /* the part that the header itself is in */
+            offset = begin - parts[i].p_vaddr;
+        err |= mlock((const void *)(offset + parts[i].p_vaddr), parts[i].p_memsz);
     }
     return err;
 }
