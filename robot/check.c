@@ -275,7 +275,7 @@ static int check_base(const struct vs_options *o)
 static int check_guard(void)
 {
     char text[VS_RIGHTS_TEXT];
-    unsigned int refused = vs_rights_take();
+    unsigned int refused = vs_rights_take(NULL, 0);
 
     if (refused == 0)
         return say("guard", 1, "memory, out-of-memory score and priority are what it asks for");

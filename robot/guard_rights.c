@@ -18,9 +18,18 @@ long syscall(long number, ...); /* no part of POSIX, so no header shows it */
 
 extern const ElfW(Ehdr) __ehdr_start; /* the linker puts it where the program begins */
 
+/* Locks a part of the program, but for what may be swapped out. */
+static int lock_part(uintptr_t at, size_t len, uintptr_t spare, size_t spare_len)
+{
+    if (spare < at || spare + spare_len > at + len)
+        return mlock((const void *)at, len);
+    return mlock((const void *)at, spare - at) |
+           mlock((const void *)(spare + spare_len), at + len - spare - spare_len);
+}
+
 /* The program's own parts, as the kernel mapped them. mlockall() would lock the whole of the
  * stack's first 132 kB besides, and the C library's pages that nobody uses. */
-static int lock_program(void)
+static int lock_program(uintptr_t spare, size_t spare_len)
 {
     uintptr_t begin = (uintptr_t)&__ehdr_start;
     const ElfW(Phdr) *parts = (const ElfW(Phdr) *)(begin + __ehdr_start.e_phoff);
@@ -33,7 +42,7 @@ static int lock_program(void)
             continue;
         if (parts[i].p_offset == 0) /* the part that the header itself is in */
             offset = begin - parts[i].p_vaddr;
-        err |= mlock((const void *)(offset + parts[i].p_vaddr), parts[i].p_memsz);
+        err |= lock_part(offset + parts[i].p_vaddr, parts[i].p_memsz, spare, spare_len);
     }
     return err;
 }
@@ -75,10 +84,10 @@ static int set_scheduler(int policy, int priority)
     return (int)syscall(SYS_sched_setscheduler, 0, policy, &priority);
 }
 
-unsigned int vs_rights_take(void)
+unsigned int vs_rights_take(const void *spare, size_t spare_len)
 {
     unsigned int refused = 0;
-    int unlocked = lock_program();
+    int unlocked = lock_program((uintptr_t)spare, spare_len);
 
     if ((unlocked | lock_stack()) != 0)
         refused |= VS_RIGHT_MEMORY;

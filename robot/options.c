@@ -18,7 +18,7 @@ const char vs_options_help[] =
     "\n"
     "Runs one robot: its controller gets the virtual sensors of the host, its base the\n"
     "controller's commands. Wheels stop when the host falls silent for 400 ms, on SIGTERM,\n"
-    "and when any process of the daemon dies.\n"
+    "and when any process of the daemon dies or hangs.\n"
     "\n"
     "  --host ADDRESS   the host's numeric IPv4 address\n"
     "  --port PORT      the host's port, TCP and UDP\n"

@@ -348,6 +348,8 @@ static void begin(struct vs_worker *w, const struct vs_options *options)
     w->guard.foreign = w->foreign;
     w->guard.foreign_count = VS_WORKER_FOREIGN;
     w->guard.argv = options->argv;
+    w->guard.spare = &w->net;
+    w->guard.spare_len = sizeof *w - offsetof(struct vs_worker, net);
     w->talk.cause = VS_CAUSE_NO_SESSION;
 }
 
