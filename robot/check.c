@@ -12,8 +12,9 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "guard_rights.h"
 #include "base_sensors.h"
+#include "guard_rights.h"
+#include "number.h"
 #include "report.h"
 #include "uid.h"
 #include "../c_src/vs_posix.h"
@@ -94,7 +95,7 @@ static int is_address(const struct vs_options *o, struct sockaddr_in *address)
     memset(address, 0, sizeof *address);
     address->sin_family = AF_INET;
     address->sin_port = htons(o->port);
-    return inet_pton(AF_INET, o->host, &address->sin_addr) == 1;
+    return vs_number_ipv4(o->host, (uint8_t *)&address->sin_addr) == 0;
 }
 
 /* A datagram socket that connects says which way packets would go, without sending one. */
@@ -289,7 +290,7 @@ static int check_watchdog(const char *path)
 static int check_guard(void)
 {
     char text[VS_RIGHTS_TEXT];
-    unsigned int refused = vs_rights_take();
+    unsigned int refused = vs_rights_take(NULL, 0);
 
     if (refused == 0)
         return say("guard", 1, "memory, out-of-memory score and priority are what it asks for");

@@ -291,6 +291,8 @@ static uint8_t actual_state(const struct vs_loop *loop)
 int vs_loop_telemetry(struct vs_loop *loop, const struct vs_instant *now,
                       struct vs_telemetry *t)
 {
+    const char *line;
+
     if (!loop->session->open)
         return 0;
     if (!loop->telemetry_due && now->base_ns - loop->telemetry_ns < VS_LOOP_TELEMETRY_NS)
@@ -308,7 +310,8 @@ int vs_loop_telemetry(struct vs_loop *loop, const struct vs_instant *now,
     t->right_steps_s = loop->applied.right_steps_s;
     t->leds = loop->applied.leds;
     memcpy(t->payload, loop->robot.actuators, loop->session->table.actuator_bytes);
-    strcpy(t->log, vs_log_due(&loop->robot.log, &t->log_number));
+    line = vs_log_due(&loop->robot.log, &t->log_number);
+    memcpy(t->log, line, strlen(line) + 1);
     t->shown_len = loop->robot.shown_len;
     memcpy(t->shown, loop->robot.shown, t->shown_len);
     return 1;

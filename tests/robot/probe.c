@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 /*
- * A controller that shows on its LEDs how many steps it has lived, and two system calls that
- * go wrong when the environment says so. Link with --wrap=fork,--wrap=recv.
+ * A controller that shows on its LEDs how many steps it has lived, and system calls that go
+ * wrong when the environment says so. Link with --wrap=fork,--wrap=recv,--wrap=waitpid,
+ * --wrap=write.
  */
 #include "controller.h"
 
@@ -11,6 +12,8 @@
 #include <stdlib.h>
 #include <sys/socket.h>
 #include <sys/types.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #define DATAGRAM_CAP 1201
 #define GAP_MS 30
@@ -84,4 +87,29 @@ ssize_t __wrap_recv(int fd, void *buf, size_t len, int flags)
     if (len == DATAGRAM_CAP && getenv("PROBE_GAP") != NULL)
         (void)poll(&line, 1, GAP_MS);
     return __real_recv(fd, buf, len, flags);
+}
+
+pid_t __wrap_waitpid(pid_t pid, int *how, int options);
+pid_t __real_waitpid(pid_t pid, int *how, int options);
+ssize_t __wrap_write(int fd, const void *buf, size_t len);
+ssize_t __real_write(int fd, const void *buf, size_t len);
+
+/* PROBE_UNDEAD: no child ever ends, as if a driver held it. */
+pid_t __wrap_waitpid(pid_t pid, int *how, int options)
+{
+    if (getenv("PROBE_UNDEAD") == NULL)
+        return __real_waitpid(pid, how, options);
+    while (!(options & WNOHANG))
+        (void)poll(NULL, 0, -1);
+    return 0;
+}
+
+/* PROBE_LOG names a file: while it is there the log takes nothing, and whoever writes waits. */
+ssize_t __wrap_write(int fd, const void *buf, size_t len)
+{
+    const char *block = getenv("PROBE_LOG");
+
+    while (fd == STDERR_FILENO && block != NULL && access(block, F_OK) == 0)
+        (void)poll(NULL, 0, 1);
+    return __real_write(fd, buf, len);
 }

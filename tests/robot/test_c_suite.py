@@ -46,6 +46,10 @@ SUITES = {
     "robot_base_sensors": [*OWN, *PROTOCOL],
     "robot_memory": [ROBOT / "memory.c"],
     "robot_guard": [ROBOT / "guard.c"],
+    "robot_guard_process": [
+        *(ROBOT / f"{part}.c" for part in ("guard", "guard_process", "report", "watchdog")),
+        *BASES,
+    ],
     "robot_posix": [],
     "robot_format": [C_SRC / "vs_format.c"],
     "robot_i2c_posix": [C_SRC / "vs_format.c"],

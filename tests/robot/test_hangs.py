@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import os
+import re
+import shutil
 import signal
+import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
-from tests.robot.conftest import Build
+from tests.robot.conftest import ROOT, Build
 from tests.robot.rig import Rig, S
-from tests.robot.test_faults import FAULTY, alive, told
+from tests.robot.test_faults import FAULTY, GUARD_NS, alive, still_within, told
 
 QUICKLY = ("-O0", "-fno-sanitize=all")
 HANG_NS = 2 * S
@@ -151,3 +154,130 @@ def end_all(device: str) -> None:
                 os.kill(int(folder.name), signal.SIGKILL)
         except OSError:
             continue
+
+
+def test_under_the_init_script_a_worker_that_hangs_is_started_anew(
+    hanging: Path, tmp_path: Path
+) -> None:
+    rig = Rig(hanging)
+    script = ROOT / "vsense" / "robot" / "board" / "vsensed.init"
+    board = tmp_path / "board"
+    for folder in ("usr/local/bin", "etc", "var/run", "var/log"):
+        (board / folder).mkdir(parents=True)
+    shutil.copy(hanging, board / "usr/local/bin/vsensed")
+    words = rig.words()
+    lines = (f"{name[2:]} = {value}" for name, value in zip(words[::2], words[1::2]))
+    (board / "etc/vsensed.conf").write_text("\n".join(lines) + "\n")
+    environment = {**os.environ, "VSENSED_ROOT": str(board)}
+    subprocess.run(["sh", script, "start"], env=environment, timeout=30, check=True)
+    log = board / "var/log/vsensed.log"
+    try:
+        most = 0
+        rig.run()
+
+        def again() -> bool:
+            nonlocal most
+            most = max(most, len(workers(rig.device)))
+            return len(starts(rig)) == 2
+
+        rig.wait_for(again, "a new daemon")
+        assert most == 1, "never two daemons"
+        rig.wait_for(lambda: "the worker hung for 3 s: stopped" in log.read_text(), "a word")
+        rig.wait_for(lambda: rig.moving, "motion again")
+    finally:
+        subprocess.run(["sh", script, "stop"], env=environment, timeout=30, check=True)
+        rig.wait_for(lambda: not workers(rig.device), "the end")
+        rig.close()
+
+
+def workers(device: str) -> list[int]:
+    """Daemons that have the device open, and are no daemon's child."""
+    found = {}
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            if (folder / "comm").read_text() == "vsensed\n" and device in {
+                os.readlink(p) for p in (folder / "fd").iterdir()
+            }:
+                found[int(folder.name)] = int((folder / "stat").read_text().split()[3])
+        except OSError:
+            continue
+    return [pid for pid, parent in found.items() if parent not in found]
+
+
+@pytest.fixture
+def probes(probe: Path) -> Iterator[Callable[[], Rig]]:
+    """Makes running rigs whose controller is `probe.c`."""
+    made: list[Rig] = []
+
+    def make() -> Rig:
+        made.append(Rig(probe))
+        made[-1].start()
+        made[-1].run()
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.close()
+
+
+def test_a_guard_that_cannot_be_ended_is_not_waited_for(
+    probes: Callable[[], Rig], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PROBE_UNDEAD", "1")
+    rig = probes()
+
+    def fail() -> int:
+        os.kill(children(rig.daemon.process.pid)[-1], signal.SIGSTOP)
+        return time.monotonic_ns()
+
+    still_within(rig, GUARD_NS, fail, lambda: None)
+    rig.run()
+    assert rig.host.last.guard_restarts > 0
+
+
+def test_a_log_that_takes_nothing_holds_the_worker_and_not_the_guard(
+    probes: Callable[[], Rig], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    block = tmp_path / "block"
+    monkeypatch.setenv("PROBE_LOG", str(block))
+    rig = probes()
+    guard = rig.daemon.guard
+    block.touch()
+    rig.host.drop()  # which is worth a line
+    rig.wait_for(lambda: not rig.moving, "rest")
+    rig.live_for(S)
+    assert not rig.moving and alive(guard) and len(rig.host.hellos) == 1, "the worker waits"
+    block.unlink()
+    rig.run()
+    assert rig.daemon.guard == guard
+
+
+def test_a_full_card_changes_nothing(rigs: Callable[..., Rig], program: Path) -> None:
+    rig = rigs()
+    with open("/dev/full", "w") as full:
+        process = subprocess.Popen([program, *rig.words()], stderr=full, preexec_fn=os.setpgrp)
+    try:
+        rig.run()
+        process.terminate()
+        rig.wait_for(lambda: process.poll() is not None, "the end")
+        assert process.returncode == 0 and not rig.moving
+    finally:
+        process.kill()
+        process.wait()
+
+
+def test_the_guard_has_its_rights_or_they_are_told(rigs: Callable[..., Rig]) -> None:
+    rig = rigs()
+    rig.start()
+    rig.run()
+    guard = rig.daemon.guard
+    assert guard is not None
+    text = r"the guard runs without ([^:]*): the system refuses"
+    told_without = re.findall(text, rig.daemon.said)
+    assert len(told_without) <= 1, "one line at the start"
+    refused = told_without[0] if told_without else ""
+    has_time = os.sched_getscheduler(guard) == os.SCHED_FIFO
+    has_score = Path(f"/proc/{guard}/oom_score_adj").read_text() == "-1000\n"
+    assert has_time == ("real-time priority" not in refused)
+    assert has_score == ("the least out-of-memory score" not in refused)
+    assert os.sched_getscheduler(rig.daemon.process.pid) == os.SCHED_OTHER

@@ -112,7 +112,8 @@ static void make_host(void)
         fail("no table");
     welcome.timestep_us = TIMESTEP_MS * 1000;
     welcome.seed = 5;
-    strcpy(welcome.params, "stop_probability=0.3\nspeed_cm_s=12\nwalk_s=8\n");
+    welcome.params = "stop_probability=0.3\nspeed_cm_s=12\nwalk_s=8\n";
+    welcome.params_len = (uint16_t)strlen(welcome.params);
     vs_peer_open(&peer, 7, welcome.table.hash, 1, now.session_ns);
 }
 
