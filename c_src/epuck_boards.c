@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 #include "epuck_boards.h"
 
-enum { BEARING_MAX = 31416, BEARING_LEN = 2 };
+enum { BEARING_MAX = 31416, BEARING_LEN = 2, ADC_SHIFT = 4, ADC_MAX = 2047, ADC_UNIT_MV = 4 };
 
 static uint16_t get_big(const uint8_t *at)
 {
@@ -32,6 +32,20 @@ void epuck_ground_put(const int16_t ground[3], uint8_t registers[EPUCK_GROUND_LE
 
     for (i = 0; i < 3; i++)
         put_big(registers + 2 * i, (uint16_t)ground[i]);
+}
+
+uint16_t epuck_adc_get_battery(const uint8_t value[2])
+{
+    uint16_t raw = (uint16_t)(get_big(value) >> ADC_SHIFT);
+
+    return raw <= ADC_MAX ? (uint16_t)(raw * ADC_UNIT_MV) : 0; /* noise may be below 0 */
+}
+
+void epuck_adc_put_battery(uint16_t mv, uint8_t value[2])
+{
+    int raw = (mv + ADC_UNIT_MV / 2) / ADC_UNIT_MV;
+
+    put_big(value, (uint16_t)((raw < ADC_MAX ? raw : ADC_MAX) << ADC_SHIFT));
 }
 
 const uint8_t *epuck_rab_reads(uint8_t size, size_t *count)

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 /*
  * epuck_boards.h - the boards that sit on an e-puck's I2C bus beside its
- * microcontroller: ground sensors (0x60) and range and bearing (0x20). Both ends use it.
+ * microcontroller: ground sensors (0x60), range and bearing (0x20), and a Pi-puck's converter
+ * (0x48), which measures the battery. Both ends use it.
  *
  * Ground sensors: 16-bit registers, big-endian, read from register 0 with
  * auto-increment: left, centre, right, higher is brighter.
@@ -9,10 +10,13 @@
  * that of the first register again); reading register 0 takes a message out of a queue
  * of 10 and says whether there was one. The bearing is signed: other clients read it
  * unsigned and are wrong by 15 degrees for everything on the right.
+ * Converter: an ADS1015 of 12 bits, 16-bit registers, big-endian. Channel 0 has half of the
+ * battery's voltage, and with its range of +-4.096 V one unit is 2 mV.
  * Source: argos3-epuck real_epuck_ground_sensor.cpp and
  * real_epuck_range_and_bearing_{sensor,actuator}.cpp, commit 66cb8d9;
  * gctronic/range_and_bearing_firmware I2CSlaveDrv.c, IRReception.c, commit f928563;
- * erab_firmware/e-RandB_firmware_parametric/I2CSlaveDrv.c of argos3-epuck.
+ * erab_firmware/e-RandB_firmware_parametric/I2CSlaveDrv.c of argos3-epuck;
+ * gctronic/Pi-puck battery/old/read-battery.py:6-16, commit 73b8913; the ADS1015's data sheet.
  * Read, not tried on hardware.
  */
 #ifndef EPUCK_BOARDS_H
@@ -55,7 +59,13 @@ enum {
     EPUCK_RAB_ON_ROBOT = 17,    /* 0 = the board computes range and bearing itself */
     EPUCK_RAB_THEN = 19,        /* number = number << 8 | this byte, IRIDIA's firmware only */
     EPUCK_RAB_THEN_TOO = 20,    /* the same */
-    EPUCK_RAB_BITS = 21         /* length of a message: 8, 16 (default), 24, 32; IRIDIA's only */
+    EPUCK_RAB_BITS = 21,        /* length of a message: 8, 16 (default), 24, 32; IRIDIA's only */
+
+    EPUCK_ADC_ADDRESS = 0x48,
+    EPUCK_ADC_VALUE = 0,        /* register: the newest conversion, in the upper 12 bits */
+    EPUCK_ADC_SETTINGS = 1,     /* register; bit 15 begins one, and is 1 when none is under way */
+    EPUCK_ADC_BATTERY = 0xC383, /* convert once: channel 0, +-4.096 V, 1600 a second */
+    EPUCK_ADC_TIME_NS = 1000000 /* [ns] that takes, and some more */
 };
 
 /* A message as the range-and-bearing board heard it. */
@@ -70,6 +80,12 @@ int epuck_ground_get(const uint8_t registers[EPUCK_GROUND_LEN], int16_t ground[3
 
 /* Writes what the ground sensors' registers hold. */
 void epuck_ground_put(const int16_t ground[3], uint8_t registers[EPUCK_GROUND_LEN]);
+
+/* [mV] of the battery, of what EPUCK_ADC_VALUE holds. */
+uint16_t epuck_adc_get_battery(const uint8_t value[2]);
+
+/* The other way round, to the nearest 4 mV. */
+void epuck_adc_put_battery(uint16_t mv, uint8_t value[2]);
 
 /* The registers that hold a message of 2 or 4 bytes once it was taken, *count of them. */
 const uint8_t *epuck_rab_reads(uint8_t size, size_t *count);

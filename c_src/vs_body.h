@@ -32,7 +32,8 @@ enum vs_stop_cause {
     VS_CAUSE_NO_BEAT = 4,    /* no completed control step */
     VS_CAUSE_BASE = 5,       /* the base does not answer */
     VS_CAUSE_GUARD = 6,      /* the guard was silent */
-    VS_CAUSE_SIGNAL = 7      /* the daemon was told to end */
+    VS_CAUSE_SIGNAL = 7,     /* the daemon was told to end */
+    VS_CAUSE_BATTERY = 8     /* the battery is empty */
 };
 
 enum vs_refuse_code {
@@ -84,8 +85,7 @@ struct vs_notice {
 struct vs_state {
     uint8_t wanted;         /* enum vs_run_state */
     int16_t goal_heading;   /* [1e-4 rad] with VS_HOME: to turn by, at the goal; else 0 */
-    uint32_t from_timestep; /* the robot runs when wanted is VS_RUN and
-                             * header.timestep >= from_timestep */
+    uint32_t from_timestep; /* VS_RUN counts when header.timestep >= from_timestep */
     uint32_t log_heard;     /* log line up to which the host has heard them, 0 = none */
     int16_t goal_x_mm;      /* [mm] with VS_HOME: ahead of the robot; else 0 */
     int16_t goal_y_mm;      /* [mm] to its left */

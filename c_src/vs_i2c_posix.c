@@ -9,8 +9,6 @@
 #include <string.h>
 #include <sys/ioctl.h>
 #include <sys/socket.h>
-#include <sys/stat.h>
-#include <sys/sysmacros.h>
 #include <sys/un.h>
 #include <unistd.h>
 
@@ -153,40 +151,59 @@ static int connect_bus(int fd, const char *path, uint64_t until_ns)
     return await_greeting(fd, until_ns);
 }
 
+/* The first number in the name that a link points to, -1 if there is no such link. */
+static int number_behind(const char *link)
+{
+    char target[256];
+    ssize_t len = readlink(link, target, sizeof target - 1);
+    const char *at = target;
+    const char *name = target;
+    int number = 0;
+
+    if (len < 0)
+        return -1;
+    target[len] = '\0';
+    for (; *at != '\0'; at++)
+        if (*at == '/')
+            name = at + 1;
+    if (strncmp(name, "i2c-", 4) == 0)
+        name += 4;
+    for (; *name >= '0' && *name <= '9'; name++)
+        number = number * 10 + (*name - '0');
+    return number;
+}
+
+/* Number of an open adapter, whatever name it was opened by. */
+static int number_of(int fd)
+{
+    char link[32];
+
+    vs_format(link, sizeof link, "/proc/self/fd/%d", fd);
+    return number_behind(link);
+}
+
 /* Number of the adapter that a multiplexer's channel hangs on, -1 if it is none. */
 static int parent_of(int number)
 {
     char link[64];
-    char target[256];
-    const char *name;
-    ssize_t len;
-    int parent = 0;
 
+    /* the multiplexer's name: "1-0070", adapter and address */
     vs_format(link, sizeof link, "/sys/bus/i2c/devices/i2c-%d/mux_device", number);
-    len = readlink(link, target, sizeof target - 1);
-    if (len < 0)
-        return -1;
-    target[len] = '\0';
-    name = strrchr(target, '/'); /* of the multiplexer: "1-0070", adapter and address */
-    for (name = name == NULL ? target : name + 1; *name >= '0' && *name <= '9'; name++)
-        parent = parent * 10 + (*name - '0');
-    return parent;
+    return number_behind(link);
 }
 
 /* Errors of the bus block for as long as its adapter's time-out says: a whole second,
  * unless told otherwise. It can be set on the adapter of the wires only. */
 static int bound_errors(int fd)
 {
-    struct stat device;
     char path[32];
     int parent;
     int err;
     int i;
 
-    if (ioctl(fd, I2C_TIMEOUT, (unsigned long)(VS_I2C_TIMEOUT_NS / TIMEOUT_UNIT_NS)) != 0 ||
-        fstat(fd, &device) != 0)
+    if (ioctl(fd, I2C_TIMEOUT, (unsigned long)(VS_I2C_TIMEOUT_NS / TIMEOUT_UNIT_NS)) != 0)
         return -1;
-    parent = parent_of((int)minor(device.st_rdev));
+    parent = parent_of(number_of(fd));
     for (i = 0; i < ADAPTERS_MAX && parent >= 0; i++) {
         vs_format(path, sizeof path, "/dev/i2c-%d", parent);
         fd = open(path, O_RDWR);

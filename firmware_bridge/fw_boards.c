@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 #include "fw_boards.h"
 
+enum { ADC_POWER_ON = 0x8583, ADC_IDLE = 0x8000, ADC_CHANNEL_SHIFT = 12, ADC_CHANNEL_0 = 4 };
 enum { STOCK_BITS = 16, DEFAULT_POWER = 150, HELD_MAX = 8 };
 
 static enum fw_i2c_result ground_write(void *context, const uint8_t *buf, size_t len,
@@ -37,6 +38,43 @@ void fw_ground_init(struct fw_ground *fw)
     *fw = (struct fw_ground){.pointer = 0};
     fw->device = (struct fw_i2c_device){fw, EPUCK_GROUND_ADDRESS, ground_write, ground_read,
                                         no_error};
+}
+
+static enum fw_i2c_result adc_write(void *context, const uint8_t *buf, size_t len,
+                                    uint64_t first_us)
+{
+    struct fw_adc *fw = context;
+    unsigned int channel;
+
+    (void)first_us;
+    fw->pointer = buf[0];
+    if (fw->pointer != EPUCK_ADC_SETTINGS || len < 3)
+        return FW_I2C_ACK;
+    fw->settings = (uint16_t)(buf[1] << 8 | buf[2]);
+    channel = (unsigned int)(fw->settings >> ADC_CHANNEL_SHIFT & 7);
+    if ((fw->settings & ADC_IDLE) != 0 && (channel == ADC_CHANNEL_0 || channel == ADC_CHANNEL_0 + 1))
+        epuck_adc_put_battery(fw->channels_mv[channel - ADC_CHANNEL_0], fw->value);
+    return FW_I2C_ACK;
+}
+
+static enum fw_i2c_result adc_read(void *context, uint8_t *buf, size_t len, uint64_t first_us)
+{
+    const struct fw_adc *fw = context;
+    uint16_t settings = fw->settings | ADC_IDLE;
+    uint8_t registers[2] = {(uint8_t)(settings >> 8), (uint8_t)(settings & 0xFFu)};
+    const uint8_t *from = fw->pointer == EPUCK_ADC_SETTINGS ? registers : fw->value;
+    size_t i;
+
+    (void)first_us;
+    for (i = 0; i < len; i++)
+        buf[i] = from[i % 2];
+    return FW_I2C_ACK;
+}
+
+void fw_adc_init(struct fw_adc *fw)
+{
+    *fw = (struct fw_adc){.settings = ADC_POWER_ON};
+    fw->device = (struct fw_i2c_device){fw, EPUCK_ADC_ADDRESS, adc_write, adc_read, no_error};
 }
 
 static void send(struct fw_rab *fw, uint64_t now_us)

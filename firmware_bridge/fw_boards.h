@@ -6,6 +6,7 @@
  * - only reading register 0 takes a message out of the queue of 10, and what was taken
  *   stays until the next one is;
  * - with the stock firmware a message has 16 bits and nothing else can be set.
+ * And the Pi-puck's converter: it holds the newest conversion, of whatever channel was asked for.
  */
 #ifndef FW_BOARDS_H
 #define FW_BOARDS_H
@@ -46,6 +47,17 @@ struct fw_rab {
     uint32_t queue_read;
     uint32_t queue_count;
 };
+
+struct fw_adc {
+    struct fw_i2c_device device; /* to be put on a bus; the struct must not move then */
+    uint16_t channels_mv[2];     /* [mV] the owner writes: battery, another one */
+    uint16_t settings;
+    uint8_t value[2];
+    uint8_t pointer;
+};
+
+/* Power on: no batteries. */
+void fw_adc_init(struct fw_adc *fw);
 
 /* Power on: the floor is dark. */
 void fw_ground_init(struct fw_ground *fw);

@@ -74,26 +74,27 @@ int vs_base_open(struct vs_base *base, const struct vs_base_config *config)
     return err;
 }
 
-static uint64_t now(const struct vs_base *base)
-{
-    return base->ops->on_i2c ? base->bus.now_ns(base->bus.context)
-                             : base->io.now_ns(base->io.context);
-}
-
-int vs_base_recover(struct vs_base *base)
+/* Only a base on a bus has a GPIO for it. */
+static int recover_or_reset(struct vs_base *base)
 {
     int err;
 
-    base->counting = 0;
-    if (vs_reset_lasts(&base->reset, now(base)))
+    if (vs_reset_lasts(&base->reset, base->bus.now_ns(base->bus.context)))
         return VS_ERR_BUSY;
     err = base->ops->recover(base);
     if (err == VS_OK)
         base->reset.begun_ns = 0; /* it was not in vain, and the next one need not wait */
-    if (err != VS_ERR_SILENT || !vs_reset_begin(&base->reset, now(base)))
+    if (err != VS_ERR_SILENT ||
+        !vs_reset_begin(&base->reset, base->bus.now_ns(base->bus.context)))
         return err;
     base->news = "its microcontroller does not answer and is being reset";
     return VS_ERR_BUSY;
+}
+
+int vs_base_recover(struct vs_base *base)
+{
+    base->counting = 0;
+    return base->reset.kind == 0 ? base->ops->recover(base) : recover_or_reset(base);
 }
 
 int vs_base_exchange(struct vs_base *base, const struct vs_base_command *command,

@@ -96,7 +96,7 @@ struct vs_base {
     const struct vs_base_body *body;
     struct vs_io io;      /* of a base behind a serial line */
     struct vs_i2c bus;    /* of a base on a bus */
-    int fd;               /* of the device: both processes hold it */
+    int fd;               /* of the device: guard and worker hold it */
     struct vs_reset reset;
     const char *news;     /* a phrase worth telling, for whoever owns the base; NULL: none */
     struct vs_boards boards;

@@ -14,9 +14,11 @@ static uint64_t now(const struct vs_boards *boards, int board)
 static int note(struct vs_boards *boards, int board, int err, const char **news)
 {
     static const char *const fallen[VS_BOARDS] = {
-        "the ground sensors do not answer", "the range-and-bearing board does not answer"};
+        "the ground sensors do not answer", "the range-and-bearing board does not answer",
+        "the battery's converter does not answer"};
     static const char *const back[VS_BOARDS] = {
-        "the ground sensors answer again", "the range-and-bearing board answers again"};
+        "the ground sensors answer again", "the range-and-bearing board answers again",
+        "the battery's converter answers again"};
     uint8_t bit = (uint8_t)(1u << board);
     uint8_t silent = err == VS_OK ? 0 : bit;
 
@@ -50,6 +52,50 @@ void vs_boards_read_ground(struct vs_boards *boards, uint64_t deadline_ns, const
         return;
     boards->reading.has_ground = note(boards, VS_BOARD_GROUND, err, news) == VS_OK &&
                                  epuck_ground_get(registers, boards->reading.ground) == 0;
+}
+
+/* Reads the conversion, unless somebody has asked the converter for another one since: Linux has
+ * a driver for it. */
+static int read_conversion(struct vs_boards *boards, uint64_t deadline_ns)
+{
+    static const uint8_t settings = EPUCK_ADC_SETTINGS;
+    static const uint8_t value = EPUCK_ADC_VALUE;
+    struct vs_i2c *bus = &boards->bus[VS_BOARD_BATTERY];
+    uint8_t in[2];
+    int err = vs_i2c_insist(bus, EPUCK_ADC_ADDRESS, &settings, 1, in, sizeof in, deadline_ns);
+
+    if (err != VS_OK || in[0] != EPUCK_ADC_BATTERY >> 8 || in[1] != (EPUCK_ADC_BATTERY & 0xFF))
+        return err;
+    err = vs_i2c_insist(bus, EPUCK_ADC_ADDRESS, &value, 1, in, sizeof in, deadline_ns);
+    if (err == VS_OK)
+        boards->reading.battery_mv = epuck_adc_get_battery(in);
+    return err;
+}
+
+void vs_boards_read_battery(struct vs_boards *boards, uint64_t deadline_ns, const char **news)
+{
+    static const uint8_t begin[3] = {EPUCK_ADC_SETTINGS, EPUCK_ADC_BATTERY >> 8,
+                                     EPUCK_ADC_BATTERY & 0xFF};
+    uint64_t since_ns;
+    int err;
+
+    if (!may_ask(boards, VS_BOARD_BATTERY, deadline_ns))
+        return;
+    since_ns = now(boards, VS_BOARD_BATTERY) - boards->measured_ns;
+    if (since_ns < (boards->measuring ? EPUCK_ADC_TIME_NS : VS_BOARD_MEASURE_NS))
+        return;
+    if (boards->measuring)
+        err = read_conversion(boards, deadline_ns);
+    else
+        err = vs_i2c_insist(&boards->bus[VS_BOARD_BATTERY], EPUCK_ADC_ADDRESS, begin,
+                            sizeof begin, NULL, 0, deadline_ns);
+    if (err == VS_ERR_BUSY)
+        return;
+    boards->measuring = !boards->measuring && err == VS_OK;
+    if (boards->measuring)
+        boards->measured_ns = now(boards, VS_BOARD_BATTERY);
+    if (note(boards, VS_BOARD_BATTERY, err, news) != VS_OK)
+        boards->reading.battery_mv = 0;
 }
 
 static int write_register(struct vs_boards *boards, uint8_t number, uint8_t value,
@@ -231,6 +277,8 @@ void vs_boards_take(struct vs_board_reading *all, const struct vs_board_reading 
     if (board == VS_BOARD_GROUND) {
         all->has_ground = one->has_ground;
         memcpy(all->ground, one->ground, sizeof all->ground);
+    } else if (board == VS_BOARD_BATTERY) {
+        all->battery_mv = one->battery_mv;
     } else {
         all->has_rab = one->has_rab;
         all->heard_count = one->heard_count;
@@ -242,6 +290,8 @@ void vs_boards_lose(struct vs_board_reading *all, int board)
 {
     if (board == VS_BOARD_GROUND)
         all->has_ground = 0;
+    else if (board == VS_BOARD_BATTERY)
+        all->battery_mv = 0;
     else
         all->has_rab = 0;
 }
@@ -251,5 +301,6 @@ int vs_boards_are_well(const struct vs_boards *boards)
     const struct vs_board_reading *reading = &boards->reading;
 
     return (boards->bus[VS_BOARD_GROUND].transfer == NULL || reading->has_ground) &&
-           (boards->bus[VS_BOARD_RAB].transfer == NULL || reading->has_rab);
+           (boards->bus[VS_BOARD_RAB].transfer == NULL || reading->has_rab) &&
+           (boards->bus[VS_BOARD_BATTERY].transfer == NULL || reading->battery_mv != 0);
 }

@@ -14,10 +14,11 @@
 #define VS_BOARD_REGISTERS 8         /* of one message heard */
 #define VS_BOARD_REST_NS 1000000000u /* [ns] without a board that does not answer */
 #define VS_BOARD_SAY_NS 100000000u   /* [ns] until the same message is said again */
-#define VS_BOARD_READ_NS 30000000u   /* [ns] for reading the ground sensors */
+#define VS_BOARD_READ_NS 30000000u   /* [ns] for reading the ground sensors, or the battery */
+#define VS_BOARD_MEASURE_NS 1000000000u /* [ns] from one look at the battery to the next */
 #define VS_BOARD_TALK_NS 24000000u   /* [ns] range and bearing at a time; 4 mostly */
 
-enum { VS_BOARD_GROUND = 0, VS_BOARD_RAB = 1, VS_BOARDS = 2 };
+enum { VS_BOARD_GROUND = 0, VS_BOARD_RAB = 1, VS_BOARD_BATTERY = 2, VS_BOARDS = 3 };
 
 /* What the robot says to the others, again and again until it says something else. */
 struct vs_board_message {
@@ -30,6 +31,7 @@ struct vs_board_reading {
     uint8_t has_ground;   /* 1: ground is measured */
     uint8_t has_rab;      /* 1: heard is up to date */
     uint8_t rab_bytes;    /* of a message heard */
+    uint16_t battery_mv;  /* [mV] 0 = not known */
     float rab_k_cm;       /* [cm] this board's range = rab_k_cm * exp(9.0642 - 0.0056507 raw) */
     int16_t ground[3];    /* [raw] left, centre, right, higher is brighter */
     uint32_t heard_count; /* messages heard since the start */
@@ -51,6 +53,8 @@ struct vs_boards {
     uint8_t held_count;      /* registers read */
     uint8_t held[VS_BOARD_REGISTERS];
     uint64_t rest_ns[VS_BOARDS]; /* left alone until then */
+    uint8_t measuring;       /* battery: 1 = a conversion was begun */
+    uint64_t measured_ns;    /* battery: when the newest one was */
     uint64_t polled_ns;      /* range and bearing: the newest poll */
     uint64_t wrote_ns;       /* range and bearing: the newest message or setting */
     struct vs_board_reading reading;
@@ -59,6 +63,9 @@ struct vs_boards {
 /* Reads the ground sensors. No transaction begins that could end after deadline_ns. *news
  * becomes a phrase if the board falls silent or speaks again, else it is left alone. */
 void vs_boards_read_ground(struct vs_boards *boards, uint64_t deadline_ns, const char **news);
+
+/* Measures the battery, likewise: once a second, and in two calls. */
+void vs_boards_read_battery(struct vs_boards *boards, uint64_t deadline_ns, const char **news);
 
 /* Lets range and bearing say message, if it is time, and takes what was heard. What there is
  * no time for goes on with the next call: returns 1 if that is so, else 0. */

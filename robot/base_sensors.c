@@ -12,11 +12,12 @@
 #define RANGE_PER_K 8640.552554617
 #define RANGE_BASE 0.99436518665
 
+enum { BATTERY_LOW_MV = 3400 }; /* what the e-puck's own pin says */
 enum { RING = 8, GROUND = 3, PLACE = 6, AXES = 3 };
 
 static const char *const names[VS_BASE_SENSORS] = {"proximity", "light",  "battery_low",
                                                    "ground",    "wheels", "range_and_bearing",
-                                                   "accelerometer", "microphones"};
+                                                   "accelerometer", "microphones", "battery"};
 
 int vs_base_sensor(const char *name)
 {
@@ -39,6 +40,18 @@ static int measures(const int16_t *raw, int count)
     return any != 0;
 }
 
+uint16_t vs_base_battery_mv(const struct vs_base_reading *reading)
+{
+    return reading->battery_mv != 0 ? reading->battery_mv : reading->boards.battery_mv;
+}
+
+uint8_t vs_base_battery_low(const struct vs_base_reading *reading)
+{
+    if (reading->battery_low != VS_UNKNOWN || reading->boards.battery_mv == 0)
+        return reading->battery_low;
+    return reading->boards.battery_mv < BATTERY_LOW_MV;
+}
+
 int vs_base_has(const struct vs_base_reading *reading, int sensor)
 {
     switch (sensor) {
@@ -55,6 +68,8 @@ int vs_base_has(const struct vs_base_reading *reading, int sensor)
         return measures(reading->acceleration, AXES);
     case VS_BASE_MICROPHONES:
         return measures(reading->microphones, reading->microphone_count);
+    case VS_BASE_VOLTAGE:
+        return vs_base_battery_mv(reading) != 0;
     default:
         return sensor == VS_BASE_BATTERY;
     }
@@ -153,11 +168,15 @@ int vs_base_values(const struct vs_base_reading *reading, int sensor, uint32_t h
         return raw_values(reading->acceleration, AXES, values, max);
     case VS_BASE_MICROPHONES:
         return raw_values(reading->microphones, reading->microphone_count, values, max);
+    case VS_BASE_VOLTAGE:
+        if (max > 0)
+            values[0] = vs_base_battery_mv(reading);
+        return 1;
     default:
-        if (reading->battery_low == VS_UNKNOWN)
+        if (vs_base_battery_low(reading) == VS_UNKNOWN)
             return 0;
         if (max > 0)
-            values[0] = reading->battery_low;
+            values[0] = vs_base_battery_low(reading);
         return 1;
     }
 }

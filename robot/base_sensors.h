@@ -16,6 +16,7 @@ enum {
                               [cm] range, [rad] bearing, 4 bytes; the newest first */
     VS_BASE_ACCELEROMETER, /* 3 numbers, raw: x, y, z */
     VS_BASE_MICROPHONES,   /* 3 or 4 numbers, raw */
+    VS_BASE_VOLTAGE,       /* "battery": [mV] */
     VS_BASE_SENSORS
 };
 
@@ -27,6 +28,11 @@ int vs_base_sensor(const char *name);
 
 /* 1 if the base that gave this reading has the sensor. */
 int vs_base_has(const struct vs_base_reading *reading, int sensor);
+
+/* [mV] of the battery, 0 if neither base nor board knows it; and whether it is low: 0, 1 or
+ * VS_UNKNOWN. */
+uint16_t vs_base_battery_mv(const struct vs_base_reading *reading);
+uint8_t vs_base_battery_low(const struct vs_base_reading *reading);
 
 /* The sensor's numbers, at most max. heard_from: messages before the heard_from-th are old.
  * Returns how many it has, 0 if they are not known. */

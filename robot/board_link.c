@@ -13,12 +13,15 @@
 
 static const char *const hangs[VS_BOARDS] = {
     "the ground sensors' bus hangs: going on without them",
-    "the range-and-bearing board's bus hangs: going on without it"};
+    "the range-and-bearing board's bus hangs: going on without it",
+    "the battery's converter's bus hangs: going on without it"};
 static const char *const moves[VS_BOARDS] = {"the ground sensors' bus moves again",
-                                             "the range-and-bearing board's bus moves again"};
+                                             "the range-and-bearing board's bus moves again",
+                                             "the battery's converter's bus moves again"};
 static const char *const ended[VS_BOARDS] = {
     "the ground sensors' process ended: starting another",
-    "the range-and-bearing board's process ended: starting another"};
+    "the range-and-bearing board's process ended: starting another",
+    "the battery's converter's process ended: starting another"};
 
 void vs_board_links_init(struct vs_board_links *links, struct vs_base *base,
                          struct vs_board_reading *reading)

@@ -18,6 +18,10 @@ static void ask_board(struct vs_boards *boards, int board, const struct vs_board
         vs_boards_read_ground(boards, now_ns + VS_BOARD_READ_NS, news);
         return;
     }
+    if (board == VS_BOARD_BATTERY) {
+        vs_boards_read_battery(boards, now_ns + VS_BOARD_READ_NS, news);
+        return;
+    }
     while (vs_boards_talk(boards, message, now_ns + VS_BOARD_TALK_NS, news) && ++i < TALKS)
         now_ns = vs_posix_now_ns();
 }

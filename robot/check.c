@@ -12,7 +12,9 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "base_sensors.h"
 #include "guard_rights.h"
+#include "number.h"
 #include "report.h"
 #include "uid.h"
 #include "../c_src/vs_posix.h"
@@ -93,7 +95,7 @@ static int is_address(const struct vs_options *o, struct sockaddr_in *address)
     memset(address, 0, sizeof *address);
     address->sin_family = AF_INET;
     address->sin_port = htons(o->port);
-    return inet_pton(AF_INET, o->host, &address->sin_addr) == 1;
+    return vs_number_ipv4(o->host, (uint8_t *)&address->sin_addr) == 0;
 }
 
 /* A datagram socket that connects says which way packets would go, without sending one. */
@@ -230,6 +232,7 @@ static int check_boards(struct vs_base *base)
 
     while (base->news == NULL && vs_posix_now_ns() < end_ns) {
         vs_boards_read_ground(&base->boards, vs_posix_now_ns() + VS_BOARD_READ_NS, &base->news);
+        vs_boards_read_battery(&base->boards, vs_posix_now_ns() + VS_BOARD_READ_NS, &base->news);
         (void)vs_boards_talk(&base->boards, &nothing, vs_posix_now_ns() + VS_BOARD_TALK_NS,
                              &base->news);
         if (vs_boards_are_well(&base->boards))
@@ -250,6 +253,7 @@ static int check_base(const struct vs_options *o)
     int why;
 
     memset(&reading, 0, sizeof reading);
+    reading.battery_low = VS_UNKNOWN;
     err = vs_base_open(&base, &o->base);
     why = errno;
     if (err != VS_OK)
@@ -259,6 +263,7 @@ static int check_base(const struct vs_options *o)
     err = ask(&base, &reading);
     if (err == VS_OK) {
         good = check_boards(&base);
+        reading.boards = base.boards.reading;
         err = hand_back(&base);
     }
     if (err != VS_OK && base.news != NULL)
@@ -266,7 +271,7 @@ static int check_base(const struct vs_options *o)
     if (err != VS_OK)
         return say("base", 0, "%s on %s: %s; is the robot switched on, does it run the firmware for"
                    " '%s', is this its line?", kind, o->base.device, vs_strerror(err), kind);
-    if (reading.battery_low == 1)
+    if (vs_base_battery_low(&reading) == 1)
         return say("base", 0, "%s on %s answers, but its battery is low: charge it", kind,
                    o->base.device);
     return say("base", good, "%s on %s answers, wheels at 0", kind, o->base.device);
@@ -285,7 +290,7 @@ static int check_watchdog(const char *path)
 static int check_guard(void)
 {
     char text[VS_RIGHTS_TEXT];
-    unsigned int refused = vs_rights_take();
+    unsigned int refused = vs_rights_take(NULL, 0);
 
     if (refused == 0)
         return say("guard", 1, "memory, out-of-memory score and priority are what it asks for");

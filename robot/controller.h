@@ -20,7 +20,7 @@
  * stale the real one counts alone, and where the real one is unknown nothing does.
  * The robot's own: "proximity" and "light", 8 numbers each, ps0..ps7 at
  * vs_robot_sensor_angle_rad, raw 0..4096 (higher is nearer, brighter); "battery_low"
- * (0 or 1); "wheels", the way [cm] of the left and the right wheel since the daemon
+ * (0 or 1) and "battery", its voltage in mV where base or board can tell it; "wheels", the way [cm] of the left and the right wheel since the daemon
  * began, where the base counts steps; "accelerometer", raw x, y, z, and "microphones", raw,
  * where the base's firmware reads them (IRIDIA's: the newest sample of right, left and back;
  * GCtronic's for the e-puck2: the loudness of its four); with boards on I2C (`vsensed --help`) "ground", 3

@@ -54,7 +54,8 @@ static void become_guard(struct vs_guard_link *link, int socket, int found, long
         _exit(VS_GUARD_UNSURE);
     vs_signals_stay_awake();
     vs_signals_unblock();
-    status = vs_guard_process(socket, signals_fd, link->base, found, vs_rights_take(), &rest);
+    status = vs_guard_process(socket, signals_fd, link->base, found,
+                              vs_rights_take(link->spare, link->spare_len), &rest);
     leave(link, socket, worker, &rest);
     _exit(status);
 }

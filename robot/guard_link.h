@@ -17,6 +17,8 @@ struct vs_guard_link {
     const int *const *foreign; /* descriptors that the child must not hold open; -1 = none */
     size_t foreign_count;
     char *const *argv;      /* of this daemon */
+    const void *spare;      /* the worker's memory that the guard never uses */
+    size_t spare_len;
     long dying;             /* a guard that was killed and has not ended yet, 0 = none */
     long pid;               /* 0: no guard */
     int socket;

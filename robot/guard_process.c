@@ -90,7 +90,7 @@ static void hear(struct process *p, uint64_t deadline_ns)
         fds[0].events = POLLIN;
     /* The worker that was just answered may have had the processor since: while wheels turn no
      * wait is longer for that. */
-    if (deadline_ns > now_ns && deadline_ns != UINT64_MAX)
+    if (deadline_ns > now_ns && deadline_ns - now_ns <= VS_GUARD_BEAT_NS)
         now_ns = vs_posix_now_ns();
     ready = poll(fds, 2, vs_posix_timeout_ms(now_ns, deadline_ns));
     now_ns = vs_posix_now_ns();

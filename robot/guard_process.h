@@ -24,7 +24,7 @@ struct vs_guard_rest {
 /*
  * Serves requests on socket (SOCK_SEQPACKET) until the worker is gone or hangs, asks for the
  * end, or signals_fd gets readable. found: the base was just recovered. refused: as
- * vs_rights_take() says, for the worker. It writes no file and no line: a log on a card may
+ * vs_rights_take says, for the worker. It writes no file and no line: a log on a card may
  * block for seconds. Returns the exit status of the process, one of the above.
  */
 int vs_guard_process(int socket, int signals_fd, struct vs_base *base, int found,

@@ -5,7 +5,6 @@
 #include <link.h>
 #include <sched.h>
 #include <string.h>
-#include <sys/auxv.h>
 #include <sys/mman.h>
 #include <sys/syscall.h>
 #include <unistd.h>
@@ -17,27 +16,33 @@
 
 long syscall(long number, ...); /* no part of POSIX, so no header shows it */
 
+extern const ElfW(Ehdr) __ehdr_start; /* the linker puts it where the program begins */
+
+/* Locks a part of the program, but for what may be swapped out. */
+static int lock_part(uintptr_t at, size_t len, uintptr_t spare, size_t spare_len)
+{
+    if (spare < at || spare + spare_len > at + len)
+        return mlock((const void *)at, len);
+    return mlock((const void *)at, spare - at) |
+           mlock((const void *)(spare + spare_len), at + len - spare - spare_len);
+}
+
 /* The program's own parts, as the kernel mapped them. mlockall() would lock the whole of the
  * stack's first 132 kB besides, and the C library's pages that nobody uses. */
-static int lock_program(void)
+static int lock_program(uintptr_t spare, size_t spare_len)
 {
-    const ElfW(Phdr) *part = (const ElfW(Phdr) *)getauxval(AT_PHDR);
-    unsigned long count = getauxval(AT_PHNUM);
+    uintptr_t begin = (uintptr_t)&__ehdr_start;
+    const ElfW(Phdr) *parts = (const ElfW(Phdr) *)(begin + __ehdr_start.e_phoff);
     uintptr_t offset = 0;
-    uintptr_t page = (uintptr_t)getauxval(AT_PAGESZ);
-    int err = part == NULL ? -1 : 0;
+    int err = 0;
+    int i;
 
-    for (; count > 0 && part != NULL; count--, part++) {
-        uintptr_t at;
-        uintptr_t until;
-
-        if (part->p_type == PT_PHDR)
-            offset = (uintptr_t)getauxval(AT_PHDR) - part->p_vaddr;
-        if (part->p_type != PT_LOAD)
+    for (i = 0; i < __ehdr_start.e_phnum; i++) {
+        if (parts[i].p_type != PT_LOAD)
             continue;
-        at = (offset + part->p_vaddr) & ~(page - 1);
-        until = offset + part->p_vaddr + part->p_memsz;
-        err |= mlock((const void *)at, until - at);
+        if (parts[i].p_offset == 0) /* the part that the header itself is in */
+            offset = begin - parts[i].p_vaddr;
+        err |= lock_part(offset + parts[i].p_vaddr, parts[i].p_memsz, spare, spare_len);
     }
     return err;
 }
@@ -79,10 +84,10 @@ static int set_scheduler(int policy, int priority)
     return (int)syscall(SYS_sched_setscheduler, 0, policy, &priority);
 }
 
-unsigned int vs_rights_take(void)
+unsigned int vs_rights_take(const void *spare, size_t spare_len)
 {
     unsigned int refused = 0;
-    int unlocked = lock_program();
+    int unlocked = lock_program((uintptr_t)spare, spare_len);
 
     if ((unlocked | lock_stack()) != 0)
         refused |= VS_RIGHT_MEMORY;

@@ -18,8 +18,9 @@ enum {
 
 #define VS_RIGHTS_TEXT 120 /* [byte] for vs_rights_text */
 
-/* Takes all of them. Returns which the system refused, 0 = none. */
-unsigned int vs_rights_take(void);
+/* Takes all of them. spare: so many bytes of the program's data need no place in memory.
+ * Returns which the system refused, 0 = none. */
+unsigned int vs_rights_take(const void *spare, size_t spare_len);
 
 /* An ordinary process again, but for the memory. */
 void vs_rights_give_back(void);

@@ -31,7 +31,8 @@ static int wanted_to_run(const struct vs_loop *loop)
 
 static int may_move(const struct vs_loop *loop, uint64_t base_ns)
 {
-    return loop->running && !loop->base_lost && vs_safety_may_move(&loop->safety, base_ns);
+    return loop->running && !loop->base_lost && !loop->battery.empty &&
+           vs_safety_may_move(&loop->safety, base_ns);
 }
 
 static void look_at_wish(struct vs_loop *loop)
@@ -173,6 +174,8 @@ void vs_loop_reply(struct vs_loop *loop, const struct vs_guard_reply *reply,
         loop->robot.base_ns = reply->reading_ns;
         if (loop->calibration != NULL)
             vs_calibration_sense(loop->calibration, &loop->robot.base);
+        vs_battery_look(&loop->battery, vs_base_battery_mv(&loop->robot.base),
+                        vs_base_battery_low(&loop->robot.base), now->base_ns);
     }
     if (reply->kind == VS_GUARD_SENSE && loop->running && !loop->base_lost)
         run_controller(loop, now);
@@ -273,6 +276,8 @@ enum vs_stop_cause vs_loop_cause(const struct vs_loop *loop, const struct vs_ins
         return VS_CAUSE_GUARD;
     if (loop->base_lost)
         return VS_CAUSE_BASE;
+    if (loop->battery.empty)
+        return VS_CAUSE_BATTERY;
     if (!vs_safety_may_move(&loop->safety, now->base_ns))
         return VS_CAUSE_STALE;
     return (enum vs_stop_cause)loop->guard_cause;
@@ -292,6 +297,8 @@ static uint8_t actual_state(const struct vs_loop *loop)
 int vs_loop_telemetry(struct vs_loop *loop, const struct vs_instant *now,
                       struct vs_telemetry *t)
 {
+    const char *line;
+
     if (!loop->session->open)
         return 0;
     if (!loop->telemetry_due && now->base_ns - loop->telemetry_ns < VS_LOOP_TELEMETRY_NS)
@@ -302,15 +309,16 @@ int vs_loop_telemetry(struct vs_loop *loop, const struct vs_instant *now,
     memset(t, 0, offsetof(struct vs_telemetry, payload));
     t->state = actual_state(loop);
     t->stop_cause = (uint8_t)vs_loop_cause(loop, now);
-    t->battery_low = loop->robot.base.battery_low;
-    t->battery_mv = loop->robot.base.battery_mv;
+    t->battery_low = vs_base_battery_low(&loop->robot.base);
+    t->battery_mv = vs_base_battery_mv(&loop->robot.base);
     t->control_step = loop->completed;
     t->left_steps_s = loop->applied.left_steps_s;
     t->right_steps_s = loop->applied.right_steps_s;
     t->leds = loop->applied.leds;
     if (loop->session->table.actuator_bytes > 0)
         memcpy(t->payload, loop->robot.actuators, loop->session->table.actuator_bytes);
-    strcpy(t->log, vs_log_due(&loop->robot.log, &t->log_number));
+    line = vs_log_due(&loop->robot.log, &t->log_number);
+    memcpy(t->log, line, strlen(line) + 1);
     t->shown_len = loop->robot.shown_len;
     if (t->shown_len > 0)
         memcpy(t->shown, loop->robot.shown, t->shown_len);

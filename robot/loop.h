@@ -14,6 +14,7 @@
 #define VS_LOOP_H
 
 #include "calibration.h"
+#include "battery.h"
 #include "guard.h"
 #include "robot.h"
 #include "safety.h"
@@ -51,6 +52,7 @@ struct vs_loop {
     const struct vs_calibration *calibration; /* of this robot, NULL: it is nominal */
     struct vs_robot robot;
     struct vs_safety safety;
+    struct vs_battery battery; /* the owner writes its stop_mv */
     struct vs_base_command applied; /* what the guard said is in force */
     struct vs_base_command command; /* newest asked for */
     struct vs_step step;            /* newest control step */

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 /*
- * vsensed - one robot's end of virtual sensing. Two processes: the worker (this one,
+ * vsensed - one robot's end of virtual sensing. The worker (this process,
  * worker.h) has network, clock and controller; the guard (guard.h) owns the base and
- * stops it whatever becomes of the worker.
+ * stops it whatever becomes of the worker; each board has a process that may hang.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -50,7 +50,7 @@ static int load(const char *file, struct vs_settings *settings, char *why, size_
         settings->len += (size_t)len;
     if (fd < 0 || len < 0)
         vs_format(why, why_size, "%s: cannot be read: %s", file, strerror(errno));
-    else if (settings->len > VS_SETTINGS_MAX || memchr(settings->text, 0, settings->len) != NULL)
+    else if (settings->len > VS_SETTINGS_MAX || strlen(settings->text) != settings->len)
         vs_format(why, why_size, "%s: expected a text of at most %d bytes", file, VS_SETTINGS_MAX);
     else
         len = 1;

@@ -119,3 +119,22 @@ int vs_number_whole(const char *text, int64_t least, int64_t most, int64_t *valu
     *value = whole;
     return 0;
 }
+
+int vs_number_ipv4(const char *text, uint8_t address[4])
+{
+    int i;
+
+    for (i = 0; i < 4; i++) {
+        const char *begin = text;
+        unsigned int part = 0;
+
+        while (is_digit(*text) && part <= UINT8_MAX)
+            part = 10 * part + (unsigned int)(*text++ - '0');
+        if (text == begin || part > UINT8_MAX || (*begin == '0' && text > begin + 1))
+            return -1;
+        if (*text++ != (i < 3 ? '.' : '\0'))
+            return -1;
+        address[i] = (uint8_t)part;
+    }
+    return 0;
+}

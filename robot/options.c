@@ -10,6 +10,7 @@
 
 #define CLOCK_MAX_NS INT64_C(1000000000000000000)
 #define DRIFT_MAX_PPM 100000.0
+#define BATTERY_STOP_MAX_MV 5000
 
 const char vs_options_help[] =
     "usage: vsensed --host ADDRESS --port PORT --tag TAG --base BASE [options]\n"
@@ -18,8 +19,8 @@ const char vs_options_help[] =
     "\n"
     "Runs one robot: its controller gets the virtual sensors of the host, its base the\n"
     "controller's commands. Wheels stop when the host falls silent for 400 ms, on SIGTERM,\n"
-    "and when any process of the daemon dies. Nothing here stops them when both its processes\n"
-    "are killed at once or Linux hangs: only a watchdog in the microcontroller's firmware does\n"
+    "and when any process of the daemon dies or hangs. Nothing here stops them when guard and\n"
+    "worker are killed at once or Linux hangs: only a watchdog in the robot's firmware does\n"
     "(firmware_bridge/README.md).\n"
     "\n"
     "  --host ADDRESS   the host's numeric IPv4 address\n"
@@ -36,6 +37,8 @@ const char vs_options_help[] =
     "                   command line says wins\n"
     "  --watchdog FILE  feed the board's watchdog, /dev/watchdog: a board that hangs restarts\n"
     "                   some 10 s later. It does not stop wheels in time\n"
+    "  --battery-stop-mv N  stand still when the battery is below N millivolts for 3 s, until\n"
+    "                   it has 200 more (default: 0, never)\n"
     "  --check          look whether clock, network, host and base are well, say what is\n"
     "                   wrong and how to mend it, and end: 0 all is well, 1 it is not\n"
     "  --identify       print the uid that the host will see, and where it is from, and end\n"
@@ -59,6 +62,7 @@ const char vs_options_help[] =
     "Options of every base, for boards on an I2C bus (/dev/i2c-3):\n"
     "  ground=BUS             ground sensors, address 0x60\n"
     "  rab=BUS                range and bearing, address 0x20\n"
+    "  battery=BUS            a Pi-puck's battery converter, address 0x48: /dev/i2c-11\n"
     "  rab_bytes=4|2          length of its messages (default: 4; GCtronic's: 2)\n"
     "  rab_power=0..255       of transmission, 0 is the most (default: 115)\n"
     "  rab_k=CM               its range constant (default: 0.0867438559)\n"
@@ -199,6 +203,16 @@ static int take_watchdog(const struct reading *r, struct vs_options *o)
     return 0;
 }
 
+static int take_battery_stop(const struct reading *r, struct vs_options *o)
+{
+    int64_t mv;
+
+    if (vs_number_whole(r->value, 0, BATTERY_STOP_MAX_MV, &mv) != 0)
+        return refuse(r, "millivolts, from 0 to 5000");
+    o->battery_stop_mv = (uint16_t)mv;
+    return 0;
+}
+
 static int take_port(const struct reading *r, struct vs_options *o)
 {
     return read_number(r, &o->port);
@@ -221,6 +235,7 @@ static const struct {
     {"uid", take_uid},
     {"name", take_name},
     {"watchdog", take_watchdog},
+    {"battery-stop-mv", take_battery_stop},
     {"trace", take_trace},
     {"clock-offset-ns", take_offset},
     {"clock-drift-ppm", take_drift},

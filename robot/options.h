@@ -32,6 +32,7 @@ struct vs_options {
     struct vs_base_config base;
     const char *watchdog;             /* the board's, NULL: none */
     struct vs_calibration calibration;
+    uint16_t battery_stop_mv;         /* [mV] 0: none */
     const char *trace;                /* NULL: none */
     int64_t clock_offset_ns;
     int64_t clock_drift_ppb;

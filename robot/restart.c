@@ -35,7 +35,7 @@ void vs_restart(char *const argv[])
     ssize_t len = readlink(own, path, PATH_MAX_BYTES);
 
     vs_rights_give_back();
-    vs_signals_default();
+    vs_signals_may_sleep();
     /* by its own name: whoever looks for it finds it */
     if (len > 0) {
         path[len] = '\0';

@@ -93,7 +93,7 @@ static int bind_fused(struct vs_robot *robot, const char *name)
 
     if (strlen(name) >= VS_NAME_MAX)
         return NONE;
-    strcpy(plus + 1, name);
+    memcpy(plus + 1, name, strlen(name) + 1);
     return bind(robot, plus, VS_SENSOR);
 }
 

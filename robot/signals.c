@@ -79,11 +79,9 @@ void vs_signals_ignore(void)
     handle(SIGTSTP, SIG_IGN);
 }
 
-void vs_signals_default(void)
+void vs_signals_may_sleep(void)
 {
-    handle_endings(SIG_DFL);
     handle(SIGTSTP, SIG_DFL);
-    handle(SIGPIPE, SIG_DFL);
 }
 
 static void mask(int how)

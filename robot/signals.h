@@ -17,8 +17,8 @@ void vs_signals_stay_awake(void);
  * parent does. */
 void vs_signals_ignore(void);
 
-/* Every signal does again what it does in a program that was just started. */
-void vs_signals_default(void);
+/* Ends what vs_signals_stay_awake did: it would outlive an exec. */
+void vs_signals_may_sleep(void);
 
 /* Holds the signals back between fork() and the child's vs_signals_open. */
 void vs_signals_block(void);

@@ -97,6 +97,7 @@ static const char *cause_text(enum vs_stop_cause cause)
         "wheels held: the base does not answer",
         "wheels held: the guard was replaced",
         "wheels held: the daemon ends",
+        "wheels held: the battery is empty",
     };
 
     return texts[cause < sizeof texts / sizeof texts[0] ? cause : VS_CAUSE_BASE];

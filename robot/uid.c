@@ -81,10 +81,14 @@ static int from_serial(struct vs_options *options)
     size_t count;
 
     read_text("/proc/cpuinfo", text, sizeof text);
-    at = strstr(text, "\nSerial");
-    if (at == NULL)
-        return 0;
-    at += strlen("\nSerial");
+    at = text;
+    while (strncmp(at, "Serial", strlen("Serial")) != 0) {
+        at = strchr(at, '\n');
+        if (at == NULL)
+            return 0;
+        at++;
+    }
+    at += strlen("Serial");
     at += strspn(at, " \t:");
     count = strspn(at, hexadecimal);
     if (strspn(at, "0") == count || count > DIGITS - 8)

@@ -294,6 +294,7 @@ static int open_session(struct vs_worker *w)
         vs_loop_init(&w->loop, &w->session, &vs_controller, w->state.bytes);
         w->loop.calibration = &o->calibration;
         w->loop.robot.complain = vs_talk_complain;
+        w->loop.battery.stop_mv = o->battery_stop_mv;
         return 0;
     }
     vs_report("controller '%s': expected a name of plain text of at most %d bytes and a state of "
@@ -334,10 +335,9 @@ static int open_files(struct vs_worker *w)
 
 static void say_goodbye(struct vs_worker *w)
 {
-    uint8_t cause = w->status == 0 ? VS_BYE_END : VS_BYE_BASE;
-
     vs_report("end: %s", w->why);
-    if (vs_session_goodbye(&w->session, cause, w->why) == VS_OK)
+    if (vs_session_goodbye(&w->session, w->status == 0 ? VS_BYE_END : VS_BYE_BASE, w->why) ==
+        VS_OK)
         vs_net_finish(&w->net, &w->session, w->now.session_ns);
 }
 
@@ -351,6 +351,8 @@ static void begin(struct vs_worker *w, const struct vs_options *options)
     w->guard.foreign = w->foreign;
     w->guard.foreign_count = VS_WORKER_FOREIGN;
     w->guard.argv = options->argv;
+    w->guard.spare = &w->net;
+    w->guard.spare_len = sizeof *w - offsetof(struct vs_worker, net);
     w->talk.cause = VS_CAUSE_NO_SESSION;
 }
 

@@ -20,7 +20,7 @@ struct vs_worker {
     struct vs_base base;
     struct vs_guard_link guard;
     struct vs_board_links boards;
-    struct vs_net net;
+    struct vs_net net; /* from here on the guard uses nothing */
     struct vs_session session;
     struct vs_loop loop;
     union vs_controller_state state;

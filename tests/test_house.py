@@ -56,7 +56,7 @@ LIBC = {
     "stdio", "stdlib", "string", "termios", "time", "unistd", "stdatomic", "limits", "inttypes",
     "arpa/inet", "netinet/in", "netinet/tcp", "sys/file", "sys/ioctl", "sys/socket", "sys/stat",
     "sys/syscall", "sys/types", "sys/wait", "sys/uio", "sys/un", "sys/sysmacros", "linux/i2c",
-    "linux/gpio", "linux/i2c-dev", "linux/watchdog", "link", "sched", "sys/auxv", "sys/mman",
+    "linux/gpio", "linux/i2c-dev", "linux/watchdog", "link", "sched", "sys/mman",
 }  # fmt: skip
 
 

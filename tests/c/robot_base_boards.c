@@ -214,6 +214,47 @@ static void test_stuck_board(uint32_t seed)
     CHECK(goods > 20);
 }
 
+/* Its process is asked every 50 ms. */
+static void look_at_battery(struct bus_world *w, int times)
+{
+    for (; times > 0; times--) {
+        vs_boards_read_battery(&w->base.boards, w->now_ns + VS_BOARD_READ_NS, &w->base.news);
+        vs_boards_take(&w->reading.boards, &w->base.boards.reading, VS_BOARD_BATTERY);
+        bus_pass(w, 50 * MS);
+    }
+}
+
+/* Once a second; what Linux's driver measured in between is not taken for the battery. */
+static void test_battery(void)
+{
+    static const uint8_t other_channel[3] = {EPUCK_ADC_SETTINGS, 0xD3, 0x83};
+    struct bus_world w;
+    uint32_t transfers;
+
+    bus_begin(&w, &vs_base_gctronic, 7);
+    bus_board(&w, VS_BOARD_BATTERY, 2);
+    CHECK(!vs_boards_are_well(&w.base.boards));
+    w.adc.channels_mv[0] = 3700;
+    w.adc.channels_mv[1] = 1234;
+    look_at_battery(&w, 2);
+    CHECK(w.reading.boards.battery_mv == 3700 && vs_boards_are_well(&w.base.boards));
+    w.adc.channels_mv[0] = 3404;
+    transfers = w.transfers;
+    look_at_battery(&w, 60);
+    CHECK(w.reading.boards.battery_mv == 3404 && w.transfers - transfers == 9);
+    while (!w.base.boards.measuring)
+        look_at_battery(&w, 1);
+    w.adc.channels_mv[0] = 3000;
+    CHECK(bus_transfer(&w, EPUCK_ADC_ADDRESS, other_channel, 3, NULL, 0) == VS_OK);
+    look_at_battery(&w, 1);
+    CHECK(w.reading.boards.battery_mv == 3404);
+    look_at_battery(&w, 21);
+    CHECK(w.reading.boards.battery_mv == 3000 && w.base.news == NULL);
+    w.adc.device.address = 0x7F;
+    look_at_battery(&w, 21);
+    CHECK(w.reading.boards.battery_mv == 0 && w.base.news != NULL);
+}
+
 int main(void)
 {
     uint32_t seed;
@@ -223,6 +264,7 @@ int main(void)
     test_says_its_message(2);
     test_says_its_message(4);
     test_missing_board();
+    test_battery();
     for (seed = 1; seed <= 20; seed++) {
         test_hears_every_message_once(2, seed);
         test_hears_every_message_once(4, seed);

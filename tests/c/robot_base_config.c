@@ -34,7 +34,9 @@ static void test_good(void)
     CHECK(configure(&config, "york:/x,rab,rab_power=0,rab_k=0.1,rab_bytes=4") == 0);
     CHECK(config.rab_power == 0 && config.rab_k_cm == 0.1f && config.rab_bytes == 4);
     CHECK(configure(&config, "york:/x,rab_power=255") == 0 && config.rab_power == 255);
-    CHECK(config.reset[0] == '\0');
+    CHECK(config.reset[0] == '\0' && config.board[VS_BOARD_BATTERY][0] == '\0');
+    CHECK(configure(&config, "york:/x,battery=/dev/i2c-11") == 0);
+    CHECK(strcmp(config.board[VS_BOARD_BATTERY], "/dev/i2c-11") == 0);
     CHECK(configure(&config, "york:/x,reset=24") == 0 && strcmp(config.reset, "24") == 0);
     CHECK(configure(&config, "gctronic:/x,reset=/sys/class/gpio/gpio536,ground") == 0);
     CHECK(strcmp(config.reset, "/sys/class/gpio/gpio536") == 0);

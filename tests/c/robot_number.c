@@ -2,6 +2,7 @@
 /* number.h against strtod(): the same numbers from the same characters. */
 #include "../../robot/number.h"
 
+#include <arpa/inet.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -104,6 +105,27 @@ static void test_against_strtod(uint32_t random)
     CHECK_FOR(text, fabs(ours - theirs) <= 1e-15 * fabs(theirs));
 }
 
+/* As inet_pton() has it. */
+static void test_addresses(void)
+{
+    static const char *const good[] = {"0.0.0.0", "255.255.255.255", "192.168.1.10", "1.2.3.4"};
+    static const char *const bad[] = {"", "1.2.3", "1.2.3.", "1.2.3.4.", "1.2.3.4.5", "1.2.3.256",
+                                      "01.2.3.4", "1..3.4", "1.2.3.4 ", " 1.2.3.4", "1.2.3.-4",
+                                      "1.2.3.00", "localhost", "::1", "1.2.3.4294967297"};
+    uint8_t address[4];
+    struct in_addr expected;
+    size_t i;
+
+    for (i = 0; i < sizeof good / sizeof good[0]; i++) {
+        CHECK(inet_pton(AF_INET, good[i], &expected) == 1);
+        CHECK(vs_number_ipv4(good[i], address) == 0 && memcmp(address, &expected, 4) == 0);
+    }
+    for (i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        CHECK(inet_pton(AF_INET, bad[i], &expected) != 1);
+        CHECK(vs_number_ipv4(bad[i], address) != 0);
+    }
+}
+
 int main(void)
 {
     uint32_t seed;
@@ -111,6 +133,7 @@ int main(void)
     test_numbers_and_where_they_end();
     test_what_is_no_number();
     test_whole_numbers();
+    test_addresses();
     for (seed = 1; seed <= 100000; seed++)
         test_against_strtod(seed * 2654435761u | 1u);
     return 0;

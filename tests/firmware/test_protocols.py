@@ -220,6 +220,29 @@ def test_ground_that_no_sensor_gives() -> None:
     assert list(read) == [1, 2, 3]
 
 
+def test_battery_converter_is_asked_for_channel_0_once() -> None:
+    """Bits as Adafruit_Python_ADS1x15 caf7520 ADS1x15.py:26-64 names them, of which GCtronic's
+    battery/old/read-battery.py:10-13 takes channel 0 and gain 1."""
+    once, channel_0, gain_1, per_s_1600, no_comparator = 0x8000 | 0x0100, 4 << 12, 0x0200, 0x80, 3
+    assert once | channel_0 | gain_1 | per_s_1600 | no_comparator == lib.EPUCK_ADC_BATTERY
+    assert (lib.EPUCK_ADC_ADDRESS, lib.EPUCK_ADC_VALUE, lib.EPUCK_ADC_SETTINGS) == (0x48, 0, 1)
+
+
+@given(st.integers(0, 2047))
+def test_battery_converters_value(raw: int) -> None:
+    """gctronic/Pi-puck 73b8913 battery/old/read-battery.py:6-8; the value is left-aligned."""
+    volts = raw * (4.096 / 2048) * 2
+    value = (raw << 4).to_bytes(2, "big")
+    assert lib.epuck_adc_get_battery(value) == round(volts * 1000)
+    out = ffi.new("uint8_t[2]")
+    lib.epuck_adc_put_battery(round(volts * 1000), out)
+    assert bytes(out) == value
+
+
+def test_battery_converter_below_0() -> None:
+    assert lib.epuck_adc_get_battery(b"\xff\xf0") == 0
+
+
 message = st.tuples(
     st.lists(st.integers(0, 255), min_size=4, max_size=4), st.integers(-31415, 31415), word
 )

@@ -34,7 +34,8 @@ PROTOCOL = [
 POLLUTANT = ROBOT / "controllers" / "pollutant.c"
 OWN = [ROBOT / f"{part}.c" for part in ("robot", "log", "base_sensors", "number")]
 CALIBRATION = [ROBOT / "calibration.c"]
-MINDS = [*(ROBOT / f"{part}.c" for part in ("loop", "guard", "safety")), *CALIBRATION, *OWN]
+MINDS = [*(ROBOT / f"{part}.c" for part in ("loop", "guard", "safety", "battery")), *CALIBRATION]
+MINDS += OWN
 BASES = [*ROBOT.glob("base*.c"), *C_SRC.glob("epuck_*.c"), *C_SRC.glob("vs_i2c*.c")]
 BASES += [ROBOT / "number.c", C_SRC / "vs_format.c", C_SRC / "vs_posix.c"]
 BASES += [*FIRMWARE.glob("*.c")]
@@ -47,7 +48,10 @@ SUITES = {
     "robot_base_sensors": [*OWN, *PROTOCOL],
     "robot_memory": [ROBOT / "memory.c"],
     "robot_guard": [ROBOT / "guard.c"],
-    "robot_guard_process": [ROBOT / "guard.c", ROBOT / "guard_process.c", *BASES],
+    "robot_guard_process": [
+        *(ROBOT / f"{part}.c" for part in ("guard", "guard_process", "report", "watchdog")),
+        *BASES,
+    ],
     "robot_posix": [],
     "robot_format": [C_SRC / "vs_format.c"],
     "robot_i2c_posix": [C_SRC / "vs_format.c"],
@@ -60,12 +64,13 @@ SUITES = {
         C_SRC / "vs_bytes.c",
     ],
     "robot_watchdog": [],
+    "robot_battery": [ROBOT / "battery.c"],
     "robot_number": [ROBOT / "number.c"],
     "robot_calibration": [*CALIBRATION, ROBOT / "number.c"],
     "robot_stop": [ROBOT / "guard.c", *BASES],
     "robot_loop": [TESTS / "robot_life.c", *MINDS, *PROTOCOL],
     "robot_inprocess": [
-        *(ROBOT / f"{part}.c" for part in ("inprocess", "loop", "safety")),
+        *(ROBOT / f"{part}.c" for part in ("inprocess", "loop", "safety", "battery")),
         *CALIBRATION,
         *OWN,
         *PROTOCOL,

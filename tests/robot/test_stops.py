@@ -14,6 +14,7 @@ from tests.robot.rig import MS, Rig, S
 from tests.robot.test_faults import still_within, told
 from vsense.lab.links import KINDS
 from vsense.lab.microcontrollers import Actuation
+from vsense.link.robots.wire import StopCause
 from vsense.native import lib
 
 Rigs = Callable[..., Rig]
@@ -188,3 +189,43 @@ def test_daemon_does_without_a_watchdog_that_it_cannot_have(rigs: Rigs) -> None:
     rig.run()
     words = "--watchdog /nowhere/watchdog: No such file or directory; going on without it"
     assert rig.daemon.said.count(words) == 1
+
+
+def set_battery(rig: Rig, millivolts: int) -> None:
+    rig.link.program.state.body.inputs.battery_mv = millivolts
+
+
+def test_a_pi_pucks_battery_reaches_the_host_and_stops_the_robot(rigs: Rigs) -> None:
+    rig = rigs("--battery-stop-mv", "3500", kind="gctronic", options=",battery")
+    rig.start()
+    rig.run()
+    rig.wait_for(lambda: (rig.host.last.battery_mv, rig.host.last.battery_low) == (4000, 0), "it")
+    set_battery(rig, 3300)
+    rig.wait_for(lambda: rig.host.last.stop_cause == StopCause.BATTERY, "the cause")
+    rig.wait_for(lambda: not rig.moving, "rest")
+    assert (rig.host.last.battery_mv, rig.host.last.battery_low) == (3300, 1)
+    told(rig, 1, "wheels held: the battery is empty")
+    set_battery(rig, 3640)
+    rig.live_for(2 * S)
+    assert not rig.moving, "a battery rises when the wheels rest"
+    set_battery(rig, 3700)
+    rig.run()
+
+
+def test_a_battery_that_is_only_told_to_be_low_stops_the_robot(rigs: Rigs) -> None:
+    rig = rigs("--battery-stop-mv", "3400")
+    rig.start()
+    rig.run()
+    set_battery(rig, 3300)
+    rig.wait_for(lambda: rig.host.last.stop_cause == StopCause.BATTERY, "the cause")
+    rig.wait_for(lambda: not rig.moving, "rest")
+    assert rig.host.last.battery_mv == 0
+
+
+def test_a_battery_stops_nobody_who_has_not_asked_for_it(rigs: Rigs) -> None:
+    rig = rigs(kind="asercom")
+    rig.start()
+    rig.run()
+    set_battery(rig, 3000)
+    rig.live_for(5 * S)
+    assert rig.moving and rig.host.last.battery_low == 1

@@ -243,7 +243,7 @@ def _peer(daemon: socket.socket) -> bytes:
 
 
 class Bus:
-    """A program, ground sensors and range and bearing on an I2C bus; see `Link`.
+    """A program, ground sensors, range and bearing and a converter on an I2C bus; see `Link`.
 
     The bus is a Unix socket of packets (`firmware_bridge/README.md`) for one daemon at a time: the
     next one's greeting waits until the one before has ended. A daemon has several connections, one
@@ -251,7 +251,7 @@ class Bus:
 
     Attributes:
         wires: the C struct of the bus; tests make its faults there.
-        ground, rab: the C structs of the boards.
+        ground, rab, adc: the C structs of the boards.
     """
 
     def __init__(self, kind: FirmwareKind, path: Path) -> None:
@@ -263,12 +263,14 @@ class Bus:
         self.wires: Any = ffi.new("struct fw_i2c *")
         self.ground: Any = ffi.new("struct fw_ground *")
         self.rab: Any = ffi.new("struct fw_rab *")
+        self.adc: Any = ffi.new("struct fw_adc *")
         lib.fw_i2c_init(self.wires)
         lib.fw_ground_init(self.ground)
         lib.fw_rab_init(self.rab)
+        lib.fw_adc_init(self.adc)
         for i in range(3):
             self.ground.ground[i] = GROUND_RAW
-        for chip in (self.program.state, self.ground, self.rab):
+        for chip in (self.program.state, self.ground, self.rab, self.adc):
             lib.fw_i2c_add(self.wires, ffi.addressof(chip, "device"))
         self._bytes: Any = ffi.new("uint8_t[]", 256)
         self._replies: deque[tuple[int, socket.socket, bytes]] = deque()
@@ -336,6 +338,7 @@ class Bus:
     def _transfer(self, daemon: socket.socket, request: bytes, now_ns: int) -> None:
         number, address, count = _REQUEST.unpack_from(request)
         out = request[_REQUEST.size :]
+        self.adc.channels_mv[0] = self.program.state.body.inputs.battery_mv
         result = lib.fw_i2c_transfer(
             self.wires, address, out, len(out), self._bytes, count, now_ns // 1000
         )

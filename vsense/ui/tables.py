@@ -73,6 +73,7 @@ CAUSES = {
     StopCause.BASE: "its base does not answer",
     StopCause.GUARD: "its guard was replaced",
     StopCause.SIGNAL: "it was told to end",
+    StopCause.BATTERY: "its battery is empty",
 }
 """Why wheels are held without an order."""
 

@@ -79,6 +79,7 @@ class StopCause(IntEnum):
     BASE = lib.VS_CAUSE_BASE
     GUARD = lib.VS_CAUSE_GUARD
     SIGNAL = lib.VS_CAUSE_SIGNAL
+    BATTERY = lib.VS_CAUSE_BATTERY
 
 
 @dataclass(frozen=True, slots=True)
