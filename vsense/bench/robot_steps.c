@@ -119,6 +119,7 @@ static void make_host(void)
 
 static void open_session(void)
 {
+    static const uint8_t nonce[VS_NONCE_SIZE] = {9};
     struct vs_session_config config;
     struct vs_header header;
     uint8_t packet[VS_PACKET_MAX];
@@ -130,7 +131,7 @@ static void open_session(void)
     config.tag = 23;
     if (vs_session_init(&session, &config) != VS_OK)
         fail("no session");
-    vs_session_connected(&session, 9, now.session_ns);
+    vs_session_connected(&session, nonce, now.session_ns);
     vs_session_tcp_out(&session, packet, sizeof packet, now.session_ns, &len);
     memset(&header, 0, sizeof header);
     header.run = 1;
