@@ -133,7 +133,7 @@ static void open_session(void)
     config.tag = 23;
     if (vs_session_init(&session, &config) != VS_OK)
         fail("no session");
-    vs_session_connected(&session, nonce, 0);
+    vs_session_connected(&session, nonce, now.session_ns);
     vs_session_tcp_out(&session, packet, sizeof packet, now.session_ns, &len);
     memset(&header, 0, sizeof header);
     header.run = 1;

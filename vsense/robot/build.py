@@ -41,8 +41,8 @@ RUNTIME_PARTS = (
 SYSTEM_PARTS = (
     "atomics",
     *("base", "base_argos", "base_asercom", "base_boards", "base_config", "base_gctronic"),
-    *("base_reset", "base_serial", "base_york", "board_link", "board_process", "check", "guard"),
-    *("guard_link", "guard_process", "guard_rights", "main", "memory", "net", "options"),
+    *("base_reset", "base_serial", "base_york", "board_link", "board_process", "calls", "check"),
+    *("guard", "guard_link", "guard_process", "guard_rights", "main", "memory", "net", "options"),
     *("presets", "random", "report", "restart", "settings", "signals", "talk", "trace", "uid"),
     *("watchdog", "worker"),
 )
