@@ -122,6 +122,11 @@ void vs_robot_set_wheels(struct vs_robot *robot, int left_steps_s, int right_ste
 /* Lit ones: VS_ROBOT_LED_*, bit n of the ring = LED n; stays until set again. */
 void vs_robot_set_leds(struct vs_robot *robot, unsigned int leds);
 
+/* Coloured LED 0..3 of an e-puck2 on a Pi-puck with GCtronic's firmware: LED2, LED4, LED6 and
+ * LED8, clockwise from the front right. 0 to 255 each; stays until set again. While it is black
+ * the LED of the ring in its place shows. Other robots have none: no effect. */
+void vs_robot_set_rgb(struct vs_robot *robot, int led, int red, int green, int blue);
+
 /* [s] length of a timestep; control steps are about that far apart. */
 double vs_robot_timestep_s(const struct vs_robot *robot);
 
