@@ -18,8 +18,9 @@
  * "+NAME" there is fused with it: number by number the larger of the two, so that a
  * virtual wall turns a robot like a real one. Where the virtual part is unknown or
  * stale the real one counts alone, and where the real one is unknown nothing does.
- * The robot's own: "proximity" and "light", 8 numbers each, ps0..ps7 at
- * vs_robot_sensor_angle_rad, raw 0..4096 (higher is nearer, brighter); "battery_low"
+ * The robot's own, calibrated where its settings hold what was measured of it: "proximity" and
+ * "light", 8 numbers each, ps0..ps7 at vs_robot_sensor_angle_rad, raw 0..4096 (higher is nearer,
+ * brighter); "battery_low"
  * (0 or 1); "wheels", the way [cm] of the left and the right wheel since the daemon
  * began, where the base counts steps; "accelerometer", raw x, y, z, and "microphones", raw,
  * where the base's firmware reads them (IRIDIA's: the newest sample of right, left and back;
