@@ -21,10 +21,16 @@ void epuck_gctronic_put_actuators(const struct epuck_gctronic_actuators *actuato
     epuck_zero(packet, EPUCK_GCTRONIC_ACTUATOR_LEN);
     epuck_put_u16(packet, (uint16_t)actuators->left_steps_s);
     epuck_put_u16(packet + 2, (uint16_t)actuators->right_steps_s);
-    for (i = 0; i < 4; i++) {
+    for (i = 0; i < EPUCK_GCTRONIC_RGB_LEDS; i++) {
+        const uint8_t *rgb = actuators->rgb[i];
+        uint8_t *at = packet + RGB_LEDS_AT + 3 * i;
+
         packet[RED_LEDS_AT] |= (uint8_t)((actuators->leds >> (2 * i) & 1) << i);
-        if (actuators->leds >> (2 * i + 1) & 1)
-            packet[RGB_LEDS_AT + 3 * i] = EPUCK_GCTRONIC_BRIGHTNESS_MAX;
+        at[0] = rgb[0];
+        at[1] = rgb[1];
+        at[2] = rgb[2];
+        if (epuck_or(rgb, 3) == 0 && (actuators->leds >> (2 * i + 1) & 1))
+            at[0] = EPUCK_GCTRONIC_BRIGHTNESS_MAX;
     }
     packet[EPUCK_GCTRONIC_ACTUATOR_LEN - 1] = epuck_xor(packet, EPUCK_GCTRONIC_ACTUATOR_LEN - 1);
 }
@@ -39,12 +45,15 @@ int epuck_gctronic_get_actuators(const uint8_t packet[EPUCK_GCTRONIC_ACTUATOR_LE
     actuators->left_steps_s = epuck_get_s16(packet);
     actuators->right_steps_s = epuck_get_s16(packet + 2);
     actuators->leds = 0;
-    for (i = 0; i < 4; i++) {
+    for (i = 0; i < EPUCK_GCTRONIC_RGB_LEDS; i++) {
         const uint8_t *rgb = packet + RGB_LEDS_AT + 3 * i;
 
+        actuators->rgb[i][0] = rgb[0];
+        actuators->rgb[i][1] = rgb[1];
+        actuators->rgb[i][2] = rgb[2];
         if (packet[RED_LEDS_AT] >> i & 1)
             actuators->leds |= (uint8_t)(1 << (2 * i));
-        if (rgb[0] > 0 || rgb[1] > 0 || rgb[2] > 0)
+        if (epuck_or(rgb, 3) != 0)
             actuators->leds |= (uint8_t)(1 << (2 * i + 1));
     }
     return 0;

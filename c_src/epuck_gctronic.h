@@ -29,7 +29,8 @@ enum {
     EPUCK_GCTRONIC_SENSOR_LEN = 47,     /* [byte] e-puck to host */
     EPUCK_GCTRONIC_SPEED_MAX = 1100,    /* [step/s] it clamps to +- this */
     EPUCK_GCTRONIC_RAW_MAX = 4095,      /* of proximity and light as they are given here */
-    EPUCK_GCTRONIC_BRIGHTNESS_MAX = 100 /* of one colour of an RGB LED */
+    EPUCK_GCTRONIC_RGB_LEDS = 4,
+    EPUCK_GCTRONIC_BRIGHTNESS_MAX = 100 /* [%] of one colour of an RGB LED. Source: src/leds.h:10 */
 };
 
 /* What the host commands: no sound, and none of the settings of byte 18. */
@@ -37,7 +38,8 @@ struct epuck_gctronic_actuators {
     int16_t left_steps_s;
     int16_t right_steps_s;
     uint8_t leds; /* lit ones of the ring: even bits LED1,3,5,7, odd bits the RGB LED2,4,6,8,
-                     which are lit red */
+                     which are lit red if their rgb is black */
+    uint8_t rgb[EPUCK_GCTRONIC_RGB_LEDS][3]; /* [%] red, green, blue of LED2,4,6,8 */
 };
 
 /* What the e-puck measured. */

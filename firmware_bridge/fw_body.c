@@ -16,7 +16,7 @@ void fw_body_init(struct fw_body *body, int16_t max_steps_s, uint16_t timer_hz,
 
 void fw_body_reset(struct fw_body *body, uint64_t now_us)
 {
-    body->outputs = (struct fw_outputs){0, 0, 0};
+    body->outputs = (struct fw_outputs){.leds = 0};
     body->steps_e12[0] = 0;
     body->steps_e12[1] = 0;
     body->rolled_us = now_us;

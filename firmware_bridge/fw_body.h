@@ -32,6 +32,7 @@ struct fw_outputs {
     int16_t left_steps_s;  /* [step/s] as clamped by the motor library */
     int16_t right_steps_s; /* [step/s] */
     uint16_t leds;         /* lit ones: bits 0-7 ring, 8 body, 9 front */
+    uint8_t rgb[4][3];     /* [%] red, green, blue of an e-puck2's LED2, 4, 6, 8 */
 };
 
 struct fw_body {

@@ -24,6 +24,7 @@ static void apply(struct fw_gctronic *fw)
 {
     struct epuck_gctronic_actuators actuators;
     struct fw_body *body = &fw->body;
+    int i;
 
     fw->has_packet = 0;
     if (epuck_gctronic_get_actuators(fw->received, &actuators) != 0)
@@ -31,6 +32,8 @@ static void apply(struct fw_gctronic *fw)
     fw_body_drive(body, actuators.left_steps_s, actuators.right_steps_s, fw->packet_us);
     fw_body_feed(body, fw->packet_us);
     body->outputs.leds = actuators.leds;
+    for (i = 0; i < 3 * EPUCK_GCTRONIC_RGB_LEDS; i++)
+        body->outputs.rgb[i / 3][i % 3] = actuators.rgb[i / 3][i % 3];
     fw_body_apply(body, fw->packet_us);
     fw->packets++;
 }

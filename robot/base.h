@@ -21,6 +21,7 @@
 #define VS_BASE_STATE_MAX 256  /* [byte] what a kind of base may keep */
 #define VS_BASE_DEVICE_MAX 111 /* [byte] longest path of a device or bus */
 #define VS_BASE_LEDS 0x3FF     /* bits 0-7 ring, 8 body, 9 front */
+#define VS_BASE_RGB_LEDS 4
 #define VS_BASE_EXCHANGE_NS 30000000u /* [ns] longest exchange */
 #define VS_BASE_LOCK_NS 2000000000u   /* [ns] for an earlier daemon's end */
 
@@ -29,6 +30,7 @@ struct vs_base_command {
     int16_t right_steps_s; /* [step/s] */
     uint16_t leds;         /* lit ones: bits 0-7 ring, 8 body, 9 front */
     struct vs_board_message message; /* for the range-and-bearing board, not for the base */
+    uint8_t rgb[VS_BASE_RGB_LEDS][3]; /* red, green, blue of coloured LEDs, 0..255 */
 };
 
 /* What the base measured, in the order and scale that controller.h documents. */

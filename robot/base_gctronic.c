@@ -56,6 +56,12 @@ static int go_round(struct vs_base *base, const uint8_t packet[EPUCK_GCTRONIC_AC
     return err;
 }
 
+/* Of full brightness, at least 1 if it shines at all. */
+static uint8_t percent(uint8_t brightness)
+{
+    return (uint8_t)((brightness * EPUCK_GCTRONIC_BRIGHTNESS_MAX + UINT8_MAX - 1) / UINT8_MAX);
+}
+
 /* Sends until the packet counts (VS_OK), three in a row go wrong, or there is no time for
  * more (VS_ERR_BUSY). */
 static int insist(struct vs_base *base, const struct vs_base_command *command,
@@ -63,9 +69,12 @@ static int insist(struct vs_base *base, const struct vs_base_command *command,
 {
     struct gctronic *g = of(base);
     struct epuck_gctronic_actuators actuators = {command->left_steps_s, command->right_steps_s,
-                                                 (uint8_t)(command->leds & 0xFF)};
+                                                 (uint8_t)(command->leds & 0xFF), {{0}}};
     uint8_t packet[EPUCK_GCTRONIC_ACTUATOR_LEN];
+    int i;
 
+    for (i = 0; i < 3 * VS_BASE_RGB_LEDS; i++)
+        actuators.rgb[i / 3][i % 3] = percent(command->rgb[i / 3][i % 3]);
     epuck_gctronic_put_actuators(&actuators, packet);
     while (g->wanted > 0) {
         int err;

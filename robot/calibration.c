@@ -75,11 +75,6 @@ static int take_spans(const char *text, int which, struct vs_span spans[8])
     return 0;
 }
 
-static int32_t fixed(double value)
-{
-    return (int32_t)(value * ONE + (value < 0.0 ? -0.5 : 0.5));
-}
-
 /* The robot's left and right wheel make so much more way per step than nominal, and are so
  * much wider apart. The ratio of the wheels leaves their mean as it is. Source: Borenstein, Feng:
  * Measurement and correction of systematic odometry errors in mobile robots, 1996 (UMBmark). */
@@ -88,16 +83,19 @@ static void find_wheels(struct vs_calibration *c)
     double more = c->text[VS_CAL_DIAMETER] != NULL ? c->numbers[0] / NOMINAL_MM : 1.0;
     double ratio = c->text[VS_CAL_RATIO] != NULL ? c->numbers[1] : 1.0;
     double wider = c->text[VS_CAL_AXLE] != NULL ? c->numbers[2] / NOMINAL_AXLE_MM : 1.0;
-    double way[2];
+    double way = 2.0 * more / (ratio + 1.0); /* of the left wheel */
     int wheel;
+    int other;
 
-    way[0] = 2.0 * more / (ratio + 1.0);
-    way[1] = way[0] * ratio;
-    for (wheel = 0; wheel < 2; wheel++) {
-        c->drive[wheel][wheel] = fixed((1.0 + wider) / (2.0 * way[wheel]));
-        c->drive[wheel][!wheel] = fixed((1.0 - wider) / (2.0 * way[wheel]));
-        c->sense[wheel][wheel] = fixed((wider + 1.0) / (2.0 * wider) * way[wheel]);
-        c->sense[!wheel][wheel] = fixed((wider - 1.0) / (2.0 * wider) * way[wheel]);
+    for (wheel = 0; wheel < 2; wheel++, way *= ratio) {
+        for (other = 0; other < 2; other++) {
+            double sum = other == wheel ? wider + 1.0 : wider - 1.0;
+
+            c->sense[other][wheel] = (int32_t)(sum * way / (2.0 * wider) * ONE);
+            if (other != wheel)
+                sum = -sum;
+            c->drive[wheel][other] = (int32_t)(sum / (2.0 * way) * ONE);
+        }
     }
     c->has_wheels = 1;
 }

@@ -18,9 +18,10 @@
  * "+NAME" there is fused with it: number by number the larger of the two, so that a
  * virtual wall turns a robot like a real one. Where the virtual part is unknown or
  * stale the real one counts alone, and where the real one is unknown nothing does.
- * The robot's own: "proximity" and "light", 8 numbers each, ps0..ps7 at
- * vs_robot_sensor_angle_rad, raw 0..4096 (higher is nearer, brighter); "battery_low"
- * (0 or 1) and "battery", its voltage in mV where base or board can tell it; "wheels", the way [cm] of the left and the right wheel since the daemon
+ * The robot's own, calibrated where its settings hold what was measured of it: "proximity" and
+ * "light", 8 numbers each, ps0..ps7 at vs_robot_sensor_angle_rad, raw 0..4096 (higher is nearer,
+ * brighter); "battery_low" (0 or 1) and "battery", its voltage in mV where base or board can tell
+ * it; "wheels", the way [cm] of the left and the right wheel since the daemon
  * began, where the base counts steps; "accelerometer", raw x, y, z, and "microphones", raw,
  * where the base's firmware reads them (IRIDIA's: the newest sample of right, left and back;
  * GCtronic's for the e-puck2: the loudness of its four); with boards on I2C (`vsensed --help`) "ground", 3
@@ -121,6 +122,11 @@ void vs_robot_set_wheels(struct vs_robot *robot, int left_steps_s, int right_ste
 
 /* Lit ones: VS_ROBOT_LED_*, bit n of the ring = LED n; stays until set again. */
 void vs_robot_set_leds(struct vs_robot *robot, unsigned int leds);
+
+/* Coloured LED 0..3 of an e-puck2 on a Pi-puck with GCtronic's firmware: LED2, LED4, LED6 and
+ * LED8, clockwise from the front right. 0 to 255 each; stays until set again. While it is black
+ * the LED of the ring in its place shows. Other robots have none: no effect. */
+void vs_robot_set_rgb(struct vs_robot *robot, int led, int red, int green, int blue);
 
 /* [s] length of a timestep; control steps are about that far apart. */
 double vs_robot_timestep_s(const struct vs_robot *robot);

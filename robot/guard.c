@@ -3,6 +3,8 @@
 
 #include <string.h>
 
+#include "leds.h"
+
 enum { ENDING_ORPHANED = 1, ENDING_CLOSE = 2 };
 
 static int moving(const struct vs_guard *g)
@@ -42,7 +44,7 @@ static void begin_end(struct vs_guard *g, uint8_t ending, uint64_t now_ns)
         return;
     g->ending = ending;
     g->end_ns = now_ns + VS_GUARD_END_NS;
-    g->command.leds = 0;
+    vs_leds_off(&g->command);
     hold(g, VS_CAUSE_SIGNAL);
 }
 
@@ -152,7 +154,7 @@ static void lose(struct vs_guard *g, int result)
 {
     g->base_errors++;
     g->lost = 1;
-    g->command.leds = 0;
+    vs_leds_off(&g->command);
     hold(g, VS_CAUSE_BASE);
     g->due = 0;
     if (result == VS_ERR_HANGUP)

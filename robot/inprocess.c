@@ -9,11 +9,15 @@
 
 #define LINE_BYTES 128
 #define COMPLAINTS_BYTES 4096
+#define STEP_NM 128805         /* 1000 steps a turn of a 41 mm wheel */
+#define STEP_E9 1000000000
 
 struct mind {
     struct vs_session session;
     struct vs_loop loop;
     struct vs_base_command in_force; /* what the perfect guard's perfect base does */
+    uint64_t rolled_ns;              /* its steps are counted up to here, 0: from now on */
+    int64_t steps_e9[2];             /* [1e-9 step] of the left and the right wheel */
     union vs_controller_state state;
 };
 
@@ -192,8 +196,18 @@ static void hear(struct mind *mind, uint32_t robot, const struct vs_inprocess_ti
     (void)vs_clock_sample(&s->clock, now->now_ns, now->now_ns, 0, now->now_ns);
 }
 
+/* A stepper motor makes its steps, whatever its wheel slides on. */
+static void roll(struct mind *mind, uint64_t now_ns)
+{
+    int64_t passed_ns = mind->rolled_ns == 0 ? 0 : (int64_t)(now_ns - mind->rolled_ns);
+
+    mind->steps_e9[0] += mind->in_force.left_steps_s * passed_ns;
+    mind->steps_e9[1] += mind->in_force.right_steps_s * passed_ns;
+    mind->rolled_ns = now_ns;
+}
+
 /* Its accelerometer feels gravity only, and nothing makes a noise. */
-static void read_base(struct vs_base_reading *reading, uint32_t robot,
+static void read_base(struct vs_base_reading *reading, const struct mind *mind, uint32_t robot,
                       const struct vs_inprocess_timestep *now)
 {
     static const int16_t acceleration[3] = {EPUCK_ARGOS_REST_RAW, EPUCK_ARGOS_REST_RAW,
@@ -207,6 +221,10 @@ static void read_base(struct vs_base_reading *reading, uint32_t robot,
     reading->microphone_count = 3;
     memcpy(reading->prox, now->prox + 8 * robot, sizeof reading->prox);
     memcpy(reading->light, now->light + 8 * robot, sizeof reading->light);
+    reading->has_steps = 1;
+    reading->step_nm = STEP_NM;
+    reading->steps[0] = (int32_t)(mind->steps_e9[0] / STEP_E9);
+    reading->steps[1] = (int32_t)(mind->steps_e9[1] / STEP_E9);
 }
 
 /* The guard does at once what the loop asks for, until it asks for nothing more. */
@@ -225,7 +243,7 @@ static void act(struct mind *mind, uint32_t robot, const struct vs_inprocess_tim
         reply.command = mind->in_force;
         reply.sensed = request.kind != VS_GUARD_PING;
         reply.reading_ns = now->now_ns;
-        read_base(&reply.reading, robot, now);
+        read_base(&reply.reading, mind, robot, now);
         vs_loop_reply(&mind->loop, &reply, &instant);
     }
 }
@@ -265,6 +283,7 @@ void vs_inprocess_step(struct vs_inprocess *all, struct vs_inprocess_timestep *n
         uint32_t bytes = mind->session.table.actuator_bytes;
 
         hear(mind, i, now);
+        roll(mind, now->now_ns);
         all->progress->robot = i + 1;
         vs_loop_event(&mind->loop, VS_EV_STATE, &instant);
         act(mind, i, now);

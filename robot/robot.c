@@ -4,6 +4,7 @@
 #include <limits.h>
 #include <string.h>
 
+#include "leds.h"
 #include "../c_src/vs_bytes.h"
 #include "number.h"
 
@@ -59,7 +60,7 @@ void vs_robot_begin_step(struct vs_robot *robot)
 
 void vs_robot_rest(struct vs_robot *robot)
 {
-    robot->command.leds = 0;
+    vs_leds_off(&robot->command);
     robot->command.message.length = 0;
 }
 
@@ -383,11 +384,6 @@ void vs_robot_set_wheels(struct vs_robot *robot, int left_steps_s, int right_ste
 {
     robot->command.left_steps_s = narrow(left_steps_s);
     robot->command.right_steps_s = narrow(right_steps_s);
-}
-
-void vs_robot_set_leds(struct vs_robot *robot, unsigned int leds)
-{
-    robot->command.leds = (uint16_t)(leds & VS_BASE_LEDS);
 }
 
 double vs_robot_timestep_s(const struct vs_robot *robot)

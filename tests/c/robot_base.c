@@ -34,7 +34,7 @@ static uint64_t recover(struct world *w)
 /* A command must arrive as it is. */
 static void prove_aligned(struct world *w)
 {
-    struct vs_base_command command = {300, -200, 0x105, {0, {0}}};
+    struct vs_base_command command = {300, -200, 0x105, {0, {0}}, {{0}}};
     struct vs_base_reading reading;
 
     w->allowed[0] = command.left_steps_s;
@@ -145,7 +145,7 @@ static void test_amid_garbage(uint32_t seed)
  * no speed that was not commanded ever does. */
 static void test_stalls(uint32_t seed)
 {
-    struct vs_base_command command = {0, 0, 0, {0, {0}}};
+    struct vs_base_command command = {0, 0, 0, {0, {0}}, {{0}}};
     struct vs_base_reading reading;
     struct world w;
     int lost = 1;
@@ -178,7 +178,7 @@ static void test_stalls(uint32_t seed)
  * the wheels do then is nobody's wish, but a stop must stop them, however they are shifted. */
 static void test_shifted_stop(uint32_t seed)
 {
-    struct vs_base_command command = {500, -400, 0x3FF, {0, {0}}};
+    struct vs_base_command command = {500, -400, 0x3FF, {0, {0}}, {{0}}};
     static const struct vs_base_command off;
     struct vs_base_reading reading;
     uint8_t noise[EPUCK_ARGOS_ACTUATOR_LEN];
@@ -209,7 +209,7 @@ static void test_shifted_stop(uint32_t seed)
 /* While it drives, such a shift is found within a few exchanges, and mended. */
 static void test_shift_is_found(uint32_t seed)
 {
-    struct vs_base_command command = {500, -400, 0x3FF, {0, {0}}};
+    struct vs_base_command command = {500, -400, 0x3FF, {0, {0}}, {{0}}};
     struct vs_base_reading reading;
     uint8_t noise[EPUCK_ARGOS_ACTUATOR_LEN];
     struct world w;
@@ -278,7 +278,7 @@ static void test_hand_back(void)
  * configuration: firmware/firmware/real_epuck_base.h:43-47. */
 static void test_reset_in_mid_run(uint32_t seed)
 {
-    struct vs_base_command command = {700, 600, 0, {0, {0}}};
+    struct vs_base_command command = {700, 600, 0, {0, {0}}, {{0}}};
     struct vs_base_reading reading;
     struct world w;
     int lost = 0;

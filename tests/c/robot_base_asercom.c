@@ -154,7 +154,7 @@ static void recover(struct world *w)
 
 static int exchange(struct world *w, int16_t left, int16_t right, uint16_t leds)
 {
-    struct vs_base_command command = {left, right, leds, {0, {0}}};
+    struct vs_base_command command = {left, right, leds, {0, {0}}, {{0}}};
     uint64_t began_ns = w->now_ns;
     int err = vs_base_exchange(&w->base, &command, &w->reading);
 

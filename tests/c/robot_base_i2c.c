@@ -54,6 +54,24 @@ static void check_obeyed(struct bus_world *w, int16_t left, int16_t right)
     }
 }
 
+/* 0..255 become per cent, as the firmware takes them; what shines at all is never off. */
+static void test_colours_reach_the_robot(void)
+{
+    static const uint8_t expected[4][3] = {{100, 0, 1}, {51, 100, 0}, {0, 0, 0}, {0, 0, 100}};
+    struct vs_base_command command = {
+        0, 0, 0, {0, {0}}, {{255, 0, 1}, {128, 255, 0}, {0, 0, 0}, {0, 0, 254}}};
+    struct bus_world w;
+
+    bus_begin(&w, &vs_base_gctronic, 9);
+    find(&w);
+    CHECK(vs_base_exchange(&w.base, &command, &w.reading) == VS_OK);
+    bus_pass(&w, 2 * MS);
+    CHECK(memcmp(w.body->outputs.rgb, expected, sizeof expected) == 0);
+    CHECK(w.body->outputs.leds == (0x02 | 0x08 | 0x80));
+    find(&w);
+    CHECK(w.body->outputs.leds == 0);
+}
+
 static void test_plain_exchange(const struct vs_base_ops *ops)
 {
     int16_t top = ops == &vs_base_york ? 1000 : 1100;
@@ -399,6 +417,7 @@ int main(int argc, char *argv[])
     test_gctronic_proximity_above_the_converter();
     test_york_first_light_is_measured();
     test_gctronic_microphones();
+    test_colours_reach_the_robot();
     test_slow_host();
     test_torn_counters();
     for (i = 0; i < sizeof kinds / sizeof kinds[0]; i++) {

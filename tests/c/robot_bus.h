@@ -157,7 +157,7 @@ static inline int bus_recover(struct bus_world *w)
 /* One exchange, which has its limit. */
 static inline int bus_exchange(struct bus_world *w, int16_t left, int16_t right, uint16_t leds)
 {
-    struct vs_base_command command = {left, right, leds, {0, {0}}};
+    struct vs_base_command command = {left, right, leds, {0, {0}}, {{0}}};
     uint64_t began_ns = w->now_ns;
     int err = vs_base_exchange(&w->base, &command, &w->reading);
 

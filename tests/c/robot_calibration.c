@@ -54,7 +54,7 @@ static void test_a_nominal_robot_is_left_alone(void)
     struct vs_calibration none;
     struct vs_base_reading reading = make_reading();
     struct vs_base_reading before = reading;
-    struct vs_base_command command = {30000, -7, 0x3FF, {0, {0}}};
+    struct vs_base_command command = {30000, -7, 0x3FF, {0, {0}}, {{0}}};
 
     memset(&none, 0, sizeof none);
     sense(&none, &reading);
@@ -244,7 +244,7 @@ static void test_one_setting_changes_nothing_else(void)
     struct vs_calibration c;
     struct vs_base_reading reading = make_reading();
     struct vs_base_reading before = reading;
-    struct vs_base_command turn = {-200, 200, 0, {0, {0}}};
+    struct vs_base_command turn = {-200, 200, 0, {0, {0}}, {{0}}};
 
     memset(&c, 0, sizeof c);
     CHECK(take(&c, VS_CAL_AXLE, "58.3") == NULL);

@@ -574,6 +574,23 @@ static void test_cleaner_avoids(void)
     }
 }
 
+static void test_colours_are_clipped_and_go_out_at_rest(void)
+{
+    static const uint8_t nothing[4][3];
+    static const uint8_t expected[4][3] = {{255, 0, 7}, {0, 0, 0}, {0, 0, 0}, {1, 2, 3}};
+    struct vs_robot robot;
+
+    memset(&robot, 0, sizeof robot);
+    vs_robot_set_rgb(&robot, 0, 1000, -1, 7);
+    vs_robot_set_rgb(&robot, 3, 1, 2, 3);
+    vs_robot_set_rgb(&robot, 4, 255, 255, 255);
+    vs_robot_set_rgb(&robot, -1, 255, 255, 255);
+    vs_robot_set_leds(&robot, VS_ROBOT_LED_RING);
+    CHECK(memcmp(robot.command.rgb, expected, sizeof expected) == 0);
+    vs_robot_rest(&robot);
+    CHECK(memcmp(robot.command.rgb, nothing, sizeof nothing) == 0 && robot.command.leds == 0);
+}
+
 int main(void)
 {
     test_every_layout();
@@ -589,6 +606,7 @@ int main(void)
     test_shown_values();
     test_shown_texts();
     test_log();
+    test_colours_are_clipped_and_go_out_at_rest();
     test_random_is_the_robots_own();
     test_cleaner_stops_where_it_senses();
     test_cleaner_takes_no_stale_value_for_news();

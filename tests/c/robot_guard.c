@@ -128,7 +128,8 @@ static void take_reply(struct world *w)
 static void ask(const struct world *from, uint32_t kind, int16_t speed, uint64_t expiry_ns)
 {
     struct world w = *from;
-    struct vs_guard_request request = {kind, 7, {speed, (int16_t)-speed, 1, {0, {0}}}, expiry_ns};
+    struct vs_guard_request request = {kind, 7, {speed, (int16_t)-speed, 1, {0, {0}}, {{0}}},
+                                       expiry_ns};
 
     if (!vs_guard_listens(&w.guard))
         return;

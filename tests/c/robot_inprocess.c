@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 /* Many robots in one process: each hears its own values, keeps its own state, obeys safety. */
+#include <math.h>
 #include <string.h>
 
 #include "check.h"
@@ -18,6 +19,7 @@ struct seen {
     int acceleration;
     int microphones;
     int unknown;
+    int wheels;
     int steps;
 };
 
@@ -33,6 +35,7 @@ static void init(void *state, struct vs_robot *robot)
     seen->proximity = vs_robot_sensor(robot, "proximity");
     seen->acceleration = vs_robot_sensor(robot, "accelerometer");
     seen->microphones = vs_robot_sensor(robot, "microphones");
+    seen->wheels = vs_robot_sensor(robot, "wheels");
     seen->unknown = vs_robot_sensor(robot, "moonlight");
     seen->heard = vs_robot_actuator(robot, "heard");
     (void)vs_robot_param(robot, "speed", 1.0);
@@ -45,8 +48,15 @@ static void step(void *state, struct vs_robot *robot)
     char line[] = "line0";
     double prox[8];
     double raw[4];
+    double ways_cm[2];
 
     seen->steps++;
+    /* 1000 and -70 steps/s for 100 ms, with the 0.128805 mm of a step. */
+    CHECK(vs_robot_values(robot, seen->wheels, ways_cm, 2) == 2);
+    if (seen->steps == 1)
+        CHECK(ways_cm[0] == 0.0 && ways_cm[1] == 0.0);
+    if (seen->steps == 2)
+        CHECK(fabs(ways_cm[0] - 1.28805) < 1e-9 && fabs(ways_cm[1] + 0.0901635) < 1e-9);
     CHECK(progress.robot >= 1 && progress.robot <= ROBOTS);
     robots_seen |= 1u << progress.robot;
     CHECK(vs_robot_values(robot, seen->proximity, prox, 8) == 8);

@@ -86,7 +86,8 @@ static void live_on(struct life *l, uint64_t ns)
 
 static void ask(struct life *l, enum vs_guard_kind kind, int16_t speed)
 {
-    struct vs_guard_request request = {(uint32_t)kind, 1, {speed, (int16_t)-speed, 0, {0, {0}}},
+    struct vs_guard_request request = {(uint32_t)kind, 1,
+                                       {speed, (int16_t)-speed, 0, {0, {0}}, {{0}}},
                                        *l->now_ns + EXPIRY_NS};
 
     while (!vs_guard_listens(&l->guard))

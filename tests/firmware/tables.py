@@ -53,10 +53,17 @@ def checked(packet: bytes) -> bytes:
     return packet + bytes([reduce(xor, packet, 0)])
 
 
-def gctronic_actuators(left: int, right: int, leds: int) -> bytes:
-    """20 bytes: LED n of the ring is bit n; the odd ones are RGB, and lit red."""
+def gctronic_actuators(
+    left: int, right: int, leds: int, colors: Sequence[Sequence[int]] = ((0, 0, 0),) * 4
+) -> bytes:
+    """20 bytes: LED n of the ring is bit n; the odd ones are RGB, and lit red where no colour is.
+
+    LED2, 4, 6 and 8 have red, green, blue at bytes 6, 9, 12 and 15. Source: e-puck2_main-processor
+    517ef07 src/gumstix.c:226-229, the order of src/leds.h:22-28.
+    """
     red = sum((leds >> (2 * i) & 1) << i for i in range(4))
-    rgb = b"".join(bytes([100 * (leds >> (2 * i + 1) & 1), 0, 0]) for i in range(4))
+    ring = [(100 * (leds >> (2 * i + 1) & 1), 0, 0) for i in range(4)]
+    rgb = b"".join(bytes(own if any(own) else dull) for own, dull in zip(colors, ring))
     return checked(struct.pack("<hhBB", left, right, 0, red) + rgb + b"\x00")
 
 

@@ -151,6 +151,24 @@ def test_gctronic_actuators(left: int, right: int, leds: int) -> None:
     assert (read.left_steps_s, read.right_steps_s, read.leds) == (left, right, leds)
 
 
+percents = st.integers(0, 100)
+
+
+@given(
+    st.integers(0, 255), st.lists(st.tuples(percents, percents, percents), min_size=4, max_size=4)
+)
+def test_gctronic_colours(leds: int, colors: list[tuple[int, int, int]]) -> None:
+    fields = ffi.new("struct epuck_gctronic_actuators *", [1, -1, leds, colors])
+    packet = ffi.new("uint8_t[20]")
+    lib.epuck_gctronic_put_actuators(fields, packet)
+    assert bytes(packet) == tables.gctronic_actuators(1, -1, leds, colors)
+    read = ffi.new("struct epuck_gctronic_actuators *")
+    assert lib.epuck_gctronic_get_actuators(packet, read) == 0
+    assert bytes(ffi.buffer(read.rgb)) == bytes(packet)[6:18]
+    shining = sum(any(color) << (2 * i + 1) for i, color in enumerate(colors))
+    assert read.leds == leds | shining
+
+
 volumes = st.lists(st.integers(0, 32767), min_size=4, max_size=4)
 
 

@@ -32,7 +32,7 @@ PROTOCOL = [
     )
 ]
 POLLUTANT = ROBOT / "controllers" / "pollutant.c"
-OWN = [ROBOT / f"{part}.c" for part in ("robot", "log", "base_sensors", "number")]
+OWN = [ROBOT / f"{part}.c" for part in ("robot", "leds", "log", "base_sensors", "number")]
 CALIBRATION = [ROBOT / "calibration.c"]
 MINDS = [*(ROBOT / f"{part}.c" for part in ("loop", "guard", "safety", "battery")), *CALIBRATION]
 MINDS += OWN

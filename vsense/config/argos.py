@@ -69,10 +69,11 @@ SENSORS = {
                     _VIRTUAL_CAMERA),
     **dict.fromkeys(("epuck_battery", "battery"),
                     "controllers ask for 'battery_low'"),
+    "epuck_encoder": "controllers ask for 'wheels', the way since the start in cm",
     "epuck_accelerometer": "controllers ask for 'accelerometer', raw",
     "positioning": "the robots have none; <gps_virtual_sensor> gives them one",
     **dict.fromkeys(
-        ("differential_steering", "epuck_encoder", "eyebot_light",
+        ("differential_steering", "eyebot_light",
          "eyebot_proximity", "footbot_distance_scanner", "footbot_gripper", "footbot_light",
          "footbot_proximity", "footbot_turret_encoder", "footbot_wheel_speed", "radios"),
         _MISSING,

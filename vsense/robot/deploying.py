@@ -53,8 +53,8 @@ def service_files() -> dict[str, bytes]:
     return {name: (_BOARD / name).read_bytes() for name in FILES}
 
 
-MEASURED = ("proximity-scale", "light-scale", "ground-scale", "wheel-diameter", "wheel-ratio")
-SETTINGS = ("tag", "base", "name", "uid", "host", "port", *MEASURED, "axle-length")
+_MEASURED = "proximity-scale light-scale ground-scale wheel-diameter wheel-ratio axle-length"
+SETTINGS = ("tag", "base", "name", "uid", "host", "port", *_MEASURED.split())
 """What may be said of a robot."""
 
 _DESTINATION = re.compile(r"[A-Za-z0-9_.@:\[\]%-]+")
