@@ -12,6 +12,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "number.h"
 #include "report.h"
 #include "uid.h"
 #include "../c_src/vs_posix.h"
@@ -92,7 +93,7 @@ static int is_address(const struct vs_options *o, struct sockaddr_in *address)
     memset(address, 0, sizeof *address);
     address->sin_family = AF_INET;
     address->sin_port = htons(o->port);
-    return inet_pton(AF_INET, o->host, &address->sin_addr) == 1;
+    return vs_number_address(o->host, (uint8_t *)&address->sin_addr) == 0;
 }
 
 /* A datagram socket that connects says which way packets would go, without sending one. */

@@ -10,6 +10,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include "number.h"
 #include "random.h"
 #include "../c_src/vs_posix.h"
 
@@ -41,14 +42,11 @@ static int start_connect(const struct vs_net *net, int fd)
 
 int vs_net_open(struct vs_net *net, const char *address, uint16_t port)
 {
-    struct in_addr host;
-
     memset(net, 0, sizeof *net);
     net->fds[TCP] = -1;
     net->fds[UDP] = -1;
-    if (inet_pton(AF_INET, address, &host) != 1)
+    if (vs_number_address(address, (uint8_t *)&net->host) != 0)
         return -1;
-    net->host = host.s_addr;
     net->port = port;
     net->why = "not connected yet";
     return 0;

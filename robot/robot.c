@@ -207,11 +207,20 @@ int vs_robot_values(const struct vs_robot *robot, int sensor, double *values, in
 struct vs_reading vs_robot_read(const struct vs_robot *robot, int sensor)
 {
     struct vs_reading reading = {0.0, 0, 1, UINT64_MAX};
+    struct vs_value value;
 
-    reading.known = vs_robot_values(robot, sensor, &reading.value, 1) > 0;
-    if (!reading.known)
+    if (sensor >= OWN) {
+        reading.known = vs_robot_values(robot, sensor, &reading.value, 1) > 0;
+        reading.age_ns = robot->now_ns - robot->base_ns;
+    } else if (vs_session_value(robot->session, sensor, &value) == VS_OK && value.known) {
+        reading.known = 1;
+        reading.value = load(&robot->session->table.entries[sensor], value.data, 0);
+        reading.age_ns = vs_session_age_ns(robot->session, value.capture_ns, robot->session_ns);
+    }
+    if (!reading.known) {
+        reading.age_ns = UINT64_MAX;
         return reading;
-    reading.age_ns = sensor >= OWN ? robot->now_ns - robot->base_ns : virtual_age_ns(robot, sensor);
+    }
     reading.stale = vs_robot_is_stale(robot->session, reading.age_ns);
     return reading;
 }

@@ -51,7 +51,7 @@ SUITES = {
     "robot_i2c_posix": [C_SRC / "vs_format.c"],
     "robot_settings": [ROBOT / "settings.c"],
     "robot_uid": [
-        *(ROBOT / f"{part}.c" for part in ("options", "presets", "settings", "number")),
+        *(ROBOT / f"{part}.c" for part in ("options", "presets", "settings")),
         *(p for p in BASES if FIRMWARE not in p.parents),
         C_SRC / "vs_bytes.c",
     ],
