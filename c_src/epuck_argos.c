@@ -67,20 +67,16 @@ void epuck_argos_put_sensors(const struct epuck_argos_sensors *sensors,
 int epuck_argos_get_sensors(const uint8_t frame[EPUCK_ARGOS_SENSOR_LEN],
                             struct epuck_argos_sensors *sensors)
 {
-    struct epuck_argos_sensors read;
-    int bad = frame[PAD_AT] | frame[MICROPHONES_PAD_AT] | frame[MICROPHONES_PAD_AT + 1];
+    int bad = (frame[PAD_AT] | frame[MICROPHONES_PAD_AT] | frame[MICROPHONES_PAD_AT + 1]) != 0;
 
-    read.battery_good = epuck_get_u16(frame + BATTERY_AT);
-    read.rab_received = epuck_get_u16(frame + RAB_RECEIVED_AT);
-    bad |= read.battery_good > 1;
-    bad |= epuck_get_raw(frame + PROX_AT, 8, -EPUCK_ARGOS_RAW_MAX, EPUCK_ARGOS_RAW_MAX,
-                         read.prox);
-    bad |= epuck_get_raw(frame + LIGHT_AT, 8, 0, EPUCK_ARGOS_RAW_MAX, read.light);
-    bad |= epuck_get_raw(frame + ACCELERATION_AT, 3, -EPUCK_ARGOS_RAW_MAX, EPUCK_ARGOS_RAW_MAX,
-                         read.acceleration);
-    bad |= epuck_get_raw(frame + MICROPHONES_AT, 3, 0, EPUCK_ARGOS_RAW_MAX, read.microphones);
-    if (bad)
-        return -1;
-    *sensors = read;
-    return 0;
+    sensors->battery_good = epuck_get_u16(frame + BATTERY_AT);
+    sensors->rab_received = epuck_get_u16(frame + RAB_RECEIVED_AT);
+    bad |= sensors->battery_good > 1;
+    bad |= -epuck_get_raw(frame + PROX_AT, 8, -EPUCK_ARGOS_RAW_MAX, EPUCK_ARGOS_RAW_MAX,
+                         sensors->prox);
+    bad |= -epuck_get_raw(frame + LIGHT_AT, 8, 0, EPUCK_ARGOS_RAW_MAX, sensors->light);
+    bad |= -epuck_get_raw(frame + ACCELERATION_AT, 3, -EPUCK_ARGOS_RAW_MAX, EPUCK_ARGOS_RAW_MAX,
+                         sensors->acceleration);
+    bad |= -epuck_get_raw(frame + MICROPHONES_AT, 3, 0, EPUCK_ARGOS_RAW_MAX, sensors->microphones);
+    return -bad;
 }

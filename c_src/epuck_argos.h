@@ -77,7 +77,7 @@ void epuck_argos_put_sensors(const struct epuck_argos_sensors *sensors,
 /* Reads the 72 bytes of a sensor frame.
  * Returns 0, or -1 if no PIC would send them: a lost byte shifts every later
  * one, and only implausible values show it (flag not 0 or 1, a pad not 0, a sensor
- * beyond what the converter gives). *sensors is then left alone. Range-and-bearing may
+ * beyond what the converter gives). *sensors then means nothing. Range-and-bearing may
  * be anything: an earlier host may have enabled it. */
 int epuck_argos_get_sensors(const uint8_t frame[EPUCK_ARGOS_SENSOR_LEN],
                             struct epuck_argos_sensors *sensors);

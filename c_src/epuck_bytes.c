@@ -23,12 +23,13 @@ int16_t epuck_get_s16(const uint8_t at[2])
 
 int epuck_get_raw(const uint8_t *at, int count, int16_t least, int16_t most, int16_t *raw)
 {
+    const uint8_t *end = at + 2 * count;
+    uint32_t span = (uint32_t)(most - least);
     int bad = 0;
-    int i;
 
-    for (i = 0; i < count; i++) {
-        raw[i] = epuck_get_s16(at + 2 * i);
-        bad |= raw[i] < least || raw[i] > most;
+    for (; at != end; at += 2, raw++) {
+        *raw = epuck_get_s16(at);
+        bad |= (uint32_t)(*raw - least) > span; /* below least it wraps */
     }
     return -bad;
 }

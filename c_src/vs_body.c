@@ -5,24 +5,15 @@
 
 #include <string.h>
 
-#define STATE_FIXED 16 /* [byte] of STATE before the readings */
-
-/* Begins a packet of the given type with an otherwise given header. */
-static void begin(struct vs_writer *w, uint8_t type, const struct vs_header *header,
-                  uint8_t *buf, size_t cap)
-{
-    struct vs_header h = *header;
-
-    h.type = type;
-    vs_packet_begin(w, &h, buf, cap);
-}
+#define STATE_FIXED 16     /* [byte] of STATE before the readings */
+#define TELEMETRY_FIXED 68 /* [byte] of TELEMETRY before the actuators */
 
 int vs_encode_hello(const struct vs_header *header, const struct vs_hello *hello,
                     uint8_t *buf, size_t cap, size_t *len)
 {
     struct vs_writer w;
 
-    begin(&w, VS_HELLO, header, buf, cap);
+    vs_packet_begin(&w, VS_HELLO, header, buf, cap);
     vs_put_bytes(&w, hello->uid, VS_UID_SIZE);
     vs_put_bytes(&w, hello->nonce, VS_NONCE_SIZE);
     vs_put_u64(&w, hello->started);
@@ -81,7 +72,7 @@ int vs_encode_welcome(const struct vs_header *header, const struct vs_welcome *w
         return VS_ERR_TEXT;
     if (welcome->params_len > VS_PARAMS_MAX || welcome->timestep_us == 0)
         return VS_ERR_BODY;
-    begin(&w, VS_WELCOME, header, buf, cap);
+    vs_packet_begin(&w, VS_WELCOME, header, buf, cap);
     vs_put_bytes(&w, welcome->nonce, VS_NONCE_SIZE);
     vs_put_u32(&w, welcome->timestep_us);
     vs_put_u32(&w, welcome->seed);
@@ -134,7 +125,7 @@ int vs_encode_notice(const struct vs_header *header, const struct vs_notice *not
     *len = 0;
     if (header->type != VS_REFUSE && header->type != VS_GOODBYE)
         return VS_ERR_TYPE;
-    vs_packet_begin(&w, header, buf, cap);
+    vs_packet_begin(&w, header->type, header, buf, cap);
     if (header->type == VS_REFUSE)
         vs_put_u16(&w, notice->code);
     else if (notice->code > 0xFF)
@@ -179,19 +170,23 @@ int vs_encode_state(const struct vs_header *header, const struct vs_table *table
                     const struct vs_state *state, uint8_t *buf, size_t cap, size_t *len)
 {
     struct vs_writer w;
+    uint8_t *at;
     uint32_t i;
 
     *len = 0;
-    begin(&w, VS_STATE, header, buf, cap);
-    vs_put_u8(&w, state->wanted);
-    vs_put_u8(&w, 0);
-    vs_put_u16(&w, (uint16_t)state->goal_heading);
-    vs_put_u32(&w, state->from_timestep);
-    vs_put_u32(&w, state->log_heard);
-    vs_put_u16(&w, (uint16_t)state->goal_x_mm);
-    vs_put_u16(&w, (uint16_t)state->goal_y_mm);
-    if (w.error == VS_OK && !wish_is_valid(buf + VS_HEADER_SIZE))
-        return VS_ERR_BODY;
+    vs_packet_begin(&w, VS_STATE, header, buf, cap);
+    at = vs_put_room(&w, STATE_FIXED);
+    if (at != NULL) {
+        at = vs_store_u8(at, state->wanted);
+        at = vs_store_u8(at, 0);
+        at = vs_store_u16(at, (uint16_t)state->goal_heading);
+        at = vs_store_u32(at, state->from_timestep);
+        at = vs_store_u32(at, state->log_heard);
+        at = vs_store_u16(at, (uint16_t)state->goal_x_mm);
+        (void)vs_store_u16(at, (uint16_t)state->goal_y_mm);
+        if (!wish_is_valid(buf + VS_HEADER_SIZE))
+            return VS_ERR_BODY;
+    }
     for (i = 0; i < table->count; i++) {
         const struct vs_entry *e = &table->entries[i];
 
@@ -206,27 +201,26 @@ int vs_encode_state(const struct vs_header *header, const struct vs_table *table
 int vs_decode_state(const struct vs_table *table, const uint8_t *body, size_t len,
                     struct vs_state *state)
 {
-    struct vs_reader r;
+    const uint8_t *at = body + STATE_FIXED;
     uint32_t i;
 
     if (len != STATE_FIXED + 4 * (size_t)table->sensors + table->sensor_bytes ||
         !wish_is_valid(body))
         return VS_ERR_BODY;
-    vs_reader_init(&r, body, len);
-    state->wanted = vs_get_u8(&r);
-    (void)vs_get_u8(&r);
-    state->goal_heading = to_i16(vs_get_u16(&r));
-    state->from_timestep = vs_get_u32(&r);
-    state->log_heard = vs_get_u32(&r);
-    state->goal_x_mm = to_i16(vs_get_u16(&r));
-    state->goal_y_mm = to_i16(vs_get_u16(&r));
+    state->wanted = body[0];
+    state->goal_heading = to_i16(vs_load_u16(body + 2));
+    state->from_timestep = vs_load_u32(body + 4);
+    state->log_heard = vs_load_u32(body + 8);
+    state->goal_x_mm = to_i16(vs_load_u16(body + 12));
+    state->goal_y_mm = to_i16(vs_load_u16(body + 14));
     for (i = 0; i < table->count; i++) {
         const struct vs_entry *e = &table->entries[i];
 
         if (e->direction != VS_SENSOR)
             continue;
-        state->older_us[e->rank] = vs_get_u32(&r);
-        memcpy(state->payload + e->offset, vs_get_bytes(&r, e->size), e->size);
+        state->older_us[e->rank] = vs_load_u32(at);
+        memcpy(state->payload + e->offset, at + 4, e->size);
+        at += 4 + e->size;
     }
     return VS_OK;
 }
@@ -238,16 +232,33 @@ static int telemetry_is_valid(const struct vs_telemetry *t)
            (t->power_saving <= 1 || t->power_saving == VS_UNKNOWN);
 }
 
-/* The radio, the loop, the microcontroller. */
-static void put_health(struct vs_writer *w, const struct vs_telemetry *t)
+/* The first TELEMETRY_FIXED bytes of a body. */
+static void store_telemetry(uint8_t *at, const struct vs_telemetry *t)
 {
-    vs_put_u8(w, (uint8_t)t->signal_dbm);
-    vs_put_u8(w, t->power_saving);
-    vs_put_u16(w, t->bit_rate);
-    vs_put_u32(w, t->retries);
-    vs_put_u32(w, t->overruns);
-    vs_put_u32(w, t->base_resets);
-    vs_put_u32(w, t->log_number);
+    at = vs_store_u8(at, t->state);
+    at = vs_store_u8(at, t->wanted);
+    at = vs_store_u8(at, t->stop_cause);
+    at = vs_store_u8(at, t->battery_low);
+    at = vs_store_u32(at, t->wanted_run);
+    at = vs_store_u32(at, t->control_step);
+    at = vs_store_u16(at, (uint16_t)t->left_steps_s);
+    at = vs_store_u16(at, (uint16_t)t->right_steps_s);
+    at = vs_store_u16(at, t->leds);
+    at = vs_store_u16(at, t->battery_mv);
+    at = vs_store_u32(at, t->received);
+    at = vs_store_u32(at, t->old);
+    at = vs_store_u32(at, t->foreign);
+    at = vs_store_u32(at, t->corrupt);
+    at = vs_store_u32(at, t->base_errors);
+    at = vs_store_u32(at, t->guard_restarts);
+    at = vs_store_u32(at, t->clock_bound_us);
+    at = vs_store_u8(at, (uint8_t)t->signal_dbm);
+    at = vs_store_u8(at, t->power_saving);
+    at = vs_store_u16(at, t->bit_rate);
+    at = vs_store_u32(at, t->retries);
+    at = vs_store_u32(at, t->overruns);
+    at = vs_store_u32(at, t->base_resets);
+    (void)vs_store_u32(at, t->log_number);
 }
 
 int vs_encode_telemetry(const struct vs_header *header, const struct vs_table *table,
@@ -256,29 +267,15 @@ int vs_encode_telemetry(const struct vs_header *header, const struct vs_table *t
 {
     const struct vs_telemetry *t = telemetry;
     struct vs_writer w;
+    uint8_t *at;
 
     *len = 0;
     if (!telemetry_is_valid(t))
         return VS_ERR_BODY;
-    begin(&w, VS_TELEMETRY, header, buf, cap);
-    vs_put_u8(&w, t->state);
-    vs_put_u8(&w, t->wanted);
-    vs_put_u8(&w, t->stop_cause);
-    vs_put_u8(&w, t->battery_low);
-    vs_put_u32(&w, t->wanted_run);
-    vs_put_u32(&w, t->control_step);
-    vs_put_u16(&w, (uint16_t)t->left_steps_s);
-    vs_put_u16(&w, (uint16_t)t->right_steps_s);
-    vs_put_u16(&w, t->leds);
-    vs_put_u16(&w, t->battery_mv);
-    vs_put_u32(&w, t->received);
-    vs_put_u32(&w, t->old);
-    vs_put_u32(&w, t->foreign);
-    vs_put_u32(&w, t->corrupt);
-    vs_put_u32(&w, t->base_errors);
-    vs_put_u32(&w, t->guard_restarts);
-    vs_put_u32(&w, t->clock_bound_us);
-    put_health(&w, t);
+    vs_packet_begin(&w, VS_TELEMETRY, header, buf, cap);
+    at = vs_put_room(&w, TELEMETRY_FIXED);
+    if (at != NULL)
+        store_telemetry(at, t);
     vs_put_bytes(&w, t->payload, table->actuator_bytes);
     vs_put_text(&w, t->log, VS_LOG_MAX);
     vs_put_u8(&w, t->shown_len);

@@ -19,8 +19,7 @@ static void fail_writing(struct vs_writer *w, int error)
     w->cap = w->len;
 }
 
-/* Room for len more bytes, or NULL. */
-static uint8_t *reserve(struct vs_writer *w, size_t len)
+uint8_t *vs_put_room(struct vs_writer *w, size_t len)
 {
     uint8_t *at = w->buf + w->len;
 
@@ -32,24 +31,9 @@ static uint8_t *reserve(struct vs_writer *w, size_t len)
     return at;
 }
 
-/* Byte by byte without a loop: small processors spend most of a packet's time in here. */
-static void store_u32(uint8_t *at, uint32_t value)
-{
-    at[0] = (uint8_t)value;
-    at[1] = (uint8_t)(value >> 8);
-    at[2] = (uint8_t)(value >> 16);
-    at[3] = (uint8_t)(value >> 24);
-}
-
-static uint32_t load_u32(const uint8_t *at)
-{
-    return (uint32_t)at[0] | (uint32_t)at[1] << 8 | (uint32_t)at[2] << 16 |
-           (uint32_t)at[3] << 24;
-}
-
 void vs_put_u8(struct vs_writer *w, uint8_t value)
 {
-    uint8_t *at = reserve(w, 1);
+    uint8_t *at = vs_put_room(w, 1);
 
     if (at)
         *at = value;
@@ -57,35 +41,31 @@ void vs_put_u8(struct vs_writer *w, uint8_t value)
 
 void vs_put_u16(struct vs_writer *w, uint16_t value)
 {
-    uint8_t *at = reserve(w, 2);
+    uint8_t *at = vs_put_room(w, 2);
 
-    if (at) {
-        at[0] = (uint8_t)value;
-        at[1] = (uint8_t)(value >> 8);
-    }
+    if (at)
+        vs_store_u16(at, value);
 }
 
 void vs_put_u32(struct vs_writer *w, uint32_t value)
 {
-    uint8_t *at = reserve(w, 4);
+    uint8_t *at = vs_put_room(w, 4);
 
     if (at)
-        store_u32(at, value);
+        vs_store_u32(at, value);
 }
 
 void vs_put_u64(struct vs_writer *w, uint64_t value)
 {
-    uint8_t *at = reserve(w, 8);
+    uint8_t *at = vs_put_room(w, 8);
 
-    if (at) {
-        store_u32(at, (uint32_t)value);
-        store_u32(at + 4, (uint32_t)(value >> 32));
-    }
+    if (at)
+        vs_store_u64(at, value);
 }
 
 void vs_put_bytes(struct vs_writer *w, const uint8_t *data, size_t len)
 {
-    uint8_t *at = reserve(w, len);
+    uint8_t *at = vs_put_room(w, len);
 
     if (at && len > 0)
         memcpy(at, data, len);
@@ -140,21 +120,21 @@ uint16_t vs_get_u16(struct vs_reader *r)
 {
     const uint8_t *at = vs_get_bytes(r, 2);
 
-    return (uint16_t)(at ? at[0] | at[1] << 8 : 0);
+    return at ? vs_load_u16(at) : 0;
 }
 
 uint32_t vs_get_u32(struct vs_reader *r)
 {
     const uint8_t *at = vs_get_bytes(r, 4);
 
-    return at ? load_u32(at) : 0;
+    return at ? vs_load_u32(at) : 0;
 }
 
 uint64_t vs_get_u64(struct vs_reader *r)
 {
     const uint8_t *at = vs_get_bytes(r, 8);
 
-    return at ? (uint64_t)load_u32(at + 4) << 32 | load_u32(at) : 0;
+    return at ? vs_load_u64(at) : 0;
 }
 
 void vs_get_text(struct vs_reader *r, char *text, size_t max)
@@ -284,7 +264,7 @@ uint32_t vs_crc32(const uint8_t *buf, size_t len)
 
 float vs_load_f4(const uint8_t bytes[4])
 {
-    uint32_t bits = load_u32(bytes);
+    uint32_t bits = vs_load_u32(bytes);
     float value;
 
     memcpy(&value, &bits, sizeof value);
@@ -296,5 +276,5 @@ void vs_store_f4(uint8_t bytes[4], float value)
     uint32_t bits;
 
     memcpy(&bits, &value, sizeof bits);
-    store_u32(bytes, bits);
+    vs_store_u32(bytes, bits);
 }

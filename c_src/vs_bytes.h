@@ -12,6 +12,50 @@
 
 #include "vs_err.h"
 
+/* One number at a place whose room the caller has checked. Storing gives the place behind it. */
+static inline uint8_t *vs_store_u8(uint8_t *at, uint8_t value)
+{
+    at[0] = value;
+    return at + 1;
+}
+
+static inline uint8_t *vs_store_u16(uint8_t *at, uint16_t value)
+{
+    at[0] = (uint8_t)value;
+    at[1] = (uint8_t)(value >> 8);
+    return at + 2;
+}
+
+static inline uint8_t *vs_store_u32(uint8_t *at, uint32_t value)
+{
+    at[0] = (uint8_t)value;
+    at[1] = (uint8_t)(value >> 8);
+    at[2] = (uint8_t)(value >> 16);
+    at[3] = (uint8_t)(value >> 24);
+    return at + 4;
+}
+
+static inline uint8_t *vs_store_u64(uint8_t *at, uint64_t value)
+{
+    return vs_store_u32(vs_store_u32(at, (uint32_t)value), (uint32_t)(value >> 32));
+}
+
+static inline uint16_t vs_load_u16(const uint8_t *at)
+{
+    return (uint16_t)(at[0] | at[1] << 8);
+}
+
+static inline uint32_t vs_load_u32(const uint8_t *at)
+{
+    return (uint32_t)at[0] | (uint32_t)at[1] << 8 | (uint32_t)at[2] << 16 |
+           (uint32_t)at[3] << 24;
+}
+
+static inline uint64_t vs_load_u64(const uint8_t *at)
+{
+    return (uint64_t)vs_load_u32(at + 4) << 32 | vs_load_u32(at);
+}
+
 /* Writes into the caller's buf; after an error nothing more is written. */
 struct vs_writer {
     uint8_t *buf;
@@ -25,6 +69,9 @@ void vs_put_u8(struct vs_writer *w, uint8_t value);
 void vs_put_u16(struct vs_writer *w, uint16_t value);
 void vs_put_u32(struct vs_writer *w, uint32_t value);
 void vs_put_u64(struct vs_writer *w, uint64_t value);
+
+/* Room for len bytes that the caller writes, or NULL with VS_ERR_SPACE. */
+uint8_t *vs_put_room(struct vs_writer *w, size_t len);
 void vs_put_bytes(struct vs_writer *w, const uint8_t *data, size_t len);
 
 /* u8 length + text, at most max bytes; VS_ERR_TEXT if longer or no clean text. */

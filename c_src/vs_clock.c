@@ -17,12 +17,13 @@ static uint64_t divided(uint64_t n, unsigned int shift)
     return units <= UINT32_MAX ? (units * 2199023256u) >> 38 : units / 125u;
 }
 
-/* What two clocks can drift apart in elapsed_ns, rounded up. */
-static uint64_t drift_ns(uint64_t elapsed_ns)
+/* What the two clocks can drift apart in elapsed_ns, rounded up. */
+static uint64_t drift_ns(const struct vs_clock *c, uint64_t elapsed_ns)
 {
     uint64_t whole_ns = divided(elapsed_ns, 5);
+    uint64_t apart_ns = whole_ns + (whole_ns * DRIFT_PART != elapsed_ns);
 
-    return whole_ns + (whole_ns * DRIFT_PART != elapsed_ns);
+    return c->slewed ? apart_ns + elapsed_ns / VS_CLOCK_SLEW_PART + 1 : apart_ns;
 }
 
 uint64_t vs_clock_us(uint64_t ns)
@@ -39,9 +40,10 @@ static int64_t difference(uint64_t a, uint64_t b)
     return d <= INT64_MAX ? (int64_t)d : -(int64_t)(UINT64_MAX - d) - 1;
 }
 
-void vs_clock_init(struct vs_clock *c)
+void vs_clock_init(struct vs_clock *c, int slewed)
 {
     memset(c, 0, sizeof *c);
+    c->slewed = (uint8_t)slewed;
 }
 
 /*
@@ -55,7 +57,7 @@ int vs_clock_sample(struct vs_clock *c, uint64_t echo_ns, uint64_t send_ns,
 {
     uint64_t elapsed_ns = now_ns - echo_ns;
     uint64_t hold_ns = (uint64_t)hold_us * 1000;
-    uint64_t slack_ns = drift_ns(elapsed_ns) + 1000;
+    uint64_t slack_ns = drift_ns(c, elapsed_ns) + 1000;
     uint64_t both_ways_ns;
     uint64_t bound_ns;
 
@@ -63,7 +65,8 @@ int vs_clock_sample(struct vs_clock *c, uint64_t echo_ns, uint64_t send_ns,
         return VS_ERR_ARGUMENT;
     both_ways_ns = elapsed_ns > hold_ns ? elapsed_ns - hold_ns : 0;
     bound_ns = both_ways_ns / 2 + slack_ns;
-    if (c->samples == 0 || bound_ns <= c->bound_ns + drift_ns(now_ns - c->at_ns)) {
+    if (c->samples == 0 || bound_ns <= c->bound_ns ||
+        bound_ns <= c->bound_ns + drift_ns(c, now_ns - c->at_ns)) {
         c->offset_ns = difference(send_ns + both_ways_ns / 2, now_ns);
         c->bound_ns = bound_ns;
         c->at_ns = now_ns;
@@ -79,6 +82,6 @@ int vs_clock_estimate(const struct vs_clock *c, uint64_t now_ns,
     if (c->samples == 0)
         return VS_ERR_STATE;
     *offset_ns = c->offset_ns;
-    *bound_ns = c->bound_ns + drift_ns(now_ns - c->at_ns);
+    *bound_ns = c->bound_ns + drift_ns(c, now_ns - c->at_ns);
     return VS_OK;
 }

@@ -4,6 +4,10 @@
  * bound that holds for any split of the delay between the two directions and any
  * drift up to VS_CLOCK_DRIFT_PPM. Each accepted packet of the host gives one
  * sample; the one with the smallest bound, aged, is kept.
+ *
+ * Both ends read CLOCK_MONOTONIC_RAW, which nobody slews. CLOCK_MONOTONIC may run up to
+ * 10 % wrong while NTP corrects the calendar: a robot whose kernel has nothing better
+ * says so, and its bound has room for that.
  */
 #ifndef VS_CLOCK_H
 #define VS_CLOCK_H
@@ -12,7 +16,12 @@
 
 #include "vs_err.h"
 
-#define VS_CLOCK_DRIFT_PPM 250 /* [ppm] largest drift between the two clocks */
+#define VS_CLOCK_DRIFT_PPM 250 /* [ppm] largest drift between two clocks that nobody slews */
+
+/* A slewed clock drifts by one in so many at the most. adjtimex() lets a tick be 10 % wrong and the
+ * frequency 500 ppm, adjtime() 500 ppm more; of what the slow clock shows that is 11.3 %. Source:
+ * Linux 6.1 kernel/time/ntp.c process_adjtimex_modes, MAX_TICKADJ; chrony uses 8.3 %. */
+#define VS_CLOCK_SLEW_PART 8
 
 /* Read-only for the caller; times in ns of the robot's monotonic clock. */
 struct vs_clock {
@@ -20,9 +29,10 @@ struct vs_clock {
     uint64_t bound_ns; /* |error of offset_ns| at at_ns is not larger */
     uint64_t at_ns;    /* when the sample was taken */
     uint32_t samples;  /* taken into account so far; 0 = nothing is known */
+    uint8_t slewed;    /* the robot's clock may be slewed */
 };
 
-void vs_clock_init(struct vs_clock *c);
+void vs_clock_init(struct vs_clock *c, int slewed);
 
 /*
  * One sample: the robot sent at echo_ns (own clock); the host held that packet

@@ -15,6 +15,7 @@ int vs_session_offer(struct vs_session *s, const struct vs_welcome *w)
     s->params[w->params_len] = '\0';
     s->seed = w->seed;
     s->timestep_ns = (uint64_t)w->timestep_us * 1000;
+    s->timestep_s = (double)s->timestep_ns / 1e9;
     s->phase = VS_PHASE_OPEN;
     s->open = 1;
     return VS_OK;

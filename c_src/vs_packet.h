@@ -7,10 +7,10 @@
 #include "vs_wire.h"
 
 /*
- * Begins a packet: writes the header (its length is left open) to buf.
- * The body follows with vs_put_*, then vs_packet_end closes the packet.
+ * Begins a packet of the given type: writes the otherwise given header (its length is left
+ * open) to buf. The body follows with vs_put_*, then vs_packet_end closes the packet.
  */
-void vs_packet_begin(struct vs_writer *w, const struct vs_header *header,
+void vs_packet_begin(struct vs_writer *w, uint8_t type, const struct vs_header *header,
                      uint8_t *buf, size_t cap);
 
 /*

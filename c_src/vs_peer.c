@@ -190,22 +190,20 @@ int vs_peer_receive_state(struct vs_peer *p, const struct vs_table *table, int v
                           const uint8_t *buf, size_t len, uint64_t now_ns,
                           struct vs_header *header, struct vs_state *state)
 {
-    struct vs_header h;
     const uint8_t *body;
     size_t body_len;
-    int err = vs_packet_open(buf, len, &h, &body, &body_len);
+    int err = vs_packet_open(buf, len, header, &body, &body_len);
 
     p->counters.received++;
     if (err != VS_OK)
         return drop(p, err);
-    err = filter(p, VS_STATE, via, &h, now_ns);
+    err = filter(p, VS_STATE, via, header, now_ns);
     if (err != VS_OK)
         return err;
     err = vs_decode_state(table, body, body_len, state);
     if (err != VS_OK)
         return drop(p, err);
-    note_accepted(p, &h, now_ns);
-    *header = h;
+    note_accepted(p, header, now_ns);
     return VS_OK;
 }
 

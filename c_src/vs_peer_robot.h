@@ -12,6 +12,7 @@ int vs_peer_send_telemetry(struct vs_peer *p, const struct vs_table *table,
                            struct vs_header *header, const struct vs_telemetry *telemetry,
                            uint64_t now_ns, uint8_t *buf, size_t cap, size_t *len);
 
+/* A packet that is dropped leaves *state as it was, but maybe its own header in *header. */
 int vs_peer_receive_state(struct vs_peer *p, const struct vs_table *table, int via,
                           const uint8_t *buf, size_t len, uint64_t now_ns,
                           struct vs_header *header, struct vs_state *state);

@@ -14,6 +14,7 @@
 #define LOCK_RETRY_MS 20
 
 static uint64_t recent_ns;
+static clockid_t clock_id = CLOCK_MONOTONIC_RAW;
 
 #ifdef SYS_clock_gettime32
 long syscall(long number, ...); /* no part of POSIX, so no header shows it */
@@ -22,10 +23,10 @@ long syscall(long number, ...); /* no part of POSIX, so no header shows it */
  * and each reading costs two calls. */
 static int read_clock(struct timespec *now)
 {
-    long old[2]; /* CLOCK_MONOTONIC fits it for 68 years after the board's start */
+    long old[2]; /* the time since the board's start fits it for 68 years */
 
-    if (syscall(SYS_clock_gettime32, CLOCK_MONOTONIC, old) != 0)
-        return clock_gettime(CLOCK_MONOTONIC, now);
+    if (syscall(SYS_clock_gettime32, clock_id, old) != 0)
+        return clock_gettime(clock_id, now);
     now->tv_sec = old[0];
     now->tv_nsec = old[1];
     return 0;
@@ -33,7 +34,7 @@ static int read_clock(struct timespec *now)
 #else
 static int read_clock(struct timespec *now)
 {
-    return clock_gettime(CLOCK_MONOTONIC, now);
+    return clock_gettime(clock_id, now);
 }
 #endif
 
@@ -41,9 +42,20 @@ uint64_t vs_posix_now_ns(void)
 {
     struct timespec now;
 
-    read_clock(&now);
+    /* Linux before 2.6.28 has no clock that nobody slews. Asked for once: a time of another
+     * clock in mid-life would be a jump. */
+    if (read_clock(&now) != 0 && recent_ns == 0) {
+        clock_id = CLOCK_MONOTONIC;
+        read_clock(&now);
+    }
     recent_ns = (uint64_t)now.tv_sec * 1000000000u + (uint64_t)now.tv_nsec;
     return recent_ns;
+}
+
+int vs_posix_clock_is_slewed(void)
+{
+    (void)vs_posix_now_ns();
+    return clock_id == CLOCK_MONOTONIC;
 }
 
 uint64_t vs_posix_recent_ns(void)

@@ -12,8 +12,14 @@
 extern "C" {
 #endif
 
-/* CLOCK_MONOTONIC [ns], read now. */
+/*
+ * The board's clock [ns], read now: CLOCK_MONOTONIC_RAW, on which NTP has no influence, the
+ * same for all processes. Where the kernel has none (before 2.6.28) it is CLOCK_MONOTONIC.
+ */
 uint64_t vs_posix_now_ns(void);
+
+/* 1: it is CLOCK_MONOTONIC, whose rate NTP changes. */
+int vs_posix_clock_is_slewed(void);
 
 /* The newest reading of this process's clock, without a system call: the time since is what
  * the process computed. Whatever waits (vs_posix_wait, a bus's transfer) reads it anew. */

@@ -22,7 +22,7 @@ int vs_session_init(struct vs_session *s, const struct vs_session_config *config
     s->config = *config;
     vs_peer_init(&s->peer);
     vs_table_init(&s->table);
-    vs_clock_init(&s->clock);
+    vs_clock_init(&s->clock, s->config.clock_slewed);
     return VS_OK;
 }
 
@@ -90,7 +90,7 @@ static int on_welcome(struct vs_session *s, const struct vs_header *h,
     forget_state(s);
     memcpy(s->host_nonce, w.nonce, VS_NONCE_SIZE);
     vs_peer_open(&s->peer, h->session, h->table_hash, h->send_ns, now_ns);
-    vs_clock_init(&s->clock);
+    vs_clock_init(&s->clock, s->config.clock_slewed);
     /* A greeting without an echo is no fault: the first STATE brings one. */
     (void)vs_clock_sample(&s->clock, h->echo_ns, h->send_ns, h->hold_us, now_ns);
     return VS_OK;
@@ -115,14 +115,14 @@ static int on_notice(struct vs_session *s, const struct vs_header *h,
 /* A capture that not even the clock's bound explains: it would be the newest for ever. */
 static int is_in_future(const struct vs_session *s, uint64_t capture_ns, uint64_t now_ns)
 {
+    uint64_t host_ns = now_ns + (uint64_t)s->clock.offset_ns;
     int64_t offset_ns;
     uint64_t bound_ns;
-    uint64_t host_ns;
 
-    if (vs_clock_estimate(&s->clock, now_ns, &offset_ns, &bound_ns) != VS_OK)
+    if (capture_ns <= host_ns || /* mostly, and then nobody need know the bound */
+        vs_clock_estimate(&s->clock, now_ns, &offset_ns, &bound_ns) != VS_OK)
         return 0;
-    host_ns = now_ns + (uint64_t)offset_ns;
-    return capture_ns > host_ns && capture_ns - host_ns > bound_ns + VS_FUTURE_NS;
+    return capture_ns - host_ns > bound_ns + VS_FUTURE_NS;
 }
 
 static void note_capture(struct vs_session *s, uint64_t capture_ns, uint64_t now_ns)
@@ -312,10 +312,9 @@ int vs_session_telemetry(struct vs_session *s, struct vs_telemetry *t, uint64_t 
                          uint8_t *buf, size_t cap, size_t *len)
 {
     const struct vs_counters *c = &s->peer.counters;
-    struct vs_header header;
+    struct vs_header header; /* but for type and length, which are the encoder's */
     int err;
 
-    memset(&header, 0, sizeof header);
     header.run = s->run;
     header.timestep = s->timestep;
     header.capture_ns = s->capture_ns;
@@ -377,13 +376,10 @@ int vs_session_value(const struct vs_session *s, int index, struct vs_value *out
 
 uint64_t vs_session_age_ns(const struct vs_session *s, uint64_t capture_ns, uint64_t now_ns)
 {
-    uint64_t bound_ns;
-    uint64_t age_ns;
-    int64_t offset_ns;
+    uint64_t age_ns = now_ns + (uint64_t)s->clock.offset_ns - capture_ns;
 
-    if (vs_clock_estimate(&s->clock, now_ns, &offset_ns, &bound_ns) != VS_OK)
+    if (s->clock.samples == 0)
         return UINT64_MAX;
-    age_ns = now_ns + (uint64_t)offset_ns - capture_ns;
     /* A capture in the future by less than the clock's bound is a fresh one. */
     return age_ns <= INT64_MAX ? age_ns : 0;
 }

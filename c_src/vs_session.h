@@ -46,6 +46,7 @@ struct vs_session_config {
     uint8_t uid[VS_UID_SIZE];
     uint64_t started; /* random, of this start of the daemon */
     uint16_t tag;
+    uint8_t clock_slewed; /* now_ns is of a clock that may be slewed: vs_clock.h */
     char name[VS_NAME_MAX + 1];
     char controller[VS_NAME_MAX + 1];
     char version[VS_NAME_MAX + 1];
@@ -74,6 +75,7 @@ struct vs_session {
     uint32_t offer;        /* counts the WELCOMEs whose table or params differ from those before */
     uint32_t seed;
     uint64_t timestep_ns;  /* [ns] length of a timestep */
+    double timestep_s;     /* [s] the same: divided once, not in every control step */
     uint32_t run;          /* of the newest STATE */
     uint32_t timestep;
     uint32_t from_timestep;

@@ -1,9 +1,21 @@
 /* SPDX-License-Identifier: MIT */
 #include "vs_packet.h"
 
-#include <string.h>
-
-#define LENGTH_AT 6 /* [byte] offset of the header's length field */
+/* [byte] where the header's fields stand. */
+enum {
+    TYPE_AT = 3,
+    FLAGS_AT = 4,
+    LENGTH_AT = 6,
+    SESSION_AT = 8,
+    SEQUENCE_AT = 12,
+    RUN_AT = 16,
+    TIMESTEP_AT = 20,
+    CAPTURE_AT = 24,
+    SEND_AT = 32,
+    ECHO_AT = 40,
+    HOLD_AT = 48,
+    TABLE_AT = 52
+};
 
 size_t vs_packet_limit(uint8_t type)
 {
@@ -32,12 +44,12 @@ int vs_packet_length(const uint8_t *buf, size_t len, size_t *length)
         return VS_ERR_MAGIC;
     if (len > 2 && buf[2] != VS_VERSION)
         return VS_ERR_VERSION;
-    if (len > 3 && vs_packet_limit(buf[3]) == 0)
+    if (len > 3 && vs_packet_limit(buf[TYPE_AT]) == 0)
         return VS_ERR_TYPE;
     if (len < VS_PREFIX_SIZE)
         return VS_ERR_SHORT;
-    whole = (size_t)buf[LENGTH_AT] | (size_t)buf[LENGTH_AT + 1] << 8;
-    if (whole < VS_PACKET_MIN || whole > vs_packet_limit(buf[3]))
+    whole = vs_load_u16(buf + LENGTH_AT);
+    if (whole < VS_PACKET_MIN || whole > vs_packet_limit(buf[TYPE_AT]))
         return VS_ERR_LENGTH;
     *length = whole;
     return VS_OK;
@@ -45,29 +57,24 @@ int vs_packet_length(const uint8_t *buf, size_t len, size_t *length)
 
 static void read_header(struct vs_header *h, const uint8_t *buf)
 {
-    struct vs_reader r;
-
-    vs_reader_init(&r, buf, VS_HEADER_SIZE);
-    (void)vs_get_bytes(&r, 3); /* magic and version */
-    h->type = vs_get_u8(&r);
-    h->flags = vs_get_u16(&r);
-    h->length = vs_get_u16(&r);
-    h->session = vs_get_u32(&r);
-    h->sequence = vs_get_u32(&r);
-    h->run = vs_get_u32(&r);
-    h->timestep = vs_get_u32(&r);
-    h->capture_ns = vs_get_u64(&r);
-    h->send_ns = vs_get_u64(&r);
-    h->echo_ns = vs_get_u64(&r);
-    h->hold_us = vs_get_u32(&r);
-    h->table_hash = vs_get_u32(&r);
+    h->type = buf[TYPE_AT];
+    h->flags = vs_load_u16(buf + FLAGS_AT);
+    h->length = vs_load_u16(buf + LENGTH_AT);
+    h->session = vs_load_u32(buf + SESSION_AT);
+    h->sequence = vs_load_u32(buf + SEQUENCE_AT);
+    h->run = vs_load_u32(buf + RUN_AT);
+    h->timestep = vs_load_u32(buf + TIMESTEP_AT);
+    h->capture_ns = vs_load_u64(buf + CAPTURE_AT);
+    h->send_ns = vs_load_u64(buf + SEND_AT);
+    h->echo_ns = vs_load_u64(buf + ECHO_AT);
+    h->hold_us = vs_load_u32(buf + HOLD_AT);
+    h->table_hash = vs_load_u32(buf + TABLE_AT);
 }
 
 int vs_packet_open(const uint8_t *buf, size_t len, struct vs_header *header,
                    const uint8_t **body, size_t *body_len)
 {
-    static const uint8_t zeros[VS_TAG_SIZE - 4];
-    struct vs_reader r;
+    const uint8_t *tag;
     size_t length = 0;
     int err = vs_packet_length(buf, len, &length);
 
@@ -75,10 +82,10 @@ int vs_packet_open(const uint8_t *buf, size_t len, struct vs_header *header,
         return err;
     if (len != length)
         return len < length ? VS_ERR_SHORT : VS_ERR_LENGTH;
-    vs_reader_init(&r, buf + len - VS_TAG_SIZE, 4);
-    if (memcmp(buf + len - sizeof zeros, zeros, sizeof zeros) != 0)
+    tag = buf + len - VS_TAG_SIZE;
+    if ((vs_load_u32(tag + 4) | vs_load_u32(tag + 8) | vs_load_u32(tag + 12)) != 0)
         return VS_ERR_TAG;
-    if (vs_get_u32(&r) != vs_crc32(buf, len - VS_TAG_SIZE))
+    if (vs_load_u32(tag) != vs_crc32(buf, len - VS_TAG_SIZE))
         return VS_ERR_CHECKSUM;
     read_header(header, buf);
     *body = buf + VS_HEADER_SIZE;
@@ -86,47 +93,45 @@ int vs_packet_open(const uint8_t *buf, size_t len, struct vs_header *header,
     return VS_OK;
 }
 
-void vs_packet_begin(struct vs_writer *w, const struct vs_header *header,
+void vs_packet_begin(struct vs_writer *w, uint8_t type, const struct vs_header *header,
                      uint8_t *buf, size_t cap)
 {
     vs_writer_init(w, buf, cap);
-    vs_put_u16(w, VS_MAGIC);
-    vs_put_u8(w, VS_VERSION);
-    vs_put_u8(w, header->type);
-    vs_put_u16(w, header->flags);
-    vs_put_u16(w, 0);
-    vs_put_u32(w, header->session);
-    vs_put_u32(w, header->sequence);
-    vs_put_u32(w, header->run);
-    vs_put_u32(w, header->timestep);
-    vs_put_u64(w, header->capture_ns);
-    vs_put_u64(w, header->send_ns);
-    vs_put_u64(w, header->echo_ns);
-    vs_put_u32(w, header->hold_us);
-    vs_put_u32(w, header->table_hash);
+    if (vs_put_room(w, VS_HEADER_SIZE) == NULL)
+        return;
+    vs_store_u16(buf, VS_MAGIC);
+    buf[2] = VS_VERSION;
+    buf[TYPE_AT] = type;
+    vs_store_u16(buf + FLAGS_AT, header->flags);
+    vs_store_u32(buf + SESSION_AT, header->session);
+    vs_store_u32(buf + SEQUENCE_AT, header->sequence);
+    vs_store_u32(buf + RUN_AT, header->run);
+    vs_store_u32(buf + TIMESTEP_AT, header->timestep);
+    vs_store_u64(buf + CAPTURE_AT, header->capture_ns);
+    vs_store_u64(buf + SEND_AT, header->send_ns);
+    vs_store_u64(buf + ECHO_AT, header->echo_ns);
+    vs_store_u32(buf + HOLD_AT, header->hold_us);
+    vs_store_u32(buf + TABLE_AT, header->table_hash);
 }
 
 int vs_packet_end(struct vs_writer *w, size_t *len)
 {
-    static const uint8_t zeros[VS_TAG_SIZE - 4];
+    uint8_t *tag;
     size_t limit;
-    size_t whole;
 
     *len = 0;
     if (w->error != VS_OK)
         return w->error;
-    limit = vs_packet_limit(w->buf[3]);
-    whole = w->len + VS_TAG_SIZE;
+    limit = vs_packet_limit(w->buf[TYPE_AT]);
     if (limit == 0)
         return VS_ERR_TYPE;
-    if (whole > limit)
+    tag = vs_put_room(w, VS_TAG_SIZE);
+    if (tag == NULL || w->len > limit)
         return VS_ERR_SPACE;
-    w->buf[LENGTH_AT] = (uint8_t)whole;
-    w->buf[LENGTH_AT + 1] = (uint8_t)(whole >> 8);
-    vs_put_u32(w, vs_crc32(w->buf, w->len));
-    vs_put_bytes(w, zeros, sizeof zeros);
-    if (w->error != VS_OK)
-        return w->error;
-    *len = whole;
+    vs_store_u16(w->buf + LENGTH_AT, (uint16_t)w->len);
+    tag = vs_store_u32(tag, vs_crc32(w->buf, w->len - VS_TAG_SIZE));
+    tag = vs_store_u32(tag, 0);
+    (void)vs_store_u64(tag, 0);
+    *len = w->len;
     return VS_OK;
 }

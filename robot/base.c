@@ -110,9 +110,12 @@ int vs_base_rest(struct vs_base *base, const struct vs_base_command *command)
 void vs_base_feel(const int16_t acceleration[3], const int16_t *microphones, int count,
                   struct vs_base_reading *reading)
 {
-    if (acceleration != NULL)
-        memcpy(reading->acceleration, acceleration, sizeof reading->acceleration);
-    memcpy(reading->microphones, microphones, (size_t)count * sizeof *microphones);
+    int i;
+
+    for (i = 0; acceleration != NULL && i < 3; i++)
+        reading->acceleration[i] = acceleration[i];
+    for (i = 0; i < count; i++)
+        reading->microphones[i] = microphones[i];
     reading->microphone_count = (uint8_t)count;
 }
 

@@ -12,6 +12,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "number.h"
 #include "report.h"
 #include "uid.h"
 #include "../c_src/vs_posix.h"
@@ -58,7 +59,7 @@ static unsigned int tenths_ms(uint64_t ns)
     return (unsigned int)((ns + 50000u) / 100000u);
 }
 
-/* Everything is timed with CLOCK_MONOTONIC: it has to run on, and poll() to wake soon. */
+/* Everything is timed with the board's clock: it has to run on, and poll() to wake soon. */
 static int check_clock(void)
 {
     uint64_t late_ns[NAPS];
@@ -73,7 +74,7 @@ static int check_clock(void)
         poll(NULL, 0, (int)(NAP_NS / 1000000u));
         took_ns = vs_posix_now_ns() - began_ns;
         if (took_ns < NAP_NS / 2)
-            return say("clock", 0, "CLOCK_MONOTONIC stands still: this kernel has no working timer");
+            return say("clock", 0, "the clock stands still: this kernel has no working timer");
         insert(late_ns, i, took_ns > NAP_NS ? took_ns - NAP_NS : 0);
     }
     if (late_ns[NAPS / 2] > COARSE_NS)
@@ -92,7 +93,7 @@ static int is_address(const struct vs_options *o, struct sockaddr_in *address)
     memset(address, 0, sizeof *address);
     address->sin_family = AF_INET;
     address->sin_port = htons(o->port);
-    return inet_pton(AF_INET, o->host, &address->sin_addr) == 1;
+    return vs_number_address(o->host, (uint8_t *)&address->sin_addr) == 0;
 }
 
 /* A datagram socket that connects says which way packets would go, without sending one. */

@@ -15,7 +15,7 @@
  * step). Only a newer command can turn them again. Every request is answered once.
  * A stop counts only when the base has answered it: the line has no checksum, so a
  * frame that lost a byte is written, but not applied. Until then it is due.
- * Times are CLOCK_MONOTONIC [ns], the same for worker and guard.
+ * Times are of the board's clock [ns], the same for worker and guard.
  */
 #ifndef VS_GUARD_H
 #define VS_GUARD_H

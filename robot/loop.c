@@ -51,13 +51,14 @@ static void look_at_wish(struct vs_loop *loop)
 /* Datagrams that waited while this process slept are newer, but not fresh. */
 static int is_surely_old(const struct vs_session *s, const struct vs_instant *now)
 {
+    uint64_t age_ns = vs_session_age_ns(s, s->newest_capture_ns, now->session_ns);
     int64_t offset_ns;
     uint64_t bound_ns;
 
-    if (vs_clock_estimate(&s->clock, now->session_ns, &offset_ns, &bound_ns) != VS_OK)
+    if (age_ns <= VS_SAFETY_SILENCE_NS ||
+        vs_clock_estimate(&s->clock, now->session_ns, &offset_ns, &bound_ns) != VS_OK)
         return 0;
-    return vs_session_age_ns(s, s->newest_capture_ns, now->session_ns) >
-           VS_SAFETY_SILENCE_NS + bound_ns;
+    return age_ns > VS_SAFETY_SILENCE_NS + bound_ns;
 }
 
 static void look_at_state(struct vs_loop *loop, const struct vs_instant *now)
@@ -139,7 +140,6 @@ static int16_t max_steps_s(const struct vs_base_reading *reading)
 static void run_controller(struct vs_loop *loop, const struct vs_instant *now)
 {
     struct vs_step *step = &loop->step;
-    int64_t offset_ns;
 
     begin_run(loop);
     loop->timestep_new = 0;
@@ -154,9 +154,6 @@ static void run_controller(struct vs_loop *loop, const struct vs_instant *now)
     step->age_ns = vs_session_age_ns(loop->session, loop->session->capture_ns, now->session_ns);
     step->stale = (uint8_t)vs_robot_is_stale(loop->session, step->age_ns);
     step->command = loop->command;
-    if (vs_clock_estimate(&loop->session->clock, now->session_ns, &offset_ns,
-                          &step->bound_ns) != VS_OK)
-        step->bound_ns = UINT64_MAX;
     loop->trace_due = 1;
     loop->acting = 1;
 }
@@ -205,7 +202,7 @@ static uint64_t next_step_ns(const struct vs_loop *loop)
 
     if (!loop->running)
         return loop->begin_ns + period;
-    return loop->begin_ns + (loop->timestep_new ? period / 2 : period / 4 * 5);
+    return loop->begin_ns + (loop->timestep_new ? period / 2 : period + period / 4);
 }
 
 static void give_act(struct vs_loop *loop, struct vs_guard_request *request)
@@ -228,7 +225,14 @@ static void give_hold(struct vs_loop *loop, struct vs_guard_request *request)
 int vs_loop_request(struct vs_loop *loop, const struct vs_instant *now,
                     struct vs_guard_request *request)
 {
+    int sensing;
+    int pinging;
+
     if (loop->waiting)
+        return 0;
+    sensing = now->base_ns >= next_step_ns(loop);
+    pinging = now->base_ns - loop->sent_ns >= VS_LOOP_PING_NS / 2; /* while awake anyway */
+    if (!(sensing || pinging || loop->acting || loop->hold_due || loop->ending))
         return 0;
     memset(request, 0, sizeof *request);
     if (loop->ending) {
@@ -237,7 +241,7 @@ int vs_loop_request(struct vs_loop *loop, const struct vs_instant *now,
         give_hold(loop, request);
     } else if (loop->acting && loop->running) {
         give_act(loop, request);
-    } else if (now->base_ns >= next_step_ns(loop)) {
+    } else if (sensing) {
         loop->begin_ns = now->base_ns;
         if (loop->running) {
             loop->step_ns = now->base_ns;
@@ -245,12 +249,13 @@ int vs_loop_request(struct vs_loop *loop, const struct vs_instant *now,
         } else {
             give_hold(loop, request);
         }
-    } else if (now->base_ns - loop->sent_ns >= VS_LOOP_PING_NS / 2) { /* while awake anyway */
+    } else if (pinging) {
         request->kind = VS_GUARD_PING;
     } else {
         return 0;
     }
     loop->waiting = 1;
+    loop->asked = (uint8_t)request->kind;
     loop->sent_ns = now->base_ns;
     return 1;
 }
@@ -283,17 +288,34 @@ static uint8_t actual_state(const struct vs_loop *loop)
     return VS_IDLE;
 }
 
+/* When the host has to be told at the latest. A control step tells, so that what would fall
+ * together with one waits for it. */
+static uint64_t telemetry_ns(const struct vs_loop *loop)
+{
+    uint64_t due_ns = loop->telemetry_ns + VS_LOOP_TELEMETRY_NS;
+    int stepping = loop->waiting && loop->asked != VS_GUARD_PING;
+
+    if (stepping || (loop->running && due_ns > loop->begin_ns + loop->session->timestep_ns / 2))
+        return loop->telemetry_ns + VS_LOOP_REPORT_NS;
+    return due_ns;
+}
+
 int vs_loop_telemetry(struct vs_loop *loop, const struct vs_instant *now,
                       struct vs_telemetry *t)
 {
     if (!loop->session->open)
         return 0;
-    if (!loop->telemetry_due && now->base_ns - loop->telemetry_ns < VS_LOOP_TELEMETRY_NS)
+    if (!loop->telemetry_due && now->base_ns < telemetry_ns(loop))
         return 0;
     loop->telemetry_due = 0;
     loop->telemetry_ns = now->base_ns;
-    /* Not the whole payload, of which few tables use more than some bytes. */
-    memset(t, 0, offsetof(struct vs_telemetry, payload));
+    /* Nobody asks the radio, nor counts these. */
+    t->signal_dbm = 0;
+    t->power_saving = VS_UNKNOWN;
+    t->bit_rate = 0;
+    t->retries = VS_NEVER_US;
+    t->overruns = 0;
+    t->base_resets = 0;
     t->state = actual_state(loop);
     t->stop_cause = (uint8_t)vs_loop_cause(loop, now);
     t->battery_low = loop->robot.base.battery_low;
@@ -302,10 +324,12 @@ int vs_loop_telemetry(struct vs_loop *loop, const struct vs_instant *now,
     t->left_steps_s = loop->applied.left_steps_s;
     t->right_steps_s = loop->applied.right_steps_s;
     t->leds = loop->applied.leds;
-    memcpy(t->payload, loop->robot.actuators, loop->session->table.actuator_bytes);
+    if (loop->session->table.actuator_bytes > 0)
+        memcpy(t->payload, loop->robot.actuators, loop->session->table.actuator_bytes);
     strcpy(t->log, vs_log_due(&loop->robot.log, &t->log_number));
     t->shown_len = loop->robot.shown_len;
-    memcpy(t->shown, loop->robot.shown, t->shown_len);
+    if (t->shown_len > 0)
+        memcpy(t->shown, loop->robot.shown, t->shown_len);
     return 1;
 }
 
@@ -318,7 +342,7 @@ uint64_t vs_loop_wake_ns(const struct vs_loop *loop)
         if (loop->sent_ns + VS_LOOP_PING_NS < wake_ns)
             wake_ns = loop->sent_ns + VS_LOOP_PING_NS;
     }
-    if (loop->session->open && loop->telemetry_ns + VS_LOOP_TELEMETRY_NS < wake_ns)
-        wake_ns = loop->telemetry_ns + VS_LOOP_TELEMETRY_NS;
+    if (loop->session->open && telemetry_ns(loop) < wake_ns)
+        wake_ns = telemetry_ns(loop);
     return wake_ns;
 }

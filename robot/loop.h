@@ -18,12 +18,13 @@
 #include "safety.h"
 
 #define VS_LOOP_PING_NS 50000000u      /* [ns] the guard is never left alone longer */
-#define VS_LOOP_TELEMETRY_NS 50000000u /* [ns] nor the host */
+#define VS_LOOP_TELEMETRY_NS 50000000u /* [ns] nor the host, */
+#define VS_LOOP_REPORT_NS 75000000u    /* [ns] or this where a control step tells it */
 #define VS_LOOP_IDLE_NS 100000000u     /* [ns] idle exchange without a session */
 
 /* Now, on both of the worker's clocks. */
 struct vs_instant {
-    uint64_t base_ns;    /* CLOCK_MONOTONIC */
+    uint64_t base_ns;    /* the board's clock, vs_posix.h */
     uint64_t session_ns; /* the session's clock */
 };
 
@@ -39,7 +40,6 @@ struct vs_step {
     uint32_t number;      /* 1.. */
     uint64_t session_ns;  /* when the controller was called */
     uint64_t age_ns;      /* of the newest capture then, UINT64_MAX = unknown */
-    uint64_t bound_ns;    /* of that age, UINT64_MAX = unknown */
     uint8_t stale;
     struct vs_base_command command; /* after safety */
 };
@@ -59,6 +59,7 @@ struct vs_loop {
     uint8_t hold_due;     /* the wheels must be told to stop */
     uint8_t ending;
     uint8_t waiting;      /* a request is with the guard */
+    uint8_t asked;        /* enum vs_guard_kind of the newest request */
     uint8_t acting;       /* 1: the controller decided, ACT is due or with the guard */
     uint8_t base_lost;
     uint8_t guard_lost;   /* replaced; until the next ACT */

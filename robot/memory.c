@@ -10,7 +10,7 @@ struct word {
 } __attribute__((may_alias));
 
 struct line {
-    uintptr_t words[4];
+    uintptr_t words[8];
 } __attribute__((may_alias));
 
 /* A compiler that knows memcpy and memset would put calls of them in place of the loops. */
@@ -70,7 +70,7 @@ void *vs_memory_copy(void *restrict to, const void *restrict from, size_t len)
 void *vs_memory_set(void *to, int value, size_t len)
 {
     uintptr_t bits = (uintptr_t)-1 / 255u * (unsigned char)value;
-    struct line line = {{bits, bits, bits, bits}};
+    struct line line = {{bits, bits, bits, bits, bits, bits, bits, bits}};
     unsigned char *t = to;
     size_t few = before_words(t, len);
 

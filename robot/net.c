@@ -10,6 +10,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include "number.h"
 #include "random.h"
 #include "../c_src/vs_posix.h"
 
@@ -41,14 +42,11 @@ static int start_connect(const struct vs_net *net, int fd)
 
 int vs_net_open(struct vs_net *net, const char *address, uint16_t port)
 {
-    struct in_addr host;
-
     memset(net, 0, sizeof *net);
     net->fds[TCP] = -1;
     net->fds[UDP] = -1;
-    if (inet_pton(AF_INET, address, &host) != 1)
+    if (vs_number_address(address, (uint8_t *)&net->host) != 0)
         return -1;
-    net->host = host.s_addr;
     net->port = port;
     net->why = "not connected yet";
     return 0;
@@ -127,7 +125,7 @@ static void connecting(struct vs_net *net, struct vs_session *session, uint64_t 
     } else if (connected == 1) {
         net->phase = VS_NET_UP;
         net->heard_ns = now_ns;
-        /* CLOCK_MONOTONIC counts from the board's start. */
+        /* The clock counts from the board's start. */
         vs_session_connected(session, nonce, (uint32_t)(now_ns / 1000000000u));
     } else if (connected < 0 || now_ns >= net->next_ns) {
         vs_net_close(net, session, net->why, now_ns, VS_NET_RETRY_NS);

@@ -119,3 +119,21 @@ int vs_number_whole(const char *text, int64_t least, int64_t most, int64_t *valu
     *value = whole;
     return 0;
 }
+
+int vs_number_address(const char *text, uint8_t address[4])
+{
+    int part;
+
+    for (part = 0; part < 4; part++) {
+        const char *begin = text;
+        unsigned int value = 0;
+
+        while (*text >= '0' && *text <= '9' && text - begin < 3)
+            value = 10 * value + (unsigned int)(*text++ - '0');
+        if (text == begin || (*begin == '0' && text - begin > 1) || value > 255 ||
+            *text++ != (part < 3 ? '.' : '\0'))
+            return -1;
+        address[part] = (uint8_t)value;
+    }
+    return 0;
+}

@@ -40,7 +40,7 @@ const char vs_options_help[] =
     "\n"
     "Test aids:\n"
     "  --trace FILE           one line per control step\n"
-    "  --clock-offset-ns N    session's clock = CLOCK_MONOTONIC * (1 + F / 1e6) + N\n"
+    "  --clock-offset-ns N    session's clock = the board's * (1 + F / 1e6) + N\n"
     "  --clock-drift-ppm F\n"
     "\n"
     "Options of every base, for boards on an I2C bus (/dev/i2c-3):\n"

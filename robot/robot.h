@@ -16,7 +16,7 @@
 struct vs_robot {
     const struct vs_session *session;
     uint64_t session_ns;    /* session's clock at this control step */
-    uint64_t now_ns;        /* base's clock (CLOCK_MONOTONIC) at this control step */
+    uint64_t now_ns;        /* base's clock at this control step */
     struct vs_base_reading base;
     uint64_t base_ns;       /* base's clock: when that came, 0 = never */
     struct vs_base_command command;

@@ -5,7 +5,7 @@
  *
  * Fresh = a newer sequence whose capture time advanced and is not older than
  * VS_SAFETY_SILENCE_NS: neither a frozen tracker nor datagrams that piled up while
- * this process slept keep wheels turning. Times are CLOCK_MONOTONIC [ns].
+ * this process slept keep wheels turning. Times are of the board's clock [ns].
  */
 #ifndef VS_SAFETY_H
 #define VS_SAFETY_H

@@ -30,12 +30,12 @@ void vs_settings_begin(struct vs_settings *settings)
 static char *next_line(struct vs_settings *s, char **end)
 {
     char *begin = s->text + s->pos;
-    char *feed;
+    char *last = s->text + s->len;
 
     if (s->pos >= s->len)
         return NULL;
-    feed = memchr(begin, '\n', s->len - s->pos);
-    *end = feed != NULL ? feed : s->text + s->len;
+    for (*end = begin; *end < last && **end != '\n';)
+        ++*end;
     s->pos = (size_t)(*end - s->text) + 1;
     s->line++;
     begin = trim(begin, *end);

@@ -107,14 +107,18 @@ int vs_trace_step(int fd, const struct vs_loop *loop)
     const struct vs_session *s = loop->session;
     const struct vs_step *step = &loop->step;
     struct line line;
+    int64_t offset_ns;
+    uint64_t bound_ns;
 
+    if (vs_clock_estimate(&s->clock, step->session_ns, &offset_ns, &bound_ns) != VS_OK)
+        bound_ns = UINT64_MAX;
     line.len = vs_format(
         line.text, LINE_BYTES,
         "step %" PRIu32 " timestep %" PRIu32 " run %" PRIu32 " now_ns %" PRId64 " rx_ns %" PRId64
         " capture_ns %" PRIu64 " age_ns %" PRId64 " bound_ns %" PRId64
         " stale %d left %d right %d leds %u values ",
         step->number, s->timestep, s->run, (int64_t)step->session_ns, (int64_t)s->fresh_ns,
-        s->capture_ns, (int64_t)step->age_ns, (int64_t)step->bound_ns, (int)step->stale,
+        s->capture_ns, (int64_t)step->age_ns, (int64_t)bound_ns, (int)step->stale,
         (int)step->command.left_steps_s, (int)step->command.right_steps_s,
         (unsigned int)step->command.leds);
     put_values(&line, &loop->robot);

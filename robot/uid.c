@@ -77,14 +77,17 @@ static int from_serial(struct vs_options *options)
 {
     static const char hexadecimal[] = "0123456789abcdefABCDEF";
     char text[4096];
-    const char *at;
+    const char *at = text;
     size_t count;
 
     read_text("/proc/cpuinfo", text, sizeof text);
-    at = strstr(text, "\nSerial");
-    if (at == NULL)
+    while (*at != '\0' && strncmp(at, "Serial", 6) != 0) { /* strstr() has 1.4 kB */
+        at += strcspn(at, "\n");
+        at += strspn(at, "\n");
+    }
+    if (*at == '\0')
         return 0;
-    at += strlen("\nSerial");
+    at += strlen("Serial");
     at += strspn(at, " \t:");
     count = strspn(at, hexadecimal);
     if (strspn(at, "0") == count || count > DIGITS - 8)

@@ -176,8 +176,6 @@ static void trace(struct vs_worker *w)
 static void on_reply(struct vs_worker *w, const struct vs_guard_reply *reply)
 {
     vs_loop_reply(&w->loop, reply, &w->now);
-    if (w->loop.acting)
-        read_clock(w); /* a controller may compute for long */
     if (w->loop.trace_due && w->trace_fd >= 0)
         trace(w);
     w->loop.trace_due = 0;
@@ -198,7 +196,7 @@ static void serve_guard(struct vs_worker *w)
     if (w->late_ns > LATE_NS)
         vs_guard_link_excuse(&w->guard, w->late_ns);
     late = w->now.base_ns >= vs_guard_link_deadline_ns(&w->guard);
-    if (w->guard_spoke || late)
+    if (w->guard_spoke || w->guard.pinged || late)
         got = vs_guard_link_receive(&w->guard, &reply);
     if (got == 1)
         on_reply(w, &reply);
@@ -245,7 +243,8 @@ static void await(struct vs_worker *w)
     fds[FD_SIGNALS].fd = w->loop.ending ? -1 : w->signals_fd;
     fds[FD_SIGNALS].events = POLLIN;
     fds[FD_GUARD].fd = w->guard.socket;
-    fds[FD_GUARD].events = POLLIN;
+    /* While control steps go on the next one is early enough to hear the answer to a PING. */
+    fds[FD_GUARD].events = w->guard.pinged && w->loop.running ? 0 : POLLIN;
     poll(fds, FD_COUNT, vs_posix_timeout_ms(w->now.base_ns, wake_ns));
     if (wake_ns < w->round_ns)
         wake_ns = w->round_ns;
@@ -269,6 +268,7 @@ static int open_session(struct vs_worker *w)
     memcpy(config.uid, o->uid, sizeof config.uid);
     memcpy(config.name, o->name, sizeof config.name);
     config.tag = o->tag;
+    config.clock_slewed = (uint8_t)vs_posix_clock_is_slewed();
     memcpy(config.version, VSENSED_VERSION, sizeof VSENSED_VERSION);
     memcpy(config.hash, VSENSED_CONTROLLER_HASH, sizeof VSENSED_CONTROLLER_HASH);
     if (vs_random_fill(&config.started, sizeof config.started) != 0) {

@@ -9,12 +9,12 @@ import shutil
 import signal
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import Literal, TextIO
 
+from vsense.clock import host_ns
 from vsense.errors import VsenseError, failing_as
 
 Level = Literal["info", "warning", "trouble"]
@@ -66,7 +66,7 @@ class Console:
                 self._line = line[: os.get_terminal_size(self._stream.fileno()).columns - 1]
                 self._draw()
             elif self._is_due():
-                self._printed_ns = time.monotonic_ns()
+                self._printed_ns = host_ns()
                 print(line, file=self._stream, flush=True)
 
     def end_progress(self) -> None:
@@ -79,7 +79,7 @@ class Console:
     def _is_due(self) -> bool:
         """Whether a plain line is due: the first after a message, then every ten seconds."""
         printed_ns = self._printed_ns
-        return printed_ns is None or time.monotonic_ns() - printed_ns >= QUIET_PERIOD_NS
+        return printed_ns is None or host_ns() - printed_ns >= QUIET_PERIOD_NS
 
     def _erase(self) -> None:
         if self._live and self._line:

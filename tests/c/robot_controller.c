@@ -43,6 +43,7 @@ static void begin(struct world *w, const char *params)
     CHECK(vs_session_init(&w->session, &config) == VS_OK);
     w->session.seed = 42;
     w->session.timestep_ns = 100 * MS;
+    w->session.timestep_s = 0.1;
     strcpy(w->session.params, params);
     w->session.capture_ns = 5000 * MS;
     w->robot.complain = complain;
@@ -119,7 +120,7 @@ static void test_age_and_staleness(void)
     put(&w, "it", one, 250001);
     reading = vs_robot_read(&w.robot, sensor);
     CHECK(reading.known && reading.stale && reading.age_ns == 250001000u);
-    vs_clock_init(&w.session.clock);
+    vs_clock_init(&w.session.clock, 0);
     reading = vs_robot_read(&w.robot, sensor);
     CHECK(reading.known && reading.stale && reading.age_ns == UINT64_MAX);
 }

@@ -104,6 +104,22 @@ static void test_against_strtod(uint32_t random)
     CHECK_FOR(text, fabs(ours - theirs) <= 1e-15 * fabs(theirs));
 }
 
+static void test_addresses(void)
+{
+    static const char *const wrong[] = {"",          "1.2.3",     "1.2.3.4.",  "1.2.3.4.5", " 1.2.3.4",
+                                        "1.2.3.256", "1.2..3",    "1.2.3.04",  "1.2.3.4a",  "1.2.3.1000",
+                                        "-1.2.3.4",  "localhost", "1.2.3.4 ",  ".1.2.3.4",  "::1"};
+    uint8_t address[4];
+    size_t i;
+
+    CHECK(vs_number_address("192.168.1.30", address) == 0);
+    CHECK(address[0] == 192 && address[1] == 168 && address[2] == 1 && address[3] == 30);
+    CHECK(vs_number_address("0.0.0.0", address) == 0 && address[3] == 0);
+    CHECK(vs_number_address("255.255.255.255", address) == 0 && address[0] == 255);
+    for (i = 0; i < sizeof wrong / sizeof wrong[0]; i++)
+        CHECK_FOR(wrong[i], vs_number_address(wrong[i], address) == -1);
+}
+
 int main(void)
 {
     uint32_t seed;
@@ -111,6 +127,7 @@ int main(void)
     test_numbers_and_where_they_end();
     test_what_is_no_number();
     test_whole_numbers();
+    test_addresses();
     for (seed = 1; seed <= 100000; seed++)
         test_against_strtod(seed * 2654435761u | 1u);
     return 0;

@@ -27,6 +27,7 @@ static void begin(struct world *w, uint32_t seed, const char *params)
     CHECK(vs_session_init(&w->session, &config) == VS_OK);
     w->session.seed = seed;
     w->session.timestep_ns = 100 * MS;
+    w->session.timestep_s = 0.1;
     strcpy(w->session.params, params);
     CHECK(vs_table_add(&w->session.table, 1, VS_SENSOR, "pollutant", "f4") == VS_OK);
     w->session.capture_ns = 5000 * MS;

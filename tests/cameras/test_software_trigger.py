@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import threading
-import time
 
 from vsense.cameras.grabber import GrabberError
 from vsense.cameras.live_grabber import SoftwareTrigger
+from vsense.clock import host_ns
 
 
 class Camera:
@@ -35,7 +35,7 @@ class Camera:
 def test_all_are_triggered_and_none_waits_for_another() -> None:
     free = threading.Event()
     good, gone, stuck = Camera(), Camera(refuses=True), Camera(stuck=free)
-    trigger = SoftwareTrigger({"a": good, "b": gone, "c": stuck}, 200.0, time.monotonic_ns)
+    trigger = SoftwareTrigger({"a": good, "b": gone, "c": stuck}, 200.0, host_ns)
     try:
         good.wait(20)
         gone.wait(20)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from itertools import pairwise
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from vsense.cameras.aravis import listed
 from vsense.cameras.aravis_stream import BUFFERS
 from vsense.cameras.genicam import GenicamSettings, GenicamSource
 from vsense.cameras.opencv_source import Controls
+from vsense.clock import host_ns
 
 
 def source(
@@ -24,7 +24,7 @@ def source(
     """The first camera."""
     controls = Controls(SIZE_PX, RATE_HZ, exposure_us, gain_raw)
     settings = GenicamSettings(controls, pixel_format=pixel_format)
-    return GenicamSource(rig.address(0), settings, time.monotonic_ns)
+    return GenicamSource(rig.address(0), settings, host_ns)
 
 
 def picture(source: GenicamSource) -> np.ndarray:

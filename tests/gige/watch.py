@@ -9,6 +9,7 @@ from pathlib import Path
 from tests.gige.network import MIDDLE, MIDDLES, GigeCameras
 from vsense.arena import ArenaState, Frame
 from vsense.cameras.grabber import CameraEvent, GrabberError, Troubles
+from vsense.clock import host_ns
 from vsense.config.tracking_session import load
 from vsense.tracking.opening import open_tracking
 
@@ -46,7 +47,7 @@ class Watch:
         session = load(resources, experiment)
         noted = Noted()
         self.events = noted.events
-        self._tracking = open_tracking(session, time.monotonic_ns, print, troubles=noted)
+        self._tracking = open_tracking(session, host_ns, print, troubles=noted)
         self.frames = {camera.id: 0 for camera in rig.cameras}
         self.spreads_ms: list[float] = []
         self.state: ArenaState | None = None

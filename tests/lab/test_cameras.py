@@ -7,7 +7,6 @@ import select
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -18,6 +17,7 @@ import pytest
 
 from vsense.cameras.camera import Camera
 from vsense.cameras.grabber import GrabberError
+from vsense.clock import host_ns
 from vsense.lab.backdrop import Block
 from vsense.lab.bodies import Body
 from vsense.lab.camera_spec import LabCameraSpec, rig
@@ -63,7 +63,7 @@ def spec(tmp_path: Path) -> Iterator[LabCameraSpec]:
     """Two small cameras over a robot that slowly turns and a thing that stands."""
     ring = make_ring(len(BODIES))
     writer = TruthWriter(ring.name, len(BODIES))
-    now_ns = time.monotonic_ns()
+    now_ns = host_ns()
     for when_ns, turn in ((now_ns - 100 * SECOND_NS, 0.0), (now_ns + 1000 * SECOND_NS, 3.0)):
         poses = np.array([(0.1, 0.02, turn), (0.0, -0.05, 1.0)])
         writer.write(when_ns, poses, np.array([0xFF, 0]))
@@ -91,11 +91,11 @@ def running(spec: LabCameraSpec) -> Iterator[LabGrabber]:
 
 
 def soon_ns() -> int:
-    return time.monotonic_ns() + SECOND_NS // 10
+    return host_ns() + SECOND_NS // 10
 
 
 def hours_away_ns() -> int:
-    return time.monotonic_ns() + 7200 * SECOND_NS
+    return host_ns() + 7200 * SECOND_NS
 
 
 def wait_for_end(pid: int) -> None:
@@ -153,7 +153,7 @@ def test_the_newest_pictures_win(spec: LabCameraSpec) -> None:
 def test_the_first_call_starts_the_cameras_just_after_the_newest_truth(spec: LabCameraSpec) -> None:
     ring = make_ring(len(BODIES))
     writer = TruthWriter(ring.name, len(BODIES))
-    start_ns = time.monotonic_ns()
+    start_ns = host_ns()
     writer.write(start_ns, np.zeros((2, 3)), np.zeros(2, dtype=int))
     with running(replace(spec, truth=ring.name)) as grabber:
         with pytest.raises(GrabberError, match="no pictures from the lab's cameras in 0 s"):

@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable
 
 from tests.wire.robot_session import Event, RobotSession
+from vsense.clock import host_ns
 from vsense.link.robots.server import LinkEvent, VirtualSensorServer
 from vsense.link.robots.table import Direction, Entry, Table
 from vsense.link.robots.wire import PACKET_MAX, GoodbyeCause, Telemetry, Values
@@ -36,7 +37,7 @@ class Clock:
         self._ahead_ns = 0
 
     def __call__(self) -> int:
-        return time.monotonic_ns() + self._ahead_ns
+        return host_ns() + self._ahead_ns
 
     def advance(self, length_ns: int) -> None:
         self._ahead_ns += length_ns

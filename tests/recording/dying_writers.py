@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from vsense.arena import Frame
+from vsense.clock import host_ns
 from vsense.message_bus import Message, MessageBus
 from vsense.recording.recorder import Recorder
 
@@ -38,7 +39,7 @@ def live(folder: Path, number: int) -> None:
     image = np.random.default_rng(number).integers(0, 255, (60, 80), dtype=np.uint8)
     count = 0
     while True:
-        now_ns = time.monotonic_ns()
+        now_ns = host_ns()
         bus.publish(Message("/arena", now_ns, {"n": count, "x_m": [0.1 * count] * 15}))
         count += 1
         said[:] = SAID.pack(count, now_ns)

@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from vsense.clock import host_ns
 from vsense.message_bus import Message, MessageBus
 from vsense.recording.recorder import Recorder
 from vsense.recording.waiting import Bounds
@@ -40,7 +41,7 @@ class Run:
         while not done():
             assert time.monotonic() < end_s, self.recorder.state()
             noise = [hash((self.count, n)) for n in range(200)]
-            message = Message("/arena", time.monotonic_ns(), {"n": self.count, "noise": noise})
+            message = Message("/arena", host_ns(), {"n": self.count, "noise": noise})
             self.bus.publish(message)
             self.count += 1
             time.sleep(0.01)

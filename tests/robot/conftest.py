@@ -101,7 +101,7 @@ def program(tmp_path_factory: pytest.TempPathFactory, build: Build) -> Path:
 def probe(tmp_path_factory: pytest.TempPathFactory, build: Build) -> Path:
     """Path of `vsensed` with the controller of `probe.c` and the faults that it can make."""
     target = tmp_path_factory.mktemp("probe") / "vsensed"
-    wrap = "-Wl,--wrap=fork,--wrap=recv"
+    wrap = "-Wl,--wrap=fork,--wrap=recv,--wrap=clock_gettime"
     return build(target, Path(__file__).parent / "probe.c", wrap)
 
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 /*
- * A controller that shows on its LEDs how many steps it has lived, and two system calls that
- * go wrong when the environment says so. Link with --wrap=fork,--wrap=recv.
+ * A controller that shows on its LEDs how many steps it has lived, and three system calls that
+ * go wrong when the environment says so. Link with --wrap=fork,--wrap=recv,--wrap=clock_gettime.
  */
 #include "controller.h"
 
@@ -11,6 +11,7 @@
 #include <stdlib.h>
 #include <sys/socket.h>
 #include <sys/types.h>
+#include <time.h>
 
 #define DATAGRAM_CAP 1201
 #define GAP_MS 30
@@ -62,6 +63,8 @@ pid_t __real_fork(void);
 pid_t __wrap_fork(void);
 ssize_t __real_recv(int fd, void *buf, size_t len, int flags);
 ssize_t __wrap_recv(int fd, void *buf, size_t len, int flags);
+int __real_clock_gettime(clockid_t id, struct timespec *now);
+int __wrap_clock_gettime(clockid_t id, struct timespec *now);
 
 /* PROBE_FORKS: after so many it fails. */
 pid_t __wrap_fork(void)
@@ -84,4 +87,25 @@ ssize_t __wrap_recv(int fd, void *buf, size_t len, int flags)
     if (len == DATAGRAM_CAP && getenv("PROBE_GAP") != NULL)
         (void)poll(&line, 1, GAP_MS);
     return __real_recv(fd, buf, len, flags);
+}
+
+/* PROBE_SLEW: NTP lets CLOCK_MONOTONIC run so many ppm wrong, since the machine's start.
+ * PROBE_NO_RAW: and the kernel has no other clock. */
+int __wrap_clock_gettime(clockid_t id, struct timespec *now)
+{
+    const char *ppm = getenv("PROBE_SLEW");
+    int64_t ns;
+
+    if (id == CLOCK_MONOTONIC_RAW && getenv("PROBE_NO_RAW") != NULL) {
+        errno = EINVAL;
+        return -1;
+    }
+    if (id != CLOCK_MONOTONIC || ppm == NULL)
+        return __real_clock_gettime(id, now);
+    __real_clock_gettime(CLOCK_MONOTONIC_RAW, now);
+    ns = (int64_t)now->tv_sec * 1000000000 + now->tv_nsec;
+    ns += ns / 1000 * atoi(ppm) / 1000;
+    now->tv_sec = (time_t)(ns / 1000000000);
+    now->tv_nsec = (long)(ns % 1000000000);
+    return 0;
 }

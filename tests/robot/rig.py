@@ -10,11 +10,11 @@ import select
 import signal
 import socket
 import subprocess
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from vsense.clock import host_ns
 from vsense.lab.microcontrollers import Actuation, Microcontrollers
 from vsense.link.robots.peer import Orders, Peer
 from vsense.link.robots.table import Entry, Table
@@ -146,13 +146,13 @@ class Host:
     def say(self, wanted: Wanted) -> None:
         """Wants another run state, and says so at once."""
         self.wanted = wanted
-        self.send(time.monotonic_ns())
+        self.send(host_ns())
 
     def goodbye(self, cause: GoodbyeCause = GoodbyeCause.END) -> None:
         """Ends the session in an orderly way."""
         assert self._connection is not None
         notice = Notice(cause, "that was all")
-        packet = self._peer.encode(Header(PacketType.GOODBYE), notice, time.monotonic_ns())
+        packet = self._peer.encode(Header(PacketType.GOODBYE), notice, host_ns())
         self._connection.sendall(packet)
         self._peer.close()
 
@@ -321,25 +321,25 @@ class Rig:
 
     def wait_for(self, condition: Callable[[], object], what: str, seconds: float = 20) -> None:
         """Lives until the condition holds; fails after much longer than it can take."""
-        end_ns = time.monotonic_ns() + int(seconds * S)
+        end_ns = host_ns() + int(seconds * S)
         while not condition():
             said = "".join(daemon.said for daemon in self.daemons)
-            assert time.monotonic_ns() < end_ns, f"waited in vain for {what}; daemon said:\n{said}"
+            assert host_ns() < end_ns, f"waited in vain for {what}; daemon said:\n{said}"
             self.live()
 
     def live_for(self, duration_ns: int) -> None:
         """Lives on for a while."""
-        end_ns = time.monotonic_ns() + duration_ns
-        self.wait_for(lambda: time.monotonic_ns() >= end_ns, "time to pass", 3600)
+        end_ns = host_ns() + duration_ns
+        self.wait_for(lambda: host_ns() >= end_ns, "time to pass", 3600)
 
     def live(self) -> None:
         """One round, of a millisecond at the longest."""
-        began_ns = time.monotonic_ns()
+        began_ns = host_ns()
         masters = self.base.readable() if self.plugged else []
         pipes = [d.stderr for d in self.daemons if d.open]
         watched = [*masters, *self.host.descriptors(), *pipes]
         ready = set(select.select(watched, [], [], self._wait_s(began_ns))[0])
-        now_ns = time.monotonic_ns()
+        now_ns = host_ns()
         if self.plugged:
             self.base.receive([m for m in masters if m in ready], now_ns)
             self.applied += self.base.advance(now_ns)
@@ -347,7 +347,7 @@ class Rig:
         for daemon in self.daemons:
             if daemon.open and daemon.stderr in ready:
                 daemon.read()
-        self.held_up_ns = max(self.held_up_ns, time.monotonic_ns() - began_ns - MS)
+        self.held_up_ns = max(self.held_up_ns, host_ns() - began_ns - MS)
 
     def _wait_s(self, now_ns: int) -> float:
         """A millisecond, or less if the base has something to do."""

@@ -6,7 +6,6 @@ import os
 import select
 import signal
 import subprocess
-import time
 import tty
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,6 +15,7 @@ import pytest
 from tests.robot.conftest import ROOT, Build
 from tests.robot.rig import CLEAN, MS, POLLUTED, TAG, Host, Rig
 from tests.robot.test_faults import SILENCE_NS, still_within
+from vsense.clock import host_ns
 from vsense.lab.links import KINDS
 from vsense.link.robots.wire import Wanted
 from vsense.native import ffi, lib
@@ -118,7 +118,7 @@ def reset(rig: Rig) -> None:
     """The microcontroller is reset, as at power on: twice, where that is what it does."""
     program = rig.link.program
     more = (1,) if program.kind.prefix == "fw_asercom" else ()
-    getattr(lib, f"{program.kind.prefix}_reset")(program.state, *more, time.monotonic_ns() // 1000)
+    getattr(lib, f"{program.kind.prefix}_reset")(program.state, *more, host_ns() // 1000)
     rig.base.wake()
 
 
@@ -304,11 +304,11 @@ def test_a_base_that_is_no_e_puck_is_one_file_and_one_line(tmp_path: Path, build
 
 def live_until(condition: Callable[[], object], robot: BareRobot, host: Host) -> None:
     """Has host and robot live until the condition holds."""
-    end_ns = time.monotonic_ns() + 20_000 * MS
+    end_ns = host_ns() + 20_000 * MS
     while not condition():
-        assert time.monotonic_ns() < end_ns, f"waited in vain; the robot does {robot.state}"
+        assert host_ns() < end_ns, f"waited in vain; the robot does {robot.state}"
         watched = [robot.master, *host.descriptors()]
         ready = set(select.select(watched, [], [], 0.001)[0])
         if robot.master in ready:
             robot.serve()
-        host.serve(ready, time.monotonic_ns())
+        host.serve(ready, host_ns())

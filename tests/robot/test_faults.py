@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import pytest
 
 from tests.robot.conftest import Build
 from tests.robot.rig import MS, Rig, S
+from vsense.clock import host_ns
 from vsense.link.robots.wire import StopCause, Wanted
 from vsense.native import lib
 
@@ -85,7 +85,7 @@ def told(rig: Rig, count: int, text: str) -> None:
 def test_stop_reaches_the_base(rig: Rig) -> None:
     def fail() -> int:
         rig.host.say(Wanted.STOP)
-        return time.monotonic_ns()
+        return host_ns()
 
     still_within(rig, ORDER_NS, fail, lambda: rig.host.say(Wanted.RUN))
 
@@ -93,7 +93,7 @@ def test_stop_reaches_the_base(rig: Rig) -> None:
 def test_sigterm_reaches_the_base(rig: Rig) -> None:
     def fail() -> int:
         rig.daemon.process.terminate()
-        return time.monotonic_ns()
+        return host_ns()
 
     def mend() -> None:
         rig.wait_for(lambda: rig.daemon.process.poll() == 0, "the end")
@@ -146,7 +146,7 @@ def test_motion_needs_three_fresh_frames_after_a_silence(rig: Rig) -> None:
 def test_worker_killed_and_started_again(rig: Rig) -> None:
     def fail() -> int:
         rig.daemon.process.kill()
-        return time.monotonic_ns()
+        return host_ns()
 
     def mend() -> None:
         guard = guards.pop()
@@ -171,7 +171,7 @@ def test_worker_killed_and_started_again(rig: Rig) -> None:
 def test_worker_stopped_and_continued(rig: Rig) -> None:
     def fail() -> int:
         rig.daemon.process.send_signal(signal.SIGSTOP)
-        return time.monotonic_ns()
+        return host_ns()
 
     def mend() -> None:
         rig.daemon.process.send_signal(signal.SIGCONT)
@@ -190,7 +190,7 @@ def test_guard_dead_or_stopped_is_replaced(rig: Rig, number: signal.Signals) -> 
         assert guard is not None
         lost.append(guard)
         os.kill(guard, number)
-        return time.monotonic_ns()
+        return host_ns()
 
     def mend() -> None:
         rig.wait_for(lambda: rig.daemon.guard not in (None, lost[-1]), "another guard")
@@ -365,7 +365,7 @@ def test_queued_frames_are_not_fresh(rig: Rig) -> None:
     rig.run()
     rig.daemon.process.send_signal(signal.SIGSTOP)
     rig.wait_for(lambda: not rig.moving, "rest")
-    began_ns = time.monotonic_ns()
+    began_ns = host_ns()
     rig.wait_for(lambda: rig.host.fresh_ns > began_ns + S, "a queue")
     rig.host.silent = True
     rig.live_for(600 * MS)

@@ -16,11 +16,11 @@ import socket
 import struct
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
+from vsense.clock import host_ns
 from vsense.lab.microcontrollers import Actuation, Microcontrollers
 from vsense.robot import build
 
@@ -301,7 +301,7 @@ class Floor:
     @staticmethod
     def clock() -> int:
         """The clock of the loop and of the bases [ns]."""
-        return time.monotonic_ns()
+        return host_ns()
 
     def worker(self, tag: int) -> Program:
         """A robot's daemon."""
@@ -361,32 +361,32 @@ class Floor:
 
     def wait_for(self, condition: Callable[[], object], what: str) -> None:
         """Lives until the condition holds; fails after much longer than it can take."""
-        end_ns = time.monotonic_ns() + round(PATIENCE_S * S)
+        end_ns = host_ns() + round(PATIENCE_S * S)
         while not condition():
-            if time.monotonic_ns() > end_ns:
+            if host_ns() > end_ns:
                 said = "\n".join(p.said for p in self._everything() if isinstance(p, Program))
                 raise AssertionError(f"waited in vain for {what}; said was:\n{said}")
             self.live()
 
     def live_for(self, duration_ns: int) -> None:
         """Lives on for a while."""
-        end_ns = time.monotonic_ns() + duration_ns
-        self.wait_for(lambda: time.monotonic_ns() >= end_ns, "time to pass")
+        end_ns = host_ns() + duration_ns
+        self.wait_for(lambda: host_ns() >= end_ns, "time to pass")
 
     def live(self) -> None:
         """One round, of a millisecond at the longest."""
-        began_ns = time.monotonic_ns()
+        began_ns = host_ns()
         parts = self._everything()
         masters = self._bases.readable()
         watched = masters + [d for part in parts for d in part.descriptors()]
         ready = set(select.select(watched, [], [], 0.001)[0])
-        now_ns = time.monotonic_ns()
+        now_ns = host_ns()
         self._bases.receive([m for m in masters if m in ready], now_ns)
         for actuation in self._bases.advance(now_ns):
             self.applied[self.tags[actuation.robot]].append(actuation)
         for part in parts:
             part.live(ready, now_ns)
-        self.held_up_ns = max(self.held_up_ns, time.monotonic_ns() - began_ns - MS)
+        self.held_up_ns = max(self.held_up_ns, host_ns() - began_ns - MS)
 
     def close(self) -> None:
         """Ends everything."""

@@ -6,6 +6,7 @@ import sys
 import time
 
 from tests.system.floor import LinesTracker
+from vsense.clock import host_ns
 
 
 def main() -> None:
@@ -14,7 +15,7 @@ def main() -> None:
     tracker = LinesTracker(tags)
     tracker.port = port
     while True:
-        tracker.live(set(), time.monotonic_ns())
+        tracker.live(set(), host_ns())
         time.sleep(0.005)
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 
 import pytest
 
 from vsense.cameras import aravis, gige, networks
 from vsense.cameras.camera import Camera
+from vsense.clock import host_ns
 from vsense.config import tracking_session
 from vsense.errors import ConfigError
 from vsense.tracking.opening import open_tracking
@@ -55,7 +55,7 @@ def session(folder: Path, **differs: str) -> TrackingSession:
 
 def refusal(session: TrackingSession) -> str:
     with pytest.raises(ConfigError) as refused:
-        open_tracking(session, time.monotonic_ns, print).close()
+        open_tracking(session, host_ns, print).close()
     return str(refused.value)
 
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from tests.ui import puppet_world as play
+from vsense.clock import host_ns
 from vsense.message_bus import Message, MessageBus
 from vsense.run.orders import Order, OrderError, OrderKind
 from vsense.ui.server import WebServer
@@ -109,7 +110,7 @@ class Puppet:
     def publish(self, topic: str, data: dict[str, Any], blob: bytes = b"") -> None:
         """Publishes one message that is wanted."""
         if not self.silent and self.bus.wants(topic):
-            self.bus.publish(Message(topic, time.monotonic_ns(), data, blob))
+            self.bus.publish(Message(topic, host_ns(), data, blob))
 
     def say(self, text: str, by: str | None = None, level: str = "info") -> None:
         """Publishes an event."""

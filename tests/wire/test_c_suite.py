@@ -84,6 +84,7 @@ def declared_functions(headers: Iterable[Path]) -> set[str]:
     found: set[str] = set()
     for header in headers:
         text = re.sub(r"/\*.*?\*/", "", header.read_text(), flags=re.DOTALL)
+        text = re.sub(r"^static inline .*?^}", "", text, flags=re.DOTALL | re.MULTILINE)
         found |= set(re.findall(r"\b(vs_\w+)\([^;{]*\);", text))
     return found
 

@@ -20,6 +20,7 @@ from vsense.cameras.genicam import GenicamSettings, GenicamSource
 from vsense.cameras.grabber import GrabberError
 from vsense.cameras.live_grabber import LiveGrabber
 from vsense.cameras.opencv_source import Controls
+from vsense.clock import host_ns
 from vsense.errors import VsenseError
 from vsense.lab.camera_spec import SIZE_PX
 from vsense.markers.codes import choose_tags
@@ -145,8 +146,8 @@ def _turns(
         for way, (grabs, detects) in ways.items():
             grabber = None
             if grabs:
-                source = GenicamSource(address, settings, time.monotonic_ns)
-                grabber = LiveGrabber({"camera": source}, {"camera": SIZE_PX}, time.monotonic_ns)
+                source = GenicamSource(address, settings, host_ns)
+                grabber = LiveGrabber({"camera": source}, {"camera": SIZE_PX}, host_ns)
             try:
                 found[way].append(_turn(grabber, detect if detects else lambda: None))
             finally:
@@ -164,14 +165,14 @@ def _turn(
     work()
     pictures, ages_ms = round(TURN_S * RATE_HZ), []
     begun_ns = time.process_time_ns()
-    due_ns = time.monotonic_ns()
+    due_ns = host_ns()
     for _ in range(pictures):
         if grabber is None:
             due_ns += round(1e9 / RATE_HZ)
-            time.sleep(max(due_ns - time.monotonic_ns(), 0) / 1e9)
+            time.sleep(max(due_ns - host_ns(), 0) / 1e9)
         else:
             frame = grabber.next(_FIRST_S)[0]
-            ages_ms.append((time.monotonic_ns() - frame.capture_ns) / 1e6)
+            ages_ms.append((host_ns() - frame.capture_ns) / 1e6)
         work()
     cpu_ms = (time.process_time_ns() - begun_ns) / 1e6 / pictures
     events = [] if grabber is None else grabber.events()

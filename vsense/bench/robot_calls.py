@@ -12,9 +12,9 @@ import re
 import select
 import statistics
 import subprocess
-import time
 from pathlib import Path
 
+from vsense.clock import host_ns
 from vsense.lab.microcontrollers import Microcontrollers
 from vsense.link.robots.server import VirtualSensorServer
 from vsense.link.robots.table import Entry, Table
@@ -86,15 +86,15 @@ class _Life:
         self._trace = daemon.stderr.fileno()
         self._rest = b""
         self._timestep = 0
-        self._next_ns = time.monotonic_ns()
+        self._next_ns = host_ns()
         os.set_blocking(self._trace, False)
 
     def median(self, steps: int) -> int:
         """Counts after the robot has run for a while."""
-        end_ns = time.monotonic_ns() + PATIENCE_NS
+        end_ns = host_ns() + PATIENCE_NS
         self._server.command(Wanted.RUN)
         while (said := self._server.robots()[TAG].telemetry) is None or said.control_step == 0:
-            if time.monotonic_ns() > end_ns or self._daemon.poll() is not None:
+            if host_ns() > end_ns or self._daemon.poll() is not None:
                 raise BuildError("the daemon makes no control step on the emulated processor")
             self._live()
         for _ in range(WARM_UP):
@@ -105,14 +105,14 @@ class _Life:
         """One timestep; gives the calls that were made in it."""
         self._timestep += 1
         self._next_ns += TIMESTEP_NS
-        now_ns = time.monotonic_ns()
+        now_ns = host_ns()
         self._server.publish(self._timestep, now_ns - 20_000_000, {TAG: [(bytes(4), now_ns)]})
         calls = 0
-        while (now_ns := time.monotonic_ns()) < self._next_ns:
+        while (now_ns := host_ns()) < self._next_ns:
             watched = [*self._base.readable(), self._trace]
             due_ns = min(self._base.due_ns or self._next_ns, self._next_ns)
             ready = select.select(watched, [], [], max(due_ns - now_ns, 0) / 1e9)[0]
-            now_ns = time.monotonic_ns()
+            now_ns = host_ns()
             self._base.receive([fd for fd in ready if fd != self._trace], now_ns)
             self._base.advance(now_ns)
             if self._trace in ready:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -21,6 +20,7 @@ from vsense.cameras.opencv_source import Controls, teach_opencv
 from vsense.cameras.picture import PictureError
 from vsense.cameras.source import Shot, Source
 from vsense.cameras.v4l2 import V4l2ControlDevice
+from vsense.clock import host_ns
 from vsense.config import resources as resources_file
 from vsense.errors import UsageError
 from vsense.tracking.opening import make_source
@@ -112,7 +112,7 @@ class OpenCamera:
         raise GrabberError(f"{self.id}: gives damaged pictures only: {reason}")
 
 
-def make(spec: GrabberSpec, clock: Callable[[], int] = time.monotonic_ns) -> OpenCamera:
+def make(spec: GrabberSpec, clock: Callable[[], int] = host_ns) -> OpenCamera:
     """Makes the source of a camera's pictures; it is not open yet."""
     teach_opencv()
     source = make_source(spec, clock, NetworkLoad())

@@ -10,7 +10,6 @@ import queue
 import re
 import sys
 import threading
-import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -24,6 +23,7 @@ from vsense.camera_setup.showing import save_picture
 from vsense.cameras.genicam import GenicamSettings
 from vsense.cameras.grabber import Grabber, GrabberError, Troubles
 from vsense.cameras.picture import Image
+from vsense.clock import host_ns
 from vsense.config import resources as resources_file
 from vsense.errors import UsageError, VsenseError
 from vsense.terminal import INTERRUPTED, Console, interruption
@@ -124,7 +124,7 @@ def run(options: ShootOptions, as_json: bool) -> int:
         console = Console()
         sizes_px = _sizes(specs, console)
         session = session_of(options.resources, [s for s in specs if s.id in sizes_px], sizes_px)
-        grabber = live_grabber(session, sizes_px, time.monotonic_ns)
+        grabber = live_grabber(session, sizes_px, host_ns)
         stack.callback(grabber.close)
         shoot = ShootingSession(
             [spec.id for spec in specs], options.output, board, grabber, console
@@ -164,7 +164,7 @@ class ShootingSession:
         board: Board | None,
         grabber: Grabber,
         console: Console,
-        clock: Callable[[], int] = time.monotonic_ns,
+        clock: Callable[[], int] = host_ns,
     ) -> None:
         """Prepares to take pictures of all `cameras` into folders of `directory`.
 
@@ -299,10 +299,10 @@ def _by_itself(
     interrupted: threading.Event,
 ) -> None:
     """Takes a moment every so many seconds."""
-    due_ns, taken = time.monotonic_ns(), 0
+    due_ns, taken = host_ns(), 0
     while not interrupted.is_set() and taken != count:
         due_ns += round(1e9 * every_s)
-        while time.monotonic_ns() < due_ns and not interrupted.is_set():
+        while host_ns() < due_ns and not interrupted.is_set():
             shoot.idle()
         if not interrupted.is_set():
             taken += 1

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import threading
-import time
 from collections import deque
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
@@ -20,6 +19,7 @@ from vsense.cameras.grabber import CameraEvent, GrabberError, Troubles
 from vsense.cameras.health import Health
 from vsense.cameras.opencv_source import Controls
 from vsense.cameras.picture import Image
+from vsense.clock import host_ns
 from vsense.errors import UsageError, VsenseError
 from vsense.live.track_room import TrackRoom
 from vsense.markers.families import load_family
@@ -131,7 +131,7 @@ class ShowSession:
         """Shows the camera until it is interrupted; a lost camera is reopened."""
         size_px = self._camera.width_px, self._camera.height_px
         sizes_px = {self._camera.id: size_px}
-        grabber = live_grabber(self._session, sizes_px, time.monotonic_ns)
+        grabber = live_grabber(self._session, sizes_px, host_ns)
         self._console.say("Ctrl-C ends")
         try:
             while not interrupted.is_set():

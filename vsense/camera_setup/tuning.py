@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import sys
 import threading
-import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -23,6 +22,7 @@ from vsense.cameras.controls import EXPOSURE, GAIN
 from vsense.cameras.grabber import GrabberError
 from vsense.cameras.opencv_source import Controls
 from vsense.cameras.picture import Image
+from vsense.clock import host_ns
 from vsense.config import resources as resources_file
 from vsense.errors import UsageError
 from vsense.markers.families import load_family
@@ -189,7 +189,7 @@ class TuningBlock:
         tuner: Tuner,
         interrupted: threading.Event,
         block: LiveBlock,
-        clock: Callable[[], int] = time.monotonic_ns,
+        clock: Callable[[], int] = host_ns,
     ) -> None:
         self._tuner = tuner
         self._interrupted = interrupted

@@ -18,7 +18,6 @@ import os
 import select
 import signal
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from dataclasses import asdict
@@ -26,6 +25,7 @@ from typing import Any
 
 import numpy as np
 
+from vsense.clock import host_ns
 from vsense.errors import VsenseError
 from vsense.lab.camera_spec import Exposure, LabCameraSpec
 from vsense.lab.optics import EXPOSURE_NS, sample_times_ns
@@ -69,7 +69,7 @@ class CameraProcess:
             if exposure is None:
                 return
             yield exposure
-            passed_ns = time.monotonic_ns() - EXPOSURE_NS // 2 - epoch_ns
+            passed_ns = host_ns() - EXPOSURE_NS // 2 - epoch_ns
             timestep = max(timestep, passed_ns // self._spec.timestep_ns) + 1
 
     def close(self) -> None:
@@ -84,12 +84,12 @@ class CameraProcess:
         self._studio.prepare(timestep, images)
         if not wait(stdin, capture_ns + EXPOSURE_NS // 2) or not self._know(moments[-1], stdin):
             return None
-        known_ns = time.monotonic_ns()
+        known_ns = host_ns()
         truth = [self._truth.at(moment) for moment in moments]
         poses = np.stack([poses for poses, _ in truth])
         leds = truth[SAMPLES // 2][1]
         self._studio.expose(timestep, poses, leds, images)
-        ready_ns = time.monotonic_ns()
+        ready_ns = host_ns()
         render_ns = ready_ns - known_ns
         self._log.append(timestep, capture_ns, ready_ns, render_ns, poses[SAMPLES // 2], leds)
         return Exposure(timestep, slot, capture_ns, ready_ns)
@@ -97,7 +97,7 @@ class CameraProcess:
     def _know(self, moment_ns: int, stdin: int) -> bool:
         """Waits until the truth of a moment is known; False where `stdin` ended first."""
         while self._truth.newest_ns() < moment_ns:
-            if not wait(stdin, time.monotonic_ns() + _TRUTH_POLL_NS):
+            if not wait(stdin, host_ns() + _TRUTH_POLL_NS):
                 return False
         return True
 
@@ -105,7 +105,7 @@ class CameraProcess:
 def wait(stdin: int, until_ns: int) -> bool:
     """Waits until a time on the monotonic clock; False as soon as `stdin` has ended."""
     while True:
-        left_s = max(0, until_ns - time.monotonic_ns()) / 1e9
+        left_s = max(0, until_ns - host_ns()) / 1e9
         if not select.select([stdin], [], [], left_s)[0]:
             return True
         if not os.read(stdin, 4096):

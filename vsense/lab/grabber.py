@@ -12,6 +12,7 @@ from contextlib import suppress
 from vsense.arena import Frame
 from vsense.cameras.camera import Camera
 from vsense.cameras.grabber import CameraEvent, GrabberError
+from vsense.clock import host_ns
 from vsense.lab.camera_spec import Exposure, LabCameraSpec
 from vsense.lab.optics import EXPOSURE_NS
 from vsense.lab.processes import describe_exit, end, start_module
@@ -68,7 +69,7 @@ class LabGrabber:
         self._line(READY_TIMEOUT_S)
         if epoch_ns is None:
             truth = TruthReader(self._truth)
-            epoch_ns = (truth.newest_ns() or time.monotonic_ns()) + _LEAD_NS + EXPOSURE_NS // 2
+            epoch_ns = (truth.newest_ns() or host_ns()) + _LEAD_NS + EXPOSURE_NS // 2
             truth.close()
         self._send(json.dumps({"epoch_ns": epoch_ns}))
         self._started = True

@@ -35,6 +35,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.clock import host_ns
 from vsense.config.specs import Experiment, ObjectSpec, RobotSpec
 from vsense.errors import UsageError, VsenseError
 from vsense.lab.links import bases_of
@@ -214,13 +215,13 @@ class PhysicsProcess:
 def run(process: PhysicsProcess, stdin: int, ended: list[int]) -> None:
     """Runs in real time until the descriptor `stdin` ends or `ended` is not empty."""
     while not ended:
-        wait_s = max(0, process.wake_ns() - time.monotonic_ns()) / 1e9
+        wait_s = max(0, process.wake_ns() - host_ns()) / 1e9
         ready = select.select([stdin, *process.controllers.readable()], [], [], wait_s)[0]
         if stdin in ready:
             ready.remove(stdin)
             if not os.read(stdin, 4096):
                 return
-        process.step(ready, time.monotonic_ns())
+        process.step(ready, host_ns())
 
 
 def main() -> int:
@@ -231,7 +232,7 @@ def main() -> int:
     try:
         spec = PhysicsSpec.parse(read_line(stdin))
         signal.signal(signal.SIGTERM, lambda number, frame: ended.append(number))
-        epoch_ns = time.monotonic_ns()
+        epoch_ns = host_ns()
         process = PhysicsProcess(spec, epoch_ns)
         print(json.dumps({"bases": process.controllers.bases, "epoch_ns": epoch_ns}), flush=True)
         started_s = time.process_time()

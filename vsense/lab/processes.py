@@ -12,8 +12,9 @@ import select
 import signal
 import subprocess
 import sys
-import time
 from typing import IO, Any
+
+from vsense.clock import host_ns
 
 END_TIMEOUT_S = 5.0
 """A process that was asked to end and does not within this time is killed."""
@@ -74,12 +75,12 @@ def watch() -> list[float]:
     Ticks that were missed whole count once, with their lateness.
     """
     lateness_ms: list[float] = []
-    due_ns = time.monotonic_ns() + PERIOD_NS
+    due_ns = host_ns() + PERIOD_NS
     while True:
-        wait_s = max(0, due_ns - time.monotonic_ns()) / 1e9
+        wait_s = max(0, due_ns - host_ns()) / 1e9
         if select.select([sys.stdin], [], [], wait_s)[0]:
             return lateness_ms
-        now_ns = time.monotonic_ns()
+        now_ns = host_ns()
         if now_ns >= due_ns:
             lateness_ms.append((now_ns - due_ns) / 1e6)
             due_ns += PERIOD_NS * (1 + (now_ns - due_ns) // PERIOD_NS)

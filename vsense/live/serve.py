@@ -7,13 +7,13 @@ without it all runs are one, which goes on with the next run.
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 
 from vsense.arena import ArenaState, Frame
 from vsense.cameras.grabber import Troubles
+from vsense.clock import host_ns
 from vsense.config import tracking_session
 from vsense.link.trackers.server import ArenaServer
 from vsense.live.track import SILENCE_S, Talk, Timesteps, begin_recording, timesteps
@@ -76,7 +76,7 @@ def run(resources: str, experiment: str, host: str, port: int | None) -> int:
     """
     session = tracking_session.load(resources, experiment)
     console = Console()
-    talk = Talk(console, time.monotonic_ns, None)
+    talk = Talk(console, host_ns, None)
     cameras = [view.camera for view in session.views]
     port = session.server_port if port is None else port
     with ExitStack() as stack:
@@ -114,7 +114,7 @@ class Serving:
         while not self.interrupted.is_set():
             self.server.forget()
             # Recordings are paced here: their first timestep lasts until a client starts a run.
-            tracking = open_tracking(session, time.monotonic_ns, self.talk.say, OFFLINE, troubles)
+            tracking = open_tracking(session, host_ns, self.talk.say, OFFLINE, troubles)
             with closing(tracking):
                 steps = timesteps(tracking, self.interrupted)
                 if session.is_live:
@@ -133,10 +133,10 @@ class Serving:
         while not self.server.wait_for_run(SILENCE_S):
             if self.interrupted.is_set():
                 return
-        shift_ns = time.monotonic_ns() - first.capture_ns
+        shift_ns = host_ns() - first.capture_ns
         self.server.publish(first)
         for state, frames in steps:
-            wait_ns = state.capture_ns + shift_ns - time.monotonic_ns()
+            wait_ns = state.capture_ns + shift_ns - host_ns()
             self.interrupted.wait(max(wait_ns, 0) / 1e9)
             self._publish(tracking, state, frames)
             if not self.server.running:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import NamedTuple, Protocol
 
 from vsense.arena import ArenaState, Frame
 from vsense.cameras.grabber import GrabberError, NoMorePictures
+from vsense.clock import host_ns
 from vsense.config import tracking_session
 from vsense.config.specs import Experiment, JsonLinesTracker, TrackerAddress
 from vsense.errors import UsageError
@@ -125,7 +125,7 @@ def open_source(
     experiment: Experiment,
     tracking: tuple[str, str] | None,
     tell: Tell,
-    clock: Clock = time.monotonic_ns,
+    clock: Clock = host_ns,
 ) -> SteadySource:
     """Opens what the command line or the experiment names.
 

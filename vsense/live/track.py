@@ -15,6 +15,7 @@ import cv2
 from vsense import arena
 from vsense.arena import ArenaState, Frame
 from vsense.cameras.grabber import GrabberError, NoMorePictures, Troubles
+from vsense.clock import host_ns
 from vsense.config import tracking_session
 from vsense.errors import UsageError, VsenseError, failing_as
 from vsense.live.track_room import TrackRoom
@@ -157,10 +158,10 @@ def run(options: TrackOptions) -> int:
         console = Console()
         pace = OFFLINE if options.offline else PACED
         tell = lambda line: console.say(f"vsense: {line}")  # noqa: E731
-        tracking = open_tracking(session, time.monotonic_ns, tell, pace)
+        tracking = open_tracking(session, host_ns, tell, pace)
         stack.callback(tracking.close)
         room = stack.enter_context(TrackRoom(options.web, session, tracking.troubles, console))
-        talk = Talk(console, time.monotonic_ns, known_timesteps(options.frames, tracking))
+        talk = Talk(console, host_ns, known_timesteps(options.frames, tracking))
         TrackingRun(options, session, tracking, interrupted, talk, room).run()
         return INTERRUPTED if interrupted.is_set() else 0
 
@@ -231,14 +232,14 @@ def timesteps(
         GrabberError: cameras gave nothing at the beginning.
         VsenseError: the tracker has failed.
     """
-    begun_ns, done = time.monotonic_ns(), 0
+    begun_ns, done = host_ns(), 0
     while not interrupted.is_set() and done != most:
         try:
             state, frames = tracking.next(SILENCE_S)
         except NoMorePictures:
             return
         except GrabberError:
-            if not done and time.monotonic_ns() - begun_ns > FIRST_PICTURE_NS:
+            if not done and host_ns() - begun_ns > FIRST_PICTURE_NS:
                 raise
             continue
         done += 1

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 import vsense
 from vsense.arena import ArenaState, Frame, arena_data
 from vsense.cameras.grabber import Troubles
+from vsense.clock import host_ns
 from vsense.message_bus import MessageBus
 from vsense.recording.form import Data, ExperimentMessage, RunMessage
 from vsense.run.orders import Order, OrderError
@@ -37,7 +37,7 @@ class TrackRoom:
         session: TrackingSession,
         troubles: Troubles,
         console: Console,
-        clock: Callable[[], int] = time.monotonic_ns,
+        clock: Callable[[], int] = host_ns,
     ) -> None:
         """Opens the page at `web`, if it is not None; `troubles` are those of the cameras.
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import threading
-import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from vsense.clock import host_ns
 from vsense.message_bus import Message, MessageBus
 from vsense.recording import form
 from vsense.recording.reader import Recording, read_gap
@@ -38,7 +38,7 @@ class Player:
         self,
         recording: Recording,
         bus: MessageBus,
-        clock: Callable[[], int] = time.monotonic_ns,
+        clock: Callable[[], int] = host_ns,
     ) -> None:
         self._recording = recording
         self._bus = bus

@@ -18,6 +18,7 @@ from typing import Any
 import cv2
 
 from vsense.arena import Frame
+from vsense.clock import host_ns
 from vsense.message_bus import Listener, Message, MessageBus
 from vsense.recording import form
 from vsense.recording.waiting import Bounds, Item, Waiting, WaitingPicture, gap_message
@@ -60,7 +61,7 @@ class Recorder:
         path: Path,
         pictures: bool = False,
         bounds: Bounds | None = None,
-        clock: Callable[[], int] = time.monotonic_ns,
+        clock: Callable[[], int] = host_ns,
     ) -> None:
         self.path = path
         self._bus = bus

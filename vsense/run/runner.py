@@ -6,13 +6,13 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from vsense.cameras.grabber import NoMorePictures
+from vsense.clock import host_ns
 from vsense.config.specs import Experiment
 from vsense.errors import failing_as
 from vsense.link.robots.server import VirtualSensorServer
@@ -80,7 +80,7 @@ class Runner:
         interrupted: threading.Event,
         observe: Observer = lambda step, robots: None,
         control: Control | None = None,
-        clock: Callable[[], int] = time.monotonic_ns,
+        clock: Callable[[], int] = host_ns,
     ) -> None:
         self.counters, self.reconnects = LinkCounters(), 0
         self._alarms = RobotAlarms()

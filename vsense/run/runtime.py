@@ -8,11 +8,11 @@ tracker), the other runs the world (world, virtual sensors, server). The double 
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from vsense.arena import ArenaState, Frame
+from vsense.clock import host_ns
 from vsense.link.robots.server import VirtualSensorServer
 from vsense.link.robots.wire import Values, Wanted
 from vsense.run.environment import Environment
@@ -102,7 +102,7 @@ class Runtime:
         source: ArenaSource,
         environment: Environment,
         server: VirtualSensorServer,
-        clock: Callable[[], int] = time.monotonic_ns,
+        clock: Callable[[], int] = host_ns,
     ) -> None:
         self._source = source
         self._watch = Watch(source, clock)

@@ -11,13 +11,13 @@ import asyncio
 import contextlib
 import json
 import threading
-import time
 from collections import OrderedDict, deque
 from collections.abc import Callable
 from typing import Any
 
 from aiohttp import WSMsgType, web
 
+from vsense.clock import host_ns
 from vsense.errors import VsenseError
 from vsense.message_bus import Listener, Message, MessageBus
 from vsense.recording.form import PICTURE, without_nan
@@ -361,4 +361,4 @@ class WebClients:
         self._answer(viewer, text, True)
 
     def _answer(self, viewer: WebClient, text: str, ok: bool) -> None:
-        viewer.post(Message("/answer", time.monotonic_ns(), {"text": text, "ok": ok}))
+        viewer.post(Message("/answer", host_ns(), {"text": text, "ok": ok}))

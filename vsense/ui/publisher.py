@@ -7,7 +7,6 @@ few per second, on a thread of their own.
 from __future__ import annotations
 
 import threading
-import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -16,6 +15,7 @@ import cv2
 import numpy as np
 
 from vsense.arena import ArenaState, Frame, arena_data
+from vsense.clock import host_ns
 from vsense.link.robots.status import RobotStatus
 from vsense.link.robots.table import Direction
 from vsense.message_bus import Message, MessageBus
@@ -76,7 +76,7 @@ class Publisher:
         runtime: Runtime,
         control: Control,
         others: Callable[[], Data],
-        clock: Callable[[], int] = time.monotonic_ns,
+        clock: Callable[[], int] = host_ns,
     ) -> None:
         self.environment = environment
         self._bus, self._common = bus, facts

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import time
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vsense import errors
+from vsense.clock import host_ns
 from vsense.link.robots.server import VirtualSensorServer
 from vsense.link.robots.status import RobotStatus
 from vsense.message_bus import MessageBus
@@ -184,4 +184,4 @@ class ControlRoom:
         self._console.say(text, "trouble")
 
     def _tell_event(self, text: str, level: Level) -> None:
-        self.bus.event(text, level, time.monotonic_ns())
+        self.bus.event(text, level, host_ns())

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import socket
 import threading
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
+from vsense.clock import host_ns
 from vsense.link.legacy.protocol import LegacyRobot, LegacySwarm
 from vsense.link.listening import Client, ListeningServer
 from vsense.link.robots.server import VirtualSensorServer
@@ -46,7 +46,7 @@ class LegacyServer(ListeningServer):
         port: int,
         swarm: LegacySwarm,
         on_event: Callable[[LinkEvent], None],
-        clock: Callable[[], int] = time.monotonic_ns,
+        clock: Callable[[], int] = host_ns,
     ) -> None:
         super().__init__("the original's virtual sensor server", host, port, clock)
         self._swarm = swarm

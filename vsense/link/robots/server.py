@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
+from vsense.clock import host_ns
 from vsense.link.robots import network as ports
 from vsense.link.robots.links import ServerState
 from vsense.link.robots.network import ServerThread
@@ -62,7 +63,7 @@ class VirtualSensorServer:
         params: str,
         expected: Mapping[int, str],
         on_event: Callable[[LinkEvent], None],
-        clock: Callable[[], int] = time.monotonic_ns,
+        clock: Callable[[], int] = host_ns,
         calendar: Callable[[], float] = time.time,
     ) -> None:
         self._host, self._port = host, port

@@ -11,13 +11,13 @@ import contextlib
 import errno
 import os
 import socket
-import time
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from select import POLLIN, POLLOUT
 from typing import Any
 
 from vsense.arena import ArenaState
+from vsense.clock import host_ns
 from vsense.link.robots.status import LinkError
 from vsense.link.trackers.protocol import StateInbox, TrackerCommand, decode_state, encode_command
 from vsense.link.trackers.repair import Repair, StateCounters, TrackerLink
@@ -158,7 +158,7 @@ class ArenaClient(TrackerLink):
         tell: Callable[[str], None],
         latency_ns: int = 0,
         origin_m: tuple[float, float] = (0.0, 0.0),
-        clock: Callable[[], int] = time.monotonic_ns,
+        clock: Callable[[], int] = host_ns,
     ) -> None:
         self._family, self._address = _find(host, port)
         super().__init__(f"{host}:{port}", tell, clock)

@@ -10,12 +10,12 @@ import json
 import math
 import select
 import socket
-import time
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
 
 from vsense.arena import ArenaState
+from vsense.clock import host_ns
 from vsense.link.robots.network import listen
 from vsense.link.robots.status import LinkError
 from vsense.link.trackers.protocol import ROBOTS_MAX, TrackerReport
@@ -192,7 +192,7 @@ class ArenaListener(TrackerLink):
         port: int,
         tags: Collection[int],
         tell: Callable[[str], None],
-        clock: Callable[[], int] = time.monotonic_ns,
+        clock: Callable[[], int] = host_ns,
     ) -> None:
         self._listener, self.port = listen(host, port)
         super().__init__(f"on port {self.port}", tell, clock)

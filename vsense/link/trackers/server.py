@@ -11,13 +11,13 @@ from __future__ import annotations
 import socket
 import struct
 import threading
-import time
 from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import ArenaState
+from vsense.clock import host_ns
 from vsense.link.listening import Client, ListeningServer
 from vsense.link.robots.streams import Outbox
 from vsense.link.trackers.protocol import COMMAND_SIZE, END, TrackerCommand, encode_state
@@ -153,7 +153,7 @@ class ArenaServer(ListeningServer):
         port: int,
         locate: Locate,
         tell: Callable[[str], None],
-        clock: Callable[[], int] = time.monotonic_ns,
+        clock: Callable[[], int] = host_ns,
     ) -> None:
         super().__init__("the arena tracking server", host, port, clock)
         self._locate = locate
