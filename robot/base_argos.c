@@ -32,7 +32,7 @@ enum {
     FEEDS_MAX = EPUCK_ARGOS_ACTUATOR_LEN,
     PROOFS = 2,
     STOP_FRAMES = 3,
-    HOLD_EVERY = 4, /* exchange's frame has its last byte held back */
+    HOLD_EVERY = 5, /* exchange's frame has its last byte held back */
     LATES_MAX = 4,  /* in a row: as with infrared words that we never asked for */
     NO_BURST = 2 * EPUCK_ARGOS_SENSOR_LEN, /* as `got`: what is read proves nothing */
     PHASE_FEED = VS_SERIAL_OWN, /* recovery: byte by byte until a burst comes */
@@ -230,7 +230,7 @@ static void answered(struct argos *a)
         a->zeros++;
 }
 
-/* Makes sure that the microcontroller waits for a frame and nothing is unread. */
+/* Makes sure that the microcontroller waits for a frame. */
 static int settle(struct vs_base *base, uint64_t deadline_ns)
 {
     struct argos *a = of(base);
@@ -242,10 +242,11 @@ static int settle(struct vs_base *base, uint64_t deadline_ns)
             return err;
         answered(a);
     }
-    return vs_serial_is_clear(base);
+    return a->line.phase == VS_SERIAL_READY ? VS_OK : VS_ERR_SILENT;
 }
 
-/* Writes a frame but for its last byte, for which the far end has to wait. */
+/* Writes a frame but for its last byte, for which the far end has to wait: no byte that is on
+ * the line before that is an answer. */
 static int hold_back(struct vs_base *base, const uint8_t frame[EPUCK_ARGOS_ACTUATOR_LEN],
                      uint64_t deadline_ns)
 {
@@ -254,6 +255,9 @@ static int hold_back(struct vs_base *base, const uint8_t frame[EPUCK_ARGOS_ACTUA
 
     if (err != VS_OK)
         return err;
+    /* As for an answer: the line stays set up for that, and with the deadline a part shows. */
+    if (base->io.expect != NULL)
+        base->io.expect(base->io.context, EPUCK_ARGOS_SENSOR_LEN);
     err = base->io.read(base->io.context, &stray, 1, vs_serial_now(base) + HOLD_NS);
     return err > 0 ? VS_ERR_GARBLED : err;
 }
@@ -264,14 +268,18 @@ static int write_frame(struct vs_base *base, const struct vs_base_command *comma
     struct argos *a = of(base);
     struct epuck_argos_actuators actuators = {command->left_steps_s, command->right_steps_s,
                                               command->leds, 0, reset};
+    int zero = (actuators.left_steps_s | actuators.right_steps_s | actuators.leds | reset) == 0;
+    int hold = !zero && reset == 0 && ++a->rounds >= HOLD_EVERY;
     uint8_t frame[EPUCK_ARGOS_ACTUATOR_LEN];
     size_t held = 0;
-    int err = VS_OK;
+    int err = hold ? VS_OK : vs_serial_is_clear(base);
 
+    if (err != VS_OK)
+        return err;
     epuck_argos_put_actuators(&actuators, frame);
-    a->zero_sent = (actuators.left_steps_s | actuators.right_steps_s | actuators.leds | reset) == 0;
+    a->zero_sent = (uint8_t)zero;
     a->line.phase = VS_SERIAL_OWED;
-    if (!a->zero_sent && reset == 0 && ++a->rounds >= HOLD_EVERY) {
+    if (hold) {
         a->rounds = 0;
         held = sizeof frame - 1;
         err = hold_back(base, frame, deadline_ns);

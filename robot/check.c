@@ -95,7 +95,7 @@ static int is_address(const struct vs_options *o, struct sockaddr_in *address)
     memset(address, 0, sizeof *address);
     address->sin_family = AF_INET;
     address->sin_port = htons(o->port);
-    return vs_number_ipv4(o->host, (uint8_t *)&address->sin_addr) == 0;
+    return vs_number_address(o->host, (uint8_t *)&address->sin_addr) == 0;
 }
 
 /* A datagram socket that connects says which way packets would go, without sending one. */

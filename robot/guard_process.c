@@ -5,18 +5,23 @@
 #include <poll.h>
 #include <string.h>
 #include <sys/socket.h>
+#include <sys/time.h>
 
+#include "signals.h"
 #include "watchdog.h"
 #include "../c_src/vs_posix.h"
 
 #define RETRY_NS 15000000u /* [ns] between two tries on a base that failed */
 #define BREATH_NS 1000000u /* [ns] from one step of a try to the next */
+#define NEAR_NS 60000000u  /* [ns] a deadline nearer than this is waited for by the clock of now */
+#define PATIENCE_US 60000  /* [us] longest wait in recv(): the worker says something each 50 ms */
 
 struct process {
     struct vs_guard guard;
     struct vs_base *base;
     int socket;
     int signals_fd;
+    int patient;      /* recv() on the socket waits, at the longest PATIENCE_US */
     int result;       /* newest result of the base */
     unsigned int refused;
     const char *told; /* of the base's news */
@@ -75,6 +80,47 @@ static void tell(struct process *p)
         drop_line(p->rest);
 }
 
+/*
+ * How long to wait at first, and since when. The worker that was just answered may have had the
+ * processor since the clock was read, and while wheels turn no wait may be longer for that. Mostly
+ * a request comes long before the deadline: then half of the wait costs no reading of the clock.
+ */
+static uint64_t until(uint64_t deadline_ns, uint64_t *now_ns)
+{
+    *now_ns = vs_posix_recent_ns();
+    if (deadline_ns <= *now_ns || deadline_ns == UINT64_MAX)
+        return deadline_ns;
+    if (deadline_ns - *now_ns > NEAR_NS)
+        return *now_ns + (deadline_ns - *now_ns) / 2;
+    *now_ns = vs_posix_now_ns();
+    return deadline_ns;
+}
+
+/* As hear() below, in one system call: a signal that comes just before it is heard after it. */
+static void hear_in_one(struct process *p)
+{
+    struct vs_guard_request request;
+    ssize_t len = recv(p->socket, &request, sizeof request, 0);
+    int why = errno;
+    uint64_t now_ns = vs_posix_now_ns();
+
+    if (len == (ssize_t)sizeof request)
+        vs_guard_request(&p->guard, &request, now_ns);
+    else if (len >= 0 || (why != EAGAIN && why != EINTR))
+        vs_guard_orphaned(&p->guard, now_ns);
+    if (vs_signals_told())
+        vs_guard_end(&p->guard, now_ns);
+}
+
+/* 1 if there is time for that, even if the clock was read some time ago. */
+static int may_wait_in_one(const struct process *p, uint64_t deadline_ns)
+{
+    uint64_t now_ns = vs_posix_recent_ns();
+
+    return p->patient && !vs_signals_told() && vs_guard_listens(&p->guard) &&
+           deadline_ns > now_ns && deadline_ns - now_ns >= 2 * PATIENCE_US * UINT64_C(1000);
+}
+
 /* Waits until deadline_ns for what the worker, or a signal, says. At the end neither matters
  * any more, and what is ready for ever would keep the wait from being one. */
 static void hear(struct process *p, uint64_t deadline_ns)
@@ -83,15 +129,16 @@ static void hear(struct process *p, uint64_t deadline_ns)
     struct pollfd fds[2] = {{g->ending ? -1 : p->socket, 0, 0},
                             {g->ending ? -1 : p->signals_fd, POLLIN, 0}};
     struct vs_guard_request request;
-    uint64_t now_ns = vs_posix_recent_ns();
+    uint64_t now_ns;
     int ready;
 
+    if (may_wait_in_one(p, deadline_ns)) {
+        hear_in_one(p);
+        return;
+    }
     if (vs_guard_listens(g))
         fds[0].events = POLLIN;
-    /* The worker that was just answered may have had the processor since: while wheels turn no
-     * wait is longer for that. */
-    if (deadline_ns > now_ns && deadline_ns - now_ns <= VS_GUARD_BEAT_NS)
-        now_ns = vs_posix_now_ns();
+    deadline_ns = until(deadline_ns, &now_ns);
     ready = poll(fds, 2, vs_posix_timeout_ms(now_ns, deadline_ns));
     now_ns = vs_posix_now_ns();
     if (ready <= 0)
@@ -141,11 +188,13 @@ int vs_guard_process(int socket, int signals_fd, struct vs_base *base, int found
                      unsigned int refused, struct vs_guard_rest *rest)
 {
     struct process p = {.base = base, .socket = socket, .signals_fd = signals_fd};
+    const struct timeval patience = {0, PATIENCE_US};
     enum vs_guard_action action;
 
     memset(rest, 0, sizeof *rest);
     p.refused = refused;
     p.rest = rest;
+    p.patient = setsockopt(socket, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience) == 0;
     vs_guard_init(&p.guard, found);
     while ((action = next(&p)) != VS_GUARD_EXIT) {
         vs_watchdog_feed(vs_posix_recent_ns());

@@ -210,7 +210,7 @@ static uint64_t next_step_ns(const struct vs_loop *loop)
 
     if (!loop->running)
         return loop->begin_ns + period;
-    return loop->begin_ns + (loop->timestep_new ? period / 2 : period / 4 * 5);
+    return loop->begin_ns + (loop->timestep_new ? period / 2 : period + period / 4);
 }
 
 static void give_act(struct vs_loop *loop, struct vs_guard_request *request)
@@ -233,11 +233,14 @@ static void give_hold(struct vs_loop *loop, struct vs_guard_request *request)
 int vs_loop_request(struct vs_loop *loop, const struct vs_instant *now,
                     struct vs_guard_request *request)
 {
-    int sensing = now->base_ns >= next_step_ns(loop);
-    int pinging = now->base_ns - loop->sent_ns >= VS_LOOP_PING_NS / 2; /* while awake anyway */
+    int sensing;
+    int pinging;
 
-    if (loop->waiting ||
-        !(loop->ending || loop->hold_due || loop->acting || sensing || pinging))
+    if (loop->waiting)
+        return 0;
+    sensing = now->base_ns >= next_step_ns(loop);
+    pinging = now->base_ns - loop->sent_ns >= VS_LOOP_PING_NS / 2; /* while awake anyway */
+    if (!(sensing || pinging || loop->acting || loop->hold_due || loop->ending))
         return 0;
     memset(request, 0, sizeof *request);
     if (loop->ending) {
@@ -260,6 +263,7 @@ int vs_loop_request(struct vs_loop *loop, const struct vs_instant *now,
         return 0;
     }
     loop->waiting = 1;
+    loop->asked = (uint8_t)request->kind;
     loop->sent_ns = now->base_ns;
     return 1;
 }
@@ -294,6 +298,18 @@ static uint8_t actual_state(const struct vs_loop *loop)
     return VS_IDLE;
 }
 
+/* When the host has to be told at the latest. A control step tells, so that what would fall
+ * together with one waits for it. */
+static uint64_t telemetry_ns(const struct vs_loop *loop)
+{
+    uint64_t due_ns = loop->telemetry_ns + VS_LOOP_TELEMETRY_NS;
+    int stepping = loop->waiting && loop->asked != VS_GUARD_PING;
+
+    if (stepping || (loop->running && due_ns > loop->begin_ns + loop->session->timestep_ns / 2))
+        return loop->telemetry_ns + VS_LOOP_REPORT_NS;
+    return due_ns;
+}
+
 int vs_loop_telemetry(struct vs_loop *loop, const struct vs_instant *now,
                       struct vs_telemetry *t)
 {
@@ -301,12 +317,17 @@ int vs_loop_telemetry(struct vs_loop *loop, const struct vs_instant *now,
 
     if (!loop->session->open)
         return 0;
-    if (!loop->telemetry_due && now->base_ns - loop->telemetry_ns < VS_LOOP_TELEMETRY_NS)
+    if (!loop->telemetry_due && now->base_ns < telemetry_ns(loop))
         return 0;
     loop->telemetry_due = 0;
     loop->telemetry_ns = now->base_ns;
-    /* Not the whole payload, of which few tables use more than some bytes. */
-    memset(t, 0, offsetof(struct vs_telemetry, payload));
+    /* Nobody asks the radio, nor counts these. */
+    t->signal_dbm = 0;
+    t->power_saving = VS_UNKNOWN;
+    t->bit_rate = 0;
+    t->retries = VS_NEVER_US;
+    t->overruns = 0;
+    t->base_resets = 0;
     t->state = actual_state(loop);
     t->stop_cause = (uint8_t)vs_loop_cause(loop, now);
     t->battery_low = vs_base_battery_low(&loop->robot.base);
@@ -334,7 +355,7 @@ uint64_t vs_loop_wake_ns(const struct vs_loop *loop)
         if (loop->sent_ns + VS_LOOP_PING_NS < wake_ns)
             wake_ns = loop->sent_ns + VS_LOOP_PING_NS;
     }
-    if (loop->session->open && loop->telemetry_ns + VS_LOOP_TELEMETRY_NS < wake_ns)
-        wake_ns = loop->telemetry_ns + VS_LOOP_TELEMETRY_NS;
+    if (loop->session->open && telemetry_ns(loop) < wake_ns)
+        wake_ns = telemetry_ns(loop);
     return wake_ns;
 }

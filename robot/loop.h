@@ -20,7 +20,8 @@
 #include "safety.h"
 
 #define VS_LOOP_PING_NS 50000000u      /* [ns] the guard is never left alone longer */
-#define VS_LOOP_TELEMETRY_NS 50000000u /* [ns] nor the host */
+#define VS_LOOP_TELEMETRY_NS 50000000u /* [ns] nor the host, */
+#define VS_LOOP_REPORT_NS 75000000u    /* [ns] or this where a control step tells it */
 #define VS_LOOP_IDLE_NS 100000000u     /* [ns] idle exchange without a session */
 
 /* Now, on both of the worker's clocks. */
@@ -62,6 +63,7 @@ struct vs_loop {
     uint8_t hold_due;     /* the wheels must be told to stop */
     uint8_t ending;
     uint8_t waiting;      /* a request is with the guard */
+    uint8_t asked;        /* enum vs_guard_kind of the newest request */
     uint8_t acting;       /* 1: the controller decided, ACT is due or with the guard */
     uint8_t base_lost;
     uint8_t guard_lost;   /* replaced; until the next ACT */

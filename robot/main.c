@@ -37,6 +37,14 @@ static void print_help(void)
     }
 }
 
+static int has_zero(const char *text, size_t len)
+{
+    while (len > 0)
+        if (text[--len] == '\0')
+            return 1;
+    return 0;
+}
+
 /* Reads a settings file whole. 0, or -1 and why. */
 static int load(const char *file, struct vs_settings *settings, char *why, size_t why_size)
 {
@@ -50,7 +58,7 @@ static int load(const char *file, struct vs_settings *settings, char *why, size_
         settings->len += (size_t)len;
     if (fd < 0 || len < 0)
         vs_format(why, why_size, "%s: cannot be read: %s", file, strerror(errno));
-    else if (settings->len > VS_SETTINGS_MAX || strlen(settings->text) != settings->len)
+    else if (settings->len > VS_SETTINGS_MAX || has_zero(settings->text, settings->len))
         vs_format(why, why_size, "%s: expected a text of at most %d bytes", file, VS_SETTINGS_MAX);
     else
         len = 1;

@@ -10,8 +10,8 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include "random.h"
 #include "number.h"
+#include "random.h"
 #include "../c_src/vs_posix.h"
 
 #define FINISH_NS 50000000u
@@ -42,14 +42,11 @@ static int start_connect(const struct vs_net *net, int fd)
 
 int vs_net_open(struct vs_net *net, const char *address, uint16_t port)
 {
-    uint8_t host[4];
-
     memset(net, 0, sizeof *net);
     net->fds[TCP] = -1;
     net->fds[UDP] = -1;
-    if (vs_number_ipv4(address, host) != 0)
+    if (vs_number_address(address, (uint8_t *)&net->host) != 0)
         return -1;
-    memcpy(&net->host, host, sizeof net->host);
     net->port = port;
     net->why = "not connected yet";
     return 0;

@@ -120,21 +120,20 @@ int vs_number_whole(const char *text, int64_t least, int64_t most, int64_t *valu
     return 0;
 }
 
-int vs_number_ipv4(const char *text, uint8_t address[4])
+int vs_number_address(const char *text, uint8_t address[4])
 {
-    int i;
+    int part;
 
-    for (i = 0; i < 4; i++) {
+    for (part = 0; part < 4; part++) {
         const char *begin = text;
-        unsigned int part = 0;
+        unsigned int value = 0;
 
-        while (is_digit(*text) && part <= UINT8_MAX)
-            part = 10 * part + (unsigned int)(*text++ - '0');
-        if (text == begin || part > UINT8_MAX || (*begin == '0' && text > begin + 1))
+        while (*text >= '0' && *text <= '9' && text - begin < 3)
+            value = 10 * value + (unsigned int)(*text++ - '0');
+        if (text == begin || (*begin == '0' && text - begin > 1) || value > 255 ||
+            *text++ != (part < 3 ? '.' : '\0'))
             return -1;
-        if (*text++ != (i < 3 ? '.' : '\0'))
-            return -1;
-        address[i] = (uint8_t)part;
+        address[part] = (uint8_t)value;
     }
     return 0;
 }

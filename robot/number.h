@@ -19,8 +19,8 @@ size_t vs_number_read(const char *text, double *value);
  * it is none, or not from least to most. */
 int vs_number_whole(const char *text, int64_t least, int64_t most, int64_t *value);
 
-/* Reads a text that is nothing but a numeric IPv4 address, in place of inet_pton(), which knows
- * IPv6, too. Returns 0, or -1. */
-int vs_number_ipv4(const char *text, uint8_t address[4]);
+/* Reads a text that is nothing but an IPv4 address, four numbers with points between them, as
+ * inet_pton(), which has IPv6 besides. Returns 0, or -1. */
+int vs_number_address(const char *text, uint8_t address[4]);
 
 #endif

@@ -10,8 +10,7 @@
 
 #define F4_MAX 3.4028234663852886e38 /* the largest finite single */
 
-/* Handles: 0.. an entry of the host's table, OWN.. the robot's own, NONE nobody's, FUSED..
- * both: FUSED + (own - OWN) * VS_TABLE_MAX + entry. */
+/* Handles: 0.. of the table, OWN.. own, both: FUSED + (own - OWN) * VS_TABLE_MAX + entry. */
 enum { NONE = -1, OWN = 1000, OWN_MESSAGE = 1900, FUSED = 2000 };
 
 #define OWN_OF(fused) (OWN + ((fused) - FUSED) / VS_TABLE_MAX)
@@ -208,11 +207,16 @@ int vs_robot_values(const struct vs_robot *robot, int sensor, double *values, in
 struct vs_reading vs_robot_read(const struct vs_robot *robot, int sensor)
 {
     struct vs_reading reading = {0.0, 0, 1, UINT64_MAX};
+    struct vs_value value;
 
-    reading.known = vs_robot_values(robot, sensor, &reading.value, 1) > 0;
-    if (!reading.known)
-        return reading;
-    reading.age_ns = sensor >= OWN ? robot->now_ns - robot->base_ns : virtual_age_ns(robot, sensor);
+    if (sensor >= OWN) {
+        reading.known = vs_robot_values(robot, sensor, &reading.value, 1) > 0;
+        reading.age_ns = reading.known ? robot->now_ns - robot->base_ns : UINT64_MAX;
+    } else if (vs_session_value(robot->session, sensor, &value) == VS_OK && value.known) {
+        reading.known = 1;
+        reading.value = load(&robot->session->table.entries[sensor], value.data, 0);
+        reading.age_ns = vs_session_age_ns(robot->session, value.capture_ns, robot->session_ns);
+    }
     reading.stale = vs_robot_is_stale(robot->session, reading.age_ns);
     return reading;
 }

@@ -30,10 +30,11 @@ void vs_settings_begin(struct vs_settings *settings)
 static char *next_line(struct vs_settings *s, char **end)
 {
     char *begin = s->text + s->pos;
+    char *last = s->text + s->len;
 
     if (s->pos >= s->len)
         return NULL;
-    for (*end = begin; *end < s->text + s->len && **end != '\n';)
+    for (*end = begin; *end < last && **end != '\n';)
         ++*end;
     s->pos = (size_t)(*end - s->text) + 1;
     s->line++;

@@ -12,6 +12,7 @@
 /* A signal handler gets no argument: this is the one way to tell it where to write. */
 static volatile sig_atomic_t tell_fd = -1;
 static int told_fd = -1;
+static volatile sig_atomic_t told;
 
 static const int endings[] = {SIGTERM, SIGINT, SIGHUP, SIGQUIT};
 
@@ -24,6 +25,7 @@ static void tell(int number)
 
     (void)number;
     (void)ignored;
+    told = 1;
     errno = why;
 }
 
@@ -61,11 +63,17 @@ int vs_signals_open(int *fd)
     }
     told_fd = ends[0];
     tell_fd = ends[1];
+    told = 0;
     handle_endings(tell);
     handle(SIGPIPE, SIG_IGN);
     handle(SIGCHLD, SIG_DFL);
     *fd = told_fd;
     return 0;
+}
+
+int vs_signals_told(void)
+{
+    return told != 0;
 }
 
 void vs_signals_stay_awake(void)

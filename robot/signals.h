@@ -9,6 +9,9 @@
  * descriptor of the child's own. Returns 0, or -1 with errno set. */
 int vs_signals_open(int *fd);
 
+/* 1 if such a signal has come, without a system call. */
+int vs_signals_told(void);
+
 /* From now on Ctrl-Z does not stop this process: the guard has to stop the wheels of a
  * worker that it did stop. */
 void vs_signals_stay_awake(void);

@@ -169,8 +169,6 @@ static void on_reply(struct vs_worker *w, const struct vs_guard_reply *reply)
 {
     vs_talk_guard(&w->talk, reply);
     vs_loop_reply(&w->loop, reply, &w->now);
-    if (w->loop.acting)
-        read_clock(w); /* a controller may compute for long */
     if (w->loop.trace_due && w->trace_fd >= 0)
         trace(w);
     w->loop.trace_due = 0;
@@ -191,7 +189,7 @@ static void serve_guard(struct vs_worker *w)
     if (w->late_ns > LATE_NS)
         vs_guard_link_excuse(&w->guard, w->late_ns);
     late = w->now.base_ns >= vs_guard_link_deadline_ns(&w->guard);
-    if (w->guard_spoke || late)
+    if (w->guard_spoke || w->guard.pinged || late)
         got = vs_guard_link_receive(&w->guard, &reply);
     if (got == 1)
         on_reply(w, &reply);
@@ -252,7 +250,8 @@ static void await(struct vs_worker *w)
     fds[FD_SIGNALS].fd = w->loop.ending ? -1 : w->signals_fd;
     fds[FD_SIGNALS].events = POLLIN;
     fds[FD_GUARD].fd = w->guard.socket;
-    fds[FD_GUARD].events = POLLIN;
+    /* While control steps go on the next one is early enough to hear the answer to a PING. */
+    fds[FD_GUARD].events = w->guard.pinged && w->loop.running ? 0 : POLLIN;
     for (i = 0; i < VS_BOARDS; i++) {
         fds[FD_BOARDS + i].fd = w->boards.link[i].waiting ? w->boards.link[i].socket : -1;
         fds[FD_BOARDS + i].events = POLLIN;

@@ -55,8 +55,8 @@ LIBC = {
     "errno", "fcntl", "float", "math", "poll", "signal", "stdarg", "stdbool", "stddef", "stdint",
     "stdio", "stdlib", "string", "termios", "time", "unistd", "stdatomic", "limits", "inttypes",
     "arpa/inet", "netinet/in", "netinet/tcp", "sys/file", "sys/ioctl", "sys/socket", "sys/stat",
-    "sys/syscall", "sys/types", "sys/wait", "sys/uio", "sys/un", "sys/sysmacros", "linux/i2c",
-    "linux/gpio", "linux/i2c-dev", "linux/watchdog", "link", "sched", "sys/mman",
+    "sys/syscall", "sys/time", "sys/types", "sys/wait", "sys/uio", "sys/un", "sys/sysmacros",
+    "linux/gpio", "linux/i2c", "linux/i2c-dev", "linux/watchdog", "link", "sched", "sys/mman",
 }  # fmt: skip
 
 

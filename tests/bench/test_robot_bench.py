@@ -58,6 +58,7 @@ def test_table_of_a_machine_that_can_measure_nothing() -> None:
         "size_max": robot.SIZE_MAX,
         "step_instructions": None,
         "step_max": robot.STEP_MAX,
+        "shown_byte": None,
         "step_calls": None,
         "calls_max": robot.CALLS_MAX,
         "memory_kb": None,
@@ -66,9 +67,10 @@ def test_table_of_a_machine_that_can_measure_nothing() -> None:
     text = robot.table(report)
     assert text.count("not built") == len(boards.TARGETS)
     assert "not counted" in text and text.endswith("not measured: everything")
-    report |= {"sizes": {"epuck": 96_800}, "step_instructions": 14_199, "memory_kb": 204}
-    report |= {"step_calls": 53}
+    report |= {"sizes": {"epuck": 96_800}, "step_instructions": 11_199, "memory_kb": 204}
+    report |= {"step_calls": 40, "shown_byte": 17.5}
     text = robot.table(report)
     assert "epuck    96,800 bytes of 100,000 allowed" in text
-    assert "14,199 of 14,500 allowed" in text and "204 kB" in text
-    assert "system calls of a control step at 10 Hz, all processes: 53 of 58 allowed" in text
+    assert "11,199 of 12,000 allowed" in text and "204 kB" in text
+    assert "every byte that a controller shows in every step: 17.5 instructions" in text
+    assert "system calls of a control step at 10 Hz, all processes: 40 of 42 allowed" in text

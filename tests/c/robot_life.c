@@ -158,7 +158,7 @@ static void check_always(struct world *w)
         CHECK(telemetry.state != VS_RUN || w->session.wanted == VS_RUN);
         CHECK(telemetry.control_step <= w->steps);
     }
-    CHECK(!w->session.open || now_ns - w->telemetry_ns <= VS_LOOP_TELEMETRY_NS + MS);
+    CHECK(!w->session.open || now_ns - w->telemetry_ns <= VS_LOOP_REPORT_NS + MS);
 }
 
 void live(struct world *w)

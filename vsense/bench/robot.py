@@ -26,11 +26,14 @@ from vsense.robot.compiling import BuildError, Sources, native
 SIZE_MAX = 100_000
 """[byte] of the daemon for ARMv5 with a controller in it."""
 
-STEP_MAX = 14_500
+STEP_MAX = 12_000
 """Instructions of a control step on ARMv5, the protocol's among them."""
 
-CALLS_MAX = 58
-"""System calls of a control step at 10 Hz, of all processes."""
+CALLS_MAX = 42
+"""System calls of a control step at 10 Hz, of all processes; 39 where nothing else runs."""
+
+SHOWN = 208
+"""[byte] that a controller shows when it is counted what that costs."""
 
 STEPS = 1000
 CALL_STEPS = 200
@@ -43,8 +46,9 @@ def run(say: Say) -> dict[str, Any]:
     """Measures everything that can be measured here.
 
     Returns:
-        `sizes` [byte] by target, `step_instructions`, `step_calls`, `memory_kb` of both processes
-        on this machine; None where something is missing, and `missing` says what.
+        `sizes` [byte] by target, `step_instructions`, `shown_byte` [instructions],
+        `step_calls`, `memory_kb` of both processes on this machine; None where something is
+        missing, and `missing` says what.
     """
     missing: list[str] = []
     with tempfile.TemporaryDirectory(prefix="vsense-bench-") as folder:
@@ -55,6 +59,7 @@ def run(say: Say) -> dict[str, Any]:
             "size_max": SIZE_MAX,
             "step_instructions": step_instructions(Path(folder), say, missing),
             "step_max": STEP_MAX,
+            "shown_byte": _shown_byte(Path(folder)),
             "step_calls": _step_calls(Path(folder) / "epuck", say, missing),
             "calls_max": CALLS_MAX,
             "memory_kb": _memory_kb(Path(folder) / "host", say) if sizes["host"] else None,
@@ -75,6 +80,9 @@ def table(report: dict[str, Any]) -> str:
     count = report["step_instructions"]
     counted = f"{count:,} of {report['step_max']:,} allowed" if count else "not counted"
     lines.append(f"instructions of a control step on ARMv5, protocol included: {counted}")
+    cost = report["shown_byte"]
+    counted = f"{cost} instructions" if cost else "not counted"
+    lines.append(f"  and of every byte that a controller shows in every step: {counted}")
     calls = report["step_calls"]
     counted = f"{calls} of {report['calls_max']} allowed" if calls else "not counted"
     lines.append(f"system calls of a control step at 10 Hz, all processes: {counted}")
@@ -112,12 +120,25 @@ def step_instructions(folder: Path, say: Say, missing: list[str]) -> int | None:
     except BuildError as error:
         missing.append(f"instructions: {str(error).splitlines()[0]}")
         return None
-    # Two lengths of each: their difference is free of start and end.
-    costs = {}
-    for mode in ("live", "host"):
-        few, many = (_count(qemu, plugin, program, mode, n) for n in (STEPS // 10, STEPS))
-        costs[mode] = (many - few) / (STEPS - STEPS // 10)
-    return round(costs["live"] - costs["host"])
+    return round(_cost(qemu, folder, "live") - _cost(qemu, folder, "host"))
+
+
+def _shown_byte(folder: Path) -> float | None:
+    """Instructions of a byte that a controller shows anew in every step, both telemetries included.
+
+    After `step_instructions`, whose programs it takes.
+    """
+    qemu = shutil.which("qemu-arm")
+    if qemu is None or not (folder / "icount.so").exists():
+        return None
+    return round((_cost(qemu, folder, "show") - _cost(qemu, folder, "live")) / SHOWN, 1)
+
+
+def _cost(qemu: str, folder: Path, mode: str) -> float:
+    """Instructions of a step; of two lengths, so that start and end are not in it."""
+    program, plugin = folder / "steps", folder / "icount.so"
+    few, many = (_count(qemu, plugin, program, mode, n) for n in (STEPS // 10, STEPS))
+    return (many - few) / (STEPS - STEPS // 10)
 
 
 def _step_calls(program: Path, say: Say, missing: list[str]) -> int | None:
@@ -160,7 +181,7 @@ def _count(qemu: str, plugin: Path, program: Path, mode: str, steps: int) -> int
     found = re.search(r"^instructions: (\d+)$", done.stderr, re.M)
     if done.returncode != 0 or found is None:
         raise BuildError(f"{' '.join(command)} failed: {done.stderr.strip()}")
-    if mode == "live" and int(done.stdout) != steps:
+    if mode != "host" and int(done.stdout) != steps:
         raise BuildError(f"robot_steps lived {done.stdout.strip()} of {steps} control steps")
     return int(found[1])
 

@@ -6,6 +6,7 @@
  *
  *     robot_steps host N     what the host does for N timesteps, to be subtracted
  *     robot_steps live N     the same, and a robot that lives through them
+ *     robot_steps show N     the same, and in every step it shows SHOWN bytes
  *
  * In each timestep of 100 ms two datagrams come, as on a real link; the controller, the
  * one that is linked in, makes one step; the base, argos, is read and written; telemetry
@@ -27,6 +28,7 @@
 #define FRAME 12   /* [byte] that the microcontroller waits for */
 #define GREETING 5 /* [byte] that it waits for after a reset: wake-up and configuration */
 #define ANSWER 72  /* [byte] that it answers with */
+#define SHOWN 208  /* [byte] four texts of 48, each with a name of one; robot.py knows it, too */
 
 static struct vs_peer peer;
 static struct vs_welcome welcome;
@@ -119,8 +121,20 @@ static void make_host(void)
     vs_peer_open(&peer, 7, welcome.table.hash, 1, now.session_ns);
 }
 
-static void open_session(void)
+/* The controller, and behind it one that shows. */
+static void step_and_show(void *memory, struct vs_robot *robot)
 {
+    static const char *const names[] = {"a", "b", "c", "d"};
+    size_t i;
+
+    vs_controller.step(memory, robot);
+    for (i = 0; i < sizeof names / sizeof names[0]; i++)
+        vs_robot_show_text(robot, names[i], "every byte of this text is one that a page shows");
+}
+
+static void open_session(int showing)
+{
+    static struct vs_controller speaker;
     static const uint8_t nonce[VS_NONCE_SIZE] = {9};
     struct vs_session_config config;
     struct vs_header header;
@@ -142,7 +156,9 @@ static void open_session(void)
     if (vs_session_tcp_in(&session, packet, len, now.session_ns, &used, &event) != VS_OK ||
         event != VS_EV_OPEN)
         fail("the session does not open");
-    vs_loop_init(&loop, &session, &vs_controller, state.bytes);
+    speaker = vs_controller;
+    speaker.step = step_and_show;
+    vs_loop_init(&loop, &session, showing ? &speaker : &vs_controller, state.bytes);
     vs_loop_event(&loop, event, &now);
     talk.free = 1; /* reports only what changes: nothing, from now on */
 }
@@ -224,7 +240,8 @@ static void live(uint64_t until_ns, const uint8_t *packet, size_t len)
 
 int main(int argc, char *argv[])
 {
-    int alive = argc == 3 && strcmp(argv[1], "live") == 0;
+    int showing = argc == 3 && strcmp(argv[1], "show") == 0;
+    int alive = showing || (argc == 3 && strcmp(argv[1], "live") == 0);
     long count = argc == 3 ? strtol(argv[2], NULL, 10) : 0;
     uint8_t packet[VS_DATAGRAM_MAX];
     long i;
@@ -232,7 +249,7 @@ int main(int argc, char *argv[])
     make_host();
     if (alive) {
         find_base();
-        open_session();
+        open_session(showing);
     }
     for (i = 0; i < 2 * count; i++) {
         uint64_t until_ns = now.base_ns + HALF_NS;
@@ -245,6 +262,8 @@ int main(int argc, char *argv[])
             now.base_ns = until_ns;
         }
     }
+    if (showing && loop.robot.shown_len != SHOWN)
+        fail("it shows something else");
     steps = loop.completed;
     printf("%lu\n", steps);
     return 0;

@@ -11,8 +11,10 @@ from vsense.world.entities import Box, Cylinder, Entity, Light, VirtualRobot, Zo
 
 STATE_BYTES: int = lib.VS_DATAGRAM_MAX - lib.VS_SENSOR_BYTES
 """A datagram to a robot without any sensor: header, wanted state and tail."""
-TELEMETRY_BYTES: int = lib.VS_DATAGRAM_MAX - lib.VS_ACTUATOR_BYTES
-"""A datagram from a robot without any actuator."""
+TELEMETRY_BYTES: int = (
+    lib.VS_DATAGRAM_MAX - lib.VS_ACTUATOR_BYTES - lib.VS_LOG_MAX - lib.VS_SHOWN_MAX
+)
+"""A datagram from a robot without any actuator that shows and logs nothing."""
 _AGE_BYTES = 4
 """Each sensor's value goes with its age. Source: c_src/PROTOCOL.md, STATE."""
 
@@ -32,7 +34,7 @@ def bytes_down(experiment: Experiment) -> int:
 
 
 def bytes_up(experiment: Experiment) -> int:
-    """Counts the bytes of one datagram from a robot, without those of UDP and IP."""
+    """Counts the bytes of a datagram from a robot that shows and logs nothing, without UDP, IP."""
     return TELEMETRY_BYTES + sum(_size(m.actuator.layout) for m in experiment.actuators)
 
 
