@@ -231,7 +231,7 @@ static void serve_host(struct vs_worker *w)
 static void await(struct vs_worker *w)
 {
     struct pollfd fds[FD_COUNT] = {{-1, 0, 0}};
-    uint64_t wake_ns = vs_loop_wake_ns(&w->loop);
+    uint64_t wake_ns = vs_loop_wake_ns(&w->loop, &w->now);
     uint64_t other_ns = vs_net_wake_ns(&w->net);
 
     if (other_ns < wake_ns)
@@ -243,8 +243,7 @@ static void await(struct vs_worker *w)
     fds[FD_SIGNALS].fd = w->loop.ending ? -1 : w->signals_fd;
     fds[FD_SIGNALS].events = POLLIN;
     fds[FD_GUARD].fd = w->guard.socket;
-    /* While control steps go on the next one is early enough to hear the answer to a PING. */
-    fds[FD_GUARD].events = w->guard.pinged && w->loop.running ? 0 : POLLIN;
+    fds[FD_GUARD].events = vs_loop_is_patient(&w->loop, &w->now) ? 0 : POLLIN;
     poll(fds, FD_COUNT, vs_posix_timeout_ms(w->now.base_ns, wake_ns));
     if (wake_ns < w->round_ns)
         wake_ns = w->round_ns;
