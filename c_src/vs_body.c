@@ -157,6 +157,11 @@ static int16_t to_i16(uint16_t value)
     return (int16_t)(value < 0x8000 ? (int)value : (int)value - 0x10000);
 }
 
+static int8_t to_i8(uint8_t value)
+{
+    return (int8_t)(value < 0x80 ? (int)value : (int)value - 0x100);
+}
+
 /* The first STATE_FIXED bytes of a body: only who is to drive home has a goal. */
 static int wish_is_valid(const uint8_t *body)
 {
@@ -313,7 +318,7 @@ static void read_telemetry(struct vs_reader *r, struct vs_telemetry *t)
     t->base_errors = vs_get_u32(r);
     t->guard_restarts = vs_get_u32(r);
     t->clock_bound_us = vs_get_u32(r);
-    t->signal_dbm = (int8_t)to_i16((uint16_t)((vs_get_u8(r) ^ 0x80u) - 0x80u));
+    t->signal_dbm = to_i8(vs_get_u8(r));
     t->power_saving = vs_get_u8(r);
     t->bit_rate = vs_get_u16(r);
     t->retries = vs_get_u32(r);

@@ -346,15 +346,20 @@ int vs_loop_telemetry(struct vs_loop *loop, const struct vs_instant *now,
     return 1;
 }
 
-uint64_t vs_loop_wake_ns(const struct vs_loop *loop)
+int vs_loop_is_patient(const struct vs_loop *loop, const struct vs_instant *now)
+{
+    return loop->waiting && loop->asked == VS_GUARD_PING && loop->running &&
+           now->base_ns < next_step_ns(loop);
+}
+
+uint64_t vs_loop_wake_ns(const struct vs_loop *loop, const struct vs_instant *now)
 {
     uint64_t wake_ns = UINT64_MAX;
 
-    if (!loop->waiting) {
+    if (!loop->waiting || vs_loop_is_patient(loop, now))
         wake_ns = next_step_ns(loop);
-        if (loop->sent_ns + VS_LOOP_PING_NS < wake_ns)
-            wake_ns = loop->sent_ns + VS_LOOP_PING_NS;
-    }
+    if (!loop->waiting && loop->sent_ns + VS_LOOP_PING_NS < wake_ns)
+        wake_ns = loop->sent_ns + VS_LOOP_PING_NS;
     if (loop->session->open && telemetry_ns(loop) < wake_ns)
         wake_ns = telemetry_ns(loop);
     return wake_ns;

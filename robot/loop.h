@@ -113,7 +113,11 @@ enum vs_stop_cause vs_loop_cause(const struct vs_loop *loop, const struct vs_ins
 int vs_loop_telemetry(struct vs_loop *loop, const struct vs_instant *now,
                       struct vs_telemetry *t);
 
+/* 1 while the guard's answer may lie unread: it is to a PING, and nothing has to be asked
+ * before the next control step, which reads it. */
+int vs_loop_is_patient(const struct vs_loop *loop, const struct vs_instant *now);
+
 /* Base's clock: when vs_loop_request and vs_loop_telemetry have to be asked again. */
-uint64_t vs_loop_wake_ns(const struct vs_loop *loop);
+uint64_t vs_loop_wake_ns(const struct vs_loop *loop, const struct vs_instant *now);
 
 #endif

@@ -237,9 +237,9 @@ static void serve_host(struct vs_worker *w)
 static void await(struct vs_worker *w)
 {
     struct pollfd fds[FD_COUNT] = {{-1, 0, 0}};
-    int i;
-    uint64_t wake_ns = vs_loop_wake_ns(&w->loop);
+    uint64_t wake_ns = vs_loop_wake_ns(&w->loop, &w->now);
     uint64_t other_ns = vs_net_wake_ns(&w->net);
+    int i;
 
     if (other_ns < wake_ns)
         wake_ns = other_ns;
@@ -250,8 +250,7 @@ static void await(struct vs_worker *w)
     fds[FD_SIGNALS].fd = w->loop.ending ? -1 : w->signals_fd;
     fds[FD_SIGNALS].events = POLLIN;
     fds[FD_GUARD].fd = w->guard.socket;
-    /* While control steps go on the next one is early enough to hear the answer to a PING. */
-    fds[FD_GUARD].events = w->guard.pinged && w->loop.running ? 0 : POLLIN;
+    fds[FD_GUARD].events = vs_loop_is_patient(&w->loop, &w->now) ? 0 : POLLIN;
     for (i = 0; i < VS_BOARDS; i++) {
         fds[FD_BOARDS + i].fd = w->boards.link[i].waiting ? w->boards.link[i].socket : -1;
         fds[FD_BOARDS + i].events = POLLIN;

@@ -200,6 +200,40 @@ static void test_actuators_end_with_their_experiment(void)
 }
 
 /* The controller wants 2000 steps/s: it gets what its robot's motors can do. */
+/* A robot that runs, whose worker has just asked the guard for a sign of life. */
+static void ping(struct world *w)
+{
+    struct vs_guard_request request;
+
+    begin(w, 1);
+    open_session(w);
+    wish(w, VS_RUN);
+    good_host(w, 1000 * MS);
+    while (w->loop.waiting || w->loop.timestep_new)
+        live(w);
+    w->now.base_ns = w->loop.sent_ns + VS_LOOP_PING_NS;
+    CHECK(vs_loop_request(&w->loop, &w->now, &request) && request.kind == VS_GUARD_PING);
+}
+
+/* The answer to a PING need not wake the worker, unless a control step waits for it. */
+static void test_ping_delays_no_step(void)
+{
+    struct world w;
+    uint64_t late_ns;
+
+    ping(&w);
+    CHECK(vs_loop_is_patient(&w.loop, &w.now));
+    late_ns = w.loop.begin_ns + w.timestep_ns + w.timestep_ns / 4; /* no STATE comes */
+    CHECK(vs_loop_wake_ns(&w.loop, &w.now) <= late_ns);
+    w.now.base_ns = w.loop.begin_ns + w.timestep_ns;
+    CHECK(vs_loop_is_patient(&w.loop, &w.now));
+    receive(&w, 1);
+    CHECK(!vs_loop_is_patient(&w.loop, &w.now));
+    ping(&w);
+    w.now.base_ns = late_ns;
+    CHECK(!vs_loop_is_patient(&w.loop, &w.now));
+}
+
 static void test_speed_limit_is_the_base_s(void)
 {
     static const int16_t limits[2][2] = {{0, 1000}, {1100, 1100}};
@@ -228,6 +262,7 @@ int main(int argc, char *argv[])
     test_end_and_lost_guard();
     test_completed_steps();
     test_actuators_end_with_their_experiment();
+    test_ping_delays_no_step();
     test_speed_limit_is_the_base_s();
     for (seed = 1; seed <= lives; seed++) {
         test_random_life(seed, TIMESTEP_NS, seed % 2 ? 0 : 40);

@@ -23,9 +23,6 @@ FLAGS = [*STRICT, "-O1", "-g"]
 FLAGS += ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 
 
-Build = Callable[..., Path]
-
-
 class Builder:
     """Builds daemons under the sanitizers; what they have in common is compiled once.
 
@@ -54,12 +51,12 @@ class Builder:
         left_out = instead or {}
         shipped = [*ROOT.glob("c_src/*.c"), *ROOT.glob("robot/*.c")]
         flags = [*FLAGS, *(word for word in more if not word.startswith("-Wl,"))]
-        objects = self._objects([p for p in shipped if p.name not in left_out], flags)
+        objects = self.objects([p for p in shipped if p.name not in left_out], flags)
         sources = [*left_out.values(), controller]
         _cc(target, *FLAGS, *sources, *objects, "-lm", *more)
         return target
 
-    def _objects(self, sources: Sequence[Path], flags: Sequence[str]) -> list[Path]:
+    def objects(self, sources: Sequence[Path], flags: Sequence[str] = FLAGS) -> list[Path]:
         """Gives the sources compiled with these flags, by all processors where need be."""
         folder = self._folder / hashlib.sha256(" ".join(flags).encode()).hexdigest()[:8]
         folder.mkdir(parents=True, exist_ok=True)
@@ -85,21 +82,21 @@ def _cc(target: Path, *words: str | Path) -> None:
 
 
 @pytest.fixture(scope="session")
-def build(tmp_path_factory: pytest.TempPathFactory) -> Build:
+def build(tmp_path_factory: pytest.TempPathFactory) -> Builder:
     """Builds daemons with controllers: see `Builder`."""
     folder = tmp_path_factory.getbasetemp()
     return Builder((folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder) / "objects")
 
 
 @pytest.fixture(scope="session")
-def program(tmp_path_factory: pytest.TempPathFactory, build: Build) -> Path:
+def program(tmp_path_factory: pytest.TempPathFactory, build: Builder) -> Path:
     """Path of `vsensed` with the pollutant controller."""
     target = tmp_path_factory.mktemp("daemon") / "vsensed"
     return build(target, ROOT / "robot" / "controllers" / "pollutant.c")
 
 
 @pytest.fixture(scope="session")
-def probe(tmp_path_factory: pytest.TempPathFactory, build: Build) -> Path:
+def probe(tmp_path_factory: pytest.TempPathFactory, build: Builder) -> Path:
     """Path of `vsensed` with the controller of `probe.c` and the faults that it can make."""
     target = tmp_path_factory.mktemp("probe") / "vsensed"
     wraps = ("fork", "recv", "waitpid", "write", "clock_gettime")

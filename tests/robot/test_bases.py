@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.robot.conftest import ROOT, Build
+from tests.robot.conftest import ROOT, Builder
 from tests.robot.rig import CLEAN, MS, POLLUTED, TAG, Host, Rig
 from tests.robot.test_faults import SILENCE_NS, still_within
 from vsense.clock import host_ns
@@ -177,7 +177,7 @@ def test_a_wrong_mode_is_told(rigs: Rigs) -> None:
 
 
 @pytest.fixture(scope="module")
-def talker(tmp_path_factory: pytest.TempPathFactory, build: Build) -> Path:
+def talker(tmp_path_factory: pytest.TempPathFactory, build: Builder) -> Path:
     """Path of `vsensed` with the controller of `boards.c`."""
     target = tmp_path_factory.mktemp("talker") / "vsensed"
     return build(target, Path(__file__).parent / "boards.c", *QUICKLY)
@@ -260,7 +260,7 @@ class BareRobot:
         os.close(self._slave)
 
 
-def test_a_base_that_is_no_e_puck_is_one_file_and_one_line(tmp_path: Path, build: Build) -> None:
+def test_a_base_that_is_no_e_puck_is_one_file_and_one_line(tmp_path: Path, build: Builder) -> None:
     table = (ROOT / "robot" / "base.c").read_text()
     assert table.count("    LINE(york)\n") == 1
     more = tmp_path / "base.c"

@@ -9,13 +9,12 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import require_tool
-from tests.robot.conftest import ROOT, STRICT
+from tests.robot.conftest import FLAGS, ROOT, STRICT, Builder
 
 TESTS = ROOT / "tests" / "c"
 ROBOT = ROOT / "robot"
 C_SRC = ROOT / "c_src"
 FIRMWARE = ROOT / "firmware_bridge"
-SANITIZE = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 PROTOCOL = [
     C_SRC / f"vs_{part}.c"
     for part in (
@@ -109,8 +108,9 @@ def symbols(path: Path) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("name", SUITES)
-def test_c_suite_under_sanitizers(name: str, tmp_path: Path) -> None:
-    program = cc(tmp_path / name, *STRICT, *SANITIZE, TESTS / f"{name}.c", *SUITES[name])
+def test_c_suite_under_sanitizers(name: str, build: Builder, tmp_path: Path) -> None:
+    objects = build.objects(SUITES[name])
+    program = cc(tmp_path / name, *FLAGS, TESTS / f"{name}.c", *objects)
     command = [str(program), *([RUNS[name]] if name in RUNS else [])]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr

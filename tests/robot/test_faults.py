@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.robot.conftest import Build
+from tests.robot.conftest import Builder
 from tests.robot.rig import MS, Rig, S
 from vsense.clock import host_ns
 from vsense.link.robots.wire import StopCause, Wanted
@@ -219,7 +219,7 @@ const struct vs_controller vs_controller = {"faulty", sizeof(int), init, step};
 
 @pytest.mark.parametrize("fault", ["continue", "*(volatile int *)0 = 1"])
 def test_controller_that_hangs_or_crashes_stops_the_wheels(
-    tmp_path: Path, build: Build, fault: str
+    tmp_path: Path, build: Builder, fault: str
 ) -> None:
     source = tmp_path / "faulty.c"
     source.write_text(FAULTY.replace("FAULT", fault))

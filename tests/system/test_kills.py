@@ -14,6 +14,7 @@ import statistics
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -26,7 +27,7 @@ TAGS = [23, 24, 25, 26]
 LIMIT_NS = 450 * MS
 CANARY_NS = 10 * MS
 """The loop that keeps the bases' clock was late by more than this: the round says nothing."""
-ROUNDS = {"worker": 38, "guard": 38, "host": 12, "tracker": 12}
+FAULTS = {"worker": 38, "guard": 38, "host": 12, "tracker": 12}
 VOID_MOST = 5
 SETTLE_MS = 250
 """A fault comes at a random moment of this time after everything drives again."""
@@ -113,35 +114,58 @@ def stage(tmp_path: Path, punctual: None) -> Iterator[Stage]:
     made.close()
 
 
-def rounds(random_: random.Random) -> list[tuple[str, signal.Signals, int]]:
-    """What suffers what, in a random order; each kind is killed and stopped equally often."""
-    found = [
-        (kind, (signal.SIGKILL, signal.SIGSTOP)[n % 2], TAGS[n // 2 % len(TAGS)])
-        for kind, count in ROUNDS.items()
-        for n in range(count)
+@dataclass(frozen=True)
+class Fault:
+    """What suffers what; `tag`: of the robot that a worker or guard belongs to."""
+
+    kind: str
+    number: signal.Signals
+    tag: int
+
+    def __str__(self) -> str:
+        return f"{self.number.name} {self.kind}"
+
+    @property
+    def concerned(self) -> list[int]:
+        """The tags of the robots that have to stop."""
+        return [self.tag] if self.kind in ("worker", "guard") else TAGS
+
+
+def faults(kind: str, shift: int = 0) -> list[Fault]:
+    """All of a kind: killed and stopped, robot by robot, equally often."""
+    return [
+        Fault(kind, (signal.SIGKILL, signal.SIGSTOP)[n % 2], TAGS[(n // 2 + shift) % len(TAGS)])
+        for n in range(FAULTS[kind])
     ]
+
+
+def rounds(random_: random.Random) -> list[tuple[Fault, ...]]:
+    """What happens at once, in a random order: a worker and another robot's guard, or one fault."""
+    found: list[tuple[Fault, ...]] = list(zip(faults("worker"), faults("guard", shift=1)))
+    found += [(fault,) for kind in ("host", "tracker") for fault in faults(kind)]
     random_.shuffle(found)
     return found
 
 
 def one_round(
-    stage: Stage, kind: str, number: signal.Signals, tag: int, wait_ms: float
-) -> tuple[list[int], int]:
+    stage: Stage, together: tuple[Fault, ...], wait_ms: float
+) -> tuple[dict[Fault, list[int]], int]:
     """Has something suffer.
 
     Returns:
-        How long after it the wheels of all robots that it concerns stood still [ns], and the
-        canary.
+        How long after it the wheels of all robots that each fault concerns stood still [ns], and
+        the canary.
     """
     floor = stage.floor
     floor.wait_for(floor.moving, "motion")
     floor.live_for(round(wait_ms * MS))
     floor.wait_for(floor.moving, "motion")
-    concerned = [tag] if kind in ("worker", "guard") else TAGS
-    pid = stage.victim(kind, tag)
+    concerned = [tag for fault in together for tag in fault.concerned]
+    pids = [stage.victim(fault.kind, fault.tag) for fault in together]
     floor.held_up_ns = 0
     now_ns = floor.clock()
-    os.kill(pid, number)
+    for fault, pid in zip(together, pids):
+        os.kill(pid, fault.number)
 
     def rested(tag: int) -> int | None:
         times = (a.time_ns for a in floor.applied[tag] if a.time_ns >= now_ns)
@@ -149,12 +173,13 @@ def one_round(
         return next((t for t, a in still if (a.left_steps_s, a.right_steps_s) == (0, 0)), None)
 
     all_rest: Callable[[], bool] = lambda: all(rested(tag) is not None for tag in concerned)  # noqa: E731
-    floor.wait_for(all_rest, f"rest after {number.name} of {kind}")
+    floor.wait_for(all_rest, f"rest after {', '.join(map(str, together))}")
     canary_ns = floor.held_up_ns
     others = [other for other in TAGS if other not in concerned]
     assert not others or floor.moving(*others), "the others drive on"
-    took_ns = [(rested(tag) or 0) - now_ns for tag in concerned]
-    stage.mend(kind, number, tag, pid)
+    took_ns = {f: [(rested(tag) or 0) - now_ns for tag in f.concerned] for f in together}
+    for fault, pid in zip(together, pids):
+        stage.mend(fault.kind, fault.number, fault.tag, pid)
     for actuations in floor.applied.values():
         del actuations[:-1]
     return took_ns, canary_ns
@@ -166,20 +191,22 @@ def test_whatever_is_killed_or_stopped_the_wheels_stop(stage: Stage) -> None:
     took_ms: dict[str, list[float]] = {}
     void = 0
     while waiting:
-        kind, number, tag = waiting.pop()
-        took_ns, canary_ns = one_round(stage, kind, number, tag, random_.uniform(0, SETTLE_MS))
-        print(kind, number.name, tag, [t // MS for t in took_ns], canary_ns / MS)
+        together = waiting.pop()
+        took_ns, canary_ns = one_round(stage, together, random_.uniform(0, SETTLE_MS))
+        for fault, times_ns in took_ns.items():
+            print(fault, fault.tag, [t // MS for t in times_ns], canary_ns / MS)
         if canary_ns > CANARY_NS:
             void += 1
-            waiting.insert(0, (kind, number, tag))
+            waiting.insert(0, together)
             assert void <= VOID_MOST, f"the machine is too busy to measure: {void} rounds are void"
             continue
-        took_ms.setdefault(f"{number.name} {kind}", []).extend(t / MS for t in took_ns)
-        assert max(took_ns) <= LIMIT_NS, f"{number.name} of {kind}: {max(took_ns) / MS:.0f} ms"
+        for fault, times_ns in took_ns.items():
+            took_ms.setdefault(str(fault), []).extend(t / MS for t in times_ns)
+            assert max(times_ns) <= LIMIT_NS, f"{fault}: {max(times_ns) / MS:.0f} ms"
     every = [ms for times in took_ms.values() for ms in times]
     for name, times in sorted({**took_ms, "all": every}.items()):
         print(
             f"{name}: {len(times)}, median {statistics.median(times):.0f}, max {max(times):.0f} ms"
         )
     print(f"void rounds: {void}")
-    assert sum(ROUNDS.values()) == 100
+    assert sum(FAULTS.values()) == 100

@@ -29,7 +29,7 @@ SIZE_MAX = 100_000
 STEP_MAX = 12_000
 """Instructions of a control step on ARMv5, the protocol's among them."""
 
-CALLS_MAX = 42
+CALLS_MAX = 40
 """System calls of a control step at 10 Hz, of all processes; 39 where nothing else runs."""
 
 SHOWN = 208

@@ -220,7 +220,7 @@ static void live(uint64_t until_ns, const uint8_t *packet, size_t len)
 {
     serve_worker(packet, len);
     for (;;) {
-        uint64_t wake_ns = vs_loop_wake_ns(&loop);
+        uint64_t wake_ns = vs_loop_wake_ns(&loop, &now);
         uint64_t other_ns = vs_guard_deadline_ns(&guard);
 
         wake_ns = wake_ns < other_ns ? wake_ns : other_ns;
