@@ -20,7 +20,7 @@ from vsense.clock import host_ns
 from vsense.lab.microcontrollers import Microcontrollers
 from vsense.robot import boards
 from vsense.robot.boards import TARGETS, toolchain
-from vsense.robot.build import SHIPPED_CONTROLLER, cache_directory, source_tree
+from vsense.robot.build import FAST_PARTS, SHIPPED_CONTROLLER, cache_directory, source_tree
 from vsense.robot.compiling import BuildError, Sources, native
 
 SIZE_MAX = 100_000
@@ -159,7 +159,10 @@ def _build_steps(program: Path) -> None:
     tree = source_tree()
     own = [path for path in tree.daemon_sources() if path.name != "main.c"]
     sources = Sources(
-        [*own, HERE / "robot_steps.c"], tree.controller(SHIPPED_CONTROLLER), tree.includes()
+        [*own, HERE / "robot_steps.c"],
+        tree.controller(SHIPPED_CONTROLLER),
+        tree.includes(),
+        fast=(*FAST_PARTS, "robot_steps"),
     )
     sources.link(toolchain(TARGETS["epuck"], cache_directory()), program)
 

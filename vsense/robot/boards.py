@@ -36,6 +36,8 @@ class Target:
         name: as the command line calls it.
         help: which boards these are.
         zig: what the zig compiler is told to compile for; empty: this machine.
+        small: what it is told for small code (Thumb: on ARMv5 three quarters of the bytes); empty:
+            nothing makes any.
         debian: Debian's compiler and what it is told; empty: there is none.
         package: Debian's package of that compiler.
     """
@@ -43,6 +45,7 @@ class Target:
     name: str
     help: str
     zig: tuple[str, ...]
+    small: tuple[str, ...]
     debian: tuple[str, ...]
     package: str
 
@@ -54,6 +57,7 @@ TARGETS = {
             "epuck",
             "any 32-bit ARM board of an e-puck: ARMv5TE, soft float (Gumstix Overo, AT91, Pi Zero)",
             ("-target", "arm-linux-musleabi", "-mcpu=arm926ej_s"),
+            ("-target", "thumb-linux-musleabi", "-mcpu=arm926ej_s"),
             ("arm-linux-gnueabi-gcc", "-march=armv5te", "-mtune=arm926ej-s", "-marm"),
             "gcc-arm-linux-gnueabi",
         ),
@@ -61,6 +65,7 @@ TARGETS = {
             "pi-puck",
             "a Pi-puck's Raspberry Pi Zero: ARMv6 with its floating point unit",
             ("-target", "arm-linux-musleabihf", "-mcpu=arm1176jzf_s"),
+            (),
             ("arm-linux-gnueabi-gcc", "-march=armv6", "-mtune=arm1176jzf-s", "-marm"),
             "gcc-arm-linux-gnueabi",
         ),
@@ -68,10 +73,11 @@ TARGETS = {
             "aarch64",
             "64-bit ARM boards (Raspberry Pi Zero 2 and newer)",
             ("-target", "aarch64-linux-musl"),
+            (),
             ("aarch64-linux-gnu-gcc",),
             "gcc-aarch64-linux-gnu",
         ),
-        Target("host", "this machine", (), (), "build-essential"),
+        Target("host", "this machine", (), (), (), "build-essential"),
     )
 }
 
@@ -117,7 +123,8 @@ def _zig(target: Target, cache: Path) -> Toolchain | None:
         "ZIG_LOCAL_CACHE_DIR": str(cache / "zig"),
     }
     zig = (sys.executable, "-m", "ziglang")
-    return Toolchain((*zig, "cc"), (*SMALL, *flags), folders, cxx=(*zig, "c++"))
+    small = (*SMALL, *target.small) if target.small else ()
+    return Toolchain((*zig, "cc"), (*SMALL, *flags), folders, small, cxx=(*zig, "c++"))
 
 
 @dataclass(frozen=True, slots=True)

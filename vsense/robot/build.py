@@ -48,6 +48,12 @@ SYSTEM_PARTS = (
 )
 """What of `robot/` only a daemon needs: processes, files, network, and the base."""
 
+FAST_PARTS = (
+    *("vs_body", "vs_bytes", "vs_clock", "vs_peer", "vs_session", "vs_wire", "epuck_argos"),
+    *("base", "base_argos", "base_sensors", "guard", "loop", "robot", "safety"),
+)
+"""What a control step runs through, of most instructions. All else is compiled to small code."""
+
 SHIPPED_CONTROLLER = "pollutant"
 
 
@@ -83,7 +89,7 @@ class SourceTree:
     def daemon(self, controller: Path) -> Sources:
         """What a daemon with this controller is made of."""
         own_cxx = sorted((self.root / "robot").glob("*.cpp"))
-        return Sources(self.daemon_sources(), controller, self.includes(), own_cxx)
+        return Sources(self.daemon_sources(), controller, self.includes(), own_cxx, FAST_PARTS)
 
     def runtime(self, controller: Path) -> Sources:
         """What the robots of a simulation with this controller are made of."""

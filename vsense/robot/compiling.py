@@ -8,7 +8,7 @@ import re
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -53,6 +53,8 @@ class Toolchain:
         command: the words that start it.
         flags: what it is told beside `CFLAGS`, and after them.
         environment: variables that it needs beside the caller's own.
+        small: what makes it compile for the same target to smaller and slower code, in place of
+            `flags`; empty: nothing does.
         cxx: the words that start the C++ compiler for the same target.
         cxx_line: the line that installs that one.
     """
@@ -60,6 +62,7 @@ class Toolchain:
     command: tuple[str, ...]
     flags: tuple[str, ...] = ()
     environment: Mapping[str, str] = field(default_factory=dict)
+    small: tuple[str, ...] = ()
     cxx: tuple[str, ...] = ("c++",)
     cxx_line: str = APT_LINE
 
@@ -102,12 +105,15 @@ class Sources:
         controller: the controller's file.
         includes: folders of headers.
         own_cxx: C++ files that come with vsense, for a controller in C++.
+        fast: names, without suffix, of those of `own` that a control step runs through. The others
+            become small code, where the toolchain has such.
     """
 
     own: Sequence[Path]
     controller: Path
     includes: Sequence[Path]
     own_cxx: Sequence[Path] = ()
+    fast: Collection[str] = ()
 
     def link(self, toolchain: Toolchain, target: Path, flags: Sequence[str] = ()) -> None:
         """Compiles and links everything and moves it into place whole, stripped.
@@ -130,8 +136,14 @@ class Sources:
                 raise BuildError(f"cannot write {target}: it is a folder") from error
 
     def _link(self, toolchain: Toolchain, made: Path, flags: Sequence[str]) -> None:
-        """Compiles and links everything: the C in one go, C++ before it."""
-        names = [*map(str, self.own), str(self.controller)]
+        """Compiles and links everything: the C in one go, small code and C++ before it."""
+        names = [str(path) for path in self.own if not toolchain.small or path.stem in self.fast]
+        if toolchain.small:
+            names.append(f"{made.with_name('small')}.o")
+            seldom = [str(path) for path in self.own if path.stem not in self.fast]
+            small = replace(toolchain, flags=toolchain.small)
+            self._run(small, CFLAGS, [*flags, "-c", "-o", names[-1], *seldom])
+        names.append(str(self.controller))
         if self.is_cxx:
             names.pop()
             for source in (self.controller, *self.own_cxx):
