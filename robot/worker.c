@@ -226,6 +226,7 @@ static void serve_host(struct vs_worker *w)
     vs_talk_cause(&w->talk, vs_loop_cause(&w->loop, now), now->base_ns);
     if (vs_loop_telemetry(&w->loop, now, &telemetry)) {
         telemetry.base_errors = w->guard.base_errors;
+        telemetry.base_resets = w->base.resets;
         telemetry.guard_restarts = w->guard.restarts;
         if (vs_session_telemetry(&w->session, &telemetry, now->session_ns, packet, sizeof packet,
                                  &len) == VS_OK)
