@@ -77,7 +77,8 @@ static int refuse_option(const struct vs_base_ops *ops, char *expected, size_t s
         }
         add(expected, size, ", ");
     }
-    add(expected, size, "ground=BUS, rab=BUS, battery=BUS, rab_bytes=4|2, rab_power=0..255, rab_k=CM");
+    add(expected, size, "ground=BUS, rab=BUS, battery=BUS, rab_bytes=4|2, rab_power=0..255,"
+                        " rab_k=CM");
     if (ops->on_i2c)
         add(expected, size, " (without =BUS: on the same bus), reset=GPIO");
     return -1;

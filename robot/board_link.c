@@ -155,6 +155,16 @@ const char *vs_board_links_serve(struct vs_board_links *links, uint64_t now_ns)
     return news;
 }
 
+void vs_board_links_poll(const struct vs_board_links *links, struct pollfd *fds)
+{
+    int i;
+
+    for (i = 0; i < VS_BOARDS; i++) {
+        fds[i].fd = links->link[i].waiting ? links->link[i].socket : -1;
+        fds[i].events = POLLIN;
+    }
+}
+
 void vs_board_links_ask(struct vs_board_links *links, const struct vs_board_message *message,
                         uint64_t now_ns)
 {

@@ -7,6 +7,8 @@
 #ifndef VS_BOARD_LINK_H
 #define VS_BOARD_LINK_H
 
+#include <poll.h>
+
 #include "base.h"
 #include "board_process.h"
 #include "calibration.h"
@@ -40,6 +42,9 @@ void vs_board_links_init(struct vs_board_links *links, struct vs_base *base,
 /* Starts what is to be started, takes what is there, and looks what hangs. Returns a line that
  * is worth telling, then it is to be called again; NULL at the end. */
 const char *vs_board_links_serve(struct vs_board_links *links, uint64_t now_ns);
+
+/* What to wait for: fds[VS_BOARDS], for poll(). */
+void vs_board_links_poll(const struct vs_board_links *links, struct pollfd *fds);
 
 /* Asks every board that does not owe an answer. */
 void vs_board_links_ask(struct vs_board_links *links, const struct vs_board_message *message,

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 /*
  * net.h - the worker's sockets: one TCP connection that is tried again for ever, and
- * with every try a UDP socket of its own. Without a network both wait for one. Bytes go to and from the session; nothing blocks.
+ * with every try a UDP socket of its own. Without a network both wait for one. Bytes go to
+ * and from the session; nothing blocks.
  */
 #ifndef VS_NET_H
 #define VS_NET_H
