@@ -338,7 +338,6 @@ static void say_goodbye(struct vs_worker *w)
 
 static void begin(struct vs_worker *w, const struct vs_options *options)
 {
-    memset(w, 0, sizeof *w);
     w->options = options;
     w->trace_fd = -1;
     w->guard.base = &w->base;
