@@ -8,7 +8,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -17,6 +16,7 @@ import pytest
 from tests.robot.conftest import ROOT, Builder
 from tests.robot.rig import Rig, S
 from tests.robot.test_faults import FAULTY, GUARD_NS, alive, still_within, told
+from vsense.clock import host_ns
 
 QUICKLY = ("-O0", "-fno-sanitize=all")
 HANG_NS = 2 * S
@@ -61,7 +61,7 @@ def test_a_board_that_hangs_costs_its_own_readings(talking: Rig, board: int, nam
     process = children(rig.daemon.process.pid)[board]
     others = children(rig.daemon.process.pid)
     seen = len(rig.applied)
-    began_ns = time.monotonic_ns()
+    began_ns = host_ns()
     os.kill(process, signal.SIGSTOP)
     rig.wait_for(lambda: any(f"the {name} bus hangs" in line for line in logged(rig)), "a word")
     if board == GROUND:
@@ -69,7 +69,7 @@ def test_a_board_that_hangs_costs_its_own_readings(talking: Rig, board: int, nam
     else:
         rig.link.ground.ground[0] = 100
         rig.wait_for(lambda: rig.applied[-1].leds & 1 == 0, "the ground sensors, which go on")
-    rig.live_for(HANG_NS - (time.monotonic_ns() - began_ns))
+    rig.live_for(HANG_NS - (host_ns() - began_ns))
     assert all(a.left_steps_s == 300 for a in rig.applied[seen:]), "it drives on"
     assert len(rig.applied) > seen + 15
     os.kill(process, signal.SIGCONT)
@@ -241,7 +241,7 @@ def test_a_guard_that_cannot_be_ended_is_not_waited_for(
 
     def fail() -> int:
         os.kill(children(rig.daemon.process.pid)[-1], signal.SIGSTOP)
-        return time.monotonic_ns()
+        return host_ns()
 
     still_within(rig, GUARD_NS, fail, lambda: None)
     rig.run()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import pytest
 
 from tests.robot.rig import MS, Rig, S
 from tests.robot.test_faults import still_within, told
+from vsense.clock import host_ns
 from vsense.lab.links import KINDS
 from vsense.lab.microcontrollers import Actuation
 from vsense.link.robots.wire import StopCause
@@ -31,7 +31,7 @@ def kill_both(rig: Rig) -> int:
     def tell(number: signal.Signals) -> int:
         guard = rig.daemon.guard
         assert guard is not None
-        now_ns = time.monotonic_ns()
+        now_ns = host_ns()
         # The guard first: the kernel wakes what is stopped when its parent ends.
         for pid in (guard, rig.daemon.process.pid):
             os.kill(pid, number)
@@ -112,7 +112,7 @@ def test_a_stuck_bus_is_freed_by_a_reset(rigs: Rigs, tmp_path: Path, kind: str) 
 
     def fail() -> int:
         rig.link.wires.stuck = 1
-        return time.monotonic_ns()
+        return host_ns()
 
     still_within(rig, STOP_NS, fail, lambda: None)
     assert rig.link.wires.stuck == 0 and IN_RESET in rig.daemon.said
