@@ -48,7 +48,11 @@ struct vs_base_reading {
     uint32_t step_nm;    /* [nm] way of a wheel per step */
     int16_t max_steps_s; /* [step/s] what its motors can do, 0: not known */
     uint8_t has_ground;  /* 1: it measures ground itself, without a board */
+    uint8_t rgb_leds;    /* coloured LEDs that it has */
     int16_t ground[3];   /* [raw] as a board's */
+    uint16_t distance_mm; /* [mm] ahead, 0: not measured */
+    int16_t rates[3];    /* [1/EPUCK_IMU_DIGITS rad/s] x, y, z */
+    uint8_t has_rates;   /* 0: they are not measured */
     struct vs_board_reading boards; /* no base writes it: boards have processes of their own */
 };
 

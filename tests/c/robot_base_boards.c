@@ -255,6 +255,88 @@ static void test_battery(void)
     CHECK(w.reading.boards.battery_mv == 0 && w.base.news != NULL);
 }
 
+static void ask(struct bus_world *w, int board, const struct vs_board_request *request)
+{
+    vs_boards_ask(&w->base.boards, board, request, &w->base.news);
+    vs_boards_take(&w->reading.boards, &w->base.boards.reading, board);
+}
+
+/* Index 0 is front left, 1 front right, 2 back. Source: argos3-epuck 66cb8d9
+ * ci_epuck_rgb_leds_actuator.h:9-17; the bytes: test_rgb_leds_of_iridia. */
+static void test_rgb(void)
+{
+    static const struct vs_board_request colours = {{0, {0}}, {{255, 0, 1}, {2, 3, 4}, {5, 6, 7}}};
+    static const struct vs_board_request dark;
+    struct bus_world w;
+
+    bus_begin(&w, &vs_base_gctronic, 8);
+    bus_board(&w, VS_BOARD_RGB, 2);
+    CHECK(!vs_boards_are_well(&w.base.boards));
+    ask(&w, VS_BOARD_RGB, &colours);
+    CHECK(w.reading.boards.has_rgb && vs_boards_are_well(&w.base.boards) && w.rgb.writes == 1);
+    CHECK(memcmp(w.rgb.rgb, colours.rgb, sizeof colours.rgb) == 0);
+    w.wires.faults.refuse = 1; /* once: it is tried again */
+    ask(&w, VS_BOARD_RGB, &dark);
+    CHECK(w.reading.boards.has_rgb && memcmp(w.rgb.rgb, dark.rgb, sizeof dark.rgb) == 0);
+    w.rgb.device.address = 0x7F;
+    ask(&w, VS_BOARD_RGB, &colours);
+    CHECK(!w.reading.boards.has_rgb && strstr(w.base.news, "RGB LEDs do not answer") != NULL);
+    w.rgb.device.address = EPUCK_RGB_ADDRESS;
+    ask(&w, VS_BOARD_RGB, &colours); /* it is left alone for a second */
+    CHECK(!w.reading.boards.has_rgb && w.rgb.writes == 2);
+    bus_pass(&w, 1000 * MS);
+    ask(&w, VS_BOARD_RGB, &colours);
+    CHECK(w.reading.boards.has_rgb && memcmp(w.rgb.rgb, colours.rgb, sizeof colours.rgb) == 0);
+    CHECK(strstr(w.base.news, "RGB LEDs answer again") != NULL);
+    vs_boards_lose(&w.reading.boards, VS_BOARD_RGB);
+    CHECK(!w.reading.boards.has_rgb);
+}
+
+/* Whichever chip it is, and wherever, it is found within a request for each that it may be. */
+static void test_imu(int chip, const int16_t raw[3], const int16_t rates[3])
+{
+    static const struct vs_board_request nothing;
+    struct bus_world w;
+    int i;
+
+    bus_begin(&w, &vs_base_gctronic, 9);
+    bus_board(&w, VS_BOARD_IMU, 2);
+    fw_imu_init(&w.imu, chip);
+    memcpy(w.imu.rates, raw, sizeof w.imu.rates);
+    CHECK(!vs_boards_are_well(&w.base.boards));
+    for (i = 0; i < EPUCK_IMUS && !w.reading.boards.has_rates; i++)
+        ask(&w, VS_BOARD_IMU, &nothing);
+    CHECK(w.reading.boards.has_rates && vs_boards_are_well(&w.base.boards) && w.base.news == NULL);
+    CHECK(memcmp(w.reading.boards.rates, rates, sizeof w.imu.rates) == 0);
+    w.imu.device.address = 0x7F;
+    ask(&w, VS_BOARD_IMU, &nothing);
+    CHECK(!w.reading.boards.has_rates && strstr(w.base.news, "IMU does not answer") != NULL);
+    fw_imu_init(&w.imu, chip); /* it was switched off: an LSM330 has lost its settings */
+    memcpy(w.imu.rates, raw, sizeof w.imu.rates);
+    for (i = 0; i <= EPUCK_IMUS; i++) {
+        bus_pass(&w, 1000 * MS);
+        ask(&w, VS_BOARD_IMU, &nothing);
+    }
+    CHECK(w.reading.boards.has_rates && strstr(w.base.news, "IMU answers again") != NULL);
+    CHECK(memcmp(w.reading.boards.rates, rates, sizeof w.imu.rates) == 0);
+    vs_boards_lose(&w.reading.boards, VS_BOARD_IMU);
+    CHECK(!w.reading.boards.has_rates);
+}
+
+/* An LSM330's digit is 8.75e-3 degrees a second, the others' 250 / 32768. Source: e-puck-library
+ * 4cb85cb library/acc_gyro/e_lsm330.c:279-283; e-puck2_main-processor d2e0dbb
+ * src/sensors/mpu9250.c:11-16. */
+static void test_imus(void)
+{
+    static const int16_t raw[3] = {-32768, 1000, 32767};
+    static const int16_t lsm330[3] = {-32768, 1148, 32767};
+    int chip;
+
+    for (chip = 0; chip < EPUCK_IMU_LSM330; chip++)
+        test_imu(chip, raw, raw);
+    test_imu(EPUCK_IMU_LSM330, raw, lsm330);
+}
+
 int main(void)
 {
     uint32_t seed;
@@ -265,6 +347,8 @@ int main(void)
     test_says_its_message(4);
     test_missing_board();
     test_battery();
+    test_rgb();
+    test_imus();
     for (seed = 1; seed <= 20; seed++) {
         test_hears_every_message_once(2, seed);
         test_hears_every_message_once(4, seed);
