@@ -18,7 +18,8 @@ int vs_session_init(struct vs_session *s, const struct vs_session_config *config
 {
     if (!is_text(config->name) || !is_text(config->controller))
         return VS_ERR_TEXT;
-    memset(s, 0, sizeof *s);
+    memset(s, 0, offsetof(struct vs_session, params));
+    s->params[0] = '\0';
     s->config = *config;
     vs_peer_init(&s->peer);
     vs_table_init(&s->table);

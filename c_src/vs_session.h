@@ -90,10 +90,11 @@ struct vs_session {
     struct vs_table table;
     struct vs_state state; /* newest readings */
     struct vs_notice notice; /* of the host's REFUSE or GOODBYE, or of our GOODBYE */
+    size_t inbox_len;
+    /* What was never received is never written: pages that nobody touches cost no memory. */
     char params[VS_PARAMS_ROOM + 1]; /* lines "key=value\n" */
     /* TCP bytes of an incomplete packet, at most a WELCOME */
     uint8_t inbox[VS_PACKET_MIN + VS_NONCE_SIZE + 12 + VS_PARAMS_ROOM + VS_TABLE_BYTES];
-    size_t inbox_len;
 };
 
 /* Errors: VS_ERR_TEXT if name or controller is no clean text. */

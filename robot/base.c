@@ -88,6 +88,7 @@ static int recover_or_reset(struct vs_base *base)
         !vs_reset_begin(&base->reset, base->bus.now_ns(base->bus.context)))
         return err;
     base->news = "its microcontroller does not answer and is being reset";
+    base->resets++;
     return VS_ERR_BUSY;
 }
 

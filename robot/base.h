@@ -105,6 +105,7 @@ struct vs_base {
     int fd;               /* of the device: guard and worker hold it */
     struct vs_reset reset;
     const char *news;     /* a phrase worth telling, for whoever owns the base; NULL: none */
+    uint32_t resets;      /* of its microcontroller, as far as they were noticed */
     struct vs_boards boards;
     uint16_t counters[2]; /* of the wheels, as read last */
     int32_t steps[2];

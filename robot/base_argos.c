@@ -298,6 +298,7 @@ static int decode(struct vs_base *base, struct epuck_argos_sensors *sensors)
     if (sensors->rab_received == of(base)->rab_received)
         return VS_OK;
     base->news = "its microcontroller was reset";
+    base->resets++;
     return VS_ERR_GARBLED;
 }
 

@@ -179,6 +179,7 @@ static int check(struct vs_base *base, int which, uint64_t deadline_ns)
         y->leds = UNKNOWN_LEDS;
     } else {
         base->news = "its microcontroller was reset";
+    base->resets++;
         y->failures = FAILURES_MAX;
     }
     return VS_ERR_GARBLED;

@@ -21,7 +21,8 @@ static const struct {
     int16_t high;
     int16_t top; /* largest reading */
 } settings[VS_CAL_SETTINGS] = {
-    {"proximity-scale", "1 or 8 NOTHING:WALL, -4096..4096, 16 apart", 8, -4096, 4096, 67, 1466, 4095},
+    {"proximity-scale", "1 or 8 NOTHING:WALL, -4096..4096, 16 apart", 8, -4096, 4096, 67, 1466,
+     4095},
     {"light-scale", "1 or 8 DARK:BRIGHT, -4096..4096, 16 apart", 8, -4096, 4096, 0, 4095, 4095},
     {"ground-scale", "1 or 3 BLACK:WHITE, 0..1023, 16 apart", 3, 0, EPUCK_GROUND_MAX, 0,
      EPUCK_GROUND_MAX, EPUCK_GROUND_MAX},

@@ -83,7 +83,8 @@ static int check_clock(void)
         return say("clock", 0, "timers wake %u ms late: end whatever keeps this board busy (top)",
                    tenths_ms(late_ns[NAPS / 2]) / 10);
     if (time(NULL) < FIRST_SANE_S)
-        return say("clock", 1, "timers are good; the calendar is wrong, which only log files notice");
+        return say("clock", 1,
+                   "timers are good; the calendar is wrong, which only log files notice");
     mostly = tenths_ms(late_ns[NAPS / 2]);
     worst = tenths_ms(late_ns[NAPS - 1]);
     return say("clock", 1, "timers wake %u.%u ms late, %u.%u ms at worst", mostly / 10,

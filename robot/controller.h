@@ -21,12 +21,11 @@
  * The robot's own, calibrated where its settings hold what was measured of it: "proximity" and
  * "light", 8 numbers each, ps0..ps7 at vs_robot_sensor_angle_rad, raw 0..4096 (higher is nearer,
  * brighter); "battery_low" (0 or 1) and "battery", its voltage in mV where base or board can tell
- * it; "wheels", the way [cm] of the left and the right wheel since the daemon
- * began, where the base counts steps; "accelerometer", raw x, y, z, and "microphones", raw,
- * where the base's firmware reads them (IRIDIA's: the newest sample of right, left and back;
- * GCtronic's for the e-puck2: the loudness of its four); with boards on I2C (`vsensed --help`) "ground", 3
- * numbers from 0 black to 1 white, and "range_and_bearing", laid out as the virtual one
- * with 5 places. Its own actuator, with that board: "message", the length and 4 bytes.
+ * it; "wheels", the way [cm] of the left and the right wheel since the daemon began, where the
+ * base counts steps; "accelerometer", raw x, y, z, and "microphones", raw, where the base's
+ * firmware reads them (IRIDIA's: the newest sample of right, left and back; GCtronic's for the
+ * e-puck2: the loudness of its four); with boards on I2C (`vsensed --help`) "ground", 3 numbers
+ * from 0 black to 1 white, and "range_and_bearing", laid out as the virtual one with 5 places. Its own actuator, with that board: "message", the length and 4 bytes.
  *
  * All that a controller remembers belongs into its state, never into a static
  * variable: one process may run many robots. No function here fails or blocks.

@@ -51,6 +51,7 @@ struct vs_guard_reply {
     uint8_t sensed;                 /* reading is new */
     uint8_t lost;                   /* the base is being searched for */
     uint32_t base_errors;           /* since this guard began */
+    uint32_t base_resets;           /* since the daemon began; of guard_process.h */
     struct vs_base_command command; /* in force now */
     uint64_t reading_ns;            /* when it came, 0 = none yet */
     const char *news;               /* a line for the log, NULL = none: a phrase of the program */

@@ -115,6 +115,7 @@ int vs_guard_link_receive(struct vs_guard_link *link, struct vs_guard_reply *rep
     link->pinged = 0;
     link->heard_ns = vs_posix_recent_ns();
     link->base_errors = link->errors_before + reply->base_errors;
+    link->base->resets = reply->base_resets; /* the next guard counts on */
     return 1;
 }
 

@@ -71,6 +71,7 @@ static void tell(struct process *p)
 
     if (!vs_guard_reply(&p->guard, &reply))
         return;
+    reply.base_resets = p->base->resets;
     reply.refused = (uint8_t)p->refused;
     reply.news = p->rest->count > 0 ? p->rest->news[0] : NULL;
     if (send(p->socket, &reply, VS_GUARD_REPLY_SIZE, MSG_NOSIGNAL | MSG_DONTWAIT) !=

@@ -44,6 +44,7 @@ static void look_at_wish(struct vs_loop *loop)
         loop->begin_ns = loop->step_ns; /* an idle exchange delays no step */
         loop->hold_due = 1;
         loop->telemetry_due = 1;
+        loop->pacing = 0;
     }
     if (!running && (!loop->session->open || loop->session->wanted != VS_PAUSE))
         vs_robot_rest(&loop->robot);
@@ -252,6 +253,9 @@ int vs_loop_request(struct vs_loop *loop, const struct vs_instant *now,
     } else if (sensing) {
         loop->begin_ns = now->base_ns;
         if (loop->running) {
+            if (loop->pacing && now->base_ns - loop->step_ns > 3 * period_ns(loop) / 2)
+                loop->overruns++;
+            loop->pacing = 1;
             loop->step_ns = now->base_ns;
             request->kind = VS_GUARD_SENSE;
         } else {
@@ -321,13 +325,12 @@ int vs_loop_telemetry(struct vs_loop *loop, const struct vs_instant *now,
         return 0;
     loop->telemetry_due = 0;
     loop->telemetry_ns = now->base_ns;
-    /* Nobody asks the radio, nor counts these. */
+    /* Nobody asks the radio. */
     t->signal_dbm = 0;
     t->power_saving = VS_UNKNOWN;
     t->bit_rate = 0;
     t->retries = VS_NEVER_US;
-    t->overruns = 0;
-    t->base_resets = 0;
+    t->overruns = loop->overruns;
     t->state = actual_state(loop);
     t->stop_cause = (uint8_t)vs_loop_cause(loop, now);
     t->battery_low = vs_base_battery_low(&loop->robot.base);

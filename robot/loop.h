@@ -70,7 +70,9 @@ struct vs_loop {
     uint8_t guard_cause;  /* why the guard holds the wheels */
     uint8_t telemetry_due;
     uint8_t trace_due;    /* step is new */
+    uint8_t pacing;       /* a control step of this stretch of running has begun */
     uint8_t talk_due;     /* the controller began with another table or other params */
+    uint32_t overruns;    /* control steps that began more than 1.5 timesteps after the last */
     uint32_t completed;   /* control steps whose command reached the base */
     uint32_t run;         /* what init was called for */
     uint32_t offer;       /* session->offer when init was called */
@@ -108,7 +110,7 @@ void vs_loop_end(struct vs_loop *loop);
 /* Why the wheels are held, or VS_CAUSE_NONE. */
 enum vs_stop_cause vs_loop_cause(const struct vs_loop *loop, const struct vs_instant *now);
 
-/* 1 if telemetry is due; t is then filled but for guard_restarts, base_errors, what the
+/* 1 if telemetry is due; t is then filled but for what guard_link.h counts, what the
  * session fills in, and what of payload the table does not use. */
 int vs_loop_telemetry(struct vs_loop *loop, const struct vs_instant *now,
                       struct vs_telemetry *t);

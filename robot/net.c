@@ -42,7 +42,7 @@ static int start_connect(const struct vs_net *net, int fd)
 
 int vs_net_open(struct vs_net *net, const char *address, uint16_t port)
 {
-    memset(net, 0, sizeof *net);
+    memset(net, 0, offsetof(struct vs_net, datagram));
     net->fds[TCP] = -1;
     net->fds[UDP] = -1;
     if (vs_number_address(address, (uint8_t *)&net->host) != 0)

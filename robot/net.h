@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 /*
  * net.h - the worker's sockets: one TCP connection that is tried again for ever, and
- * with every try a UDP socket of its own. Without a network both wait for one. Bytes go to and from the session; nothing blocks.
+ * with every try a UDP socket of its own. Without a network both wait for one. Bytes go to
+ * and from the session; nothing blocks.
  */
 #ifndef VS_NET_H
 #define VS_NET_H
@@ -37,18 +38,19 @@ struct vs_net {
     int trouble;        /* errno of the newest try that got no way, 0 = none */
     const char *why;    /* the connection last ended: one phrase */
     uint8_t readable[2]; /* what poll() said of fds; 0 once read */
-    uint8_t datagram[VS_DATAGRAM_MAX + 1];
-    size_t datagram_len;
     uint8_t has_datagram;
     uint8_t closed;     /* by the host */
-    uint8_t in[2048];
+    size_t datagram_len;
     size_t in_len;
     size_t in_pos;
-    uint8_t out[VS_DATAGRAM_MAX];       /* the packet that TCP is sending */
     size_t out_len;
     size_t out_pos;
-    uint8_t newest[VS_DATAGRAM_MAX];   /* telemetry waiting for TCP: newest wins */
     size_t newest_len;
+    /* What holds nothing yet was never written: pages that nobody touches cost no memory. */
+    uint8_t datagram[VS_DATAGRAM_MAX + 1];
+    uint8_t in[2048];
+    uint8_t out[VS_DATAGRAM_MAX];       /* the packet that TCP is sending */
+    uint8_t newest[VS_DATAGRAM_MAX];   /* telemetry waiting for TCP: newest wins */
 };
 
 /* Returns 0, or -1: address is no numeric IPv4 address. Opens nothing yet. */

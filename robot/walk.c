@@ -2,10 +2,15 @@
 #include "controller.h"
 
 #define PI 3.14159265358979
-#define AHEAD_RAD 1.5 /* sensors beyond it do not look where we go */
 #define AXLE_CM 5.3
 #define TURN_SHARE 0.6 /* of the speed, for turning on the spot */
 #define PASS_S 1.0     /* [s] longest way past an obstacle before the goal counts again */
+
+/* The sensors that look where we go, less than a right angle off; on which side they are. */
+static const struct {
+    int sensor;
+    double side;
+} ahead_of[4] = {{0, -1.0}, {1, -1.0}, {6, 1.0}, {7, 1.0}};
 
 double vs_walk_obstacle(const struct vs_walk *walk, const struct vs_robot *robot, double *side)
 {
@@ -17,13 +22,13 @@ double vs_walk_obstacle(const struct vs_walk *walk, const struct vs_robot *robot
     *side = 1.0;
     if (vs_robot_values(robot, walk->proximity, prox, 8) != 8)
         return 0.0;
-    for (i = 0; i < 8; i++) {
-        double angle_rad = vs_robot_sensor_angle_rad[i];
+    for (i = 0; i < 4; i++) {
+        double here = prox[ahead_of[i].sensor];
 
-        if (prox[i] < walk->near_raw || angle_rad > AHEAD_RAD || angle_rad < -AHEAD_RAD)
+        if (here < walk->near_raw)
             continue;
-        ahead += prox[i];
-        left += prox[i] * (angle_rad > 0.0 ? 1.0 : -1.0);
+        ahead += here;
+        left += here * ahead_of[i].side;
     }
     *side = left >= 0.0 ? 1.0 : -1.0;
     return ahead;

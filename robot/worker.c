@@ -226,6 +226,7 @@ static void serve_host(struct vs_worker *w)
     vs_talk_cause(&w->talk, vs_loop_cause(&w->loop, now), now->base_ns);
     if (vs_loop_telemetry(&w->loop, now, &telemetry)) {
         telemetry.base_errors = w->guard.base_errors;
+        telemetry.base_resets = w->base.resets;
         telemetry.guard_restarts = w->guard.restarts;
         if (vs_session_telemetry(&w->session, &telemetry, now->session_ns, packet, sizeof packet,
                                  &len) == VS_OK)
@@ -338,7 +339,6 @@ static void say_goodbye(struct vs_worker *w)
 
 static void begin(struct vs_worker *w, const struct vs_options *options)
 {
-    memset(w, 0, sizeof *w);
     w->options = options;
     w->trace_fd = -1;
     w->guard.base = &w->base;

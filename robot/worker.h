@@ -38,7 +38,8 @@ struct vs_worker {
     struct vs_talk talk;
 };
 
-/* Runs the daemon. Returns its exit status: 0 after a signal, 1 if the base is gone
+/* Runs the daemon. *w is all zeros, which nobody need write: pages that nobody touches cost a
+ * board no memory. Returns its exit status: 0 after a signal, 1 if the base is gone
  * or cannot be opened, 2 if the controller or the address cannot be used. */
 int vs_worker_run(struct vs_worker *w, const struct vs_options *options);
 

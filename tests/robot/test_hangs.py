@@ -7,13 +7,14 @@ import re
 import shutil
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
-from tests.robot.conftest import ROOT, Build
+from tests.robot.conftest import ROOT, Builder
 from tests.robot.rig import Rig, S
 from tests.robot.test_faults import FAULTY, GUARD_NS, alive, still_within, told
 
@@ -29,7 +30,7 @@ def children(pid: int) -> list[int]:
 
 
 @pytest.fixture(scope="module")
-def talker(tmp_path_factory: pytest.TempPathFactory, build: Build) -> Path:
+def talker(tmp_path_factory: pytest.TempPathFactory, build: Builder) -> Path:
     """Path of `vsensed` with the controller of `boards.c`."""
     target = tmp_path_factory.mktemp("talker") / "vsensed"
     return build(target, Path(__file__).parent / "boards.c", *QUICKLY)
@@ -104,7 +105,7 @@ def test_boards_end_with_their_worker_and_hold_no_base(talking: Rig) -> None:
 
 
 @pytest.fixture(scope="module")
-def hanging(tmp_path_factory: pytest.TempPathFactory, build: Build) -> Path:
+def hanging(tmp_path_factory: pytest.TempPathFactory, build: Builder) -> Path:
     """Path of `vsensed` with a controller that hangs in its eleventh step."""
     folder = tmp_path_factory.mktemp("hanging")
     source = folder / "faulty.c"
@@ -188,6 +189,33 @@ def test_under_the_init_script_a_worker_that_hangs_is_started_anew(
         subprocess.run(["sh", script, "stop"], env=environment, timeout=30, check=True)
         rig.wait_for(lambda: not workers(rig.device), "the end")
         rig.close()
+
+
+def test_under_systemds_rules_a_worker_that_hangs_is_started_anew(hanging: Path) -> None:
+    rig = Rig(hanging)
+    unit = ROOT / "vsense" / "robot" / "board" / "vsensed.service"
+    words = [sys.executable, "-m", "tests.robot.systemd_rules", unit, hanging, *rig.words()]
+    with subprocess.Popen(words, cwd=ROOT, stderr=subprocess.PIPE, text=True) as service:
+        try:
+            most = 0
+            rig.run()
+
+            def again() -> bool:
+                nonlocal most
+                most = max(most, len(workers(rig.device)))
+                return len(starts(rig)) == 2
+
+            rig.wait_for(again, "a new daemon")
+            assert most == 1, "never two daemons"
+            assert not rig.moving, "the wheels stood before"
+            rig.wait_for(lambda: rig.moving, "motion again")
+        finally:
+            service.terminate()
+            rig.wait_for(lambda: service.poll() is not None, "the end of the service")
+            rig.close()
+        assert service.stderr is not None
+        assert "the worker hung for 3 s: stopped the wheels, ended it" in service.stderr.read()
+        assert not workers(rig.device)
 
 
 def workers(device: str) -> list[int]:

@@ -49,8 +49,9 @@ SYSTEM_PARTS = (
 """What of `robot/` only a daemon needs: processes, files, network, and the base."""
 
 FAST_PARTS = (
-    *("vs_body", "vs_bytes", "vs_clock", "vs_peer", "vs_session", "vs_wire", "epuck_argos"),
-    *("base", "base_argos", "base_sensors", "guard", "loop", "robot", "safety"),
+    *("vs_body", "vs_bytes", "vs_clock", "vs_peer", "vs_session", "vs_wire"),
+    *("epuck_argos", "epuck_bytes", "base", "base_sensors", "base_serial"),
+    *("guard", "loop", "memory", "robot"),
 )
 """What a control step runs through, of most instructions. All else is compiled to small code."""
 

@@ -141,6 +141,8 @@ class RobotTable:
             "left_steps_s": told.left_steps_s,
             "right_steps_s": told.right_steps_s,
             "base_errors": told.base_errors,
+            "base_resets": told.base_resets,
+            "overruns": told.overruns,
             "guard_restarts": told.guard_restarts,
             "actuators": numbers(self._actuators, told.payload) if self._actuators else [],
             "shown": shown(told.shown),
@@ -159,7 +161,8 @@ _STATES = {state.value: state.name.lower() for state in Wanted}
 
 _TOLD = (
     *("state", "stop_cause", "battery_mv", "battery_low", "leds", "left_steps_s"),
-    *("right_steps_s", "base_errors", "guard_restarts", "actuators", "shown"),
+    *("right_steps_s", "base_errors", "base_resets", "overruns", "guard_restarts", "actuators"),
+    "shown",
 )
 
 
