@@ -66,6 +66,13 @@ static void add_ground(struct fw_asercom *fw)
         add_zeros(fw, fw->mode->ground > 0 ? CLIFFS : 0);
 }
 
+static void add_steps(struct fw_asercom *fw)
+{
+    uint64_t now_us = fw->uart.lived_ns / NS_PER_US;
+
+    add_pair(fw, fw_body_steps(&fw->body, 0, now_us), fw_body_steps(&fw->body, 1, now_us));
+}
+
 static void add_rates(struct fw_asercom *fw)
 {
     int i;
@@ -99,10 +106,20 @@ uint32_t fw_asercom_payload(const struct fw_asercom *fw, uint8_t code)
     }
 }
 
+/* What the daemon does not ask for. Other codes are unknown, or have no answer. */
+static void answer_with_zeros(struct fw_asercom *fw, uint8_t code)
+{
+    if (code == CODE_A)
+        add_zeros(fw, 6);
+    else if (code == CODE_ACCELERATION || code == CODE_MICROPHONES)
+        add_zeros(fw, 3);
+    else if (code == CODE_TEMPERATURE && fw->reply_len < FW_ASERCOM_REPLY_MAX)
+        fw->reply[fw->reply_len++] = 0;
+}
+
 void fw_asercom_answer(struct fw_asercom *fw, uint8_t code)
 {
     const struct fw_inputs *inputs = &fw->body.inputs;
-    uint64_t now_us = fw->uart.lived_ns / NS_PER_US;
 
     switch (code) {
     case EPUCK_ASERCOM_PROX:
@@ -118,8 +135,7 @@ void fw_asercom_answer(struct fw_asercom *fw, uint8_t code)
         add_pair(fw, (uint16_t)fw->commanded[0], (uint16_t)fw->commanded[1]);
         break;
     case EPUCK_ASERCOM_STEPS:
-        add_pair(fw, fw_body_steps(&fw->body, 0, now_us),
-                 fw_body_steps(&fw->body, 1, now_us));
+        add_steps(fw);
         break;
     case EPUCK_ASERCOM_BATTERY:
         add(fw, raw_battery(fw));
@@ -131,18 +147,8 @@ void fw_asercom_answer(struct fw_asercom *fw, uint8_t code)
         if (fw->mode->epuck2 > 0)
             add(fw, inputs->distance_mm);
         break;
-    case CODE_A:
-        add_zeros(fw, 3); /* and as many again */
-    /* fall through */
-    case CODE_ACCELERATION:
-    case CODE_MICROPHONES:
-        add_zeros(fw, 3);
-        break;
-    case CODE_TEMPERATURE: /* one byte */
-        add(fw, 0);
-        fw->reply_len--;
-        break;
-    default: /* unknown, or without an answer */
+    default:
+        answer_with_zeros(fw, code);
         break;
     }
 }

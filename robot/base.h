@@ -53,6 +53,7 @@ struct vs_base_reading {
     uint16_t distance_mm; /* [mm] ahead, 0: not measured */
     int16_t rates[3];    /* [1/EPUCK_IMU_DIGITS rad/s] x, y, z */
     uint8_t has_rates;   /* 0: they are not measured */
+    uint8_t spare[13];   /* what is copied with every step is 96 bytes: see memory.c */
     struct vs_board_reading boards; /* no base writes it: boards have processes of their own */
 };
 

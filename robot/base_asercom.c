@@ -336,7 +336,7 @@ const struct vs_base_ops vs_base_asercom = {
     "    mode=bluetooth         selector 3, Bluetooth, 115200 baud; e-puck2: or USB\n"
     "    mode=bluetooth+ground  the same with ground sensors\n"
     "    model=epuck            its wheels and motors (default)\n"
-    "    model=epuck2           those of an e-puck2, gyroscope, distance sensor",
+    "    model=epuck2           those of an e-puck2; gyroscope, distance",
     "/dev/ttyS1",
     0,
     choices,

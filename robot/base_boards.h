@@ -43,10 +43,7 @@ struct vs_board_request {
 
 struct vs_board_reading {
     uint8_t there;        /* bit n: the robot has board n */
-    uint8_t has_ground;   /* 1: ground is measured */
-    uint8_t has_rab;      /* 1: heard is up to date */
-    uint8_t has_rgb;      /* 1: the LEDs shine as they were told to last */
-    uint8_t has_rates;    /* 1: rates are measured */
+    uint8_t has[VS_BOARDS]; /* 1: what this board says is up to date, LEDs shine as told */
     uint8_t rab_bytes;    /* of a message heard */
     uint16_t battery_mv;  /* [mV] 0 = not known */
     float rab_k_cm;       /* [cm] this board's range = rab_k_cm * exp(9.0642 - 0.0056507 raw) */
@@ -98,9 +95,9 @@ void vs_boards_read_imu(struct vs_boards *boards, uint64_t deadline_ns, const ch
 int vs_boards_talk(struct vs_boards *boards, const struct vs_board_message *message,
                    uint64_t deadline_ns, const char **news);
 
-/* Does what a board's process does for a request. */
+/* Does what a board's process does for a request, if the board is there. */
 void vs_boards_ask(struct vs_boards *boards, int board, const struct vs_board_request *request,
-                   const char **news);
+                   uint64_t now_ns, const char **news);
 
 /* Takes over what the process of one board measured. */
 void vs_boards_take(struct vs_board_reading *all, const struct vs_board_reading *one, int board);

@@ -146,7 +146,7 @@ static int rab_values(const struct vs_base_reading *reading, uint32_t heard_from
     int count = fresh < VS_BASE_HEARD_MAX ? (int)fresh : VS_BASE_HEARD_MAX;
     int i;
 
-    if (!boards->has_rab)
+    if (!boards->has[VS_BOARD_RAB])
         return 0;
     for (i = 0; i < VS_BASE_NUMBERS_MAX && i < max; i++) {
         uint32_t number = boards->heard_count - 1 - (uint32_t)((i - 1) / PLACE);
@@ -176,7 +176,7 @@ int vs_base_values(const struct vs_base_reading *reading, int sensor, uint32_t h
         return raw_values(reading->light, RING, values, max);
     case VS_BASE_GROUND:
         return three_values(reading->has_ground ? reading->ground : NULL,
-                            boards->has_ground ? boards->ground : NULL, EPUCK_GROUND_MAX, values,
+                            boards->has[VS_BOARD_GROUND] ? boards->ground : NULL, EPUCK_GROUND_MAX, values,
                             max);
     case VS_BASE_WHEELS:
         return wheel_values(reading, values, max);
@@ -190,7 +190,7 @@ int vs_base_values(const struct vs_base_reading *reading, int sensor, uint32_t h
         return one_value(vs_base_battery_mv(reading), values, max);
     case VS_BASE_GYROSCOPE:
         return three_values(reading->has_rates ? reading->rates : NULL,
-                            boards->has_rates ? boards->rates : NULL, EPUCK_IMU_DIGITS, values,
+                            boards->has[VS_BOARD_IMU] ? boards->rates : NULL, EPUCK_IMU_DIGITS, values,
                             max);
     case VS_BASE_DISTANCE:
         return one_value(reading->distance_mm, values, max);

@@ -176,7 +176,8 @@ int vs_board_links_poll(const struct vs_board_links *links, struct pollfd *fds)
 /* 1 if the RGB LEDs show these colours: no need to ask them, and to wake up for the answer. */
 static int is_shown(const struct vs_board_links *links, const struct vs_board_request *request)
 {
-    return links->reading->has_rgb && memcmp(links->rgb, request->rgb, sizeof links->rgb) == 0;
+    return links->reading->has[VS_BOARD_RGB] &&
+           memcmp(links->rgb, request->rgb, sizeof links->rgb) == 0;
 }
 
 void vs_board_links_ask(struct vs_board_links *links, const struct vs_base_command *command,

@@ -4,6 +4,8 @@
 #include <errno.h>
 #include <sys/socket.h>
 
+#include "../c_src/vs_posix.h"
+
 /* Returns 1 if there may be another request, 0 if not. */
 static int serve(int socket, struct vs_boards *boards, int board)
 {
@@ -13,7 +15,7 @@ static int serve(int socket, struct vs_boards *boards, int board)
 
     if (len != (ssize_t)sizeof request)
         return len < 0 && errno == EINTR;
-    vs_boards_ask(boards, board, &request, &answer.news);
+    vs_boards_ask(boards, board, &request, vs_posix_now_ns(), &answer.news);
     answer.reading = boards->reading;
     return send(socket, &answer, sizeof answer, MSG_NOSIGNAL) == (ssize_t)sizeof answer;
 }
@@ -26,5 +28,5 @@ void vs_board_process(int socket, struct vs_boards *boards, int board)
     while (serve(socket, boards, board))
         ;
     if (board == VS_BOARD_RGB)
-        vs_boards_ask(boards, board, &dark, &nobody_hears);
+        vs_boards_ask(boards, board, &dark, vs_posix_now_ns(), &nobody_hears);
 }

@@ -234,7 +234,7 @@ static int check_boards(struct vs_base *base)
 
     while (base->news == NULL && vs_posix_now_ns() < end_ns) {
         for (i = 0; i < VS_BOARDS; i++)
-            vs_boards_ask(&base->boards, i, &nothing, &base->news);
+            vs_boards_ask(&base->boards, i, &nothing, vs_posix_now_ns(), &base->news);
         if (vs_boards_are_well(&base->boards))
             return 1;
         poll(NULL, 0, (int)(NAP_NS / 1000000u));

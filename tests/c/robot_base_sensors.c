@@ -67,7 +67,7 @@ static void test_ground_and_wheels(void)
 
     reading.boards.there = 3;
     CHECK(vs_base_values(&reading, VS_BASE_GROUND, 0, values, 3) == 0);
-    reading.boards.has_ground = reading.has_steps = 1;
+    reading.boards.has[VS_BOARD_GROUND] = reading.has_steps = 1;
     CHECK(vs_base_values(&reading, VS_BASE_GROUND, 0, values, 3) == 3);
     CHECK(values[0] == 1.0 && values[1] == 0.0);
     CHECK(vs_base_values(&reading, VS_BASE_WHEELS, 0, values, 2) == 2);
@@ -81,7 +81,7 @@ static void test_messages(void)
     int i;
 
     reading.boards.there = 1u << VS_BOARD_RAB;
-    reading.boards.has_rab = 1;
+    reading.boards.has[VS_BOARD_RAB] = 1;
     CHECK(vs_base_values(&reading, VS_BASE_RAB, 20, values, 31) == 31 && values[0] == 0.0);
     CHECK(vs_base_values(&reading, VS_BASE_RAB, 17, values, 31) == 31 && values[0] == 3.0);
     for (i = 0; i < 3; i++) { /* the newest of 20 is the one at 19 % 8 */
@@ -135,7 +135,7 @@ static void test_gyroscope_and_distance(void)
     memcpy(reading.boards.rates, rates, sizeof rates);
     CHECK(vs_base_has(&reading, gyroscope));
     CHECK(vs_base_values(&reading, gyroscope, 0, values, 3) == 0);
-    reading.boards.has_rates = 1;
+    reading.boards.has[VS_BOARD_IMU] = 1;
     CHECK(vs_base_values(&reading, gyroscope, 0, values, 3) == 3 && values[1] == 0.0);
     CHECK(is_near(values[0], -250.0 * PI / 180.0) && fabs(values[2] - 1.0) < 1e-4);
     reading.has_rates = 1; /* the base's own counts */
@@ -153,7 +153,7 @@ static void test_steps_see_new_messages_only(void)
     vs_robot_begin(&robot, &session);
     robot.base = make_reading();
     robot.base.boards.there = 1u << VS_BOARD_RAB;
-    robot.base.boards.has_rab = 1;
+    robot.base.boards.has[VS_BOARD_RAB] = 1;
     robot.base_ns = 1;
     sensor = vs_robot_sensor(&robot, "range_and_bearing");
     vs_robot_begin_step(&robot);
