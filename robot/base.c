@@ -121,6 +121,17 @@ int vs_base_shares_bus(const struct vs_base *base, int board)
            base->boards.bus[board].context == &base->fd;
 }
 
+void vs_base_see(const int16_t prox[8], const int16_t light[8], int16_t most,
+                 struct vs_base_reading *reading)
+{
+    size_t i;
+
+    for (i = 0; i < 8; i++) {
+        reading->prox[i] = prox[i];
+        reading->light[i] = (int16_t)(most - light[i]);
+    }
+}
+
 void vs_base_feel(const int16_t acceleration[3], const int16_t *microphones, int count,
                   struct vs_base_reading *reading)
 {

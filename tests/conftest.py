@@ -29,7 +29,8 @@ marked `quick` end before anything keeps time."""
 
 PACED = (
     *("tests/board/", "tests/gige/"),
-    *(f"tests/robot/test_{name}.py" for name in ("bases", "daemon", "faults", "hard_faults")),
+    *(f"tests/robot/test_{name}.py" for name in ("bases", "daemon", "faults", "hangs")),
+    *(f"tests/robot/test_{name}.py" for name in ("hard_faults", "stops")),
 )
 """Tests of one board, one daemon or four cameras in real time: two at a time, with their like only,
 since four more cameras and a busy machine are a fault of cameras too."""

@@ -289,7 +289,7 @@ static void explore(const struct world *from)
 /* Of however little it asks. */
 static void test_a_worker_that_asks_does_not_hang(void)
 {
-    struct vs_guard_request ping = {VS_GUARD_PING, 1, {0, 0, 0, {0, {0}}}, 0};
+    struct vs_guard_request ping = {.kind = VS_GUARD_PING, .number = 1};
     struct vs_guard_reply reply;
     struct vs_guard guard;
     uint64_t now_ns = STEP_NS;

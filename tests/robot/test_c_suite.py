@@ -48,8 +48,8 @@ SUITES = {
     "robot_memory": [ROBOT / "memory.c"],
     "robot_guard": [ROBOT / "guard.c"],
     "robot_guard_process": [
-        *(ROBOT / f"{part}.c" for part in ("guard", "guard_process", "report", "watchdog")),
-        *BASES,
+        *(ROBOT / f"{part}.c" for part in ("guard", "guard_process", "report", "signals")),
+        *(ROBOT / "watchdog.c", *BASES),
     ],
     "robot_posix": [],
     "robot_format": [C_SRC / "vs_format.c"],

@@ -195,6 +195,7 @@ def test_under_systemds_rules_a_worker_that_hangs_is_started_anew(hanging: Path)
     rig = Rig(hanging)
     unit = ROOT / "vsense" / "robot" / "board" / "vsensed.service"
     words = [sys.executable, "-m", "tests.robot.systemd_rules", unit, hanging, *rig.words()]
+    device = rig.device
     with subprocess.Popen(words, cwd=ROOT, stderr=subprocess.PIPE, text=True) as service:
         try:
             most = 0
@@ -202,7 +203,7 @@ def test_under_systemds_rules_a_worker_that_hangs_is_started_anew(hanging: Path)
 
             def again() -> bool:
                 nonlocal most
-                most = max(most, len(workers(rig.device)))
+                most = max(most, len(workers(device)))
                 return len(starts(rig)) == 2
 
             rig.wait_for(again, "a new daemon")
@@ -215,7 +216,7 @@ def test_under_systemds_rules_a_worker_that_hangs_is_started_anew(hanging: Path)
             rig.close()
         assert service.stderr is not None
         assert "the worker hung for 3 s: stopped the wheels, ended it" in service.stderr.read()
-        assert not workers(rig.device)
+        assert not workers(device)
 
 
 def workers(device: str) -> list[int]:
