@@ -164,8 +164,8 @@ static const char *blame(const struct asercom *a, size_t got)
     const struct epuck_asercom_mode *modes = epuck_asercom_modes;
 
     if (got + OTHER_ROBOT_LEN == epuck_asercom_reply_len(a->mode))
-        return a->mode->epuck2 > 0 ? "it answers as an e-puck: expected model=epuck"
-                                   : "it answers as an e-puck2: expected model=epuck2";
+        return a->mode->epuck2 > 0 ? "it is an e-puck: expected model=epuck"
+                                   : "it is an e-puck2: expected model=epuck2";
     if (got == epuck_asercom_reply_len(&modes[EPUCK_ASERCOM_EXTENSION]))
         return "it answers as with its selector at 10: expected mode=extension";
     if (a->mode->ground > 0 &&
