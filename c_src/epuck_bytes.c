@@ -21,15 +21,18 @@ int16_t epuck_get_s16(const uint8_t at[2])
     return (int16_t)(value < 0x8000 ? value : value - 0x10000);
 }
 
-int epuck_get_raw(const uint8_t *at, int count, int16_t least, int16_t most, int16_t *raw)
+int epuck_get_raw(const uint8_t *at, int count, int least, int most, int16_t *raw)
 {
     const uint8_t *end = at + 2 * count;
-    uint32_t span = (uint32_t)(most - least);
+    uint32_t span = (uint32_t)(most - least) << 16;
     int bad = 0;
 
+    /* How far above least is counted in the upper half of a word, where it wraps below it. */
     for (; at != end; at += 2, raw++) {
-        *raw = epuck_get_s16(at);
-        bad |= (uint32_t)(*raw - least) > span; /* below least it wraps */
+        uint32_t value = epuck_get_u16(at);
+
+        *raw = (int16_t)(value < 0x8000 ? (int32_t)value : (int32_t)value - 0x10000);
+        bad |= (value - (uint32_t)least) << 16 > span;
     }
     return -bad;
 }

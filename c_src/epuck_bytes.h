@@ -17,7 +17,7 @@ uint16_t epuck_get_u16(const uint8_t at[2]);
 int16_t epuck_get_s16(const uint8_t at[2]);
 
 /* Reads numbers. Returns 0, or -1 if one is not within least..most. */
-int epuck_get_raw(const uint8_t *at, int count, int16_t least, int16_t most, int16_t *raw);
+int epuck_get_raw(const uint8_t *at, int count, int least, int most, int16_t *raw);
 
 /* Reads calibrated proximity: what was measured, -4095..4095, minus what was measured where
  * nothing was near, so 0..8190 with flickering light. What is above 4095 becomes that.

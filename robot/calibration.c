@@ -170,6 +170,7 @@ void vs_calibration_sense(const struct vs_calibration *calibration,
 
     rescale(c, VS_CAL_PROXIMITY, reading->prox);
     rescale(c, VS_CAL_LIGHT, reading->light);
+    rescale(c, VS_CAL_GROUND, reading->ground);
     if (!c->has_wheels)
         return;
     /* The counts since the start, so that what is rounded off does not add up. */

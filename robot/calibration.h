@@ -48,8 +48,8 @@ const char *vs_calibration_take(struct vs_calibration *calibration, const char *
 /* Name of a setting. */
 const char *vs_calibration_name(enum vs_calibrated which);
 
-/* What the nominal e-puck would measure where this one measured *reading, but for its boards;
- * and where its ground board measured ground[3]. */
+/* What the nominal e-puck would measure where this one measured *reading, ground of the base's
+ * own included, but for its boards; and where its ground board measured ground[3]. */
 void vs_calibration_sense(const struct vs_calibration *calibration,
                           struct vs_base_reading *reading);
 void vs_calibration_sense_ground(const struct vs_calibration *calibration, int16_t ground[3]);

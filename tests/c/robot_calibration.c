@@ -49,6 +49,25 @@ static void sense(const struct vs_calibration *c, struct vs_base_reading *readin
     vs_calibration_sense_ground(c, reading->boards.ground);
 }
 
+/* A base may measure ground itself: by Bluetooth an e-puck answers for its ground board. */
+static void test_ground_of_a_base_is_calibrated_as_that_of_a_board(void)
+{
+    struct vs_calibration c;
+    struct vs_base_reading reading = make_reading();
+    int i;
+
+    memset(&c, 0, sizeof c);
+    CHECK(take(&c, VS_CAL_GROUND, "200:800,250:900,0:1023") == NULL);
+    reading.has_ground = 1;
+    reading.ground[0] = reading.boards.ground[0] = 500;
+    reading.ground[1] = reading.boards.ground[1] = 250;
+    reading.ground[2] = reading.boards.ground[2] = 1023;
+    sense(&c, &reading);
+    CHECK(reading.ground[0] == 512 && reading.ground[1] == 0 && reading.ground[2] == 1023);
+    for (i = 0; i < 3; i++)
+        CHECK(reading.boards.ground[i] == reading.ground[i]);
+}
+
 static void test_a_nominal_robot_is_left_alone(void)
 {
     struct vs_calibration none;
@@ -289,6 +308,7 @@ int main(void)
 {
     test_a_nominal_robot_is_left_alone();
     test_what_was_measured_reads_as_nominal();
+    test_ground_of_a_base_is_calibrated_as_that_of_a_board();
     test_order_and_range_are_kept();
     test_every_robot_moves_as_the_nominal_one();
     test_ways_are_those_of_the_nominal_robot();

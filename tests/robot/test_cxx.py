@@ -60,6 +60,15 @@ def test_the_labs_daemon_has_it(walker: Path, suffix: str) -> None:
     assert build.daemon(f"walker{suffix}", walker.parent) == made
 
 
+@pytest.mark.usefixtures("arm_cache")
+@pytest.mark.parametrize("name", ["small", "cxx_memory", "made", "my  own"])
+def test_it_may_have_any_name(walker: Path, tmp_path: Path, name: str) -> None:
+    """Names of what is made on the way, too."""
+    require_zig()
+    built = boards.build(str(walker.rename(walker.with_stem(name))), "epuck", tmp_path / "vsensed")
+    assert built.controller.stem == name
+
+
 def test_its_hash_is_the_same_on_every_machine(walker: Path, tmp_path: Path) -> None:
     require_zig()
     sources = build.source_tree().daemon(walker)

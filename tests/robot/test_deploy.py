@@ -34,6 +34,10 @@ case "$1" in
         [ ! -e "$VSENSED_ROOT/sick" ] || { echo "base     BAD  no answer"; exit 1; }
         echo "base     ok   it answers" ;;
     --identify)
+        if grep -q "^wheel-diameter = 80" "$3"; then
+            echo "vsensed: $3:5: wheel-diameter: expected 30..50 mm, got '80'" >&2
+            exit 2
+        fi
         uid=$(sed -n 's/^uid = //p' "$3")
         echo "${uid:-$(cat "$VSENSED_ROOT/uid" 2>/dev/null || echo "$VSENSED_ROOT" | md5sum |
             cut -c1-32)} from somewhere" ;;
@@ -162,6 +166,22 @@ def test_a_binary_for_another_board_replaces_nothing(
     assert deploy(tmp_path, "board tag=1\n") == 1
     assert "this board cannot run it: built for another target?" in capsys.readouterr().out
     assert "the old one" in (board / "usr/local/bin/vsensed").read_text()
+
+
+@pytest.mark.parametrize("words", [(), ("--check",)])
+def test_settings_that_the_daemon_refuses_replace_nothing(
+    boards: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, ...]
+) -> None:
+    """It would end at every start, and the service start it again for ever."""
+    board = systemd(boards, "a")
+    assert deploy(tmp_path, "a tag=1 wheel-diameter=41\n") == 0
+    before = {p: p.read_bytes() for p in board.rglob("*") if p.is_file()}
+    (tmp_path / "vsensed").write_text((tmp_path / "vsensed").read_text() + "# another one\n")
+    capsys.readouterr()
+    assert deploy(tmp_path, "a tag=1 wheel-diameter=80\n", *words) == 1
+    said = "its settings cannot be used: wheel-diameter: expected 30..50 mm, got '80'"
+    assert said in capsys.readouterr().out
+    assert {p: p.read_bytes() for p in board.rglob("*") if p.is_file()} == before
 
 
 def test_check_tells_what_is_wrong_and_starts_all_the_same(
@@ -465,16 +485,19 @@ def test_ctrl_c_ends_all_connections(boards: Path, tmp_path: Path) -> None:
     assert is_gone(ssh)
 
 
-def test_what_was_measured_of_a_robot_goes_into_its_settings(tmp_path: Path) -> None:
+def test_what_one_robot_needs_goes_into_its_settings(tmp_path: Path) -> None:
     file = tmp_path / "robots.txt"
     spans = "80:1500,81:1400,82:1450,83:1500,84:1500,85:1500,86:1500,87:1500"
-    file.write_text(f"a tag=1 proximity-scale={spans} wheel-ratio=1.004 axle-length=53.4\n")
+    more = "wheel-ratio=1.004 axle-length=53.4 battery-stop-mv=3400 watchdog=/dev/watchdog"
+    file.write_text(f"a tag=1 proximity-scale={spans} {more}\n")
     (robot,) = deploying.read(file)
     lines = deploying.settings_text(robot.settings).splitlines()
     assert lines[2:] == [
         f"proximity-scale = {spans}",
         "wheel-ratio = 1.004",
         "axle-length = 53.4",
+        "battery-stop-mv = 3400",
+        "watchdog = /dev/watchdog",
     ]
 
 

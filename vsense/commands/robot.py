@@ -60,8 +60,8 @@ def _add_deploy(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="FILE",
         help="one robot in a line: what ssh is told, tag=TAG, and if they differ from robot to"
-        " robot base=BASE, name=NAME, host=, port=, uid=, and what was measured of it, such as"
-        " wheel-diameter=40.8; a line may be: root@192.168.1.30 tag=23",
+        " robot base=BASE, name=NAME, host=, port=, uid=, battery-stop-mv=, watchdog=, and what was"
+        " measured of it, such as wheel-diameter=40.8; a line may be: root@192.168.1.30 tag=23",
     )
     _add_what(parser)
     parser.add_argument(

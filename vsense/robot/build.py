@@ -48,6 +48,9 @@ SYSTEM_PARTS = (
 )
 """What of `robot/` only a daemon needs: processes, files, network, and the base."""
 
+SIMULATION_PART = "inprocess"
+"""What of `robot/` only a simulation needs."""
+
 FAST_PARTS = (
     *("vs_body", "vs_bytes", "vs_clock", "vs_peer", "vs_session", "vs_wire"),
     *("epuck_argos", "epuck_bytes", "base", "base_sensors", "base_serial"),
@@ -71,9 +74,8 @@ class SourceTree:
 
     def daemon_sources(self) -> list[Path]:
         """All C files of the daemon but its controller, in a fixed order."""
-        return [
-            p for folder in ("c_src", "robot") for p in sorted((self.root / folder).glob("*.c"))
-        ]
+        folders = (sorted((self.root / folder).glob("*.c")) for folder in ("c_src", "robot"))
+        return [p for files in folders for p in files if p.stem != SIMULATION_PART]
 
     def runtime_sources(self) -> list[Path]:
         """The C files of all robots of a simulation but their controller, in a fixed order."""

@@ -146,8 +146,8 @@ class Sources:
         names.append(str(self.controller))
         if self.is_cxx:
             names.pop()
-            for source in (self.controller, *self.own_cxx):
-                names.append(f"{made.with_name(source.stem)}.o")
+            for number, source in enumerate((self.controller, *self.own_cxx)):
+                names.append(f"{made.with_name(source.stem)}-{number}.o")
                 self._compile(toolchain, [*flags, "-c", str(source), "-o", names[-1]])
         libraries = CXX_LIBRARIES if self.is_cxx else LIBRARIES
         self._run(toolchain, CFLAGS, [*flags, "-s", "-o", str(made), *names, *libraries])

@@ -77,12 +77,16 @@ put_daemon() {
 }
 
 # An id that was given to this robot stays its own.
-put_settings() {
+keep_uid() {
     uid=$(setting uid "$root$conf")
     if [ -n "$uid" ] && [ -z "$(setting uid "$from/vsensed.conf")" ]; then
         echo "uid = $uid" >>"$from/vsensed.conf"
     fi
-    put vsensed.conf $conf 644
+}
+# With settings that it refuses a daemon would end at every start.
+try() { # try DAEMON SETTINGS
+    said=$("$1" --identify --config "$2" 2>&1 >/dev/null) ||
+        fail "its settings cannot be used: $(echo "$said" | sed 's/^[^ ]*: \([^ ]*:[0-9]*: \)*//')"
 }
 go_back() {
     [ -f "$root$binary.last" ] || fail "has no earlier daemon to go back to"
@@ -97,16 +101,21 @@ go_back() {
 if told rollback; then
     go_back
 elif told settings; then
-    put_settings
+    keep_uid
+    try "$root$binary" "$from/vsensed.conf"
+    put vsensed.conf $conf 644
 else
     chmod 755 "$from/vsensed"
     "$from/vsensed" --version >/dev/null || fail "this board cannot run it: built for another target?"
     if told daemon; then
         [ -f "$root$conf" ] || fail "has no settings yet: deploy to it once without --controller"
+        try "$from/vsensed" "$root$conf"
         put_daemon
     else
+        keep_uid
+        try "$from/vsensed" "$from/vsensed.conf"
         put_daemon
-        put_settings
+        put vsensed.conf $conf 644
         install_service
     fi
 fi
