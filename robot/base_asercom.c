@@ -333,7 +333,7 @@ const struct vs_base_ops vs_base_asercom = {
     "asercom",
     "asercom:DEVICE  e-puck with GCtronic's firmware on a serial port\n"
     "    mode=extension         selector 10, extension connector, 230400 baud (default)\n"
-    "    mode=bluetooth         selector 3, Bluetooth, 115200 baud; e-puck2: or USB\n"
+    "    mode=bluetooth         selector 3, Bluetooth, 115200 baud\n"
     "    mode=bluetooth+ground  the same with ground sensors\n"
     "    model=epuck            its wheels and motors (default)\n"
     "    model=epuck2           those of an e-puck2; gyroscope, distance",

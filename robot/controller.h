@@ -24,8 +24,13 @@
  * it; "wheels", the way [cm] of the left and the right wheel since the daemon began, where the
  * base counts steps; "accelerometer", raw x, y, z, and "microphones", raw, where the base's
  * firmware reads them (IRIDIA's: the newest sample of right, left and back; GCtronic's for the
- * e-puck2: the loudness of its four); with boards on I2C (`vsensed --help`) "ground", 3 numbers
- * from 0 black to 1 white, and "range_and_bearing", laid out as the virtual one with 5 places. Its own actuator, with that board: "message", the length and 4 bytes.
+ * e-puck2: the loudness of its four); "distance" [mm] ahead, of an e-puck2 with asercom, far above
+ * its 2 m where it sees nothing; with boards on I2C (`vsensed --help`) "ground", 3 numbers from 0
+ * black to 1 white, and "range_and_bearing", laid out as the virtual one with 5 places. Its own
+ * actuator, with that board: "message", the length and 4 bytes. "gyroscope" [rad/s], of an e-puck2
+ * with asercom or with `imu=BUS`: x, y, z, limited to 4.36. z is upwards, so turning left is
+ * positive; where x and y point the firmwares' sources contradict each other. With `imu=BUS` it has
+ * an offset: what it says at rest.
  *
  * All that a controller remembers belongs into its state, never into a static
  * variable: one process may run many robots. No function here fails or blocks.

@@ -45,8 +45,8 @@ GROUND_RAW = 800
 """Reading of every ground sensor, higher is brighter: the lab's floor is a light one."""
 
 TURNING_RAW = 18.25
-"""What a gyroscope of `epuck_imu.h` reads around its z axis when the right wheel makes a step a second
-more than the left one, 53 mm away."""
+"""What a gyroscope of `epuck_imu.h` reads around its z axis when the right wheel makes a step a
+second more than the left one, 53 mm away."""
 
 NEVER_US = 2**64 - 1
 """Due time in C of a program that waits for its host."""
