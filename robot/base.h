@@ -50,10 +50,11 @@ struct vs_base_reading {
     uint8_t has_ground;  /* 1: it measures ground itself, without a board */
     uint8_t rgb_leds;    /* coloured LEDs that it has */
     int16_t ground[3];   /* [raw] as a board's */
-    uint16_t distance_mm; /* [mm] ahead, 0: not measured */
+    uint16_t distance_mm; /* [mm] ahead, 0: not measured yet */
     int16_t rates[3];    /* [1/EPUCK_IMU_DIGITS rad/s] x, y, z */
     uint8_t has_rates;   /* 0: they are not measured */
-    uint8_t spare[13];   /* what is copied with every step is 96 bytes: see memory.c */
+    uint8_t has_distance; /* 0: distance_mm is not measured at all */
+    uint8_t spare[12];   /* what is copied with every step is 96 bytes: see memory.c */
     struct vs_board_reading boards; /* no base writes it: boards have processes of their own */
 };
 

@@ -254,7 +254,7 @@ static void report(struct vs_base *base, const struct epuck_asercom_sensors *sen
     reading->battery_mv = epuck_asercom_battery_mv(sensors->battery, a->is_epuck2);
     vs_base_count(base, sensors->steps, reading);
     reading->distance_mm = sensors->distance_mm;
-    reading->has_rates = a->mode->epuck2;
+    reading->has_rates = reading->has_distance = a->mode->epuck2;
     memcpy(reading->rates, sensors->rates, sizeof reading->rates);
     if (a->mode->ground == 0)
         return;
@@ -336,7 +336,7 @@ const struct vs_base_ops vs_base_asercom = {
     "    mode=bluetooth         selector 3, Bluetooth, 115200 baud\n"
     "    mode=bluetooth+ground  the same with ground sensors\n"
     "    model=epuck            its wheels and motors (default)\n"
-    "    model=epuck2           those of an e-puck2; gyroscope, distance",
+    "    model=epuck2           those of an e-puck2, gyroscope, distance",
     "/dev/ttyS1",
     0,
     choices,

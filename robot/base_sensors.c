@@ -70,11 +70,11 @@ int vs_base_has(const struct vs_base_reading *reading, int sensor)
     case VS_BASE_MICROPHONES:
         return measures(reading->microphones, reading->microphone_count);
     case VS_BASE_VOLTAGE:
-        return vs_base_battery_mv(reading) != 0;
+        return reading->battery_mv != 0 || (reading->boards.there >> VS_BOARD_BATTERY & 1);
     case VS_BASE_GYROSCOPE:
         return reading->has_rates || (reading->boards.there >> VS_BOARD_IMU & 1);
     case VS_BASE_DISTANCE:
-        return reading->distance_mm != 0;
+        return reading->has_distance;
     default:
         return sensor == VS_BASE_BATTERY;
     }
@@ -103,8 +103,10 @@ static int three_values(const int16_t *own, const int16_t *board, double unit, d
     return 3;
 }
 
-static int one_value(double value, double *values, int max)
+static int one_value(uint16_t value, uint16_t unknown, double *values, int max)
 {
+    if (value == unknown)
+        return 0;
     if (max > 0)
         values[0] = value;
     return 1;
@@ -187,16 +189,14 @@ int vs_base_values(const struct vs_base_reading *reading, int sensor, uint32_t h
     case VS_BASE_MICROPHONES:
         return raw_values(reading->microphones, reading->microphone_count, values, max);
     case VS_BASE_VOLTAGE:
-        return one_value(vs_base_battery_mv(reading), values, max);
+        return one_value(vs_base_battery_mv(reading), 0, values, max);
     case VS_BASE_GYROSCOPE:
         return three_values(reading->has_rates ? reading->rates : NULL,
                             boards->has[VS_BOARD_IMU] ? boards->rates : NULL, EPUCK_IMU_DIGITS, values,
                             max);
     case VS_BASE_DISTANCE:
-        return one_value(reading->distance_mm, values, max);
+        return one_value(reading->distance_mm, 0, values, max);
     default:
-        if (vs_base_battery_low(reading) == VS_UNKNOWN)
-            return 0;
-        return one_value(vs_base_battery_low(reading), values, max);
+        return one_value(vs_base_battery_low(reading), VS_UNKNOWN, values, max);
     }
 }

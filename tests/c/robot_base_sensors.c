@@ -128,9 +128,14 @@ static void test_gyroscope_and_distance(void)
     int distance = vs_base_sensor("distance");
 
     CHECK(!vs_base_has(&reading, gyroscope) && !vs_base_has(&reading, distance));
+    reading.has_distance = 1; /* who has it may not have measured yet */
+    CHECK(vs_base_has(&reading, distance));
     CHECK(vs_base_values(&reading, distance, 0, values, 1) == 0);
     reading.distance_mm = 1234;
     CHECK(vs_base_values(&reading, distance, 0, values, 1) == 1 && values[0] == 1234.0);
+    reading.boards.there = 1u << VS_BOARD_BATTERY; /* likewise */
+    CHECK(vs_base_has(&reading, VS_BASE_VOLTAGE));
+    CHECK(vs_base_values(&reading, VS_BASE_VOLTAGE, 0, values, 1) == 0);
     reading.boards.there = 1u << VS_BOARD_IMU;
     memcpy(reading.boards.rates, rates, sizeof rates);
     CHECK(vs_base_has(&reading, gyroscope));
