@@ -64,28 +64,16 @@ static void become_board(struct vs_board_links *links, int board, int socket)
 static void start(struct vs_board_links *links, int board, uint64_t now_ns)
 {
     struct vs_board_link *link = &links->link[board];
-    int ends[2];
-    pid_t pid;
+    int socket;
+    long pid = vs_signals_fork(&socket);
 
     link->again_ns = now_ns + VS_BOARD_AGAIN_NS;
-    if (socketpair(AF_UNIX, SOCK_SEQPACKET, 0, ends) != 0)
+    if (pid == 0)
+        become_board(links, board, socket);
+    if (pid < 0)
         return;
-    vs_posix_keep_from_children(ends[0]);
-    vs_posix_keep_from_children(ends[1]);
-    vs_signals_block();
-    pid = fork();
-    if (pid == 0) {
-        close(ends[0]);
-        become_board(links, board, ends[1]);
-    }
-    vs_signals_unblock();
-    close(ends[1]);
-    if (pid < 0) {
-        close(ends[0]);
-        return;
-    }
     link->pid = pid;
-    link->socket = ends[0];
+    link->socket = socket;
     link->waiting = 0;
     link->hangs = 0;
 }

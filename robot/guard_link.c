@@ -63,27 +63,15 @@ static void become_guard(struct vs_guard_link *link, int socket, int found, long
 int vs_guard_link_start(struct vs_guard_link *link, int found)
 {
     long worker = getpid();
-    int ends[2];
-    pid_t pid;
+    int socket;
+    long pid = vs_signals_fork(&socket);
 
-    if (socketpair(AF_UNIX, SOCK_SEQPACKET, 0, ends) != 0)
+    if (pid == 0)
+        become_guard(link, socket, found, worker);
+    if (pid < 0)
         return -1;
-    vs_posix_keep_from_children(ends[0]);
-    vs_posix_keep_from_children(ends[1]);
-    vs_signals_block();
-    pid = fork();
-    if (pid == 0) {
-        close(ends[0]);
-        become_guard(link, ends[1], found, worker);
-    }
-    vs_signals_unblock();
-    close(ends[1]);
-    if (pid < 0) {
-        close(ends[0]);
-        return -1;
-    }
     link->pid = pid;
-    link->socket = ends[0];
+    link->socket = socket;
     link->waiting = 0;
     link->heard_ns = vs_posix_now_ns();
     link->status = -1;

@@ -5,6 +5,7 @@
 #include <fcntl.h>
 #include <signal.h>
 #include <stddef.h>
+#include <sys/socket.h>
 #include <unistd.h>
 
 #include "../c_src/vs_posix.h"
@@ -103,9 +104,24 @@ static void mask(int how)
     sigprocmask(how, &set, NULL);
 }
 
-void vs_signals_block(void)
+long vs_signals_fork(int *socket)
 {
+    int ends[2];
+    pid_t pid;
+
+    if (socketpair(AF_UNIX, SOCK_SEQPACKET, 0, ends) != 0)
+        return -1;
+    vs_posix_keep_from_children(ends[0]);
+    vs_posix_keep_from_children(ends[1]);
     mask(SIG_BLOCK);
+    pid = fork();
+    *socket = ends[pid == 0];
+    close(ends[pid != 0]);
+    if (pid != 0)
+        vs_signals_unblock();
+    if (pid < 0)
+        close(*socket);
+    return pid;
 }
 
 void vs_signals_unblock(void)

@@ -23,8 +23,10 @@ void vs_signals_ignore(void);
 /* Ends what vs_signals_stay_awake did: it would outlive an exec. */
 void vs_signals_may_sleep(void);
 
-/* Holds the signals back between fork() and the child's vs_signals_open. */
-void vs_signals_block(void);
+/* Forks, with a socket of packets between the two processes: *socket is the own end. Returns as
+ * fork(). In the child the signals are held back until vs_signals_unblock: it has none of its
+ * parent's ways to deal with them. */
+long vs_signals_fork(int *socket);
 void vs_signals_unblock(void);
 
 #endif

@@ -14,11 +14,15 @@ from typing import Any
 import pytest
 
 from tests.conftest import require_tool
-from tests.robot.rig import Rig
+from tests.robot.rig import TABLE, Rig
+from vsense.link.robots.table import Direction, Entry, Table
 
 ROOT = Path(__file__).parent.parent.parent
 STRICT = ["-std=c99", "-D_POSIX_C_SOURCE=200809L", "-pedantic", "-Wall", "-Wextra", "-Wshadow"]
 STRICT += ["-Wconversion", "-Werror", "-I", str(ROOT / "c_src"), "-I", str(ROOT / "robot")]
+DROPS = Table([*TABLE.entries, Entry(11, "drops", "u4", Direction.ACTUATOR)])
+"""What the controller of `probe.c` knows."""
+
 FLAGS = [*STRICT, "-O1", "-g"]
 FLAGS += ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 
@@ -124,3 +128,20 @@ def rig(rigs: Callable[..., Rig]) -> Rig:
     one = rigs()
     one.start()
     return one
+
+
+@pytest.fixture
+def probes(probe: Path) -> Iterator[Callable[..., Rig]]:
+    """Makes running rigs whose controller is `probe.c`."""
+    made: list[Rig] = []
+
+    def make(*more: str, params: str = "") -> Rig:
+        made.append(Rig(probe, *more))
+        made[-1].host.params, made[-1].host.table = params, DROPS
+        made[-1].start()
+        made[-1].run()
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.close()

@@ -233,22 +233,6 @@ def workers(device: str) -> list[int]:
     return [pid for pid, parent in found.items() if parent not in found]
 
 
-@pytest.fixture
-def probes(probe: Path) -> Iterator[Callable[[], Rig]]:
-    """Makes running rigs whose controller is `probe.c`."""
-    made: list[Rig] = []
-
-    def make() -> Rig:
-        made.append(Rig(probe))
-        made[-1].start()
-        made[-1].run()
-        return made[-1]
-
-    yield make
-    for one in made:
-        one.close()
-
-
 def test_a_guard_that_cannot_be_ended_is_not_waited_for(
     probes: Callable[[], Rig], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -21,25 +21,7 @@ FRAME = 12
 """[byte] of a frame to the microcontroller."""
 
 RESET_AT = 10
-DROPS = Table([*TABLE.entries, Entry(11, "drops", "u4", Direction.ACTUATOR)])
 PHEROMONE = Table([*TABLE.entries, Entry(11, "pheromone", "u4", Direction.ACTUATOR)])
-
-
-@pytest.fixture
-def probes(probe: Path) -> Iterator[Callable[..., Rig]]:
-    """Makes running rigs whose controller is `probe.c`."""
-    made: list[Rig] = []
-
-    def make(*more: str, params: str = "") -> Rig:
-        made.append(Rig(probe, *more))
-        made[-1].host.params, made[-1].host.table = params, DROPS
-        made[-1].start()
-        made[-1].run()
-        return made[-1]
-
-    yield make
-    for one in made:
-        one.close()
 
 
 def lose_a_byte(rig: Rig, at: int, match: Callable[[bytes], bool]) -> list[bytes]:
