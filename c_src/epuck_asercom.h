@@ -9,8 +9,8 @@
  * checksum, and none at all if nothing was asked. Nothing but 'V' of the ASCII mode is
  * used beside it. Numbers are little-endian. There is no time-out anywhere.
  * Source: gctronic/e-puck-library program/DemoGCtronic-complete/Asercom.c and
- * main_c.c, commit 4cb85cb; e-puck2_main-processor src/epuck1x/Asercom2.c:612-621, 822-839, 874-889,
- * src/main.c:214-218, 541-545, commit d2e0dbb. Read, not tried on hardware.
+ * main_c.c, commit 4cb85cb; e-puck2_main-processor src/epuck1x/Asercom2.c:612-621, 822-839,
+ * 874-889, src/main.c:214-218, 541-545, commit d2e0dbb. Read, not tried on hardware.
  */
 #ifndef EPUCK_ASERCOM_H
 #define EPUCK_ASERCOM_H

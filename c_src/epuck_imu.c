@@ -12,7 +12,8 @@ const struct epuck_imu epuck_imus[EPUCK_IMUS] = {
 };
 
 /* 760 Hz and all axes on; no filter; +-250 degrees a second. */
-const uint8_t epuck_imu_settings[EPUCK_IMU_SETTINGS][2] = {{0x20, 0xCF}, {0x21, 0x20}, {0x23, 0x00}};
+const uint8_t epuck_imu_settings[EPUCK_IMU_SETTINGS][2] = {
+    {0x20, 0xCF}, {0x21, 0x20}, {0x23, 0x00}};
 
 static int16_t scale(int16_t raw)
 {

@@ -137,8 +137,9 @@ static void scan_speeds(struct fw_asercom *fw)
 
 static int is_mute(const struct fw_asercom *fw, char letter)
 {
-    return fw_asercom_is_extension(fw) && (letter == 'I' || letter == 'J' || letter == 'M' || letter == 'W' ||
-                                letter == 'Y' || letter == 'Z');
+    return fw_asercom_is_extension(fw) &&
+           (letter == 'I' || letter == 'J' || letter == 'M' || letter == 'W' || letter == 'Y' ||
+            letter == 'Z');
 }
 
 static int is_known(char letter)

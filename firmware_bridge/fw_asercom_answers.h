@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* fw_asercom_answers.h - what the binary commands of fw_asercom.h bring along, and what they answer.
- * Internal. */
+/* fw_asercom_answers.h - what the binary commands of fw_asercom.h bring along, and what they
+ * answer. Internal. */
 #ifndef FW_ASERCOM_ANSWERS_H
 #define FW_ASERCOM_ANSWERS_H
 

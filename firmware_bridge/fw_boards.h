@@ -6,7 +6,8 @@
  * - only reading register 0 takes a message out of the queue of 10, and what was taken
  *   stays until the next one is;
  * - with the stock firmware a message has 16 bits and nothing else can be set.
- * IRIDIA's RGB LEDs, which take 9 bytes and answer nothing. And the Pi-puck's converter: it holds the newest conversion, of whatever channel was asked for.
+ * IRIDIA's RGB LEDs, which take 9 bytes and answer nothing. And the Pi-puck's converter: it holds
+ * the newest conversion, of whatever channel was asked for.
  */
 #ifndef FW_BOARDS_H
 #define FW_BOARDS_H

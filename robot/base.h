@@ -1,10 +1,9 @@
 /* SPDX-License-Identifier: MIT */
 /*
- * base.h - a base: whatever turns wheels and lights LEDs below the Linux board. One
- * kind of base is one struct of functions in one file of its own and one line in
- * base.c's table; nobody else knows what it keeps in base->state. No function blocks
- * for longer than 100 ms, recovery goes in steps, so that its owner, the guard, can
- * answer in between.
+ * base.h - a base: whatever turns wheels and lights LEDs below the Linux board. One kind of base is
+ * one struct of functions in one file of its own and one line in base.c's table; nobody else knows
+ * what it keeps in base->state. No function blocks for longer than 100 ms, recovery goes in steps,
+ * so that its owner, the guard, can answer in between.
  */
 #ifndef VS_BASE_H
 #define VS_BASE_H

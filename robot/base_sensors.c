@@ -178,8 +178,8 @@ int vs_base_values(const struct vs_base_reading *reading, int sensor, uint32_t h
         return raw_values(reading->light, RING, values, max);
     case VS_BASE_GROUND:
         return three_values(reading->has_ground ? reading->ground : NULL,
-                            boards->has[VS_BOARD_GROUND] ? boards->ground : NULL, EPUCK_GROUND_MAX, values,
-                            max);
+                            boards->has[VS_BOARD_GROUND] ? boards->ground : NULL,
+                            EPUCK_GROUND_MAX, values, max);
     case VS_BASE_WHEELS:
         return wheel_values(reading, values, max);
     case VS_BASE_RAB:
@@ -192,8 +192,8 @@ int vs_base_values(const struct vs_base_reading *reading, int sensor, uint32_t h
         return one_value(vs_base_battery_mv(reading), 0, values, max);
     case VS_BASE_GYROSCOPE:
         return three_values(reading->has_rates ? reading->rates : NULL,
-                            boards->has[VS_BOARD_IMU] ? boards->rates : NULL, EPUCK_IMU_DIGITS, values,
-                            max);
+                            boards->has[VS_BOARD_IMU] ? boards->rates : NULL,
+                            EPUCK_IMU_DIGITS, values, max);
     case VS_BASE_DISTANCE:
         return one_value(reading->distance_mm, 0, values, max);
     default:

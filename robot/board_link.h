@@ -49,7 +49,7 @@ const char *vs_board_links_serve(struct vs_board_links *links, uint64_t now_ns);
 void vs_board_links_ask(struct vs_board_links *links, const struct vs_base_command *command,
                         uint64_t now_ns);
 
-/* Fills in which answers have to be waited for, at most VS_BOARDS. Returns how many fds that are. */
+/* Fills in which answers have to be waited for, at most VS_BOARDS. Returns how many fds they are. */
 int vs_board_links_poll(const struct vs_board_links *links, struct pollfd *fds);
 
 #endif

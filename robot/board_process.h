@@ -16,8 +16,8 @@ struct vs_board_answer {
     struct vs_board_reading reading;
 };
 
-/* Serves requests on socket (SOCK_SEQPACKET) until its other end is closed: whoever asked has ended,
- * or is gone. RGB LEDs are dark then. */
+/* Serves requests on socket (SOCK_SEQPACKET) until its other end is closed: whoever asked has
+ * ended, or is gone. RGB LEDs are dark then. */
 void vs_board_process(int socket, struct vs_boards *boards, int board);
 
 #endif

@@ -11,8 +11,8 @@
 #define COMPLAINTS_BYTES 4096
 #define STEP_NM 128805         /* 1000 steps a turn of a 41 mm wheel */
 #define STEP_E9 1000000000
-#define RATE_E3 18251          /* [1e-3/EPUCK_IMU_DIGITS rad/s] of turning when one wheel makes a step a
-                                  second more than the other, 53 mm away */
+#define RATE_E3 18251          /* [1e-3/EPUCK_IMU_DIGITS rad/s] of turning when a wheel makes a step
+                                  a second more than the other one, 53 mm away */
 
 struct mind {
     struct vs_session session;

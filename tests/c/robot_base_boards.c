@@ -180,7 +180,8 @@ static void test_missing_board(void)
     start(&w, 4, 6);
     w.rab.device.address = w.ground.device.address = 0x7F;
     CHECK(exchange(&w) == VS_OK && exchange(&w) == VS_OK);
-    CHECK(!w.reading.boards.has[VS_BOARD_GROUND] && !w.reading.boards.has[VS_BOARD_RAB] && w.base.news != NULL);
+    CHECK(!w.reading.boards.has[VS_BOARD_GROUND] && !w.reading.boards.has[VS_BOARD_RAB] &&
+          w.base.news != NULL);
     w.base.news = NULL;
     transfers = w.transfers;
     for (i = 0; i < 15; i++)
@@ -191,7 +192,8 @@ static void test_missing_board(void)
     fw_rab_init(&w.rab); /* it was reset: its settings are gone */
     for (i = 0; i < 15; i++)
         CHECK(exchange(&w) == VS_OK);
-    CHECK(w.reading.boards.has[VS_BOARD_GROUND] && w.reading.boards.has[VS_BOARD_RAB] && w.base.news != NULL);
+    CHECK(w.reading.boards.has[VS_BOARD_GROUND] && w.reading.boards.has[VS_BOARD_RAB] &&
+          w.base.news != NULL);
     CHECK(w.rab.bits == 32 && w.rab.light_stored == 1);
 }
 
@@ -273,20 +275,23 @@ static void test_rgb(void)
     bus_board(&w, VS_BOARD_RGB, 2);
     CHECK(!vs_boards_are_well(&w.base.boards));
     ask(&w, VS_BOARD_RGB, &colours);
-    CHECK(w.reading.boards.has[VS_BOARD_RGB] && vs_boards_are_well(&w.base.boards) && w.rgb.writes == 1);
+    CHECK(w.reading.boards.has[VS_BOARD_RGB] && vs_boards_are_well(&w.base.boards) &&
+          w.rgb.writes == 1);
     CHECK(memcmp(w.rgb.rgb, colours.rgb, sizeof colours.rgb) == 0);
     w.wires.faults.refuse = 1; /* once: it is tried again */
     ask(&w, VS_BOARD_RGB, &dark);
     CHECK(w.reading.boards.has[VS_BOARD_RGB] && memcmp(w.rgb.rgb, dark.rgb, sizeof dark.rgb) == 0);
     w.rgb.device.address = 0x7F;
     ask(&w, VS_BOARD_RGB, &colours);
-    CHECK(!w.reading.boards.has[VS_BOARD_RGB] && strstr(w.base.news, "RGB LEDs do not answer") != NULL);
+    CHECK(!w.reading.boards.has[VS_BOARD_RGB] &&
+          strstr(w.base.news, "RGB LEDs do not answer") != NULL);
     w.rgb.device.address = EPUCK_RGB_ADDRESS;
     ask(&w, VS_BOARD_RGB, &colours); /* it is left alone for a second */
     CHECK(!w.reading.boards.has[VS_BOARD_RGB] && w.rgb.writes == 2);
     bus_pass(&w, 1000 * MS);
     ask(&w, VS_BOARD_RGB, &colours);
-    CHECK(w.reading.boards.has[VS_BOARD_RGB] && memcmp(w.rgb.rgb, colours.rgb, sizeof colours.rgb) == 0);
+    CHECK(w.reading.boards.has[VS_BOARD_RGB] &&
+          memcmp(w.rgb.rgb, colours.rgb, sizeof colours.rgb) == 0);
     CHECK(strstr(w.base.news, "RGB LEDs answer again") != NULL);
     vs_boards_lose(&w.reading.boards, VS_BOARD_RGB);
     CHECK(!w.reading.boards.has[VS_BOARD_RGB]);
@@ -306,11 +311,13 @@ static void test_imu(int chip, const int16_t raw[3], const int16_t rates[3])
     CHECK(!vs_boards_are_well(&w.base.boards));
     for (i = 0; i < EPUCK_IMUS && !w.reading.boards.has[VS_BOARD_IMU]; i++)
         ask(&w, VS_BOARD_IMU, &nothing);
-    CHECK(w.reading.boards.has[VS_BOARD_IMU] && vs_boards_are_well(&w.base.boards) && w.base.news == NULL);
+    CHECK(w.reading.boards.has[VS_BOARD_IMU] && vs_boards_are_well(&w.base.boards) &&
+          w.base.news == NULL);
     CHECK(memcmp(w.reading.boards.rates, rates, sizeof w.imu.rates) == 0);
     w.imu.device.address = 0x7F;
     ask(&w, VS_BOARD_IMU, &nothing);
-    CHECK(!w.reading.boards.has[VS_BOARD_IMU] && strstr(w.base.news, "IMU does not answer") != NULL);
+    CHECK(!w.reading.boards.has[VS_BOARD_IMU] &&
+          strstr(w.base.news, "IMU does not answer") != NULL);
     fw_imu_init(&w.imu, chip); /* it was switched off: an LSM330 has lost its settings */
     memcpy(w.imu.rates, raw, sizeof w.imu.rates);
     for (i = 0; i <= EPUCK_IMUS; i++) {

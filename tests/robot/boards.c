@@ -28,7 +28,8 @@ static void init(void *state, struct vs_robot *robot)
 
 /* LED 0: it is bright on the left; 1: the wheels have turned; 2: the newest message came
  * from the right; 3 and more: how many messages were heard. The body: it feels gravity and
- * hears the same with three microphones. The front: it rolls over. IRIDIA's back LED has a colour. */
+ * hears the same with three microphones. The front: it rolls over. IRIDIA's back LED shows a
+ * colour. */
 static void step(void *state, struct vs_robot *robot)
 {
     struct talker *talker = state;
