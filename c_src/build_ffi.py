@@ -100,6 +100,7 @@ NATIVE = Library(
         "c_src/epuck_gctronic.h",
         "c_src/epuck_york.h",
         "c_src/epuck_boards.h",
+        "c_src/epuck_imu.h",
         "firmware_bridge/fw_watchdog.h",
         "firmware_bridge/fw_body.h",
         "firmware_bridge/fw_uart.h",
@@ -109,6 +110,7 @@ NATIVE = Library(
         "firmware_bridge/fw_gctronic.h",
         "firmware_bridge/fw_york.h",
         "firmware_bridge/fw_boards.h",
+        "firmware_bridge/fw_imu.h",
     ),
     layouts=(
         "firmware_bridge/fw_watchdog.h",

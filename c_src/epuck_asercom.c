@@ -14,13 +14,18 @@ enum {
     EPUCK2_FULL_MV = 5000, /* its converter's most */
     EPUCK2_FULL_RAW = 4096,
     BATTERY_LEN = 2,
+    RATES_LEN = 6,
+    DISTANCE_LEN = 2,
+    EPUCK2_ONLY = 2, /* questions for an e-puck2 */
     PAIR_LEN = 4 /* two 16-bit numbers: counters, speeds */
 };
 
 const struct epuck_asercom_mode epuck_asercom_modes[EPUCK_ASERCOM_MODES] = {
-    {230400, 20, 0, RING_LEDS}, /* takes 'L' of body and front, and does nothing */
-    {115200, 16, 0, ALL_LEDS},
-    {115200, 16, 10, ALL_LEDS},
+    {230400, 20, 0, 0, RING_LEDS}, /* takes 'L' of body and front, and does nothing */
+    {115200, 16, 0, 0, ALL_LEDS},
+    {115200, 16, 10, 0, ALL_LEDS},
+    {115200, 16, 0, RATES_LEN + DISTANCE_LEN, ALL_LEDS},
+    {115200, 16, 8, RATES_LEN + DISTANCE_LEN, ALL_LEDS},
 };
 
 const uint8_t epuck_asercom_resync[EPUCK_ASERCOM_RESYNC_LEN] = {
@@ -33,8 +38,10 @@ size_t epuck_asercom_put_poll(const struct epuck_asercom_mode *mode,
                               const struct epuck_asercom_poll *poll,
                               uint8_t packet[EPUCK_ASERCOM_REQUEST_MAX])
 {
-    static const uint8_t asked[] = {EPUCK_ASERCOM_PROX, EPUCK_ASERCOM_LIGHT, EPUCK_ASERCOM_STEPS,
-                                    EPUCK_ASERCOM_BATTERY};
+    static const uint8_t asked[] = {EPUCK_ASERCOM_PROX,    EPUCK_ASERCOM_LIGHT,
+                                    EPUCK_ASERCOM_STEPS,   EPUCK_ASERCOM_BATTERY,
+                                    EPUCK_ASERCOM_GYRO,    EPUCK_ASERCOM_DISTANCE};
+    size_t count = sizeof asked - (mode->epuck2 > 0 ? 0 : EPUCK2_ONLY);
     uint8_t *at = packet;
     uint8_t led;
     size_t i;
@@ -50,7 +57,7 @@ size_t epuck_asercom_put_poll(const struct epuck_asercom_mode *mode,
         *at++ = led;
         *at++ = (uint8_t)(poll->leds >> led & 1);
     }
-    for (i = 0; i < sizeof asked; i++)
+    for (i = 0; i < count; i++)
         *at++ = asked[i];
     if (mode->ground > 0)
         *at++ = EPUCK_ASERCOM_GROUND;
@@ -61,14 +68,15 @@ size_t epuck_asercom_put_poll(const struct epuck_asercom_mode *mode,
 
 size_t epuck_asercom_reply_len(const struct epuck_asercom_mode *mode)
 {
-    return 2u * mode->ring + PAIR_LEN + BATTERY_LEN + mode->ground + PAIR_LEN;
+    return 2u * mode->ring + PAIR_LEN + BATTERY_LEN + mode->ground + mode->epuck2 + PAIR_LEN;
 }
 
 int epuck_asercom_get_reply(const struct epuck_asercom_mode *mode, const uint8_t *reply,
                             struct epuck_asercom_sensors *sensors)
 {
-    struct epuck_asercom_sensors read = {{0}, {0}, {0}, 0, {0}, 0, 0};
+    struct epuck_asercom_sensors read = {{0}, {0}, {0}, 0, {0}, {0}, 0, 0, 0};
     const uint8_t *at = reply + 2u * mode->ring;
+    int i;
 
     if (epuck_get_calibrated(reply, 8, read.prox) != 0 ||
         epuck_get_raw(reply + mode->ring, 8, 0, EPUCK_ASERCOM_RAW_MAX, read.light) != 0)
@@ -77,6 +85,12 @@ int epuck_asercom_get_reply(const struct epuck_asercom_mode *mode, const uint8_t
     read.steps[1] = epuck_get_u16(at + 2);
     read.battery = epuck_get_u16(at + PAIR_LEN);
     at += PAIR_LEN + BATTERY_LEN;
+    if (mode->epuck2 > 0) {
+        for (i = 0; i < 3; i++, at += 2)
+            read.rates[i] = epuck_get_s16(at);
+        read.distance_mm = epuck_get_u16(at);
+        at += DISTANCE_LEN;
+    }
     if (mode->ground > 0 && epuck_get_raw(at, 3, 0, EPUCK_ASERCOM_RAW_MAX, read.ground) != 0)
         return -1;
     at += mode->ground;

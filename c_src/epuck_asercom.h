@@ -9,7 +9,8 @@
  * checksum, and none at all if nothing was asked. Nothing but 'V' of the ASCII mode is
  * used beside it. Numbers are little-endian. There is no time-out anywhere.
  * Source: gctronic/e-puck-library program/DemoGCtronic-complete/Asercom.c and
- * main_c.c, commit 4cb85cb. Read, not tried on hardware.
+ * main_c.c, commit 4cb85cb; e-puck2_main-processor src/epuck1x/Asercom2.c:612-621, 822-839,
+ * 874-889, src/main.c:214-218, 541-545, commit d2e0dbb. Read, not tried on hardware.
  */
 #ifndef EPUCK_ASERCOM_H
 #define EPUCK_ASERCOM_H
@@ -30,6 +31,8 @@ enum {
     EPUCK_ASERCOM_PROX = 0xB2,      /* 'N': 8 or 10 values i16, calibrated, higher is nearer */
     EPUCK_ASERCOM_LIGHT = 0xB1,     /* 'O': 8 or 10 values u16, higher is darker */
     EPUCK_ASERCOM_STEPS = 0xAF,     /* 'Q': left, right counters u16, they wrap */
+    EPUCK_ASERCOM_GYRO = 0x99,      /* 'g': x, y, z i16, 250 degrees a second are 32768 */
+    EPUCK_ASERCOM_DISTANCE = 0xF3,  /* 0x0D, e-puck2 only: u16 [mm] */
     EPUCK_ASERCOM_LEDS = 10,        /* LEDs 0..9 */
     EPUCK_ASERCOM_RAW_MAX = 4095,   /* of proximity and light as they are given here */
     EPUCK_ASERCOM_REQUEST_MAX = 64, /* [byte] its receive ring has no overflow test */
@@ -42,6 +45,7 @@ struct epuck_asercom_mode {
     uint32_t baud;
     uint8_t ring;   /* [byte] answer to 'N' and to 'O' */
     uint8_t ground; /* [byte] answer to 'M', which is asked for if it is not 0 */
+    uint8_t epuck2; /* [byte] answers to 'g' and 0x0D, likewise */
     uint16_t leds;  /* those that 'L' acts on, as bits 0-7 ring, 8 body, 9 front */
 };
 
@@ -49,7 +53,9 @@ enum {
     EPUCK_ASERCOM_EXTENSION = 0,        /* selector 10: UART2 of the extension connector */
     EPUCK_ASERCOM_BLUETOOTH = 1,        /* selector 3: UART1 */
     EPUCK_ASERCOM_BLUETOOTH_GROUND = 2, /* with the ground sensor extension */
-    EPUCK_ASERCOM_MODES = 3
+    EPUCK_ASERCOM_EPUCK2 = 3,           /* an e-puck2's: selector 3 Bluetooth, 8 USB */
+    EPUCK_ASERCOM_EPUCK2_GROUND = 4,    /* the same; one cliff value in place of two */
+    EPUCK_ASERCOM_MODES = 5
 };
 
 extern const struct epuck_asercom_mode epuck_asercom_modes[EPUCK_ASERCOM_MODES];
@@ -79,6 +85,8 @@ struct epuck_asercom_sensors {
     uint16_t steps[2];     /* left, right */
     uint16_t battery;      /* raw, see epuck_asercom_battery_mv */
     int16_t ground[3];     /* left, centre, right; 0 unless the mode has them */
+    int16_t rates[3];      /* x, y, z; 0 unless the mode has them */
+    uint16_t distance_mm;  /* 0: not measured yet; likewise */
     int16_t left_steps_s;  /* commanded */
     int16_t right_steps_s; /* commanded */
 };

@@ -34,6 +34,26 @@ void epuck_ground_put(const int16_t ground[3], uint8_t registers[EPUCK_GROUND_LE
         put_big(registers + 2 * i, (uint16_t)ground[i]);
 }
 
+void epuck_rgb_put(const uint8_t rgb[EPUCK_RGB_LEDS][3], uint8_t out[EPUCK_RGB_LEN])
+{
+    int led;
+    int i;
+
+    for (led = EPUCK_RGB_LEDS - 1; led >= 0; led--)
+        for (i = 0; i < 3; i++)
+            *out++ = rgb[led][i];
+}
+
+void epuck_rgb_get(const uint8_t out[EPUCK_RGB_LEN], uint8_t rgb[EPUCK_RGB_LEDS][3])
+{
+    int led;
+    int i;
+
+    for (led = EPUCK_RGB_LEDS - 1; led >= 0; led--)
+        for (i = 0; i < 3; i++)
+            rgb[led][i] = *out++;
+}
+
 uint16_t epuck_adc_get_battery(const uint8_t value[2])
 {
     uint16_t raw = (uint16_t)(get_big(value) >> ADC_SHIFT);

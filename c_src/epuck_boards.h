@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 /*
  * epuck_boards.h - the boards that sit on an e-puck's I2C bus beside its
- * microcontroller: ground sensors (0x60), range and bearing (0x20), and a Pi-puck's converter
- * (0x48), which measures the battery. Both ends use it.
+ * microcontroller: ground sensors (0x60), range and bearing (0x20), IRIDIA's three RGB LEDs
+ * (0x61), and a Pi-puck's converter (0x48), which measures the battery. Both ends use it.
  *
  * Ground sensors: 16-bit registers, big-endian, read from register 0 with
  * auto-increment: left, centre, right, higher is brighter.
@@ -12,7 +12,8 @@
  * unsigned and are wrong by 15 degrees for everything on the right.
  * Converter: an ADS1015 of 12 bits, 16-bit registers, big-endian. Channel 0 has half of the
  * battery's voltage, and with its range of +-4.096 V one unit is 2 mV.
- * Source: argos3-epuck real_epuck_ground_sensor.cpp and
+ * RGB LEDs: 9 bytes and no register before them, red, green, blue of LED 2, then of 1 and 0.
+ * Source: argos3-epuck real_epuck_ground_sensor.cpp, real_epuck_rgb_leds_actuator.cpp:16-50 and
  * real_epuck_range_and_bearing_{sensor,actuator}.cpp, commit 66cb8d9;
  * gctronic/range_and_bearing_firmware I2CSlaveDrv.c, IRReception.c, commit f928563;
  * erab_firmware/e-RandB_firmware_parametric/I2CSlaveDrv.c of argos3-epuck;
@@ -61,6 +62,10 @@ enum {
     EPUCK_RAB_THEN_TOO = 20,    /* the same */
     EPUCK_RAB_BITS = 21,        /* length of a message: 8, 16 (default), 24, 32; IRIDIA's only */
 
+    EPUCK_RGB_ADDRESS = 0x61,
+    EPUCK_RGB_LEDS = 3,         /* 0 front left, 1 front right, 2 back */
+    EPUCK_RGB_LEN = 9,
+
     EPUCK_ADC_ADDRESS = 0x48,
     EPUCK_ADC_VALUE = 0,        /* register: the newest conversion, in the upper 12 bits */
     EPUCK_ADC_SETTINGS = 1,     /* register; bit 15 begins one, and is 1 when none is under way */
@@ -80,6 +85,12 @@ int epuck_ground_get(const uint8_t registers[EPUCK_GROUND_LEN], int16_t ground[3
 
 /* Writes what the ground sensors' registers hold. */
 void epuck_ground_put(const int16_t ground[3], uint8_t registers[EPUCK_GROUND_LEN]);
+
+/* Writes what makes the RGB LEDs shine: red, green, blue of each, 0..255. */
+void epuck_rgb_put(const uint8_t rgb[EPUCK_RGB_LEDS][3], uint8_t out[EPUCK_RGB_LEN]);
+
+/* The other way round. */
+void epuck_rgb_get(const uint8_t out[EPUCK_RGB_LEN], uint8_t rgb[EPUCK_RGB_LEDS][3]);
 
 /* [mV] of the battery, of what EPUCK_ADC_VALUE holds. */
 uint16_t epuck_adc_get_battery(const uint8_t value[2]);

@@ -2,27 +2,14 @@
 #include "fw_asercom.h"
 
 #include "epuck_bytes.h"
+#include "fw_asercom_answers.h"
 
 enum {
     MOTOR_MAX_STEPS_S = 1000,
     TIMER_HZ = 10000, /* e-puck-library 4cb85cb library/motor_led/advance_one_timer/e_motors.c */
     BINARY = 0x80, /* codes begin here */
     RING_LEDS = 0xFF,
-    ALL_LEDS = 0x3FF,
-    BATTERY_LOW_MV = 3400,
-    SPEED_LEN = 4,
-    LED_LEN = 2,
-    I2C_LEN = 3,
-    PANEL_LEN = 35,
-    CLIFFS = 2,
-    CODE_A = 0xBF,
-    CODE_ACCELERATION = 0x9F,
-    CODE_GYRO = 0x99,
-    CODE_SET_STEPS = 0xB0,
-    CODE_TEMPERATURE = 0x8C,
-    CODE_MICROPHONES = 0x8B,
-    CODE_I2C = 0xA9,
-    CODE_PANEL = 0x89
+    ALL_LEDS = 0x3FF
 };
 
 #define NS_PER_US 1000u
@@ -35,11 +22,6 @@ static const char version[] = EPUCK_ASERCOM_VERSION
 static uint64_t now_us(const struct fw_asercom *fw)
 {
     return fw->uart.lived_ns / NS_PER_US;
-}
-
-static int is_extension(const struct fw_asercom *fw)
-{
-    return fw->mode == &epuck_asercom_modes[EPUCK_ASERCOM_EXTENSION];
 }
 
 void fw_asercom_init(struct fw_asercom *fw, int mode)
@@ -93,112 +75,6 @@ static void set_led(struct fw_asercom *fw, uint8_t number, uint8_t state)
     fw_body_apply(&fw->body, now_us(fw));
 }
 
-/* Adds to the packet's answer. */
-static void add(struct fw_asercom *fw, uint16_t value)
-{
-    if (fw->reply_len + 2 > FW_ASERCOM_REPLY_MAX)
-        return;
-    epuck_put_u16(fw->reply + fw->reply_len, value);
-    fw->reply_len += 2;
-}
-
-static void add_pair(struct fw_asercom *fw, uint16_t left, uint16_t right)
-{
-    add(fw, left);
-    add(fw, right);
-}
-
-static void add_zeros(struct fw_asercom *fw, int words)
-{
-    for (; words > 0; words--)
-        add(fw, 0);
-}
-
-static void add_ring(struct fw_asercom *fw, const int16_t ring[8])
-{
-    int i;
-
-    for (i = 0; i < 8; i++)
-        add(fw, (uint16_t)ring[i]);
-    add_zeros(fw, (fw->mode->ring - 16) / 2);
-}
-
-static void add_ground(struct fw_asercom *fw)
-{
-    int i;
-
-    if (is_extension(fw))
-        return;
-    for (i = 0; i < 3; i++)
-        add(fw, (uint16_t)(fw->mode->ground > 0 ? fw->body.inputs.ground[i] : 0));
-    add_zeros(fw, fw->mode->ground > 0 ? CLIFFS : 0);
-}
-
-/* Raw value of the battery. Source: 2560 are about 4.2 V, 2070 about 3.4 V. */
-static uint16_t raw_battery(const struct fw_asercom *fw)
-{
-    return (uint16_t)(2070 + ((int32_t)fw->body.inputs.battery_mv - BATTERY_LOW_MV) * 490 / 800);
-}
-
-/* Bytes of a code's payload. */
-static uint32_t payload_of(const struct fw_asercom *fw, uint8_t code)
-{
-    switch (code) {
-    case EPUCK_ASERCOM_SPEED:
-    case CODE_SET_STEPS:
-        return SPEED_LEN;
-    case EPUCK_ASERCOM_LED:
-        return LED_LEN;
-    case CODE_I2C:
-        return is_extension(fw) ? 0 : I2C_LEN;
-    case CODE_PANEL:
-        return is_extension(fw) ? 0 : PANEL_LEN;
-    default:
-        return 0;
-    }
-}
-
-static void answer(struct fw_asercom *fw, uint8_t code)
-{
-    const struct fw_inputs *inputs = &fw->body.inputs;
-
-    switch (code) {
-    case EPUCK_ASERCOM_PROX:
-        add_ring(fw, inputs->prox);
-        break;
-    case EPUCK_ASERCOM_LIGHT:
-        add_ring(fw, inputs->light);
-        break;
-    case EPUCK_ASERCOM_GROUND:
-        add_ground(fw);
-        break;
-    case EPUCK_ASERCOM_COMMANDED:
-        add_pair(fw, (uint16_t)fw->commanded[0], (uint16_t)fw->commanded[1]);
-        break;
-    case EPUCK_ASERCOM_STEPS:
-        add_pair(fw, fw_body_steps(&fw->body, 0, now_us(fw)),
-                 fw_body_steps(&fw->body, 1, now_us(fw)));
-        break;
-    case EPUCK_ASERCOM_BATTERY:
-        add(fw, raw_battery(fw));
-        break;
-    case CODE_A:
-        add_zeros(fw, 3); /* and as many again */
-    /* fall through */
-    case CODE_ACCELERATION:
-    case CODE_GYRO:
-    case CODE_MICROPHONES:
-        add_zeros(fw, 3);
-        break;
-    case CODE_TEMPERATURE: /* one byte */
-        add(fw, 0);
-        fw->reply_len--;
-        break;
-    default: /* unknown, or without an answer */
-        break;
-    }
-}
-
 static void act(struct fw_asercom *fw)
 {
     if (fw->code == EPUCK_ASERCOM_SPEED) {
@@ -207,7 +83,7 @@ static void act(struct fw_asercom *fw)
         drive(fw);
     } else if (fw->code == EPUCK_ASERCOM_LED) {
         set_led(fw, fw->payload[0], fw->payload[1]);
-    } else if (fw->code == CODE_SET_STEPS) {
+    } else if (fw->code == FW_ASERCOM_SET_STEPS) {
         fw_body_set_steps(&fw->body, epuck_get_s16(fw->payload), epuck_get_s16(fw->payload + 2),
                           now_us(fw));
     }
@@ -217,9 +93,9 @@ static void take_code(struct fw_asercom *fw, uint8_t code)
 {
     fw->code = code;
     fw->got = 0;
-    fw->wanted = payload_of(fw, code);
+    fw->wanted = fw_asercom_payload(fw, code);
     fw->state = fw->wanted > 0 ? FW_ASERCOM_PAYLOAD : FW_ASERCOM_CODE;
-    answer(fw, code);
+    fw_asercom_answer(fw, code);
 }
 
 static void take_payload(struct fw_asercom *fw, uint8_t byte)
@@ -261,8 +137,9 @@ static void scan_speeds(struct fw_asercom *fw)
 
 static int is_mute(const struct fw_asercom *fw, char letter)
 {
-    return is_extension(fw) && (letter == 'I' || letter == 'J' || letter == 'M' || letter == 'W' ||
-                                letter == 'Y' || letter == 'Z');
+    return fw_asercom_is_extension(fw) &&
+           (letter == 'I' || letter == 'J' || letter == 'M' || letter == 'W' || letter == 'Y' ||
+            letter == 'Z');
 }
 
 static int is_known(char letter)

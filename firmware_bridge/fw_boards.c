@@ -40,6 +40,35 @@ void fw_ground_init(struct fw_ground *fw)
                                         no_error};
 }
 
+/* What it does with fewer bytes no source says: here nothing. */
+static enum fw_i2c_result rgb_write(void *context, const uint8_t *buf, size_t len,
+                                    uint64_t first_us)
+{
+    struct fw_rgb *fw = context;
+
+    (void)first_us;
+    if (len < EPUCK_RGB_LEN)
+        return FW_I2C_ACK;
+    epuck_rgb_get(buf, fw->rgb);
+    fw->writes++;
+    return FW_I2C_ACK;
+}
+
+static enum fw_i2c_result rgb_read(void *context, uint8_t *buf, size_t len, uint64_t first_us)
+{
+    (void)context;
+    (void)buf;
+    (void)len;
+    (void)first_us;
+    return FW_I2C_NACK;
+}
+
+void fw_rgb_init(struct fw_rgb *fw)
+{
+    *fw = (struct fw_rgb){.writes = 0};
+    fw->device = (struct fw_i2c_device){fw, EPUCK_RGB_ADDRESS, rgb_write, rgb_read, no_error};
+}
+
 static enum fw_i2c_result adc_write(void *context, const uint8_t *buf, size_t len,
                                     uint64_t first_us)
 {

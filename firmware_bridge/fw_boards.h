@@ -6,7 +6,8 @@
  * - only reading register 0 takes a message out of the queue of 10, and what was taken
  *   stays until the next one is;
  * - with the stock firmware a message has 16 bits and nothing else can be set.
- * And the Pi-puck's converter: it holds the newest conversion, of whatever channel was asked for.
+ * IRIDIA's RGB LEDs, which take 9 bytes and answer nothing. And the Pi-puck's converter: it holds
+ * the newest conversion, of whatever channel was asked for.
  */
 #ifndef FW_BOARDS_H
 #define FW_BOARDS_H
@@ -48,6 +49,12 @@ struct fw_rab {
     uint32_t queue_count;
 };
 
+struct fw_rgb {
+    struct fw_i2c_device device; /* to be put on a bus; the struct must not move then */
+    uint8_t rgb[EPUCK_RGB_LEDS][3]; /* red, green, blue of each LED */
+    uint32_t writes;
+};
+
 struct fw_adc {
     struct fw_i2c_device device; /* to be put on a bus; the struct must not move then */
     uint16_t channels_mv[2];     /* [mV] the owner writes: battery, another one */
@@ -55,6 +62,9 @@ struct fw_adc {
     uint8_t value[2];
     uint8_t pointer;
 };
+
+/* Power on: dark. */
+void fw_rgb_init(struct fw_rgb *fw);
 
 /* Power on: no batteries. */
 void fw_adc_init(struct fw_adc *fw);

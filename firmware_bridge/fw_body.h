@@ -25,6 +25,8 @@ struct fw_inputs {
     uint16_t battery_mv; /* [mV] */
     int16_t acceleration[3]; /* x, y, z; zeros where the firmware does not read them */
     int16_t microphones[4];  /* likewise; IRIDIA's firmware has three */
+    int16_t rates[3];        /* x, y, z; an e-puck2's: 250 degrees a second are 32768 */
+    uint16_t distance_mm;    /* [mm] ahead; an e-puck2's */
 };
 
 /* What the motors and LEDs do now. */

@@ -20,7 +20,7 @@ extern "C" {
 enum {
     FW_I2C_BYTE_US = 90,  /* [us] 8 bits and the acknowledgement */
     FW_I2C_EDGE_US = 20,  /* [us] START, repeated START or STOP */
-    FW_I2C_DEVICES = 4
+    FW_I2C_DEVICES = 6
 };
 
 enum fw_i2c_result {

@@ -1,10 +1,9 @@
 /* SPDX-License-Identifier: MIT */
 /*
- * base.h - a base: whatever turns wheels and lights LEDs below the Linux board. One
- * kind of base is one struct of functions in one file of its own and one line in
- * base.c's table; nobody else knows what it keeps in base->state. No function blocks
- * for longer than 100 ms, recovery goes in steps, so that its owner, the guard, can
- * answer in between.
+ * base.h - a base: whatever turns wheels and lights LEDs below the Linux board. One kind of base is
+ * one struct of functions in one file of its own and one line in base.c's table; nobody else knows
+ * what it keeps in base->state. No function blocks for longer than 100 ms, recovery goes in steps,
+ * so that its owner, the guard, can answer in between.
  */
 #ifndef VS_BASE_H
 #define VS_BASE_H
@@ -48,7 +47,13 @@ struct vs_base_reading {
     uint32_t step_nm;    /* [nm] way of a wheel per step */
     int16_t max_steps_s; /* [step/s] what its motors can do, 0: not known */
     uint8_t has_ground;  /* 1: it measures ground itself, without a board */
+    uint8_t rgb_leds;    /* coloured LEDs that it has */
     int16_t ground[3];   /* [raw] as a board's */
+    uint16_t distance_mm; /* [mm] ahead, 0: not measured yet */
+    int16_t rates[3];    /* [1/EPUCK_IMU_DIGITS rad/s] x, y, z */
+    uint8_t has_rates;   /* 0: they are not measured */
+    uint8_t has_distance; /* 0: distance_mm is not measured at all */
+    uint8_t spare[12];   /* what is copied with every step is 96 bytes: see memory.c */
     struct vs_board_reading boards; /* no base writes it: boards have processes of their own */
 };
 

@@ -6,6 +6,8 @@
  * that change one is set again with every packet. The far end has a receive ring of 64
  * bytes: the next packet waits for the answer to the one before.
  */
+#include <string.h>
+
 #include "base_config.h"
 #include "base_serial.h"
 
@@ -14,6 +16,7 @@
 
 #define DRAIN_NS 40000000u /* [ns] longest step of draining */
 #define STEP_NS 30000000u  /* [ns] longest step of waiting for an answer */
+#define OTHER_ROBOT_LEN 2u /* [byte] that the other model's answer is shorter by */
 
 enum {
     PHASE_VERSION = VS_SERIAL_OWN, /* recovery: its version was asked for */
@@ -24,7 +27,7 @@ enum {
 static const struct {
     uint32_t quiet_ns; /* [ns] silence that ends a text */
     uint32_t owed_ns;  /* [ns] an answer that is later than this is none */
-} patience[EPUCK_ASERCOM_MODES] = {
+} patience[] = {
     {10000000, 60000000},
     {40000000, 150000000},
     {40000000, 150000000},
@@ -59,11 +62,13 @@ static int open_asercom(struct vs_base *base, const struct vs_base_config *confi
     struct asercom *a = of(base);
     uint8_t mode = config->choice[0];
 
-    a->mode = &epuck_asercom_modes[mode];
     a->quiet_ns = patience[mode].quiet_ns;
     a->line.owed_ns = patience[mode].owed_ns;
-    a->line.wanted = (uint8_t)epuck_asercom_reply_len(a->mode);
     a->is_epuck2 = config->choice[1] == 1;
+    if (a->is_epuck2 && mode != EPUCK_ASERCOM_EXTENSION)
+        mode = (uint8_t)(mode + EPUCK_ASERCOM_EPUCK2 - EPUCK_ASERCOM_BLUETOOTH);
+    a->mode = &epuck_asercom_modes[mode];
+    a->line.wanted = (uint8_t)epuck_asercom_reply_len(a->mode);
     base->body = a->is_epuck2 ? &vs_body_epuck2 : &vs_body_epuck;
     vs_posix_io(&base->io, &base->fd);
     return vs_posix_open_serial(config->device, a->mode->baud, VS_BASE_LOCK_NS, &base->fd);
@@ -158,6 +163,9 @@ static const char *blame(const struct asercom *a, size_t got)
 {
     const struct epuck_asercom_mode *modes = epuck_asercom_modes;
 
+    if (got + OTHER_ROBOT_LEN == epuck_asercom_reply_len(a->mode))
+        return a->mode->epuck2 > 0 ? "it is an e-puck: expected model=epuck"
+                                   : "it is an e-puck2: expected model=epuck2";
     if (got == epuck_asercom_reply_len(&modes[EPUCK_ASERCOM_EXTENSION]))
         return "it answers as with its selector at 10: expected mode=extension";
     if (a->mode->ground > 0 &&
@@ -245,6 +253,9 @@ static void report(struct vs_base *base, const struct epuck_asercom_sensors *sen
     reading->battery_low = epuck_asercom_battery_low(sensors->battery, a->is_epuck2);
     reading->battery_mv = epuck_asercom_battery_mv(sensors->battery, a->is_epuck2);
     vs_base_count(base, sensors->steps, reading);
+    reading->distance_mm = sensors->distance_mm;
+    reading->has_rates = reading->has_distance = a->mode->epuck2;
+    memcpy(reading->rates, sensors->rates, sizeof reading->rates);
     if (a->mode->ground == 0)
         return;
     reading->has_ground = 1;
@@ -325,7 +336,7 @@ const struct vs_base_ops vs_base_asercom = {
     "    mode=bluetooth         selector 3, Bluetooth, 115200 baud\n"
     "    mode=bluetooth+ground  the same with ground sensors\n"
     "    model=epuck            its wheels and motors (default)\n"
-    "    model=epuck2           those of an e-puck2",
+    "    model=epuck2           those of an e-puck2, gyroscope, distance",
     "/dev/ttyS1",
     0,
     choices,

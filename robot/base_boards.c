@@ -15,10 +15,12 @@ static int note(struct vs_boards *boards, int board, int err, const char **news)
 {
     static const char *const fallen[VS_BOARDS] = {
         "the ground sensors do not answer", "the range-and-bearing board does not answer",
-        "the battery's converter does not answer"};
+        "the battery's converter does not answer", "the RGB LEDs do not answer",
+        "the IMU does not answer"};
     static const char *const back[VS_BOARDS] = {
         "the ground sensors answer again", "the range-and-bearing board answers again",
-        "the battery's converter answers again"};
+        "the battery's converter answers again", "the RGB LEDs answer again",
+        "the IMU answers again"};
     uint8_t bit = (uint8_t)(1u << board);
     uint8_t silent = err == VS_OK ? 0 : bit;
 
@@ -50,7 +52,7 @@ void vs_boards_read_ground(struct vs_boards *boards, uint64_t deadline_ns, const
                         deadline_ns);
     if (err == VS_ERR_BUSY)
         return;
-    boards->reading.has_ground = note(boards, VS_BOARD_GROUND, err, news) == VS_OK &&
+    boards->reading.has[VS_BOARD_GROUND] = note(boards, VS_BOARD_GROUND, err, news) == VS_OK &&
                                  epuck_ground_get(registers, boards->reading.ground) == 0;
 }
 
@@ -96,6 +98,35 @@ void vs_boards_read_battery(struct vs_boards *boards, uint64_t deadline_ns, cons
         boards->measured_ns = now(boards, VS_BOARD_BATTERY);
     if (note(boards, VS_BOARD_BATTERY, err, news) != VS_OK)
         boards->reading.battery_mv = 0;
+    boards->reading.has[VS_BOARD_BATTERY] = boards->reading.battery_mv != 0;
+}
+
+void vs_boards_shine(struct vs_boards *boards, const uint8_t rgb[EPUCK_RGB_LEDS][3],
+                     uint64_t deadline_ns, const char **news)
+{
+    uint8_t out[EPUCK_RGB_LEN];
+    int err;
+
+    boards->reading.has[VS_BOARD_RGB] = 0;
+    if (!may_ask(boards, VS_BOARD_RGB, deadline_ns))
+        return;
+    epuck_rgb_put(rgb, out);
+    err = vs_i2c_insist(&boards->bus[VS_BOARD_RGB], EPUCK_RGB_ADDRESS, out, sizeof out, NULL, 0,
+                        deadline_ns);
+    if (err != VS_ERR_BUSY)
+        boards->reading.has[VS_BOARD_RGB] = note(boards, VS_BOARD_RGB, err, news) == VS_OK;
+}
+
+void vs_boards_read_imu(struct vs_boards *boards, uint64_t deadline_ns, const char **news)
+{
+    int err;
+
+    if (!may_ask(boards, VS_BOARD_IMU, deadline_ns))
+        return;
+    err = vs_imu_read(&boards->imu, &boards->bus[VS_BOARD_IMU], boards->reading.rates,
+                      deadline_ns);
+    if (err != VS_ERR_BUSY)
+        boards->reading.has[VS_BOARD_IMU] = note(boards, VS_BOARD_IMU, err, news) == VS_OK;
 }
 
 static int write_register(struct vs_boards *boards, uint8_t number, uint8_t value,
@@ -268,19 +299,47 @@ int vs_boards_talk(struct vs_boards *boards, const struct vs_board_message *mess
         return 1;
     if (note(boards, VS_BOARD_RAB, err, news) != VS_OK)
         forget(boards);
-    boards->reading.has_rab = boards->settings == SETTINGS;
+    boards->reading.has[VS_BOARD_RAB] = boards->settings == SETTINGS;
     return 0;
+}
+
+static void talk(struct vs_boards *boards, const struct vs_board_message *message,
+                 uint64_t now_ns, const char **news)
+{
+    int i = 0;
+
+    while (vs_boards_talk(boards, message, now_ns + VS_BOARD_TALK_NS, news) &&
+           ++i < VS_BOARD_TALKS)
+        now_ns = now(boards, VS_BOARD_RAB);
+}
+
+void vs_boards_ask(struct vs_boards *boards, int board, const struct vs_board_request *request,
+                   uint64_t now_ns, const char **news)
+{
+    uint64_t deadline_ns = now_ns + VS_BOARD_READ_NS;
+
+    if (board == VS_BOARD_GROUND)
+        vs_boards_read_ground(boards, deadline_ns, news);
+    else if (board == VS_BOARD_BATTERY)
+        vs_boards_read_battery(boards, deadline_ns, news);
+    else if (board == VS_BOARD_RGB)
+        vs_boards_shine(boards, request->rgb, deadline_ns, news);
+    else if (board == VS_BOARD_IMU)
+        vs_boards_read_imu(boards, deadline_ns, news);
+    else
+        talk(boards, &request->message, now_ns, news);
 }
 
 void vs_boards_take(struct vs_board_reading *all, const struct vs_board_reading *one, int board)
 {
+    all->has[board] = one->has[board];
     if (board == VS_BOARD_GROUND) {
-        all->has_ground = one->has_ground;
         memcpy(all->ground, one->ground, sizeof all->ground);
     } else if (board == VS_BOARD_BATTERY) {
         all->battery_mv = one->battery_mv;
-    } else {
-        all->has_rab = one->has_rab;
+    } else if (board == VS_BOARD_IMU) {
+        memcpy(all->rates, one->rates, sizeof all->rates);
+    } else if (board == VS_BOARD_RAB) {
         all->heard_count = one->heard_count;
         memcpy(all->heard, one->heard, sizeof all->heard);
     }
@@ -288,19 +347,17 @@ void vs_boards_take(struct vs_board_reading *all, const struct vs_board_reading 
 
 void vs_boards_lose(struct vs_board_reading *all, int board)
 {
-    if (board == VS_BOARD_GROUND)
-        all->has_ground = 0;
-    else if (board == VS_BOARD_BATTERY)
+    all->has[board] = 0;
+    if (board == VS_BOARD_BATTERY)
         all->battery_mv = 0;
-    else
-        all->has_rab = 0;
 }
 
 int vs_boards_are_well(const struct vs_boards *boards)
 {
-    const struct vs_board_reading *reading = &boards->reading;
+    int board;
 
-    return (boards->bus[VS_BOARD_GROUND].transfer == NULL || reading->has_ground) &&
-           (boards->bus[VS_BOARD_RAB].transfer == NULL || reading->has_rab) &&
-           (boards->bus[VS_BOARD_BATTERY].transfer == NULL || reading->battery_mv != 0);
+    for (board = 0; board < VS_BOARDS; board++)
+        if (boards->bus[board].transfer != NULL && !boards->reading.has[board])
+            return 0;
+    return 1;
 }

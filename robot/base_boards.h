@@ -7,6 +7,7 @@
 #ifndef VS_BASE_BOARDS_H
 #define VS_BASE_BOARDS_H
 
+#include "base_imu.h"
 #include "../c_src/epuck_boards.h"
 #include "../c_src/vs_i2c.h"
 
@@ -14,11 +15,19 @@
 #define VS_BOARD_REGISTERS 8         /* of one message heard */
 #define VS_BOARD_REST_NS 1000000000u /* [ns] without a board that does not answer */
 #define VS_BOARD_SAY_NS 100000000u   /* [ns] until the same message is said again */
-#define VS_BOARD_READ_NS 30000000u   /* [ns] for reading the ground sensors, or the battery */
+#define VS_BOARD_READ_NS 30000000u   /* [ns] at a time, for all but range and bearing */
 #define VS_BOARD_MEASURE_NS 1000000000u /* [ns] from one look at the battery to the next */
 #define VS_BOARD_TALK_NS 24000000u   /* [ns] range and bearing at a time; 4 mostly */
+#define VS_BOARD_TALKS 8             /* for a request at the most: its queue may never be empty */
 
-enum { VS_BOARD_GROUND = 0, VS_BOARD_RAB = 1, VS_BOARD_BATTERY = 2, VS_BOARDS = 3 };
+enum {
+    VS_BOARD_GROUND = 0,
+    VS_BOARD_RAB = 1,
+    VS_BOARD_BATTERY = 2,
+    VS_BOARD_RGB = 3, /* IRIDIA's LEDs */
+    VS_BOARD_IMU = 4,
+    VS_BOARDS = 5
+};
 
 /* What the robot says to the others, again and again until it says something else. */
 struct vs_board_message {
@@ -26,14 +35,20 @@ struct vs_board_message {
     uint8_t data[4];
 };
 
+/* What the robot wants of its boards. */
+struct vs_board_request {
+    struct vs_board_message message; /* for range and bearing */
+    uint8_t rgb[EPUCK_RGB_LEDS][3];  /* for the RGB LEDs */
+};
+
 struct vs_board_reading {
     uint8_t there;        /* bit n: the robot has board n */
-    uint8_t has_ground;   /* 1: ground is measured */
-    uint8_t has_rab;      /* 1: heard is up to date */
+    uint8_t has[VS_BOARDS]; /* 1: what this board says is up to date, LEDs shine as told */
     uint8_t rab_bytes;    /* of a message heard */
     uint16_t battery_mv;  /* [mV] 0 = not known */
     float rab_k_cm;       /* [cm] this board's range = rab_k_cm * exp(9.0642 - 0.0056507 raw) */
     int16_t ground[3];    /* [raw] left, centre, right, higher is brighter */
+    int16_t rates[3];     /* [1/EPUCK_IMU_DIGITS rad/s] x, y, z */
     uint32_t heard_count; /* messages heard since the start */
     struct epuck_rab_message heard[VS_BOARD_HEARD]; /* the n-th, from 0, is at n % 8 */
 };
@@ -55,6 +70,7 @@ struct vs_boards {
     uint64_t rest_ns[VS_BOARDS]; /* left alone until then */
     uint8_t measuring;       /* battery: 1 = a conversion was begun */
     uint64_t measured_ns;    /* battery: when the newest one was */
+    struct vs_imu imu;
     uint64_t polled_ns;      /* range and bearing: the newest poll */
     uint64_t wrote_ns;       /* range and bearing: the newest message or setting */
     struct vs_board_reading reading;
@@ -67,10 +83,21 @@ void vs_boards_read_ground(struct vs_boards *boards, uint64_t deadline_ns, const
 /* Measures the battery, likewise: once a second, and in two calls. */
 void vs_boards_read_battery(struct vs_boards *boards, uint64_t deadline_ns, const char **news);
 
+/* Lets the RGB LEDs shine, likewise. */
+void vs_boards_shine(struct vs_boards *boards, const uint8_t rgb[EPUCK_RGB_LEDS][3],
+                     uint64_t deadline_ns, const char **news);
+
+/* Reads the gyroscope, likewise. */
+void vs_boards_read_imu(struct vs_boards *boards, uint64_t deadline_ns, const char **news);
+
 /* Lets range and bearing say message, if it is time, and takes what was heard. What there is
  * no time for goes on with the next call: returns 1 if that is so, else 0. */
 int vs_boards_talk(struct vs_boards *boards, const struct vs_board_message *message,
                    uint64_t deadline_ns, const char **news);
+
+/* Does what a board's process does for a request, if the board is there. */
+void vs_boards_ask(struct vs_boards *boards, int board, const struct vs_board_request *request,
+                   uint64_t now_ns, const char **news);
 
 /* Takes over what the process of one board measured. */
 void vs_boards_take(struct vs_board_reading *all, const struct vs_board_reading *one, int board);

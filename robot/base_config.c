@@ -11,7 +11,7 @@
 #define RAB_K_MAX_CM 10.0
 #define RESET_DIGITS 4 /* of a GPIO's number */
 
-static const char *const board_names[VS_BOARDS] = {"ground", "rab", "battery"};
+static const char *const board_names[VS_BOARDS] = {"ground", "rab", "battery", "rgb", "imu"};
 
 /* A part of the text, not ended by '\0'. */
 struct part {
@@ -77,8 +77,8 @@ static int refuse_option(const struct vs_base_ops *ops, char *expected, size_t s
         }
         add(expected, size, ", ");
     }
-    add(expected, size, "ground=BUS, rab=BUS, battery=BUS, rab_bytes=4|2, rab_power=0..255,"
-                        " rab_k=CM");
+    add(expected, size, "ground=BUS, rab=BUS, battery=BUS, rgb=BUS, imu=BUS, rab_bytes=4|2, "
+                        "rab_power=0..255, rab_k=CM");
     if (ops->on_i2c)
         add(expected, size, " (without =BUS: on the same bus), reset=GPIO");
     return -1;

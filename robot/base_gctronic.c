@@ -116,6 +116,7 @@ static void report(struct vs_base *base, const struct epuck_gctronic_sensors *se
 {
     vs_base_see(sensors->prox, sensors->light, EPUCK_GCTRONIC_RAW_MAX, reading);
     vs_base_feel(NULL, sensors->microphones, 4, reading);
+    reading->rgb_leds = VS_BASE_RGB_LEDS;
     vs_base_count(base, sensors->steps, reading);
 }
 

@@ -13,11 +13,12 @@
 #define RANGE_BASE 0.99436518665
 
 enum { BATTERY_LOW_MV = 3400 }; /* what the e-puck's own pin says */
-enum { RING = 8, GROUND = 3, PLACE = 6, AXES = 3 };
+enum { RING = 8, PLACE = 6, AXES = 3 };
 
 static const char *const names[VS_BASE_SENSORS] = {"proximity", "light",  "battery_low",
                                                    "ground",    "wheels", "range_and_bearing",
-                                                   "accelerometer", "microphones", "battery"};
+                                                   "accelerometer", "microphones", "battery",
+                                                   "gyroscope", "distance"};
 
 int vs_base_sensor(const char *name)
 {
@@ -69,7 +70,11 @@ int vs_base_has(const struct vs_base_reading *reading, int sensor)
     case VS_BASE_MICROPHONES:
         return measures(reading->microphones, reading->microphone_count);
     case VS_BASE_VOLTAGE:
-        return vs_base_battery_mv(reading) != 0;
+        return reading->battery_mv != 0 || (reading->boards.there >> VS_BOARD_BATTERY & 1);
+    case VS_BASE_GYROSCOPE:
+        return reading->has_rates || (reading->boards.there >> VS_BOARD_IMU & 1);
+    case VS_BASE_DISTANCE:
+        return reading->has_distance;
     default:
         return sensor == VS_BASE_BATTERY;
     }
@@ -84,16 +89,27 @@ static int raw_values(const int16_t *raw, int count, double *values, int max)
     return count;
 }
 
-static int ground_values(const struct vs_base_reading *reading, double *values, int max)
+/* Three numbers that the base measures itself, or else a board may: as parts of unit. */
+static int three_values(const int16_t *own, const int16_t *board, double unit, double *values,
+                        int max)
 {
-    const int16_t *raw = reading->has_ground ? reading->ground : reading->boards.ground;
+    const int16_t *raw = own != NULL ? own : board;
     int i;
 
-    if (!reading->has_ground && !reading->boards.has_ground)
+    if (raw == NULL)
         return 0;
-    for (i = 0; i < GROUND && i < max; i++)
-        values[i] = (double)raw[i] / (double)EPUCK_GROUND_MAX;
-    return GROUND;
+    for (i = 0; i < 3 && i < max; i++)
+        values[i] = (double)raw[i] / unit;
+    return 3;
+}
+
+static int one_value(uint16_t value, uint16_t unknown, double *values, int max)
+{
+    if (value == unknown)
+        return 0;
+    if (max > 0)
+        values[0] = value;
+    return 1;
 }
 
 static int wheel_values(const struct vs_base_reading *reading, double *values, int max)
@@ -132,7 +148,7 @@ static int rab_values(const struct vs_base_reading *reading, uint32_t heard_from
     int count = fresh < VS_BASE_HEARD_MAX ? (int)fresh : VS_BASE_HEARD_MAX;
     int i;
 
-    if (!boards->has_rab)
+    if (!boards->has[VS_BOARD_RAB])
         return 0;
     for (i = 0; i < VS_BASE_NUMBERS_MAX && i < max; i++) {
         uint32_t number = boards->heard_count - 1 - (uint32_t)((i - 1) / PLACE);
@@ -151,6 +167,8 @@ static int rab_values(const struct vs_base_reading *reading, uint32_t heard_from
 int vs_base_values(const struct vs_base_reading *reading, int sensor, uint32_t heard_from,
                    double *values, int max)
 {
+    const struct vs_board_reading *boards = &reading->boards;
+
     if (!vs_base_has(reading, sensor))
         return 0;
     switch (sensor) {
@@ -159,7 +177,9 @@ int vs_base_values(const struct vs_base_reading *reading, int sensor, uint32_t h
     case VS_BASE_LIGHT:
         return raw_values(reading->light, RING, values, max);
     case VS_BASE_GROUND:
-        return ground_values(reading, values, max);
+        return three_values(reading->has_ground ? reading->ground : NULL,
+                            boards->has[VS_BOARD_GROUND] ? boards->ground : NULL,
+                            EPUCK_GROUND_MAX, values, max);
     case VS_BASE_WHEELS:
         return wheel_values(reading, values, max);
     case VS_BASE_RAB:
@@ -169,14 +189,14 @@ int vs_base_values(const struct vs_base_reading *reading, int sensor, uint32_t h
     case VS_BASE_MICROPHONES:
         return raw_values(reading->microphones, reading->microphone_count, values, max);
     case VS_BASE_VOLTAGE:
-        if (max > 0)
-            values[0] = vs_base_battery_mv(reading);
-        return 1;
+        return one_value(vs_base_battery_mv(reading), 0, values, max);
+    case VS_BASE_GYROSCOPE:
+        return three_values(reading->has_rates ? reading->rates : NULL,
+                            boards->has[VS_BOARD_IMU] ? boards->rates : NULL,
+                            EPUCK_IMU_DIGITS, values, max);
+    case VS_BASE_DISTANCE:
+        return one_value(reading->distance_mm, 0, values, max);
     default:
-        if (vs_base_battery_low(reading) == VS_UNKNOWN)
-            return 0;
-        if (max > 0)
-            values[0] = vs_base_battery_low(reading);
-        return 1;
+        return one_value(vs_base_battery_low(reading), VS_UNKNOWN, values, max);
     }
 }

@@ -17,6 +17,8 @@ enum {
     VS_BASE_ACCELEROMETER, /* 3 numbers, raw: x, y, z */
     VS_BASE_MICROPHONES,   /* 3 or 4 numbers, raw */
     VS_BASE_VOLTAGE,       /* "battery": [mV] */
+    VS_BASE_GYROSCOPE,     /* 3 numbers [rad/s]: x, y, z */
+    VS_BASE_DISTANCE,      /* [mm] ahead */
     VS_BASE_SENSORS
 };
 

@@ -14,14 +14,20 @@
 static const char *const hangs[VS_BOARDS] = {
     "the ground sensors' bus hangs: going on without them",
     "the range-and-bearing board's bus hangs: going on without it",
-    "the battery's converter's bus hangs: going on without it"};
+    "the battery's converter's bus hangs: going on without it",
+    "the RGB LEDs' bus hangs: going on without them",
+    "the IMU's bus hangs: going on without it"};
 static const char *const moves[VS_BOARDS] = {"the ground sensors' bus moves again",
                                              "the range-and-bearing board's bus moves again",
-                                             "the battery's converter's bus moves again"};
+                                             "the battery's converter's bus moves again",
+                                             "the RGB LEDs' bus moves again",
+                                             "the IMU's bus moves again"};
 static const char *const ended[VS_BOARDS] = {
     "the ground sensors' process ended: starting another",
     "the range-and-bearing board's process ended: starting another",
-    "the battery's converter's process ended: starting another"};
+    "the battery's converter's process ended: starting another",
+    "the RGB LEDs' process ended: starting another",
+    "the IMU's process ended: starting another"};
 
 void vs_board_links_init(struct vs_board_links *links, struct vs_base *base,
                          struct vs_board_reading *reading)
@@ -34,6 +40,7 @@ void vs_board_links_init(struct vs_board_links *links, struct vs_base *base,
     *reading = base->boards.reading;
     for (i = 0; i < VS_BOARDS; i++)
         links->link[i].socket = -1;
+    links->end = reading->there != 0 ? VS_BOARDS : 0;
 }
 
 /* In the child: a base that it held open would be locked as long as the board hangs. */
@@ -137,34 +144,50 @@ const char *vs_board_links_serve(struct vs_board_links *links, uint64_t now_ns)
     const char *news = NULL;
     int i;
 
-    for (i = 0; i < VS_BOARDS && news == NULL; i++)
+    for (i = 0; i < links->end && news == NULL; i++)
         if (links->base->boards.bus[i].transfer != NULL)
             news = serve(links, i, now_ns);
     return news;
 }
 
-void vs_board_links_poll(const struct vs_board_links *links, struct pollfd *fds)
+int vs_board_links_poll(const struct vs_board_links *links, struct pollfd *fds)
 {
     int i;
 
-    for (i = 0; i < VS_BOARDS; i++) {
+    for (i = 0; i < links->end; i++) {
         fds[i].fd = links->link[i].waiting ? links->link[i].socket : -1;
         fds[i].events = POLLIN;
     }
+    return links->end;
 }
 
-void vs_board_links_ask(struct vs_board_links *links, const struct vs_board_message *message,
+/* 1 if the RGB LEDs show these colours: no need to ask them, and to wake up for the answer. */
+static int is_shown(const struct vs_board_links *links, const struct vs_board_request *request)
+{
+    return links->reading->has[VS_BOARD_RGB] &&
+           memcmp(links->rgb, request->rgb, sizeof links->rgb) == 0;
+}
+
+void vs_board_links_ask(struct vs_board_links *links, const struct vs_base_command *command,
                         uint64_t now_ns)
 {
     struct vs_board_request request;
     int i;
 
-    request.message = *message;
-    for (i = 0; i < VS_BOARDS; i++) {
+    if (links->end == 0)
+        return;
+    request.message = command->message;
+    memcpy(request.rgb, command->rgb, sizeof request.rgb);
+    for (i = 0; i < links->end; i++) {
         struct vs_board_link *link = &links->link[i];
 
         if (link->socket < 0 || link->waiting)
             continue;
+        if (i == VS_BOARD_RGB) {
+            if (is_shown(links, &request))
+                continue;
+            memcpy(links->rgb, request.rgb, sizeof links->rgb);
+        }
         link->waiting = 1;
         link->asked_ns = now_ns;
         /* what cannot be sent is not answered, and that is noticed */

@@ -32,6 +32,8 @@ struct vs_board_links {
     const struct vs_calibration *calibration; /* of the ground board; NULL: none */
     const int *const *foreign; /* descriptors that a child must not hold open; -1 = none */
     size_t foreign_count;
+    int end; /* 0: the robot has no boards, else VS_BOARDS */
+    uint8_t rgb[EPUCK_RGB_LEDS][3]; /* what the RGB LEDs were asked for last */
     struct vs_board_link link[VS_BOARDS];
 };
 
@@ -43,11 +45,11 @@ void vs_board_links_init(struct vs_board_links *links, struct vs_base *base,
  * is worth telling, then it is to be called again; NULL at the end. */
 const char *vs_board_links_serve(struct vs_board_links *links, uint64_t now_ns);
 
-/* What to wait for: fds[VS_BOARDS], for poll(). */
-void vs_board_links_poll(const struct vs_board_links *links, struct pollfd *fds);
-
-/* Asks every board that does not owe an answer. */
-void vs_board_links_ask(struct vs_board_links *links, const struct vs_board_message *message,
+/* Asks every board that does not owe an answer, and RGB LEDs only for another colour. */
+void vs_board_links_ask(struct vs_board_links *links, const struct vs_base_command *command,
                         uint64_t now_ns);
+
+/* Fills in which answers have to be waited for, at most VS_BOARDS. Returns how many fds they are. */
+int vs_board_links_poll(const struct vs_board_links *links, struct pollfd *fds);
 
 #endif

@@ -10,17 +10,14 @@
 
 #include "base_boards.h"
 
-/* Both travel between two processes of the same binary, as they are. */
-struct vs_board_request {
-    struct vs_board_message message; /* for range and bearing */
-};
-
+/* It and requests travel between two processes of the same binary, as they are. */
 struct vs_board_answer {
     const char *news; /* a line for the log, NULL = none: a phrase of the program */
     struct vs_board_reading reading;
 };
 
-/* Serves requests on socket (SOCK_SEQPACKET) until its other end is closed. */
+/* Serves requests on socket (SOCK_SEQPACKET) until its other end is closed: whoever asked has
+ * ended, or is gone. RGB LEDs are dark then. */
 void vs_board_process(int socket, struct vs_boards *boards, int board);
 
 #endif

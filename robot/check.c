@@ -228,14 +228,13 @@ static int hand_back(struct vs_base *base)
 /* Whether the boards that the robot should have answer, too. */
 static int check_boards(struct vs_base *base)
 {
-    static const struct vs_board_message nothing;
+    static const struct vs_board_request nothing;
     uint64_t end_ns = vs_posix_now_ns() + ANSWER_NS;
+    int i;
 
     while (base->news == NULL && vs_posix_now_ns() < end_ns) {
-        vs_boards_read_ground(&base->boards, vs_posix_now_ns() + VS_BOARD_READ_NS, &base->news);
-        vs_boards_read_battery(&base->boards, vs_posix_now_ns() + VS_BOARD_READ_NS, &base->news);
-        (void)vs_boards_talk(&base->boards, &nothing, vs_posix_now_ns() + VS_BOARD_TALK_NS,
-                             &base->news);
+        for (i = 0; i < VS_BOARDS; i++)
+            vs_boards_ask(&base->boards, i, &nothing, vs_posix_now_ns(), &base->news);
         if (vs_boards_are_well(&base->boards))
             return 1;
         poll(NULL, 0, (int)(NAP_NS / 1000000u));

@@ -24,8 +24,13 @@
  * it; "wheels", the way [cm] of the left and the right wheel since the daemon began, where the
  * base counts steps; "accelerometer", raw x, y, z, and "microphones", raw, where the base's
  * firmware reads them (IRIDIA's: the newest sample of right, left and back; GCtronic's for the
- * e-puck2: the loudness of its four); with boards on I2C (`vsensed --help`) "ground", 3 numbers
- * from 0 black to 1 white, and "range_and_bearing", laid out as the virtual one with 5 places. Its own actuator, with that board: "message", the length and 4 bytes.
+ * e-puck2: the loudness of its four); "distance" [mm] ahead, of an e-puck2 with asercom, far above
+ * its 2 m where it sees nothing; with boards on I2C (`vsensed --help`) "ground", 3 numbers from 0
+ * black to 1 white, and "range_and_bearing", laid out as the virtual one with 5 places. Its own
+ * actuator, with that board: "message", the length and 4 bytes. "gyroscope" [rad/s], of an e-puck2
+ * with asercom or with `imu=BUS`: x, y, z, limited to 4.36. z is upwards, so turning left is
+ * positive; where x and y point the firmwares' sources contradict each other. With `imu=BUS` it has
+ * an offset: what it says at rest.
  *
  * All that a controller remembers belongs into its state, never into a static
  * variable: one process may run many robots. No function here fails or blocks.
@@ -122,10 +127,14 @@ void vs_robot_set_wheels(struct vs_robot *robot, int left_steps_s, int right_ste
 /* Lit ones: VS_ROBOT_LED_*, bit n of the ring = LED n; stays until set again. */
 void vs_robot_set_leds(struct vs_robot *robot, unsigned int leds);
 
-/* Coloured LED 0..3 of an e-puck2 on a Pi-puck with GCtronic's firmware: LED2, LED4, LED6 and
- * LED8, clockwise from the front right. 0 to 255 each; stays until set again. While it is black
- * the LED of the ring in its place shows. Other robots have none: no effect. */
+/* Coloured LED 0, 1, .., 0 to 255 each; stays until set again. Of an e-puck2 with GCtronic's
+ * gumstix firmware 0..3: LED2, LED4, LED6 and LED8, clockwise from the front right; while one is
+ * black the LED of the ring in its place shows. Of IRIDIA's board (`rgb=BUS`) 0..2: front left,
+ * front right, back. A robot that has no such LED: no effect. */
 void vs_robot_set_rgb(struct vs_robot *robot, int led, int red, int green, int blue);
+
+/* How many of them it has: 4, 3, or 0; from the first control step on, init included. */
+int vs_robot_rgb_leds(const struct vs_robot *robot);
 
 /* [s] length of a timestep; control steps are about that far apart. */
 double vs_robot_timestep_s(const struct vs_robot *robot);

@@ -11,6 +11,8 @@
 #define COMPLAINTS_BYTES 4096
 #define STEP_NM 128805         /* 1000 steps a turn of a 41 mm wheel */
 #define STEP_E9 1000000000
+#define RATE_E3 18251          /* [1e-3/EPUCK_IMU_DIGITS rad/s] of turning when a wheel makes a step
+                                  a second more than the other one, 53 mm away */
 
 struct mind {
     struct vs_session session;
@@ -206,7 +208,17 @@ static void roll(struct mind *mind, uint64_t now_ns)
     mind->rolled_ns = now_ns;
 }
 
-/* Its accelerometer feels gravity only, and nothing makes a noise. */
+/* [1/EPUCK_IMU_DIGITS rad/s] around its z axis, counter-clockwise; a gyroscope has its limit. */
+static int16_t turning(const struct vs_base_command *command)
+{
+    int32_t rate = (command->right_steps_s - command->left_steps_s) * RATE_E3 / 1000;
+
+    if (rate > INT16_MAX)
+        return INT16_MAX;
+    return (int16_t)(rate < -INT16_MAX ? -INT16_MAX : rate);
+}
+
+/* Its accelerometer feels gravity only, its gyroscope the wheels, and nothing makes a noise. */
 static void read_base(struct vs_base_reading *reading, const struct mind *mind, uint32_t robot,
                       const struct vs_inprocess_timestep *now)
 {
@@ -221,6 +233,8 @@ static void read_base(struct vs_base_reading *reading, const struct mind *mind, 
     reading->microphone_count = 3;
     memcpy(reading->prox, now->prox + 8 * robot, sizeof reading->prox);
     memcpy(reading->light, now->light + 8 * robot, sizeof reading->light);
+    reading->has_rates = 1;
+    reading->rates[2] = turning(&mind->in_force);
     reading->has_steps = 1;
     reading->step_nm = STEP_NM;
     reading->steps[0] = (int32_t)(mind->steps_e9[0] / STEP_E9);

@@ -15,6 +15,13 @@ static uint8_t narrow(int brightness)
     return (uint8_t)(brightness < 0 ? 0 : brightness);
 }
 
+int vs_robot_rgb_leds(const struct vs_robot *robot)
+{
+    const struct vs_base_reading *base = &robot->base;
+
+    return base->boards.there >> VS_BOARD_RGB & 1 ? EPUCK_RGB_LEDS : base->rgb_leds;
+}
+
 void vs_robot_set_rgb(struct vs_robot *robot, int led, int red, int green, int blue)
 {
     uint8_t *rgb;

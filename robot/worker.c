@@ -201,7 +201,7 @@ static void serve_guard(struct vs_worker *w)
         return;
     if (vs_loop_request(&w->loop, &w->now, &request)) {
         vs_guard_link_send(&w->guard, &request);
-        vs_board_links_ask(&w->boards, &w->loop.command.message, w->now.base_ns);
+        vs_board_links_ask(&w->boards, &w->loop.command, w->now.base_ns);
     }
 }
 
@@ -240,6 +240,7 @@ static void await(struct vs_worker *w)
     struct pollfd fds[FD_COUNT] = {{-1, 0, 0}};
     uint64_t wake_ns = vs_loop_wake_ns(&w->loop, &w->now);
     uint64_t other_ns = vs_net_wake_ns(&w->net);
+    int boards;
 
     if (other_ns < wake_ns)
         wake_ns = other_ns;
@@ -251,8 +252,8 @@ static void await(struct vs_worker *w)
     fds[FD_SIGNALS].events = POLLIN;
     fds[FD_GUARD].fd = w->guard.socket;
     fds[FD_GUARD].events = vs_loop_is_patient(&w->loop, &w->now) ? 0 : POLLIN;
-    vs_board_links_poll(&w->boards, fds + FD_BOARDS);
-    poll(fds, FD_COUNT, vs_posix_timeout_ms(w->now.base_ns, wake_ns));
+    boards = vs_board_links_poll(&w->boards, fds + FD_BOARDS);
+    poll(fds, (nfds_t)(FD_BOARDS + boards), vs_posix_timeout_ms(w->now.base_ns, wake_ns));
     if (wake_ns < w->round_ns)
         wake_ns = w->round_ns;
     read_clock(w);

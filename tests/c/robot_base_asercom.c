@@ -92,8 +92,14 @@ static int io_write(void *context, const uint8_t *buf, size_t len, uint64_t dead
 /* A base as ops->open leaves it, but on our line. */
 static void begin(struct world *w, uint8_t mode, uint32_t seed)
 {
-    struct vs_base_config config = {&vs_base_asercom, "/nowhere", {"", ""}, 2, 115, 0.0867438559f, {mode, 0}, ""};
+    struct vs_base_config config = {&vs_base_asercom, "/nowhere", {"", ""}, 2, 115, 0.0867438559f,
+                                    {mode, 0}, ""};
     int i;
+
+    if (mode >= EPUCK_ASERCOM_EPUCK2) {
+        config.choice[0] = (uint8_t)(mode - EPUCK_ASERCOM_EPUCK2 + EPUCK_ASERCOM_BLUETOOTH);
+        config.choice[1] = 1;
+    }
 
     memset(w, 0, sizeof *w);
     w->random = seed * 2654435761u + 1u;
@@ -111,6 +117,9 @@ static void begin(struct world *w, uint8_t mode, uint32_t seed)
     }
     for (i = 0; i < 3; i++)
         w->fw.body.inputs.ground[i] = (int16_t)(300 + 100 * i);
+    for (i = 0; i < 3; i++)
+        w->fw.body.inputs.rates[i] = (int16_t)(1000 * i - 1500);
+    w->fw.body.inputs.distance_mm = 1234;
 }
 
 static void feed(struct world *w, const uint8_t *buf, size_t len)
@@ -187,8 +196,11 @@ static void test_plain_exchange(uint8_t mode)
     check_obeyed(&w, 300, -200);
     CHECK(w.fw.body.outputs.leds == leds);
     CHECK(w.reading.battery_low == 0 && w.reading.battery_mv > 3990 && w.reading.battery_mv < 4010);
-    CHECK(w.reading.has_steps && w.reading.has_ground == (mode == 2));
-    CHECK(mode != 2 || w.reading.ground[1] == 400);
+    CHECK(w.reading.has_steps && w.reading.has_ground == (mode == 2 || mode == 4));
+    CHECK(!w.reading.has_ground || w.reading.ground[1] == 400);
+    CHECK((w.reading.has_rates != 0) == (mode >= EPUCK_ASERCOM_EPUCK2));
+    CHECK(w.reading.distance_mm == (w.reading.has_rates ? 1234 : 0));
+    CHECK(!w.reading.has_rates || memcmp(w.reading.rates, w.fw.body.inputs.rates, 6) == 0);
     way = w.reading.steps[0];
     pass(&w, 1000 * MS);
     w.fw.body.inputs.battery_mv = 3300;
@@ -380,6 +392,8 @@ int main(int argc, char *argv[])
     test_silence();
     test_wrong_mode(EPUCK_ASERCOM_EXTENSION, EPUCK_ASERCOM_BLUETOOTH, "turn its selector to 10");
     test_wrong_mode(EPUCK_ASERCOM_BLUETOOTH, EPUCK_ASERCOM_EXTENSION, "mode=extension");
-    test_wrong_mode(EPUCK_ASERCOM_BLUETOOTH_GROUND, EPUCK_ASERCOM_BLUETOOTH, "knows no ground sensors");
+    test_wrong_mode(EPUCK_ASERCOM_BLUETOOTH_GROUND, EPUCK_ASERCOM_BLUETOOTH, "no ground sensors");
+    test_wrong_mode(EPUCK_ASERCOM_BLUETOOTH_GROUND, EPUCK_ASERCOM_EPUCK2_GROUND, "=epuck2");
+    test_wrong_mode(EPUCK_ASERCOM_EPUCK2, EPUCK_ASERCOM_BLUETOOTH, "expected model=epuck");
     return 0;
 }

@@ -54,7 +54,7 @@ static void start(struct bus_world *w, uint8_t rab_bytes, uint32_t seed)
     w->base.boards.rab_power = 90;
     for (i = 0; i < 5; i++) /* one setting each, and the reading of the last */
         CHECK(exchange(w) == VS_OK);
-    CHECK(w->reading.boards.has_rab && w->rab.on_robot == 0 && w->rab.power == 90);
+    CHECK(w->reading.boards.has[VS_BOARD_RAB] && w->rab.on_robot == 0 && w->rab.power == 90);
     CHECK(w->rab.light_stored == 1); /* real_epuck_range_and_bearing_sensor.cpp:141-144 */
     CHECK(w->rab.bits == 8 * rab_bytes);
 }
@@ -67,11 +67,11 @@ static void test_ground(void)
 
     start(&w, 2, 1);
     memcpy(w.ground.ground, floors, sizeof floors);
-    CHECK(exchange(&w) == VS_OK && w.reading.boards.has_ground);
+    CHECK(exchange(&w) == VS_OK && w.reading.boards.has[VS_BOARD_GROUND]);
     for (i = 0; i < 3; i++)
         CHECK(w.reading.boards.ground[i] == floors[i]);
     w.ground.ground[1] = 1024; /* no sensor says that */
-    CHECK(exchange(&w) == VS_OK && !w.reading.boards.has_ground);
+    CHECK(exchange(&w) == VS_OK && !w.reading.boards.has[VS_BOARD_GROUND]);
 }
 
 static struct epuck_rab_message make_message(uint32_t number, uint8_t bytes)
@@ -180,7 +180,8 @@ static void test_missing_board(void)
     start(&w, 4, 6);
     w.rab.device.address = w.ground.device.address = 0x7F;
     CHECK(exchange(&w) == VS_OK && exchange(&w) == VS_OK);
-    CHECK(!w.reading.boards.has_ground && !w.reading.boards.has_rab && w.base.news != NULL);
+    CHECK(!w.reading.boards.has[VS_BOARD_GROUND] && !w.reading.boards.has[VS_BOARD_RAB] &&
+          w.base.news != NULL);
     w.base.news = NULL;
     transfers = w.transfers;
     for (i = 0; i < 15; i++)
@@ -191,7 +192,8 @@ static void test_missing_board(void)
     fw_rab_init(&w.rab); /* it was reset: its settings are gone */
     for (i = 0; i < 15; i++)
         CHECK(exchange(&w) == VS_OK);
-    CHECK(w.reading.boards.has_ground && w.reading.boards.has_rab && w.base.news != NULL);
+    CHECK(w.reading.boards.has[VS_BOARD_GROUND] && w.reading.boards.has[VS_BOARD_RAB] &&
+          w.base.news != NULL);
     CHECK(w.rab.bits == 32 && w.rab.light_stored == 1);
 }
 
@@ -255,6 +257,93 @@ static void test_battery(void)
     CHECK(w.reading.boards.battery_mv == 0 && w.base.news != NULL);
 }
 
+static void ask(struct bus_world *w, int board, const struct vs_board_request *request)
+{
+    vs_boards_ask(&w->base.boards, board, request, w->now_ns, &w->base.news);
+    vs_boards_take(&w->reading.boards, &w->base.boards.reading, board);
+}
+
+/* Index 0 is front left, 1 front right, 2 back. Source: argos3-epuck 66cb8d9
+ * ci_epuck_rgb_leds_actuator.h:9-17; the bytes: test_rgb_leds_of_iridia. */
+static void test_rgb(void)
+{
+    static const struct vs_board_request colours = {{0, {0}}, {{255, 0, 1}, {2, 3, 4}, {5, 6, 7}}};
+    static const struct vs_board_request dark;
+    struct bus_world w;
+
+    bus_begin(&w, &vs_base_gctronic, 8);
+    bus_board(&w, VS_BOARD_RGB, 2);
+    CHECK(!vs_boards_are_well(&w.base.boards));
+    ask(&w, VS_BOARD_RGB, &colours);
+    CHECK(w.reading.boards.has[VS_BOARD_RGB] && vs_boards_are_well(&w.base.boards) &&
+          w.rgb.writes == 1);
+    CHECK(memcmp(w.rgb.rgb, colours.rgb, sizeof colours.rgb) == 0);
+    w.wires.faults.refuse = 1; /* once: it is tried again */
+    ask(&w, VS_BOARD_RGB, &dark);
+    CHECK(w.reading.boards.has[VS_BOARD_RGB] && memcmp(w.rgb.rgb, dark.rgb, sizeof dark.rgb) == 0);
+    w.rgb.device.address = 0x7F;
+    ask(&w, VS_BOARD_RGB, &colours);
+    CHECK(!w.reading.boards.has[VS_BOARD_RGB] &&
+          strstr(w.base.news, "RGB LEDs do not answer") != NULL);
+    w.rgb.device.address = EPUCK_RGB_ADDRESS;
+    ask(&w, VS_BOARD_RGB, &colours); /* it is left alone for a second */
+    CHECK(!w.reading.boards.has[VS_BOARD_RGB] && w.rgb.writes == 2);
+    bus_pass(&w, 1000 * MS);
+    ask(&w, VS_BOARD_RGB, &colours);
+    CHECK(w.reading.boards.has[VS_BOARD_RGB] &&
+          memcmp(w.rgb.rgb, colours.rgb, sizeof colours.rgb) == 0);
+    CHECK(strstr(w.base.news, "RGB LEDs answer again") != NULL);
+    vs_boards_lose(&w.reading.boards, VS_BOARD_RGB);
+    CHECK(!w.reading.boards.has[VS_BOARD_RGB]);
+}
+
+/* Whichever chip it is, and wherever, it is found within a request for each that it may be. */
+static void test_imu(int chip, const int16_t raw[3], const int16_t rates[3])
+{
+    static const struct vs_board_request nothing;
+    struct bus_world w;
+    int i;
+
+    bus_begin(&w, &vs_base_gctronic, 9);
+    bus_board(&w, VS_BOARD_IMU, 2);
+    fw_imu_init(&w.imu, chip);
+    memcpy(w.imu.rates, raw, sizeof w.imu.rates);
+    CHECK(!vs_boards_are_well(&w.base.boards));
+    for (i = 0; i < EPUCK_IMUS && !w.reading.boards.has[VS_BOARD_IMU]; i++)
+        ask(&w, VS_BOARD_IMU, &nothing);
+    CHECK(w.reading.boards.has[VS_BOARD_IMU] && vs_boards_are_well(&w.base.boards) &&
+          w.base.news == NULL);
+    CHECK(memcmp(w.reading.boards.rates, rates, sizeof w.imu.rates) == 0);
+    w.imu.device.address = 0x7F;
+    ask(&w, VS_BOARD_IMU, &nothing);
+    CHECK(!w.reading.boards.has[VS_BOARD_IMU] &&
+          strstr(w.base.news, "IMU does not answer") != NULL);
+    fw_imu_init(&w.imu, chip); /* it was switched off: an LSM330 has lost its settings */
+    memcpy(w.imu.rates, raw, sizeof w.imu.rates);
+    for (i = 0; i <= EPUCK_IMUS; i++) {
+        bus_pass(&w, 1000 * MS);
+        ask(&w, VS_BOARD_IMU, &nothing);
+    }
+    CHECK(w.reading.boards.has[VS_BOARD_IMU] && strstr(w.base.news, "IMU answers again") != NULL);
+    CHECK(memcmp(w.reading.boards.rates, rates, sizeof w.imu.rates) == 0);
+    vs_boards_lose(&w.reading.boards, VS_BOARD_IMU);
+    CHECK(!w.reading.boards.has[VS_BOARD_IMU]);
+}
+
+/* An LSM330's digit is 8.75e-3 degrees a second, the others' 250 / 32768. Source: e-puck-library
+ * 4cb85cb library/acc_gyro/e_lsm330.c:279-283; e-puck2_main-processor d2e0dbb
+ * src/sensors/mpu9250.c:11-16. */
+static void test_imus(void)
+{
+    static const int16_t raw[3] = {-32768, 1000, 32767};
+    static const int16_t lsm330[3] = {-32768, 1148, 32767};
+    int chip;
+
+    for (chip = 0; chip < EPUCK_IMU_LSM330; chip++)
+        test_imu(chip, raw, raw);
+    test_imu(EPUCK_IMU_LSM330, raw, lsm330);
+}
+
 int main(void)
 {
     uint32_t seed;
@@ -265,6 +354,8 @@ int main(void)
     test_says_its_message(4);
     test_missing_board();
     test_battery();
+    test_rgb();
+    test_imus();
     for (seed = 1; seed <= 20; seed++) {
         test_hears_every_message_once(2, seed);
         test_hears_every_message_once(4, seed);

@@ -37,6 +37,11 @@ static void test_good(void)
     CHECK(config.reset[0] == '\0' && config.board[VS_BOARD_BATTERY][0] == '\0');
     CHECK(configure(&config, "york:/x,battery=/dev/i2c-11") == 0);
     CHECK(strcmp(config.board[VS_BOARD_BATTERY], "/dev/i2c-11") == 0);
+    CHECK(configure(&config, "argos:/x,rgb=/dev/i2c-3") == 0);
+    CHECK(config.board[VS_BOARD_IMU][0] == '\0');
+    CHECK(strcmp(config.board[VS_BOARD_RGB], "/dev/i2c-3") == 0);
+    CHECK(configure(&config, "gctronic:/x,imu") == 0);
+    CHECK(strcmp(config.board[VS_BOARD_IMU], "/x") == 0);
     CHECK(configure(&config, "york:/x,reset=24") == 0 && strcmp(config.reset, "24") == 0);
     CHECK(configure(&config, "gctronic:/x,reset=/sys/class/gpio/gpio536,ground") == 0);
     CHECK(strcmp(config.reset, "/sys/class/gpio/gpio536") == 0);
@@ -58,7 +63,7 @@ static void test_bad(void)
         "york:/x,rab_power=1.5", "york:/x,rab_power=9x", "york:/x,rab_k=0", "york:/x,rab_k=-1",
         "york:/x,rab_k=11", "york:/x,rab_k=nan", "york:/x,rab_k",
         "york:/x,reset", "york:/x,reset=", "york:/x,reset=high", "york:/x,reset=24x",
-        "york:/x,reset=-1", "york:/x,reset=12345", "argos:/x,reset=24"};
+        "york:/x,reset=-1", "york:/x,reset=12345", "argos:/x,reset=24", "argos:/x,rgb", "argos:/x,imu"};
     char text[400];
     struct vs_base_config config;
     size_t i;

@@ -11,6 +11,8 @@
 #include "robot.h"
 #include "../../c_src/vs_bytes.h"
 
+#define PI 3.14159265358979323846
+
 static int is_near(double a, double b)
 {
     return fabs(a - b) <= 1e-9 + 1e-6 * fabs(b);
@@ -65,7 +67,7 @@ static void test_ground_and_wheels(void)
 
     reading.boards.there = 3;
     CHECK(vs_base_values(&reading, VS_BASE_GROUND, 0, values, 3) == 0);
-    reading.boards.has_ground = reading.has_steps = 1;
+    reading.boards.has[VS_BOARD_GROUND] = reading.has_steps = 1;
     CHECK(vs_base_values(&reading, VS_BASE_GROUND, 0, values, 3) == 3);
     CHECK(values[0] == 1.0 && values[1] == 0.0);
     CHECK(vs_base_values(&reading, VS_BASE_WHEELS, 0, values, 2) == 2);
@@ -79,7 +81,7 @@ static void test_messages(void)
     int i;
 
     reading.boards.there = 1u << VS_BOARD_RAB;
-    reading.boards.has_rab = 1;
+    reading.boards.has[VS_BOARD_RAB] = 1;
     CHECK(vs_base_values(&reading, VS_BASE_RAB, 20, values, 31) == 31 && values[0] == 0.0);
     CHECK(vs_base_values(&reading, VS_BASE_RAB, 17, values, 31) == 31 && values[0] == 3.0);
     for (i = 0; i < 3; i++) { /* the newest of 20 is the one at 19 % 8 */
@@ -117,6 +119,34 @@ static void test_accelerometer_and_microphones(void)
     CHECK(vs_base_values(&reading, microphones, 0, values, 4) == 3 && values[2] == 2010.0);
 }
 
+static void test_gyroscope_and_distance(void)
+{
+    static const int16_t rates[3] = {-32768, 0, 7510}; /* -250 degrees a second; 1 rad/s */
+    struct vs_base_reading reading = make_reading();
+    double values[3];
+    int gyroscope = vs_base_sensor("gyroscope");
+    int distance = vs_base_sensor("distance");
+
+    CHECK(!vs_base_has(&reading, gyroscope) && !vs_base_has(&reading, distance));
+    reading.has_distance = 1; /* who has it may not have measured yet */
+    CHECK(vs_base_has(&reading, distance));
+    CHECK(vs_base_values(&reading, distance, 0, values, 1) == 0);
+    reading.distance_mm = 1234;
+    CHECK(vs_base_values(&reading, distance, 0, values, 1) == 1 && values[0] == 1234.0);
+    reading.boards.there = 1u << VS_BOARD_BATTERY; /* likewise */
+    CHECK(vs_base_has(&reading, VS_BASE_VOLTAGE));
+    CHECK(vs_base_values(&reading, VS_BASE_VOLTAGE, 0, values, 1) == 0);
+    reading.boards.there = 1u << VS_BOARD_IMU;
+    memcpy(reading.boards.rates, rates, sizeof rates);
+    CHECK(vs_base_has(&reading, gyroscope));
+    CHECK(vs_base_values(&reading, gyroscope, 0, values, 3) == 0);
+    reading.boards.has[VS_BOARD_IMU] = 1;
+    CHECK(vs_base_values(&reading, gyroscope, 0, values, 3) == 3 && values[1] == 0.0);
+    CHECK(is_near(values[0], -250.0 * PI / 180.0) && fabs(values[2] - 1.0) < 1e-4);
+    reading.has_rates = 1; /* the base's own counts */
+    CHECK(vs_base_values(&reading, gyroscope, 0, values, 3) == 3 && values[0] == 0.0);
+}
+
 /* Each control step sees what was heard since the one before, a new guard's from the start. */
 static void test_steps_see_new_messages_only(void)
 {
@@ -128,7 +158,7 @@ static void test_steps_see_new_messages_only(void)
     vs_robot_begin(&robot, &session);
     robot.base = make_reading();
     robot.base.boards.there = 1u << VS_BOARD_RAB;
-    robot.base.boards.has_rab = 1;
+    robot.base.boards.has[VS_BOARD_RAB] = 1;
     robot.base_ns = 1;
     sensor = vs_robot_sensor(&robot, "range_and_bearing");
     vs_robot_begin_step(&robot);
@@ -183,6 +213,7 @@ int main(void)
     test_ground_and_wheels();
     test_messages();
     test_accelerometer_and_microphones();
+    test_gyroscope_and_distance();
     test_steps_see_new_messages_only();
     test_own_message();
     return 0;

@@ -9,6 +9,7 @@
 #include "base_config.h"
 #include "fw_boards.h"
 #include "fw_gctronic.h"
+#include "fw_imu.h"
 #include "fw_york.h"
 #include "robot_check.h"
 
@@ -24,6 +25,8 @@ struct bus_world {
     struct fw_ground ground;
     struct fw_rab rab;
     struct fw_adc adc;
+    struct fw_rgb rgb;
+    struct fw_imu imu;
     struct fw_body *body; /* of the microcontroller that is on the bus */
     struct vs_base base;
     struct vs_base_reading reading;
@@ -115,11 +118,15 @@ static inline void bus_begin(struct bus_world *w, const struct vs_base_ops *ops,
     fw_ground_init(&w->ground);
     fw_rab_init(&w->rab);
     fw_adc_init(&w->adc);
+    fw_rgb_init(&w->rgb);
+    fw_imu_init(&w->imu, EPUCK_IMU_MPU9250);
     w->body = ops == &vs_base_york ? &w->york.body : &w->gctronic.body;
     CHECK(fw_i2c_add(&w->wires, ops == &vs_base_york ? &w->york.device : &w->gctronic.device) == 0);
     CHECK(fw_i2c_add(&w->wires, &w->ground.device) == 0);
     CHECK(fw_i2c_add(&w->wires, &w->rab.device) == 0);
     CHECK(fw_i2c_add(&w->wires, &w->adc.device) == 0);
+    CHECK(fw_i2c_add(&w->wires, &w->rgb.device) == 0);
+    CHECK(fw_i2c_add(&w->wires, &w->imu.device) == 0);
     CHECK(vs_base_open(&w->base, &config) == VS_ERR_IO);
     w->base.news = NULL;
     w->base.bus.context = w;

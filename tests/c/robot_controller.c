@@ -587,6 +587,12 @@ static void test_colours_are_clipped_and_go_out_at_rest(void)
     vs_robot_set_rgb(&robot, -1, 255, 255, 255);
     vs_robot_set_leds(&robot, VS_ROBOT_LED_RING);
     CHECK(memcmp(robot.command.rgb, expected, sizeof expected) == 0);
+    CHECK(vs_robot_rgb_leds(&robot) == 0);
+    robot.base.rgb_leds = 4;
+    CHECK(vs_robot_rgb_leds(&robot) == 4);
+    robot.base.rgb_leds = 0;
+    robot.base.boards.there = 1u << VS_BOARD_RGB;
+    CHECK(vs_robot_rgb_leds(&robot) == 3);
     vs_robot_rest(&robot);
     CHECK(memcmp(robot.command.rgb, nothing, sizeof nothing) == 0 && robot.command.leds == 0);
 }

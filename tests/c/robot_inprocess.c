@@ -17,6 +17,7 @@ struct seen {
     int heard;
     int proximity;
     int acceleration;
+    int gyroscope;
     int microphones;
     int unknown;
     int wheels;
@@ -35,6 +36,7 @@ static void init(void *state, struct vs_robot *robot)
     seen->proximity = vs_robot_sensor(robot, "proximity");
     seen->acceleration = vs_robot_sensor(robot, "accelerometer");
     seen->microphones = vs_robot_sensor(robot, "microphones");
+    seen->gyroscope = vs_robot_sensor(robot, "gyroscope");
     seen->wheels = vs_robot_sensor(robot, "wheels");
     seen->unknown = vs_robot_sensor(robot, "moonlight");
     seen->heard = vs_robot_actuator(robot, "heard");
@@ -62,6 +64,12 @@ static void step(void *state, struct vs_robot *robot)
     CHECK(vs_robot_values(robot, seen->proximity, prox, 8) == 8);
     CHECK(vs_robot_values(robot, seen->acceleration, raw, 3) == 3 && raw[2] > raw[0]);
     CHECK(vs_robot_values(robot, seen->microphones, raw, 4) == 3 && raw[0] == raw[2]);
+    /* -70 and 1000 steps/s to the left and the right of 53 mm: 1070 * 0.128805 / 53 rad/s. */
+    CHECK(vs_robot_values(robot, seen->gyroscope, raw, 3) == 3 && raw[0] == 0.0);
+    if (seen->steps == 1)
+        CHECK(raw[2] == 0.0);
+    if (seen->steps == 2)
+        CHECK(fabs(raw[2] + 1070.0 * 0.128805 / 53.0) < 1e-3);
     CHECK(!vs_robot_read(robot, seen->unknown).known);
     vs_robot_actuate(robot, seen->heard, 0, ground.known ? ground.value : -1.0);
     vs_robot_actuate(robot, seen->heard, 1, (double)ground.age_ns / 1e6);

@@ -10,8 +10,18 @@ from collections.abc import Sequence
 from functools import reduce
 from operator import xor
 
-RING_SIZES = {"extension": 20, "bluetooth": 16, "bluetooth+ground": 16}
-"""Bytes that asercom answers to 'N' and 'O'."""
+RING_SIZES = {
+    "extension": 20,
+    **dict.fromkeys(("bluetooth", "bluetooth+ground", "epuck2", "epuck2+ground"), 16),
+}
+"""Bytes that asercom answers to 'N' and 'O'; an e-puck2's is `run_asercom2`.
+
+Source: e-puck2_main-processor d2e0dbb src/main.c:214-218, 541-545, src/epuck1x/Asercom2.c:895-908.
+"""
+
+CLIFFS = {"bluetooth+ground": 2, "epuck2+ground": 1}
+"""Values behind the three of the ground in the answer to 'M'. Source: e-puck-library 4cb85cb
+Asercom.c:419-440; e-puck2_main-processor d2e0dbb src/epuck1x/Asercom2.c:874-889."""
 
 
 def code(letter: str) -> int:
@@ -19,14 +29,17 @@ def code(letter: str) -> int:
     return 256 - ord(letter)
 
 
-def asercom_poll(
-    mode: str, left: int, right: int, leds: dict[int, int], ground: bool = False
-) -> bytes:
-    """Sets speeds and some LEDs, asks for everything, ends."""
+def asercom_poll(mode: str, left: int, right: int, leds: dict[int, int]) -> bytes:
+    """Sets speeds and some LEDs, asks for everything, ends.
+
+    An e-puck2 is asked for 'g' and 0x0D, too. Source: e-puck2_main-processor d2e0dbb
+    src/epuck1x/Asercom2.c:612, 822.
+    """
     packet = bytes([code("D")]) + struct.pack("<hh", left, right)
     for number, state in leds.items():
         packet += bytes([code("L"), number, state])
-    letters = "NOQb" + ("M" if ground else "") + "E"
+    letters = "NOQb" + ("g\x0d" if "epuck2" in mode else "")
+    letters += ("M" if "ground" in mode else "") + "E"
     return packet + bytes(code(letter) for letter in letters) + b"\x00"
 
 
@@ -38,13 +51,17 @@ def asercom_reply(
     battery: int,
     commanded: tuple[int, int],
     ground: Sequence[int] = (),
+    rates: Sequence[int] = (0, 0, 0),
+    distance: int = 0,
 ) -> bytes:
     """What comes back for that."""
     pad = bytes(RING_SIZES[mode] - 16)
     reply = struct.pack("<8h", *prox) + pad + struct.pack("<8h", *light) + pad
     reply += struct.pack("<HHH", *steps, battery)
+    if "epuck2" in mode:
+        reply += struct.pack("<3hH", *rates, distance)
     if ground:
-        reply += struct.pack("<5H", *ground, 0, 0)
+        reply += struct.pack("<3H", *ground) + bytes(2 * CLIFFS[mode])
     return reply + struct.pack("<hh", *commanded)
 
 

@@ -15,6 +15,7 @@ from vsense.native import ffi, lib
 
 VERSION = b"v,Version 1.2.2 August 2008 GCtronic\r\nHW version: 1\r\n"
 MODES = {"extension": 0, "bluetooth": 1, "bluetooth+ground": 2}
+EPUCK2 = {"epuck2": 3, "epuck2+ground": 4}
 SLOW_US = 100_000
 """Longer than any answer takes: whatever a byte causes is over."""
 
@@ -24,7 +25,7 @@ class Pic:
 
     def __init__(self, mode: str = "extension") -> None:
         self.fw: Any = ffi.new("struct fw_asercom *")
-        lib.fw_asercom_init(self.fw, MODES[mode])
+        lib.fw_asercom_init(self.fw, {**MODES, **EPUCK2}[mode])
         self.now_us = 1000
 
     def say(self, data: bytes) -> None:
@@ -245,10 +246,23 @@ def test_its_answer_is_what_its_sensors_measure(mode: str) -> None:
     inputs = pic.fw.body.inputs
     inputs.prox, inputs.light = list(range(8)), list(range(3000, 3008))
     inputs.ground, inputs.battery_mv = [700, 800, 900], 3400
-    ground = (700, 800, 900) if mode == "bluetooth+ground" else ()
-    answer = pic.ask(tables.asercom_poll(mode, 0, 0, {}, bool(ground)))
+    ground = (700, 800, 900) if "ground" in mode else ()
+    answer = pic.ask(tables.asercom_poll(mode, 0, 0, {}))
     wanted = tables.asercom_reply(mode, range(8), range(3000, 3008), (0, 0), 2070, (0, 0), ground)
     assert answer == wanted
+
+
+@pytest.mark.parametrize("mode", EPUCK2)
+def test_an_epuck2_knows_its_gyroscope_and_its_distance(mode: str) -> None:
+    """Source of the battery's value: `test_asercom_battery_of_an_epuck2`."""
+    pic = Pic(mode)
+    inputs = pic.fw.body.inputs
+    inputs.prox, inputs.light, inputs.battery_mv = list(range(8)), list(range(3000, 3008)), 5000
+    inputs.ground, inputs.rates, inputs.distance_mm = [700, 800, 900], [-1, 32767, 5], 8190
+    ground = (700, 800, 900) if "ground" in mode else ()
+    said = (range(8), range(3000, 3008), (0, 0), 4096, (0, 0), ground, (-1, 32767, 5), 8190)
+    assert pic.ask(tables.asercom_poll(mode, 0, 0, {})) == tables.asercom_reply(mode, *said)
+    assert Pic().ask(bytes([code("\x0d"), code("g"), 0])) == bytes(6), "an e-puck knows no distance"
 
 
 def test_counters_count_what_the_motors_really_do() -> None:

@@ -415,6 +415,41 @@ def test_range_and_bearing_sends_what_was_shifted_in() -> None:
     assert bus.rab.bits == 16
 
 
+def test_iridias_leds_take_nine_bytes() -> None:
+    bus = York()
+    rgb = ffi.new("struct fw_rgb *")
+    lib.fw_rgb_init(rgb)
+    assert lib.fw_i2c_add(bus.wires, ffi.addressof(rgb, "device")) == 0
+    assert bus.transfer(0x61, bytes(range(1, 10))) == b""
+    assert [list(one) for one in rgb.rgb] == [[7, 8, 9], [4, 5, 6], [1, 2, 3]]
+    assert bus.transfer(0x61, b"\1") == b"" and rgb.writes == 1
+    assert bus.transfer(0x61, b"", 1) is None, "nobody reads them"
+
+
+def test_an_lsm330_measures_when_it_is_switched_on() -> None:
+    """Source: gctronic/Pi-puck 73b8913 e-puck1/e-puck1_imu.c:78-89, 164-165."""
+    bus = York()
+    imu = ffi.new("struct fw_imu *")
+    lib.fw_imu_init(imu, lib.EPUCK_IMU_LSM330)
+    imu.rates = [1, -2, 300]
+    assert lib.fw_i2c_add(bus.wires, ffi.addressof(imu, "device")) == 0
+    assert bus.transfer(0x6A, b"\xa8", 6) == bytes(6)
+    bus.transfer(0x6A, b"\x20\xcf")
+    assert bus.transfer(0x6A, b"\xa8", 6) == struct.pack("<3h", 1, -2, 300)
+    assert bus.transfer(0x6A, b"\x28", 3) == b"\1\1\1", "without 0x80 it does not count on"
+
+
+def test_an_mpu9250_counts_on() -> None:
+    """Source: gctronic/Pi-puck 73b8913 e-puck2/e-puck2_imu.c:79, 136-137."""
+    bus = York()
+    imu = ffi.new("struct fw_imu *")
+    lib.fw_imu_init(imu, lib.EPUCK_IMU_MPU9250)
+    imu.rates = [1, -2, 300]
+    assert lib.fw_i2c_add(bus.wires, ffi.addressof(imu, "device")) == 0
+    assert bus.transfer(0x68, b"\x43", 6) == struct.pack(">3h", 1, -2, 300)
+    assert bus.transfer(0x68, b"\x75", 1) == b"\x71"
+
+
 def test_stock_range_and_bearing_knows_two_bytes() -> None:
     bus = York()
     bus.rab.is_stock = 1

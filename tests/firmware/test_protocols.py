@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from typing import Any
 
 import pytest
@@ -32,7 +33,7 @@ def test_modes_have_the_links_speeds_and_sizes(mode: str) -> None:
     found = mode_of(mode)
     assert found.baud == (230400 if mode == "extension" else 115200)
     assert found.ring == tables.RING_SIZES[mode]
-    ground = (800, 900, 1000) if mode == "bluetooth+ground" else ()
+    ground = (800, 900, 1000) if "ground" in mode else ()
     reply = tables.asercom_reply(mode, [0] * 8, [0] * 8, (0, 0), 0, (0, 0), ground)
     assert lib.epuck_asercom_reply_len(found) == len(reply)
 
@@ -53,20 +54,26 @@ def test_asercom_poll(mode: str, left: int, right: int, leds: int, change: int) 
     length = lib.epuck_asercom_put_poll(mode_of(mode), poll, packet)
     numbers = [n for n in range(10) if change & settable(mode) & 1 << n]
     states = {n: leds >> n & 1 for n in numbers}
-    wanted = tables.asercom_poll(mode, left, right, states, mode == "bluetooth+ground")
+    wanted = tables.asercom_poll(mode, left, right, states)
     assert bytes(ffi.buffer(packet, length)) == wanted
 
 
 @given(st.sampled_from(MODES), raw, raw, word, word, word, speed, speed, st.data())
 def test_asercom_reply(mode, prox, light, left, right, battery, ahead, back, data) -> None:
-    count = 3 if mode == "bluetooth+ground" else 0
+    count = 3 if "ground" in mode else 0
     ground = data.draw(st.lists(st.integers(0, 1023), min_size=count, max_size=count))
-    reply = tables.asercom_reply(mode, prox, light, (left, right), battery, (ahead, back), ground)
+    rates = data.draw(st.lists(st.integers(-32768, 32767), min_size=3, max_size=3))
+    distance = data.draw(word)
+    said = (prox, light, (left, right), battery, (ahead, back), ground, rates, distance)
+    reply = tables.asercom_reply(mode, *said)
     got = ffi.new("struct epuck_asercom_sensors *")
     assert lib.epuck_asercom_get_reply(mode_of(mode), reply, got) == 0
     assert (list(got.prox), list(got.light), list(got.steps)) == (prox, light, [left, right])
     assert (got.battery, got.left_steps_s, got.right_steps_s) == (battery, ahead, back)
     assert list(got.ground)[:count] == ground
+    is_epuck2 = "epuck2" in mode
+    assert list(got.rates) == (rates if is_epuck2 else [0, 0, 0])
+    assert got.distance_mm == (distance if is_epuck2 else 0)
 
 
 calibrated = st.lists(st.integers(0, 8190), min_size=8, max_size=8)
@@ -259,6 +266,52 @@ def test_battery_converters_value(raw: int) -> None:
 
 def test_battery_converter_below_0() -> None:
     assert lib.epuck_adc_get_battery(b"\xff\xf0") == 0
+
+
+color = st.lists(st.integers(0, 255), min_size=3, max_size=3)
+
+
+@given(color, color, color)
+def test_rgb_leds_of_iridia(left: list[int], right: list[int], back: list[int]) -> None:
+    """argos3-epuck 66cb8d9 real_epuck_rgb_leds_actuator.cpp:16-20, 36-50: the last LED first;
+    real_epuck_i2c_device.cpp:159-190 writes nothing before it."""
+    assert (lib.EPUCK_RGB_ADDRESS, lib.EPUCK_RGB_LEDS) == (0x61, 3)
+    out = ffi.new("uint8_t[9]")
+    lib.epuck_rgb_put([left, right, back], out)
+    assert bytes(out) == bytes(back + right + left)
+    read = ffi.new("uint8_t[3][3]")
+    lib.epuck_rgb_get(out, read)
+    assert [list(one) for one in read] == [left, right, back]
+
+
+def test_imus_are_found_and_set_up_as_by_gctronic() -> None:
+    """MPU-9250: gctronic/Pi-puck 73b8913 e-puck2/e-puck2_imu.c:21-22, 27; e-puck2_main-processor
+    d2e0dbb src/sensors/mpu9250_registers.h:91, 134. ICM-20948: icm20948/ICM_20948_C.h:36-38,
+    ICM_20948_REGISTERS.h:24, 51-57 there. LSM330: Pi-puck e-puck1/e-puck1_imu.c:78-89, 164-165."""
+    chips = [lib.epuck_imus[i] for i in range(lib.EPUCK_IMUS)]
+    found = [(c.address, c.id_register, c.id, c.rates) for c in chips]
+    assert found[:2] == [(0x68, 0x75, 0x71, 0x43), (0x69, 0x75, 0x71, 0x43)]
+    accelerations = 0x2D
+    assert found[2:4] == [(a, 0x00, 0xEA, accelerations + 6) for a in (0x68, 0x69)]
+    assert (chips[4].address, chips[4].rates) == (0x6A, 0x28 | 0x80)
+    assert [list(one) for one in lib.epuck_imu_settings] == [[0x20, 0xCF], [0x21, 0x20], [0x23, 0]]
+
+
+raw_rates = st.lists(st.integers(-32768, 32767), min_size=3, max_size=3)
+
+
+@given(st.integers(0, 4), raw_rates)
+def test_rates_of_every_imu(chip: int, rates: list[int]) -> None:
+    """Big-endian, 250 / 32768 degrees a second; an LSM330's little-endian, 8.75e-3: Pi-puck 73b8913
+    e-puck2/e-puck2_imu.c:143-151, e-puck1/e-puck1_imu.c:171-173; e-puck-library 4cb85cb
+    library/acc_gyro/e_lsm330.c:279-283."""
+    is_lsm330 = chip == lib.EPUCK_IMU_LSM330
+    read = ffi.new("int16_t[3]")
+    registers = struct.pack("<3h" if is_lsm330 else ">3h", *rates)
+    lib.epuck_imu_get(ffi.addressof(lib.epuck_imus[chip]), registers, read)
+    digit = 8.75e-3 / (250 / 32768) if is_lsm330 else 1.0
+    for got, sent in zip(read, rates):
+        assert abs(got - max(-32768, min(32767, sent * digit))) <= 1 + 0.002 * abs(sent)
 
 
 message = st.tuples(

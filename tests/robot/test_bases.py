@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import select
 import signal
@@ -211,6 +212,61 @@ def test_boards_reach_the_controller_and_the_others(talking: Rig) -> None:
     sent = rig.link.rab.sent
     rig.live_for(300 * MS)
     assert rig.link.rab.sent == sent, "outside a run it says nothing"
+
+
+def test_iridias_leds_and_a_gyroscope(talker: Path) -> None:
+    rig = Rig(talker, kind="york", options=",rgb,imu")
+
+    def back() -> list[int]:
+        assert not any(map(any, rig.link.rgb.rgb[0:2]))
+        return list(rig.link.rgb.rgb[2])
+
+    rig.start()
+    rig.run()
+    rig.wait_for(lambda: back() == [1, 2, 3], "its colour")
+    writes = rig.link.rgb.writes
+    rig.live_for(500 * MS)
+    assert rig.link.rgb.writes == writes, "only another colour is written"
+    rig.link.imu.rates[0] = 7511  # 1 rad/s are 7509.87
+    rig.wait_for(lambda: rig.applied[-1].leds & lib.EPUCK_ARGOS_LED_FRONT, "the gyroscope")
+    rig.wait_for(lambda: back() == [255, 2, 3], "another colour")
+    rig.host.say(Wanted.STOP)
+    rig.wait_for(lambda: back() == [0, 0, 0], "the dark at the end of a run")
+    rig.run()
+    rig.wait_for(lambda: back() == [255, 2, 3], "its colour again")
+    rig.daemon.process.kill()
+    rig.wait_for(lambda: back() == [0, 0, 0], "the dark behind a daemon that was killed")
+    rig.host.drop()
+    rig.start()
+    rig.run()
+    rig.wait_for(lambda: back() == [255, 2, 3], "its colour again")
+    rig.daemon.process.terminate()
+    rig.wait_for(lambda: back() == [0, 0, 0], "the dark at the end")
+    rig.close()
+
+
+def test_a_turning_robots_gyroscope(rigs: Rigs) -> None:
+    rig = rigs(kind="york", options=",imu")
+    rig.start()
+    rig.run()
+    rig.link.program.proximity[0] = 3000
+    rig.wait_for(lambda: rig.applied[-1].left_steps_s < 0 < rig.applied[-1].right_steps_s, "turn")
+
+    def digits() -> float:
+        last = rig.applied[-1]
+        rad_s = (last.right_steps_s - last.left_steps_s) * 0.128805 / 53
+        return rad_s / math.radians(250 / 32768)
+
+    rig.wait_for(lambda: abs(rig.link.imu.rates[2] - digits()) < 100 < digits(), "its rate")
+
+
+def test_rgb_leds_and_imu_that_are_missing_are_told(talker: Path) -> None:
+    rig = Rig(talker, kind="york", options=",rgb,imu")
+    rig.link.rgb.device.address = rig.link.imu.device.address = 0x7F
+    rig.start()
+    for words in ("the RGB LEDs do not answer", "the IMU does not answer"):
+        rig.wait_for(lambda w=words: f"base: {w}" in rig.daemon.said, words)
+    rig.close()
 
 
 def test_accelerometer_and_microphones_reach_the_controller(talker: Path) -> None:

@@ -44,6 +44,10 @@ def bases_of(name: str, count: int) -> list[str]:
 GROUND_RAW = 800
 """Reading of every ground sensor, higher is brighter: the lab's floor is a light one."""
 
+TURNING_RAW = 18.25
+"""What a gyroscope of `epuck_imu.h` reads around its z axis when the right wheel makes a step a
+second more than the left one, 53 mm away."""
+
 NEVER_US = 2**64 - 1
 """Due time in C of a program that waits for its host."""
 
@@ -243,7 +247,7 @@ def _peer(daemon: socket.socket) -> bytes:
 
 
 class Bus:
-    """A program, ground sensors, range and bearing and a converter on an I2C bus; see `Link`.
+    """A program and all boards that a robot may have on an I2C bus; see `Link`.
 
     The bus is a Unix socket of packets (`firmware_bridge/README.md`) for one daemon at a time: the
     next one's greeting waits until the one before has ended. A daemon has several connections, one
@@ -251,7 +255,7 @@ class Bus:
 
     Attributes:
         wires: the C struct of the bus; tests make its faults there.
-        ground, rab, adc: the C structs of the boards.
+        ground, rab, adc, rgb, imu: the C structs of the boards.
     """
 
     def __init__(self, kind: FirmwareKind, path: Path) -> None:
@@ -264,13 +268,18 @@ class Bus:
         self.ground: Any = ffi.new("struct fw_ground *")
         self.rab: Any = ffi.new("struct fw_rab *")
         self.adc: Any = ffi.new("struct fw_adc *")
+        self.rgb: Any = ffi.new("struct fw_rgb *")
+        self.imu: Any = ffi.new("struct fw_imu *")
         lib.fw_i2c_init(self.wires)
         lib.fw_ground_init(self.ground)
         lib.fw_rab_init(self.rab)
         lib.fw_adc_init(self.adc)
+        lib.fw_rgb_init(self.rgb)
+        lib.fw_imu_init(self.imu, lib.EPUCK_IMU_MPU9250)
         for i in range(3):
             self.ground.ground[i] = GROUND_RAW
-        for chip in (self.program.state, self.ground, self.rab, self.adc):
+        boards = (self.ground, self.rab, self.adc, self.rgb, self.imu)
+        for chip in (self.program.state, *boards):
             lib.fw_i2c_add(self.wires, ffi.addressof(chip, "device"))
         self._bytes: Any = ffi.new("uint8_t[]", 256)
         self._replies: deque[tuple[int, socket.socket, bytes]] = deque()
@@ -338,7 +347,10 @@ class Bus:
     def _transfer(self, daemon: socket.socket, request: bytes, now_ns: int) -> None:
         number, address, count = _REQUEST.unpack_from(request)
         out = request[_REQUEST.size :]
-        self.adc.channels_mv[0] = self.program.state.body.inputs.battery_mv
+        body = self.program.state.body
+        self.adc.channels_mv[0] = body.inputs.battery_mv
+        turning = (body.outputs.right_steps_s - body.outputs.left_steps_s) * TURNING_RAW
+        self.imu.rates[2] = round(max(-32768, min(32767, turning)))
         result = lib.fw_i2c_transfer(
             self.wires, address, out, len(out), self._bytes, count, now_ns // 1000
         )
