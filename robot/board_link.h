@@ -30,8 +30,6 @@ struct vs_board_links {
     struct vs_base *base;
     struct vs_board_reading *reading; /* of all boards, for the controller */
     const struct vs_calibration *calibration; /* of the ground board; NULL: none */
-    const int *const *foreign; /* descriptors that a child must not hold open; -1 = none */
-    size_t foreign_count;
     struct vs_board_link link[VS_BOARDS];
 };
 
