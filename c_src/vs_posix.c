@@ -12,6 +12,7 @@
 #include <unistd.h>
 
 #define LOCK_RETRY_MS 20
+#define DESCRIPTORS 64 /* more than a daemon ever has */
 
 static uint64_t recent_ns;
 static clockid_t clock_id = CLOCK_MONOTONIC_RAW;
@@ -78,6 +79,15 @@ int vs_posix_timeout_ms(uint64_t now_ns, uint64_t deadline_ns)
 void vs_posix_keep_from_children(int fd)
 {
     fcntl(fd, F_SETFD, FD_CLOEXEC);
+}
+
+void vs_posix_close_but(int one, int other)
+{
+    int fd;
+
+    for (fd = STDERR_FILENO + 1; fd < DESCRIPTORS; fd++)
+        if (fd != one && fd != other)
+            close(fd);
 }
 
 /* The serial port. The kernel wakes whoever waits when `gathers` bytes are there. */

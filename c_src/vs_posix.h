@@ -32,6 +32,9 @@ int vs_posix_timeout_ms(uint64_t now_ns, uint64_t deadline_ns);
 /* Closes fd in whatever program a child of this process becomes. */
 void vs_posix_keep_from_children(int fd);
 
+/* Closes all descriptors of this process but 0 to 2 and these two (-1: none). */
+void vs_posix_close_but(int one, int other);
+
 /* Waits until fd is ready for poll()'s events, at the longest until deadline_ns (past:
  * looks once). VS_OK, VS_ERR_BUSY: time is up, VS_ERR_HANGUP, VS_ERR_IO. */
 int vs_posix_wait(int fd, short events, uint64_t deadline_ns);

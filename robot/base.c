@@ -115,12 +115,6 @@ int vs_base_exchange(struct vs_base *base, const struct vs_base_command *command
     return VS_OK;
 }
 
-int vs_base_shares_bus(const struct vs_base *base, int board)
-{
-    return base->boards.bus[board].transfer != NULL &&
-           base->boards.bus[board].context == &base->fd;
-}
-
 void vs_base_see(const int16_t prox[8], const int16_t light[8], int16_t most,
                  struct vs_base_reading *reading)
 {

@@ -128,9 +128,6 @@ int vs_base_recover(struct vs_base *base);
 int vs_base_exchange(struct vs_base *base, const struct vs_base_command *command,
                      struct vs_base_reading *reading);
 
-/* 1 if this board is reached through the base's own descriptor. */
-int vs_base_shares_bus(const struct vs_base *base, int board);
-
 /* For an exchange: proximity as it was measured, and light, which e-pucks measure as most
  * minus brightness, as brightness. */
 void vs_base_see(const int16_t prox[8], const int16_t light[8], int16_t most,

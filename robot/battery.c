@@ -7,6 +7,8 @@ int vs_battery_look(struct vs_battery *battery, uint16_t mv, uint8_t low, uint64
 
     if (battery->stop_mv == 0)
         return 0;
+    if (mv == 0 && low > 1)
+        return battery->empty;
     if (is_low && !battery->low)
         battery->low_ns = now_ns;
     battery->low = (uint8_t)is_low;

@@ -20,7 +20,8 @@ struct vs_battery {
 };
 
 /* A measurement: mv, 0 = not known; then low, 0, 1 or VS_UNKNOWN, counts, of a base that only
- * says that, and what was empty stays so. Returns battery->empty. */
+ * says that, and what was empty stays so. Neither known: as if nothing was measured. Returns
+ * battery->empty. */
 int vs_battery_look(struct vs_battery *battery, uint16_t mv, uint8_t low, uint64_t now_ns);
 
 #endif

@@ -43,17 +43,13 @@ void vs_board_links_init(struct vs_board_links *links, struct vs_base *base,
     links->end = reading->there != 0 ? VS_BOARDS : 0;
 }
 
-/* In the child: a base that it held open would be locked as long as the board hangs. */
+/* In the child: what it held open would be locked, or another program's, as long as the board
+ * hangs. */
 static void become_board(struct vs_board_links *links, int board, int socket)
 {
     struct vs_boards *boards = &links->base->boards;
-    size_t i;
 
-    for (i = 0; i < links->foreign_count; i++)
-        if (*links->foreign[i] >= 0)
-            close(*links->foreign[i]);
-    if (!vs_base_shares_bus(links->base, board))
-        close(links->base->fd);
+    vs_posix_close_but(socket, *(const int *)boards->bus[board].context);
     vs_signals_ignore();
     vs_signals_unblock();
     boards->reading = *links->reading; /* messages are counted on */

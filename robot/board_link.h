@@ -30,8 +30,6 @@ struct vs_board_links {
     struct vs_base *base;
     struct vs_board_reading *reading; /* of all boards, for the controller */
     const struct vs_calibration *calibration; /* of the ground board; NULL: none */
-    const int *const *foreign; /* descriptors that a child must not hold open; -1 = none */
-    size_t foreign_count;
     int end; /* 0: the robot has no boards, else VS_BOARDS */
     uint8_t rgb[EPUCK_RGB_LEDS][3]; /* what the RGB LEDs were asked for last */
     struct vs_board_link link[VS_BOARDS];

@@ -18,15 +18,27 @@
 #define STOP_NS 500000000u /* [ns] two whole recoveries */
 #define END_TRIES 10       /* for a killed guard's end, 1 ms each */
 
+/* A worker lets the guard hear of it, or has the same signal and ends. One that hangs would stay
+ * for ever, with nobody to end it. */
+static void outlast(int socket, long worker)
+{
+    struct pollfd word = {socket, POLLIN, 0};
+
+    if (poll(&word, 1, (int)(VS_GUARD_HUNG_NS / 1000000u)) == 0 && vs_restart_end(worker, socket))
+        vs_report("told to end, but the worker hung: ended it");
+}
+
 /* The guard's last act, once nothing has to be guarded: now it may take time to say what
- * nobody has heard. A base that another daemon opens must not be held here meanwhile. */
+ * nobody has heard. What another daemon opens must not be held here meanwhile. */
 static void leave(struct vs_guard_link *link, int socket, long worker,
                   const struct vs_guard_rest *rest)
 {
     int ended = !rest->hung || vs_restart_end(worker, socket);
     size_t i;
 
-    close(link->base->fd);
+    vs_posix_close_but(socket, -1);
+    if (!rest->hung && vs_signals_told())
+        outlast(socket, worker);
     for (i = 0; i < rest->count; i++)
         vs_report("base: %s", rest->news[i]);
     if (!rest->hung)

@@ -201,6 +201,8 @@ int vs_guard_process(int socket, int signals_fd, struct vs_base *base, int found
         vs_watchdog_feed(vs_posix_recent_ns());
         hear(&p, act(&p, action));
     }
+    while (vs_reset_lasts(&base->reset, vs_posix_recent_ns()))
+        continue; /* nobody else would let go of the microcontroller */
     tell(&p);
     rest->hung = p.guard.hung;
     rest->stopped = p.guard.stopped;

@@ -27,6 +27,12 @@ void vs_watchdog_open(const char *path)
                                    " watchdog daemon)" : strerror(errno));
         return;
     }
+    if (lseek(device, 0, SEEK_CUR) >= 0) {
+        vs_report("--watchdog %s: is no device; going on without it", path);
+        close(device);
+        device = -1;
+        return;
+    }
     vs_posix_keep_from_children(device);
     (void)ioctl(device, WDIOC_SETTIMEOUT, &seconds); /* some have one time-out only */
 }

@@ -357,14 +357,11 @@ static void open_boards(struct vs_worker *w)
 
     vs_board_links_init(&w->boards, &w->base, &w->loop.robot.base.boards);
     w->boards.calibration = &w->options->calibration;
-    w->boards.foreign = w->foreign;
-    w->boards.foreign_count = VS_WORKER_FOREIGN;
     w->foreign[0] = &w->net.fds[0];
     w->foreign[1] = &w->net.fds[1];
     w->foreign[2] = &w->trace_fd;
-    w->foreign[3] = &w->guard.socket;
     for (i = 0; i < VS_BOARDS; i++)
-        w->foreign[4 + i] = &w->boards.link[i].socket;
+        w->foreign[3 + i] = &w->boards.link[i].socket;
 }
 
 int vs_worker_run(struct vs_worker *w, const struct vs_options *options)

@@ -13,7 +13,7 @@
 #include "options.h"
 #include "talk.h"
 
-#define VS_WORKER_FOREIGN (4 + VS_BOARDS)
+#define VS_WORKER_FOREIGN (3 + VS_BOARDS)
 
 struct vs_worker {
     const struct vs_options *options;
@@ -26,7 +26,7 @@ struct vs_worker {
     union vs_controller_state state;
     int signals_fd;
     int trace_fd;      /* -1: none */
-    const int *foreign[VS_WORKER_FOREIGN]; /* descriptors that no child must hold */
+    const int *foreign[VS_WORKER_FOREIGN]; /* descriptors that no guard must hold */
     struct vs_instant now; /* read once after each wait, and after what takes long */
     uint64_t round_ns; /* when this round of the loop began */
     uint64_t late_ns;  /* how late that was */

@@ -35,6 +35,19 @@ static void test_a_base_that_says_low_only(void)
     CHECK(vs_battery_look(&battery, 0, 0, 15 * S));
 }
 
+/* A converter on a bad line answers now and then; what it does not say changes nothing. */
+static void test_a_measurement_that_fails_is_none(void)
+{
+    struct vs_battery battery = {.stop_mv = 3400};
+
+    CHECK(!vs_battery_look(&battery, 3300, 0, 10 * S));
+    CHECK(!vs_battery_look(&battery, 0, UNKNOWN, 11 * S));
+    CHECK(!vs_battery_look(&battery, 3300, 0, 12 * S));
+    CHECK(!vs_battery_look(&battery, 0, UNKNOWN, 14 * S));
+    CHECK(vs_battery_look(&battery, 3300, 0, 15 * S));
+    CHECK(vs_battery_look(&battery, 0, UNKNOWN, 16 * S));
+}
+
 static void test_without_a_limit_nothing_stops(void)
 {
     struct vs_battery battery = {.stop_mv = 0};
@@ -48,6 +61,7 @@ int main(void)
 {
     test_it_has_to_be_low_for_a_while();
     test_a_base_that_says_low_only();
+    test_a_measurement_that_fails_is_none();
     test_without_a_limit_nothing_stops();
     return 0;
 }

@@ -4,7 +4,10 @@
  * whatever the worker does, it sleeps between two tries. Each case is a process of its own.
  */
 #define _DEFAULT_SOURCE /* MAP_ANONYMOUS */
+#include <fcntl.h>
 #include <poll.h>
+#include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
 #include <sys/socket.h>
@@ -90,6 +93,67 @@ static void test_sleeps(int how, int found, enum end end)
     close(signals[1]);
 }
 
+static uint64_t bus_now_ns(void *context)
+{
+    (void)context;
+    return vs_posix_now_ns();
+}
+
+/* The guard of a base that does not answer, and is to be reset 50 ms before the guard gives up. */
+static void live_with_reset(int socket, int signals_fd, const char *folder)
+{
+    static const struct vs_base_ops ops = {.name = "silent", .recover = fail,
+                                           .exchange = fail_exchange, .close = fail};
+    static struct vs_base base;
+    struct vs_guard_rest rest;
+
+    base.ops = &ops;
+    base.bus.now_ns = bus_now_ns;
+    CHECK(vs_reset_open(&base.reset, folder) == VS_OK);
+    base.reset.begun_ns = vs_posix_now_ns() + VS_GUARD_END_NS - 50000000u - VS_RESET_REST_NS;
+    _exit(vs_guard_process(socket, signals_fd, &base, 0, 0, &rest));
+}
+
+/* Whoever starts next finds a microcontroller that is not held in reset. */
+static void test_lets_go_of_a_reset_at_the_end(void)
+{
+    char folder[] = "/tmp/vsense-reset.XXXXXX";
+    char direction[64];
+    char value[64];
+    char level = 0;
+    int was_low = 0;
+    int sockets[2];
+    int signals[2];
+    int fd;
+    pid_t pid;
+
+    result = VS_ERR_SILENT;
+    CHECK(mkdtemp(folder) != NULL);
+    snprintf(direction, sizeof direction, "%s/direction", folder);
+    snprintf(value, sizeof value, "%s/value", folder);
+    close(open(direction, O_CREAT | O_WRONLY, 0600));
+    fd = open(value, O_CREAT | O_RDWR, 0600);
+    CHECK(fd >= 0);
+    CHECK(socketpair(AF_UNIX, SOCK_SEQPACKET, 0, sockets) == 0 && pipe(signals) == 0);
+    pid = fork();
+    CHECK(pid >= 0);
+    if (pid == 0) {
+        close(sockets[0]);
+        live_with_reset(sockets[1], signals[0], folder);
+    }
+    close(sockets[0]);
+    close(sockets[1]);
+    while (waitpid(pid, NULL, WNOHANG) == 0) {
+        was_low |= pread(fd, &level, 1, 0) == 1 && level == '0';
+        poll(NULL, 0, 2);
+    }
+    CHECK(was_low && pread(fd, &level, 1, 0) == 1 && level == '1');
+    close(fd);
+    close(signals[0]);
+    close(signals[1]);
+    CHECK(unlink(direction) == 0 && unlink(value) == 0 && rmdir(folder) == 0);
+}
+
 int main(void)
 {
     static const int results[] = {VS_ERR_BUSY, VS_ERR_LATE, VS_ERR_GARBLED, VS_ERR_SILENT,
@@ -102,5 +166,6 @@ int main(void)
         test_sleeps(results[i], (int)i % 2, (enum end)(i % 3));
     test_sleeps(VS_ERR_IO, 0, HANGS_UP);
     test_sleeps(VS_ERR_GARBLED, 1, HANGS_UP);
+    test_lets_go_of_a_reset_at_the_end();
     return 0;
 }

@@ -21,6 +21,7 @@
 enum { DEVICE_FD = 9 };
 
 static int fake_error; /* of open, 0: none */
+static int is_file;
 static int timeout_s;
 static int closed;
 static char fed[16];
@@ -49,6 +50,14 @@ static int fake_ioctl(unsigned long request, const int *seconds)
     return -1;
 }
 
+/* A device for which a position means nothing. */
+static long fake_lseek(int fd)
+{
+    CHECK(fd == DEVICE_FD);
+    errno = ESPIPE;
+    return is_file ? 0 : -1;
+}
+
 void vs_posix_keep_from_children(int fd)
 {
     CHECK(fd == DEVICE_FD);
@@ -69,11 +78,13 @@ void vs_report(const char *format, ...)
 #define write(fd, byte, len) fake_write(fd, byte)
 #define ioctl(fd, request, argument) ((void)(fd), fake_ioctl((unsigned long)(request), argument))
 #define close(fd) ((void)(fd), closed++)
+#define lseek(fd, at, whence) ((void)(at), (void)(whence), fake_lseek(fd))
 #include "../../robot/watchdog.c"
 #undef open
 #undef write
 #undef ioctl
 #undef close
+#undef lseek
 
 static void test_one_that_is_taken_is_told(void)
 {
@@ -88,6 +99,19 @@ static void test_one_that_is_taken_is_told(void)
     vs_watchdog_open("/dev/watchdog");
     vs_watchdog_open(NULL);
     CHECK(strstr(said, "No such file or directory; going on without it") != NULL);
+}
+
+/* A byte each second would destroy it. */
+static void test_a_file_is_left_alone(void)
+{
+    fake_error = 0;
+    is_file = 1;
+    vs_watchdog_open("/dev/watchdog");
+    CHECK(strcmp(said, "--watchdog /dev/watchdog: is no device; going on without it") == 0);
+    vs_watchdog_feed(5 * S);
+    vs_watchdog_end(1);
+    CHECK(count == 0 && closed == 1);
+    is_file = closed = 0;
 }
 
 static void test_fed_once_a_second_and_closed(void)
@@ -111,6 +135,7 @@ static void test_fed_once_a_second_and_closed(void)
 int main(void)
 {
     test_one_that_is_taken_is_told();
+    test_a_file_is_left_alone();
     test_fed_once_a_second_and_closed();
     return 0;
 }

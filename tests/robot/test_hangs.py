@@ -104,6 +104,86 @@ def test_boards_end_with_their_worker_and_hold_no_base(talking: Rig) -> None:
     rig.run()
 
 
+@pytest.fixture
+def watchdog(tmp_path: Path) -> Iterator[Path]:
+    """A pipe for a board's watchdog; `is_free` tells whether anybody has it open."""
+    path = tmp_path / "watchdog"
+    os.mkfifo(path)
+    yield path
+
+
+class Device:
+    """The reading end of such a pipe."""
+
+    def __init__(self, path: Path) -> None:
+        self._fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+
+    def is_free(self) -> bool:
+        """Whether the next daemon would get it."""
+        try:
+            while os.read(self._fd, 100):
+                pass
+        except BlockingIOError:
+            return False
+        return True
+
+    def close(self) -> None:
+        os.close(self._fd)
+
+
+def test_a_board_that_hangs_holds_nothing_that_the_next_daemon_needs(
+    talker: Path, watchdog: Path, tmp_path: Path
+) -> None:
+    for name in ("direction", "value"):
+        (tmp_path / name).touch()
+    device = Device(watchdog)
+    options = f",ground,rab,rab_bytes=4,reset={tmp_path}"
+    rig = Rig(talker, "--watchdog", str(watchdog), kind="gctronic", options=options)
+    rig.start()
+    try:
+        rig.run()
+        family = children(rig.daemon.process.pid)
+        assert not device.is_free()
+        for board in (GROUND, RAB):
+            held = [os.readlink(p) for p in Path(f"/proc/{family[board]}/fd").iterdir()]
+            assert not [path for path in held if path.startswith(str(tmp_path))]
+            assert sum(path.startswith("socket:") for path in held) == 2, "the worker, and its bus"
+        os.kill(family[GROUND], signal.SIGSTOP)
+        rig.daemon.process.kill()
+        rig.wait_for(lambda: not any(map(alive, (family[0], family[RAB]))), "the end of the others")
+        assert not rig.moving and device.is_free()
+        os.kill(family[GROUND], signal.SIGKILL)
+    finally:
+        rig.close()
+        device.close()
+
+
+def test_a_guard_whose_last_words_nobody_takes_holds_nothing(
+    probe: Path, watchdog: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    block = tmp_path / "block"
+    monkeypatch.setenv("PROBE_LOG", str(block))
+    monkeypatch.setenv("VSENSED_SERVICE", "1")
+    device = Device(watchdog)
+    rig = Rig(probe, "--watchdog", str(watchdog))
+    rig.start()
+    try:
+        rig.run()
+        guard = rig.daemon.guard
+        assert guard is not None
+        block.touch()
+        rig.host.drop()  # which is worth a line
+        rig.wait_for(lambda: rig.daemon.process.poll() is not None, "the end of the worker")
+        rig.wait_for(device.is_free, "the watchdog")
+        assert alive(guard), "it waits for its log"
+        block.unlink()
+        rig.wait_for(lambda: not alive(guard), "its end")
+        told(rig, 1, "the worker hung for 3 s: stopped the wheels, ended it")
+    finally:
+        rig.close()
+        device.close()
+
+
 @pytest.fixture(scope="module")
 def hanging(tmp_path_factory: pytest.TempPathFactory, build: Builder) -> Path:
     """Path of `vsensed` with a controller that hangs in its eleventh step."""
@@ -139,6 +219,31 @@ def test_a_worker_that_hangs_is_replaced_without_a_service(hanging: Path) -> Non
         assert Path(f"/proc/{guard}/oom_score_adj").read_text() == "0\n"
         rig.wait_for(lambda: not rig.moving, "rest")
         rig.wait_for(lambda: len(starts(rig)) == 3, "and another one")
+    finally:
+        end_all(rig.device)
+        rig.close()
+
+
+@pytest.mark.parametrize("service", [False, True])
+def test_a_worker_that_hangs_ends_with_its_guard_if_both_are_told_to(
+    hanging: Path, monkeypatch: pytest.MonkeyPatch, service: bool
+) -> None:
+    """As `killall vsensed` and Ctrl-C do: who hangs hears no signal, and its guard has ended."""
+    if service:
+        monkeypatch.setenv("VSENSED_SERVICE", "1")
+    rig = Rig(hanging)
+    rig.start()
+    try:
+        rig.run()
+        rig.wait_for(lambda: not rig.moving, "rest")
+        guard = rig.daemon.guard
+        assert guard is not None
+        for pid in (rig.daemon.process.pid, guard):
+            os.kill(pid, signal.SIGINT)
+        rig.wait_for(lambda: rig.daemon.process.poll() is not None, "the end of the worker")
+        told(rig, 1, "told to end, but the worker hung: ended it")
+        rig.wait_for(lambda: not alive(guard), "the end of the guard")
+        assert not workers(rig.device) and not rig.moving and len(starts(rig)) == 1
     finally:
         end_all(rig.device)
         rig.close()
@@ -194,6 +299,7 @@ def test_under_the_init_script_a_worker_that_hangs_is_started_anew(
 def test_under_systemds_rules_a_worker_that_hangs_is_started_anew(hanging: Path) -> None:
     rig = Rig(hanging)
     unit = ROOT / "vsense" / "robot" / "board" / "vsensed.service"
+    device = rig.device
     words = [sys.executable, "-m", "tests.robot.systemd_rules", unit, hanging, *rig.words()]
     device = rig.device
     with subprocess.Popen(words, cwd=ROOT, stderr=subprocess.PIPE, text=True) as service:

@@ -191,6 +191,17 @@ def test_daemon_does_without_a_watchdog_that_it_cannot_have(rigs: Rigs) -> None:
     assert rig.daemon.said.count(words) == 1
 
 
+def test_a_file_is_no_watchdog_and_stays_as_it_is(rigs: Rigs, tmp_path: Path) -> None:
+    path = tmp_path / "notes"
+    path.write_text("do not lose this")
+    rig = rigs("--watchdog", str(path))
+    rig.start()
+    rig.run()
+    told(rig, 1, f"--watchdog {path}: is no device; going on without it")
+    rig.live_for(2 * S)
+    assert path.read_text() == "do not lose this"
+
+
 def set_battery(rig: Rig, millivolts: int) -> None:
     rig.link.program.state.body.inputs.battery_mv = millivolts
 

@@ -54,8 +54,7 @@ def service_files() -> dict[str, bytes]:
 
 
 _MEASURED = "proximity-scale light-scale ground-scale wheel-diameter wheel-ratio axle-length"
-_STOPS = ("battery-stop-mv", "watchdog")
-SETTINGS = ("tag", "base", "name", "uid", "host", "port", *_MEASURED.split(), *_STOPS)
+SETTINGS = tuple(f"tag base name uid host port battery-stop-mv watchdog {_MEASURED}".split())
 """What may be said of a robot."""
 
 _DESTINATION = re.compile(r"[A-Za-z0-9_.@:\[\]%-]+")
