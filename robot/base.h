@@ -53,7 +53,6 @@ struct vs_base_reading {
     int16_t rates[3];    /* [1/EPUCK_IMU_DIGITS rad/s] x, y, z */
     uint8_t has_rates;   /* 0: they are not measured */
     uint8_t has_distance; /* 0: distance_mm is not measured at all */
-    uint8_t spare[12];   /* what is copied with every step is 96 bytes: see memory.c */
     struct vs_board_reading boards; /* no base writes it: boards have processes of their own */
 };
 

@@ -13,6 +13,10 @@ struct line {
     uintptr_t words[8];
 } __attribute__((may_alias));
 
+struct half {
+    uintptr_t words[4];
+} __attribute__((may_alias));
+
 /* A compiler that knows memcpy and memset would put calls of them in place of the loops. */
 #define KEEP_THE_LOOP() __asm__ volatile("")
 
@@ -56,6 +60,12 @@ void *vs_memory_copy(void *restrict to, const void *restrict from, size_t len)
             *(struct line *)(void *)t = *(const struct line *)(const void *)f;
             len -= sizeof(struct line);
             KEEP_THE_LOOP();
+        }
+        if (len >= sizeof(struct half)) {
+            *(struct half *)(void *)t = *(const struct half *)(const void *)f;
+            t += sizeof(struct half);
+            f += sizeof(struct half);
+            len -= sizeof(struct half);
         }
         for (; len >= sizeof(struct word); t += sizeof(struct word), f += sizeof(struct word)) {
             *(struct word *)(void *)t = *(const struct word *)(const void *)f;
