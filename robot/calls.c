@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT */
 /*
  * calls.c - three system calls in place of the C library's. On a 32-bit board its own are 1.3 kB,
- * nearly all of it for times beyond 2038 on kernels that do not know them. The only time that is
- * handed to one of these is how long to wait, which the old form of the option can say, too.
- * Where the library has no such part this file is empty.
+ * nearly all of it for times beyond 2038 on kernels that do not know them. The one time that
+ * is handed to these three is a wait, of a socket, and travels as all kernels know it. Where the
+ * library has no such part this file is empty.
  */
 #include <stdarg.h>
 #include <sys/ioctl.h>
@@ -14,7 +14,9 @@
 long syscall(long number, ...); /* no part of POSIX, so no header shows it */
 
 #ifdef SYS_clock_gettime32
-#define RECEIVE_WITHIN 20 /* SO_RCVTIMEO of all kernels, two longs; the library's is of 5.1 */
+/* SO_RCVTIMEO_OLD of Linux, include/uapi/asm-generic/socket.h; ARM has no number of its own. The
+ * C library's SO_RCVTIMEO came with Linux 5.1. */
+enum { WAIT_AS_EVER = 20 };
 
 int ioctl(int fd, int request, ...)
 {
@@ -29,18 +31,14 @@ int ioctl(int fd, int request, ...)
 
 int setsockopt(int fd, int level, int name, const void *value, socklen_t len)
 {
-    long wait[2];
+    const struct timeval *wait = value;
+    long old[2]; /* [s], [us] */
 
-    if (level == SOL_SOCKET && name == SO_RCVTIMEO) {
-        const struct timeval *given = value;
-
-        wait[0] = (long)given->tv_sec;
-        wait[1] = (long)given->tv_usec;
-        name = RECEIVE_WITHIN;
-        value = wait;
-        len = sizeof wait;
-    }
-    return (int)syscall(SYS_setsockopt, fd, level, name, value, len);
+    if (level != SOL_SOCKET || name != SO_RCVTIMEO)
+        return (int)syscall(SYS_setsockopt, fd, level, name, value, len);
+    old[0] = (long)wait->tv_sec;
+    old[1] = (long)wait->tv_usec;
+    return (int)syscall(SYS_setsockopt, fd, level, WAIT_AS_EVER, old, sizeof old);
 }
 
 int getsockopt(int fd, int level, int name, void *restrict value, socklen_t *restrict len)
