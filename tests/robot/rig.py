@@ -50,6 +50,22 @@ CLEAN = b"\x00\x00\x00\x00"
 POLLUTED = b"\x00\x00\x80\x3f"
 
 
+def _open(port: int) -> tuple[socket.socket, socket.socket]:
+    """TCP and UDP on one port; 0: any that no other program has, of either kind."""
+    while True:
+        listener = socket.create_server(("127.0.0.1", port))
+        datagrams = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            datagrams.bind(listener.getsockname())
+        except OSError:
+            listener.close()
+            datagrams.close()
+            if port != 0:
+                raise
+        else:
+            return listener, datagrams
+
+
 class Host:
     """The host's end, with a switch for everything that can go wrong.
 
@@ -85,10 +101,8 @@ class Host:
         self._address: Any = None
         self._stream = b""
         self._connection: socket.socket | None = None
-        self._listener = socket.create_server(("127.0.0.1", port))
+        self._listener, self._datagrams = _open(port)
         self.port: int = self._listener.getsockname()[1]
-        self._datagrams = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._datagrams.bind(("127.0.0.1", self.port))
 
     @property
     def connected(self) -> bool:
