@@ -76,7 +76,7 @@ def boards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setenv("BOARDS", str(folder))
     monkeypatch.setenv("PATH", f"{tmp_path / 'path'}:{os.environ['PATH']}")
     # A script may stand in for a program only where the first bytes are not looked at.
-    monkeypatch.setattr("vsense.robot.deploying.load", lambda binary: binary.read_bytes())
+    monkeypatch.setattr("vsense.robot.boards.load", lambda binary: binary.read_bytes())
     program(tmp_path / "vsensed", FAKE_DAEMON)
     monkeypatch.chdir(tmp_path)
     yield folder

@@ -189,9 +189,9 @@ def _plan(options: argparse.Namespace, folder: Path) -> Plan:
     if options.rollback:
         return replace(plan, part=Part.BACK)
     if options.controller is None:
-        return replace(plan, binary=deploying.load(options.binary or Path("vsensed")))
+        return replace(plan, binary=boards.load(options.binary or Path("vsensed")))
     built = boards.build(options.controller, options.target, folder / "vsensed")
-    return replace(plan, binary=deploying.load(built.path), part=Part.DAEMON)
+    return replace(plan, binary=boards.load(built.path), part=Part.DAEMON)
 
 
 def table(outcomes: list[Outcome]) -> str:

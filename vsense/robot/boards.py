@@ -19,7 +19,7 @@ import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from vsense.errors import pip_line
+from vsense.errors import UsageError, pip_line
 from vsense.robot.build import cache_directory, source_tree
 from vsense.robot.compiling import BuildError, Toolchain, native
 
@@ -189,3 +189,20 @@ def _explain(board: Target, compiler: Toolchain, said: str) -> str:
             f" instructions that these boards do not have; pip install ziglang==0.15.2\n{said}"
         )
     return said
+
+
+def load(binary: Path) -> bytes:
+    """Reads a daemon.
+
+    Raises:
+        UsageError: it is not there, or no program.
+    """
+    try:
+        content = binary.read_bytes()
+    except OSError as error:
+        raise UsageError(
+            f"cannot read {binary}: {error.strerror}; make it with: vsense robot build"
+        ) from None
+    if not content.startswith(b"\x7fELF"):
+        raise UsageError(f"{binary} is no program for Linux; make it with: vsense robot build")
+    return content

@@ -24,15 +24,17 @@ import ipaddress
 import re
 import secrets
 import shutil
+import signal
 import subprocess
 import tarfile
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from pathlib import Path
+from queue import SimpleQueue
 
 from vsense.errors import ConfigError, UsageError, VsenseError
 from vsense.robot import ssh
@@ -225,23 +227,6 @@ class Plan:
         return f"{_RECEIVE} && {install} {' '.join(filter(None, words))}"
 
 
-def load(binary: Path) -> bytes:
-    """Reads a daemon.
-
-    Raises:
-        UsageError: it is not there, or no program.
-    """
-    try:
-        content = binary.read_bytes()
-    except OSError as error:
-        raise UsageError(
-            f"cannot read {binary}: {error.strerror}; make it with: vsense robot build"
-        ) from None
-    if not content.startswith(b"\x7fELF"):
-        raise UsageError(f"{binary} is no program for Linux; make it with: vsense robot build")
-    return content
-
-
 def check(plan: Plan, robots: Iterable[RobotHost], file: str) -> None:
     """Looks whether every robot has the settings that it needs.
 
@@ -319,13 +304,23 @@ def _serve_all(
     plan: Plan, robots: Sequence[RobotHost], told: Callable[[Outcome], None]
 ) -> list[Outcome]:
     crew = _Crew(plan, told)
+    done: SimpleQueue[Future[Outcome]] = SimpleQueue()
     with ThreadPoolExecutor(max_workers=_MOST) as pool:
+        # Ctrl-C between the taking of a lock and its `with` leaves it locked for ever: it waits
+        # until all that this thread does is wait, for a queue that has no such place.
+        held = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            return list(pool.map(crew.serve, robots))
+            futures = [pool.submit(crew.serve, robot) for robot in robots]
+            for future in futures:
+                future.add_done_callback(done.put)
+            signal.pthread_sigmask(signal.SIG_SETMASK, held)
+            for _ in futures:
+                done.get()
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             crew.abandon()
             raise
+    return [future.result() for future in futures]
 
 
 class _Crew:
