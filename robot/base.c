@@ -21,7 +21,7 @@ const struct vs_base_ops *const vs_bases[] = {BASES(POINT_TO) NULL};
 
 /* Source: epuck.md section 6: 1000 steps per turn of a 41 mm wheel. The e-puck2's limit:
  * e-puck2_main-processor 517ef07 src/motors.h:7. */
-const struct vs_base_body vs_body_epuck = {1000, 128805};
+const struct vs_base_body vs_body_epuck = {1000, VS_EPUCK_STEP_NM};
 const struct vs_base_body vs_body_epuck2 = {1100, VS_EPUCK2_STEP_NM};
 
 /* The bus of a board: the base's own, that of the board before it, or one of its own. A

@@ -5,6 +5,7 @@
 
 #include <stdint.h>
 
+#define VS_EPUCK_STEP_NM 128805  /* 1000 steps a turn of a 41 mm wheel. Source: epuck.md 6 */
 #define VS_EPUCK2_STEP_NM 125664 /* 1000 steps a turn of a 40 mm wheel. Source: epuck.md 6 */
 
 struct vs_base_body {

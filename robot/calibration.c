@@ -6,7 +6,6 @@
 #include "number.h"
 
 #define SPAN_MIN 16            /* a sensor that tells no more than this apart is broken */
-#define NOMINAL_STEP_NM 128805 /* 1000 steps a turn of a 41 mm wheel */
 #define NOMINAL_MM 41.0
 #define NOMINAL_AXLE_MM 53.0
 #define ONE 16777216.0 /* 1 in a matrix */
@@ -177,7 +176,7 @@ void vs_calibration_sense(const struct vs_calibration *calibration,
     reading->steps[0] = combine(c->sense[0], left, reading->steps[1]);
     reading->steps[1] = combine(c->sense[1], left, reading->steps[1]);
     if (c->text[VS_CAL_DIAMETER] != NULL)
-        reading->step_nm = NOMINAL_STEP_NM;
+        reading->step_nm = VS_EPUCK_STEP_NM;
 }
 
 void vs_calibration_sense_ground(const struct vs_calibration *calibration, int16_t ground[3])

@@ -95,7 +95,6 @@ void vs_guard_link_send(struct vs_guard_link *link, struct vs_guard_request *req
     link->number++;
     request->number = link->number;
     link->waiting = 1;
-    link->pinged = request->kind == VS_GUARD_PING;
     /* a request that cannot be sent is not answered, and that is noticed */
     (void)send(link->socket, request, sizeof *request, MSG_NOSIGNAL | MSG_DONTWAIT);
 }
@@ -112,7 +111,6 @@ int vs_guard_link_receive(struct vs_guard_link *link, struct vs_guard_reply *rep
     if (len != (ssize_t)VS_GUARD_REPLY_SIZE || reply->number != link->number)
         return -1;
     link->waiting = 0;
-    link->pinged = 0;
     link->heard_ns = vs_posix_recent_ns();
     link->base_errors = link->errors_before + reply->base_errors;
     link->base->resets = reply->base_resets; /* the next guard counts on */
@@ -144,7 +142,6 @@ void vs_guard_link_kill(struct vs_guard_link *link)
     close(link->socket);
     link->socket = -1;
     link->waiting = 0;
-    link->pinged = 0;
     link->errors_before = link->base_errors;
     ended = waitpid(pid, &how, WNOHANG);
     if (ended == 0)

@@ -24,7 +24,6 @@ struct vs_guard_link {
     int socket;
     uint32_t number;        /* of the newest request */
     uint8_t waiting;        /* for its reply */
-    uint8_t pinged;         /* which is to a PING: that it comes is all that matters */
     uint64_t heard_ns;      /* newest sign of life */
     uint32_t restarts;
     uint32_t base_errors;   /* of all guards so far */

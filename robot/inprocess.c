@@ -9,7 +9,6 @@
 
 #define LINE_BYTES 128
 #define COMPLAINTS_BYTES 4096
-#define STEP_NM 128805         /* 1000 steps a turn of a 41 mm wheel */
 #define STEP_E9 1000000000
 #define RATE_E3 18251          /* [1e-3/EPUCK_IMU_DIGITS rad/s] of turning when a wheel makes a step
                                   a second more than the other one, 53 mm away */
@@ -236,7 +235,7 @@ static void read_base(struct vs_base_reading *reading, const struct mind *mind, 
     reading->has_rates = 1;
     reading->rates[2] = turning(&mind->in_force);
     reading->has_steps = 1;
-    reading->step_nm = STEP_NM;
+    reading->step_nm = VS_EPUCK_STEP_NM;
     reading->steps[0] = (int32_t)(mind->steps_e9[0] / STEP_E9);
     reading->steps[1] = (int32_t)(mind->steps_e9[1] / STEP_E9);
 }

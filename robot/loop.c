@@ -349,10 +349,14 @@ int vs_loop_telemetry(struct vs_loop *loop, const struct vs_instant *now,
     return 1;
 }
 
+int vs_loop_is_pinging(const struct vs_loop *loop)
+{
+    return loop->waiting && loop->asked == VS_GUARD_PING;
+}
+
 int vs_loop_is_patient(const struct vs_loop *loop, const struct vs_instant *now)
 {
-    return loop->waiting && loop->asked == VS_GUARD_PING && loop->running &&
-           now->base_ns < next_step_ns(loop);
+    return vs_loop_is_pinging(loop) && loop->running && now->base_ns < next_step_ns(loop);
 }
 
 uint64_t vs_loop_wake_ns(const struct vs_loop *loop, const struct vs_instant *now)

@@ -115,6 +115,9 @@ enum vs_stop_cause vs_loop_cause(const struct vs_loop *loop, const struct vs_ins
 int vs_loop_telemetry(struct vs_loop *loop, const struct vs_instant *now,
                       struct vs_telemetry *t);
 
+/* 1 while the guard owes the answer to a PING: that it comes is all that matters. */
+int vs_loop_is_pinging(const struct vs_loop *loop);
+
 /* 1 while the guard's answer may lie unread: it is to a PING, and nothing has to be asked
  * before the next control step, which reads it. */
 int vs_loop_is_patient(const struct vs_loop *loop, const struct vs_instant *now);

@@ -189,7 +189,7 @@ static void serve_guard(struct vs_worker *w)
     if (w->late_ns > LATE_NS)
         vs_guard_link_excuse(&w->guard, w->late_ns);
     late = w->now.base_ns >= vs_guard_link_deadline_ns(&w->guard);
-    if (w->guard_spoke || w->guard.pinged || late)
+    if (w->guard_spoke || vs_loop_is_pinging(&w->loop) || late)
         got = vs_guard_link_receive(&w->guard, &reply);
     if (got == 1)
         on_reply(w, &reply);

@@ -50,6 +50,12 @@ CLEAN = b"\x00\x00\x00\x00"
 POLLUTED = b"\x00\x00\x80\x3f"
 
 
+def traced(path: Path) -> list[dict[str, str]]:
+    """The control steps of a trace, each as its columns by name."""
+    lines = [line.split() for line in path.read_text().splitlines()[1:]]
+    return [dict(zip(words[::2], words[1::2])) for words in lines]
+
+
 def _open(port: int) -> tuple[socket.socket, socket.socket]:
     """TCP and UDP on one port; 0: any that no other program has, of either kind."""
     while True:

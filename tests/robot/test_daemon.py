@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import vsense
-from tests.robot.rig import CLEAN, MS, POLLUTED, TAG, Rig, S
+from tests.robot.rig import CLEAN, MS, POLLUTED, TAG, Rig, S, traced
 from vsense.link.robots.wire import StopCause, Wanted
 from vsense.native import lib
 
@@ -221,9 +221,7 @@ def test_ages_are_right_within_their_bound_on_any_clock(
     rig.start()
     rig.run()
     rig.wait_for(lambda: rig.host.last.control_step >= 10, "steps")
-    for line in path.read_text().splitlines()[1:]:
-        words = line.split()
-        row = dict(zip(words[::2], words[1::2]))
+    for row in traced(path):
         host_ns = (int(row["now_ns"]) - offset_ns) * 1_000_000_000 // round(1e9 + drift_ppm * 1e3)
         true_ns = host_ns - int(row["capture_ns"])
         assert abs(int(row["age_ns"]) - true_ns) <= int(row["bound_ns"])

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.robot.rig import MS, TABLE, Daemon, Rig, S
+from tests.robot.rig import MS, TABLE, Daemon, Rig, S, traced
 from tests.robot.test_faults import alive, told
 from vsense.clock import host_ns
 from vsense.lab.links import Terminal
@@ -156,9 +156,7 @@ def test_packet_that_comes_after_the_clock_was_read_spoils_no_age(
     path = tmp_path / "trace"
     rig = probes("--trace", str(path))
     rig.wait_for(lambda: rig.host.last.control_step >= 10, "steps")
-    for line in path.read_text().splitlines()[1:]:
-        words = line.split()
-        row = dict(zip(words[::2], words[1::2]))
+    for row in traced(path):
         true_ns = int(row["now_ns"]) - int(row["capture_ns"])
         assert abs(int(row["age_ns"]) - true_ns) <= int(row["bound_ns"])
 
@@ -173,9 +171,7 @@ def test_ages_are_right_within_their_bound_while_ntp_slews_the_clock(
     path = tmp_path / "trace"
     rig = probes("--trace", str(path))
     rig.wait_for(lambda: rig.host.last.control_step >= 20, "steps")
-    for line in path.read_text().splitlines()[1:]:
-        words = line.split()
-        row = dict(zip(words[::2], words[1::2]))
+    for row in traced(path):
         shown_ns = int(row["now_ns"])
         now_ns = shown_ns if has_raw else shown_ns * 100 // 108
         true_ns = now_ns - int(row["capture_ns"])

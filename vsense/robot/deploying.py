@@ -310,10 +310,12 @@ def _serve_all(
         # until all that this thread does is wait, for a queue that has no such place.
         held = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            futures = [pool.submit(crew.serve, robot) for robot in robots]
-            for future in futures:
-                future.add_done_callback(done.put)
-            signal.pthread_sigmask(signal.SIG_SETMASK, held)
+            try:
+                futures = [pool.submit(crew.serve, robot) for robot in robots]
+                for future in futures:
+                    future.add_done_callback(done.put)
+            finally:
+                signal.pthread_sigmask(signal.SIG_SETMASK, held)
             for _ in futures:
                 done.get()
         except BaseException:
