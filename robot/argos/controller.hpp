@@ -8,9 +8,7 @@
 #ifndef VS_ARGOS_CONTROLLER_HPP
 #define VS_ARGOS_CONTROLLER_HPP
 
-#include "configuration.hpp"
-#include "log.hpp"
-#include "random.hpp"
+#include "base.hpp"
 
 struct vs_robot;
 

@@ -8,9 +8,7 @@
 
 #include <limits>
 
-#include "color.hpp"
 #include "controller.hpp"
-#include "quaternion.hpp"
 
 namespace argos {
 

@@ -185,6 +185,16 @@ void CCI_RangeAndBearingActuator::VsUpdate(vs_robot *robot)
     Say(robot, m_cData.Size() > 0 ? &m_cData[0] : nullptr, m_cData.Size());
 }
 
+const char *CCI_EPuckIRComSensor::VsNameOf(const std::string &element)
+{
+    return Named(element, "epuck_ircom", "ircom");
+}
+
+const char *CCI_EPuckIRComActuator::VsNameOf(const std::string &element)
+{
+    return Named(element, "epuck_ircom", "ircom");
+}
+
 const char *CCI_EPuckOmnidirectionalCameraSensor::VsNameOf(const std::string &element)
 {
     return Named(element, "epuck_omnidirectional_camera", "omnidirectional_camera");

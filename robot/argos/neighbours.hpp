@@ -6,8 +6,6 @@
 #ifndef VS_ARGOS_NEIGHBOURS_HPP
 #define VS_ARGOS_NEIGHBOURS_HPP
 
-#include "byte_array.hpp"
-#include "color.hpp"
 #include "controller.hpp"
 
 namespace argos {
@@ -148,6 +146,40 @@ public:
 
 protected:
     CByteArray m_cData;
+};
+
+/* Messages by the infrared ring, which these robots have not: nobody offers them, and who asks for
+ * them is told so. */
+class CCI_EPuckIRComSensor : public VsPlaces
+{
+public:
+    struct SPacket
+    {
+        UInt8 Data;
+        UInt16 Sensor;
+        Real Range;
+        CRadians Bearing;
+
+        SPacket() : Data(0), Sensor(0), Range(0.0) {}
+    };
+    typedef std::vector<SPacket *> TPackets;
+
+    static const char *VsNameOf(const std::string &element);
+    void ClearPackets() {}
+    const TPackets &GetPackets() const { return m_tPackets; }
+    void VsUpdate(vs_robot *) override {}
+
+protected:
+    TPackets m_tPackets;
+};
+
+class CCI_EPuckIRComActuator : public VsSaying
+{
+public:
+    static const char *VsNameOf(const std::string &element);
+    virtual void SetData(UInt8) {}
+    virtual void SetEnabled(bool) {}
+    void VsUpdate(vs_robot *) override {}
 };
 
 /* What a camera sees: one list that its sensor owns. Off until Enable, as in ARGoS. */

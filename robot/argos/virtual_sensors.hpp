@@ -6,7 +6,6 @@
 #ifndef VS_ARGOS_VIRTUAL_SENSORS_HPP
 #define VS_ARGOS_VIRTUAL_SENSORS_HPP
 
-#include "byte_array.hpp"
 #include "controller.hpp"
 
 namespace argos {
