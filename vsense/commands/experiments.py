@@ -11,7 +11,7 @@ from vsense.commands import arguments
 from vsense.config.description import describe
 from vsense.config.experiment import first_robots, load
 from vsense.config.placement import settle
-from vsense.config.specs import Experiment
+from vsense.config.specs import Experiment, Stage
 from vsense.errors import UsageError
 from vsense.link.legacy.server import MixedServer
 from vsense.link.robots.server import VirtualSensorServer
@@ -128,9 +128,11 @@ def room_of(options: argparse.Namespace) -> RoomOptions:
 
 
 def open_experiment(
-    options: argparse.Namespace, settings: Mapping[str, str] | None = None
+    options: argparse.Namespace,
+    settings: Mapping[str, str] | None = None,
+    stage: Stage = Stage.RUN,
 ) -> Experiment | None:
-    """Loads an experiment as the command line says; `settings` are by default those of `--set`.
+    """Loads an experiment for a stage; `settings` are by default those of `--set`.
 
     Returns:
         The experiment; None with `--dry`, which prints its contents on standard output.
@@ -142,7 +144,7 @@ def open_experiment(
     """
     if settings is None:
         settings = dict(options.set)
-    experiment = load(options.experiment, options.duration, settings)
+    experiment = load(options.experiment, options.duration, settings, stage)
     if options.dry:
         print_data(describe(experiment))
     if options.strict:

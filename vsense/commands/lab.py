@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from vsense.commands import arguments, experiments
-from vsense.config.specs import Experiment
+from vsense.config.specs import Experiment, Stage
 from vsense.errors import VsenseError
 from vsense.lab import metrics, report
 from vsense.lab.links import BASES
@@ -71,7 +71,7 @@ def run(options: argparse.Namespace) -> int:
     Returns:
         0, or 130 after Ctrl-C or SIGTERM: what was measured until then is reported all the same.
     """
-    opened = experiments.open_experiment(options)
+    opened = experiments.open_experiment(options, stage=Stage.LAB)
     if opened is None:
         return 0
     experiment, seed, directory = experiments.prepare(options, opened)
