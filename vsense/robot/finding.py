@@ -1,8 +1,9 @@
-"""Finds the sources of a library that an experiment file names, as repositories for ARGoS have them.
+"""Finds the sources of a library that an experiment file names, as repositories for ARGoS have it.
 
-In this order: the CMake target of the library's name; files that are called like the library, beside
-the experiment and in folders called `controllers`; the only file of the repository that registers
-the label. A repository is looked through from its topmost CMakeLists.txt, or from its `.git`.
+In this order: the CMake target of the library's name; files that are called like the library,
+beside the experiment and in folders called `controllers`; the only file of the repository that
+registers the label. A repository is looked through from its topmost CMakeLists.txt, or from its
+`.git`.
 """
 
 from __future__ import annotations
@@ -29,15 +30,7 @@ _MAX_UP = 5
 _MAX_FILES = 20_000
 """Of a repository that is looked through: what is larger is none of a few controllers."""
 _SKIPPED = {"build", "node_modules", "__pycache__", "CMakeFiles", "runs"}
-_PLACES = (
-    "",
-    "controllers",
-    "src",
-    "src/controllers",
-    "../controllers",
-    "../src",
-    "../src/controllers",
-)
+_PLACES = ("", "controllers", "src", "src/controllers", "../controllers", "../src/controllers")
 """Where files called like the library may lie, from the experiment's folder."""
 
 
@@ -63,6 +56,12 @@ def find(
         if sources:
             return complete(sources, label, repository, extra, macro)
     return None
+
+
+def repository_of(source: Path) -> cmake.Repository | None:
+    """The repository that a source is part of; None: nothing says where it begins."""
+    root = _root(source.parent)
+    return None if root is None or root == source.parent else _repository(root)
 
 
 def complete(
