@@ -47,7 +47,7 @@ def read(element: Element, folder: Path, code: CodeOptions) -> tuple[str, Progra
 def _read(element: Element, folder: Path, code: CodeOptions) -> tuple[str, Program]:
     named = _named(element, folder, code)
     if named is not None:
-        return element.peek("library") or element.name, named
+        return element.text("library", element.name), named
     if element.name == argos.LUA and not element.has("library"):
         element.warn(f"is Lua, which runs on no robot: they stand still; see {argos.PAGE}")
         return argos.STAND_STILL, source_tree().program(argos.STAND_STILL)
@@ -67,17 +67,21 @@ def _read(element: Element, folder: Path, code: CodeOptions) -> tuple[str, Progr
 
 
 def _named(element: Element, folder: Path, code: CodeOptions) -> Program | None:
-    """The program whose sources the element or the command line names."""
-    patterns: Sequence[str] = ()
+    """The program whose sources, or whose repository, the element or the command line names."""
+    library = element.text("library") if element.has("library") else element.name
     if element.has(_SOURCES):
-        patterns = element.text(_SOURCES).replace(",", " ").split()
-        sources = files(patterns, folder)
+        patterns: Sequence[str] = element.text(_SOURCES).replace(",", " ").split()
     else:
-        names = (stem_of(element.peek("library") or element.name), element.name, element.text("id"))
-        sources = files(code.patterns(*names), Path.cwd())
-    if not sources:
+        patterns = code.patterns(stem_of(library), element.name, element.text("id"))
+        folder = Path.cwd() if patterns else folder
+    if not patterns:
         return None
     extra = _headers(element, folder, code)
+    if len(patterns) == 1 and (folder / patterns[0]).is_dir():
+        found = finding.find_in(folder / patterns[0], library, element.name, extra)
+        if found is not None:
+            return found
+    sources = files(patterns, folder)
     if all(path.suffix not in CXX_SUFFIXES for path in sources):
         return Program(tuple(sources), tuple(extra))
     return finding.complete(sources, element.name, finding.repository_of(sources[0]), extra)

@@ -51,17 +51,27 @@ def find(
     """
     name = stem_of(library) if library else ""
     for root in _roots(library, folder):
-        repository = _repository(root)
+        repository = repository_at(root)
         sources = _sources(repository, name, label, folder, macro)
         if sources:
             return complete(sources, label, repository, extra, macro)
     return None
 
 
+def find_in(
+    root: Path, library: str, label: str, extra: Sequence[Path] = (), macro: str = CONTROLLER
+) -> Program | None:
+    """Finds a library's program in the repository that begins at `root`; see `find`."""
+    repository = repository_at(root.resolve())
+    name = stem_of(library) if library else ""
+    sources = _sources(repository, name, label, root.resolve(), macro)
+    return complete(sources, label, repository, extra, macro) if sources else None
+
+
 def repository_of(source: Path) -> cmake.Repository | None:
     """The repository that a source is part of; None: nothing says where it begins."""
     root = _root(source.parent)
-    return None if root is None or root == source.parent else _repository(root)
+    return None if root is None or root == source.parent else repository_at(root)
 
 
 def complete(
@@ -152,7 +162,8 @@ def _root(place: Path) -> Path | None:
 
 
 @lru_cache(maxsize=16)
-def _repository(root: Path) -> cmake.Repository:
+def repository_at(root: Path) -> cmake.Repository:
+    """What the CMake files of the repository say that begins at `root`."""
     return cmake.read(root, [path for path in _files(root) if path.name == cmake.LIST])
 
 
