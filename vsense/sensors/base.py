@@ -19,6 +19,7 @@ import math
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -145,6 +146,7 @@ def scale_of(sensor: VirtualSensor) -> Scale:
     return scale if isinstance(scale, Scale) else Scale()
 
 
+@cache
 def layout_dtype(layout: str) -> tuple[int, np.dtype[Any]]:
     """Count of a reading's numbers, and their type on the wire (little-endian).
 
