@@ -112,7 +112,8 @@ def open_experiment(
     """
     if settings is None:
         settings = dict(options.set)
-    experiment = load(options.experiment, options.duration, settings, stage)
+    virtual = getattr(options, "virtual_devices", False)
+    experiment = load(options.experiment, options.duration, settings, stage, virtual)
     if options.dry:
         print_data(describe(experiment))
     if options.strict:

@@ -74,6 +74,23 @@ class ObjectSpec:
 
 
 @dataclass(frozen=True, slots=True)
+class DeviceSpec:
+    """A device that a controller declares.
+
+    Attributes:
+        section: "sensors" or "actuators".
+        element: its element's name.
+        server: who serves it, in words.
+        served: whether somebody does.
+    """
+
+    section: str
+    element: str
+    server: str
+    served: bool
+
+
+@dataclass(frozen=True, slots=True)
 class ControllerSpec:
     """What drives some or all of the robots, and what they sense and do virtually.
 
@@ -86,6 +103,7 @@ class ControllerSpec:
         includes: folders of headers of its own.
         params: the user's own settings, passed on as they are.
         sensors, actuators: the virtual ones.
+        devices: all that it declares.
     """
 
     id: str
@@ -97,6 +115,7 @@ class ControllerSpec:
     sensors: tuple[MountedSensor, ...]
     actuators: tuple[MountedActuator, ...]
     line: int
+    devices: tuple[DeviceSpec, ...] = ()
 
     @property
     def params_text(self) -> str:
