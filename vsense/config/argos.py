@@ -97,6 +97,15 @@ VIRTUAL_ONLY = f"the robots have none; {_INSTEAD} gives them one"
 PROXIMITY = ("epuck_proximity", "footbot_proximity", "proximity")
 """Devices for which the robots' own ring is as good, except where it is simulated with noise."""
 
+WHEELS = ("differential_steering", "epuck_wheels")
+STEERING_NOISE = {
+    "bias_m_s": "bias_avg",
+    "bias_dev_m_s": "bias_stddev",
+    "factor": "factor_avg",
+    "factor_dev": "factor_stddev",
+}
+"""Fields of `WheelNoise` and the attributes of <differential_steering>."""
+
 BATTERIES = ("battery", "epuck_battery")
 """Devices that robots in the lab have, too."""
 
@@ -162,7 +171,9 @@ HEARING = "virtual_range_and_bearing_sensor"
 ARGOS_HEARING = ("epuck_range_and_bearing", "range_and_bearing")
 """Virtual sensors for which a medium decides whether bodies are in the way."""
 
-NOISE = (*NOISES, "loss_probability", "packet_drop_prob", "real_range_noise")
+NOISE = (
+    *NOISES, "loss_probability", "packet_drop_prob", "real_range_noise", *STEERING_NOISE.values(),
+)  # fmt: skip
 """Attributes that make a device worse."""
 
 PHYSICS_ENGINES = ("dynamics3d", "pointmass3d", "static")

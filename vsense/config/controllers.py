@@ -53,6 +53,7 @@ def read_controller(element: Element, folder: Path, devices: Devices) -> Control
         actuators=tuple(devices.actuators),
         line=element.line,
         devices=tuple(devices.declared),
+        wheel_noise=devices.wheel_noise,
     )
     size = len(controller.params_text.encode())
     if params is not None and size > lib.VS_PARAMS_MAX:

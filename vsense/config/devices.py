@@ -24,7 +24,7 @@ import vsense.actuators
 import vsense.sensors
 from vsense.actuators.base import ActuatorError, MountedActuator, VirtualActuator
 from vsense.config import argos
-from vsense.config.specs import DeviceSpec, Stage
+from vsense.config.specs import DeviceSpec, Stage, WheelNoise, Wheels
 from vsense.config.things import Media, check_medium
 from vsense.link.robots.table import Direction, Entry, Table
 from vsense.native import WireError
@@ -39,7 +39,7 @@ from vsense.sensors.base import (
     scale_of,
 )
 from vsense.sensors.quality import NOISES, Quality
-from vsense.xml.element import Element, shown
+from vsense.xml.element import Element
 
 SENSORS = "sensors"
 ACTUATORS = "actuators"
@@ -110,6 +110,8 @@ def _mounted_sensor(
     return MountedSensor(sensor, element.line, replace(quality, update_every=every), condition)
 
 
+_MAX_WHEEL_NOISE = 1e3
+
 _Entries = dict[str, tuple[Entry, int]]
 """Rows of a sensor table and their lines, by name."""
 
@@ -123,6 +125,7 @@ class Devices:
         declared: all, and who serves them.
         cpp: the controller is C++ for ARGoS.
         robots: settings of the robots that it drives.
+        wheel_noise: of simulated wheels, None: none.
     """
 
     controller: Element
@@ -132,6 +135,7 @@ class Devices:
     actuators: list[MountedActuator] = field(default_factory=list)
     declared: list[DeviceSpec] = field(default_factory=list)
     entries: _Entries = field(default_factory=dict)
+    wheel_noise: WheelNoise | None = None
 
     def section(self, kind: str) -> list[Element]:
         """The devices of a kind in the file's order; known are asked for, which others are not."""
@@ -248,8 +252,8 @@ def _read_argos(
         mounted = _mount_argos(element, kind, scope)
         name = _device(mounted).name
         if name not in devices.entries:
-            _pass_over_unread(element)
             _add(devices, kind, element, mounted)
+            _pass_over_unread(element)
             return
         line = devices.entries[name][1]
         element.leave_out(f"line {line} serves {name!r} already")
@@ -257,7 +261,11 @@ def _read_argos(
         devices.declared.append(DeviceSpec(kind, element.name, served, True))
         return
     check_medium(element, media)
-    argos.pass_over(element, argos.SIMULATED_SETTINGS)
+    if element.name in argos.WHEELS and kind == ACTUATORS and rule.stage is Stage.SIM:
+        devices.wheel_noise = _read_wheel_noise(element)
+        _pass_over_unread(element)
+    else:
+        argos.pass_over(element, argos.SIMULATED_SETTINGS)
     own = argos.OWN[kind].get(element.name)
     if own is None:
         element.leave_out(argos.VIRTUAL_ONLY)
@@ -265,7 +273,33 @@ def _read_argos(
         return
     if own.board:
         element.warn(argos.BOARD)
-    devices.declared.append(DeviceSpec(kind, element.name, f"the robot's own {own.name!r}", True))
+    served = ", ".join([f"the robot's own {own.name!r}", *_noise(element)])
+    devices.declared.append(DeviceSpec(kind, element.name, served, True))
+
+
+def _read_wheel_noise(element: Element) -> WheelNoise | None:
+    """Reads the noise of simulated wheels; None where they obey."""
+    if element.name == "epuck_wheels":
+        relative = element.number("noise_std_dev", 0.0, _MAX_WHEEL_NOISE, default=0.0)
+        return WheelNoise(relative=(relative, relative)) if relative > 0.0 else None
+    quiet = WheelNoise()
+    pairs = {
+        field: _wheels(element, key, getattr(quiet, field))
+        for field, key in argos.STEERING_NOISE.items()
+    }
+    return None if (noise := WheelNoise(**pairs)) == quiet else noise
+
+
+def _wheels(element: Element, key: str, default: Wheels) -> Wheels:
+    """Reads a number for both wheels, which each may have of its own."""
+    low, high = -_MAX_WHEEL_NOISE, _MAX_WHEEL_NOISE
+    left, right = default
+    if element.has(key):
+        left = right = element.number(key, low, high)
+    return (
+        element.number(f"{key}_left", low, high, default=left),
+        element.number(f"{key}_right", low, high, default=right),
+    )
 
 
 def _mount_argos(element: Element, kind: str, scope: Scope) -> MountedSensor | MountedActuator:
@@ -298,9 +332,14 @@ def _add(
         devices.sensors.append(mounted)
     else:
         devices.actuators.append(mounted)
-    noise = [f"{key}={shown(text)}" for key in argos.NOISE if (text := element.peek(key))]
-    served = ", ".join([f"virtual, as {device.name!r}", *noise])
+    served = ", ".join([f"virtual, as {device.name!r}", *_noise(element)])
     devices.declared.append(DeviceSpec(kind, element.name, served, True))
+
+
+def _noise(element: Element) -> list[str]:
+    """The noise that a device's element has asked for."""
+    said = {key: element.peek(key) for key in argos.NOISE if element.was_asked(key)}
+    return [f"{key} {text.strip()}" for key, text in said.items() if text]
 
 
 def _add_entry(

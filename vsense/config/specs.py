@@ -73,6 +73,27 @@ class ObjectSpec:
     line: int
 
 
+Wheels = tuple[float, float]
+"""Of the left wheel, and of the right one."""
+
+
+@dataclass(frozen=True, slots=True)
+class WheelNoise:
+    """What simulated wheels make of a command: factor * (v (1 + relative) + bias).
+
+    Attributes:
+        relative: standard deviation, each time.
+        bias_m_s, bias_dev_m_s: mean and standard deviation, once for every robot.
+        factor, factor_dev: likewise, each time.
+    """
+
+    relative: Wheels = (0.0, 0.0)
+    bias_m_s: Wheels = (0.0, 0.0)
+    bias_dev_m_s: Wheels = (0.0, 0.0)
+    factor: Wheels = (1.0, 1.0)
+    factor_dev: Wheels = (0.0, 0.0)
+
+
 @dataclass(frozen=True, slots=True)
 class DeviceSpec:
     """A device that a controller declares.
@@ -104,6 +125,7 @@ class ControllerSpec:
         params: the user's own settings, passed on as they are.
         sensors, actuators: the virtual ones.
         devices: all that it declares.
+        wheel_noise: of its robots in simulation; None: they obey.
     """
 
     id: str
@@ -116,6 +138,7 @@ class ControllerSpec:
     actuators: tuple[MountedActuator, ...]
     line: int
     devices: tuple[DeviceSpec, ...] = ()
+    wheel_noise: WheelNoise | None = None
 
     @property
     def params_text(self) -> str:
