@@ -20,6 +20,7 @@ from vsense.config.specs import Experiment
 from vsense.link.robots.wire import Values, Wanted
 from vsense.physics.motion import floor_of
 from vsense.physics.proximity_ring import ProximityRing
+from vsense.physics.wheel_noise import NoisyWheels
 from vsense.pictures.run_samples import RunSamples
 from vsense.robot.inprocess import ACT_NS, CONTROL_NS
 from vsense.run.environment import Environment
@@ -83,6 +84,8 @@ class Simulation:
         self._tracker = SimulatedTracker((*self.record.tags, *self.record.object_tags), seed)
         controllers = {robot.tag: robot.controller for robot in experiment.robots}
         tables = self.environment.tables
+        drivers = [experiment.controller_of(robot) for robot in experiment.robots]
+        self._wheels = NoisyWheels(drivers, seed)
         self._robots = Programs(experiment, controllers, libraries, tables, seed, progress)
         self._leds = np.zeros_like(self._robots.leds)
         self._reports, self._events = dict[int, bytes](), list[_Event]()
@@ -153,7 +156,8 @@ class Simulation:
 
     def _obey(self, time_ns: int, reports: dict[int, bytes]) -> Callable[[], None]:
         """Makes the event in which wheels and LEDs follow the controllers."""
-        wheels, leds = self._robots.wheels_steps_s.copy(), self._robots.leds.copy()
+        wheels = self._wheels.apply(self._robots.wheels_steps_s.copy())
+        leds = self._robots.leds.copy()
 
         def happen() -> None:
             self._physics.drive_all(wheels, time_ns)
