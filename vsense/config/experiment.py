@@ -13,14 +13,14 @@ from vsense.config import argos
 from vsense.config.arena import DISTRIBUTE, read_arena
 from vsense.config.argos import USING_SETTINGS
 from vsense.config.controllers import read_controller, used_controllers
-from vsense.config.devices import Devices, read_devices
+from vsense.config.devices import read_devices
 from vsense.config.devices import virtual_devices as names_of_virtual
 from vsense.config.framework import read_loop_functions, read_rest, read_run, read_tracker
 from vsense.config.placement import overlapping
 from vsense.config.programs import read as read_program
 from vsense.config.robots import ArenaContents, give_tags
 from vsense.config.settings import apply, check_used
-from vsense.config.specs import Experiment, MarkerSpec, ObjectSpec, RobotSpec, Stage
+from vsense.config.specs import ControllerSpec, Experiment, MarkerSpec, ObjectSpec, RobotSpec, Stage
 from vsense.config.things import Media, read_media
 from vsense.errors import ConfigError, UsageError
 from vsense.markers.families import known_families, load_family
@@ -135,14 +135,12 @@ def _read_understood(
     if not bodies.robots:
         raise arena.error(_no_robot(root, arena))
     give_tags(bodies, marker.family)
-    controllers = used_controllers(root.child("controllers"), bodies)
     scope = _scope(bodies, round(run.length_s * run.ticks_per_second))
-    programs = [read_program(element, folder, serves.code) for element in controllers]
-    cpp = [argos.is_cpp(*some) for some in zip(controllers, programs)]
-    devices = _read_devices(controllers, bodies, scope, media, serves, cpp)
+    used = used_controllers(root.child("controllers"), bodies)
+    controllers = _read_controllers(used, bodies, scope, media, serves)
     _check_objects(bodies, scope)
     _check_tags(bodies, marker, root.document.file)
-    if not any(some.sensors for some in devices):
+    if not any(some.sensors for some in controllers):
         _warn_of_unsensed(bodies)
     return Experiment(
         name=path.name.removesuffix(SUFFIX),
@@ -153,10 +151,7 @@ def _read_understood(
         robots=tuple(bodies.robots),
         objects=tuple(bodies.objects),
         marker=marker,
-        controllers=tuple(
-            read_controller(element, named, some)
-            for element, named, some in zip(controllers, programs, devices)
-        ),
+        controllers=controllers,
         sources=tuple(scope.sources),
         entities=tuple(bodies.entities),
         distributed=tuple(bodies.distributed),
@@ -168,16 +163,19 @@ def _read_understood(
     )
 
 
-def _read_devices(
+def _read_controllers(
     controllers: Sequence[Element],
     bodies: ArenaContents,
     scope: Scope,
     media: Media,
     serves: _Serves,
-    cpp: Sequence[bool],
-) -> list[Devices]:
+) -> tuple[ControllerSpec, ...]:
+    programs = [read_program(element, scope.folder, serves.code) for element in controllers]
+    cpp = [argos.is_cpp(*some) for some in zip(controllers, programs)]
     settings = [_settings(controller, bodies) for controller in controllers]
-    return read_devices(controllers, scope, media, settings, serves.stage, serves.virtual, cpp)
+    stage, virtual, _ = serves
+    devices = read_devices(controllers, scope, media, settings, stage, virtual, cpp)
+    return tuple(read_controller(*some) for some in zip(controllers, programs, devices))
 
 
 def _scope(bodies: ArenaContents, timesteps: int) -> Scope:
