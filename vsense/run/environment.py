@@ -202,4 +202,8 @@ def _world(experiment: Experiment, seed: int, loop: LoopFunctions | None) -> Wor
         arena=experiment.arena,
         timestep_s=experiment.timestep_s,
         seed=seed,
+        controllers={
+            robot.tag: robot.controller
+            for robot in (*experiment.robots, *experiment.virtual_robots)
+        },
     )
