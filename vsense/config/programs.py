@@ -6,6 +6,7 @@ as robot/argos/controller.cpp reads them.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from vsense.errors import UsageError
 from vsense.robot import finding
 from vsense.robot.build import BuildError, cache_directory, source_tree
 from vsense.robot.compiling import CXX_SUFFIXES
-from vsense.robot.programs import CodeOptions, Program, files, folders, stem_of
+from vsense.robot.programs import CodeOptions, Program, folders, stem_of
 from vsense.sensors.base import MountedSensor
 from vsense.sensors.range_and_bearing import RangeAndBearingSensor
 from vsense.xml.element import Element, shown
@@ -74,18 +75,9 @@ def _named(element: Element, folder: Path, code: CodeOptions) -> Program | None:
         patterns: Sequence[str] = element.text(_SOURCES).replace(",", " ").split()
     else:
         patterns = code.patterns(stem_of(library), element.name, element.text("id"))
-        folder = Path.cwd() if patterns else folder
-    if not patterns:
-        return None
+        patterns = [str(Path.cwd() / os.path.expanduser(pattern)) for pattern in patterns]
     extra = _headers(element, folder, code)
-    if len(patterns) == 1 and (folder / patterns[0]).is_dir():
-        found = finding.find_in(folder / patterns[0], library, element.name, extra)
-        if found is not None:
-            return found
-    sources = files(patterns, folder)
-    if all(path.suffix not in CXX_SUFFIXES for path in sources):
-        return Program(tuple(sources), tuple(extra))
-    return finding.complete(sources, element.name, finding.repository_of(sources[0]), extra)
+    return finding.named(patterns, folder, library, element.name, extra)
 
 
 def _headers(element: Element, folder: Path, code: CodeOptions) -> list[Path]:

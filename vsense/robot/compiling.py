@@ -37,9 +37,6 @@ controller may want sines, and only then gets libm."""
 
 CXX_LIBRARIES = ("-Wl,--as-needed", "-lstdc++", *LIBRARIES)
 
-NAME_MAX = 31
-"""[byte] of a controller's name. Source: c_src/vs_table.h."""
-
 HASH_DIGITS = 12
 """Of a controller's hash so many are told: enough to tell any two apart."""
 
@@ -265,12 +262,11 @@ class Sources:
         if not program.is_argos:
             return [*CXXFLAGS], own_cxxflags()
         with_runtime = not self.plain or argos_code.needs_runtime(program)
-        name = program.name.encode()[:NAME_MAX].decode(errors="ignore")
         cache = self.cache or Path(tempfile.gettempdir()) / f"vsense-{os.getuid()}"
         searched = [argos_code.forwarding(self._argos(), cache), *program.includes]
         return [argos_code.STANDARD, *SECTIONS, *argos_code.FLAGS, "-fno-threadsafe-statics"], [
             *(("-fexceptions", "-funwind-tables") if with_runtime else PLAIN),
-            *(f'-DVS_ARGOS_LABEL="{program.label}"', f'-DVS_ARGOS_NAME="{name}"'),
+            *(f'-DVS_ARGOS_LABEL="{program.label}"', f'-DVS_ARGOS_NAME="{program.short_name}"'),
             *(f"-I{folder}" for folder in searched),
             *own_cxxflags(),
         ]
