@@ -41,6 +41,9 @@ CONTROLLER_PARTS = (
 )
 """What of `robot/argos/` a controller needs."""
 
+ENTRY = "controller"
+"""Which of these makes the program's class a controller of the daemon."""
+
 _WORDS = re.compile(
     rb"""//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\\n])*"|'(?:\\.|[^'\\\n])*'"""
     rb"""|\b(try|catch|throw|dynamic_cast|typeid)\b""",
