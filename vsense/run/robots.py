@@ -46,7 +46,7 @@ def make_server(
         "timestep_ns": experiment.timestep_ns,
         "seed": seed,
         "expected": {
-            robot.tag: ExpectedRobot(robot.id, tables[c.id], c.params_text, programs[c.id])
+            robot.tag: ExpectedRobot(robot.id, tables[c.id], c.params_for(robot.id), programs[c.id])
             for robot, c in controllers.items()
         },
         "on_event": on_event,

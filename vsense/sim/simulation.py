@@ -98,6 +98,7 @@ class Simulation:
         for run_timestep in range(-WARM_UP, len(self.record.timesteps)):
             self.step(run_timestep)
         self._advance(self._capture_ns())
+        self._robots.end()
         if self.samples is not None:
             self.samples.end(self.environment.world)
         return self.environment.end()
