@@ -28,7 +28,7 @@ class BuildWithSources(build_py):
         target = Path(self.build_lib) / "vsense" / "_sources"
         for folder in ("c_src", "robot", "firmware_bridge"):
             for source in sorted((ROOT / folder).rglob("*")):
-                if source.suffix in (".c", ".cpp", ".h", ".md") and source.parent.name != "host":
+                if source.suffix in (".c", ".cpp", ".h", ".hpp", ".md", ".txt") and source.parent.name != "host":
                     copy = target / source.relative_to(ROOT)
                     copy.parent.mkdir(parents=True, exist_ok=True)
                     shutil.copy2(source, copy)
