@@ -14,6 +14,8 @@ from vsense.config import argos
 from vsense.config.experiment import load
 from vsense.robot import boards, build
 from vsense.robot.compiling import BuildError, Sources, native
+from vsense.robot.programs import Program
+from vsense.run.programs import shared_objects
 from vsense.sim.simulation import Simulation
 
 WALKER = Path(__file__).parent / "walker.cpp"
@@ -44,8 +46,8 @@ def test_an_experiment_names_one_and_its_robots_drive(walker: Path) -> None:
     file = walker.with_name("mine.argos")
     file.write_text(shipped.read_text().replace('library="pollutant"', 'library="walker.cpp"'))
     experiment = load(str(file), 5.0)
-    assert experiment.controller.library == "walker.cpp"
-    run = Simulation(experiment, build.shared("walker.cpp", walker.parent), 1)
+    assert experiment.controllers[0].library == "walker.cpp"
+    run = Simulation(experiment, shared_objects(experiment), 1)
     run.run()
     places = run.record.poses[:, : len(run.record.tags), :2]
     moved = abs(places[-1] - places[0]).max(axis=1)
@@ -71,7 +73,7 @@ def test_it_may_have_any_name(walker: Path, tmp_path: Path, name: str) -> None:
 
 def test_its_hash_is_the_same_on_every_machine(walker: Path, tmp_path: Path) -> None:
     require_zig()
-    sources = build.source_tree().daemon(walker)
+    sources = build.source_tree().daemon(Program((walker,)))
     zig = boards.toolchain(boards.TARGETS["epuck"], build.cache_directory())
     assert sources.controller_hash(zig) == sources.controller_hash(native())
     assert sources.dependencies(zig) == [
@@ -103,7 +105,7 @@ def test_its_steps_run_there_too(tmp_path: Path) -> None:
     require_zig()
     tree = build.source_tree()
     own = [path for path in tree.daemon_sources() if path.name != "main.c"]
-    sources = Sources([*own, BENCH / "robot_steps.c"], WALKER, tree.includes())
+    sources = Sources([*own, BENCH / "robot_steps.c"], Program((WALKER,)), tree.includes())
     sources.link(boards.toolchain(boards.TARGETS["epuck"], build.cache_directory()), tmp_path / "s")
     assert int(ran(qemu, "-cpu", "arm926", tmp_path / "s", "live", "50")) == 50
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from vsense.config import argos
 from vsense.config.distribute import OBJECT, Crowd, DistributedSpec
-from vsense.config.specs import FieldSpec, FloorSpec, ObjectSpec, Pose, RobotSpec
+from vsense.config.specs import FieldSpec, FloorSpec, ObjectSpec, Pose, RobotSpec, Stage
 from vsense.config.things import Media, read_place
 from vsense.markers.codes import AUTO_BLUR, choose_tags
 from vsense.markers.families import MarkerFamily, load_family
@@ -25,6 +25,7 @@ class ArenaContents:
 
     Attributes:
         folder: where files with relative paths are looked for.
+        stage: what the experiment is loaded for.
         entities, distributed: what stands where the file says, and where the seed will say.
         objects: tagged things that are no robots.
         fields: quantities spread over the floor.
@@ -40,6 +41,7 @@ class ArenaContents:
     folder: Path
     media: Media
     timestep_s: float
+    stage: Stage
     entities: list[Entity] = field(default_factory=list)
     distributed: list[DistributedSpec] = field(default_factory=list)
     robots: list[RobotSpec] = field(default_factory=list)
@@ -100,7 +102,7 @@ _MOST_CHOSEN = 128
 
 def add_epuck(element: Element, bodies: ArenaContents) -> None:
     """Reads an `<e-puck>`: a real robot, a virtual one, or without a controller an object."""
-    argos.pass_over(element, argos.EPUCK_SETTINGS)
+    _pass_over(element)
     if element.boolean("vs:virtual", False):
         _add_virtual(element, bodies)
         return
@@ -112,8 +114,16 @@ def add_epuck(element: Element, bodies: ArenaContents) -> None:
     _check_name(element, name)
     pose = _read_pose(element, bodies)
     number = len(bodies.robots) if number is None else number
-    bodies.robots.append(RobotSpec(name, tag, number, pose, None, element.line))
-    bodies.controllers[name] = controller
+    config = _name_controller(controller, name, bodies)
+    bodies.robots.append(RobotSpec(name, tag, number, pose, None, config, element.line))
+
+
+def _pass_over(element: Element) -> None:
+    """Passes over what only a simulated e-puck has."""
+    argos.pass_over(element, argos.EPUCK_SETTINGS)
+    for name, instead in argos.EPUCK_PARTS.items():
+        for child in element.children(name):
+            child.leave_out(instead)
 
 
 def add_object(element: Element, bodies: ArenaContents) -> str:
@@ -133,7 +143,7 @@ def add_crowd(crowd: Crowd, bodies: ArenaContents) -> None:
     prefix = element.text("id")
     is_robot = element.name != OBJECT
     if is_robot:
-        argos.pass_over(element, argos.EPUCK_SETTINGS)
+        _pass_over(element)
         if element.boolean("vs:virtual", False):
             _add_virtual_crowd(crowd, prefix, bodies)
             return
@@ -148,8 +158,8 @@ def add_crowd(crowd: Crowd, bodies: ArenaContents) -> None:
             bodies.objects.append(ObjectSpec(name, tag, None, drawn, line))
             continue
         _check_name(element, name)
-        bodies.robots.append(RobotSpec(name, tag, number, None, drawn, line))
-        bodies.controllers[name] = controller
+        config = _name_controller(controller, name, bodies)
+        bodies.robots.append(RobotSpec(name, tag, number, None, drawn, config, line))
     if not crowd.entity.has("vs:tags"):
         bodies.untagged.append((crowd.entity, names))
 
@@ -196,9 +206,9 @@ def _well_apart(family: str, count: int) -> tuple[int, ...]:
 def _add_virtual(element: Element, bodies: ArenaContents) -> None:
     name = element.text("id")
     bodies.claim_id(element, name)
-    driven = _is_driven(element, name, bodies)
+    driver = _driver(element, name, bodies)
     pose = _read_pose(element, bodies)
-    bodies.entities.append(VirtualRobot(name, bodies.next_virtual_tag(), *pose, driven))
+    bodies.entities.append(VirtualRobot(name, bodies.next_virtual_tag(), *pose, driver))
 
 
 def _add_virtual_crowd(crowd: Crowd, prefix: str, bodies: ArenaContents) -> None:
@@ -206,17 +216,21 @@ def _add_virtual_crowd(crowd: Crowd, prefix: str, bodies: ArenaContents) -> None
     for number in crowd.numbers:
         name = f"{prefix}{number}"
         bodies.claim_id(element, name)
-        driven = _is_driven(element, name, bodies)
-        robot = VirtualRobot(name, bodies.next_virtual_tag(), 0.0, 0.0, driven=driven)
+        driver = _driver(element, name, bodies)
+        robot = VirtualRobot(name, bodies.next_virtual_tag(), 0.0, 0.0, controller=driver)
         bodies.distributed.append(DistributedSpec(robot, crowd.distribution, element.line))
 
 
-def _is_driven(element: Element, name: str, bodies: ArenaContents) -> bool:
-    """Whether a controller drives a virtual robot; else loop functions move it."""
+def _driver(element: Element, name: str, bodies: ArenaContents) -> str:
+    """The id of the controller that drives a virtual robot; "": loop functions move it."""
     controller = element.optional_child("controller")
-    if controller is not None:
-        bodies.controllers[name] = controller
-    return controller is not None
+    return "" if controller is None else _name_controller(controller, name, bodies)
+
+
+def _name_controller(controller: Element, name: str, bodies: ArenaContents) -> str:
+    """Notes the `<controller>` of a robot; gives the id that it names."""
+    bodies.controllers[name] = controller
+    return controller.text("config")
 
 
 def _read_identity(element: Element, bodies: ArenaContents) -> tuple[str, int, int | None]:
