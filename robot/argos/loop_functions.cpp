@@ -112,9 +112,18 @@ struct World
     std::string file;
 };
 
+/* What was there before belongs to another run. */
+void Forget()
+{
+    loop = nullptr;
+    robots.clear();
+    CSimulator::GetInstance().VsForget();
+}
+
 void TakeWorld(const std::vector<std::string> &lines)
 {
     World world;
+    Forget();
     for (const std::string &line : lines) {
         const std::vector<std::string> words = Words(line);
         if (words[0] == "seed")
@@ -158,11 +167,8 @@ void Init(const std::vector<std::string> &lines)
     for (const std::string &line : lines)
         if (line[0] == '|')
             settings += line.substr(1) + "\n";
-    /* Nodes that the user keeps go on to live. */
-    static TConfigurationNode tree;
-    tree = VsReadConfiguration(settings);
-    CSimulator::GetInstance().GetConfigurationRoot().InsertEndChild(tree);
-    loop->Init(tree);
+    TConfigurationNode &root = CSimulator::GetInstance().GetConfigurationRoot();
+    loop->Init(*root.InsertEndChild(VsReadConfiguration(settings)));
 }
 
 void End()
@@ -184,6 +190,13 @@ void Reset()
         if (dynamic_cast<CEPuckEntity *>(entity) == nullptr)
             entity->Reset();
     loop->Reset();
+}
+
+void Destroy()
+{
+    loop->Destroy();
+    delete loop;
+    loop = nullptr;
 }
 
 void Color(const double *numbers, size_t count)
@@ -247,7 +260,7 @@ void Call(const std::string &what, const std::vector<std::string> &lines, const 
     else if (what == "PostExperiment")
         End();
     else if (what == "Destroy")
-        loop->Destroy();
+        Destroy();
     else if (what == "IsExperimentFinished" &&
              (CSimulator::GetInstance().VsIsTerminated() || loop->IsExperimentFinished()))
         said += "finished\n";
@@ -287,8 +300,17 @@ void CSimulator::VsSet(UInt32 seed, UInt32 max_clock, bool moves_robots, const s
     m_max_clock = max_clock;
     m_moves_robots = moves_robots;
     m_file = file;
-    m_root.SetValue("argos-configuration");
     CRandom::CreateCategory("argos", seed);
+}
+
+void CSimulator::VsForget()
+{
+    if (CRandom::ExistsCategory("argos"))
+        CRandom::RemoveCategory("argos");
+    m_space = CSpace();
+    m_root = TConfigurationNode("argos-configuration");
+    m_rng = nullptr;
+    m_terminated = false;
 }
 
 CRandom::CRNG *CSimulator::GetRNG()

@@ -22,8 +22,10 @@ struct vs_loop_answer
 
 /* Calls what the first line of `text` names, of `size` bytes; `numbers`: three for each robot, or
  * two for each point of the floor. */
-extern "C" void vs_loop_call(const char *text, size_t size, const double *numbers, size_t count,
-                             struct vs_loop_answer *answer);
+extern "C" __attribute__((visibility("default"))) void vs_loop_call(const char *text, size_t size,
+                                                                    const double *numbers,
+                                                                    size_t count,
+                                                                    struct vs_loop_answer *answer);
 
 namespace argos {
 
@@ -119,6 +121,8 @@ public:
     bool VsIsTerminated() const { return m_terminated; }
     void VsSet(UInt32 seed, UInt32 max_clock, bool moves_robots, const std::string &file);
     void VsReset();
+    /* Goes back to before the first call. */
+    void VsForget();
 
 private:
     CSimulator() : m_seed(0), m_max_clock(0), m_moves_robots(false), m_terminated(false) {}

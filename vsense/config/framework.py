@@ -10,6 +10,7 @@ protocol does not say how old a state is when it comes. Any other tracker is a
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from ipaddress import IPv4Address
 from pathlib import Path
@@ -18,6 +19,8 @@ from vsense.config import argos
 from vsense.config.specs import JsonLinesTracker, LoopSpec, Stage, TrackerAddress
 from vsense.config.things import by_id
 from vsense.link.trackers import protocol
+from vsense.robot import finding
+from vsense.robot.programs import LOOP_FUNCTIONS
 from vsense.xml.element import Element, shown
 
 LINES_PORT = 4041
@@ -43,11 +46,7 @@ def read_loop_functions(root: Element, folder: Path) -> LoopSpec | None:
     if argos.is_built_for_argos(library):
         port = argos.ported_loop_functions(library, folder)
         if port is None:
-            element.leave_out(
-                f"{shown(library)} is a C++ library, which is not called; loop functions are"
-                f" Python here, see {argos.PAGE}"
-            )
-            return None
+            return _cxx_loop_functions(element, library, label, folder)
         element.warn(f"library: {shown(library)} is C++: its port {port.name!r} is called instead")
     else:
         port = folder / library
@@ -56,6 +55,32 @@ def read_loop_functions(root: Element, folder: Path) -> LoopSpec | None:
     _check_syntax(element, port)
     params = collect(element, {})
     return LoopSpec(port, label, {k: v for k, v in params.items() if k not in _KNOWN}, element.line)
+
+
+def _cxx_loop_functions(
+    element: Element, library: str, label: str, folder: Path
+) -> LoopSpec | None:
+    """Finds what a C++ library of loop functions is built of; None, and a warning: nothing here."""
+    program = finding.find(library, label, folder, macro=LOOP_FUNCTIONS)
+    if program is None:
+        element.leave_out(
+            f"the sources of {shown(library)}, in which {LOOP_FUNCTIONS} names {shown(label)}, are"
+            f" not found: no loop functions are called; see {argos.PAGE}"
+        )
+        return None
+    settings = "".join(f"{line}\n" for line in _lines(element))
+    return LoopSpec(program.sources[0], label, {}, element.line, program, settings)
+
+
+def _lines(element: Element) -> Iterator[str]:
+    """An element with everything in it, as code for ARGoS reads it."""
+    yield f"<{element.name}"
+    for key, value in element.free_attributes().items():
+        escaped = value.replace("\\", "\\\\").replace("\n", "\\n")
+        yield f"@{key}={escaped}"
+    for child in element.children():
+        yield from _lines(child)
+    yield ">"
 
 
 def _check_syntax(element: Element, path: Path) -> None:

@@ -27,6 +27,8 @@ def shared_objects(experiment: Experiment) -> dict[str, Path]:
         BuildError: no compiler, or a source that does not compile.
     """
     folder = experiment.path.parent
+    if experiment.loop_functions is not None and experiment.loop_functions.program is not None:
+        build.loop_functions(experiment.loop_functions.program)
     return {c.id: build.shared(c.library, folder) for c in experiment.controllers}
 
 
