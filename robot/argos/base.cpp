@@ -135,11 +135,19 @@ VsWords &VsWords::Number(double value)
     return *this;
 }
 
-CARGoSException::CARGoSException(const std::string &what, std::exception *nested) noexcept
-    : m_what("[FATAL] " + what)
+namespace {
+
+std::string Told(const std::string &what, std::exception *nested)
 {
-    if (nested != nullptr)
-        m_what += std::string("\n") + nested->what();
+    const std::string told = "[FATAL] " + what;
+    return nested == nullptr ? told : told + "\n" + nested->what();
+}
+
+}  // namespace
+
+CARGoSException::CARGoSException(const std::string &what, std::exception *nested) noexcept
+    : m_what(Told(what, nested))
+{
 }
 
 CARGoSException::~CARGoSException() noexcept {}
@@ -154,7 +162,8 @@ void VsThrow(const std::string &what, std::exception *nested)
 #if VS_ARGOS_EXCEPTIONS
     throw CARGoSException(what, nested);
 #else
-    vs_argos_fail(CARGoSException(what, nested).what());
+    /* No object of that class: it would bring along 14 kB of the library's types. */
+    vs_argos_fail(Told(what, nested).c_str());
 #endif
 }
 

@@ -59,8 +59,7 @@ TConfigurationNode *ReadParams()
             lines += line + "\n";
         else if (line.find_first_of("<>#") == 0)
             lines += line.substr(0, 1) + line.substr(2) + "\n";
-    TConfigurationNode top = VsReadConfiguration(lines);
-    return new TConfigurationNode(top);
+    return new TConfigurationNode(VsReadConfiguration(lines));
 }
 
 const VsRegistered *Registered()
@@ -92,7 +91,7 @@ void Begin(State *state)
     state->controller = registered->Make(state->memory);
     state->controller->SetId(HostParam("vs:id"));
     state->params = ReadParams();
-    state->controller->Init(*state->params->FirstChildElement());
+    state->controller->Init(*state->params);
 }
 
 void Step(State *state)

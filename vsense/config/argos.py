@@ -4,9 +4,9 @@ A name that is neither here nor understood is taken for a misspelling and refuse
 entities, devices, engines and media of ARGoS 3 and its e-puck plug-in, and IRIDIA's virtual
 sensors.
 
-C++ libraries and Lua scripts run on no robot here. The port of a library has its name:
-`libforaging.so` becomes `foraging.c` or `foraging.cpp`, a shipped controller or a file beside the
-experiment.
+A C++ library is built from its sources where they are found (`vsense.robot.finding`), or a port of
+its name runs instead: `libforaging.so` becomes `foraging.c` or `foraging.cpp`, a file beside the
+experiment or a shipped controller. Lua scripts run on no robot here.
 """
 
 from __future__ import annotations
@@ -172,19 +172,23 @@ def is_built_for_argos(library: str) -> bool:
 
 
 def ported_controller(library: str, folder: Path) -> str | None:
-    """Finds a controller's port: a shipped one, a source beside the experiment file, or None.
+    """Finds a controller's port, a source beside the experiment file.
 
     A C++ file of that name may be what ARGoS's library was built from: a port names the variable
     `vs_controller`.
     """
     stem = _stem(library)
-    if stem in source_tree().controllers():
-        return stem
     for name in (f"{stem}{suffix}" for suffix in SUFFIXES):
         path = folder / name
         if path.is_file() and (path.suffix == ".c" or b"vs_controller" in path.read_bytes()):
             return name
     return None
+
+
+def shipped_controller(library: str) -> str | None:
+    """Finds a controller's port among the shipped ones."""
+    stem = _stem(library)
+    return stem if stem in source_tree().controllers() else None
 
 
 def ported_loop_functions(library: str, folder: Path) -> Path | None:

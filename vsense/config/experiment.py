@@ -23,6 +23,7 @@ from vsense.config.specs import Experiment, MarkerSpec, ObjectSpec, RobotSpec, S
 from vsense.config.things import read_media
 from vsense.errors import ConfigError, UsageError
 from vsense.markers.families import known_families, load_family
+from vsense.robot.programs import CodeOptions
 from vsense.sensors.base import Scope
 from vsense.xml.element import Element
 from vsense.xml.parsing import parse
@@ -61,6 +62,7 @@ def load(
     length_s: float | None = None,
     settings: Mapping[str, str] | None = None,
     stage: Stage = Stage.RUN,
+    code: CodeOptions | None = None,
 ) -> Experiment:
     """Loads a shipped experiment by its name, or the `.argos` file at a path.
 
@@ -69,6 +71,7 @@ def load(
         settings: values by "ELEMENT.attribute" instead of the file's; see
             `vsense.config.settings`.
         stage: what it is loaded for.
+        code: where the sources of its controllers are, besides where they are found.
 
     Raises:
         UsageError: there is no such experiment, its file cannot be read, or a setting fits nothing
@@ -80,7 +83,7 @@ def load(
         data = path.read_bytes()
     except OSError as error:
         raise UsageError(f"{file}: cannot be read: {error.strerror}") from None
-    return read(data, file, path, length_s, settings, stage)
+    return read(data, file, path, length_s, settings, stage, code)
 
 
 def read(
@@ -90,13 +93,14 @@ def read(
     length_s: float | None = None,
     settings: Mapping[str, str] | None = None,
     stage: Stage = Stage.RUN,
+    code: CodeOptions | None = None,
 ) -> Experiment:
     """Reads an experiment from the bytes of the file at `path`; see `load`."""
     root = parse(data, file, of_argos=True)
     if root.name != "argos-configuration":
         raise root.error("is the outermost element, expected <argos-configuration>")
     applied = apply(root, settings or {}, virtual_devices())
-    experiment = _read_understood(root, path, length_s, stage)
+    experiment = _read_understood(root, path, length_s, stage, code or CodeOptions())
     read_rest(root)
     root.check_all_read()
     check_used(root, applied)
@@ -104,13 +108,15 @@ def read(
     return replace(experiment, warnings=root.document.warnings())
 
 
-def _read_understood(root: Element, path: Path, length_s: float | None, stage: Stage) -> Experiment:
+def _read_understood(
+    root: Element, path: Path, length_s: float | None, stage: Stage, code: CodeOptions
+) -> Experiment:
     run = read_run(root, length_s, stage)
     marker = _read_marker(root)
     media = read_media(root)
     arena, folder = root.child("arena"), path.parent
     bodies = read_arena(arena, folder, media, 1.0 / run.ticks_per_second, stage)
-    loop_functions = read_loop_functions(root, folder)
+    loop_functions = read_loop_functions(root, folder, code)
     if not bodies.robots:
         raise arena.error(_no_robot(root, arena))
     give_tags(bodies, marker.family)
@@ -132,7 +138,8 @@ def _read_understood(root: Element, path: Path, length_s: float | None, stage: S
         objects=tuple(bodies.objects),
         marker=marker,
         controllers=tuple(
-            read_controller(element, folder, some) for element, some in zip(controllers, devices)
+            read_controller(element, folder, some, code)
+            for element, some in zip(controllers, devices)
         ),
         sources=tuple(scope.sources),
         entities=tuple(bodies.entities),

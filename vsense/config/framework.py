@@ -10,17 +10,15 @@ protocol does not say how old a state is when it comes. Any other tracker is a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from ipaddress import IPv4Address
 from pathlib import Path
 
-from vsense.config import argos
+from vsense.config import argos, programs
 from vsense.config.specs import JsonLinesTracker, LoopSpec, Stage, TrackerAddress
 from vsense.config.things import by_id
 from vsense.link.trackers import protocol
-from vsense.robot import finding
-from vsense.robot.programs import LOOP_FUNCTIONS
+from vsense.robot.programs import LOOP_FUNCTIONS, CodeOptions, stem_of
 from vsense.xml.element import Element, shown
 
 LINES_PORT = 4041
@@ -36,8 +34,11 @@ _MAX_LATENCY_S = 0.3
 _KNOWN = ("library", "label")
 
 
-def read_loop_functions(root: Element, folder: Path) -> LoopSpec | None:
-    """Reads the loop functions, looked for in `folder`; None where there are none to be called."""
+def read_loop_functions(root: Element, folder: Path, code: CodeOptions) -> LoopSpec | None:
+    """Reads the loop functions, looked for in `folder`; None where there are none to be called.
+
+    `code`: what the command line says of sources and headers.
+    """
     element = root.optional_child("loop_functions")
     if element is None or not (element.free_attributes() or element.child_names()):
         return None
@@ -46,7 +47,7 @@ def read_loop_functions(root: Element, folder: Path) -> LoopSpec | None:
     if argos.is_built_for_argos(library):
         port = argos.ported_loop_functions(library, folder)
         if port is None:
-            return _cxx_loop_functions(element, library, label, folder)
+            return _cxx_loop_functions(element, library, label, folder, code)
         element.warn(f"library: {shown(library)} is C++: its port {port.name!r} is called instead")
     else:
         port = folder / library
@@ -58,29 +59,20 @@ def read_loop_functions(root: Element, folder: Path) -> LoopSpec | None:
 
 
 def _cxx_loop_functions(
-    element: Element, library: str, label: str, folder: Path
+    element: Element, library: str, label: str, folder: Path, code: CodeOptions
 ) -> LoopSpec | None:
     """Finds what a C++ library of loop functions is built of; None, and a warning: nothing here."""
-    program = finding.find(library, label, folder, macro=LOOP_FUNCTIONS)
+    program = programs.find_loop_functions(element, label, folder, code)
     if program is None:
         element.leave_out(
             f"the sources of {shown(library)}, in which {LOOP_FUNCTIONS} names {shown(label)}, are"
-            f" not found: no loop functions are called; see {argos.PAGE}"
+            " not found: no loop functions are called; name them with --sources"
+            f" {stem_of(library)}=FILES, see {argos.PAGE}"
         )
         return None
-    settings = "".join(f"{line}\n" for line in _lines(element))
+    lines = (line if line[0] == "@" else line[0] + line[2:] for line in programs.tree(element))
+    settings = "".join(f"{line}\n" for line in lines)
     return LoopSpec(program.sources[0], label, {}, element.line, program, settings)
-
-
-def _lines(element: Element) -> Iterator[str]:
-    """An element with everything in it, as code for ARGoS reads it."""
-    yield f"<{element.name}"
-    for key, value in element.free_attributes().items():
-        escaped = value.replace("\\", "\\\\").replace("\n", "\\n")
-        yield f"@{key}={escaped}"
-    for child in element.children():
-        yield from _lines(child)
-    yield ">"
 
 
 def _check_syntax(element: Element, path: Path) -> None:

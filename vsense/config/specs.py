@@ -21,6 +21,9 @@ from vsense.sensors.base import MountedSensor
 from vsense.world.entities import Arena, Box, Cylinder, Entity, VirtualRobot
 from vsense.world.pollution import PollutantSource
 
+ROBOT_ID = "vs:id"
+"""Parameter in which a robot with a controller for ARGoS is told its own name."""
+
 
 class Stage(Enum):
     """What an experiment is loaded for, which decides what of its file is real."""
@@ -87,6 +90,7 @@ class ControllerSpec:
         includes: folders of headers of its own.
         params: the user's own settings, passed on as they are.
         sensors, actuators: the virtual ones.
+        told: lines that a controller for ARGoS is sent instead of its settings; "": it is none.
     """
 
     id: str
@@ -98,11 +102,22 @@ class ControllerSpec:
     sensors: tuple[MountedSensor, ...]
     actuators: tuple[MountedActuator, ...]
     line: int
+    told: str = ""
+
+    @property
+    def program(self) -> Program:
+        """What it is built from."""
+        program = Program(self.sources, self.includes, self.label)
+        return program if program.is_argos else Program(self.sources)
 
     @property
     def params_text(self) -> str:
         """The settings as robots are sent them: lines "key=value\\n"."""
-        return "".join(f"{key}={value}\n" for key, value in self.params.items())
+        return self.told or "".join(f"{key}={value}\n" for key, value in self.params.items())
+
+    def params_for(self, robot: str) -> str:
+        """The settings as the robot of this name is sent them."""
+        return self.params_text + (f"{ROBOT_ID}={robot}\n" if self.told else "")
 
 
 @dataclass(frozen=True, slots=True)

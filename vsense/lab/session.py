@@ -91,8 +91,7 @@ class Session(ExperimentSession):
 
     def _open(self) -> None:
         experiment, seed = self.experiment, self.setup.seed
-        folder = experiment.path.parent
-        daemons = {c.id: build.daemon(c.library, folder) for c in experiment.controllers}
+        daemons = {c.id: build.daemon(c.program) for c in experiment.controllers}
         port = self._start_server()
         truth = make_ring(len(experiment.robots) + len(experiment.objects))
         self._stack.callback(truth.close)

@@ -1,7 +1,7 @@
 """What ARGoS's controllers and loop functions are compiled with: headers, sources, flags.
 
-`robot/argos/headers.txt` says which of our headers stands for which one of ARGoS's. From it a folder
-of headers of one line each is made in the cache.
+`robot/argos/headers.txt` says which of our headers stands for which one of ARGoS's. From it a
+folder of headers of one line each is made in the cache.
 """
 
 from __future__ import annotations
@@ -92,7 +92,8 @@ def explain_missing(missing: Sequence[tuple[Path, int, str]]) -> str:
     words = (
         "vsense has none of these headers of ARGoS. One of a library of your own, or of another"
         " repository's, is found with --include PREFIX=FOLDER (such as"
-        f" --include argos3/demiurge/epuck-dao=../demiurge-epuck-dao/src); {PAGE} says what there is"
+        " --include argos3/demiurge/epuck-dao=../demiurge-epuck-dao/src);"
+        f" {PAGE} says what there is"
     )
     return "\n".join([words, *lines])
 

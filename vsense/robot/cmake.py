@@ -54,7 +54,7 @@ class Repository:
     def sources(self, name: str) -> list[Path]:
         """The sources of a target and of all targets here that it is linked with."""
         found: dict[Path, None] = {}
-        waiting, seen = [name], set[str]()
+        waiting, seen = [name], set[int]()
         while waiting:
             target = self.targets.get(waiting.pop(0))
             if target is None or id(target) in seen:

@@ -1,8 +1,9 @@
-"""Finds the sources of a library that an experiment file names, as repositories for ARGoS have them.
+"""Finds the sources of a library that an experiment file names, as repositories for ARGoS have it.
 
-In this order: the CMake target of the library's name; files that are called like the library, beside
-the experiment and in folders called `controllers`; the only file of the repository that registers
-the label. A repository is looked through from its topmost CMakeLists.txt, or from its `.git`.
+In this order: the CMake target of the library's name; files that are called like the library,
+beside the experiment and in folders called `controllers`; the only file of the repository that
+registers the label. A repository is looked through from its topmost CMakeLists.txt, or from its
+`.git`.
 """
 
 from __future__ import annotations
@@ -29,15 +30,7 @@ _MAX_UP = 5
 _MAX_FILES = 20_000
 """Of a repository that is looked through: what is larger is none of a few controllers."""
 _SKIPPED = {"build", "node_modules", "__pycache__", "CMakeFiles", "runs"}
-_PLACES = (
-    "",
-    "controllers",
-    "src",
-    "src/controllers",
-    "../controllers",
-    "../src",
-    "../src/controllers",
-)
+_PLACES = ("", "controllers", "src", "src/controllers", "../controllers", "../src/controllers")
 """Where files called like the library may lie, from the experiment's folder."""
 
 
@@ -58,11 +51,27 @@ def find(
     """
     name = stem_of(library) if library else ""
     for root in _roots(library, folder):
-        repository = _repository(root)
+        repository = repository_at(root)
         sources = _sources(repository, name, label, folder, macro)
         if sources:
             return complete(sources, label, repository, extra, macro)
     return None
+
+
+def find_in(
+    root: Path, library: str, label: str, extra: Sequence[Path] = (), macro: str = CONTROLLER
+) -> Program | None:
+    """Finds a library's program in the repository that begins at `root`; see `find`."""
+    repository = repository_at(root.resolve())
+    name = stem_of(library) if library else ""
+    sources = _sources(repository, name, label, root.resolve(), macro)
+    return complete(sources, label, repository, extra, macro) if sources else None
+
+
+def repository_of(source: Path) -> cmake.Repository | None:
+    """The repository that a source is part of; None: nothing says where it begins."""
+    root = _root(source.parent)
+    return None if root is None or root == source.parent else repository_at(root)
 
 
 def complete(
@@ -153,7 +162,8 @@ def _root(place: Path) -> Path | None:
 
 
 @lru_cache(maxsize=16)
-def _repository(root: Path) -> cmake.Repository:
+def repository_at(root: Path) -> cmake.Repository:
+    """What the CMake files of the repository say that begins at `root`."""
     return cmake.read(root, [path for path in _files(root) if path.name == cmake.LIST])
 
 

@@ -11,6 +11,7 @@ import hashlib
 import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -148,10 +149,8 @@ def _linked(prefix: str, path: Path, cache: Path) -> Path:
     link = made.joinpath(*parts)
     if not link.is_symlink():
         link.parent.mkdir(parents=True, exist_ok=True)
-        try:
+        with suppress(FileExistsError):  # another process was faster
             link.symlink_to(path)
-        except FileExistsError:
-            pass  # another process was faster
     return made
 
 

@@ -44,7 +44,7 @@ def make_server(
         "timestep_ns": experiment.timestep_ns,
         "seed": seed,
         "expected": {
-            robot.tag: ExpectedRobot(robot.id, tables[c.id], c.params_text)
+            robot.tag: ExpectedRobot(robot.id, tables[c.id], c.params_for(robot.id))
             for robot, c in controllers.items()
         },
         "on_event": on_event,

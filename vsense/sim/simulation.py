@@ -135,6 +135,7 @@ class Simulation:
                 self.record.end(run_timestep + 1)
                 break
         self._advance(self._capture_ns())
+        self._robots.end()
         if self.samples is not None:
             self.samples.end(self.environment.world)
         results = self.environment.end()
