@@ -116,7 +116,7 @@ def _read_understood(
     media = read_media(root)
     arena, folder = root.child("arena"), path.parent
     bodies = read_arena(arena, folder, media, 1.0 / run.ticks_per_second, stage)
-    loop_functions = read_loop_functions(root, folder)
+    loop_functions = read_loop_functions(root, folder, code)
     if not bodies.robots:
         raise arena.error(_no_robot(root, arena))
     give_tags(bodies, marker.family)

@@ -41,6 +41,9 @@ CONTROLLER_PARTS = (
 )
 """What of `robot/argos/` a controller needs."""
 
+LOOP_PARTS = ("base", "configuration", "random", "entities", "loop_functions")
+"""What of `robot/argos/` loop functions need."""
+
 _WORDS = re.compile(
     rb"""//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\\n])*"|'(?:\\.|[^'\\\n])*'"""
     rb"""|\b(try|catch|throw|dynamic_cast|typeid)\b""",

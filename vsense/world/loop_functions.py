@@ -21,7 +21,7 @@ import inspect
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -53,8 +53,48 @@ class LoopFunctionsError(VsenseError):
         self.message = message
 
 
+class Hooks(Protocol):
+    """What is called around every timestep of a run, whatever it is written in.
+
+    Attributes:
+        finished: the hooks have said that the experiment is over.
+        said: what they logged since the list was emptied.
+        moved: x, y and yaw of robots, by row, that were put somewhere since it was emptied.
+    """
+
+    finished: bool
+    said: list[str]
+    moved: dict[int, tuple[float, float, float]]
+
+    def renewed(self) -> Hooks:
+        """The hooks of a run that begins anew."""
+        ...
+
+    def reset(self, world: World) -> None:
+        """Before the first timestep."""
+        ...
+
+    def pre_step(self, world: World) -> None:
+        """After the robots were seen, before their virtual actuators act."""
+        ...
+
+    def post_step(self, world: World) -> None:
+        """After the robots' readings were computed."""
+        ...
+
+    def end(self, world: World) -> dict[str, float]:
+        """After the last timestep; gives the run's measures."""
+        ...
+
+    def floor(self, arena: Arena, pixels_per_m: float) -> Floor:
+        """The floor that the hooks give, pixel by pixel."""
+        ...
+
+
 class LoopFunctions:
-    """The hooks of one user's file for one run."""
+    """The hooks of one user's file for one run; they never move robots or end a run."""
+
+    finished = False
 
     def __init__(
         self, path: Path, label: str = "", params: Mapping[str, str] | None = None
@@ -69,6 +109,9 @@ class LoopFunctions:
         Raises:
             LoopFunctionsError: the file cannot be read or run, or holds no hook.
         """
+        self._made_of = path, label, params
+        self.said: list[str] = []
+        self.moved: dict[int, tuple[float, float, float]] = {}
         self._code = UsersCode(path, LoopFunctionsError)
         self._file = self._code.file
         self._params = dict(params or {})
@@ -83,6 +126,10 @@ class LoopFunctions:
         if not self._hooks:
             known = ", ".join(HOOKS)
             raise LoopFunctionsError(self._file, 1, f"holds no loop function, expected: {known}")
+
+    def renewed(self) -> LoopFunctions:
+        """Those of another run: the file is run again."""
+        return LoopFunctions(*self._made_of)
 
     def reset(self, world: World) -> None:
         """Calls the user's `reset`, with the settings in place.
