@@ -21,6 +21,7 @@ from vsense.config.specs import Experiment
 from vsense.link.robots.wire import Values, Wanted
 from vsense.physics.motion import Floats, Physics, floor_of, obstacles
 from vsense.physics.proximity_ring import ProximityRing
+from vsense.physics.wheel_noise import NoisyWheels
 from vsense.pictures.run_samples import RunSamples
 from vsense.robot.inprocess import ACT_NS, CONTROL_NS
 from vsense.robot.loop_library import FUNCTIONS, Colors, LoopLibrary
@@ -113,6 +114,8 @@ class Simulation:
         self._tracker = SimulatedTracker((*self.record.tags, *self.record.object_tags), seed)
         controllers = {robot.tag: robot.controller for robot in experiment.robots}
         tables = self.environment.tables
+        drivers = [experiment.controller_of(robot) for robot in experiment.robots]
+        self._slip = NoisyWheels(drivers, seed)
         self._robots = Programs(experiment, controllers, libraries, tables, seed, progress)
         self._now_ns = EPOCH_NS
         self._leds = np.zeros_like(self._robots.leds)
@@ -217,7 +220,8 @@ class Simulation:
 
     def _obey(self, time_ns: int, reports: dict[int, bytes]) -> Callable[[], None]:
         """Makes the event in which wheels and LEDs follow the controllers."""
-        wheels, leds = self._robots.wheels_steps_s.copy(), self._robots.leds.copy()
+        wheels = self._slip.apply(self._robots.wheels_steps_s.copy())
+        leds = self._robots.leds.copy()
 
         def happen() -> None:
             self._wheels = wheels
