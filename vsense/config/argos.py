@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 from vsense.robot.build import source_tree
 from vsense.robot.compiling import SUFFIXES
+from vsense.robot.programs import Program
 from vsense.sensors.quality import NOISES
 from vsense.xml.element import Element
 
@@ -225,10 +226,12 @@ def is_built_for_argos(library: str) -> bool:
     return _LIBRARY.fullmatch(library) is not None
 
 
-def is_cpp(controller: Element, folder: Path) -> bool:
-    """Whether a controller is C++ for ARGoS, without a port in its place."""
-    library = controller.peek("library") or ""
-    return is_built_for_argos(library) and ported_controller(library, folder) is None
+def is_cpp(controller: Element, named: tuple[str, Program]) -> bool:
+    """Whether a controller is C++ for ARGoS, without a port in its place: what it declares is meant
+    as ARGoS means it, also where its sources are not found and robots stand still."""
+    library, program = named
+    written = controller.peek("library") or ""
+    return program.is_argos or (library == STAND_STILL and is_built_for_argos(written))
 
 
 def ported_controller(library: str, folder: Path) -> str | None:

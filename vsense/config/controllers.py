@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from vsense.config import argos, programs
 from vsense.config.devices import Devices
 from vsense.config.framework import collect
@@ -11,7 +9,7 @@ from vsense.config.robots import ArenaContents
 from vsense.config.specs import ControllerSpec
 from vsense.config.things import by_id
 from vsense.native import lib
-from vsense.robot.programs import CodeOptions
+from vsense.robot.programs import Program
 from vsense.xml.element import Element
 
 
@@ -32,13 +30,13 @@ def used_controllers(section: Element, bodies: ArenaContents) -> list[Element]:
 
 
 def read_controller(
-    element: Element, folder: Path, devices: Devices, code: CodeOptions
+    element: Element, named: tuple[str, Program], devices: Devices
 ) -> ControllerSpec:
-    """Reads which program drives robots with these devices, and its parameters.
+    """Reads the parameters of a program that drives robots with these devices.
 
-    A source with a relative path is looked for in `folder`; `code` says where others are.
+    `named` is what `programs.read` has given.
     """
-    library, program = programs.read(element, folder, code)
+    library, program = named
     params = element.optional_child("params")
     settings: dict[str, str] = {}
     told = ""

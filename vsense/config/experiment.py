@@ -9,16 +9,18 @@ from importlib import resources
 from pathlib import Path
 from typing import NamedTuple
 
+from vsense.config import argos
 from vsense.config.arena import DISTRIBUTE, read_arena
 from vsense.config.argos import USING_SETTINGS
 from vsense.config.controllers import read_controller, used_controllers
-from vsense.config.devices import Devices, read_devices
+from vsense.config.devices import read_devices
 from vsense.config.devices import virtual_devices as names_of_virtual
 from vsense.config.framework import read_loop_functions, read_rest, read_run, read_tracker
 from vsense.config.placement import overlapping
+from vsense.config.programs import read as read_program
 from vsense.config.robots import ArenaContents, give_tags
 from vsense.config.settings import apply, check_used
-from vsense.config.specs import Experiment, MarkerSpec, ObjectSpec, RobotSpec, Stage
+from vsense.config.specs import ControllerSpec, Experiment, MarkerSpec, ObjectSpec, RobotSpec, Stage
 from vsense.config.things import Media, read_media
 from vsense.errors import ConfigError, UsageError
 from vsense.markers.families import known_families, load_family
@@ -61,8 +63,8 @@ def load(
     length_s: float | None = None,
     settings: Mapping[str, str] | None = None,
     stage: Stage = Stage.RUN,
-    code: CodeOptions | None = None,
     virtual_devices: bool = False,
+    code: CodeOptions | None = None,
 ) -> Experiment:
     """Loads a shipped experiment by its name, or the `.argos` file at a path.
 
@@ -71,9 +73,9 @@ def load(
         settings: values by "ELEMENT.attribute" instead of the file's; see
             `vsense.config.settings`.
         stage: what it is loaded for.
-        code: where the sources of its controllers are, besides where they are found.
         virtual_devices: the devices of ARGoS's elements are virtual ones also where they may be
             the robots' own; in the lab and in simulation they are.
+        code: where the sources of its controllers are, besides where they are found.
 
     Raises:
         UsageError: there is no such experiment, its file cannot be read, or a setting fits nothing
@@ -85,7 +87,7 @@ def load(
         data = path.read_bytes()
     except OSError as error:
         raise UsageError(f"{file}: cannot be read: {error.strerror}") from None
-    return read(data, file, path, length_s, settings, stage, code, virtual_devices)
+    return read(data, file, path, length_s, settings, stage, virtual_devices, code)
 
 
 def read(
@@ -95,8 +97,8 @@ def read(
     length_s: float | None = None,
     settings: Mapping[str, str] | None = None,
     stage: Stage = Stage.RUN,
-    code: CodeOptions | None = None,
     virtual_devices: bool = False,
+    code: CodeOptions | None = None,
 ) -> Experiment:
     """Reads an experiment from the bytes of the file at `path`; see `load`."""
     root = parse(data, file, of_argos=True)
@@ -113,7 +115,8 @@ def read(
 
 
 class _Serves(NamedTuple):
-    """What it is loaded for, whether devices of ARGoS's elements are virtual, and where code is."""
+    """What it is loaded for, whether devices of ARGoS's elements are virtual ones, and where the
+    controllers' sources are."""
 
     stage: Stage
     virtual: bool
@@ -132,12 +135,12 @@ def _read_understood(
     if not bodies.robots:
         raise arena.error(_no_robot(root, arena))
     give_tags(bodies, marker.family)
-    controllers = used_controllers(root.child("controllers"), bodies)
     scope = _scope(bodies, round(run.length_s * run.ticks_per_second))
-    devices = _read_devices(controllers, bodies, scope, media, serves)
+    used = used_controllers(root.child("controllers"), bodies)
+    controllers = _read_controllers(used, bodies, scope, media, serves)
     _check_objects(bodies, scope)
     _check_tags(bodies, marker, root.document.file)
-    if not any(some.sensors for some in devices):
+    if not any(some.sensors for some in controllers):
         _warn_of_unsensed(bodies)
     return Experiment(
         name=path.name.removesuffix(SUFFIX),
@@ -148,10 +151,7 @@ def _read_understood(
         robots=tuple(bodies.robots),
         objects=tuple(bodies.objects),
         marker=marker,
-        controllers=tuple(
-            read_controller(element, folder, some, serves.code)
-            for element, some in zip(controllers, devices)
-        ),
+        controllers=controllers,
         sources=tuple(scope.sources),
         entities=tuple(bodies.entities),
         distributed=tuple(bodies.distributed),
@@ -163,15 +163,19 @@ def _read_understood(
     )
 
 
-def _read_devices(
+def _read_controllers(
     controllers: Sequence[Element],
     bodies: ArenaContents,
     scope: Scope,
     media: Media,
     serves: _Serves,
-) -> list[Devices]:
+) -> tuple[ControllerSpec, ...]:
+    programs = [read_program(element, scope.folder, serves.code) for element in controllers]
+    cpp = [argos.is_cpp(*some) for some in zip(controllers, programs)]
     settings = [_settings(controller, bodies) for controller in controllers]
-    return read_devices(controllers, scope, media, settings, serves.stage, serves.virtual)
+    stage, virtual, _ = serves
+    devices = read_devices(controllers, scope, media, settings, stage, virtual, cpp)
+    return tuple(read_controller(*some) for some in zip(controllers, programs, devices))
 
 
 def _scope(bodies: ArenaContents, timesteps: int) -> Scope:

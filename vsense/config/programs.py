@@ -97,7 +97,7 @@ def _named(
     `label`: of the class that is wanted, by default the element's name.
     """
     library = element.text("library") if element.has("library") else element.name
-    label = label or element.name
+    element.has(_INCLUDE)
     if element.has(_SOURCES):
         patterns: Sequence[str] = element.text(_SOURCES).replace(",", " ").split()
     else:
@@ -141,11 +141,11 @@ def _of_library(
             return library, program
         port = argos.shipped_controller(library)
     if port is None:
-        instead = (
-            "the robots stand still; name them with --sources"
-            f" {stem_of(library)}=FILES, see {argos.PAGE}"
+        instead = f"the robots stand still; --sources {stem_of(library)}=FILES names them"
+        element.warn(
+            f"library: {shown(library)} is C++ for ARGoS, and its sources are not found: {instead},"
+            f" see {argos.PAGE}"
         )
-        element.warn(f"library: the sources of {shown(library)} are not found: {instead}")
         return argos.STAND_STILL, source_tree().program(argos.STAND_STILL)
     element.warn(f"library: {shown(library)} is C++ for ARGoS: its port {port!r} is run instead")
     return port, source_tree().program(port, folder)

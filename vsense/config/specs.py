@@ -142,9 +142,9 @@ class ControllerSpec:
     sensors: tuple[MountedSensor, ...]
     actuators: tuple[MountedActuator, ...]
     line: int
-    told: str = ""
     devices: tuple[DeviceSpec, ...] = ()
     wheel_noise: WheelNoise | None = None
+    told: str = ""
 
     @property
     def program(self) -> Program:
