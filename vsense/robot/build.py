@@ -12,7 +12,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from vsense.errors import UsageError
@@ -220,6 +220,8 @@ def loop_functions(program: Program) -> Path:
         BuildError: no compiler, a source that does not compile, or no cache directory.
     """
     tree = source_tree()
+    # The label is chosen when they are called.
+    program = replace(program, label="")
     sources = tree.loop(program)
     target = cache_directory() / _fingerprint(tree, program, sources) / "loop_functions.so"
     if not target.is_file():

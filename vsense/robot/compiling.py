@@ -163,13 +163,13 @@ class Sources:
         self._check_headers()
         flags = [flag for flag in flags if not flag.startswith("-Wl,") and flag != "-shared"]
         compiler = toolchain.for_cxx()
-        language, after = self._language()
-        words = [compiler.version(), *compiler.command, *compiler.flags, *language, *after, *flags]
+        whole = [compiler.version(), *compiler.command, *compiler.flags, *flags]
 
         def compiled(numbered: tuple[int, Path]) -> str:
             number, source = numbered
             target = made.with_name(f"{made.name}_{source.stem}-{number}.o")
-            kept = self._kept(source, words)
+            language, after = self._language(source in self.own_cxx)
+            kept = self._kept(source, [*whole, *language, *after])
             if kept is not None and kept.is_file():
                 return str(kept)
             arguments = [*flags, "-c", str(source), "-o", str(target)]
@@ -258,17 +258,24 @@ class Sources:
             if missing:
                 raise BuildError(argos_code.explain_missing(missing))
 
-    def _language(self) -> tuple[list[str], list[str]]:
-        """What a C++ compiler is told for this program before and after its target's flags."""
+    def _language(self, is_ours: bool = False) -> tuple[list[str], list[str]]:
+        """What a C++ compiler is told for this program before and after its target's flags.
+
+        `is_ours`: for a file that comes with vsense. Those for loop functions know nothing of the
+        program, so all missions have them compiled once.
+        """
         program = self.program
         if not program.is_argos:
             return [*CXXFLAGS], own_cxxflags()
         with_runtime = not self.plain or argos_code.needs_runtime(program)
         cache = self.cache or Path(tempfile.gettempdir()) / f"vsense-{os.getuid()}"
         searched = [argos_code.forwarding(self._argos(), cache), *program.includes]
+        defined = [f'-DVS_ARGOS_LABEL="{program.label}"', f'-DVS_ARGOS_NAME="{program.told_name}"']
+        if self.what != "controller":
+            defined, searched = [], searched[: 1 if is_ours else None]
         return [argos_code.STANDARD, *SECTIONS, *argos_code.FLAGS, "-fno-threadsafe-statics"], [
             *(("-fexceptions", "-funwind-tables") if with_runtime else PLAIN),
-            *(f'-DVS_ARGOS_LABEL="{program.label}"', f'-DVS_ARGOS_NAME="{program.told_name}"'),
+            *defined,
             *(f"-I{folder}" for folder in searched),
             *own_cxxflags(),
         ]

@@ -50,19 +50,20 @@ C++ run: which of `FUNCTIONS`."""
 class _Watched(LoopLibrary):
     """Loop functions in this process; which function runs stands in the memory of `Programs`."""
 
-    def __init__(self, library: Path, progress: Any) -> None:
+    def __init__(self, library: Path, progress: Any, timestep: Callable[[], int]) -> None:
         super().__init__(library)
-        self._note = memoryview(progress).cast("B")[-8:].cast("I")
+        self._note = memoryview(progress).cast("B").cast("I")
+        self._timestep = timestep
 
     def call(
         self, function: str, lines: Sequence[str], numbers: NDArray[np.float64]
     ) -> tuple[str, Colors]:
-        before = self._note[1]
-        self._note[1] = LOOP_FUNCTION + FUNCTIONS.index(function)
+        before = self._note[2]
+        self._note[0], self._note[2] = self._timestep(), LOOP_FUNCTION + FUNCTIONS.index(function)
         # As if a robot were in its control step: so an endless loop is noticed.
-        self._note[0] = 1
+        self._note[1] = 1
         answer = super().call(function, lines, numbers)
-        self._note[0], self._note[1] = 0, before
+        self._note[1], self._note[2] = 0, before
         return answer
 
 
@@ -104,7 +105,8 @@ class Simulation:
         """
         experiment = settle(experiment, seed)
         progress = bytearray(PROGRESS_BYTES) if progress is None else progress
-        host = LoopHost(lambda library: _Watched(library, progress), moves=True)
+        self._timestep = self._numbers = 0
+        host = LoopHost(lambda path: _Watched(path, progress, lambda: self._timestep), moves=True)
         self.environment = Environment(experiment, seed, blind, host)
         self.record = Record(experiment)
         self.samples: RunSamples | None = None
@@ -121,7 +123,6 @@ class Simulation:
         self._leds = np.zeros_like(self._robots.leds)
         self._reports, self._events = dict[int, bytes](), list[_Event]()
         self._names = {robot.tag: robot.id for robot in experiment.robots}
-        self._timestep = self._numbers = 0
         self._wheels = self._robots.wheels_steps_s.copy()
         self._version, self._standing = -1, _standing(experiment.boxes, experiment.cylinders)
         self._follow()
