@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vsense.world.world import World
+from vsense.world.world import NEVER_NS, World
 
 
 class LoopFunctions:
@@ -30,10 +30,11 @@ class LoopFunctions:
         near_m = float(world.params["caught_cm"]) / 100.0
         robots = world.robots
         places_m = np.stack((robots["x_m"], robots["y_m"]), axis=-1)
+        places_m[robots["capture_ns"] == NEVER_NS] = np.nan  # nobody knows where they are
         predators, prey = (
             places_m[world.driven_by(world.params[name])] for name in ("predators", "prey")
         )
-        apart_m = np.linalg.norm(prey[:, None] - predators, axis=-1)
+        apart_m = np.nan_to_num(np.linalg.norm(prey[:, None] - predators, axis=-1), nan=np.inf)
         caught = (apart_m.min(axis=1, initial=np.inf) < near_m) & (self._free_s <= world.time_s)
         self._free_s[caught] = world.time_s + float(world.params["rest_s"])
         self._caught += int(caught.sum())
