@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment
 from vsense.link.robots.wire import Values, Wanted
-from vsense.physics.motion import Floats, Physics, floor_of, obstacles
+from vsense.physics.motion import Floats, NoisyWheels, Physics, floor_of, obstacles
 from vsense.physics.proximity_ring import ProximityRing
-from vsense.physics.wheel_noise import NoisyWheels
 from vsense.pictures.run_samples import RunSamples
 from vsense.robot.inprocess import ACT_NS, CONTROL_NS
 from vsense.robot.loop_library import FUNCTIONS, Colors, LoopLibrary
@@ -115,12 +114,10 @@ class Simulation:
         self._rings = ProximityRing(self._physics.near, seed)
         self._tracker = SimulatedTracker((*self.record.tags, *self.record.object_tags), seed)
         controllers = {robot.tag: robot.controller for robot in experiment.robots}
+        self._slip = NoisyWheels([experiment.controller_of(r) for r in experiment.robots], seed)
         tables = self.environment.tables
-        drivers = [experiment.controller_of(robot) for robot in experiment.robots]
-        self._slip = NoisyWheels(drivers, seed)
         self._robots = Programs(experiment, controllers, libraries, tables, seed, progress)
-        self._now_ns = EPOCH_NS
-        self._leds = np.zeros_like(self._robots.leds)
+        self._now_ns, self._leds = EPOCH_NS, np.zeros_like(self._robots.leds)
         self._reports, self._events = dict[int, bytes](), list[_Event]()
         self._names = {robot.tag: robot.id for robot in experiment.robots}
         self._wheels = self._robots.wheels_steps_s.copy()
