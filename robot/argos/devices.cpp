@@ -26,6 +26,12 @@ unsigned LedBit(size_t led)
     return 1u << (8 - led) % 8;
 }
 
+/* LEDs that cameras see, where the host has such; the robot's own are always there. */
+int VirtualOf(vs_robot *robot, const char *name)
+{
+    return vs_robot_has_actuator(robot, name) ? vs_robot_actuator(robot, name) : -1;
+}
+
 void SetOwn(vs_robot *robot, int led, const CColor &color)
 {
     vs_robot_set_rgb(robot, led, color.GetRed(), color.GetGreen(), color.GetBlue());
@@ -120,7 +126,13 @@ void CCI_DifferentialSteeringSensor::VsUpdate(vs_robot *robot)
 
 const char *CCI_EPuckBaseLEDsActuator::VsNameOf(const std::string &element)
 {
-    return Named(element, "epuck_base_leds", "leds");
+    return Named(element, "epuck_base_leds", "base_leds");
+}
+
+bool CCI_EPuckBaseLEDsActuator::VsBind(vs_robot *robot, const std::string &, const char *name)
+{
+    m_virtual = VirtualOf(robot, name);
+    return true;
 }
 
 void CCI_EPuckBaseLEDsActuator::SwitchLED(size_t led, bool on)
@@ -138,21 +150,22 @@ void CCI_EPuckBaseLEDsActuator::VsUpdate(vs_robot *robot)
         if (m_unLEDSettings >> i & 1)
             lit |= LedBit(i);
     vs_robot_set_leds(robot, lit);
+    for (int i = 0; i < 8; ++i)
+        vs_robot_actuate(robot, m_virtual, i, m_unLEDSettings >> i & 1 ? 255.0 : 0.0);
 }
 
 bool VsLights::VsBind(vs_robot *robot, const std::string &, const char *name)
 {
-    m_virtual = vs_robot_has_actuator(robot, name) ? vs_robot_actuator(robot, name) : -1;
+    m_virtual = VirtualOf(robot, name);
     return true;
 }
 
-/* Others see one colour of a robot: that of its first light that is lit. */
 void VsLights::ShowVirtual(vs_robot *robot) const
 {
-    const CColor &seen = FirstLit(m_tSettings);
-    vs_robot_actuate(robot, m_virtual, 0, seen.GetRed());
-    vs_robot_actuate(robot, m_virtual, 1, seen.GetGreen());
-    vs_robot_actuate(robot, m_virtual, 2, seen.GetBlue());
+    int number = 0;
+    for (const CColor &color : m_tSettings)
+        for (const UInt8 level : {color.GetRed(), color.GetGreen(), color.GetBlue()})
+            vs_robot_actuate(robot, m_virtual, number++, level);
 }
 
 const char *CCI_EPuckRGBLEDsActuator::VsNameOf(const std::string &element)
@@ -168,7 +181,7 @@ void CCI_EPuckRGBLEDsActuator::VsUpdate(vs_robot *robot)
 
 const char *CCI_LEDsActuator::VsNameOf(const std::string &element)
 {
-    return Named(element, "leds", "rgb_leds");
+    return Named(element, "leds", "leds");
 }
 
 void CCI_LEDsActuator::VsUpdate(vs_robot *robot)

@@ -114,15 +114,19 @@ protected:
 class CCI_EPuckBaseLEDsActuator : public CCI_Actuator
 {
 public:
-    CCI_EPuckBaseLEDsActuator() : m_unLEDSettings(0) {}
+    CCI_EPuckBaseLEDsActuator() : m_unLEDSettings(0), m_virtual(-1) {}
     static const char *VsNameOf(const std::string &element);
     virtual void SwitchLED(size_t led, bool on);
     virtual void SwitchLEDs(bool on) { m_unLEDSettings = on ? 255 : 0; }
     void Reset() override { SwitchLEDs(false); }
+    bool VsBind(vs_robot *robot, const std::string &element, const char *name) override;
     void VsUpdate(vs_robot *robot) override;
 
 protected:
     UInt8 m_unLEDSettings;
+
+private:
+    int m_virtual;
 };
 
 /* Coloured lights: the robot's own where it has some, and those that virtual cameras see. */

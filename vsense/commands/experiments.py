@@ -145,8 +145,8 @@ def open_experiment(
     """
     if settings is None:
         settings = dict(options.set)
-    code = arguments.code_of(options)
-    experiment = load(options.experiment, options.duration, settings, stage, code)
+    virtual, code = getattr(options, "virtual_devices", False), arguments.code_of(options)
+    experiment = load(options.experiment, options.duration, settings, stage, virtual, code)
     if options.dry:
         print_data(describe(experiment))
     if options.strict:

@@ -6,6 +6,7 @@ as robot/argos/controller.cpp reads them.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -21,7 +22,6 @@ from vsense.robot.programs import (
     LOOP_FUNCTIONS,
     CodeOptions,
     Program,
-    files,
     folders,
     stem_of,
 )
@@ -98,23 +98,15 @@ def _named(
     """
     library = element.text("library") if element.has("library") else element.name
     label = label or element.name
+    element.has(_INCLUDE)
     if element.has(_SOURCES):
         patterns: Sequence[str] = element.text(_SOURCES).replace(",", " ").split()
     else:
         names = [element.text("id")] if element.has("id") else []
         patterns = code.patterns(stem_of(library), label, *names)
-        folder = Path.cwd() if patterns else folder
-    if not patterns:
-        return None
+        patterns = [str(Path.cwd() / os.path.expanduser(pattern)) for pattern in patterns]
     extra = _headers(element, folder, code)
-    if len(patterns) == 1 and (folder / patterns[0]).is_dir():
-        found = finding.find_in(folder / patterns[0], library, label, extra, macro)
-        if found is not None:
-            return found
-    sources = files(patterns, folder)
-    if all(path.suffix not in CXX_SUFFIXES for path in sources):
-        return Program(tuple(sources), tuple(extra))
-    return finding.complete(sources, label, finding.repository_of(sources[0]), extra, macro)
+    return finding.named(patterns, folder, library, label, extra, macro)
 
 
 def _headers(element: Element, folder: Path, code: CodeOptions) -> list[Path]:
@@ -141,11 +133,11 @@ def _of_library(
             return library, program
         port = argos.shipped_controller(library)
     if port is None:
-        instead = (
-            "the robots stand still; name them with --sources"
-            f" {stem_of(library)}=FILES, see {argos.PAGE}"
+        instead = f"the robots stand still; --sources {stem_of(library)}=FILES names them"
+        element.warn(
+            f"library: {shown(library)} is C++ for ARGoS, and its sources are not found: {instead},"
+            f" see {argos.PAGE}"
         )
-        element.warn(f"library: the sources of {shown(library)} are not found: {instead}")
         return argos.STAND_STILL, source_tree().program(argos.STAND_STILL)
     element.warn(f"library: {shown(library)} is C++ for ARGoS: its port {port!r} is run instead")
     return port, source_tree().program(port, folder)

@@ -77,6 +77,44 @@ class ObjectSpec:
     line: int
 
 
+Wheels = tuple[float, float]
+"""Of the left wheel, and of the right one."""
+
+
+@dataclass(frozen=True, slots=True)
+class WheelNoise:
+    """What simulated wheels make of a command: factor * (v (1 + relative) + bias).
+
+    Attributes:
+        relative: standard deviation, each time.
+        bias_m_s, bias_dev_m_s: mean and standard deviation, once for every robot.
+        factor, factor_dev: likewise, each time.
+    """
+
+    relative: Wheels = (0.0, 0.0)
+    bias_m_s: Wheels = (0.0, 0.0)
+    bias_dev_m_s: Wheels = (0.0, 0.0)
+    factor: Wheels = (1.0, 1.0)
+    factor_dev: Wheels = (0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceSpec:
+    """A device that a controller declares.
+
+    Attributes:
+        section: "sensors" or "actuators".
+        element: its element's name.
+        server: who serves it, in words.
+        served: whether somebody does.
+    """
+
+    section: str
+    element: str
+    server: str
+    served: bool
+
+
 @dataclass(frozen=True, slots=True)
 class ControllerSpec:
     """What drives some or all of the robots, and what they sense and do virtually.
@@ -91,6 +129,8 @@ class ControllerSpec:
         params: the user's own settings, passed on as they are.
         sensors, actuators: the virtual ones.
         told: lines that a controller for ARGoS is sent instead of its settings; "": it is none.
+        devices: all that it declares.
+        wheel_noise: of its robots in simulation; None: they obey.
     """
 
     id: str
@@ -102,6 +142,8 @@ class ControllerSpec:
     sensors: tuple[MountedSensor, ...]
     actuators: tuple[MountedActuator, ...]
     line: int
+    devices: tuple[DeviceSpec, ...] = ()
+    wheel_noise: WheelNoise | None = None
     told: str = ""
 
     @property

@@ -21,8 +21,19 @@ PREFIX = "argos3/"
 STANDARD = "-std=gnu++17"
 """As CMake has it, with GNU's extensions; ARGoS's users write C++11 to C++17."""
 
-FLAGS = ("-D_LIBCPP_ENABLE_CXX17_REMOVED_FEATURES", "-D_GLIBCXX_USE_DEPRECATED=1")
-"""Besides the standard: what C++17 took away is there."""
+_REMOVED = (
+    "AUTO_PTR",
+    "BINDERS",
+    "RANDOM_SHUFFLE",
+    "UNARY_BINARY_FUNCTION",
+    "UNEXPECTED_FUNCTIONS",
+)
+
+FLAGS = (
+    *(f"-D_LIBCPP_ENABLE_CXX17_REMOVED_{name}" for name in _REMOVED),
+    "-D_GLIBCXX_USE_DEPRECATED=1",
+)
+"""Besides the standard: what C++17 took away from the library is there."""
 
 CONTROLLER_PARTS = (
     *("base", "configuration", "random"),
@@ -32,6 +43,9 @@ CONTROLLER_PARTS = (
 
 LOOP_PARTS = ("base", "configuration", "random", "entities", "loop_functions")
 """What of `robot/argos/` loop functions need."""
+
+ENTRY = "controller"
+"""Which of these makes the program's class a controller of the daemon."""
 
 _WORDS = re.compile(
     rb"""//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\\n])*"|'(?:\\.|[^'\\\n])*'"""

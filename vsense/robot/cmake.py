@@ -28,7 +28,7 @@ _VARIABLE = re.compile(r"\$\{([\w.-]+)\}")
 
 
 @dataclass(slots=True)
-class Target:
+class CMakeTarget:
     """A library or program: its sources that are there, and what it is linked with."""
 
     sources: list[Path] = field(default_factory=list)
@@ -48,7 +48,7 @@ class Repository:
     """
 
     root: Path
-    targets: dict[str, Target] = field(default_factory=dict)
+    targets: dict[str, CMakeTarget] = field(default_factory=dict)
     includes: list[Path] = field(default_factory=list)
 
     def sources(self, name: str) -> list[Path]:
@@ -126,7 +126,7 @@ class _Reader:
         there = self.repository.targets.get(name)
         if there is None or (there.is_program and not is_program):
             files = _files(folder, words)
-            self.repository.targets[name] = Target(files, [], is_program)
+            self.repository.targets[name] = CMakeTarget(files, [], is_program)
 
     def _include(self, folder: Path, words: list[str]) -> None:
         for word in words:

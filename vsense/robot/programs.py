@@ -22,6 +22,9 @@ from vsense.robot.cmake import SOURCE_SUFFIXES
 CONTROLLER = "REGISTER_CONTROLLER"
 LOOP_FUNCTIONS = "REGISTER_LOOP_FUNCTIONS"
 
+NAME_MAX = 31
+"""[byte] of a controller's name. Source: c_src/vs_table.h."""
+
 _OTHERS = (
     CONTROLLER,
     LOOP_FUNCTIONS,
@@ -55,6 +58,11 @@ class Program:
     def name(self) -> str:
         """How people call it."""
         return self.label or self.sources[0].stem
+
+    @property
+    def short_name(self) -> str:
+        """The same as a robot tells it, where it is written for ARGoS."""
+        return self.name.encode()[:NAME_MAX].decode(errors="ignore")
 
 
 @dataclass(frozen=True, slots=True)

@@ -241,4 +241,6 @@ def _world(experiment: Experiment, seed: int, loop: Hooks | None) -> World:
         arena=experiment.arena,
         timestep_s=experiment.timestep_s,
         seed=seed,
+        controllers={robot.tag: robot.controller for robot in experiment.robots}
+        | {robot.tag: robot.controller for robot in experiment.virtual_robots},
     )

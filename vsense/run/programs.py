@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.config.specs import Experiment
+from vsense.config.specs import ControllerSpec, Experiment
+from vsense.link.robots.roster import ToldProgram
 from vsense.link.robots.table import Table
 from vsense.link.robots.wire import Shown, Values, Wanted
 from vsense.robot import build, inprocess
+from vsense.robot.compiling import BuildError, native
 from vsense.robot.inprocess import ControllerFailure, Robots, SimError
 
 PROGRESS_BYTES = inprocess.PROGRESS_BYTES + 4
@@ -29,6 +33,30 @@ def shared_objects(experiment: Experiment) -> dict[str, Path]:
     if experiment.loop_functions is not None and experiment.loop_functions.program is not None:
         build.loop_functions(experiment.loop_functions.program)
     return {c.id: build.shared(c.program) for c in experiment.controllers}
+
+
+_NAME = re.compile(r"\bvs_controller\s*=\s*\{[^\"{};]*\"([^\"]+)\"")
+"""What a controller calls itself, in its source; see robot/controller.h."""
+
+
+def told_programs(experiment: Experiment) -> dict[str, ToldProgram]:
+    """Gives what a robot tells that runs a controller of the experiment, by the controller's id.
+
+    A hash is not known without a compiler, and a name where the source does not show it.
+    """
+    return {controller.id: _told(controller) for controller in experiment.controllers}
+
+
+def _told(controller: ControllerSpec) -> ToldProgram:
+    program = controller.program
+    texts = (path.read_text(errors="replace") for path in program.sources if path.is_file())
+    names = [match[1] for match in map(_NAME.search, texts) if match]
+    if program.is_argos:
+        names = [program.short_name]
+    digest = ""
+    with suppress(BuildError):
+        digest = build.source_tree().daemon(program).controller_hash(native())
+    return ToldProgram(names[0] if names else "", digest)
 
 
 class Programs:

@@ -41,7 +41,9 @@ class Setup:
             UsageError: it is not there, has no length, or not so many robots.
             ConfigError: its file is wrong.
         """
-        return self.fit(load(self.experiment, self.duration_s, self.settings, Stage.SIM, self.code))
+        return self.fit(
+            load(self.experiment, self.duration_s, self.settings, Stage.SIM, code=self.code)
+        )
 
     def fit(self, experiment: Experiment) -> Experiment:
         """Reduces a loaded experiment to its wanted robots; raises as `load`."""

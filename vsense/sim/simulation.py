@@ -21,6 +21,7 @@ from vsense.config.specs import Experiment
 from vsense.link.robots.wire import Values, Wanted
 from vsense.physics.motion import Floats, Physics, floor_of, obstacles
 from vsense.physics.proximity_ring import ProximityRing
+from vsense.physics.wheel_noise import NoisyWheels
 from vsense.pictures.run_samples import RunSamples
 from vsense.robot.inprocess import ACT_NS, CONTROL_NS
 from vsense.robot.loop_library import FUNCTIONS, Colors, LoopLibrary
@@ -115,12 +116,14 @@ class Simulation:
         self._tracker = SimulatedTracker((*self.record.tags, *self.record.object_tags), seed)
         controllers = {robot.tag: robot.controller for robot in experiment.robots}
         tables = self.environment.tables
+        drivers = [experiment.controller_of(robot) for robot in experiment.robots]
+        self._wheels = NoisyWheels(drivers, seed)
         self._robots = Programs(experiment, controllers, libraries, tables, seed, progress)
         self._now_ns = EPOCH_NS
         self._leds = np.zeros_like(self._robots.leds)
         self._reports, self._events = dict[int, bytes](), list[_Event]()
         self._names = {robot.tag: robot.id for robot in experiment.robots}
-        self._wheels = self._robots.wheels_steps_s.copy()
+        self._driven = self._robots.wheels_steps_s.copy()
         self._version, self._standing = -1, _standing(experiment.boxes, experiment.cylinders)
         self._follow()
 
@@ -180,7 +183,7 @@ class Simulation:
         robots, boxes, cylinders = len(self.record.tags), *standing
         poses, now_ns = self._physics.poses, max(self._now_ns, EPOCH_NS)
         self._physics = Physics(poses[:robots], poses[robots:], boxes, now_ns, cylinders)
-        self._physics.drive_all(self._wheels, now_ns)
+        self._physics.drive_all(self._driven, now_ns)
         self._rings.near = self._physics.near
 
     def complaints(self) -> list[str]:
@@ -218,10 +221,11 @@ class Simulation:
 
     def _obey(self, time_ns: int, reports: dict[int, bytes]) -> Callable[[], None]:
         """Makes the event in which wheels and LEDs follow the controllers."""
-        wheels, leds = self._robots.wheels_steps_s.copy(), self._robots.leds.copy()
+        wheels = self._wheels.apply(self._robots.wheels_steps_s.copy())
+        leds = self._robots.leds.copy()
 
         def happen() -> None:
-            self._wheels = wheels
+            self._driven = wheels
             self._physics.drive_all(wheels, time_ns)
             self._leds, self._reports = leds, reports
 
