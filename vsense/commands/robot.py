@@ -15,9 +15,11 @@ from vsense.commands import arguments, orders
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment
 from vsense.errors import ConfigError, UsageError
-from vsense.robot import boards, deploying
+from vsense.robot import boards, deploying, finding
 from vsense.robot.boards import Built
+from vsense.robot.build import cache_directory, source_tree
 from vsense.robot.deploying import Outcome, Part, Plan, RobotHost
+from vsense.robot.programs import Program, folders, stem_of
 from vsense.terminal import Console, aligned
 
 DESCRIPTION = (
@@ -47,7 +49,8 @@ def _add_build(parser: argparse.ArgumentParser) -> None:
     what.add_argument(
         "--controller",
         metavar="FILE",
-        help="the controller's .c or .cpp file, or a shipped controller's name",
+        help="the controller's .c or .cpp file, a shipped controller's name, or for ARGoS a library"
+        " whose files --sources names, or a folder of sources",
     )
     what.add_argument(
         "--experiment",
@@ -62,6 +65,18 @@ def _add_build(parser: argparse.ArgumentParser) -> None:
         parser, "-o --output", Path, "FILE", "where it goes (default: vsensed)", Path("vsensed")
     )
     parser.add_argument("--json", action="store_true", help="print what was built as JSON")
+    _add_code(parser)
+
+
+def _add_code(parser: argparse.ArgumentParser) -> None:
+    arguments.add_code(parser)
+    parser.add_argument(
+        "--label",
+        default="",
+        metavar="LABEL",
+        help="with --controller: which of the controllers that its sources register for ARGoS"
+        " (default: the only one)",
+    )
 
 
 def _add_deploy(parser: argparse.ArgumentParser) -> None:
@@ -75,6 +90,7 @@ def _add_deploy(parser: argparse.ArgumentParser) -> None:
         " measured of it, such as wheel-diameter=40.8; a line may be: root@192.168.1.30 tag=23",
     )
     _add_what(parser)
+    _add_code(parser)
     parser.add_argument(
         "--host",
         metavar="ADDRESS",
@@ -163,9 +179,9 @@ def run(options: argparse.Namespace) -> int:
 def build(options: argparse.Namespace) -> int:
     """Builds `vsensed` for a board and says what it is."""
     if options.experiment is None:
-        built = [boards.build(options.controller, options.target, options.output)]
+        built = [boards.build(_program(options), options.target, options.output)]
     else:
-        experiment = load(options.experiment)
+        experiment = load(options.experiment, code=arguments.code_of(options))
         driving = {robot.controller for robot in experiment.robots}
         built = list(_programs(experiment, driving, options.target, options.output).values())
     facts = [asdict(b) | {"path": str(b.path), "controller": str(b.controller)} for b in built]
@@ -180,6 +196,20 @@ def build(options: argparse.Namespace) -> int:
     return 0
 
 
+def _program(options: argparse.Namespace) -> Program:
+    """The program that `--controller` names, with `--sources` and `--include`."""
+    code, name = arguments.code_of(options), options.controller
+    extra = folders(code.includes, Path.cwd(), cache_directory()) if code.includes else []
+    patterns = code.patterns(stem_of(name))
+    if not patterns and Path(name).is_dir():
+        patterns = [name]
+    found = finding.named(patterns, Path.cwd(), name, options.label, extra)
+    program = found or source_tree().program(name)
+    if found is None and program.is_argos:
+        program = finding.complete(program.sources, options.label, None, extra)
+    return program
+
+
 def _programs(
     experiment: Experiment, driving: Collection[str], target: str, output: Path
 ) -> dict[str, Built]:
@@ -189,7 +219,7 @@ def _programs(
     built = {}
     for spec in specs:
         path = output.with_name(f"{output.name}-{spec.id}") if several else output
-        built[spec.id] = boards.build(str(spec.sources[0]), target, path)
+        built[spec.id] = boards.build(spec.program, target, path)
     return built
 
 
@@ -237,7 +267,7 @@ def _plan(options: argparse.Namespace, robots: Sequence[RobotHost], folder: Path
     if options.controller is None:
         binary, part = boards.load(options.binary or Path("vsensed")), Part.ALL
     else:
-        built = boards.build(options.controller, options.target, folder / "vsensed")
+        built = boards.build(_program(options), options.target, folder / "vsensed")
         binary, part = boards.load(built.path), Part.DAEMON
     return replace(plan, binaries={r.destination: binary for r in robots}, part=part)
 
@@ -246,7 +276,7 @@ def _binaries(
     options: argparse.Namespace, robots: Sequence[RobotHost], output: Path
 ) -> dict[str, bytes]:
     """Builds what each robot runs in an experiment, by its destination."""
-    experiment = load(options.experiment)
+    experiment = load(options.experiment, code=arguments.code_of(options))
     known = {robot.tag: robot.controller for robot in experiment.robots}
     driven = {}
     for robot in robots:

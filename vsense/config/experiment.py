@@ -75,7 +75,8 @@ def load(
         stage: what it is loaded for.
         virtual_devices: the devices of ARGoS's elements are virtual ones also where they may be
             the robots' own; in the lab and in simulation they are.
-        code: where the sources of its controllers are, besides where they are found.
+        code: where the sources of its controllers and loop functions are, besides where they are
+            found.
 
     Raises:
         UsageError: there is no such experiment, its file cannot be read, or a setting fits nothing

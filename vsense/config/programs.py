@@ -6,6 +6,7 @@ as robot/argos/controller.cpp reads them.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -21,7 +22,6 @@ from vsense.robot.programs import (
     LOOP_FUNCTIONS,
     CodeOptions,
     Program,
-    files,
     folders,
     stem_of,
 )
@@ -97,24 +97,16 @@ def _named(
     `label`: of the class that is wanted, by default the element's name.
     """
     library = element.text("library") if element.has("library") else element.name
+    label = label or element.name
     element.has(_INCLUDE)
     if element.has(_SOURCES):
         patterns: Sequence[str] = element.text(_SOURCES).replace(",", " ").split()
     else:
         names = [element.text("id")] if element.has("id") else []
         patterns = code.patterns(stem_of(library), label, *names)
-        folder = Path.cwd() if patterns else folder
-    if not patterns:
-        return None
+        patterns = [str(Path.cwd() / os.path.expanduser(pattern)) for pattern in patterns]
     extra = _headers(element, folder, code)
-    if len(patterns) == 1 and (folder / patterns[0]).is_dir():
-        found = finding.find_in(folder / patterns[0], library, label, extra, macro)
-        if found is not None:
-            return found
-    sources = files(patterns, folder)
-    if all(path.suffix not in CXX_SUFFIXES for path in sources):
-        return Program(tuple(sources), tuple(extra))
-    return finding.complete(sources, label, finding.repository_of(sources[0]), extra, macro)
+    return finding.named(patterns, folder, library, label, extra, macro)
 
 
 def _headers(element: Element, folder: Path, code: CodeOptions) -> list[Path]:

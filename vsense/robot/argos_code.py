@@ -44,6 +44,9 @@ CONTROLLER_PARTS = (
 LOOP_PARTS = ("base", "configuration", "random", "entities", "loop_functions")
 """What of `robot/argos/` loop functions need."""
 
+ENTRY = "controller"
+"""Which of these makes the program's class a controller of the daemon."""
+
 _WORDS = re.compile(
     rb"""//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\\n])*"|'(?:\\.|[^'\\\n])*'"""
     rb"""|\b(try|catch|throw|dynamic_cast|typeid)\b""",

@@ -156,27 +156,27 @@ class Sources:
         else:
             names += [str(path) for path in self.program.sources]
         libraries = CXX_LIBRARIES if self.is_cxx else LIBRARIES
+        if self.program.is_argos and "ziglang" not in toolchain.command:
+            # What is defined in headers: in ARGoS's shared libraries the first one counts, too.
+            libraries = (*libraries, "-Wl,-z,muldefs")
         self._run(toolchain, CFLAGS, [*flags, "-s", "-o", str(made), *names, *libraries])
 
     def _objects(self, toolchain: Toolchain, made: Path, flags: Sequence[str]) -> list[str]:
         """Compiles the program and our C++, as many files at a time as there are processors."""
         self._check_headers()
-        flags = [flag for flag in flags if not flag.startswith("-Wl,") and flag != "-shared"]
+        flags = [flag for flag in flags if flag.startswith("-f")]  # for code, not for its linker
         compiler = toolchain.for_cxx()
-        whole = [compiler.version(), *compiler.command, *compiler.flags, *flags]
+        version = compiler.version()
 
         def compiled(numbered: tuple[int, Path]) -> str:
             number, source = numbered
             target = made.with_name(f"{made.name}_{source.stem}-{number}.o")
-            language, after = self._language(source in self.own_cxx)
-            kept = self._kept(source, [*whole, *language, *after])
+            language, after = self._language(source)
+            words = [*compiler.command, *compiler.flags, *language, *after, *flags]
+            kept = self._kept(source, [version, *words])
             if kept is not None and kept.is_file():
                 return str(kept)
-            arguments = [*flags, "-c", str(source), "-o", str(target)]
-            if source.suffix in CXX_SUFFIXES:
-                self._run(compiler, language, [*after, *arguments])
-            else:
-                self._run(toolchain, CFLAGS, arguments)
+            self._compile(toolchain, source, [*flags, "-c", str(source), "-o", str(target)])
             if kept is None:
                 return str(target)
             kept.parent.mkdir(parents=True, exist_ok=True)
@@ -258,33 +258,28 @@ class Sources:
             if missing:
                 raise BuildError(argos_code.explain_missing(missing))
 
-    def _language(self, is_ours: bool = False) -> tuple[list[str], list[str]]:
-        """What a C++ compiler is told for this program before and after its target's flags.
-
-        `is_ours`: for a file that comes with vsense. Those for loop functions know nothing of the
-        program, so all missions have them compiled once.
-        """
+    def _language(self, source: Path) -> tuple[list[str], list[str]]:
+        """What a C++ compiler is told for a file before and after its target's flags."""
         program = self.program
         if not program.is_argos:
             return [*CXXFLAGS], own_cxxflags()
         with_runtime = not self.plain or argos_code.needs_runtime(program)
         cache = self.cache or Path(tempfile.gettempdir()) / f"vsense-{os.getuid()}"
-        searched = [argos_code.forwarding(self._argos(), cache), *program.includes]
-        defined = [f'-DVS_ARGOS_LABEL="{program.label}"', f'-DVS_ARGOS_NAME="{program.told_name}"']
-        if self.what != "controller":
-            defined, searched = [], searched[: 1 if is_ours else None]
-        return [argos_code.STANDARD, *SECTIONS, *argos_code.FLAGS, "-fno-threadsafe-statics"], [
-            *(("-fexceptions", "-funwind-tables") if with_runtime else PLAIN),
-            *defined,
-            *(f"-I{folder}" for folder in searched),
-            *own_cxxflags(),
-        ]
+        told = [f"-I{argos_code.forwarding(self._argos(), cache)}"]
+        if source not in self.own_cxx:
+            told += [f"-I{folder}" for folder in program.includes]
+        elif source.stem == argos_code.ENTRY:
+            label, name = program.label, program.short_name
+            told += [f'-DVS_ARGOS_LABEL="{label}"', f'-DVS_ARGOS_NAME="{name}"']
+        runtime = ("-fexceptions", "-funwind-tables") if with_runtime else PLAIN
+        language = [argos_code.STANDARD, *SECTIONS, *argos_code.FLAGS, "-fno-threadsafe-statics"]
+        return language, [*runtime, *told, *own_cxxflags()]
 
     def _compile(self, toolchain: Toolchain, source: Path, arguments: Sequence[str]) -> str:
         """Runs the compiler for a file's language; as `_run`."""
         if source.suffix not in CXX_SUFFIXES:
             return self._run(toolchain, CFLAGS, arguments)
-        language, after = self._language()
+        language, after = self._language(source)
         return self._run(toolchain.for_cxx(), language, [*after, *arguments])
 
     def _run(self, toolchain: Toolchain, language: Sequence[str], arguments: Sequence[str]) -> str:

@@ -20,6 +20,7 @@ from vsense.robot.programs import (
     Program,
     belongs,
     content,
+    files,
     registers,
     stem_of,
     with_sources_of_headers,
@@ -66,6 +67,34 @@ def find_in(
     name = stem_of(library) if library else ""
     sources = _sources(repository, name, label, root.resolve(), macro)
     return complete(sources, label, repository, extra, macro) if sources else None
+
+
+def named(
+    patterns: Sequence[str],
+    folder: Path,
+    library: str,
+    label: str,
+    extra: Sequence[Path] = (),
+    macro: str = CONTROLLER,
+) -> Program | None:
+    """Makes a program of the files that patterns mean, or of the repository that one means.
+
+    Args:
+        patterns: of files, relative ones in `folder`; empty: nothing is named.
+
+    Raises:
+        UsageError: a pattern means no file.
+    """
+    if not patterns:
+        return None
+    if len(patterns) == 1 and (folder / patterns[0]).is_dir():
+        found = find_in(folder / patterns[0], library, label, extra, macro)
+        if found is not None:
+            return found
+    sources = files(patterns, folder)
+    if not any(registers(path, macro) for path in sources):
+        return Program(tuple(sources), tuple(extra))
+    return complete(sources, label, repository_of(sources[0]), extra, macro)
 
 
 def repository_of(source: Path) -> cmake.Repository | None:
@@ -135,6 +164,8 @@ def _registering(repository: cmake.Repository, label: str, macro: str) -> list[P
 
 
 def _has(path: Path, label: str, macro: str) -> bool:
+    if not label:
+        return registers(path, macro)
     pattern = macro.encode() + rb'\s*\([^;{]*"' + re.escape(label.encode()) + rb'"'
     return registers(path, macro) and re.search(pattern, content(path)) is not None
 

@@ -25,6 +25,9 @@ NAME_MAX = 31
 CONTROLLER = "REGISTER_CONTROLLER"
 LOOP_FUNCTIONS = "REGISTER_LOOP_FUNCTIONS"
 
+NAME_MAX = 31
+"""[byte] of a controller's name. Source: c_src/vs_table.h."""
+
 _OTHERS = (
     CONTROLLER,
     LOOP_FUNCTIONS,
@@ -60,8 +63,8 @@ class Program:
         return self.label or self.sources[0].stem
 
     @property
-    def told_name(self) -> str:
-        """What a robot with ARGoS's code calls its controller: as much of the name as has room."""
+    def short_name(self) -> str:
+        """The same as a robot tells it, where it is written for ARGoS."""
         return self.name.encode()[:NAME_MAX].decode(errors="ignore")
 
 

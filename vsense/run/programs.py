@@ -48,13 +48,14 @@ def told_programs(experiment: Experiment) -> dict[str, ToldProgram]:
 
 
 def _told(controller: ControllerSpec) -> ToldProgram:
-    program, digest = controller.program, ""
-    with suppress(BuildError):
-        digest = build.source_tree().daemon(program).controller_hash(native())
-    if program.is_argos:
-        return ToldProgram(program.told_name, digest)
+    program = controller.program
     texts = (path.read_text(errors="replace") for path in program.sources if path.is_file())
     names = [match[1] for match in map(_NAME.search, texts) if match]
+    if program.is_argos:
+        names = [program.short_name]
+    digest = ""
+    with suppress(BuildError):
+        digest = build.source_tree().daemon(program).controller_hash(native())
     return ToldProgram(names[0] if names else "", digest)
 
 

@@ -120,7 +120,7 @@ class Simulation:
         self._now_ns, self._leds = EPOCH_NS, np.zeros_like(self._robots.leds)
         self._reports, self._events = dict[int, bytes](), list[_Event]()
         self._names = {robot.tag: robot.id for robot in experiment.robots}
-        self._wheels = self._robots.wheels_steps_s.copy()
+        self._driven = self._robots.wheels_steps_s.copy()
         self._version, self._standing = -1, _standing(experiment.boxes, experiment.cylinders)
         self._follow()
 
@@ -180,7 +180,7 @@ class Simulation:
         robots, boxes, cylinders = len(self.record.tags), *standing
         poses, now_ns = self._physics.poses, max(self._now_ns, EPOCH_NS)
         self._physics = Physics(poses[:robots], poses[robots:], boxes, now_ns, cylinders)
-        self._physics.drive_all(self._wheels, now_ns)
+        self._physics.drive_all(self._driven, now_ns)
         self._rings.near = self._physics.near
 
     def complaints(self) -> list[str]:
@@ -222,7 +222,7 @@ class Simulation:
         leds = self._robots.leds.copy()
 
         def happen() -> None:
-            self._wheels = wheels
+            self._driven = wheels
             self._physics.drive_all(wheels, time_ns)
             self._leds, self._reports = leds, reports
 
