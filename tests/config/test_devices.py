@@ -14,7 +14,8 @@ from vsense.config.description import describe
 from vsense.config.experiment import load, read
 from vsense.config.specs import ControllerSpec, Experiment, Stage
 from vsense.errors import ConfigError
-from vsense.physics.motion import STEP_M, NoisyWheels
+from vsense.physics.motion import STEP_M
+from vsense.physics.wheel_noise import NoisyWheels
 from vsense.sensors.omnidirectional_camera import OmnidirectionalCamera
 from vsense.sensors.range_and_bearing import RangeAndBearingSensor
 from vsense.world.entities import Box, Led

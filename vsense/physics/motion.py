@@ -6,15 +6,14 @@ arena a tick takes 2 us, where NumPy took 125 us.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vsense.config.specs import ControllerSpec, Experiment, WheelNoise
+from vsense.config.specs import Experiment
 from vsense.native import kernel_ffi, kernels
-from vsense.sensors.quality import generator
 from vsense.world.entities import BODY_HEIGHT_M, BODY_RADIUS_M, Box, Cylinder
 
 Floats = NDArray[np.float64]
@@ -198,47 +197,3 @@ def obstacles(boxes: Iterable[Box], cylinders: Iterable[Cylinder]) -> tuple[Floa
         if post.position_m[2] < BODY_HEIGHT_M
     ]
     return np.array(walls).reshape(-1, 5), np.array(posts).reshape(-1, 3)
-
-
-_STREAM = "wheels"
-
-
-class NoisyWheels:
-    """What becomes of the commands to the wheels of some robots, with ARGoS's noise.
-
-        <epuck_wheels noise_std_dev="0.05" />: v + v N(0, noise_std_dev)
-        <differential_steering bias_avg bias_stddev factor_avg factor_stddev />, each also with
-            _left and _right: N(factor_avg, factor_stddev) (v + bias) while one of the wheels
-            turns; the bias [m/s] is drawn once for every robot
-
-    Source: argos3-epuck 66cb8d9, epuck_wheels_default_actuator.cpp lines 78-98; argos3 421bd76,
-    differential_steering_default_actuator.cpp lines 44-120.
-    """
-
-    def __init__(self, controllers: Sequence[ControllerSpec], seed: int) -> None:
-        """`controllers` are those of the robots, one each; `seed` is the run's."""
-        noises = [spec.wheel_noise or WheelNoise() for spec in controllers]
-        self._random = generator(seed, _STREAM)
-        self._relative = _column(noises, "relative")
-        self._factor, self._factor_dev = _column(noises, "factor"), _column(noises, "factor_dev")
-        deviation, shape = _column(noises, "bias_dev_m_s"), (len(noises), 2)
-        bias_m_s = _column(noises, "bias_m_s") + deviation * self._random.normal(size=shape)
-        self._bias = bias_m_s / STEP_M
-        self._quiet = all(spec.wheel_noise is None for spec in controllers)
-
-    def apply(self, commands: NDArray[np.int16]) -> NDArray[np.int16]:
-        """Gives the speeds (n, 2) [step/s] that robots drive at which are told `commands`."""
-        if self._quiet:
-            return commands
-        wanted, shape = commands.astype(np.float64), commands.shape
-        drawn = wanted * (1.0 + self._relative * self._random.normal(size=shape))
-        factor = self._factor + self._factor_dev * self._random.normal(size=shape)
-        turning = (commands != 0).any(axis=1)[:, None]
-        speeds = np.where(turning, factor * (drawn + self._bias), drawn)
-        limited = np.clip(np.rint(speeds), -MAX_SPEED_STEPS_S, MAX_SPEED_STEPS_S)
-        return np.asarray(limited.astype(np.int16))
-
-
-def _column(noises: Sequence[WheelNoise], name: str) -> NDArray[np.float64]:
-    """One setting of all robots, left and right: (n, 2)."""
-    return np.array([getattr(noise, name) for noise in noises], dtype=np.float64).reshape(-1, 2)

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment
 from vsense.link.robots.wire import Values, Wanted
-from vsense.physics.motion import Floats, NoisyWheels, Physics, floor_of, obstacles
+from vsense.physics.motion import Floats, Physics, floor_of, obstacles
 from vsense.physics.proximity_ring import ProximityRing
+from vsense.physics.wheel_noise import NoisyWheels
 from vsense.pictures.run_samples import RunSamples
 from vsense.robot.inprocess import ACT_NS, CONTROL_NS
 from vsense.robot.loop_library import FUNCTIONS, Colors, LoopLibrary
