@@ -238,6 +238,13 @@ inline CDegrees NormalizedDifference(const CDegrees &a, const CDegrees &b)
     return CDegrees(VsDifference(a.GetValue(), b.GetValue(), 180.0));
 }
 
+#define ARGOS_SIN ::sin
+#define ARGOS_ASIN ::asin
+#define ARGOS_COS ::cos
+#define ARGOS_ACOS ::acos
+#define ARGOS_TAN ::tan
+#define ARGOS_ATAN2 ::atan2
+
 inline Real Sin(const CRadians &angle)
 {
     return std::sin(angle.GetValue());

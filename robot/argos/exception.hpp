@@ -58,8 +58,10 @@ public:
     VsWords &operator<<(float value) { return Number(value); }
     VsWords &operator<<(double value) { return Number(value); }
 
-    /* std::endl and std::flush are known by their address, so that they need no stream. */
-    VsWords &operator<<(std::ostream &(*manipulator)(std::ostream &))
+    /* std::endl and std::flush are known by their address, so that they need no stream: it is
+     * compared where the words are written, where the compiler sees which one it is. */
+    __attribute__((always_inline)) VsWords &operator<<(
+        std::ostream &(*manipulator)(std::ostream &))
     {
         if (manipulator == static_cast<std::ostream &(*)(std::ostream &)>(std::endl))
             m_text += '\n';

@@ -74,7 +74,7 @@ public:
         return m_stream->out;
     }
 
-    /* In place where it is called, so that std::endl is known without a stream. */
+    /* In place for the same reason as that of VsWords. */
     __attribute__((always_inline)) CARGoSLog &operator<<(std::ostream &(*manipulator)(std::ostream &))
     {
         m_words << manipulator;

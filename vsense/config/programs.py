@@ -17,7 +17,14 @@ from vsense.errors import UsageError
 from vsense.robot import finding
 from vsense.robot.build import BuildError, cache_directory, source_tree
 from vsense.robot.compiling import CXX_SUFFIXES
-from vsense.robot.programs import CodeOptions, Program, folders, stem_of
+from vsense.robot.programs import (
+    CONTROLLER,
+    LOOP_FUNCTIONS,
+    CodeOptions,
+    Program,
+    folders,
+    stem_of,
+)
 from vsense.sensors.base import MountedSensor
 from vsense.sensors.range_and_bearing import RangeAndBearingSensor
 from vsense.xml.element import Element, shown
@@ -67,17 +74,39 @@ def _read(element: Element, folder: Path, code: CodeOptions) -> tuple[str, Progr
     return library, program
 
 
-def _named(element: Element, folder: Path, code: CodeOptions) -> Program | None:
-    """The program whose sources, or whose repository, the element or the command line names."""
+def find_loop_functions(
+    element: Element, label: str, folder: Path, code: CodeOptions
+) -> Program | None:
+    """Finds what a library of loop functions in C++ is built of; arguments as those of `read`."""
+    library = element.text("library")
+    try:
+        named = _named(element, folder, code, label, LOOP_FUNCTIONS)
+        if named is not None:
+            return named
+        extra = _headers(element, folder, code)
+        return finding.find(library, label, folder, extra, LOOP_FUNCTIONS)
+    except (UsageError, OSError) as error:
+        raise element.error(str(error), "library") from None
+
+
+def _named(
+    element: Element, folder: Path, code: CodeOptions, label: str = "", macro: str = CONTROLLER
+) -> Program | None:
+    """The program whose sources, or whose repository, the element or the command line names.
+
+    `label`: of the class that is wanted, by default the element's name.
+    """
     library = element.text("library") if element.has("library") else element.name
+    label = label or element.name
     element.has(_INCLUDE)
     if element.has(_SOURCES):
         patterns: Sequence[str] = element.text(_SOURCES).replace(",", " ").split()
     else:
-        patterns = code.patterns(stem_of(library), element.name, element.text("id"))
+        names = [element.text("id")] if element.has("id") else []
+        patterns = code.patterns(stem_of(library), label, *names)
         patterns = [str(Path.cwd() / os.path.expanduser(pattern)) for pattern in patterns]
     extra = _headers(element, folder, code)
-    return finding.named(patterns, folder, library, element.name, extra)
+    return finding.named(patterns, folder, library, label, extra, macro)
 
 
 def _headers(element: Element, folder: Path, code: CodeOptions) -> list[Path]:
@@ -132,17 +161,17 @@ def told(
     for actuator in actuators:
         if isinstance(actuator.actuator, MessagesActuator):
             lines.append(f"vs:said_bytes={actuator.actuator.size}")
-    lines += ["<=params", ">="] if params is None else _tree(params)
+    lines += ["<=params", ">="] if params is None else tree(params)
     return "".join(f"{line}\n" for line in lines)
 
 
-def _tree(element: Element) -> list[str]:
-    """An element with everything in it."""
+def tree(element: Element) -> list[str]:
+    """An element with everything in it, as code for ARGoS is told it."""
     lines = [f"<={element.name}"]
     for key, value in element.free_attributes().items():
         lines.append(f"@{key}={_one_line(value)}")
     for child in element.children():
-        lines += _tree(child)
+        lines += tree(child)
     return [*lines, ">="]
 
 

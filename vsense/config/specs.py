@@ -212,18 +212,22 @@ class FieldSpec:
 
 @dataclass(frozen=True, slots=True)
 class LoopSpec:
-    """The user's Python functions that are called around every timestep.
+    """The user's functions that are called around every timestep.
 
     Attributes:
-        path: their file.
+        path: their file, of several in C++ the first.
         label: the class in it that holds them, as ARGoS's label names one; "": not said.
         params: the other attributes of `<loop_functions>` and of the elements in it (`child.key`).
+        program: what they are built of if they are C++ for ARGoS.
+        settings: the element as these read it, see `robot/argos/configuration.hpp`.
     """
 
     path: Path
     label: str
     params: Mapping[str, str]
     line: int
+    program: Program | None = None
+    settings: str = ""
 
 
 @dataclass(frozen=True, slots=True)

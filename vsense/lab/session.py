@@ -186,7 +186,11 @@ class Session(ExperimentSession):
             # Without physics the cameras fail, too: report what failed first.
             self.floor.check()
             raise failure
-        notes.measures = self.environment.end()
+        try:
+            notes.measures = self.environment.end()
+        finally:
+            for text in self.environment.said():
+                self.setup.console.say(f"loop functions: {text}")
 
     def _run_timesteps(self, notes: RunNotes, observe: Callable[[Step], None]) -> None:
         pictures, samples = notes.pictures, notes.samples

@@ -39,6 +39,9 @@ CONTROLLER_PARTS = (
 )
 """What of `robot/argos/` a controller needs."""
 
+LOOP_PARTS = ("base", "configuration", "random", "entities", "loop_functions")
+"""What of `robot/argos/` loop functions need."""
+
 ENTRY = "controller"
 """Which of these makes the program's class a controller of the daemon."""
 

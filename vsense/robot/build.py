@@ -11,11 +11,12 @@ from __future__ import annotations
 
 import hashlib
 import os
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from vsense.errors import UsageError
-from vsense.robot.argos_code import CONTROLLER_PARTS, FLAGS, STANDARD
+from vsense.robot.argos_code import CONTROLLER_PARTS, FLAGS, LOOP_PARTS, STANDARD
 from vsense.robot.compiling import (
     CFLAGS,
     CXX_LIBRARIES,
@@ -112,11 +113,15 @@ class SourceTree:
         own_cxx, cache = self._argos(program), _cache_for(program)
         return Sources(self.runtime_sources(), program, self.includes(), own_cxx, cache=cache)
 
-    def _argos(self, program: Program) -> list[Path]:
-        """Our files that a controller for ARGoS needs."""
+    def loop(self, program: Program) -> Sources:
+        """What the shared object of ARGoS's loop functions is made of."""
+        own_cxx, cache = self._argos(program, LOOP_PARTS), _cache_for(program)
+        return Sources((), program, self.includes(), own_cxx, cache=cache, what="loop functions")
+
+    def _argos(self, program: Program, parts: Sequence[str] = CONTROLLER_PARTS) -> list[Path]:
+        """Our files that code for ARGoS needs."""
         folder = self.root / "robot" / "argos"
-        parts = CONTROLLER_PARTS if program.is_argos else ()
-        return [folder / f"{part}.cpp" for part in parts]
+        return [folder / f"{part}.cpp" for part in parts] if program.is_argos else []
 
     def includes(self) -> list[Path]:
         """The folders of the headers."""
@@ -209,6 +214,22 @@ def shared(controller: str | Program, beside: Path | None = None) -> Path:
     return target
 
 
+def loop_functions(program: Program) -> Path:
+    """Gives the shared object of ARGoS's loop functions, building it where needed.
+
+    Raises:
+        BuildError: no compiler, a source that does not compile, or no cache directory.
+    """
+    tree = source_tree()
+    # The label is chosen when they are called.
+    program = replace(program, label="")
+    sources = tree.loop(program)
+    target = cache_directory() / _fingerprint(tree, program, sources) / "loop_functions.so"
+    if not target.is_file():
+        sources.link(native(), target, SHARED_FLAGS)
+    return target
+
+
 def cache_directory() -> Path:
     """The folder for builds: `$XDG_CACHE_HOME/vsense`, by default `~/.cache/vsense`.
 
@@ -240,11 +261,11 @@ def _cache_for(program: Program) -> Path | None:
     return cache_directory() if program.is_argos else None
 
 
-def _fingerprint(tree: SourceTree, program: Program) -> str:
+def _fingerprint(tree: SourceTree, program: Program, sources: Sources | None = None) -> str:
     """Hash of the compiler, the flags and every source and header that goes into a build."""
     compiler = native()
     flags = f"{CFLAGS}{SHARED_FLAGS}{CXXFLAGS}{own_cxxflags()}{CXX_LIBRARIES}{compiler.cxx}"
-    sources = tree.daemon(program)
+    sources = sources or tree.daemon(program)
     versions = compiler.version() + (compiler.for_cxx().version() if sources.is_cxx else "")
     digest = hashlib.sha256(f"{list(compiler.command)}{versions}{flags}".encode())
     argos = tree.argos_headers() if program.is_argos else []

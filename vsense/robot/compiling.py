@@ -111,6 +111,7 @@ class Sources:
             become small code, where the toolchain has such.
         cache: folder in which C++ files that are compiled stay; None: they do not.
         plain: code for ARGoS is compiled without exceptions and types at run time if it uses none.
+        what: what the program is, as messages call it.
     """
 
     own: Sequence[Path]
@@ -120,6 +121,7 @@ class Sources:
     fast: Collection[str] = ()
     cache: Path | None = None
     plain: bool = False
+    what: str = "controller"
 
     def link(self, toolchain: Toolchain, target: Path, flags: Sequence[str] = ()) -> None:
         """Compiles and links everything and moves it into place whole, stripped.
@@ -300,11 +302,17 @@ class Sources:
 
         named = [path for path in self.program.sources if is_named(path)]
         if named:
-            return f"the controller {named[0]} does not build"
+            return f"the {self.what} {named[0]} {self._does} not build"
         shipped = [str(path) for path in (*self.own, *self.own_cxx) if is_named(path)]
         if shipped:
             return f"a source of vsensed itself does not build: {', '.join(shipped)}"
+        if self.what != "controller":
+            return f"the {self.what} {self.program.sources[0]} {self._does} not build"
         return f"vsensed with the controller {self.program.sources[0]} does not build"
+
+    @property
+    def _does(self) -> str:
+        return "do" if self.what.endswith("s") else "does"
 
 
 def own_cxxflags() -> list[str]:

@@ -71,7 +71,7 @@ class Program:
     @property
     def is_argos(self) -> bool:
         """Whether it is written for ARGoS."""
-        return any(registers(path, CONTROLLER) for path in self.sources)
+        return any(registers(p, m) for p in self.sources for m in (CONTROLLER, LOOP_FUNCTIONS))
 
     @property
     def name(self) -> str:

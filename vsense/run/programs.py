@@ -30,6 +30,8 @@ def shared_objects(experiment: Experiment) -> dict[str, Path]:
         UsageError: there is no such controller.
         BuildError: no compiler, or a source that does not compile.
     """
+    if experiment.loop_functions is not None and experiment.loop_functions.program is not None:
+        build.loop_functions(experiment.loop_functions.program)
     return {c.id: build.shared(c.program) for c in experiment.controllers}
 
 

@@ -231,6 +231,22 @@ class World:
         """
         self._inventory.move(name, x_m, y_m, yaw_rad)
 
+    def rebuild(self, entity: Entity) -> None:
+        """As `put`, also of what stands in the arena: for simulations, whose arena can change.
+
+        Raises:
+            WorldError: another robot has its tag.
+        """
+        self._inventory.rebuild(entity)
+
+    def tear_down(self, name: str) -> None:
+        """As `remove`, likewise.
+
+        Raises:
+            WorldError: there is none of this name.
+        """
+        self._inventory.tear_down(name)
+
     def set_leds(self, name: str, colors: Sequence[Color]) -> None:
         """Gives the LEDs of a box or cylinder other colours; a physical one's, too.
 
