@@ -84,8 +84,7 @@ class Simulation:
         self._tracker = SimulatedTracker((*self.record.tags, *self.record.object_tags), seed)
         controllers = {robot.tag: robot.controller for robot in experiment.robots}
         tables = self.environment.tables
-        drivers = [experiment.controller_of(robot) for robot in experiment.robots]
-        self._wheels = NoisyWheels(drivers, seed)
+        self._wheels = NoisyWheels(experiment.wheel_noises, seed)
         self._robots = Programs(experiment, controllers, libraries, tables, seed, progress)
         self._leds = np.zeros_like(self._robots.leds)
         self._reports, self._events = dict[int, bytes](), list[_Event]()
