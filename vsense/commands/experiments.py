@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import secrets
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from vsense.commands import arguments
@@ -12,6 +12,9 @@ from vsense.config.description import describe
 from vsense.config.experiment import first_robots, load
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment, Stage
+from vsense.errors import UsageError
+from vsense.link.legacy.server import MixedServer
+from vsense.link.robots.server import VirtualSensorServer
 from vsense.run import directory as run_directory
 from vsense.terminal import Console, print_data
 from vsense.ui.room import RoomOptions
@@ -31,6 +34,7 @@ def add_experiment(parser: argparse.ArgumentParser) -> None:
     arguments.flag(
         parser, "--strict", "refuse a file in which anything is not supported, instead of warning"
     )
+    arguments.add_code(parser)
     _add_run(parser)
 
 
@@ -63,6 +67,35 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
         " library (for its parameters), 'sensor' or 'actuator' (for all virtual ones); may be"
         " given again",
     )
+
+
+def add_legacy_port(parser: argparse.ArgumentParser) -> None:
+    """Declares the port for robots with the original's client."""
+    arguments.option(
+        parser,
+        "--legacy-port",
+        arguments.port,
+        "P",
+        "serve robots that still run the original's client, too, on this TCP port; 0 takes a free"
+        " one (default: serve none)",
+    )
+
+
+def check_legacy_port(options: argparse.Namespace, port: int) -> None:
+    """Raises UsageError where the port of `add_legacy_port` is that for `vsensed`, too."""
+    if options.legacy_port and options.legacy_port == port:
+        raise UsageError(
+            f"--legacy-port: {port} is the port for vsensed, too: give that another, such as"
+            f" --port {port + 1}"
+        )
+
+
+def say_legacy_port(server: VirtualSensorServer, say: Callable[[str], None]) -> None:
+    """Says where robots with the original's client connect to, and what they do not get."""
+    if isinstance(server, MixedServer):
+        say(f"and with the original client on port {server.legacy_port}")
+        for name in server.unknown:
+            say(f"the original client does not know the sensor '{name}': not told to it")
 
 
 def add_room(parser: argparse.ArgumentParser) -> None:
@@ -112,8 +145,8 @@ def open_experiment(
     """
     if settings is None:
         settings = dict(options.set)
-    virtual = getattr(options, "virtual_devices", False)
-    experiment = load(options.experiment, options.duration, settings, stage, virtual)
+    virtual, code = getattr(options, "virtual_devices", False), arguments.code_of(options)
+    experiment = load(options.experiment, options.duration, settings, stage, virtual, code)
     if options.dry:
         print_data(describe(experiment))
     if options.strict:

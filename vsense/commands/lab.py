@@ -54,6 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="P",
         help="TCP and UDP port; 0 takes a free one (default: the file's)",
     )
+    experiments.add_legacy_port(parser)
     parser.add_argument(
         "--output", type=Path, metavar="DIR", help="folder for picture and logs (default: runs/...)"
     )
@@ -77,10 +78,13 @@ def run(options: argparse.Namespace) -> int:
     console = Console()
     _warn(console, experiment)
     port = experiment.port if options.port is None else options.port
+    experiments.check_legacy_port(options, port)
     with interruption() as interrupted, ControlRoom(experiments.room_of(options), console) as room:
         address = (experiment.host, port)
         setup = RunSetup(experiment, seed, options.blind, address, console, interrupted, room)
-        session = Session(setup, directory, options.base, options.firmware_watchdog)
+        session = Session(
+            *(setup, directory, options.base, options.firmware_watchdog, options.legacy_port)
+        )
         series = Series(directory, options.runs, room.holds, interrupted)
         failure = _run_all(session, series, room, console)
         console.end_progress()
@@ -95,6 +99,7 @@ def _run_all(
 ) -> VsenseError | None:
     """Carries out all runs; returns a failure in one of them, to be raised after the reports."""
     with session:
+        experiments.say_legacy_port(session.server, console.say)
         try:
             while True:
                 directory = series.directory(session.runner.control.run)

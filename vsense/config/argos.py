@@ -4,9 +4,9 @@ A name that is neither here nor understood is taken for a misspelling and refuse
 entities, devices, engines and media of ARGoS 3 and its e-puck plug-in, and IRIDIA's virtual
 sensors.
 
-C++ libraries and Lua scripts run on no robot here. The port of a library has its name:
-`libforaging.so` becomes `foraging.c` or `foraging.cpp`, a shipped controller or a file beside the
-experiment.
+A C++ library is built from its sources where they are found (`vsense.robot.finding`), or a port of
+its name runs instead: `libforaging.so` becomes `foraging.c` or `foraging.cpp`, a file beside the
+experiment or a shipped controller. Lua scripts run on no robot here.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 from vsense.robot.build import source_tree
 from vsense.robot.compiling import SUFFIXES
+from vsense.robot.programs import Program
 from vsense.sensors.quality import NOISES
 from vsense.xml.element import Element
 
@@ -232,26 +233,32 @@ def is_built_for_argos(library: str) -> bool:
     return _LIBRARY.fullmatch(library) is not None
 
 
-def is_cpp(controller: Element, folder: Path) -> bool:
-    """Whether a controller is C++ for ARGoS, without a port in its place."""
-    library = controller.peek("library") or ""
-    return is_built_for_argos(library) and ported_controller(library, folder) is None
+def is_cpp(controller: Element, named: tuple[str, Program]) -> bool:
+    """Whether a controller is C++ for ARGoS, without a port in its place: what it declares is meant
+    as ARGoS means it, also where its sources are not found and robots stand still."""
+    library, program = named
+    written = controller.peek("library") or ""
+    return program.is_argos or (library == STAND_STILL and is_built_for_argos(written))
 
 
 def ported_controller(library: str, folder: Path) -> str | None:
-    """Finds a controller's port: a shipped one, a source beside the experiment file, or None.
+    """Finds a controller's port, a source beside the experiment file.
 
     A C++ file of that name may be what ARGoS's library was built from: a port names the variable
     `vs_controller`.
     """
     stem = _stem(library)
-    if stem in source_tree().controllers():
-        return stem
     for name in (f"{stem}{suffix}" for suffix in SUFFIXES):
         path = folder / name
         if path.is_file() and (path.suffix == ".c" or b"vs_controller" in path.read_bytes()):
             return name
     return None
+
+
+def shipped_controller(library: str) -> str | None:
+    """Finds a controller's port among the shipped ones."""
+    stem = _stem(library)
+    return stem if stem in source_tree().controllers() else None
 
 
 def ported_loop_functions(library: str, folder: Path) -> Path | None:

@@ -185,19 +185,20 @@ def read_devices(
     settings: Sequence[RobotSettings],
     stage: Stage,
     virtual: bool,
+    cpp: Sequence[bool],
 ) -> list[Devices]:
     """Mounts the virtual sensors and actuators that each controller asks for.
 
     They may refer to `scope`, to which sensors add their sources, and to `media`. Those of one
     controller must have different names, and a datagram must hold them all. `settings` are those
-    of the robots of each controller; `virtual` as in `DeviceRule`.
+    of the robots of each controller; `virtual` as in `DeviceRule`; `cpp`: it is C++ for ARGoS.
     """
     names = {e.name for c in controllers for s in c.below(SENSORS) for e in s.below()}
     rule = DeviceRule(stage, virtual, any(camera in names for camera in argos.CAMERAS))
     scope.leds = _leds(controllers, scope)
     found = [
-        Devices(controller, argos.is_cpp(controller, scope.folder), robots)
-        for controller, robots in zip(controllers, settings)
+        Devices(controller, is_cpp, robots)
+        for controller, is_cpp, robots in zip(controllers, cpp, settings)
     ]
     # Actuators may act on what another controller's sensors have added to the world.
     for kind in _KINDS:

@@ -9,20 +9,23 @@ from importlib import resources
 from pathlib import Path
 from typing import NamedTuple
 
+from vsense.config import argos
 from vsense.config.arena import DISTRIBUTE, read_arena
 from vsense.config.argos import USING_SETTINGS
 from vsense.config.controllers import read_controller, used_controllers
-from vsense.config.devices import Devices, read_devices
+from vsense.config.devices import read_devices
 from vsense.config.devices import virtual_devices as names_of_virtual
 from vsense.config.framework import read_loop_functions, read_rest, read_run, read_tracker
 from vsense.config.placement import overlapping
 from vsense.config.population import populate
+from vsense.config.programs import read as read_program
 from vsense.config.robots import ArenaContents, give_tags
 from vsense.config.settings import apply, check_used
-from vsense.config.specs import Experiment, MarkerSpec, ObjectSpec, RobotSpec, Stage
+from vsense.config.specs import ControllerSpec, Experiment, MarkerSpec, ObjectSpec, RobotSpec, Stage
 from vsense.config.things import Media, read_media
 from vsense.errors import ConfigError, UsageError
 from vsense.markers.families import known_families, load_family
+from vsense.robot.programs import CodeOptions
 from vsense.sensors.base import RobotSettings, Scope
 from vsense.xml.element import Element
 from vsense.xml.parsing import parse
@@ -62,6 +65,7 @@ def load(
     settings: Mapping[str, str] | None = None,
     stage: Stage = Stage.RUN,
     virtual_devices: bool = False,
+    code: CodeOptions | None = None,
 ) -> Experiment:
     """Loads a shipped experiment by its name, or the `.argos` file at a path.
 
@@ -72,6 +76,8 @@ def load(
         stage: what it is loaded for.
         virtual_devices: the devices of ARGoS's elements are virtual ones also where they may be
             the robots' own; in the lab and in simulation they are.
+        code: where the sources of its controllers and loop functions are, besides where they are
+            found.
 
     Raises:
         UsageError: there is no such experiment, its file cannot be read, or a setting fits nothing
@@ -83,7 +89,7 @@ def load(
         data = path.read_bytes()
     except OSError as error:
         raise UsageError(f"{file}: cannot be read: {error.strerror}") from None
-    return read(data, file, path, length_s, settings, stage, virtual_devices)
+    return read(data, file, path, length_s, settings, stage, virtual_devices, code)
 
 
 def read(
@@ -94,13 +100,14 @@ def read(
     settings: Mapping[str, str] | None = None,
     stage: Stage = Stage.RUN,
     virtual_devices: bool = False,
+    code: CodeOptions | None = None,
 ) -> Experiment:
     """Reads an experiment from the bytes of the file at `path`; see `load`."""
     root = parse(data, file, of_argos=True)
     if root.name != "argos-configuration":
         raise root.error("is the outermost element, expected <argos-configuration>")
     applied = apply(root, settings or {}, names_of_virtual())
-    serves = _Serves(stage, virtual_devices or stage is not Stage.RUN)
+    serves = _Serves(stage, virtual_devices or stage is not Stage.RUN, code or CodeOptions())
     experiment = _read_understood(root, path, length_s, serves)
     read_rest(root)
     root.check_all_read()
@@ -110,10 +117,12 @@ def read(
 
 
 class _Serves(NamedTuple):
-    """What it is loaded for, and whether devices of ARGoS's elements are virtual ones."""
+    """What it is loaded for, whether devices of ARGoS's elements are virtual ones, and where the
+    controllers' sources are."""
 
     stage: Stage
     virtual: bool
+    code: CodeOptions
 
 
 def _read_understood(
@@ -124,17 +133,17 @@ def _read_understood(
     media = read_media(root)
     arena, folder = root.child("arena"), path.parent
     bodies = read_arena(arena, folder, media, 1.0 / run.ticks_per_second, serves.stage)
-    loop_functions = read_loop_functions(root, folder)
+    loop_functions = read_loop_functions(root, folder, serves.code)
     populate(root.document, loop_functions, bodies, run.seed)
     if not bodies.robots:
         raise arena.error(_no_robot(root, arena))
     give_tags(bodies, marker.family)
-    controllers = used_controllers(root.child("controllers"), bodies)
     scope = _scope(bodies, round(run.length_s * run.ticks_per_second))
-    devices = _read_devices(controllers, bodies, scope, media, serves)
+    used = used_controllers(root.child("controllers"), bodies)
+    controllers = _read_controllers(used, bodies, scope, media, serves)
     _check_objects(bodies, scope)
     _check_tags(bodies, marker, root.document.file)
-    _warn_of_unsensed(bodies, devices)
+    _warn_of_unsensed(bodies, controllers)
     return Experiment(
         name=path.name.removesuffix(SUFFIX),
         file=root.document.file,
@@ -144,9 +153,7 @@ def _read_understood(
         robots=tuple(bodies.robots),
         objects=tuple(bodies.objects),
         marker=marker,
-        controllers=tuple(
-            read_controller(element, folder, some) for element, some in zip(controllers, devices)
-        ),
+        controllers=controllers,
         sources=tuple(scope.sources),
         entities=tuple(bodies.entities),
         distributed=tuple(bodies.distributed),
@@ -158,15 +165,19 @@ def _read_understood(
     )
 
 
-def _read_devices(
+def _read_controllers(
     controllers: Sequence[Element],
     bodies: ArenaContents,
     scope: Scope,
     media: Media,
     serves: _Serves,
-) -> list[Devices]:
+) -> tuple[ControllerSpec, ...]:
+    programs = [read_program(element, scope.folder, serves.code) for element in controllers]
+    cpp = [argos.is_cpp(*some) for some in zip(controllers, programs)]
     settings = [_settings(controller, bodies) for controller in controllers]
-    return read_devices(controllers, scope, media, settings, *serves)
+    stage, virtual, _ = serves
+    devices = read_devices(controllers, scope, media, settings, stage, virtual, cpp)
+    return tuple(read_controller(*some) for some in zip(controllers, programs, devices))
 
 
 def _scope(bodies: ArenaContents, timesteps: int) -> Scope:
@@ -207,8 +218,8 @@ def _warn_of_overlaps(root: Element, experiment: Experiment) -> None:
     root.document.passed_over.append((robot.line, f"<e-puck> {words}"))
 
 
-def _warn_of_unsensed(bodies: ArenaContents, devices: Sequence[Devices]) -> None:
-    for element in () if any(some.sensors for some in devices) else bodies.unseen:
+def _warn_of_unsensed(bodies: ArenaContents, controllers: Sequence[ControllerSpec]) -> None:
+    for element in () if any(some.sensors for some in controllers) else bodies.unseen:
         element.warn(
             "is virtual, and no virtual sensor is there to feel it;"
             " vs:physical='true' says that it stands in the real arena"

@@ -64,15 +64,23 @@ class Session(ExperimentSession):
 
     quiet = frozenset({"connected"})
 
-    def __init__(self, setup: RunSetup, directory: Path, base: str, watchdog: bool = False) -> None:
+    def __init__(
+        self,
+        setup: RunSetup,
+        directory: Path,
+        base: str,
+        watchdog: bool = False,
+        legacy_port: int | None = None,
+    ) -> None:
         """Prepares runs of robots on a `base` of `vsense.lab.links.BASES`; `directory` exists.
 
-        Their firmware has a `watchdog`, as in `Microcontrollers`, or none.
+        Their firmware has a `watchdog`, as in `Microcontrollers`, or none. On `legacy_port` the
+        original's client gets the readings of a robot of the lab.
 
         Raises:
             VsenseError: something in the experiment cannot be made.
         """
-        super().__init__(setup)
+        super().__init__(setup, legacy_port)
         self.directory = directory
         self.truth_log = directory / "truth.bin"
         self.recordings: list[RunNotes] = []
@@ -83,8 +91,7 @@ class Session(ExperimentSession):
 
     def _open(self) -> None:
         experiment, seed = self.experiment, self.setup.seed
-        folder = experiment.path.parent
-        daemons = {c.id: build.daemon(c.library, folder) for c in experiment.controllers}
+        daemons = {c.id: build.daemon(c.program) for c in experiment.controllers}
         port = self._start_server()
         truth = make_ring(len(experiment.robots) + len(experiment.objects))
         self._stack.callback(truth.close)
@@ -179,7 +186,11 @@ class Session(ExperimentSession):
             # Without physics the cameras fail, too: report what failed first.
             self.floor.check()
             raise failure
-        notes.measures = self.environment.end()
+        try:
+            notes.measures = self.environment.end()
+        finally:
+            for text in self.environment.said():
+                self.setup.console.say(f"loop functions: {text}")
 
     def _run_timesteps(self, notes: RunNotes, observe: Callable[[Step], None]) -> None:
         pictures, samples = notes.pictures, notes.samples

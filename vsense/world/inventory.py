@@ -74,6 +74,15 @@ class Inventory:
         del self._entities[name]
         self._changed()
 
+    def rebuild(self, entity: Entity) -> None:
+        """See `World.rebuild`."""
+        self._add(entity)
+
+    def tear_down(self, name: str) -> None:
+        """See `World.tear_down`."""
+        del self._entities[self.get(name).id]
+        self._changed()
+
     def move(self, name: str, x_m: float, y_m: float, yaw_rad: float | None) -> None:
         """See `World.move`."""
         _check_virtual(self.get(name))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections import UserDict
 from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -87,6 +88,7 @@ class World:
         stock: what robots have left of the pollutant sources.
         params: the loop functions' own settings.
         arena: the arena, or None where it is not needed.
+        controllers: id of the controller of each robot, by its tag.
         capture_ns: capture time of the newest arena state, 0 before the first.
         run_timestep: timestep of the run, from 0; negative before the run.
     """
@@ -110,6 +112,7 @@ class World:
         arena: Arena | None = None,
         timestep_s: float = 0.1,
         seed: int = 0,
+        controllers: Mapping[int, str] = MappingProxyType({}),
     ) -> None:
         """Makes a world of which no camera has seen anything yet.
 
@@ -127,7 +130,7 @@ class World:
         self._objects = unseen(sorted(marked - {*self._robots["tag"].tolist()}))
         self.real_robots = len(self._robots)
         self.sources = tuple(sources)
-        self.arena, self.timestep_s = arena, timestep_s
+        self.arena, self.timestep_s, self.controllers = arena, timestep_s, controllers
         self.params: dict[str, str] = {}
         self.fields = by_id(fields, timestep_s)
         self._inventory, self._seed = Inventory(entities), seed
@@ -228,6 +231,22 @@ class World:
         """
         self._inventory.move(name, x_m, y_m, yaw_rad)
 
+    def rebuild(self, entity: Entity) -> None:
+        """As `put`, also of what stands in the arena: for simulations, whose arena can change.
+
+        Raises:
+            WorldError: another robot has its tag.
+        """
+        self._inventory.rebuild(entity)
+
+    def tear_down(self, name: str) -> None:
+        """As `remove`, likewise.
+
+        Raises:
+            WorldError: there is none of this name.
+        """
+        self._inventory.tear_down(name)
+
     def set_leds(self, name: str, colors: Sequence[Color]) -> None:
         """Gives the LEDs of a box or cylinder other colours; a physical one's, too.
 
@@ -280,6 +299,11 @@ class World:
                 rows.append(disc_rows(poses["x_m"], poses["y_m"], there))
             self._bodies = Bodies(np.concatenate([*rows, self._standing]))
         return self._bodies
+
+    def driven_by(self, controller: str) -> NDArray[np.bool_]:
+        """Which of `robots` a controller drives, by its id, (n,)."""
+        tags = self.robots["tag"].tolist()
+        return np.array([self.controllers.get(tag) == controller for tag in tags], dtype=bool)
 
     def pose(self, tag: int) -> np.void | None:
         """The last sighting of a robot or tagged thing, or None if there is none yet."""
