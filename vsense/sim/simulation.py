@@ -115,7 +115,7 @@ class Simulation:
         self._rings = ProximityRing(self._physics.near, seed)
         self._tracker = SimulatedTracker((*self.record.tags, *self.record.object_tags), seed)
         controllers = {robot.tag: robot.controller for robot in experiment.robots}
-        self._slip = NoisyWheels([experiment.controller_of(r) for r in experiment.robots], seed)
+        self._slip = NoisyWheels(experiment.wheel_noises, seed)
         tables = self.environment.tables
         self._robots = Programs(experiment, controllers, libraries, tables, seed, progress)
         self._now_ns, self._leds = EPOCH_NS, np.zeros_like(self._robots.leds)
