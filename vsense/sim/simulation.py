@@ -106,8 +106,7 @@ class Simulation:
         experiment = settle(experiment, seed)
         progress = bytearray(PROGRESS_BYTES) if progress is None else progress
         self._timestep = self._numbers = 0
-        host = LoopHost(lambda path: _Watched(path, progress, lambda: self._timestep), moves=True)
-        self.environment = Environment(experiment, seed, blind, host)
+        self.environment = Environment(experiment, seed, blind, self._host(progress))
         self.record = Record(experiment)
         self.samples: RunSamples | None = None
         self._dt_ns, self._source = experiment.timestep_ns, experiment.source
@@ -126,6 +125,10 @@ class Simulation:
         self._driven = self._robots.wheels_steps_s.copy()
         self._version, self._standing = -1, _standing(experiment.boxes, experiment.cylinders)
         self._follow()
+
+    def _host(self, progress: Any) -> LoopHost:
+        """Where loop functions in C++ run: here, and what they move is moved."""
+        return LoopHost(lambda path: _Watched(path, progress, lambda: self._timestep), moves=True)
 
     def run(self) -> dict[str, float]:
         """Runs all timesteps; returns the experiment's own results by name.
