@@ -161,6 +161,13 @@ SIMULATED_SETTINGS = {
 """Attributes of the robots' own devices that only a simulated one obeys: their type, and what
 holds instead; "" where nothing that a user could miss is lost."""
 
+SIMULATED_WHEELS = {
+    f"{key}{wheel}": ("any", "the real one's own noise takes its place")
+    for key in STEERING_NOISE.values()
+    for wheel in ("", "_left", "_right")
+}
+"""Attributes of the wheels, likewise."""
+
 ORIGINAL_SETTINGS = {
     "real_experiment": ("boolean", "`vsense run` is the real experiment, `vsense sim` is not"),
     "sensor_model_file": ("text", "the element itself holds the model's settings"),

@@ -262,11 +262,14 @@ def _read_argos(
         devices.declared.append(DeviceSpec(kind, element.name, served, True))
         return
     check_medium(element, media)
+    noise = []
     if element.name in argos.WHEELS and kind == ACTUATORS and rule.stage is Stage.SIM:
         devices.wheel_noise = _read_wheel_noise(element)
+        noise = _noise(element)
         _pass_over_unread(element)
     else:
         argos.pass_over(element, argos.SIMULATED_SETTINGS)
+        argos.pass_over(element, argos.SIMULATED_WHEELS if element.name in argos.WHEELS else {})
     own = argos.OWN[kind].get(element.name)
     if own is None:
         element.leave_out(argos.VIRTUAL_ONLY)
@@ -274,7 +277,7 @@ def _read_argos(
         return
     if own.board:
         element.warn(argos.BOARD)
-    served = ", ".join([f"the robot's own {own.name!r}", *_noise(element)])
+    served = ", ".join([f"the robot's own {own.name!r}", *noise])
     devices.declared.append(DeviceSpec(kind, element.name, served, True))
 
 
@@ -340,7 +343,7 @@ def _add(
 def _noise(element: Element) -> list[str]:
     """The noise that a device's element has asked for."""
     said = {key: element.peek(key) for key in argos.NOISE if element.was_asked(key)}
-    return [f"{key} {text.strip()}" for key, text in said.items() if text]
+    return [f"{key} {text.strip()}" for key, text in said.items() if text and text.strip("0. ")]
 
 
 def _add_entry(

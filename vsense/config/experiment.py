@@ -17,6 +17,7 @@ from vsense.config.devices import read_devices
 from vsense.config.devices import virtual_devices as names_of_virtual
 from vsense.config.framework import read_loop_functions, read_rest, read_run, read_tracker
 from vsense.config.placement import overlapping
+from vsense.config.population import populate
 from vsense.config.programs import read as read_program
 from vsense.config.robots import ArenaContents, give_tags
 from vsense.config.settings import apply, check_used
@@ -133,6 +134,7 @@ def _read_understood(
     arena, folder = root.child("arena"), path.parent
     bodies = read_arena(arena, folder, media, 1.0 / run.ticks_per_second, serves.stage)
     loop_functions = read_loop_functions(root, folder, serves.code)
+    populate(root.document, loop_functions, bodies, run.seed)
     if not bodies.robots:
         raise arena.error(_no_robot(root, arena))
     give_tags(bodies, marker.family)
@@ -141,8 +143,7 @@ def _read_understood(
     controllers = _read_controllers(used, bodies, scope, media, serves)
     _check_objects(bodies, scope)
     _check_tags(bodies, marker, root.document.file)
-    if not any(some.sensors for some in controllers):
-        _warn_of_unsensed(bodies)
+    _warn_of_unsensed(bodies, controllers)
     return Experiment(
         name=path.name.removesuffix(SUFFIX),
         file=root.document.file,
@@ -217,8 +218,8 @@ def _warn_of_overlaps(root: Element, experiment: Experiment) -> None:
     root.document.passed_over.append((robot.line, f"<e-puck> {words}"))
 
 
-def _warn_of_unsensed(bodies: ArenaContents) -> None:
-    for element in bodies.unseen:
+def _warn_of_unsensed(bodies: ArenaContents, controllers: Sequence[ControllerSpec]) -> None:
+    for element in () if any(some.sensors for some in controllers) else bodies.unseen:
         element.warn(
             "is virtual, and no virtual sensor is there to feel it;"
             " vs:physical='true' says that it stands in the real arena"
@@ -267,7 +268,11 @@ def _no_robot(root: Element, arena: Element) -> str:
     message = f"holds no real robot, expected <e-puck>; it has {there}"
     loop = root.below("loop_functions")
     if loop and loop[0].peek("library"):
-        message += f"; nothing is added by the <loop_functions> in line {loop[0].line}"
+        message += (
+            f"; nothing is added by the <loop_functions> in line {loop[0].line}, unless a Python"
+            " file in their place adds e-pucks: populate(space) with space.add_robot(id,"
+            " controller, x_m, y_m). Or write them in <arena>, several in a <distribute>"
+        )
     return message
 
 

@@ -27,7 +27,12 @@ class NoisyWheels:
     """What becomes of the commands to the wheels of some robots."""
 
     def __init__(self, controllers: Sequence[ControllerSpec], seed: int) -> None:
-        """`controllers` are those of the robots, one each; `seed` is the run's."""
+        """Draws what stays the same during a run.
+
+        Args:
+            controllers: that of each robot.
+            seed: of the run; the wheels draw independently of all devices.
+        """
         noises = [spec.wheel_noise or WheelNoise() for spec in controllers]
         self._random = generator(seed, _STREAM)
         self._relative = _column(noises, "relative")
@@ -38,7 +43,11 @@ class NoisyWheels:
         self._quiet = all(spec.wheel_noise is None for spec in controllers)
 
     def apply(self, commands: NDArray[np.int16]) -> NDArray[np.int16]:
-        """Gives the speeds (n, 2) [step/s] that robots drive at which are told `commands`."""
+        """Gives the speeds (n, 2) [step/s] that robots drive at which are told `commands`.
+
+        They are those of one control step: ARGoS draws anew with every command. No motor turns
+        faster than it can.
+        """
         if self._quiet:
             return commands
         wanted, shape = commands.astype(np.float64), commands.shape

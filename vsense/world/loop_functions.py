@@ -4,6 +4,7 @@ An experiment names a file, `<loop_functions library="doors.py" />`. It holds an
 functions or as methods of one class, called as the attribute `label` says ("LoopFunctions"
 where there is none), which is made for every run, without arguments:
 
+    def populate(space):   while the experiment is read: space.add_robot(id, controller, x_m, y_m)
     def reset(world):      before the first timestep
     def pre_step(world):   after the robots were seen, before their virtual actuators act
     def post_step(world):  after the robots' readings were computed
@@ -31,7 +32,7 @@ from vsense.world.floor import Floor
 from vsense.world.users_code import UsersCode, line_of
 from vsense.world.world import Results, World
 
-HOOKS = {"reset": 1, "pre_step": 1, "post_step": 1, "end": 1, "floor_color": 2}
+HOOKS = {"populate": 1, "reset": 1, "pre_step": 1, "post_step": 1, "end": 1, "floor_color": 2}
 """What the file may hold, and how many arguments each is called with."""
 
 DEFAULT_LABEL = "LoopFunctions"
@@ -130,6 +131,16 @@ class LoopFunctions:
     def renewed(self) -> LoopFunctions:
         """Those of another run: the file is run again."""
         return LoopFunctions(*self._made_of)
+
+    def populate(self, space: object) -> None:
+        """Calls the user's `populate`; see `vsense.config.population`.
+
+        Raises:
+            LoopFunctionsError: it failed.
+        """
+        given = self._call("populate", space)
+        if given is not None:
+            raise self._wrong("populate", f"gave {_shown(given)}, expected nothing")
 
     def reset(self, world: World) -> None:
         """Calls the user's `reset`, with the settings in place.
