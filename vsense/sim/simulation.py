@@ -118,11 +118,10 @@ class Simulation:
         drivers = [experiment.controller_of(robot) for robot in experiment.robots]
         self._wheels = NoisyWheels(drivers, seed)
         self._robots = Programs(experiment, controllers, libraries, tables, seed, progress)
-        self._now_ns = EPOCH_NS
         self._leds = np.zeros_like(self._robots.leds)
         self._reports, self._events = dict[int, bytes](), list[_Event]()
         self._names = {robot.tag: robot.id for robot in experiment.robots}
-        self._driven = self._robots.wheels_steps_s.copy()
+        self._now_ns, self._driven = EPOCH_NS, self._robots.wheels_steps_s.copy()
         self._version, self._standing = -1, _standing(experiment.boxes, experiment.cylinders)
         self._follow()
 
