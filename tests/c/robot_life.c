@@ -22,7 +22,7 @@ static void step(void *state, struct vs_robot *robot)
     vs_robot_set_leds(robot, VS_ROBOT_LED_RING);
 }
 
-static const struct vs_controller runner = {"runner", sizeof(struct seen), init, step};
+static const struct vs_controller runner = {"runner", sizeof(struct seen), init, step, NULL};
 
 void begin(struct world *w, uint32_t seed)
 {

@@ -12,7 +12,7 @@ from tests.conftest import require_tool
 from tests.robot.conftest import ROOT, STRICT
 from vsense.config import argos
 from vsense.config.argos import ACTUATORS, SENSORS
-from vsense.config.controllers import virtual_devices
+from vsense.config.devices import virtual_devices
 from vsense.robot import build
 
 PAGE = ROOT / "robot" / "README.md"

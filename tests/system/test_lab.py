@@ -18,6 +18,7 @@ import pytest
 
 from tests.link.legacy_rig import Client
 from vsense.lab.microcontrollers import read_actuations
+from vsense.recording.reader import open_recording
 
 pytestmark = pytest.mark.system
 
@@ -147,6 +148,22 @@ def test_short_run_measures_everything_and_leaves_nothing_behind(directory: Path
     assert (directory / "pollutant.png").stat().st_size > 100_000
     assert last_speeds(directory) == {0: (0, 0), 1: (0, 0), 2: (0, 0)}
     assert lab.relatives() == {}
+
+
+def test_a_mixed_swarm_on_mixed_bases(directory: Path) -> None:
+    """Four predators and two prey on four kinds of base: each has its own daemon and table."""
+    words = ("--port", "0", "--robots", "6", "--base", "mixed", "--duration", "3", "--record")
+    lab = Lab(directory, "predator_prey", *words)
+    assert lab.end() == 0, "".join(lab.said)
+    assert not any("nobody offers" in line for line in lab.said)
+    summary = lab.summary()
+    assert summary["robots"] == 6 and summary["measures"]["prey_caught"] >= 0.0
+    assert summary["sensing"]["readings"] > 0.9 * summary["sensing"]["expected"]
+    with open_recording(next(directory.glob("*.mcap"))) as recording:
+        *_, robots = recording.messages({"/robots"})
+    assert robots.data["controller"] == robots.data["expected"] == ["predator"] * 4 + ["prey"] * 2
+    assert len(set(robots.data["hash"])) == 2
+    assert [len(values) for values in robots.data["actuators"]] == [1] * 4 + [2] * 2
 
 
 def test_blind_robots_hold_zero(directory: Path) -> None:

@@ -101,6 +101,11 @@ class Record:
         self._shown: list[tuple[float, int, str, float | str | None]] = []
         self._showing: dict[int, dict[str, float | str]] = {}
 
+    def end(self, timesteps: int) -> None:
+        """Ends the run after so many timesteps, before its length is over."""
+        self.timesteps, self.share = self.timesteps[:timesteps], self.share[:timesteps]
+        self.poses, self.leds = self.poses[:timesteps], self.leds[:timesteps]
+
     def note(self, timestep: int, poses: Floats, leds: NDArray[np.uint16], share: float) -> None:
         """Sets the row of a timestep, from 0; see the class."""
         self.poses[timestep], self.leds[timestep], self.share[timestep] = poses, leds, share
