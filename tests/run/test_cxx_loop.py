@@ -23,7 +23,7 @@ from vsense.run.programs import shared_objects
 from vsense.sim.job import Job, Setup
 from vsense.sim.simulation import Simulation
 from vsense.sim.watch import Task, simulate_all
-from vsense.world.entities import Box, Light
+from vsense.world.entities import Box, Led, Light
 
 HERE = Path(__file__).parent / "argos"
 States = Callable[..., ArenaState]
@@ -101,6 +101,7 @@ def test_what_stands_and_shines_changes(mission: Callable[..., Path]) -> None:
     assert isinstance(moved := world.entities["added"], Box)
     assert (moved.position_m, moved.yaw_rad) == ((0.6, 0.6, 0.0), 0.0)
     assert moved.physical, "what stands in ARGoS's arena is solid"
+    assert moved.leds == (Led((0.1, 0.0, 0.2), (0, 255, 0)),)
     assert "post" not in world.entities
     assert isinstance(lamp := world.entities["lamp"], Light)
     assert (lamp.intensity, lamp.color, lamp.position_m) == (1.25, (0, 0, 255), (0.0, 0.0, 0.5))
@@ -119,6 +120,33 @@ def test_robots_drive_against_what_they_added(mission: Callable[..., Path]) -> N
         run.step(timestep)
     rows = run._physics.near.cdata
     assert (rows.boxes, rows.bodies) == (2, 3)
+
+
+def test_an_arena_of_blocks_has_its_place_and_colours(mission: Callable[..., Path]) -> None:
+    """Source: arena_entity.cpp and wall_entity.cpp of argos3-arena at 480285b: a hexagon of walls
+    of two blocks of 0.5 m, whose middles are at 0.5 m / tan(30 degrees) from its own."""
+    run = simulated(mission(edges="6"))
+    blocks = [e for e in run.environment.world.boxes() if e.id.startswith("walls.")]
+    assert len(blocks) == 12
+    assert "loop functions: 12 blocks" in [
+        f"loop functions: {text}" for text in run.environment.said()
+    ]
+    inner_m = 0.5 / np.tan(np.pi / 6)
+    first, red = blocks[0], blocks[2]
+    assert first.id == "walls.wall_0.block_1"
+    assert first.position_m == pytest.approx((inner_m, -0.25, 0.0))
+    assert abs(first.yaw_rad) == pytest.approx(np.pi)
+    assert red.id == "walls.wall_1.block_1"
+    sine, cosine = np.sin(np.pi / 3), np.cos(np.pi / 3)
+    place = inner_m * cosine + 0.25 * sine, inner_m * sine - 0.25 * cosine
+    assert red.position_m[:2] == pytest.approx(place)
+    assert [led.offset_m for led in red.leds] == [
+        pytest.approx((0.0075, -0.125, 0.067)),
+        pytest.approx((0.0075, 0.125, 0.067)),
+    ]
+    assert {led.color for led in red.leds} == {(255, 0, 0)}
+    assert {led.color for e in blocks if e is not red for led in e.leds} == {(0, 0, 255)}
+    assert run._physics.near.cdata.boxes == 14, "they are solid: with them there and added"
 
 
 def test_a_seed_repeats_a_run(mission: Callable[..., Path]) -> None:
