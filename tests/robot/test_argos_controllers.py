@@ -19,7 +19,7 @@ from vsense.config.specs import Stage
 from vsense.errors import ConfigError, UsageError
 from vsense.link.robots.table import Direction, Entry, Table
 from vsense.link.robots.wire import Wanted
-from vsense.robot import argos_code, boards, build
+from vsense.robot import argos_code, boards, build, finding
 from vsense.robot.compiling import BuildError
 from vsense.robot.inprocess import ControllerFailure, Robots
 from vsense.robot.programs import CodeOptions, Program
@@ -317,6 +317,8 @@ def test_a_controller_may_catch_and_do_without(tmp_path: Path) -> None:
 def test_one_library_may_hold_several(readings: Path, tmp_path: Path) -> None:
     other = build.shared(Program((READINGS,), (FOLDER,), "other_controller"))
     assert "other" in Robot(other, tmp_path / "f").step()
+    assert finding.complete([CATCHING], "", None).label == "catching_controller"
+    assert finding.complete([READINGS], "", None).label == ""
     for label in ("", "nobody"):
         unknown = build.shared(Program((READINGS,), (FOLDER,), label))
         with pytest.raises(ControllerFailure, match="'other_controller', 'readings_controller'"):

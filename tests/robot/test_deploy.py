@@ -30,6 +30,7 @@ from vsense.errors import ConfigError, UsageError
 from vsense.lab.microcontrollers import Microcontrollers
 from vsense.link.robots.server import LinkEvent, VirtualSensorServer
 from vsense.robot import deploying
+from vsense.robot.programs import Program
 from vsense.run.environment import Environment
 from vsense.run.robots import make_server
 
@@ -299,9 +300,12 @@ def test_a_controller_alone_is_replaced(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    def build(controller: str, target: str, output: Path) -> SimpleNamespace:
-        program(output, FAKE_DAEMON.replace("test", f"{controller}-{target}"))
+    def build(controller: Program, target: str, output: Path) -> SimpleNamespace:
+        (source,) = controller.sources
+        program(output, FAKE_DAEMON.replace("test", f"{source.name}-{target}"))
         return SimpleNamespace(path=output)
+
+    (tmp_path / "mine.c").touch()
 
     monkeypatch.setattr("vsense.commands.robot.boards.build", build)
     (tmp_path / "robots.txt").write_text("board tag=1\n")

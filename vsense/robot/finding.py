@@ -21,6 +21,7 @@ from vsense.robot.programs import (
     belongs,
     content,
     files,
+    labels,
     registers,
     stem_of,
     with_sources_of_headers,
@@ -121,7 +122,8 @@ def complete(
     # The file that registers the label comes first: errors are about it.
     chosen.sort(key=lambda path: not _has(path, label, macro))
     every = with_sources_of_headers(chosen, list(includes), macro)
-    return Program(tuple(every), tuple(includes), label)
+    known = [label] if label else labels(every, macro)
+    return Program(tuple(every), tuple(includes), known[0] if len(known) == 1 else "")
 
 
 def _sources(

@@ -199,6 +199,13 @@ def registers(path: Path, macro: str) -> bool:
     return re.search(rb"^[ \t]*" + macro.encode() + rb"\s*\(", content(path), re.M) is not None
 
 
+def labels(sources: Iterable[Path], macro: str) -> list[str]:
+    """The labels that sources register, as far as they are plain texts."""
+    pattern = re.compile(macro.encode() + rb'\s*\([^;{"]*"([^"\n]*)"')
+    found = [label for path in sources for label in pattern.findall(content(path))]
+    return [label.decode(errors="replace") for label in found]
+
+
 def belongs(path: Path, macro: str) -> bool:
     """Whether a source may be part of a program for `macro`: not of another one alone."""
     others = any(registers(path, other) for other in _OTHERS if other != macro)
