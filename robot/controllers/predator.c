@@ -4,7 +4,7 @@
  * those that it does not see, and wanders where it smells none. Prey is whoever shines
  * green; itself shines red, which prey sees. Its twin is prey.c.
  *
- * Shining are the virtual LEDs; the real ring is lit while prey is in sight.
+ * Shining are the virtual LEDs; the real front LED is lit while prey is in sight.
  *
  * Parameters: scent, least concentration that is followed (0.5), and those of walk.h.
  * It shows what it does.
@@ -86,7 +86,7 @@ static void step(void *state, struct vs_robot *robot)
     const char *does = "hunts";
 
     vs_robot_actuate(robot, s->lamp, 0, SHINE);
-    vs_robot_set_leds(robot, sees ? VS_ROBOT_LED_RING : 0);
+    vs_robot_set_leds(robot, sees ? VS_ROBOT_LED_FRONT : 0);
     if (sees) {
         vs_walk_towards(&s->walk, robot, bearing_rad);
     } else if (smell_prey(s, robot, &bearing_rad)) {
@@ -99,4 +99,4 @@ static void step(void *state, struct vs_robot *robot)
     vs_robot_show_text(robot, "does", does);
 }
 
-const struct vs_controller vs_controller = {"predator", sizeof(struct predator), init, step};
+const struct vs_controller vs_controller = {"predator", sizeof(struct predator), init, step, NULL};

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -12,8 +13,10 @@ import pytest
 from tests.probe import CONSTANT, FOLLOWS, OWN, probe
 from vsense.config.description import describe
 from vsense.config.experiment import load, read
+from vsense.config.placement import settle
 from vsense.config.specs import ControllerSpec, Experiment, Stage
-from vsense.errors import ConfigError
+from vsense.errors import ConfigError, UsageError
+from vsense.lab import physics_process
 from vsense.physics.motion import STEP_M
 from vsense.physics.wheel_noise import NoisyWheels
 from vsense.sensors.omnidirectional_camera import OmnidirectionalCamera
@@ -87,10 +90,10 @@ def test_in_the_lab_ring_battery_and_wheels_are_the_robots(loaded: Read) -> None
     mine = loaded(stage=Stage.LAB).controllers[0]
     assert "proximity" not in names(mine) and "battery" not in names(mine)
     assert {"light", "ground", "rgb_leds", "message"} < set(names(mine))
-    assert mine.wheel_noise is None
+    assert mine.wheel_noise == loaded().controllers[0].wheel_noise
     warned = "\n".join(loaded(stage=Stage.LAB).warnings)
     assert "<epuck_proximity> noise_level is not used: the real one's own noise" in warned
-    assert "<epuck_wheels> noise_std_dev is not used: the real one's own noise" in warned
+    assert "<epuck_wheels>" not in warned
 
 
 def test_real_robots_serve_them_unless_told_otherwise(loaded: Read) -> None:
@@ -99,7 +102,9 @@ def test_real_robots_serve_them_unless_told_otherwise(loaded: Read) -> None:
     assert names(mine) == []
     assert served(mine)["sensors epuck_light"] == "the robot's own 'light'"
     warned = "\n".join(experiment.warnings)
+    assert mine.wheel_noise is None
     for words in (
+        "<epuck_wheels> noise_std_dev is not used: the real one's own noise",
         "<epuck_ground> is the robot's own, where it has that board; vs:virtual='true' or",
         "<epuck_omnidirectional_camera> is not supported: the robots have none; vs:virtual='true'",
     ):
@@ -171,16 +176,29 @@ def test_boxes_have_leds(loaded: Read) -> None:
         loaded(TEXT.replace('color="green"', 'color="nocolor"'))
 
 
+def test_the_labs_wheels_have_it_too(loaded: Read, tmp_path: Path) -> None:
+    experiment = settle(loaded(stage=Stage.LAB), 1)
+    told = physics_process._spec(experiment, "truth", 1, tmp_path / "log")
+    told["bases"] = ["argos"] * len(experiment.robots)
+    spec = physics_process.PhysicsSpec.parse(json.dumps(told).encode())
+    assert NoisyWheels(spec.wheels, 1).of_robot(1, 400, 400) != (400, 400)
+    quiet = NoisyWheels([None, *spec.wheels[1:]], 1)
+    assert quiet.of_robot(0, 400, -300) == (400, -300)
+    told["wheels"] = [{"relative": 1}]
+    with pytest.raises(UsageError, match="spec: wheels: expected a list of 4"):
+        physics_process.PhysicsSpec.parse(json.dumps(told).encode())
+
+
 def test_wheels_come_out_as_in_argos(loaded: Read) -> None:
     mine, other = loaded().controllers
     told = np.full((1, 2), 400, dtype=np.int16)
-    wheels = NoisyWheels([mine], 1)
+    wheels = NoisyWheels([mine.wheel_noise], 1)
     driven = np.concatenate([wheels.apply(told) for _ in range(4000)]).astype(np.float64)
     # v + v N(0, 0.05): argos3-epuck 66cb8d9, epuck_wheels_default_actuator.cpp line 92
     assert driven.mean() == pytest.approx(400.0, abs=4.0 * 20.0 / math.sqrt(8000))
     assert driven.std() == pytest.approx(20.0, rel=0.05)
     assert (wheels.apply(np.zeros((1, 2), dtype=np.int16)) == 0).all()
-    many = NoisyWheels([other] * 2000, 1)
+    many = NoisyWheels([other.wheel_noise] * 2000, 1)
     # N(1, 0.1) (v + N(0, 1 mm/s)): argos3 421bd76, differential_steering_default_actuator.cpp
     speeds = many.apply(np.full((2000, 2), 400, dtype=np.int16)).astype(np.float64)
     assert speeds.std() == pytest.approx(math.hypot(40.0, 0.001 / STEP_M), rel=0.05)

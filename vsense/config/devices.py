@@ -263,7 +263,7 @@ def _read_argos(
         return
     check_medium(element, media)
     noise = []
-    if element.name in argos.WHEELS and kind == ACTUATORS and rule.stage is Stage.SIM:
+    if element.name in argos.WHEELS and kind == ACTUATORS and rule.stage is not Stage.RUN:
         devices.wheel_noise = _read_wheel_noise(element)
         noise = _noise(element)
         _pass_over_unread(element)

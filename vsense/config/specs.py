@@ -130,7 +130,7 @@ class ControllerSpec:
         sensors, actuators: the virtual ones.
         told: lines that a controller for ARGoS is sent instead of its settings; "": it is none.
         devices: all that it declares.
-        wheel_noise: of its robots in simulation; None: they obey.
+        wheel_noise: of its robots in lab and simulation; None: they obey.
     """
 
     id: str
@@ -324,6 +324,11 @@ class Experiment:
         """What drives a robot; a virtual one that loop functions move is given the first."""
         known = {controller.id: controller for controller in self.controllers}
         return known.get(robot.controller, self.controllers[0])
+
+    @property
+    def wheel_noises(self) -> list[WheelNoise | None]:
+        """That of each robot's simulated wheels."""
+        return [self.controller_of(robot).wheel_noise for robot in self.robots]
 
     def driven_by(self, controller: ControllerSpec) -> tuple[str, ...]:
         """The ids of the robots that a controller drives, virtual ones included."""

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.config.specs import ControllerSpec, WheelNoise
+from vsense.config.specs import WheelNoise
 from vsense.physics.motion import MAX_SPEED_STEPS_S, STEP_M
 from vsense.sensors.quality import generator
 
@@ -26,21 +26,21 @@ _STREAM = "wheels"
 class NoisyWheels:
     """What becomes of the commands to the wheels of some robots."""
 
-    def __init__(self, controllers: Sequence[ControllerSpec], seed: int) -> None:
+    def __init__(self, noises: Sequence[WheelNoise | None], seed: int) -> None:
         """Draws what stays the same during a run.
 
         Args:
-            controllers: that of each robot.
+            noises: that of each robot; None: its wheels obey.
             seed: of the run; the wheels draw independently of all devices.
         """
-        noises = [spec.wheel_noise or WheelNoise() for spec in controllers]
+        self._quiet = not any(noises)
+        known = [noise or WheelNoise() for noise in noises]
         self._random = generator(seed, _STREAM)
-        self._relative = _column(noises, "relative")
-        self._factor, self._factor_dev = _column(noises, "factor"), _column(noises, "factor_dev")
-        deviation, shape = _column(noises, "bias_dev_m_s"), (len(noises), 2)
-        bias_m_s = _column(noises, "bias_m_s") + deviation * self._random.normal(size=shape)
+        self._relative = _column(known, "relative")
+        self._factor, self._factor_dev = _column(known, "factor"), _column(known, "factor_dev")
+        deviation, shape = _column(known, "bias_dev_m_s"), (len(known), 2)
+        bias_m_s = _column(known, "bias_m_s") + deviation * self._random.normal(size=shape)
         self._bias = bias_m_s / STEP_M
-        self._quiet = all(spec.wheel_noise is None for spec in controllers)
 
     def apply(self, commands: NDArray[np.int16]) -> NDArray[np.int16]:
         """Gives the speeds (n, 2) [step/s] that robots drive at which are told `commands`.
@@ -57,6 +57,15 @@ class NoisyWheels:
         speeds = np.where(turning, factor * (drawn + self._bias), drawn)
         limited = np.clip(np.rint(speeds), -MAX_SPEED_STEPS_S, MAX_SPEED_STEPS_S)
         return np.asarray(limited.astype(np.int16))
+
+    def of_robot(self, robot: int, left_steps_s: int, right_steps_s: int) -> tuple[int, int]:
+        """The same for one robot, by its index."""
+        if self._quiet:
+            return left_steps_s, right_steps_s
+        commands = np.zeros(self._bias.shape, dtype=np.int16)
+        commands[robot] = left_steps_s, right_steps_s
+        left, right = self.apply(commands)[robot].tolist()
+        return left, right
 
 
 def _column(noises: Sequence[WheelNoise], name: str) -> NDArray[np.float64]:

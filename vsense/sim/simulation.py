@@ -114,9 +114,8 @@ class Simulation:
         self._rings = ProximityRing(self._physics.near, seed)
         self._tracker = SimulatedTracker((*self.record.tags, *self.record.object_tags), seed)
         controllers = {robot.tag: robot.controller for robot in experiment.robots}
+        self._slip = NoisyWheels(experiment.wheel_noises, seed)
         tables = self.environment.tables
-        drivers = [experiment.controller_of(robot) for robot in experiment.robots]
-        self._wheels = NoisyWheels(drivers, seed)
         self._robots = Programs(experiment, controllers, libraries, tables, seed, progress)
         self._leds = np.zeros_like(self._robots.leds)
         self._reports, self._events = dict[int, bytes](), list[_Event]()
@@ -223,7 +222,7 @@ class Simulation:
 
     def _obey(self, time_ns: int, reports: dict[int, bytes]) -> Callable[[], None]:
         """Makes the event in which wheels and LEDs follow the controllers."""
-        wheels = self._wheels.apply(self._robots.wheels_steps_s.copy())
+        wheels = self._slip.apply(self._robots.wheels_steps_s.copy())
         leds = self._robots.leds.copy()
 
         def happen() -> None:

@@ -12,8 +12,9 @@ where there is none), which is made for every run, without arguments:
     def floor_color(x_m, y_m):  with <floor source="loop_functions">: red, green, blue, 0..255
 
 `world` is the `World`: `world.params["door_s"]` are the other attributes of the element, as texts;
-`world.random` is what to draw from, so that a seed repeats a run. What goes wrong in the file
-becomes one error that names its line.
+`world.random` is what to draw from, so that a seed repeats a run; `world.driven_by("prey")` tells
+which of `world.robots` that controller drives. What goes wrong in the file becomes one error that
+names its line.
 """
 
 from __future__ import annotations
