@@ -225,7 +225,13 @@ def test_real_robots_stay_where_they_are(mission: Callable[..., Path], state: St
     poses = places(experiment)
     tags = sorted(poses)
     here.step(state({**poses, tags[0]: (0.5, 0.0, 0.0)}, 100_000_000), 0, {})
-    assert here.end()["objective"] == 1.0, "one robot was seen right of the edge"
+    here.world.led_colors[1, 10] = 0, 255, 255
+    here.step(state({**poses, tags[0]: (0.5, 0.0, 0.0)}, 200_000_000), 1, {})
+    assert "two_2_r shines at 2" in here.said()
+    here.world.led_colors[1, 10] = 0
+    here.step(state(poses, 300_000_000), 2, {})
+    assert not any("shines" in text for text in here.said())
+    assert here.end()["objective"] == 2.0, "one robot was right of the edge, in two timesteps"
 
 
 def test_a_reset_calls_theirs(mission: Callable[..., Path], state: States) -> None:

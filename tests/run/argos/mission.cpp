@@ -85,6 +85,9 @@ public:
       CSpace::TMapPerType& tEpuckMap = GetSpace().GetEntitiesByType("epuck");
       for(CSpace::TMapPerType::iterator it = tEpuckMap.begin(); it != tEpuckMap.end(); ++it) {
          CEPuckEntity* pcEpuck = any_cast<CEPuckEntity*>(it->second);
+         if(pcEpuck->GetLEDEquippedEntity().GetLED(10).GetColor() == CColor::CYAN) {
+            LOG << pcEpuck->GetId() << " shines at " << GetSpace().GetSimulationClock() << std::endl;
+         }
          if(pcEpuck->GetEmbodiedEntity().GetOriginAnchor().Position.GetX() > m_fEdge) m_fScore += 1.0;
       }
    }
