@@ -30,6 +30,7 @@ from vsense.errors import ConfigError, UsageError
 from vsense.lab.microcontrollers import Microcontrollers
 from vsense.link.robots.server import LinkEvent, VirtualSensorServer
 from vsense.robot import deploying
+from vsense.robot.programs import Program
 from vsense.run.environment import Environment
 from vsense.run.robots import make_server
 
@@ -299,12 +300,14 @@ def test_a_controller_alone_is_replaced(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    def build(controller: str, target: str, output: Path) -> SimpleNamespace:
-        program(output, FAKE_DAEMON.replace("test", f"{controller}-{target}"))
+    def build(controller: Program, target: str, output: Path) -> SimpleNamespace:
+        name = controller.sources[0].name
+        program(output, FAKE_DAEMON.replace("test", f"{name}-{target}"))
         return SimpleNamespace(path=output)
 
     monkeypatch.setattr("vsense.commands.robot.boards.build", build)
     (tmp_path / "robots.txt").write_text("board tag=1\n")
+    (tmp_path / "mine.c").write_text("")
     words = ["robot", "deploy", "--hosts", "robots.txt", "--controller", "mine.c"]
     board = systemd(boards, "board")
     assert cli.main(words) == 1
