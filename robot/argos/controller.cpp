@@ -31,6 +31,9 @@ struct State
 /* Whose turn it is: one process may run many robots, one after the other. */
 vs_robot *s_robot;
 
+/* In a control step: who asks for a sensor then finds this step's readings. */
+bool s_is_step;
+
 #if !VS_ARGOS_EXCEPTIONS
 /* Where vs_argos_fail goes, which cannot return. */
 std::jmp_buf s_way_out;
@@ -99,6 +102,7 @@ void Step(State *state)
     for (const auto &sensor : state->controller->GetAllSensors())
         if (sensor.second->IsEnabled())
             sensor.second->VsUpdate(s_robot);
+    s_is_step = true;
     state->controller->ControlStep();
     for (const auto &actuator : state->controller->GetAllActuators())
         actuator.second->VsUpdate(s_robot);
@@ -122,6 +126,7 @@ void Call(void (*function)(State *), void *state, vs_robot *robot)
 {
     State *own = static_cast<State *>(state);
     s_robot = robot;
+    s_is_step = false;
 #if VS_ARGOS_EXCEPTIONS
     try {
         function(own);
@@ -213,6 +218,8 @@ VsDevice *Make(const char *kind_name, const char *section, const std::string &el
         THROW_ARGOSEXCEPTION("The " << kind_name << " <" << element << "> is not there: nobody "
                              "offers '" << name << "' to this robot");
     }
+    if (s_is_step && section == SENSORS && device->IsEnabled())
+        device->VsUpdate(s_robot);
     return device;
 }
 

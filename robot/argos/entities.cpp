@@ -2,6 +2,7 @@
 /*
  * entities.cpp - what stands in ARGoS's space: see entities.hpp.
  */
+#include "blocks.hpp"
 #include "loop_functions.hpp"
 
 namespace argos {
@@ -113,6 +114,54 @@ CCI_Controller &CControllableEntity::GetController()
                             " what is wanted of it with a virtual actuator, or show it");
 }
 
+/* ------------------------------------------------------------------ LEDs */
+
+void CLEDEquippedEntity::AddLED(const CVector3 &offset, const CColor &color)
+{
+    const std::string id = "led_" + ToString(m_leds.size());
+    CLEDEntity *led = new CLEDEntity(HasParent() ? &GetParent() : nullptr, id, offset, color);
+    m_leds.push_back(new SActuator{*led, offset});
+    VsChange();
+}
+
+CLEDEntity &CLEDEquippedEntity::GetLED(UInt32 number)
+{
+    if (number >= m_leds.size())
+        THROW_ARGOSEXCEPTION("\"" << GetRootEntity().GetId() << "\" has " << m_leds.size()
+                                  << " LEDs, there is none with number " << number);
+    return m_leds[number]->LED;
+}
+
+void CLEDEquippedEntity::SetAllLEDsColors(const CColor &color)
+{
+    for (SActuator *each : m_leds)
+        each->LED.SetColor(color);
+}
+
+void CLEDEquippedEntity::SetAllLEDsColors(const std::vector<CColor> &colors)
+{
+    for (size_t i = 0; i < colors.size(); ++i)
+        SetLEDColor(static_cast<UInt32>(i), colors[i]);
+}
+
+void CLEDEquippedEntity::Reset()
+{
+    for (SActuator *each : m_leds)
+        each->LED.SetColor(each->LED.GetInitColor());
+}
+
+std::vector<Real> CLEDEquippedEntity::VsNumbers() const
+{
+    std::vector<Real> numbers;
+    for (const SActuator *each : m_leds) {
+        const CColor &color = each->LED.GetColor();
+        const Real six[] = {each->Offset.GetX(),  each->Offset.GetY(),   each->Offset.GetZ(),
+                            Real(color.GetRed()), Real(color.GetGreen()), Real(color.GetBlue())};
+        numbers.insert(numbers.end(), six, six + 6);
+    }
+    return numbers;
+}
+
 /* ------------------------------------------------------------------ what the host is told */
 
 namespace {
@@ -138,6 +187,17 @@ void Numbers(VsWords &words, const std::vector<Real> &numbers)
     }
 }
 
+/* As many lines as the parts have that the host knows. */
+std::string Lines(const CEntity::TVector &parts)
+{
+    std::string lines;
+    for (const CEntity *part : parts) {
+        const std::string line = part->VsDescribe();
+        lines += (lines.empty() || line.empty() ? "" : "\n") + line;
+    }
+    return lines;
+}
+
 VsShape Oblong(const CVector3 &size)
 {
     return VsShape{0.0, size.GetX() / 2.0, size.GetY() / 2.0};
@@ -156,33 +216,33 @@ std::string CLightEntity::VsDescribe() const
     return words.str();
 }
 
-CBoxEntity::CBoxEntity(const std::string &id, const CVector3 &position,
-                       const CQuaternion &orientation, bool movable, const CVector3 &size,
-                       Real mass)
-    : VsObstacle(id, position, orientation, movable, Oblong(size), mass), m_size(size)
+VsBox::VsBox(CComposableEntity *parent, const std::string &id, const CVector3 &position,
+             const CQuaternion &orientation, bool movable, const CVector3 &size, Real mass)
+    : VsObstacle(parent, id, position, orientation, movable, Oblong(size), mass), m_size(size)
 {
 }
 
-void CBoxEntity::Resize(const CVector3 &size)
+void VsBox::Resize(const CVector3 &size)
 {
     m_size = size;
     GetEmbodiedEntity().VsSetShape(Oblong(size));
     VsChange();
 }
 
-std::string CBoxEntity::VsDescribe() const
+std::string VsBox::VsDescribe() const
 {
     VsWords words;
     words << "box\t" << GetId();
     Place(words, GetEmbodiedEntity());
     Numbers(words, {m_size.GetX(), m_size.GetY(), m_size.GetZ()});
+    Numbers(words, GetLEDEquippedEntity().VsNumbers());
     return words.str();
 }
 
 CCylinderEntity::CCylinderEntity(const std::string &id, const CVector3 &position,
                                  const CQuaternion &orientation, bool movable, Real radius,
                                  Real height, Real mass)
-    : VsObstacle(id, position, orientation, movable, VsShape{radius, 0.0, 0.0}, mass),
+    : VsObstacle(nullptr, id, position, orientation, movable, VsShape{radius, 0.0, 0.0}, mass),
       m_radius(radius), m_height(height)
 {
 }
@@ -201,6 +261,7 @@ std::string CCylinderEntity::VsDescribe() const
     words << "cylinder\t" << GetId();
     Place(words, GetEmbodiedEntity());
     Numbers(words, {m_radius, m_height});
+    Numbers(words, GetLEDEquippedEntity().VsNumbers());
     return words.str();
 }
 
@@ -208,11 +269,13 @@ CEPuckEntity::CEPuckEntity(const std::string &id, const std::string &, const CVe
                            const CQuaternion &orientation, Real, size_t, const std::string &)
     : CComposableEntity(nullptr, id),
       m_body(this, "body_0", position, orientation, true, VsShape{BODY_RADIUS, 0.0, 0.0}),
-      m_controllable(this, "controller_0"), m_leds(this)
+      m_controllable(this, "controller_0"), m_leds(nullptr)
 {
+    static const int LEDS = 8 + 3;
     VsAddPart(m_body);
     VsAddPart(m_controllable);
-    VsAddPart(m_leds);
+    for (int i = 0; i < LEDS; ++i)
+        m_leds.AddLED(CVector3());
 }
 
 std::string CEPuckEntity::VsDescribe() const
@@ -221,6 +284,84 @@ std::string CEPuckEntity::VsDescribe() const
     words << "robot\t" << GetId();
     Place(words, m_body);
     return words.str();
+}
+
+/* ------------------------------------------------------------------ arenas of blocks */
+
+CWallEntity::CWallEntity(CComposableEntity *parent, const std::string &id, const CVector3 &middle,
+                         const CRadians &yaw, const CVector3 &size, UInt32 blocks, Real gap)
+    : CComposableEntity(parent, id), m_pose(this, "pose_0", middle)
+{
+    const CQuaternion turn(yaw, CVector3::Z);
+    const Real first = (blocks * size.GetY() - size.GetY()) / 2.0;
+    const UInt32 leds = static_cast<UInt32>(std::ceil(size.GetY() / gap));
+    for (UInt32 i = 0; i < blocks; ++i) {
+        const Real along = first - i * size.GetY();
+        CBlockEntity *block = new CBlockEntity(
+            this, id + ".block_" + ToString(i + 1),
+            middle + CVector3(-along * Sin(yaw), along * Cos(yaw), 0.0), turn, false, size, 1.0);
+        for (UInt32 led = 0; led < leds; ++led)
+            block->AddLED(CVector3(0.0075, (gap - size.GetY()) / 2.0 + led * gap, 0.067));
+        m_blocks.push_back(block);
+        VsAddPart(*block);
+    }
+}
+
+std::string CWallEntity::VsDescribe() const
+{
+    return Lines(VsParts());
+}
+
+CArenaEntity::CArenaEntity(const std::string &id, const CVector3 &position,
+                           const CQuaternion &orientation, const CVector3 &size,
+                           const std::string &, UInt32 blocks, UInt32 edges, Real gap, Real)
+    : CComposableEntity(nullptr, id), m_pose(this, "pose_0", position, orientation)
+{
+    const CRadians each = CRadians::TWO_PI / static_cast<Real>(edges);
+    CRadians z, y, x;
+    orientation.ToEulerAngles(z, y, x);
+    m_radius = size.GetY() * blocks / (2.0 * Tan(each / 2.0));
+    for (UInt32 i = 0; i < edges; ++i) {
+        const CRadians angle = z + each * static_cast<Real>(i);
+        CWallEntity *wall = new CWallEntity(
+            this, id + ".wall_" + ToString(i), position + CVector3(m_radius * Cos(angle),
+                                                                  m_radius * Sin(angle), 0.0),
+            angle - CRadians::PI, size, blocks, gap);
+        m_walls.push_back(wall);
+        VsAddPart(*wall);
+    }
+}
+
+void CArenaEntity::SetArenaColor(CColor color)
+{
+    for (size_t i = 1; i <= m_walls.size(); ++i)
+        SetWallColor(static_cast<SInt32>(i), color);
+}
+
+void CArenaEntity::SetWallColor(SInt32 wall, CColor color)
+{
+    for (size_t i = 1; i <= VsWall(wall).GetBlocks().size(); ++i)
+        SetBoxColor(static_cast<SInt32>(i), wall, color);
+}
+
+void CArenaEntity::SetBoxColor(SInt32 block, SInt32 wall, CColor color)
+{
+    const std::vector<CBlockEntity *> &blocks = VsWall(wall).GetBlocks();
+    if (block < 1 || static_cast<size_t>(block) > blocks.size())
+        THROW_ARGOSEXCEPTION("wall " << wall << " of \"" << GetId() << "\" has no block " << block);
+    blocks[static_cast<size_t>(block) - 1]->GetLEDEquippedEntity().SetAllLEDsColors(color);
+}
+
+CWallEntity &CArenaEntity::VsWall(SInt32 wall)
+{
+    if (wall < 1 || static_cast<size_t>(wall) > m_walls.size())
+        THROW_ARGOSEXCEPTION("\"" << GetId() << "\" has no wall " << wall);
+    return *m_walls[static_cast<size_t>(wall) - 1];
+}
+
+std::string CArenaEntity::VsDescribe() const
+{
+    return Lines(VsParts());
 }
 
 CColor CFloorEntity::GetColorAtPoint(Real x, Real y)
@@ -291,6 +432,10 @@ void CSpace::VsIndex(CEntity &entity)
     }
     if (CControllableEntity *controllable = dynamic_cast<CControllableEntity *>(&entity))
         VsIndexAs("controller", id, CAny(controllable));
+    if (CBlockEntity *block = dynamic_cast<CBlockEntity *>(&entity))
+        VsIndexAs("block", id, CAny(block));
+    if (CWallEntity *wall = dynamic_cast<CWallEntity *>(&entity))
+        VsIndexAs("wall", id, CAny(wall));
     if (CComposableEntity *whole = dynamic_cast<CComposableEntity *>(&entity))
         for (CEntity *part : whole->VsParts())
             VsIndex(*part);
@@ -306,8 +451,9 @@ void CSpace::VsAddRobot(CEPuckEntity &robot)
 void CSpace::VsRemove(CEntity &entity)
 {
     CEntity::TVector gone(1, &entity);
-    if (CComposableEntity *whole = dynamic_cast<CComposableEntity *>(&entity))
-        gone.insert(gone.end(), whole->VsParts().begin(), whole->VsParts().end());
+    for (size_t i = 0; i < gone.size(); ++i)
+        if (CComposableEntity *whole = dynamic_cast<CComposableEntity *>(gone[i]))
+            gone.insert(gone.end(), whole->VsParts().begin(), whole->VsParts().end());
     for (CEntity *part : gone) {
         const std::string id = part->GetContext() + part->GetId();
         m_by_id.erase(id);

@@ -207,8 +207,9 @@ public:
     std::string GetTypeDescription() const override { return "led"; }
     void SetColor(const CColor &color)
     {
+        if (color != m_color)
+            VsChange();
         m_color = color;
-        VsChange();
     }
 
 private:
@@ -237,19 +238,67 @@ private:
     Real m_intensity;
 };
 
-/* What stands: a body and nothing else that matters here. */
+/* Where LEDs are asked for in ARGoS; here every camera sees every LED. */
+class CLEDMedium
+{
+};
+
+/* The LEDs of something; each is a part of it, with its place in the frame of its base. */
+class CLEDEquippedEntity : public CEntity
+{
+public:
+    struct SActuator
+    {
+        typedef std::vector<SActuator *> TList;
+
+        CLEDEntity &LED;
+        CVector3 Offset;
+    };
+
+    explicit CLEDEquippedEntity(CComposableEntity *parent) : CEntity(parent, "leds_0") {}
+
+    void Reset() override;
+    std::string GetTypeDescription() const override { return "leds"; }
+    void AddLED(const CVector3 &offset, const CColor &color = CColor::BLACK);
+    void AddLED(const CVector3 &offset, SAnchor &, const CColor &color = CColor::BLACK)
+    {
+        AddLED(offset, color);
+    }
+    SActuator::TList &GetLEDs() { return m_leds; }
+    CLEDEntity &GetLED(UInt32 number);
+    void SetLEDColor(UInt32 number, const CColor &color) { GetLED(number).SetColor(color); }
+    void SetAllLEDsColors(const CColor &color);
+    void SetAllLEDsColors(const std::vector<CColor> &colors);
+    void SetMedium(CLEDMedium &) {}
+    /* Of each LED its place and its colour, six numbers. */
+    std::vector<Real> VsNumbers() const;
+
+private:
+    SActuator::TList m_leds;
+};
+
+/* What stands: a body, and perhaps LEDs on it. */
 class VsObstacle : public CComposableEntity
 {
 public:
-    VsObstacle(const std::string &id, const CVector3 &position, const CQuaternion &orientation,
-               bool movable, const VsShape &shape, Real mass)
-        : CComposableEntity(nullptr, id), m_mass(mass),
-          m_body(this, "body_0", position, orientation, movable, shape)
+    VsObstacle(CComposableEntity *parent, const std::string &id, const CVector3 &position,
+               const CQuaternion &orientation, bool movable, const VsShape &shape, Real mass)
+        : CComposableEntity(parent, id), m_mass(mass),
+          m_body(this, "body_0", position, orientation, movable, shape), m_leds(this)
     {
         VsAddPart(m_body);
+        VsAddPart(m_leds);
     }
 
     CEmbodiedEntity &GetEmbodiedEntity() { return m_body; }
+    CLEDEquippedEntity &GetLEDEquippedEntity() { return m_leds; }
+    const CLEDEquippedEntity &GetLEDEquippedEntity() const { return m_leds; }
+    void EnableLEDs(CLEDMedium &) {}
+    void DisableLEDs() { m_leds.SetAllLEDsColors(CColor::BLACK); }
+    void AddLED(const CVector3 &offset, const CColor &color = CColor::BLACK)
+    {
+        m_leds.AddLED(offset, color);
+    }
     const CEmbodiedEntity &GetEmbodiedEntity() const { return m_body; }
     Real GetMass() const { return m_mass; }
     void SetMass(Real mass) { m_mass = mass; }
@@ -257,22 +306,34 @@ public:
 private:
     Real m_mass;
     CEmbodiedEntity m_body;
+    CLEDEquippedEntity m_leds;
 };
 
-class CBoxEntity : public VsObstacle
+class VsBox : public VsObstacle
 {
 public:
-    CBoxEntity(const std::string &id, const CVector3 &position, const CQuaternion &orientation,
-               bool movable, const CVector3 &size, Real mass = 1.0);
+    VsBox(CComposableEntity *parent, const std::string &id, const CVector3 &position,
+          const CQuaternion &orientation, bool movable, const CVector3 &size, Real mass);
 
     const CVector3 &GetSize() const { return m_size; }
     void Resize(const CVector3 &size);
     void SetSize(const CVector3 &size) { Resize(size); }
-    std::string GetTypeDescription() const override { return "box"; }
     std::string VsDescribe() const override;
 
 private:
     CVector3 m_size;
+};
+
+class CBoxEntity : public VsBox
+{
+public:
+    CBoxEntity(const std::string &id, const CVector3 &position, const CQuaternion &orientation,
+               bool movable, const CVector3 &size, Real mass = 1.0)
+        : VsBox(nullptr, id, position, orientation, movable, size, mass)
+    {
+    }
+
+    std::string GetTypeDescription() const override { return "box"; }
 };
 
 class CCylinderEntity : public VsObstacle
@@ -292,25 +353,6 @@ private:
     Real m_radius, m_height;
 };
 
-/* The colours that a robot's LEDs show to cameras; the host says them. */
-class CLEDEquippedEntity : public CEntity
-{
-public:
-    explicit CLEDEquippedEntity(CComposableEntity *parent)
-        : CEntity(parent, "leds_0"), m_led(parent, "led_0", CVector3(), CColor::BLACK),
-          m_leds(1, &m_led)
-    {
-    }
-
-    std::string GetTypeDescription() const override { return "leds"; }
-    CLEDEntity::TList &GetLEDs() { return m_leds; }
-    CLEDEntity &GetLED(UInt32) { return m_led; }
-
-private:
-    CLEDEntity m_led;
-    CLEDEntity::TList m_leds;
-};
-
 class CEPuckEntity : public CComposableEntity
 {
 public:
@@ -323,6 +365,8 @@ public:
 
     CEmbodiedEntity &GetEmbodiedEntity() { return m_body; }
     CControllableEntity &GetControllableEntity() { return m_controllable; }
+    /* What its LEDs show, of the ring of 8, counter-clockwise from the front left, and of the three
+     * in colour: the host says it. They belong to the robot's program: to set them changes nothing. */
     CLEDEquippedEntity &GetLEDEquippedEntity() { return m_leds; }
     std::string GetTypeDescription() const override { return "epuck"; }
     std::string VsDescribe() const override;
@@ -330,7 +374,7 @@ public:
 private:
     CEmbodiedEntity m_body;
     CControllableEntity m_controllable;
-    CLEDEquippedEntity m_leds;
+    CLEDEquippedEntity m_leds; /* no part of it: a colour is no change of the robot */
 };
 
 class CFloorEntity : public CEntity

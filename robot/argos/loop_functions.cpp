@@ -9,6 +9,7 @@
  *                are moved), arena (size and centre x, y, z), robots (their ids), and the entities:
  *                    box       id x y z yaw size_x size_y size_z
  *                    cylinder  id x y z yaw radius height
+ *                with place and colour of each LED on them, x y z red green blue
  *                    light     id x y z intensity red green blue
  *     construct  label
  *     Init       settings, each line of them after a "|" (configuration.hpp)
@@ -16,11 +17,13 @@
  *     GetFloorColor, with two numbers for each point
  *
  * where all but the last take three numbers for each robot, its place x, y and yaw, and may have
- * the lines clock, and robots where there are others now. The answer has the lines
+ * the lines clock, robots where there are others now, and "shine NUMBER" of a robot whose LEDs show
+ * something else, with red, green and blue of each. The answer has the lines
  *
  *     error WORDS, log WORDS, logerr WORDS, finished, floor, measure NAME VALUE, gone ID,
  *     robot ID x y z yaw and entities as above, for what has changed.
  */
+#include "blocks.hpp"
 #include "loop_functions.hpp"
 
 #include <cstdint>
@@ -66,21 +69,35 @@ std::vector<std::string> Words(const std::string &line)
     return VsParts(line + "\t", '\t');
 }
 
+CColor Color(const std::vector<std::string> &words, size_t at)
+{
+    return CColor(static_cast<UInt8>(Number(words, at)), static_cast<UInt8>(Number(words, at + 1)),
+                  static_cast<UInt8>(Number(words, at + 2)));
+}
+
+/* The LEDs of an obstacle, from a word on; the host knows them already. */
+void TakeLEDs(VsObstacle &obstacle, const std::vector<std::string> &words, size_t from)
+{
+    for (size_t at = from; at + 5 < words.size(); at += 6)
+        obstacle.AddLED(Place(words, at), Color(words, at + 3));
+    obstacle.VsTakeChange();
+}
+
 void TakeEntity(const std::vector<std::string> &words)
 {
     const CQuaternion turn(CRadians(Number(words, 5)), CVector3::Z);
-    if (words[0] == "box")
-        Space().AddEntity(
-            *new CBoxEntity(words[1], Place(words, 2), turn, false, Place(words, 6)));
-    else if (words[0] == "cylinder")
-        Space().AddEntity(*new CCylinderEntity(words[1], Place(words, 2), turn, false,
-                                               Number(words, 6), Number(words, 7)));
-    else if (words[0] == "light")
+    if (words[0] == "box") {
+        CBoxEntity *box = new CBoxEntity(words[1], Place(words, 2), turn, false, Place(words, 6));
+        TakeLEDs(*box, words, 9);
+        Space().AddEntity(*box);
+    } else if (words[0] == "cylinder") {
+        CCylinderEntity *post = new CCylinderEntity(words[1], Place(words, 2), turn, false,
+                                                    Number(words, 6), Number(words, 7));
+        TakeLEDs(*post, words, 8);
+        Space().AddEntity(*post);
+    } else if (words[0] == "light")
         Space().AddEntity(*new CLightEntity(words[1], Place(words, 2),
-                                            CColor(static_cast<UInt8>(Number(words, 6)),
-                                                   static_cast<UInt8>(Number(words, 7)),
-                                                   static_cast<UInt8>(Number(words, 8))),
-                                            Number(words, 5)));
+                                            Color(words, 6), Number(words, 5)));
 }
 
 /* Those that are no longer there are taken out, and new ones come. */
@@ -218,6 +235,10 @@ void TakeState(const std::vector<std::string> &lines, const double *numbers, siz
             Space().SetSimulationClock(static_cast<UInt32>(Number(words, 1)));
         else if (words[0] == "robots")
             TakeRobots(words);
+        else if (words[0] == "shine" && Number(words, 1) < robots.size())
+            for (size_t i = 2; i + 2 < words.size(); i += 3)
+                robots[static_cast<size_t>(Number(words, 1))]->GetLEDEquippedEntity().SetLEDColor(
+                    static_cast<UInt32>((i - 2) / 3), Color(words, i));
     }
     for (size_t i = 0; i < robots.size() && 3 * i + 2 < count; ++i)
         robots[i]->GetEmbodiedEntity().VsPlace(numbers[3 * i], numbers[3 * i + 1],
@@ -357,6 +378,8 @@ void CLoopFunctions::AddEntity(CEntity &entity)
         GetSpace().AddEntity(*cylinder);
     else if (CLightEntity *light = dynamic_cast<CLightEntity *>(&entity))
         GetSpace().AddEntity(*light);
+    else if (CArenaEntity *arena = dynamic_cast<CArenaEntity *>(&entity))
+        GetSpace().AddEntity(*arena);
     else
         THROW_ARGOSEXCEPTION("AddEntity: \"" << entity.GetId() << "\" is a "
                              << entity.GetTypeDescription()
@@ -377,6 +400,8 @@ void CLoopFunctions::RemoveEntity(CEntity &entity)
         THROW_ARGOSEXCEPTION("RemoveEntity: \"" << entity.GetId() << "\" is a "
                              << entity.GetTypeDescription()
                              << ": boxes, cylinders and lights can be removed");
+    if (dynamic_cast<CArenaEntity *>(&entity) != nullptr)
+        THROW_ARGOSEXCEPTION("RemoveEntity: an arena of blocks stays");
     said += "gone\t" + entity.GetId() + "\n";
     GetSpace().VsRemove(entity);
 }

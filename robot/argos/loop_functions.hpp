@@ -110,6 +110,12 @@ public:
     UInt32 GetRandomSeed() const { return m_seed; }
     void SetRandomSeed(UInt32 seed) { m_seed = seed; }
     CRandom::CRNG *GetRNG();
+    /* What has media here has no need of them. */
+    template <typename T> T &GetMedium(const std::string &)
+    {
+        static T medium;
+        return medium;
+    }
     UInt32 GetMaxSimulationClock() const { return m_max_clock; }
     UInt32 GetNumThreads() const { return 0; }
     bool IsRealTimeClock() const { return !m_moves_robots; }

@@ -99,4 +99,4 @@ static void step(void *state, struct vs_robot *robot)
     vs_robot_show_text(robot, "does", does);
 }
 
-const struct vs_controller vs_controller = {"predator", sizeof(struct predator), init, step};
+const struct vs_controller vs_controller = {"predator", sizeof(struct predator), init, step, NULL};

@@ -97,4 +97,4 @@ static void step(void *state, struct vs_robot *robot)
         vs_walk_wander(&s->walk, robot);
 }
 
-const struct vs_controller vs_controller = {"prey", sizeof(struct prey), init, step};
+const struct vs_controller vs_controller = {"prey", sizeof(struct prey), init, step, NULL};

@@ -182,7 +182,8 @@ def greeting(tag: int, name: str, digest: str = "") -> bytes:
 def test_a_robot_with_the_program_of_others_is_refused_with_both_names(
     name: str, digest: str, taken: bool
 ) -> None:
-    answer = mixed(PREDATOR, PREY).greet(greeting(5, name, digest), "here", S)
+    ours = mixed(PREDATOR, PREY)
+    answer = ours.greet(greeting(5, name, digest), "here", S)
     assert (answer.robot is not None) == taken
     if not taken:
         _, notice = decode(answer.packet)
@@ -190,6 +191,9 @@ def test_a_robot_with_the_program_of_others_is_refused_with_both_names(
         runs = f"'{name}' ({digest})" if digest else f"'{name}'"
         expected = f"epuck_5 runs {runs}, expected 'predator' (111111111111)"
         assert notice.text.startswith(expected) and expected in answer.event.text
+        assert f"epuck_5 {ours.robots[5].status(S).refused}" == expected
+        ours.greet(greeting(5, "predator", "1" * 12), "here", S)
+        assert ours.robots[5].status(S).refused == ""
 
 
 def test_where_all_have_one_controller_another_source_is_told_and_taken() -> None:

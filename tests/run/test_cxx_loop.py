@@ -20,10 +20,11 @@ from vsense.robot.programs import CodeOptions
 from vsense.run import loop_process
 from vsense.run.environment import Environment
 from vsense.run.programs import shared_objects
-from vsense.sim.job import Job, Setup
+from vsense.sim import campaign
+from vsense.sim.job import Job, Setup, Sweep
 from vsense.sim.simulation import Simulation
 from vsense.sim.watch import Task, simulate_all
-from vsense.world.entities import Box, Light
+from vsense.world.entities import Box, Led, Light
 
 HERE = Path(__file__).parent / "argos"
 States = Callable[..., ArenaState]
@@ -101,6 +102,7 @@ def test_what_stands_and_shines_changes(mission: Callable[..., Path]) -> None:
     assert isinstance(moved := world.entities["added"], Box)
     assert (moved.position_m, moved.yaw_rad) == ((0.6, 0.6, 0.0), 0.0)
     assert moved.physical, "what stands in ARGoS's arena is solid"
+    assert moved.leds == (Led((0.1, 0.0, 0.2), (0, 255, 0)),)
     assert "post" not in world.entities
     assert isinstance(lamp := world.entities["lamp"], Light)
     assert (lamp.intensity, lamp.color, lamp.position_m) == (1.25, (0, 0, 255), (0.0, 0.0, 0.5))
@@ -119,6 +121,33 @@ def test_robots_drive_against_what_they_added(mission: Callable[..., Path]) -> N
         run.step(timestep)
     rows = run._physics.near.cdata
     assert (rows.boxes, rows.bodies) == (2, 3)
+
+
+def test_an_arena_of_blocks_has_its_place_and_colours(mission: Callable[..., Path]) -> None:
+    """Source: arena_entity.cpp and wall_entity.cpp of argos3-arena at 480285b: a hexagon of walls
+    of two blocks of 0.5 m, whose middles are at 0.5 m / tan(30 degrees) from its own."""
+    run = simulated(mission(edges="6"))
+    blocks = [e for e in run.environment.world.boxes() if e.id.startswith("walls.")]
+    assert len(blocks) == 12
+    assert "loop functions: 12 blocks" in [
+        f"loop functions: {text}" for text in run.environment.said()
+    ]
+    inner_m = 0.5 / np.tan(np.pi / 6)
+    first, red = blocks[0], blocks[2]
+    assert first.id == "walls.wall_0.block_1"
+    assert first.position_m == pytest.approx((inner_m, -0.25, 0.0))
+    assert abs(first.yaw_rad) == pytest.approx(np.pi)
+    assert red.id == "walls.wall_1.block_1"
+    sine, cosine = np.sin(np.pi / 3), np.cos(np.pi / 3)
+    place = inner_m * cosine + 0.25 * sine, inner_m * sine - 0.25 * cosine
+    assert red.position_m[:2] == pytest.approx(place)
+    assert [led.offset_m for led in red.leds] == [
+        pytest.approx((0.0075, -0.125, 0.067)),
+        pytest.approx((0.0075, 0.125, 0.067)),
+    ]
+    assert {led.color for led in red.leds} == {(255, 0, 0)}
+    assert {led.color for e in blocks if e is not red for led in e.leds} == {(0, 0, 255)}
+    assert run._physics.near.cdata.boxes == 14, "they are solid: with them there and added"
 
 
 def test_a_seed_repeats_a_run(mission: Callable[..., Path]) -> None:
@@ -197,7 +226,13 @@ def test_real_robots_stay_where_they_are(mission: Callable[..., Path], state: St
     poses = places(experiment)
     tags = sorted(poses)
     here.step(state({**poses, tags[0]: (0.5, 0.0, 0.0)}, 100_000_000), 0, {})
-    assert here.end()["objective"] == 1.0, "one robot was seen right of the edge"
+    here.world.led_colors[1, 10] = 0, 255, 255
+    here.step(state({**poses, tags[0]: (0.5, 0.0, 0.0)}, 200_000_000), 1, {})
+    assert "two_2_r shines at 2" in here.said()
+    here.world.led_colors[1, 10] = 0
+    here.step(state(poses, 300_000_000), 2, {})
+    assert not any("shines" in text for text in here.said())
+    assert here.end()["objective"] == 2.0, "one robot was right of the edge, in two timesteps"
 
 
 def test_a_reset_calls_theirs(mission: Callable[..., Path], state: States) -> None:
@@ -267,3 +302,18 @@ def test_an_unknown_label_lists_those_there_are(mission: Callable[..., Path]) ->
     experiment = load(path, stage=Stage.SIM, **options)
     with pytest.raises(VsenseError, match=r"registered as 'another', expected: 'mission'"):
         Simulation(experiment, shared_objects(experiment), 1)
+
+
+def test_every_run_of_a_campaign_knows_the_sources_and_others_make_another_campaign(
+    mission: Callable[..., Path], folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = mission(edge="0.0")
+    # TinyXML takes this comment, Python's parser does not.
+    path.write_text(path.read_text() + "<!-- one -- two -->")
+    code = CodeOptions(includes=(str(folder),))
+    tasks = campaign.prepare(Sweep.of([], 2, None), Setup(str(path), code=code))
+    assert [task.job.setup.code for task in tasks] == [code, code]
+    before = campaign.fingerprint(tasks[0])
+    assert campaign.fingerprint(tasks[1]) == before
+    monkeypatch.setattr(campaign, "loop_object", lambda experiment: Path("edited/loop.so"))
+    assert campaign.fingerprint(tasks[0]) != before

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import threading
 from pathlib import Path
 
 import pytest
@@ -11,9 +12,12 @@ from tests.conftest import States, require_tool
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment
 from vsense.link.robots.table import Direction
+from vsense.robot.inprocess import SimError
 from vsense.run.environment import Environment
 from vsense.run.programs import shared_objects, told_programs
+from vsense.sim.job import Job, Setup
 from vsense.sim.simulation import Simulation
+from vsense.sim.watch import Task, simulate_all
 
 STEP_NS = 100_000_000
 
@@ -32,6 +36,8 @@ static void step(void *state, struct vs_robot *robot)
 {
     vs_robot_actuate(robot, ((struct talker *)state)->lamp, 0, 200.0);
     vs_robot_set_wheels(robot, SPEED, SPEED);
+    if (vs_robot_param(robot, "die", 0.0) > 0.0)
+        __builtin_trap();
 }
 
 const struct vs_controller vs_controller = {"NAME", sizeof(struct talker), init, step};
@@ -40,12 +46,6 @@ const struct vs_controller vs_controller = {"NAME", sizeof(struct talker), init,
 FILE = """<argos-configuration xmlns:vs="urn:vsense:1">
   <framework><experiment length="2" ticks_per_second="10" random_seed="1" /></framework>
   <controllers>
-    <sheep_controller id="sheep" library="sheep.c">
-      <actuators>
-        <virtual_pheromone_actuator field="grass" name="graze" />
-      </actuators>
-      <sensors><gps_virtual_sensor noise_std_dev="0.1" /></sensors>
-    </sheep_controller>
     <dog_controller id="dog" library="dog.c">
       <actuators><virtual_leds_actuator /></actuators>
       <sensors>
@@ -54,6 +54,12 @@ FILE = """<argos-configuration xmlns:vs="urn:vsense:1">
       </sensors>
       <params bark="loud" />
     </dog_controller>
+    <sheep_controller id="sheep" library="sheep.c">
+      <actuators>
+        <virtual_pheromone_actuator field="grass" name="graze" />
+      </actuators>
+      <sensors><gps_virtual_sensor noise_std_dev="0.1" /></sensors>
+    </sheep_controller>
   </controllers>
   <arena size="3,2.4,1" center="0,0,0.5">
     <vs:field id="grass" cell="0.1" evaporation="0" />
@@ -87,7 +93,7 @@ def sensed(reading: tuple[bytes, int]) -> tuple[float, ...]:
 
 def test_each_controller_has_a_table_of_its_own(experiment: Experiment) -> None:
     environment = Environment(experiment, 1)
-    sheep, dog = environment.equipment
+    dog, sheep = environment.equipment
     assert (sheep.tags, dog.tags) == ((1, 3), (2, WOLF))
     assert [e.name for e in sheep.table.entries] == ["gps", "graze"]
     assert [e.name for e in dog.table.entries] == ["pheromone", "gps", "led_color"]
@@ -137,9 +143,17 @@ def test_each_robot_runs_its_own_program(experiment: Experiment) -> None:
     assert "controller 'dog' does not know the parameter 'bark': ignored" in complaints
 
 
+def test_whose_program_crashes_is_named(experiment: Experiment) -> None:
+    setup = Setup(str(experiment.path), 0.5, settings={"sheep.die": "1"})
+    libraries = {name: str(path) for name, path in shared_objects(experiment).items()}
+    task = Task(Job(setup, 1, libraries), setup.load())
+    with pytest.raises(SimError, match=r"robot a_1_0 \(tag 1\), .*: its controller 'sheep\.c' was"):
+        list(simulate_all([task], 1, threading.Event(), lambda workers: None))
+
+
 def test_what_robots_will_tell_is_known_before_they_come(experiment: Experiment) -> None:
     told = told_programs(experiment)
-    assert {id: program.name for id, program in told.items()} == {"sheep": "sheep", "dog": "dog"}
+    assert {id: program.name for id, program in told.items()} == {"dog": "dog", "sheep": "sheep"}
     assert all(len(program.hash) == 12 for program in told.values())
     (controller,) = load("pollutant").controllers
     assert Path(controller.library).stem == told_programs(load("pollutant"))["wanderer"].name

@@ -71,6 +71,8 @@ def populate(document: Document, spec: LoopSpec | None, bodies: ArenaContents, s
     Raises:
         LoopFunctionsError: their file cannot be run, or the hook failed.
     """
-    if spec is not None and HOOK in spec.path.read_text(encoding="utf-8", errors="replace"):
+    if spec is None or spec.program is not None:
+        return
+    if HOOK in spec.path.read_text(encoding="utf-8", errors="replace"):
         hooks = LoopFunctions(spec.path, spec.label, spec.params)
         hooks.populate(Space(document, spec, bodies, seed))

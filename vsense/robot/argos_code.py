@@ -8,15 +8,13 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-from vsense.robot.programs import Program, content, headers, included
+from vsense.robot.programs import ARGOS, Program, content, headers, included, known_headers
 
 PAGE = "vsense/config/ARGOS.md"
 """What users read about it."""
-
-PREFIX = "argos3/"
 
 STANDARD = "-std=gnu++17"
 """As CMake has it, with GNU's extensions; ARGoS's users write C++11 to C++17."""
@@ -66,19 +64,12 @@ def forwarding(argos: Path, cache: Path) -> Path:
     folder = cache / f"argos-{digest}"
     done = folder / "done"
     if not done.is_file():
-        for theirs, ours in known_headers(argos).items():
+        for theirs, ours in known_headers().items():
             header = folder / theirs
             header.parent.mkdir(parents=True, exist_ok=True)
             header.write_text(f'#include "{argos / ours}"\n', encoding="utf-8")
         done.touch()
     return folder
-
-
-def known_headers(argos: Path) -> dict[str, str]:
-    """Our headers' names by what users include."""
-    lines = (argos / "headers.txt").read_text(encoding="utf-8").splitlines()
-    pairs = (line.split() for line in lines if line and not line.startswith("#"))
-    return {PREFIX + theirs: ours for theirs, ours in pairs}
 
 
 def own_files(program: Program) -> list[Path]:
@@ -87,13 +78,12 @@ def own_files(program: Program) -> list[Path]:
     return [*program.sources, *(path for path in used if path not in program.sources)]
 
 
-def missing_headers(program: Program, known: Iterable[str]) -> list[tuple[Path, int, str]]:
+def missing_headers(program: Program) -> list[tuple[Path, int, str]]:
     """What of ARGoS's headers a program includes and nobody has: file, line, header."""
-    there = set(known)
     found = []
     for path in own_files(program):
         for name, _ in included(path):
-            if not name.startswith(PREFIX) or name in there:
+            if not name.startswith(ARGOS) or name in known_headers():
                 continue
             if not any((folder / name).is_file() for folder in program.includes):
                 found.append((path, _line(path, name), name))

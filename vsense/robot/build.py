@@ -27,7 +27,7 @@ from vsense.robot.compiling import (
     native,
     own_cxxflags,
 )
-from vsense.robot.programs import Program
+from vsense.robot.programs import Program, source_roots
 
 __all__ = ["BuildError", "SourceTree", "cache_directory", "daemon", "shared"]
 
@@ -159,11 +159,12 @@ def source_tree() -> SourceTree:
     Raises:
         BuildError: neither is there.
     """
-    package = Path(__file__).resolve().parents[1]
-    for root in (package / "_sources", package.parent):
+    for root in source_roots():
         if (root / "robot" / "main.c").is_file():
             return SourceTree(root)
-    raise BuildError(f"the daemon's C sources are missing from {package}: install vsense again")
+    raise BuildError(
+        f"the daemon's C sources are missing from {source_roots()[0]}: install vsense again"
+    )
 
 
 def daemon(controller: str | Program = SHIPPED_CONTROLLER, beside: Path | None = None) -> Path:

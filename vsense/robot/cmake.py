@@ -15,6 +15,9 @@ LIST = "CMakeLists.txt"
 
 SOURCE_SUFFIXES = (".cpp", ".cc", ".cxx", ".c")
 
+ARGOSS_OWN = ("argos3core_", "argos3plugin_")
+"""What the targets of ARGoS and its plug-ins are called, whose place vsense takes."""
+
 _MAX_DEPTH = 20
 """Of CMake files that name each other."""
 _KEYWORDS = {
@@ -52,11 +55,12 @@ class Repository:
     includes: list[Path] = field(default_factory=list)
 
     def sources(self, name: str) -> list[Path]:
-        """The sources of a target and of all targets here that it is linked with."""
+        """The sources of a target and of all targets here that it is linked with, but ARGoS's."""
         found: dict[Path, None] = {}
         waiting, seen = [name], set[int]()
         while waiting:
-            target = self.targets.get(waiting.pop(0))
+            linked = waiting.pop(0)
+            target = None if linked.startswith(ARGOSS_OWN) else self.targets.get(linked)
             if target is None or id(target) in seen:
                 continue
             seen.add(id(target))

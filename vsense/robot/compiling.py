@@ -253,8 +253,7 @@ class Sources:
     def _check_headers(self) -> None:
         """Raises BuildError where code for ARGoS includes what nobody has."""
         if self.program.is_argos:
-            known = argos_code.known_headers(self._argos())
-            missing = argos_code.missing_headers(self.program, known)
+            missing = argos_code.missing_headers(self.program)
             if missing:
                 raise BuildError(argos_code.explain_missing(missing))
 

@@ -19,8 +19,8 @@ from pathlib import Path
 from vsense.errors import UsageError
 from vsense.robot.cmake import SOURCE_SUFFIXES
 
-NAME_MAX = 31
-"""[byte] of a controller's name. Source: c_src/vs_table.h."""
+ARGOS = "argos3/"
+"""What names of ARGoS's headers begin with."""
 
 CONTROLLER = "REGISTER_CONTROLLER"
 LOOP_FUNCTIONS = "REGISTER_LOOP_FUNCTIONS"
@@ -36,6 +36,22 @@ _OTHERS = (
 )
 _MAIN = re.compile(rb"^\s*int\s+main\s*\(", re.M)
 _INCLUDE = re.compile(rb'^[ \t]*#[ \t]*include[ \t]*([<"])([^>"\n]+)[>"]', re.M)
+
+
+def source_roots() -> tuple[Path, ...]:
+    """Where vsense's own C sources may be: inside the installed package, or in the checkout."""
+    package = Path(__file__).resolve().parents[1]
+    return package / "_sources", package.parent
+
+
+@lru_cache(maxsize=1)
+def known_headers() -> Mapping[str, str]:
+    """Our headers' names in `robot/argos/` by what ARGoS's users include."""
+    tables = (root / "robot" / "argos" / "headers.txt" for root in source_roots())
+    table = next((path for path in tables if path.is_file()), None)
+    lines = [] if table is None else table.read_text(encoding="utf-8").splitlines()
+    pairs = (line.split() for line in lines if line and not line.startswith("#"))
+    return {ARGOS + theirs: ours for theirs, ours in pairs}
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,12 +215,14 @@ def included(path: Path) -> list[tuple[str, bool]]:
 
 def headers(sources: Sequence[Path], includes: Sequence[Path]) -> dict[Path, None]:
     """All files that sources include, directly or not, as far as they are in `includes` or beside
-    the file that includes them; in the order in which they are met."""
+    the file that includes them, and vsense has none of that name; in the order of the search."""
     found: dict[Path, None] = {}
     waiting = list(sources)
     while waiting:
         path = waiting.pop()
         for name, is_quoted in included(path):
+            if name in known_headers():
+                continue
             for folder in ([path.parent] if is_quoted else []) + list(includes):
                 candidate = folder / name
                 if candidate.is_file():

@@ -25,6 +25,7 @@ from vsense.world.entities import (
     Box,
     Cylinder,
     Entity,
+    Led,
     Light,
     VirtualRobot,
     WorldError,
@@ -112,6 +113,7 @@ class CxxLoopFunctions:
         self._pending: list[list[str]] | None = None
         self._measures: dict[str, float] = {}
         self._floor: tuple[Arena, float] | None = None
+        self._shown = np.zeros((0, 0, 3), dtype=np.uint8)
         self._begin()
 
     def renewed(self) -> CxxLoopFunctions:
@@ -228,7 +230,19 @@ class CxxLoopFunctions:
         if names != self._sent:
             self._sent = names
             lines.append("\t".join(("robots", *names)))
+            self._shown = np.zeros((0, 0, 3), dtype=np.uint8)
+        lines += self._changed_leds(world)
         self._apply(world, self._call(function, lines, self._rows(world)))
+
+    def _changed_leds(self, world: World) -> list[str]:
+        """Says what robots' LEDs show, where that is not what was said last."""
+        colors = world.led_colors
+        before = self._shown if self._shown.shape == colors.shape else np.zeros_like(colors)
+        changed = np.flatnonzero((colors != before).any(axis=(1, 2)))
+        self._shown = colors.copy()
+        return [
+            "\t".join(("shine", str(row), *map(str, colors[row].reshape(-1)))) for row in changed
+        ]
 
     def _call(self, function: str, lines: Sequence[str], numbers: Floats) -> list[list[str]]:
         """Calls a function; gives the words of its answer's lines."""
@@ -326,13 +340,25 @@ def _line(kind: str, name: str, *numbers: float) -> str:
 def _described(entity: Entity) -> str:
     """The line that tells loop functions of an entity; "": they do not see it."""
     if isinstance(entity, Box):
-        return _line("box", entity.id, *entity.position_m, entity.yaw_rad, *entity.size_m)
+        place = *entity.position_m, entity.yaw_rad
+        return _line("box", entity.id, *place, *entity.size_m, *_shining(entity))
     if isinstance(entity, Cylinder):
         size = entity.radius_m, entity.height_m
-        return _line("cylinder", entity.id, *entity.position_m, 0.0, *size)
+        return _line("cylinder", entity.id, *entity.position_m, 0.0, *size, *_shining(entity))
     if isinstance(entity, Light):
         return _line("light", entity.id, *entity.position_m, entity.intensity, *entity.color)
     return ""
+
+
+def _shining(thing: Box | Cylinder) -> list[float]:
+    """The LEDs of a thing, six numbers each."""
+    return [number for led in thing.leds for number in (*led.offset_m, *led.color)]
+
+
+def _leds(numbers: list[float]) -> tuple[Led, ...]:
+    """The LEDs that these numbers describe."""
+    rows = [numbers[first : first + 6] for first in range(0, len(numbers) - 5, 6)]
+    return tuple(Led((x, y, z), (round(r), round(g), round(b))) for x, y, z, r, g, b in rows)
 
 
 def _entity(words: list[str], physical: bool) -> Box | Cylinder | Light:
@@ -341,8 +367,9 @@ def _entity(words: list[str], physical: bool) -> Box | Cylinder | Light:
     place = numbers[0], numbers[1], numbers[2]
     if words[0] == "box":
         size = numbers[4], numbers[5], numbers[6]
-        return Box(words[1], place, size, numbers[3], physical)
+        return Box(words[1], place, size, numbers[3], physical, _leds(numbers[7:]))
     if words[0] == "cylinder":
-        return Cylinder(words[1], place, numbers[4], numbers[5], physical)
+        leds = _leds(numbers[6:])
+        return Cylinder(words[1], place, numbers[4], numbers[5], physical, leds)
     color = round(numbers[4]), round(numbers[5]), round(numbers[6])
     return Light(words[1], place, min(max(numbers[3], 0.0), MAX_INTENSITY), color)

@@ -137,8 +137,9 @@ class Record:
     def save(self, path: Path) -> None:
         """Writes the trajectories: an .npz file that NumPy reads.
 
-        It holds time_s (n,), tags (robots,), object_tags (objects,), poses (n, robots, 3) and
-        object_poses (n, objects, 3) of x_m, y_m, yaw_rad, and leds (n, robots).
+        It holds time_s (n,), tags (robots,), controllers (robots,), their ids, object_tags
+        (objects,), poses (n, robots, 3) and object_poses (n, objects, 3) of x_m, y_m, yaw_rad, and
+        leds (n, robots).
 
         Raises:
             VsenseError: the file cannot be written.
@@ -149,6 +150,7 @@ class Record:
                 path,
                 time_s=self.timesteps * self._experiment.timestep_s,
                 tags=np.array(self.tags, dtype=np.uint32),
+                controllers=np.array([r.controller for r in self._experiment.robots]),
                 object_tags=np.array(self.object_tags, dtype=np.uint32),
                 poses=self.poses[:, :robots],
                 object_poses=self.poses[:, robots:],

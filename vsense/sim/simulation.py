@@ -106,8 +106,7 @@ class Simulation:
         experiment = settle(experiment, seed)
         progress = bytearray(PROGRESS_BYTES) if progress is None else progress
         self._timestep = self._numbers = 0
-        host = LoopHost(lambda path: _Watched(path, progress, lambda: self._timestep), moves=True)
-        self.environment = Environment(experiment, seed, blind, host)
+        self.environment = Environment(experiment, seed, blind, self._host(progress))
         self.record = Record(experiment)
         self.samples: RunSamples | None = None
         self._dt_ns, self._source = experiment.timestep_ns, experiment.source
@@ -118,12 +117,16 @@ class Simulation:
         self._slip = NoisyWheels(experiment.wheel_noises, seed)
         tables = self.environment.tables
         self._robots = Programs(experiment, controllers, libraries, tables, seed, progress)
-        self._now_ns, self._leds = EPOCH_NS, np.zeros_like(self._robots.leds)
+        self._leds = np.zeros_like(self._robots.leds)
         self._reports, self._events = dict[int, bytes](), list[_Event]()
         self._names = {robot.tag: robot.id for robot in experiment.robots}
-        self._driven = self._robots.wheels_steps_s.copy()
+        self._now_ns, self._driven = EPOCH_NS, self._robots.wheels_steps_s.copy()
         self._version, self._standing = -1, _standing(experiment.boxes, experiment.cylinders)
         self._follow()
+
+    def _host(self, progress: Any) -> LoopHost:
+        """Where loop functions in C++ run: here, and what they move is moved."""
+        return LoopHost(lambda path: _Watched(path, progress, lambda: self._timestep), moves=True)
 
     def run(self) -> dict[str, float]:
         """Runs all timesteps; returns the experiment's own results by name.

@@ -127,7 +127,9 @@ class RobotTable:
             "expected": self._controllers[link.tag],
         }
         row |= self._telemetry(link)
-        row["trouble"] = _trouble(row, seen_ns is None or now_ns - seen_ns > UNSEEN_NS)
+        row["trouble"] = link.refused or _trouble(
+            row, seen_ns is None or now_ns - seen_ns > UNSEEN_NS
+        )
         return row
 
     def _telemetry(self, link: RobotStatus) -> dict[str, Any]:

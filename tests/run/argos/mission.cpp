@@ -2,6 +2,7 @@
 /* mission.cpp - loop functions as missions for ARGoS have them, in one class that does everything. */
 #include <argos3/core/simulator/loop_functions.h>
 #include <argos3/core/simulator/space/space.h>
+#include <argos3/plugins/robots/arena/simulator/arena_entity.h>
 #include <argos3/plugins/robots/e-puck/simulator/epuck_entity.h>
 #include <argos3/plugins/simulator/entities/box_entity.h>
 #include <argos3/plugins/simulator/entities/cylinder_entity.h>
@@ -31,9 +32,21 @@ public:
          m_pcBox = new CBoxEntity("added", CVector3(0.3, 0.5, 0.0),
                                   CQuaternion().FromEulerAngles(CRadians::PI_OVER_FOUR, CRadians::ZERO, CRadians::ZERO),
                                   false, CVector3(0.2, 0.1, 0.3));
+         m_pcBox->AddLED(CVector3(0.1, 0.0, 0.2), CColor::RED);
+         m_pcBox->EnableLEDs(GetSimulator().GetMedium<CLEDMedium>("leds"));
          AddEntity(*m_pcBox);
          AddEntity(*new CCylinderEntity("post", CVector3(-0.5, 0.5, 0.0), CQuaternion(), false, 0.1, 0.2));
          AddEntity(*new CLightEntity("lamp", CVector3(0.0, 0.0, 0.5), CColor::YELLOW, 2.5));
+      }
+      UInt32 unEdges;
+      GetNodeAttributeOrDefault(tParams, "edges", unEdges, (UInt32) 0);
+      if(unEdges > 0) {
+         CArenaEntity* pcArena = new CArenaEntity("walls", CVector3(), CQuaternion(), CVector3(0.01, 0.5, 0.1), "leds",
+                                                  2, unEdges, 0.25, 1.0);
+         AddEntity(*pcArena);
+         pcArena->SetArenaColor(CColor::BLUE);
+         pcArena->SetBoxColor(1, 2, CColor::RED);
+         LOG << GetSpace().GetEntitiesByType("block").size() << " blocks" << std::endl;
       }
       MoveRobots();
       Fail("Init");
@@ -58,6 +71,7 @@ public:
       if(m_bMove && unClock == 5) {
          MoveEntity(m_pcBox->GetEmbodiedEntity(), CVector3(0.6, 0.6, 0.0), CQuaternion());
          CLightEntity& cLamp = dynamic_cast<CLightEntity&>(GetSpace().GetEntity("lamp"));
+         m_pcBox->GetLEDEquippedEntity().SetAllLEDsColors(CColor::GREEN);
          cLamp.SetColor(CColor::BLUE);
          cLamp.SetIntensity(1.25);
          RemoveEntity("post");
@@ -71,6 +85,9 @@ public:
       CSpace::TMapPerType& tEpuckMap = GetSpace().GetEntitiesByType("epuck");
       for(CSpace::TMapPerType::iterator it = tEpuckMap.begin(); it != tEpuckMap.end(); ++it) {
          CEPuckEntity* pcEpuck = any_cast<CEPuckEntity*>(it->second);
+         if(pcEpuck->GetLEDEquippedEntity().GetLED(10).GetColor() == CColor::CYAN) {
+            LOG << pcEpuck->GetId() << " shines at " << GetSpace().GetSimulationClock() << std::endl;
+         }
          if(pcEpuck->GetEmbodiedEntity().GetOriginAnchor().Position.GetX() > m_fEdge) m_fScore += 1.0;
       }
    }

@@ -143,7 +143,8 @@ class Roster:
             return self.refuse(RefuseCode.ROOM, text, origin, now_ns, hello.tag)
         runs, wanted = ToldProgram(hello.controller, hello.hash), self._expected[hello.tag].program
         if wanted is not None and self._is_anothers(runs, wanted):
-            text = f"{robot.name} runs {runs}, expected {wanted}: see vsense robot deploy"
+            robot.refused = f"runs {runs}, expected {wanted}"
+            text = f"{robot.name} {robot.refused}: see vsense robot deploy"
             return self.refuse(RefuseCode.CONTROLLER, text, origin, now_ns, hello.tag)
         farewell = None
         if robot.open:
