@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import math
 import shutil
+import subprocess
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.conftest import require_tool
+from tests.conftest import require_tool, require_zig
+from vsense.bench.robot import HERE as BENCH
 from vsense.config.experiment import load
 from vsense.config.specs import Stage
 from vsense.errors import ConfigError, UsageError
 from vsense.link.robots.table import Direction, Entry, Table
 from vsense.link.robots.wire import Wanted
-from vsense.robot import argos_code, build
+from vsense.robot import argos_code, boards, build
 from vsense.robot.compiling import BuildError
 from vsense.robot.inprocess import ControllerFailure, Robots
 from vsense.robot.programs import CodeOptions, Program
@@ -444,3 +447,52 @@ def test_in_a_simulation_the_error_names_element_and_robot(repository: Path) -> 
     message = r"mine\.argos:4: <readings_controller> cannot go on, robot 'epuck_1_30': .*Unknown"
     with pytest.raises(Exception, match=message):
         Simulation(experiment, shared_objects(experiment), 1).run()
+
+
+PLAIN = """
+#include <argos3/core/control_interface/ci_controller.h>
+#include <argos3/plugins/robots/generic/control_interface/ci_differential_steering_actuator.h>
+
+using namespace argos;
+
+class CPlain : public CCI_Controller
+{
+public:
+    virtual void Init(TConfigurationNode &)
+    {
+        m_pcWheels = GetActuator<CCI_DifferentialSteeringActuator>("differential_steering");
+    }
+    virtual void ControlStep() { m_pcWheels->SetLinearVelocity(1.0, 2.0); }
+
+private:
+    CCI_DifferentialSteeringActuator *m_pcWheels;
+};
+
+REGISTER_CONTROLLER(CPlain, "plain_controller")
+"""
+
+
+@pytest.mark.parametrize("name", ["plain", "catching"])
+def test_on_the_oldest_board_it_lives_and_fails_in_order(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nobody declares wheels to it there: without exceptions and with them it is told so, and the
+    daemon goes on."""
+    qemu = require_tool("qemu-arm", "qemu-user")
+    require_zig()
+    monkeypatch.delenv("XDG_CACHE_HOME")  # zig makes its C++ library once, which takes a minute
+    source = tmp_path / "plain.cpp"
+    source.write_text(PLAIN)
+    program = Program((source,) if name == "plain" else (CATCHING,))
+    assert argos_code.needs_runtime(program) == (name == "catching")
+    tree = build.source_tree()
+    made = tree.daemon(program, plain=True)
+    own = [path for path in made.own if path.name != "main.c"]
+    steps = replace(made, own=[*own, BENCH / "robot_steps.c"], fast=())
+    steps.link(boards.toolchain(boards.TARGETS["epuck"], build.cache_directory()), tmp_path / "s")
+    command = [qemu, "-cpu", "arm926", tmp_path / "s", "live", "50"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert (done.returncode, done.stdout.strip()) == (0, "50"), done.stderr
+    size = (tmp_path / "s").stat().st_size
+    print(f"control steps for ARMv5 with the controller {name}: {size} bytes")
+    assert size < (200_000 if name == "plain" else 400_000)

@@ -20,7 +20,8 @@ from vsense.robot.programs import CodeOptions
 from vsense.run import loop_process
 from vsense.run.environment import Environment
 from vsense.run.programs import shared_objects
-from vsense.sim.job import Job, Setup
+from vsense.sim import campaign
+from vsense.sim.job import Job, Setup, Sweep
 from vsense.sim.simulation import Simulation
 from vsense.sim.watch import Task, simulate_all
 from vsense.world.entities import Box, Led, Light
@@ -301,3 +302,18 @@ def test_an_unknown_label_lists_those_there_are(mission: Callable[..., Path]) ->
     experiment = load(path, stage=Stage.SIM, **options)
     with pytest.raises(VsenseError, match=r"registered as 'another', expected: 'mission'"):
         Simulation(experiment, shared_objects(experiment), 1)
+
+
+def test_every_run_of_a_campaign_knows_the_sources_and_others_make_another_campaign(
+    mission: Callable[..., Path], folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = mission(edge="0.0")
+    # TinyXML takes this comment, Python's parser does not.
+    path.write_text(path.read_text() + "<!-- one -- two -->")
+    code = CodeOptions(includes=(str(folder),))
+    tasks = campaign.prepare(Sweep.of([], 2, None), Setup(str(path), code=code))
+    assert [task.job.setup.code for task in tasks] == [code, code]
+    before = campaign.fingerprint(tasks[0])
+    assert campaign.fingerprint(tasks[1]) == before
+    monkeypatch.setattr(campaign, "loop_object", lambda experiment: Path("edited/loop.so"))
+    assert campaign.fingerprint(tasks[0]) != before

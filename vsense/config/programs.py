@@ -15,6 +15,7 @@ from vsense.actuators.messages import MessagesActuator
 from vsense.config import argos
 from vsense.errors import UsageError
 from vsense.robot import finding
+from vsense.robot.argos_code import PAGE
 from vsense.robot.build import BuildError, cache_directory, source_tree
 from vsense.robot.compiling import CXX_SUFFIXES
 from vsense.robot.programs import (
@@ -136,7 +137,7 @@ def _of_library(
         instead = f"the robots stand still; --sources {stem_of(library)}=FILES names them"
         element.warn(
             f"library: {shown(library)} is C++ for ARGoS, and its sources are not found: {instead},"
-            f" see {argos.PAGE}"
+            f" see {PAGE}"
         )
         return argos.STAND_STILL, source_tree().program(argos.STAND_STILL)
     element.warn(f"library: {shown(library)} is C++ for ARGoS: its port {port!r} is run instead")

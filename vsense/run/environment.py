@@ -204,6 +204,8 @@ class Environment:
 
     def end(self) -> dict[str, float]:
         """Ends the run; gives its results by name: the world's, or those of the user's `end`."""
+        if self._swarm is not None:
+            self._swarm.end()
         return dict(self.world.results) if self._loop is None else self._loop.end(self.world)
 
 
