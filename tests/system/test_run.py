@@ -275,7 +275,7 @@ def test_our_own_tracking_server_drives_a_run_past_its_recording_and_ends_it(
     for tag in pair.tags:
         pair.connect(tag, port)
     pair.wait_for(pair.moving, "motion")
-    time.sleep(0.2 * PICTURES)  # the last state is repeated: the original's client dies of less
+    time.sleep(0.12 * PICTURES)  # the last state is repeated: the original's client dies of less
     assert pair.moving()
     server.tell(signal.SIGTERM)
     assert end(pair, program) == 0
