@@ -269,10 +269,13 @@ CEPuckEntity::CEPuckEntity(const std::string &id, const std::string &, const CVe
                            const CQuaternion &orientation, Real, size_t, const std::string &)
     : CComposableEntity(nullptr, id),
       m_body(this, "body_0", position, orientation, true, VsShape{BODY_RADIUS, 0.0, 0.0}),
-      m_controllable(this, "controller_0")
+      m_controllable(this, "controller_0"), m_leds(nullptr)
 {
+    static const int LEDS = 8 + 3;
     VsAddPart(m_body);
     VsAddPart(m_controllable);
+    for (int i = 0; i < LEDS; ++i)
+        m_leds.AddLED(CVector3());
 }
 
 std::string CEPuckEntity::VsDescribe() const

@@ -365,12 +365,16 @@ public:
 
     CEmbodiedEntity &GetEmbodiedEntity() { return m_body; }
     CControllableEntity &GetControllableEntity() { return m_controllable; }
+    /* What its LEDs show, of the ring of 8, counter-clockwise from the front left, and of the three
+     * in colour: the host says it. They belong to the robot's program: to set them changes nothing. */
+    CLEDEquippedEntity &GetLEDEquippedEntity() { return m_leds; }
     std::string GetTypeDescription() const override { return "epuck"; }
     std::string VsDescribe() const override;
 
 private:
     CEmbodiedEntity m_body;
     CControllableEntity m_controllable;
+    CLEDEquippedEntity m_leds; /* no part of it: a colour is no change of the robot */
 };
 
 class CFloorEntity : public CEntity

@@ -17,7 +17,8 @@
  *     GetFloorColor, with two numbers for each point
  *
  * where all but the last take three numbers for each robot, its place x, y and yaw, and may have
- * the lines clock, and robots where there are others now. The answer has the lines
+ * the lines clock, robots where there are others now, and "shine NUMBER" of a robot whose LEDs show
+ * something else, with red, green and blue of each. The answer has the lines
  *
  *     error WORDS, log WORDS, logerr WORDS, finished, floor, measure NAME VALUE, gone ID,
  *     robot ID x y z yaw and entities as above, for what has changed.
@@ -234,6 +235,10 @@ void TakeState(const std::vector<std::string> &lines, const double *numbers, siz
             Space().SetSimulationClock(static_cast<UInt32>(Number(words, 1)));
         else if (words[0] == "robots")
             TakeRobots(words);
+        else if (words[0] == "shine" && Number(words, 1) < robots.size())
+            for (size_t i = 2; i + 2 < words.size(); i += 3)
+                robots[static_cast<size_t>(Number(words, 1))]->GetLEDEquippedEntity().SetLEDColor(
+                    static_cast<UInt32>((i - 2) / 3), Color(words, i));
     }
     for (size_t i = 0; i < robots.size() && 3 * i + 2 < count; ++i)
         robots[i]->GetEmbodiedEntity().VsPlace(numbers[3 * i], numbers[3 * i + 1],

@@ -301,14 +301,13 @@ def test_a_controller_alone_is_replaced(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     def build(controller: Program, target: str, output: Path) -> SimpleNamespace:
-        (source,) = controller.sources
-        program(output, FAKE_DAEMON.replace("test", f"{source.name}-{target}"))
+        name = controller.sources[0].name
+        program(output, FAKE_DAEMON.replace("test", f"{name}-{target}"))
         return SimpleNamespace(path=output)
-
-    (tmp_path / "mine.c").touch()
 
     monkeypatch.setattr("vsense.commands.robot.boards.build", build)
     (tmp_path / "robots.txt").write_text("board tag=1\n")
+    (tmp_path / "mine.c").write_text("")
     words = ["robot", "deploy", "--hosts", "robots.txt", "--controller", "mine.c"]
     board = systemd(boards, "board")
     assert cli.main(words) == 1

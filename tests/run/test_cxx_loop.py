@@ -20,7 +20,8 @@ from vsense.robot.programs import CodeOptions
 from vsense.run import loop_process
 from vsense.run.environment import Environment
 from vsense.run.programs import shared_objects
-from vsense.sim.job import Job, Setup
+from vsense.sim import campaign
+from vsense.sim.job import Job, Setup, Sweep
 from vsense.sim.simulation import Simulation
 from vsense.sim.watch import Task, simulate_all
 from vsense.world.entities import Box, Led, Light
@@ -225,7 +226,13 @@ def test_real_robots_stay_where_they_are(mission: Callable[..., Path], state: St
     poses = places(experiment)
     tags = sorted(poses)
     here.step(state({**poses, tags[0]: (0.5, 0.0, 0.0)}, 100_000_000), 0, {})
-    assert here.end()["objective"] == 1.0, "one robot was seen right of the edge"
+    here.world.led_colors[1, 10] = 0, 255, 255
+    here.step(state({**poses, tags[0]: (0.5, 0.0, 0.0)}, 200_000_000), 1, {})
+    assert "two_2_r shines at 2" in here.said()
+    here.world.led_colors[1, 10] = 0
+    here.step(state(poses, 300_000_000), 2, {})
+    assert not any("shines" in text for text in here.said())
+    assert here.end()["objective"] == 2.0, "one robot was right of the edge, in two timesteps"
 
 
 def test_a_reset_calls_theirs(mission: Callable[..., Path], state: States) -> None:
@@ -295,3 +302,18 @@ def test_an_unknown_label_lists_those_there_are(mission: Callable[..., Path]) ->
     experiment = load(path, stage=Stage.SIM, **options)
     with pytest.raises(VsenseError, match=r"registered as 'another', expected: 'mission'"):
         Simulation(experiment, shared_objects(experiment), 1)
+
+
+def test_every_run_of_a_campaign_knows_the_sources_and_others_make_another_campaign(
+    mission: Callable[..., Path], folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = mission(edge="0.0")
+    # TinyXML takes this comment, Python's parser does not.
+    path.write_text(path.read_text() + "<!-- one -- two -->")
+    code = CodeOptions(includes=(str(folder),))
+    tasks = campaign.prepare(Sweep.of([], 2, None), Setup(str(path), code=code))
+    assert [task.job.setup.code for task in tasks] == [code, code]
+    before = campaign.fingerprint(tasks[0])
+    assert campaign.fingerprint(tasks[1]) == before
+    monkeypatch.setattr(campaign, "loop_object", lambda experiment: Path("edited/loop.so"))
+    assert campaign.fingerprint(tasks[0]) != before

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import signal
 import socket
 import subprocess
@@ -220,6 +221,25 @@ def test_failing_process_is_named_and_the_run_reported(
     assert lab.relatives() == {}
     if process == "cameras":
         assert lab.summary()["timesteps"] > 0
+
+
+def test_loop_functions_that_crash_end_the_run_in_order(directory: Path, tmp_path: Path) -> None:
+    here = Path(__file__).parents[1] / "run" / "argos"
+    shutil.copy2(here / "mission.cpp", tmp_path)
+    text = (here / "mission.argos").read_text()
+    params = 'fails_in="PostStep" fails_from="6" how="crash"'
+    (tmp_path / "mission.argos").write_text(text.replace('edge="0.0" end="0"', params))
+    lab = Lab(directory, str(tmp_path / "mission.argos"), "--port", "0", "--record")
+    assert lab.end() == 1
+    assert (
+        lab.said[-1].strip()
+        == "vsense: loop functions 'mission' (mission.cpp): PostStep was killed by SIGSEGV"
+    )
+    assert lab.relatives() == {}
+    # In the sixth timestep, unless a busy machine has left some out.
+    assert 0 < lab.summary()["timesteps"] <= 5  # type: ignore[operator]
+    with open_recording(directory / "mission.mcap") as recording:
+        assert recording.complete
 
 
 def test_earlier_run_is_never_written_over(directory: Path) -> None:

@@ -336,7 +336,8 @@ def _add(
         devices.sensors.append(mounted)
     else:
         devices.actuators.append(mounted)
-    served = ", ".join([f"virtual, as {device.name!r}", *_noise(element)])
+    constant = ["always full, as in ARGoS"] if element.name in argos.BATTERIES else []
+    served = ", ".join([f"virtual, as {device.name!r}", *constant, *_noise(element)])
     devices.declared.append(DeviceSpec(kind, element.name, served, True))
 
 

@@ -113,6 +113,7 @@ class CxxLoopFunctions:
         self._pending: list[list[str]] | None = None
         self._measures: dict[str, float] = {}
         self._floor: tuple[Arena, float] | None = None
+        self._shown = np.zeros((0, 0, 3), dtype=np.uint8)
         self._begin()
 
     def renewed(self) -> CxxLoopFunctions:
@@ -229,7 +230,19 @@ class CxxLoopFunctions:
         if names != self._sent:
             self._sent = names
             lines.append("\t".join(("robots", *names)))
+            self._shown = np.zeros((0, 0, 3), dtype=np.uint8)
+        lines += self._changed_leds(world)
         self._apply(world, self._call(function, lines, self._rows(world)))
+
+    def _changed_leds(self, world: World) -> list[str]:
+        """Says what robots' LEDs show, where that is not what was said last."""
+        colors = world.led_colors
+        before = self._shown if self._shown.shape == colors.shape else np.zeros_like(colors)
+        changed = np.flatnonzero((colors != before).any(axis=(1, 2)))
+        self._shown = colors.copy()
+        return [
+            "\t".join(("shine", str(row), *map(str, colors[row].reshape(-1)))) for row in changed
+        ]
 
     def _call(self, function: str, lines: Sequence[str], numbers: Floats) -> list[list[str]]:
         """Calls a function; gives the words of its answer's lines."""

@@ -30,9 +30,18 @@ def shared_objects(experiment: Experiment) -> dict[str, Path]:
         UsageError: there is no such controller.
         BuildError: no compiler, or a source that does not compile.
     """
-    if experiment.loop_functions is not None and experiment.loop_functions.program is not None:
-        build.loop_functions(experiment.loop_functions.program)
+    loop_object(experiment)
     return {c.id: build.shared(c.program) for c in experiment.controllers}
+
+
+def loop_object(experiment: Experiment) -> Path | None:
+    """Gives its loop functions as a shared object, built if it is missing; None: not in C++.
+
+    Raises:
+        BuildError: see `shared_objects`.
+    """
+    spec = experiment.loop_functions
+    return None if spec is None or spec.program is None else build.loop_functions(spec.program)
 
 
 _NAME = re.compile(r"\bvs_controller\s*=\s*\{[^\"{};]*\"([^\"]+)\"")

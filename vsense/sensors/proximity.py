@@ -23,7 +23,7 @@ ARGoS's `<epuck_proximity>`, mounted where the robots have no ring of their own,
 times 4096, in the real robot's order, from ARGoS's places; the foot-bot's is the same here. Of the
 generic `<proximity>` a thing at distance d gives exp(-d). Source: argos3-epuck 66cb8d9,
 epuck_proximity_default_sensor.cpp lines 143-150; argos3 421bd76, proximity_default_sensor.cpp line
-140.
+140, epuck_entity.cpp lines 112-135.
 """
 
 from __future__ import annotations
@@ -150,12 +150,13 @@ def from_xml(element: Element, scope: Scope) -> ProximitySensor:
 
 def from_argos(element: Element, scope: Scope) -> ProximitySensor:
     """Makes the sensor that one of ARGoS's elements asks for."""
-    ring = Ring.of_argos()
+    ring, generic = Ring.of_argos(), element.name == "proximity"
     return ProximitySensor(
-        ring=ring,
+        # ARGoS's own e-puck, which has the generic one, has its sensors where it says.
+        ring=Ring(ring.angles_rad, ring.angles_rad) if generic else ring,
         name="proximity",
         layout=f"{len(ring)}*f4",
         virtual_only=False,
         full=ARGOS_FULL,
-        generic=element.name == "proximity",
+        generic=generic,
     )

@@ -15,7 +15,7 @@ using namespace argos;
 
 class CMission : public CLoopFunctions {
 public:
-   CMission() : m_fScore(0.0), m_fEdge(0.0), m_unEnd(0) {}
+   CMission() : m_fScore(0.0), m_fEdge(0.0), m_unEnd(0), m_unFailsFrom(0) {}
 
    virtual void Init(TConfigurationNode& t_tree) {
       m_pcRng = CRandom::CreateRNG("argos");
@@ -23,6 +23,7 @@ public:
       GetNodeAttributeOrDefault(tParams, "edge", m_fEdge, (Real) 0.0);
       GetNodeAttributeOrDefault(tParams, "end", m_unEnd, (UInt32) 0);
       GetNodeAttributeOrDefault(tParams, "fails_in", m_strFailsIn, std::string(""));
+      GetNodeAttributeOrDefault(tParams, "fails_from", m_unFailsFrom, (UInt32) 0);
       GetNodeAttributeOrDefault(tParams, "how", m_strHow, std::string(""));
       GetNodeAttributeOrDefault(tParams, "move", m_bMove, true);
       LOG << "arena " << GetSpace().GetArenaSize() << " seed " << CSimulator::GetInstance().GetRandomSeed()
@@ -85,6 +86,9 @@ public:
       CSpace::TMapPerType& tEpuckMap = GetSpace().GetEntitiesByType("epuck");
       for(CSpace::TMapPerType::iterator it = tEpuckMap.begin(); it != tEpuckMap.end(); ++it) {
          CEPuckEntity* pcEpuck = any_cast<CEPuckEntity*>(it->second);
+         if(pcEpuck->GetLEDEquippedEntity().GetLED(10).GetColor() == CColor::CYAN) {
+            LOG << pcEpuck->GetId() << " shines at " << GetSpace().GetSimulationClock() << std::endl;
+         }
          if(pcEpuck->GetEmbodiedEntity().GetOriginAnchor().Position.GetX() > m_fEdge) m_fScore += 1.0;
       }
    }
@@ -128,7 +132,7 @@ private:
    }
 
    void Fail(const std::string& str_where) {
-      if(str_where != m_strFailsIn) return;
+      if(str_where != m_strFailsIn || GetSpace().GetSimulationClock() < m_unFailsFrom) return;
       if(m_strHow == "throw") THROW_ARGOSEXCEPTION("thrown in " << str_where);
       if(m_strHow == "crash") ::raise(SIGSEGV);
       if(m_strHow == "hang") for(;;) ::pause();
@@ -141,7 +145,7 @@ private:
    CRandom::CRNG* m_pcRng;
    CBoxEntity* m_pcBox;
    Real m_fScore, m_fEdge;
-   UInt32 m_unEnd;
+   UInt32 m_unEnd, m_unFailsFrom;
    bool m_bMove;
    std::string m_strFailsIn, m_strHow;
 };
