@@ -14,6 +14,7 @@ from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
 from vsense.lab.backdrop import Block
 from vsense.lab.bodies import OBJECT, ROBOT, Body
+from vsense.lab.reach import reachable
 from vsense.lab.shared import LabError
 from vsense.world.entities import Arena
 
@@ -59,6 +60,15 @@ def rig(arena: Arena) -> list[Camera]:
         for row in range(2)
         for column in range(2)
     ]
+
+
+def _seen(experiment: Experiment) -> Arena:
+    """What the cameras have to see: the arena, or what walls leave of one that is too large."""
+    try:
+        rig(experiment.arena)
+    except LabError:
+        return reachable(experiment)
+    return experiment.arena
 
 
 def camera_at(id: str, x_m: float, y_m: float) -> Camera:
@@ -152,7 +162,7 @@ def spec_for(experiment: Experiment, truth: str, seed: int, log: Path) -> LabCam
     """
     height_m = experiment.marker.height_m
     return LabCameraSpec(
-        cameras=tuple(rig(experiment.arena)),
+        cameras=tuple(rig(_seen(experiment))),
         boxes=(
             *(Block(*box.position_m[:2], box.yaw_rad, *box.size_m) for box in experiment.boxes),
             *(
