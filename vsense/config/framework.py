@@ -70,8 +70,7 @@ def _cxx_loop_functions(
             f" {stem_of(library)}=FILES, see {argos.PAGE}"
         )
         return None
-    lines = (line if line[0] == "@" else line[0] + line[2:] for line in programs.tree(element))
-    settings = "".join(f"{line}\n" for line in lines)
+    settings = "".join(f"{line}\n" for line in programs.tree(element))
     return LoopSpec(program.sources[0], label, {}, element.line, program, settings)
 
 

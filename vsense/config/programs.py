@@ -162,18 +162,20 @@ def told(
     for actuator in actuators:
         if isinstance(actuator.actuator, MessagesActuator):
             lines.append(f"vs:said_bytes={actuator.actuator.size}")
-    lines += ["<=params", ">="] if params is None else tree(params)
+    # A parameter has a name and a value: the marks that have none are given an empty one.
+    nodes = ["<params", ">"] if params is None else tree(params)
+    lines += [node if node[0] == "@" else f"{node[0]}={node[1:]}" for node in nodes]
     return "".join(f"{line}\n" for line in lines)
 
 
 def tree(element: Element) -> list[str]:
-    """An element with everything in it, as code for ARGoS is told it."""
-    lines = [f"<={element.name}"]
+    """An element with everything in it, in the lines of `VsReadConfiguration`."""
+    lines = [f"<{element.name}"]
     for key, value in element.free_attributes().items():
         lines.append(f"@{key}={_one_line(value)}")
     for child in element.children():
         lines += tree(child)
-    return [*lines, ">="]
+    return [*lines, ">"]
 
 
 def _one_line(text: str) -> str:

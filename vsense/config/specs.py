@@ -317,6 +317,11 @@ class Experiment:
         return tuple(e for e in self.entities if isinstance(e, Cylinder) and e.physical)
 
     @property
+    def solids(self) -> tuple[Box | Cylinder, ...]:
+        """The boxes, then the cylinders."""
+        return (*self.boxes, *self.cylinders)
+
+    @property
     def virtual_robots(self) -> tuple[VirtualRobot, ...]:
         return tuple(e for e in self.entities if isinstance(e, VirtualRobot))
 

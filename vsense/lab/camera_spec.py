@@ -62,13 +62,12 @@ def rig(arena: Arena) -> list[Camera]:
     ]
 
 
-def _seen(experiment: Experiment) -> Arena:
-    """What the cameras have to see: the arena, or what walls leave of one that is too large."""
+def _cameras(experiment: Experiment) -> list[Camera]:
+    """The cameras above the arena, or above what walls leave of one that is too large."""
     try:
-        rig(experiment.arena)
+        return rig(experiment.arena)
     except LabError:
-        return reachable(experiment)
-    return experiment.arena
+        return rig(reachable(experiment))
 
 
 def camera_at(id: str, x_m: float, y_m: float) -> Camera:
@@ -162,14 +161,8 @@ def spec_for(experiment: Experiment, truth: str, seed: int, log: Path) -> LabCam
     """
     height_m = experiment.marker.height_m
     return LabCameraSpec(
-        cameras=tuple(rig(_seen(experiment))),
-        boxes=(
-            *(Block(*box.position_m[:2], box.yaw_rad, *box.size_m) for box in experiment.boxes),
-            *(
-                Block(*c.position_m[:2], 0.0, 2 * c.radius_m, 2 * c.radius_m, c.height_m, True)
-                for c in experiment.cylinders
-            ),
-        ),
+        cameras=tuple(_cameras(experiment)),
+        boxes=tuple(Block.of(thing) for thing in experiment.solids),
         bodies=(
             *(Body(robot.tag, height_m, ROBOT) for robot in experiment.robots),
             *(Body(thing.tag, height_m, OBJECT) for thing in experiment.objects),

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.config.specs import Experiment
+from vsense.lab.backdrop import Block
 from vsense.world.entities import BODY_HEIGHT_M, BODY_RADIUS_M, Arena
 
 _CELL_M = 0.01
@@ -66,27 +67,14 @@ def _free(experiment: Experiment, cell_m: float) -> NDArray[np.uint8]:
     arena = experiment.arena
     columns, rows = (max(1, math.ceil(size_m / cell_m)) for size_m in arena.size_m[:2])
     solid = np.zeros((rows, columns), dtype=np.uint8)
-    for outline in _outlines(experiment):
-        cells = np.rint((outline - _corner(arena)) / cell_m - 0.5).astype(np.int32)
-        cv2.fillPoly(solid, [cells], 1)
+    for thing in experiment.solids:
+        if thing.position_m[2] < BODY_HEIGHT_M:
+            outline = Block.of(thing).outline()
+            cells = np.rint((outline - _corner(arena)) / cell_m - 0.5).astype(np.int32)
+            cv2.fillPoly(solid, [cells], 1)
     reach = max(0, round((BODY_RADIUS_M - _PASSAGE_M) / cell_m))
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
     return np.asarray(1 - cv2.dilate(solid, disc), dtype=np.uint8)
-
-
-def _outlines(experiment: Experiment) -> Iterator[NDArray[np.float64]]:
-    """The corners (k, 2) of all that a robot on the floor can bump into."""
-    for box in experiment.boxes:
-        if box.position_m[2] < BODY_HEIGHT_M:
-            half = np.array(box.size_m[:2]) / 2.0
-            corners = half * ((1, 1), (-1, 1), (-1, -1), (1, -1))
-            cos, sin = math.cos(box.yaw_rad), math.sin(box.yaw_rad)
-            yield corners @ np.array(((cos, sin), (-sin, cos))) + box.position_m[:2]
-    turns = np.linspace(0.0, 2.0 * math.pi, 32, endpoint=False)
-    circle = np.column_stack((np.cos(turns), np.sin(turns)))
-    for cylinder in experiment.cylinders:
-        if cylinder.position_m[2] < BODY_HEIGHT_M:
-            yield circle * cylinder.radius_m + cylinder.position_m[:2]
 
 
 def _cells(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -62,13 +63,20 @@ def forwarding(argos: Path, cache: Path) -> Path:
     table = (argos / "headers.txt").read_text(encoding="utf-8")
     digest = hashlib.sha256(f"{argos}\0{table}".encode()).hexdigest()[:16]
     folder = cache / f"argos-{digest}"
-    done = folder / "done"
-    if not done.is_file():
+    if folder.is_dir():
+        return folder
+    cache.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f"{folder.name}.", dir=cache) as making:
+        whole = Path(making) / "whole"
         for theirs, ours in known_headers().items():
-            header = folder / theirs
+            header = whole / theirs
             header.parent.mkdir(parents=True, exist_ok=True)
             header.write_text(f'#include "{argos / ours}"\n', encoding="utf-8")
-        done.touch()
+        try:
+            whole.rename(folder)
+        except OSError:
+            if not folder.is_dir():  # another process was faster: its folder is the same
+                raise
     return folder
 
 

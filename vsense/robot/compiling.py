@@ -109,7 +109,8 @@ class Sources:
         own_cxx: C++ files that come with vsense, for a controller in C++.
         fast: names, without suffix, of those of `own` that a control step runs through. The others
             become small code, where the toolchain has such.
-        cache: folder in which C++ files that are compiled stay; None: they do not.
+        cache: folder in which code for ARGoS has its headers and stays when it is compiled; None
+            for other code.
         plain: code for ARGoS is compiled without exceptions and types at run time if it uses none.
         what: what the program is, as messages call it.
     """
@@ -166,21 +167,20 @@ class Sources:
         self._check_headers()
         flags = [flag for flag in flags if flag.startswith("-f")]  # for code, not for its linker
         compiler = toolchain.for_cxx()
-        version = compiler.version()
+        version, ours = compiler.version(), self._for_all()
 
         def compiled(numbered: tuple[int, Path]) -> str:
             number, source = numbered
             target = made.with_name(f"{made.name}_{source.stem}-{number}.o")
-            language, after = self._language(source)
+            language, after = self._language(source, ours)
             words = [*compiler.command, *compiler.flags, *language, *after, *flags]
             kept = self._kept(source, [version, *words])
             if kept is not None and kept.is_file():
                 return str(kept)
-            self._compile(toolchain, source, [*flags, "-c", str(source), "-o", str(target)])
+            self._run(compiler, language, [*after, *flags, "-c", str(source), "-o", str(target)])
             if kept is None:
                 return str(target)
-            kept.parent.mkdir(parents=True, exist_ok=True)
-            os.replace(target, kept)
+            _keep(target, kept)
             return str(kept)
 
         files = list(enumerate((*self.program.sources, *self.own_cxx)))
@@ -189,7 +189,7 @@ class Sources:
 
     def _kept(self, source: Path, words: Sequence[str]) -> Path | None:
         """Where a compiled file stays: its name tells all that went into it."""
-        if self.cache is None or not self.program.is_argos:
+        if self.cache is None:
             return None
         digest = hashlib.sha256("\0".join([*words, str(source)]).encode())
         ours = sorted(path for folder in self._our_folders() for path in folder.glob("*.h*"))
@@ -232,7 +232,11 @@ class Sources:
         if self.program.is_argos:
             return argos_code.own_files(self.program)
         (source,) = self.program.sources
-        rule = self._compile(toolchain, source, ["-MM", "-MT", "it", str(source)])
+        asked = ["-MM", "-MT", "it", str(source)]
+        if self.is_cxx:
+            rule = self._run(toolchain.for_cxx(), CXXFLAGS, [*own_cxxflags(), *asked])
+        else:
+            rule = self._run(toolchain, CFLAGS, asked)
         # A rule for make: its lines end in a backslash, and blanks in names have one before them.
         names = re.findall(r"(?:\\[ #]|\S)+", rule.replace("\\\n", " ").removeprefix("it:"))
         return [Path(re.sub(r"\\([ #])", r"\1", name).replace("$$", "$")) for name in names]
@@ -257,29 +261,35 @@ class Sources:
             if missing:
                 raise BuildError(argos_code.explain_missing(missing))
 
-    def _language(self, source: Path) -> tuple[list[str], list[str]]:
-        """What a C++ compiler is told for a file before and after its target's flags."""
+    def _for_all(self) -> list[str]:
+        """What a C++ compiler is told for every file of code for ARGoS."""
+        if self.cache is None:
+            return []
+        with_runtime = not self.plain or argos_code.needs_runtime(self.program)
+        runtime = ("-fexceptions", "-funwind-tables") if with_runtime else PLAIN
+        try:
+            folder = argos_code.forwarding(self._argos(), self.cache)
+        except OSError as error:
+            raise BuildError(f"cannot build in {self.cache}: {error.strerror}") from error
+        return [*runtime, f"-I{folder}"]
+
+    def _language(self, source: Path, for_all: Sequence[str]) -> tuple[list[str], list[str]]:
+        """What a C++ compiler is told for a file before and after its target's flags.
+
+        Args:
+            for_all: as `_for_all` gives it.
+        """
         program = self.program
         if not program.is_argos:
             return [*CXXFLAGS], own_cxxflags()
-        with_runtime = not self.plain or argos_code.needs_runtime(program)
-        cache = self.cache or Path(tempfile.gettempdir()) / f"vsense-{os.getuid()}"
-        told = [f"-I{argos_code.forwarding(self._argos(), cache)}"]
+        told: list[str] = []
         if source not in self.own_cxx:
-            told += [f"-I{folder}" for folder in program.includes]
+            told = [f"-I{folder}" for folder in program.includes]
         elif source.stem == argos_code.ENTRY:
             label, name = program.label, program.short_name
-            told += [f'-DVS_ARGOS_LABEL="{label}"', f'-DVS_ARGOS_NAME="{name}"']
-        runtime = ("-fexceptions", "-funwind-tables") if with_runtime else PLAIN
+            told = [f'-DVS_ARGOS_LABEL="{label}"', f'-DVS_ARGOS_NAME="{name}"']
         language = [argos_code.STANDARD, *SECTIONS, *argos_code.FLAGS, "-fno-threadsafe-statics"]
-        return language, [*runtime, *told, *own_cxxflags()]
-
-    def _compile(self, toolchain: Toolchain, source: Path, arguments: Sequence[str]) -> str:
-        """Runs the compiler for a file's language; as `_run`."""
-        if source.suffix not in CXX_SUFFIXES:
-            return self._run(toolchain, CFLAGS, arguments)
-        language, after = self._language(source)
-        return self._run(toolchain.for_cxx(), language, [*after, *arguments])
+        return language, [*for_all, *told, *own_cxxflags()]
 
     def _run(self, toolchain: Toolchain, language: Sequence[str], arguments: Sequence[str]) -> str:
         """Runs a compiler with our flags and these arguments; gives what it prints.
@@ -313,6 +323,21 @@ class Sources:
     @property
     def _does(self) -> str:
         return "do" if self.what.endswith("s") else "does"
+
+
+def _keep(made: Path, kept: Path) -> None:
+    """Puts a compiled file into the cache, whole or not at all; it may be another file system.
+
+    Raises:
+        BuildError: the cache cannot be written.
+    """
+    try:
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=kept.parent, suffix=".part", delete=False) as part:
+            part.write(made.read_bytes())
+        os.replace(part.name, kept)
+    except OSError as error:
+        raise BuildError(f"cannot keep {kept}: {error.strerror}") from error
 
 
 def own_cxxflags() -> list[str]:
