@@ -16,7 +16,8 @@ from vsense.arena import ArenaState
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment, Stage
 from vsense.errors import VsenseError
-from vsense.robot.programs import CodeOptions
+from vsense.robot import build
+from vsense.robot.programs import CodeOptions, Program
 from vsense.run import loop_process
 from vsense.run.environment import Environment
 from vsense.run.programs import shared_objects
@@ -291,6 +292,32 @@ def test_sources_that_are_not_found_are_told(folder: Path, tmp_path: Path) -> No
     found = load(tmp_path / "alone.argos", code=code).loop_functions
     assert found is not None
     assert found.path == folder / "mission.cpp"
+
+
+CASTING = """#include <argos3/core/control_interface/ci_controller.h>
+#include <argos3/core/simulator/loop_functions.h>
+// No use: e.GetController()
+struct CMine : argos::CCI_Controller { void ControlStep(); int value; };
+class CCasts : public argos::CLoopFunctions {
+    void PostStep() {
+        argos::CControllableEntity entity(NULL, "a");
+        entity.SetEnabled(dynamic_cast<CMine &>(
+            entity.GetController()).value > 0);
+    }
+};
+REGISTER_LOOP_FUNCTIONS(CCasts, "casts")
+"""
+
+
+def test_a_cast_to_a_controllers_class_is_told_with_its_line(folder: Path, tmp_path: Path) -> None:
+    source = tmp_path / "casts.cpp"
+    source.write_text(CASTING)
+    with pytest.raises(VsenseError) as told:
+        build.loop_functions(Program((source,), (tmp_path,)))
+    first, use, *_ = str(told.value).splitlines()
+    assert "use the class of a controller" in first and "#ifndef VSENSE" in first
+    assert use == f"{source}:9: GetController():"
+    assert "undefined reference" in str(told.value)
 
 
 def test_an_unknown_label_lists_those_there_are(mission: Callable[..., Path]) -> None:

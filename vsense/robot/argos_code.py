@@ -29,10 +29,12 @@ _REMOVED = (
 )
 
 FLAGS = (
+    "-DVSENSE",
     *(f"-D_LIBCPP_ENABLE_CXX17_REMOVED_{name}" for name in _REMOVED),
     "-D_GLIBCXX_USE_DEPRECATED=1",
 )
-"""Besides the standard: what C++17 took away from the library is there."""
+"""Besides the standard: users may ask who compiles, and what C++17 took away from the library is
+there."""
 
 CONTROLLER_PARTS = (
     *("base", "configuration", "random"),
@@ -52,6 +54,11 @@ _WORDS = re.compile(
     re.S,
 )
 """Comments, texts, and what needs exceptions or types at run time."""
+
+_GET_CONTROLLER = re.compile(
+    rb"""//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\\n])*"|\b(GetController)\s*\(\s*\)""", re.S
+)
+"""Comments, texts, and where loop functions ask for the object of a controller."""
 
 
 def forwarding(argos: Path, cache: Path) -> Path:
@@ -116,6 +123,28 @@ def needs_runtime(program: Program) -> bool:
     return any(found[1] for path in own_files(program) for found in _WORDS.finditer(content(path)))
 
 
+def explain_controllers(program: Program) -> str:
+    """What a user can do whose loop functions use a controller's class; "": they do not."""
+    found = [
+        f"{path}:{_line_at(path, use.start())}: GetController()"
+        for path in own_files(program)
+        for use in _GET_CONTROLLER.finditer(content(path))
+        if use[1]
+    ]
+    if not found:
+        return ""
+    words = (
+        "they use the class of a controller. Controllers run apart from loop functions here, in the"
+        " end on robots: their members are out of reach. Have the controller show what is wanted of"
+        " it with its LEDs, which loop functions see (GetLEDEquippedEntity()); lines for ARGoS"
+        f" alone go between #ifndef VSENSE and #endif; see {PAGE}"
+    )
+    return "\n".join([words, *found])
+
+
 def _line(path: Path, name: str) -> int:
-    before = content(path).partition(name.encode())[0]
-    return before.count(b"\n") + 1
+    return _line_at(path, content(path).find(name.encode()))
+
+
+def _line_at(path: Path, place: int) -> int:
+    return content(path).count(b"\n", 0, place) + 1

@@ -310,6 +310,10 @@ class Sources:
         def is_named(path: Path) -> bool:
             return re.search(rf"(?:^|from ){re.escape(str(path))}:\d", said, re.M) is not None
 
+        if self.what != "controller" and re.search("undefined (reference|symbol)", said):
+            why = argos_code.explain_controllers(self.program)
+            if why:
+                return f"the {self.what} {self.program.sources[0]} {self._does} not build: {why}"
         named = [path for path in self.program.sources if is_named(path)]
         if named:
             return f"the {self.what} {named[0]} {self._does} not build"
