@@ -24,6 +24,24 @@ int vs_robot_has_actuator(const struct vs_robot *robot, const char *name)
     return index >= 0 && table->entries[index].direction == VS_ACTUATOR;
 }
 
+/* Logs text in lines that are cut nowhere: a new one at its ends of line and where one is full. */
+static void log_lines(struct vs_robot *robot, const char *text)
+{
+    char line[VS_LOG_MAX + 1];
+
+    while (*text != '\0') {
+        size_t len = strcspn(text, "\n");
+
+        if (len > VS_LOG_MAX)
+            for (len = VS_LOG_MAX; len > VS_LOG_MAX - 3 && ((uint8_t)text[len] & 0xC0) == 0x80;)
+                len--; /* not within a character of several bytes */
+        memcpy(line, text, len);
+        line[len] = '\0';
+        vs_robot_log(robot, line);
+        text += len + (text[len] == '\n');
+    }
+}
+
 void vs_robot_fail(struct vs_robot *robot, const char *words)
 {
     size_t len = strlen(words);
@@ -33,5 +51,6 @@ void vs_robot_fail(struct vs_robot *robot, const char *words)
     len = len < sizeof robot->failure ? len : sizeof robot->failure - 1;
     memcpy(robot->failure, len > 0 ? words : "?", len > 0 ? len : 1);
     robot->failure[len > 0 ? len : 1] = '\0';
-    vs_robot_log(robot, robot->failure);
+    vs_robot_log(robot, "the controller cannot go on:");
+    log_lines(robot, robot->failure);
 }

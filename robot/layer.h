@@ -24,7 +24,7 @@ int vs_robot_is_own(int sensor);
 int vs_robot_has_actuator(const struct vs_robot *robot, const char *name);
 
 /* The controller cannot go on: its wheels and LEDs stay off and it is not called again in this
- * run. The words are logged, and end a simulation; the first ones count. */
+ * run. The words are logged, in as many lines as they need, and end a simulation; the first ones count. */
 void vs_robot_fail(struct vs_robot *robot, const char *words);
 
 #ifdef __cplusplus

@@ -14,7 +14,7 @@
 #define VS_STALE_TENTHS 25 /* [timestep/10] a reading older than this is stale */
 
 #define VS_OWN 1000 /* first handle of the robot's own devices, alone or fused with virtual ones */
-#define VS_FAILURE_BYTES 256
+#define VS_FAILURE_BYTES 800 /* all of it fits the lines of a log that wait */
 
 struct vs_robot {
     const struct vs_session *session;

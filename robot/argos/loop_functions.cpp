@@ -44,11 +44,12 @@ CSpace &Space()
     return CSimulator::GetInstance().GetSpace();
 }
 
+/* What a user says is one word of a line. */
 void Say(const std::string &word, const std::string &what)
 {
     std::string line(what);
     for (char &letter : line)
-        if (letter == '\n')
+        if (letter == '\n' || letter == '\t')
             letter = ' ';
     said += word + "\t" + line + "\n";
 }

@@ -275,6 +275,7 @@ def test_init_begins_and_destroy_ends(
         ("@missing=epuck_ground\n", "epuck_ground", "<epuck_ground> is of another class"),
         ("@missing=epuck_virtual\n", "epuck_virtual", "<epuck_virtual> is of another class"),
         ("@fail=so it does\n", "", "told to fail: so it does"),
+        (f"@fail=so it does {'ü' * 300}!\n", "", f"told to fail: so it does {'ü' * 300}!"),
         ("@fail_in_step=0\n", "", "told to fail in step 0"),
         ("", "epuck_ground", "<epuck_ground> is not there: nobody offers 'ground' to this robot"),
     ],
@@ -293,7 +294,8 @@ def test_what_it_throws_ends_it_and_is_told(
         with pytest.raises(ControllerFailure, match=words.replace("(", r"\(")):
             robot.step()
         assert not robot.robots.wheels_steps_s.any()
-    assert any(words in text for _, text in robot.robots.logged())
+    said = "".join(text.removeprefix("logged: ") for _, text in robot.robots.logged())
+    assert "the controller cannot go on:" in said and words in said
     robot.written()
     with pytest.raises(ControllerFailure):
         robot.robots.end()

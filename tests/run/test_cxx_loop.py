@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import shutil
 import threading
 from collections.abc import Callable, Iterator
@@ -89,7 +90,7 @@ def test_a_simulation_goes_as_they_say(mission: Callable[..., Path]) -> None:
     }
     assert [text.removeprefix("loop functions: ") for _, text in run.record.events] == [
         "arena 2.4,2.4,1 seed 7 length 20 tick 0.1",
-        "first step at 1",
+        "first step\rfinished at 1",  # it is a text, not the word with which they end a run
         "Score = " + f"{measures['Score']:g}",
         "the end is near",
         "destroyed",
@@ -200,19 +201,25 @@ def test_what_cannot_be_had_is_said(mission: Callable[..., Path], how: str, word
         ),
         ("Init", "crash", r"before the first timestep: .*: Init was killed by SIGSEGV"),
         ("PreStep", "hang", r"in timestep 0 .*: PreStep did not return within 0\.5 s"),
+        ("PostExperiment", "throw", r"in PostExperiment: thrown in PostExperiment"),
     ],
 )
 def test_a_simulations_end_names_the_function(
-    mission: Callable[..., Path], where: str, how: str, words: str
+    mission: Callable[..., Path], tmp_path: Path, where: str, how: str, words: str
 ) -> None:
     path = mission(fails_in=where, how=how)
     setup = Setup(str(path), 1.0)
     experiment = setup.load()
     libraries = {name: str(made) for name, made in shared_objects(experiment).items()}
-    task = Task(Job(setup, 1, libraries), experiment)
+    task = Task(Job(setup, 1, libraries, str(tmp_path)), experiment)
     going = simulate_all([task], 1, threading.Event(), lambda workers: None, 0.5)
-    with pytest.raises(VsenseError, match=words):
+    with pytest.raises(VsenseError, match=words) as failure:
         list(going)
+    *_, (time_s, *last) = csv.reader((tmp_path / "events.csv").open())
+    assert last == ["trouble", "", str(failure.value)]
+    # The end throws when all is done: nothing of the run is lost.
+    done = len(np.load(tmp_path / "trajectory.npz")["time_s"]) if how == "throw" else 0
+    assert (float(time_s), done) == ((1.0, 10) if how == "throw" else (0.0, 0))
 
 
 def test_real_robots_stay_where_they_are(mission: Callable[..., Path], state: States) -> None:

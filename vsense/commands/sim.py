@@ -11,14 +11,14 @@ from typing import Any
 
 from vsense.commands import arguments, experiments
 from vsense.config.specs import Experiment, Stage
-from vsense.errors import UsageError
+from vsense.errors import UsageError, VsenseError
 from vsense.lab.metrics import swarm_rows
 from vsense.run import directory as run_directory
 from vsense.run.programs import shared_objects
 from vsense.sim import campaign
 from vsense.sim.campaign import Campaign
 from vsense.sim.job import Job, Setup, Sweep
-from vsense.sim.record import TRAJECTORY
+from vsense.sim.record import LOGGED, TRAJECTORY
 from vsense.sim.watch import Interrupted, Task, WorkerProcess, simulate_all
 from vsense.terminal import INTERRUPTED, Console, interruption
 
@@ -134,21 +134,31 @@ def _one(
         time_s = done * experiment.timestep_s
         console.progress(f"{time_s:6.1f}/{experiment.length_s:g} s  timestep {done}")
 
-    for _, result in simulate_all([Task(job, experiment)], 1, interrupted, show):
+    try:
+        for _, result in simulate_all([Task(job, experiment)], 1, interrupted, show):
+            console.end_progress()
+            summary = summarise(job, result)
+            _tell(console, result, directory)
+            run_directory.write_summary(directory, summary, options.json)
+            console.say(table(summary))
+    except VsenseError:
         console.end_progress()
-        for complaint in result["complaints"]:
-            console.say(f"vsense: {complaint}")
-        for time_s, text in result["events"]:
-            console.say(f"{time_s:8.1f} s  {text}")
-        more = result["events_in_all"] - len(result["events"])
-        if more:
-            console.say(f"{more} more events: {directory / 'events.csv'}")
-        summary = summarise(job, result)
-        run_directory.write_summary(directory, summary, options.json)
-        console.say(table(summary))
-        console.say(f"trajectories: {directory / TRAJECTORY}")
-        console.say(f"picture: {directory / experiment.name}.png")
+        console.say(f"the run has failed; what there is of it: {directory}")
+        raise
+    console.say(f"trajectories: {directory / TRAJECTORY}")
+    console.say(f"picture: {directory / experiment.name}.png")
     return 0
+
+
+def _tell(console: Console, result: dict[str, Any], directory: Path) -> None:
+    """Says what controllers complained of, and the first of what they logged."""
+    for complaint in result["complaints"]:
+        console.say(f"vsense: {complaint}")
+    for time_s, text in result["events"]:
+        console.say(f"{time_s:8.1f} s  {text}")
+    more = result["events_in_all"] - len(result["events"])
+    if more:
+        console.say(f"{more} more events: {directory / LOGGED}")
 
 
 def summarise(job: Job, result: dict[str, Any]) -> dict[str, Any]:

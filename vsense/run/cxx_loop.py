@@ -180,7 +180,7 @@ class CxxLoopFunctions:
         """What GetFloorColor gives at points (n, 2): (n, 3)."""
         with self._lock:
             said, colors = self._guarded("GetFloorColor", [], points_m)
-        self._check("GetFloorColor", [line.split("\t") for line in said.splitlines()])
+        self._hear("GetFloorColor", said)
         return colors.reshape(-1, 3)
 
     def _begin(self) -> None:
@@ -248,10 +248,20 @@ class CxxLoopFunctions:
         """Calls a function; gives the words of its answer's lines."""
         with self._lock:
             said, _ = self._guarded(function, lines, numbers)
-        answer = [line.split("\t") for line in said.splitlines()]
+        return self._hear(function, said)
+
+    def _hear(self, function: str, said: str) -> list[list[str]]:
+        """Gives the words of an answer's lines; keeps what was logged.
+
+        Raises:
+            CxxLoopError: something was thrown.
+        """
+        answer = [line.split("\t") for line in said.split("\n")]
         self.said += [text for _, text in _of(answer, "log", 2)]
         self.said += [f"error: {text}" for _, text in _of(answer, "logerr", 2)]
-        self._check(function, answer)
+        for _, text in _of(answer, "error", 2):
+            self.is_alive = False
+            raise self._wrong(function, text.removeprefix("[FATAL] "))
         return answer
 
     def _guarded(self, function: str, lines: Sequence[str], numbers: Floats) -> tuple[str, Colors]:
@@ -260,12 +270,6 @@ class CxxLoopFunctions:
         except CxxLoopError as error:
             self.is_alive = False
             raise CxxLoopError(f"{self._named()}: {error}") from None
-
-    def _check(self, function: str, answer: list[list[str]]) -> None:
-        """Raises CxxLoopError for what was thrown."""
-        for _, text in _of(answer, "error", 2):
-            self.is_alive = False
-            raise self._wrong(function, text.removeprefix("[FATAL] "))
 
     def _wrong(self, function: str, message: str) -> CxxLoopError:
         return CxxLoopError(f"{self._named()}: in {function}: {message}")

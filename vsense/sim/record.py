@@ -19,6 +19,7 @@ from vsense.link.robots.wire import Shown
 from vsense.pictures.run_figure import RunFigure
 from vsense.pictures.run_samples import RunSamples
 from vsense.recording.form import EVENTS, SHOWN, changes
+from vsense.terminal import Level
 
 Floats = NDArray[np.float64]
 
@@ -75,6 +76,30 @@ class SimulatedTracker:
 
 
 TRAJECTORY = "trajectory.npz"
+LOGGED = "events.csv"
+
+
+class EventLog:
+    """The events of a run in a file, as of an export: each is there at once, come what may."""
+
+    def __init__(self, path: Path) -> None:
+        """Begins or continues it; VsenseError if it cannot be written, here and in `add`."""
+        self._path = path
+        with failing_as(VsenseError, f"{path}: cannot be written"):
+            self._file = path.open("a", encoding="utf-8", errors="replace", newline="")
+            if not self._file.tell():
+                csv.writer(self._file).writerow(EVENTS)
+                self._file.flush()
+
+    def add(self, time_s: float, text: str, level: Level = "info") -> None:
+        """Adds an event."""
+        with failing_as(VsenseError, f"{self._path}: cannot be written"):
+            csv.writer(self._file).writerow((time_s, level, "", text))
+            self._file.flush()
+
+    def close(self) -> None:
+        """There are no more."""
+        self._file.close()
 
 
 class Record:
@@ -98,6 +123,7 @@ class Record:
         self.share = np.ones(timesteps)
         self._experiment = experiment
         self.events: list[tuple[float, str]] = []
+        self._event_log: EventLog | None = None
         self._shown: list[tuple[float, int, str, float | str | None]] = []
         self._showing: dict[int, dict[str, float | str]] = {}
 
@@ -111,8 +137,19 @@ class Record:
         self.poses[timestep], self.leds[timestep], self.share[timestep] = poses, leds, share
 
     def note_event(self, timestep: int, text: str) -> None:
-        """Adds what a controller logged in a timestep."""
-        self.events.append((self._time_s(timestep), text))
+        """Adds what a controller logged in a timestep; at once to the file, if there is one."""
+        time_s = self._time_s(timestep)
+        self.events.append((time_s, text))
+        if self._event_log is not None:
+            self._event_log.add(time_s, text)
+
+    def keep_events(self, path: Path) -> None:
+        """Begins the file of the events: it has all until the moment in which the process crashes.
+
+        Raises:
+            VsenseError: it cannot be written.
+        """
+        self._event_log = EventLog(path)
 
     def note_shown(self, timestep: int, tag: int, values: Shown) -> None:
         """Takes all values that a robot shows from a timestep on; those that change are kept."""
@@ -160,22 +197,17 @@ class Record:
             raise VsenseError(f"{path}: cannot be written: {error.strerror}") from None
 
     def save_notes(self, directory: Path) -> None:
-        """Writes what controllers showed and logged: shown.csv and events.csv, as of an export.
+        """Writes what controllers showed: shown.csv, as of an export.
 
         Raises:
-            VsenseError: a file cannot be written.
+            VsenseError: the file cannot be written.
         """
-        events = [(time_s, "info", "", text) for time_s, text in self.events]
-        for name, head, rows in (
-            ("shown", SHOWN, self._shown),
-            ("events", EVENTS, events),
+        path = directory / "shown.csv"
+        with (
+            failing_as(VsenseError, f"{path}: cannot be written"),
+            path.open("w", encoding="utf-8", newline="") as file,
         ):
-            path = directory / f"{name}.csv"
-            with (
-                failing_as(VsenseError, f"{path}: cannot be written"),
-                path.open("w", encoding="utf-8", newline="") as file,
-            ):
-                csv.writer(file).writerows([head, *rows])
+            csv.writer(file).writerows([SHOWN, *self._shown])
 
     def figure(self, samples: RunSamples) -> RunFigure:
         """The run as `run_figure` draws it."""

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment
+from vsense.errors import VsenseError
 from vsense.link.robots.wire import Values, Wanted
 from vsense.physics.motion import Floats, Physics, floor_of, obstacles
 from vsense.physics.proximity_ring import ProximityRing
@@ -132,8 +133,16 @@ class Simulation:
         """Runs all timesteps; returns the experiment's own results by name.
 
         Raises:
-            VsenseError: something in the virtual world has failed.
+            VsenseError: a controller or something in the virtual world has failed; the record has
+                all until then.
         """
+        try:
+            return self._run()
+        except VsenseError:
+            self._break_off()
+            raise
+
+    def _run(self) -> dict[str, float]:
         for run_timestep in range(-WARM_UP, len(self.record.timesteps)):
             self.step(run_timestep)
             if self.environment.finished:
@@ -146,6 +155,15 @@ class Simulation:
         results = self.environment.end()
         self._note_said(len(self.record.timesteps) - 1)
         return results
+
+    def _break_off(self) -> None:
+        """Ends the record of a run that has failed, with the last words of all."""
+        done = min(max(self._timestep - WARM_UP, 0), len(self.record.timesteps))
+        self.record.end(done)
+        self._note(max(done - 1, 0))
+        self._note_said(done - 1)
+        if self.samples is not None:
+            self.samples.end(self.environment.world)
 
     def step(self, run_timestep: int) -> None:
         """Runs one timestep, negative before the run, up to the moment before the next capture."""

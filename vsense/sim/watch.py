@@ -9,9 +9,10 @@ import struct
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from itertools import islice
+from pathlib import Path
 from typing import Any
 
 from vsense.config.specs import Experiment
@@ -22,6 +23,7 @@ from vsense.robot.inprocess import SimError
 from vsense.robot.loop_library import FUNCTIONS
 from vsense.run.programs import PROGRESS_BYTES
 from vsense.sim.job import Job
+from vsense.sim.record import LOGGED, EventLog
 from vsense.sim.simulation import LOOP_FUNCTION, WARM_UP
 
 POLL_S = 0.1
@@ -90,8 +92,12 @@ class WorkerProcess:
         """Takes the answer, which has come: that of `vsense.sim.worker.simulate`.
 
         Raises:
-            VsenseError: what went wrong, and where.
+            VsenseError: what went wrong, and where; it stands among the run's events, too.
         """
+        with self._noted():
+            return self._receive()
+
+    def _receive(self) -> dict[str, Any]:
         line = self.answers.readline()
         if self.task is None or not line:
             raise SimError(f"the process that simulates {describe_exit(self._process.wait())}")
@@ -113,7 +119,22 @@ class WorkerProcess:
         self._looks = self._looks + 1 if now == self._last and now[1] else 0
         self._last = now
         if self._looks * POLL_S >= limit_s:
-            raise SimError(f"{self._who(self.task)} did not return within {limit_s:g} s")
+            with self._noted():
+                raise SimError(f"{self._who(self.task)} did not return within {limit_s:g} s")
+
+    @contextmanager
+    def _noted(self) -> Iterator[None]:
+        """Adds an error to the events of the present run, if they are kept."""
+        try:
+            yield
+        except VsenseError as error:
+            if self.task is not None and self.task.job.directory is not None:
+                time_s = round(self.timesteps * self.task.experiment.timestep_s, 9)
+                with suppress(VsenseError):  # the first one counts
+                    log = EventLog(Path(self.task.job.directory) / LOGGED)
+                    log.add(time_s, str(error), "trouble")
+                    log.close()
+            raise
 
     @property
     def timesteps(self) -> int:

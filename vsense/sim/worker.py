@@ -26,6 +26,7 @@ import signal
 import sys
 import time
 import traceback
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +38,7 @@ from vsense.pictures.run_samples import RunSamples
 from vsense.robot.inprocess import declarations
 from vsense.run.programs import PROGRESS_BYTES
 from vsense.sim.job import Job
-from vsense.sim.record import TRAJECTORY
+from vsense.sim.record import LOGGED, TRAJECTORY
 from vsense.sim.simulation import Simulation
 
 EVENTS_TOLD = 20
@@ -61,11 +62,16 @@ def simulate(job: Job, progress: Any) -> dict[str, Any]:
     run = Simulation(experiment, libraries, job.seed, job.setup.blind, progress)
     if job.directory is not None:
         run.samples = RunSamples(experiment)
+        run.record.keep_events(Path(job.directory) / LOGGED)
     begun_s = time.perf_counter()
-    measures = run.run()
+    try:
+        measures = run.run()
+    except VsenseError:
+        with suppress(VsenseError):  # the first one counts
+            _save(run, experiment, job)
+        raise
     wall_s = time.perf_counter() - begun_s
-    if job.directory is not None:
-        _save(run, experiment, job, Path(job.directory))
+    _save(run, experiment, job)
     return {
         "name": experiment.name,
         "robots": len(experiment.robots),
@@ -80,9 +86,11 @@ def simulate(job: Job, progress: Any) -> dict[str, Any]:
     }
 
 
-def _save(run: Simulation, experiment: Experiment, job: Job, directory: Path) -> None:
-    """Writes `TRAJECTORY` and the picture of a run that has samples."""
-    assert run.samples is not None
+def _save(run: Simulation, experiment: Experiment, job: Job) -> None:
+    """Writes `TRAJECTORY` and the picture of a run that has samples, and a timestep at least."""
+    if job.directory is None or run.samples is None or not len(run.record.timesteps):
+        return
+    directory = Path(job.directory)
     run.record.save(directory / TRAJECTORY)
     run.record.save_notes(directory)
     figure = run.record.figure(run.samples)

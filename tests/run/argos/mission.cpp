@@ -68,7 +68,7 @@ public:
    virtual void PreStep() {
       Fail("PreStep");
       UInt32 unClock = GetSpace().GetSimulationClock();
-      if(unClock == 1) LOG << "first step at " << unClock << std::endl;
+      if(unClock == 1) LOG << "first\tstep\rfinished at " << unClock << std::endl;
       if(m_bMove && unClock == 5) {
          MoveEntity(m_pcBox->GetEmbodiedEntity(), CVector3(0.6, 0.6, 0.0), CQuaternion());
          CLightEntity& cLamp = dynamic_cast<CLightEntity&>(GetSpace().GetEntity("lamp"));
