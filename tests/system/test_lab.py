@@ -240,6 +240,10 @@ def test_loop_functions_that_crash_end_the_run_in_order(directory: Path, tmp_pat
     assert 0 < lab.summary()["timesteps"] <= 5  # type: ignore[operator]
     with open_recording(directory / "mission.mcap") as recording:
         assert recording.complete
+        events = [message.data for message in recording.messages({"/event"})]
+    assert lab.said[-1].strip().removeprefix("vsense: ") in [
+        event["text"] for event in events if event["level"] == "trouble"
+    ]
 
 
 def test_earlier_run_is_never_written_over(directory: Path) -> None:

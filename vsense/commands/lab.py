@@ -112,6 +112,7 @@ def _run_all(
                     return None
                 session.next_run()
         except VsenseError as error:
+            room.fail(error)
             return error
 
 

@@ -41,6 +41,7 @@ class OneRun:
             try:
                 act()
             except VsenseError as error:
+                self._session.setup.room.fail(error)
                 self.failure = self.failure or error
         self._log.end_progress()
 

@@ -127,6 +127,9 @@ class ExperimentSession(ABC):
 
     def stop(self) -> None:
         """Stops all robots and waits for their last telemetry; see `Runner.stop`."""
+        # The words before a failure; otherwise they were told with their timestep.
+        for text in self.environment.said():
+            self._tell(f"loop functions: {text}")
         # From here on silence is expected and not reported.
         self._over = True
         self.runner.stop()

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from vsense import errors
 from vsense.clock import host_ns
+from vsense.errors import VsenseError
 from vsense.link.robots.server import VirtualSensorServer
 from vsense.link.robots.status import RobotStatus
 from vsense.message_bus import MessageBus
@@ -179,6 +180,10 @@ class ControlRoom:
             "recording": self.recorders.state(),
             "disk_free_bytes": free,
         }
+
+    def fail(self, error: VsenseError) -> None:
+        """Publishes why a run ends before its time: page and recording have it, too."""
+        self.bus.event(str(error), "trouble", host_ns())
 
     def _trouble(self, text: str) -> None:
         self._console.say(text, "trouble")
