@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from vsense.config.experiment import load
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment, Stage
 from vsense.lab.camera_spec import spec_for
-from vsense.lab.reach import reachable
+from vsense.lab.reach import drawn, reachable
 from vsense.lab.shared import LabError
+from vsense.world.world import World
 
 FILE = """<argos-configuration>
 <framework><experiment length="10" ticks_per_second="10" random_seed="1" /></framework>
@@ -78,6 +80,20 @@ def test_a_robot_that_touches_its_wall_is_on_its_own_side(tmp_path: Path) -> Non
         '<controller config="c" /></e-puck>'
     )
     assert reachable(experiment(tmp_path, ring(12, 1.23), touching)).size_m[0] < 2.6
+
+
+def test_pictures_show_what_is_reached_with_its_walls_and_where_anybody_was(tmp_path: Path) -> None:
+    whole = experiment(tmp_path, ring(12, 1.23))
+    world = World([1], entities=whole.entities, arena=whole.arena)
+    poses = np.full((3, 1, 3), 0.4)
+    part = drawn(world, whole.arena, poses)
+    assert part.centre_m[:2] == pytest.approx((0.0, 0.0), abs=0.02)
+    assert part.size_m[:2] == pytest.approx((2.66, 2.66), abs=0.08)
+    poses[2, 0, 0] = 3.0  # loop functions have put it there
+    far = drawn(world, whole.arena, poses)
+    assert far.centre_m[0] + far.size_m[0] / 2.0 == pytest.approx(3.0 + 0.035 + 0.1, abs=0.01)
+    assert far.size_m[1] == part.size_m[1]
+    assert drawn(world, whole.arena, poses[:0]) == whole.arena
 
 
 def test_the_shipped_arenas_are_seen_whole() -> None:

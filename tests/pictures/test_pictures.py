@@ -208,3 +208,21 @@ def test_an_arena_of_hundreds_of_metres_is_drawn_with_as_few_pixels(experiment: 
     rows, columns = floor.shape[:2]
     assert rows * columns <= 1_001_000
     assert columns == pytest.approx(4 * rows, rel=0.01)
+
+
+def test_a_part_of_an_arena_is_drawn_where_it_is(experiment: Experiment) -> None:
+    arena = Arena((10.0, 10.0, 1.0), (0.0, 0.0, 0.0))
+    large = replace(experiment, arena=arena)
+    zone = Zone("spot", "circle", 2.0, 3.0, radius_m=0.5, color=(0, 0, 255))
+    box = Box("box", (2.5, 2.5, 0.0), (0.2, 0.2, 0.1), physical=False)
+    robot = VirtualRobot("v", 70_000, 1.5, 3.5, 1.0)
+    world = World([], entities=[zone, box, robot, Light("l", (1.0, 2.0, 1.0), 1.0)], arena=arena)
+    whole = take_snapshot(world, large)
+    part = whole.within(Arena((3.0, 2.0, 1.0), (2.0, 3.0, 0.0)))
+    assert part.floor is not None and part.floor.shape[:2] == (200, 300)
+    blue = np.argwhere((part.floor[..., :3] == (0, 0, 255)).all(axis=-1))
+    assert blue.mean(axis=0) == pytest.approx((99.5, 149.5), abs=1.0)
+    assert len(blue) == pytest.approx(np.pi * 50**2, rel=0.05)
+    assert part.virtual[0].mean(axis=0) == pytest.approx((0.5, -0.5))
+    assert part.virtual_robots[0] == pytest.approx((-0.5, 0.5, 1.0))
+    assert part.lamps[0].place_m == pytest.approx((-1.0, -1.0))

@@ -19,7 +19,7 @@ from vsense.config.specs import Experiment
 from vsense.lab.swarm import UNKNOWN_AGE
 from vsense.pictures.run_figure import RunFigure
 from vsense.pictures.run_samples import RunSamples
-from vsense.world.entities import BODY_RADIUS_M
+from vsense.world.entities import BODY_RADIUS_M, Arena
 
 TIMESTEP = np.dtype(
     [
@@ -284,11 +284,16 @@ class SwarmTruth:
         return None if self.depth_m is None else self.depth_m >= 0
 
     def figure(
-        self, experiment: Experiment, run_timesteps: NDArray[np.int64], samples: RunSamples
+        self,
+        experiment: Experiment,
+        run_timesteps: NDArray[np.int64],
+        samples: RunSamples,
+        part: Arena,
     ) -> RunFigure:
-        """The run as `run_figure` draws it."""
+        """The run as `run_figure` draws it, in a part of the arena."""
         turn, inside = experiment.turn_timestep, self.inside
-        return RunFigure(experiment, run_timesteps, self.poses, self.lit, inside, turn, samples)
+        truth = self.poses, self.lit, inside, turn
+        return RunFigure(experiment, run_timesteps, *truth, samples, part)
 
 
 def swarm(

@@ -1,7 +1,7 @@
 """The part of an arena that robots can get to: walls often enclose little of a large one.
 
 ARGoS's missions have arenas of 10 x 10 m with a ring of walls around two of them. Only there the
-lab's cameras have to see.
+lab's cameras have to see, and people to look.
 """
 
 from __future__ import annotations
@@ -15,13 +15,16 @@ from numpy.typing import NDArray
 
 from vsense.config.specs import Experiment
 from vsense.lab.backdrop import Block
-from vsense.world.entities import BODY_HEIGHT_M, BODY_RADIUS_M, Arena
+from vsense.world.entities import BODY_HEIGHT_M, BODY_RADIUS_M, Arena, Box, Cylinder
+from vsense.world.world import World
 
 _CELL_M = 0.01
 _MOST_CELLS = 4096
 """Cells along a side; larger arenas have larger cells."""
 _PASSAGE_M = 0.01
 """A robot is taken to be so much narrower than it is: cells are no exact outlines."""
+_BORDER_M = 0.1
+"""Of pictures around what can be reached: they show the walls, too."""
 
 
 def reachable(experiment: Experiment) -> Arena:
@@ -35,10 +38,41 @@ def reachable(experiment: Experiment) -> Arena:
     poses = [robot.pose for robot in experiment.robots]
     poses += [thing.pose for thing in experiment.objects]
     starts = [(pose.x_m, pose.y_m) for pose in poses if pose is not None]
-    if len(starts) < len(poses) or not starts:
+    if len(starts) < len(poses):
+        return arena
+    return _reached(arena, experiment.solids, starts)
+
+
+def drawn(world: World, arena: Arena, poses: NDArray[np.float64]) -> Arena:
+    """Gives the part of the arena that the picture of a run shows: what its bodies can reach from
+    where they were at its beginning, and wherever they have been, with a border.
+
+    Args:
+        world: at the run's end.
+        poses: (timesteps, bodies, 3) x, y in m and yaw in rad.
+    """
+    if not poses.size:
+        return arena
+    standing: list[Box | Cylinder] = [*world.boxes(), *world.cylinders()]
+    solids = [thing for thing in standing if thing.physical]
+    part = _reached(arena, solids, poses[0, :, :2].tolist())
+    virtual = world.robots[world.real_robots :]
+    beside = np.stack((virtual["x_m"], virtual["y_m"]), axis=-1)
+    places = np.concatenate((poses[..., :2].reshape(-1, 2), beside))
+    half = np.array(part.size_m[:2]) / 2.0
+    low = np.minimum(_corner(part), places.min(axis=0) - BODY_RADIUS_M)
+    high = np.maximum(_corner(part) + 2.0 * half, places.max(axis=0) + BODY_RADIUS_M)
+    return _within(arena, low - _BORDER_M, high + _BORDER_M)
+
+
+def _reached(
+    arena: Arena, solids: Sequence[Box | Cylinder], starts: Sequence[Sequence[float]]
+) -> Arena:
+    """The smallest part of an arena with all that can be reached from some places in it."""
+    if not starts:
         return arena
     cell_m = max(_CELL_M, max(arena.size_m[:2]) / _MOST_CELLS)
-    free = _free(experiment, cell_m)
+    free = _free(arena, solids, cell_m)
     _, regions = cv2.connectedComponents(free, connectivity=4)
     here = {int(regions[cell]) for start in starts for cell in _cells(arena, start, cell_m, free)}
     rows, columns = np.nonzero(np.isin(regions, list(here - {0})))
@@ -62,12 +96,11 @@ def _within(arena: Arena, low: NDArray[np.float64], high: NDArray[np.float64]) -
     return Arena((size_x, size_y, arena.size_m[2]), (x_m, y_m, arena.centre_m[2]))
 
 
-def _free(experiment: Experiment, cell_m: float) -> NDArray[np.uint8]:
+def _free(arena: Arena, solids: Sequence[Box | Cylinder], cell_m: float) -> NDArray[np.uint8]:
     """Where the middle of a robot may be: 1 in a free cell, rows along y, columns along x."""
-    arena = experiment.arena
     columns, rows = (max(1, math.ceil(size_m / cell_m)) for size_m in arena.size_m[:2])
     solid = np.zeros((rows, columns), dtype=np.uint8)
-    for thing in experiment.solids:
+    for thing in solids:
         if thing.position_m[2] < BODY_HEIGHT_M:
             outline = Block.of(thing).outline()
             cells = np.rint((outline - _corner(arena)) / cell_m - 0.5).astype(np.int32)

@@ -12,6 +12,7 @@ from vsense.config.specs import Experiment, RobotSpec
 from vsense.lab import metrics
 from vsense.lab.metrics import SwarmTruth
 from vsense.lab.microcontrollers import read_actuations
+from vsense.lab.reach import drawn
 from vsense.lab.session import RunNotes, Session
 from vsense.lab.shared import LabError
 from vsense.lab.stitch import top_view
@@ -108,14 +109,16 @@ def draw(session: Session, recording: RunNotes, run: metrics.MeasuredRun, path: 
     """Draws the picture of a run; PictureError where the file cannot be written."""
     experiment, pictures = session.experiment, recording.pictures
     numbers = run.timesteps["run_timestep"]
-    figure = run.truth.figure(experiment, numbers, recording.samples)
+    poses = np.concatenate((run.truth.poses, run.object_poses), axis=1)
+    part = drawn(session.environment.world, experiment.arena, poses)
+    figure = run.truth.figure(experiment, numbers, recording.samples, part)
 
     def view(timestep: int) -> Image | None:
         if not pictures.get(timestep):
             return None
-        zoom = WIDTH_PX / experiment.arena.size_m[0]
+        zoom = WIDTH_PX / part.size_m[0]
         height_m = experiment.marker.height_m
-        return top_view(pictures[timestep], session.cameras, experiment.arena, zoom, height_m)
+        return top_view(pictures[timestep], session.cameras, part, zoom, height_m)
 
     cameras = len(session.cameras)
     subtitle = f"{len(run.tags)} robots seen by {cameras} cameras, seed {recording.seed}"

@@ -20,6 +20,7 @@ from vsense.pictures import arena_view
 from vsense.pictures.arena_view import CONE, DARK, LIT, WIDTH_PX, ArenaMoment
 from vsense.pictures.canvas import GRID, INK, MUTED, SCALE, Canvas, Colour, Floats, Image, width_of
 from vsense.pictures.run_samples import RunSamples, WorldSnapshot
+from vsense.world.entities import Arena
 
 TRAIL_S = 6.0
 """Time of the trail behind each robot."""
@@ -46,6 +47,7 @@ class RunFigure:
         lit: (n, robots) whether the red LEDs were on.
         inside: (n, robots) whether each was in the pollutant's cone; None without one.
         turn: Timestep of the run at which the wind turned; None: it did not.
+        part: of the arena that is drawn; None: all of it.
     """
 
     experiment: Experiment
@@ -55,6 +57,7 @@ class RunFigure:
     inside: NDArray[np.bool_] | None
     turn: int | None
     samples: RunSamples
+    part: Arena | None = None
 
 
 class RunPictureError(VsenseError):
@@ -118,7 +121,8 @@ def _scene(
 ) -> ArenaMoment:
     row = int(np.searchsorted(run.run_timesteps, timestep))
     experiment = run.experiment
-    middle = np.array([*experiment.arena.centre_m[:2], 0.0])
+    snapshot = snapshot if run.part is None else snapshot.within(run.part)
+    middle = np.array([*snapshot.arena.centre_m[:2], 0.0])
     first = max(row - round(TRAIL_S * experiment.ticks_per_second), 0)
     return ArenaMoment(
         title=f"{words}, t = {timestep * experiment.timestep_s:.1f} s",

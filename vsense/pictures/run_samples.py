@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +60,22 @@ class WorldSnapshot:
     cones: tuple[Floats, ...]
     virtual_robots: Floats
     leds: NDArray[np.uint8]
+
+    def within(self, part: Arena) -> WorldSnapshot:
+        """The same of a part of the arena."""
+        moved = np.array(part.centre_m[:2]) - np.array(self.arena.centre_m[:2])
+        cut = partial(_cut, self.arena, part)
+        return replace(
+            self,
+            arena=part,
+            floor=None if self.floor is None else cut(self.floor),
+            fields=tuple(cut(field) for field in self.fields),
+            virtual=tuple(outline - moved for outline in self.virtual),
+            physical=tuple(outline - moved for outline in self.physical),
+            lamps=tuple(Lamp(lamp.place_m - moved, lamp.colour) for lamp in self.lamps),
+            cones=tuple(cone - moved for cone in self.cones),
+            virtual_robots=self.virtual_robots - np.array([*moved, 0.0]),
+        )
 
 
 def take_snapshot(world: World, experiment: Experiment) -> WorldSnapshot:
@@ -140,6 +158,18 @@ def _grid(arena: Arena) -> tuple[Floats, tuple[int, int]]:
     across, down = np.meshgrid(x * arena.size_m[0], y * arena.size_m[1])
     points = np.stack((across.ravel(), down.ravel()), axis=-1) + np.array(arena.centre_m[:2])
     return points, (rows, columns)
+
+
+def _cut(arena: Arena, part: Arena, picture: NDArray[Any]) -> NDArray[Any]:
+    """The pixels of a part of the arena, at least one."""
+    rows, columns = picture.shape[:2]
+    px_per_m = np.array((columns, rows)) / np.array(arena.size_m[:2])
+    middle = np.array((columns, rows)) / 2.0
+    apart_px = (np.array(part.centre_m[:2]) - np.array(arena.centre_m[:2])) * px_per_m
+    half_px = np.array(part.size_m[:2]) * px_per_m / 2.0
+    low = np.rint(middle + apart_px * (1.0, -1.0) - half_px).astype(int).clip(0)
+    high = np.maximum(np.rint(middle + apart_px * (1.0, -1.0) + half_px).astype(int), low + 1)
+    return picture[low[1] : high[1], low[0] : high[0]]
 
 
 def _floor(world: World, arena: Arena) -> Image | None:

@@ -14,12 +14,14 @@ from vsense.arena import POSE, ArenaState, wrap_angle
 from vsense.config.specs import Experiment
 from vsense.errors import VsenseError, failing_as
 from vsense.lab import metrics
+from vsense.lab.reach import drawn
 from vsense.link.robots.status import RING_LEDS
 from vsense.link.robots.wire import Shown
 from vsense.pictures.run_figure import RunFigure
 from vsense.pictures.run_samples import RunSamples
 from vsense.recording.form import EVENTS, SHOWN, changes
 from vsense.terminal import Level
+from vsense.world.world import World
 
 Floats = NDArray[np.float64]
 
@@ -209,6 +211,7 @@ class Record:
         ):
             csv.writer(file).writerows([SHOWN, *self._shown])
 
-    def figure(self, samples: RunSamples) -> RunFigure:
-        """The run as `run_figure` draws it."""
-        return self.truth.figure(self._experiment, self.timesteps, samples)
+    def figure(self, samples: RunSamples, world: World) -> RunFigure:
+        """The run as `run_figure` draws it; `world` is that at its end."""
+        part = drawn(world, self._experiment.arena, self.poses)
+        return self.truth.figure(self._experiment, self.timesteps, samples, part)

@@ -93,7 +93,7 @@ def _save(run: Simulation, experiment: Experiment, job: Job) -> None:
     directory = Path(job.directory)
     run.record.save(directory / TRAJECTORY)
     run.record.save_notes(directory)
-    figure = run.record.figure(run.samples)
+    figure = run.record.figure(run.samples, run.environment.world)
     subtitle = f"{len(run.record.tags)} simulated robots, seed {job.seed}"
     run_figure.save(figure, directory / f"{experiment.name}.png", job.setup.blind, subtitle)
 
