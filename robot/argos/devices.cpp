@@ -20,10 +20,12 @@ bool IsLit(const CColor &color)
     return (color.GetRed() | color.GetGreen() | color.GetBlue()) != 0;
 }
 
+const size_t RING = 8;
+
 /* The robot's own ring counts clockwise. */
 unsigned LedBit(size_t led)
 {
-    return 1u << (8 - led) % 8;
+    return 1u << (RING - led) % RING;
 }
 
 /* LEDs that cameras see, where the host has such; the robot's own are always there. */
@@ -187,12 +189,16 @@ const char *CCI_LEDsActuator::VsNameOf(const std::string &element)
 void CCI_LEDsActuator::VsUpdate(vs_robot *robot)
 {
     unsigned lit = 0;
-    for (size_t i = 0; i < m_tSettings.size(); ++i)
+    for (size_t i = 0; i < RING; ++i)
         if (IsLit(m_tSettings[i]))
             lit |= LedBit(i);
     vs_robot_set_leds(robot, lit);
+    const CColor *three = &m_tSettings[RING];
     const CColor &first = FirstLit(m_tSettings);
-    ShowOwn(robot, first, first, first);
+    if (IsLit(three[0]) || IsLit(three[1]) || IsLit(three[2]))
+        ShowOwn(robot, three[0], three[1], three[2]);
+    else
+        ShowOwn(robot, first, first, first);
     ShowVirtual(robot);
 }
 

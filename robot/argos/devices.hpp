@@ -168,14 +168,14 @@ public:
     void VsUpdate(vs_robot *robot) override;
 };
 
-/* The ring of any robot: on an e-puck red where a colour is not black, and the RGB LEDs show the
- * first of these colours. */
+/* All LEDs of any robot: of an e-puck the ring of 8, which is red where a colour is not black, then
+ * front left, front right and back. Where these three are dark they show the ring's first colour. */
 class CCI_LEDsActuator : public VsLights
 {
 public:
     typedef TLEDSettings TSettings;
 
-    CCI_LEDsActuator() : VsLights(8) {}
+    CCI_LEDsActuator() : VsLights(11) {}
     static const char *VsNameOf(const std::string &element);
     size_t GetNumLEDs() const { return m_tSettings.size(); }
     virtual void SetSingleColor(UInt32 led, const CColor &color)

@@ -240,10 +240,10 @@ def test_lights_and_messages_go_to_robot_and_host(readings: Path, tmp_path: Path
     }
     # LED 2, on the left, is the robot's own 6: real_epuck_base_leds_actuator.cpp line 16.
     assert robot.robots.leds.tolist() == [1 << 0 | 1 << 6]
-    ring = Robot(readings, tmp_path / "g", {}, {"leds": 24}, ("", "leds"))
+    ring = Robot(readings, tmp_path / "g", {}, {"leds": 33}, ("", "leds"))
     for _ in range(4):
         ring.step()
-    assert ring.said() == {"leds": [0, 0, 0, 0, 0, 255, *[0] * 18]}
+    assert ring.said() == {"leds": [0, 0, 0, 0, 0, 255, *[0] * 24, 255, 0, 0]}
     assert ring.robots.leds.tolist() == [1 << 7]
 
 

@@ -115,6 +115,19 @@ def test_what_stands_and_shines_changes(mission: Callable[..., Path]) -> None:
     assert columns.tolist() == [False] * 30 + [True] * 18
 
 
+def test_leds_that_they_look_at_are_there_without_a_camera(mission: Callable[..., Path]) -> None:
+    path = mission(edge="0.0")
+    shining = path.with_name("shining.argos")
+    leds = '<actuators><epuck_rgb_leds implementation="default" /></actuators>'
+    shining.write_text(path.read_text().replace("<actuators />", leds))
+    (controller,) = load(shining, stage=Stage.SIM).controllers
+    assert [mounted.actuator.name for mounted in controller.actuators] == ["rgb_leds"]
+    unseen = shining.read_text().replace('library="build/libmission.so"', 'library="gone.so"')
+    shining.write_text(unseen.replace('label="mission"', 'label="gone"'))
+    (controller,) = load(shining, stage=Stage.SIM).controllers
+    assert controller.actuators == ()
+
+
 def test_robots_drive_against_what_they_added(mission: Callable[..., Path]) -> None:
     run = simulated(mission(edge="0.0"))
     rows = run._physics.near.cdata

@@ -12,7 +12,7 @@ ARGoS's elements are single LEDs, each of which a camera sees as a blob:
     <epuck_base_leds medium="leds" />  "base_leds": 8 levels, 0 off, else red, clockwise from the
                                        front right
     <leds medium="leds" />             "leds": red, green, blue of the 8 of the ring,
-                                       counter-clockwise from the front left
+                                       counter-clockwise from the front left, then of those 3
 
 Source: argos3-epuck 66cb8d9, epuck_rgb_leds_default_actuator.cpp lines 54-58,
 epuck_base_leds_default_actuator.cpp lines 58-70; argos3 421bd76, leds_default_actuator.cpp.
@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from vsense.actuators.base import Rows, VirtualActuator
 from vsense.sensors.base import Scope
 from vsense.sensors.quality import Floats, Scale
-from vsense.world.world import World
+from vsense.world.world import ROBOT_LEDS, World
 from vsense.xml.element import Element
 
 ELEMENTS = ("virtual_leds_actuator",)
@@ -105,5 +105,5 @@ def from_argos(element: Element, scope: Scope) -> VirtualActuator:
     if element.name == "epuck_base_leds":
         return BaseLedsActuator()
     if element.name == "leds":
-        return SingleLedsActuator("leds", 0, _RING)
-    return SingleLedsActuator("rgb_leds", _RING, 3)
+        return SingleLedsActuator("leds", 0, ROBOT_LEDS)
+    return SingleLedsActuator("rgb_leds", _RING, ROBOT_LEDS - _RING)

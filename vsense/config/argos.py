@@ -110,7 +110,7 @@ STEERING_NOISE = {
 BATTERIES = ("battery", "epuck_battery")
 """Devices that robots in the lab have, too."""
 
-LEDS = {"epuck_base_leds": 8, "epuck_rgb_leds": 3, "leds": 8}
+LEDS = {"epuck_base_leds": 8, "epuck_rgb_leds": 3, "leds": 11}
 """LEDs of the robot that others see with one of CAMERAS, and how many there are."""
 
 CAMERAS = ("colored_blob_omnidirectional_camera", "epuck_omnidirectional_camera")

@@ -39,6 +39,7 @@ from vsense.sensors.base import (
     scale_of,
 )
 from vsense.sensors.quality import NOISES, Quality
+from vsense.world.world import ROBOT_LEDS
 from vsense.xml.element import Element
 
 SENSORS = "sensors"
@@ -158,13 +159,13 @@ def _known(kind: str) -> set[str]:
 class DeviceRule:
     """What the devices of ARGoS are where an experiment is loaded for a stage.
 
-    With `virtual` they are virtual where nothing else is said; `cameras`: some robot has one, so
-    LEDs are seen.
+    With `virtual` they are virtual where nothing else is said; `seen`: cameras of robots, or loop
+    functions, look at LEDs.
     """
 
     stage: Stage
     virtual: bool
-    cameras: bool
+    seen: bool
 
     def is_virtual(self, element: Element, cpp: bool) -> bool:
         """Whether an element of ARGoS is a virtual device."""
@@ -175,7 +176,7 @@ class DeviceRule:
             return self.stage is Stage.SIM and (cpp or noisy)
         if element.name in argos.BATTERIES:
             return self.stage is Stage.SIM
-        return self.virtual and (self.cameras or element.name not in argos.LEDS)
+        return self.virtual and (self.seen or element.name not in argos.LEDS)
 
 
 def read_devices(
@@ -194,7 +195,8 @@ def read_devices(
     of the robots of each controller; `virtual` as in `DeviceRule`; `cpp`: it is C++ for ARGoS.
     """
     names = {e.name for c in controllers for s in c.below(SENSORS) for e in s.below()}
-    rule = DeviceRule(stage, virtual, any(camera in names for camera in argos.CAMERAS))
+    seen = scope.watched or any(camera in names for camera in argos.CAMERAS)
+    rule = DeviceRule(stage, virtual, seen)
     scope.leds = _leds(controllers, scope)
     found = [
         Devices(controller, is_cpp, robots)
@@ -211,7 +213,7 @@ def read_devices(
 def _leds(controllers: Sequence[Element], scope: Scope) -> int:
     """Counts the LEDs of others that a robot may see."""
     actuators = {e.name for c in controllers for s in c.below(ACTUATORS) for e in s.below()}
-    each = sum(count for name, count in argos.LEDS.items() if name in actuators)
+    each = min(sum(n for name, n in argos.LEDS.items() if name in actuators), ROBOT_LEDS)
     things = sum(len(getattr(thing, "leds", ())) for thing in scope.entities.values())
     return each * (scope.most - 1) + things
 

@@ -139,6 +139,7 @@ def _read_understood(
         raise arena.error(_no_robot(root, arena))
     give_tags(bodies, marker.family)
     scope = _scope(bodies, round(run.length_s * run.ticks_per_second))
+    scope.watched = loop_functions is not None and loop_functions.looks_at_leds
     used = used_controllers(root.child("controllers"), bodies)
     controllers = _read_controllers(used, bodies, scope, media, serves)
     _check_objects(bodies, scope)

@@ -16,7 +16,8 @@ from typing import NamedTuple
 from vsense.actuators.base import MountedActuator
 from vsense.config.distribute import DistributedSpec, Distribution
 from vsense.errors import ConfigError
-from vsense.robot.programs import Program
+from vsense.robot.argos_code import own_files
+from vsense.robot.programs import Program, content
 from vsense.sensors.base import MountedSensor
 from vsense.world.entities import Arena, Box, Cylinder, Entity, VirtualRobot
 from vsense.world.pollution import PollutantSource
@@ -228,6 +229,12 @@ class LoopSpec:
     line: int
     program: Program | None = None
     settings: str = ""
+
+    @property
+    def looks_at_leds(self) -> bool:
+        """Whether C++ may ask what robots' LEDs show."""
+        files = () if self.program is None else own_files(self.program)
+        return any(b"LEDEquipped" in content(path) for path in files)
 
 
 @dataclass(frozen=True, slots=True)

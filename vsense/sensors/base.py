@@ -107,6 +107,7 @@ class Scope:
         robots: settings of the robots that carry the device.
         most: how many robots there are.
         leds: how many LEDs of others a robot may see.
+        watched: loop functions look at the LEDs of robots.
     """
 
     tags: Mapping[str, int]
@@ -120,6 +121,7 @@ class Scope:
     robots: RobotSettings = RobotSettings()
     most: int = 1
     leds: int = 0
+    watched: bool = False
 
     def tag(self, element: Element, attribute: str, default: str) -> int:
         """Reads an attribute that names a tagged thing; ConfigError where there is none."""

@@ -176,8 +176,10 @@ void CReadings::Act()
         pc->SetColors(CColor::GREEN);
         pc->SetColor(2, CColor(1, 2, 3));
     }
-    if (auto *pc = Actuator<CCI_LEDsActuator>("leds"))
+    if (auto *pc = Actuator<CCI_LEDsActuator>("leds")) {
         pc->SetSingleColor(1, CColor::BLUE);
+        pc->SetSingleColor(pc->GetNumLEDs() - 1, CColor::RED);
+    }
     if (auto *pc = Actuator<CCI_EPuckRangeAndBearingActuator>("epuck_range_and_bearing")) {
         UInt8 punData[4] = {9, 8, 7, 255};
         pc->SetData(punData);
