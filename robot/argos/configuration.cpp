@@ -202,7 +202,8 @@ std::string Unescaped(const std::string &text)
         const bool is_escape = text[i] == '\\' && i + 1 < text.size();
         if (is_escape)
             ++i;
-        plain += is_escape && text[i] == 'n' ? '\n' : text[i];
+        const char letter = text[i] == 'n' ? '\n' : text[i] == 't' ? '\t' : text[i];
+        plain += is_escape ? letter : text[i];
     }
     return plain;
 }

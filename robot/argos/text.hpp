@@ -41,40 +41,54 @@ inline bool VsScan(const std::string &text, float &value)
 }
 
 /* A number that was written with a sign wraps, as in a stream. */
-inline bool VsScan(const std::string &text, UInt32 &value)
+template <typename To, typename Signed> bool VsScanWrapped(const std::string &text, To &value)
 {
     const bool minus = text.find('-') != std::string::npos;
-    SInt32 wrapped = 0;
+    Signed wrapped = 0;
     if (!minus)
-        return VsScanAs<UInt32, UInt64>(text, value);
-    const bool good = VsScanAs<SInt32, SInt64>(text, wrapped);
-    value = good ? static_cast<UInt32>(wrapped) : value;
+        return VsScanAs<To, UInt64>(text, value);
+    const bool good = VsScanAs<Signed, SInt64>(text, wrapped);
+    value = good ? static_cast<To>(wrapped) : value;
     return good;
 }
 
-inline bool VsScan(const std::string &text, SInt8 &value)
+inline bool VsScan(const std::string &text, UInt32 &value)
 {
-    return VsScanAs<SInt8, SInt64>(text, value);
-}
-
-inline bool VsScan(const std::string &text, UInt8 &value)
-{
-    return VsScanAs<UInt8, SInt64>(text, value);
-}
-
-inline bool VsScan(const std::string &text, SInt16 &value)
-{
-    return VsScanAs<SInt16, SInt64>(text, value);
+    return VsScanWrapped<UInt32, SInt32>(text, value);
 }
 
 inline bool VsScan(const std::string &text, UInt16 &value)
 {
-    return VsScanAs<UInt16, SInt64>(text, value);
+    return VsScanWrapped<UInt16, SInt16>(text, value);
 }
 
 inline bool VsScan(const std::string &text, SInt32 &value)
 {
     return VsScanAs<SInt32, SInt64>(text, value);
+}
+
+/* ARGoS reads a number of one byte as one of four and cuts it. */
+template <typename To, typename Wide> bool VsScanCut(const std::string &text, To &value)
+{
+    Wide wide = 0;
+    const bool good = VsScan(text, wide);
+    value = good ? static_cast<To>(wide) : value;
+    return good;
+}
+
+inline bool VsScan(const std::string &text, SInt8 &value)
+{
+    return VsScanCut<SInt8, SInt32>(text, value);
+}
+
+inline bool VsScan(const std::string &text, UInt8 &value)
+{
+    return VsScanCut<UInt8, UInt32>(text, value);
+}
+
+inline bool VsScan(const std::string &text, SInt16 &value)
+{
+    return VsScanAs<SInt16, SInt64>(text, value);
 }
 
 inline bool VsScan(const std::string &text, long &value)

@@ -63,3 +63,22 @@ def test_what_cannot_be_called_is_refused_at_its_line(
     (tmp_path / "zero.py").write_bytes(b"\0")
     with pytest.raises(ConfigError, match=rf"^x\.argos:20: <[a-z_]+> .*{words}"):
         read_with(element)
+
+
+def test_texts_of_elements_are_settings_of_cpp(
+    tmp_path: Path, example: str, read_with: ReadWith
+) -> None:
+    (tmp_path / "mine.cpp").write_text('REGISTER_LOOP_FUNCTIONS(CMine, "mine")\n')
+    element = (
+        '<loop_functions library="libmine.so" label="mine" tab="a&#9;b">\n one &amp;\n  two'
+        "<p k='1'>deep</p><q><!-- no --> late</q></loop_functions>"
+    )
+    spec = read_with(element)
+    assert spec is not None
+    expected = ["<loop_functions", "@label=mine", "@library=libmine.so", r"@tab=a\tb", "#one & two"]
+    expected += ["<p", "@k=1", "#deep", ">", "<q", ">", ">"]
+    assert sorted(spec.settings.splitlines()) == sorted(expected)
+    text = example.replace("<arena", f"{element}\n<arena")
+    experiment = read(text.encode(), "x.argos", tmp_path / "x.argos")
+    told = [words for words in experiment.warnings if "between the elements" in words]
+    assert len(told) == 1 and "'late'" in told[0], "ARGoS's parser knows the text at the begin only"

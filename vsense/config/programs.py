@@ -173,13 +173,15 @@ def tree(element: Element) -> list[str]:
     lines = [f"<{element.name}"]
     for key, value in element.free_attributes().items():
         lines.append(f"@{key}={_one_line(value)}")
+    if text := element.take_text():
+        lines.append(f"#{_one_line(text)}")
     for child in element.children():
         lines += tree(child)
     return [*lines, ">"]
 
 
 def _one_line(text: str) -> str:
-    plain = text.replace("\\", "\\\\").replace("\n", "\\n")
+    plain = text.replace("\\", "\\\\").replace("\n", "\\n").replace("\t", "\\t")
     return "".join(c if c.isprintable() else " " for c in plain)
 
 

@@ -80,6 +80,7 @@ class Element:
         "_children",
         "_left_out",
         "_settings",
+        "_text",
         "document",
         "line",
         "name",
@@ -97,10 +98,25 @@ class Element:
         self._asked_children: set[str] = set()
         self._left_out = False
         self._settings: dict[str, str] = {}
+        self._text: tuple[str, tuple[int, str]] | None = None
 
     def append(self, child: Element) -> None:
         """Adds a child element: the parser's part."""
         self._children.append(child)
+
+    def begin_with(self, text: str, told: tuple[int, str]) -> None:
+        """Notes the text at its begin, and the warning that it has no effect: the parser's part."""
+        self._text = text, told
+        self.document.passed_over.append(told)
+
+    def take_text(self) -> str:
+        """The text at its begin, with single blanks: it has an effect; "" where there is none."""
+        if self._text is None:
+            return ""
+        text, told = self._text
+        if told in self.document.passed_over:
+            self.document.passed_over.remove(told)
+        return " ".join(text.split())
 
     def set(self, key: str, value: str) -> None:
         """Overrides an attribute, or adds it; the prefix of our own namespace may be left out."""

@@ -75,6 +75,7 @@ class _TreeBuilder:
         self._document = Document(file)
         self._stray_text = stray_text
         self._open: list[Element] = []
+        self._begun: list[bool] = []
         self._root: Element | None = None
         self._parser = expat.ParserCreate(namespace_separator=_SEPARATOR)
         self._parser.buffer_text = True
@@ -82,7 +83,7 @@ class _TreeBuilder:
         self._parser.EndElementHandler = self._end
         self._parser.CharacterDataHandler = self._text
         # With it a comment ends a text, and both keep their lines.
-        self._parser.CommentHandler = lambda _text: None
+        self._parser.CommentHandler = self._comment
         self._parser.StartDoctypeDeclHandler = self._doctype
 
     def build(self, data: bytes) -> Element:
@@ -108,12 +109,19 @@ class _TreeBuilder:
         element = Element(self._document, name, self._parser.CurrentLineNumber, readable)
         if self._open:
             self._open[-1].append(element)
+            self._begun[-1] = True
         else:
             self._root = element
         self._open.append(element)
+        self._begun.append(False)
 
     def _end(self, _name: str) -> None:
         self._open.pop()
+        self._begun.pop()
+
+    def _comment(self, _text: str) -> None:
+        if self._begun:
+            self._begun[-1] = True
 
     def _text(self, text: str) -> None:
         if words := text.strip():
@@ -122,8 +130,13 @@ class _TreeBuilder:
             # The parser gives it when it has come to what follows.
             after = text[len(text) - len(text.lstrip()) :].count("\n")
             line = self._parser.CurrentLineNumber - after
-            told = f"text {words[:40]!r} between the elements has no effect"
-            self._document.passed_over.append((line, told))
+            told = line, f"text {words[:40]!r} between the elements has no effect"
+            # As ARGoS's parser has it: an element's text is the one with which it begins.
+            if not self._begun[-1]:
+                self._open[-1].begin_with(text, told)
+            else:
+                self._document.passed_over.append(told)
+            self._begun[-1] = True
 
     def _doctype(self, *_declaration: object) -> None:
         raise self._error("a DOCTYPE is not accepted in an experiment file")

@@ -326,6 +326,22 @@ static void Configuration()
     GetNodeAttributeOrDefault(tree, "absent", absent, 7.5);
     GetNodeAttributeOrDefault(tree, "text", text, std::string("other"));
     Show("read", count + radius + flag + byte);
+    for (const char *number : {"-3", "300", "-300", "70000"}) {
+        UInt8 small;
+        SInt8 signed_small;
+        UInt16 medium = 0;
+        tree.SetAttribute("number", number);
+        GetNodeAttribute(tree, "number", small);
+        GetNodeAttribute(tree, "number", signed_small);
+        Show("cut", 1000.0 * small + signed_small);
+        try {
+            GetNodeAttribute(tree, "number", medium);
+            Show("medium", static_cast<UInt32>(medium));
+        }
+        catch (CARGoSException &) {
+            Show("medium", false);
+        }
+    }
     Show("read", place);
     Show("read", range.GetMax().GetValue());
     Show("read", text);
