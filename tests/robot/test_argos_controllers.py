@@ -408,6 +408,16 @@ def test_sources_are_named_or_found_without_cmake(repository: Path) -> None:
     text = repository.read_text()
     repository.write_text(text.replace("library=", 'vs:sources="../elsewhere/sense/*" library='))
     assert found(repository) == ["readings.cpp", "catching.cpp"]
+    blank = shutil.copytree(root / "elsewhere" / "sense", root / "else [where]")
+    sources = f"{blank}/readings.cpp, {blank}/catching.cpp"
+    repository.write_text(text.replace("library=", f'vs:sources="{sources}" library='))
+    assert found(repository) == ["readings.cpp", "catching.cpp"]
+    nobody = text.replace("readings_controller", "nobody")
+    repository.write_text(nobody.replace("library=", f'vs:sources="{sources}" library='))
+    with pytest.raises(
+        ConfigError, match=r"readings\.cpp.* names 'nobody'; there are: .*readings_"
+    ):
+        load(repository)
     repository.write_text(text)
     shutil.move(root / "elsewhere" / "sense", root / "controllers" / "readings")
     assert found(repository) == ["readings.cpp", "catching.cpp"], "a folder of the library's name"

@@ -13,7 +13,7 @@ from vsense.bench.robot import HERE as BENCH
 from vsense.config import argos
 from vsense.config.experiment import load
 from vsense.robot import boards, build
-from vsense.robot.compiling import BuildError, Sources, native
+from vsense.robot.compiling import BuildError, Sources, native, own_cxxflags
 from vsense.robot.programs import Program
 from vsense.run.programs import shared_objects
 from vsense.sim.simulation import Simulation
@@ -137,6 +137,19 @@ def test_a_missing_compiler_is_told(walker: Path, monkeypatch: pytest.MonkeyPatc
     with pytest.raises(BuildError, match=r"no C\+\+ compiler 'no-such-c\+\+'.*build-essential"):
         build.daemon("walker.cpp", walker.parent)
     assert build.daemon("pollutant").name == "vsensed", "C needs none"
+
+
+def test_flags_have_quotes_as_in_a_shell_and_are_named_where_they_are_wrong(
+    walker: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CXXFLAGS", "-DNAME='\"a b\"'  -O1")
+    assert own_cxxflags() == ['-DNAME="a b"', "-O1"]
+    monkeypatch.setenv("CXXFLAGS", "-DNAME='a")
+    with pytest.raises(BuildError, match="CXXFLAGS=-DNAME='a: no closing quotation"):
+        build.shared("walker.cpp", walker.parent)
+    monkeypatch.setenv("CXXFLAGS", "-fno-such-thing")
+    with pytest.raises(BuildError, match=r"does not build with CXXFLAGS=-fno-such-thing:\n"):
+        build.shared("walker.cpp", walker.parent)
 
 
 def test_another_compiler_makes_a_new_build(walker: Path, monkeypatch: pytest.MonkeyPatch) -> None:

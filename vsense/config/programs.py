@@ -24,11 +24,14 @@ from vsense.robot.programs import (
     CodeOptions,
     Program,
     folders,
+    labels,
+    registers,
+    registrations,
     stem_of,
 )
 from vsense.sensors.base import MountedSensor
 from vsense.sensors.range_and_bearing import RangeAndBearingSensor
-from vsense.xml.element import Element, shown
+from vsense.xml.element import Element, listed, shown
 
 _SOURCES, _INCLUDE = "vs:sources", "vs:include"
 
@@ -45,12 +48,25 @@ def read(element: Element, folder: Path, code: CodeOptions) -> tuple[str, Progra
         The library as the file names it, or the port that runs instead; and its program.
     """
     try:
-        return _read(element, folder, code)
+        library, program = _read(element, folder, code)
     except UsageError as error:
         raise element.error(str(error), "library" if element.has("library") else None) from None
     except OSError as error:
-        library = shown(element.text("library", ""))
-        raise element.error(f"{library}: {error.strerror}", "library") from None
+        missing = shown(element.text("library", ""))
+        raise element.error(f"{missing}: {error.strerror}", "library") from None
+    _check_label(element, program)
+    return library, program
+
+
+def _check_label(element: Element, program: Program) -> None:
+    """Raises ConfigError where other classes are registered and none for the element, as ARGoS."""
+    known = labels(program.sources, CONTROLLER)
+    plain = len(known) == sum(registrations(path, CONTROLLER) for path in program.sources)
+    if known and plain and element.name not in known:
+        where = ", ".join(path.name for path in program.sources if registers(path, CONTROLLER))
+        raise element.error(
+            f"no REGISTER_CONTROLLER in {where} names {element.name!r}; there are: {listed(known)}"
+        )
 
 
 def _read(element: Element, folder: Path, code: CodeOptions) -> tuple[str, Program]:
@@ -101,7 +117,7 @@ def _named(
     label = label or element.name
     element.has(_INCLUDE)
     if element.has(_SOURCES):
-        patterns: Sequence[str] = element.text(_SOURCES).replace(",", " ").split()
+        patterns: Sequence[str] = _parts(element.text(_SOURCES), folder)
     else:
         names = [element.text("id")] if element.has("id") else []
         patterns = code.patterns(stem_of(library), label, *names)
@@ -110,9 +126,19 @@ def _named(
     return finding.named(patterns, folder, library, label, extra, macro)
 
 
+def _parts(text: str, folder: Path) -> list[str]:
+    """Paths or patterns with commas or blanks between them; a path may have blanks in it."""
+
+    def is_whole(part: str) -> bool:
+        return (folder / os.path.expanduser(part.rpartition("=")[2])).exists()
+
+    parts = filter(None, (part.strip() for part in text.split(",")))
+    return [word for part in parts for word in ([part] if is_whole(part) else part.split())]
+
+
 def _headers(element: Element, folder: Path, code: CodeOptions) -> list[Path]:
     """The folders of headers that the element and the command line name."""
-    own = element.text(_INCLUDE).replace(",", " ").split() if element.has(_INCLUDE) else []
+    own = _parts(element.text(_INCLUDE), folder) if element.has(_INCLUDE) else []
     if not own and not code.includes:
         return []
     try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import tempfile
@@ -301,7 +302,9 @@ class Sources:
         result = toolchain.run([*language, *toolchain.flags, *folders, *arguments])
         if result.returncode != 0:
             said = result.stderr.strip()
-            raise BuildError(f"{self._blame(said)}:\n{said}")
+            flags = " ".join(flag for flag in own_cxxflags() if flag in arguments)
+            told = f" with CXXFLAGS={flags}" if flags else ""
+            raise BuildError(f"{self._blame(said)}{told}:\n{said}")
         return result.stdout
 
     def _blame(self, said: str) -> str:
@@ -345,8 +348,21 @@ def _keep(made: Path, kept: Path) -> None:
 
 
 def own_cxxflags() -> list[str]:
-    """What the user wants a C++ compiler to be told: `$CXXFLAGS`."""
-    return os.environ.get("CXXFLAGS", "").split()
+    """What the user wants a C++ compiler to be told: `$CXXFLAGS`.
+
+    Raises:
+        BuildError: a quote in it is not closed.
+    """
+    return _words("CXXFLAGS")
+
+
+def _words(variable: str) -> list[str]:
+    """The words of an environment variable, of which quotes may hold several, as in a shell."""
+    text = os.environ.get(variable, "")
+    try:
+        return shlex.split(text)
+    except ValueError as error:
+        raise BuildError(f"{variable}={text}: {str(error).lower()}") from None
 
 
 def native() -> Toolchain:
@@ -355,7 +371,7 @@ def native() -> Toolchain:
     Raises:
         BuildError: it is not there; the message holds the line that installs one.
     """
-    command = os.environ.get("CC", "cc").split() or ["cc"]
+    command = _words("CC") or ["cc"]
     if shutil.which(command[0]) is None:
         raise BuildError(f"no C compiler '{command[0]}'; install one with: {APT_LINE}")
-    return Toolchain(tuple(command), cxx=tuple(os.environ.get("CXX", "").split() or ["c++"]))
+    return Toolchain(tuple(command), cxx=tuple(_words("CXX") or ["c++"]))

@@ -141,6 +141,8 @@ def files(patterns: Iterable[str], folder: Path) -> list[Path]:
         names = (
             [str(p) for p in path.iterdir()]
             if path.is_dir()
+            else [str(path)]
+            if path.is_file()
             else glob.glob(str(path), recursive=True)
         )
         here = [Path(name).resolve() for name in sorted(names) if name.endswith(SOURCE_SUFFIXES)]
@@ -196,7 +198,12 @@ def _content(path: Path, time_ns: int) -> bytes:
 
 def registers(path: Path, macro: str) -> bool:
     """Whether a source uses one of ARGoS's macros; what is in comments of one line does not."""
-    return re.search(rb"^[ \t]*" + macro.encode() + rb"\s*\(", content(path), re.M) is not None
+    return registrations(path, macro) > 0
+
+
+def registrations(path: Path, macro: str) -> int:
+    """How often a source uses one of ARGoS's macros; see `registers`."""
+    return len(re.findall(rb"^[ \t]*" + macro.encode() + rb"\s*\(", content(path), re.M))
 
 
 def labels(sources: Iterable[Path], macro: str) -> list[str]:
