@@ -148,6 +148,23 @@ def test_broken_xml_is_one_clear_line(xml: bytes, line: int, words: str) -> None
     assert (caught.value.file, caught.value.line) == ("x.argos", line)
 
 
+@pytest.mark.parametrize("head", ["", '<?xml version="1.0" ?>', "<?xml version='1.0'  ?>"])
+def test_bytes_that_are_no_utf_8_are_latin_1_in_a_file_of_argos(head: str) -> None:
+    text = f"{head}<r>\n<!-- für -->\n<a n='Björn'/></r>"
+    with pytest.raises(ConfigError, match="not well-formed"):
+        parse(text.encode("latin-1"), "x.argos")
+    root = parse(text.encode("latin-1"), "x.argos", of_argos=True)
+    assert root.child("a").text("n") == "Björn"
+    (warning,) = root.document.warnings()
+    assert warning.startswith("x.argos:2: what is no UTF-8 is read as Latin-1")
+    for code in ("utf-8", "utf-16"):
+        root = parse(text.encode(code), "x.argos", of_argos=True)
+        assert root.child("a").text("n") == "Björn" and not root.document.warnings()
+    lying = text.replace(head, "<?xml version='1.0' encoding='UTF-8' standalone='yes'?>", 1)
+    root = parse(lying.encode("latin-1"), "x.argos", of_argos=True)
+    assert root.child("a").text("n") == "Björn"
+
+
 @given(st.binary(max_size=200))
 def test_any_bytes_give_a_tree_or_one_named_error(data: bytes) -> None:
     try:

@@ -6,6 +6,7 @@ are bounded.
 
 from __future__ import annotations
 
+import codecs
 import re
 from xml.parsers import expat
 
@@ -46,9 +47,31 @@ def parse(data: bytes, file: str, of_argos: bool = False) -> Element:
         raise ConfigError(file, 1, f"the file has {len(data)} bytes, expected at most {_MAX_BYTES}")
     if not of_argos:
         return _TreeBuilder(file).build(data)
-    root = _TreeBuilder(file, stray_text=True).build(_TAKEN.sub(_repaired, data))
+    readable, line = _as_utf8(data)
+    root = _TreeBuilder(file, stray_text=True).build(_TAKEN.sub(_repaired, readable))
     root.document.lenient = not _uses_namespace(root)
+    if line:
+        told = line, "what is no UTF-8 is read as Latin-1; with encoding= in line 1 it is sure"
+        root.document.passed_over.append(told)
     return root
+
+
+def _as_utf8(data: bytes) -> tuple[bytes, int]:
+    """Gives a file that is said to be UTF-8, or of which nothing is said, as what it is, and the
+    line that shows that it is Latin-1, else 0: ARGoS's parser takes all bytes."""
+    said = _ENCODING.match(data)
+    declared = said is not None and said[1].lower() not in (b"utf-8", b"utf8")
+    if declared or data.startswith((codecs.BOM_UTF16_BE, codecs.BOM_UTF16_LE)):
+        return data, 0
+    try:
+        data.decode()
+    except UnicodeDecodeError as error:
+        plain = data if said is None else data.replace(said[0], b"<?xml version='1.0'", 1)
+        return plain.decode("latin-1").encode(), data.count(b"\n", 0, error.start) + 1
+    return data, 0
+
+
+_ENCODING = re.compile(rb"""\s*<\?xml[^>]*?\sencoding\s*=\s*["']([^"'>]*)["']""")
 
 
 def _repaired(found: re.Match[bytes]) -> bytes:
