@@ -68,6 +68,20 @@ def test_a_crash_is_named(write_experiment, fault: str, words: str) -> None:
     )
 
 
+def test_a_fault_while_a_library_is_loaded_is_named(write_experiment) -> None:
+    """Static objects of C++ are made then."""
+    path = write_experiment("plain", ('library="faulty.c"', 'library="born.c"'))
+    born = "__attribute__((constructor)) static void birth(void)\n{\n    for (;;);\n}\n"
+    source = (path.parent / "faulty.c").read_text()
+    (path.parent / "born.c").write_text(source + born)
+    setup = Setup(str(path), 1.0)
+    experiment = setup.load()
+    libraries = {name: str(path) for name, path in shared_objects(experiment).items()}
+    words = r"controller '\w+' \(born\.c\), when it was loaded, did not return within 0\.5 s"
+    with pytest.raises(Exception, match=words):
+        results(Task(Job(setup, 1, libraries), experiment), limit_s=0.5)
+
+
 def test_an_endless_loop_is_named_and_ended(write_experiment) -> None:
     before = len(children())
     with pytest.raises(

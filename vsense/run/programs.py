@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -68,6 +68,22 @@ def _told(controller: ControllerSpec) -> ToldProgram:
     return ToldProgram(names[0] if names else "", digest)
 
 
+LOADING = 0x20000
+"""What `PROGRESS_BYTES` note as the number of a controller is this and more while its shared object
+is loaded: users' code runs then, too. `LOADING_LOOP`: that of loop functions."""
+LOADING_LOOP = LOADING + 0xFFFF
+
+
+@contextmanager
+def loading(progress: Any, number: int) -> Iterator[None]:
+    """Notes that the shared object of a controller is loaded, as if a robot were in its step."""
+    words = memoryview(progress).cast("B").cast("I")
+    before = words[2]
+    words[1], words[2] = 1, LOADING + number
+    yield
+    words[1], words[2] = 0, before
+
+
 class Programs:
     """Robots of an experiment, each with the program of its own controller; see `Robots`.
 
@@ -113,8 +129,8 @@ class Programs:
                 tags = [tag for tag, name in controllers.items() if name == spec.id]
                 which = libraries[spec.id], tags, tables[spec.id], experiment.timestep_ns
                 params = {tag: spec.params_for(names[tag]) for tag in tags}
-                robots = Robots(*which, seed, params, own)
-                self._parts.append((number, rows, robots))
+                with loading(note, number):
+                    self._parts.append((number, rows, Robots(*which, seed, params, own)))
 
     def step(
         self,

@@ -28,7 +28,7 @@ from vsense.robot.inprocess import ACT_NS, CONTROL_NS
 from vsense.robot.loop_library import FUNCTIONS, Colors, LoopLibrary
 from vsense.run.cxx_loop import LoopHost
 from vsense.run.environment import Environment
-from vsense.run.programs import PROGRESS_BYTES, Programs
+from vsense.run.programs import LOADING, LOADING_LOOP, PROGRESS_BYTES, Programs, loading
 from vsense.sim.record import Record, SimulatedTracker
 from vsense.world.entities import Box, Cylinder
 
@@ -52,7 +52,8 @@ class _Watched(LoopLibrary):
     """Loop functions in this process; which function runs stands in the memory of `Programs`."""
 
     def __init__(self, library: Path, progress: Any, timestep: Callable[[], int]) -> None:
-        super().__init__(library)
+        with loading(progress, LOADING_LOOP - LOADING):
+            super().__init__(library)
         self._note = memoryview(progress).cast("B").cast("I")
         self._timestep = timestep
 

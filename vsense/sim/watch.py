@@ -21,7 +21,7 @@ from vsense.lab.processes import describe_exit, start_module
 from vsense.lab.shared import SharedBlock
 from vsense.robot.inprocess import SimError
 from vsense.robot.loop_library import FUNCTIONS
-from vsense.run.programs import PROGRESS_BYTES
+from vsense.run.programs import LOADING, LOADING_LOOP, PROGRESS_BYTES
 from vsense.sim.job import Job
 from vsense.sim.record import LOGGED, EventLog
 from vsense.sim.simulation import LOOP_FUNCTION, WARM_UP
@@ -168,6 +168,8 @@ class WorkerProcess:
             when = f"in timestep {timestep - WARM_UP} (t = {time_s:g} s)"
         if not robot:
             return task.named(f"outside of any controller, {when}, the simulation")
+        if number >= LOADING:
+            return task.named(f"{when}: {_loaded(experiment, number)}, when it was loaded,")
         if number >= LOOP_FUNCTION:
             function, loop = FUNCTIONS[number - LOOP_FUNCTION], experiment.loop_functions
             assert loop is not None
@@ -177,6 +179,15 @@ class WorkerProcess:
         return task.named(
             f"robot {spec.id} (tag {spec.tag}), {when}: its controller '{controller.library}'"
         )
+
+
+def _loaded(experiment: Experiment, number: int) -> str:
+    """Names what is loaded, whose static objects are made then; `number`: see `LOADING`."""
+    if number == LOADING_LOOP:
+        assert experiment.loop_functions is not None
+        return f"loop functions '{experiment.loop_functions.label}'"
+    controller = experiment.controllers[number - LOADING]
+    return f"controller '{controller.id}' ({controller.library})"
 
 
 def simulate_all(
