@@ -338,6 +338,15 @@ def test_what_needs_no_exceptions_is_seen_in_code_only(tmp_path: Path) -> None:
     assert argos_code.needs_runtime(Program((source,)))
 
 
+def test_a_controller_that_uses_the_simulator_is_told_with_its_line(tmp_path: Path) -> None:
+    source = tmp_path / "a.cpp"
+    source.write_text("\n#include <argos3/core/simulator/space/space.h>\n")
+    told = argos_code.explain_simulator(Program((source,)))
+    assert "#ifndef VSENSE" in told
+    assert told.splitlines()[1:] == [f"{source}:2: <argos3/core/simulator/space/space.h>"]
+    assert argos_code.explain_simulator(Program((READINGS,), (FOLDER,))) == ""
+
+
 EXPERIMENT = """<argos-configuration xmlns:vs="NAMESPACE">
   <framework><experiment length="2" ticks_per_second="10" random_seed="1" /></framework>
   <controllers>

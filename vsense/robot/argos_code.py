@@ -142,6 +142,24 @@ def explain_controllers(program: Program) -> str:
     return "\n".join([words, *found])
 
 
+def explain_simulator(program: Program) -> str:
+    """What a user can do whose controller uses the simulator; "": it includes nothing of it."""
+    found = [
+        f"{path}:{_line(path, name)}: <{name}>"
+        for path in own_files(program)
+        for name, _ in included(path)
+        if name.startswith(ARGOS) and "/simulator/" in name
+    ]
+    if not found:
+        return ""
+    words = (
+        "it uses ARGoS's simulator, which is out of a controller's reach here: it runs on robots,"
+        " too. Count control steps for the time; lines for ARGoS alone go between #ifndef VSENSE"
+        f" and #endif; see {PAGE}"
+    )
+    return "\n".join([words, *found])
+
+
 def _line(path: Path, name: str) -> int:
     return _line_at(path, content(path).find(name.encode()))
 

@@ -41,6 +41,9 @@ CXX_LIBRARIES = ("-Wl,--as-needed", "-lstdc++", *LIBRARIES)
 HASH_DIGITS = 12
 """Of a controller's hash so many are told: enough to tell any two apart."""
 
+_OLDER = "ISO C++17 does not allow"
+"""What GCC and Clang say of code that is older."""
+
 APT_LINE = "sudo apt install build-essential python3-dev python3-venv"
 
 
@@ -304,7 +307,8 @@ class Sources:
             said = result.stderr.strip()
             flags = " ".join(flag for flag in own_cxxflags() if flag in arguments)
             told = f" with CXXFLAGS={flags}" if flags else ""
-            raise BuildError(f"{self._blame(said)}{told}:\n{said}")
+            older = "\nolder C++ is compiled with CXXFLAGS=-std=gnu++11" * (_OLDER in said)
+            raise BuildError(f"{self._blame(said)}{told}:\n{said}{older}")
         return result.stdout
 
     def _blame(self, said: str) -> str:
@@ -313,8 +317,12 @@ class Sources:
         def is_named(path: Path) -> bool:
             return re.search(rf"(?:^|from ){re.escape(str(path))}:\d", said, re.M) is not None
 
-        if self.what != "controller" and re.search("undefined (reference|symbol)", said):
-            why = argos_code.explain_controllers(self.program)
+        if self.program.is_argos and re.search("undefined (reference|symbol)", said):
+            is_controller = self.what == "controller"
+            explain = (
+                argos_code.explain_simulator if is_controller else argos_code.explain_controllers
+            )
+            why = explain(self.program)
             if why:
                 return f"the {self.what} {self.program.sources[0]} {self._does} not build: {why}"
         named = [path for path in self.program.sources if is_named(path)]
@@ -340,9 +348,9 @@ def _keep(made: Path, kept: Path) -> None:
     """
     try:
         kept.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=kept.parent, suffix=".part", delete=False) as part:
-            part.write(made.read_bytes())
-        os.replace(part.name, kept)
+        with tempfile.TemporaryDirectory(prefix="part.", dir=kept.parent) as part:
+            copy = shutil.copyfile(made, Path(part) / kept.name)
+            os.replace(copy, kept)
     except OSError as error:
         raise BuildError(f"cannot keep {kept}: {error.strerror}") from error
 
