@@ -278,6 +278,12 @@ CEPuckEntity::CEPuckEntity(const std::string &id, const std::string &, const CVe
         m_leds.AddLED(CVector3());
 }
 
+CEntity *CEPuckEntity::VsPart(const std::string &type) const
+{
+    const bool is_leds = type == m_leds.GetTypeDescription() || type == m_leds.GetId();
+    return is_leds ? const_cast<CLEDEquippedEntity *>(&m_leds) : CComposableEntity::VsPart(type);
+}
+
 std::string CEPuckEntity::VsDescribe() const
 {
     VsWords words;
@@ -406,8 +412,8 @@ void CSpace::VsSetArena(const CVector3 &size, const CVector3 &center)
 {
     m_size = size;
     m_center = center;
-    /* As ARGoS has them: a whole size to each side. */
-    m_limits.Set(center - size, center + size);
+    m_limits.Set(center - size / 2.0, center + size / 2.0);
+    VsIndexAs(m_floor.GetTypeDescription(), m_floor.GetId(), CAny(&m_floor));
 }
 
 void CSpace::VsIndexAs(const std::string &type, const std::string &id, const CAny &entity)

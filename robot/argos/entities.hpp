@@ -167,10 +167,9 @@ public:
 
 protected:
     void VsAddPart(CEntity &part) { m_parts.push_back(&part); }
+    virtual CEntity *VsPart(const std::string &type) const;
 
 private:
-    CEntity *VsPart(const std::string &type) const;
-
     CEntity::TVector m_parts;
 };
 
@@ -370,6 +369,9 @@ public:
     CLEDEquippedEntity &GetLEDEquippedEntity() { return m_leds; }
     std::string GetTypeDescription() const override { return "epuck"; }
     std::string VsDescribe() const override;
+
+protected:
+    CEntity *VsPart(const std::string &type) const override;
 
 private:
     CEmbodiedEntity m_body;

@@ -89,6 +89,7 @@ def test_a_simulation_goes_as_they_say(mission: Callable[..., Path]) -> None:
         "Score": 4.0 * (poses[0, :, 0] > 0).sum() + 0.5,
     }
     assert [text.removeprefix("loop functions: ") for _, text in run.record.events] == [
+        "from -1.2,-1.2,0 to 1.2,1.2,1 1 floor 11 LEDs",
         "arena 2.4,2.4,1 seed 7 length 20 tick 0.1",
         "first step\rfinished at 1",  # it is a text, not the word with which they end a run
         "Score = " + f"{measures['Score']:g}",

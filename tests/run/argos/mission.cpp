@@ -26,6 +26,11 @@ public:
       GetNodeAttributeOrDefault(tParams, "fails_from", m_unFailsFrom, (UInt32) 0);
       GetNodeAttributeOrDefault(tParams, "how", m_strHow, std::string(""));
       GetNodeAttributeOrDefault(tParams, "move", m_bMove, true);
+      CSpace::TMapPerType& tFloors = GetSpace().GetEntitiesByType("floor");
+      CEPuckEntity& cFirst = *any_cast<CEPuckEntity*>(GetSpace().GetEntitiesByType("epuck").begin()->second);
+      LOG << "from " << GetSpace().GetArenaLimits().GetMin() << " to " << GetSpace().GetArenaLimits().GetMax()
+          << " " << tFloors.size() << " floor "
+          << cFirst.GetComponent<CLEDEquippedEntity>("leds").GetLEDs().size() << " LEDs" << std::endl;
       LOG << "arena " << GetSpace().GetArenaSize() << " seed " << CSimulator::GetInstance().GetRandomSeed()
           << " length " << CSimulator::GetInstance().GetMaxSimulationClock() << " tick "
           << CPhysicsEngine::GetSimulationClockTick() << std::endl;
