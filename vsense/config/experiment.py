@@ -18,6 +18,7 @@ from vsense.config.devices import virtual_devices as names_of_virtual
 from vsense.config.framework import read_loop_functions, read_rest, read_run, read_tracker
 from vsense.config.placement import overlapping
 from vsense.config.population import populate
+from vsense.config.programs import check_sources
 from vsense.config.programs import read as read_program
 from vsense.config.robots import ArenaContents, give_tags
 from vsense.config.settings import apply, check_used
@@ -133,6 +134,7 @@ def _read_understood(
     media = read_media(root)
     arena, folder = root.child("arena"), path.parent
     bodies = read_arena(arena, folder, media, 1.0 / run.ticks_per_second, serves.stage)
+    check_sources(root, serves.code)
     loop_functions = read_loop_functions(root, folder, serves.code)
     populate(root.document, loop_functions, bodies, run.seed)
     if not bodies.robots:

@@ -18,6 +18,7 @@ from vsense.config import argos, programs
 from vsense.config.specs import JsonLinesTracker, LoopSpec, Stage, TrackerAddress
 from vsense.config.things import by_id
 from vsense.link.trackers import protocol
+from vsense.robot.argos_code import PAGE
 from vsense.robot.programs import LOOP_FUNCTIONS, CodeOptions, stem_of
 from vsense.xml.element import Element, shown
 
@@ -67,7 +68,7 @@ def _cxx_loop_functions(
         element.leave_out(
             f"the sources of {shown(library)}, in which {LOOP_FUNCTIONS} names {shown(label)}, are"
             " not found: no loop functions are called; name them with --sources"
-            f" {stem_of(library)}=FILES, see {argos.PAGE}"
+            f" {stem_of(library)}=FILES, see {PAGE}"
         )
         return None
     settings = "".join(f"{line}\n" for line in programs.tree(element))

@@ -91,6 +91,22 @@ def _read(element: Element, folder: Path, code: CodeOptions) -> tuple[str, Progr
     return library, program
 
 
+def check_sources(root: Element, code: CodeOptions) -> None:
+    """Checks that whatever the command line names sources of is in the file.
+
+    Raises:
+        UsageError: it is not.
+    """
+    users = [e for section in root.below("controllers") for e in section.below()]
+    known = {name for e in users for name in (e.name, e.peek("id"))}
+    for element in (*users, *root.below("loop_functions")):
+        known |= {stem_of(element.peek("library") or ""), element.peek("label")}
+    for name in code.sources:
+        if name not in known:
+            there = listed(name for name in known if name)
+            raise UsageError(f"--sources {name}=...: nothing is called so; there are: {there}")
+
+
 def find_loop_functions(
     element: Element, label: str, folder: Path, code: CodeOptions
 ) -> Program | None:
