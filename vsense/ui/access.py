@@ -16,6 +16,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from vsense.errors import ConfigError, VsenseError
+from vsense.files import read_text
 
 TOKEN_BYTES = 16
 """128 bits cannot be guessed."""
@@ -74,7 +75,7 @@ def read_tokens(path: Path) -> Tokens:
         ConfigError: a line is something else; the message names it.
     """
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = read_text(path).splitlines()
     except OSError as error:
         raise VsenseError(f"{path}: cannot read the tokens: {error.strerror}") from error
     except UnicodeError as error:
