@@ -84,6 +84,7 @@ def figures(run: MeasuredRun) -> dict[str, Any]:
     return {
         "timesteps": len(steps),
         "late_timesteps": int(late.sum()) + run.wanted - len(steps),
+        "left_out_timesteps": run.wanted - len(steps),
         "duration_s": round((int(np.ptp(steps["capture_ns"])) + run.dt_ns) / 1e9, 3),
         "tracking": tracking(run),
         "latency_ms": latencies(run),

@@ -22,7 +22,7 @@ from vsense.pictures import run_figure
 from vsense.pictures.arena_view import WIDTH_PX
 from vsense.pictures.canvas import Image
 from vsense.pictures.run_figure import spoken
-from vsense.run.figures import link_row, number, percent
+from vsense.run.figures import late_text, link_row, number, percent
 from vsense.run.runtime import Step
 
 JUDGED = "pollutant"
@@ -127,7 +127,7 @@ def table(summary: dict[str, Any]) -> str:
     tracking, sensing = summary["tracking"], summary["sensing"]
     swarm, latency, vision = summary["swarm"], summary["latency_ms"], summary["vision"]
     rows = [
-        ("run", f"{summary['timesteps']} timesteps, {summary['late_timesteps']} late"),
+        ("run", f"{summary['timesteps']} timesteps, {late_text(summary)}"),
         (
             "tracking",
             f"{tracking['detected_mean']} markers named per timestep,"
