@@ -25,7 +25,8 @@ pytestmark = pytest.mark.system
 
 KEYS = {
     "experiment", "seed", "robots", "cameras", "timesteps", "late_timesteps",
-    "left_out_timesteps", "duration_s", "tracking", "latency_ms", "sensing", "clock", "swarm", "link", "vision",
+    "left_out_timesteps", "duration_s", "tracking", "latency_ms", "sensing", "clock", "swarm",
+    "link", "vision",
 }  # fmt: skip
 
 PATIENCE_S = 60
