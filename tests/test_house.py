@@ -31,6 +31,7 @@ LOOSE = {
     "cli",
     "clock",
     "errors",
+    "files",
     "message_bus",
     "native",
     "terminal",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +22,18 @@ TURN = 6
 FIRST = 40
 
 
+SEEN = np.array([(7, 0.001, 0.0, 0.0), (9, 1.0, 0.0, 0.0)], SIGHTING)
+"""What the cameras read of the two robots in every timestep."""
+
+
+def tally(poses: np.ndarray, sightings: Sequence[np.ndarray]) -> dict:
+    """Judges the sightings of a run by the true poses (timesteps, 2, 3)."""
+    found = metrics.TrackingTally(TAGS)
+    for truth, seen in zip(poses, sightings, strict=True):
+        found.add(seen, truth)
+    return found.figures()
+
+
 def make_run() -> metrics.MeasuredRun:
     """Two robots, the first in the cone, everything as it should be."""
     steps = np.zeros(TIMESTEPS, metrics.TIMESTEP)
@@ -34,16 +47,13 @@ def make_run() -> metrics.MeasuredRun:
     poses[:, 1, 0] = 1.0
     depth_m = np.tile([0.1, -0.1], (TIMESTEPS, 1))
     lit = np.tile([True, False], (TIMESTEPS, 1))
-    sightings = [np.array([(7, 0.001, 0.0, 0.0), (9, 1.0, 0.0, 0.0)], SIGHTING)] * TIMESTEPS
     return metrics.MeasuredRun(
         timesteps=steps,
         wanted=TIMESTEPS,
         dt_ns=DT_NS,
         tags=TAGS,
-        sightings=sightings,
+        tracking=tally(poses, [SEEN] * TIMESTEPS),
         truth=SwarmTruth(poses, depth_m, lit),
-        object_tags=(),
-        object_poses=np.zeros((TIMESTEPS, 0, 3)),
         traces=[make_trace(steps, 1.0), make_trace(steps, 0.0)],
         sensing=[True, True],
         judged=[True, True],
@@ -84,9 +94,7 @@ def without(run: metrics.MeasuredRun, row: int) -> metrics.MeasuredRun:
     return replace(
         run,
         timesteps=run.timesteps[keep],
-        sightings=[s for s, kept in zip(run.sightings, keep) if kept],
         truth=SwarmTruth(truth.poses[keep], truth.depth_m[keep], truth.lit[keep]),
-        object_poses=run.object_poses[keep],
         traces=[trace[keep] for trace in run.traces],
     )
 
@@ -116,9 +124,8 @@ def test_perfect_run_is_perfect() -> None:
 
 
 def test_a_tag_that_nobody_carries_is_a_wrong_id() -> None:
-    run = make_run()
     strange = np.array([(7, 0.001, 0.0, 0.0), (4321, 0.5, 0.5, 0.0)], SIGHTING)
-    tracking = metrics.figures(replace(run, sightings=[strange, *run.sightings[1:]]))["tracking"]
+    tracking = tally(make_run().truth.poses, [strange] + [SEEN] * (TIMESTEPS - 1))
     assert tracking["wrong_ids"] == 1 and tracking["detected_mean"] == pytest.approx(1.9)
     assert tracking["position_rmse_mm"] < 1.0
 
@@ -177,30 +184,24 @@ def test_places_near_the_edge_are_not_judged() -> None:
 
 
 def test_swapped_ids_are_wrong_and_not_detected() -> None:
-    run = make_run()
-    swapped = run.sightings[0].copy()
+    swapped = SEEN.copy()
     swapped["tag"] = [9, 7]
-    run.sightings[3] = swapped
-    found = metrics.tracking(run)
+    found = tally(make_run().truth.poses, [swapped] + [SEEN] * (TIMESTEPS - 1))
     assert found["wrong_ids"] == 2
     assert found["detected_mean"] == pytest.approx(1.8)
 
 
 def test_second_place_of_a_tag_is_a_wrong_id() -> None:
-    run = make_run()
-    run.sightings[3] = np.append(run.sightings[3], np.array([(7, 0.5, 0.5, 0.0)], SIGHTING))
-    found = metrics.tracking(run)
+    twice = np.append(SEEN, np.array([(7, 0.5, 0.5, 0.0)], SIGHTING))
+    found = tally(make_run().truth.poses, [SEEN] * (TIMESTEPS - 1) + [twice])
     assert (found["wrong_ids"], found["detected_mean"]) == (1, 2)
 
 
 def test_wrong_heading_across_half_a_turn_is_small() -> None:
-    run = make_run()
-    run.truth.poses[:, :, 2] = np.pi - 0.001
-    for row, seen in enumerate(run.sightings):
-        turned = seen.copy()
-        turned["yaw_rad"] = -np.pi + 0.001
-        run.sightings[row] = turned
-    assert metrics.tracking(run)["heading_rmse_deg"] == pytest.approx(np.degrees(0.002), abs=1e-3)
+    poses, turned = make_run().truth.poses, SEEN.copy()
+    poses[:, :, 2], turned["yaw_rad"] = np.pi - 0.001, -np.pi + 0.001
+    found = tally(poses, [turned] * TIMESTEPS)
+    assert found["heading_rmse_deg"] == pytest.approx(np.degrees(0.002), abs=1e-3)
 
 
 def test_wrong_age_shows() -> None:
@@ -231,3 +232,11 @@ def test_a_later_steps_command_is_not_taken_for_this_ones() -> None:
     assert metrics.latencies(run)["capture_to_wheels"]["max"] == 26
     run = replace(run, actuated=[rows[len(rows) // 2 :] for rows in run.actuated])
     assert metrics.latencies(run)["capture_to_wheels"]["max"] == 26
+
+
+def test_nothing_seen_is_no_figure() -> None:
+    empty = np.zeros(0, SIGHTING)
+    found = tally(make_run().truth.poses, [empty] * TIMESTEPS)
+    assert (found["detected_mean"], found["wrong_ids"]) == (0, 0)
+    assert found["position_rmse_mm"] is None and found["heading_rmse_deg"] is None
+    assert metrics.TrackingTally(TAGS).figures()["detected_mean"] is None

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import random
+import struct
+import tracemalloc
 from pathlib import Path
 
 import pytest
+import zstandard
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
@@ -121,3 +124,42 @@ def test_files_that_are_no_recordings(whole: bytes, tmp_path: Path) -> None:
     for path, expected in ((tmp_path / "no", "No such file"), (tmp_path, "Is a directory")):
         with pytest.raises(RecordingError, match=expected):
             open_recording(path)
+
+
+def chunk(records: bytes) -> bytes:
+    """A chunk's record."""
+    packed = zstandard.ZstdCompressor().compress(records)
+    name = struct.pack("<I", 4) + b"zstd"
+    content = struct.pack("<QQQI", 0, 1, len(records), 0) + name
+    content += struct.pack("<Q", len(packed)) + packed
+    return b"\x06" + struct.pack("<Q", len(content)) + content
+
+
+def messages(count: int) -> bytes:
+    """Records of so many small messages of the channel 1."""
+    return (b"\x05" + struct.pack("<QHIQQ", 24, 1, 0, BEGIN_NS, BEGIN_NS) + b"{}") * count
+
+
+@pytest.mark.parametrize(
+    ("records", "count"),
+    [
+        (bytes(64 << 20), 0),  # 64 MB in 2 kB
+        (messages(500_000), 0),
+        (messages(3000), 300),
+    ],
+)
+def test_a_chunk_that_unfolds_to_too_much_is_damaged(
+    records: bytes, count: int, whole: bytes, tmp_path: Path
+) -> None:
+    end = whole.index(b"\x0f" + struct.pack("<Q", 4))  # of the data: the record DATA_END
+    path = tmp_path / "bomb.mcap"
+    path.write_bytes(whole[:end] + chunk(records) * 3)
+    tracemalloc.start()
+    with open_recording(path) as recording:
+        found = list(recording.messages({"/experiment", "/arena"}))
+        assert len(recording.damaged) == 3
+    _, peak_bytes = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert len(found) <= len(SENT) + 3 * count
+    assert [message.data for message in found[: len(SENT)]] == [some.data for some in SENT]
+    assert peak_bytes < 8 << 20

@@ -76,7 +76,7 @@ def test_the_table_says_it_all() -> None:
     stage = Stage(experiment(robots=2, timesteps=10))
     stage.connected = stage.seen = stage.tags
     lines = table(played(stage)).splitlines()
-    assert lines[0].startswith("run       10 timesteps in 1 s, 0 late or left out; ended by: time")
+    assert lines[0].startswith("run       10 timesteps in 1 s, 0 late, 0 left out; ended by: time")
     assert any("2.00 of 2 robots seen" in line and "never" in line for line in lines)
     assert any("20 of 20 datagrams received" in line for line in lines)
     assert any(line.split() == ["results", "cleaned", "12.5"] for line in lines)

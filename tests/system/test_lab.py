@@ -24,8 +24,9 @@ from vsense.recording.reader import open_recording
 pytestmark = pytest.mark.system
 
 KEYS = {
-    "experiment", "seed", "robots", "cameras", "timesteps", "late_timesteps", "duration_s",
-    "tracking", "latency_ms", "sensing", "clock", "swarm", "link", "vision",
+    "experiment", "seed", "robots", "cameras", "timesteps", "late_timesteps",
+    "left_out_timesteps", "duration_s", "tracking", "latency_ms", "sensing", "clock", "swarm",
+    "link", "vision",
 }  # fmt: skip
 
 PATIENCE_S = 60

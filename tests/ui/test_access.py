@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from vsense.errors import VsenseError
-from vsense.ui.access import Rights, Tokens, is_loopback, make_tokens, read_tokens
+from vsense.errors import UsageError, VsenseError
+from vsense.terminal import Console
+from vsense.ui.access import Rights, Tokens, WebAddress, is_loopback, make_tokens, read_tokens
+from vsense.ui.room import ControlRoom, RoomOptions
 
 TOKENS = Tokens("look-secret", "control-secret")
 
@@ -15,6 +17,7 @@ TOKENS = Tokens("look-secret", "control-secret")
 def file(folder: Path, text: str) -> Path:
     path = folder / "tokens"
     path.write_text(text)
+    path.chmod(0o600)
     return path
 
 
@@ -64,6 +67,17 @@ def test_errors_name_file_and_line(tmp_path: Path, text: str, words: str) -> Non
     assert "secret" not in str(caught.value)
 
 
+@pytest.mark.parametrize("mode", [0o644, 0o620, 0o601, 0o666])
+def test_a_file_that_others_can_use_is_refused(tmp_path: Path, mode: int) -> None:
+    path = file(tmp_path, "control = control-secret\nlook=look-secret\n")
+    path.chmod(0o640)
+    assert read_tokens(path) == TOKENS
+    path.chmod(mode)
+    with pytest.raises(VsenseError) as caught:
+        read_tokens(path)
+    assert f"(mode 0{mode:o}): chmod 600 {path}" in str(caught.value)
+
+
 def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(VsenseError, match=r"nothing: cannot read the tokens: No such file"):
         read_tokens(tmp_path / "nothing")
@@ -78,3 +92,14 @@ def test_what_is_this_machine_only() -> None:
         map(is_loopback, ("127.0.0.1", "127.1.2.3", "::1", "[::1]", "localhost", "LocalHost"))
     )
     assert not any(map(is_loopback, ("0.0.0.0", "::", "10.0.0.7", "robots.lab", "")))
+
+
+def test_what_the_page_needs_is_looked_at_before_anything_starts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    web = WebAddress("127.0.0.1", 0, file(tmp_path, "look=only-one\n"))
+    with pytest.raises(VsenseError, match="no line 'control="):
+        ControlRoom(RoomOptions(web=web), Console())
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(UsageError, match="the page needs the Python package aiohttp"):
+        ControlRoom(RoomOptions(web=WebAddress("127.0.0.1", 0)), Console())

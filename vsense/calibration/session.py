@@ -24,6 +24,7 @@ from vsense.calibration.views import BoardViews, CornerFinder, View, read_corner
 from vsense.cameras.camera import Camera, Floats
 from vsense.cameras.picture import Image
 from vsense.errors import UsageError
+from vsense.files import read_text
 from vsense.markers import paper
 
 Corners = tuple[NDArray[np.int64], Floats]
@@ -277,7 +278,7 @@ def _cameras(folder: Path) -> dict[str, Camera]:
     cameras: dict[str, Camera] = {}
     for path in sorted(folder.glob("*.json")):
         try:
-            camera = Camera.from_json(path.read_text(encoding="utf-8"))
+            camera = Camera.from_json(read_text(path))
         except (OSError, ValueError) as error:
             raise UsageError(f"{path}: cannot be read: {error}") from None
         cameras[camera.id] = camera

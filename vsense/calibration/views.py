@@ -6,6 +6,7 @@ Corners are found in a picture to a few hundredths of a pixel.
 from __future__ import annotations
 
 import csv
+import io
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -19,6 +20,9 @@ from vsense.calibration.board import CHARUCO, Board
 from vsense.cameras.camera import Floats
 from vsense.cameras.picture import Image
 from vsense.errors import ConfigError, UsageError
+from vsense.files import read_text
+
+_MOST_TABLE_BYTES = 256 << 20
 
 Ints = NDArray[np.int64]
 
@@ -61,8 +65,8 @@ def read_table(path: Path, columns: Sequence[str]) -> list[tuple[int, list[str]]
     Raises UsageError for an unreadable file, ConfigError for a missing column or value.
     """
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            lines = list(csv.reader(file))
+        text = read_text(path, "utf-8-sig", _MOST_TABLE_BYTES)
+        lines = list(csv.reader(io.StringIO(text, newline="")))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         reason = getattr(error, "strerror", None) or error
         raise UsageError(f"{path}: cannot be read: {reason}") from None

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.errors import VsenseError
+from vsense.files import parse_json
 
 Floats = NDArray[np.float64]
 
@@ -163,7 +164,7 @@ class Camera:
     def from_json(cls, text: str) -> Camera:
         """Reads the text of a camera file; raises CameraError if a value is missing or wrong."""
         try:
-            values: dict[str, Any] = json.loads(text)
+            values: dict[str, Any] = parse_json(text)
             return cls(
                 id=str(values["id"]),
                 width_px=int(values["width_px"]),
@@ -180,5 +181,5 @@ class Camera:
             raise CameraError(f"camera file: line {error.lineno}: {error.msg}") from None
         except KeyError as error:
             raise CameraError(f"camera file: {error.args[0]} is missing") from None
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, RecursionError) as error:
             raise CameraError(f"camera file: {error}") from None

@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.cameras.grabber import GrabberError
+from vsense.files import read_bytes
 
 Image = NDArray[np.uint8]
 
+MOST_BYTES = 512 << 20
 MOST_PIXELS = 50_000_000
 """More than any camera above an arena has; a picture then takes megabytes at most."""
 
@@ -50,7 +52,7 @@ def to_grey(image: NDArray[Any]) -> Image:
 def read_picture(path: Path) -> Image:
     """Reads a picture file as grey, (h, w) uint8; raises PictureError if it is unusable."""
     try:
-        data = path.read_bytes()
+        data = read_bytes(path, MOST_BYTES)
     except OSError as error:
         raise PictureError(f"{path.name} cannot be read: {error.strerror}") from None
     return decode(data, path.name)

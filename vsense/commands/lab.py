@@ -56,7 +56,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     experiments.add_legacy_port(parser)
     parser.add_argument(
-        "--output", type=Path, metavar="DIR", help="folder for picture and logs (default: runs/...)"
+        *("-o", "--output"),
+        type=Path,
+        metavar="DIR",
+        help="folder for picture and logs (default: runs/...)",
     )
     experiments.add_room(parser)
 
@@ -169,7 +172,7 @@ def _report_all(
     """Measures, writes and prints the figures of all runs."""
     summaries = []
     for number, recording in enumerate(session.recordings, 1):
-        if recording.steps:
+        if len(recording.steps):
             on_stdout = options.json and not series.several
             summaries.append(_report(session, number, on_stdout, console))
         else:

@@ -47,8 +47,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "serve the devices of ARGoS's elements, such as <epuck_ground>, from the virtual world, as"
         " in the lab; the ring of proximity sensors stays the robots' own",
     )
-    arguments.option(
-        parser, "--output", Path, "DIR", "folder for notes and figures (default: runs/...)"
+    parser.add_argument(
+        *("-o", "--output"),
+        type=Path,
+        metavar="DIR",
+        help="folder for notes and figures (default: runs/...)",
     )
     experiments.add_room(parser)
 

@@ -21,6 +21,7 @@ from vsense.config.robots import ArenaContents, add_crowd, add_epuck, add_object
 from vsense.config.specs import Experiment, FieldSpec, FloorSpec, Stage
 from vsense.config.things import MAX_LENGTH_M, MIN_LENGTH_M, THINGS, Media, check_medium, read_thing
 from vsense.errors import ConfigError
+from vsense.files import read_bytes
 from vsense.world.entities import Arena, Box, Cylinder, Entity, WorldError
 from vsense.world.fields import MAX_CONCENTRATION, Field
 from vsense.world.floor import Floor, Image
@@ -163,9 +164,7 @@ def read_image(path: Path) -> Image:
         OSError: the file cannot be read.
         ValueError: it holds no picture.
     """
-    if path.stat().st_size > _MAX_IMAGE_BYTES:
-        raise ValueError(f"has more than {_MAX_IMAGE_BYTES >> 20} MB")
-    data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
+    data = np.frombuffer(read_bytes(path, _MAX_IMAGE_BYTES), dtype=np.uint8)
     image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
     if image is None:
         raise ValueError("is no picture that can be read")

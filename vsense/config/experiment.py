@@ -25,6 +25,7 @@ from vsense.config.settings import apply, check_used
 from vsense.config.specs import ControllerSpec, Experiment, MarkerSpec, ObjectSpec, RobotSpec, Stage
 from vsense.config.things import Media, read_media
 from vsense.errors import ConfigError, UsageError
+from vsense.files import read_bytes
 from vsense.markers.families import known_families, load_family
 from vsense.robot.programs import CodeOptions
 from vsense.sensors.base import RobotSettings, Scope
@@ -87,7 +88,7 @@ def load(
     """
     path, file = _find(str(name_or_path))
     try:
-        data = path.read_bytes()
+        data = read_bytes(path)
     except OSError as error:
         raise UsageError(f"{file}: cannot be read: {error.strerror}") from None
     return read(data, file, path, length_s, settings, stage, virtual_devices, code)

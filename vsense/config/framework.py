@@ -17,6 +17,7 @@ from pathlib import Path
 from vsense.config import argos, programs
 from vsense.config.specs import JsonLinesTracker, LoopSpec, Stage, TrackerAddress
 from vsense.config.things import by_id
+from vsense.files import read_bytes
 from vsense.link.trackers import protocol
 from vsense.robot.argos_code import PAGE
 from vsense.robot.programs import LOOP_FUNCTIONS, CodeOptions, stem_of
@@ -78,7 +79,7 @@ def _cxx_loop_functions(
 def _check_syntax(element: Element, path: Path) -> None:
     """Refuses a file that is no Python, before anything of it is run."""
     try:
-        compile(path.read_bytes(), str(path), "exec")
+        compile(read_bytes(path), str(path), "exec")
     except SyntaxError as error:
         place = f"{path}:{error.lineno or 1}"
         raise element.error(f"{place}: {error.msg}, expected Python", "library") from None

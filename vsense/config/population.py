@@ -19,6 +19,7 @@ from collections.abc import Mapping
 from vsense.config.robots import ArenaContents, add_epuck
 from vsense.config.specs import LoopSpec
 from vsense.errors import ConfigError
+from vsense.files import read_bytes
 from vsense.world.entities import Arena, WorldError
 from vsense.world.loop_functions import LoopFunctions
 from vsense.xml.element import Document, Element
@@ -73,6 +74,6 @@ def populate(document: Document, spec: LoopSpec | None, bodies: ArenaContents, s
     """
     if spec is None or spec.program is not None:
         return
-    if HOOK in spec.path.read_text(encoding="utf-8", errors="replace"):
+    if HOOK in read_bytes(spec.path).decode(errors="replace"):
         hooks = LoopFunctions(spec.path, spec.label, spec.params)
         hooks.populate(Space(document, spec, bodies, seed))

@@ -10,6 +10,7 @@ import os
 import re
 from pathlib import Path
 
+from vsense import files
 from vsense.cameras.camera import Camera, CameraError
 from vsense.cameras.genicam import FREE, PIXEL_FORMATS, GenicamSettings, attribute_of
 from vsense.cameras.opencv_source import Controls
@@ -128,7 +129,7 @@ def load(path: str | Path) -> Resources:
 def read_bytes(path: str | Path) -> bytes:
     """Reads a file that the user named; raises UsageError where it cannot be read."""
     try:
-        return Path(path).read_bytes()
+        return files.read_bytes(Path(path))
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else "is no path"
         raise UsageError(f"{path}: cannot be read: {reason}") from None
@@ -163,7 +164,7 @@ def load_camera(resources: Resources, spec: CameraSpec) -> Camera:
     """
     subject = f"<camera> calibration: {spec.calibration}"
     try:
-        camera = Camera.from_json(spec.calibration.read_text(encoding="utf-8"))
+        camera = Camera.from_json(files.read_text(spec.calibration))
     except OSError as error:
         raise resources.error(spec.line, f"{subject} cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:

@@ -48,9 +48,7 @@ class MeasuredRun:
     Attributes:
         timesteps: (n,) TIMESTEP, those that the host handled; it may have missed some.
         wanted: number of timesteps that the run had, missed ones included.
-        sightings: per timestep the SIGHTING array of the arena state.
-        object_tags: tags of the tagged objects that are no robots.
-        object_poses: (timesteps, objects, 3) their true poses.
+        tracking: the figures of a `TrackingTally`.
         traces: per robot a `swarm.TRACE` array with host times.
         sensing: per robot whether it has any virtual sensor.
         judged: per robot whether its trace has the value of the sensor that is judged.
@@ -64,10 +62,8 @@ class MeasuredRun:
     wanted: int
     dt_ns: int
     tags: tuple[int, ...]
-    sightings: list[NDArray[np.void]]
+    tracking: dict[str, float | int | None]
     truth: SwarmTruth
-    object_tags: tuple[int, ...]
-    object_poses: NDArray[np.float64]
     traces: list[NDArray[np.void]]
     sensing: list[bool]
     judged: list[bool]
@@ -84,8 +80,9 @@ def figures(run: MeasuredRun) -> dict[str, Any]:
     return {
         "timesteps": len(steps),
         "late_timesteps": int(late.sum()) + run.wanted - len(steps),
+        "left_out_timesteps": run.wanted - len(steps),
         "duration_s": round((int(np.ptp(steps["capture_ns"])) + run.dt_ns) / 1e9, 3),
-        "tracking": tracking(run),
+        "tracking": dict(run.tracking),
         "latency_ms": latencies(run),
         "sensing": sensing(run),
         "clock": {"age_error_ms_p99": _round(_percentile(age_errors_ms(run), 99))},
@@ -94,32 +91,42 @@ def figures(run: MeasuredRun) -> dict[str, Any]:
     }
 
 
-def tracking(run: MeasuredRun) -> dict[str, float | int | None]:
-    """Raw detections against the truth; predictions do not count."""
-    detected = []
-    distance, turn = [np.empty(0)], [np.empty(0)]
-    for row, seen in enumerate(run.sightings):
-        truth = np.array([_true_pose(run, row, int(tag)) for tag in seen["tag"]]).reshape(-1, 3)
-        distance.append(np.hypot(seen["x_m"] - truth[:, 0], seen["y_m"] - truth[:, 1]))
-        turn.append(wrap_angle(seen["yaw_rad"] - truth[:, 2]))
-        detected.append(len(np.unique(seen["tag"][distance[-1] <= MISNAMED_M])))
-    all_distances, all_turns = np.concatenate(distance), np.concatenate(turn)
-    right = all_distances <= MISNAMED_M
-    return {
-        "detected_mean": _round(_mean(detected), 4),
-        "wrong_ids": int((~right).sum()),
-        "position_rmse_mm": _round(1000 * _rms(all_distances[right])),
-        "heading_rmse_deg": _round(np.degrees(_rms(all_turns[right]))),
-    }
+class TrackingTally:
+    """Judges what was read of markers against the truth, timestep by timestep.
 
+    Raw detections count, predictions do not.
+    """
 
-def _true_pose(run: MeasuredRun, row: int, tag: int) -> NDArray[np.float64]:
-    """True pose of a tag, robot or object; far from everything where there is no such body."""
-    if tag in run.tags:
-        return np.asarray(run.truth.poses[row, run.tags.index(tag)])
-    if tag in run.object_tags:
-        return np.asarray(run.object_poses[row, run.object_tags.index(tag)])
-    return np.array((NOWHERE_M, NOWHERE_M, 0.0))
+    def __init__(self, tags: Sequence[int]) -> None:
+        """`tags` are those of all bodies, in the order of their true poses."""
+        self._row_of = {tag: row for row, tag in enumerate(tags)}
+        self._timesteps = self._detected = self._wrong = self._right = 0
+        self._squares = np.zeros(2)
+
+    def add(self, seen: NDArray[np.void], poses: NDArray[np.float64]) -> None:
+        """Counts a timestep: the SIGHTING array, and the true poses (n, 3) at its capture."""
+        rows = [self._row_of.get(tag, -1) for tag in seen["tag"].tolist()]
+        # A tag that nobody carries is far from everything.
+        truth = np.vstack((poses, (NOWHERE_M, NOWHERE_M, 0.0)))[rows]
+        distance_m = np.hypot(seen["x_m"] - truth[:, 0], seen["y_m"] - truth[:, 1])
+        right = distance_m <= MISNAMED_M
+        turn_rad = wrap_angle(seen["yaw_rad"] - truth[:, 2])[right]
+        self._timesteps += 1
+        self._detected += len(np.unique(seen["tag"][right]))
+        self._wrong += int((~right).sum())
+        self._right += len(turn_rad)
+        self._squares += np.sum(distance_m[right] ** 2), np.sum(turn_rad**2)
+
+    def figures(self) -> dict[str, float | int | None]:
+        """The figures of all timesteps so far."""
+        detected = self._detected / self._timesteps if self._timesteps else None
+        rms = np.sqrt(self._squares / self._right) if self._right else np.full(2, np.nan)
+        return {
+            "detected_mean": _round(detected, 4),
+            "wrong_ids": self._wrong,
+            "position_rmse_mm": _round(1000 * rms[0]),
+            "heading_rmse_deg": _round(np.degrees(rms[1])),
+        }
 
 
 def latencies(run: MeasuredRun) -> dict[str, dict[str, float | None]]:
@@ -254,10 +261,6 @@ def _percentile(values: NDArray[np.float64] | list[float], q: float) -> float | 
 
 def _mean(values: list[int] | list[bool]) -> float | None:
     return float(np.mean(values)) if len(values) else None
-
-
-def _rms(values: NDArray[np.float64]) -> float:
-    return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")
 
 
 def _round(value: float | None, digits: int = 3) -> float | None:

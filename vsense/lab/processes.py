@@ -12,6 +12,7 @@ import select
 import signal
 import subprocess
 import sys
+from array import array
 from typing import IO, Any
 
 from vsense.clock import host_ns
@@ -69,12 +70,12 @@ def read_line(descriptor: int) -> bytes:
 PERIOD_NS = 10_000_000
 
 
-def watch() -> list[float]:
+def watch() -> array[float]:
     """Ticks every 10 ms until standard input ends; returns how late each tick was, in ms.
 
     Ticks that were missed whole count once, with their lateness.
     """
-    lateness_ms: list[float] = []
+    lateness_ms = array("f")
     due_ns = host_ns() + PERIOD_NS
     while True:
         wait_s = max(0, due_ns - host_ns()) / 1e9

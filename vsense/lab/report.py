@@ -23,8 +23,7 @@ from vsense.pictures import run_figure
 from vsense.pictures.arena_view import WIDTH_PX
 from vsense.pictures.canvas import Image
 from vsense.pictures.run_figure import spoken
-from vsense.run.figures import link_row, number, percent
-from vsense.run.runtime import Step
+from vsense.run.figures import late_text, link_row, number, percent
 
 JUDGED = "pollutant"
 """The sensor whose values are compared with the truth."""
@@ -39,8 +38,9 @@ def gather(session: Session, recording: RunNotes) -> metrics.MeasuredRun:
         LabError: a file is missing or broken.
     """
     experiment, robots = session.experiment, len(session.experiment.robots)
-    truth = _rows_of(read_truth(session.truth_log), [step.timestep for step in recording.steps])
-    steps = _timesteps(recording.steps, truth)
+    times = recording.steps.columns()
+    truth = _rows_of(read_truth(session.truth_log), times[0])
+    steps = _timesteps(times, truth)
     actuations = read_actuations(session.floor.log)
     sensors = [_sensors_of(experiment, robot) for robot in experiment.robots]
     judged = [experiment.source is not None and JUDGED in names for names in sensors]
@@ -49,7 +49,7 @@ def gather(session: Session, recording: RunNotes) -> metrics.MeasuredRun:
         wanted=_wanted(recording, experiment, steps),
         dt_ns=session.dt_ns,
         tags=tuple(robot.tag for robot in experiment.robots),
-        sightings=[step.state.sightings for step in recording.steps],
+        tracking=recording.tracking.figures(),
         truth=SwarmTruth(
             poses=truth["poses"][:, :robots],
             depth_m=metrics.depths_in_cone(
@@ -57,8 +57,6 @@ def gather(session: Session, recording: RunNotes) -> metrics.MeasuredRun:
             ),
             lit=(truth["leds"][:, :robots] & RING_LEDS) != 0,
         ),
-        object_tags=tuple(thing.tag for thing in experiment.objects),
-        object_poses=truth["poses"][:, robots:],
         traces=[
             _within(read_trace(robot, names, JUDGED if judge else None), steps)
             for robot, names, judge in zip(session.swarm.robots, sensors, judged)
@@ -82,15 +80,16 @@ def _sensors_of(experiment: Experiment, robot: RobotSpec) -> list[str]:
     return [mounted.sensor.name for mounted in experiment.controller_of(robot).sensors]
 
 
-def _timesteps(steps: list[Step], truth: NDArray[np.void]) -> NDArray[np.void]:
-    rows = [
-        (s.timestep, s.run_timestep, s.capture_ns, render_ns, s.arena_ns, s.sent_ns)
-        for s, render_ns in zip(steps, truth["render_ns"])
-    ]
-    return np.array(rows, metrics.TIMESTEP)
+def _timesteps(times: NDArray[np.int64], truth: NDArray[np.void]) -> NDArray[np.void]:
+    steps = np.zeros(len(truth), metrics.TIMESTEP)
+    names = "timestep", "run_timestep", "capture_ns", "arena_ns", "sent_ns"
+    for name, column in zip(names, times):
+        steps[name] = column
+    steps["render_ns"] = truth["render_ns"]
+    return steps
 
 
-def _rows_of(truth: NDArray[np.void], timesteps: list[int]) -> NDArray[np.void]:
+def _rows_of(truth: NDArray[np.void], timesteps: NDArray[np.int64]) -> NDArray[np.void]:
     """The truth at the timesteps that the host handled."""
     rows = np.searchsorted(truth["timestep"], timesteps)
     if rows[-1] >= len(truth) or (truth["timestep"][rows] != timesteps).any():
@@ -130,7 +129,7 @@ def table(summary: dict[str, Any]) -> str:
     tracking, sensing = summary["tracking"], summary["sensing"]
     swarm, latency, vision = summary["swarm"], summary["latency_ms"], summary["vision"]
     rows = [
-        ("run", f"{summary['timesteps']} timesteps, {summary['late_timesteps']} late"),
+        ("run", f"{summary['timesteps']} timesteps, {late_text(summary)}"),
         (
             "tracking",
             f"{tracking['detected_mean']} markers named per timestep,"

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from vsense.arena import Frame
 from vsense.errors import VsenseError
 from vsense.lab.camera_spec import spec_for
 from vsense.lab.grabber import LabGrabber
+from vsense.lab.metrics import TrackingTally
 from vsense.lab.physics_process import FloorProcess
 from vsense.lab.processes import Canary
 from vsense.lab.shared import LabError
 from vsense.lab.swarm import Swarm
-from vsense.lab.truth import make_ring
+from vsense.lab.truth import TruthReader, make_ring
 from vsense.link.robots.status import RobotStatus
 from vsense.live.session import ExperimentSession, RunSetup
 from vsense.markers.families import load_family
@@ -28,6 +33,27 @@ READY_TIMEOUT_S = 20.0
 """All robots must be connected and seen within this time."""
 
 
+class StepTimes:
+    """The times of a run's timesteps, 40 bytes each: a run may take days."""
+
+    def __init__(self) -> None:
+        self._numbers = array("q")
+
+    def __len__(self) -> int:
+        return len(self._numbers) // 5
+
+    def add(self, step: Step) -> None:
+        """Adds a timestep."""
+        self._numbers.extend(
+            (step.timestep, step.run_timestep, step.capture_ns, step.arena_ns, step.sent_ns)
+        )
+
+    def columns(self) -> NDArray[np.int64]:
+        """All so far: (5, n) timestep, run_timestep, capture_ns, arena_ns, sent_ns."""
+        columns: NDArray[np.int64] = np.array(self._numbers, dtype=np.int64).reshape(-1, 5).T
+        return columns
+
+
 LINK_COUNTERS = ("sent", "received", "dropped")
 
 
@@ -38,7 +64,8 @@ class RunNotes:
     Attributes:
         directory: where the run's figures go.
         ended: what ended it, as `Runner.ended`.
-        steps: the timesteps of the run, without their pictures.
+        steps: the run's timesteps.
+        tracking: what was read of the markers, against the truth.
         samples: the virtual world and the experiment's measures over time.
         measures: the experiment's own, of the whole run.
         pictures: the cameras' pictures at chosen timesteps of the run.
@@ -47,11 +74,12 @@ class RunNotes:
     """
 
     samples: RunSamples
+    tracking: TrackingTally
     seed: int
     directory: Path
     ended: str = ""
     measures: dict[str, float] = field(default_factory=dict)
-    steps: list[Step] = field(default_factory=list)
+    steps: StepTimes = field(default_factory=StepTimes)
     pictures: dict[int, list[Frame]] = field(default_factory=dict)
     link: dict[str, int] = field(
         default_factory=lambda: dict.fromkeys((*LINK_COUNTERS, "reconnects"), 0)
@@ -95,6 +123,8 @@ class Session(ExperimentSession):
         port = self._start_server()
         truth = make_ring(len(experiment.robots) + len(experiment.objects))
         self._stack.callback(truth.close)
+        self._truth = TruthReader(truth.name)
+        self._stack.callback(self._truth.close)
         # The cameras build their scene while everything else starts.
         grabber = LabGrabber(spec_for(experiment, truth.name, seed, self.truth_log))
         self._stack.callback(grabber.close)
@@ -118,11 +148,16 @@ class Session(ExperimentSession):
 
     def _track(self, grabber: LabGrabber) -> CameraTracking:
         experiment = self.experiment
-        tagged = [*(r.tag for r in experiment.robots), *(t.tag for t in experiment.objects)]
-        heights = dict.fromkeys(tagged, experiment.marker.height_m)
+        heights = dict.fromkeys(self._tags, experiment.marker.height_m)
         family = load_family(experiment.marker.family)
         tracker = ArenaTracker.for_family(grabber.cameras, family, heights)
         return CameraTracking(grabber, tracker, self.setup.console.say)
+
+    @property
+    def _tags(self) -> list[int]:
+        """The markers of all bodies, in the order of the truth."""
+        experiment = self.experiment
+        return [*(r.tag for r in experiment.robots), *(t.tag for t in experiment.objects)]
 
     def wait_until_ready(self) -> None:
         """Handles timesteps until every robot is connected and every tag is seen.
@@ -168,7 +203,9 @@ class Session(ExperimentSession):
         Raises:
             VsenseError: something has failed; what was recorded until then is kept.
         """
-        notes = RunNotes(RunSamples(self.experiment), self.environment.seed, directory)
+        tracking = TrackingTally(self._tags)
+        seed = self.environment.seed
+        notes = RunNotes(RunSamples(self.experiment), tracking, seed, directory)
         self.recordings.append(notes)
         canary = Canary()
         self._stack.callback(canary.close)
@@ -197,7 +234,8 @@ class Session(ExperimentSession):
         step: Step | None = None
         try:
             for step in self.runner.timesteps():
-                notes.steps.append(step.without_frames())
+                notes.steps.add(step)
+                self._judge(step, notes.tracking)
                 samples.add(step.run_timestep, self.environment.world)
                 if step.run_timestep in samples.kept:
                     pictures[step.run_timestep] = copy_frames(step.frames)
@@ -206,6 +244,14 @@ class Session(ExperimentSession):
             samples.end(self.environment.world)
             if step is not None:
                 pictures[step.run_timestep] = copy_frames(step.frames)
+
+    def _judge(self, step: Step, tracking: TrackingTally) -> None:
+        """Compares what was read of the markers with the truth, while the ring holds it."""
+        try:
+            poses, _ = self._truth.at(step.capture_ns)
+        except LabError:
+            return  # the host is seconds late, and says so
+        tracking.add(step.state.sightings, poses)
 
 
 def copy_frames(frames: Sequence[Frame]) -> list[Frame]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from vsense.cameras.camera import Camera
 from vsense.cameras.grabber import Troubles
 from vsense.config.specs import Experiment
+from vsense.files import read_bytes
 from vsense.link.robots.server import LinkEvent, VirtualSensorServer
 from vsense.link.robots.status import EventKind, RobotStatus
 from vsense.link.robots.wire import GoodbyeCause
@@ -112,7 +113,7 @@ class ExperimentSession(ABC):
     def _scene(
         self, command: str, cameras: Sequence[Camera], trackers: dict[str, str], troubles: Troubles
     ) -> ExperimentFacts:
-        text = self.experiment.path.read_text(encoding="utf-8", errors="replace")
+        text = read_bytes(self.experiment.path).decode(errors="replace")
         return ExperimentFacts(command, text, self.setup.blind, cameras, trackers, troubles)
 
     def _observe(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:

@@ -16,6 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.files import parse_json, read_text
 from vsense.markers.dictionary import FamilyError, Floats, SquareFamily, parse_square
 
 __all__ = ["Family", "FamilyError", "MarkerFamily", "SquareFamily", "known_families", "load_family"]
@@ -140,7 +141,7 @@ def load_family(name: str) -> MarkerFamily | SquareFamily:
     """Reads a shipped family by its name, or a .json definition by its path; raises FamilyError."""
     if name.endswith(".json"):
         try:
-            text = Path(name).read_text(encoding="utf-8")
+            text = read_text(Path(name))
         except OSError as error:
             raise FamilyError(f"{name}: {error.strerror}") from None
         return _parse(name, text)
@@ -153,7 +154,7 @@ def load_family(name: str) -> MarkerFamily | SquareFamily:
 
 def _parse(file: str, text: str) -> MarkerFamily | SquareFamily:
     try:
-        values: dict[str, Any] = json.loads(text)
+        values: dict[str, Any] = parse_json(text)
         kind = values.get("kind", "arrow")
         if kind == "square":
             return parse_square(file, values)
@@ -164,7 +165,7 @@ def _parse(file: str, text: str) -> MarkerFamily | SquareFamily:
         raise FamilyError(f"{file}:{error.lineno}: {error.msg}") from None
     except KeyError as error:
         raise FamilyError(f"{file}: {error.args[0]} is missing") from None
-    except (AttributeError, TypeError, ValueError, IndexError) as error:
+    except (AttributeError, TypeError, ValueError, IndexError, RecursionError) as error:
         raise FamilyError(f"{file}: {error}") from None
     _check(file, family)
     return family

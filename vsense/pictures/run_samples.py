@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from array import array
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -117,14 +118,18 @@ class RunSamples:
             0 if self.moment is None else max(self.moment - SPARE, 0), self.moment or 0
         )
         self.snapshots: dict[int, WorldSnapshot] = {}
-        self.shares: list[float] = []
-        self._timesteps: list[int] = []
-        self._results: list[dict[str, float]] = []
+        self.shares = array("d")
+        self._last: int | None = None
+        self._series: dict[str, array[float]] = {}
 
     def add(self, run_timestep: int, world: World) -> None:
         """Samples a timestep of the run, after the world has been updated."""
-        self._timesteps.append(run_timestep)
-        self._results.append(dict(world.results))
+        self._last = run_timestep
+        for name in world.results:
+            # A result is 0 before its first value.
+            self._series.setdefault(name, array("d", bytes(8 * len(self.shares))))
+        for name, series in self._series.items():
+            series.append(world.results.get(name, 0.0))
         source = self._experiment.source
         self.shares.append(1.0 if source is None else world.stock.share(source))
         if run_timestep in self.kept:
@@ -132,18 +137,15 @@ class RunSamples:
 
     def end(self, world: World) -> None:
         """Samples the world after the last timestep."""
-        if self._timesteps:
-            self.snapshots[self._timesteps[-1]] = take_snapshot(world, self._experiment)
+        if self._last is not None:
+            self.snapshots[self._last] = take_snapshot(world, self._experiment)
 
     def measures(self) -> dict[str, NDArray[np.float64]]:
         """The results over time, (n,) each, for every sampled timestep.
 
         A result is 0 before its first value; constant ones are left out.
         """
-        names = dict.fromkeys(name for results in self._results for name in results)
-        series = {
-            name: np.array([results.get(name, 0.0) for results in self._results]) for name in names
-        }
+        series = {name: np.array(values) for name, values in self._series.items()}
         return {name: values for name, values in series.items() if np.ptp(values) > 0.0}
 
 

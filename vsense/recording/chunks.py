@@ -26,6 +26,11 @@ from vsense.recording.form import Head, RecordingError
 MAX_CHUNK_BYTES = 256 << 20
 """A larger chunk is damaged: ours end at 4 MB, or after one picture."""
 
+_SMALL_BYTES, _MOST_UNFOLDING = 64 << 10, 1000
+"""What a chunk may unfold to: so much, and so many times its packed size. Ours reach 7 times."""
+_FEW_RECORDS, _RECORDS_PER_BYTE = 100, 1
+"""How many records it may hold: so many, and so many for a packed byte. Ours reach 0.6 a byte."""
+
 FAULTS = (McapError, ValueError, OverflowError, KeyError, struct.error, zstandard.ZstdError)
 """All that the readers of `mcap.records` raise where bytes are no such record."""
 
@@ -72,12 +77,15 @@ def records(data: memoryview, at: int = 0) -> Iterator[tuple[int, int, memoryvie
         at = end
 
 
-def unpack(record: bytes) -> memoryview:
-    """Gives the records in a chunk, from its content."""
+def _unpack(record: bytes) -> memoryview:
+    """Gives the records in a chunk, from its content.
+
+    A few bytes can be made to unfold to gigabytes: such a chunk is damaged.
+    """
     try:
         chunk = Chunk.read(stream(record))
         size = chunk.uncompressed_size
-        if size > MAX_CHUNK_BYTES:
+        if size > min(MAX_CHUNK_BYTES, _SMALL_BYTES + _MOST_UNFOLDING * len(record)):
             raise DamagedError("a chunk too large to be one")
         data = _decompress(chunk, size)
     except FAULTS as error:
@@ -107,9 +115,12 @@ def channel(record: bytes | memoryview) -> tuple[int, Kept]:
     return found.id, Kept(found.topic, form.BLOB in found.metadata)
 
 
-def walk(data: memoryview, channels: dict[int, Kept]) -> Iterator[Raw]:
-    """Gives a chunk's messages; adds to `channels` what the chunk declares."""
-    for opcode, _, content in records(data):
+def walk(record: bytes, channels: dict[int, Kept]) -> Iterator[Raw]:
+    """Gives a chunk's messages, from its content; adds to `channels` what it declares."""
+    most = _FEW_RECORDS + _RECORDS_PER_BYTE * len(record)
+    for count, (opcode, _, content) in enumerate(records(_unpack(record))):
+        if count >= most:
+            raise DamagedError("a chunk of too many records")
         if opcode == Opcode.MESSAGE:
             if len(content) < _MESSAGE.size:
                 raise DamagedError("a message without head")

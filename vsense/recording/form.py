@@ -119,13 +119,20 @@ def decode(topic: str, time_ns: int, blob: bool, data: bytes) -> Message:
 
     ValueError, TypeError, KeyError, RecursionError if it is damaged.
     """
-    values = json.loads(data)
+    values = _DECODER.decode(data.decode())
     if blob:
         picture = base64.b64decode(values["data"], validate=True)
         return Message(topic, time_ns, _object(values["vsense"]), picture)
     if topic == "/experiment":
         return Message(topic, time_ns, _with_controllers(_object(values)))
     return Message(topic, time_ns, _object(values))
+
+
+def _no_number(name: str) -> Any:
+    raise ValueError(f"{name} is no number")
+
+
+_DECODER = json.JSONDecoder(parse_constant=_no_number)
 
 
 def _with_controllers(experiment: dict[str, Any]) -> dict[str, Any]:

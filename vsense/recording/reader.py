@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from vsense.errors import failing_as
+from vsense.files import open_bytes
 from vsense.message_bus import Message
 from vsense.recording import chunks, form
-from vsense.recording.chunks import ChunkPlace, Contents, DamagedError, Kept, Raw, scan
+from vsense.recording.chunks import ChunkPlace, Contents, DamagedError, Raw, scan
 from vsense.recording.form import RecordingError
 
 Choice = Collection[str] | Callable[[str], bool] | None
@@ -122,7 +123,8 @@ class Recording:
         if not self.complete and not self._learnt:
             self._learnt = True
             for place in self._places:
-                self._unpack(place)
+                for _ in self._unpack(place):
+                    pass
 
     def _newest_in(
         self, place: ChunkPlace, wanted: Callable[[str], bool], end_ns: int | None
@@ -143,21 +145,22 @@ class Recording:
             return True
         return any(wanted(self._channels[number].topic) for number in numbers)
 
-    def _unpack(self, place: ChunkPlace) -> list[Raw]:
-        """Reads a chunk; one that is damaged gives what it has before the damage."""
-        raws: list[Raw] = []
+    def _unpack(self, place: ChunkPlace) -> Iterator[Raw]:
+        """Reads a chunk, message by message: a small file can hold millions.
+
+        One that is damaged gives what it has before the damage.
+        """
         with failing_as(RecordingError, f"{self.path}: cannot be read"):
             self._file.seek(place.offset)
             content = self._file.read(place.length)
+        inside: set[int] = set()
         try:
-            learnt: dict[int, Kept] = {}
-            for raw in chunks.walk(chunks.unpack(content), learnt):
-                raws.append(raw)
-            self._channels |= learnt
+            for raw in chunks.walk(content, self._channels):
+                inside.add(raw.channel)
+                yield raw
         except DamagedError:
             self.damaged.add(place.offset)
-        self._inside[place.offset] = frozenset(raw.channel for raw in raws)
-        return raws
+        self._inside[place.offset] = frozenset(inside)
 
     def _decode(self, place: ChunkPlace, raw: Raw, wanted: Callable[[str], bool]) -> Message | None:
         kept = self._channels.get(raw.channel)
@@ -179,7 +182,7 @@ def open_recording(path: Path) -> Recording:
             before anything was recorded.
     """
     with failing_as(RecordingError, f"{path}: cannot be read"):
-        file = path.open("rb")
+        file = open_bytes(path)
         try:
             return Recording(path, file, scan(file, file.seek(0, 2), str(path)))
         except BaseException:

@@ -37,6 +37,7 @@ from pathlib import Path
 from queue import SimpleQueue
 
 from vsense.errors import ConfigError, UsageError, VsenseError
+from vsense.files import read_text
 from vsense.robot import ssh
 from vsense.robot.ssh import SSH
 
@@ -87,7 +88,7 @@ def read(path: Path) -> list[RobotHost]:
         ConfigError: a line is wrong.
     """
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = read_text(path).splitlines()
     except OSError as error:
         raise UsageError(f"cannot read {path}: {error.strerror}") from None
     except UnicodeDecodeError:

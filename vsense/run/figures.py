@@ -95,6 +95,7 @@ class Figures:
             "ended": runner.ended,
             "timesteps": self.timesteps,
             "late_timesteps": int(late.sum()) + wanted - self.timesteps,
+            "left_out_timesteps": wanted - self.timesteps,
             "duration_s": round(wanted * self._dt_ns / 1e9, 3),
             "missing_at_start": list(readiness.missing),
             "arena": {
@@ -155,6 +156,12 @@ def _spread_ms(spans_ns: NDArray[np.int64]) -> dict[str, float | None]:
     }
 
 
+def late_text(summary: Mapping[str, Any]) -> str:
+    """How many timesteps were late, and how many were none at all."""
+    left_out = summary["left_out_timesteps"]
+    return f"{summary['late_timesteps'] - left_out} late, {left_out} left out"
+
+
 def table(summary: Mapping[str, Any]) -> str:
     """The summary as a person reads it."""
     arena = summary["arena"]
@@ -163,7 +170,7 @@ def table(summary: Mapping[str, Any]) -> str:
         (
             "run",
             f"{summary['timesteps']} timesteps in {summary['duration_s']:g} s,"
-            f" {summary['late_timesteps']} late or left out; ended by: {summary['ended']}",
+            f" {late_text(summary)}; ended by: {summary['ended']}",
         ),
         (
             "arena",

@@ -21,6 +21,7 @@ from vsense.link.trackers.client import TrackerEnded
 from vsense.run import directory as run_directory
 from vsense.run.control import DURING, Control, State
 from vsense.run.environment import Environment
+from vsense.run.overload import SILENCE_NS, Overload
 from vsense.run.robots import LinkCounters, Readiness, RobotAlarms
 from vsense.run.runtime import Runtime, Step
 from vsense.run.watch import NoArenaState
@@ -28,9 +29,6 @@ from vsense.terminal import Console
 
 POLL_S = 0.25
 """A run without arena states checks this often whether it shall end."""
-
-SILENCE_NS = 500_000_000
-"""Robots have stopped 400 ms after the last arena state: from now on a message says so."""
 
 Observer = Callable[[Step | None, Mapping[int, RobotStatus]], None]
 """Called after every timestep, and with None in silences, with the status of every robot by tag;
@@ -84,6 +82,7 @@ class Runner:
     ) -> None:
         self.counters, self.reconnects = LinkCounters(), 0
         self._alarms = RobotAlarms()
+        self._overload = Overload(experiment.timestep_ns)
         self.silences: list[Silence] = []
         self.robots: Mapping[int, RobotStatus] = {}
         self._robots = {robot.tag: robot.id for robot in experiment.robots}
@@ -151,13 +150,16 @@ class Runner:
                 if step is not None and step.run_timestep >= 0:
                     self._run_timestep = step.run_timestep
                     if last < 0 or step.run_timestep <= last:
+                        late = self._overload.add(step, self.robots)
+                        if late is not None:
+                            self._console.say(late, "warning")
                         yield step
                 # Lent pictures go back while the run is paused, unless the caller keeps the step.
                 step = None
                 # Arena states count the timesteps; where none come the clock ends the run.
                 self._obey()
-                late = self._silent and self._clock() > self._end_ns
-                if last >= 0 and (self._run_timestep >= last or late):
+                over = self._silent and self._clock() > self._end_ns
+                if last >= 0 and (self._run_timestep >= last or over):
                     self.control.end("time")
                 elif self._run_timestep >= 0 and self._runtime.finished:
                     self._console.say("the loop functions say that the experiment is finished")

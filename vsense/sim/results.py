@@ -9,6 +9,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from vsense.errors import UsageError, VsenseError
+from vsense.files import read_bytes
+
+_MOST_BYTES = 4 << 30
 
 CAMPAIGN, EXPERIMENT, SEED = "campaign", "experiment", "seed"
 ROBOTS, DURATION = "robots", "duration_s"
@@ -88,7 +91,7 @@ class CampaignResults:
     def _read(self) -> str:
         """Reads the whole rows of the file; cuts off half a row at its end."""
         try:
-            data = self.path.read_bytes()
+            data = read_bytes(self.path, _MOST_BYTES)
             whole = data[: data.rfind(b"\n") + 1]
             if len(whole) < len(data):
                 os.truncate(self.path, len(whole))

@@ -16,6 +16,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from vsense.errors import ConfigError, VsenseError
+from vsense.files import read_text
 
 TOKEN_BYTES = 16
 """128 bits cannot be guessed."""
@@ -66,6 +67,10 @@ def make_tokens() -> Tokens:
     return Tokens(secrets.token_urlsafe(TOKEN_BYTES), secrets.token_urlsafe(TOKEN_BYTES))
 
 
+_OTHERS = 0o027
+"""Of a file's mode: what nobody but the owner may do, but for the group's reading."""
+
+
 def read_tokens(path: Path) -> Tokens:
     """Reads tokens from a file of two lines, `look=...` and `control=...`; # begins a comment.
 
@@ -74,11 +79,16 @@ def read_tokens(path: Path) -> Tokens:
         ConfigError: a line is something else; the message names it.
     """
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = read_text(path).splitlines()
+        mode = path.stat().st_mode & 0o777
     except OSError as error:
         raise VsenseError(f"{path}: cannot read the tokens: {error.strerror}") from error
     except UnicodeError as error:
         raise VsenseError(f"{path}: cannot read the tokens: not a text file") from error
+    if mode & _OTHERS:
+        raise VsenseError(
+            f"{path}: others may read or change the tokens (mode {mode:04o}): chmod 600 {path}"
+        )
     found: dict[str, str] = {}
     for number, line in enumerate(lines, start=1):
         text = line.strip()

@@ -23,7 +23,7 @@ from vsense.run.orders import Give
 from vsense.run.runtime import Runtime, Step
 from vsense.terminal import Console, Level
 from vsense.ui import keyboard
-from vsense.ui.access import WebAddress, read_tokens
+from vsense.ui.access import Tokens, WebAddress, read_tokens
 from vsense.ui.control_socket import ControlSocket, ControlSocketError
 from vsense.ui.messages import ExperimentFacts
 from vsense.ui.publisher import PreviewEncoder, Publisher
@@ -53,15 +53,23 @@ class RoomOptions:
     web: WebAddress | None = None
 
 
+def check_web(web: WebAddress) -> Tokens | None:
+    """Gives the page's tokens, before anything is started.
+
+    VsenseError if the library for the page is missing, or the tokens cannot be read.
+    """
+    errors.require("the page needs", "aiohttp")
+    return None if web.tokens is None else read_tokens(web.tokens)
+
+
 def make_server(web: WebAddress, bus: MessageBus, give: Give) -> WebServer:
     """Makes the page's server, which does not serve yet; `give` carries out its buttons' orders.
 
-    VsenseError if the library for it is missing, or the tokens cannot be read.
+    Raises as `check_web`.
     """
-    errors.require("the page needs", "aiohttp")
+    tokens = check_web(web)
     from vsense.ui.server import WebServer
 
-    tokens = None if web.tokens is None else read_tokens(web.tokens)
     return WebServer(bus, give, web.host, web.port, tokens)
 
 
@@ -85,7 +93,12 @@ class ControlRoom:
     """
 
     def __init__(self, options: RoomOptions, console: Console) -> None:
-        """Opens nothing yet; messages on the console are published in the room, too."""
+        """Opens nothing yet; messages on the console are published in the room, too.
+
+        Raises as `check_web`.
+        """
+        if options.web is not None:
+            check_web(options.web)
         self.bus = MessageBus()
         self.holds = options.hold
         self._options = options

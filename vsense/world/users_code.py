@@ -10,6 +10,7 @@ from pathlib import Path
 from types import ModuleType, TracebackType
 
 from vsense.errors import VsenseError
+from vsense.files import read_bytes
 
 _MAX_SHOWN = 300
 
@@ -38,7 +39,7 @@ class UsersCode:
             VsenseError: the user's, made by `error`: it cannot be read, or it failed.
         """
         try:
-            source = self._path.read_bytes()
+            source = read_bytes(self._path)
         except OSError as error:
             reason = error.strerror or type(error).__name__
             raise self.error(1, f"cannot be read: {reason}") from None

@@ -1,0 +1,105 @@
+"""Reads files that somebody named: their kind and size are looked at before their bytes.
+
+A file of gigabytes, a device that never ends and a pipe that nobody writes to are refused like a
+file that is not there. Numbers in JSON have to be some that a measurement can be.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import re
+import stat
+from pathlib import Path
+from typing import Any, BinaryIO, NoReturn
+
+MOST_BYTES = 16 << 20
+"""Of a file that people write: experiments, resources, cameras, tables."""
+
+_KINDS = {
+    stat.S_IFIFO: "is a pipe",
+    stat.S_IFCHR: "is a device",
+    stat.S_IFBLK: "is a device",
+    stat.S_IFSOCK: "is a socket",
+}
+
+_SUSPICIOUS = re.compile(r"\d{19}|[eE]\+?\d{3}|NaN|Infinity")
+"""What numbers that are refused have; most texts are parsed without looking at each number."""
+_MOST_WHOLE = 1 << 63
+_MEMBER = re.compile(r'"([^"\\]*)"\s*:')
+
+
+def open_bytes(path: Path) -> BinaryIO:
+    """Opens a regular file for reading.
+
+    Raises:
+        OSError: it cannot be opened, or is another kind of file; `strerror` says which.
+    """
+    # Without waiting: the other end of a pipe may never come.
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    kind = stat.S_IFMT(os.fstat(descriptor).st_mode)
+    if kind != stat.S_IFREG:
+        os.close(descriptor)
+        if kind == stat.S_IFDIR:
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+        what = _KINDS.get(kind, "is no file")
+        raise OSError(errno.EINVAL, f"{what}, expected a file", str(path))
+    return open(descriptor, "rb")
+
+
+def read_bytes(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
+    """Reads a whole file.
+
+    Raises:
+        OSError: as `open_bytes`; or it has more than `most_bytes`.
+    """
+    with open_bytes(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        data = b"" if size > most_bytes else file.read(most_bytes + 1)
+    if size > most_bytes or len(data) > most_bytes:
+        least = max(size, len(data)) / (1 << 20)
+        words = f"has {least:.0f} MB, expected at most {most_bytes >> 20} MB"
+        raise OSError(errno.EFBIG, words, str(path))
+    return data
+
+
+def read_text(path: Path, encoding: str = "utf-8", most_bytes: int = MOST_BYTES) -> str:
+    """Reads a whole file of text.
+
+    Raises:
+        OSError: as `read_bytes`.
+        UnicodeDecodeError: it is no text of this encoding.
+    """
+    return read_bytes(path, most_bytes).decode(encoding)
+
+
+def parse_json(text: str) -> Any:
+    """Parses JSON in which all numbers are finite and of a size that measurements have.
+
+    Raises:
+        json.JSONDecodeError: it is no JSON, or a number is none of those; the message then begins
+            with the member that it belongs to.
+    """
+
+    def refuse(number: str) -> NoReturn:
+        place = text.index(number)
+        member = (_MEMBER.findall(text, 0, place) or ["a number"])[-1]
+        shown = number if len(number) <= 20 else f"{number[:20]}..."
+        words = f"{member} is {shown}, expected a finite number of at most 18 digits"
+        raise json.JSONDecodeError(words, text, place)
+
+    def whole(number: str) -> int:
+        if len(number) > 20 or abs(int(number)) >= _MOST_WHOLE:
+            refuse(number)
+        return int(number)
+
+    def real(number: str) -> float:
+        value = float(number)
+        if abs(value) == float("inf"):
+            refuse(number)
+        return value
+
+    if _SUSPICIOUS.search(text) is None:
+        return json.loads(text)
+    return json.loads(text, parse_constant=refuse, parse_int=whole, parse_float=real)

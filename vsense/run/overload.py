@@ -1,0 +1,80 @@
+"""Says while a run goes on that its timesteps are late, and what takes the time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from vsense.link.robots.status import RobotStatus
+from vsense.link.robots.wire import StopCause
+from vsense.run.runtime import Step
+
+SILENCE_NS = 500_000_000
+"""Robots have stopped 400 ms after the last arena state: such a pause is told by itself."""
+WINDOW_S = 10.0
+MOST_LATE = 0.1
+"""Of a window's timesteps so many may be late or left out before anything is said."""
+REPEAT = 6
+"""As long as it lasts, it is said again in every so manieth window."""
+
+
+class Overload:
+    """Judges the timesteps of a run, window by window; for one thread."""
+
+    def __init__(self, timestep_ns: int) -> None:
+        self._dt_ns = timestep_ns
+        self._window = max(10, round(WINDOW_S * 1e9 / timestep_ns))
+        self._bad = 0
+        self._next = 0
+        self._begin(0)
+
+    def _begin(self, run_timestep: int) -> None:
+        """Begins a window with a timestep of the run."""
+        self._first = run_timestep
+        self._lived = self._late = self._held = self._robots = 0
+        self._stages_ns = [0, 0, 0]
+
+    def add(self, step: Step, robots: Mapping[int, RobotStatus]) -> str | None:
+        """Counts a timestep of the run, and gives a line where there is something to say."""
+        silent = (step.run_timestep - self._next) * self._dt_ns >= SILENCE_NS
+        if step.run_timestep < self._next or silent:  # another run; or it was said already
+            self._bad = 0
+            self._begin(step.run_timestep)
+        self._next = step.run_timestep + 1
+        times_ns = step.capture_ns, step.ready_ns, step.arena_ns, step.sent_ns
+        for stage in range(3):
+            self._stages_ns[stage] += times_ns[stage + 1] - times_ns[stage]
+        self._lived += 1
+        self._late += step.sent_ns - step.capture_ns > self._dt_ns
+        for status in robots.values():
+            if status.connected and status.telemetry is not None:
+                self._robots += 1
+                self._held += status.telemetry.stop_cause == StopCause.STALE
+        if self._next - self._first < self._window:
+            return None
+        line = self._judge()
+        self._begin(self._next)
+        return line
+
+    def _judge(self) -> str | None:
+        """What there is to say at the end of a window."""
+        wanted = self._next - self._first
+        left_out = wanted - self._lived
+        if self._late + left_out <= MOST_LATE * wanted:
+            was_bad, self._bad = self._bad, 0
+            return "timesteps are on time again" if was_bad else None
+        self._bad += 1
+        if self._bad % REPEAT != 1:
+            return None
+        seconds = wanted * self._dt_ns / 1e9
+        held = 100.0 * self._held / self._robots if self._robots else 0.0
+        return (
+            f"timesteps are late: of {wanted} in the last {seconds:.0f} s {self._late} were late"
+            f" and {left_out} left out; robots stood still for old readings {held:.0f} % of the"
+            f" time; {self._cause()} of {self._dt_ns / 1e6:.0f} ms"
+        )
+
+    def _cause(self) -> str:
+        """The slowest part of a timestep, and how long it takes."""
+        names = "pictures take", "tracking takes", "world and sensors take"
+        slowest = max(range(3), key=lambda stage: self._stages_ns[stage])
+        return f"{names[slowest]} {self._stages_ns[slowest] / self._lived / 1e6:.0f} ms"
