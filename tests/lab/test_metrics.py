@@ -54,6 +54,7 @@ def make_run() -> metrics.MeasuredRun:
         tags=TAGS,
         tracking=tally(poses, [SEEN] * TIMESTEPS),
         truth=SwarmTruth(poses, depth_m, lit),
+        object_poses=np.zeros((TIMESTEPS, 0, 3)),
         traces=[make_trace(steps, 1.0), make_trace(steps, 0.0)],
         sensing=[True, True],
         judged=[True, True],

@@ -49,6 +49,7 @@ class MeasuredRun:
         timesteps: (n,) TIMESTEP, those that the host handled; it may have missed some.
         wanted: number of timesteps that the run had, missed ones included.
         tracking: the figures of a `TrackingTally`.
+        object_poses: (timesteps, objects, 3) true poses of the tagged things that are no robots.
         traces: per robot a `swarm.TRACE` array with host times.
         sensing: per robot whether it has any virtual sensor.
         judged: per robot whether its trace has the value of the sensor that is judged.
@@ -64,6 +65,7 @@ class MeasuredRun:
     tags: tuple[int, ...]
     tracking: dict[str, float | int | None]
     truth: SwarmTruth
+    object_poses: NDArray[np.float64]
     traces: list[NDArray[np.void]]
     sensing: list[bool]
     judged: list[bool]

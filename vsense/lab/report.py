@@ -57,6 +57,7 @@ def gather(session: Session, recording: RunNotes) -> metrics.MeasuredRun:
             ),
             lit=(truth["leds"][:, :robots] & RING_LEDS) != 0,
         ),
+        object_poses=truth["poses"][:, robots:],
         traces=[
             _within(read_trace(robot, names, JUDGED if judge else None), steps)
             for robot, names, judge in zip(session.swarm.robots, sensors, judged)
