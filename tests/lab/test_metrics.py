@@ -50,6 +50,7 @@ def make_run() -> metrics.MeasuredRun:
     return metrics.MeasuredRun(
         timesteps=steps,
         wanted=TIMESTEPS,
+        lived=TIMESTEPS,
         dt_ns=DT_NS,
         tags=TAGS,
         tracking=tally(poses, [SEEN] * TIMESTEPS),
@@ -94,6 +95,7 @@ def without(run: metrics.MeasuredRun, row: int) -> metrics.MeasuredRun:
     assert truth.depth_m is not None
     return replace(
         run,
+        lived=run.lived - 1,
         timesteps=run.timesteps[keep],
         truth=SwarmTruth(truth.poses[keep], truth.depth_m[keep], truth.lit[keep]),
         traces=[trace[keep] for trace in run.traces],

@@ -195,8 +195,11 @@ def _report(session: Session, number: int, on_stdout: bool, console: Console) ->
         "vision": session.tracking.figures(),
         "measures": recording.measures,
     }
-    run_directory.write_summary(recording.directory, summary, on_stdout)
     console.say(report.table(summary))
+    run_directory.write_summary(recording.directory, summary, on_stdout)
+    if summary["unlogged_timesteps"]:
+        console.say("no picture: the logs end before the run")
+        return summary
     path = recording.directory / f"{session.experiment.name}.png"
     report.draw(session, recording, measured, path)
     console.say(f"picture: {path}")

@@ -48,6 +48,7 @@ class MeasuredRun:
     Attributes:
         timesteps: (n,) TIMESTEP, those that the host handled; it may have missed some.
         wanted: number of timesteps that the run had, missed ones included.
+        lived: how many the host handled; more than `timesteps` where the logs end before the run.
         tracking: the figures of a `TrackingTally`.
         object_poses: (timesteps, objects, 3) true poses of the tagged things that are no robots.
         traces: per robot a `swarm.TRACE` array with host times.
@@ -61,6 +62,7 @@ class MeasuredRun:
 
     timesteps: NDArray[np.void]
     wanted: int
+    lived: int
     dt_ns: int
     tags: tuple[int, ...]
     tracking: dict[str, float | int | None]
@@ -81,6 +83,7 @@ def figures(run: MeasuredRun) -> dict[str, Any]:
     late = (steps["sent_ns"] - steps["capture_ns"]) > run.dt_ns
     return {
         "timesteps": len(steps),
+        "unlogged_timesteps": run.lived - len(steps),
         "late_timesteps": int(late.sum()) + run.wanted - len(steps),
         "left_out_timesteps": run.wanted - len(steps),
         "duration_s": round((int(np.ptp(steps["capture_ns"])) + run.dt_ns) / 1e9, 3),

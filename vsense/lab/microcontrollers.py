@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.lab.links import Link, make_link
+from vsense.lab.log_file import LogFile
 from vsense.lab.shared import LabError, file_errors
 from vsense.native import lib
 
@@ -166,23 +167,22 @@ class ActuationLog:
 
     def __init__(self, path: Path) -> None:
         """Starts an empty log; raises LabError where the file cannot be written."""
-        self._path = path
+        self._file = LogFile(path)
         self._pending = bytearray()
-        self.flush(new=True)
 
     def append(self, actuation: Actuation) -> None:
         """Adds one record; `flush` writes it to the file."""
         self._pending += _RECORD.pack(*actuation)
 
-    def flush(self, new: bool = False) -> None:
-        """Writes all records so far to the file; a `new` one is emptied first.
-
-        Raises:
-            LabError: the file cannot be written.
-        """
-        with file_errors(self._path), open(self._path, "wb" if new else "ab") as file:
-            file.write(self._pending)
+    def flush(self) -> None:
+        """Writes all records so far to the file."""
+        self._file.append(self._pending)
         self._pending.clear()
+
+    def close(self) -> None:
+        """Writes the last records, and ends the file."""
+        self.flush()
+        self._file.close()
 
 
 def read_actuations(path: Path) -> NDArray[np.void]:

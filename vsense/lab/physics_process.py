@@ -42,9 +42,10 @@ from vsense.clock import host_ns
 from vsense.config.specs import Experiment, ObjectSpec, RobotSpec, WheelNoise
 from vsense.errors import UsageError, VsenseError
 from vsense.lab.links import bases_of
+from vsense.lab.log_file import LogFile
 from vsense.lab.microcontrollers import ActuationLog, Microcontrollers
 from vsense.lab.processes import describe_exit, end, read_line, start_module
-from vsense.lab.shared import LabError, file_errors
+from vsense.lab.shared import LabError
 from vsense.lab.truth import TruthWriter
 from vsense.physics.motion import TICK_NS, Physics, obstacles
 from vsense.physics.proximity_ring import ProximityRing
@@ -213,7 +214,7 @@ class PhysicsProcess:
 
     def close(self) -> None:
         """Ends the log and hangs everything up."""
-        self._log.flush()
+        self._log.close()
         self._truth.close()
         self.controllers.close()
 
@@ -268,8 +269,9 @@ def main() -> int:
 def _leave(process: PhysicsProcess, path: Path, cpu_s: float) -> None:
     report = {**process.report(), "cpu_s": cpu_s}
     process.close()
-    with file_errors(path):
-        path.write_text(json.dumps(report, indent=2) + "\n")
+    file = LogFile(path)
+    file.append(json.dumps(report, indent=2).encode() + b"\n")
+    file.close()
 
 
 class FloorProcess:

@@ -40,20 +40,24 @@ def gather(session: Session, recording: RunNotes) -> metrics.MeasuredRun:
     experiment, robots = session.experiment, len(session.experiment.robots)
     times = recording.steps.columns()
     truth = _rows_of(read_truth(session.truth_log), times[0])
-    steps = _timesteps(times, truth)
+    steps = _timesteps(times[:, : len(truth)], truth)
     actuations = read_actuations(session.floor.log)
     sensors = [_sensors_of(experiment, robot) for robot in experiment.robots]
     judged = [experiment.source is not None and JUDGED in names for names in sensors]
     return metrics.MeasuredRun(
         timesteps=steps,
         wanted=_wanted(recording, experiment, steps),
+        lived=len(recording.steps),
         dt_ns=session.dt_ns,
         tags=tuple(robot.tag for robot in experiment.robots),
         tracking=recording.tracking.figures(),
         truth=SwarmTruth(
             poses=truth["poses"][:, :robots],
             depth_m=metrics.depths_in_cone(
-                experiment, truth["poses"], steps["run_timestep"], recording.samples.shares
+                experiment,
+                truth["poses"],
+                steps["run_timestep"],
+                recording.samples.shares[: len(truth)],
             ),
             lit=(truth["leds"][:, :robots] & RING_LEDS) != 0,
         ),
@@ -72,8 +76,9 @@ def gather(session: Session, recording: RunNotes) -> metrics.MeasuredRun:
 
 
 def _wanted(recording: RunNotes, experiment: Experiment, steps: NDArray[np.void]) -> int:
-    """The timesteps that the run had."""
+    """The timesteps that the run had, as far as its logs go."""
     whole = recording.ended == "time" and experiment.timesteps > 0
+    whole = whole and len(steps) == len(recording.steps)
     return experiment.timesteps if whole else int(steps["run_timestep"][-1]) + 1
 
 
@@ -91,10 +96,11 @@ def _timesteps(times: NDArray[np.int64], truth: NDArray[np.void]) -> NDArray[np.
 
 
 def _rows_of(truth: NDArray[np.void], timesteps: NDArray[np.int64]) -> NDArray[np.void]:
-    """The truth at the timesteps that the host handled."""
+    """The truth at the timesteps that the host handled, up to where its log ends."""
     rows = np.searchsorted(truth["timestep"], timesteps)
-    if rows[-1] >= len(truth) or (truth["timestep"][rows] != timesteps).any():
-        raise LabError("the truth log does not hold every timestep of the run")
+    rows = rows[rows < len(truth)]
+    if not len(rows) or (truth["timestep"][rows] != timesteps[: len(rows)]).any():
+        raise LabError("the truth log does not hold the timesteps of the run")
     return truth[rows]
 
 
@@ -129,8 +135,10 @@ def table(summary: dict[str, Any]) -> str:
     """The summary as text."""
     tracking, sensing = summary["tracking"], summary["sensing"]
     swarm, latency, vision = summary["swarm"], summary["latency_ms"], summary["vision"]
+    unlogged = summary["unlogged_timesteps"]
+    short = f"; the logs end {unlogged} timesteps before the run" if unlogged else ""
     rows = [
-        ("run", f"{summary['timesteps']} timesteps, {late_text(summary)}"),
+        ("run", f"{summary['timesteps']} timesteps, {late_text(summary)}{short}"),
         (
             "tracking",
             f"{tracking['detected_mean']} markers named per timestep,"

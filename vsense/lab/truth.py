@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import wrap_angle
+from vsense.lab.log_file import LogFile
 from vsense.lab.shared import LabError, SharedBlock, file_errors
 
 Floats = NDArray[np.float64]
@@ -215,12 +216,10 @@ class TruthLog:
     """Writes a truth log."""
 
     def __init__(self, path: Path, bodies: int) -> None:
-        """Begins a new file; all methods raise LabError where it cannot be written."""
+        """Begins a new file; LabError where it cannot be written."""
         self._record = np.zeros(1, dtype=truth_dtype(bodies))
-        self._name = f"truth log {path}"
-        with file_errors(self._name):
-            self._file = path.open("wb", buffering=0)
-            self._file.write(_LOG_HEADER.pack(_LOG_MAGIC, bodies))
+        self._file = LogFile(path)
+        self._file.append(_LOG_HEADER.pack(_LOG_MAGIC, bodies))
 
     def append(
         self,
@@ -233,13 +232,11 @@ class TruthLog:
     ) -> None:
         """Adds one timestep; see `truth_dtype`."""
         self._record[0] = (timestep, capture_ns, ready_ns, render_ns, poses, leds)
-        with file_errors(self._name):
-            self._file.write(self._record.tobytes())
+        self._file.append(self._record.tobytes())
 
     def close(self) -> None:
         """Ends the file."""
-        with file_errors(self._name):
-            self._file.close()
+        self._file.close()
 
 
 def read_truth(path: Path) -> NDArray[np.void]:

@@ -65,10 +65,10 @@ def write_summary(
         VsenseError: standard output cannot be written.
     """
     text = json.dumps(summary, indent=2)
-    with failing_as(DirectoryError, str(directory / name)):
-        (directory / name).write_text(f"{text}\n")
     if on_stdout:
         print_data(text)
+    with failing_as(DirectoryError, str(directory / name)):
+        (directory / name).write_text(f"{text}\n")
 
 
 LOG = "log.txt"
