@@ -53,13 +53,15 @@ enum vs_goodbye_cause {
     VS_BYE_BASE = 5       /* the robot's base is gone, or nothing can guard it */
 };
 
+#define VS_CAPABLE_KEYED 1 /* the robot has a key, and obeys only a host that has it, too */
+
 struct vs_hello {
     uint8_t uid[VS_UID_SIZE];         /* who the robot is, for good */
     uint8_t nonce[VS_NONCE_SIZE];     /* random, of this connection */
     uint64_t started;                 /* random, of this start of the daemon */
     uint32_t uptime_s;                /* [s] since the board started */
     uint16_t tag;                     /* marker on its back */
-    uint16_t capabilities;            /* none in use yet: 0 */
+    uint16_t capabilities;            /* VS_CAPABLE_*; unknown bits are ignored */
     uint16_t params_room;             /* [byte] of params that the robot can hold */
     char name[VS_NAME_MAX + 1];       /* for people */
     char controller[VS_NAME_MAX + 1]; /* for people */

@@ -62,6 +62,7 @@ struct vs_writer {
     size_t cap; /* bytes in buf */
     size_t len; /* bytes written */
     int error;  /* VS_OK or the first error */
+    const uint8_t *key; /* of a packet's tag */
 };
 
 void vs_writer_init(struct vs_writer *w, uint8_t *buf, size_t cap);
