@@ -77,7 +77,9 @@ class Robot:
         self.updates.append(update)
         for sensor, payload in update.items():
             if sensor == 5:
-                self.values[sensor] = tuple(payload)
+                # Its reader takes blue, green, red (ci_virtual_rgb_ground_sensor.h, line 64).
+                blue, green, red = payload
+                self.values[sensor] = (red, green, blue)
             else:
                 assert len(payload) == 12 * REALS[sensor]
                 pieces = [payload[at : at + 12] for at in range(0, len(payload), 12)]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import socket
 import struct
+import threading
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -124,6 +125,40 @@ def test_end_of_a_recording_is_length_zero_and_another_run_can_follow(
     started(client, server)
     server.publish(state(7))
     assert client.read() == "1"
+
+
+def test_the_last_state_is_repeated_with_rising_timesteps_until_the_client_stops(
+    server: ArenaServer, connect: Callable, told: Told
+) -> None:
+    client = connect()
+    assert not server.repeat(PATIENCE_S), "there is no state, and no run"
+    server.publish(state(8, ROBOT))
+    assert not server.repeat(PATIENCE_S), "there is no run"
+    started(client, server)
+    server.publish(state(9, ROBOT))
+    assert server.repeat(0.0) and server.repeat(0.0)
+    assert [client.read() for _ in range(3)] == [f"{timestep} {TEXT}" for timestep in (1, 2, 3)]
+    client.send(STOP)
+    assert not server.repeat(PATIENCE_S), "it returns as soon as the run is over"
+    told.wait("the run has ended")
+
+
+@pytest.mark.parametrize("how", ["another run", "has left", "closed"])
+def test_repeating_ends_with_its_run(server: ArenaServer, connect: Callable, how: str) -> None:
+    server.publish(state(1, ROBOT))
+    client = started(connect(), server)
+    repeated: list[bool] = []
+    repeating = threading.Thread(target=lambda: repeated.append(server.repeat(PATIENCE_S)))
+    repeating.start()
+    assert client.timestep() == 1
+    if how == "another run":
+        client.send(STOP, START)
+    elif how == "has left":
+        client.close()
+    else:
+        server.close()
+    repeating.join(PATIENCE_S)
+    assert repeated == [False]
 
 
 @pytest.mark.parametrize("in_run", [True, False])

@@ -77,7 +77,7 @@ def test_readings_are_picked_and_put_in_the_originals_order() -> None:
         (struct.pack("<5f", 0.5, -0.25, 3.0, 8.0, 9.0), -1),
     ]
     payloads = translation.payloads(values)
-    assert payloads[5] == bytes([10, 20, 30]), "red first"
+    assert payloads[5] == bytes([30, 20, 10]), "blue first"
     assert [real(payloads[8][at : at + 12]) for at in range(0, 48, 12)] == [3, 4, 1, 2]
     assert set(payloads) == {5, 8}, "what was never measured is not told"
 

@@ -16,6 +16,7 @@ from typing import IO
 
 import pytest
 
+from tests.link.legacy_rig import Client
 from vsense.lab.microcontrollers import read_actuations
 
 pytestmark = pytest.mark.system
@@ -123,8 +124,14 @@ def last_speeds(directory: Path) -> dict[int, tuple[int, int]]:
 
 
 def test_short_run_measures_everything_and_leaves_nothing_behind(directory: Path) -> None:
-    lab = start(directory, "--duration", "4", "--seed", "7", "--json")
+    lab = start(directory, "--duration", "4", "--seed", "7", "--json", "--legacy-port", "0")
+    said = lab.wait_for(r"original client on port \d+\n")
+    watching = Client(int(re.findall(r"port (\d+)", said)[0]), 1)
+    watching.start()
     assert lab.end() == 0, "".join(lab.said)
+    learnt = watching.finish()
+    assert learnt.table == {7: 12} and learnt.started and learnt.ended
+    assert learnt.values[7] in ((0.0,), (1.0,)), "robot 1 of three, on 127.0.0.1"
     summary = json.loads("".join(lab.printed))
     assert summary.keys() >= KEYS
     assert summary == lab.summary()

@@ -78,16 +78,19 @@ def robots(text: str) -> dict[int, list[float]]:
 
 def test_every_run_plays_the_recording_from_its_beginning(server: Server) -> None:
     client = OldClient(server.port)
-    for _ in range(2):
+    for run in (1, 2):
         client.send(ONE_SHOT)
         first = client.read()
         assert first is not None and first.startswith("0 ")
         assert robots(first)[31][3] == pytest.approx(0.0, abs=0.002)
         client.send(START)
-        texts = []
-        while text := client.read():
-            texts.append(text)
-        assert [int(text.split(" ")[0]) for text in texts] == list(range(1, TIMESTEPS + 1))
+        texts = [client.read() or "" for _ in range(TIMESTEPS + 3)]
+        client.send(STOP)
+        server.told.wait("the run has ended", run)
+        states = dict(text.split(" ", 1) for text in texts)
+        assert list(states) == [str(timestep) for timestep in range(1, TIMESTEPS + 4)]
+        # Beyond the recording's end, too, until the client stops.
+        assert len({states[str(k)] for k in range(TIMESTEPS, TIMESTEPS + 4)}) == 1
         last = robots(texts[-1])
         u_px, v_px, theta_deg, x_m, y_m, yaw_deg = last[31]
         assert (x_m, y_m) == pytest.approx((0.05, 0.1), abs=0.002)

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import argparse
 import secrets
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from vsense.commands import arguments
 from vsense.config.description import describe
 from vsense.config.experiment import first_robots, load
 from vsense.config.placement import settle
-from vsense.config.specs import Experiment
+from vsense.config.specs import Experiment, Stage
+from vsense.errors import UsageError
+from vsense.link.legacy.server import MixedServer
+from vsense.link.robots.server import VirtualSensorServer
 from vsense.run import directory as run_directory
 from vsense.terminal import Console, print_data
 from vsense.ui.room import RoomOptions
@@ -65,6 +68,35 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_legacy_port(parser: argparse.ArgumentParser) -> None:
+    """Declares the port for robots with the original's client."""
+    arguments.option(
+        parser,
+        "--legacy-port",
+        arguments.port,
+        "P",
+        "serve robots that still run the original's client, too, on this TCP port; 0 takes a free"
+        " one (default: serve none)",
+    )
+
+
+def check_legacy_port(options: argparse.Namespace, port: int) -> None:
+    """Raises UsageError where the port of `add_legacy_port` is that for `vsensed`, too."""
+    if options.legacy_port and options.legacy_port == port:
+        raise UsageError(
+            f"--legacy-port: {port} is the port for vsensed, too: give that another, such as"
+            f" --port {port + 1}"
+        )
+
+
+def say_legacy_port(server: VirtualSensorServer, say: Callable[[str], None]) -> None:
+    """Says where robots with the original's client connect to, and what they do not get."""
+    if isinstance(server, MixedServer):
+        say(f"and with the original client on port {server.legacy_port}")
+        for name in server.unknown:
+            say(f"the original client does not know the sensor '{name}': not told to it")
+
+
 def add_room(parser: argparse.ArgumentParser) -> None:
     """Declares how the runs are seen, steered and kept: the control room."""
     arguments.add_web(parser)
@@ -96,9 +128,11 @@ def room_of(options: argparse.Namespace) -> RoomOptions:
 
 
 def open_experiment(
-    options: argparse.Namespace, settings: Mapping[str, str] | None = None
+    options: argparse.Namespace,
+    settings: Mapping[str, str] | None = None,
+    stage: Stage = Stage.RUN,
 ) -> Experiment | None:
-    """Loads an experiment as the command line says; `settings` are by default those of `--set`.
+    """Loads an experiment for a stage; `settings` are by default those of `--set`.
 
     Returns:
         The experiment; None with `--dry`, which prints its contents on standard output.
@@ -110,7 +144,7 @@ def open_experiment(
     """
     if settings is None:
         settings = dict(options.set)
-    experiment = load(options.experiment, options.duration, settings)
+    experiment = load(options.experiment, options.duration, settings, stage)
     if options.dry:
         print_data(describe(experiment))
     if options.strict:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from vsense.commands import arguments, experiments
-from vsense.config.specs import Experiment
+from vsense.config.specs import Experiment, Stage
 from vsense.errors import VsenseError
 from vsense.lab import metrics, report
 from vsense.lab.links import BASES
@@ -54,6 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="P",
         help="TCP and UDP port; 0 takes a free one (default: the file's)",
     )
+    experiments.add_legacy_port(parser)
     parser.add_argument(
         "--output", type=Path, metavar="DIR", help="folder for picture and logs (default: runs/...)"
     )
@@ -70,17 +71,20 @@ def run(options: argparse.Namespace) -> int:
     Returns:
         0, or 130 after Ctrl-C or SIGTERM: what was measured until then is reported all the same.
     """
-    opened = experiments.open_experiment(options)
+    opened = experiments.open_experiment(options, stage=Stage.LAB)
     if opened is None:
         return 0
     experiment, seed, directory = experiments.prepare(options, opened)
     console = Console()
     _warn(console, experiment)
     port = experiment.port if options.port is None else options.port
+    experiments.check_legacy_port(options, port)
     with interruption() as interrupted, ControlRoom(experiments.room_of(options), console) as room:
         address = (experiment.host, port)
         setup = RunSetup(experiment, seed, options.blind, address, console, interrupted, room)
-        session = Session(setup, directory, options.base, options.firmware_watchdog)
+        session = Session(
+            *(setup, directory, options.base, options.firmware_watchdog, options.legacy_port)
+        )
         series = Series(directory, options.runs, room.holds, interrupted)
         failure = _run_all(session, series, room, console)
         console.end_progress()
@@ -95,6 +99,7 @@ def _run_all(
 ) -> VsenseError | None:
     """Carries out all runs; returns a failure in one of them, to be raised after the reports."""
     with session:
+        experiments.say_legacy_port(session.server, console.say)
         try:
             while True:
                 directory = series.directory(session.runner.control.run)

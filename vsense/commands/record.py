@@ -7,6 +7,7 @@ from pathlib import Path
 
 from vsense.commands import arguments
 from vsense.config.experiment import load
+from vsense.config.specs import Stage
 from vsense.lab.recorder import record
 from vsense.terminal import Console
 
@@ -43,7 +44,7 @@ def run(options: argparse.Namespace) -> int:
     console = Console()
     console.progress("building the scene")
     record(
-        load(options.experiment),
+        load(options.experiment, stage=Stage.LAB),
         options.directory,
         options.frames,
         options.seed,

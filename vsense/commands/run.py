@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from vsense.commands import arguments, experiments
-from vsense.errors import UsageError, VsenseError, failing_as
-from vsense.link.legacy.server import MixedServer
+from vsense.errors import VsenseError, failing_as
 from vsense.live.run import OneRun
 from vsense.live.session import RunSession, RunSetup
 from vsense.live.sources import require_source
@@ -67,13 +66,7 @@ def _add_ends(parser: argparse.ArgumentParser) -> None:
         metavar="P",
         help="TCP and UDP port; 0 takes a free one (default: the file's vss_port)",
     )
-    parser.add_argument(
-        "--legacy-port",
-        type=arguments.port,
-        metavar="P",
-        help="serve robots that still run the original's client, too, on this TCP port; 0 takes a"
-        " free one (default: serve none)",
-    )
+    experiments.add_legacy_port(parser)
 
 
 PATIENCE_S = 10.0
@@ -124,12 +117,7 @@ class RunCommand:
     def run(self) -> int:
         """Carries out all runs; see `run`."""
         options, setup = self.options, self.setup
-        port = setup.address[1]
-        if options.legacy_port and options.legacy_port == port:
-            raise UsageError(
-                f"--legacy-port: {port} is the port for vsensed, too: give that another, such as"
-                f" --port {port + 1}"
-            )
+        experiments.check_legacy_port(options, setup.address[1])
         session = RunSession(setup, options.tracking, options.legacy_port)
         summaries: list[dict[str, Any]] = []
         failure: VsenseError | None = None
@@ -185,10 +173,7 @@ class RunCommand:
             f"waiting for robots on {host}, port {session.port}:"
             f" vsensed --host ADDRESS --port {session.port} --tag TAG --base BASE"
         )
-        if isinstance(session.server, MixedServer):
-            say(f"and with the original client on port {session.server.legacy_port}")
-            for name in session.server.unknown:
-                say(f"the original client does not know the sensor '{name}': not told to it")
+        experiments.say_legacy_port(session.server, say)
         if host.startswith("127.") or host == "localhost":
             say("only robots on this machine reach that address; for others: --host 0.0.0.0")
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from vsense.commands import arguments, experiments
-from vsense.config.specs import Experiment
+from vsense.config.specs import Experiment, Stage
 from vsense.errors import UsageError
 from vsense.lab.metrics import swarm_rows
 from vsense.robot import build
@@ -83,7 +83,7 @@ def run(options: argparse.Namespace) -> int:
     """Runs an experiment or a campaign; 0, or 130 after Ctrl-C or SIGTERM."""
     sweep = Sweep.of(options.set, options.runs, options.seeds)
     settings = sweep.first
-    experiment = experiments.open_experiment(options, settings)
+    experiment = experiments.open_experiment(options, settings, Stage.SIM)
     if experiment is None:
         return 0
     setup = Setup(options.experiment, options.duration, options.robots, options.blind, settings)

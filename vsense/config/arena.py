@@ -18,7 +18,7 @@ from vsense.config.distribute import (
     warn_of_height,
 )
 from vsense.config.robots import ArenaContents, add_crowd, add_epuck, add_object
-from vsense.config.specs import Experiment, FieldSpec, FloorSpec
+from vsense.config.specs import Experiment, FieldSpec, FloorSpec, Stage
 from vsense.config.things import MAX_LENGTH_M, MIN_LENGTH_M, THINGS, Media, check_medium, read_thing
 from vsense.errors import ConfigError
 from vsense.world.entities import Arena, Box, Cylinder, Entity, WorldError
@@ -32,11 +32,14 @@ LIGHT = "light"
 
 _MAX_PIXELS_PER_M = 1000.0
 _MAX_IMAGE_BYTES = 1 << 26
+_LEVELS_UP = 3
 _MIN_CELL_M = 0.001
 _MAX_CELL_M = 10.0
 
 
-def read_arena(element: Element, folder: Path, media: Media, timestep_s: float) -> ArenaContents:
+def read_arena(
+    element: Element, folder: Path, media: Media, timestep_s: float, stage: Stage
+) -> ArenaContents:
     """Reads the arena and everything in it; tags that the file does not give are missing yet.
 
     Files with relative paths are looked for in `folder`; lights may refer to `media`.
@@ -46,7 +49,7 @@ def read_arena(element: Element, folder: Path, media: Media, timestep_s: float) 
     centre_m = element.vector("center", -high, high, "m", "0,0,0")
     if element.has("positional_grid_size"):
         element.numbers("positional_grid_size", 3, 1.0, 1e6)
-    bodies = ArenaContents(Arena(size_m, centre_m), folder, media, timestep_s)
+    bodies = ArenaContents(Arena(size_m, centre_m), folder, media, timestep_s, stage)
     if (floor := element.optional_child("floor")) is not None:
         bodies.floor = read_floor(floor, folder)
         bodies.claim_id(floor, bodies.floor.id)
@@ -79,8 +82,12 @@ def _read_thing(element: Element, name: str, bodies: ArenaContents, placed: bool
     if element.name == LIGHT:
         check_medium(element, bodies.media)
     thing = read_thing(element, name, bodies.arena, placed)
-    if isinstance(thing, (Box, Cylinder)) and not thing.physical:
-        bodies.unseen.append(element)
+    if not isinstance(thing, (Box, Cylinder)) or thing.physical:
+        return thing
+    if element.document.lenient and bodies.stage is not Stage.RUN:
+        # Nothing is virtual in a file of ARGoS, and here no arena contradicts it.
+        return replace(thing, physical=True)
+    bodies.unseen.append(element)
     return thing
 
 
@@ -118,13 +125,19 @@ def read_floor(element: Element, folder: Path) -> FloorSpec:
     if source == "loop_functions":
         pixels_per_m = element.number("pixels_per_meter", 0.1, _MAX_PIXELS_PER_M, "pixels/m")
         return FloorSpec(name, source, None, pixels_per_m, element.line)
-    path = folder / element.text("path", None, "the path of a picture")
+    path = _find(element, folder, element.text("path", None, "the path of a picture"))
     try:
         read_image(path)
     except (OSError, ValueError) as error:
         expected = "expected a picture, PNG or JPEG"
         raise element.error(f"{str(path)[-60:]!r}: {_reason(error)}, {expected}", "path") from None
     return FloorSpec(name, source, path, 0.0, element.line)
+
+
+def _find(element: Element, folder: Path, name: str) -> Path:
+    """Finds a file: in `folder`; ARGoS would look where it is started, which may be above."""
+    above = [folder, *folder.resolve().parents[:_LEVELS_UP]] if element.document.lenient else []
+    return next((place / name for place in above if (place / name).is_file()), folder / name)
 
 
 def read_image(path: Path) -> Image:

@@ -45,6 +45,12 @@ EPUCK_SETTINGS = {
 }
 """Attributes of <e-puck> that only a simulated one obeys: their type, and what holds instead."""
 
+EPUCK_PARTS = {
+    "battery": "the real battery counts",
+    "dynamics2d": "robots move in one plane, as the lab's own physics says",
+}
+"""Children of <e-puck> that only a simulated one has, and what holds instead."""
+
 ROBOT_SENSORS = ("epuck_light", "epuck_proximity", "light", "proximity")
 """Sensors that every e-puck has: the real ones are read, so their simulation is not set up."""
 

@@ -16,9 +16,10 @@ from vsense.config.controllers import (
     virtual_devices,
 )
 from vsense.config.framework import read_loop_functions, read_rest, read_run, read_tracker
+from vsense.config.placement import overlapping
 from vsense.config.robots import ArenaContents, give_tags
 from vsense.config.settings import apply, check_used
-from vsense.config.specs import Experiment, MarkerSpec, ObjectSpec, RobotSpec
+from vsense.config.specs import Experiment, MarkerSpec, ObjectSpec, RobotSpec, Stage
 from vsense.config.things import read_media
 from vsense.errors import ConfigError, UsageError
 from vsense.markers.families import known_families, load_family
@@ -58,6 +59,7 @@ def load(
     name_or_path: str | Path,
     length_s: float | None = None,
     settings: Mapping[str, str] | None = None,
+    stage: Stage = Stage.RUN,
 ) -> Experiment:
     """Loads a shipped experiment by its name, or the `.argos` file at a path.
 
@@ -65,6 +67,7 @@ def load(
         length_s: length of the run instead of the file's; shares of it follow.
         settings: values by "ELEMENT.attribute" instead of the file's; see
             `vsense.config.settings`.
+        stage: what it is loaded for.
 
     Raises:
         UsageError: there is no such experiment, its file cannot be read, or a setting fits nothing
@@ -76,7 +79,7 @@ def load(
         data = path.read_bytes()
     except OSError as error:
         raise UsageError(f"{file}: cannot be read: {error.strerror}") from None
-    return read(data, file, path, length_s, settings)
+    return read(data, file, path, length_s, settings, stage)
 
 
 def read(
@@ -85,25 +88,27 @@ def read(
     path: Path,
     length_s: float | None = None,
     settings: Mapping[str, str] | None = None,
+    stage: Stage = Stage.RUN,
 ) -> Experiment:
     """Reads an experiment from the bytes of the file at `path`; see `load`."""
-    root = parse(data, file)
+    root = parse(data, file, of_argos=True)
     if root.name != "argos-configuration":
         raise root.error("is the outermost element, expected <argos-configuration>")
     applied = apply(root, settings or {}, virtual_devices())
-    experiment = _read_understood(root, path, length_s)
+    experiment = _read_understood(root, path, length_s, stage)
     read_rest(root)
     root.check_all_read()
     check_used(root, applied)
+    _warn_of_overlaps(root, experiment)
     return replace(experiment, warnings=root.document.warnings())
 
 
-def _read_understood(root: Element, path: Path, length_s: float | None) -> Experiment:
-    run = read_run(root, length_s)
+def _read_understood(root: Element, path: Path, length_s: float | None, stage: Stage) -> Experiment:
+    run = read_run(root, length_s, stage)
     marker = _read_marker(root)
     media = read_media(root)
     arena, folder = root.child("arena"), path.parent
-    bodies = read_arena(arena, folder, media, 1.0 / run.ticks_per_second)
+    bodies = read_arena(arena, folder, media, 1.0 / run.ticks_per_second, stage)
     loop_functions = read_loop_functions(root, folder)
     if not bodies.robots:
         raise arena.error(_no_robot(root, arena))
@@ -135,7 +140,19 @@ def _read_understood(root: Element, path: Path, length_s: float | None) -> Exper
         loop_functions=loop_functions,
         actuators=tuple(actuators),
         tracker=read_tracker(root),
+        stage=stage,
     )
+
+
+def _warn_of_overlaps(root: Element, experiment: Experiment) -> None:
+    """Tells which robots will not stand where the file says."""
+    displaced = overlapping(experiment) if experiment.stage is not Stage.RUN else []
+    if not displaced:
+        return
+    robot, in_the_way = displaced[0]
+    more = f", and {len(displaced) - 1} more like it" if len(displaced) > 1 else ""
+    words = f"{robot.id!r} overlaps with {in_the_way}{more}: the seed says where near by they stand"
+    root.document.passed_over.append((robot.line, f"<e-puck> {words}"))
 
 
 def _warn_of_unsensed(bodies: ArenaContents) -> None:

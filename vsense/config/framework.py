@@ -15,7 +15,7 @@ from ipaddress import IPv4Address
 from pathlib import Path
 
 from vsense.config import argos
-from vsense.config.specs import JsonLinesTracker, LoopSpec, TrackerAddress
+from vsense.config.specs import JsonLinesTracker, LoopSpec, Stage, TrackerAddress
 from vsense.config.things import by_id
 from vsense.link.trackers import protocol
 from vsense.xml.element import Element, shown
@@ -96,7 +96,10 @@ exchange with its base takes up to 30 ms. Its guard stops the wheels where that 
 complete 250 ms after the last one: so 1.25 / ticks_per_second + 0.03 s <= 0.25 s.
 Source: robot/loop.h, robot/base.h, robot/guard.h."""
 
-_WHY_MIN_TICKS = "a robot's guard stops wheels that get no control step for 250 ms"
+_WHY_MIN_TICKS = (
+    "a robot's guard stops wheels that get no control step for 250 ms; 'vsense sim' takes 1 to 5,"
+    " too"
+)
 
 _MAX_TICKS_PER_SECOND = 100
 _MAX_SEED = 2**32 - 1
@@ -114,13 +117,14 @@ class RunSettings:
     port: int
 
 
-def read_run(root: Element, length_s: float | None) -> RunSettings:
+def read_run(root: Element, length_s: float | None, stage: Stage) -> RunSettings:
     """Reads `<framework>`; `length_s` is the length of the run instead of the file's."""
     framework = root.child("framework")
     run = framework.child("experiment")
     file_length_s = run.number("length", 0.0, _MAX_LENGTH_S, "s")
-    low, high = _MIN_TICKS_PER_SECOND, _MAX_TICKS_PER_SECOND
-    ticks_per_second = run.integer("ticks_per_second", low, high, why=_WHY_MIN_TICKS)
+    # No guard watches simulated wheels.
+    low, why = (1, "") if stage is Stage.SIM else (_MIN_TICKS_PER_SECOND, _WHY_MIN_TICKS)
+    ticks_per_second = run.integer("ticks_per_second", low, _MAX_TICKS_PER_SECOND, why=why)
     if run.has("real_time"):
         run.boolean("real_time")
     host, port = _read_address(root)

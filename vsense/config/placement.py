@@ -2,6 +2,9 @@
 
 The draws depend on the seed alone, and what is distributed is placed in the file's order. A body
 takes up a part of the floor, its footprint; footprints keep a distance.
+
+ARGoS accepts robots that stand in each other: files park all of them on one place, from where loop
+functions move them. In the lab and in simulation such robots are placed anew, near by.
 """
 
 from __future__ import annotations
@@ -14,7 +17,7 @@ from functools import partial
 
 from vsense.arena import wrap_angle
 from vsense.config.distribute import DistributedSpec, Distribution
-from vsense.config.specs import Experiment, ObjectSpec, Pose, RobotSpec
+from vsense.config.specs import Experiment, ObjectSpec, Pose, RobotSpec, Stage
 from vsense.world.entities import (
     BODY_HEIGHT_M,
     BODY_RADIUS_M,
@@ -77,6 +80,27 @@ class Footprint:
         beyond_x = abs(x * cosine + y * sine) - self.half_m[0]
         beyond_y = abs(y * cosine - x * sine) - self.half_m[1]
         return math.hypot(max(beyond_x, 0.0), max(beyond_y, 0.0))
+
+    def blocks(self, start: Point, end: Point) -> bool:
+        """Whether it lies between two points, of which it holds none."""
+        cosine, sine = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        ends = [(x - self.x_m, y - self.y_m) for x, y in (start, end)]
+        (x, y), (to_x, to_y) = ((u * cosine + v * sine, v * cosine - u * sine) for u, v in ends)
+        along_x, along_y = to_x - x, to_y - y
+        if self.radius_m:
+            length2 = along_x**2 + along_y**2
+            share = -(x * along_x + y * along_y) / length2 if length2 else 0.0
+            share = min(max(share, 0.0), 1.0)
+            return math.hypot(x + share * along_x, y + share * along_y) < self.radius_m
+        first, last = 0.0, 1.0
+        for at, way, half_m in ((x, along_x, self.half_m[0]), (y, along_y, self.half_m[1])):
+            if way == 0.0:
+                if abs(at) >= half_m:
+                    return False
+                continue
+            shares = sorted(((-half_m - at) / way, (half_m - at) / way))
+            first, last = max(first, shares[0]), min(last, shares[1])
+        return first < last
 
     def is_inside(self, arena: Arena, gap_m: float) -> bool:
         """Whether it lies in the arena, at least gap_m from its border."""
@@ -141,7 +165,8 @@ def settle(experiment: Experiment, seed: int, real: bool = True) -> Experiment:
     says, and block no place. With it, each gets its pose. No entity stays distributed.
 
     Raises:
-        ConfigError: bodies that the file places overlap, or a distributed one finds no room.
+        ConfigError: objects that the file places overlap, or robots where `overlapping` does not
+            help, or a distributed body finds no room.
     """
     bodies = experiment if real else replace(experiment, robots=(), objects=())
     placed = _Placement(bodies, seed)
@@ -157,33 +182,47 @@ def settle(experiment: Experiment, seed: int, real: bool = True) -> Experiment:
     )
 
 
+def overlapping(experiment: Experiment) -> list[tuple[RobotSpec, str]]:
+    """Finds the robots that `settle` places anew, each with what is in its way in the file.
+
+    There is none for `Stage.RUN`: real robots stand where they stand.
+    """
+    standing = _Standing(experiment)
+    standing.place_fixed()
+    return standing.displaced
+
+
 Drawn = RobotSpec | ObjectSpec | DistributedSpec
 
+_PARKED_M = 0.001
+"""Robots that are nearer to each other share one place: it says nothing about their headings."""
+_ROOM_EACH = 12.0
+"""Robots that are placed anew fill at first one part in so many of the disc around their place."""
+_MOST_TRIALS = 2000
+_WIDER = 1.005
+"""By how much that disc grows with each trial."""
 
-class _Placement:
-    """Poses of robots and objects by tag, and the distributed entities in their places."""
 
-    def __init__(self, experiment: Experiment, seed: int) -> None:
+class _Standing:
+    """What stands where the file says.
+
+    Attributes:
+        poses: by tag, of robots and objects.
+        displaced: robots that stand in something, and in what.
+    """
+
+    def __init__(self, experiment: Experiment) -> None:
         self.poses: dict[int, Pose] = {}
-        self.entities: list[Entity] = []
+        self.displaced: list[tuple[RobotSpec, str]] = []
         self._experiment = experiment
-        self._draws = random.Random(seed)
-        self._drawn: Counter[int] = Counter()  # places, by `<distribute>`
         self._footprints: list[Footprint] = []
         self._occupy(*experiment.boxes, *experiment.cylinders)
-        self._place_fixed()
-        self._occupy(*(e for e in experiment.entities if not getattr(e, "physical", False)))
-        waiting: list[Drawn] = [
-            *experiment.robots, *experiment.objects, *experiment.distributed,
-        ]  # fmt: skip
-        drawn = [(spec.distribution, spec) for spec in waiting if spec.distribution is not None]
-        for distribution, spec in sorted(drawn, key=lambda pair: pair[0].number):
-            self._draw_free(spec, distribution)
+        self._solid = tuple(self._footprints)
 
     def _occupy(self, *entities: Entity) -> None:
         self._footprints += [f for f in map(of_entity, entities) if f is not None]
 
-    def _place_fixed(self) -> None:
+    def place_fixed(self) -> None:
         """Places bodies whose pose the file says; they may touch, and stand in virtual things."""
         bodies: list[ObjectSpec | RobotSpec] = [
             *self._experiment.objects, *self._experiment.robots,
@@ -193,10 +232,67 @@ class _Placement:
                 footprint = of_robot(f"the body with tag {body.tag}", body.pose)
                 in_the_way = self._obstacle(footprint, -_TOUCH_M)
                 if in_the_way:
-                    message = f"{body.id!r} overlaps with {in_the_way}"
-                    raise self._experiment.error(body.line, message)
+                    self._displace(body, in_the_way)
+                    continue
                 self.poses[body.tag] = body.pose
                 self._footprints.append(footprint)
+
+    def _displace(self, body: ObjectSpec | RobotSpec, in_the_way: str) -> None:
+        if isinstance(body, ObjectSpec) or self._experiment.stage is Stage.RUN:
+            message = f"{body.id!r} overlaps with {in_the_way}"
+            raise self._experiment.error(body.line, message)
+        self.displaced.append((body, in_the_way))
+
+    def _obstacle(self, footprint: Footprint, gap_m: float) -> str:
+        """Names what a body at this place would overlap with; "" if it stands free."""
+        if not footprint.is_inside(self._experiment.arena, gap_m):
+            return "the arena's border"
+        near = (other for other in self._footprints if footprint.distance_m(other) < gap_m)
+        return next((other.what for other in near), "")
+
+
+class _Placement(_Standing):
+    """Poses of robots and objects by tag, and the distributed entities in their places."""
+
+    def __init__(self, experiment: Experiment, seed: int) -> None:
+        super().__init__(experiment)
+        self.entities: list[Entity] = []
+        self._draws = random.Random(seed)
+        self._drawn: Counter[int] = Counter()  # places, by `<distribute>`
+        self.place_fixed()
+        for robot, in_the_way in self.displaced:
+            self._place_anew(robot, in_the_way)
+        self._occupy(*(e for e in experiment.entities if not getattr(e, "physical", False)))
+        waiting: list[Drawn] = [
+            *experiment.robots, *experiment.objects, *experiment.distributed,
+        ]  # fmt: skip
+        drawn = [(spec.distribution, spec) for spec in waiting if spec.distribution is not None]
+        for distribution, spec in sorted(drawn, key=lambda pair: pair[0].number):
+            self._draw_free(spec, distribution)
+
+    def _place_anew(self, robot: RobotSpec, in_the_way: str) -> None:
+        """Draws a free place around the file's, in sight of it: on the same side of the walls."""
+        pose = robot.pose
+        assert pose is not None
+        start, yaw_rad = (pose.x_m, pose.y_m), pose.yaw_rad
+        others = (other.pose for other in self._experiment.robots if other is not robot)
+        if any(p and math.hypot(p.x_m - start[0], p.y_m - start[1]) < _PARKED_M for p in others):
+            yaw_rad = self._draws.uniform(-math.pi, math.pi)
+        body = of_robot("", pose)
+        # A wall that the place itself lies in is in nobody's way, nor is one overhead.
+        walls = [w for w in self._solid if -BODY_RADIUS_M < body.distance_m(w) < math.inf]
+        reach_m = BODY_RADIUS_M * math.sqrt(_ROOM_EACH * (len(self.displaced) + 1))
+        for _ in range(_MOST_TRIALS):
+            away_m, towards = reach_m * math.sqrt(self._draws.random()), self._draws.random()
+            x_m = start[0] + away_m * math.cos(2.0 * math.pi * towards)
+            y_m = start[1] + away_m * math.sin(2.0 * math.pi * towards)
+            reach_m *= _WIDER
+            if any(wall.blocks(start, (x_m, y_m)) for wall in walls):
+                continue
+            if not self._try(robot, (x_m, y_m, 0.0), yaw_rad):
+                return
+        message = f"{robot.id!r} overlaps with {in_the_way}, and no room for it was found near by"
+        raise self._experiment.error(robot.line, message)
 
     def _draw_free(self, spec: Drawn, distribution: Distribution) -> None:
         """Draws places until one is free; the error names the last obstacle."""
@@ -234,13 +330,6 @@ class _Placement:
             keep()
             self._footprints += [] if footprint is None else [footprint]
         return obstacle
-
-    def _obstacle(self, footprint: Footprint, gap_m: float) -> str:
-        """Names what a body at this place would overlap with; "" if it stands free."""
-        if not footprint.is_inside(self._experiment.arena, gap_m):
-            return "the arena's border"
-        near = (other for other in self._footprints if footprint.distance_m(other) < gap_m)
-        return next((other.what for other in near), "")
 
 
 def _put(entity: Entity, position_m: Vector, yaw_rad: float) -> Entity:

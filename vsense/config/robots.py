@@ -10,7 +10,7 @@ from pathlib import Path
 
 from vsense.config import argos
 from vsense.config.distribute import OBJECT, Crowd, DistributedSpec
-from vsense.config.specs import FieldSpec, FloorSpec, ObjectSpec, Pose, RobotSpec
+from vsense.config.specs import FieldSpec, FloorSpec, ObjectSpec, Pose, RobotSpec, Stage
 from vsense.config.things import Media, read_place
 from vsense.markers.codes import AUTO_BLUR, choose_tags
 from vsense.markers.families import MarkerFamily, load_family
@@ -25,6 +25,7 @@ class ArenaContents:
 
     Attributes:
         folder: where files with relative paths are looked for.
+        stage: what the experiment is loaded for.
         entities, distributed: what stands where the file says, and where the seed will say.
         objects: tagged things that are no robots.
         fields: quantities spread over the floor.
@@ -40,6 +41,7 @@ class ArenaContents:
     folder: Path
     media: Media
     timestep_s: float
+    stage: Stage
     entities: list[Entity] = field(default_factory=list)
     distributed: list[DistributedSpec] = field(default_factory=list)
     robots: list[RobotSpec] = field(default_factory=list)
@@ -100,7 +102,7 @@ _MOST_CHOSEN = 128
 
 def add_epuck(element: Element, bodies: ArenaContents) -> None:
     """Reads an `<e-puck>`: a real robot, a virtual one, or without a controller an object."""
-    argos.pass_over(element, argos.EPUCK_SETTINGS)
+    _pass_over(element)
     if element.boolean("vs:virtual", False):
         _add_virtual(element, bodies)
         return
@@ -114,6 +116,14 @@ def add_epuck(element: Element, bodies: ArenaContents) -> None:
     number = len(bodies.robots) if number is None else number
     bodies.robots.append(RobotSpec(name, tag, number, pose, None, element.line))
     bodies.controllers[name] = controller
+
+
+def _pass_over(element: Element) -> None:
+    """Passes over what only a simulated e-puck has."""
+    argos.pass_over(element, argos.EPUCK_SETTINGS)
+    for name, instead in argos.EPUCK_PARTS.items():
+        for child in element.children(name):
+            child.leave_out(instead)
 
 
 def add_object(element: Element, bodies: ArenaContents) -> str:
@@ -133,7 +143,7 @@ def add_crowd(crowd: Crowd, bodies: ArenaContents) -> None:
     prefix = element.text("id")
     is_robot = element.name != OBJECT
     if is_robot:
-        argos.pass_over(element, argos.EPUCK_SETTINGS)
+        _pass_over(element)
         if element.boolean("vs:virtual", False):
             _add_virtual_crowd(crowd, prefix, bodies)
             return

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import Enum
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,6 +19,17 @@ from vsense.errors import ConfigError
 from vsense.sensors.base import MountedSensor
 from vsense.world.entities import Arena, Box, Cylinder, Entity, VirtualRobot
 from vsense.world.pollution import PollutantSource
+
+
+class Stage(Enum):
+    """What an experiment is loaded for, which decides what of its file is real."""
+
+    RUN = "run"
+    """Real robots: what a body or device is made of, the arena decides."""
+    LAB = "lab"
+    """Cameras, robots and their daemons in real time; only light and wheels are simulated."""
+    SIM = "sim"
+    """Everything is simulated, on a virtual clock."""
 
 
 class Pose(NamedTuple):
@@ -192,6 +204,7 @@ class Experiment:
         distributed: entities that a seed places; empty once they are placed, see `settle`.
         floor: what the floor looks like, None: plain white.
         tracker: where the arena state comes from, None: from cameras of our own.
+        stage: what it was loaded for.
     """
 
     name: str
@@ -217,6 +230,7 @@ class Experiment:
     loop_functions: LoopSpec | None = None
     actuators: tuple[MountedActuator, ...] = ()
     tracker: TrackerAddress | JsonLinesTracker | None = None
+    stage: Stage = Stage.RUN
 
     @property
     def boxes(self) -> tuple[Box, ...]:

@@ -176,7 +176,8 @@ def _read_solid(element: Element, name: str, place: Placing) -> bool:
     for leds in element.children("leds"):
         leds.leave_out("things have no LEDs")
     physical = element.boolean("vs:physical", name.startswith(_WALL))
-    if physical and place.position_m[2] != 0.0:
+    # ARGoS lets boxes hang above the floor.
+    if physical and place.position_m[2] != 0.0 and not element.document.lenient:
         height_m = place.position_m[2]
         raise element.error(
             f"{name!r} stands in the real arena, so its position's z must be 0, not {height_m:g}"

@@ -64,15 +64,23 @@ class Session(ExperimentSession):
 
     quiet = frozenset({"connected"})
 
-    def __init__(self, setup: RunSetup, directory: Path, base: str, watchdog: bool = False) -> None:
+    def __init__(
+        self,
+        setup: RunSetup,
+        directory: Path,
+        base: str,
+        watchdog: bool = False,
+        legacy_port: int | None = None,
+    ) -> None:
         """Prepares runs of robots on a `base` of `vsense.lab.links.BASES`; `directory` exists.
 
-        Their firmware has a `watchdog`, as in `Microcontrollers`, or none.
+        Their firmware has a `watchdog`, as in `Microcontrollers`, or none. On `legacy_port` the
+        original's client gets the readings of a robot of the lab.
 
         Raises:
             VsenseError: something in the experiment cannot be made.
         """
-        super().__init__(setup)
+        super().__init__(setup, legacy_port)
         self.directory = directory
         self.truth_log = directory / "truth.bin"
         self.recordings: list[RunNotes] = []

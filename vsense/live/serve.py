@@ -24,6 +24,11 @@ from vsense.tracking.opening import OFFLINE, open_tracking
 from vsense.tracking.specs import TrackingSession
 from vsense.tracking.views import ImagePoses
 
+REPEAT_S = 0.1
+"""Between two states that repeat the last one: the original's timestep."""
+STOP_WAIT_NS = 1_000_000_000
+"""A server that ends waits this long for its client to end the run."""
+
 
 class RunPictures:
     """Keeps pictures while a run is on. A disk that fails ends the recording, not the server."""
@@ -122,9 +127,15 @@ class Serving:
                         self._publish(tracking, state, frames)
                 else:
                     self._play(tracking, steps)
+        until_ns = host_ns() + STOP_WAIT_NS
+        while host_ns() < until_ns and self.server.repeat(REPEAT_S):
+            pass
 
     def _play(self, tracking: CameraTracking, steps: Timesteps) -> None:
-        """Plays a recording once, from the start of a client's run to its end."""
+        """Plays a recording once, from the start of a client's run to its end.
+
+        A run that lasts longer than the recording goes on with its last state.
+        """
         first, frames = next(steps, (None, ()))
         if first is None:
             self.server.end_run()
@@ -141,7 +152,8 @@ class Serving:
             self._publish(tracking, state, frames)
             if not self.server.running:
                 return
-        self.server.end_run()
+        while not self.interrupted.is_set() and self.server.repeat(REPEAT_S):
+            pass
 
     def _publish(
         self, tracking: CameraTracking, state: ArenaState, frames: Sequence[Frame]

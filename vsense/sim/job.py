@@ -9,7 +9,7 @@ from itertools import product
 from typing import Any
 
 from vsense.config.experiment import first_robots, load
-from vsense.config.specs import Experiment
+from vsense.config.specs import Experiment, Stage
 from vsense.errors import UsageError
 
 
@@ -38,7 +38,7 @@ class Setup:
             UsageError: it is not there, has no length, or not so many robots.
             ConfigError: its file is wrong.
         """
-        return self.fit(load(self.experiment, self.duration_s, self.settings))
+        return self.fit(load(self.experiment, self.duration_s, self.settings, Stage.SIM))
 
     def fit(self, experiment: Experiment) -> Experiment:
         """Reduces a loaded experiment to its wanted robots; raises as `load`."""

@@ -21,15 +21,19 @@ MAX_SHOWN = 60
 COUNTS = ("no", "one", "two", "three", "four")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Document:
     """An experiment file while it is read.
 
-    `passed_over` are line and words for each thing that is not done as the file asks.
+    Attributes:
+        passed_over: line and words for each thing that is not done as the file asks.
+        lenient: what nobody asked for is a warning, no error: so in a file of ARGoS that has
+            no name of our own namespace, as ARGoS passes over what it does not know.
     """
 
     file: str
     passed_over: list[tuple[int, str]] = field(default_factory=list)
+    lenient: bool = False
 
     def warnings(self) -> tuple[str, ...]:
         """What is passed over, in the file's order: `file:line: what happens instead`."""
@@ -129,6 +133,11 @@ class Element:
         self._left_out = True
         self.warn(f"is not supported: {instead}")
 
+    @property
+    def has_own_attribute(self) -> bool:
+        """Whether an attribute is of our own namespace."""
+        return any(key.startswith(_OURS) for key in self._attributes)
+
     def has(self, key: str) -> bool:
         """Whether an optional attribute is there."""
         self._asked_attributes.add(key)
@@ -156,6 +165,7 @@ class Element:
     ) -> int:
         """Reads a whole number within [low, high]; `why` explains the range in the error."""
         text = self.text(key, default, f"a whole number from {low} to {high}")
+        text = self._beginning(key, text, _INTEGER)
         if not _INTEGER.fullmatch(text):
             raise self.error(f"{shown(text)} is not a whole number from {low} to {high}", key)
         if not low <= int(text) <= high:
@@ -252,24 +262,51 @@ class Element:
         return found
 
     def check_all_read(self) -> None:
-        """Raises ConfigError for an attribute or child that was not asked for, here and below."""
+        """Raises ConfigError for an attribute or child that was not asked for, here and below.
+
+        In a lenient document it is a warning.
+        """
         if self._left_out:
             return
         asked = self._asked_attributes
         unset = self._settings.keys() - {key.removeprefix(_OURS) for key in asked}
-        for key in (*unset, *(k for k in self._attributes if k not in asked)):
-            raise self.error(f"is not an attribute of it; known are: {listed(asked)}", key)
+        if unset or not self.document.lenient:
+            for key in (*unset, *(k for k in self._attributes if k not in asked)):
+                raise self.error(f"is not an attribute of it; known are: {listed(asked)}", key)
+        self._pass_over_rest()
         for child in self._children:
             if child.name not in self._asked_children and not child._left_out:
-                known = listed(self._asked_children)
-                raise child.error(f"does not belong in <{self.name}>; known there are: {known}")
+                child._misplaced(self)
             child.check_all_read()
+
+    def _pass_over_rest(self) -> None:
+        """Warns of every attribute that was not asked for."""
+        known = self._asked_attributes
+        for key in self._attributes:
+            if key not in known:
+                self.warn(f"{key} is not known here: it has no effect{likely(key, known)}")
+
+    def _misplaced(self, parent: Element) -> None:
+        """Refuses an element that its parent does not know, or passes over it."""
+        known, place = parent._asked_children, f"<{parent.name}>"
+        if not self.document.lenient:
+            raise self.error(f"does not belong in {place}; known there are: {listed(known)}")
+        self.leave_out(f"it is not known in {place}{likely(self.name, known)}")
 
     def child_names(self) -> list[str]:
         """The children's names in the file's order, without counting them as read."""
         return [child.name for child in self._children]
 
+    def _beginning(self, key: str, text: str, form: re.Pattern[str]) -> str:
+        """Of a text that goes on after a number, the number: ARGoS reads no further."""
+        begins = form.match(text) if self.document.lenient else None
+        if begins is None or begins.end() == len(text):
+            return text
+        self.warn(f"{key}: {shown(text)} is read as {begins[0]}")
+        return begins[0]
+
     def _number(self, key: str, text: str, low: float, high: float, unit: str) -> float:
+        text = self._beginning(key, text, _NUMBER)
         if not _NUMBER.fullmatch(text):
             raise self.error(f"{shown(text)} is not a number", key)
         if not low <= float(text) <= high:

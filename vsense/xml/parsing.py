@@ -6,6 +6,7 @@ are bounded.
 
 from __future__ import annotations
 
+import re
 from xml.parsers import expat
 
 from vsense.errors import ConfigError
@@ -20,10 +21,36 @@ _PASSED_OVER = ("http://www.w3.org/2001/XMLSchema-instance", "http://www.w3.org/
 _MAX_BYTES = 1 << 20
 _MAX_DEPTH = 32
 _SEPARATOR = " "
+_OURS = "vs:"
+
+_TAKEN = re.compile(
+    rb"""<!\[CDATA\[.*?\]\]>|<!--(.*?)-->|("[^"<]*"|'[^'<]*')(?=[A-Za-z_:])""", re.DOTALL
+)
+"""What TinyXML takes beside XML: any comment up to the first `-->`, and attributes without a blank
+between them."""
+
+_PASSED_OVER = ("http://www.w3.org/2001/XMLSchema-instance", "http://www.w3.org/XML/1998/namespace")
+"""Editors' hints, such as the place of a schema."""
+
+_MAX_BYTES = 1 << 20
+_MAX_DEPTH = 32
+_SEPARATOR = " "
+_OURS = "vs:"
+
+_TAKEN = re.compile(
+    rb"""<!\[CDATA\[.*?\]\]>|<!--(.*?)-->|("[^"<]*"|'[^'<]*')([A-Za-z_:]?)""", re.DOTALL
+)
+"""What TinyXML takes beside XML: any comment up to the first `-->`, and attributes without a blank
+between them."""
 
 
-def parse(data: bytes, file: str) -> Element:
+def parse(data: bytes, file: str, of_argos: bool = False) -> Element:
     """Reads the bytes of an XML file; returns its root element.
+
+    Args:
+        of_argos: take what ARGoS's parser takes: dashes in comments, attributes without blanks
+            between them, and with a warning text between the elements. The document is
+            lenient if it has no name of our namespace.
 
     Raises:
         ConfigError: the file is too large or too deep, is not well-formed, holds a DOCTYPE,
@@ -31,12 +58,36 @@ def parse(data: bytes, file: str) -> Element:
     """
     if len(data) > _MAX_BYTES:
         raise ConfigError(file, 1, f"the file has {len(data)} bytes, expected at most {_MAX_BYTES}")
-    return _TreeBuilder(file).build(data)
+    if not of_argos:
+        return _TreeBuilder(file).build(data)
+    root = _TreeBuilder(file, stray_text=True).build(_TAKEN.sub(_repaired, data))
+    root.document.lenient = not _uses_namespace(root)
+    return root
+
+
+def _repaired(found: re.Match[bytes]) -> bytes:
+    """Makes XML of what `_TAKEN` finds: blank dashes in a comment, a blank after a value."""
+    comment, value, after = found.groups()
+    if comment is not None:
+        return b"<!--" + comment.replace(b"-", b" ") + b"-->"
+    return value + b" " + after if after else found[0]
+
+
+def _uses_namespace(root: Element) -> bool:
+    """Whether an element or attribute is of our own namespace."""
+    return any(e.name.startswith(_OURS) or e.has_own_attribute for e in root.walk())
+
+
+def _without_dashes(comment: re.Match[bytes]) -> bytes:
+    """Blanks the dashes in a comment: XML forbids two in a row, ARGoS's parser takes them."""
+    text = comment[0]
+    return text if comment[1] is None else b"<!--" + comment[1].replace(b"-", b" ") + b"-->"
 
 
 class _TreeBuilder:
-    def __init__(self, file: str) -> None:
+    def __init__(self, file: str, stray_text: bool = False) -> None:
         self._document = Document(file)
+        self._stray_text = stray_text
         self._open: list[Element] = []
         self._root: Element | None = None
         self._parser = expat.ParserCreate(namespace_separator=_SEPARATOR)
@@ -44,6 +95,8 @@ class _TreeBuilder:
         self._parser.StartElementHandler = self._start
         self._parser.EndElementHandler = self._end
         self._parser.CharacterDataHandler = self._text
+        # With it a comment ends a text, and both keep their lines.
+        self._parser.CommentHandler = lambda _text: None
         self._parser.StartDoctypeDeclHandler = self._doctype
 
     def build(self, data: bytes) -> Element:
@@ -77,8 +130,14 @@ class _TreeBuilder:
         self._open.pop()
 
     def _text(self, text: str) -> None:
-        if text.strip():
-            raise self._error(f"text {text.strip()[:40]!r} between the elements; expected none")
+        if words := text.strip():
+            if not self._stray_text:
+                raise self._error(f"text {words[:40]!r} between the elements; expected none")
+            # The parser gives it when it has come to what follows.
+            after = text[len(text) - len(text.lstrip()) :].count("\n")
+            line = self._parser.CurrentLineNumber - after
+            told = f"text {words[:40]!r} between the elements has no effect"
+            self._document.passed_over.append((line, told))
 
     def _doctype(self, *_declaration: object) -> None:
         raise self._error("a DOCTYPE is not accepted in an experiment file")
@@ -90,7 +149,7 @@ class _TreeBuilder:
             return ""
         if uri not in ("", NAMESPACE):
             raise self._error(f"unknown namespace {uri!r}, expected {NAMESPACE!r}")
-        return f"vs:{local}" if uri else local
+        return f"{_OURS}{local}" if uri else local
 
     def _error(self, message: str) -> ConfigError:
         return ConfigError(self._document.file, self._parser.CurrentLineNumber, message)

@@ -60,7 +60,8 @@ SENSORS = {
     "light": LegacySensor(2, tuple(range(8))),
     "gps": LegacySensor(3, (0, 1, 2)),
     "destination": LegacySensor(4, (0, 1, 2)),
-    "rgb_ground": LegacySensor(5, (0, 1, 2), reals=False),
+    # Blue first, as its reader expects; see LEGACY.md.
+    "rgb_ground": LegacySensor(5, (2, 1, 0), reals=False),
     "radiation": LegacySensor(6, (0,)),
     "pollutant": LegacySensor(7, (0,)),
     "black_white_location": LegacySensor(8, (2, 3, 0, 1)),

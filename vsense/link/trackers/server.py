@@ -12,6 +12,7 @@ import socket
 import struct
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +38,7 @@ class ArenaSession:
     Attributes:
         running: between START_EXPERIMENT and STOP_EXPERIMENT.
         timestep: of the run, from 1; 0 outside of one and before its first state.
+        runs: how many runs the client has started.
         superseded: states of this run that a newer one replaced before they could leave.
         refused: why the conversation must end, "" while it can go on.
     """
@@ -45,6 +47,7 @@ class ArenaSession:
         self.outbox = Outbox()
         self.running = False
         self.timestep = 0
+        self.runs = 0
         self.superseded = 0
         self.refused = ""
         self._locate = locate
@@ -78,8 +81,9 @@ class ArenaSession:
     def end_run(self) -> None:
         """Ends a run from the server's side; nothing happens outside of one.
 
-        Length 0 leaves here only: the original's client takes it for the end of the experiment
-        and would end its next one if it followed STOP_EXPERIMENT.
+        Length 0 leaves here only. The original's client stops its robots on it and then dies: it
+        reads a timestep from the empty state. So it is the last resort before the connection is
+        closed, on which that client dies, too, without stopping its robots.
         """
         if self.running:
             self._stop()
@@ -93,6 +97,7 @@ class ArenaSession:
                 self._tell("START_EXPERIMENT in a run: the run goes on")
                 return
             self.running, self.timestep, self._first, self.superseded = True, 0, None, 0
+            self.runs += 1
             self._tell("the run has started")
         elif number == TrackerCommand.STOP_EXPERIMENT:
             if self.running:
@@ -179,6 +184,27 @@ class ArenaServer(ListeningServer):
         if unsent:
             self._waker.wake()
 
+    def repeat(self, timeout_s: float) -> bool:
+        """Sends a client in a run the newest state again, as the next timestep, and waits.
+
+        Where no state comes any more this keeps the original's client alive until it ends its run
+        itself. Returns False as soon as that run is over, and at once where there is none.
+        """
+        with self._change:
+            client, state = self._client, self._newest
+            if client is None or state is None or not client.session.running:
+                return False
+            run = client.session.runs
+        self.publish(replace(state, timestep=state.timestep + 1))
+
+        def over() -> bool:
+            session = client.session
+            gone = self._ending or self._client is not client
+            return gone or not session.running or session.runs != run
+
+        with self._change:
+            return not self._change.wait_for(over, timeout_s)
+
     def forget(self) -> None:
         """Drops the newest state: ONE_SHOT waits for the next one."""
         with self._lock:
@@ -209,10 +235,7 @@ class ArenaServer(ListeningServer):
             return self._is_running()
 
     def end_run(self) -> None:
-        """Ends a client's run where a recording has come to its end.
-
-        ONE_SHOT waits for the next state then, which is the beginning of another one.
-        """
+        """Ends a client's run where there was no state to send; ONE_SHOT waits for the next one."""
         with self._change:
             self._newest = None
             if self._client is not None:
