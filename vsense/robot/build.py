@@ -33,7 +33,7 @@ SHARED_FLAGS = ("-fPIC", "-shared", "-fvisibility=hidden", "-ffp-contract=off", 
 no machine fuses two roundings into one, so that a seed gives the same run on all of them."""
 
 RUNTIME_PARTS = (
-    *("err", "bytes", "wire", "table", "shown", "body"),
+    *("err", "bytes", "tag", "wire", "table", "shown", "body"),
     *("peer", "clock", "offer", "session"),
 )
 """What of `c_src/` a robot's controller runtime needs beside `robot/`: the protocol's own files."""
@@ -52,7 +52,7 @@ SIMULATION_PART = "inprocess"
 """What of `robot/` only a simulation needs."""
 
 FAST_PARTS = (
-    *("vs_body", "vs_bytes", "vs_clock", "vs_peer", "vs_session", "vs_wire"),
+    *("vs_body", "vs_bytes", "vs_clock", "vs_peer", "vs_session", "vs_tag", "vs_wire"),
     *("epuck_argos", "epuck_bytes", "base", "base_sensors", "base_serial"),
     *("guard", "loop", "memory", "robot"),
 )
