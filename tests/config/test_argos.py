@@ -135,8 +135,8 @@ def test_the_e_puck_example_says_what_happens_instead() -> None:
     assert len(said) == len(EXACT)
     for warning, start in zip(said, EXACT):
         assert warning.startswith(start)
-    assert experiment.controller.library == "epuck_obstacleavoidance"
-    assert experiment.controller.params == {"velocity": "5"}
+    assert experiment.controllers[0].library == "epuck_obstacleavoidance"
+    assert experiment.controllers[0].params == {"velocity": "5"}
     assert [robot.id for robot in experiment.robots[:2]] == ["fb0", "fb1"]
     assert len({robot.tag for robot in experiment.robots}) == 50
     settled = settle(experiment, experiment.seed)
@@ -153,7 +153,7 @@ def test_with_e_pucks_every_file_of_argos_loads(name: str) -> None:
     text = re.sub(r"(</?)(foot|eye)-bot\b", r"\1e-puck", text)
     experiment = loaded(text)
     assert len(experiment.robots) == AS_EPUCKS[name]
-    assert experiment.controller.library == "stand_still"
+    assert experiment.controllers[0].library == "stand_still"
     (cpp,) = [w for w in experiment.warnings if "is C++ for ARGoS" in w]
     assert "the robots stand still; port it, see robot/README.md, 'Porting an ARGoS" in cpp
     settled = settle(experiment, 3)
@@ -161,10 +161,13 @@ def test_with_e_pucks_every_file_of_argos_loads(name: str) -> None:
     assert all(re.match(r"x\.argos:[0-9]+: <[a-z0-9_-]+> ", w) for w in experiment.warnings)
 
 
-def test_robots_that_share_no_controller_are_refused_with_the_reason() -> None:
+def test_robots_that_share_no_controller_have_their_own() -> None:
     text = (ARGOS / "eyebot_circle.argos").read_text()
-    with pytest.raises(ConfigError, match=r"expected one for all robots: they share one sensor"):
-        loaded(re.sub(r"(</?)(foot|eye)-bot\b", r"\1e-puck", text))
+    experiment = loaded(re.sub(r"(</?)(foot|eye)-bot\b", r"\1e-puck", text))
+    assert [(c.id, experiment.driven_by(c)) for c in experiment.controllers] == [
+        ("fcc", ("fb",)),
+        ("ecc", ("eb",)),
+    ]
 
 
 @pytest.mark.parametrize(("text", "origin_m"), [(THESIS, (0.0, 0.0)), (ORIGINAL, (7.5, 2.5))])
@@ -179,7 +182,7 @@ def test_the_examples_of_the_thesis_and_of_its_code_load(
     assert [robot.id for robot in experiment.robots] == ["epuck_23_30"]
     assert [thing.id for thing in experiment.objects] == ["epuck_22_1"]
     assert experiment.sources[0].tag == 22
-    assert [m.sensor.name for m in experiment.sensors] == [
+    assert [m.sensor.name for m in experiment.controllers[0].sensors] == [
         "ground", "rgb_ground", "light", "pollutant",
     ]  # fmt: skip
     (light,) = (e for e in experiment.entities if isinstance(e, Light))
@@ -198,10 +201,10 @@ def test_a_lua_controller_and_a_c_plus_plus_one_point_to_the_page(tmp_path: Path
     (warning,) = [w for w in loaded(lua).warnings if "Lua" in w]
     assert warning.startswith("x.argos:9: <lua_controller> is Lua, which runs on no robot")
     assert "Porting an ARGoS controller" in warning
-    assert loaded(lua).controller.library == "stand_still"
+    assert loaded(lua).controllers[0].library == "stand_still"
     (tmp_path / "cleaning.c").touch()
     ported = read(THESIS.encode(), "x.argos", tmp_path / "x.argos")
-    assert ported.controller.library == "cleaning.c"
+    assert ported.controllers[0].library == "cleaning.c"
 
 
 def test_loop_functions_in_c_plus_plus_are_replaced_by_their_port(tmp_path: Path) -> None:

@@ -22,9 +22,13 @@ ARGOS = Path(__file__).parent.parent / "data" / "argos" / "epuck_obstacleavoidan
 
 
 def table(experiment: Experiment) -> Table:
-    sensors = [(m.sensor.name, m.sensor.layout, Direction.SENSOR) for m in experiment.sensors]
+    sensors = [
+        (m.sensor.name, m.sensor.layout, Direction.SENSOR)
+        for m in experiment.controllers[0].sensors
+    ]
     actuators = [
-        (m.actuator.name, m.actuator.layout, Direction.ACTUATOR) for m in experiment.actuators
+        (m.actuator.name, m.actuator.layout, Direction.ACTUATOR)
+        for m in experiment.controllers[0].actuators
     ]
     return Table(Entry(i, *entry) for i, entry in enumerate([*sensors, *actuators], 1))
 
@@ -46,11 +50,12 @@ def encoded(experiment: Experiment, direction: Direction) -> int:
 
 def test_the_bytes_are_those_of_real_datagrams(read_full: Read, full: str) -> None:
     for experiment in (read_full(full), load("pollutant")):
-        assert bytes_down(experiment) == encoded(experiment, Direction.SENSOR)
-        assert bytes_up(experiment) == encoded(experiment, Direction.ACTUATOR)
+        (controller,) = experiment.controllers
+        assert bytes_down(controller) == encoded(experiment, Direction.SENSOR)
+        assert bytes_up(controller) == encoded(experiment, Direction.ACTUATOR)
         text = describe(experiment)
-        assert f"per robot and timestep {bytes_down(experiment)} bytes down" in text
-        assert f"{bytes_up(experiment)} bytes up" in text
+        assert f"per robot and timestep {bytes_down(controller)} bytes down" in text
+        assert f"{bytes_up(controller)} bytes up" in text
 
 
 def test_everything_in_an_experiment_is_described(read_full: Read, full: str) -> None:
@@ -62,8 +67,8 @@ def test_everything_in_an_experiment_is_described(read_full: Read, full: str) ->
         *(entity.id for entity in experiment.entities),
         *(spec.entity.id for spec in experiment.distributed),
         *(field.id for field in experiment.fields),
-        *(mounted.sensor.name for mounted in experiment.sensors),
-        *(mounted.actuator.name for mounted in experiment.actuators),
+        *(mounted.sensor.name for mounted in experiment.controllers[0].sensors),
+        *(mounted.actuator.name for mounted in experiment.controllers[0].actuators),
         "doors.py", "floor.png", "mine.c", "alpha=0.5", "10.0.0.1:4051", "10.0.0.2:4040", "seed 7",
         "40 s, 400 timesteps of 100 ms", "3 x 2.4 x 1 m", "arrow4x4", "(tag 23)",
         "boxes           4 (1 physical, 3 virtual), 2 of them placed by the seed",
@@ -91,10 +96,10 @@ def test_opening_as_the_command_line_says(capsys: pytest.CaptureFixture[str]) ->
     )
     assert experiment is not None
     assert experiment.length_s == 60.0
-    assert experiment.controller.params["walk_s"] == "3"
-    assert experiment.sensors[0].quality.noise_level == 0.1
+    assert experiment.controllers[0].params["walk_s"] == "3"
+    assert experiment.controllers[0].sensors[0].quality.noise_level == 0.1
     given = open_experiment(options(set=[("a.b", ["1", "2"])]), {"wanderer.walk_s": "4"})
-    assert given is not None and given.controller.params["walk_s"] == "4"
+    assert given is not None and given.controllers[0].params["walk_s"] == "4"
     assert capsys.readouterr().out == ""
 
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from tests.config.tables import attributes
 from vsense.config import controllers
-from vsense.config.experiment import load, shipped
+from vsense.config.experiment import first_robots, load, shipped
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment, Pose
 from vsense.errors import ConfigError, UsageError
@@ -43,9 +43,9 @@ def test_everything_in_the_example_is_understood(read_text: Read, example: str) 
     assert [thing.tag for thing in experiment.objects] == [9, 22]
     assert [box.id for box in experiment.boxes] == ["wall_north", "crate"]
     assert experiment.boxes[1].yaw_rad == pytest.approx(math.pi / 4)
-    assert experiment.controller.params == {"alpha": "0.5", "wheels.speed": "3"}
+    assert experiment.controllers[0].params == {"alpha": "0.5", "wheels.speed": "3"}
     assert experiment.marker.height_m == 0.05
-    (mounted,) = experiment.sensors
+    (mounted,) = experiment.controllers[0].sensors
     assert mounted.quality.update_every == 3
     (source,) = experiment.sources
     assert (source.tag, source.turn_timestep, source.memory_ns) == (22, 100, 2_000_000_000)
@@ -228,18 +228,26 @@ def test_what_loads_can_travel(read_text: Read, example: str, data: st.DataObjec
         experiment = read_text(text)
     except ConfigError:
         return
-    encode(Header(2), Welcome(Table(), 100_000, 1, experiment.controller.params_text))
+    encode(Header(2), Welcome(Table(), 100_000, 1, experiment.controllers[0].params_text))
     for robot in experiment.robots:
         encode(Header(1), Hello(bytes(16), robot.tag, robot.id, "mine"))
 
 
-def test_robots_of_several_controllers_are_refused(read_text: Read, example: str) -> None:
+def test_robots_have_controllers_of_their_own(read_text: Read, example: str) -> None:
     second = example.replace("</controllers>", '<other id="o" library="mine.c"/></controllers>')
     assert any(
         "<other> is not supported: no robot uses it" in w for w in read_text(second).warnings
     )
-    wrong = second.replace('config="mine" /></e', 'config="o" /></e')
-    assert "expected one for all robots" in refused(read_text, wrong).message
+    mixed = read_text(second.replace('config="mine" /></e', 'config="o" /></e'))
+    mine, other = mixed.controllers
+    assert [(c.id, c.label, len(c.sensors)) for c in (mine, other)] == [
+        ("mine", "my_controller", 1),
+        ("o", "other", 0),
+    ]
+    assert mine.sources == other.sources == ((mixed.path.parent / "mine.c").resolve(),)
+    assert {r.controller for r in mixed.robots} == {"mine", "o"}
+    assert mixed.driven_by(mine) == ("epuck_23_30",)
+    assert first_robots(mixed, 1).controllers == (mine,)
     twice = example.replace("</controllers>", '<other id="mine" library="a"/></controllers>')
     assert "id of another controller, in line 9" in refused(read_text, twice).message
 
@@ -300,7 +308,7 @@ def test_the_shipped_pollution_experiment_is_chapter_five() -> None:
     assert len({robot.tag for robot in experiment.robots} | {experiment.objects[0].tag}) == 16
     (source,) = experiment.sources
     assert source.tag == experiment.objects[0].tag
-    assert experiment.controller.params["stop_probability"] == "0.3"
+    assert experiment.controllers[0].params["stop_probability"] == "0.3"
     assert source.turn_timestep == experiment.timesteps // 2
     assert load("pollutant", 40.0).sources[0].turn_timestep == 200
     assert len(experiment.boxes) == 4
@@ -336,7 +344,7 @@ def test_a_sensor_that_no_datagram_has_room_for_is_refused_at_its_line(
         more = "".join(f"\n<wide{n}/>" for n in range(count))
         return example.replace("</sensors>", f"{more}</sensors>")
 
-    assert len(read_text(mounting(fits)).sensors) == fits + 1
+    assert len(read_text(mounting(fits)).controllers[0].sensors) == fits + 1
     error = refused(read_text, mounting(fits + 1))
     assert "the table holds more than fits one datagram" in error.message
     last = f"<wide{fits}/>"

@@ -95,9 +95,9 @@ def test_virtual_robots_have_tags_of_their_own_and_perhaps_a_controller(
         "</arena>", f"{ghost.format('g', '</e-puck>')}{ghost.format('h', driven)}</arena>"
     )
     experiment = read_text(text)
-    assert [(r.id, r.tag, r.driven) for r in experiment.virtual_robots] == [
-        ("g", VIRTUAL_TAG_MIN, False),
-        ("h", VIRTUAL_TAG_MIN + 1, True),
+    assert [(r.id, r.tag, r.controller) for r in experiment.virtual_robots] == [
+        ("g", VIRTUAL_TAG_MIN, ""),
+        ("h", VIRTUAL_TAG_MIN + 1, "mine"),
     ]
     assert "g" not in by_name(experiment)
     with pytest.raises(ConfigError, match="there is no controller 'nobody'"):

@@ -21,39 +21,44 @@ SECOND = """
 
 def test_a_device_a_kind_of_device_and_all_of_them(read_full: Read, full: str) -> None:
     one = read_full(full, {"virtual_ground_sensor.noise_level": "0.3"})
-    noises = {m.sensor.name: m.quality.noise_level for m in one.sensors}
+    noises = {m.sensor.name: m.quality.noise_level for m in one.controllers[0].sensors}
     assert noises["ground"] == 0.3
     assert noises["light"] == 0.0
     every = read_full(full, {"sensor.noise": "0.25"})
-    assert {m.quality.noise_level for m in every.sensors} == {0.25}
-    assert [m.quality.noise_level for m in every.actuators] == [0.1, 0.0, 0.0, 0.0]
+    assert {m.quality.noise_level for m in every.controllers[0].sensors} == {0.25}
+    assert [m.quality.noise_level for m in every.controllers[0].actuators] == [0.1, 0.0, 0.0, 0.0]
     assert {
-        m.quality.noise_level for m in read_full(full, {"actuator.noise": "0.2"}).actuators
+        m.quality.noise_level
+        for m in read_full(full, {"actuator.noise": "0.2"}).controllers[0].actuators
     } == {0.2}
 
 
 def test_the_prefix_of_our_namespace_may_be_left_out(read_full: Read, full: str) -> None:
     for key in ("sensor.vs:bias", "sensor.bias"):
-        assert {m.quality.bias for m in read_full(full, {key: "0.5"}).sensors} == {0.5}
+        assert {m.quality.bias for m in read_full(full, {key: "0.5"}).controllers[0].sensors} == {
+            0.5
+        }
     for key in ("vs:marker.height", "marker.height"):
         assert read_full(full, {key: "0.07"}).marker.height_m == 0.07
 
 
 @pytest.mark.parametrize("key", ["params.alpha", "mine.alpha", "my_controller.params.alpha"])
 def test_a_controller_is_told_its_parameters(read_full: Read, full: str, key: str) -> None:
-    assert read_full(full, {key: "7"}).controller.params["alpha"] == "7"
+    assert read_full(full, {key: "7"}).controllers[0].params["alpha"] == "7"
 
 
 def test_a_controller_may_be_named_by_its_library(read_full: Read, full: str) -> None:
     text = full.replace('library="mine.c"', 'library="pollutant"')
-    assert read_full(text, {"pollutant.alpha": "7"}).controller.params["alpha"] == "7"
+    assert read_full(text, {"pollutant.alpha": "7"}).controllers[0].params["alpha"] == "7"
 
 
 def test_parameters_that_the_file_does_not_name_are_added(read_full: Read, full: str) -> None:
-    params = read_full(full, {"mine.wheels.speed": "9", "mine.arm.reach": "2"}).controller.params
+    params = (
+        read_full(full, {"mine.wheels.speed": "9", "mine.arm.reach": "2"}).controllers[0].params
+    )
     assert params == {"alpha": "0.5", "wheels.speed": "9", "arm.reach": "2"}
     text = full.replace('<params alpha="0.5"><wheels speed="3" /></params>', "")
-    assert read_full(text, {"mine.beta": "1"}).controller.params == {"beta": "1"}
+    assert read_full(text, {"mine.beta": "1"}).controllers[0].params == {"beta": "1"}
 
 
 def test_anything_may_be_named_by_its_id_and_from_outside_inwards(
@@ -106,5 +111,8 @@ def test_what_is_not_in_use_cannot_be_set(read_full: Read, full: str) -> None:
     with pytest.raises(UsageError, match=r"'unused\.alpha': <params> of x\.argos:\d+ is not in us"):
         read_full(text, {"unused.alpha": "1"})
     # Of several that are meant one in use is enough.
-    noises = {m.quality.noise_level for m in read_full(text, {"sensor.noise": "0.5"}).sensors}
+    noises = {
+        m.quality.noise_level
+        for m in read_full(text, {"sensor.noise": "0.5"}).controllers[0].sensors
+    }
     assert noises == {0.5}

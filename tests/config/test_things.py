@@ -112,7 +112,7 @@ def test_colours_by_name_or_numbers(
 
 def test_a_medium_decides_whether_bodies_are_in_the_way(read_full: Read, full: str) -> None:
     def reach(text: str) -> object:
-        sensors = {m.sensor.name: m.sensor for m in read_full(text).sensors}
+        sensors = {m.sensor.name: m.sensor for m in read_full(text).controllers[0].sensors}
         hearing = sensors["range_and_bearing"]
         assert isinstance(hearing, RangeAndBearingSensor)
         return hearing.reach.height_m

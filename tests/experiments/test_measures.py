@@ -18,7 +18,7 @@ import pytest
 from tests.conftest import require_tool
 from tests.experiments.permutation import p_value
 from vsense.config.experiment import shipped
-from vsense.robot import build
+from vsense.run.programs import shared_objects
 from vsense.sim.job import Job, Setup
 from vsense.sim.watch import Task, simulate_all
 
@@ -59,8 +59,8 @@ def runs(setups: Sequence[Setup], seeds: Sequence[int]) -> list[list[dict[str, A
     tasks = []
     for setup in setups:
         experiment = setup.load()
-        library = build.shared(experiment.controller.library, experiment.path.parent)
-        tasks += [Task(Job(setup, seed, str(library)), experiment) for seed in seeds]
+        libraries = {name: str(path) for name, path in shared_objects(experiment).items()}
+        tasks += [Task(Job(setup, seed, libraries), experiment) for seed in seeds]
     going = simulate_all(
         tasks, os.cpu_count() or 1, threading.Event(), lambda workers: None, LIMIT_S
     )

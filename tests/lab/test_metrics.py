@@ -45,6 +45,8 @@ def make_run() -> metrics.MeasuredRun:
         object_tags=(),
         object_poses=np.zeros((TIMESTEPS, 0, 3)),
         traces=[make_trace(steps, 1.0), make_trace(steps, 0.0)],
+        sensing=[True, True],
+        judged=[True, True],
         actuated=[make_actuations(steps)] * 2,
         turn=TURN,
         lateness_ms=[0.1, 0.2],

@@ -14,6 +14,7 @@ from collections.abc import Callable
 
 from tests.wire.robot_session import Event, RobotSession
 from vsense.clock import host_ns
+from vsense.link.robots.roster import ExpectedRobot
 from vsense.link.robots.server import LinkEvent, VirtualSensorServer
 from vsense.link.robots.table import Direction, Entry, Table
 from vsense.link.robots.wire import PACKET_MAX, GoodbyeCause, Telemetry, Values
@@ -68,11 +69,9 @@ class Server:
         self.server = VirtualSensorServer(
             host="127.0.0.1",
             port=port,
-            table=TABLE,
             timestep_ns=100 * MS,
             seed=seed,
-            params="speed_cm_s=10\n",
-            expected={1: "epuck_1", 2: "epuck_2"},
+            expected={t: ExpectedRobot(f"epuck_{t}", TABLE, "speed_cm_s=10\n") for t in (1, 2)},
             on_event=self._heard,
             clock=clock,
             calendar=lambda: born_s,

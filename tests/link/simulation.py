@@ -16,7 +16,7 @@ from itertools import count
 
 from tests.wire.robot_session import Event, RobotSession
 from vsense.link.robots.peer import Orders
-from vsense.link.robots.roster import Roster
+from vsense.link.robots.roster import ExpectedRobot, Roster
 from vsense.link.robots.session import HostSession
 from vsense.link.robots.status import LinkEvent
 from vsense.link.robots.streams import Inbox
@@ -120,7 +120,10 @@ class Simulation:
         self.weather = CALM
         self.now_ns = 2 * HOUR_NS
         self.roster = Roster(
-            {TAG: "epuck_23"}, TABLE, TIMESTEP_NS, seed, "", lambda: self.random.getrandbits(32)
+            {TAG: ExpectedRobot("epuck_23", TABLE)},
+            TIMESTEP_NS,
+            seed,
+            lambda: self.random.getrandbits(32),
         )
         self.host: HostSession = self.roster.robots[TAG]
         self.robot = Robot(offset_ns)

@@ -13,6 +13,7 @@ import pytest
 from tests.link.rig import MS, PATIENCE_S, TABLE, Clock, Frozen, Robot, Server, reading
 from tests.wire.robot_session import Event, RobotSession
 from vsense.link.robots.links import HELLO_NS, MAX_PENDING
+from vsense.link.robots.roster import ExpectedRobot
 from vsense.link.robots.server import LinkError, LinkEvent, VirtualSensorServer
 from vsense.link.robots.wire import (
     GoodbyeCause,
@@ -339,11 +340,9 @@ def test_a_fault_of_the_thread_reaches_the_runtime(clock: Clock, robot: MakeRobo
     server = VirtualSensorServer(
         host="127.0.0.1",
         port=0,
-        table=TABLE,
         timestep_ns=100 * MS,
         seed=1,
-        params="",
-        expected={1: "epuck_1"},
+        expected={1: ExpectedRobot("epuck_1", TABLE)},
         on_event=broken,
     )
     port = server.start()

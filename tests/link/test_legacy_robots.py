@@ -83,7 +83,7 @@ def test_a_slow_robot_misses_some_but_ends_with_the_newest(steps: list[tuple[byt
 
 
 def test_who_comes_in_mid_run_is_told_everything_at_once() -> None:
-    swarm = LegacySwarm(TRANSLATION, {30: (23, "epuck_23_30")})
+    swarm = LegacySwarm({23: TRANSLATION}, {30: (23, "epuck_23_30")})
     swarm.start()
     swarm.sense(23, {5: b"abc", 7: bytes(12)})
     robot = swarm.join(30)
@@ -93,7 +93,7 @@ def test_who_comes_in_mid_run_is_told_everything_at_once() -> None:
     again = swarm.join(30)
     assert again is not None and not swarm.leave(30, robot)
     assert swarm.robots == {30: again} and swarm.leave(30, again) and swarm.robots == {}
-    assert swarm.join(31) is None and swarm.known() == "30"
+    assert swarm.join(31) is None and swarm.why_not(31).endswith("is 31; expected: 30")
 
 
 def test_robots_are_known_by_the_last_octet() -> None:

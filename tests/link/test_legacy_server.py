@@ -12,6 +12,7 @@ import pytest
 from tests.link.legacy_rig import Client, Relay
 from vsense.link.legacy.protocol import LegacySwarm, Translation
 from vsense.link.legacy.server import MixedServer
+from vsense.link.robots.roster import ExpectedRobot
 from vsense.link.robots.status import LinkError, LinkEvent
 from vsense.link.robots.table import Entry, Table
 from vsense.link.robots.wire import Values, Wanted
@@ -19,6 +20,7 @@ from vsense.link.robots.wire import Values, Wanted
 PATIENCE_S = 20.0
 TABLE = Table([Entry(1, "pollutant", "f4"), Entry(2, "gps", "3*f4")])
 NUMBERS = {30: (23, "epuck_23_30"), 31: (24, "epuck_24_31")}
+EXPECTED = {tag: ExpectedRobot(name, TABLE) for tag, name in NUMBERS.values()}
 
 
 class Events:
@@ -48,14 +50,12 @@ def events() -> Events:
 def server(events: Events) -> Iterator[MixedServer]:
     made = MixedServer(
         ("127.0.0.1", 0),
-        LegacySwarm(Translation(TABLE.entries), NUMBERS),
+        LegacySwarm(dict.fromkeys(EXPECTED, Translation(TABLE.entries)), NUMBERS),
         host="127.0.0.1",
         port=0,
-        table=TABLE,
         timestep_ns=100_000_000,
         seed=1,
-        params="",
-        expected={23: "epuck_23_30", 24: "epuck_24_31"},
+        expected=EXPECTED,
         on_event=events,
     )
     made.start()
@@ -175,13 +175,11 @@ def test_a_port_that_is_taken(server: MixedServer) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         other = MixedServer(
             ("127.0.0.1", taken.getsockname()[1]),
-            LegacySwarm(Translation(TABLE.entries), NUMBERS),
+            LegacySwarm(dict.fromkeys(EXPECTED, Translation(TABLE.entries)), NUMBERS),
             host="127.0.0.1",
             port=0,
-            table=TABLE,
             timestep_ns=100_000_000,
             seed=1,
-            params="",
             expected={},
             on_event=lambda event: None,
         )

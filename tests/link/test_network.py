@@ -13,7 +13,7 @@ from tests.link.rig import PATIENCE_S, TABLE, Frozen
 from tests.wire.robot_session import RobotSession
 from vsense.link.robots.links import FINISH_NS, ServerState
 from vsense.link.robots.network import IDLE_NS, Ports, ServerThread, bind
-from vsense.link.robots.roster import Roster
+from vsense.link.robots.roster import ExpectedRobot, Roster
 from vsense.link.robots.status import LinkEvent
 from vsense.link.robots.wire import GoodbyeCause
 
@@ -25,7 +25,7 @@ class Hand:
         self.clock = frozen
         self.port = ports.port
         self.told: list[LinkEvent] = []
-        roster = Roster({1: "epuck_1", 2: "epuck_2"}, TABLE, 10**8, 1, "")
+        roster = Roster({t: ExpectedRobot(f"epuck_{t}", TABLE) for t in (1, 2)}, 10**8, 1)
         self.shared = ServerState(roster, threading.Lock(), frozen, self.told.append)
         self.network = ServerThread(self.shared, ports)
         self.settle()

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense.link.robots.roster import Roster
+from vsense.link.robots.roster import ExpectedRobot, Roster
 from vsense.link.robots.status import EventThrottle, LinkEvent, cut_text
 from vsense.link.robots.table import Entry, Table
 from vsense.link.robots.wire import (
@@ -31,7 +31,8 @@ TABLE = Table([Entry(1, "pollutant", "f4")])
 
 def roster(draws: Iterable[int] = range(1, 100)) -> Roster:
     numbers = iter(draws)
-    return Roster({5: "epuck_5", 6: "epuck_6"}, TABLE, 10**8, 1, "", lambda: next(numbers))
+    expected = {tag: ExpectedRobot(f"epuck_{tag}", TABLE) for tag in (5, 6)}
+    return Roster(expected, 10**8, 1, lambda: next(numbers))
 
 
 def hello(tag: int, uid: bytes = b"a") -> bytes:
@@ -103,11 +104,11 @@ def test_only_hello_opens_a_session() -> None:
 def test_parameters_that_no_welcome_can_carry_are_refused_before_the_start() -> None:
     for timestep_ns, params in ((10**8, "x" * 4097), (10**8, "a\tb"), (0, "")):
         with pytest.raises(WireError):
-            Roster({}, TABLE, timestep_ns, 1, params)
+            Roster({5: ExpectedRobot("five", TABLE, params)}, timestep_ns, 1)
 
 
 def test_the_list_of_expected_tags_is_cut_to_what_refuse_can_carry() -> None:
-    many = Roster(dict.fromkeys(range(1000), "robot"), TABLE, 10**8, 1, "")
+    many = Roster(dict.fromkeys(range(1000), ExpectedRobot("robot", TABLE)), 10**8, 1)
     answer = many.greet(hello(5000), "here", S)
     notice = decode(answer.packet)[1]
     assert isinstance(notice, Notice) and len(notice.text) == TEXT_MAX
@@ -140,7 +141,7 @@ def test_many_different_complaints_take_bounded_memory() -> None:
 
 
 def test_a_robot_without_room_for_the_parameters_is_refused() -> None:
-    ours = Roster({5: "five"}, TABLE, 10**8, 1, "a=" + "x" * 600 + "\n")
+    ours = Roster({5: ExpectedRobot("five", TABLE, "a=" + "x" * 600 + "\n")}, 10**8, 1)
     small = Hello(b"a" * 16, 5, "name", "test", params_room=512)
     answer = ours.greet(encode(Header(PacketType.HELLO), small), "here", S)
     _, notice = decode(answer.packet)

@@ -9,6 +9,7 @@ import pytest
 
 from tests.link.rig import MS, TABLE, Frozen, Robot, S, Server, reading
 from tests.wire.robot_session import Event
+from vsense.link.robots.roster import ExpectedRobot
 from vsense.link.robots.server import LinkError, VirtualSensorServer
 from vsense.link.robots.wire import GoodbyeCause, StopCause, Telemetry, Wanted
 from vsense.native import WireError
@@ -255,11 +256,9 @@ def test_a_server_is_used_in_order(clock: Callable[[], int]) -> None:
         return VirtualSensorServer(
             host="127.0.0.1",
             port=0,
-            table=TABLE,
             timestep_ns=100 * MS,
             seed=1,
-            params=params,
-            expected={},
+            expected={1: ExpectedRobot("epuck_1", TABLE, params)},
             on_event=print,
         )
 

@@ -14,6 +14,7 @@ from vsense.config import argos
 from vsense.config.experiment import load
 from vsense.robot import boards, build
 from vsense.robot.compiling import BuildError, Sources, native
+from vsense.run.programs import shared_objects
 from vsense.sim.simulation import Simulation
 
 WALKER = Path(__file__).parent / "walker.cpp"
@@ -44,8 +45,8 @@ def test_an_experiment_names_one_and_its_robots_drive(walker: Path) -> None:
     file = walker.with_name("mine.argos")
     file.write_text(shipped.read_text().replace('library="pollutant"', 'library="walker.cpp"'))
     experiment = load(str(file), 5.0)
-    assert experiment.controller.library == "walker.cpp"
-    run = Simulation(experiment, build.shared("walker.cpp", walker.parent), 1)
+    assert experiment.controllers[0].library == "walker.cpp"
+    run = Simulation(experiment, shared_objects(experiment), 1)
     run.run()
     places = run.record.poses[:, : len(run.record.tags), :2]
     moved = abs(places[-1] - places[0]).max(axis=1)

@@ -91,7 +91,8 @@ def value(readings: list[tuple[bytes, int]]) -> float:
 
 
 def test_the_table_holds_sensors_and_then_actuators(tmp_path: Path) -> None:
-    assert environment(tmp_path).table_entries == (
+    (equipment,) = environment(tmp_path).equipment
+    assert equipment.table.entries == (
         Entry(1, "pheromone", "3*f4", Direction.SENSOR),
         Entry(2, "pheromone_release", "2*f4", Direction.ACTUATOR),
         Entry(3, "led_color", "3*u1", Direction.ACTUATOR),

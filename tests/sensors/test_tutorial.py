@@ -14,7 +14,6 @@ from tests.sensors.scenes import STEP_NS, arena_state
 from vsense.config import controllers
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment
-from vsense.link.robots.table import Table
 from vsense.link.robots.wire import Wanted
 from vsense.robot import build
 from vsense.robot.inprocess import Robots
@@ -46,7 +45,7 @@ def test_the_sensor_has_under_30_lines_and_is_one_line_of_the_experiment() -> No
 def test_nothing_of_it_is_passed_over(experiment: Experiment) -> None:
     assert experiment.warnings == ()
     assert [robot.tag for robot in experiment.robots] == TAGS
-    (mounted,) = experiment.sensors
+    (mounted,) = experiment.controllers[0].sensors
     assert (mounted.sensor.name, mounted.sensor.layout) == ("crowd", "u1")
 
 
@@ -65,10 +64,9 @@ def test_its_value_reaches_what_robots_are_sent(experiment: Experiment) -> None:
 def test_its_value_reaches_the_controller(experiment: Experiment) -> None:
     require_tool("cc", "gcc")
     environment = Environment(experiment, seed=1)
-    library = build.shared(experiment.controller.library, experiment.path.parent)
-    params = experiment.controller.params_text
-    table = Table(environment.table_entries)
-    robots = Robots(library, TAGS, table, STEP_NS, 1, params)
+    library = build.shared(experiment.controllers[0].library, experiment.path.parent)
+    params = experiment.controllers[0].params_text
+    robots = Robots(library, TAGS, environment.equipment[0].table, STEP_NS, 1, params)
     own_proximity = np.zeros((4, 8), dtype=np.int16)
     for k in range(3):
         capture_ns = (k + 1) * STEP_NS
@@ -83,7 +81,7 @@ def test_its_value_reaches_the_controller(experiment: Experiment) -> None:
 
 def test_the_settings_that_come_with_it(experiment: Experiment) -> None:
     experiment = load(experiment.path, settings={"sensor.noise": "1", "sensor.update": "change"})
-    (mounted,) = experiment.sensors
+    (mounted,) = experiment.controllers[0].sensors
     assert (mounted.quality.noise_level, mounted.updating.kind) == (1.0, "change")
     environment = Environment(experiment, seed=1)
     counts = set()

@@ -26,7 +26,7 @@ def experiment() -> Experiment:
 
 
 def lived(experiment: Experiment, library: Path, seed: int = 1, blind: bool = False) -> Simulation:
-    run = Simulation(experiment, library, seed, blind)
+    run = Simulation(experiment, {experiment.controllers[0].id: library}, seed, blind)
     run.run()
     return run
 
@@ -75,9 +75,9 @@ def test_figures_count_the_robots_that_truly_are_in_the_cone(experiment, polluta
 
 def test_wheels_obey_31_ms_after_the_capture(experiment, probe) -> None:
     """Everybody drives straight on from the first timestep, 2000 steps/s cut to 1000."""
-    alone = replace(first_robots(experiment, 1), sensors=(), sources=())
-    straight = replace(alone.controller, params={"speed": "3000"})
-    record = lived(replace(alone, controller=straight, length_s=0.3), probe).record
+    alone = replace(first_robots(experiment, 1), sources=())
+    straight = replace(alone.controllers[0], params={"speed": "3000"}, sensors=())
+    record = lived(replace(alone, controllers=(straight,), length_s=0.3), probe).record
     way_m = np.hypot(*np.diff(record.poses[:, 0, :2], axis=0).T)
     full_m_s = 1000 * STEP_M
     np.testing.assert_allclose(way_m[0], full_m_s * (0.1 - ACT_NS * 1e-9), rtol=1e-9)

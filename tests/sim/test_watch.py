@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from vsense.robot import build
+from vsense.run.programs import shared_objects
 from vsense.sim.job import Job, Setup
 from vsense.sim.watch import Interrupted, SimulatedRunError, Task, simulate_all
 
@@ -25,8 +25,8 @@ TIMESTEP = 4
 def task(path: Path, fault: str = "0", seed: int = 1, **changes: Any) -> Task:
     setup = Setup(str(path), 1.0, settings={"wanderer.fault": fault}, **changes)
     experiment = setup.load()
-    library = build.shared(experiment.controller.library, experiment.path.parent)
-    return Task(Job(setup, seed, str(library)), experiment)
+    libraries = {name: str(path) for name, path in shared_objects(experiment).items()}
+    return Task(Job(setup, seed, libraries), experiment)
 
 
 def results(*tasks: Task, processes: int = 1, limit_s: float = 10.0) -> list[dict[str, Any]]:

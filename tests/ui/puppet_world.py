@@ -71,15 +71,18 @@ def experiment(swarm: Swarm, cameras: int, mode: str) -> dict[str, Any]:
         "arena": {"size_m": list(SIZE_M), "centre_m": [0.0, 0.0, 0.5]},
         "robots": [{"tag": t, "name": f"epuck_{t}", "height_m": 0.076} for t in swarm.tags],
         "objects": [{"tag": POLLUTER, "name": "polluter"}],
-        "sensors": [
-            {"name": "pollutant", "layout": "u1", "count": 1, "unit": None, "angles_rad": None},
-            {"name": "proximity", "layout": "8*f4", "count": 8, "unit": None,
-             "angles_rad": EPUCK_RAD},
-            {"name": "light", "layout": "16*f4", "count": 16, "unit": None,
-             "angles_rad": EPUCK_RAD},
-            {"name": "gps", "layout": "2*f4", "count": 2, "unit": "m", "angles_rad": None},
-        ],
-        "actuators": [{"name": "cleaner", "layout": "u1", "count": 1}],
+        "controllers": [{
+            "id": "cleaners", "library": "pollutant", "tags": swarm.tags,
+            "sensors": [
+                {"name": "pollutant", "layout": "u1", "count": 1, "unit": None, "angles_rad": None},
+                {"name": "proximity", "layout": "8*f4", "count": 8, "unit": None,
+                 "angles_rad": EPUCK_RAD},
+                {"name": "light", "layout": "16*f4", "count": 16, "unit": None,
+                 "angles_rad": EPUCK_RAD},
+                {"name": "gps", "layout": "2*f4", "count": 2, "unit": "m", "angles_rad": None},
+            ],
+            "actuators": [{"name": "cleaner", "layout": "u1", "count": 1}],
+        }],
         "cameras": [
             {"id": f"cam{k}", "tracker": f"tracker_{k // 2}", "width_px": CAMERA_PX[0],
              "height_px": CAMERA_PX[1], "row": k // columns, "column": k % columns,

@@ -34,17 +34,21 @@ class ActuatorBank:
         tags: Sequence[int],
         seed: int = 0,
         first_id: int = 1,
+        stream: str = "",
     ) -> None:
         """Mounts the actuators on every robot.
 
         `seed` is that of the noise and the drop-out, `first_id` the first actuator's number on the
-        wire; the others follow.
+        wire; the others follow. `stream` tells their chance from that of another bank.
 
         Raises:
             SensorError: an actuator's layout is wrong.
         """
         self._tags = list(tags)
-        self._slots = [_Slot(mounted, len(self._tags), seed) for mounted in actuators]
+        self._slots = [
+            _Slot(mounted, len(self._tags), generator(seed, stream + mounted.actuator.name))
+            for mounted in actuators
+        ]
         self.table = tuple(slot.entry(first_id + i) for i, slot in enumerate(self._slots))
         self._size = sum(entry.size for entry in self.table)
 
@@ -82,7 +86,7 @@ class ActuatorBank:
 class _Slot:
     """One actuator with the last reports of all robots: n robots, k numbers each."""
 
-    def __init__(self, mounted: MountedActuator, robots: int, seed: int) -> None:
+    def __init__(self, mounted: MountedActuator, robots: int, random: np.random.Generator) -> None:
         actuator, quality = mounted.actuator, mounted.quality
         self._actuator, self._quality = actuator, quality
         self._count, self._dtype = layout_dtype(actuator.layout)
@@ -93,7 +97,7 @@ class _Slot:
         self._levels, self._pending = np.zeros(shape), np.zeros(shape)
         self._counts = _Counts(shape)
         self._renewed = -quality.update_every
-        self._random = generator(seed, actuator.name)
+        self._random = random
         self._distortion = Distortion(quality, actuator.scale, robots, self._count)
         self._delay = Delay(quality.latency, (np.zeros(shape), np.zeros(shape)))
 

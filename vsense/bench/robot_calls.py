@@ -16,12 +16,14 @@ from pathlib import Path
 
 from vsense.clock import host_ns
 from vsense.lab.microcontrollers import Microcontrollers
+from vsense.link.robots.roster import ExpectedRobot
 from vsense.link.robots.server import VirtualSensorServer
 from vsense.link.robots.table import Entry, Table
 from vsense.link.robots.wire import Wanted
 from vsense.robot.compiling import BuildError
 
 TAG = 23
+PARAMS = "stop_probability=0.3\nspeed_cm_s=12\nwalk_s=8\n"
 TIMESTEP_NS = 100_000_000
 WARM_UP = 20
 """Timesteps that are not counted: clocks are compared, the controller begins."""
@@ -54,11 +56,9 @@ def per_step(qemu: str, program: Path, steps: int) -> int:
     server = VirtualSensorServer(
         host="127.0.0.1",
         port=0,
-        table=Table([Entry(1, "pollutant", "f4")]),
         timestep_ns=TIMESTEP_NS,
         seed=5,
-        params="stop_probability=0.3\nspeed_cm_s=12\nwalk_s=8\n",
-        expected={TAG: "robot"},
+        expected={TAG: ExpectedRobot("robot", Table([Entry(1, "pollutant", "f4")]), PARAMS)},
         on_event=lambda event: None,
     )
     words = ["--host", "127.0.0.1", "--port", str(server.start()), "--tag", str(TAG)]

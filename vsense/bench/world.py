@@ -21,7 +21,7 @@ import numpy as np
 
 from vsense.arena import POSE, ArenaState
 from vsense.config.controllers import mount_sensor
-from vsense.robot import build
+from vsense.run.programs import shared_objects
 from vsense.sensors.bank import SensorBank
 from vsense.sensors.base import Scope
 from vsense.sim.job import Job, Setup
@@ -143,10 +143,10 @@ def simulation() -> Callable[[], float]:
     """Makes a function that simulates the experiment and returns simulated seconds per second."""
     setup = Setup(EXPERIMENT)
     experiment = setup.load()
-    library = build.shared(experiment.controller.library, experiment.path.parent)
+    libraries = {name: str(path) for name, path in shared_objects(experiment).items()}
 
     def simulate() -> float:
-        job = Job(setup, _SEED, str(library))
+        job = Job(setup, _SEED, libraries)
         done = simulate_all([Task(job, experiment)], 1, threading.Event(), lambda workers: None)
         ((_, result),) = done
         return float(result["timesteps"] * result["timestep_s"] / result["wall_s"])

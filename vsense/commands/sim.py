@@ -13,8 +13,8 @@ from vsense.commands import arguments, experiments
 from vsense.config.specs import Experiment, Stage
 from vsense.errors import UsageError
 from vsense.lab.metrics import swarm_rows
-from vsense.robot import build
 from vsense.run import directory as run_directory
+from vsense.run.programs import shared_objects
 from vsense.sim import campaign
 from vsense.sim.campaign import Campaign
 from vsense.sim.job import Job, Setup, Sweep
@@ -118,13 +118,13 @@ def _one(
 ) -> int:
     """One run: figures, trajectories, and a table for people."""
     seed = experiments.choose_seed(options, experiment)
-    library = build.shared(experiment.controller.library, experiment.path.parent)
+    libraries = {name: str(path) for name, path in shared_objects(experiment).items()}
     directory = run_directory.make(options.output, experiment.name, seed)
     console.say(
         f"{experiment.name}: {len(experiment.robots)} robots, seed {seed},"
         f" {experiment.length_s:g} s; results in {directory}"
     )
-    job = Job(setup, seed, str(library), str(directory))
+    job = Job(setup, seed, libraries, str(directory))
 
     def show(workers: Sequence[WorkerProcess]) -> None:
         done = max(worker.timesteps for worker in workers)

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import vsense.actuators
 import vsense.sensors
@@ -90,28 +90,39 @@ def mount_actuator(element: Element, scope: Scope) -> MountedActuator:
     return MountedActuator(actuator, element.line, Quality.from_xml(element, actuator.scale))
 
 
-def read_devices(
-    controller: Element, scope: Scope, media: Media
-) -> tuple[list[MountedSensor], list[MountedActuator]]:
-    """Mounts the virtual sensors and actuators that a controller asks for.
+class Devices(NamedTuple):
+    """The virtual sensors and actuators of a controller."""
 
-    They may refer to `scope`, to which sensors add their sources, and to `media`. They must have
-    different names, and a datagram must hold them all.
+    sensors: list[MountedSensor]
+    actuators: list[MountedActuator]
+
+
+def read_devices(controllers: Sequence[Element], scope: Scope, media: Media) -> list[Devices]:
+    """Mounts the virtual sensors and actuators that each controller asks for.
+
+    They may refer to `scope`, to which sensors add their sources, and to `media`. Those of one
+    controller must have different names, and a datagram must hold them all.
     """
-    sensors: list[MountedSensor] = []
-    actuators: list[MountedActuator] = []
-    entries: dict[str, tuple[Entry, int]] = {}
-    for element in _virtual(controller, SENSORS, argos.ROBOT_SENSORS, argos.SENSORS, media):
-        sensors.append(mount_sensor(element, scope))
-        _add_entry(entries, element, sensors[-1].sensor, Direction.SENSOR)
-    for element in _virtual(controller, ACTUATORS, argos.ROBOT_ACTUATORS, argos.ACTUATORS, media):
-        actuators.append(mount_actuator(element, scope))
-        _add_entry(entries, element, actuators[-1].actuator, Direction.ACTUATOR)
-    return sensors, actuators
+    mounting = [(controller, Devices([], []), _Entries()) for controller in controllers]
+    for controller, devices, entries in mounting:
+        for element in _virtual(controller, SENSORS, argos.ROBOT_SENSORS, argos.SENSORS, media):
+            devices.sensors.append(mount_sensor(element, scope))
+            _add_entry(entries, element, devices.sensors[-1].sensor, Direction.SENSOR)
+    # They may act on what another controller's sensors have added to the world.
+    real, unsupported = argos.ROBOT_ACTUATORS, argos.ACTUATORS
+    for controller, devices, entries in mounting:
+        for element in _virtual(controller, ACTUATORS, real, unsupported, media):
+            devices.actuators.append(mount_actuator(element, scope))
+            _add_entry(entries, element, devices.actuators[-1].actuator, Direction.ACTUATOR)
+    return [devices for _, devices, _ in mounting]
+
+
+_Entries = dict[str, tuple[Entry, int]]
+"""Rows of a sensor table and their lines, by name."""
 
 
 def _add_entry(
-    entries: dict[str, tuple[Entry, int]],
+    entries: _Entries,
     element: Element,
     device: VirtualSensor | VirtualActuator,
     way: Direction,
@@ -157,49 +168,62 @@ def _virtual(
     return [element for element in found if element.name in virtual]
 
 
-def used_controller(section: Element, bodies: ArenaContents) -> Element:
-    """Finds the one controller that the robots name; refuses several."""
+def used_controllers(section: Element, bodies: ArenaContents) -> list[Element]:
+    """Finds the controllers that robots name; the others are left out."""
     known = by_id(section.children(), "controller")
-    used: dict[str, Element] = {}
-    for robot, element in bodies.controllers.items():
+    used = set[str]()
+    for element in bodies.controllers.values():
         name = element.text("config")
         if name not in known:
             there = ", ".join(known) or "none"
             raise element.error(f"there is no controller {name!r}; there are: {there}", "config")
-        used.setdefault(name, element)
-        if len(used) > 1:
-            other = next(iter(used))
-            raise element.error(
-                f"{robot!r} has {name!r}, others have {other!r}; expected one for all robots:"
-                " they share one sensor table and one program, which may tell them apart itself",
-                "config",
-            )
-    chosen = known[next(iter(used))]
-    for element in known.values():
-        if element is not chosen:
+        used.add(name)
+    for name, element in known.items():
+        if name not in used:
             element.leave_out("no robot uses it")
-    return chosen
+    return [element for name, element in known.items() if name in used]
 
 
-def read_controller(element: Element, folder: Path) -> ControllerSpec:
-    """Reads which program drives the robots, and its parameters.
+def read_controller(element: Element, folder: Path, devices: Devices) -> ControllerSpec:
+    """Reads which program drives robots with these devices, and its parameters.
 
     A source with a relative path is looked for in `folder`.
     """
-    library = _read_library(element, folder)
+    library, source = _read_library(element, folder)
     params = element.optional_child("params")
     settings = {} if params is None else collect(params, {})
     if library == argos.STAND_STILL:
         settings = {}
-    controller = ControllerSpec(element.text("id"), library, settings, element.line)
+    controller = ControllerSpec(
+        id=element.text("id"),
+        label=element.name,
+        library=library,
+        sources=(source,),
+        includes=(),
+        params=settings,
+        sensors=tuple(devices.sensors),
+        actuators=tuple(devices.actuators),
+        line=element.line,
+    )
     size = len(controller.params_text.encode())
     if params is not None and size > lib.VS_PARAMS_MAX:
         raise params.error(f"has {size} bytes, expected at most {lib.VS_PARAMS_MAX}")
     return controller
 
 
-def _read_library(element: Element, folder: Path) -> str:
-    """Reads which program it is; one for ARGoS is replaced by its port."""
+def _read_library(element: Element, folder: Path) -> tuple[str, Path]:
+    """Reads which program it is, and finds its source."""
+    library = _program(element, folder)
+    try:
+        return library, source_tree().controller(library, folder)
+    except UsageError as error:
+        raise element.error(str(error), "library") from None
+    except OSError as error:
+        raise element.error(f"{shown(library)}: {error.strerror}", "library") from None
+
+
+def _program(element: Element, folder: Path) -> str:
+    """The name or path of a controller's program; that of one for ARGoS is its port's."""
     if element.name == argos.LUA and not element.has("library"):
         element.warn(f"is Lua, which runs on no robot: they stand still; see {argos.PAGE}")
         return argos.STAND_STILL
@@ -215,10 +239,4 @@ def _read_library(element: Element, folder: Path) -> str:
             f"library: {shown(library)} is C++ for ARGoS: its port {port!r} is run instead"
         )
         return port
-    try:
-        source_tree().controller(library, folder)
-    except UsageError as error:
-        raise element.error(str(error), "library") from None
-    except OSError as error:
-        raise element.error(f"{shown(library)}: {error.strerror}", "library") from None
     return library

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from vsense.config.specs import Experiment
+from vsense.config.specs import ControllerSpec, Experiment
 from vsense.native import lib
 from vsense.sensors.base import layout_dtype
 from vsense.world.entities import Box, Cylinder, Entity, Light, VirtualRobot, Zone
@@ -27,15 +27,15 @@ _KINDS: tuple[tuple[str, type[Entity]], ...] = (
 )
 
 
-def bytes_down(experiment: Experiment) -> int:
+def bytes_down(controller: ControllerSpec) -> int:
     """Counts the bytes of one datagram to a robot, without those of UDP and IP."""
-    sizes = [_size(mounted.sensor.layout) for mounted in experiment.sensors]
+    sizes = [_size(mounted.sensor.layout) for mounted in controller.sensors]
     return STATE_BYTES + sum(_AGE_BYTES + size for size in sizes)
 
 
-def bytes_up(experiment: Experiment) -> int:
+def bytes_up(controller: ControllerSpec) -> int:
     """Counts the bytes of a datagram from a robot that shows and logs nothing, without UDP, IP."""
-    return TELEMETRY_BYTES + sum(_size(m.actuator.layout) for m in experiment.actuators)
+    return TELEMETRY_BYTES + sum(_size(m.actuator.layout) for m in controller.actuators)
 
 
 def describe(experiment: Experiment) -> str:
@@ -44,14 +44,9 @@ def describe(experiment: Experiment) -> str:
         *_run_rows(experiment),
         *_body_rows(experiment),
         *_virtual_rows(experiment),
-        *_controller_rows(experiment),
-        (
-            "traffic",
-            f"per robot and timestep {bytes_down(experiment)} bytes down, {bytes_up(experiment)}"
-            " bytes up: one datagram each, UDP and IP not counted; with a timestep of more than"
-            " 50 ms it is repeated every 50 ms",
-        ),
     ]
+    for controller in experiment.controllers:
+        rows += _controller_rows(controller, experiment)
     width = max(len(name) for name, _ in rows)
     lines = [f"{experiment.name} ({experiment.file})"]
     lines += [f"  {name:{width}}  {text}" for name, text in rows]
@@ -125,20 +120,27 @@ def _virtual_rows(experiment: Experiment) -> list[tuple[str, str]]:
     return rows
 
 
-def _controller_rows(experiment: Experiment) -> list[tuple[str, str]]:
-    controller = experiment.controller
+def _controller_rows(controller: ControllerSpec, experiment: Experiment) -> list[tuple[str, str]]:
+    """A controller with its devices; which robots it drives, where it is not the only one."""
     params = ", ".join(f"{key}={value}" for key, value in controller.params.items())
     rows = [("controller", f"{controller.id}: {controller.library}")]
+    if len(experiment.controllers) > 1:
+        rows.append(("drives", ", ".join(experiment.driven_by(controller))))
     rows += [("parameters", params)] if params else []
     rows += [
         ("sensor", f"{m.sensor.name}: {m.sensor.layout}, {_size(m.sensor.layout)} bytes")
-        for m in experiment.sensors
+        for m in controller.sensors
     ]
     rows += [
         ("actuator", f"{m.actuator.name}: {m.actuator.layout}, {_size(m.actuator.layout)} bytes")
-        for m in experiment.actuators
+        for m in controller.actuators
     ]
-    return rows
+    traffic = (
+        f"per robot and timestep {bytes_down(controller)} bytes down, {bytes_up(controller)}"
+        " bytes up: one datagram each, UDP and IP not counted; with a timestep of more than"
+        " 50 ms it is repeated every 50 ms"
+    )
+    return [*rows, ("traffic", traffic)]
 
 
 def _size(layout: str) -> int:

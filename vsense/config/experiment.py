@@ -12,7 +12,7 @@ from vsense.config.arena import DISTRIBUTE, read_arena
 from vsense.config.controllers import (
     read_controller,
     read_devices,
-    used_controller,
+    used_controllers,
     virtual_devices,
 )
 from vsense.config.framework import read_loop_functions, read_rest, read_run, read_tracker
@@ -41,7 +41,8 @@ def first_robots(experiment: Experiment, count: int | None) -> Experiment:
     left_out = {robot.tag for robot in experiment.robots[count:]}
     if left_out & {source.tag for source in experiment.sources}:
         raise UsageError(f"--robots {count}: would leave out what pollutes")
-    return replace(experiment, robots=experiment.robots[:count])
+    kept = replace(experiment, robots=experiment.robots[:count])
+    return replace(kept, controllers=tuple(c for c in kept.controllers if kept.driven_by(c)))
 
 
 SUFFIX = ".argos"
@@ -113,13 +114,13 @@ def _read_understood(root: Element, path: Path, length_s: float | None, stage: S
     if not bodies.robots:
         raise arena.error(_no_robot(root, arena))
     give_tags(bodies, marker.family)
-    controller = used_controller(root.child("controllers"), bodies)
+    controllers = used_controllers(root.child("controllers"), bodies)
     timesteps, fields = round(run.length_s * run.ticks_per_second), [f.id for f in bodies.fields]
     scope = Scope(bodies.tags, timesteps, bodies.timestep_s, bodies.everything, fields, folder)
-    sensors, actuators = read_devices(controller, scope, media)
+    devices = read_devices(controllers, scope, media)
     _check_objects(bodies, scope)
     _check_tags(bodies, marker, root.document.file)
-    if not sensors:
+    if not any(some.sensors for some in devices):
         _warn_of_unsensed(bodies)
     return Experiment(
         name=path.name.removesuffix(SUFFIX),
@@ -130,15 +131,15 @@ def _read_understood(root: Element, path: Path, length_s: float | None, stage: S
         robots=tuple(bodies.robots),
         objects=tuple(bodies.objects),
         marker=marker,
-        controller=read_controller(controller, folder),
-        sensors=tuple(sensors),
+        controllers=tuple(
+            read_controller(element, folder, some) for element, some in zip(controllers, devices)
+        ),
         sources=tuple(scope.sources),
         entities=tuple(bodies.entities),
         distributed=tuple(bodies.distributed),
         floor=bodies.floor,
         fields=tuple(bodies.fields),
         loop_functions=loop_functions,
-        actuators=tuple(actuators),
         tracker=read_tracker(root),
         stage=stage,
     )

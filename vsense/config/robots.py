@@ -114,8 +114,8 @@ def add_epuck(element: Element, bodies: ArenaContents) -> None:
     _check_name(element, name)
     pose = _read_pose(element, bodies)
     number = len(bodies.robots) if number is None else number
-    bodies.robots.append(RobotSpec(name, tag, number, pose, None, element.line))
-    bodies.controllers[name] = controller
+    config = _name_controller(controller, name, bodies)
+    bodies.robots.append(RobotSpec(name, tag, number, pose, None, config, element.line))
 
 
 def _pass_over(element: Element) -> None:
@@ -158,8 +158,8 @@ def add_crowd(crowd: Crowd, bodies: ArenaContents) -> None:
             bodies.objects.append(ObjectSpec(name, tag, None, drawn, line))
             continue
         _check_name(element, name)
-        bodies.robots.append(RobotSpec(name, tag, number, None, drawn, line))
-        bodies.controllers[name] = controller
+        config = _name_controller(controller, name, bodies)
+        bodies.robots.append(RobotSpec(name, tag, number, None, drawn, config, line))
     if not crowd.entity.has("vs:tags"):
         bodies.untagged.append((crowd.entity, names))
 
@@ -206,9 +206,9 @@ def _well_apart(family: str, count: int) -> tuple[int, ...]:
 def _add_virtual(element: Element, bodies: ArenaContents) -> None:
     name = element.text("id")
     bodies.claim_id(element, name)
-    driven = _is_driven(element, name, bodies)
+    driver = _driver(element, name, bodies)
     pose = _read_pose(element, bodies)
-    bodies.entities.append(VirtualRobot(name, bodies.next_virtual_tag(), *pose, driven))
+    bodies.entities.append(VirtualRobot(name, bodies.next_virtual_tag(), *pose, driver))
 
 
 def _add_virtual_crowd(crowd: Crowd, prefix: str, bodies: ArenaContents) -> None:
@@ -216,17 +216,21 @@ def _add_virtual_crowd(crowd: Crowd, prefix: str, bodies: ArenaContents) -> None
     for number in crowd.numbers:
         name = f"{prefix}{number}"
         bodies.claim_id(element, name)
-        driven = _is_driven(element, name, bodies)
-        robot = VirtualRobot(name, bodies.next_virtual_tag(), 0.0, 0.0, driven=driven)
+        driver = _driver(element, name, bodies)
+        robot = VirtualRobot(name, bodies.next_virtual_tag(), 0.0, 0.0, controller=driver)
         bodies.distributed.append(DistributedSpec(robot, crowd.distribution, element.line))
 
 
-def _is_driven(element: Element, name: str, bodies: ArenaContents) -> bool:
-    """Whether a controller drives a virtual robot; else loop functions move it."""
+def _driver(element: Element, name: str, bodies: ArenaContents) -> str:
+    """The id of the controller that drives a virtual robot; "": loop functions move it."""
     controller = element.optional_child("controller")
-    if controller is not None:
-        bodies.controllers[name] = controller
-    return controller is not None
+    return "" if controller is None else _name_controller(controller, name, bodies)
+
+
+def _name_controller(controller: Element, name: str, bodies: ArenaContents) -> str:
+    """Notes the `<controller>` of a robot; gives the id that it names."""
+    bodies.controllers[name] = controller
+    return controller.text("config")
 
 
 def _read_identity(element: Element, bodies: ArenaContents) -> tuple[str, int, int | None]:

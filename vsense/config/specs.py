@@ -50,6 +50,7 @@ class RobotSpec:
             its place in the file.
         pose: start pose, or None where it is distributed.
         distribution: how its start pose is drawn, or None.
+        controller: id of the controller that drives it.
     """
 
     id: str
@@ -57,6 +58,7 @@ class RobotSpec:
     number: int
     pose: Pose | None
     distribution: Distribution | None
+    controller: str
     line: int
 
 
@@ -73,16 +75,27 @@ class ObjectSpec:
 
 @dataclass(frozen=True, slots=True)
 class ControllerSpec:
-    """What drives the robots.
+    """What drives some or all of the robots, and what they sense and do virtually.
+
+    Sources, includes and label together say which program it is.
 
     Attributes:
+        label: the name of its element.
         library: a shipped controller's name, or the path of a C source.
+        sources: the files that its program is compiled from.
+        includes: folders of headers of its own.
         params: the user's own settings, passed on as they are.
+        sensors, actuators: the virtual ones.
     """
 
     id: str
+    label: str
     library: str
+    sources: tuple[Path, ...]
+    includes: tuple[Path, ...]
     params: Mapping[str, str]
+    sensors: tuple[MountedSensor, ...]
+    actuators: tuple[MountedActuator, ...]
     line: int
 
     @property
@@ -198,6 +211,7 @@ class Experiment:
         host, port: IPv4 address of the virtual sensor server, in numbers, and its port.
         objects: tagged things that are no robots.
         sources: what pollutes.
+        controllers: those that robots run, at least one.
         warnings: what is passed over: `file:line: what happens instead`.
         entities: what stands in the arena beside robots and tagged objects, virtual robots
             included.
@@ -219,8 +233,7 @@ class Experiment:
     robots: tuple[RobotSpec, ...]
     objects: tuple[ObjectSpec, ...]
     marker: MarkerSpec
-    controller: ControllerSpec
-    sensors: tuple[MountedSensor, ...] = ()
+    controllers: tuple[ControllerSpec, ...]
     sources: tuple[PollutantSource, ...] = ()
     warnings: tuple[str, ...] = ()
     entities: tuple[Entity, ...] = ()
@@ -228,7 +241,6 @@ class Experiment:
     floor: FloorSpec | None = None
     fields: tuple[FieldSpec, ...] = ()
     loop_functions: LoopSpec | None = None
-    actuators: tuple[MountedActuator, ...] = ()
     tracker: TrackerAddress | JsonLinesTracker | None = None
     stage: Stage = Stage.RUN
 
@@ -245,6 +257,18 @@ class Experiment:
     @property
     def virtual_robots(self) -> tuple[VirtualRobot, ...]:
         return tuple(e for e in self.entities if isinstance(e, VirtualRobot))
+
+    def controller_of(self, robot: RobotSpec | VirtualRobot) -> ControllerSpec:
+        """What drives a robot; a virtual one that loop functions move is given the first."""
+        known = {controller.id: controller for controller in self.controllers}
+        return known.get(robot.controller, self.controllers[0])
+
+    def driven_by(self, controller: ControllerSpec) -> tuple[str, ...]:
+        """The ids of the robots that a controller drives, virtual ones included."""
+        others = (*self.entities, *(spec.entity for spec in self.distributed))
+        virtual = [entity for entity in others if isinstance(entity, VirtualRobot)]
+        real = tuple(robot.id for robot in self.robots if robot.controller == controller.id)
+        return (*real, *(robot.id for robot in virtual if robot.controller == controller.id))
 
     @property
     def timestep_s(self) -> float:

@@ -52,6 +52,8 @@ class MeasuredRun:
         object_tags: tags of the tagged objects that are no robots.
         object_poses: (timesteps, objects, 3) their true poses.
         traces: per robot a `swarm.TRACE` array with host times.
+        sensing: per robot whether it has any virtual sensor.
+        judged: per robot whether its trace has the value of the sensor that is judged.
         actuated: per robot the `microcontrollers.ACTUATION` rows that were applied, by time.
         turn: the run's timestep at which the wind turns, or None.
         lateness_ms: the canary's ticks.
@@ -67,6 +69,8 @@ class MeasuredRun:
     object_tags: tuple[int, ...]
     object_poses: NDArray[np.float64]
     traces: list[NDArray[np.void]]
+    sensing: list[bool]
+    judged: list[bool]
     actuated: list[NDArray[np.void]]
     turn: int | None
     lateness_ms: list[float]
@@ -165,15 +169,17 @@ def _applied_at(line: np.void, end_ns: int, applied: NDArray[np.void]) -> list[i
 def sensing(run: MeasuredRun) -> dict[str, float | int | None]:
     """Readings of the controllers against the truth.
 
-    One reading is expected for every robot and timestep of the run, missed ones included. It agrees
+    One reading is expected for every robot and timestep of the run, missed ones included; where
+    only some robots have virtual sensors, of those. It agrees
     when the value at that timestep's control step equals the value from the true poses at its
     capture time; one that is missing, stale or of no capture time of this run is wrong.
     """
     verdicts: dict[bool, list[bool]] = {True: [], False: []}
     readings = fresh = 0
     first = int(run.timesteps["timestep"][0] - run.timesteps["run_timestep"][0])
-    for robot, trace in enumerate(run.traces):
-        lines = _first_lines(trace)
+    robots = [robot for robot, senses in enumerate(run.sensing) if senses] or range(len(run.tags))
+    for robot in robots:
+        lines = _first_lines(run.traces[robot])
         for timestep in range(first, first + run.wanted):
             line = lines.get(timestep)
             readings += line is not None
@@ -181,7 +187,7 @@ def sensing(run: MeasuredRun) -> dict[str, float | int | None]:
             verdict = _verdict(run, robot, timestep, line)
             if verdict is not None:
                 verdicts[verdict[0]].append(verdict[1])
-    expected = len(run.tags) * run.wanted
+    expected = len(robots) * run.wanted
     return {
         "readings": readings,
         "expected": expected,
@@ -203,9 +209,9 @@ def _verdict(
 ) -> tuple[bool, bool] | None:
     """Whether the robot truly was in the cone, and whether its reading agrees.
 
-    None where there is no cone, or the robot was too near its edge.
+    None where there is no cone, the robot does not sense it, or was too near its edge.
     """
-    if run.truth.depth_m is None:
+    if run.truth.depth_m is None or not run.judged[robot]:
         return None
     named = None if line is None else _row_at(run.timesteps["capture_ns"], line["capture_ns"])
     # Without a capture time of this run the truth is that of the timestep, or the last before it.

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.config.specs import Experiment, RobotSpec
 from vsense.lab import metrics
 from vsense.lab.metrics import SwarmTruth
 from vsense.lab.microcontrollers import read_actuations
@@ -24,6 +25,9 @@ from vsense.pictures.run_figure import spoken
 from vsense.run.figures import link_row, number, percent
 from vsense.run.runtime import Step
 
+JUDGED = "pollutant"
+"""The sensor whose values are compared with the truth."""
+
 
 def gather(session: Session, recording: RunNotes) -> metrics.MeasuredRun:
     """Puts together what host, cameras, microcontrollers and daemons noted of a run.
@@ -33,19 +37,15 @@ def gather(session: Session, recording: RunNotes) -> metrics.MeasuredRun:
     Raises:
         LabError: a file is missing or broken.
     """
-    experiment = session.experiment
+    experiment, robots = session.experiment, len(session.experiment.robots)
     truth = _rows_of(read_truth(session.truth_log), [step.timestep for step in recording.steps])
     steps = _timesteps(recording.steps, truth)
-    robots = len(experiment.robots)
-    source = experiment.source
     actuations = read_actuations(session.floor.log)
-    whole = recording.ended == "time" and experiment.timesteps > 0
-    sensors = [mounted.sensor.name for mounted in experiment.sensors]
-    judged = "pollutant" if source else None
-    traces = [read_trace(robot, sensors, judged) for robot in session.swarm.robots]
+    sensors = [_sensors_of(experiment, robot) for robot in experiment.robots]
+    judged = [experiment.source is not None and JUDGED in names for names in sensors]
     return metrics.MeasuredRun(
         timesteps=steps,
-        wanted=experiment.timesteps if whole else int(steps["run_timestep"][-1]) + 1,
+        wanted=_wanted(recording, experiment, steps),
         dt_ns=session.dt_ns,
         tags=tuple(robot.tag for robot in experiment.robots),
         sightings=[step.state.sightings for step in recording.steps],
@@ -58,12 +58,27 @@ def gather(session: Session, recording: RunNotes) -> metrics.MeasuredRun:
         ),
         object_tags=tuple(thing.tag for thing in experiment.objects),
         object_poses=truth["poses"][:, robots:],
-        traces=[_within(trace, steps) for trace in traces],
+        traces=[
+            _within(read_trace(robot, names, JUDGED if judge else None), steps)
+            for robot, names, judge in zip(session.swarm.robots, sensors, judged)
+        ],
+        sensing=[bool(names) for names in sensors],
+        judged=judged,
         actuated=[actuations[actuations["robot"] == i] for i in range(robots)],
         turn=experiment.turn_timestep,
         lateness_ms=recording.lateness_ms,
         link=recording.link,
     )
+
+
+def _wanted(recording: RunNotes, experiment: Experiment, steps: NDArray[np.void]) -> int:
+    """The timesteps that the run had."""
+    whole = recording.ended == "time" and experiment.timesteps > 0
+    return experiment.timesteps if whole else int(steps["run_timestep"][-1]) + 1
+
+
+def _sensors_of(experiment: Experiment, robot: RobotSpec) -> list[str]:
+    return [mounted.sensor.name for mounted in experiment.controller_of(robot).sensors]
 
 
 def _timesteps(steps: list[Step], truth: NDArray[np.void]) -> NDArray[np.void]:

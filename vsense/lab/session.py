@@ -91,7 +91,8 @@ class Session(ExperimentSession):
 
     def _open(self) -> None:
         experiment, seed = self.experiment, self.setup.seed
-        daemon = build.daemon(experiment.controller.library, experiment.path.parent)
+        folder = experiment.path.parent
+        daemons = {c.id: build.daemon(c.library, folder) for c in experiment.controllers}
         port = self._start_server()
         truth = make_ring(len(experiment.robots) + len(experiment.objects))
         self._stack.callback(truth.close)
@@ -105,10 +106,10 @@ class Session(ExperimentSession):
             experiment, truth.name, seed, self.directory, self._base, self._watchdog
         )
         self._stack.callback(self.floor.close)
-        self.swarm = Swarm(daemon, experiment.host, port, seed, self.directory / "robots")
+        self.swarm = Swarm(experiment.host, port, seed, self.directory / "robots")
         self._stack.callback(self.swarm.end)
         for robot, base in zip(experiment.robots, self.floor.bases):
-            self.swarm.start(robot.tag, robot.id, base)
+            self.swarm.start(daemons[robot.controller], robot.tag, robot.id, base)
         self.setup.room.recorders.watch_family(experiment.marker, self.tracking)
         scene = self._scene("lab", self.cameras, {}, self.tracking.troubles)
         runtime = self._open_room(self.tracking, scene)

@@ -32,6 +32,7 @@ class Robot:
     """One robot of the lab.
 
     Attributes:
+        daemon: its program.
         name: its id in the experiment.
         base: its daemon's `--base`, `KIND:DEVICE`.
         clock_offset_ns: how far its own clock is ahead of the host's.
@@ -39,6 +40,7 @@ class Robot:
         trace: file of its daemon's control steps.
     """
 
+    daemon: Path
     tag: int
     name: str
     base: str
@@ -56,9 +58,8 @@ class Robot:
 class Swarm:
     """All daemons of one run. They are in sessions of their own: Ctrl-C is the lab's to handle."""
 
-    def __init__(self, daemon: Path, host: str, port: int, seed: int, directory: Path) -> None:
+    def __init__(self, host: str, port: int, seed: int, directory: Path) -> None:
         """Prepares an empty swarm; traces, logs and start scripts go into `directory`."""
-        self._daemon = daemon
         self._host = host
         self._port = port
         self._random = random.Random(seed)
@@ -67,9 +68,10 @@ class Swarm:
         self._processes: dict[int, subprocess.Popen[bytes]] = {}
         self.robots: list[Robot] = []
 
-    def start(self, tag: int, name: str, base: str) -> Robot:
+    def start(self, daemon: Path, tag: int, name: str, base: str) -> Robot:
         """Starts the daemon of one robot and leaves a script that starts it again."""
         robot = Robot(
+            daemon,
             tag,
             name,
             base,
@@ -133,7 +135,7 @@ class Swarm:
     def _command(self, robot: Robot) -> list[str]:
         uid = hashlib.sha256(f"vsense lab {robot.name}".encode()).hexdigest()[:32]
         return [
-            str(self._daemon),
+            str(robot.daemon),
             *("--host", self._host, "--port", str(self._port)),
             *("--tag", str(robot.tag), "--name", robot.name, "--uid", uid),
             *("--base", robot.base, "--trace", str(robot.trace.resolve())),

@@ -13,7 +13,6 @@ from vsense.cameras.grabber import Troubles
 from vsense.config.specs import Experiment
 from vsense.link.robots.server import LinkEvent, VirtualSensorServer
 from vsense.link.robots.status import EventKind, RobotStatus
-from vsense.link.robots.table import Table
 from vsense.link.robots.wire import GoodbyeCause
 from vsense.live.sources import SteadySource, open_source
 from vsense.run.control import Control
@@ -63,9 +62,13 @@ class ExperimentSession(ABC):
         """Makes the first world; `legacy_port` is for robots with the original's client."""
         self.setup, self.experiment = setup, setup.experiment
         self.environment = Environment(setup.experiment, setup.seed, setup.blind)
-        table = Table(self.environment.table_entries)
         self.server: VirtualSensorServer = make_server(
-            setup.experiment, table, setup.address, setup.seed, self._on_link_event, legacy_port
+            setup.experiment,
+            self.environment.tables,
+            setup.address,
+            setup.seed,
+            self._on_link_event,
+            legacy_port,
         )
         self._stack, self._over = ExitStack(), False
 

@@ -53,8 +53,10 @@ class _Export:
         self._recording = recording
         self._write = write
         self._rows = dict.fromkeys(TABLES, 0)
-        sensors = ExperimentMessage.read(recording.experiment).sensors
-        self._sensors = [(str(s["name"]), int(s["count"])) for s in sensors if _is_sensor(s)]
+        experiment = ExperimentMessage.read(recording.experiment)
+        self._sensors = [_sensors_of(controller) for controller in experiment.controllers] or [[]]
+        self._controller_of = experiment.controller_of()
+        self._columns = _columns(self._sensors)
         self._measures = self._measure_names()
         self._shown: dict[int, dict[str, Any]] = {}
 
@@ -65,7 +67,7 @@ class _Export:
         write["events"](list(EVENTS))
         write["shown"](list(SHOWN))
         write["measures"](["time_s", "timestep", *self._measures])
-        names = [[f"{s}_{n}" for n in range(count)] + [f"{s}_age_s"] for s, count in self._sensors]
+        names = [[f"{s}_{n}" for n in range(k)] + [f"{s}_age_s"] for s, k in self._columns.items()]
         write["readings"](["time_s", "timestep", "tag", *(n for each in names for n in each)])
         rows: dict[str, list[tuple[str, Callable[[Message], Iterable[Row]]]]] = {
             "/arena": [("trajectories", _poses)],
@@ -110,12 +112,32 @@ class _Export:
     def _readings(self, message: Message) -> Iterable[Row]:
         data = message.data
         for tag, values, taken in zip(data["tag"], data["values"], data["captured_ns"]):
+            own = [name for name, _ in self._sensors[self._controller_of.get(tag, 0)]]
             row: Row = [data["timestep"], tag]
-            for place, (_, count) in enumerate(self._sensors):
-                numbers, taken_ns = values[place], taken[place]
+            for name, count in self._columns.items():
+                place = own.index(name) if name in own else None
+                numbers, taken_ns = ([], -1) if place is None else (values[place], taken[place])
                 row += [*numbers, *([None] * (count - len(numbers)))][:count]
                 row.append(None if taken_ns < 0 else (data["capture_ns"] - taken_ns) / 1e9)
             yield row
+
+
+Sensors = list[tuple[str, int]]
+"""Names, and how many numbers each has."""
+
+
+def _sensors_of(controller: Any) -> Sensors:
+    sensors = controller.get("sensors") if isinstance(controller, dict) else None
+    found = sensors if isinstance(sensors, list) else []
+    return [(str(s["name"]), int(s["count"])) for s in found if _is_sensor(s)]
+
+
+def _columns(controllers: Iterable[Sensors]) -> dict[str, int]:
+    """The sensors of all controllers with the most numbers that one of this name has."""
+    columns: dict[str, int] = {}
+    for name, count in (sensor for sensors in controllers for sensor in sensors):
+        columns[name] = max(count, columns.get(name, 0))
+    return columns
 
 
 def _is_sensor(sensor: Any) -> bool:

@@ -22,7 +22,7 @@ from vsense.errors import VsenseError
 from vsense.message_bus import Message
 
 PROFILE = "vsense"
-FORMAT = (1, 0)
+FORMAT = (1, 1)
 """Of what is written: the first number rises when an older vsense can no longer read it."""
 
 _MOST_NS = 1 << 63
@@ -123,7 +123,18 @@ def decode(topic: str, time_ns: int, blob: bool, data: bytes) -> Message:
     if blob:
         picture = base64.b64decode(values["data"], validate=True)
         return Message(topic, time_ns, _object(values["vsense"]), picture)
+    if topic == "/experiment":
+        return Message(topic, time_ns, _with_controllers(_object(values)))
     return Message(topic, time_ns, _object(values))
+
+
+def _with_controllers(experiment: dict[str, Any]) -> dict[str, Any]:
+    """The data of `/experiment`, also where there was one controller, which had no name."""
+    if "controllers" in experiment or "sensors" not in experiment:
+        return experiment
+    rest = dict(experiment)
+    devices = {name: rest.pop(name, []) for name in ("sensors", "actuators")}
+    return {**rest, "controllers": [{"id": "", "library": "", "tags": [], **devices}]}
 
 
 def _object(values: Any) -> dict[str, Any]:
@@ -233,10 +244,19 @@ class ExperimentMessage(_Message):
     arena: Data | None = None
     robots: list[Data] = field(default_factory=list)
     objects: list[Data] = field(default_factory=list)
-    sensors: list[Data] = field(default_factory=list)
-    actuators: list[Data] = field(default_factory=list)
+    controllers: list[Data] = field(default_factory=list)
     cameras: list[Data] = field(default_factory=list)
     body_radius_m: float | None = None
+
+    def controller_of(self) -> dict[int, int]:
+        """Which of `controllers` drives a robot, by its tag; the first one drives those not in it.
+
+        What is damaged is left out.
+        """
+        rows = enumerate(row for row in self.controllers if isinstance(row, dict))
+        tags = ((n, row.get("tags")) for n, row in rows)
+        some = ((n, each) for n, each in tags if isinstance(each, list))
+        return {tag: n for n, each in some for tag in each if isinstance(tag, int)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -294,7 +314,7 @@ def changes(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[tuple[str
 
 _TOPICS: dict[str, tuple[str, Fields]] = {
     "/experiment": (
-        "What the run is: arena, robots, sensors, cameras, and the experiment's file.",
+        "What the run is: arena, robots, controllers, cameras, and the experiment's file.",
         _schema_of(ExperimentMessage),
     ),
     "/run": ("Where the run is: state, timestep, rates, recording.", _schema_of(RunMessage)),

@@ -7,13 +7,14 @@ in which the world takes the poses, virtual actuators act, the world evolves, an
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from vsense.actuators.bank import NO_SENDERS, ActuatorBank
 from vsense.arena import ArenaState
 from vsense.config.arena import floor_of, make_field
 from vsense.config.placement import settle
-from vsense.config.specs import Experiment
+from vsense.config.specs import ControllerSpec, Experiment
 from vsense.link.robots.table import Direction, Entry, Table
 from vsense.link.robots.wire import Values
 from vsense.sensors.bank import SensorBank
@@ -27,11 +28,29 @@ if TYPE_CHECKING:
 MOST_SEED = 2**32 - 1
 
 
+@dataclass(frozen=True, slots=True)
+class Equipment:
+    """What the robots of one controller sense and do virtually.
+
+    Attributes:
+        controller: its id.
+        tags: the robots, virtual ones included.
+        table: all of it, as the robots are told.
+    """
+
+    controller: str
+    tags: Sequence[int]
+    sensors: SensorBank
+    actuators: ActuatorBank
+    table: Table
+
+
 class Environment:
     """World, virtual sensors and virtual actuators of one run. It reads no clock.
 
     Args:
-        experiment: what to make; the attribute has everything in its place.
+        experiment: what to make; the attribute has everything in its place. `equipment` is each
+            controller's, in the experiment's order.
         seed: of everything that is drawn in the virtual world, and of the places of what is
             distributed; not negative.
         blind: every virtual sensor is held at 0: the control experiment.
@@ -49,27 +68,51 @@ class Environment:
         self._loop = _loop_functions(settled)
         self.world = _world(settled, seed, self._loop)
         self._begin()
-        entries = [(entry, Direction.SENSOR) for entry in self.sensors.table]
-        entries += [(entry, Direction.ACTUATOR) for entry in self.actuators.table]
-        self.table_entries = tuple(Entry(e.id, e.name, e.layout, way) for e, way in entries)
         self._swarm = self._virtual_swarm()
 
     def _begin(self) -> None:
         """Equips all robots anew and calls the user's `reset`."""
-        experiment, tags = self.experiment, self.world.robots["tag"].tolist()
-        self.sensors = SensorBank(experiment.sensors, tags, self.blind, self.seed)
-        first = len(self.sensors.table) + 1
-        self.actuators = ActuatorBank(experiment.actuators, tags, self.seed, first)
+        experiment = self.experiment
+        driven = {r.tag: experiment.controller_of(r).id for r in experiment.robots}
+        driven |= {r.tag: experiment.controller_of(r).id for r in experiment.virtual_robots}
+        self.equipment = tuple(
+            self._equip(controller, [tag for tag, name in driven.items() if name == controller.id])
+            for controller in experiment.controllers
+        )
         if self._loop is not None:
             self._loop.reset(self.world)
 
+    def _equip(self, controller: ControllerSpec, tags: Sequence[int]) -> Equipment:
+        """Equips the robots of a controller; devices of each controller have noise of their own."""
+        first = controller is self.experiment.controllers[0]
+        stream = "" if first else f"{controller.id}/"
+        sensors = SensorBank(controller.sensors, tags, self.blind, self.seed, stream)
+        count = len(sensors.table)
+        actuators = ActuatorBank(controller.actuators, tags, self.seed, count + 1, stream)
+        entries = [Entry(e.id, e.name, e.layout, Direction.SENSOR) for e in sensors.table]
+        entries += [Entry(e.id, e.name, e.layout, Direction.ACTUATOR) for e in actuators.table]
+        return Equipment(controller.id, tuple(tags), sensors, actuators, Table(entries))
+
+    @property
+    def tables(self) -> dict[str, Table]:
+        """The sensor table of each controller, by its id."""
+        return {equipment.controller: equipment.table for equipment in self.equipment}
+
+    def entries(self, direction: Direction) -> dict[int, list[Entry]]:
+        """The virtual sensors, or the actuators, of every robot in their order, by its tag."""
+        found = dict[int, list[Entry]]()
+        for equipment in self.equipment:
+            rows = [entry for entry, *_ in equipment.table.of_direction(direction)]
+            found |= dict.fromkeys(equipment.tags, rows)
+        return found
+
     def _virtual_swarm(self) -> VirtualSwarm | None:
-        if not any(robot.driven for robot in self.experiment.virtual_robots):
+        if not any(robot.controller for robot in self.experiment.virtual_robots):
             return None
         # It needs a compiler, which experiments without such robots do not.
         from vsense.run.virtual_swarm import VirtualSwarm
 
-        return VirtualSwarm(self.experiment, Table(self.table_entries), self.seed)
+        return VirtualSwarm(self.experiment, self.tables, self.seed)
 
     def logged(self) -> Sequence[tuple[int, str]]:
         """What driven virtual robots logged since the last call: tag, and what to say."""
@@ -103,7 +146,7 @@ class Environment:
 
         Returns:
             By tag what every robot senses: (value, capture time) per sensor, in the order of
-            `table_entries`.
+            its controller's table.
 
         Raises:
             VsenseError: something in the virtual world has failed; the run cannot go on.
@@ -115,7 +158,9 @@ class Environment:
         world.update(state, run_timestep)
         if run_timestep >= 0:
             self._evolve(reports, senders)
-        readings: dict[int, Values] = dict(self.sensors.encode(world, state.timestep))
+        readings: dict[int, Values] = {}
+        for equipment in self.equipment:
+            readings |= equipment.sensors.encode(world, state.timestep)
         if swarm is not None:
             swarm.control(state, run_timestep, readings)
         if run_timestep >= 0 and self._loop is not None:
@@ -126,7 +171,8 @@ class Environment:
         """Changes the world in a timestep of the run."""
         if self._loop is not None:
             self._loop.pre_step(self.world)
-        self.actuators.apply(self.world, reports, senders)
+        for equipment in self.equipment:
+            equipment.actuators.apply(self.world, reports, senders)
         self.world.step()
 
     def end(self) -> dict[str, float]:

@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from vsense.config.specs import Experiment
-from vsense.link.legacy.protocol import LegacySwarm, Translation, by_octet
+from vsense.link.legacy.protocol import LegacySwarm, by_octet, translations
 from vsense.link.legacy.server import MixedServer
+from vsense.link.robots.roster import ExpectedRobot
 from vsense.link.robots.server import LinkEvent, VirtualSensorServer
 from vsense.link.robots.status import RobotStatus
 from vsense.link.robots.table import Table
@@ -17,7 +18,7 @@ from vsense.link.robots.wire import StopCause, Telemetry
 
 def make_server(
     experiment: Experiment,
-    table: Table,
+    tables: Mapping[str, Table],
     address: tuple[str, int],
     seed: int,
     on_event: Callable[[LinkEvent], None],
@@ -27,7 +28,7 @@ def make_server(
 
     Args:
         experiment: whose robots are expected.
-        table: the sensor table.
+        tables: the sensor table of each controller, by its id.
         address: interface to listen on, and its port; 0 takes a free one.
         seed: of the run.
         on_event: called from the server's thread; must not wait.
@@ -37,22 +38,23 @@ def make_server(
         WireError: params or timestep do not fit the protocol.
         LinkError: the original's client cannot be served in this experiment.
     """
-    host, port = address
+    controllers = {robot: experiment.controller_of(robot) for robot in experiment.robots}
     options: dict[str, Any] = {
-        "host": host,
-        "port": port,
-        "table": table,
+        **dict(zip(("host", "port"), address)),
         "timestep_ns": experiment.timestep_ns,
         "seed": seed,
-        "params": experiment.controller.params_text,
-        "expected": {robot.tag: robot.id for robot in experiment.robots},
+        "expected": {
+            robot.tag: ExpectedRobot(robot.id, tables[c.id], c.params_text)
+            for robot, c in controllers.items()
+        },
         "on_event": on_event,
     }
     if legacy_port is None:
         return VirtualSensorServer(**options)
     numbers = by_octet({robot.tag: (robot.id, robot.number) for robot in experiment.robots})
-    swarm = LegacySwarm(Translation(table.entries), numbers)
-    return MixedServer((host, legacy_port), swarm, **options)
+    entries = {robot.tag: tables[c.id].entries for robot, c in controllers.items()}
+    swarm = LegacySwarm(translations(entries), numbers)
+    return MixedServer((address[0], legacy_port), swarm, **options)
 
 
 MOST_NAMES = 6

@@ -1,6 +1,6 @@
 """Virtual robots that live beside the real ones: their bodies, and their controllers.
 
-A virtual robot runs the same controller as the real ones, in this process. On the floor of the
+A virtual robot runs its controller as a real one does, but in this process. On the floor of the
 virtual world physical and virtual things are in its way, and so are the real robots, which it
 cannot push. Its own proximity sensors detect all of that. As for a real robot, what it decides in
 one timestep shows in the next.
@@ -9,6 +9,7 @@ one timestep shows in the next.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +20,8 @@ from vsense.link.robots.table import Table
 from vsense.link.robots.wire import Values, Wanted
 from vsense.physics.motion import Physics, obstacles
 from vsense.physics.proximity_ring import ProximityRing
-from vsense.robot import build
-from vsense.robot.inprocess import ACT_NS, CONTROL_NS, Robots
+from vsense.robot.inprocess import ACT_NS, CONTROL_NS
+from vsense.run.programs import Programs, shared_objects
 from vsense.world.entities import VirtualRobot
 from vsense.world.sightings import known
 from vsense.world.world import BODY_MEMORY_NS, World
@@ -35,26 +36,21 @@ REST_NS = 400_000_000
 
 
 class VirtualSwarm:
-    """The virtual robots of an experiment that its controller drives, at least one.
+    """The virtual robots of an experiment that controllers drive, at least one.
 
     Loop functions alone move the others, and those that they put into the world. `reports` has,
     by tag, the actuators' block of each robot after the newest timestep.
 
     Raises:
-        VsenseError: the controller cannot be built or run.
+        VsenseError: a controller cannot be built or run.
     """
 
-    def __init__(self, experiment: Experiment, table: Table, seed: int) -> None:
-        source = experiment.controller
-        self._tags = [robot.tag for robot in experiment.virtual_robots if robot.driven]
-        self._controllers = Robots(
-            build.shared(source.library, experiment.path.parent),
-            self._tags,
-            table,
-            experiment.timestep_ns,
-            seed,
-            source.params_text,
-        )
+    def __init__(self, experiment: Experiment, tables: Mapping[str, Table], seed: int) -> None:
+        driven = {r.tag: r.controller for r in experiment.virtual_robots if r.controller}
+        self._tags = list(driven)
+        own = tuple(c for c in experiment.controllers if c.id in driven.values())
+        libraries = shared_objects(replace(experiment, controllers=own))
+        self._controllers = Programs(experiment, driven, libraries, tables, seed)
         self._seed = seed
         self._scenes = 0
         self._scene: _Scene | None = None
@@ -75,7 +71,7 @@ class VirtualSwarm:
         scene.move(world, capture_ns)
 
     def logged(self) -> Sequence[tuple[int, str]]:
-        """See `Robots.logged`."""
+        """See `Programs.logged`."""
         return self._controllers.logged()
 
     def control(self, state: ArenaState, run_timestep: int, readings: Mapping[int, Values]) -> None:

@@ -44,6 +44,7 @@ class SensorBank:
         tags: Iterable[int],
         blind: bool = False,
         seed: int = 0,
+        stream: str = "",
     ) -> None:
         """Mounts the sensors on every robot.
 
@@ -52,12 +53,16 @@ class SensorBank:
             tags: the robots. One that is not in the world is not seen.
             blind: hold every reading at 0, at its normal capture time: the control experiment.
             seed: of the noise and the drop-out.
+            stream: what tells their chance from that of another bank with the same seed.
 
         Raises:
             SensorError: a sensor's layout is wrong.
         """
         self._tags = list(tags)
-        self._slots = [_Slot(mounted, len(self._tags), blind, seed) for mounted in sensors]
+        self._slots = [
+            _Slot(mounted, len(self._tags), blind, generator(seed, stream + mounted.sensor.name))
+            for mounted in sensors
+        ]
         self.table = tuple(slot.entry(i + 1) for i, slot in enumerate(self._slots))
 
     def encode(self, world: World, timestep: int) -> dict[int, Values]:
@@ -78,7 +83,9 @@ class SensorBank:
 class _Slot:
     """One sensor with the last readings of all robots: n of them, k numbers each."""
 
-    def __init__(self, mounted: MountedSensor, robots: int, blind: bool, seed: int) -> None:
+    def __init__(
+        self, mounted: MountedSensor, robots: int, blind: bool, random: np.random.Generator
+    ) -> None:
         self._sensor, quality = mounted.sensor, mounted.quality
         self._quality, self._updating, self._blind = quality, mounted.updating, blind
         self._count, dtype = layout_dtype(self._sensor.layout)
@@ -86,7 +93,7 @@ class _Slot:
         self._values = np.zeros((robots, self._count), dtype=dtype)
         self._captures_ns = np.full(robots, NEVER_NS, dtype=np.int64)
         self._timesteps = np.full(robots, -quality.update_every, dtype=np.int64)
-        self._random = generator(seed, self._sensor.name)
+        self._random = random
         self._distortion = Distortion(quality, self._scale, robots, self._count)
         self._delay = Delay(quality.latency, self._packed())
 

@@ -18,6 +18,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -123,6 +124,7 @@ def scale_of(sensor: VirtualSensor) -> Scale:
     return scale if isinstance(scale, Scale) else Scale()
 
 
+@cache
 def layout_dtype(layout: str) -> tuple[int, np.dtype[Any]]:
     """Count of a reading's numbers, and their type on the wire (little-endian).
 

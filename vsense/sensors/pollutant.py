@@ -68,7 +68,8 @@ def from_xml(element: Element, scope: Scope) -> PollutantSensor:
         memory_ns=read_memory_ns(element),
         amount=element.number("vs:amount", 1e-6, 1e9) if element.has("vs:amount") else math.inf,
     )
-    scope.sources.append(source)
+    if source not in scope.sources:  # that of another controller
+        scope.sources.append(source)
     return PollutantSensor(source)
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from vsense import __version__
 from vsense.errors import UsageError, VsenseError
 from vsense.report import FORMATS, LACKING, can_draw, plot
-from vsense.robot import build
+from vsense.run.programs import shared_objects
 from vsense.sim import comparison
 from vsense.sim.job import Job, Setup, Sweep
 from vsense.sim.results import DURATION, EXPERIMENT, ROBOTS, SEED, CampaignResults
@@ -105,24 +105,24 @@ def prepare(sweep: Sweep, setup: Setup) -> list[Task]:
     """Makes all runs; a setting that cannot be had is found before the first one.
 
     Raises:
-        VsenseError: an experiment cannot be loaded, or its controller not be built.
+        VsenseError: an experiment cannot be loaded, or a controller not be built.
     """
     tasks = []
     for settings in sweep.combinations():
         changed = Setup(setup.experiment, setup.duration_s, setup.robots, setup.blind, settings)
         experiment = changed.load()
-        library = build.shared(experiment.controller.library, experiment.path.parent)
+        libraries = {name: str(path) for name, path in shared_objects(experiment).items()}
         words = [f"{key} {value}" for key, value in settings.items()]
         for seed in sweep.seeds or ():
             label = ", ".join([*words, f"seed {seed}"])
-            tasks.append(Task(Job(changed, seed, str(library)), experiment, label))
+            tasks.append(Task(Job(changed, seed, libraries), experiment, label))
     return tasks
 
 
 def fingerprint(task: Task) -> str:
     """What all runs of a campaign have in common, as 8 hexadecimal digits.
 
-    That is the experiment's file with the files it names, the controller, the length, the robots,
+    That is the experiment's file with the files it names, the controllers, the length, the robots,
     whether they are blind, and vsense itself; not settings and seeds, of which more may come.
 
     Raises:
@@ -135,7 +135,8 @@ def fingerprint(task: Task) -> str:
             digest.update(hashlib.sha256(file.read_bytes()).digest())
     except OSError as error:
         raise VsenseError(f"{error.filename}: cannot be read: {error.strerror}") from None
-    words = [Path(task.job.library).parent.name, setup.duration_s, setup.robots, setup.blind]
+    built = [Path(library).parent.name for library in task.job.libraries.values()]
+    words = [*built, setup.duration_s, setup.robots, setup.blind]
     digest.update(json.dumps([__version__, *words]).encode())
     return digest.hexdigest()[:8]
 

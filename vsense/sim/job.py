@@ -52,13 +52,13 @@ class Job:
     """One run.
 
     Attributes:
-        library: the controller's shared object.
+        libraries: the shared object of each controller, by its id.
         directory: where trajectories and picture go; None: they are not kept.
     """
 
     setup: Setup
     seed: int
-    library: str
+    libraries: Mapping[str, str]
     directory: str | None = None
 
     def to_line(self) -> bytes:

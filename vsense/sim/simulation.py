@@ -9,7 +9,7 @@ Nothing reads a clock: a seed gives the same bits every time.
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,13 +17,13 @@ import numpy as np
 
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment
-from vsense.link.robots.table import Table
 from vsense.link.robots.wire import Values, Wanted
 from vsense.physics.motion import floor_of
 from vsense.physics.proximity_ring import ProximityRing
 from vsense.pictures.run_samples import RunSamples
-from vsense.robot.inprocess import ACT_NS, CONTROL_NS, Robots
+from vsense.robot.inprocess import ACT_NS, CONTROL_NS
 from vsense.run.environment import Environment
+from vsense.run.programs import Programs
 from vsense.sim.record import Record, SimulatedTracker
 
 EPOCH_NS = 1_000_000_000
@@ -57,7 +57,7 @@ class Simulation:
     def __init__(
         self,
         experiment: Experiment,
-        library: Path,
+        libraries: Mapping[str, Path],
         seed: int,
         blind: bool = False,
         progress: Any = None,
@@ -66,9 +66,9 @@ class Simulation:
 
         Args:
             experiment: it has a length.
-            library: its controller, as `vsense.robot.build.shared` gives it.
+            libraries: its controllers' programs, as `shared_objects` gives them.
             blind: hold the virtual sensors at 0.
-            progress: see `Robots`.
+            progress: see `Programs`.
 
         Raises:
             VsenseError: something in the experiment cannot be had.
@@ -81,15 +81,9 @@ class Simulation:
         self._physics = floor_of(experiment, EPOCH_NS)
         self._rings = ProximityRing(self._physics.near, seed)
         self._tracker = SimulatedTracker((*self.record.tags, *self.record.object_tags), seed)
-        self._robots = Robots(
-            library,
-            self.record.tags,
-            Table(self.environment.table_entries),
-            self._dt_ns,
-            seed,
-            experiment.controller.params_text,
-            progress,
-        )
+        controllers = {robot.tag: robot.controller for robot in experiment.robots}
+        tables = self.environment.tables
+        self._robots = Programs(experiment, controllers, libraries, tables, seed, progress)
         self._leds = np.zeros_like(self._robots.leds)
         self._reports, self._events = dict[int, bytes](), list[_Event]()
         self._names = {robot.tag: robot.id for robot in experiment.robots}

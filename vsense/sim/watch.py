@@ -18,7 +18,8 @@ from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
 from vsense.lab.processes import describe_exit, start_module
 from vsense.lab.shared import SharedBlock
-from vsense.robot.inprocess import PROGRESS_BYTES, SimError
+from vsense.robot.inprocess import SimError
+from vsense.run.programs import PROGRESS_BYTES
 from vsense.sim.job import Job
 from vsense.sim.simulation import WARM_UP
 
@@ -61,7 +62,7 @@ class WorkerProcess:
     def __init__(self) -> None:
         self.task: Task | None = None
         self._looks = 0
-        self._last: tuple[int, int] | None = None
+        self._last: tuple[int, int, int] | None = None
         self._block = SharedBlock.anonymous("vsense-sim", PROGRESS_BYTES)
         descriptor = os.open(self._block.name, os.O_RDWR)
         try:
@@ -126,15 +127,18 @@ class WorkerProcess:
         self.answers.close()
         self._block.close()
 
-    def _progress(self) -> tuple[int, int]:
-        """The newest timestep, and 1 + the robot that is in its control step."""
-        timestep, robot = struct.unpack("=II", self._block.bytes.tobytes())
-        return timestep, robot
+    def _progress(self) -> tuple[int, int, int]:
+        """The newest timestep, 1 + the robot that is in its control step, and the controller.
+
+        The robot is a number among those of that controller.
+        """
+        timestep, robot, controller = struct.unpack("=III", self._block.bytes.tobytes())
+        return timestep, robot, controller
 
     def _who(self, task: Task) -> str:
         """Names the controller that is running, and the timestep."""
         experiment = task.experiment
-        timestep, robot = self._progress()
+        timestep, robot, number = self._progress()
         if timestep < WARM_UP:
             when = "before the first timestep"
         else:
@@ -142,10 +146,10 @@ class WorkerProcess:
             when = f"in timestep {timestep - WARM_UP} (t = {time_s:g} s)"
         if not robot:
             return task.named(f"outside of any controller, {when}, the simulation")
-        spec = experiment.robots[robot - 1]
-        controller = experiment.controller.library
+        controller = experiment.controllers[number]
+        spec = [r for r in experiment.robots if r.controller == controller.id][robot - 1]
         return task.named(
-            f"robot {spec.id} (tag {spec.tag}), {when}: its controller '{controller}'"
+            f"robot {spec.id} (tag {spec.tag}), {when}: its controller '{controller.library}'"
         )
 
 

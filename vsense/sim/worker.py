@@ -4,7 +4,7 @@ A controller is a user's C code, and a campaign is many runs. A fork costs milli
 the runs from each other, and gives every run the same fresh memory. What a run needs is imported
 before.
 
-`python -m vsense.sim.worker DESCRIPTOR` shares the memory of `Robots`' progress through the
+`python -m vsense.sim.worker DESCRIPTOR` shares the memory of `Programs`' progress through the
 descriptor. It reads jobs from standard input, one line each (`vsense.sim.job`), and answers on
 standard output with one line of JSON each:
 
@@ -34,7 +34,8 @@ from vsense.errors import VsenseError
 from vsense.lab.processes import read_line
 from vsense.pictures import run_figure
 from vsense.pictures.run_samples import RunSamples
-from vsense.robot.inprocess import PROGRESS_BYTES, declarations
+from vsense.robot.inprocess import declarations
+from vsense.run.programs import PROGRESS_BYTES
 from vsense.sim.job import Job
 from vsense.sim.record import TRAJECTORY
 from vsense.sim.simulation import Simulation
@@ -44,7 +45,7 @@ EVENTS_TOLD = 20
 
 
 def simulate(job: Job, progress: Any) -> dict[str, Any]:
-    """Does one run; `progress`: see `Robots`.
+    """Does one run; `progress`: see `Programs`.
 
     Returns:
         The experiment's `name`, number of `robots` and `timesteps`, `timestep_s`, `wall_s` that
@@ -56,7 +57,8 @@ def simulate(job: Job, progress: Any) -> dict[str, Any]:
         VsenseError: the run cannot be had.
     """
     experiment = job.setup.load()
-    run = Simulation(experiment, Path(job.library), job.seed, job.setup.blind, progress)
+    libraries = {name: Path(path) for name, path in job.libraries.items()}
+    run = Simulation(experiment, libraries, job.seed, job.setup.blind, progress)
     if job.directory is not None:
         run.samples = RunSamples(experiment)
     begun_s = time.perf_counter()

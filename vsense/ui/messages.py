@@ -18,11 +18,12 @@ import numpy as np
 import vsense
 from vsense.cameras.camera import Camera
 from vsense.cameras.grabber import Troubles
+from vsense.config.specs import ControllerSpec
 from vsense.link.robots.table import Direction, Entry
 from vsense.link.robots.wire import Values
 from vsense.pictures.snapshot import as_they_hang
 from vsense.recording.form import Data, ExperimentMessage
-from vsense.run.environment import Environment
+from vsense.run.environment import Environment, Equipment
 from vsense.sensors.base import VirtualSensor, layout_dtype
 from vsense.world.entities import BODY_RADIUS_M, Entity
 from vsense.world.fields import Field
@@ -108,20 +109,26 @@ def _field(grid: Field) -> Data:
 
 
 def readings(
-    sensors: Sequence[Entry], sent: Mapping[int, Values], timestep: int, capture_ns: int
+    sensors: Mapping[int, Sequence[Entry]],
+    sent: Mapping[int, Values],
+    timestep: int,
+    capture_ns: int,
 ) -> Data:
     """Gives /readings: what the robots were sent, as numbers.
 
-    `sent` has payload and capture time per sensor, by tag; `capture_ns` is the arena state's.
+    `sensors` are those of each robot by its tag; `sent` has payload and capture time per sensor,
+    by tag; `capture_ns` is the arena state's.
     """
-    types = [layout_dtype(sensor.layout)[1] for sensor in sensors]
     return {
         "timestep": timestep,
         "capture_ns": capture_ns,
         "tag": list(sent),
         "values": [
-            [np.frombuffer(data, kind).tolist() for (data, _), kind in zip(values, types)]
-            for values in sent.values()
+            [
+                np.frombuffer(data, layout_dtype(sensor.layout)[1]).tolist()
+                for (data, _), sensor in zip(values, sensors[tag])
+            ]
+            for tag, values in sent.items()
         ],
         "captured_ns": [[when for _, when in values] for values in sent.values()],
     }
@@ -183,15 +190,24 @@ def experiment(facts: ExperimentFacts, environment: Environment) -> Data:
             for robot in spec.robots
         ],
         objects=[{"tag": thing.tag, "name": thing.id} for thing in spec.objects],
-        sensors=[_sensor(mounted.sensor) for mounted in spec.sensors],
-        actuators=[
-            {"name": e.name, "layout": e.layout, "count": layout_dtype(e.layout)[0]}
-            for e in environment.table_entries
-            if e.direction == Direction.ACTUATOR
-        ],
+        controllers=[_controller(*which) for which in zip(spec.controllers, environment.equipment)],
         cameras=cameras(facts.cameras, facts.trackers),
         body_radius_m=BODY_RADIUS_M,
     ).data()
+
+
+def _controller(spec: ControllerSpec, equipment: Equipment) -> Data:
+    return {
+        "id": spec.id,
+        "library": spec.library,
+        "tags": list(equipment.tags),
+        "sensors": [_sensor(mounted.sensor) for mounted in spec.sensors],
+        "actuators": [
+            {"name": e.name, "layout": e.layout, "count": layout_dtype(e.layout)[0]}
+            for e in equipment.table.entries
+            if e.direction == Direction.ACTUATOR
+        ],
+    }
 
 
 def _sensor(sensor: VirtualSensor) -> Data:

@@ -84,9 +84,8 @@ class Publisher:
         self._control = control
         self._others = others
         self._clock = clock
-        entries = environment.table_entries
-        self._sensors = [e for e in entries if e.direction == Direction.SENSOR]
-        actuators = [e for e in entries if e.direction == Direction.ACTUATOR]
+        self._sensors = environment.entries(Direction.SENSOR)
+        actuators = environment.entries(Direction.ACTUATOR)
         self._robots = RobotTable({r.tag: r.id for r in environment.experiment.robots}, actuators)
         self._cameras = CameraTable(facts.cameras, facts.troubles)
         self._state: ArenaState | None = None

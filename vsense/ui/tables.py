@@ -81,10 +81,10 @@ CAUSES = {
 class RobotTable:
     """The robots' rows, and when each was seen last.
 
-    `names` are the experiment's, by tag; `actuators` are the sensor table's.
+    `names` are the experiment's, by tag; `actuators` are those of each robot's table, by tag.
     """
 
-    def __init__(self, names: Mapping[int, str], actuators: Sequence[Entry]) -> None:
+    def __init__(self, names: Mapping[int, str], actuators: Mapping[int, Sequence[Entry]]) -> None:
         self._names = dict(names)
         self._actuators = actuators
         self._seen_ns: dict[int, int] = {}
@@ -144,7 +144,7 @@ class RobotTable:
             "base_resets": told.base_resets,
             "overruns": told.overruns,
             "guard_restarts": told.guard_restarts,
-            "actuators": numbers(self._actuators, told.payload) if self._actuators else [],
+            "actuators": numbers(self._actuators[link.tag], told.payload),
             "shown": shown(told.shown),
         }
 

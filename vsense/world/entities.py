@@ -160,7 +160,7 @@ class VirtualRobot:
     Attributes:
         tag: its number, from VIRTUAL_TAG_MIN.
         yaw_rad: its heading.
-        driven: the experiment's controller drives it; else only loop functions move it.
+        controller: id of the controller that drives it; "": only loop functions move it.
     """
 
     id: str
@@ -168,7 +168,7 @@ class VirtualRobot:
     x_m: float
     y_m: float
     yaw_rad: float = 0.0
-    driven: bool = False
+    controller: str = ""
 
     def __post_init__(self) -> None:
         _check(self)

@@ -120,6 +120,22 @@ class Translation:
         return found
 
 
+def translations(entries: Mapping[int, Sequence[Entry]]) -> dict[int, Translation]:
+    """Translates the sensor tables of robots, by tag; those of which nothing is known are left out.
+
+    Raises:
+        LinkError: that is all of them, or see `Translation`.
+    """
+    tables = {tag: tuple(rows) for tag, rows in entries.items()}
+    known = {tag: rows for tag, rows in tables.items() if any(map(_is_known, rows))}
+    made = {rows: Translation(rows) for rows in (known or tables).values()}
+    return {tag: made[rows] for tag, rows in known.items()}
+
+
+def _is_known(entry: Entry) -> bool:
+    return entry.direction == Direction.SENSOR and entry.name in SENSORS
+
+
 def update(payloads: Iterable[tuple[int, bytes]]) -> bytes:
     """Returns the message of a timestep, b"" where nothing has changed."""
     body = b"".join(bytes([number]) + payload for number, payload in payloads)
@@ -202,23 +218,26 @@ class LegacyRobot:
 class LegacySwarm:
     """The robots of an experiment that are connected, and what all are sent.
 
-    `numbers` has tag and name of each robot, `robots` those that are connected, by the last octet
-    of their addresses.
+    `translations` has that of each robot by its tag, those without one cannot come; `numbers` has
+    tag and name of each robot, `robots` those that are connected, by the last octet of their
+    addresses.
     """
 
-    def __init__(self, translation: Translation, numbers: Mapping[int, tuple[int, str]]) -> None:
-        self.translation = translation
+    def __init__(
+        self, translations: Mapping[int, Translation], numbers: Mapping[int, tuple[int, str]]
+    ) -> None:
+        self.translations = dict(translations)
         self.robots: dict[int, LegacyRobot] = {}
         self._numbers = dict(numbers)
         self._payloads: dict[int, Mapping[int, bytes]] = {}
         self._running = False
 
     def join(self, octet: int) -> LegacyRobot | None:
-        """Adds a robot, anew if it comes again; None: no robot has this number."""
-        if octet not in self._numbers:
+        """Adds a robot, anew if it comes again; None: it cannot come, see `why_not`."""
+        tag, name = self._numbers.get(octet, (-1, ""))
+        if tag not in self.translations:
             return None
-        tag, name = self._numbers[octet]
-        robot = LegacyRobot(tag, name, self.translation.table)
+        robot = LegacyRobot(tag, name, self.translations[tag].table)
         robot.sense(self._payloads.get(tag, {}))
         if self._running:
             robot.start()
@@ -248,9 +267,19 @@ class LegacySwarm:
             if robot.tag == tag:
                 robot.sense(payloads)
 
-    def known(self) -> str:
-        """The numbers that are expected, for people."""
-        return ", ".join(map(str, sorted(self._numbers))) or "none"
+    def why_not(self, octet: int) -> str:
+        """Why a robot with this number cannot come, for people."""
+        if octet in self._numbers:
+            name = self._numbers[octet][1]
+            return f"{name} has none of the virtual sensors that the original client knows"
+        known = ", ".join(map(str, sorted(self._numbers))) or "none"
+        return f"no robot's number is {octet}; expected: {known}"
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """Names of virtual sensors that the original's robots do not know, each once."""
+        every = (name for some in self.translations.values() for name in some.unknown)
+        return tuple(dict.fromkeys(every))
 
 
 def by_octet(robots: Mapping[int, tuple[str, int]]) -> dict[int, tuple[int, str]]:

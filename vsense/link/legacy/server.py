@@ -63,8 +63,9 @@ class LegacyServer(ListeningServer):
         """
         self._check()
         with self._lock:
-            for tag, readings in values.items():
-                self._swarm.sense(tag, self._swarm.translation.payloads(readings))
+            for tag, translation in self._swarm.translations.items():
+                if tag in values:
+                    self._swarm.sense(tag, translation.payloads(values[tag]))
             if first:
                 self._swarm.start()
             now_ns = self._clock()
@@ -102,8 +103,8 @@ class LegacyServer(ListeningServer):
                 self._tell(
                     "refused",
                     None,
-                    f"refused a robot with the original client from {origin}: no robot's number is"
-                    f" {octet}; expected: {self._swarm.known()}",
+                    f"refused a robot with the original client from {origin}:"
+                    f" {self._swarm.why_not(octet)}",
                 )
                 return
             if before is not None:
@@ -174,7 +175,7 @@ class MixedServer(VirtualSensorServer):
     def __init__(self, legacy_address: tuple[str, int], swarm: LegacySwarm, **options: Any) -> None:
         super().__init__(**options)
         self.legacy_port = legacy_address[1]
-        self.unknown = tuple(swarm.translation.unknown)
+        self.unknown = swarm.unknown
         self._legacy_address = legacy_address
         self._swarm = swarm
         self._on_event = EventThrottle(options["on_event"]).notify

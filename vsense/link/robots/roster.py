@@ -44,15 +44,28 @@ class Answer:
     event: LinkEvent
 
 
+@dataclass(frozen=True, slots=True)
+class ExpectedRobot:
+    """A robot of the experiment.
+
+    Attributes:
+        name: its own in the experiment.
+        table: its sensor table.
+        params: lines "key=value\\n" for its controller.
+    """
+
+    name: str
+    table: Table
+    params: str = ""
+
+
 class Roster:
     """The robots of the experiment.
 
     Args:
-        expected: names in the experiment by tag.
-        table: the sensor table that every robot gets.
+        expected: they, by tag.
         timestep_ns: length of a timestep; robots get it in whole microseconds.
         seed: of the run; every robot gets one of its own made from it.
-        params: lines "key=value\\n" for the controllers.
         draw: source of session numbers: uniform 32-bit numbers.
 
     Attributes:
@@ -64,22 +77,21 @@ class Roster:
 
     def __init__(
         self,
-        expected: Mapping[int, str],
-        table: Table,
+        expected: Mapping[int, ExpectedRobot],
         timestep_ns: int,
         seed: int,
-        params: str,
         draw: Callable[[], int] = lambda: secrets.randbits(32),
     ) -> None:
-        self.robots = {tag: HostSession(tag, name, table) for tag, name in expected.items()}
+        self.robots = {tag: HostSession(tag, r.name, r.table) for tag, r in expected.items()}
         self.orders = Orders()
-        self._table = table
+        self._expected = dict(expected)
         self._timestep_us = timestep_ns // 1000
         self._seed = seed
-        self._params = params
         self._draw = draw
         self._by_session: dict[int, HostSession] = {}
-        encode(Header(PacketType.WELCOME, session=1, table_hash=table.hash), self._welcome(0))
+        for tag, robot in expected.items():
+            header = Header(PacketType.WELCOME, session=1, table_hash=robot.table.hash)
+            encode(header, self._welcome(tag))
 
     def of_session(self, session: int) -> HostSession | None:
         """The robot whose open session has this number."""
@@ -103,7 +115,7 @@ class Roster:
         if robot.taken_from(hello.uid, now_ns):
             text = f"tag {hello.tag} is in use by another robot, which was heard within 1 s"
             return self.refuse(RefuseCode.TAG_IN_USE, text, origin, now_ns, hello.tag)
-        size = len(self._params.encode())
+        size = len(self._expected[hello.tag].params.encode())
         if hello.params_room < size:
             text = f"the experiment's params have {size} bytes, the robot has {hello.params_room}"
             return self.refuse(RefuseCode.ROOM, text, origin, now_ns, hello.tag)
@@ -132,7 +144,8 @@ class Roster:
 
     def _welcome(self, tag: int) -> Welcome:
         seed, nonce = robot_seed(self._seed, tag), secrets.token_bytes(16)
-        return Welcome(self._table, self._timestep_us, seed, self._params, nonce)
+        robot = self._expected[tag]
+        return Welcome(robot.table, self._timestep_us, seed, robot.params, nonce)
 
 
 def robot_seed(seed: int, tag: int) -> int:

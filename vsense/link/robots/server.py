@@ -16,7 +16,7 @@ from vsense.link.robots import network as ports
 from vsense.link.robots.links import ServerState
 from vsense.link.robots.network import ServerThread
 from vsense.link.robots.peer import Orders
-from vsense.link.robots.roster import Roster
+from vsense.link.robots.roster import ExpectedRobot, Roster
 from vsense.link.robots.status import (
     ActuatorReport,
     EventThrottle,
@@ -24,7 +24,6 @@ from vsense.link.robots.status import (
     LinkEvent,
     RobotStatus,
 )
-from vsense.link.robots.table import Table
 from vsense.link.robots.wire import GoodbyeCause, Values, Wanted
 
 __all__ = ["LinkError", "LinkEvent", "RobotStatus", "VirtualSensorServer"]
@@ -41,7 +40,7 @@ class VirtualSensorServer:
     Args:
         host: name or address of the interface to listen on.
         port: number for TCP and UDP; 0 takes any that is free on both.
-        table, timestep_ns, seed, params, expected: see `Roster`, which says what is raised, too.
+        timestep_ns, seed, expected: see `Roster`, which says what is raised, too.
         on_event: called from the server's thread; must not wait, nor call `close`.
         clock: the host's monotonic clock [ns].
         calendar: seconds since 1970. The first run's number is taken from it, so that the robots
@@ -57,17 +56,15 @@ class VirtualSensorServer:
         *,
         host: str,
         port: int,
-        table: Table,
         timestep_ns: int,
         seed: int,
-        params: str,
-        expected: Mapping[int, str],
+        expected: Mapping[int, ExpectedRobot],
         on_event: Callable[[LinkEvent], None],
         clock: Callable[[], int] = host_ns,
         calendar: Callable[[], float] = time.time,
     ) -> None:
         self._host, self._port = host, port
-        self._roster = Roster(expected, table, timestep_ns, seed, params)
+        self._roster = Roster(expected, timestep_ns, seed)
         self._roster.orders = Orders(int(calendar()))
         self._lock = threading.Lock()
         self._clock = clock
@@ -94,8 +91,8 @@ class VirtualSensorServer:
         Args:
             timestep: of the arena state.
             capture_ns: when the arena was seen, host's clock.
-            values: by tag, the readings in the table's order. A robot that is not in it is sent
-                its last readings again, with their own capture times.
+            values: by tag, the readings in the order of its table. A robot that is not in it is
+                sent its last readings again, with their own capture times.
 
         Returns:
             When the last packet had left, host's clock [ns].

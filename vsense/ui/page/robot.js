@@ -98,16 +98,17 @@ export class Robot {
     sensed.forEach(({ sensor, values, age_ns }, index) => {
       const row = this.rows.rows[index] ?? this.rows.insertRow();
       while (row.cells.length < 3) row.insertCell();
-      this.#name(row.cells[0], sensor);
+      this.#name(row.cells[0], sensor, sensed);
       this.#values(row.cells[1], sensor, values, age_ns);
       write(row.cells[2], age_ns === null ? "never" : milliseconds(age_ns / 1e6));
     });
   }
 
-  #name(cell, sensor) {
+  #name(cell, sensor, sensed) {
     if (cell.textContent !== sensor.name) cell.replaceChildren(make("i"), sensor.name);
     cell.title = `${sensor.name} (${sensor.layout})`;
-    const colour = rayColour(this.store.experiment.sensors, sensor.name, theme.colours);
+    const sensors = sensed.map((each) => each.sensor);
+    const colour = rayColour(sensors, sensor.name, theme.colours);
     cell.firstChild.style.background = colour ?? "transparent";
   }
 

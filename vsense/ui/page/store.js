@@ -131,12 +131,23 @@ export class Store {
     return Object.fromEntries(Object.entries(this.robots).map(([name, column]) => [name, column[row]]));
   }
 
+  /** What drives a robot: its row of the experiment's controllers, or undefined. */
+  controller(tag) {
+    const all = this.experiment?.controllers ?? [];
+    return all.find((each) => each.tags.includes(tag)) ?? all[0];
+  }
+
+  /** The virtual sensors of a robot. */
+  sensors(tag) {
+    return this.controller(tag)?.sensors ?? [];
+  }
+
   /** The chosen robot's reading of each sensor: [{sensor, values, age_ns}]; [] before the first. */
   sensed(tag) {
     const data = this.readings;
     const row = data?.tag.indexOf(tag) ?? -1;
     if (row < 0 || !this.experiment) return [];
-    return this.experiment.sensors.map((sensor, index) => {
+    return this.sensors(tag).map((sensor, index) => {
       const captured = data.captured_ns[row][index];
       return { sensor, values: data.values[row][index], age_ns: captured < 0 ? null : data.capture_ns - captured };
     });
