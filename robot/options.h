@@ -24,6 +24,10 @@ struct vs_options {
     uint16_t tag;
     char name[VS_NAME_MAX + 1];       /* default robot_TAG */
     uint8_t uid[VS_UID_SIZE];
+    const char *key_file;             /* NULL: none */
+    uint8_t key[VS_KEY_SIZE];         /* of that file; key.h reads it */
+    uint8_t keyed;
+    uint8_t insecure;                 /* without a key, and content */
     uint8_t has_uid;
     uint8_t has_tag;
     uint8_t check;                    /* look whether all is well, and end */
@@ -59,6 +63,9 @@ enum vs_options_result vs_options_read(struct vs_options *options, int argc, cha
 /* Makes a uid of 32 hexadecimal digits (the machine's id) and the tag. Returns 0, or
  * -1 if text does not begin with 32 digits. */
 int vs_options_make_uid(struct vs_options *options, const char *text);
+
+/* Reads a text of exactly 32 hexadecimal digits. Returns 0, or -1. */
+int vs_options_hex(const char *text, uint8_t bytes[16]);
 
 /* Help of all options; the bases are listed after it by name. */
 extern const char vs_options_help[];

@@ -42,7 +42,8 @@ SYSTEM_PARTS = (
     "atomics",
     *("base", "base_argos", "base_asercom", "base_boards", "base_config", "base_gctronic"),
     *("base_reset", "base_serial", "base_york", "board_link", "board_process", "calls", "check"),
-    *("guard", "guard_link", "guard_process", "guard_rights", "main", "memory", "net", "options"),
+    *("guard", "guard_link", "guard_process", "guard_rights", "key", "main", "memory", "net"),
+    "options",
     *("presets", "random", "report", "restart", "settings", "signals", "talk", "trace", "uid"),
     *("watchdog", "worker"),
 )
