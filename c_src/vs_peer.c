@@ -36,6 +36,20 @@ void vs_peer_set_keys(struct vs_peer *p, const uint8_t tx[VS_KEY_SIZE],
     memcpy(p->rx_key, rx, VS_KEY_SIZE);
 }
 
+void vs_peer_adopt(struct vs_peer *p, const struct vs_peer *proved)
+{
+    uint32_t sums[sizeof p->counters / sizeof(uint32_t)];
+    uint32_t more[sizeof p->counters / sizeof(uint32_t)];
+    size_t i;
+
+    memcpy(sums, &p->counters, sizeof sums);
+    memcpy(more, &proved->counters, sizeof more);
+    for (i = 0; i < sizeof sums / sizeof sums[0]; i++)
+        sums[i] += more[i];
+    *p = *proved;
+    memcpy(&p->counters, sums, sizeof sums);
+}
+
 int vs_peer_udp_silent(const struct vs_peer *p, uint64_t now_ns)
 {
     return p->session != 0 && now_ns - p->udp_ns >= VS_UDP_SILENCE_NS;

@@ -72,6 +72,10 @@ void vs_peer_open(struct vs_peer *p, uint32_t session, uint32_t table_hash,
 void vs_peer_set_keys(struct vs_peer *p, const uint8_t tx[VS_KEY_SIZE],
                       const uint8_t rx[VS_KEY_SIZE]);
 
+/* Takes over the open session of another one, whose greeting was only now proved to be true;
+ * counters are the sums of both. */
+void vs_peer_adopt(struct vs_peer *p, const struct vs_peer *proved);
+
 /* Ends the session; every packet is foreign from now on. */
 void vs_peer_close(struct vs_peer *p);
 

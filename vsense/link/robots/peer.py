@@ -72,19 +72,28 @@ class Peer:
         self._sensors = [(offset, size) for _, offset, size in table.of_direction(Direction.SENSOR)]
         lib.vs_peer_open(self._peer, session, table.hash, hello_send_ns, now_ns)
 
+    def set_keys(self, sent: bytes, received: bytes) -> None:
+        """Sets the keys of what is sent and of what comes in the open session."""
+        lib.vs_peer_set_keys(self._peer, sent, received)
+
+    def adopt(self, proved: Peer) -> None:
+        """Goes on with the session of another robot's peer; counts go on, too."""
+        lib.vs_peer_adopt(self._peer, proved._peer)
+        self._table, self._sensors = proved._table, proved._sensors
+
     def close(self) -> None:
         """Ends the session: every packet is foreign from now on."""
         lib.vs_peer_close(self._peer)
 
     def encode(self, header: Header, message: Hello | Welcome | Notice, now_ns: int) -> bytes:
-        """Makes a packet for TCP; session, table hash, times and flags are filled in.
+        """Makes a packet for TCP; session, table hash, times, flags and tag are filled in.
 
         Raises:
             WireError: a field of the message is outside its range.
         """
         stamped = header_to(header)
         lib.vs_peer_stamp(self._peer, now_ns, stamped)
-        return encode(header_of(stamped), message)
+        return encode(header_of(stamped), message, bytes(self._peer.tx_key))
 
     def send_state(
         self,
@@ -124,9 +133,9 @@ class Peer:
             self._state.older_us[rank] = older_us(capture_ns, value_ns)
 
     def receive_telemetry(
-        self, header: Header, body: bytes, udp: bool, now_ns: int
-    ) -> Telemetry | None:
-        """Passes what `open_packet` found through the acceptance filter; None if it was dropped.
+        self, packet: bytes, udp: bool, now_ns: int
+    ) -> tuple[Header, Telemetry] | None:
+        """Passes one whole packet through the acceptance filter; None if it was dropped.
 
         It came as a datagram (`udp`) or over TCP, at `now_ns`, host's clock.
         """
@@ -135,16 +144,16 @@ class Peer:
             self._peer,
             self._table.cdata,
             via,
-            header_to(header),
-            body,
-            len(body),
+            ffi.from_buffer(packet),
+            len(packet),
             now_ns,
+            self._header,
             self._telemetry,
         )
         if code < 0:
             return None
         payload = bytes(ffi.buffer(self._telemetry.payload, self._table.cdata.actuator_bytes))
-        return telemetry_of(self._telemetry, payload)
+        return header_of(self._header), telemetry_of(self._telemetry, payload)
 
     def udp_silent(self, now_ns: int) -> bool:
         """Whether no datagram of the open session was heard for 1 s."""
