@@ -28,7 +28,10 @@ class BuildWithSources(build_py):
         target = Path(self.build_lib) / "vsense" / "_sources"
         for folder in ("c_src", "robot", "firmware_bridge"):
             for source in sorted((ROOT / folder).rglob("*")):
-                if source.suffix in (".c", ".cpp", ".h", ".md") and source.parent.name != "host":
+                if (
+                    source.suffix in (".c", ".cpp", ".h", ".hpp", ".txt", ".md")
+                    and source.parent.name != "host"
+                ):
                     copy = target / source.relative_to(ROOT)
                     copy.parent.mkdir(parents=True, exist_ok=True)
                     shutil.copy2(source, copy)
@@ -36,7 +39,7 @@ class BuildWithSources(build_py):
         from vsense.robot import build
 
         tree = build.SourceTree(target)
-        build.compile_daemon(tree, tree.controller("pollutant"), tree.prebuilt)
+        build.compile_daemon(tree, tree.program("pollutant"), tree.prebuilt)
 
 
 setup(

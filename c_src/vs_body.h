@@ -41,7 +41,8 @@ enum vs_refuse_code {
     VS_REFUSE_TAG_UNKNOWN = 2, /* no entity of the experiment has this tag */
     VS_REFUSE_FULL = 3,        /* no room for another robot */
     VS_REFUSE_HELLO = 4,       /* the greeting cannot be understood */
-    VS_REFUSE_ROOM = 5         /* the robot has no room for the parameters */
+    VS_REFUSE_ROOM = 5,        /* the robot has no room for the parameters */
+    VS_REFUSE_CONTROLLER = 6   /* it runs another controller than its table is for */
 };
 
 enum vs_goodbye_cause {
@@ -121,8 +122,7 @@ struct vs_telemetry {
     uint32_t overruns;     /* control steps that began late (PROTOCOL.md) since the start */
     uint32_t base_resets;  /* resets of the microcontroller since the daemon started */
     uint32_t log_number;   /* of log, 1.. since the daemon started; 0 = no line */
-    uint8_t payload[VS_ACTUATOR_BYTES]; /* actuators' block; levels or cumulative
-                                         * counters only, never bare events */
+    uint8_t payload[VS_ACTUATOR_BYTES]; /* actuators' block: levels or cumulative counters */
     char log[VS_LOG_MAX + 1];    /* the oldest line that the host has not heard */
     uint8_t shown_len;           /* [byte] */
     uint8_t shown[VS_SHOWN_MAX]; /* vs_shown.h */

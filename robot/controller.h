@@ -11,7 +11,7 @@
  *     }
  *     static void step(void *state, struct vs_robot *robot) { ... }
  *     const struct vs_controller vs_controller =
- *         {"follower", sizeof(struct follower), init, step};
+ *         {"follower", sizeof(struct follower), init, step, NULL};
  *
  * Sensors are known by name, and a controller need not know which are virtual: a
  * name in the host's sensor table wins over the robot's own sensor of that name, and
@@ -64,6 +64,8 @@ struct vs_controller {
     void (*init)(void *state, struct vs_robot *robot);
     /* One control step: read, think, set wheels and LEDs. */
     void (*step)(void *state, struct vs_robot *robot);
+    /* Ends what init began, once: before the next init, and at an orderly end. May be NULL. */
+    void (*end)(void *state, struct vs_robot *robot);
 };
 
 /* The one controller that is linked into the daemon. */
@@ -98,11 +100,9 @@ void vs_robot_actuate(struct vs_robot *robot, int actuator, int index, double va
 /* Parameter of the experiment, fallback if it names none or no number. */
 double vs_robot_param(struct vs_robot *robot, const char *name, double fallback);
 
-/*
- * Parameter of the experiment as text, into text[size] with a final zero; at most size - 1
+/* Parameter of the experiment as text, into text[size] with a final zero; at most size - 1
  * bytes of it. Returns the bytes that the experiment gives, -1 if it does not name it. All
- * parameters together are at most 4096 bytes.
- */
+ * parameters together are at most 4096 bytes. */
 int vs_robot_param_text(struct vs_robot *robot, const char *name, char *text, size_t size);
 
 /*

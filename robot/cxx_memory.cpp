@@ -42,6 +42,12 @@ __attribute__((weak)) void operator delete(void *memory, std::size_t) noexcept
     std::free(memory);
 }
 
+/* A call of a function that its class only declares. */
+extern "C" __attribute__((weak)) void __cxa_pure_virtual(void)
+{
+    give_up();
+}
+
 #ifdef _LIBCPP_VERSION /* LLVM's library, which documents that this may be replaced */
 #include <__verbose_abort>
 
@@ -50,4 +56,12 @@ __attribute__((weak)) void std::__libcpp_verbose_abort(const char *, ...)
 {
     give_up();
 }
+
+#ifndef __cpp_exceptions
+/* What the library has compiled in advance throws, which brings along all that catches. */
+#include <string>
+
+template class std::basic_string<char>;
+template std::string std::operator+(const char *, const std::string &);
+#endif
 #endif

@@ -276,6 +276,28 @@ int vs_inprocess_log(struct vs_inprocess *all, uint32_t *robot, uint32_t *number
     return 0;
 }
 
+const char *vs_inprocess_failure(const struct vs_inprocess *all, uint32_t *robot)
+{
+    for (*robot = 0; *robot < all->robots; ++*robot) {
+        const char *words = all->minds[*robot].loop.robot.failure;
+
+        if (words[0] != '\0')
+            return words;
+    }
+    return NULL;
+}
+
+void vs_inprocess_end(struct vs_inprocess *all)
+{
+    uint32_t i;
+
+    for (i = 0; i < all->robots; i++) {
+        all->progress->robot = i + 1;
+        vs_loop_end(&all->minds[i].loop);
+    }
+    all->progress->robot = 0;
+}
+
 static void give_notes(const struct vs_robot *robot, uint8_t *shown,
                        struct vs_inprocess_timestep *now)
 {

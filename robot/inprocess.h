@@ -67,6 +67,12 @@ void vs_inprocess_step(struct vs_inprocess *all, struct vs_inprocess_timestep *n
 int vs_inprocess_log(struct vs_inprocess *all, uint32_t *robot, uint32_t *number,
                      const char **line);
 
+/* Why a controller cannot go on, and which robot's; NULL if all can. */
+const char *vs_inprocess_failure(const struct vs_inprocess *all, uint32_t *robot);
+
+/* The run is over: every controller ends. */
+void vs_inprocess_end(struct vs_inprocess *all);
+
 /* What the controllers asked for in vain or do not know: one line each, every line once,
  * all in the daemon's words. Ends with a zero. */
 const char *vs_inprocess_complaints(const struct vs_inprocess *all);

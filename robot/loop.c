@@ -100,6 +100,15 @@ static void look_at_run(struct vs_loop *loop)
         vs_robot_forget(&loop->robot);
 }
 
+static void end_run(struct vs_loop *loop)
+{
+    if (!loop->begun)
+        return;
+    loop->begun = 0;
+    if (loop->controller->end != NULL)
+        loop->controller->end(loop->state, &loop->robot);
+}
+
 void vs_loop_event(struct vs_loop *loop, enum vs_event event, const struct vs_instant *now)
 {
     if (event == VS_EV_OPEN) {
@@ -108,7 +117,7 @@ void vs_loop_event(struct vs_loop *loop, enum vs_event event, const struct vs_in
         loop->telemetry_due = 1;
     }
     if (event == VS_EV_GOODBYE)
-        loop->begun = 0;
+        end_run(loop);
     if (event == VS_EV_STATE) {
         look_at_state(loop, now);
         vs_log_heard(&loop->robot.log, loop->session->state.log_heard);
@@ -123,6 +132,7 @@ static void begin_run(struct vs_loop *loop)
 
     if (is_same_run(loop))
         return;
+    end_run(loop);
     loop->talk_due = loop->offer != s->offer;
     vs_robot_begin(&loop->robot, s);
     memset(loop->state, 0, loop->controller->state_size);
@@ -149,7 +159,10 @@ static void run_controller(struct vs_loop *loop, const struct vs_instant *now)
     loop->robot.session_ns = now->session_ns;
     loop->robot.now_ns = now->base_ns;
     vs_robot_begin_step(&loop->robot);
-    loop->controller->step(loop->state, &loop->robot);
+    if (loop->robot.failure[0] == '\0')
+        loop->controller->step(loop->state, &loop->robot);
+    if (loop->robot.failure[0] != '\0')
+        memset(&loop->robot.command, 0, sizeof loop->robot.command);
     loop->command = loop->robot.command;
     if (loop->calibration != NULL)
         vs_calibration_drive(loop->calibration, &loop->command, most);
@@ -201,6 +214,7 @@ void vs_loop_guard_lost(struct vs_loop *loop)
 void vs_loop_end(struct vs_loop *loop)
 {
     loop->ending = 1;
+    end_run(loop);
     look_at_wish(loop);
 }
 

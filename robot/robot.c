@@ -11,7 +11,7 @@
 #define F4_MAX 3.4028234663852886e38 /* the largest finite single */
 
 /* Handles: 0.. of the table, OWN.. own, both: FUSED + (own - OWN) * VS_TABLE_MAX + entry. */
-enum { NONE = -1, OWN = 1000, OWN_MESSAGE = 1900, FUSED = 2000 };
+enum { NONE = -1, OWN = VS_OWN, OWN_MESSAGE = 1900, FUSED = 2000 };
 
 #define OWN_OF(fused) (OWN + ((fused) - FUSED) / VS_TABLE_MAX)
 #define ENTRY_OF(fused) (((fused) - FUSED) % VS_TABLE_MAX)
@@ -38,6 +38,7 @@ void vs_robot_begin(struct vs_robot *robot, const struct vs_session *session)
     vs_robot_forget(robot);
     robot->random = (uint64_t)session->seed << 16 | session->config.tag;
     robot->bound = 0;
+    robot->failure[0] = '\0';
     robot->heard_until = robot->base.boards.heard_count;
     memset(robot->asked, 0, sizeof robot->asked);
 }

@@ -13,6 +13,9 @@
 
 #define VS_STALE_TENTHS 25 /* [timestep/10] a reading older than this is stale */
 
+#define VS_OWN 1000 /* first handle of the robot's own devices, alone or fused with virtual ones */
+#define VS_FAILURE_BYTES 256
+
 struct vs_robot {
     const struct vs_session *session;
     uint64_t session_ns;    /* session's clock at this control step */
@@ -25,6 +28,7 @@ struct vs_robot {
     uint8_t shown_len;
     uint8_t shown[VS_SHOWN_MAX]; /* vs_shown.h */
     struct vs_log log;           /* outlives runs and sessions */
+    char failure[VS_FAILURE_BYTES]; /* why the controller cannot go on, "" while it can */
     uint64_t random;
     uint32_t heard_from;    /* messages of the board before this one are old */
     uint32_t heard_until;   /* those that this control step sees */

@@ -92,4 +92,5 @@ static void step(void *state, struct vs_robot *robot)
         vs_walk_wander(&s->walk, robot);
 }
 
-const struct vs_controller vs_controller = {"aggregation", sizeof(struct gatherer), init, step};
+const struct vs_controller vs_controller = {"aggregation", sizeof(struct gatherer), init, step,
+                                            NULL};

@@ -70,4 +70,4 @@ static void step(void *state, struct vs_robot *robot)
 }
 
 const struct vs_controller vs_controller = {"epuck_obstacleavoidance", sizeof(struct avoider),
-                                            init, step};
+                                            init, step, NULL};

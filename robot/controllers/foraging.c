@@ -115,4 +115,4 @@ static void step(void *state, struct vs_robot *robot)
     vs_robot_show_text(robot, "does", does);
 }
 
-const struct vs_controller vs_controller = {"foraging", sizeof(struct ant), init, step};
+const struct vs_controller vs_controller = {"foraging", sizeof(struct ant), init, step, NULL};

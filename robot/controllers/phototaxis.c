@@ -102,4 +102,4 @@ static void step(void *state, struct vs_robot *robot)
         vs_walk_wander(&s->walk, robot);
 }
 
-const struct vs_controller vs_controller = {"phototaxis", sizeof(struct moth), init, step};
+const struct vs_controller vs_controller = {"phototaxis", sizeof(struct moth), init, step, NULL};

@@ -50,4 +50,4 @@ static void step(void *state, struct vs_robot *robot)
         vs_walk_wander(&s->walk, robot);
 }
 
-const struct vs_controller vs_controller = {"pollutant", sizeof(struct cleaner), init, step};
+const struct vs_controller vs_controller = {"pollutant", sizeof(struct cleaner), init, step, NULL};

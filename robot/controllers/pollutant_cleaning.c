@@ -39,4 +39,4 @@ static void step(void *state, struct vs_robot *robot)
 }
 
 const struct vs_controller vs_controller = {"pollutant_cleaning", sizeof(struct cleaner),
-                                            init, step};
+                                            init, step, NULL};

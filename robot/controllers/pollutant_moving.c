@@ -78,4 +78,5 @@ static void step(void *state, struct vs_robot *robot)
         clean(s, robot);
 }
 
-const struct vs_controller vs_controller = {"pollutant_moving", sizeof(struct mover), init, step};
+const struct vs_controller vs_controller = {"pollutant_moving", sizeof(struct mover), init,
+                                            step, NULL};

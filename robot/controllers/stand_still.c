@@ -17,4 +17,4 @@ static void step(void *state, struct vs_robot *robot)
     vs_robot_set_wheels(robot, 0, 0);
 }
 
-const struct vs_controller vs_controller = {"stand_still", 1, init, step};
+const struct vs_controller vs_controller = {"stand_still", 1, init, step, NULL};

@@ -14,7 +14,7 @@ from tests.actuators.conftest import ARENA, STEP_NS, element_of, world_of
 from vsense.actuators.bank import ActuatorBank
 from vsense.actuators.base import MountedActuator
 from vsense.arena import ArenaState
-from vsense.config import controllers
+from vsense.config import devices
 from vsense.errors import ConfigError
 from vsense.sensors.base import Scope
 from vsense.world.world import World
@@ -24,7 +24,7 @@ States = Callable[..., ArenaState]
 
 def mounted(text: str, scope: Scope) -> MountedActuator:
     element = element_of(text)
-    actuator = controllers.mount_actuator(element, scope)
+    actuator = devices.mount_actuator(element, scope)
     element.check_all_read()
     return actuator
 
@@ -39,7 +39,7 @@ def act(world: World, state: States, actuator: MountedActuator, *steps: dict[int
 
 
 def test_the_shipped_actuators_are_found() -> None:
-    assert set(controllers.factories(controllers.ACTUATORS)) == {
+    assert set(devices.factories(devices.ACTUATORS)) == {
         "virtual_pheromone_actuator",
         "virtual_cleaning_actuator",
         "virtual_leds_actuator",
@@ -136,10 +136,10 @@ def test_a_source_without_an_amount_stays_as_it_is(scope: Scope) -> None:
 def test_the_amount_of_a_source_stands_in_its_sensor(scope: Scope) -> None:
     text = '<virtual_pollutant_sensor pollutant_entity="polluter" {}/>'
     for setting, amount in (('vs:amount="20"', 20.0), ("", math.inf)):
-        controllers.mount_sensor(element_of(text.format(setting)), scope)
+        devices.mount_sensor(element_of(text.format(setting)), scope)
         assert scope.sources[-1].amount == amount
     with pytest.raises(ConfigError, match="vs:amount: 0 is out of range"):
-        controllers.mount_sensor(element_of(text.format('vs:amount="0"')), scope)
+        devices.mount_sensor(element_of(text.format('vs:amount="0"')), scope)
 
 
 WRONG = [

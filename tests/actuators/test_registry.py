@@ -11,7 +11,7 @@ import pytest
 import vsense.actuators
 from tests.actuators.conftest import element_of
 from vsense.actuators.base import ActuatorError
-from vsense.config import controllers
+from vsense.config import devices
 from vsense.errors import ConfigError
 from vsense.sensors.base import Scope
 from vsense.sensors.quality import Quality
@@ -45,16 +45,16 @@ ELEMENT = '<virtual_lamp_actuator id="beacon" noise_std_dev="0.1" vs:update_ever
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setattr(vsense.actuators, "__path__", [*vsense.actuators.__path__, str(tmp_path)])
-    controllers.factories.cache_clear()
+    devices.factories.cache_clear()
     yield tmp_path
-    controllers.factories.cache_clear()
+    devices.factories.cache_clear()
     for name in ("lamp_of_test", "second_of_test"):
         sys.modules.pop(f"vsense.actuators.{name}", None)
 
 
 def test_a_new_actuator_is_one_new_file(folder: Path, scope: Scope) -> None:
     (folder / "lamp_of_test.py").write_text(NEW_ACTUATOR)
-    mounted = controllers.mount_actuator(element_of(ELEMENT), scope)
+    mounted = devices.mount_actuator(element_of(ELEMENT), scope)
     assert (mounted.actuator.name, mounted.line) == ("lamp", 1)
     assert mounted.quality == Quality(noise_std_dev=0.1, update_every=5)
 
@@ -63,10 +63,10 @@ def test_two_files_for_one_element_are_refused(folder: Path) -> None:
     for name in ("lamp_of_test", "second_of_test"):
         (folder / f"{name}.py").write_text(NEW_ACTUATOR)
     with pytest.raises(ActuatorError, match="<virtual_lamp_actuator> is another module's"):
-        controllers.factories(controllers.ACTUATORS)
+        devices.factories(devices.ACTUATORS)
 
 
 def test_a_new_actuators_own_errors_have_their_line(folder: Path, scope: Scope) -> None:
     (folder / "lamp_of_test.py").write_text(NEW_ACTUATOR)
     with pytest.raises(ConfigError, match=r"x\.argos:1: <virtual_lamp_actuator> id: is missing"):
-        controllers.mount_actuator(element_of("<virtual_lamp_actuator />"), scope)
+        devices.mount_actuator(element_of("<virtual_lamp_actuator />"), scope)

@@ -83,7 +83,7 @@ static void step(void *state, struct vs_robot *robot)
             vs_robot_log(robot, line);
 }
 
-const struct vs_controller vs_controller = {"listener", sizeof(struct seen), init, step};
+const struct vs_controller vs_controller = {"listener", sizeof(struct seen), init, step, NULL};
 
 struct world {
     struct vs_inprocess *all;

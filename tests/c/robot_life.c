@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 #include "robot_life.h"
 
+int ended;
 static uint64_t stepped_ns; /* newest call of the controller; tests only */
 
 static void init(void *state, struct vs_robot *robot)
@@ -22,7 +23,16 @@ static void step(void *state, struct vs_robot *robot)
     vs_robot_set_leds(robot, VS_ROBOT_LED_RING);
 }
 
-static const struct vs_controller runner = {"runner", sizeof(struct seen), init, step};
+static void end(void *state, struct vs_robot *robot)
+{
+    struct seen *seen = state;
+
+    (void)robot;
+    CHECK(seen->inits == 1); /* it sees what init began */
+    ended++;
+}
+
+static const struct vs_controller runner = {"runner", sizeof(struct seen), init, step, end};
 
 void begin(struct world *w, uint32_t seed)
 {
@@ -40,6 +50,7 @@ void begin(struct world *w, uint32_t seed)
     vs_loop_init(&w->loop, &w->session, &runner, &w->state);
     vs_guard_init(&w->guard, 1);
     stepped_ns = 0;
+    ended = 0;
 }
 
 void open_session(struct world *w)

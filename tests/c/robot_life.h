@@ -47,6 +47,8 @@ struct world {
     uint32_t steps;
 };
 
+extern int ended; /* calls of the controller's end since `begin` */
+
 /* A robot that has no session yet. */
 void begin(struct world *w, uint32_t seed);
 

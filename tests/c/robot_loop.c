@@ -90,10 +90,13 @@ static void test_controller_lives_as_long_as_its_run(void)
     CHECK(!turning(&w) && w.base.leds == VS_ROBOT_LED_RING);
     wish(&w, VS_RUN);
     good_host(&w, 300 * MS);
-    CHECK(turning(&w) && w.state.inits == 1 && w.state.steps > 10);
+    CHECK(turning(&w) && w.state.inits == 1 && w.state.steps > 10 && ended == 0);
     w.session.run++;
     good_host(&w, 100 * MS);
-    CHECK(w.state.inits == 1 && w.state.steps <= 2);
+    CHECK(w.state.inits == 1 && w.state.steps <= 2 && ended == 1);
+    vs_loop_event(&w.loop, VS_EV_GOODBYE, &w.now);
+    vs_loop_event(&w.loop, VS_EV_GOODBYE, &w.now);
+    CHECK(ended == 2);
     wish(&w, VS_STOP);
     good_host(&w, 100 * MS);
     CHECK(!turning(&w) && w.base.leds == 0);
@@ -115,6 +118,8 @@ static void test_end_and_lost_guard(void)
     good_host(&w, 300 * MS);
     CHECK(turning(&w));
     vs_loop_end(&w.loop);
+    vs_loop_end(&w.loop);
+    CHECK(ended == 1);
     wish(&w, VS_STOP);
     good_host(&w, 100 * MS);
     CHECK(!turning(&w) && w.action == VS_GUARD_EXIT && w.guard.stopped);

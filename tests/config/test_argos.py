@@ -155,7 +155,7 @@ def test_with_e_pucks_every_file_of_argos_loads(name: str) -> None:
     assert len(experiment.robots) == AS_EPUCKS[name]
     assert experiment.controllers[0].library == "stand_still"
     (cpp,) = [w for w in experiment.warnings if "is C++ for ARGoS" in w]
-    assert "the robots stand still; port it, see robot/README.md, 'Porting an ARGoS" in cpp
+    assert "its sources are not found: the robots stand still; --sources " in cpp
     settled = settle(experiment, 3)
     assert all(robot.pose is not None for robot in settled.robots)
     assert all(re.match(r"x\.argos:[0-9]+: <[a-z0-9_-]+> ", w) for w in experiment.warnings)

@@ -15,6 +15,7 @@ from vsense.config.specs import Experiment, Stage
 from vsense.errors import ConfigError
 from vsense.physics.motion import floor_of
 from vsense.world.entities import BODY_RADIUS_M
+from vsense.world.loop_functions import LoopFunctionsError
 
 PLAIN = """<?xml version="1.0" ?>
 <argos-configuration>
@@ -226,3 +227,34 @@ def test_without_room_the_robot_is_refused_at_its_line(folder: Path) -> None:
         text = text[:start] + "\n" * text[start:end].count("\n") + text[end:]
     with pytest.raises(ConfigError, match=r"'fb1' overlaps .* no room for it was found near by"):
         settle(loaded(folder, text), 1)
+
+
+def test_a_file_whose_loop_functions_add_the_robots_says_what_to_write(folder: Path) -> None:
+    text = PLAIN.replace(ROBOT, "").replace(
+        "<arena", '<loop_functions library="build/libcrowd.so" label="crowd" rows="2" /><arena'
+    )
+    with pytest.raises(ConfigError, match=r"populate\(space\) with space\.add_robot\(.*<distrib"):
+        loaded(folder, text)
+    port = folder / "libcrowd"
+    port.mkdir(exist_ok=True)
+    (port / "mine.c").touch()
+    (port / "crowd.py").write_text(CROWD)
+    experiment = loaded(port, text)
+    assert [robot.id for robot in experiment.robots] == ["ep0", "ep1", "ep2", "ep3"]
+    assert experiment.robots[3].pose == pytest.approx((0.3, 0.2, math.pi / 2))
+    # They are drawn from the file's seed, and those that overlap are placed anew.
+    assert loaded(port, text).robots == experiment.robots
+    settle(experiment, 1)
+    (port / "crowd.py").write_text(CROWD.replace('"mine"', '"nobody"'))
+    with pytest.raises(ConfigError, match="there is no controller 'nobody'; there are: mine"):
+        loaded(port, text)
+    (port / "crowd.py").write_text(CROWD.replace("0.1 * i, 0.2", "9, 9"))
+    with pytest.raises(LoopFunctionsError, match=r"crowd\.py:3: in populate: .*outside the arena"):
+        loaded(port, text)
+
+
+CROWD = """def populate(space):
+    for i in range(2 * int(space.params["rows"])):
+        space.add_robot(f"ep{i}", "mine", 0.1 * i, 0.2, 1.5707963267948966)
+    assert space.random.random() == space.random.__class__(3).random()
+"""

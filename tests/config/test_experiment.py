@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.config.tables import attributes
-from vsense.config import controllers
+from vsense.config import devices
 from vsense.config.experiment import first_robots, load, shipped
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment, Pose
@@ -268,16 +268,14 @@ def test_what_argos_has_and_we_do_not_is_a_warning_with_its_line(
         .replace("<dynamics2d", '<pointmass3d id="pm3d"/><dynamics2d')
         .replace("</argos", "<visualization><qt-opengl/></visualization></argos")
         .replace("<arena", '<loop_functions library="lib/liba.so" label="l" /><arena')
-        .replace('<e-puck id="epuck_23_30"', '<e-puck id="epuck_23_30" rab_range="1"')
         .replace("</physics_engines>", '</physics_engines><media><radio id="r"/></media>')
     )
     warnings = "\n".join(read_text(text).warnings)
     for words in (
-        "x.argos:12: <epuck_ground> is not supported: the robots have none; <virtual_ground_sen",
+        "x.argos:12: <epuck_ground> is the robot's own, where it has that board; vs:virtual='true'",
         "x.argos:12: <epuck_proximity> noise_level is not used: the real one's own noise takes its",
-        "x.argos:20: <loop_functions> is not supported: 'lib/liba.so' is a C++ library, which",
-        "loop functions are Python here, see robot/README.md, 'Porting an ARGoS controller'",
-        "x.argos:29: <e-puck> rab_range is not used: their sensor says how far virtual messages",
+        "x.argos:20: <loop_functions> is not supported: the sources of 'lib/liba.so', in which",
+        "no loop functions are called; name them with --sources a=FILES, see",
         "x.argos:40: <kilobot> is not supported: only e-pucks are driven here",
         "x.argos:40: <prototype> is not supported: only boxes and cylinders stand here",
         "x.argos:42: <pointmass3d> is not supported: robots move in one plane",
@@ -314,17 +312,17 @@ def test_the_shipped_pollution_experiment_is_chapter_five() -> None:
     assert len(experiment.boxes) == 4
 
 
-def offer(monkeypatch: pytest.MonkeyPatch, sensors: dict[str, controllers.Factory]) -> None:
+def offer(monkeypatch: pytest.MonkeyPatch, sensors: dict[str, devices.Factory]) -> None:
     """Has these sensors be all that there are."""
-    shipped = controllers.factories
-    known = {controllers.SENSORS: sensors, controllers.ACTUATORS: shipped(controllers.ACTUATORS)}
-    monkeypatch.setattr(controllers, "factories", known.__getitem__)
+    shipped = devices.factories
+    known = {devices.SENSORS: sensors, devices.ACTUATORS: shipped(devices.ACTUATORS)}
+    monkeypatch.setattr(devices, "factories", known.__getitem__)
 
 
 def test_two_sensors_of_one_name_are_refused(
     read_text: Read, example: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pollutant = controllers.factories(controllers.SENSORS)[SENSOR]
+    pollutant = devices.factories(devices.SENSORS)[SENSOR]
     offer(monkeypatch, {SENSOR: pollutant, "again": pollutant})
     error = refused(read_text, example.replace("</sensors>", "<again/></sensors>"))
     assert "the sensor 'pollutant' is there already, in line 13" in error.message
@@ -334,7 +332,7 @@ def test_two_sensors_of_one_name_are_refused(
 def test_a_sensor_that_no_datagram_has_room_for_is_refused_at_its_line(
     read_text: Read, example: str, monkeypatch: pytest.MonkeyPatch, layout: str, fits: int
 ) -> None:
-    factories = dict(controllers.factories(controllers.SENSORS))
+    factories = dict(devices.factories(devices.SENSORS))
     for n in range(fits + 1):
         sensor = SimpleNamespace(name=f"wide{n}", layout=layout)
         factories[f"wide{n}"] = lambda element, scope, sensor=sensor: sensor

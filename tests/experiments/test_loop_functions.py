@@ -123,6 +123,16 @@ def test_the_polluter_itself_is_not_counted(live: Living) -> None:
     assert environment.end()["robots_in_cone_mean"] == 1.0
 
 
+def test_prey_is_caught_once_until_it_has_rested(live: Living) -> None:
+    """Robots 0 to 3 are predators, 4 to 13 prey; those that are away are together."""
+    alone: dict[str, Place] = {f"r{n}": (0.1 * n - 1.4, -1.0, 0.0) for n in range(1, 4)}
+    near: dict[str, Place] = {"r0": (0.0, 0.0, 0.0), "r4": (0.1, 0.0, 0.0), "r5": (0.13, 0.0, 0.0)}
+    for steps, caught in ((1, 1), (3, 1), (4, 2)):
+        places = standing(steps, **near, **alone)
+        world = live("predator_prey", places, loop_functions__rest_s="0.3").world
+        assert world.results == {"prey_caught": caught, "prey_resting": 1}
+
+
 def test_a_setting_that_is_no_number_is_named(live: Living) -> None:
     with pytest.raises(VsenseError, match=r"phototaxis\.py:\d+: .*'soon'"):
         live("phototaxis", standing(1), loop_functions__turn_s="soon")

@@ -50,6 +50,7 @@ CASES = {
     "pollutant": Case("in_cone_after_turn", 2.0, 60.0),
     "pollutant-cleaning": Case("pollution_left", 0.2, 20.0),
     "pollutant-moving": Case("robots_in_cone_mean", 4.0, 30.0),
+    "predator_prey": Case("prey_caught", 2.0, 40.0),
 }
 
 

@@ -10,9 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.link.legacy_rig import ClosedError, Robot
-from vsense.link.legacy.protocol import LegacyRobot, LegacySwarm, Translation, by_octet
+from vsense.link.legacy.protocol import (
+    LegacyRobot,
+    LegacySwarm,
+    Translation,
+    by_octet,
+    translations,
+)
 from vsense.link.robots.status import LinkError
-from vsense.link.robots.table import Entry
+from vsense.link.robots.table import Direction, Entry
 
 TRANSLATION = Translation([Entry(1, "pollutant", "f4"), Entry(2, "rgb_ground", "4*u1")])
 CHOICES = [bytes([k, k, k]) for k in range(3)]
@@ -94,6 +100,19 @@ def test_who_comes_in_mid_run_is_told_everything_at_once() -> None:
     assert again is not None and not swarm.leave(30, robot)
     assert swarm.robots == {30: again} and swarm.leave(30, again) and swarm.robots == {}
     assert swarm.join(31) is None and swarm.why_not(31).endswith("is 31; expected: 30")
+
+
+def test_of_a_mixed_swarm_those_come_whose_sensors_the_original_has() -> None:
+    known, other = Entry(1, "gps", "3*f4"), Entry(1, "scent", "3*f4")
+    light = Entry(2, "light", "4*f4", Direction.ACTUATOR)
+    found = translations({23: [known, light], 24: [other, light], 25: [other, known]})
+    assert set(found) == {23, 25} and found[23].table == found[25].table
+    swarm = LegacySwarm(found, {30: (23, "a"), 31: (24, "b"), 32: (25, "c")})
+    assert swarm.join(30) is not None and swarm.join(31) is None
+    assert swarm.why_not(31) == "b has none of the virtual sensors that the original client knows"
+    assert swarm.unknown == ("scent",)
+    with pytest.raises(LinkError, match="know none of this experiment's virtual sensors: scent"):
+        translations({24: [other, light]})
 
 
 def test_robots_are_known_by_the_last_octet() -> None:

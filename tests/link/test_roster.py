@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense.link.robots.roster import ExpectedRobot, Roster
+from vsense.link.robots.roster import ExpectedRobot, Roster, ToldProgram
 from vsense.link.robots.status import EventThrottle, LinkEvent, cut_text
 from vsense.link.robots.table import Entry, Table
 from vsense.link.robots.wire import (
@@ -148,3 +148,59 @@ def test_a_robot_without_room_for_the_parameters_is_refused() -> None:
     assert isinstance(notice, Notice) and notice.code == RefuseCode.ROOM
     assert notice.text == "the experiment's params have 603 bytes, the robot has 512"
     assert answer.robot is None
+
+
+PREDATOR, PREY = ToldProgram("predator", "1" * 12), ToldProgram("prey", "2" * 12)
+
+
+def mixed(*programs: ToldProgram | None) -> Roster:
+    expected = {
+        tag: ExpectedRobot(f"epuck_{tag}", TABLE, program=program)
+        for tag, program in enumerate(programs, 5)
+    }
+    return Roster(expected, 10**8, 1)
+
+
+def greeting(tag: int, name: str, digest: str = "") -> bytes:
+    return encode(Header(PacketType.HELLO), Hello(b"a" * 16, tag, "name", name, hash=digest))
+
+
+@pytest.mark.parametrize(
+    ("name", "digest", "taken"),
+    [
+        ("predator", "1" * 12, True),
+        ("renamed", "1" * 12, True),
+        ("predator", "", True),
+        ("predator", "3" * 12, True),
+        ("prey", "2" * 12, False),
+        ("prey", "3" * 12, False),
+        ("prey", "", False),
+        ("predator", "2" * 12, False),
+        ("foraging", "4" * 12, False),
+    ],
+)
+def test_a_robot_with_the_program_of_others_is_refused_with_both_names(
+    name: str, digest: str, taken: bool
+) -> None:
+    ours = mixed(PREDATOR, PREY)
+    answer = ours.greet(greeting(5, name, digest), "here", S)
+    assert (answer.robot is not None) == taken
+    if not taken:
+        _, notice = decode(answer.packet)
+        assert isinstance(notice, Notice) and notice.code == RefuseCode.CONTROLLER
+        runs = f"'{name}' ({digest})" if digest else f"'{name}'"
+        expected = f"epuck_5 runs {runs}, expected 'predator' (111111111111)"
+        assert notice.text.startswith(expected) and expected in answer.event.text
+        assert f"epuck_5 {ours.robots[5].status(S).refused}" == expected
+        ours.greet(greeting(5, "predator", "1" * 12), "here", S)
+        assert ours.robots[5].status(S).refused == ""
+
+
+def test_where_all_have_one_controller_another_source_is_told_and_taken() -> None:
+    ours = mixed(PREDATOR, PREDATOR)
+    same, other = (ours.greet(greeting(5, "predator", d * 12), "here", S) for d in "13")
+    assert same.event.text.endswith("connected from here, controller predator")
+    assert other.robot is not None
+    assert other.event.text.endswith(
+        "'predator' (333333333333); the file's is 'predator' (111111111111)"
+    )

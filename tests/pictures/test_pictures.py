@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from vsense.pictures.arena_view import DARK, LIT, VIRTUAL, WIDTH_PX, ArenaMoment
 from vsense.pictures.canvas import SCALE, Canvas
 from vsense.pictures.run_figure import Chart, ChartSeries
 from vsense.pictures.run_samples import RunSamples, take_snapshot
-from vsense.world.entities import Box, Cylinder, Light, VirtualRobot, Zone
+from vsense.world.entities import Arena, Box, Cylinder, Light, VirtualRobot, Zone
 from vsense.world.fields import Field
 from vsense.world.world import World
 
@@ -195,3 +196,15 @@ def test_charts_show_the_cone_first_and_the_measures_after(experiment: Experimen
 def test_no_picture_of_this_room_knows_the_laboratory() -> None:
     for module in Path(run_figure.__file__).parent.glob("*.py"):
         assert "vsense.lab" not in module.read_text(), module
+
+
+def test_an_arena_of_hundreds_of_metres_is_drawn_with_as_few_pixels(experiment: Experiment) -> None:
+    size_m = (400.0, 100.0, 1.0)
+    large = replace(experiment, arena=Arena(size_m, (0.0, 0.0, 0.0)))
+    zone = Zone("spot", "circle", 0.0, 0.0, radius_m=60.0, color=(0, 0, 255))
+    world = World([], entities=[zone], arena=large.arena)
+    floor = take_snapshot(world, large).floor
+    assert floor is not None
+    rows, columns = floor.shape[:2]
+    assert rows * columns <= 1_001_000
+    assert columns == pytest.approx(4 * rows, rel=0.01)

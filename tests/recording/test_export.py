@@ -74,6 +74,32 @@ def messages() -> list[Message]:
     ]
 
 
+def test_robots_of_other_controllers_have_columns_of_their_own(tmp_path: Path) -> None:
+    sensor = {"layout": "f4", "count": 1}
+    controllers = [
+        {"id": "a", "tags": [3], "sensors": [{"name": "scent", **sensor}]},
+        {"id": "b", "tags": [7, "damaged"], "sensors": [
+            {"name": "light", "count": 2}, {"name": "scent", **sensor}]},
+    ]  # fmt: skip
+    readings = {
+        "timestep": 1, "capture_ns": 9, "tag": [3, 7, 65536],
+        "values": [[[0.5]], [[1.0, 2.0], [0.25]], [[0.75]]],
+        "captured_ns": [[9], [9, 9], [9]],
+    }  # fmt: skip
+    at = BEGIN_NS + STEP_NS
+    told = [Message("/experiment", BEGIN_NS, {"controllers": controllers})]
+    file = record(tmp_path / "mixed.mcap", [*told, Message("/readings", at, readings)])
+    with open_recording(file) as recording:
+        export_csv(recording, tmp_path / "tables")
+    head, *found = rows(tmp_path / "tables" / "readings.csv")
+    assert head[3:] == ["scent_0", "scent_age_s", "light_0", "light_1", "light_age_s"]
+    assert [row[2:] for row in found] == [
+        ["3", "0.5", "0.0", "", "", ""],
+        ["7", "0.25", "0.0", "1.0", "2.0", "0.0"],
+        ["65536", "0.75", "0.0", "", "", ""],
+    ]
+
+
 def rows(path: Path) -> list[list[str]]:
     with path.open(encoding="utf-8", newline="") as file:
         return list(csv.reader(file))

@@ -63,4 +63,4 @@ static void step(void *state, struct vs_robot *robot)
     vs_robot_set_wheels(robot, 300, 300);
 }
 
-const struct vs_controller vs_controller = {"boards", sizeof(struct talker), init, step};
+const struct vs_controller vs_controller = {"boards", sizeof(struct talker), init, step, NULL};

@@ -60,7 +60,7 @@ static void step(void *state, struct vs_robot *robot)
         talk(probe, robot);
 }
 
-const struct vs_controller vs_controller = {"probe", sizeof(struct probe), init, step};
+const struct vs_controller vs_controller = {"probe", sizeof(struct probe), init, step, NULL};
 
 pid_t __real_fork(void);
 pid_t __wrap_fork(void);

@@ -330,7 +330,7 @@ def test_a_base_that_is_no_e_puck_is_one_file_and_one_line(tmp_path: Path, build
         "static void step(void *state, struct vs_robot *robot)\n"
         "{ vs_robot_set_wheels(robot, 900, vs_robot_read(robot, *(int *)state).known);\n"
         "  vs_robot_set_leds(robot, 4); }\n"
-        'const struct vs_controller vs_controller = {"drive", sizeof(int), init, step};\n'
+        'const struct vs_controller vs_controller = {"drive", sizeof(int), init, step, NULL};\n'
     )
     instead = {"base.c": more, "base_bare.c": bare}
     program = build(tmp_path / "vsensed", source, *QUICKLY, instead=instead)

@@ -174,7 +174,7 @@ def test_controller_header_is_cplusplus_too(tmp_path: Path) -> None:
         '#include "controller.h"\n'
         'static void init(void *, struct vs_robot *robot) { vs_robot_sensor(robot, "light"); }\n'
         "static void step(void *, struct vs_robot *robot) { vs_robot_set_wheels(robot, 1, 1); }\n"
-        'const struct vs_controller vs_controller = {"walker", 0, init, step};\n'
+        'const struct vs_controller vs_controller = {"walker", 0, init, step, nullptr};\n'
     )
     cxx = require_tool("c++", "build-essential")
     command = [cxx, "-std=c++11", "-Wall", "-Wextra", "-pedantic", "-Werror", "-I", str(ROBOT)]

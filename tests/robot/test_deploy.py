@@ -17,14 +17,22 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from queue import Queue
 from types import SimpleNamespace
 
 import pytest
 
 from tests.conftest import require_tool
 from vsense import cli
+from vsense.config.experiment import load
+from vsense.config.placement import settle
 from vsense.errors import ConfigError, UsageError
+from vsense.lab.microcontrollers import Microcontrollers
+from vsense.link.robots.server import LinkEvent, VirtualSensorServer
 from vsense.robot import deploying
+from vsense.robot.programs import Program
+from vsense.run.environment import Environment
+from vsense.run.robots import make_server
 
 FAKE_DAEMON = """
 case "$1" in
@@ -292,12 +300,14 @@ def test_a_controller_alone_is_replaced(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    def build(controller: str, target: str, output: Path) -> SimpleNamespace:
-        program(output, FAKE_DAEMON.replace("test", f"{controller}-{target}"))
+    def build(controller: Program, target: str, output: Path) -> SimpleNamespace:
+        name = controller.sources[0].name
+        program(output, FAKE_DAEMON.replace("test", f"{name}-{target}"))
         return SimpleNamespace(path=output)
 
     monkeypatch.setattr("vsense.commands.robot.boards.build", build)
     (tmp_path / "robots.txt").write_text("board tag=1\n")
+    (tmp_path / "mine.c").write_text("")
     words = ["robot", "deploy", "--hosts", "robots.txt", "--controller", "mine.c"]
     board = systemd(boards, "board")
     assert cli.main(words) == 1
@@ -310,6 +320,56 @@ def test_a_controller_alone_is_replaced(
     assert "mine.c" in (board / "usr/local/bin/vsensed").read_text()
     assert cli.main([*words, "--rollback"]) == 2
     assert "--controller and --rollback: expected one of them" in capsys.readouterr().err
+
+
+@pytest.fixture
+def host() -> Iterator[tuple[VirtualSensorServer, int, Callable[..., LinkEvent]]]:
+    """The server of a mixed swarm, its port, and what waits for an event of a kind and a tag."""
+    experiment = settle(load("predator_prey"), 1)
+    events: Queue[LinkEvent] = Queue()
+    tables = Environment(experiment, 1).tables
+    server = make_server(experiment, tables, ("127.0.0.1", 0), 1, events.put)
+
+    known: dict[tuple[str, int | None], LinkEvent] = {}
+
+    def wait(kind: str, tag: int) -> LinkEvent:
+        while (kind, tag) not in known:
+            event = events.get(timeout=60)
+            known[event.kind, event.tag] = event
+        return known[kind, tag]
+
+    yield server, server.start(), wait
+    server.close()
+
+
+def test_an_experiment_brings_each_robot_its_own_program(
+    boards: Path, tmp_path: Path, host, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Real daemons on two boards with different bases; then one gets the other's program."""
+    require_tool("cc", "build-essential")
+    server, port, wait = host
+    bases = Microcontrollers(["argos", "asercom"])
+    predator, prey = 31, 7488
+    lines = f"left tag={predator} base={bases.bases[0]}\nright tag={prey} base={bases.bases[1]}\n"
+    words = ["--host", "127.0.0.1", "--port", str(port), "--target", "host"]
+    for board in ("left", "right"):
+        (boards / board).mkdir(parents=True)
+    try:
+        assert deploy(tmp_path, lines, *words, "--experiment", "predator_prey") == 0
+        out = capsys.readouterr().out.splitlines()
+        assert "controller predator " in out[1] and "controller prey " in out[2]
+        assert "controller predator" in wait("connected", predator).text
+        assert "controller prey" in wait("connected", prey).text
+        assert {r.controller for r in server.robots().values()} == {"predator", "prey", ""}
+        shutil.copy(boards / "left/usr/local/bin/vsensed", tmp_path / "vsensed")
+        assert deploy(tmp_path, lines.splitlines()[1], *words, "--force") == 0
+        both = r": prey_7488_0 runs 'predator' \(\w+\), expected 'prey' \(\w+\)"
+        assert re.search(both, wait("refused", prey).text)
+        lines = f"left tag={predator}\nright tag=5\n"
+        assert deploy(tmp_path, lines, *words, "--experiment", "predator_prey") == 2
+        assert "robots.txt:2: tag 5 is no robot of predator_prey" in capsys.readouterr().err
+    finally:
+        bases.close()
 
 
 # Documentation/networking/proc_net_tcp.rst of Linux: addresses in the processor's order of bytes,

@@ -213,7 +213,7 @@ static void step(void *state, struct vs_robot *robot)
     for (++*steps; *steps > 10;)
         FAULT;
 }
-const struct vs_controller vs_controller = {"faulty", sizeof(int), init, step};
+const struct vs_controller vs_controller = {"faulty", sizeof(int), init, step, NULL};
 """
 
 

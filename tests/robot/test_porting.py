@@ -11,8 +11,8 @@ import pytest
 from tests.conftest import require_tool
 from tests.robot.conftest import ROOT, STRICT
 from vsense.config import argos
-from vsense.config.argos import ACTUATORS, SENSORS
-from vsense.config.controllers import virtual_devices
+from vsense.config.argos import MISSING
+from vsense.config.devices import virtual_devices
 from vsense.robot import build
 
 PAGE = ROOT / "robot" / "README.md"
@@ -67,7 +67,8 @@ def test_warnings_point_to_a_heading_of_the_page_and_to_devices_that_exist() -> 
     assert ROOT / file == PAGE
     assert f"## {heading.strip(chr(39))}\n" in PAGE.read_text(encoding="utf-8")
     known = {name for names in virtual_devices().values() for name in names}
-    said = " ".join([*SENSORS.values(), *ACTUATORS.values(), PAGE.read_text(encoding="utf-8")])
+    missing = [words for section in MISSING.values() for words in section.values()]
+    said = " ".join([*missing, PAGE.read_text(encoding="utf-8")])
     named = set(re.findall(r"<((?:virtual_|gps_)[a-z_]+)>", said))
     assert named - known == set()
     assert "virtual_range_and_bearing_sensor" in named

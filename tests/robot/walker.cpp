@@ -43,4 +43,4 @@ void step(void *state, vs_robot *robot)
 
 }  // namespace
 
-const struct vs_controller vs_controller = {"walker", sizeof(Walker), init, step};
+const struct vs_controller vs_controller = {"walker", sizeof(Walker), init, step, nullptr};

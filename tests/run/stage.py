@@ -65,7 +65,7 @@ class Stage:
 
     def __post_init__(self) -> None:
         self.interrupted = threading.Event()
-        self.said = io.StringIO()
+        self.terminal = io.StringIO()
         self.timestep = 0
         self.calls = self.snapshots = 0
         self.first: int | None = None
@@ -74,7 +74,7 @@ class Stage:
             self.experiment,
             self,  # type: ignore[arg-type]
             self,  # type: ignore[arg-type]
-            Console(self.said),
+            Console(self.terminal),
             self.interrupted,
             clock=lambda: self.now_ns,
         )
@@ -87,6 +87,15 @@ class Stage:
 
     def logged(self) -> list[tuple[int, str]]:
         """Stands in for `Runtime.logged`: there are no virtual robots."""
+        return []
+
+    @property
+    def finished(self) -> bool:
+        """Stands in for `Runtime.finished`, likewise."""
+        return False
+
+    def said(self) -> list[str]:
+        """Stands in for `Runtime.said`: there are no loop functions."""
         return []
 
     def step(self, timeout_s: float) -> Step:

@@ -40,7 +40,7 @@ def test_it_waits_until_the_last_one_is_connected_and_seen() -> None:
     assert stage.calls == 4 and stage.done == []
     names = [robot.id for robot in stage.experiment.robots]
     assert f"waiting: 0 of 2 robots connected (not {', '.join(names)}), 0 of 3" in (
-        stage.said.getvalue()
+        stage.terminal.getvalue()
     )
 
 
@@ -48,8 +48,8 @@ def test_without_any_arena_state_it_says_so_and_keeps_waiting(stage: Stage) -> N
     stage.silent = True
     stage.acts = {40: lambda: setattr(stage, "silent", False)}
     assert stage.runner.wait().complete
-    assert "no arena state yet" in stage.said.getvalue()
-    assert "stand still" not in stage.said.getvalue()
+    assert "no arena state yet" in stage.terminal.getvalue()
+    assert "stand still" not in stage.terminal.getvalue()
     assert stage.runner.silences == []
 
 
@@ -104,7 +104,7 @@ def test_a_silence_is_told_and_survived(stage: Stage) -> None:
     assert silence.duration_s == pytest.approx(2.6, abs=0.01)
     assert lived[:4] == [0, 1, 2, 28], "the run's time goes on meanwhile"
     assert silence.run_timestep == 2 and lived[-1] == 59 and stage.runner.ended == "time"
-    said = stage.said.getvalue()
+    said = stage.terminal.getvalue()
     assert said.count("the robots stand still until there is one") == 1
     assert "arena states are back after 2.6 s" in said
 
@@ -118,7 +118,7 @@ def test_a_silence_to_the_end_ends_with_the_runs_time(stage: Stage) -> None:
     assert 20 * DT_NS <= stage.now_ns - begun_ns <= 20 * DT_NS + 500 * MS
     stage.runner.stop()
     assert len(stage.runner.silences) == 1
-    assert "are back" not in stage.said.getvalue()
+    assert "are back" not in stage.terminal.getvalue()
 
 
 @pytest.mark.parametrize(
@@ -146,7 +146,7 @@ def test_new_sessions_and_guards_in_mid_run_are_counted(stage: Stage) -> None:
         pass
     stage.runner.stop()
     assert stage.runner.reconnects == 2
-    assert stage.said.getvalue().count("its guard was replaced") == 1
+    assert stage.terminal.getvalue().count("its guard was replaced") == 1
 
 
 def test_a_start_waits_for_somebody_to_start(stage: Stage) -> None:

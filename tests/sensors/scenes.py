@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import POSE, ArenaState
-from vsense.config import controllers
+from vsense.config import devices
 from vsense.sensors.base import MountedSensor, Scope
 from vsense.world.entities import Box, Cylinder, Entity, Light
 from vsense.world.world import World
@@ -32,7 +32,7 @@ def element(xml: str) -> Element:
 def mount(xml: str, scope: Scope | None = None) -> MountedSensor:
     """Mounts the sensor of an element; every attribute of it has to be understood."""
     wanted = element(xml)
-    mounted = controllers.mount_sensor(wanted, scope or Scope({}, 0))
+    mounted = devices.mount_sensor(wanted, scope or Scope({}, 0))
     wanted.check_all_read()
     return mounted
 

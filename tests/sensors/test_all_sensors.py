@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.sensors.scenes import Motion, Places, arena_state, mount, rows, sensor, world_of
-from vsense.config import controllers as devices
+from vsense.config import devices
 from vsense.link.robots.table import Direction, Entry, Table
 from vsense.native import lib
 from vsense.sensors.bank import SensorBank

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import vsense.sensors
-from vsense.config import controllers
+from vsense.config import devices
 from vsense.errors import ConfigError
 from vsense.sensors.base import Scope, SensorError
 from vsense.sensors.quality import Quality
@@ -41,15 +41,15 @@ def from_xml(element, scope):
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setattr(vsense.sensors, "__path__", [*vsense.sensors.__path__, str(tmp_path)])
-    controllers.factories.cache_clear()
+    devices.factories.cache_clear()
     yield tmp_path
-    controllers.factories.cache_clear()
+    devices.factories.cache_clear()
     for name in ("compass_of_test", "second_of_test"):
         sys.modules.pop(f"vsense.sensors.{name}", None)
 
 
 def test_the_shipped_sensors_are_found() -> None:
-    assert set(controllers.factories(controllers.SENSORS)) == {
+    assert set(devices.factories(devices.SENSORS)) == {
         "destination_virtual_sensor",
         "gps_virtual_sensor",
         "virtual_black_white_location_sensor",
@@ -70,7 +70,7 @@ def test_a_new_sensor_is_one_new_file(folder: Path) -> None:
     (folder / "compass_of_test.py").write_text(NEW_SENSOR)
     xml = b'<r xmlns:vs="urn:vsense:1"><virtual_compass_sensor scale="2" vs:update_every="5"/></r>'
     element = parse(xml, "x.argos").child("virtual_compass_sensor")
-    mounted = controllers.mount_sensor(element, Scope({}, 0))
+    mounted = devices.mount_sensor(element, Scope({}, 0))
     assert (mounted.sensor.name, mounted.line) == ("compass", 1)
     assert mounted.quality == Quality(update_every=5)
 
@@ -79,7 +79,7 @@ def test_two_files_for_one_element_are_refused(folder: Path) -> None:
     for name in ("compass_of_test", "second_of_test"):
         (folder / f"{name}.py").write_text(NEW_SENSOR)
     with pytest.raises(SensorError, match="<virtual_compass_sensor> is another module's"):
-        controllers.factories(controllers.SENSORS)
+        devices.factories(devices.SENSORS)
 
 
 @pytest.mark.parametrize("every", ["0", "-1", "1.5", "always"])
@@ -87,11 +87,11 @@ def test_a_wrong_updating_condition_is_refused(every: str) -> None:
     xml = f'<r xmlns:vs="urn:vsense:1"><virtual_pollutant_sensor vs:update_every="{every}"/></r>'
     element = parse(xml.encode(), "x.argos").child("virtual_pollutant_sensor")
     with pytest.raises(ConfigError, match="vs:update_every"):
-        controllers.mount_sensor(element, Scope({"epuck_22_1": 22}, 0))
+        devices.mount_sensor(element, Scope({"epuck_22_1": 22}, 0))
 
 
 def test_a_layout_that_no_robot_can_read_is_refused_at_its_element(folder: Path) -> None:
     (folder / "compass_of_test.py").write_text(NEW_SENSOR.replace('"f4"', '"f8"'))
     element = parse(b"<r><virtual_compass_sensor/></r>", "x.argos").child("virtual_compass_sensor")
     with pytest.raises(ConfigError, match=r"x.argos:1: <virtual_compass_sensor>: layout 'f8'"):
-        controllers.mount_sensor(element, Scope({}, 0))
+        devices.mount_sensor(element, Scope({}, 0))

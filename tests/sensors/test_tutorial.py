@@ -11,7 +11,7 @@ import pytest
 import vsense
 from tests.conftest import require_tool
 from tests.sensors.scenes import STEP_NS, arena_state
-from vsense.config import controllers
+from vsense.config import devices
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment
 from vsense.link.robots.wire import Wanted
@@ -97,7 +97,7 @@ def test_every_shipped_sensor_is_in_its_table_with_its_file() -> None:
     )
     made = {
         element: factory.__module__.rpartition(".")[2] + ".py"
-        for element, factory in controllers.factories(controllers.SENSORS).items()
+        for element, factory in devices.factories(devices.SENSORS).items()
     }
     assert {element: file for element, file, _ in rows} == made
     assert all(shown == linked for _, shown, linked in rows)

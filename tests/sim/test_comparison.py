@@ -64,3 +64,12 @@ def test_a_campaign_without_settings_is_one_row(tmp_path: Path) -> None:
     figure = draw("it", [{}], {"one": [[1.0]], "two": [[]]})
     assert [text.get_text() for text in figure.axes[0].get_yticklabels()] == ["as in the file"]
     assert figure.get_suptitle() == "it: 1 run of each setting"
+
+
+def test_long_settings_are_shortened_and_told_apart() -> None:
+    machines = [{"params.fsm": "--nstates 2 --s0 0 " * 9 + end} for end in "ab"]
+    (axes,) = draw("it", machines, {"objective": [[1.0], [2.0]]}).axes
+    first, second = (text.get_text().splitlines() for text in axes.get_yticklabels())
+    assert first[0].startswith("1. params.fsm = ") and second[0].startswith("2. params.fsm = ")
+    assert first[-1].endswith(" ...") and len(first) == 3
+    assert max(map(len, first)) < 30

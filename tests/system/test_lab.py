@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import signal
 import socket
 import subprocess
@@ -18,6 +19,7 @@ import pytest
 
 from tests.link.legacy_rig import Client
 from vsense.lab.microcontrollers import read_actuations
+from vsense.recording.reader import open_recording
 
 pytestmark = pytest.mark.system
 
@@ -149,6 +151,22 @@ def test_short_run_measures_everything_and_leaves_nothing_behind(directory: Path
     assert lab.relatives() == {}
 
 
+def test_a_mixed_swarm_on_mixed_bases(directory: Path) -> None:
+    """Four predators and two prey on four kinds of base: each has its own daemon and table."""
+    words = ("--port", "0", "--robots", "6", "--base", "mixed", "--duration", "3", "--record")
+    lab = Lab(directory, "predator_prey", *words)
+    assert lab.end() == 0, "".join(lab.said)
+    assert not any("nobody offers" in line for line in lab.said)
+    summary = lab.summary()
+    assert summary["robots"] == 6 and summary["measures"]["prey_caught"] >= 0.0
+    assert summary["sensing"]["readings"] > 0.9 * summary["sensing"]["expected"]
+    with open_recording(next(directory.glob("*.mcap"))) as recording:
+        *_, robots = recording.messages({"/robots"})
+    assert robots.data["controller"] == robots.data["expected"] == ["predator"] * 4 + ["prey"] * 2
+    assert len(set(robots.data["hash"])) == 2
+    assert [len(values) for values in robots.data["actuators"]] == [1] * 4 + [2] * 2
+
+
 def test_blind_robots_hold_zero(directory: Path) -> None:
     lab = start(directory, "--duration", "3", "--blind")
     assert lab.end() == 0, "".join(lab.said)
@@ -203,6 +221,25 @@ def test_failing_process_is_named_and_the_run_reported(
     assert lab.relatives() == {}
     if process == "cameras":
         assert lab.summary()["timesteps"] > 0
+
+
+def test_loop_functions_that_crash_end_the_run_in_order(directory: Path, tmp_path: Path) -> None:
+    here = Path(__file__).parents[1] / "run" / "argos"
+    shutil.copy2(here / "mission.cpp", tmp_path)
+    text = (here / "mission.argos").read_text()
+    params = 'fails_in="PostStep" fails_from="6" how="crash"'
+    (tmp_path / "mission.argos").write_text(text.replace('edge="0.0" end="0"', params))
+    lab = Lab(directory, str(tmp_path / "mission.argos"), "--port", "0", "--record")
+    assert lab.end() == 1
+    assert (
+        lab.said[-1].strip()
+        == "vsense: loop functions 'mission' (mission.cpp): PostStep was killed by SIGSEGV"
+    )
+    assert lab.relatives() == {}
+    # In the sixth timestep, unless a busy machine has left some out.
+    assert 0 < lab.summary()["timesteps"] <= 5  # type: ignore[operator]
+    with open_recording(directory / "mission.mcap") as recording:
+        assert recording.complete
 
 
 def test_earlier_run_is_never_written_over(directory: Path) -> None:

@@ -124,7 +124,7 @@ def test_a_module_beside_it_may_be_imported_late_and_blamed_at_the_call(tmp_path
         ("x = 1\n\ny = 1 / 0", 3, "ZeroDivisionError: division by zero"),
         ("import sys\nsys.exit(3)", 2, "SystemExit: 3"),
         ("raise SystemExit", 1, "SystemExit"),
-        ("x = 1", 1, "holds no loop function, expected: reset, pre_step"),
+        ("x = 1", 1, "holds no loop function, expected: populate, reset, pre_step"),
         ("", 1, "holds no loop function"),
         ("reset = 3", 1, r"reset is 3, expected a function reset\(world\)"),
         ("x = 1\ndef reset():\n    pass", 2, "reset: too many positional arguments, expected"),

@@ -160,7 +160,7 @@ def _build_steps(program: Path) -> None:
     own = [path for path in tree.daemon_sources() if path.name != "main.c"]
     sources = Sources(
         [*own, HERE / "robot_steps.c"],
-        tree.controller(SHIPPED_CONTROLLER),
+        tree.program(SHIPPED_CONTROLLER),
         tree.includes(),
         fast=(*FAST_PARTS, "robot_steps"),
     )

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from vsense.arena import POSE, ArenaState
-from vsense.config.controllers import mount_sensor
+from vsense.config.devices import mount_sensor
 from vsense.run.programs import shared_objects
 from vsense.sensors.bank import SensorBank
 from vsense.sensors.base import Scope

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from vsense.report import FORMATS
+from vsense.robot.programs import CodeOptions
 from vsense.ui.access import WebAddress
 
 Record = TypeVar("Record")
@@ -183,3 +184,34 @@ def fill(kind: type[Record], options: argparse.Namespace, **others: Any) -> Reco
     """Makes a dataclass of the options that are named as its fields; `others` are given."""
     names = [field.name for field in fields(kind) if field.name not in others]  # type: ignore[arg-type]
     return kind(**{name: getattr(options, name) for name in names}, **others)
+
+
+def add_code(parser: argparse.ArgumentParser) -> None:
+    """Declares where the sources of controllers for ARGoS are."""
+    group = parser.add_argument_group("code for ARGoS")
+    group.add_argument(
+        "--sources",
+        action="append",
+        default=[],
+        metavar="NAME=FILE[,FILE...]",
+        help="the C++ files of a library for ARGoS, such as libfoo=controllers/foo/*.cpp; NAME may"
+        " be a controller's label or id, too. Needed only where they are not found by themselves;"
+        " may be given again",
+    )
+    group.add_argument(
+        "--include",
+        action="append",
+        default=[],
+        metavar="FOLDER",
+        help="a folder of its headers; PREFIX=FOLDER for what is included as PREFIX/...; may be"
+        " given again",
+    )
+
+
+def code_of(options: argparse.Namespace) -> CodeOptions:
+    """Returns what `add_code` declares.
+
+    Raises:
+        UsageError: an option has another form.
+    """
+    return CodeOptions.of(options.sources, options.include)

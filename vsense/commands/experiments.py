@@ -34,6 +34,7 @@ def add_experiment(parser: argparse.ArgumentParser) -> None:
     arguments.flag(
         parser, "--strict", "refuse a file in which anything is not supported, instead of warning"
     )
+    arguments.add_code(parser)
     _add_run(parser)
 
 
@@ -144,7 +145,8 @@ def open_experiment(
     """
     if settings is None:
         settings = dict(options.set)
-    experiment = load(options.experiment, options.duration, settings, stage)
+    virtual, code = getattr(options, "virtual_devices", False), arguments.code_of(options)
+    experiment = load(options.experiment, options.duration, settings, stage, virtual, code)
     if options.dry:
         print_data(describe(experiment))
     if options.strict:

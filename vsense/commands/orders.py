@@ -157,17 +157,20 @@ def robot_table(rows: Mapping[str, list[Any]]) -> str:
     """A line for each robot."""
     head = ("robot", "tag", "software", "controller", "link", "pose", "battery", "base errors", "")
     robots = ({key: rows[key][n] for key in rows} for n in range(len(rows["tag"])))
-    return "\n".join(aligned([head, *map(_cells, robots)]))
+    mixed = len(set(rows["expected"])) > 1
+    return "\n".join(aligned([head, *(_cells(robot, mixed) for robot in robots)]))
 
 
-def _cells(robot: Mapping[str, Any]) -> tuple[str, ...]:
+def _cells(robot: Mapping[str, Any], mixed: bool) -> tuple[str, ...]:
+    """A robot's line; in a mixed swarm with the controller that the experiment has for it."""
+    runs = " ".join(filter(None, (robot["controller"], robot["hash"]))) or "-"
     battery_mv = robot["battery_mv"]
     battery = {True: "low", False: "ok", None: "-"}[robot["battery_low"]]
     return (
         robot["name"],
         str(robot["tag"]),
         robot["version"] or "-",
-        " ".join(filter(None, (robot["controller"], robot["hash"]))) or "-",
+        f"{robot['expected']}: {runs}" if mixed else runs,
         _age(robot["heard_ms"]) if robot["connected"] else "lost" if robot["sessions"] else "never",
         _age(robot["pose_age_ms"]),
         f"{battery_mv / 1e3:.2f} V" if battery_mv else battery,

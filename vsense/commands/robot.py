@@ -5,21 +5,28 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from vsense.commands import arguments, orders
-from vsense.errors import UsageError
-from vsense.robot import boards, deploying
-from vsense.robot.deploying import Outcome, Part, Plan
+from vsense.config.experiment import load
+from vsense.config.specs import Experiment
+from vsense.errors import ConfigError, UsageError
+from vsense.robot import boards, deploying, finding
+from vsense.robot.boards import Built
+from vsense.robot.build import cache_directory, source_tree
+from vsense.robot.deploying import Outcome, Part, Plan, RobotHost
+from vsense.robot.programs import Program, folders, stem_of
 from vsense.terminal import Console, aligned
 
 DESCRIPTION = (
     "What a lab does with its robots' boards. 'build' makes the daemon vsensed with a controller"
     " in it, one static file for a kind of board. 'deploy' copies it to all robots of a list with"
-    " ssh, writes each robot's settings, and has it start with the board. 'status' tells who is"
+    " ssh, each its own where an experiment has several, writes each robot's settings, and has it"
+    " start with the board. 'status' tells who is"
     " connected to the `vsense run` or `vsense lab` on this machine: software and controller, link,"
     " pose, battery, base errors, and what is wrong."
 )
@@ -38,11 +45,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _add_build(parser: argparse.ArgumentParser) -> None:
     kinds = "; ".join(f"{target.name}: {target.help}" for target in boards.TARGETS.values())
-    parser.add_argument(
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument(
         "--controller",
-        required=True,
         metavar="FILE",
-        help="the controller's .c or .cpp file, or a shipped controller's name",
+        help="the controller's .c or .cpp file, a shipped controller's name, or for ARGoS a library"
+        " whose files --sources names, or a folder of sources",
+    )
+    what.add_argument(
+        "--experiment",
+        metavar="NAME",
+        help="a daemon for each controller that robots of this experiment run: a shipped one's"
+        " name, or the path of a .argos file; of several, -o is followed by the controller's id",
     )
     parser.add_argument(
         "--target", required=True, choices=list(boards.TARGETS), help=f"kind of board. {kinds}"
@@ -51,6 +65,18 @@ def _add_build(parser: argparse.ArgumentParser) -> None:
         parser, "-o --output", Path, "FILE", "where it goes (default: vsensed)", Path("vsensed")
     )
     parser.add_argument("--json", action="store_true", help="print what was built as JSON")
+    _add_code(parser)
+
+
+def _add_code(parser: argparse.ArgumentParser) -> None:
+    arguments.add_code(parser)
+    parser.add_argument(
+        "--label",
+        default="",
+        metavar="LABEL",
+        help="with --controller: which of the controllers that its sources register for ARGoS"
+        " (default: the only one)",
+    )
 
 
 def _add_deploy(parser: argparse.ArgumentParser) -> None:
@@ -64,6 +90,7 @@ def _add_deploy(parser: argparse.ArgumentParser) -> None:
         " measured of it, such as wheel-diameter=40.8; a line may be: root@192.168.1.30 tag=23",
     )
     _add_what(parser)
+    _add_code(parser)
     parser.add_argument(
         "--host",
         metavar="ADDRESS",
@@ -92,10 +119,18 @@ def _add_what(parser: argparse.ArgumentParser) -> None:
         " shipped controller, for --target, and send that; settings and service stay as they are",
     )
     parser.add_argument(
+        "--experiment",
+        metavar="NAME",
+        help="bring each robot, by its tag, the controller that it runs in this experiment: a"
+        " shipped one's name, or the path of a .argos file; they are built for --target. With"
+        " --host settings and service go with it, without it they stay as they are",
+    )
+    parser.add_argument(
         "--target",
         choices=list(boards.TARGETS),
         default="epuck",
-        help="with --controller: kind of board, as in `vsense robot build` (default: epuck)",
+        help="with --controller or --experiment: kind of board, as in `vsense robot build`"
+        " (default: epuck)",
     )
     parser.add_argument(
         "--rollback",
@@ -143,21 +178,56 @@ def run(options: argparse.Namespace) -> int:
 
 def build(options: argparse.Namespace) -> int:
     """Builds `vsensed` for a board and says what it is."""
-    built = boards.build(options.controller, options.target, options.output)
-    facts = asdict(built) | {"path": str(built.path), "controller": str(built.controller)}
-    text = (
-        f"{built.path}: {built.size} bytes for {built.target},"
-        f" controller {built.controller.name} {built.hash}"
-    )
-    print(json.dumps(facts, indent=2) if options.json else text)
+    if options.experiment is None:
+        built = [boards.build(_program(options), options.target, options.output)]
+    else:
+        experiment = load(options.experiment, code=arguments.code_of(options))
+        driving = {robot.controller for robot in experiment.robots}
+        built = list(_programs(experiment, driving, options.target, options.output).values())
+    facts = [asdict(b) | {"path": str(b.path), "controller": str(b.controller)} for b in built]
+    if options.json:
+        print(json.dumps(facts[0] if options.experiment is None else facts, indent=2))
+        return 0
+    for each in built:
+        print(
+            f"{each.path}: {each.size} bytes for {each.target},"
+            f" controller {each.controller.name} {each.hash}"
+        )
     return 0
+
+
+def _program(options: argparse.Namespace) -> Program:
+    """The program that `--controller` names, with `--sources` and `--include`."""
+    code, name = arguments.code_of(options), options.controller
+    extra = folders(code.includes, Path.cwd(), cache_directory()) if code.includes else []
+    patterns = code.patterns(stem_of(name))
+    if not patterns and Path(name).is_dir():
+        patterns = [name]
+    found = finding.named(patterns, Path.cwd(), name, options.label, extra)
+    program = found or source_tree().program(name)
+    if found is None and program.is_argos:
+        program = finding.complete(program.sources, options.label, None, extra)
+    return program
+
+
+def _programs(
+    experiment: Experiment, driving: Collection[str], target: str, output: Path
+) -> dict[str, Built]:
+    """Builds the daemons of the controllers that are `driving`, by their ids."""
+    specs = [spec for spec in experiment.controllers if spec.id in driving]
+    several = len(specs) > 1
+    built = {}
+    for spec in specs:
+        path = output.with_name(f"{output.name}-{spec.id}") if several else output
+        built[spec.id] = boards.build(spec.program, target, path)
+    return built
 
 
 def deploy(options: argparse.Namespace) -> int:
     """Brings `vsensed` to all robots of a list; prints a table of the outcomes."""
     robots = deploying.read(options.hosts)
     with tempfile.TemporaryDirectory(prefix="vsense-") as folder:
-        plan = _plan(options, Path(folder))
+        plan = _plan(options, robots, Path(folder))
     if plan.part is Part.ALL:
         deploying.check(plan, robots, str(options.hosts))
     console, done = Console(), [0]
@@ -172,9 +242,12 @@ def deploy(options: argparse.Namespace) -> int:
     return 0 if all(outcome.ok for outcome in outcomes) else 1
 
 
-def _plan(options: argparse.Namespace, folder: Path) -> Plan:
+_WHAT = ("binary", "controller", "experiment", "rollback")
+
+
+def _plan(options: argparse.Namespace, robots: Sequence[RobotHost], folder: Path) -> Plan:
     """What the options say; a daemon that is built first is built in the folder."""
-    chosen = [f"--{name}" for name in ("binary", "controller", "rollback") if vars(options)[name]]
+    chosen = [f"--{name}" for name in _WHAT if vars(options)[name]]
     if len(chosen) > 1:
         raise UsageError(f"{' and '.join(chosen)}: expected one of them")
     settings = {"host": options.host, "port": str(options.port), "base": options.base}
@@ -188,10 +261,34 @@ def _plan(options: argparse.Namespace, folder: Path) -> Plan:
     )
     if options.rollback:
         return replace(plan, part=Part.BACK)
+    if options.experiment is not None:
+        part = Part.DAEMON if options.host is None else Part.ALL
+        return replace(plan, binaries=_binaries(options, robots, folder / "vsensed"), part=part)
     if options.controller is None:
-        return replace(plan, binary=boards.load(options.binary or Path("vsensed")))
-    built = boards.build(options.controller, options.target, folder / "vsensed")
-    return replace(plan, binary=boards.load(built.path), part=Part.DAEMON)
+        binary, part = boards.load(options.binary or Path("vsensed")), Part.ALL
+    else:
+        built = boards.build(_program(options), options.target, folder / "vsensed")
+        binary, part = boards.load(built.path), Part.DAEMON
+    return replace(plan, binaries={r.destination: binary for r in robots}, part=part)
+
+
+def _binaries(
+    options: argparse.Namespace, robots: Sequence[RobotHost], output: Path
+) -> dict[str, bytes]:
+    """Builds what each robot runs in an experiment, by its destination."""
+    experiment = load(options.experiment, code=arguments.code_of(options))
+    known = {robot.tag: robot.controller for robot in experiment.robots}
+    driven = {}
+    for robot in robots:
+        tag = int(robot.settings["tag"])
+        if tag not in known:
+            expected = ", ".join(map(str, known))
+            text = f"tag {tag} is no robot of {experiment.file}; expected: {expected}"
+            raise ConfigError(str(options.hosts), robot.line, text)
+        driven[robot.destination] = known[tag]
+    built = _programs(experiment, set(driven.values()), options.target, output)
+    contents = {name: boards.load(each.path) for name, each in built.items()}
+    return {destination: contents[name] for destination, name in driven.items()}
 
 
 def table(outcomes: list[Outcome]) -> str:

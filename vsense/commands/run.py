@@ -41,6 +41,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="start after S s at the latest, without whoever is missing (default: wait for all)",
     )
+    arguments.flag(
+        parser,
+        "--virtual-devices",
+        "serve the devices of ARGoS's elements, such as <epuck_ground>, from the virtual world, as"
+        " in the lab; the ring of proximity sensors stays the robots' own",
+    )
     arguments.option(
         parser, "--output", Path, "DIR", "folder for notes and figures (default: runs/...)"
     )

@@ -86,7 +86,10 @@ def run(options: argparse.Namespace) -> int:
     experiment = experiments.open_experiment(options, settings, Stage.SIM)
     if experiment is None:
         return 0
-    setup = Setup(options.experiment, options.duration, options.robots, options.blind, settings)
+    setup = Setup(
+        *(options.experiment, options.duration, options.robots, options.blind, settings),
+        arguments.code_of(options),
+    )
     experiment = setup.fit(experiment)
     console = Console()
     experiments.say_warnings(console, experiment)

@@ -24,7 +24,7 @@ from vsense.errors import ConfigError
 from vsense.world.entities import Arena, Box, Cylinder, Entity, WorldError
 from vsense.world.fields import MAX_CONCENTRATION, Field
 from vsense.world.floor import Floor, Image
-from vsense.xml.element import Element
+from vsense.xml.element import Element, shown
 
 DISTRIBUTE = "distribute"
 FIELD = "vs:field"
@@ -135,9 +135,22 @@ def read_floor(element: Element, folder: Path) -> FloorSpec:
 
 
 def _find(element: Element, folder: Path, name: str) -> Path:
-    """Finds a file: in `folder`; ARGoS would look where it is started, which may be above."""
-    above = [folder, *folder.resolve().parents[:_LEVELS_UP]] if element.document.lenient else []
-    return next((place / name for place in above if (place / name).is_file()), folder / name)
+    """Finds a file in `folder`; in a file of ARGoS also where other people have it.
+
+    ARGoS looks where it is started, which may be above. A path from another machine's root ends
+    as one here does.
+    """
+    path = folder / name
+    if path.is_file() or not element.document.lenient:
+        return path
+    ends = Path(name).parts
+    for place in (folder, *folder.resolve().parents[:_LEVELS_UP]):
+        for first in range(1 if path.is_absolute() else 0, len(ends)):
+            found = place.joinpath(*ends[first:])
+            if found.is_file():
+                element.warn(f"path: {shown(name)} is not there, {str(found)!r} is taken")
+                return found
+    return path
 
 
 def read_image(path: Path) -> Image:

@@ -4,9 +4,9 @@ A name that is neither here nor understood is taken for a misspelling and refuse
 entities, devices, engines and media of ARGoS 3 and its e-puck plug-in, and IRIDIA's virtual
 sensors.
 
-C++ libraries and Lua scripts run on no robot here. The port of a library has its name:
-`libforaging.so` becomes `foraging.c` or `foraging.cpp`, a shipped controller or a file beside the
-experiment.
+A C++ library is built from its sources where they are found (`vsense.robot.finding`), or a port of
+its name runs instead: `libforaging.so` becomes `foraging.c` or `foraging.cpp`, a file beside the
+experiment or a shipped controller. Lua scripts run on no robot here.
 """
 
 from __future__ import annotations
@@ -14,14 +14,16 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 from vsense.robot.build import source_tree
 from vsense.robot.compiling import SUFFIXES
+from vsense.robot.programs import Program
+from vsense.sensors.quality import NOISES
 from vsense.xml.element import Element
 
 _OTHER_ROBOT = "only e-pucks are driven here"
-_VIRTUAL_CAMERA = "the robots have none; <virtual_led_sensor> sees virtual LEDs"
-_VIRTUAL_GROUND = "the robots have none; <virtual_ground_sensor> gives them one"
+_VIRTUAL_CAMERA = "the robots have none; <epuck_omnidirectional_camera> sees LEDs"
 _VIRTUAL_MESSAGES = "the robots have none; <virtual_range_and_bearing_{}> gives them one"
 _MISSING = "the robots have none: a controller that asks for it finds nothing"
 
@@ -37,9 +39,6 @@ ENTITIES = {
 
 EPUCK_SETTINGS = {
     "battery": ("text", "the real battery counts"),
-    "omnidirectional_camera_aperture": ("number", "these robots have no such camera"),
-    "rab_data_size": ("number", "sensor and actuator say how long the virtual messages are"),
-    "rab_range": ("number", "their sensor says how far virtual messages reach"),
     "vss_host": ("text", "all robots are told the address of <experiment>"),
     "vss_port": ("number", "all robots are told the address of <experiment>"),
 }
@@ -51,52 +50,102 @@ EPUCK_PARTS = {
 }
 """Children of <e-puck> that only a simulated one has, and what holds instead."""
 
-ROBOT_SENSORS = ("epuck_light", "epuck_proximity", "light", "proximity")
-"""Sensors that every e-puck has: the real ones are read, so their simulation is not set up."""
 
-ROBOT_ACTUATORS = (
-    "differential_steering", "epuck_base_leds", "epuck_rgb_leds", "epuck_wheels", "leds",
-)  # fmt: skip
-"""Actuators that every e-puck has."""
+class OwnDevice(NamedTuple):
+    """A robot's own device: its name for controllers, and whether only a board of it has it."""
+
+    name: str
+    board: bool = False
+
+
+_LEDS = OwnDevice("LEDs")
+_WHEELS = OwnDevice("wheels")
+
+OWN: dict[str, dict[str, OwnDevice]] = {
+    "sensors": {
+        **dict.fromkeys(("battery", "epuck_battery"), OwnDevice("battery")),
+        **dict.fromkeys(("differential_steering", "epuck_encoder"), _WHEELS),
+        "epuck_accelerometer": OwnDevice("accelerometer"),
+        **dict.fromkeys(
+            ("epuck_ground", "footbot_base_ground", "footbot_motor_ground", "ground"),
+            OwnDevice("ground", board=True),
+        ),
+        **dict.fromkeys(("epuck_light", "footbot_light", "light"), OwnDevice("light")),
+        **dict.fromkeys(
+            ("epuck_proximity", "footbot_proximity", "proximity"), OwnDevice("proximity")
+        ),
+        **dict.fromkeys(
+            ("epuck_range_and_bearing", "range_and_bearing"),
+            OwnDevice("range_and_bearing", board=True),
+        ),
+    },
+    "actuators": {
+        **dict.fromkeys(("differential_steering", "epuck_wheels"), _WHEELS),
+        **dict.fromkeys(("epuck_base_leds", "epuck_rgb_leds", "leds"), _LEDS),
+        **dict.fromkeys(
+            ("epuck_range_and_bearing", "range_and_bearing"), OwnDevice("message", board=True)
+        ),
+    },
+}
+"""By section what e-pucks have of their own for a device of ARGoS. Those that are read are real, so
+their simulation is not set up."""
+
+_INSTEAD = "vs:virtual='true' or --virtual-devices"
+BOARD = f"is the robot's own, where it has that board; {_INSTEAD} makes it virtual"
+VIRTUAL_ONLY = f"the robots have none; {_INSTEAD} gives them one"
+"""Said of devices of ARGoS that are not mounted as virtual ones."""
+
+PROXIMITY = ("epuck_proximity", "footbot_proximity", "proximity")
+"""Devices for which the robots' own ring is as good, except where it is simulated with noise."""
+
+WHEELS = ("differential_steering", "epuck_wheels")
+STEERING_NOISE = {
+    "bias_m_s": "bias_avg",
+    "bias_dev_m_s": "bias_stddev",
+    "factor": "factor_avg",
+    "factor_dev": "factor_stddev",
+}
+"""Fields of `WheelNoise` and the attributes of <differential_steering>."""
+
+BATTERIES = ("battery", "epuck_battery")
+"""Devices that robots in the lab have, too."""
+
+LEDS = {"epuck_base_leds": 8, "epuck_rgb_leds": 3, "leds": 8}
+"""LEDs of the robot that others see with one of CAMERAS, and how many there are."""
+
+CAMERAS = ("colored_blob_omnidirectional_camera", "epuck_omnidirectional_camera")
+
+USING_SETTINGS = frozenset((*CAMERAS, "range_and_bearing"))
+"""Devices for which `<e-puck>` has settings."""
 
 IMPLEMENTATIONS = ("default", "medium", "real_robot", "rot_z_only")
-"""How ARGoS may do what a device does; here the robot's own device does it."""
+"""How ARGoS may do what a device does."""
 
-SENSORS = {
-    **dict.fromkeys(("base_ground", "epuck_base_ground", "epuck_ground", "ground"),
-                    _VIRTUAL_GROUND),
-    **dict.fromkeys(("footbot_base_ground", "footbot_motor_ground"), _VIRTUAL_GROUND),
-    **dict.fromkeys(("epuck_range_and_bearing", "range_and_bearing"),
-                    _VIRTUAL_MESSAGES.format("sensor")),
-    **dict.fromkeys(("virtual_range_and_bearing", "epuck_ircom"),
-                    _VIRTUAL_MESSAGES.format("sensor")),
-    **dict.fromkeys(("colored_blob_omnidirectional_camera", "colored_blob_perspective_camera",
-                     "epuck_camera", "epuck_omnidirectional_camera", "epuck_virtual_camera"),
-                    _VIRTUAL_CAMERA),
-    **dict.fromkeys(("epuck_battery", "battery"),
-                    "controllers ask for 'battery_low'"),
-    "epuck_encoder": "controllers ask for 'wheels', the way since the start in cm",
-    "epuck_accelerometer": "controllers ask for 'accelerometer', raw",
-    "positioning": "the robots have none; <gps_virtual_sensor> gives them one",
-    **dict.fromkeys(
-        ("differential_steering", "eyebot_light",
-         "eyebot_proximity", "footbot_distance_scanner", "footbot_gripper", "footbot_light",
-         "footbot_proximity", "footbot_turret_encoder", "footbot_wheel_speed", "radios"),
-        _MISSING,
-    ),
+MISSING: dict[str, dict[str, str]] = {
+    "sensors": {
+        **dict.fromkeys(
+            ("virtual_range_and_bearing", "epuck_ircom"), _VIRTUAL_MESSAGES.format("sensor")
+        ),
+        **dict.fromkeys(
+            ("colored_blob_perspective_camera", "epuck_camera", "epuck_virtual_camera"),
+            _VIRTUAL_CAMERA,
+        ),
+        **dict.fromkeys(
+            ("eyebot_light", "eyebot_proximity", "footbot_distance_scanner", "footbot_gripper",
+             "footbot_turret_encoder", "footbot_wheel_speed", "radios"),
+            _MISSING,
+        ),
+    },
+    "actuators": {
+        "epuck_ircom": _VIRTUAL_MESSAGES.format("actuator"),
+        **dict.fromkeys(
+            ("footbot_beacon", "footbot_gripper", "footbot_turret", "gripper", "magnets",
+             "quadrotor_position", "quadrotor_speed", "radios"),
+            _MISSING,
+        ),
+    },
 }  # fmt: skip
-"""Children of <sensors> that are not on the robots, and what there is instead."""
-
-ACTUATORS = {
-    **dict.fromkeys(("epuck_range_and_bearing", "range_and_bearing", "epuck_ircom"),
-                    _VIRTUAL_MESSAGES.format("actuator")),
-    **dict.fromkeys(
-        ("footbot_beacon", "footbot_gripper", "footbot_turret", "gripper", "magnets",
-         "quadrotor_position", "quadrotor_speed", "radios"),
-        _MISSING,
-    ),
-}  # fmt: skip
-"""Children of <actuators> that are not on the robots, and what there is instead."""
+"""By section the devices that nobody serves, and what there is instead."""
 
 SIMULATED_SETTINGS = {
     "calibrated": ("boolean", "the robot's own readings are raw"),
@@ -112,6 +161,13 @@ SIMULATED_SETTINGS = {
 """Attributes of the robots' own devices that only a simulated one obeys: their type, and what
 holds instead; "" where nothing that a user could miss is lost."""
 
+SIMULATED_WHEELS = {
+    f"{key}{wheel}": ("any", "the real one's own noise takes its place")
+    for key in STEERING_NOISE.values()
+    for wheel in ("", "_left", "_right")
+}
+"""Attributes of the wheels, likewise."""
+
 ORIGINAL_SETTINGS = {
     "real_experiment": ("boolean", "`vsense run` is the real experiment, `vsense sim` is not"),
     "sensor_model_file": ("text", "the element itself holds the model's settings"),
@@ -120,7 +176,13 @@ ORIGINAL_SETTINGS = {
 """Attributes of IRIDIA's virtual sensors: their type, and what takes their place; "": nothing."""
 
 HEARING = "virtual_range_and_bearing_sensor"
-"""The virtual sensor for which a medium decides whether bodies are in the way."""
+ARGOS_HEARING = ("epuck_range_and_bearing", "range_and_bearing")
+"""Virtual sensors for which a medium decides whether bodies are in the way."""
+
+NOISE = (
+    *NOISES, "loss_probability", "packet_drop_prob", "real_range_noise", *STEERING_NOISE.values(),
+)  # fmt: skip
+"""Attributes that make a device worse."""
 
 PHYSICS_ENGINES = ("dynamics3d", "pointmass3d", "static")
 """Children of <physics_engines> beside <dynamics2d> and the tracking system."""
@@ -171,20 +233,32 @@ def is_built_for_argos(library: str) -> bool:
     return _LIBRARY.fullmatch(library) is not None
 
 
+def is_cpp(controller: Element, named: tuple[str, Program]) -> bool:
+    """Whether a controller is C++ for ARGoS, without a port in its place: what it declares is meant
+    as ARGoS means it, also where its sources are not found and robots stand still."""
+    library, program = named
+    written = controller.peek("library") or ""
+    return program.is_argos or (library == STAND_STILL and is_built_for_argos(written))
+
+
 def ported_controller(library: str, folder: Path) -> str | None:
-    """Finds a controller's port: a shipped one, a source beside the experiment file, or None.
+    """Finds a controller's port, a source beside the experiment file.
 
     A C++ file of that name may be what ARGoS's library was built from: a port names the variable
     `vs_controller`.
     """
     stem = _stem(library)
-    if stem in source_tree().controllers():
-        return stem
     for name in (f"{stem}{suffix}" for suffix in SUFFIXES):
         path = folder / name
         if path.is_file() and (path.suffix == ".c" or b"vs_controller" in path.read_bytes()):
             return name
     return None
+
+
+def shipped_controller(library: str) -> str | None:
+    """Finds a controller's port among the shipped ones."""
+    stem = _stem(library)
+    return stem if stem in source_tree().controllers() else None
 
 
 def ported_loop_functions(library: str, folder: Path) -> Path | None:

@@ -135,6 +135,10 @@ def _controller_rows(controller: ControllerSpec, experiment: Experiment) -> list
         ("actuator", f"{m.actuator.name}: {m.actuator.layout}, {_size(m.actuator.layout)} bytes")
         for m in controller.actuators
     ]
+    rows += [
+        (spec.section.removesuffix("s"), f"<{spec.element}>: {spec.server}")
+        for spec in controller.devices
+    ]
     traffic = (
         f"per robot and timestep {bytes_down(controller)} bytes down, {bytes_up(controller)}"
         " bytes up: one datagram each, UDP and IP not counted; with a timestep of more than"

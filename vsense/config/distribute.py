@@ -124,7 +124,7 @@ class Crowd:
 
 
 def read_distribute(element: Element, number: int) -> Crowd | None:
-    """Reads a `<distribute>`, the arena's `number`th; None where what it holds is not supported."""
+    """Reads a `<distribute>`, the arena's `number`th; None where there is nothing to place."""
     entity = element.child("entity")
     inner = entity.children(ROBOT, OBJECT, *THINGS, *argos.ENTITIES)
     if len(inner) != 1:
@@ -132,7 +132,11 @@ def read_distribute(element: Element, number: int) -> Crowd | None:
     if inner[0].name in argos.ENTITIES:
         element.leave_out(f"of its <{inner[0].name}>: {argos.ENTITIES[inner[0].name]}")
         return None
-    quantity = entity.integer("quantity", 1, MAX_QUANTITY)
+    least = 0 if entity.document.lenient else 1
+    quantity = entity.integer("quantity", least, MAX_QUANTITY)
+    if quantity == 0:
+        element.leave_out("quantity is 0: nothing is placed")
+        return None
     position = _read_draw(element.child("position"), MAX_LENGTH_M, "m", 1.0, quantity)
     turn = _read_draw(element.child("orientation"), 3600.0, "deg", math.radians(1.0), quantity)
     trials = entity.integer("max_trials", 1, _MAX_TRIALS)

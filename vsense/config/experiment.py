@@ -3,27 +3,30 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from importlib import resources
 from pathlib import Path
+from typing import NamedTuple
 
+from vsense.config import argos
 from vsense.config.arena import DISTRIBUTE, read_arena
-from vsense.config.controllers import (
-    read_controller,
-    read_devices,
-    used_controllers,
-    virtual_devices,
-)
+from vsense.config.argos import USING_SETTINGS
+from vsense.config.controllers import read_controller, used_controllers
+from vsense.config.devices import read_devices
+from vsense.config.devices import virtual_devices as names_of_virtual
 from vsense.config.framework import read_loop_functions, read_rest, read_run, read_tracker
 from vsense.config.placement import overlapping
+from vsense.config.population import populate
+from vsense.config.programs import read as read_program
 from vsense.config.robots import ArenaContents, give_tags
 from vsense.config.settings import apply, check_used
-from vsense.config.specs import Experiment, MarkerSpec, ObjectSpec, RobotSpec, Stage
-from vsense.config.things import read_media
+from vsense.config.specs import ControllerSpec, Experiment, MarkerSpec, ObjectSpec, RobotSpec, Stage
+from vsense.config.things import Media, read_media
 from vsense.errors import ConfigError, UsageError
 from vsense.markers.families import known_families, load_family
-from vsense.sensors.base import Scope
+from vsense.robot.programs import CodeOptions
+from vsense.sensors.base import RobotSettings, Scope
 from vsense.xml.element import Element
 from vsense.xml.parsing import parse
 
@@ -61,6 +64,8 @@ def load(
     length_s: float | None = None,
     settings: Mapping[str, str] | None = None,
     stage: Stage = Stage.RUN,
+    virtual_devices: bool = False,
+    code: CodeOptions | None = None,
 ) -> Experiment:
     """Loads a shipped experiment by its name, or the `.argos` file at a path.
 
@@ -69,6 +74,10 @@ def load(
         settings: values by "ELEMENT.attribute" instead of the file's; see
             `vsense.config.settings`.
         stage: what it is loaded for.
+        virtual_devices: the devices of ARGoS's elements are virtual ones also where they may be
+            the robots' own; in the lab and in simulation they are.
+        code: where the sources of its controllers and loop functions are, besides where they are
+            found.
 
     Raises:
         UsageError: there is no such experiment, its file cannot be read, or a setting fits nothing
@@ -80,7 +89,7 @@ def load(
         data = path.read_bytes()
     except OSError as error:
         raise UsageError(f"{file}: cannot be read: {error.strerror}") from None
-    return read(data, file, path, length_s, settings, stage)
+    return read(data, file, path, length_s, settings, stage, virtual_devices, code)
 
 
 def read(
@@ -90,13 +99,16 @@ def read(
     length_s: float | None = None,
     settings: Mapping[str, str] | None = None,
     stage: Stage = Stage.RUN,
+    virtual_devices: bool = False,
+    code: CodeOptions | None = None,
 ) -> Experiment:
     """Reads an experiment from the bytes of the file at `path`; see `load`."""
     root = parse(data, file, of_argos=True)
     if root.name != "argos-configuration":
         raise root.error("is the outermost element, expected <argos-configuration>")
-    applied = apply(root, settings or {}, virtual_devices())
-    experiment = _read_understood(root, path, length_s, stage)
+    applied = apply(root, settings or {}, names_of_virtual())
+    serves = _Serves(stage, virtual_devices or stage is not Stage.RUN, code or CodeOptions())
+    experiment = _read_understood(root, path, length_s, serves)
     read_rest(root)
     root.check_all_read()
     check_used(root, applied)
@@ -104,24 +116,34 @@ def read(
     return replace(experiment, warnings=root.document.warnings())
 
 
-def _read_understood(root: Element, path: Path, length_s: float | None, stage: Stage) -> Experiment:
-    run = read_run(root, length_s, stage)
+class _Serves(NamedTuple):
+    """What it is loaded for, whether devices of ARGoS's elements are virtual ones, and where the
+    controllers' sources are."""
+
+    stage: Stage
+    virtual: bool
+    code: CodeOptions
+
+
+def _read_understood(
+    root: Element, path: Path, length_s: float | None, serves: _Serves
+) -> Experiment:
+    run = read_run(root, length_s, serves.stage)
     marker = _read_marker(root)
     media = read_media(root)
     arena, folder = root.child("arena"), path.parent
-    bodies = read_arena(arena, folder, media, 1.0 / run.ticks_per_second, stage)
-    loop_functions = read_loop_functions(root, folder)
+    bodies = read_arena(arena, folder, media, 1.0 / run.ticks_per_second, serves.stage)
+    loop_functions = read_loop_functions(root, folder, serves.code)
+    populate(root.document, loop_functions, bodies, run.seed)
     if not bodies.robots:
         raise arena.error(_no_robot(root, arena))
     give_tags(bodies, marker.family)
-    controllers = used_controllers(root.child("controllers"), bodies)
-    timesteps, fields = round(run.length_s * run.ticks_per_second), [f.id for f in bodies.fields]
-    scope = Scope(bodies.tags, timesteps, bodies.timestep_s, bodies.everything, fields, folder)
-    devices = read_devices(controllers, scope, media)
+    scope = _scope(bodies, round(run.length_s * run.ticks_per_second))
+    used = used_controllers(root.child("controllers"), bodies)
+    controllers = _read_controllers(used, bodies, scope, media, serves)
     _check_objects(bodies, scope)
     _check_tags(bodies, marker, root.document.file)
-    if not any(some.sensors for some in devices):
-        _warn_of_unsensed(bodies)
+    _warn_of_unsensed(bodies, controllers)
     return Experiment(
         name=path.name.removesuffix(SUFFIX),
         file=root.document.file,
@@ -131,9 +153,7 @@ def _read_understood(root: Element, path: Path, length_s: float | None, stage: S
         robots=tuple(bodies.robots),
         objects=tuple(bodies.objects),
         marker=marker,
-        controllers=tuple(
-            read_controller(element, folder, some) for element, some in zip(controllers, devices)
-        ),
+        controllers=controllers,
         sources=tuple(scope.sources),
         entities=tuple(bodies.entities),
         distributed=tuple(bodies.distributed),
@@ -141,8 +161,50 @@ def _read_understood(root: Element, path: Path, length_s: float | None, stage: S
         fields=tuple(bodies.fields),
         loop_functions=loop_functions,
         tracker=read_tracker(root),
-        stage=stage,
+        stage=serves.stage,
     )
+
+
+def _read_controllers(
+    controllers: Sequence[Element],
+    bodies: ArenaContents,
+    scope: Scope,
+    media: Media,
+    serves: _Serves,
+) -> tuple[ControllerSpec, ...]:
+    programs = [read_program(element, scope.folder, serves.code) for element in controllers]
+    cpp = [argos.is_cpp(*some) for some in zip(controllers, programs)]
+    settings = [_settings(controller, bodies) for controller in controllers]
+    stage, virtual, _ = serves
+    devices = read_devices(controllers, scope, media, settings, stage, virtual, cpp)
+    return tuple(read_controller(*some) for some in zip(controllers, programs, devices))
+
+
+def _scope(bodies: ArenaContents, timesteps: int) -> Scope:
+    """Makes what devices may refer to."""
+    fields = [field.id for field in bodies.fields]
+    return Scope(
+        bodies.tags,
+        timesteps,
+        bodies.timestep_s,
+        bodies.everything,
+        fields,
+        bodies.folder,
+        most=len(bodies.controllers),
+    )
+
+
+def _settings(controller: Element, bodies: ArenaContents) -> RobotSettings:
+    """What the robots of a controller say of their simulated devices; that of the first counts."""
+    name = controller.text("id")
+    robots = [robot for robot, e in bodies.controllers.items() if e.peek("config") == name]
+    found = [bodies.settings[robot] for robot in robots]
+    sensors = [e.name for section in controller.below("sensors") for e in section.below()]
+    if any(other != found[0] for other in found) and not USING_SETTINGS.isdisjoint(sensors):
+        controller.warn(
+            f"drives robots with several settings of devices: those of {robots[0]!r} count"
+        )
+    return found[0]
 
 
 def _warn_of_overlaps(root: Element, experiment: Experiment) -> None:
@@ -156,8 +218,8 @@ def _warn_of_overlaps(root: Element, experiment: Experiment) -> None:
     root.document.passed_over.append((robot.line, f"<e-puck> {words}"))
 
 
-def _warn_of_unsensed(bodies: ArenaContents) -> None:
-    for element in bodies.unseen:
+def _warn_of_unsensed(bodies: ArenaContents, controllers: Sequence[ControllerSpec]) -> None:
+    for element in () if any(some.sensors for some in controllers) else bodies.unseen:
         element.warn(
             "is virtual, and no virtual sensor is there to feel it;"
             " vs:physical='true' says that it stands in the real arena"
@@ -206,7 +268,11 @@ def _no_robot(root: Element, arena: Element) -> str:
     message = f"holds no real robot, expected <e-puck>; it has {there}"
     loop = root.below("loop_functions")
     if loop and loop[0].peek("library"):
-        message += f"; nothing is added by the <loop_functions> in line {loop[0].line}"
+        message += (
+            f"; nothing is added by the <loop_functions> in line {loop[0].line}, unless a Python"
+            " file in their place adds e-pucks: populate(space) with space.add_robot(id,"
+            " controller, x_m, y_m). Or write them in <arena>, several in a <distribute>"
+        )
     return message
 
 

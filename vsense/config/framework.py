@@ -14,10 +14,11 @@ from dataclasses import dataclass
 from ipaddress import IPv4Address
 from pathlib import Path
 
-from vsense.config import argos
+from vsense.config import argos, programs
 from vsense.config.specs import JsonLinesTracker, LoopSpec, Stage, TrackerAddress
 from vsense.config.things import by_id
 from vsense.link.trackers import protocol
+from vsense.robot.programs import LOOP_FUNCTIONS, CodeOptions, stem_of
 from vsense.xml.element import Element, shown
 
 LINES_PORT = 4041
@@ -33,8 +34,11 @@ _MAX_LATENCY_S = 0.3
 _KNOWN = ("library", "label")
 
 
-def read_loop_functions(root: Element, folder: Path) -> LoopSpec | None:
-    """Reads the loop functions, looked for in `folder`; None where there are none to be called."""
+def read_loop_functions(root: Element, folder: Path, code: CodeOptions) -> LoopSpec | None:
+    """Reads the loop functions, looked for in `folder`; None where there are none to be called.
+
+    `code`: what the command line says of sources and headers.
+    """
     element = root.optional_child("loop_functions")
     if element is None or not (element.free_attributes() or element.child_names()):
         return None
@@ -43,11 +47,7 @@ def read_loop_functions(root: Element, folder: Path) -> LoopSpec | None:
     if argos.is_built_for_argos(library):
         port = argos.ported_loop_functions(library, folder)
         if port is None:
-            element.leave_out(
-                f"{shown(library)} is a C++ library, which is not called; loop functions are"
-                f" Python here, see {argos.PAGE}"
-            )
-            return None
+            return _cxx_loop_functions(element, library, label, folder, code)
         element.warn(f"library: {shown(library)} is C++: its port {port.name!r} is called instead")
     else:
         port = folder / library
@@ -56,6 +56,22 @@ def read_loop_functions(root: Element, folder: Path) -> LoopSpec | None:
     _check_syntax(element, port)
     params = collect(element, {})
     return LoopSpec(port, label, {k: v for k, v in params.items() if k not in _KNOWN}, element.line)
+
+
+def _cxx_loop_functions(
+    element: Element, library: str, label: str, folder: Path, code: CodeOptions
+) -> LoopSpec | None:
+    """Finds what a C++ library of loop functions is built of; None, and a warning: nothing here."""
+    program = programs.find_loop_functions(element, label, folder, code)
+    if program is None:
+        element.leave_out(
+            f"the sources of {shown(library)}, in which {LOOP_FUNCTIONS} names {shown(label)}, are"
+            " not found: no loop functions are called; name them with --sources"
+            f" {stem_of(library)}=FILES, see {argos.PAGE}"
+        )
+        return None
+    settings = "".join(f"{line}\n" for line in programs.tree(element))
+    return LoopSpec(program.sources[0], label, {}, element.line, program, settings)
 
 
 def _check_syntax(element: Element, path: Path) -> None:

@@ -216,7 +216,7 @@ class _Standing:
         self.displaced: list[tuple[RobotSpec, str]] = []
         self._experiment = experiment
         self._footprints: list[Footprint] = []
-        self._occupy(*experiment.boxes, *experiment.cylinders)
+        self._occupy(*experiment.solids)
         self._solid = tuple(self._footprints)
 
     def _occupy(self, *entities: Entity) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -15,7 +16,9 @@ from vsense.config.things import Media, read_place
 from vsense.markers.codes import AUTO_BLUR, choose_tags
 from vsense.markers.families import MarkerFamily, load_family
 from vsense.native import lib
+from vsense.sensors.base import RobotSettings
 from vsense.world.entities import VIRTUAL_TAG_MIN, Arena, Entity, VirtualRobot
+from vsense.world.world import MESSAGE_MAX
 from vsense.xml.element import Element, shown
 
 
@@ -30,6 +33,7 @@ class ArenaContents:
         objects: tagged things that are no robots.
         fields: quantities spread over the floor.
         controllers: by robot id the `<controller>` element that names what drives it.
+        settings: by robot id those of its simulated devices.
         without_controller: by id the e-pucks that nothing drives: objects, as in the thesis.
         crowds: how many `<distribute>` were read.
         unseen: boxes and cylinders that only virtual sensors notice.
@@ -50,6 +54,7 @@ class ArenaContents:
     fields: list[FieldSpec] = field(default_factory=list)
     controllers: dict[str, Element] = field(default_factory=dict)
     without_controller: dict[str, Element] = field(default_factory=dict)
+    settings: dict[str, RobotSettings] = field(default_factory=dict)
     crowds: int = 0
     unseen: list[Element] = field(default_factory=list)
     untagged: list[tuple[Element, list[str]]] = field(default_factory=list)
@@ -94,6 +99,7 @@ MAX_TAG = 65_535
 _ID = re.compile(r"(.+)_([0-9]{1,9})_([0-9]{1,9})")
 _NO_TAG = -1
 """Stands in for the tag of a body until it is given one."""
+_MAX_RAB_BYTES = 10_000
 _LEAST_CHOSEN = 64
 """So many tags are chosen at least: another robot in the file leaves the first ones theirs."""
 _MOST_CHOSEN = 128
@@ -114,7 +120,7 @@ def add_epuck(element: Element, bodies: ArenaContents) -> None:
     _check_name(element, name)
     pose = _read_pose(element, bodies)
     number = len(bodies.robots) if number is None else number
-    config = _name_controller(controller, name, bodies)
+    config = _name_controller(element, controller, name, bodies)
     bodies.robots.append(RobotSpec(name, tag, number, pose, None, config, element.line))
 
 
@@ -124,6 +130,22 @@ def _pass_over(element: Element) -> None:
     for name, instead in argos.EPUCK_PARTS.items():
         for child in element.children(name):
             child.leave_out(instead)
+
+
+def _read_settings(element: Element) -> RobotSettings:
+    """Reads what an `<e-puck>` says of its simulated devices."""
+    usual = RobotSettings()
+    aperture_deg = math.degrees(usual.aperture_rad)
+    size = element.integer("rab_data_size", 1, _MAX_RAB_BYTES, usual.message_bytes)
+    if size > MESSAGE_MAX:
+        element.warn(
+            f"rab_data_size is {size}: messages of <range_and_bearing> end at {MESSAGE_MAX}"
+        )
+    return RobotSettings(
+        rab_range_m=element.number("rab_range", 0.001, 1000.0, "m", usual.rab_range_m),
+        message_bytes=min(size, MESSAGE_MAX),
+        aperture_rad=element.angle("omnidirectional_camera_aperture", 0.1, 89.0, aperture_deg),
+    )
 
 
 def add_object(element: Element, bodies: ArenaContents) -> str:
@@ -158,7 +180,7 @@ def add_crowd(crowd: Crowd, bodies: ArenaContents) -> None:
             bodies.objects.append(ObjectSpec(name, tag, None, drawn, line))
             continue
         _check_name(element, name)
-        config = _name_controller(controller, name, bodies)
+        config = _name_controller(element, controller, name, bodies)
         bodies.robots.append(RobotSpec(name, tag, number, None, drawn, config, line))
     if not crowd.entity.has("vs:tags"):
         bodies.untagged.append((crowd.entity, names))
@@ -224,12 +246,15 @@ def _add_virtual_crowd(crowd: Crowd, prefix: str, bodies: ArenaContents) -> None
 def _driver(element: Element, name: str, bodies: ArenaContents) -> str:
     """The id of the controller that drives a virtual robot; "": loop functions move it."""
     controller = element.optional_child("controller")
-    return "" if controller is None else _name_controller(controller, name, bodies)
+    return "" if controller is None else _name_controller(element, controller, name, bodies)
 
 
-def _name_controller(controller: Element, name: str, bodies: ArenaContents) -> str:
-    """Notes the `<controller>` of a robot; gives the id that it names."""
+def _name_controller(
+    element: Element, controller: Element, name: str, bodies: ArenaContents
+) -> str:
+    """Notes the `<controller>` of an `<e-puck>`, and its settings; gives the id that it names."""
     bodies.controllers[name] = controller
+    bodies.settings[name] = _read_settings(element)
     return controller.text("config")
 
 

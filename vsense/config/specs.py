@@ -16,9 +16,13 @@ from typing import NamedTuple
 from vsense.actuators.base import MountedActuator
 from vsense.config.distribute import DistributedSpec, Distribution
 from vsense.errors import ConfigError
+from vsense.robot.programs import Program
 from vsense.sensors.base import MountedSensor
 from vsense.world.entities import Arena, Box, Cylinder, Entity, VirtualRobot
 from vsense.world.pollution import PollutantSource
+
+ROBOT_ID = "vs:id"
+"""Parameter in which a robot with a controller for ARGoS is told its own name."""
 
 
 class Stage(Enum):
@@ -73,6 +77,44 @@ class ObjectSpec:
     line: int
 
 
+Wheels = tuple[float, float]
+"""Of the left wheel, and of the right one."""
+
+
+@dataclass(frozen=True, slots=True)
+class WheelNoise:
+    """What simulated wheels make of a command: factor * (v (1 + relative) + bias).
+
+    Attributes:
+        relative: standard deviation, each time.
+        bias_m_s, bias_dev_m_s: mean and standard deviation, once for every robot.
+        factor, factor_dev: likewise, each time.
+    """
+
+    relative: Wheels = (0.0, 0.0)
+    bias_m_s: Wheels = (0.0, 0.0)
+    bias_dev_m_s: Wheels = (0.0, 0.0)
+    factor: Wheels = (1.0, 1.0)
+    factor_dev: Wheels = (0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceSpec:
+    """A device that a controller declares.
+
+    Attributes:
+        section: "sensors" or "actuators".
+        element: its element's name.
+        server: who serves it, in words.
+        served: whether somebody does.
+    """
+
+    section: str
+    element: str
+    server: str
+    served: bool
+
+
 @dataclass(frozen=True, slots=True)
 class ControllerSpec:
     """What drives some or all of the robots, and what they sense and do virtually.
@@ -86,6 +128,9 @@ class ControllerSpec:
         includes: folders of headers of its own.
         params: the user's own settings, passed on as they are.
         sensors, actuators: the virtual ones.
+        told: lines that a controller for ARGoS is sent instead of its settings; "": it is none.
+        devices: all that it declares.
+        wheel_noise: of its robots in lab and simulation; None: they obey.
     """
 
     id: str
@@ -97,11 +142,24 @@ class ControllerSpec:
     sensors: tuple[MountedSensor, ...]
     actuators: tuple[MountedActuator, ...]
     line: int
+    devices: tuple[DeviceSpec, ...] = ()
+    wheel_noise: WheelNoise | None = None
+    told: str = ""
+
+    @property
+    def program(self) -> Program:
+        """What it is built from."""
+        program = Program(self.sources, self.includes, self.label)
+        return program if program.is_argos else Program(self.sources)
 
     @property
     def params_text(self) -> str:
         """The settings as robots are sent them: lines "key=value\\n"."""
-        return "".join(f"{key}={value}\n" for key, value in self.params.items())
+        return self.told or "".join(f"{key}={value}\n" for key, value in self.params.items())
+
+    def params_for(self, robot: str) -> str:
+        """The settings as the robot of this name is sent them."""
+        return self.params_text + (f"{ROBOT_ID}={robot}\n" if self.told else "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,18 +212,22 @@ class FieldSpec:
 
 @dataclass(frozen=True, slots=True)
 class LoopSpec:
-    """The user's Python functions that are called around every timestep.
+    """The user's functions that are called around every timestep.
 
     Attributes:
-        path: their file.
+        path: their file, of several in C++ the first.
         label: the class in it that holds them, as ARGoS's label names one; "": not said.
         params: the other attributes of `<loop_functions>` and of the elements in it (`child.key`).
+        program: what they are built of if they are C++ for ARGoS.
+        settings: the element as these read it, see `robot/argos/configuration.hpp`.
     """
 
     path: Path
     label: str
     params: Mapping[str, str]
     line: int
+    program: Program | None = None
+    settings: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,6 +317,11 @@ class Experiment:
         return tuple(e for e in self.entities if isinstance(e, Cylinder) and e.physical)
 
     @property
+    def solids(self) -> tuple[Box | Cylinder, ...]:
+        """The boxes, then the cylinders."""
+        return (*self.boxes, *self.cylinders)
+
+    @property
     def virtual_robots(self) -> tuple[VirtualRobot, ...]:
         return tuple(e for e in self.entities if isinstance(e, VirtualRobot))
 
@@ -262,6 +329,11 @@ class Experiment:
         """What drives a robot; a virtual one that loop functions move is given the first."""
         known = {controller.id: controller for controller in self.controllers}
         return known.get(robot.controller, self.controllers[0])
+
+    @property
+    def wheel_noises(self) -> list[WheelNoise | None]:
+        """That of each robot's simulated wheels."""
+        return [self.controller_of(robot).wheel_noise for robot in self.robots]
 
     def driven_by(self, controller: ControllerSpec) -> tuple[str, ...]:
         """The ids of the robots that a controller drives, virtual ones included."""

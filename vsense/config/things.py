@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from vsense.arena import wrap_angle
 from vsense.config import argos
-from vsense.world.entities import Arena, Box, Color, Cylinder, Entity, Light, Vector, Zone
+from vsense.world.entities import Arena, Box, Color, Cylinder, Entity, Led, Light, Vector, Zone
 from vsense.xml.element import Element, listed, shown
 
 NAMED: dict[str, Color] = {
@@ -92,8 +92,8 @@ def read_media(root: Element) -> Media:
     return found
 
 
-def check_medium(element: Element, media: Media) -> None:
-    """Reads the medium that a device or a light may name, and sets on the device what it says."""
+def check_medium(element: Element, media: Media, hears: bool = False) -> None:
+    """Reads the medium that a device or light may name; one that hears takes what it says."""
     if not element.has("medium"):
         return
     name = element.text("medium")
@@ -102,7 +102,7 @@ def check_medium(element: Element, media: Media) -> None:
             f"there is no {name!r} in <media>; there are: {listed(media)}", "medium"
         )
     says = media[name].peek(OCCLUSIONS)
-    if element.name == argos.HEARING and says is not None and element.peek(OCCLUSIONS) is None:
+    if hears and says is not None and element.peek(OCCLUSIONS) is None:
         element.set(OCCLUSIONS, says)
 
 
@@ -153,14 +153,16 @@ def read_thing(element: Element, name: str, arena: Arena, placed: bool) -> Entit
 
 def _read_box(element: Element, name: str, place: Placing) -> Box:
     size_m = element.vector("size", MIN_LENGTH_M, MAX_LENGTH_M, "m")
-    return Box(name, place.position_m, size_m, place.yaw_rad, _read_solid(element, name, place))
+    physical, leds = _read_solid(element, name, place), _read_leds(element)
+    return Box(name, place.position_m, size_m, place.yaw_rad, physical, leds)
 
 
 def _read_cylinder(element: Element, name: str, place: Placing) -> Cylinder:
     low, high = MIN_LENGTH_M, MAX_LENGTH_M
     radius_m = element.number("radius", low, high, "m")
     height_m = element.number("height", low, high, "m")
-    return Cylinder(name, place.position_m, radius_m, height_m, _read_solid(element, name, place))
+    physical, leds = _read_solid(element, name, place), _read_leds(element)
+    return Cylinder(name, place.position_m, radius_m, height_m, physical, leds)
 
 
 def _read_solid(element: Element, name: str, place: Placing) -> bool:
@@ -173,8 +175,6 @@ def _read_solid(element: Element, name: str, place: Placing) -> bool:
         element.warn(f"{name!r} is movable: nobody can push it, only loop functions move it")
     elif element.has("mass"):
         element.number("mass", 0.001, 1000.0, "kg")
-    for leds in element.children("leds"):
-        leds.leave_out("things have no LEDs")
     physical = element.boolean("vs:physical", name.startswith(_WALL))
     # ARGoS lets boxes hang above the floor.
     if physical and place.position_m[2] != 0.0 and not element.document.lenient:
@@ -183,6 +183,21 @@ def _read_solid(element: Element, name: str, place: Placing) -> bool:
             f"{name!r} stands in the real arena, so its position's z must be 0, not {height_m:g}"
         )
     return physical
+
+
+def _read_leds(element: Element) -> tuple[Led, ...]:
+    """Reads the LEDs of a box or cylinder, which the robots' virtual cameras see."""
+    found = []
+    for section in element.children("leds"):
+        section.has("medium")
+        section.has("id")
+        for led in section.children("led"):
+            for unused in ("id", "intensity"):
+                led.has(unused)
+            led.choice("anchor", ("origin",), "origin")
+            offset_m = led.vector("offset", -MAX_LENGTH_M, MAX_LENGTH_M, "m")
+            found.append(Led(offset_m, read_color(led, "color", "black")))
+    return tuple(found)
 
 
 def _read_light(element: Element, name: str, place: Placing) -> Light:

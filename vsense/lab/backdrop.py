@@ -16,6 +16,7 @@ from vsense.cameras.camera import Camera
 from vsense.lab.optics import Floats, Image8, Image32, RayMap, blur, vignetting
 from vsense.lab.scene import Scene
 from vsense.lab.shared import LabError
+from vsense.world.entities import Box, Cylinder
 
 FULL_DN = 213.0
 """Reading of a perfectly white surface in light of strength 1; paper stays below 255."""
@@ -50,6 +51,14 @@ class Block:
     def __post_init__(self) -> None:
         if not min(self.length_m, self.width_m, self.height_m) > 0.0:
             raise LabError(f"box at {self.x_m}, {self.y_m}: its sizes must be positive")
+
+    @classmethod
+    def of(cls, thing: Box | Cylinder) -> Block:
+        """What stands in the real arena, as pictures show it."""
+        x_m, y_m = thing.position_m[:2]
+        if isinstance(thing, Box):
+            return cls(x_m, y_m, thing.yaw_rad, *thing.size_m)
+        return cls(x_m, y_m, 0.0, 2 * thing.radius_m, 2 * thing.radius_m, thing.height_m, True)
 
     def outline(self) -> Floats:
         """Points (n, 2) around the box, close enough for a lens to bend the edges."""

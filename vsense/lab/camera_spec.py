@@ -14,6 +14,7 @@ from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
 from vsense.lab.backdrop import Block
 from vsense.lab.bodies import OBJECT, ROBOT, Body
+from vsense.lab.reach import reachable
 from vsense.lab.shared import LabError
 from vsense.world.entities import Arena
 
@@ -59,6 +60,14 @@ def rig(arena: Arena) -> list[Camera]:
         for row in range(2)
         for column in range(2)
     ]
+
+
+def _cameras(experiment: Experiment) -> list[Camera]:
+    """The cameras above the arena, or above what walls leave of one that is too large."""
+    try:
+        return rig(experiment.arena)
+    except LabError:
+        return rig(reachable(experiment))
 
 
 def camera_at(id: str, x_m: float, y_m: float) -> Camera:
@@ -152,14 +161,8 @@ def spec_for(experiment: Experiment, truth: str, seed: int, log: Path) -> LabCam
     """
     height_m = experiment.marker.height_m
     return LabCameraSpec(
-        cameras=tuple(rig(experiment.arena)),
-        boxes=(
-            *(Block(*box.position_m[:2], box.yaw_rad, *box.size_m) for box in experiment.boxes),
-            *(
-                Block(*c.position_m[:2], 0.0, 2 * c.radius_m, 2 * c.radius_m, c.height_m, True)
-                for c in experiment.cylinders
-            ),
-        ),
+        cameras=tuple(_cameras(experiment)),
+        boxes=tuple(Block.of(thing) for thing in experiment.solids),
         bodies=(
             *(Body(robot.tag, height_m, ROBOT) for robot in experiment.robots),
             *(Body(thing.tag, height_m, OBJECT) for thing in experiment.objects),

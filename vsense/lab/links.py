@@ -86,7 +86,7 @@ class Outputs(NamedTuple):
     leds: int
 
 
-class Program:
+class FirmwareProgram:
     """One microcontroller's program and its state.
 
     Attributes:
@@ -149,7 +149,7 @@ class Link(Protocol):
     """
 
     device: str
-    program: Program
+    program: FirmwareProgram
     due_ns: int | None
     sent_bytes: int
     lost_bytes: int
@@ -161,7 +161,7 @@ class Link(Protocol):
         """Takes the daemon's bytes."""
 
     def advance(self, now_ns: int) -> list[Outputs]:
-        """Runs the program up to `now_ns` and passes on its bytes; see `Program.advance`."""
+        """Runs the program up to `now_ns` and passes on its bytes."""
 
     def faults(self) -> dict[str, int]:
         """Counters of a host's errors; names as in `Microcontrollers`."""
@@ -174,7 +174,7 @@ class Terminal:
 
     def __init__(self, kind: FirmwareKind) -> None:
         """Raises OSError where there are no more terminals."""
-        self.program = Program(kind)
+        self.program = FirmwareProgram(kind)
         self.due_ns: int | None = None
         self.sent_bytes = self.lost_bytes = 0
         self._master, self._slave = os.openpty()
@@ -260,7 +260,7 @@ class Bus:
 
     def __init__(self, kind: FirmwareKind, path: Path) -> None:
         """Raises OSError where there can be no such socket."""
-        self.program = Program(kind)
+        self.program = FirmwareProgram(kind)
         self.due_ns: int | None = None
         self.sent_bytes = self.lost_bytes = 0
         self.device = f"unix:{path}"

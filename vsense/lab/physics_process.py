@@ -8,7 +8,10 @@
      "boxes":   [{"x_m": 1.2, "y_m": 0, "yaw_rad": 0, "size_x_m": 0.01, "size_y_m": 2}, ...],
      "cylinders": [{"x_m": 0.5, "y_m": 0.5, "radius_m": 0.1}, ...],
      "truth": "name of the truth ring", "log": "path of the actuation log",
-     "directory": "run directory", "seed": 1, "watchdog": false}
+     "directory": "run directory", "seed": 1, "watchdog": false,
+     "wheels": [null, {"relative": [0.05, 0.05], ...}, ...]}
+
+`wheels` are `WheelNoise` by index, null: none; there may be no such list.
 
 It answers with one line of JSON, `{"bases": ["argos:/dev/pts/3", ...], "epoch_ns": ...}`: where the
 daemon of every robot finds its base, in the order of the indices, and the time of the first tick.
@@ -28,7 +31,7 @@ import signal
 import sys
 import time
 from array import array
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +39,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.clock import host_ns
-from vsense.config.specs import Experiment, ObjectSpec, RobotSpec
+from vsense.config.specs import Experiment, ObjectSpec, RobotSpec, WheelNoise
 from vsense.errors import UsageError, VsenseError
 from vsense.lab.links import bases_of
 from vsense.lab.microcontrollers import ActuationLog, Microcontrollers
@@ -45,6 +48,7 @@ from vsense.lab.shared import LabError, file_errors
 from vsense.lab.truth import TruthWriter
 from vsense.physics.motion import TICK_NS, Physics, obstacles
 from vsense.physics.proximity_ring import ProximityRing
+from vsense.physics.wheel_noise import NoisyWheels
 
 _POSE = ("x_m", "y_m", "yaw_rad")
 _BOX = (*_POSE, "size_x_m", "size_y_m")
@@ -69,6 +73,7 @@ class PhysicsSpec:
     directory: Path
     seed: int
     watchdog: bool = False
+    wheels: tuple[WheelNoise | None, ...] = ()
 
     @classmethod
     def parse(cls, line: bytes) -> PhysicsSpec:
@@ -101,6 +106,7 @@ class PhysicsSpec:
             Path(_text(spec, "directory")),
             int(_number(spec, "seed", "spec: ")),
             spec.get("watchdog") is True,
+            _wheels(spec, len(robots)),
         )
 
 
@@ -109,6 +115,17 @@ def _bases(spec: dict[str, Any], count: int) -> list[str]:
     if not isinstance(bases, list) or len(bases) != count:
         raise UsageError(f"spec: bases: expected a list of {count} texts, not {bases!r}")
     return [str(base) for base in bases]
+
+
+def _wheels(spec: dict[str, Any], count: int) -> tuple[WheelNoise | None, ...]:
+    noises = spec.get("wheels", [None] * count)
+    fields = set(asdict(WheelNoise()))
+    if not isinstance(noises, list) or len(noises) != count:
+        raise UsageError(f"spec: wheels: expected a list of {count}, not {noises!r}")
+    for noise in noises:
+        if noise is not None and (not isinstance(noise, dict) or set(noise) != fields):
+            raise UsageError(f"spec: wheels: expected null or an object of {sorted(fields)}")
+    return tuple(None if noise is None else WheelNoise(**noise) for noise in noises)
 
 
 def _rows(spec: dict[str, Any], name: str, fields: tuple[str, ...]) -> NDArray[np.float64]:
@@ -153,6 +170,7 @@ class PhysicsProcess:
         self.controllers = Microcontrollers(spec.bases, spec.watchdog)
         self._physics = Physics(spec.robots, spec.objects, spec.boxes, now_ns, spec.cylinders)
         self._rings = ProximityRing(self._physics.near, spec.seed)
+        self._wheels = NoisyWheels(spec.wheels, spec.seed)
         self._leds = np.zeros(len(self._physics.poses), dtype=np.uint16)
         self._log = ActuationLog(spec.log)
         self._truth = TruthWriter(spec.truth, len(self._physics.poses))
@@ -202,9 +220,9 @@ class PhysicsProcess:
     def _actuate(self, now_ns: int) -> None:
         for actuation in self.controllers.advance(now_ns):
             robot = actuation.robot
-            self._physics.drive(
-                robot, actuation.left_steps_s, actuation.right_steps_s, actuation.time_ns
-            )
+            left, right = actuation.left_steps_s, actuation.right_steps_s
+            speeds = self._wheels.of_robot(robot, left, right)
+            self._physics.drive(robot, *speeds, actuation.time_ns)
             self._leds[robot] = actuation.leds
             self._log.append(actuation)
 
@@ -323,6 +341,7 @@ def _spec(experiment: Experiment, truth: str, seed: int, log: Path) -> dict[str,
         "log": str(log),
         "directory": str(log.parent),
         "seed": seed,
+        "wheels": [None if noise is None else asdict(noise) for noise in experiment.wheel_noises],
     }
 
 

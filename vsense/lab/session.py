@@ -91,8 +91,7 @@ class Session(ExperimentSession):
 
     def _open(self) -> None:
         experiment, seed = self.experiment, self.setup.seed
-        folder = experiment.path.parent
-        daemons = {c.id: build.daemon(c.library, folder) for c in experiment.controllers}
+        daemons = {c.id: build.daemon(c.program) for c in experiment.controllers}
         port = self._start_server()
         truth = make_ring(len(experiment.robots) + len(experiment.objects))
         self._stack.callback(truth.close)
@@ -187,7 +186,11 @@ class Session(ExperimentSession):
             # Without physics the cameras fail, too: report what failed first.
             self.floor.check()
             raise failure
-        notes.measures = self.environment.end()
+        try:
+            notes.measures = self.environment.end()
+        finally:
+            for text in self.environment.said():
+                self.setup.console.say(f"loop functions: {text}")
 
     def _run_timesteps(self, notes: RunNotes, observe: Callable[[Step], None]) -> None:
         pictures, samples = notes.pictures, notes.samples

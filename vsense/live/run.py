@@ -57,7 +57,12 @@ class OneRun:
             del step
 
     def _end_world(self) -> None:
-        self._results = self._session.environment.end()
+        environment = self._session.environment
+        try:
+            self._results = environment.end()
+        finally:
+            for text in environment.said():
+                self._log.say(f"loop functions: {text}")
 
     def _line(self, step: Step, moment: TimestepSample, lost: list[str]) -> str:
         experiment = self._experiment

@@ -74,11 +74,15 @@ _RING, _RING_ARRAYS = _ring()
 
 
 class ProximityRing:
-    """The rings of all robots, read at once."""
+    """The rings of all robots, read at once.
+
+    Attributes:
+        near: the bodies that they detect; others may take their place, with as many robots.
+    """
 
     def __init__(self, near: Neighbourhood, seed: int) -> None:
         """Rings that detect the bodies in `near`; `seed` decides the noise."""
-        self._near = near
+        self.near = near
         self._random = np.random.Generator(np.random.PCG64(seed))
         self._noise = np.zeros((0, near.robots, len(POSITIONS_M)))
         self._used = 0
@@ -90,7 +94,7 @@ class ProximityRing:
         `poses` (n, 3) are x_m, y_m, yaw_rad of all bodies, robots first, arena frame, contiguous.
         """
         if self._used == len(self._noise):
-            shape = (_NOISE_BLOCK, self._near.robots, len(POSITIONS_M))
+            shape = (_NOISE_BLOCK, self.near.robots, len(POSITIONS_M))
             self._noise, self._used = self._random.normal(0.0, NOISE_RAW, shape), 0
         raw: Floats = readings(self.distances(poses)) + self._noise[self._used]
         self._used += 1
@@ -104,7 +108,7 @@ class ProximityRing:
         """
         assert poses.dtype == np.float64 and poses.flags.c_contiguous
         target = pointer("double", self._distances_m)
-        kernels.vs_ring_distances(_RING, self._near.cdata, pointer("double", poses), target)
+        kernels.vs_ring_distances(_RING, self.near.cdata, pointer("double", poses), target)
         return self._distances_m
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +16,8 @@ from vsense.world.world import World
 Rgb = tuple[int, int, int]
 
 FLOOR_PX_PER_M = 100
-"""Resolution at which floor and fields are drawn."""
+"""Resolution at which floor and fields are drawn, unless the arena has more than `_MOST_PX`."""
+_MOST_PX = 1_000_000
 
 SPARE = 3
 """Timesteps kept before a moment, because the host may miss the very last one."""
@@ -129,7 +131,10 @@ class RunSamples:
 
 def _grid(arena: Arena) -> tuple[Floats, tuple[int, int]]:
     """Middles of the drawing's pixels on the floor (n, 2), and its rows and columns."""
-    columns, rows = (max(round(size * FLOOR_PX_PER_M), 1) for size in arena.size_m[:2])
+    size_x_m, size_y_m, _ = arena.size_m
+    # Files of ARGoS have arenas of hundreds of metres.
+    px_per_m = min(FLOOR_PX_PER_M, math.sqrt(_MOST_PX / (size_x_m * size_y_m)))
+    columns, rows = (max(round(size * px_per_m), 1) for size in (size_x_m, size_y_m))
     x = (np.arange(columns) + 0.5) / columns - 0.5
     y = 0.5 - (np.arange(rows) + 0.5) / rows
     across, down = np.meshgrid(x * arena.size_m[0], y * arena.size_m[1])

@@ -27,7 +27,8 @@ MOST_ASPECT = 4.0
 class Facts:
     """What was run; "" and None are unknown, and so are `robots` if they are empty.
 
-    `robots` and `objects` are names by tag; `length_s` None may also be a run without end.
+    `robots` and `objects` are names by tag, `controllers` ids of what drives robots, where there
+    are several; `length_s` None may also be a run without end.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Facts:
     arena: Arena | None
     robots: Mapping[int, str]
     objects: Mapping[int, str]
+    controllers: Mapping[int, str]
     body_radius_m: float
     file_text: str
 
@@ -64,6 +66,7 @@ def read_facts(data: Mapping[str, Any]) -> Facts:
         arena=None if told.arena is None else _arena(told.arena),
         robots=_names(told.robots),
         objects=_names(told.objects),
+        controllers=_controllers(told),
         body_radius_m=radius_m if radius_m is not None and 0.0 < radius_m < 1.0 else BODY_RADIUS_M,
         file_text=told.file_text,
     )
@@ -100,6 +103,12 @@ def numbers(values: Any, count: int) -> tuple[float, ...] | None:
 def _names(rows: Sequence[Any]) -> dict[int, str]:
     fits = (r for r in rows if isinstance(r, dict) and isinstance(r.get("tag"), int))
     return {row["tag"]: str(row.get("name") or row["tag"]) for row in fits}
+
+
+def _controllers(told: ExperimentMessage) -> dict[int, str]:
+    if len(told.controllers) < 2:
+        return {}
+    return {tag: str(told.controllers[n].get("id")) for tag, n in told.controller_of().items()}
 
 
 def _arena(data: Mapping[str, Any]) -> Arena | None:

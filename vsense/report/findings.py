@@ -31,6 +31,7 @@ class RobotRow:
 
     tag: int
     name: str
+    controller: str | None
     distance_m: float
     speed_m_s: float | None
     seen: float
@@ -185,6 +186,7 @@ def _row(found: Gatherer, tag: int) -> RobotRow:
     return RobotRow(
         tag=tag,
         name=found.facts.robots.get(tag, str(tag)),
+        controller=found.facts.controllers.get(tag),
         distance_m=track.distance_m,
         speed_m_s=track.distance_m / track.followed_s if track.followed_s > 0.0 else None,
         seen=track.seen / max(found.tracks.states, 1),

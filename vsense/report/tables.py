@@ -26,6 +26,7 @@ def measures(findings: Findings, counter: Counter) -> str:
 _ROBOTS: Sequence[tuple[str, Callable[[RobotRow], str]]] = (
     ("tag", lambda row: str(row.tag)),
     ("robot", lambda row: row.name),
+    ("controller", lambda row: row.controller or DASH),
     ("distance [m]", lambda row: f"{row.distance_m:.2f}"),
     ("mean speed [m/s]", lambda row: DASH if row.speed_m_s is None else f"{row.speed_m_s:.3f}"),
     ("seen [%]", lambda row: share_of(row.seen)),
@@ -50,7 +51,8 @@ def robots(findings: Findings, counter: Counter) -> str:
         f" and nobody wanted that. {DASH}: nobody told."
     )
     rows = list(zip(*(cells for _, cells in columns)))
-    told = counter.table("The robots", caption, heads, rows, texts=[heads.index("robot")])
+    texts = [place for place, head in enumerate(heads) if head in ("robot", "controller")]
+    told = counter.table("The robots", caption, heads, rows, texts=texts)
     return told + _stops(findings, counter)
 
 

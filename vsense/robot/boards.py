@@ -22,6 +22,7 @@ from pathlib import Path
 from vsense.errors import UsageError, pip_line
 from vsense.robot.build import cache_directory, source_tree
 from vsense.robot.compiling import BuildError, Toolchain, native
+from vsense.robot.programs import Program
 
 SMALL = ("-Os", "-static", "-fno-unwind-tables", "-fno-asynchronous-unwind-tables")
 """Boards have little room: -O2 is 12 % larger, and a step has hardly fewer instructions. Nothing
@@ -135,7 +136,7 @@ class Built:
         path: the executable.
         target: name of what it runs on.
         size: bytes, stripped.
-        controller: the controller's source.
+        controller: the controller's source, its first one where there are several.
         hash: of the controller and the headers of its own, hexadecimal. The daemon tells it, too:
             `vsensed --version`.
         compiler: the words that start it.
@@ -149,11 +150,11 @@ class Built:
     compiler: str
 
 
-def build(controller: str, target: str, output: Path) -> Built:
+def build(controller: str | Program, target: str, output: Path) -> Built:
     """Builds one.
 
     Args:
-        controller: a shipped controller's name or the path of a `.c` or `.cpp` file.
+        controller: a program, a shipped controller's name or the path of a `.c` or `.cpp` file.
         target: a name in `TARGETS`.
         output: where it goes; what was there is replaced whole, or stays as it is.
 
@@ -162,10 +163,10 @@ def build(controller: str, target: str, output: Path) -> Built:
         BuildError: no compiler, a source that does not compile, or it cannot be written.
     """
     tree = source_tree()
-    source = tree.controller(controller)
+    program = tree.program(controller)
     board = TARGETS[target]
     compiler = toolchain(board, cache_directory())
-    sources = tree.daemon(source)
+    sources = tree.daemon(program, plain=True)
     try:
         digest = sources.link_daemon(compiler, output)
     except BuildError as error:
@@ -174,7 +175,7 @@ def build(controller: str, target: str, output: Path) -> Built:
         path=output,
         target=target,
         size=output.stat().st_size,
-        controller=source,
+        controller=program.sources[0],
         hash=digest,
         compiler=" ".join(Path(word).name for word in compiler.command),
     )

@@ -11,10 +11,12 @@ from __future__ import annotations
 
 import hashlib
 import os
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from vsense.errors import UsageError
+from vsense.robot.argos_code import CONTROLLER_PARTS, FLAGS, LOOP_PARTS, STANDARD
 from vsense.robot.compiling import (
     CFLAGS,
     CXX_LIBRARIES,
@@ -25,6 +27,7 @@ from vsense.robot.compiling import (
     native,
     own_cxxflags,
 )
+from vsense.robot.programs import Program, source_roots
 
 __all__ = ["BuildError", "SourceTree", "cache_directory", "daemon", "shared"]
 
@@ -86,18 +89,40 @@ class SourceTree:
 
     def headers(self) -> list[Path]:
         """All headers of the daemon, in a fixed order."""
-        return [
-            p for folder in ("c_src", "robot") for p in sorted((self.root / folder).glob("*.h"))
-        ]
+        return [p for folder in self.includes() for p in sorted(folder.glob("*.h"))]
 
-    def daemon(self, controller: Path) -> Sources:
-        """What a daemon with this controller is made of."""
-        own_cxx = sorted((self.root / "robot").glob("*.cpp"))
-        return Sources(self.daemon_sources(), controller, self.includes(), own_cxx, FAST_PARTS)
+    def argos_headers(self) -> list[Path]:
+        """All headers for ARGoS's code, and their table."""
+        return sorted(p for p in (self.root / "robot" / "argos").iterdir() if p.suffix != ".cpp")
 
-    def runtime(self, controller: Path) -> Sources:
+    def program(self, controller: str | Program, beside: Path | None = None) -> Program:
+        """Finds a program by the name or path of its one file; see `controller`."""
+        if isinstance(controller, Program):
+            return controller
+        return Program((self.controller(controller, beside),))
+
+    def daemon(self, program: Program, plain: bool = False) -> Sources:
+        """What a daemon with this controller is made of; `plain`: see `Sources`."""
+        memory = sorted((self.root / "robot").glob("*.cpp"))
+        own_cxx, cache = [*memory, *self._argos(program)], _cache_for(program)
+        return Sources(
+            self.daemon_sources(), program, self.includes(), own_cxx, FAST_PARTS, cache, plain
+        )
+
+    def runtime(self, program: Program) -> Sources:
         """What the robots of a simulation with this controller are made of."""
-        return Sources(self.runtime_sources(), controller, self.includes())
+        own_cxx, cache = self._argos(program), _cache_for(program)
+        return Sources(self.runtime_sources(), program, self.includes(), own_cxx, cache=cache)
+
+    def loop(self, program: Program) -> Sources:
+        """What the shared object of ARGoS's loop functions is made of."""
+        own_cxx, cache = self._argos(program, LOOP_PARTS), _cache_for(program)
+        return Sources((), program, self.includes(), own_cxx, cache=cache, what="loop functions")
+
+    def _argos(self, program: Program, parts: Sequence[str] = CONTROLLER_PARTS) -> list[Path]:
+        """Our files that code for ARGoS needs."""
+        folder = self.root / "robot" / "argos"
+        return [folder / f"{part}.cpp" for part in parts] if program.is_argos else []
 
     def includes(self) -> list[Path]:
         """The folders of the headers."""
@@ -135,18 +160,19 @@ def source_tree() -> SourceTree:
     Raises:
         BuildError: neither is there.
     """
-    package = Path(__file__).resolve().parents[1]
-    for root in (package / "_sources", package.parent):
+    for root in source_roots():
         if (root / "robot" / "main.c").is_file():
             return SourceTree(root)
-    raise BuildError(f"the daemon's C sources are missing from {package}: install vsense again")
+    raise BuildError(
+        f"the daemon's C sources are missing from {source_roots()[0]}: install vsense again"
+    )
 
 
-def daemon(controller: str = SHIPPED_CONTROLLER, beside: Path | None = None) -> Path:
+def daemon(controller: str | Program = SHIPPED_CONTROLLER, beside: Path | None = None) -> Path:
     """Gives the host's `vsensed` with this controller, building it where needed.
 
     Args:
-        controller: a shipped controller's name or the path of a `.c` or `.cpp` file.
+        controller: a program, a shipped controller's name, or the path of a `.c` or `.cpp` file.
         beside: folder that a relative path is taken from (the experiment file's).
 
     Returns:
@@ -157,20 +183,21 @@ def daemon(controller: str = SHIPPED_CONTROLLER, beside: Path | None = None) -> 
         BuildError: no compiler, a source that does not compile, or no cache directory.
     """
     tree = source_tree()
-    source = tree.controller(controller, beside)
-    if controller == SHIPPED_CONTROLLER and tree.prebuilt.is_file():
+    program = tree.program(controller, beside)
+    shipped = (tree.controllers()[SHIPPED_CONTROLLER],)
+    if program.sources == shipped and tree.prebuilt.is_file():
         return tree.prebuilt
-    target = cache_directory() / _fingerprint(tree, source) / "vsensed"
+    target = cache_directory() / _fingerprint(tree, program) / "vsensed"
     if not target.is_file():
-        compile_daemon(tree, source, target)
+        compile_daemon(tree, program, target)
     return target
 
 
-def shared(controller: str, beside: Path | None = None) -> Path:
+def shared(controller: str | Program, beside: Path | None = None) -> Path:
     """Gives the shared object of `robot/inprocess.h` with this controller, building it if needed.
 
     Args:
-        controller: a shipped controller's name or the path of a `.c` or `.cpp` file.
+        controller: a program, a shipped controller's name, or the path of a `.c` or `.cpp` file.
         beside: folder that a relative path is taken from (the experiment file's).
 
     Returns:
@@ -181,10 +208,26 @@ def shared(controller: str, beside: Path | None = None) -> Path:
         BuildError: no compiler, a source that does not compile, or no cache directory.
     """
     tree = source_tree()
-    source = tree.controller(controller, beside)
-    target = cache_directory() / _fingerprint(tree, source) / "inprocess.so"
+    program = tree.program(controller, beside)
+    target = cache_directory() / _fingerprint(tree, program) / "inprocess.so"
     if not target.is_file():
-        tree.runtime(source).link(native(), target, SHARED_FLAGS)
+        tree.runtime(program).link(native(), target, SHARED_FLAGS)
+    return target
+
+
+def loop_functions(program: Program) -> Path:
+    """Gives the shared object of ARGoS's loop functions, building it where needed.
+
+    Raises:
+        BuildError: no compiler, a source that does not compile, or no cache directory.
+    """
+    tree = source_tree()
+    # The label is chosen when they are called.
+    program = replace(program, label="")
+    sources = tree.loop(program)
+    target = cache_directory() / _fingerprint(tree, program, sources) / "loop_functions.so"
+    if not target.is_file():
+        sources.link(native(), target, SHARED_FLAGS)
     return target
 
 
@@ -205,23 +248,31 @@ def cache_directory() -> Path:
         ) from None
 
 
-def compile_daemon(tree: SourceTree, controller: Path, target: Path) -> None:
+def compile_daemon(tree: SourceTree, program: Program, target: Path) -> None:
     """Compiles and links `vsensed` in one go and moves it into place whole.
 
     Raises:
         BuildError: the compiler is missing or refuses a source, or the folder cannot be written.
     """
-    tree.daemon(controller).link_daemon(native(), target)
+    tree.daemon(program).link_daemon(native(), target)
 
 
-def _fingerprint(tree: SourceTree, controller: Path) -> str:
+def _cache_for(program: Program) -> Path | None:
+    """Where the compiled files of code for ARGoS stay; other code needs no cache for it."""
+    return cache_directory() if program.is_argos else None
+
+
+def _fingerprint(tree: SourceTree, program: Program, sources: Sources | None = None) -> str:
     """Hash of the compiler, the flags and every source and header that goes into a build."""
     compiler = native()
     flags = f"{CFLAGS}{SHARED_FLAGS}{CXXFLAGS}{own_cxxflags()}{CXX_LIBRARIES}{compiler.cxx}"
-    sources = tree.daemon(controller)
+    sources = sources or tree.daemon(program)
     versions = compiler.version() + (compiler.for_cxx().version() if sources.is_cxx else "")
     digest = hashlib.sha256(f"{list(compiler.command)}{versions}{flags}".encode())
+    argos = tree.argos_headers() if program.is_argos else []
+    if program.is_argos:
+        digest.update(f"{FLAGS}{STANDARD}{program}".encode())
     own = sources.dependencies(compiler)
-    for path in (*sources.own, *sources.own_cxx, *tree.headers(), *own):
+    for path in (*sources.own, *sources.own_cxx, *tree.headers(), *argos, *own):
         digest.update(os.fsencode(path.name) + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()[:24]

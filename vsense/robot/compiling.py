@@ -9,19 +9,21 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Collection, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from vsense.errors import VsenseError
+from vsense.robot import argos_code
+from vsense.robot.programs import Program, content, headers
 
 SECTIONS = ("-O2", "-ffunction-sections", "-fdata-sections")
 
 CFLAGS = ("-std=c99", "-D_POSIX_C_SOURCE=200809L", *SECTIONS)
 
-CXXFLAGS = (
-    *("-std=c++17", *SECTIONS),
-    *("-fno-exceptions", "-fno-rtti", "-fno-threadsafe-statics"),
-)
+PLAIN = ("-fno-exceptions", "-fno-rtti")
+
+CXXFLAGS = ("-std=c++17", *SECTIONS, *PLAIN, "-fno-threadsafe-statics")
 """For a controller in C++; the user's own CXXFLAGS come after them. Exceptions and their tables
 would more than double the daemon, and nothing on a robot has two threads."""
 
@@ -102,18 +104,25 @@ class Sources:
 
     Attributes:
         own: files that come with vsense.
-        controller: the controller's file.
-        includes: folders of headers.
+        program: the controller's files.
+        includes: folders of headers that come with vsense.
         own_cxx: C++ files that come with vsense, for a controller in C++.
         fast: names, without suffix, of those of `own` that a control step runs through. The others
             become small code, where the toolchain has such.
+        cache: folder in which code for ARGoS has its headers and stays when it is compiled; None
+            for other code.
+        plain: code for ARGoS is compiled without exceptions and types at run time if it uses none.
+        what: what the program is, as messages call it.
     """
 
     own: Sequence[Path]
-    controller: Path
+    program: Program
     includes: Sequence[Path]
     own_cxx: Sequence[Path] = ()
     fast: Collection[str] = ()
+    cache: Path | None = None
+    plain: bool = False
+    what: str = "controller"
 
     def link(self, toolchain: Toolchain, target: Path, flags: Sequence[str] = ()) -> None:
         """Compiles and links everything and moves it into place whole, stripped.
@@ -143,14 +152,50 @@ class Sources:
             seldom = [str(path) for path in self.own if path.stem not in self.fast]
             small = replace(toolchain, flags=toolchain.small)
             self._run(small, CFLAGS, [*flags, "-c", "-o", names[-1], *seldom])
-        names.append(str(self.controller))
         if self.is_cxx:
-            names.pop()
-            for number, source in enumerate((self.controller, *self.own_cxx)):
-                names.append(f"{made.with_name(source.stem)}-{number}.o")
-                self._compile(toolchain, [*flags, "-c", str(source), "-o", names[-1]])
+            names += self._objects(toolchain, made, flags)
+        else:
+            names += [str(path) for path in self.program.sources]
         libraries = CXX_LIBRARIES if self.is_cxx else LIBRARIES
+        if self.program.is_argos and "ziglang" not in toolchain.command:
+            # What is defined in headers: in ARGoS's shared libraries the first one counts, too.
+            libraries = (*libraries, "-Wl,-z,muldefs")
         self._run(toolchain, CFLAGS, [*flags, "-s", "-o", str(made), *names, *libraries])
+
+    def _objects(self, toolchain: Toolchain, made: Path, flags: Sequence[str]) -> list[str]:
+        """Compiles the program and our C++, as many files at a time as there are processors."""
+        self._check_headers()
+        flags = [flag for flag in flags if flag.startswith("-f")]  # for code, not for its linker
+        compiler = toolchain.for_cxx()
+        version, ours = compiler.version(), self._for_all()
+
+        def compiled(numbered: tuple[int, Path]) -> str:
+            number, source = numbered
+            target = made.with_name(f"{made.name}_{source.stem}-{number}.o")
+            language, after = self._language(source, ours)
+            words = [*compiler.command, *compiler.flags, *language, *after, *flags]
+            kept = self._kept(source, [version, *words])
+            if kept is not None and kept.is_file():
+                return str(kept)
+            self._run(compiler, language, [*after, *flags, "-c", str(source), "-o", str(target)])
+            if kept is None:
+                return str(target)
+            _keep(target, kept)
+            return str(kept)
+
+        files = list(enumerate((*self.program.sources, *self.own_cxx)))
+        with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as workers:
+            return list(workers.map(compiled, files))
+
+    def _kept(self, source: Path, words: Sequence[str]) -> Path | None:
+        """Where a compiled file stays: its name tells all that went into it."""
+        if self.cache is None:
+            return None
+        digest = hashlib.sha256("\0".join([*words, str(source)]).encode())
+        ours = sorted(path for folder in self._our_folders() for path in folder.glob("*.h*"))
+        for path in (source, *headers([source], self.program.includes), *ours):
+            digest.update(content(path))
+        return self.cache / "objects" / f"{digest.hexdigest()[:32]}.o"
 
     def link_daemon(self, toolchain: Toolchain, target: Path) -> str:
         """Links a daemon that tells which controller it has; gives the controller's hash.
@@ -172,20 +217,26 @@ class Sources:
         """
         shared = {folder.resolve() for folder in self.includes}
         own = [p for p in self.dependencies(toolchain) if p.resolve().parent not in shared]
-        if self.controller not in own:
-            own.insert(0, self.controller)
-        digest = hashlib.sha256()
+        own = [*(path for path in self.program.sources if path not in own), *own]
+        digest = hashlib.sha256(self.program.label.encode())
         for path in own:
             digest.update(os.fsencode(path.name) + b"\0" + path.read_bytes() + b"\0")
         return digest.hexdigest()[:HASH_DIGITS]
 
     def dependencies(self, toolchain: Toolchain) -> list[Path]:
-        """The controller's source and every header that it includes, but for the system's.
+        """The controller's sources and every header that they include, but for the system's.
 
         Raises:
             BuildError: the compiler does not find one of them.
         """
-        rule = self._compile(toolchain, ["-MM", "-MT", "it", str(self.controller)])
+        if self.program.is_argos:
+            return argos_code.own_files(self.program)
+        (source,) = self.program.sources
+        asked = ["-MM", "-MT", "it", str(source)]
+        if self.is_cxx:
+            rule = self._run(toolchain.for_cxx(), CXXFLAGS, [*own_cxxflags(), *asked])
+        else:
+            rule = self._run(toolchain, CFLAGS, asked)
         # A rule for make: its lines end in a backslash, and blanks in names have one before them.
         names = re.findall(r"(?:\\[ #]|\S)+", rule.replace("\\\n", " ").removeprefix("it:"))
         return [Path(re.sub(r"\\([ #])", r"\1", name).replace("$$", "$")) for name in names]
@@ -193,13 +244,52 @@ class Sources:
     @property
     def is_cxx(self) -> bool:
         """Whether the controller is C++."""
-        return self.controller.suffix in CXX_SUFFIXES
+        return any(path.suffix in CXX_SUFFIXES for path in self.program.sources)
 
-    def _compile(self, toolchain: Toolchain, arguments: Sequence[str]) -> str:
-        """Runs the compiler for the controller's language; as `_run`."""
-        if not self.is_cxx:
-            return self._run(toolchain, CFLAGS, arguments)
-        return self._run(toolchain.for_cxx(), CXXFLAGS, [*own_cxxflags(), *arguments])
+    def _our_folders(self) -> list[Path]:
+        """Our headers, ARGoS's ones among them."""
+        return [*self.includes, *(folder / "argos" for folder in self.includes)]
+
+    def _argos(self) -> Path:
+        """The folder of our headers for ARGoS's code."""
+        return next(path for path in self._our_folders() if (path / "headers.txt").is_file())
+
+    def _check_headers(self) -> None:
+        """Raises BuildError where code for ARGoS includes what nobody has."""
+        if self.program.is_argos:
+            missing = argos_code.missing_headers(self.program)
+            if missing:
+                raise BuildError(argos_code.explain_missing(missing))
+
+    def _for_all(self) -> list[str]:
+        """What a C++ compiler is told for every file of code for ARGoS."""
+        if self.cache is None:
+            return []
+        with_runtime = not self.plain or argos_code.needs_runtime(self.program)
+        runtime = ("-fexceptions", "-funwind-tables") if with_runtime else PLAIN
+        try:
+            folder = argos_code.forwarding(self._argos(), self.cache)
+        except OSError as error:
+            raise BuildError(f"cannot build in {self.cache}: {error.strerror}") from error
+        return [*runtime, f"-I{folder}"]
+
+    def _language(self, source: Path, for_all: Sequence[str]) -> tuple[list[str], list[str]]:
+        """What a C++ compiler is told for a file before and after its target's flags.
+
+        Args:
+            for_all: as `_for_all` gives it.
+        """
+        program = self.program
+        if not program.is_argos:
+            return [*CXXFLAGS], own_cxxflags()
+        told: list[str] = []
+        if source not in self.own_cxx:
+            told = [f"-I{folder}" for folder in program.includes]
+        elif source.stem == argos_code.ENTRY:
+            label, name = program.label, program.short_name
+            told = [f'-DVS_ARGOS_LABEL="{label}"', f'-DVS_ARGOS_NAME="{name}"']
+        language = [argos_code.STANDARD, *SECTIONS, *argos_code.FLAGS, "-fno-threadsafe-statics"]
+        return language, [*for_all, *told, *own_cxxflags()]
 
     def _run(self, toolchain: Toolchain, language: Sequence[str], arguments: Sequence[str]) -> str:
         """Runs a compiler with our flags and these arguments; gives what it prints.
@@ -220,12 +310,34 @@ class Sources:
         def is_named(path: Path) -> bool:
             return re.search(rf"(?:^|from ){re.escape(str(path))}:\d", said, re.M) is not None
 
+        named = [path for path in self.program.sources if is_named(path)]
+        if named:
+            return f"the {self.what} {named[0]} {self._does} not build"
         shipped = [str(path) for path in (*self.own, *self.own_cxx) if is_named(path)]
         if shipped:
             return f"a source of vsensed itself does not build: {', '.join(shipped)}"
-        if is_named(self.controller):
-            return f"the controller {self.controller} does not build"
-        return f"vsensed with the controller {self.controller} does not build"
+        if self.what != "controller":
+            return f"the {self.what} {self.program.sources[0]} {self._does} not build"
+        return f"vsensed with the controller {self.program.sources[0]} does not build"
+
+    @property
+    def _does(self) -> str:
+        return "do" if self.what.endswith("s") else "does"
+
+
+def _keep(made: Path, kept: Path) -> None:
+    """Puts a compiled file into the cache, whole or not at all; it may be another file system.
+
+    Raises:
+        BuildError: the cache cannot be written.
+    """
+    try:
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=kept.parent, suffix=".part", delete=False) as part:
+            part.write(made.read_bytes())
+        os.replace(part.name, kept)
+    except OSError as error:
+        raise BuildError(f"cannot keep {kept}: {error.strerror}") from error
 
 
 def own_cxxflags() -> list[str]:

@@ -182,7 +182,7 @@ class Plan:
     """What is deployed, and how.
 
     Attributes:
-        binary: the daemon.
+        binaries: the daemon of each robot, by its destination.
         settings: of all robots; a robot's own win.
         kind: "auto", "systemd", "init" or "none".
         sudo: become root with sudo.
@@ -192,7 +192,7 @@ class Plan:
         ssh_options: NAME=VALUE, as after `ssh -o`.
     """
 
-    binary: bytes = b""
+    binaries: Mapping[str, bytes] = field(default_factory=dict)
     settings: Mapping[str, str] = field(default_factory=dict)
     kind: str = "auto"
     sudo: bool = False
@@ -209,7 +209,7 @@ class Plan:
         """What a robot is sent, as a tar file."""
         files = service_files()
         if self.part in (Part.ALL, Part.DAEMON):
-            files["vsensed"] = self.binary
+            files["vsensed"] = self.binaries[robot.destination]
         if self.part in (Part.ALL, Part.SETTINGS):
             files["vsensed.conf"] = settings_text(self.settings_of(robot)).encode()
         packed = io.BytesIO()

@@ -54,6 +54,15 @@ class SimError(VsenseError):
     """A simulation cannot go on; the message says why."""
 
 
+class ControllerFailure(SimError):
+    """The controller of robot `tag` cannot go on, and `words` say why."""
+
+    def __init__(self, tag: int, controller: str, words: str) -> None:
+        super().__init__(f"robot {tag}: controller '{controller}' cannot go on: {words}")
+        self.tag = tag
+        self.words = words
+
+
 @cache
 def declarations() -> FFI:
     """Gives the declarations of `robot/inprocess.h`.
@@ -84,7 +93,7 @@ class Robots:
         table: Table,
         timestep_ns: int,
         seed: int,
-        params: str,
+        params: str | Mapping[int, str],
         progress: Any = None,
     ) -> None:
         """Loads the controller and greets every robot.
@@ -94,7 +103,7 @@ class Robots:
             table: what they sense and do virtually.
             timestep_ns: length of a timestep.
             seed: of the run; every robot's controller gets one of its own made from it.
-            params: the controller's settings, lines "key=value\\n".
+            params: the controller's settings, lines "key=value\\n"; by tag, or those of all.
             progress: `PROGRESS_BYTES` of writable memory where the robots note what they do;
                 None: not wanted.
 
@@ -109,7 +118,8 @@ class Robots:
             raise SimError(f"{library}: cannot be loaded: {error}") from None
         self._begin(bytearray(PROGRESS_BYTES) if progress is None else progress)
         for robot, tag in enumerate(self._tags):
-            welcome = Welcome(table, timestep_ns // 1000, robot_seed(seed, tag), params)
+            text = params if isinstance(params, str) else params[tag]
+            welcome = Welcome(table, timestep_ns // 1000, robot_seed(seed, tag), text)
             packet = encode(Header(PacketType.WELCOME, table_hash=table.hash), welcome)
             # A virtual robot's tag is no marker's, and does not fit the wire's 16 bits.
             wire_tag = tag % 2**16
@@ -154,6 +164,9 @@ class Robots:
             times_ns: when the arena was seen, and when the controllers act on that.
             readings: per tag (value, capture time) per sensor, in the table's order.
             prox_raw: (n, 8) int16 of their own proximity sensors.
+
+        Raises:
+            ControllerFailure: a controller cannot go on.
         """
         rows = [readings[tag] for tag in self._tags]
         self._values[:] = b"".join([value for row in rows for value, _ in row])
@@ -163,6 +176,25 @@ class Robots:
         now.wanted, now.from_timestep, now.timestep = wanted, from_timestep, timestep
         now.capture_ns, now.now_ns = times_ns
         self._lib.vs_inprocess_step(self._all, now)
+        self._check()
+
+    def end(self) -> None:
+        """The run is over: every controller ends what it began.
+
+        Raises:
+            ControllerFailure: a controller failed to.
+        """
+        self._lib.vs_inprocess_end(self._all)
+        self._check()
+
+    def _check(self) -> None:
+        """Raises ControllerFailure where a controller cannot go on."""
+        robot = self._ffi.new("uint32_t *")
+        words = self._lib.vs_inprocess_failure(self._all, robot)
+        if words != self._ffi.NULL:
+            said: bytes = self._ffi.string(words)
+            text = said.decode(errors="replace")
+            raise ControllerFailure(self._tags[robot[0]], self.controller, text)
 
     def reports(self) -> dict[int, bytes]:
         """What every robot's virtual actuators say: by tag the actuators' block."""

@@ -17,8 +17,10 @@ from vsense.config.placement import settle
 from vsense.config.specs import ControllerSpec, Experiment
 from vsense.link.robots.table import Direction, Entry, Table
 from vsense.link.robots.wire import Values
+from vsense.robot import build
+from vsense.run.cxx_loop import CxxLoopFunctions, LoopHost
 from vsense.sensors.bank import SensorBank
-from vsense.world.loop_functions import LoopFunctions
+from vsense.world.loop_functions import Hooks, LoopFunctions
 from vsense.world.world import World
 
 if TYPE_CHECKING:
@@ -54,18 +56,26 @@ class Environment:
         seed: of everything that is drawn in the virtual world, and of the places of what is
             distributed; not negative.
         blind: every virtual sensor is held at 0: the control experiment.
+        host: of loop functions in C++.
 
     Raises:
         VsenseError: something in the experiment cannot be made.
     """
 
-    def __init__(self, experiment: Experiment, seed: int, blind: bool = False) -> None:
+    def __init__(
+        self,
+        experiment: Experiment,
+        seed: int,
+        blind: bool = False,
+        host: LoopHost = LoopHost(),  # noqa: B008 (frozen)
+    ) -> None:
         # Nothing distributed: then the start poses of real robots do not matter here.
         settled = settle(experiment, seed) if experiment.distributed else experiment
         self.experiment = settled
         self.seed = seed
         self.blind = blind
-        self._loop = _loop_functions(settled)
+        self._host = host
+        self._loop = _loop_functions(settled, seed, host)
         self.world = _world(settled, seed, self._loop)
         self._begin()
         self._swarm = self._virtual_swarm()
@@ -118,16 +128,33 @@ class Environment:
         """What driven virtual robots logged since the last call: tag, and what to say."""
         return () if self._swarm is None else self._swarm.logged()
 
+    def said(self) -> Sequence[str]:
+        """What the loop functions logged since the last call."""
+        return _emptied(self._loop.said) if self._loop is not None else ()
+
+    def moved(self) -> Mapping[int, tuple[float, float, float]]:
+        """Robots that the loop functions have put somewhere since the last call, by row."""
+        if self._loop is None or not self._loop.moved:
+            return {}
+        moved = dict(self._loop.moved)
+        self._loop.moved.clear()
+        return moved
+
+    @property
+    def finished(self) -> bool:
+        """Whether the loop functions have said that the experiment is over."""
+        return self._loop is not None and self._loop.finished
+
     def reset(self) -> None:
         """Goes back to the state before the run; what the cameras saw last stays."""
         self.world.reset()
-        self._loop = _loop_functions(self.experiment)
+        self._loop = None if self._loop is None else self._loop.renewed()
         self._begin()
         self._swarm = self._virtual_swarm()
 
     def following(self) -> Environment:
         """Gives the environment of the run after this one, whose seed is one more."""
-        return Environment(self.experiment, self.seed % MOST_SEED + 1, self.blind)
+        return Environment(self.experiment, self.seed % MOST_SEED + 1, self.blind, self._host)
 
     def step(
         self,
@@ -177,16 +204,30 @@ class Environment:
 
     def end(self) -> dict[str, float]:
         """Ends the run; gives its results by name: the world's, or those of the user's `end`."""
+        if self._swarm is not None:
+            self._swarm.end()
         return dict(self.world.results) if self._loop is None else self._loop.end(self.world)
 
 
-def _loop_functions(experiment: Experiment) -> LoopFunctions | None:
+def _emptied(lines: list[str]) -> list[str]:
+    """What a list held, which is empty then."""
+    held = list(lines)
+    lines.clear()
+    return held
+
+
+def _loop_functions(experiment: Experiment, seed: int, host: LoopHost) -> Hooks | None:
     """Loads the user's functions; each run has its own."""
     spec = experiment.loop_functions
-    return None if spec is None else LoopFunctions(spec.path, spec.label, spec.params)
+    if spec is None:
+        return None
+    if spec.program is None:
+        return LoopFunctions(spec.path, spec.label, spec.params)
+    caller = host.open(build.loop_functions(spec.program))
+    return CxxLoopFunctions(experiment, spec, seed, caller, host.moves)
 
 
-def _world(experiment: Experiment, seed: int, loop: LoopFunctions | None) -> World:
+def _world(experiment: Experiment, seed: int, loop: Hooks | None) -> World:
     """Makes the world of an experiment as it is at the start."""
     floor = floor_of(experiment)
     spec = experiment.floor
@@ -202,4 +243,6 @@ def _world(experiment: Experiment, seed: int, loop: LoopFunctions | None) -> Wor
         arena=experiment.arena,
         timestep_s=experiment.timestep_s,
         seed=seed,
+        controllers={robot.tag: robot.controller for robot in experiment.robots}
+        | {robot.tag: robot.controller for robot in experiment.virtual_robots},
     )

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.config.specs import Experiment
+from vsense.config.specs import ControllerSpec, Experiment
+from vsense.link.robots.roster import ToldProgram
 from vsense.link.robots.table import Table
 from vsense.link.robots.wire import Shown, Values, Wanted
 from vsense.robot import build, inprocess
-from vsense.robot.inprocess import Robots
+from vsense.robot.compiling import BuildError, native
+from vsense.robot.inprocess import ControllerFailure, Robots, SimError
 
 PROGRESS_BYTES = inprocess.PROGRESS_BYTES + 4
 """Those of `Robots`, and which of the experiment's controllers it is: a u32."""
@@ -26,8 +30,42 @@ def shared_objects(experiment: Experiment) -> dict[str, Path]:
         UsageError: there is no such controller.
         BuildError: no compiler, or a source that does not compile.
     """
-    folder = experiment.path.parent
-    return {c.id: build.shared(c.library, folder) for c in experiment.controllers}
+    loop_object(experiment)
+    return {c.id: build.shared(c.program) for c in experiment.controllers}
+
+
+def loop_object(experiment: Experiment) -> Path | None:
+    """Gives its loop functions as a shared object, built if it is missing; None: not in C++.
+
+    Raises:
+        BuildError: see `shared_objects`.
+    """
+    spec = experiment.loop_functions
+    return None if spec is None or spec.program is None else build.loop_functions(spec.program)
+
+
+_NAME = re.compile(r"\bvs_controller\s*=\s*\{[^\"{};]*\"([^\"]+)\"")
+"""What a controller calls itself, in its source; see robot/controller.h."""
+
+
+def told_programs(experiment: Experiment) -> dict[str, ToldProgram]:
+    """Gives what a robot tells that runs a controller of the experiment, by the controller's id.
+
+    A hash is not known without a compiler, and a name where the source does not show it.
+    """
+    return {controller.id: _told(controller) for controller in experiment.controllers}
+
+
+def _told(controller: ControllerSpec) -> ToldProgram:
+    program = controller.program
+    texts = (path.read_text(errors="replace") for path in program.sources if path.is_file())
+    names = [match[1] for match in map(_NAME.search, texts) if match]
+    if program.is_argos:
+        names = [program.short_name]
+    digest = ""
+    with suppress(BuildError):
+        digest = build.source_tree().daemon(program).controller_hash(native())
+    return ToldProgram(names[0] if names else "", digest)
 
 
 class Programs:
@@ -64,6 +102,9 @@ class Programs:
         drivers = np.array(list(controllers.values()))
         self.wheels_steps_s = np.zeros((len(drivers), 2), dtype=np.int16)
         self.leds = np.zeros(len(drivers), dtype=np.uint16)
+        self._experiment = experiment
+        names = self._names = {robot.tag: robot.id for robot in experiment.robots}
+        names |= {robot.tag: robot.id for robot in experiment.virtual_robots}
         self._parts: list[tuple[int, NDArray[np.intp], Robots]] = []
         for number, spec in enumerate(experiment.controllers):
             rows = np.flatnonzero(drivers == spec.id)
@@ -71,7 +112,8 @@ class Programs:
                 self._present[0] = number
                 tags = [tag for tag, name in controllers.items() if name == spec.id]
                 which = libraries[spec.id], tags, tables[spec.id], experiment.timestep_ns
-                robots = Robots(*which, seed, spec.params_text, own)
+                params = {tag: spec.params_for(names[tag]) for tag in tags}
+                robots = Robots(*which, seed, params, own)
                 self._parts.append((number, rows, robots))
 
     def step(
@@ -83,10 +125,17 @@ class Programs:
         readings: Mapping[int, Values],
         prox_raw: NDArray[np.int16],
     ) -> None:
-        """One control step of every robot; see `Robots.step`."""
+        """One control step of every robot; see `Robots.step`.
+
+        Raises:
+            SimError: a controller cannot go on; the message holds file, line and element.
+        """
         for number, rows, robots in self._parts:
             self._present[0] = number
-            robots.step(wanted, from_timestep, timestep, times_ns, readings, prox_raw[rows])
+            try:
+                robots.step(wanted, from_timestep, timestep, times_ns, readings, prox_raw[rows])
+            except ControllerFailure as failure:
+                raise self._placed(number, failure) from None
             self.wheels_steps_s[rows], self.leds[rows] = robots.wheels_steps_s, robots.leds
 
     def reports(self) -> dict[int, bytes]:
@@ -100,6 +149,21 @@ class Programs:
     def logged(self) -> Sequence[tuple[int, str]]:
         """See `Robots.logged`."""
         return [some for *_, robots in self._parts for some in robots.logged()]
+
+    def end(self) -> None:
+        """See `Robots.end`."""
+        for number, _, robots in self._parts:
+            self._present[0] = number
+            try:
+                robots.end()
+            except ControllerFailure as failure:
+                raise self._placed(number, failure) from None
+
+    def _placed(self, number: int, failure: ControllerFailure) -> SimError:
+        """Names the controller's element and the robot."""
+        spec, name = self._experiment.controllers[number], self._names[failure.tag]
+        place = f"{self._experiment.file}:{spec.line}: <{spec.label}>"
+        return SimError(f"{place} cannot go on, robot '{name}': {failure.words}")
 
     def complaints(self) -> list[str]:
         """See `Robots.complaints`."""

@@ -14,6 +14,7 @@ from vsense.link.robots.server import LinkEvent, VirtualSensorServer
 from vsense.link.robots.status import RobotStatus
 from vsense.link.robots.table import Table
 from vsense.link.robots.wire import StopCause, Telemetry
+from vsense.run.programs import told_programs
 
 
 def make_server(
@@ -39,12 +40,13 @@ def make_server(
         LinkError: the original's client cannot be served in this experiment.
     """
     controllers = {robot: experiment.controller_of(robot) for robot in experiment.robots}
+    programs = told_programs(experiment)
     options: dict[str, Any] = {
         **dict(zip(("host", "port"), address)),
         "timestep_ns": experiment.timestep_ns,
         "seed": seed,
         "expected": {
-            robot.tag: ExpectedRobot(robot.id, tables[c.id], c.params_text)
+            robot.tag: ExpectedRobot(robot.id, tables[c.id], c.params_for(robot.id), programs[c.id])
             for robot, c in controllers.items()
         },
         "on_event": on_event,

@@ -159,6 +159,9 @@ class Runner:
                 late = self._silent and self._clock() > self._end_ns
                 if last >= 0 and (self._run_timestep >= last or late):
                     self.control.end("time")
+                elif self._run_timestep >= 0 and self._runtime.finished:
+                    self._console.say("the loop functions say that the experiment is finished")
+                    self.control.end("time")
         except (NoMorePictures, TrackerEnded) as end:
             self.control.end(str(end))
 
@@ -223,6 +226,8 @@ class Runner:
             self._heard_ns = step.arena_ns
             for tag, text in self._runtime.logged():
                 self._console.say(f"virtual robot {tag}: {text}")
+            for text in self._runtime.said():
+                self._console.say(f"loop functions: {text}")
         robots = self.robots = self._server.robots()
         for status in self.counters.update(robots):
             self._console.say(f"robot {status.name}: its guard was replaced", "warning")

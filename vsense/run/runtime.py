@@ -185,6 +185,15 @@ class Runtime:
         """See `Environment.logged`."""
         return self._environment.logged()
 
+    def said(self) -> Sequence[str]:
+        """See `Environment.said`."""
+        return self._environment.said()
+
+    @property
+    def finished(self) -> bool:
+        """See `Environment.finished`."""
+        return self._environment.finished
+
     def _sense(self, state: ArenaState, run_timestep: int) -> None:
         """Runs a timestep in the virtual world."""
         reports = self._server.reports()

@@ -74,6 +74,10 @@ class VirtualSwarm:
         """See `Programs.logged`."""
         return self._controllers.logged()
 
+    def end(self) -> None:
+        """See `Robots.end`."""
+        self._controllers.end()
+
     def control(self, state: ArenaState, run_timestep: int, readings: Mapping[int, Values]) -> None:
         """Runs every robot's control step after `move`; `readings` are what each tag senses.
 

@@ -15,6 +15,7 @@ A sensor may also have any of these members:
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
@@ -76,6 +77,21 @@ class MountedSensor:
     updating: Updating = ALWAYS
 
 
+@dataclass(frozen=True, slots=True)
+class RobotSettings:
+    """What `<e-puck>` says of a simulated one's devices; the defaults are ARGoS's.
+
+    Attributes:
+        rab_range_m: how far `<range_and_bearing>` reaches.
+        message_bytes: how long its messages are.
+        aperture_rad: of the omnidirectional camera, from its axis.
+    """
+
+    rab_range_m: float = 0.8
+    message_bytes: int = 2
+    aperture_rad: float = math.radians(70.0)
+
+
 @dataclass(slots=True)
 class Scope:
     """What a sensor's or an actuator's element may refer to, and what it adds to the world.
@@ -88,6 +104,9 @@ class Scope:
         folder: of the experiment file.
         sources: pollutant sources; sensors append theirs.
         named: tags that some sensor or actuator has asked for.
+        robots: settings of the robots that carry the device.
+        most: how many robots there are.
+        leds: how many LEDs of others a robot may see.
     """
 
     tags: Mapping[str, int]
@@ -98,6 +117,9 @@ class Scope:
     folder: Path = Path()
     sources: list[PollutantSource] = field(default_factory=list)
     named: set[int] = field(default_factory=set)
+    robots: RobotSettings = RobotSettings()
+    most: int = 1
+    leds: int = 0
 
     def tag(self, element: Element, attribute: str, default: str) -> int:
         """Reads an attribute that names a tagged thing; ConfigError where there is none."""

@@ -56,12 +56,18 @@ class Ring:
             angles: Floats = np.radians(np.array(EPUCK_RING_DEG))
             return cls(angles, angles)
         if text == "argos":
-            even = np.pi / 16 + np.pi / 4 * np.arange(8.0)
-            return cls(wrap_angle(np.pi / np.array(_ARGOS_DIVISORS)), wrap_angle(even))
+            ring = cls.of_argos()
+            return cls(ring.angles_rad[::-1], ring.places_rad[::-1])
         if not re.fullmatch("[0-9]{1,3}", text) or not 1 <= int(text) <= _MAX_RING:
             raise element.error(f"{text[:60]!r} is not {expected}", "vs:ring")
         angles = wrap_angle(2.0 * np.pi / int(text) * np.arange(float(text)))
         return cls(angles, angles)
+
+    @classmethod
+    def of_argos(cls) -> Ring:
+        """Gives the ring of ARGoS's e-puck, with its places, in the real robot's order."""
+        even = np.pi / 16 + np.pi / 4 * np.arange(8.0)
+        return cls(wrap_angle(np.pi / np.array(_ARGOS_DIVISORS))[::-1], wrap_angle(even)[::-1])
 
     def __len__(self) -> int:
         return len(self.angles_rad)

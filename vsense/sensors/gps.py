@@ -3,7 +3,8 @@
     <gps_virtual_sensor implementation="default" noise_std_dev="0.01" />
 
 Sensor "gps", three numbers: x, y [m] and heading [rad], counter-clockwise from +x, in (-pi, pi]. A
-unit of the quality settings is 1 m in x and y and 1 rad in the heading.
+unit of the quality settings is 1 m in x and y and 1 rad in the heading. ARGoS's `<positioning>` is
+the same sensor.
 
 Source: iridia.md section 1b.
 """
@@ -21,6 +22,8 @@ from vsense.world.world import World
 from vsense.xml.element import Element
 
 ELEMENTS = ("gps_virtual_sensor",)
+ARGOS_ELEMENTS = ("positioning",)
+ARGOS_NOISE = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,4 +41,9 @@ class GpsSensor:
 
 def from_xml(element: Element, scope: Scope) -> GpsSensor:
     """Makes the sensor; it has only quality settings."""
+    return GpsSensor()
+
+
+def from_argos(element: Element, scope: Scope) -> GpsSensor:
+    """Makes the sensor that one of ARGoS's elements asks for."""
     return GpsSensor()

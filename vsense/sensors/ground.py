@@ -6,6 +6,8 @@ Sensor "ground", three numbers in [0, 1], left, centre, right: 0 is black, 1 is 
 the experiment's `<floor>` with its coloured zones; no real one has to be painted. The unit of the
 quality settings is 1: the whole range from black to white.
 
+ARGoS's `<epuck_ground>` and `<ground>`, and the foot-bot's two, are the same sensor.
+
 Source: epuck_ground of ARGoS, iridia.md section 3; thesis 4.2.1.
 """
 
@@ -23,6 +25,8 @@ from vsense.world.world import World
 from vsense.xml.element import Element
 
 ELEMENTS = ("virtual_ground_sensor",)
+ARGOS_ELEMENTS = ("epuck_ground", "ground", "footbot_base_ground", "footbot_motor_ground")
+ARGOS_NOISE = ("noise_level",)
 
 AHEAD_M = 0.03
 LEFT_M = (0.009, 0.0, -0.009)
@@ -50,4 +54,9 @@ class GroundSensor:
 
 def from_xml(element: Element, scope: Scope) -> GroundSensor:
     """Makes the sensor; it has only quality settings."""
+    return GroundSensor()
+
+
+def from_argos(element: Element, scope: Scope) -> GroundSensor:
+    """Makes the sensor that one of ARGoS's elements asks for."""
     return GroundSensor()

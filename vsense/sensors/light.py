@@ -19,6 +19,11 @@ Robots, boxes and cylinders stand in the way: with "thesis" and "generic" of eac
 to the light, also the robot's own body; with "epuck" of the line from its centre, other bodies.
 `vs:range` [m] and `vs:field_of_view` [deg] are limits of distance and of the angle off each
 sensor's axis; there are none by default. The unit of the quality settings is 1.
+
+ARGoS's `<epuck_light>` ("epuck", as is the foot-bot's) and `<light>` ("generic") give their 8
+readings in the real robot's order and unit, times 4096. As in ARGoS the sum of several lights is
+limited only after the noise. Source: argos3-epuck 66cb8d9, epuck_light_default_sensor.cpp lines
+160-190; argos3 421bd76, light_default_sensor.cpp.
 """
 
 from __future__ import annotations
@@ -36,10 +41,16 @@ from vsense.world.world import World
 from vsense.xml.element import Element
 
 ELEMENTS = ("virtual_light_sensor",)
+ARGOS_ELEMENTS = ("epuck_light", "footbot_light", "light")
+ARGOS_NOISE = ("noise_level",)
 
 FORMULAS = ("thesis", "generic", "epuck")
 
+FULL = 4096.0
+"""What the robot's own ring reads in the brightest light; ARGoS calls it 1. Source: controller.h"""
+
 _MAX_RANGE_M = 1000.0
+_MAX_NOISE = 1e6
 _EPUCK_REACH = 2.5
 """In distances over intensities."""
 
@@ -49,7 +60,8 @@ class LightSensor:
     """Senses the lights of the world; `formula` is one of FORMULAS. See the module.
 
     Lights farther away than `range_m`, or farther off a sensor's axis than half of
-    `field_of_view_rad`, are not sensed.
+    `field_of_view_rad`, are not sensed. Readings are multiplied by `gain`; `limited` ones end
+    at 1.
     """
 
     formula: str
@@ -61,6 +73,8 @@ class LightSensor:
     angles: bool = True
     occlusions: bool = True
     name: str = "light"
+    gain: float = 1.0
+    limited: bool = True
 
     def read(self, world: World, robots: Robots) -> Readings:
         """Reads the ring; see `VirtualSensor.read`."""
@@ -74,8 +88,9 @@ class LightSensor:
             intensities = np.array([light.intensity for light in lights])
             sense = self._from_centre if self.formula == "epuck" else self._from_sensors
             readings[:, :count] = sense(world, robots, places, intensities)
-        if self.formula != "thesis":
+        if self.formula != "thesis" and self.limited:
             np.minimum(readings[:, :count], 1.0, out=readings[:, :count])
+        readings[:, :count] *= self.gain
         return readings
 
     def _from_sensors(
@@ -145,4 +160,19 @@ def from_xml(element: Element, scope: Scope) -> LightSensor:
         field_of_view_rad=field_of_view(element),
         angles=angles,
         occlusions=element.boolean("vs:occlusions", True),
+    )
+
+
+def from_argos(element: Element, scope: Scope) -> LightSensor:
+    """Makes the sensor that one of ARGoS's elements asks for."""
+    ring = Ring.of_argos()
+    return LightSensor(
+        formula="generic" if element.name == "light" else "epuck",
+        ring=ring,
+        layout=f"{len(ring)}*f4",
+        scale=Scale(unit=FULL, low=0.0, high=FULL),
+        angles=False,
+        gain=FULL,
+        # Without noise nothing else limits it.
+        limited=element.number("noise_level", 0.0, _MAX_NOISE, default=0.0) == 0.0,
     )

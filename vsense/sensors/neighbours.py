@@ -97,15 +97,25 @@ class Reach:
             height_m if element.boolean("check_occlusions", True) else None,
         )
 
-    def pairs(self, world: World, robots: Robots, candidates: NDArray[np.bool_]) -> Pairs:
+    def pairs(
+        self,
+        world: World,
+        robots: Robots,
+        candidates: NDArray[np.bool_],
+        reaches_m: Floats | None = None,
+    ) -> Pairs:
         """Finds the pairs of `robots` (n,) and `candidates` (m,), a mask of `world.robots`.
 
-        A robot that no camera sees now is where it was seen last.
+        A robot that no camera sees now is where it was seen last. Each candidate is noticed up to
+        its own of `reaches_m` (m,), where that is not 0.
         """
         own, others = rows_of(world, robots), world.robots
         east = others["x_m"] - robots["x_m"][:, None]
         north = others["y_m"] - robots["y_m"][:, None]
-        near = east * east + north * north < self.range_m**2
+        range_m: Floats | float = self.range_m
+        if reaches_m is not None:
+            range_m = np.where(reaches_m > 0.0, reaches_m, range_m)
+        near = east * east + north * north < np.square(range_m)
         near &= candidates & (others["capture_ns"] != NEVER_NS)
         near[np.arange(len(own)), own] = False
         # Only few of all pairs are near: the others need no bearing.

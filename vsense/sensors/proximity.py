@@ -18,6 +18,12 @@ whole range, 4095: so noise_level="0.05" is +-205.
 A thing at distance d [m] gives 298.701 d^2 - 36.8961 d + 1.08212, clipped to [0, 1], times 4095.
 Source: epuck_proximity of ARGoS, iridia.md section 3, which holds up to 0.05 m: a longer range
 stretches the curve.
+
+ARGoS's `<epuck_proximity>`, mounted where the robots have no ring of their own, gives the same,
+times 4096, in the real robot's order, from ARGoS's places; the foot-bot's is the same here. Of the
+generic `<proximity>` a thing at distance d gives exp(-d). Source: argos3-epuck 66cb8d9,
+epuck_proximity_default_sensor.cpp lines 143-150; argos3 421bd76, proximity_default_sensor.cpp line
+140, epuck_entity.cpp lines 112-135.
 """
 
 from __future__ import annotations
@@ -25,7 +31,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,12 +45,17 @@ from vsense.world.world import World
 from vsense.xml.element import Element
 
 ELEMENTS = ("virtual_proximity_sensor",)
+ARGOS_ELEMENTS = ("epuck_proximity", "footbot_proximity", "proximity")
+ARGOS_NOISE = ("noise_level",)
 
 MAX_RAW = 4095.0
 """The converter's largest value. Source: epuck.md section 6."""
 
 RANGE_M = 0.05
 """How far the formula holds. Source: iridia.md section 3."""
+
+ARGOS_FULL = 4096.0
+"""What ARGoS calls 1, in the unit of the robot's own ring. Source: controller.h"""
 
 _RAYS = 7
 _CONE_DEG = 60.0
@@ -58,7 +69,8 @@ class ProximitySensor:
     """Senses what is near; see the module.
 
     With `virtual_only` physical things are left to the real ring. With a `field_of_view_rad` of 0
-    each sensor looks along one line.
+    each sensor looks along one line. The largest reading is `full`; the `generic` curve is that of
+    ARGoS for any robot.
     """
 
     ring: Ring
@@ -67,11 +79,20 @@ class ProximitySensor:
     virtual_only: bool
     range_m: float = RANGE_M
     field_of_view_rad: float = 0.0
-    scale: ClassVar[Scale] = Scale(unit=MAX_RAW, low=0.0, high=MAX_RAW)
+    full: float = MAX_RAW
+    generic: bool = False
+
+    @property
+    def scale(self) -> Scale:
+        """The whole range is 1 to the quality settings."""
+        return Scale(unit=self.full, low=0.0, high=self.full)
 
     def read(self, world: World, robots: Robots) -> Readings:
         """Reads the ring; see `VirtualSensor.read`."""
-        return MAX_RAW * response(self._distances(world, robots) * (RANGE_M / self.range_m))
+        distances_m = self._distances(world, robots)
+        if self.generic:
+            return self.full * np.exp(-distances_m)
+        return self.full * response(distances_m * (RANGE_M / self.range_m))
 
     def _distances(self, world: World, robots: Robots) -> Floats:
         """Distances of the nearest thing from each sensor, (n, k) [m]; inf where there is none."""
@@ -124,4 +145,18 @@ def from_xml(element: Element, scope: Scope) -> ProximitySensor:
         virtual_only=obstacles == "virtual",
         range_m=element.number("vs:range", 0.001, _MAX_RANGE_M, "m", RANGE_M),
         field_of_view_rad=element.angle("vs:field_of_view", 0.0, 180.0, _CONE_DEG if fuse else 0.0),
+    )
+
+
+def from_argos(element: Element, scope: Scope) -> ProximitySensor:
+    """Makes the sensor that one of ARGoS's elements asks for."""
+    ring, generic = Ring.of_argos(), element.name == "proximity"
+    return ProximitySensor(
+        # ARGoS's own e-puck, which has the generic one, has its sensors where it says.
+        ring=Ring(ring.angles_rad, ring.angles_rad) if generic else ring,
+        name="proximity",
+        layout=f"{len(ring)}*f4",
+        virtual_only=False,
+        full=ARGOS_FULL,
+        generic=generic,
     )

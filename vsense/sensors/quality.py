@@ -25,7 +25,7 @@ from __future__ import annotations
 import math
 import zlib
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
@@ -36,6 +36,9 @@ from vsense.arena import wrap_angle
 from vsense.xml.element import Element
 
 Floats = NDArray[np.float64]
+
+NOISES = ("noise_level", "noise_std_dev")
+"""The noise that devices have in ARGoS."""
 
 _MAX_AMOUNT = 1e6
 _MAX_BITS = 24
@@ -97,8 +100,10 @@ class Quality:
         return any(added) or self.low is not None or self.high is not None
 
     @classmethod
-    def from_xml(cls, element: Element, scale: Scale) -> Quality:
+    def from_xml(cls, element: Element, scale: Scale, noises: Collection[str] = NOISES) -> Quality:
         """Reads the settings of a device's element; `scale` is that of its numbers.
+
+        Of the `NOISES` it has those of `noises`; the others are left to the device itself.
 
         Raises:
             ConfigError: a setting is wrong, or `vs:bits` has no bounds to divide.
@@ -109,8 +114,11 @@ class Quality:
             needed = "needs 'vs:low' and 'vs:high': it divides what is between"
             raise element.error(needed, "vs:bits")
         return cls(
-            noise_level=element.number("noise_level", 0.0, _MAX_AMOUNT, default=0.0),
-            noise_std_dev=element.number("noise_std_dev", 0.0, _MAX_AMOUNT, default=0.0),
+            **{
+                name: element.number(name, 0.0, _MAX_AMOUNT, default=0.0)
+                for name in NOISES
+                if name in noises
+            },
             bias=element.number("vs:bias", -_MAX_AMOUNT, _MAX_AMOUNT, default=0.0),
             drift_per_s=element.number("vs:drift", -_MAX_AMOUNT, _MAX_AMOUNT, "1/s", 0.0),
             low=low,

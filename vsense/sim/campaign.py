@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
+from xml.sax.saxutils import unescape
 
 import numpy as np
 
 from vsense import __version__
 from vsense.errors import UsageError, VsenseError
 from vsense.report import FORMATS, LACKING, can_draw, plot
-from vsense.run.programs import shared_objects
+from vsense.run.programs import loop_object, shared_objects
 from vsense.sim import comparison
 from vsense.sim.job import Job, Setup, Sweep
 from vsense.sim.results import DURATION, EXPERIMENT, ROBOTS, SEED, CampaignResults
@@ -109,7 +110,7 @@ def prepare(sweep: Sweep, setup: Setup) -> list[Task]:
     """
     tasks = []
     for settings in sweep.combinations():
-        changed = Setup(setup.experiment, setup.duration_s, setup.robots, setup.blind, settings)
+        changed = replace(setup, settings=settings)
         experiment = changed.load()
         libraries = {name: str(path) for name, path in shared_objects(experiment).items()}
         words = [f"{key} {value}" for key, value in settings.items()]
@@ -122,7 +123,7 @@ def prepare(sweep: Sweep, setup: Setup) -> list[Task]:
 def fingerprint(task: Task) -> str:
     """What all runs of a campaign have in common, as 8 hexadecimal digits.
 
-    That is the experiment's file with the files it names, the controllers, the length, the robots,
+    That is the experiment's file with the files it names, the programs, the length, the robots,
     whether they are blind, and vsense itself; not settings and seeds, of which more may come.
 
     Raises:
@@ -136,16 +137,24 @@ def fingerprint(task: Task) -> str:
     except OSError as error:
         raise VsenseError(f"{error.filename}: cannot be read: {error.strerror}") from None
     built = [Path(library).parent.name for library in task.job.libraries.values()]
+    loop_functions = loop_object(task.experiment)
+    if loop_functions is not None:
+        built.append(loop_functions.parent.name)
     words = [*built, setup.duration_s, setup.robots, setup.blind]
     digest.update(json.dumps([__version__, *words]).encode())
     return digest.hexdigest()[:8]
 
 
+_QUOTED = re.compile(r"\"([^\"<]*)\"|'([^'<]*)'")
+
+
 def _files(path: Path) -> list[Path]:
-    """An experiment's file, and every file that an attribute in it names."""
-    values = {
-        value for element in ElementTree.parse(path).iter() for value in element.attrib.values()
-    }
+    """An experiment's file, and every file that an attribute in it names.
+
+    The file is not parsed: ARGoS's files need not be well-formed.
+    """
+    quoted = _QUOTED.findall(path.read_text(encoding="utf-8", errors="replace"))
+    values = {unescape(double or single) for double, single in quoted}
     named = (path.parent / value for value in sorted(values) if value and len(value) < MAX_NAME)
     return [path, *(file for file in named if file.is_file())]
 

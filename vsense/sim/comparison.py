@@ -6,6 +6,7 @@ the number beside it their mean.
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -25,6 +26,8 @@ _FRAME_IN, _HEAD_IN = 0.45, 0.6
 """Room for the numbers of a panel, and for title and legend [inch]."""
 _HALF = 0.32
 """Half of a box's height, in rows."""
+_LETTERS, _MOST_LINES = 26, 3
+"""Of a setting's name and value: letters in a line, and lines."""
 _GOLDEN = 0.618034
 _LEGEND = "dot: a run; box: the middle half; line: median; number: mean"
 
@@ -41,10 +44,10 @@ def draw(
     `measures` are, by name, the values of the runs for every combination of `settings`; one measure
     at least.
     """
-    labels = [
-        label("\n".join(f"{key} = {value}" for key, value in some.items()) or "as in the file")
-        for some in settings
-    ]
+    names = [_name(some) for some in settings]
+    if len(set(names)) < len(names):  # shortened, they may say the same
+        names = [f"{number}. {name}" for number, name in enumerate(names, 1)]
+    labels = [label(name) for name in names]
     row_in = _LINE_IN * max(text.count("\n") + 1 for text in labels) + _GAP_IN
     bands = -(-len(measures) // PANELS_IN_ROW)
     columns = min(len(measures), PANELS_IN_ROW)
@@ -61,6 +64,15 @@ def draw(
     for axes in panels[:, 0]:
         axes.set_yticks(range(len(labels)), labels)
     return figure
+
+
+def _name(some: Mapping[str, str]) -> str:
+    """What tells a setting from others; long values, such as of a state machine, are shortened."""
+    lines: list[str] = []
+    for key, value in some.items():
+        words = f"{key} = {value}"
+        lines += textwrap.wrap(words, _LETTERS, max_lines=_MOST_LINES, placeholder=" ...")
+    return "\n".join(lines) or "as in the file"
 
 
 def _count(runs: Sequence[int]) -> str:

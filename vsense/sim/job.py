@@ -11,6 +11,7 @@ from typing import Any
 from vsense.config.experiment import first_robots, load
 from vsense.config.specs import Experiment, Stage
 from vsense.errors import UsageError
+from vsense.robot.programs import CodeOptions
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +24,7 @@ class Setup:
         robots: how many of its robots, None: all.
         blind: hold the virtual sensors at 0.
         settings: values by `ELEMENT.attribute` instead of the file's.
+        code: where the controllers' sources are.
     """
 
     experiment: str
@@ -30,6 +32,7 @@ class Setup:
     robots: int | None = None
     blind: bool = False
     settings: Mapping[str, str] = field(default_factory=dict)
+    code: CodeOptions = field(default_factory=CodeOptions)
 
     def load(self) -> Experiment:
         """Loads the experiment.
@@ -38,7 +41,9 @@ class Setup:
             UsageError: it is not there, has no length, or not so many robots.
             ConfigError: its file is wrong.
         """
-        return self.fit(load(self.experiment, self.duration_s, self.settings, Stage.SIM))
+        return self.fit(
+            load(self.experiment, self.duration_s, self.settings, Stage.SIM, code=self.code)
+        )
 
     def fit(self, experiment: Experiment) -> Experiment:
         """Reduces a loaded experiment to its wanted robots; raises as `load`."""
@@ -69,7 +74,9 @@ class Job:
     def from_line(cls, line: bytes) -> Job:
         """Reads what `to_line` gave."""
         fields: dict[str, Any] = json.loads(line)
-        return cls(Setup(**fields.pop("setup")), **fields)
+        setup: dict[str, Any] = fields.pop("setup")
+        code = CodeOptions(**setup.pop("code"))
+        return cls(Setup(**setup, code=code), **fields)
 
 
 @dataclass(frozen=True, slots=True)

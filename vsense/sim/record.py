@@ -101,6 +101,11 @@ class Record:
         self._shown: list[tuple[float, int, str, float | str | None]] = []
         self._showing: dict[int, dict[str, float | str]] = {}
 
+    def end(self, timesteps: int) -> None:
+        """Ends the run after so many timesteps, before its length is over."""
+        self.timesteps, self.share = self.timesteps[:timesteps], self.share[:timesteps]
+        self.poses, self.leds = self.poses[:timesteps], self.leds[:timesteps]
+
     def note(self, timestep: int, poses: Floats, leds: NDArray[np.uint16], share: float) -> None:
         """Sets the row of a timestep, from 0; see the class."""
         self.poses[timestep], self.leds[timestep], self.share[timestep] = poses, leds, share
@@ -132,8 +137,9 @@ class Record:
     def save(self, path: Path) -> None:
         """Writes the trajectories: an .npz file that NumPy reads.
 
-        It holds time_s (n,), tags (robots,), object_tags (objects,), poses (n, robots, 3) and
-        object_poses (n, objects, 3) of x_m, y_m, yaw_rad, and leds (n, robots).
+        It holds time_s (n,), tags (robots,), controllers (robots,), their ids, object_tags
+        (objects,), poses (n, robots, 3) and object_poses (n, objects, 3) of x_m, y_m, yaw_rad, and
+        leds (n, robots).
 
         Raises:
             VsenseError: the file cannot be written.
@@ -144,6 +150,7 @@ class Record:
                 path,
                 time_s=self.timesteps * self._experiment.timestep_s,
                 tags=np.array(self.tags, dtype=np.uint32),
+                controllers=np.array([r.controller for r in self._experiment.robots]),
                 object_tags=np.array(self.object_tags, dtype=np.uint32),
                 poses=self.poses[:, :robots],
                 object_poses=self.poses[:, robots:],

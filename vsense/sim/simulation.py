@@ -9,22 +9,27 @@ Nothing reads a clock: a seed gives the same bits every time.
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment
 from vsense.link.robots.wire import Values, Wanted
-from vsense.physics.motion import floor_of
+from vsense.physics.motion import Floats, Physics, floor_of, obstacles
 from vsense.physics.proximity_ring import ProximityRing
+from vsense.physics.wheel_noise import NoisyWheels
 from vsense.pictures.run_samples import RunSamples
 from vsense.robot.inprocess import ACT_NS, CONTROL_NS
+from vsense.robot.loop_library import FUNCTIONS, Colors, LoopLibrary
+from vsense.run.cxx_loop import LoopHost
 from vsense.run.environment import Environment
-from vsense.run.programs import Programs
+from vsense.run.programs import PROGRESS_BYTES, Programs
 from vsense.sim.record import Record, SimulatedTracker
+from vsense.world.entities import Box, Cylinder
 
 EPOCH_NS = 1_000_000_000
 """The virtual clock at the first timestep; 0 stands for "never" on the wire."""
@@ -35,6 +40,31 @@ WARM_UP = 3
 SENSE_NS = 20_000_000
 """From the capture to the last reading of the proximity sensors before a control step: their frame
 is composed after 24 ms, and they measure every 10 ms."""
+
+
+LOOP_FUNCTION = 0x10000
+"""What `Programs` notes as the number of its controller is this and more while loop functions in
+C++ run: which of `FUNCTIONS`."""
+
+
+class _Watched(LoopLibrary):
+    """Loop functions in this process; which function runs stands in the memory of `Programs`."""
+
+    def __init__(self, library: Path, progress: Any, timestep: Callable[[], int]) -> None:
+        super().__init__(library)
+        self._note = memoryview(progress).cast("B").cast("I")
+        self._timestep = timestep
+
+    def call(
+        self, function: str, lines: Sequence[str], numbers: NDArray[np.float64]
+    ) -> tuple[str, Colors]:
+        before = self._note[2]
+        self._note[0], self._note[2] = self._timestep(), LOOP_FUNCTION + FUNCTIONS.index(function)
+        # As if a robot were in its control step: so an endless loop is noticed.
+        self._note[1] = 1
+        answer = super().call(function, lines, numbers)
+        self._note[1], self._note[2] = 0, before
+        return answer
 
 
 class _Event(NamedTuple):
@@ -74,7 +104,9 @@ class Simulation:
             VsenseError: something in the experiment cannot be had.
         """
         experiment = settle(experiment, seed)
-        self.environment = Environment(experiment, seed, blind)
+        progress = bytearray(PROGRESS_BYTES) if progress is None else progress
+        self._timestep = self._numbers = 0
+        self.environment = Environment(experiment, seed, blind, self._host(progress))
         self.record = Record(experiment)
         self.samples: RunSamples | None = None
         self._dt_ns, self._source = experiment.timestep_ns, experiment.source
@@ -82,12 +114,19 @@ class Simulation:
         self._rings = ProximityRing(self._physics.near, seed)
         self._tracker = SimulatedTracker((*self.record.tags, *self.record.object_tags), seed)
         controllers = {robot.tag: robot.controller for robot in experiment.robots}
+        self._slip = NoisyWheels(experiment.wheel_noises, seed)
         tables = self.environment.tables
         self._robots = Programs(experiment, controllers, libraries, tables, seed, progress)
         self._leds = np.zeros_like(self._robots.leds)
         self._reports, self._events = dict[int, bytes](), list[_Event]()
         self._names = {robot.tag: robot.id for robot in experiment.robots}
-        self._timestep = self._numbers = 0
+        self._now_ns, self._driven = EPOCH_NS, self._robots.wheels_steps_s.copy()
+        self._version, self._standing = -1, _standing(experiment.boxes, experiment.cylinders)
+        self._follow()
+
+    def _host(self, progress: Any) -> LoopHost:
+        """Where loop functions in C++ run: here, and what they move is moved."""
+        return LoopHost(lambda path: _Watched(path, progress, lambda: self._timestep), moves=True)
 
     def run(self) -> dict[str, float]:
         """Runs all timesteps; returns the experiment's own results by name.
@@ -97,10 +136,16 @@ class Simulation:
         """
         for run_timestep in range(-WARM_UP, len(self.record.timesteps)):
             self.step(run_timestep)
+            if self.environment.finished:
+                self.record.end(run_timestep + 1)
+                break
         self._advance(self._capture_ns())
+        self._robots.end()
         if self.samples is not None:
             self.samples.end(self.environment.world)
-        return self.environment.end()
+        results = self.environment.end()
+        self._note_said(len(self.record.timesteps) - 1)
+        return results
 
     def step(self, run_timestep: int) -> None:
         """Runs one timestep, negative before the run, up to the moment before the next capture."""
@@ -109,6 +154,8 @@ class Simulation:
         poses, world = self._physics.poses, self.environment.world
         state = self._tracker.update(poses, self._timestep, capture_ns)
         readings = self.environment.step(state, run_timestep, self._reports)
+        self._note_said(run_timestep)
+        self._follow()
         if run_timestep >= 0:
             left = 1.0 if self._source is None else world.stock.share(self._source)
             self.record.note(run_timestep, poses, self._leds, left)
@@ -116,6 +163,29 @@ class Simulation:
                 self.samples.add(run_timestep, world)
         self._plan(capture_ns + SENSE_NS, self._control(capture_ns, self._timestep, readings))
         self._timestep += 1
+
+    def _note_said(self, run_timestep: int) -> None:
+        """Keeps what loop functions log; before the run, with its first timestep."""
+        for text in self.environment.said():
+            self.record.note_event(max(run_timestep, 0), f"loop functions: {text}")
+
+    def _follow(self) -> None:
+        """Puts robots, and what they can drive against, where loop functions put them."""
+        for row, pose in self.environment.moved().items():
+            self._physics.poses[row] = pose
+        world = self.environment.world
+        if world.version[0] == self._version:
+            return
+        self._version = world.version[0]
+        standing = _standing(world.boxes(), world.cylinders())
+        if all(np.array_equal(now, before) for now, before in zip(standing, self._standing)):
+            return
+        self._standing = standing
+        robots, boxes, cylinders = len(self.record.tags), *standing
+        poses, now_ns = self._physics.poses, max(self._now_ns, EPOCH_NS)
+        self._physics = Physics(poses[:robots], poses[robots:], boxes, now_ns, cylinders)
+        self._physics.drive_all(self._driven, now_ns)
+        self._rings.near = self._physics.near
 
     def complaints(self) -> list[str]:
         """What the controllers asked for in vain, or do not know."""
@@ -152,9 +222,11 @@ class Simulation:
 
     def _obey(self, time_ns: int, reports: dict[int, bytes]) -> Callable[[], None]:
         """Makes the event in which wheels and LEDs follow the controllers."""
-        wheels, leds = self._robots.wheels_steps_s.copy(), self._robots.leds.copy()
+        wheels = self._slip.apply(self._robots.wheels_steps_s.copy())
+        leds = self._robots.leds.copy()
 
         def happen() -> None:
+            self._driven = wheels
             self._physics.drive_all(wheels, time_ns)
             self._leds, self._reports = leds, reports
 
@@ -171,3 +243,11 @@ class Simulation:
             self._physics.advance(event.time_ns)
             event.happen()
         self._physics.advance(time_ns)
+        self._now_ns = time_ns
+
+
+def _standing(boxes: Sequence[Box], cylinders: Sequence[Cylinder]) -> tuple[Floats, Floats]:
+    """What robots drive against, as `Physics` takes it."""
+    return obstacles(
+        [box for box in boxes if box.physical], [post for post in cylinders if post.physical]
+    )

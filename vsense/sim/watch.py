@@ -19,9 +19,10 @@ from vsense.errors import VsenseError
 from vsense.lab.processes import describe_exit, start_module
 from vsense.lab.shared import SharedBlock
 from vsense.robot.inprocess import SimError
+from vsense.robot.loop_library import FUNCTIONS
 from vsense.run.programs import PROGRESS_BYTES
 from vsense.sim.job import Job
-from vsense.sim.simulation import WARM_UP
+from vsense.sim.simulation import LOOP_FUNCTION, WARM_UP
 
 POLL_S = 0.1
 """Period of the checks. Checks are counted, not time: a machine that slept, or a process that was
@@ -146,6 +147,10 @@ class WorkerProcess:
             when = f"in timestep {timestep - WARM_UP} (t = {time_s:g} s)"
         if not robot:
             return task.named(f"outside of any controller, {when}, the simulation")
+        if number >= LOOP_FUNCTION:
+            function, loop = FUNCTIONS[number - LOOP_FUNCTION], experiment.loop_functions
+            assert loop is not None
+            return task.named(f"{when}: loop functions '{loop.label}' ({loop.path}): {function}")
         controller = experiment.controllers[number]
         spec = [r for r in experiment.robots if r.controller == controller.id][robot - 1]
         return task.named(

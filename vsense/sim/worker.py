@@ -69,7 +69,7 @@ def simulate(job: Job, progress: Any) -> dict[str, Any]:
     return {
         "name": experiment.name,
         "robots": len(experiment.robots),
-        "timesteps": experiment.timesteps,
+        "timesteps": len(run.record.timesteps),
         "timestep_s": experiment.timestep_s,
         "wall_s": wall_s,
         "swarm": run.record.swarm(),

@@ -86,7 +86,9 @@ class Publisher:
         self._clock = clock
         self._sensors = environment.entries(Direction.SENSOR)
         actuators = environment.entries(Direction.ACTUATOR)
-        self._robots = RobotTable({r.tag: r.id for r in environment.experiment.robots}, actuators)
+        robots = environment.experiment.robots
+        names, controllers = {r.tag: r.id for r in robots}, {r.tag: r.controller for r in robots}
+        self._robots = RobotTable(names, controllers, actuators)
         self._cameras = CameraTable(facts.cameras, facts.troubles)
         self._state: ArenaState | None = None
         self._rates = Rates(WINDOW)

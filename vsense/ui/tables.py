@@ -81,11 +81,18 @@ CAUSES = {
 class RobotTable:
     """The robots' rows, and when each was seen last.
 
-    `names` are the experiment's, by tag; `actuators` are those of each robot's table, by tag.
+    `names` are the experiment's, by tag; `controllers` are the ids of those that the experiment has
+    for them, `actuators` those of each robot's table, by tag.
     """
 
-    def __init__(self, names: Mapping[int, str], actuators: Mapping[int, Sequence[Entry]]) -> None:
+    def __init__(
+        self,
+        names: Mapping[int, str],
+        controllers: Mapping[int, str],
+        actuators: Mapping[int, Sequence[Entry]],
+    ) -> None:
         self._names = dict(names)
+        self._controllers = dict(controllers)
         self._actuators = actuators
         self._seen_ns: dict[int, int] = {}
 
@@ -117,9 +124,12 @@ class RobotTable:
             "version": link.version,
             "controller": link.controller,
             "hash": link.hash,
+            "expected": self._controllers[link.tag],
         }
         row |= self._telemetry(link)
-        row["trouble"] = _trouble(row, seen_ns is None or now_ns - seen_ns > UNSEEN_NS)
+        row["trouble"] = link.refused or _trouble(
+            row, seen_ns is None or now_ns - seen_ns > UNSEEN_NS
+        )
         return row
 
     def _telemetry(self, link: RobotStatus) -> dict[str, Any]:

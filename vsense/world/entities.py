@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -53,6 +53,13 @@ class Arena:
         )
 
 
+class Led(NamedTuple):
+    """A coloured light on a box or cylinder: where, in its frame from its base, and how."""
+
+    offset_m: Vector
+    color: Color
+
+
 @dataclass(frozen=True, slots=True)
 class Box:
     """A box, also a wall.
@@ -61,6 +68,7 @@ class Box:
         position_m: middle of its base.
         size_m: extent along its own x, y, z.
         yaw_rad: its turn about z.
+        leds: what cameras see of it.
     """
 
     id: str
@@ -68,6 +76,7 @@ class Box:
     size_m: Vector
     yaw_rad: float = 0.0
     physical: bool = False
+    leds: tuple[Led, ...] = ()
 
     def __post_init__(self) -> None:
         _check(self, position_m=_vector, size_m=_sizes, yaw_rad=_angle)
@@ -82,6 +91,7 @@ class Cylinder:
     radius_m: float
     height_m: float
     physical: bool = False
+    leds: tuple[Led, ...] = ()
 
     def __post_init__(self) -> None:
         _check(self, position_m=_vector, radius_m=_length, height_m=_length)

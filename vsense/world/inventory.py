@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 from typing import TypeVar
 
 from vsense.world.entities import (
     Box,
+    Color,
     Cylinder,
     Entity,
     Light,
@@ -72,10 +74,31 @@ class Inventory:
         del self._entities[name]
         self._changed()
 
+    def rebuild(self, entity: Entity) -> None:
+        """See `World.rebuild`."""
+        self._add(entity)
+
+    def tear_down(self, name: str) -> None:
+        """See `World.tear_down`."""
+        del self._entities[self.get(name).id]
+        self._changed()
+
     def move(self, name: str, x_m: float, y_m: float, yaw_rad: float | None) -> None:
         """See `World.move`."""
         _check_virtual(self.get(name))
         self._entities[name] = moved(self._entities[name], x_m, y_m, yaw_rad)
+        self._changed()
+
+    def set_leds(self, name: str, colors: Sequence[Color]) -> None:
+        """See `World.set_leds`."""
+        thing = self.get(name)
+        if not isinstance(thing, (Box, Cylinder)):
+            raise WorldError(f"{name!r} is no box or cylinder: it has no LEDs")
+        leds = thing.leds
+        if len(colors) != len(leds):
+            raise WorldError(f"{name!r} has {len(leds)} LEDs, and {len(colors)} colours came")
+        lit = tuple(led._replace(color=color) for led, color in zip(leds, colors))
+        self._entities[name] = replace(thing, leds=lit)
         self._changed()
 
     def get(self, name: str) -> Entity:

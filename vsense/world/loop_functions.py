@@ -4,6 +4,7 @@ An experiment names a file, `<loop_functions library="doors.py" />`. It holds an
 functions or as methods of one class, called as the attribute `label` says ("LoopFunctions"
 where there is none), which is made for every run, without arguments:
 
+    def populate(space):   while the experiment is read: space.add_robot(id, controller, x_m, y_m)
     def reset(world):      before the first timestep
     def pre_step(world):   after the robots were seen, before their virtual actuators act
     def post_step(world):  after the robots' readings were computed
@@ -11,8 +12,9 @@ where there is none), which is made for every run, without arguments:
     def floor_color(x_m, y_m):  with <floor source="loop_functions">: red, green, blue, 0..255
 
 `world` is the `World`: `world.params["door_s"]` are the other attributes of the element, as texts;
-`world.random` is what to draw from, so that a seed repeats a run. What goes wrong in the file
-becomes one error that names its line.
+`world.random` is what to draw from, so that a seed repeats a run; `world.driven_by("prey")` tells
+which of `world.robots` that controller drives. What goes wrong in the file becomes one error that
+names its line.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ import inspect
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -31,7 +33,7 @@ from vsense.world.floor import Floor
 from vsense.world.users_code import UsersCode, line_of
 from vsense.world.world import Results, World
 
-HOOKS = {"reset": 1, "pre_step": 1, "post_step": 1, "end": 1, "floor_color": 2}
+HOOKS = {"populate": 1, "reset": 1, "pre_step": 1, "post_step": 1, "end": 1, "floor_color": 2}
 """What the file may hold, and how many arguments each is called with."""
 
 DEFAULT_LABEL = "LoopFunctions"
@@ -53,8 +55,48 @@ class LoopFunctionsError(VsenseError):
         self.message = message
 
 
+class Hooks(Protocol):
+    """What is called around every timestep of a run, whatever it is written in.
+
+    Attributes:
+        finished: the hooks have said that the experiment is over.
+        said: what they logged since the list was emptied.
+        moved: x, y and yaw of robots, by row, that were put somewhere since it was emptied.
+    """
+
+    finished: bool
+    said: list[str]
+    moved: dict[int, tuple[float, float, float]]
+
+    def renewed(self) -> Hooks:
+        """The hooks of a run that begins anew."""
+        ...
+
+    def reset(self, world: World) -> None:
+        """Before the first timestep."""
+        ...
+
+    def pre_step(self, world: World) -> None:
+        """After the robots were seen, before their virtual actuators act."""
+        ...
+
+    def post_step(self, world: World) -> None:
+        """After the robots' readings were computed."""
+        ...
+
+    def end(self, world: World) -> dict[str, float]:
+        """After the last timestep; gives the run's measures."""
+        ...
+
+    def floor(self, arena: Arena, pixels_per_m: float) -> Floor:
+        """The floor that the hooks give, pixel by pixel."""
+        ...
+
+
 class LoopFunctions:
-    """The hooks of one user's file for one run."""
+    """The hooks of one user's file for one run; they never move robots or end a run."""
+
+    finished = False
 
     def __init__(
         self, path: Path, label: str = "", params: Mapping[str, str] | None = None
@@ -69,6 +111,9 @@ class LoopFunctions:
         Raises:
             LoopFunctionsError: the file cannot be read or run, or holds no hook.
         """
+        self._made_of = path, label, params
+        self.said: list[str] = []
+        self.moved: dict[int, tuple[float, float, float]] = {}
         self._code = UsersCode(path, LoopFunctionsError)
         self._file = self._code.file
         self._params = dict(params or {})
@@ -83,6 +128,20 @@ class LoopFunctions:
         if not self._hooks:
             known = ", ".join(HOOKS)
             raise LoopFunctionsError(self._file, 1, f"holds no loop function, expected: {known}")
+
+    def renewed(self) -> LoopFunctions:
+        """Those of another run: the file is run again."""
+        return LoopFunctions(*self._made_of)
+
+    def populate(self, space: object) -> None:
+        """Calls the user's `populate`; see `vsense.config.population`.
+
+        Raises:
+            LoopFunctionsError: it failed.
+        """
+        given = self._call("populate", space)
+        if given is not None:
+            raise self._wrong("populate", f"gave {_shown(given)}, expected nothing")
 
     def reset(self, world: World) -> None:
         """Calls the user's `reset`, with the settings in place.

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections import UserDict
 from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from vsense.arena import ArenaState
 from vsense.world.entities import (
     Arena,
     Box,
+    Color,
     Cylinder,
     Entity,
     Light,
@@ -57,8 +59,13 @@ BODY_MEMORY_NS = DEFAULT_MEMORY_NS
 MESSAGE_MAX = 16
 """Bytes of the longest virtual message."""
 
-MESSAGE = np.dtype([("length", "u1"), ("data", "u1", (MESSAGE_MAX,))])
-"""A robot's message to its neighbours: `length` bytes of `data`; length 0: nothing."""
+MESSAGE = np.dtype([("length", "u1"), ("data", "u1", (MESSAGE_MAX,)), ("range_m", "f8")])
+"""A robot's message to its neighbours: `length` bytes of `data`; length 0: nothing. It is heard up
+to `range_m`; 0: as far as the receiver says."""
+
+ROBOT_LEDS = 11
+"""LEDs of an e-puck of ARGoS: its ring of 8, counter-clockwise from the front left, and three
+coloured ones, front left, front right and back."""
 
 
 class World:
@@ -71,7 +78,8 @@ class World:
             `capture_ns` (NEVER_NS before the first).
         objects: POSE array, read-only, of the tagged things that are no robots, likewise.
         real_robots: how many of the robots are real.
-        leds: (n, 3) uint8 red, green, blue of each robot's virtual LEDs; 0: off.
+        leds: (n, 3) uint8 red, green, blue that each robot shows with its virtual LEDs; 0: off.
+        led_colors: (n, ROBOT_LEDS, 3) uint8 of each single one, as cameras of ARGoS see them.
         messages: MESSAGE array (n,), what each robot sends now.
         sources: what pollutes, in the experiment's order.
         fields: fields by id.
@@ -80,6 +88,7 @@ class World:
         stock: what robots have left of the pollutant sources.
         params: the loop functions' own settings.
         arena: the arena, or None where it is not needed.
+        controllers: id of the controller of each robot, by its tag.
         capture_ns: capture time of the newest arena state, 0 before the first.
         run_timestep: timestep of the run, from 0; negative before the run.
     """
@@ -103,6 +112,7 @@ class World:
         arena: Arena | None = None,
         timestep_s: float = 0.1,
         seed: int = 0,
+        controllers: Mapping[int, str] = MappingProxyType({}),
     ) -> None:
         """Makes a world of which no camera has seen anything yet.
 
@@ -120,7 +130,7 @@ class World:
         self._objects = unseen(sorted(marked - {*self._robots["tag"].tolist()}))
         self.real_robots = len(self._robots)
         self.sources = tuple(sources)
-        self.arena, self.timestep_s = arena, timestep_s
+        self.arena, self.timestep_s, self.controllers = arena, timestep_s, controllers
         self.params: dict[str, str] = {}
         self.fields = by_id(fields, timestep_s)
         self._inventory, self._seed = Inventory(entities), seed
@@ -138,6 +148,7 @@ class World:
         self.random = np.random.Generator(np.random.PCG64(self._seed))
         self._robots = self._robots[: self.real_robots]
         self._leds = np.zeros((self.real_robots, 3), dtype=np.uint8)
+        self._led_colors = np.zeros((self.real_robots, ROBOT_LEDS, 3), dtype=np.uint8)
         self._messages = np.zeros(self.real_robots, dtype=MESSAGE)
         self._settle()
 
@@ -165,6 +176,11 @@ class World:
     def leds(self) -> NDArray[np.uint8]:
         self._settle()
         return self._leds
+
+    @property
+    def led_colors(self) -> NDArray[np.uint8]:
+        self._settle()
+        return self._led_colors
 
     @property
     def messages(self) -> NDArray[np.void]:
@@ -215,6 +231,30 @@ class World:
         """
         self._inventory.move(name, x_m, y_m, yaw_rad)
 
+    def rebuild(self, entity: Entity) -> None:
+        """As `put`, also of what stands in the arena: for simulations, whose arena can change.
+
+        Raises:
+            WorldError: another robot has its tag.
+        """
+        self._inventory.rebuild(entity)
+
+    def tear_down(self, name: str) -> None:
+        """As `remove`, likewise.
+
+        Raises:
+            WorldError: there is none of this name.
+        """
+        self._inventory.tear_down(name)
+
+    def set_leds(self, name: str, colors: Sequence[Color]) -> None:
+        """Gives the LEDs of a box or cylinder other colours; a physical one's, too.
+
+        Raises:
+            WorldError: there is none of this name, or it has not as many LEDs.
+        """
+        self._inventory.set_leds(name, colors)
+
     def boxes(self) -> tuple[Box, ...]:
         """All boxes, physical and virtual."""
         return self._inventory.of(Box)
@@ -260,6 +300,11 @@ class World:
             self._bodies = Bodies(np.concatenate([*rows, self._standing]))
         return self._bodies
 
+    def driven_by(self, controller: str) -> NDArray[np.bool_]:
+        """Which of `robots` a controller drives, by its id, (n,)."""
+        tags = self.robots["tag"].tolist()
+        return np.array([self.controllers.get(tag) == controller for tag in tags], dtype=bool)
+
     def pose(self, tag: int) -> np.void | None:
         """The last sighting of a robot or tagged thing, or None if there is none yet."""
         for poses in (self._robots, self._objects):
@@ -298,4 +343,5 @@ class World:
         if after != before:
             # Virtual robots that stay keep LEDs and message.
             self._leds = carried(self._leds, before, after)
+            self._led_colors = carried(self._led_colors, before, after)
             self._messages = carried(self._messages, before, after)

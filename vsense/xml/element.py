@@ -138,6 +138,10 @@ class Element:
         """Whether an attribute is of our own namespace."""
         return any(key.startswith(_OURS) for key in self._attributes)
 
+    def was_asked(self, key: str) -> bool:
+        """Whether somebody has asked for an attribute."""
+        return key in self._asked_attributes
+
     def has(self, key: str) -> bool:
         """Whether an optional attribute is there."""
         self._asked_attributes.add(key)

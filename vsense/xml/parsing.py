@@ -24,20 +24,6 @@ _SEPARATOR = " "
 _OURS = "vs:"
 
 _TAKEN = re.compile(
-    rb"""<!\[CDATA\[.*?\]\]>|<!--(.*?)-->|("[^"<]*"|'[^'<]*')(?=[A-Za-z_:])""", re.DOTALL
-)
-"""What TinyXML takes beside XML: any comment up to the first `-->`, and attributes without a blank
-between them."""
-
-_PASSED_OVER = ("http://www.w3.org/2001/XMLSchema-instance", "http://www.w3.org/XML/1998/namespace")
-"""Editors' hints, such as the place of a schema."""
-
-_MAX_BYTES = 1 << 20
-_MAX_DEPTH = 32
-_SEPARATOR = " "
-_OURS = "vs:"
-
-_TAKEN = re.compile(
     rb"""<!\[CDATA\[.*?\]\]>|<!--(.*?)-->|("[^"<]*"|'[^'<]*')([A-Za-z_:]?)""", re.DOTALL
 )
 """What TinyXML takes beside XML: any comment up to the first `-->`, and attributes without a blank

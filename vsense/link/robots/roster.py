@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import secrets
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from vsense.link.robots.peer import Orders
 from vsense.link.robots.session import HostSession
@@ -45,6 +45,26 @@ class Answer:
 
 
 @dataclass(frozen=True, slots=True)
+class ToldProgram:
+    """A controller as robots tell it in their greeting.
+
+    Attributes:
+        name: what it calls itself, "": not known.
+        hash: of its source, "": not known.
+    """
+
+    name: str
+    hash: str = ""
+
+    def __str__(self) -> str:
+        return f"'{self.name or 'unnamed'}'{f' ({self.hash})' if self.hash else ''}"
+
+    def is_same(self, other: ToldProgram) -> bool:
+        """Whether both are made of the same source, as far as is known."""
+        return self.hash == other.hash if self.hash and other.hash else self.name == other.name
+
+
+@dataclass(frozen=True, slots=True)
 class ExpectedRobot:
     """A robot of the experiment.
 
@@ -52,11 +72,13 @@ class ExpectedRobot:
         name: its own in the experiment.
         table: its sensor table.
         params: lines "key=value\\n" for its controller.
+        program: its controller, None: not known.
     """
 
     name: str
     table: Table
     params: str = ""
+    program: ToldProgram | None = None
 
 
 class Roster:
@@ -119,14 +141,33 @@ class Roster:
         if hello.params_room < size:
             text = f"the experiment's params have {size} bytes, the robot has {hello.params_room}"
             return self.refuse(RefuseCode.ROOM, text, origin, now_ns, hello.tag)
+        runs, wanted = ToldProgram(hello.controller, hello.hash), self._expected[hello.tag].program
+        if wanted is not None and self._is_anothers(runs, wanted):
+            robot.refused = f"runs {runs}, expected {wanted}"
+            text = f"{robot.name} {robot.refused}: see vsense robot deploy"
+            return self.refuse(RefuseCode.CONTROLLER, text, origin, now_ns, hello.tag)
         farewell = None
         if robot.open:
             run = self.orders.run
             farewell = robot.goodbye(GoodbyeCause.TAKEN_OVER, TAKEN_OVER, run, now_ns)
         event = robot.greet(self._number(), hello, header, origin, now_ns)
+        if wanted is not None and not runs.is_same(wanted):
+            event = replace(event, text=f"{event.text}: {runs}; the file's is {wanted}")
         self._by_session = {r.peer.session: r for r in self.robots.values() if r.open}
         answer = robot.welcome(self._welcome(hello.tag), self.orders, now_ns)
         return Answer(robot, answer, farewell, event)
+
+    def _is_anothers(self, runs: ToldProgram, wanted: ToldProgram) -> bool:
+        """Whether a robot runs a program that its sensor table is not for.
+
+        Where all robots have one controller, it may be an older or a newer one, or the user's own
+        under another name: its table is for whatever runs there.
+        """
+        known = {robot.program for robot in self._expected.values() if robot.program is not None}
+        if len(known) < 2 or runs.is_same(wanted):
+            return False
+        other = any(runs.is_same(program) for program in known)
+        return other or bool(wanted.name and runs.name != wanted.name)
 
     def refuse(
         self, code: RefuseCode, text: str, origin: str, now_ns: int, tag: int | None = None

@@ -54,6 +54,7 @@ class HostSession:
         superseded: STATE packets that a newer one replaced in a slow TCP stream.
         unsent: STATE packets that the kernel refused on their only way.
         reporter: what the robot's virtual actuators say.
+        refused: why a robot with this tag has been turned away since the last session, or "".
     """
 
     def __init__(self, tag: int, name: str, table: Table) -> None:
@@ -64,6 +65,7 @@ class HostSession:
         self.due_ns = 0
         self.superseded = 0
         self.unsent = 0
+        self.refused = ""
         self._table = table
         self._uid: bytes | None = None
         self._hello = _NO_HELLO
@@ -107,7 +109,7 @@ class HostSession:
         """
         event = self._greeting(hello, origin, now_ns)
         self.peer.open(session, self._table, header.send_ns, now_ns)
-        self._uid, self._hello = hello.uid, hello
+        self._uid, self._hello, self.refused = hello.uid, hello, ""
         self.reporter.open(hello.uid)
         self._log.open(hello.uid, hello.started)
         self._sessions += 1
@@ -258,4 +260,5 @@ class HostSession:
             received=counters.pop("received"),
             accepted=counters.pop("accepted"),
             dropped=counters,
+            refused=self.refused,
         )

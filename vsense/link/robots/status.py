@@ -158,6 +158,7 @@ class RobotStatus:
         unsent: of these, refused by the kernel on their only way.
         received, accepted: telemetry packets that arrived, good or bad, and that were taken.
         dropped: by reason, how many were not; `received` is `accepted` plus all of these.
+        refused: why a robot with its tag was turned away since the newest session; "": none was.
     """
 
     tag: int
@@ -178,6 +179,7 @@ class RobotStatus:
     received: int
     accepted: int
     dropped: Mapping[str, int]
+    refused: str = ""
 
     @property
     def lit(self) -> bool:

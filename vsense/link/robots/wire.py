@@ -57,6 +57,7 @@ class RefuseCode(IntEnum):
     FULL = lib.VS_REFUSE_FULL
     HELLO = lib.VS_REFUSE_HELLO
     ROOM = lib.VS_REFUSE_ROOM
+    CONTROLLER = lib.VS_REFUSE_CONTROLLER
 
 
 class GoodbyeCause(IntEnum):

@@ -53,6 +53,7 @@ export class Robot {
       ["wheels", wheels],
       ["link", robot ? `${milliseconds(robot.heard_ms)}${robot.udp ? "" : " · no UDP"}` : "–"],
       ["battery", robot ? volts(robot.battery_mv) : "–"],
+      ["controller", this.store.controller(this.choice.tag)?.id || "–"],
       ["program", robot ? `${robot.controller ?? "–"} ${robot.hash ?? ""}` : "–"],
     ];
     for (const [name, value] of Object.entries(robot?.shown ?? {})) {

@@ -6,9 +6,18 @@ import { count, milliseconds, reading, volts } from "./format.js";
 const STALE_MS = 500;
 const LONG_NAME = 12;
 
+// What the experiment has for a robot: shown where not all have the same.
+const RUNS = "runs";
+const TEXTS = ["name", RUNS, "state"];
+
+function align(name) {
+  return name === RUNS ? RUNS : TEXTS.includes(name) ? "" : "n";
+}
+
 // name of the column, head, what it shows, what it is sorted by, whether it is bad
 const COLUMNS = [
   ["name", "robot", (r) => label(r), (r) => r.tag, () => false],
+  [RUNS, "runs", (r) => r.expected ?? "", (r) => r.expected ?? "", () => false],
   ["state", "state", (r) => (r.connected ? r.state : "away"), (r) => `${r.connected} ${r.state}`, (r) => !r.connected],
   ["heard", "link", (r) => milliseconds(r.heard_ms), (r) => r.heard_ms ?? Infinity, (r) => r.heard_ms > STALE_MS],
   ["pose", "pose", (r) => milliseconds(r.pose_age_ms), (r) => r.pose_age_ms ?? Infinity, (r) => r.pose_age_ms > STALE_MS],
@@ -55,7 +64,7 @@ export class Robots {
         this.sort = { column, down: this.sort.column === column && !this.sort.down };
         this.tell();
       });
-      return make("th", { className: name === "name" || name === "state" ? "" : "n", scope: "col" }, button);
+      return make("th", { className: align(name), scope: "col" }, button);
     });
     this.table.tHead.replaceChildren(make("tr", {}, ...this.heads));
   }
@@ -71,6 +80,7 @@ export class Robots {
     // Who only tracks knows no robots, but markers.
     this.table.closest(".card").hidden = !robots && experiment?.mode === "track";
     if (!robots) return;
+    mark(this.table, "mixed", (experiment?.controllers?.length ?? 0) > 1);
     this.sorted = [...rows.keys()].map((tag) => this.store.robot(tag)).sort((a, b) => this.#compare(a, b));
     this.heads.forEach((head, column) => {
       const sorted = column === this.sort.column ? (this.sort.down ? "descending" : "ascending") : "none";
@@ -116,7 +126,7 @@ export class Robots {
   #make(tag) {
     const lamp = make("i", { className: "lamp" });
     const label = make("span");
-    const cells = COLUMNS.map(([name], column) => (column ? make("td", { className: name === "state" ? "" : "n" }) : label));
+    const cells = COLUMNS.map(([name], column) => (column ? make("td", { className: align(name) }) : label));
     const wordsCell = make("td", { colSpan: COLUMNS.length });
     const wordsRow = make("tr", { className: "words", hidden: true }, wordsCell);
     const body = make("tbody", {}, make("tr", {}, make("td", {}, lamp, label), ...cells.slice(1)), wordsRow);

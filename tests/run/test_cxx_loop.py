@@ -1,0 +1,319 @@
+"""Loop functions in C++ for ARGoS: what they see, what they change, and what they may not break."""
+
+from __future__ import annotations
+
+import shutil
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.conftest import require_tool
+from vsense.arena import ArenaState
+from vsense.config.experiment import load
+from vsense.config.specs import Experiment, Stage
+from vsense.errors import VsenseError
+from vsense.robot.programs import CodeOptions
+from vsense.run import loop_process
+from vsense.run.environment import Environment
+from vsense.run.programs import shared_objects
+from vsense.sim import campaign
+from vsense.sim.job import Job, Setup, Sweep
+from vsense.sim.simulation import Simulation
+from vsense.sim.watch import Task, simulate_all
+from vsense.world.entities import Box, Led, Light
+
+HERE = Path(__file__).parent / "argos"
+States = Callable[..., ArenaState]
+TAGS = "one", "two", "six"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The mission, which is built once."""
+    require_tool("c++", "build-essential")
+    patch = pytest.MonkeyPatch()
+    patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+    made = tmp_path_factory.mktemp("mission")
+    for name in ("mission.cpp", "mission.argos"):
+        shutil.copy2(HERE / name, made / name)
+    yield made
+    patch.undo()
+
+
+@pytest.fixture
+def mission(folder: Path) -> Callable[..., Path]:
+    def make(**params: str) -> Path:
+        text = (folder / "mission.argos").read_text()
+        words = " ".join(f'{key}="{value}"' for key, value in params.items())
+        path = folder / f"mission-{'-'.join(params.values())}.argos"
+        path.write_text(text.replace('edge="0.0" end="0"', words))
+        return path
+
+    return make
+
+
+def simulated(path: Path, seed: int = 7) -> Simulation:
+    experiment = load(path, stage=Stage.SIM)
+    return Simulation(experiment, shared_objects(experiment), seed)
+
+
+def places(experiment: Experiment) -> dict[int, tuple[float, float, float]]:
+    return {robot.tag: tuple(robot.pose or (0, 0, 0)) for robot in experiment.robots}  # type: ignore[misc]
+
+
+def test_a_simulation_goes_as_they_say(mission: Callable[..., Path]) -> None:
+    run = simulated(mission(edge="0.0"))
+    world = run.environment.world
+    assert isinstance(added := world.entities["added"], Box)
+    assert (added.position_m, added.size_m) == ((0.3, 0.5, 0.0), (0.2, 0.1, 0.3))
+    assert added.yaw_rad == pytest.approx(np.pi / 4)
+    assert {"there", "post", "lamp"} < world.entities.keys()
+    assert world.floor.sample([(1e-9, 0.3), (-1e-9, 0.3)]).tolist() == [
+        [0, 0, 0, 255],
+        [10, 20, 30, 255],
+    ]
+    measures = run.run()
+    poses = run.record.poses
+    assert np.abs(poses[0, :, :2]).max() < 0.21, "Init has placed them"
+    apart = poses[0, :, None, :2] - poses[0, None, :, :2]
+    assert (np.hypot(*apart.T) + np.eye(3)).min() >= 0.07
+    # The edge lies at 0 in the first four timesteps, and at 0.3, where nobody is, in the others.
+    assert measures == {
+        "objective": 4.0 * (poses[0, :, 0] > 0).sum(),
+        "Score": 4.0 * (poses[0, :, 0] > 0).sum() + 0.5,
+    }
+    assert [text.removeprefix("loop functions: ") for _, text in run.record.events] == [
+        "arena 2.4,2.4,1 seed 7 length 20 tick 0.1",
+        "first step at 1",
+        "Score = " + f"{measures['Score']:g}",
+        "the end is near",
+        "destroyed",
+    ]
+
+
+def test_what_stands_and_shines_changes(mission: Callable[..., Path]) -> None:
+    run = simulated(mission(edge="0.0"))
+    run.run()
+    world = run.environment.world
+    assert isinstance(moved := world.entities["added"], Box)
+    assert (moved.position_m, moved.yaw_rad) == ((0.6, 0.6, 0.0), 0.0)
+    assert moved.physical, "what stands in ARGoS's arena is solid"
+    assert moved.leds == (Led((0.1, 0.0, 0.2), (0, 255, 0)),)
+    assert "post" not in world.entities
+    assert isinstance(lamp := world.entities["lamp"], Light)
+    assert (lamp.intensity, lamp.color, lamp.position_m) == (1.25, (0, 0, 255), (0.0, 0.0, 0.5))
+    image = world.floor.image
+    assert image is not None
+    columns = (image == 0).all(axis=(0, 2))
+    # 48 pixels over 2.4 m: the edge at 0.3 m is that of pixel 30.
+    assert columns.tolist() == [False] * 30 + [True] * 18
+
+
+def test_robots_drive_against_what_they_added(mission: Callable[..., Path]) -> None:
+    run = simulated(mission(edge="0.0"))
+    rows = run._physics.near.cdata
+    assert (rows.boxes, rows.bodies) == (2, 4), "there and added; three robots and the post"
+    for timestep in range(6):
+        run.step(timestep)
+    rows = run._physics.near.cdata
+    assert (rows.boxes, rows.bodies) == (2, 3)
+
+
+def test_an_arena_of_blocks_has_its_place_and_colours(mission: Callable[..., Path]) -> None:
+    """Source: arena_entity.cpp and wall_entity.cpp of argos3-arena at 480285b: a hexagon of walls
+    of two blocks of 0.5 m, whose middles are at 0.5 m / tan(30 degrees) from its own."""
+    run = simulated(mission(edges="6"))
+    blocks = [e for e in run.environment.world.boxes() if e.id.startswith("walls.")]
+    assert len(blocks) == 12
+    assert "loop functions: 12 blocks" in [
+        f"loop functions: {text}" for text in run.environment.said()
+    ]
+    inner_m = 0.5 / np.tan(np.pi / 6)
+    first, red = blocks[0], blocks[2]
+    assert first.id == "walls.wall_0.block_1"
+    assert first.position_m == pytest.approx((inner_m, -0.25, 0.0))
+    assert abs(first.yaw_rad) == pytest.approx(np.pi)
+    assert red.id == "walls.wall_1.block_1"
+    sine, cosine = np.sin(np.pi / 3), np.cos(np.pi / 3)
+    place = inner_m * cosine + 0.25 * sine, inner_m * sine - 0.25 * cosine
+    assert red.position_m[:2] == pytest.approx(place)
+    assert [led.offset_m for led in red.leds] == [
+        pytest.approx((0.0075, -0.125, 0.067)),
+        pytest.approx((0.0075, 0.125, 0.067)),
+    ]
+    assert {led.color for led in red.leds} == {(255, 0, 0)}
+    assert {led.color for e in blocks if e is not red for led in e.leds} == {(0, 0, 255)}
+    assert run._physics.near.cdata.boxes == 14, "they are solid: with them there and added"
+
+
+def test_a_seed_repeats_a_run(mission: Callable[..., Path]) -> None:
+    path = mission(edge="0.0")
+    poses = []
+    for seed in (1, 1, 2):
+        run = simulated(path, seed)
+        run.run()
+        poses.append(run.record.poses)
+    assert (poses[0] == poses[1]).all()
+    assert (poses[0] != poses[2]).any()
+
+
+def test_they_end_a_run(mission: Callable[..., Path]) -> None:
+    run = simulated(mission(edge="0.0", end="8"))
+    run.run()
+    assert len(run.record.timesteps) == len(run.record.poses) == 8
+
+
+@pytest.mark.parametrize("where", ["Init", "PreStep", "PostExperiment", "GetFloorColor"])
+def test_what_they_throw_names_the_function(mission: Callable[..., Path], where: str) -> None:
+    path = mission(fails_in=where, how="throw")
+    with pytest.raises(
+        VsenseError, match=rf"'mission' \(mission\.cpp\): in {where}: thrown in {where}"
+    ):
+        simulated(path).run()
+
+
+@pytest.mark.parametrize(
+    ("how", "words"),
+    [
+        ("controller", r"vsense runs controllers apart from loop functions"),
+        ("robot", r'AddEntity: "another" is a epuck: .* <distribute>'),
+    ],
+)
+def test_what_cannot_be_had_is_said(mission: Callable[..., Path], how: str, words: str) -> None:
+    with pytest.raises(VsenseError, match=words):
+        simulated(mission(fails_in="PreStep", how=how)).run()
+
+
+@pytest.mark.parametrize(
+    ("where", "how", "words"),
+    [
+        (
+            "PostStep",
+            "crash",
+            r"in timestep 0 \(t = 0 s\): loop functions 'mission' \(.*mission\.cpp\):"
+            r" PostStep was killed by SIGSEGV",
+        ),
+        ("Init", "crash", r"before the first timestep: .*: Init was killed by SIGSEGV"),
+        ("PreStep", "hang", r"in timestep 0 .*: PreStep did not return within 0\.5 s"),
+    ],
+)
+def test_a_simulations_end_names_the_function(
+    mission: Callable[..., Path], where: str, how: str, words: str
+) -> None:
+    path = mission(fails_in=where, how=how)
+    setup = Setup(str(path), 1.0)
+    experiment = setup.load()
+    libraries = {name: str(made) for name, made in shared_objects(experiment).items()}
+    task = Task(Job(setup, 1, libraries), experiment)
+    going = simulate_all([task], 1, threading.Event(), lambda workers: None, 0.5)
+    with pytest.raises(VsenseError, match=words):
+        list(going)
+
+
+def test_real_robots_stay_where_they_are(mission: Callable[..., Path], state: States) -> None:
+    experiment = load(mission(edge="0.0"))
+    here = Environment(experiment, 7)
+    assert here.moved() == {}
+    told = [text for text in here.said() if "real robots" in text]
+    assert told == [
+        "real robots stay where they are: MoveEntity of robots by the loop functions is passed over"
+    ]
+    assert not here.world.entities["added"].physical  # type: ignore[union-attr]
+    poses = places(experiment)
+    tags = sorted(poses)
+    here.step(state({**poses, tags[0]: (0.5, 0.0, 0.0)}, 100_000_000), 0, {})
+    here.world.led_colors[1, 10] = 0, 255, 255
+    here.step(state({**poses, tags[0]: (0.5, 0.0, 0.0)}, 200_000_000), 1, {})
+    assert "two_2_r shines at 2" in here.said()
+    here.world.led_colors[1, 10] = 0
+    here.step(state(poses, 300_000_000), 2, {})
+    assert not any("shines" in text for text in here.said())
+    assert here.end()["objective"] == 2.0, "one robot was right of the edge, in two timesteps"
+
+
+def test_a_reset_calls_theirs(mission: Callable[..., Path], state: States) -> None:
+    experiment = load(mission(edge="0.0"))
+    here = Environment(experiment, 7)
+    poses = {tag: (0.5, 0.3 * n, 0.0) for n, tag in enumerate(places(experiment))}
+    for timestep in range(5):
+        here.step(state(poses, (timestep + 1) * 100_000_000), timestep, {})
+    assert "post" not in here.world.entities
+    here.reset()
+    assert "reset" in here.said()
+    entities = here.world.entities
+    assert isinstance(added := entities["added"], Box)
+    assert isinstance(lamp := entities["lamp"], Light)
+    assert (added.position_m, lamp.color) == ((0.3, 0.5, 0.0), (255, 255, 0))
+    here.step(state(poses, 900_000_000), 0, {})
+    assert here.end()["objective"] == 3.0
+    assert here.following().seed == 8
+
+
+@pytest.mark.parametrize(
+    ("how", "words"),
+    [
+        ("crash", r"PostStep was killed by SIGSEGV"),
+        ("hang", r"PostStep did not return within 0\.3 s"),
+        ("throw", r"in PostStep: thrown in PostStep"),
+    ],
+)
+def test_a_process_of_their_own_may_break(
+    mission: Callable[..., Path],
+    state: States,
+    monkeypatch: pytest.MonkeyPatch,
+    how: str,
+    words: str,
+) -> None:
+    monkeypatch.setattr(loop_process, "LIMIT_S", 0.3)
+    experiment = load(mission(fails_in="PostStep", how=how))
+    here = Environment(experiment, 7)
+    with pytest.raises(VsenseError, match=rf"loop functions 'mission' \(mission\.cpp\): {words}"):
+        here.step(state(places(experiment), 100_000_000), 0, {})
+    # The world is there for the recording's end, and its floor for whoever draws it.
+    assert here.end() == {}
+    assert here.world.floor.sample([(0.5, 0.0)]).tolist() == [[0, 0, 0, 255]]
+
+
+def test_sources_that_are_not_found_are_told(folder: Path, tmp_path: Path) -> None:
+    text = (folder / "mission.argos").read_text()
+    (tmp_path / "alone.argos").write_text(text)
+    experiment = load(tmp_path / "alone.argos")
+    assert experiment.loop_functions is None
+    assert any(
+        "alone.argos:14" in words and "--sources mission=FILES" in words
+        for words in experiment.warnings
+    )
+    code = CodeOptions({"mission": [str(folder / "mission.cpp")]}, ())
+    found = load(tmp_path / "alone.argos", code=code).loop_functions
+    assert found is not None
+    assert found.path == folder / "mission.cpp"
+
+
+def test_an_unknown_label_lists_those_there_are(mission: Callable[..., Path]) -> None:
+    path = mission(edge="0.0")
+    path.write_text(path.read_text().replace('label="mission"', 'label="another"'))
+    options: dict[str, Any] = {
+        "code": CodeOptions({"mission": [str(path.with_name("mission.cpp"))]})
+    }
+    experiment = load(path, stage=Stage.SIM, **options)
+    with pytest.raises(VsenseError, match=r"registered as 'another', expected: 'mission'"):
+        Simulation(experiment, shared_objects(experiment), 1)
+
+
+def test_every_run_of_a_campaign_knows_the_sources_and_others_make_another_campaign(
+    mission: Callable[..., Path], folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = mission(edge="0.0")
+    # TinyXML takes this comment, Python's parser does not.
+    path.write_text(path.read_text() + "<!-- one -- two -->")
+    code = CodeOptions(includes=(str(folder),))
+    tasks = campaign.prepare(Sweep.of([], 2, None), Setup(str(path), code=code))
+    assert [task.job.setup.code for task in tasks] == [code, code]
+    before = campaign.fingerprint(tasks[0])
+    assert campaign.fingerprint(tasks[1]) == before
+    monkeypatch.setattr(campaign, "loop_object", lambda experiment: Path("edited/loop.so"))
+    assert campaign.fingerprint(tasks[0]) != before

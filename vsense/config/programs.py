@@ -1,0 +1,200 @@
+"""Reads which program a `<controller>` names, finds its sources, and what it is told.
+
+A program for ARGoS is told its `<params>` as a tree, and which devices the file declares: in lines
+as robot/argos/controller.cpp reads them.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from vsense.actuators.base import MountedActuator
+from vsense.actuators.messages import MessagesActuator
+from vsense.config import argos
+from vsense.errors import UsageError
+from vsense.robot import finding
+from vsense.robot.argos_code import PAGE
+from vsense.robot.build import BuildError, cache_directory, source_tree
+from vsense.robot.compiling import CXX_SUFFIXES
+from vsense.robot.programs import (
+    CONTROLLER,
+    LOOP_FUNCTIONS,
+    CodeOptions,
+    Program,
+    folders,
+    stem_of,
+)
+from vsense.sensors.base import MountedSensor
+from vsense.sensors.range_and_bearing import RangeAndBearingSensor
+from vsense.xml.element import Element, shown
+
+_SOURCES, _INCLUDE = "vs:sources", "vs:include"
+
+
+def read(element: Element, folder: Path, code: CodeOptions) -> tuple[str, Program]:
+    """Reads a controller's program.
+
+    Args:
+        element: the controller's.
+        folder: the experiment file's, from which relative paths are taken.
+        code: what the command line says of sources and headers.
+
+    Returns:
+        The library as the file names it, or the port that runs instead; and its program.
+    """
+    try:
+        return _read(element, folder, code)
+    except UsageError as error:
+        raise element.error(str(error), "library" if element.has("library") else None) from None
+    except OSError as error:
+        library = shown(element.text("library", ""))
+        raise element.error(f"{library}: {error.strerror}", "library") from None
+
+
+def _read(element: Element, folder: Path, code: CodeOptions) -> tuple[str, Program]:
+    named = _named(element, folder, code)
+    if named is not None:
+        return element.text("library", element.name), named
+    if element.name == argos.LUA and not element.has("library"):
+        element.warn(f"is Lua, which runs on no robot: they stand still; see {argos.PAGE}")
+        return argos.STAND_STILL, source_tree().program(argos.STAND_STILL)
+    if not element.has("library"):
+        program = finding.find("", element.name, folder, _headers(element, folder, code))
+        if program is not None:
+            return element.name, program
+    expected = "a shipped controller's name or the path of a .c or .cpp file"
+    library = element.text("library", None, expected)
+    if argos.is_built_for_argos(library):
+        return _of_library(element, library, folder, code)
+    program = source_tree().program(library, folder)
+    if program.sources[0].suffix in CXX_SUFFIXES and program.is_argos:
+        extra = _headers(element, folder, code)
+        program = finding.complete(program.sources, element.name, None, extra)
+    return library, program
+
+
+def find_loop_functions(
+    element: Element, label: str, folder: Path, code: CodeOptions
+) -> Program | None:
+    """Finds what a library of loop functions in C++ is built of; arguments as those of `read`."""
+    library = element.text("library")
+    try:
+        named = _named(element, folder, code, label, LOOP_FUNCTIONS)
+        if named is not None:
+            return named
+        extra = _headers(element, folder, code)
+        return finding.find(library, label, folder, extra, LOOP_FUNCTIONS)
+    except (UsageError, OSError) as error:
+        raise element.error(str(error), "library") from None
+
+
+def _named(
+    element: Element, folder: Path, code: CodeOptions, label: str = "", macro: str = CONTROLLER
+) -> Program | None:
+    """The program whose sources, or whose repository, the element or the command line names.
+
+    `label`: of the class that is wanted, by default the element's name.
+    """
+    library = element.text("library") if element.has("library") else element.name
+    label = label or element.name
+    element.has(_INCLUDE)
+    if element.has(_SOURCES):
+        patterns: Sequence[str] = element.text(_SOURCES).replace(",", " ").split()
+    else:
+        names = [element.text("id")] if element.has("id") else []
+        patterns = code.patterns(stem_of(library), label, *names)
+        patterns = [str(Path.cwd() / os.path.expanduser(pattern)) for pattern in patterns]
+    extra = _headers(element, folder, code)
+    return finding.named(patterns, folder, library, label, extra, macro)
+
+
+def _headers(element: Element, folder: Path, code: CodeOptions) -> list[Path]:
+    """The folders of headers that the element and the command line name."""
+    own = element.text(_INCLUDE).replace(",", " ").split() if element.has(_INCLUDE) else []
+    if not own and not code.includes:
+        return []
+    try:
+        cache = cache_directory()
+    except BuildError as error:
+        raise UsageError(str(error)) from None
+    return [*folders(own, folder, cache), *folders(code.includes, Path.cwd(), cache)]
+
+
+def _of_library(
+    element: Element, library: str, folder: Path, code: CodeOptions
+) -> tuple[str, Program]:
+    """The program of a library that was built for ARGoS: its port beside the file, its sources, a
+    port that is shipped."""
+    port = argos.ported_controller(library, folder)
+    if port is None:
+        program = finding.find(library, element.name, folder, _headers(element, folder, code))
+        if program is not None:
+            return library, program
+        port = argos.shipped_controller(library)
+    if port is None:
+        instead = f"the robots stand still; --sources {stem_of(library)}=FILES names them"
+        element.warn(
+            f"library: {shown(library)} is C++ for ARGoS, and its sources are not found: {instead},"
+            f" see {PAGE}"
+        )
+        return argos.STAND_STILL, source_tree().program(argos.STAND_STILL)
+    element.warn(f"library: {shown(library)} is C++ for ARGoS: its port {port!r} is run instead")
+    return port, source_tree().program(port, folder)
+
+
+def told(
+    element: Element,
+    params: Element | None,
+    sensors: Sequence[MountedSensor],
+    actuators: Sequence[MountedActuator],
+) -> str:
+    """The lines that a controller for ARGoS is sent, without its robot's name."""
+    lines = [
+        f"vs:{section}={' '.join(below.child_names())}"
+        for section in ("sensors", "actuators")
+        for below in element.below(section)
+    ]
+    for sensor in sensors:
+        if isinstance(sensor.sensor, RangeAndBearingSensor):
+            lines.append(f"vs:heard_bytes={sensor.sensor.data_size}")
+    for actuator in actuators:
+        if isinstance(actuator.actuator, MessagesActuator):
+            lines.append(f"vs:said_bytes={actuator.actuator.size}")
+    # A parameter has a name and a value: the marks that have none are given an empty one.
+    nodes = ["<params", ">"] if params is None else tree(params)
+    lines += [node if node[0] == "@" else f"{node[0]}={node[1:]}" for node in nodes]
+    return "".join(f"{line}\n" for line in lines)
+
+
+def tree(element: Element) -> list[str]:
+    """An element with everything in it, in the lines of `VsReadConfiguration`."""
+    lines = [f"<{element.name}"]
+    for key, value in element.free_attributes().items():
+        lines.append(f"@{key}={_one_line(value)}")
+    for child in element.children():
+        lines += tree(child)
+    return [*lines, ">"]
+
+
+def _one_line(text: str) -> str:
+    plain = text.replace("\\", "\\\\").replace("\n", "\\n")
+    return "".join(c if c.isprintable() else " " for c in plain)
+
+
+def settings(params: Element | None) -> dict[str, str]:
+    """The settings as people are shown them: an attribute of a child is called `child.key`, one of
+    the second child of this name `child:2.key`."""
+    found: dict[str, str] = {}
+
+    def walk(element: Element, prefix: str) -> None:
+        found.update({prefix + key: value for key, value in element.free_attributes().items()})
+        seen: dict[str, int] = {}
+        for child in element.children():
+            seen[child.name] = number = seen.get(child.name, 0) + 1
+            walk(child, f"{prefix}{child.name}{f':{number}' if number > 1 else ''}.")
+
+    if params is not None:
+        walk(params, "")
+    return found
