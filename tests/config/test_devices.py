@@ -167,6 +167,8 @@ def test_what_the_robots_say_of_their_devices_counts(loaded: Read) -> None:
     text = TEXT.replace('rab_data_size="3"', 'rab_data_size="20"')
     warned = "\n".join(loaded(text).warnings)
     assert "<e-puck> rab_data_size is 20: messages of <range_and_bearing> end at 16" in warned
+    text = TEXT.replace('<e-puck id="ep"', '<e-puck id="ep" rab_data_size="20"')
+    assert "\n".join(loaded(text).warnings).count("rab_data_size is 20") == 1
 
 
 def test_boxes_have_leds(loaded: Read) -> None:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
 
-from tests.sensors.scenes import STEP_NS, mount, read, sensor, world_of
+from tests.sensors.scenes import STEP_NS, Place, element, mount, read, sensor, world_of
 from vsense.errors import ConfigError
+from vsense.sensors import proximity
 from vsense.sensors.bank import SensorBank
+from vsense.sensors.base import Scope
 from vsense.sensors.proximity import response
 from vsense.world.entities import VIRTUAL_TAG_MIN, Box, Cylinder, VirtualRobot
 
@@ -148,3 +151,37 @@ def test_wrong_attributes_are_refused() -> None:
     ):
         with pytest.raises(ConfigError, match=words):
             sensor(f"<virtual_proximity_sensor {xml}/>")
+
+
+@pytest.mark.parametrize(
+    ("one", "one_reads", "other", "other_reads"),
+    [
+        (
+            (-0.375632, 0.95763, 0.364415),
+            (0.0, 0.966995, 0.744772, 0.0, 0.0, 0.0, 0.0, 0.0),
+            (-0.382843, 1.027007, 0.514445),
+            (0.0,) * 8,
+        ),
+        (
+            (-0.063225, 0.554532, -2.988163),
+            (0.0,) * 8,
+            (-0.131308, 0.545639, -0.719996),
+            (0.0,) * 8,
+        ),
+        (
+            (0.921166, 0.51689, 1.428233),
+            (0.94288, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.7622),
+            (0.940924, 0.584029, -2.98385),
+            (0.0,) * 8,
+        ),
+    ],
+)
+def test_robots_that_touch_read_what_argos_reads(
+    one: Place, one_reads: Sequence[float], other: Place, other_reads: Sequence[float]
+) -> None:
+    """Poses and readings of a foraging swarm in ARGoS 3.0.0-beta59, argos3-epuck 66cb8d9."""
+    device = proximity.from_argos(element("<epuck_proximity />"), Scope({}, 0))
+    readings = read(device, {1: one, 2: other})
+    for ours, theirs in zip(readings, (one_reads, other_reads)):
+        in_argos_order = np.array(ours[::-1]) / proximity.ARGOS_FULL
+        assert in_argos_order == pytest.approx(theirs, abs=1e-4)  # poses are rounded to 1e-6 m

@@ -30,15 +30,29 @@ def make(wanted: Path | None, name: str, seed: int) -> Path:
     """
     stem = f"{time.strftime('%Y-%m-%d-%H%M%S')}-{name}-seed{seed}"
     directory = wanted or Path("runs") / stem
-    copies = 1
-    while wanted is None and directory.exists():
-        copies += 1
-        directory = directory.with_name(f"{stem}-{copies}")
     with failing_as(DirectoryError, f"cannot write to {directory}"):
+        if wanted is None:
+            return _make_new(directory).resolve()
         directory.mkdir(parents=True, exist_ok=True)
         if any(directory.iterdir()):
             raise DirectoryError(f"{directory} is not empty: choose a new folder for this run")
     return directory.resolve()
+
+
+def _make_new(wanted: Path) -> Path:
+    """Makes a directory that nobody has, of this name or with a number after it.
+
+    Commands that start in the same second get one each.
+    """
+    directory, copies = wanted, 1
+    while True:
+        try:
+            directory.mkdir(parents=True)
+        except FileExistsError:
+            copies += 1
+            directory = wanted.with_name(f"{wanted.name}-{copies}")
+        else:
+            return directory
 
 
 def write_summary(

@@ -36,8 +36,12 @@ class Document:
     lenient: bool = False
 
     def warnings(self) -> tuple[str, ...]:
-        """What is passed over, in the file's order: `file:line: what happens instead`."""
-        return tuple(f"{self.file}:{line}: {words}" for line, words in sorted(self.passed_over))
+        """What is passed over, in the file's order: `file:line: what happens instead`.
+
+        An element that stands for many robots tells it for each of them: it is said once.
+        """
+        told = sorted(set(self.passed_over))
+        return tuple(f"{self.file}:{line}: {words}" for line, words in told)
 
 
 def shown(text: str) -> str:
