@@ -162,7 +162,8 @@ static int check_origin(const struct vs_peer *p, const struct vs_header *h)
 {
     if (h->table_hash != p->table_hash)
         return VS_ERR_TABLE;
-    if (p->rx_sequence != 0 && h->run > p->rx_run && h->run - p->rx_run > VS_RUN_JUMP)
+    /* Of run 0 a robot speaks that has not heard of any yet. */
+    if (p->rx_run != 0 && h->run > p->rx_run && h->run - p->rx_run > VS_RUN_JUMP)
         return VS_ERR_JUMP;
     return h->run < p->rx_run ? VS_ERR_RUN : VS_OK;
 }

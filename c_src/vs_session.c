@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "vs_bytes.h"
+#include "vs_greeting.h"
 #include "vs_offer.h"
 #include "vs_peer_robot.h"
 
@@ -70,23 +71,6 @@ static void forget_state(struct vs_session *s)
     s->fresh_ns = 0;
 }
 
-/* What the keys of its sessions are made from. */
-static const uint8_t *root_of(const struct vs_session *s)
-{
-    return s->config.keyed ? s->config.key : vs_key_published;
-}
-
-static void open_peer(struct vs_session *s, const struct vs_header *h,
-                      const uint8_t *welcome_tag, uint64_t now_ns)
-{
-    uint8_t down[VS_KEY_SIZE];
-    uint8_t up[VS_KEY_SIZE];
-
-    vs_key_session(root_of(s), s->hello_tag, welcome_tag, down, up);
-    vs_peer_open(&s->peer, h->session, h->table_hash, h->send_ns, now_ns);
-    vs_peer_set_keys(&s->peer, up, down);
-}
-
 /* body ends where the tag begins. */
 static int on_welcome(struct vs_session *s, const struct vs_header *h,
                       const uint8_t *body, size_t len, uint64_t now_ns)
@@ -107,7 +91,7 @@ static int on_welcome(struct vs_session *s, const struct vs_header *h,
     if (err != VS_OK)
         return err;
     forget_state(s);
-    open_peer(s, h, body + len, now_ns);
+    vs_greeting_open_peer(s, h, body + len, now_ns);
     vs_clock_init(&s->clock, s->config.clock_slewed);
     /* A greeting without an echo is no fault: the first STATE brings one. */
     (void)vs_clock_sample(&s->clock, h->echo_ns, h->send_ns, h->hold_us, now_ns);
@@ -174,49 +158,16 @@ static int on_state(struct vs_session *s, int via, const uint8_t *buf, size_t le
     return VS_OK;
 }
 
-/* Opens what is no STATE, len bytes in the inbox, with the key that it must have. */
-static int open_packet(const struct vs_session *s, size_t len, struct vs_header *h,
-                       const uint8_t **body, size_t *body_len)
-{
-    uint8_t key[VS_KEY_SIZE];
-
-    if (s->phase == VS_PHASE_OPEN)
-        return vs_packet_open(s->inbox, len, s->peer.rx_key, h, body, body_len);
-    vs_key_answer(root_of(s), s->hello_tag, key);
-    return vs_packet_open(s->inbox, len, key, h, body, body_len);
-}
-
-/* A REFUSE of a host that does not know the key, len bytes in the inbox, is something to say and
- * nothing to act on: anybody may have made it. */
-static int on_doubtful(struct vs_session *s, size_t len, enum vs_event *event)
-{
-    uint8_t key[VS_KEY_SIZE];
-    struct vs_header h;
-    const uint8_t *body;
-    size_t body_len;
-    int err;
-
-    vs_key_answer(vs_key_published, s->hello_tag, key);
-    err = vs_packet_open(s->inbox, len, key, &h, &body, &body_len);
-    if (err == VS_OK && (h.type != VS_REFUSE || s->phase != VS_PHASE_WAIT))
-        err = VS_ERR_TAG;
-    if (err == VS_OK)
-        err = vs_decode_notice(h.type, body, body_len, &s->notice);
-    if (err == VS_OK)
-        *event = VS_EV_DOUBTED;
-    return err;
-}
-
 /* One whole packet from TCP, len bytes in the inbox. */
 static int on_packet(struct vs_session *s, size_t len, uint64_t now_ns, enum vs_event *event)
 {
     struct vs_header h;
     const uint8_t *body;
     size_t body_len;
-    int err = open_packet(s, len, &h, &body, &body_len);
+    int err = vs_greeting_packet(s, len, &h, &body, &body_len);
 
     if (err == VS_ERR_TAG && s->config.keyed)
-        return on_doubtful(s, len, event);
+        return vs_greeting_doubtful(s, len, event);
     if (err != VS_OK)
         return err;
     switch (h.type) {
@@ -288,32 +239,6 @@ int vs_session_tcp_in(struct vs_session *s, const uint8_t *buf, size_t len,
     return err;
 }
 
-static int give_hello(struct vs_session *s, const struct vs_header *header,
-                      uint8_t *buf, size_t cap, size_t *len)
-{
-    struct vs_hello hello;
-    int err;
-
-    memset(&hello, 0, sizeof hello);
-    memcpy(hello.uid, s->config.uid, VS_UID_SIZE);
-    memcpy(hello.name, s->config.name, sizeof hello.name);
-    memcpy(hello.controller, s->config.controller, sizeof hello.controller);
-    memcpy(hello.version, s->config.version, sizeof hello.version);
-    memcpy(hello.hash, s->config.hash, sizeof hello.hash);
-    memcpy(hello.nonce, s->nonce, VS_NONCE_SIZE);
-    hello.started = s->config.started;
-    hello.uptime_s = s->uptime_s;
-    hello.tag = s->config.tag;
-    hello.capabilities = s->config.keyed ? VS_CAPABLE_KEYED : 0;
-    hello.params_room = VS_PARAMS_ROOM;
-    err = vs_encode_hello(header, &hello, buf, cap, len);
-    if (err == VS_OK) {
-        memcpy(s->hello_tag, buf + *len - VS_TAG_SIZE, VS_TAG_SIZE);
-        s->phase = VS_PHASE_WAIT;
-    }
-    return err;
-}
-
 int vs_session_tcp_out(struct vs_session *s, uint8_t *buf, size_t cap,
                        uint64_t now_ns, size_t *len)
 {
@@ -324,8 +249,7 @@ int vs_session_tcp_out(struct vs_session *s, uint8_t *buf, size_t cap,
     memset(&header, 0, sizeof header);
     vs_peer_stamp(&s->peer, now_ns, &header);
     if (s->phase == VS_PHASE_CONNECT) {
-        header.key = root_of(s);
-        err = give_hello(s, &header, buf, cap, len);
+        err = vs_greeting_hello(s, &header, buf, cap, len);
     } else if (s->goodbye_due) {
         header.type = VS_GOODBYE;
         err = vs_encode_notice(&header, &s->notice, buf, cap, len);
@@ -392,7 +316,7 @@ int vs_session_telemetry(struct vs_session *s, struct vs_telemetry *t, uint64_t 
 int vs_session_over_tcp(const struct vs_session *s, uint64_t now_ns)
 {
     /* The host believes no greeting before the first packet: that one must not be lost. */
-    return s->open && (s->peer.rx_sequence == 0 || vs_peer_over_tcp(&s->peer, now_ns));
+    return s->open && (s->peer.tx_sequence <= 1 || vs_peer_over_tcp(&s->peer, now_ns));
 }
 
 int vs_session_goodbye(struct vs_session *s, uint8_t cause, const char *text)

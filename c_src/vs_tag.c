@@ -72,16 +72,6 @@ void vs_tag_make(const uint8_t key[VS_KEY_SIZE], const uint8_t *data, size_t len
     vs_store_u64(tag + 8, sip_end(&s));
 }
 
-int vs_tag_equal(const uint8_t a[VS_TAG_SIZE], const uint8_t b[VS_TAG_SIZE])
-{
-    uint32_t differ = 0;
-    int i;
-
-    for (i = 0; i < VS_TAG_SIZE; i++)
-        differ |= (uint32_t)(a[i] ^ b[i]);
-    return differ == 0;
-}
-
 void vs_key_answer(const uint8_t root[VS_KEY_SIZE], const uint8_t hello_tag[VS_TAG_SIZE],
                    uint8_t key[VS_KEY_SIZE])
 {

@@ -23,9 +23,6 @@ extern const uint8_t vs_key_published[VS_KEY_SIZE];
 void vs_tag_make(const uint8_t key[VS_KEY_SIZE], const uint8_t *data, size_t len,
                  uint8_t tag[VS_TAG_SIZE]);
 
-/* 1 if two tags are the same, 0 if not; takes the same time wherever they differ. */
-int vs_tag_equal(const uint8_t a[VS_TAG_SIZE], const uint8_t b[VS_TAG_SIZE]);
-
 /* What answers a HELLO is tagged with: nobody else's greeting can be answered with it. */
 void vs_key_answer(const uint8_t root[VS_KEY_SIZE], const uint8_t hello_tag[VS_TAG_SIZE],
                    uint8_t key[VS_KEY_SIZE]);

@@ -7,6 +7,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "number.h"
 #include "settings.h"
 #include "../c_src/vs_format.h"
 
@@ -57,7 +58,7 @@ static int take_lines(struct vs_options *o, struct vs_settings *settings)
         int which = is_key ? HAS_KEY : HAS_UID;
 
         if (kind != VS_SETTINGS_PAIR || (!is_key && strcmp(name, "uid") != 0) ||
-            (found & which) != 0 || vs_options_hex(value, is_key ? o->key : o->uid) != 0)
+            (found & which) != 0 || vs_number_hex(value, 1, is_key ? o->key : o->uid) != 0)
             return -1;
         found |= which;
     }

@@ -100,39 +100,9 @@ static int read_number(const struct reading *r, uint16_t *number)
     return 0;
 }
 
-static int hex_digit(char c)
-{
-    if (c >= '0' && c <= '9')
-        return c - '0';
-    if (c >= 'a' && c <= 'f')
-        return c - 'a' + 10;
-    return c >= 'A' && c <= 'F' ? c - 'A' + 10 : -1;
-}
-
-/* Reads the 32 digits that text begins with. Returns 0, or -1. */
-static int read_hex(const char *text, uint8_t bytes[16])
-{
-    size_t i;
-
-    for (i = 0; i < 16; i++) {
-        int high = hex_digit(text[2 * i]);
-        int low = high < 0 ? -1 : hex_digit(text[2 * i + 1]);
-
-        if (low < 0)
-            return -1;
-        bytes[i] = (uint8_t)(high << 4 | low);
-    }
-    return 0;
-}
-
-int vs_options_hex(const char *text, uint8_t bytes[16])
-{
-    return strlen(text) == 32 ? read_hex(text, bytes) : -1;
-}
-
 int vs_options_make_uid(struct vs_options *options, const char *text)
 {
-    if (read_hex(text, options->uid) != 0)
+    if (vs_number_hex(text, 0, options->uid) != 0)
         return -1;
     options->uid[0] ^= (uint8_t)(options->tag & 0xFF);
     options->uid[1] ^= (uint8_t)(options->tag >> 8);
@@ -143,7 +113,7 @@ int vs_options_make_uid(struct vs_options *options, const char *text)
 static int take_uid(const struct reading *r, struct vs_options *o)
 {
     o->has_uid = 1;
-    if (vs_options_hex(r->value, o->uid) == 0)
+    if (vs_number_hex(r->value, 1, o->uid) == 0)
         return 0;
     return refuse(r, "32 hexadecimal digits");
 }

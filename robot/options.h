@@ -64,9 +64,6 @@ enum vs_options_result vs_options_read(struct vs_options *options, int argc, cha
  * -1 if text does not begin with 32 digits. */
 int vs_options_make_uid(struct vs_options *options, const char *text);
 
-/* Reads a text of exactly 32 hexadecimal digits. Returns 0, or -1. */
-int vs_options_hex(const char *text, uint8_t bytes[16]);
-
 /* Help of all options; the bases are listed after it by name. */
 extern const char vs_options_help[];
 

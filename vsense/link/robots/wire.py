@@ -5,13 +5,14 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from enum import IntEnum
 from typing import Any
 
 from vsense.link.robots.table import Output, Table, text_of
-from vsense.native import check, ffi, lib
+from vsense.native import WireError, check, ffi, lib
 
 PACKET_MAX: int = lib.VS_PACKET_MAX
 DATAGRAM_MAX: int = lib.VS_DATAGRAM_MAX
@@ -58,6 +59,7 @@ class RefuseCode(IntEnum):
     HELLO = lib.VS_REFUSE_HELLO
     ROOM = lib.VS_REFUSE_ROOM
     CONTROLLER = lib.VS_REFUSE_CONTROLLER
+    KEY = lib.VS_REFUSE_KEY
 
 
 class GoodbyeCause(IntEnum):
@@ -244,6 +246,53 @@ def open_packet(packet: bytes, key: bytes = PUBLISHED) -> tuple[Header, bytes]:
     return header_of(header), bytes(ffi.buffer(body[0], length[0]))
 
 
+def uid_of(hello: bytes) -> bytes:
+    """Who one whole HELLO says that it comes from: its key is to be found by that.
+
+    Raises:
+        WireError: it is no HELLO.
+    """
+    session_of(hello)
+    uid = hello[lib.VS_HEADER_SIZE : lib.VS_HEADER_SIZE + lib.VS_UID_SIZE]
+    if hello[3] != PacketType.HELLO or len(hello) < lib.VS_PACKET_MIN + lib.VS_UID_SIZE:
+        raise WireError(lib.VS_ERR_TYPE, "first packet of a connection")
+    return uid
+
+
+def believed(hello: bytes) -> Hello:
+    """Reads one whole HELLO whose tag nobody here can check.
+
+    Raises:
+        WireError: it is no HELLO.
+    """
+    body = hello[lib.VS_HEADER_SIZE : -lib.VS_TAG_SIZE]
+    message = decode_body(Header(hello[3]), body)
+    if not isinstance(message, Hello):
+        raise WireError(lib.VS_ERR_TYPE, "first packet of a connection")
+    return message
+
+
+def is_older(packet: bytes) -> bool:
+    """Whether one whole packet has the check sum that vsense had before tags, in a tag's place."""
+    crc = zlib.crc32(packet[: -lib.VS_TAG_SIZE])
+    return packet[-lib.VS_TAG_SIZE :] == crc.to_bytes(4, "little") + bytes(12)
+
+
+def answer_key(root: bytes, hello: bytes) -> bytes:
+    """What the answer to a HELLO is tagged with; `root` is the robot's key, or `PUBLISHED`."""
+    key = ffi.new("uint8_t[]", lib.VS_KEY_SIZE)
+    lib.vs_key_answer(root, hello[-lib.VS_TAG_SIZE :], key)
+    return bytes(key)
+
+
+def session_keys(root: bytes, hello: bytes, welcome: bytes) -> tuple[bytes, bytes]:
+    """The keys of the session that a HELLO and its WELCOME open: down to the robot, and up."""
+    down, up = (ffi.new("uint8_t[]", lib.VS_KEY_SIZE) for _ in range(2))
+    size = lib.VS_TAG_SIZE
+    lib.vs_key_session(root, hello[-size:], welcome[-size:], down, up)
+    return bytes(down), bytes(up)
+
+
 def header_of(cdata: Any) -> Header:
     """Copies a `struct vs_header`."""
     return Header(*[getattr(cdata, name) for name in HEADER_FIELDS])
@@ -254,9 +303,7 @@ def header_to(header: Header) -> Any:
     return ffi.new("struct vs_header *", {name: getattr(header, name) for name in HEADER_FIELDS})
 
 
-def encode(
-    header: Header, message: Hello | Welcome | Notice, key: bytes = PUBLISHED
-) -> bytes:
+def encode(header: Header, message: Hello | Welcome | Notice, key: bytes = PUBLISHED) -> bytes:
     """Makes one packet for TCP, tagged with a key; the type of a Notice is the header's.
 
     Raises:
@@ -286,9 +333,7 @@ def encode(
     return out.packet(lib.vs_encode_welcome(head, welcome, *out.arguments))
 
 
-def decode(
-    packet: bytes, key: bytes = PUBLISHED
-) -> tuple[Header, Hello | Welcome | Notice]:
+def decode(packet: bytes, key: bytes = PUBLISHED) -> tuple[Header, Hello | Welcome | Notice]:
     """Reads one packet of those that travel on TCP only.
 
     Raises:
