@@ -88,6 +88,7 @@ NATIVE = Library(
     folders=("c_src", "firmware_bridge"),
     headers=(
         "c_src/vs_err.h",
+        "c_src/vs_tag.h",
         "c_src/vs_wire.h",
         "c_src/vs_table.h",
         "c_src/vs_shown.h",

@@ -1,9 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 /*
- * vs_body.h - what each packet says (PROTOCOL.md). vs_encode_* writes a whole
- * packet and sets its type and length itself, whatever the header says; vs_decode_*
- * reads the body that vs_packet_open found and on error leaves its output as it
- * was. Errors of all: VS_ERR_SPACE (encode), VS_ERR_BODY, VS_ERR_TEXT.
+ * vs_body.h - what each packet says (PROTOCOL.md). vs_encode_* writes a whole packet and sets its
+ * type and length itself, whatever the header says; vs_decode_* reads the body that vs_packet_open
+ * found and leaves its output alone on error: VS_ERR_SPACE (encode), VS_ERR_BODY, VS_ERR_TEXT.
  */
 #ifndef VS_BODY_H
 #define VS_BODY_H
@@ -18,7 +17,8 @@
 #define VS_PARAMS_MAX 4096       /* [byte] controller's parameters in WELCOME */
 #define VS_LOG_MAX 120           /* [byte] one line that a controller logs */
 #define VS_NEVER_US 0xFFFFFFFF   /* older_us of a value that was never measured */
-#define VS_UNKNOWN 255 /* a yes or no that is not known */
+#define VS_UNKNOWN 255           /* a yes or no that is not known */
+#define VS_CAPABLE_KEYED 1 /* the robot has a key, and obeys only a host that has it, too */
 
 /* Run state, wanted (STATE) and actual (TELEMETRY). */
 enum vs_run_state { VS_IDLE = 0, VS_RUN = 1, VS_PAUSE = 2, VS_STOP = 3, VS_HOME = 4 };
@@ -35,21 +35,21 @@ enum vs_stop_cause {
     VS_CAUSE_SIGNAL = 7,     /* the daemon was told to end */
     VS_CAUSE_BATTERY = 8     /* the battery is empty */
 };
-
 enum vs_refuse_code {
     VS_REFUSE_TAG_IN_USE = 1,  /* another robot with this tag was just heard */
     VS_REFUSE_TAG_UNKNOWN = 2, /* no entity of the experiment has this tag */
     VS_REFUSE_FULL = 3,        /* no room for another robot */
     VS_REFUSE_HELLO = 4,       /* the greeting cannot be understood */
     VS_REFUSE_ROOM = 5,        /* the robot has no room for the parameters */
-    VS_REFUSE_CONTROLLER = 6   /* it runs another controller than its table is for */
+    VS_REFUSE_CONTROLLER = 6,  /* it runs another controller than its table is for */
+    VS_REFUSE_KEY = 7          /* it has no key, or another than the host's */
 };
 
 enum vs_goodbye_cause {
     VS_BYE_END = 0,       /* orderly end: program or experiment */
     VS_BYE_TAKEN_OVER = 1,/* the same robot opened a newer session */
     VS_BYE_SILENT = 2,    /* nothing was heard for too long */
-    VS_BYE_RENEW = 3,     /* sequence numbers are used up: greet again */
+    VS_BYE_RENEW = 3,     /* sequence numbers are used up, or out of order: greet again */
     VS_BYE_PROTOCOL = 4,  /* the peer broke the protocol */
     VS_BYE_BASE = 5       /* the robot's base is gone, or nothing can guard it */
 };
@@ -60,7 +60,7 @@ struct vs_hello {
     uint64_t started;                 /* random, of this start of the daemon */
     uint32_t uptime_s;                /* [s] since the board started */
     uint16_t tag;                     /* marker on its back */
-    uint16_t capabilities;            /* none in use yet: 0 */
+    uint16_t capabilities;            /* VS_CAPABLE_KEYED; unknown bits are ignored */
     uint16_t params_room;             /* [byte] of params that the robot can hold */
     char name[VS_NAME_MAX + 1];       /* for people */
     char controller[VS_NAME_MAX + 1]; /* for people */
@@ -133,7 +133,7 @@ int vs_encode_welcome(const struct vs_header *header, const struct vs_welcome *w
                       uint8_t *buf, size_t cap, size_t *len);
 int vs_decode_welcome(const uint8_t *body, size_t len, struct vs_welcome *welcome);
 
-/* header->type says which: VS_REFUSE or VS_GOODBYE. */
+/* VS_REFUSE or VS_GOODBYE, as header->type says. */
 int vs_encode_notice(const struct vs_header *header, const struct vs_notice *notice,
                      uint8_t *buf, size_t cap, size_t *len);
 int vs_decode_notice(uint8_t type, const uint8_t *body, size_t len, struct vs_notice *notice);

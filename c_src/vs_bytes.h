@@ -62,6 +62,7 @@ struct vs_writer {
     size_t cap; /* bytes in buf */
     size_t len; /* bytes written */
     int error;  /* VS_OK or the first error */
+    const uint8_t *key; /* of a packet's tag */
 };
 
 void vs_writer_init(struct vs_writer *w, uint8_t *buf, size_t cap);
@@ -101,8 +102,8 @@ void vs_get_text(struct vs_reader *r, char *text, size_t max);
  * where bytes are left over). */
 int vs_reader_end(const struct vs_reader *r);
 
-/* VS_OK if the bytes are UTF-8 (RFC 3629) without control characters, else
- * VS_ERR_TEXT. With lines set, '\n' is allowed. */
+/* VS_OK if the bytes are UTF-8 (RFC 3629) without characters that steer a terminal (C0, C1, line
+ * separators, directions of writing), else VS_ERR_TEXT. With lines set, '\n' is allowed. */
 int vs_text_check(const uint8_t *text, size_t len, int lines);
 
 /* CRC-32 of IEEE 802.3 (reflected, initial and final inversion), as zlib's. */

@@ -17,8 +17,7 @@ static const struct {
     {VS_ERR_VERSION, "VS_ERR_VERSION", "the peer speaks another protocol version"},
     {VS_ERR_TYPE, "VS_ERR_TYPE", "packet type is unknown or not expected here"},
     {VS_ERR_LENGTH, "VS_ERR_LENGTH", "packet length is outside the limits of its type"},
-    {VS_ERR_CHECKSUM, "VS_ERR_CHECKSUM", "checksum does not match: the packet is damaged"},
-    {VS_ERR_TAG, "VS_ERR_TAG", "packet is authenticated, which version 1 cannot check"},
+    {VS_ERR_TAG, "VS_ERR_TAG", "tag does not match: the packet is damaged, or of another key"},
     {VS_ERR_BODY, "VS_ERR_BODY", "a field of the body is outside its range, or its size is wrong"},
     {VS_ERR_TEXT, "VS_ERR_TEXT", "text is too long, not UTF-8, or has control characters"},
     {VS_ERR_LAYOUT, "VS_ERR_LAYOUT", "layout is not [count*]type with type u1 i2 u2 i4 u4 f4, "
@@ -31,6 +30,7 @@ static const struct {
     {VS_ERR_RUN, "VS_ERR_RUN", "packet of an earlier run"},
     {VS_ERR_OLDER, "VS_ERR_OLDER", "packet is older than the newest accepted one"},
     {VS_ERR_REPEATED, "VS_ERR_REPEATED", "packet repeats the newest accepted one"},
+    {VS_ERR_JUMP, "VS_ERR_JUMP", "sequence or run is too far ahead to be true"},
     {VS_ERR_SEQUENCE, "VS_ERR_SEQUENCE", "sequence numbers are used up: renew the session"},
     {VS_ERR_IO, "VS_ERR_IO", "the device failed"},
     {VS_ERR_HANGUP, "VS_ERR_HANGUP", "the device is gone"},

@@ -17,8 +17,7 @@ enum vs_err {
     VS_ERR_VERSION = -11,  /* another protocol version */
     VS_ERR_TYPE = -12,     /* unknown packet type, or one that is not expected here */
     VS_ERR_LENGTH = -13,   /* length field outside the type's limits, or bytes left over */
-    VS_ERR_CHECKSUM = -14, /* CRC-32 does not match */
-    VS_ERR_TAG = -15,      /* the tag is of a key that this end does not have */
+    VS_ERR_TAG = -14,      /* the tag does not match: damaged, or made with another key */
 
     /* 20..29: the body */
     VS_ERR_BODY = -20,     /* a field is outside its range, or the size is wrong */
@@ -34,6 +33,7 @@ enum vs_err {
     VS_ERR_RUN = -32,      /* packet of an earlier run */
     VS_ERR_OLDER = -33,    /* sequence older than the newest accepted */
     VS_ERR_REPEATED = -34, /* sequence equal to the newest accepted */
+    VS_ERR_JUMP = -36,     /* sequence or run too far ahead to be true */
     VS_ERR_SEQUENCE = -35, /* no sequence number left: the session must be renewed */
 
     /* 40..49: the robot's base and the line to it */

@@ -26,6 +26,28 @@ void vs_peer_open(struct vs_peer *p, uint32_t session, uint32_t table_hash,
     p->rx_send_ns = peer_send_ns;
     p->rx_ns = now_ns;
     p->udp_ns = now_ns;
+    vs_peer_set_keys(p, vs_key_published, vs_key_published);
+}
+
+void vs_peer_set_keys(struct vs_peer *p, const uint8_t tx[VS_KEY_SIZE],
+                      const uint8_t rx[VS_KEY_SIZE])
+{
+    memcpy(p->tx_key, tx, VS_KEY_SIZE);
+    memcpy(p->rx_key, rx, VS_KEY_SIZE);
+}
+
+void vs_peer_adopt(struct vs_peer *p, const struct vs_peer *proved)
+{
+    uint32_t sums[sizeof p->counters / sizeof(uint32_t)];
+    uint32_t more[sizeof p->counters / sizeof(uint32_t)];
+    size_t i;
+
+    memcpy(sums, &p->counters, sizeof sums);
+    memcpy(more, &proved->counters, sizeof more);
+    for (i = 0; i < sizeof sums / sizeof sums[0]; i++)
+        sums[i] += more[i];
+    *p = *proved;
+    memcpy(&p->counters, sums, sizeof sums);
 }
 
 int vs_peer_udp_silent(const struct vs_peer *p, uint64_t now_ns)
@@ -44,6 +66,7 @@ void vs_peer_stamp(const struct vs_peer *p, uint64_t now_ns, struct vs_header *h
 
     header->flags = vs_peer_udp_silent(p, now_ns) ? VS_FLAG_NO_UDP : 0;
     header->session = p->session;
+    header->key = p->session != 0 ? p->tx_key : vs_key_published;
     header->table_hash = p->table_hash;
     header->send_ns = now_ns;
     /* An echo held for longer than hold_us can say would be a lie. */
@@ -103,8 +126,8 @@ static int drop(struct vs_peer *p, int err)
     struct vs_counters *c = &p->counters;
 
     switch (err) {
-    case VS_ERR_CHECKSUM:
-        c->checksum++;
+    case VS_ERR_TAG:
+        c->tag++;
         break;
     case VS_ERR_BODY:
         c->body++;
@@ -117,6 +140,9 @@ static int drop(struct vs_peer *p, int err)
         break;
     case VS_ERR_RUN:
         c->foreign_run++;
+        break;
+    case VS_ERR_JUMP:
+        c->jump++;
         break;
     case VS_ERR_OLDER:
         c->older++;
@@ -131,13 +157,14 @@ static int drop(struct vs_peer *p, int err)
     return err;
 }
 
-/* Session, table and run of a packet whose frame and type are right. */
+/* Table and run of a packet of the open session. */
 static int check_origin(const struct vs_peer *p, const struct vs_header *h)
 {
-    if (p->session == 0 || h->session != p->session)
-        return VS_ERR_SESSION;
     if (h->table_hash != p->table_hash)
         return VS_ERR_TABLE;
+    /* Of run 0 a robot speaks that has not heard of any yet. */
+    if (p->rx_run != 0 && h->run > p->rx_run && h->run - p->rx_run > VS_RUN_JUMP)
+        return VS_ERR_JUMP;
     return h->run < p->rx_run ? VS_ERR_RUN : VS_OK;
 }
 
@@ -157,7 +184,22 @@ static int check_sequence(const struct vs_peer *p, const struct vs_header *h)
     return h->sequence == p->rx_sequence ? VS_ERR_REPEATED : VS_OK;
 }
 
-/* Everything but frame and body: VS_OK, or why the packet is dropped, counted. */
+/* Exactly one packet, if it is of the open session and its peer has made it. */
+static int open_packet(struct vs_peer *p, const uint8_t *buf, size_t len,
+                       struct vs_header *header, const uint8_t **body, size_t *body_len)
+{
+    uint32_t session = 0;
+    int err = vs_packet_session(buf, len, &session);
+
+    p->counters.received++;
+    if (err == VS_OK && (p->session == 0 || session != p->session))
+        err = VS_ERR_SESSION;
+    if (err == VS_OK)
+        err = vs_packet_open(buf, len, p->rx_key, header, body, body_len);
+    return err == VS_OK ? VS_OK : drop(p, err);
+}
+
+/* Everything but frame, tag and body: VS_OK, or why the packet is dropped, counted. */
 static int filter(struct vs_peer *p, uint8_t type, int via, const struct vs_header *h,
                   uint64_t now_ns)
 {
@@ -168,6 +210,9 @@ static int filter(struct vs_peer *p, uint8_t type, int via, const struct vs_head
         return VS_ERR_TYPE;
     }
     err = check_origin(p, h);
+    if (err == VS_OK && h->sequence > p->rx_sequence &&
+        h->sequence - p->rx_sequence > VS_SEQUENCE_JUMP)
+        err = VS_ERR_JUMP;
     if (err != VS_OK)
         return drop(p, err);
     if (via == VS_VIA_UDP)
@@ -192,12 +237,10 @@ int vs_peer_receive_state(struct vs_peer *p, const struct vs_table *table, int v
 {
     const uint8_t *body;
     size_t body_len;
-    int err = vs_packet_open(buf, len, header, &body, &body_len);
+    int err = open_packet(p, buf, len, header, &body, &body_len);
 
-    p->counters.received++;
-    if (err != VS_OK)
-        return drop(p, err);
-    err = filter(p, VS_STATE, via, header, now_ns);
+    if (err == VS_OK)
+        err = filter(p, VS_STATE, via, header, now_ns);
     if (err != VS_OK)
         return err;
     err = vs_decode_state(table, body, body_len, state);
@@ -208,16 +251,18 @@ int vs_peer_receive_state(struct vs_peer *p, const struct vs_table *table, int v
 }
 
 int vs_peer_receive_telemetry(struct vs_peer *p, const struct vs_table *table, int via,
-                              const struct vs_header *header, const uint8_t *body, size_t len,
-                              uint64_t now_ns, struct vs_telemetry *telemetry)
+                              const uint8_t *buf, size_t len, uint64_t now_ns,
+                              struct vs_header *header, struct vs_telemetry *telemetry)
 {
-    int err;
+    const uint8_t *body;
+    size_t body_len;
+    int err = open_packet(p, buf, len, header, &body, &body_len);
 
-    p->counters.received++;
-    err = filter(p, VS_TELEMETRY, via, header, now_ns);
+    if (err == VS_OK)
+        err = filter(p, VS_TELEMETRY, via, header, now_ns);
     if (err != VS_OK)
         return err;
-    err = vs_decode_telemetry(table, body, len, telemetry);
+    err = vs_decode_telemetry(table, body, body_len, telemetry);
     if (err != VS_OK)
         return drop(p, err);
     note_accepted(p, header, now_ns);

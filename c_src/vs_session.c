@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "vs_bytes.h"
+#include "vs_greeting.h"
 #include "vs_offer.h"
 #include "vs_peer_robot.h"
 
@@ -70,6 +71,7 @@ static void forget_state(struct vs_session *s)
     s->fresh_ns = 0;
 }
 
+/* body ends where the tag begins. */
 static int on_welcome(struct vs_session *s, const struct vs_header *h,
                       const uint8_t *body, size_t len, uint64_t now_ns)
 {
@@ -89,8 +91,7 @@ static int on_welcome(struct vs_session *s, const struct vs_header *h,
     if (err != VS_OK)
         return err;
     forget_state(s);
-    memcpy(s->host_nonce, w.nonce, VS_NONCE_SIZE);
-    vs_peer_open(&s->peer, h->session, h->table_hash, h->send_ns, now_ns);
+    vs_greeting_open_peer(s, h, body + len, now_ns);
     vs_clock_init(&s->clock, s->config.clock_slewed);
     /* A greeting without an echo is no fault: the first STATE brings one. */
     (void)vs_clock_sample(&s->clock, h->echo_ns, h->send_ns, h->hold_us, now_ns);
@@ -163,8 +164,10 @@ static int on_packet(struct vs_session *s, size_t len, uint64_t now_ns, enum vs_
     struct vs_header h;
     const uint8_t *body;
     size_t body_len;
-    int err = vs_packet_open(s->inbox, len, &h, &body, &body_len);
+    int err = vs_greeting_packet(s, len, &h, &body, &body_len);
 
+    if (err == VS_ERR_TAG && s->config.keyed)
+        return vs_greeting_doubtful(s, len, event);
     if (err != VS_OK)
         return err;
     switch (h.type) {
@@ -236,29 +239,6 @@ int vs_session_tcp_in(struct vs_session *s, const uint8_t *buf, size_t len,
     return err;
 }
 
-static int give_hello(struct vs_session *s, const struct vs_header *header,
-                      uint8_t *buf, size_t cap, size_t *len)
-{
-    struct vs_hello hello;
-    int err;
-
-    memset(&hello, 0, sizeof hello);
-    memcpy(hello.uid, s->config.uid, VS_UID_SIZE);
-    memcpy(hello.name, s->config.name, sizeof hello.name);
-    memcpy(hello.controller, s->config.controller, sizeof hello.controller);
-    memcpy(hello.version, s->config.version, sizeof hello.version);
-    memcpy(hello.hash, s->config.hash, sizeof hello.hash);
-    memcpy(hello.nonce, s->nonce, VS_NONCE_SIZE);
-    hello.started = s->config.started;
-    hello.uptime_s = s->uptime_s;
-    hello.tag = s->config.tag;
-    hello.params_room = VS_PARAMS_ROOM;
-    err = vs_encode_hello(header, &hello, buf, cap, len);
-    if (err == VS_OK)
-        s->phase = VS_PHASE_WAIT;
-    return err;
-}
-
 int vs_session_tcp_out(struct vs_session *s, uint8_t *buf, size_t cap,
                        uint64_t now_ns, size_t *len)
 {
@@ -269,7 +249,7 @@ int vs_session_tcp_out(struct vs_session *s, uint8_t *buf, size_t cap,
     memset(&header, 0, sizeof header);
     vs_peer_stamp(&s->peer, now_ns, &header);
     if (s->phase == VS_PHASE_CONNECT) {
-        err = give_hello(s, &header, buf, cap, len);
+        err = vs_greeting_hello(s, &header, buf, cap, len);
     } else if (s->goodbye_due) {
         header.type = VS_GOODBYE;
         err = vs_encode_notice(&header, &s->notice, buf, cap, len);
@@ -323,8 +303,9 @@ int vs_session_telemetry(struct vs_session *s, struct vs_telemetry *t, uint64_t 
     t->wanted_run = s->run;
     t->received = c->received;
     t->old = c->older + c->repeated;
-    t->foreign = c->foreign_type + c->foreign_session + c->foreign_table + c->foreign_run;
-    t->corrupt = c->malformed + c->checksum + c->body;
+    t->foreign =
+        c->foreign_type + c->foreign_session + c->foreign_table + c->foreign_run + c->jump;
+    t->corrupt = c->malformed + c->tag + c->body;
     t->clock_bound_us = clock_bound_us(&s->clock, now_ns);
     err = vs_peer_send_telemetry(&s->peer, &s->table, &header, t, now_ns, buf, cap, len);
     if (err == VS_ERR_SEQUENCE)
@@ -334,7 +315,8 @@ int vs_session_telemetry(struct vs_session *s, struct vs_telemetry *t, uint64_t 
 
 int vs_session_over_tcp(const struct vs_session *s, uint64_t now_ns)
 {
-    return vs_peer_over_tcp(&s->peer, now_ns);
+    /* The host believes no greeting before the first packet: that one must not be lost. */
+    return s->open && (s->peer.tx_sequence <= 1 || vs_peer_over_tcp(&s->peer, now_ns));
 }
 
 int vs_session_goodbye(struct vs_session *s, uint8_t cause, const char *text)

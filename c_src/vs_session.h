@@ -23,7 +23,7 @@
 #define VS_PARAMS_ROOM 4096
 #endif
 
-#define VS_FUTURE_NS 1000000000 /* [ns] a capture further ahead than this is an error */
+#define VS_FUTURE_NS 50000000 /* [ns] a capture further ahead than this is an error */
 
 enum vs_event {
     VS_EV_NONE = 0,
@@ -32,7 +32,8 @@ enum vs_event {
     VS_EV_REFUSED = 3,  /* the host refuses: see notice; close and try again later */
     VS_EV_GOODBYE = 4,  /* the host ends the session: see notice; close */
     VS_EV_UDP_LOST = 5, /* no UDP for 1 s: telemetry goes over TCP too */
-    VS_EV_UDP_UP = 6    /* UDP is heard again */
+    VS_EV_UDP_UP = 6,   /* UDP is heard again */
+    VS_EV_DOUBTED = 7   /* somebody without the key refuses: see notice; nothing has changed */
 };
 
 enum vs_phase {
@@ -46,6 +47,8 @@ struct vs_session_config {
     uint8_t uid[VS_UID_SIZE];
     uint64_t started; /* random, of this start of the daemon */
     uint16_t tag;
+    uint8_t keyed;             /* it has a key, and obeys only a host that has it, too */
+    uint8_t key[VS_KEY_SIZE];  /* its own; of no meaning unless keyed */
     uint8_t clock_slewed; /* now_ns is of a clock that may be slewed: vs_clock.h */
     char name[VS_NAME_MAX + 1];
     char controller[VS_NAME_MAX + 1];
@@ -69,8 +72,8 @@ struct vs_session {
     uint8_t wanted;        /* enum vs_run_state; VS_IDLE until the first STATE */
     uint8_t udp_lost;      /* between VS_EV_UDP_LOST and VS_EV_UDP_UP */
     uint8_t goodbye_due;
-    uint8_t nonce[VS_NONCE_SIZE];      /* own, of this connection */
-    uint8_t host_nonce[VS_NONCE_SIZE];
+    uint8_t nonce[VS_NONCE_SIZE];    /* own, of this connection */
+    uint8_t hello_tag[VS_TAG_SIZE];  /* of the HELLO that was given out */
     uint32_t uptime_s;     /* [s] of the board when the connection was made */
     uint32_t offer;        /* counts the WELCOMEs whose table or params differ from those before */
     uint32_t seed;

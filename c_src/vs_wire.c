@@ -71,23 +71,55 @@ static void read_header(struct vs_header *h, const uint8_t *buf)
     h->table_hash = vs_load_u32(buf + TABLE_AT);
 }
 
-int vs_packet_open(const uint8_t *buf, size_t len, struct vs_header *header,
-                   const uint8_t **body, size_t *body_len)
+/* Whether exactly one packet is there. */
+static int check_frame(const uint8_t *buf, size_t len)
 {
-    const uint8_t *tag;
     size_t length = 0;
     int err = vs_packet_length(buf, len, &length);
 
+    if (err != VS_OK || len == length)
+        return err;
+    return len < length ? VS_ERR_SHORT : VS_ERR_LENGTH;
+}
+
+static const uint8_t *key_or_published(const uint8_t *key)
+{
+    return key != NULL ? key : vs_key_published;
+}
+
+int vs_packet_session(const uint8_t *buf, size_t len, uint32_t *session)
+{
+    int err = check_frame(buf, len);
+
+    if (err == VS_OK)
+        *session = vs_load_u32(buf + SESSION_AT);
+    return err;
+}
+
+/* 1 if two tags are the same, 0 if not; takes the same time wherever they differ. */
+static int is_tag(const uint8_t a[VS_TAG_SIZE], const uint8_t b[VS_TAG_SIZE])
+{
+    uint32_t differ = 0;
+    int i;
+
+    for (i = 0; i < VS_TAG_SIZE; i++)
+        differ |= (uint32_t)(a[i] ^ b[i]);
+    return differ == 0;
+}
+
+int vs_packet_open(const uint8_t *buf, size_t len, const uint8_t *key,
+                   struct vs_header *header, const uint8_t **body, size_t *body_len)
+{
+    uint8_t tag[VS_TAG_SIZE];
+    int err = check_frame(buf, len);
+
     if (err != VS_OK)
         return err;
-    if (len != length)
-        return len < length ? VS_ERR_SHORT : VS_ERR_LENGTH;
-    tag = buf + len - VS_TAG_SIZE;
-    if ((vs_load_u32(tag + 4) | vs_load_u32(tag + 8) | vs_load_u32(tag + 12)) != 0)
+    vs_tag_make(key_or_published(key), buf, len - VS_TAG_SIZE, tag);
+    if (!is_tag(tag, buf + len - VS_TAG_SIZE))
         return VS_ERR_TAG;
-    if (vs_load_u32(tag) != vs_crc32(buf, len - VS_TAG_SIZE))
-        return VS_ERR_CHECKSUM;
     read_header(header, buf);
+    header->key = key;
     *body = buf + VS_HEADER_SIZE;
     *body_len = len - VS_PACKET_MIN;
     return VS_OK;
@@ -97,6 +129,7 @@ void vs_packet_begin(struct vs_writer *w, uint8_t type, const struct vs_header *
                      uint8_t *buf, size_t cap)
 {
     vs_writer_init(w, buf, cap);
+    w->key = key_or_published(header->key);
     if (vs_put_room(w, VS_HEADER_SIZE) == NULL)
         return;
     vs_store_u16(buf, VS_MAGIC);
@@ -129,9 +162,7 @@ int vs_packet_end(struct vs_writer *w, size_t *len)
     if (tag == NULL || w->len > limit)
         return VS_ERR_SPACE;
     vs_store_u16(w->buf + LENGTH_AT, (uint16_t)w->len);
-    tag = vs_store_u32(tag, vs_crc32(w->buf, w->len - VS_TAG_SIZE));
-    tag = vs_store_u32(tag, 0);
-    (void)vs_store_u64(tag, 0);
+    vs_tag_make(w->key, w->buf, w->len - VS_TAG_SIZE, tag);
     *len = w->len;
     return VS_OK;
 }

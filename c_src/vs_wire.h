@@ -11,12 +11,12 @@
 #include <stdint.h>
 
 #include "vs_err.h"
+#include "vs_tag.h"
 
 #define VS_MAGIC 0x5356       /* the bytes 'V' 'S' */
 #define VS_VERSION 2
 #define VS_PREFIX_SIZE 8      /* magic..length: enough to frame a stream */
 #define VS_HEADER_SIZE 56
-#define VS_TAG_SIZE 16        /* without keys a CRC-32 and 12 zeros */
 #define VS_PACKET_MIN 72      /* header + tag */
 #define VS_DATAGRAM_MAX 1200  /* STATE and TELEMETRY, on UDP and on TCP */
 #define VS_GREETING_MAX 512   /* HELLO, REFUSE, GOODBYE */
@@ -54,6 +54,7 @@ struct vs_header {
                           * that the sender accepted; 0 = none */
     uint32_t hold_us;    /* [us] sender's clock: how long ago that packet came */
     uint32_t table_hash; /* CRC-32 of the sensor table; 0 in HELLO and REFUSE */
+    const uint8_t *key;  /* encoders tag with it; NULL: vs_key_published */
 };
 
 /* Largest packet of a type in bytes; 0 if the type is unknown. */
@@ -68,12 +69,19 @@ size_t vs_packet_limit(uint8_t type);
 int vs_packet_length(const uint8_t *buf, size_t len, size_t *length);
 
 /*
- * Checks the frame of exactly one packet (a datagram, or what
- * vs_packet_length framed) and reads its header. *body points into buf.
- * Errors: those of vs_packet_length, VS_ERR_SHORT, VS_ERR_LENGTH for bytes left
- * over, VS_ERR_CHECKSUM, VS_ERR_TAG. On error nothing is written.
+ * Checks frame and tag of exactly one packet (a datagram, or what
+ * vs_packet_length framed) and reads its header. *body points into buf; key NULL is
+ * vs_key_published. Errors: those of vs_packet_length, VS_ERR_SHORT, VS_ERR_LENGTH
+ * for bytes left over, VS_ERR_TAG. On error nothing is written.
  */
-int vs_packet_open(const uint8_t *buf, size_t len, struct vs_header *header,
-                   const uint8_t **body, size_t *body_len);
+int vs_packet_open(const uint8_t *buf, size_t len, const uint8_t *key,
+                   struct vs_header *header, const uint8_t **body, size_t *body_len);
+
+/*
+ * The session that exactly one packet names, to find the key it must be opened with:
+ * nothing else of it may be believed before. Errors: those of vs_packet_open but
+ * VS_ERR_TAG.
+ */
+int vs_packet_session(const uint8_t *buf, size_t len, uint32_t *session);
 
 #endif

@@ -14,6 +14,7 @@
 
 #include "base_sensors.h"
 #include "guard_rights.h"
+#include "key.h"
 #include "number.h"
 #include "report.h"
 #include "uid.h"
@@ -316,9 +317,14 @@ static int say_calibration(const struct vs_calibration *calibration)
 static int check_uid(const struct vs_options *o)
 {
     struct vs_options own = *o;
-    const char *source = vs_uid_find(&own);
     char text[2 * VS_UID_SIZE + 1];
+    char why[LINE_MAX_BYTES];
+    const char *source;
 
+    if (vs_key_load(&own, why, sizeof why) != 0)
+        return say("key", 0, "%s", why);
+    say("key", 1, "%s", own.keyed ? own.key_file : "none: it obeys whoever sends it commands");
+    source = vs_uid_find(&own);
     if (source == NULL)
         return say("uid", 0, "%s", vs_uid_missing);
     vs_uid_text(own.uid, text);

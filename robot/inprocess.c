@@ -150,7 +150,7 @@ int vs_inprocess_welcome(struct vs_inprocess *all, uint32_t robot, uint16_t tag,
     struct vs_instant now = {0, 0};
     const uint8_t *body;
     size_t body_len;
-    int err = vs_packet_open(packet, len, &header, &body, &body_len);
+    int err = vs_packet_open(packet, len, NULL, &header, &body, &body_len);
 
     if (err == VS_OK && header.type != VS_WELCOME)
         err = VS_ERR_TYPE;

@@ -10,6 +10,7 @@
 #include <unistd.h>
 
 #include "check.h"
+#include "key.h"
 #include "options.h"
 #include "presets.h"
 #include "report.h"
@@ -124,6 +125,10 @@ int main(int argc, char *argv[])
     if (options.check)
         return vs_check_run(&options);
     vs_report_as(options.tag);
+    if (vs_key_load(&options, why, sizeof why) != 0) {
+        vs_report("%s", why);
+        return 2;
+    }
     source = vs_uid_find(&options);
     if (source == NULL) {
         vs_report("%s", vs_uid_missing);

@@ -243,7 +243,7 @@ enum vs_net_result vs_net_take(struct vs_net *net, struct vs_session *session,
         return VS_NET_LOST;
     }
     net->in_pos += used;
-    if (*event != VS_EV_NONE)
+    if (*event != VS_EV_NONE && *event != VS_EV_DOUBTED)
         net->heard_ns = now_ns;
     return VS_NET_EVENT;
 }

@@ -48,7 +48,7 @@ struct vs_net {
     size_t newest_len;
     /* What holds nothing yet was never written: pages that nobody touches cost no memory. */
     uint8_t datagram[VS_DATAGRAM_MAX + 1];
-    uint8_t in[2048];
+    uint8_t in[1792];                   /* of the stream, at a time */
     uint8_t out[VS_DATAGRAM_MAX];       /* the packet that TCP is sending */
     uint8_t newest[VS_DATAGRAM_MAX];   /* telemetry waiting for TCP: newest wins */
 };

@@ -137,3 +137,27 @@ int vs_number_address(const char *text, uint8_t address[4])
     }
     return 0;
 }
+
+static int hex_digit(char c)
+{
+    if (c >= '0' && c <= '9')
+        return c - '0';
+    if (c >= 'a' && c <= 'f')
+        return c - 'a' + 10;
+    return c >= 'A' && c <= 'F' ? c - 'A' + 10 : -1;
+}
+
+int vs_number_hex(const char *text, int whole, uint8_t bytes[16])
+{
+    size_t i;
+
+    for (i = 0; i < 16; i++) {
+        int high = hex_digit(text[2 * i]);
+        int low = high < 0 ? -1 : hex_digit(text[2 * i + 1]);
+
+        if (low < 0)
+            return -1;
+        bytes[i] = (uint8_t)(high << 4 | low);
+    }
+    return whole && text[32] != '\0' ? -1 : 0;
+}

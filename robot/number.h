@@ -23,4 +23,8 @@ int vs_number_whole(const char *text, int64_t least, int64_t most, int64_t *valu
  * inet_pton(), which has IPv6 besides. Returns 0, or -1. */
 int vs_number_address(const char *text, uint8_t address[4]);
 
+/* Reads the 32 hexadecimal digits that text begins with; if whole is 1 it must be nothing else.
+ * Returns 0, or -1. */
+int vs_number_hex(const char *text, int whole, uint8_t bytes[16]);
+
 #endif

@@ -31,6 +31,9 @@ const char vs_options_help[] =
     "  --uid HEX        32 hexadecimal digits that no other robot has\n"
     "                   (default: the board's machine-id, serial number or MAC address, the\n"
     "                   first that it has, mixed with the tag)\n"
+    "  --key FILE       the robot's uid and key, which vsense robot deploy brings: it obeys no\n"
+    "                   host that does not know the key\n"
+    "  --insecure       in place of --key: it obeys whoever sends it commands\n"
     "  --name NAME      for people, at most 31 bytes (default: robot_TAG)\n"
     "  --config FILE    a file of settings, one in a line: the name of an option without\n"
     "                   its dashes, = and its value, such as: port = 4050. What the\n"
@@ -97,34 +100,9 @@ static int read_number(const struct reading *r, uint16_t *number)
     return 0;
 }
 
-static int hex_digit(char c)
-{
-    if (c >= '0' && c <= '9')
-        return c - '0';
-    if (c >= 'a' && c <= 'f')
-        return c - 'a' + 10;
-    return c >= 'A' && c <= 'F' ? c - 'A' + 10 : -1;
-}
-
-/* Reads 32 digits. Returns 0, or -1. */
-static int read_uid(const char *text, uint8_t uid[VS_UID_SIZE])
-{
-    size_t i;
-
-    for (i = 0; i < VS_UID_SIZE; i++) {
-        int high = hex_digit(text[2 * i]);
-        int low = high < 0 ? -1 : hex_digit(text[2 * i + 1]);
-
-        if (low < 0)
-            return -1;
-        uid[i] = (uint8_t)(high << 4 | low);
-    }
-    return 0;
-}
-
 int vs_options_make_uid(struct vs_options *options, const char *text)
 {
-    if (read_uid(text, options->uid) != 0)
+    if (vs_number_hex(text, 0, options->uid) != 0)
         return -1;
     options->uid[0] ^= (uint8_t)(options->tag & 0xFF);
     options->uid[1] ^= (uint8_t)(options->tag >> 8);
@@ -135,7 +113,7 @@ int vs_options_make_uid(struct vs_options *options, const char *text)
 static int take_uid(const struct reading *r, struct vs_options *o)
 {
     o->has_uid = 1;
-    if (strlen(r->value) == 2 * VS_UID_SIZE && read_uid(r->value, o->uid) == 0)
+    if (vs_number_hex(r->value, 1, o->uid) == 0)
         return 0;
     return refuse(r, "32 hexadecimal digits");
 }
@@ -199,6 +177,18 @@ static int take_trace(const struct reading *r, struct vs_options *o)
     return 0;
 }
 
+static int take_key(const struct reading *r, struct vs_options *o)
+{
+    o->key_file = r->value;
+    return 0;
+}
+
+static int take_insecure(const struct reading *r, struct vs_options *o)
+{
+    o->insecure = 1;
+    return strcmp(r->value, "yes") == 0 ? 0 : refuse(r, "yes, or no such line");
+}
+
 static int take_watchdog(const struct reading *r, struct vs_options *o)
 {
     o->watchdog = r->value;
@@ -235,6 +225,8 @@ static const struct {
     {"tag", take_tag},
     {"base", take_base},
     {"uid", take_uid},
+    {"key", take_key},
+    {"insecure", take_insecure},
     {"name", take_name},
     {"watchdog", take_watchdog},
     {"battery-stop-mv", take_battery_stop},
@@ -321,6 +313,16 @@ static int check(struct vs_options *o, char *why, size_t why_size)
         vs_format(why, why_size, "%s is missing; see vsensed --help", missing);
         return -1;
     }
+    if ((o->key_file != NULL) == o->insecure) {
+        vs_format(why, why_size, "%s: expected either --key FILE, which 'vsense robot deploy' "
+                  "brings, or --insecure: obey whoever sends commands",
+                  o->insecure ? "--key and --insecure" : "--key is missing");
+        return -1;
+    }
+    if (o->key_file != NULL && o->has_uid) {
+        vs_format(why, why_size, "--uid: the file of --key says the robot's uid");
+        return -1;
+    }
     if (o->name[0] == '\0')
         vs_format(o->name, sizeof o->name, "robot_%u", (unsigned int)o->tag);
     return 0;
@@ -334,7 +336,8 @@ void vs_options_init(struct vs_options *options)
 /* 1 if no value comes after it. */
 static int is_flag(const char *name)
 {
-    return strcmp(name, "--check") == 0 || strcmp(name, "--identify") == 0;
+    return strcmp(name, "--check") == 0 || strcmp(name, "--identify") == 0 ||
+           strcmp(name, "--insecure") == 0;
 }
 
 const char *vs_options_config(int argc, char *const argv[])
@@ -380,6 +383,7 @@ enum vs_options_result vs_options_read(struct vs_options *options, int argc, cha
             return VS_OPTIONS_VERSION;
         if (is_flag(argv[i])) {
             options->check |= strcmp(argv[i], "--check") == 0;
+            options->insecure |= strcmp(argv[i], "--insecure") == 0;
             options->identify |= strcmp(argv[i], "--identify") == 0;
             i++;
             continue;

@@ -24,6 +24,10 @@ struct vs_options {
     uint16_t tag;
     char name[VS_NAME_MAX + 1];       /* default robot_TAG */
     uint8_t uid[VS_UID_SIZE];
+    const char *key_file;             /* NULL: none */
+    uint8_t key[VS_KEY_SIZE];         /* of that file; key.h reads it */
+    uint8_t keyed;
+    uint8_t insecure;                 /* without a key, and content */
     uint8_t has_uid;
     uint8_t has_tag;
     uint8_t check;                    /* look whether all is well, and end */

@@ -24,6 +24,16 @@ static void refused(struct vs_talk *talk, const char *why)
     vs_report("the host refuses: %s; trying on", why);
 }
 
+/* Anybody may have said it, and it changes nothing. */
+static void doubted(struct vs_talk *talk, const char *why)
+{
+    if (strcmp(talk->refusal, why) == 0)
+        return;
+    memcpy(talk->refusal, why, strlen(why) + 1);
+    vs_report("a host that does not know this robot's key refuses: %s; bring the key anew with "
+              "'vsense robot deploy'", why);
+}
+
 static void dismissed(struct vs_talk *talk, const struct vs_session *session)
 {
     vs_talk_lost(talk, session->notice.text);
@@ -37,6 +47,8 @@ void vs_talk_event(struct vs_talk *talk, enum vs_event event, const struct vs_se
         opened(talk, session);
     else if (event == VS_EV_REFUSED)
         refused(talk, session->notice.text);
+    else if (event == VS_EV_DOUBTED)
+        doubted(talk, session->notice.text);
     else if (event == VS_EV_GOODBYE)
         dismissed(talk, session);
     else if (event == VS_EV_UDP_LOST)

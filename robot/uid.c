@@ -149,6 +149,8 @@ static int from_mac(struct vs_options *options)
 
 const char *vs_uid_find(struct vs_options *options)
 {
+    if (options->keyed)
+        return "the file of its key";
     if (options->has_uid)
         return "its settings";
     if (from_file(options, "/etc/machine-id"))

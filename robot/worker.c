@@ -274,6 +274,8 @@ static int open_session(struct vs_worker *w)
 
     memset(&config, 0, sizeof config);
     memcpy(config.uid, o->uid, sizeof config.uid);
+    memcpy(config.key, o->key, sizeof config.key);
+    config.keyed = o->keyed;
     memcpy(config.name, o->name, sizeof config.name);
     config.tag = o->tag;
     config.clock_slewed = (uint8_t)vs_posix_clock_is_slewed();

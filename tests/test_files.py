@@ -21,14 +21,14 @@ from vsense.errors import VsenseError
 from vsense.files import parse_json, read_bytes, read_text
 from vsense.markers.families import load_family
 from vsense.recording.reader import open_recording
-from vsense.robot import deploying
+from vsense.robot import hosts
 from vsense.ui.access import read_tokens
 
 READERS: dict[str, Callable[[Path], object]] = {
     "x.argos": experiment.load,
     "resources.xml": resources.load,
     "tokens": read_tokens,
-    "hosts": deploying.read,
+    "hosts": hosts.read,
     "times.csv": lambda path: read_timestamps(path, False),
     "views.csv": lambda path: read_table(path, ["x"]),
     "picture.png": read_picture,

@@ -121,6 +121,21 @@ static void test_addresses(void)
         CHECK_FOR(wrong[i], vs_number_address(wrong[i], address) == -1);
 }
 
+static void test_hexadecimal(void)
+{
+    static const char *const wrong[] = {"", "00", "0123456789abcdef0123456789abcde",
+                                        "0123456789abcdef0123456789abcdeg", " 123456789abcdef0123456789abcdef"};
+    uint8_t bytes[16];
+    size_t i;
+
+    CHECK(vs_number_hex("0123456789abcdefABCDEF9876543210", 1, bytes) == 0);
+    CHECK(bytes[0] == 0x01 && bytes[7] == 0xEF && bytes[8] == 0xAB && bytes[15] == 0x10);
+    CHECK(vs_number_hex("0123456789abcdef0123456789abcdef0", 0, bytes) == 0);
+    CHECK(vs_number_hex("0123456789abcdef0123456789abcdef0", 1, bytes) == -1);
+    for (i = 0; i < sizeof wrong / sizeof wrong[0]; i++)
+        CHECK_FOR(wrong[i], vs_number_hex(wrong[i], 0, bytes) == -1);
+}
+
 int main(void)
 {
     uint32_t seed;
@@ -129,6 +144,7 @@ int main(void)
     test_what_is_no_number();
     test_whole_numbers();
     test_addresses();
+    test_hexadecimal();
     for (seed = 1; seed <= 100000; seed++)
         test_against_strtod(seed * 2654435761u | 1u);
     return 0;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 /* The robot's session under the sanitizers: any chunking, any bytes, packets mutilated
- * behind a checksum that is right. */
+ * behind a tag that is right. */
 #include <string.h>
 
 #include "check.h"
@@ -40,15 +40,29 @@ static void host_init(struct host *host)
     host->welcome.params_len = 14;
 }
 
-static size_t give_welcome(struct host *host, uint32_t session, uint8_t *buf, uint64_t now_ns)
+static const uint8_t *root_of(const struct vs_session *s)
 {
+    return s->config.keyed ? s->config.key : vs_key_published;
+}
+
+/* Answers the greeting that s has given out. */
+static size_t give_welcome(struct host *host, const struct vs_session *s, uint32_t session,
+                           uint8_t *buf, uint64_t now_ns)
+{
+    uint8_t answer[VS_KEY_SIZE];
+    uint8_t down[VS_KEY_SIZE];
+    uint8_t up[VS_KEY_SIZE];
     struct vs_header header;
     size_t len;
 
     memset(&header, 0, sizeof header);
     vs_peer_open(&host->peer, session, host->welcome.table.hash, 1, now_ns);
     vs_peer_stamp(&host->peer, now_ns, &header);
+    vs_key_answer(root_of(s), s->hello_tag, answer);
+    header.key = answer;
     CHECK(vs_encode_welcome(&header, &host->welcome, buf, VS_PACKET_MAX, &len) == VS_OK);
+    vs_key_session(root_of(s), s->hello_tag, buf + len - VS_TAG_SIZE, down, up);
+    vs_peer_set_keys(&host->peer, down, up);
     return len;
 }
 
@@ -136,7 +150,9 @@ static void test_any_chunking_gives_the_same_events(void)
     size_t i;
 
     host_init(&host);
-    len = give_welcome(&host, 77, stream, 1);
+    robot_init(&s);
+    robot_greets(&s, 1); /* the same greeting as in each round below */
+    len = give_welcome(&host, &s, 77, stream, 1);
     for (i = 1; i <= 3; i++)
         len += give_state(&host, (uint32_t)i, stream + len, 1);
     len += give_goodbye(&host, stream + len);
@@ -157,17 +173,15 @@ static void check_bounds(const struct vs_session *s)
 
     CHECK(s->inbox_len < VS_PACKET_MAX);
     CHECK(s->wanted <= VS_STOP);
-    CHECK(c->received == c->accepted + c->malformed + c->checksum + c->body + c->foreign_type +
-                             c->foreign_session + c->foreign_table + c->foreign_run + c->older +
-                             c->repeated);
+    CHECK(c->received == c->accepted + c->malformed + c->tag + c->body + c->foreign_type +
+                             c->foreign_session + c->foreign_table + c->foreign_run + c->jump +
+                             c->older + c->repeated);
 }
 
-/* Some bytes changed, sometimes cut, the checksum often made right again. */
-static size_t mutilate(uint8_t *packet, size_t len)
+/* Some bytes changed, sometimes cut, the tag often made right again. */
+static size_t mutilate(const uint8_t *key, uint8_t *packet, size_t len)
 {
     uint32_t changes = 1 + random_below(4);
-    uint32_t crc;
-    size_t i;
 
     while (changes-- > 0)
         packet[random_below((uint32_t)len)] = (uint8_t)random_below(256);
@@ -176,10 +190,7 @@ static size_t mutilate(uint8_t *packet, size_t len)
     if (random_below(8) != 0) {
         packet[6] = (uint8_t)len;
         packet[7] = (uint8_t)(len >> 8);
-        memset(packet + len - VS_TAG_SIZE, 0, VS_TAG_SIZE);
-        crc = vs_crc32(packet, len - VS_TAG_SIZE);
-        for (i = 0; i < 4; i++)
-            packet[len - VS_TAG_SIZE + i] = (uint8_t)(crc >> (8 * i));
+        vs_tag_make(key, packet, len - VS_TAG_SIZE, packet + len - VS_TAG_SIZE);
     }
     return len;
 }
@@ -220,17 +231,21 @@ static void test_mutilated_packets_do_no_harm(void)
     robot_init(&s);
     for (i = 1; i <= ROUNDS; i++) {
         uint64_t now_ns = i * MS;
+        uint8_t key[VS_KEY_SIZE];
         struct vs_value value;
         size_t len;
 
         if (s.phase == VS_PHASE_DOWN)
             robot_greets(&s, now_ns);
-        if (s.phase == VS_PHASE_WAIT || random_below(64) == 0)
-            len = give_welcome(&host, i, packet, now_ns);
-        else
+        if (s.phase == VS_PHASE_WAIT || random_below(64) == 0) {
+            vs_key_answer(vs_key_published, s.hello_tag, key);
+            len = give_welcome(&host, &s, i, packet, now_ns);
+        } else {
+            memcpy(key, s.peer.rx_key, VS_KEY_SIZE);
             len = give_state(&host, i, packet, now_ns);
+        }
         if (random_below(3) != 0)
-            len = mutilate(packet, len);
+            len = mutilate(key, packet, len);
         feed_mutilated(&s, packet, len, now_ns);
         check_bounds(&s);
         if (vs_session_value(&s, (int)random_below(34) - 1, &value) == VS_OK)
@@ -239,7 +254,7 @@ static void test_mutilated_packets_do_no_harm(void)
         (void)vs_session_age_ns(&s, s.capture_ns, now_ns);
     }
     CHECK(s.peer.counters.accepted > ROUNDS / 100);
-    CHECK(s.peer.counters.checksum + s.peer.counters.body > ROUNDS / 100);
+    CHECK(s.peer.counters.tag + s.peer.counters.body > ROUNDS / 100);
 }
 
 static void test_random_bytes_are_one_named_error(void)
@@ -265,8 +280,132 @@ static void test_random_bytes_are_one_named_error(void)
     }
 }
 
+/* A robot that has a key, and a host that has another one, or none. */
+static void robot_with_key(struct vs_session *s, uint8_t key)
+{
+    robot_init(s);
+    s->config.keyed = 1;
+    memset(s->config.key, key, VS_KEY_SIZE);
+    robot_greets(s, 1);
+}
+
+static enum vs_event take(struct vs_session *s, const uint8_t *packet, size_t len, int *err)
+{
+    enum vs_event event;
+    size_t used;
+
+    *err = vs_session_tcp_in(s, packet, len, 2, &used, &event);
+    return event;
+}
+
+static void test_only_a_host_with_its_key_is_believed(void)
+{
+    uint8_t packet[VS_PACKET_MAX];
+    struct vs_session s, impostor;
+    struct host host;
+    int err;
+    size_t len;
+
+    host_init(&host);
+    robot_with_key(&impostor, 2);
+    robot_with_key(&s, 1);
+    memcpy(impostor.hello_tag, s.hello_tag, VS_TAG_SIZE); /* it knows what was on the air */
+    len = give_welcome(&host, &impostor, 7, packet, 1);
+    CHECK(take(&s, packet, len, &err) == VS_EV_NONE && err == VS_ERR_TAG && !s.open);
+    robot_greets(&s, 1);
+    impostor.config.keyed = 0;
+    len = give_welcome(&host, &impostor, 7, packet, 1);
+    CHECK(take(&s, packet, len, &err) == VS_EV_NONE && err == VS_ERR_TAG && !s.open);
+    robot_greets(&s, 1);
+    len = give_welcome(&host, &s, 7, packet, 1);
+    CHECK(take(&s, packet, len, &err) == VS_EV_OPEN && err == VS_OK && s.open);
+}
+
+static void test_no_answer_fits_a_later_greeting(void)
+{
+    static const uint8_t other[VS_NONCE_SIZE] = {8};
+    uint8_t packet[VS_PACKET_MAX];
+    uint8_t hello[VS_GREETING_MAX];
+    struct vs_session s;
+    struct host host;
+    int err;
+    size_t hello_len;
+    size_t len;
+
+    host_init(&host);
+    robot_with_key(&s, 1);
+    len = give_welcome(&host, &s, 7, packet, 1);
+    vs_session_connected(&s, other, 60);
+    CHECK(vs_session_tcp_out(&s, hello, sizeof hello, 1, &hello_len) == VS_OK);
+    CHECK(take(&s, packet, len, &err) == VS_EV_NONE && err == VS_ERR_TAG);
+}
+
+static size_t give_refusal(const uint8_t *root, const struct vs_session *s, uint8_t *buf)
+{
+    struct vs_notice notice = {VS_REFUSE_TAG_UNKNOWN, "no such tag"};
+    uint8_t answer[VS_KEY_SIZE];
+    struct vs_header header;
+    size_t len;
+
+    memset(&header, 0, sizeof header);
+    vs_key_answer(root, s->hello_tag, answer);
+    header.key = answer;
+    header.type = VS_REFUSE;
+    CHECK(vs_encode_notice(&header, &notice, buf, VS_PACKET_MAX, &len) == VS_OK);
+    return len;
+}
+
+static void test_a_refusal_that_anybody_may_have_made_ends_nothing(void)
+{
+    uint8_t packet[VS_PACKET_MAX];
+    struct vs_session s;
+    struct host host;
+    int err;
+    size_t len;
+
+    host_init(&host);
+    robot_with_key(&s, 1);
+    len = give_refusal(vs_key_published, &s, packet);
+    CHECK(take(&s, packet, len, &err) == VS_EV_DOUBTED && err == VS_OK);
+    CHECK(strcmp(s.notice.text, "no such tag") == 0 && s.phase == VS_PHASE_WAIT);
+    len = give_welcome(&host, &s, 7, packet, 1);
+    CHECK(take(&s, packet, len, &err) == VS_EV_OPEN && err == VS_OK);
+    robot_greets(&s, 1);
+    len = give_refusal(s.config.key, &s, packet);
+    CHECK(take(&s, packet, len, &err) == VS_EV_REFUSED && err == VS_OK);
+}
+
+/* Both with the right keys: one sends what is too far ahead, and the other goes on hearing. */
+static void test_no_packet_makes_a_peer_deaf(void)
+{
+    uint8_t packet[VS_PACKET_MAX];
+    struct vs_session s;
+    struct host host;
+    enum vs_event event;
+    int err;
+    size_t len;
+
+    host_init(&host);
+    robot_with_key(&s, 1);
+    len = give_welcome(&host, &s, 7, packet, 1);
+    CHECK(take(&s, packet, len, &err) == VS_EV_OPEN);
+    len = give_state(&host, 1, packet, 1);
+    CHECK(vs_session_udp_in(&s, packet, len, 2, &event) == VS_OK);
+    host.peer.tx_sequence = 1 + VS_SEQUENCE_JUMP;
+    len = give_state(&host, 2, packet, 1);
+    CHECK(vs_session_udp_in(&s, packet, len, 2, &event) == VS_ERR_JUMP && event == VS_EV_NONE);
+    host.peer.tx_sequence = VS_SEQUENCE_JUMP;
+    len = give_state(&host, 2, packet, 1);
+    CHECK(vs_session_udp_in(&s, packet, len, 2, &event) == VS_OK && event == VS_EV_STATE);
+    CHECK(s.peer.counters.jump == 1 && s.peer.counters.accepted == 2);
+}
+
 int main(void)
 {
+    test_only_a_host_with_its_key_is_believed();
+    test_no_answer_fits_a_later_greeting();
+    test_a_refusal_that_anybody_may_have_made_ends_nothing();
+    test_no_packet_makes_a_peer_deaf();
     test_any_chunking_gives_the_same_events();
     test_mutilated_packets_do_no_harm();
     test_random_bytes_are_one_named_error();

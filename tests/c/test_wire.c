@@ -61,7 +61,7 @@ static int again(const uint8_t *packet, size_t packet_len, const struct vs_table
     } m;
     const uint8_t *body;
     size_t body_len;
-    int err = vs_packet_open(packet, packet_len, &h, &body, &body_len);
+    int err = vs_packet_open(packet, packet_len, NULL, &h, &body, &body_len);
 
     if (err != VS_OK)
         return err;
@@ -113,7 +113,7 @@ static void test_every_truncation_asks_for_more(const struct golden *g)
         size_t len = 0;
         int framed = vs_packet_length(packet, cut, &len);
 
-        CHECK_FOR(g->name, vs_packet_open(packet, cut, &h, &body, &len) == VS_ERR_SHORT);
+        CHECK_FOR(g->name, vs_packet_open(packet, cut, NULL, &h, &body, &len) == VS_ERR_SHORT);
         CHECK_FOR(g->name, framed == (cut < VS_PREFIX_SIZE ? VS_ERR_SHORT : VS_OK));
         free(packet);
     }
@@ -130,7 +130,7 @@ static void test_every_bit_flip_is_refused(const struct golden *g)
         size_t len;
 
         packet[bit / 8] ^= (uint8_t)(1u << bit % 8);
-        CHECK_FOR(g->name, vs_packet_open(packet, g->len, &h, &body, &len) < 0);
+        CHECK_FOR(g->name, vs_packet_open(packet, g->len, NULL, &h, &body, &len) < 0);
         packet[bit / 8] ^= (uint8_t)(1u << bit % 8);
     }
     free(packet);

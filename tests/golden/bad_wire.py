@@ -35,9 +35,10 @@ def bad_frames() -> list[dict[str, Any]]:
         bad("empty", "SHORT", b""),
         bad("header_only", "SHORT", packet[:56]),
         bad("last_byte_missing", "SHORT", packet[:-1]),
-        bad("checksum", "CHECKSUM", seal(1, GREETING, body, crc=1)),
-        bad("tag_first", "TAG", seal(1, GREETING, body, zeros=b"\1" + bytes(11))),
-        bad("tag_last", "TAG", seal(1, GREETING, body, zeros=bytes(11) + b"\x80")),
+        bad("tag_first", "TAG", seal(1, GREETING, body, tag=b"\1" + bytes(15))),
+        bad("tag_last", "TAG", seal(1, GREETING, body, tag=bytes(15) + b"\x80")),
+        bad("tag_twice", "TAG", seal(1, GREETING, body, tag=b"\1" * 2 + bytes(14))),
+        bad("other_key", "TAG", seal(1, GREETING, body, key=bytes(16))),
     ]
 
 

@@ -42,8 +42,8 @@ def robot() -> Iterator[Callable[..., Robot]]:
     """Makes robots."""
     made: list[Robot] = []
 
-    def make(server: Server, tag: int = 1, uid: bytes | None = None) -> Robot:
-        made.append(Robot(server, tag, uid))
+    def make(server: Server, tag: int = 1, uid: bytes | None = None, keyed: bool = True) -> Robot:
+        made.append(Robot(server, tag, uid, keyed))
         return made[-1]
 
     yield make

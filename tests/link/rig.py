@@ -5,6 +5,7 @@ Nothing here sleeps: every wait is for a packet or an event, and gives up after 
 
 from __future__ import annotations
 
+import os
 import select
 import socket
 import struct
@@ -14,6 +15,7 @@ from collections.abc import Callable
 
 from tests.wire.robot_session import Event, RobotSession
 from vsense.clock import host_ns
+from vsense.link.robots.keys import LinkTrust, SwarmKeys
 from vsense.link.robots.roster import ExpectedRobot
 from vsense.link.robots.server import LinkEvent, VirtualSensorServer
 from vsense.link.robots.table import Direction, Entry, Table
@@ -24,6 +26,15 @@ LOOK_AGAIN_S = 0.005
 MS = 1_000_000
 S = 1000 * MS
 TABLE = Table([Entry(7, "pollutant", "f4"), Entry(8, "pushes", "u4", Direction.ACTUATOR)])
+
+
+KEYS = SwarmKeys({1: bytes(range(32))})
+KEYED = LinkTrust(KEYS)
+
+
+def keyed_session(uid: bytes, tag: int) -> RobotSession:
+    """A robot's session that has the robot's own key."""
+    return RobotSession(uid, tag, key=KEYS.robot_key(uid))
 
 
 def reading(value: float, capture_ns: int) -> Values:
@@ -61,12 +72,18 @@ class Server:
     """A server with robots 1 and 2, whose events can be waited for."""
 
     def __init__(
-        self, clock: Callable[[], int], port: int = 0, seed: int = 1, born_s: float = 1.8e9
+        self,
+        clock: Callable[[], int],
+        port: int = 0,
+        seed: int = 1,
+        born_s: float = 1.8e9,
+        trust: LinkTrust = KEYED,
     ) -> None:
         self.clock = clock
         self.events: list[LinkEvent] = []
         self._news = threading.Condition()
         self.server = VirtualSensorServer(
+            trust=trust,
             host="127.0.0.1",
             port=port,
             timestep_ns=100 * MS,
@@ -109,12 +126,17 @@ class Robot:
         events: what its session told.
         drops: errors for which datagrams were dropped.
         udp_open: False: a firewall between it and the host eats every datagram.
+        wire: what went "up" to the host and came "down", as somebody hears who listens.
     """
 
-    def __init__(self, server: Server, tag: int, uid: bytes | None = None) -> None:
-        self.session = RobotSession(uid or bytes([tag % 256]) * 16, tag)
+    def __init__(
+        self, server: Server, tag: int, uid: bytes | None = None, keyed: bool = True
+    ) -> None:
+        who = uid or bytes([tag % 256]) * 16
+        self.session = keyed_session(who, tag) if keyed else RobotSession(who, tag)
         self.events: list[Event] = []
         self.udp_open = True
+        self.wire: list[tuple[str, bytes]] = []
         self._server = server
         self.udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.udp.bind(("127.0.0.1", 0))
@@ -129,20 +151,33 @@ class Robot:
         self.tcp.close()
         self.session.disconnect()
         self.tcp = socket.create_connection(("127.0.0.1", self._server.port), PATIENCE_S)
-        self.tcp.sendall(self.session.connect(self.now_ns()))
+        hello = self.session.connect(self.now_ns(), os.urandom(16))
+        self.wire.append(("up", hello))
+        self.tcp.sendall(hello)
         return self
 
     def join(self) -> Robot:
         """Connects until there is a session and state comes over UDP."""
+        self.open()
+        self.until(lambda: bool(self.session.c.peer.udp_heard))
+        return self
+
+    def open(self) -> Robot:
+        """Connects until there is a session, and says its first word, which proves that."""
+        sessions = self._sessions()
         self.connect()
         self.until(lambda: bool(self.session.c.open))
         self.say()
-        self.until(lambda: bool(self.session.c.peer.udp_heard))
+        self.until(lambda: self._sessions() > sessions)
         return self
+
+    def _sessions(self) -> int:
+        return self._server.server.robots()[self.session.c.config.tag].sessions
 
     def say(self, telemetry: Telemetry | None = None) -> None:
         """Sends one telemetry on every way that it needs now."""
         packet = self.session.telemetry(self.now_ns(), telemetry)
+        self.wire.append(("up", packet))
         if self.udp_open:
             self.udp.sendto(packet, ("127.0.0.1", self._server.port))
         if self.session.over_tcp(self.now_ns()):
@@ -159,11 +194,13 @@ class Robot:
     def _take(self, ready: socket.socket) -> None:
         if ready is self.udp:
             datagram = self.udp.recv(PACKET_MAX)
+            self.wire.append(("down", datagram))
             if self.udp_open:
                 self.events.append(self.session.udp_in(datagram, self.now_ns())[1])
             return
         data = self.tcp.recv(PACKET_MAX)
         assert data, f"the host closed the connection; told were {self.events}"
+        self.wire.append(("down", data))
         self.events += self.session.tcp_in(data, self.now_ns())
 
     def timestep(self, timestep: int) -> None:

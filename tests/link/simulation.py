@@ -14,14 +14,16 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import count
 
-from tests.wire.robot_session import Event, RobotSession
+from tests.link.rig import KEYS, keyed_session
+from tests.wire.robot_session import Event
+from vsense.link.robots.keys import LinkTrust
 from vsense.link.robots.peer import Orders
 from vsense.link.robots.roster import ExpectedRobot, Roster
 from vsense.link.robots.session import HostSession
 from vsense.link.robots.status import LinkEvent
 from vsense.link.robots.streams import Inbox
 from vsense.link.robots.table import Direction, Entry, Table
-from vsense.link.robots.wire import Telemetry, Wanted, open_packet
+from vsense.link.robots.wire import Telemetry, Wanted, session_of
 
 MS = 1_000_000
 S = 1000 * MS
@@ -74,7 +76,7 @@ class Robot:
     """
 
     def __init__(self, offset_ns: int) -> None:
-        self.session = RobotSession(b"u" * 16, TAG)
+        self.session = keyed_session(b"u" * 16, TAG)
         self.offset_ns = offset_ns
         self.seen: list[tuple[int, int, int]] = []
         self.events: list[Event] = []
@@ -84,7 +86,7 @@ class Robot:
 
     def restart(self) -> None:
         """Another daemon takes the place of this one."""
-        self.session = RobotSession(b"u" * 16, TAG)
+        self.session = keyed_session(b"u" * 16, TAG)
         self.control_step = self.pushes = 0
 
     def heard(self, events: list[Event], now_ns: int) -> None:
@@ -123,6 +125,7 @@ class Simulation:
             {TAG: ExpectedRobot("epuck_23", TABLE)},
             TIMESTEP_NS,
             seed,
+            LinkTrust(KEYS),
             lambda: self.random.getrandbits(32),
         )
         self.host: HostSession = self.roster.robots[TAG]
@@ -134,7 +137,7 @@ class Simulation:
         self._tcp_free_ns = 0
         self._inbox = Inbox()
         self._connection = 0
-        self._greeted = 0
+        self._greeted = self._opened = 0
         self._connected = False
         self._timestep = 0
         self._port = 1000
@@ -192,7 +195,7 @@ class Simulation:
         if self.host.address is not None:
             self._udp(packet, self._udp_to_robot, self.weather.down)
         if self.host.by_tcp(self.now_ns):
-            self._tcp(packet, self._tcp_to_robot, self._greeted)
+            self._tcp(packet, self._tcp_to_robot, self._opened)
 
     def _robot_turn(self) -> None:
         session, here_ns = self.robot.session, self._robot_ns()
@@ -248,8 +251,7 @@ class Simulation:
         self.robot.heard(self.robot.session.tcp_in(data, self._robot_ns()), self.now_ns)
 
     def _udp_to_host(self, source: tuple[str, int], packet: bytes) -> None:
-        _, events = self.host.receive(*open_packet(packet), source, self.now_ns)
-        self.events += events
+        self._heard(packet, source)
         if self.host.open and self.host.due_ns <= self.now_ns:
             self._send()
 
@@ -257,11 +259,21 @@ class Simulation:
         self._inbox.feed(data)
         while (packet := self._inbox.next()) is not None:
             if self._greeted == self._connection:
-                self.events += self.host.receive(*open_packet(packet), None, self.now_ns)[1]
+                self._heard(packet, None)
                 continue
             self._greeted = self._connection
             answer = self.roster.greet(packet, "the test", self.now_ns)
-            assert answer.robot is self.host
-            self.events.append(answer.event)
+            assert answer.pending is not None and answer.event is None
             self._tcp(answer.packet, self._tcp_to_robot, self._greeted)
-            self._send()
+            first = self.host.first_state(answer.pending, self.roster.orders, self.now_ns)
+            self._tcp(first, self._tcp_to_robot, self._greeted)
+
+    def _heard(self, packet: bytes, source: tuple[str, int] | None) -> None:
+        pending = self.roster.pending(session_of(packet))
+        if pending is None:
+            self.events += self.host.receive(packet, source, self.now_ns)[1]
+            return
+        proved = self.roster.prove(pending, packet, source, self.now_ns)
+        if proved is not None:
+            self._opened = self._greeted
+            self.events += proved.events

@@ -10,8 +10,19 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from tests.link.rig import MS, PATIENCE_S, TABLE, Clock, Frozen, Robot, Server, reading
+from tests.link.rig import (
+    MS,
+    PATIENCE_S,
+    TABLE,
+    Clock,
+    Frozen,
+    Robot,
+    Server,
+    keyed_session,
+    reading,
+)
 from tests.wire.robot_session import Event, RobotSession
+from vsense.link.robots.keys import INSECURE
 from vsense.link.robots.links import HELLO_NS, MAX_PENDING
 from vsense.link.robots.roster import ExpectedRobot
 from vsense.link.robots.server import LinkError, LinkEvent, VirtualSensorServer
@@ -75,8 +86,7 @@ def closed(sock: socket.socket) -> bool:
 def in_fallback(still: Server, frozen: Frozen, robot: Robot) -> Robot:
     """A robot whose UDP is blocked, after both sides have noticed."""
     robot.udp_open = False
-    robot.connect()
-    robot.until(lambda: bool(robot.session.c.open))
+    robot.open()
     for _ in range(5):
         frozen.advance(250 * MS)
         robot.session.tick(robot.now_ns())
@@ -193,7 +203,7 @@ def test_a_second_hello_on_one_connection_breaks_the_protocol(
     still: Server, robot: MakeRobot
 ) -> None:
     one = robot(still, 1).join()
-    one.tcp.sendall(RobotSession(b"\1" * 16, 1).connect(one.now_ns()))
+    one.tcp.sendall(keyed_session(b"\1" * 16, 1).connect(one.now_ns()))
     one.event(Event.GOODBYE)
     still.wait("protocol_error", 1)
 
@@ -210,7 +220,7 @@ def test_garbage_datagrams_are_counted_and_disturb_nobody(still: Server, robot: 
     assert works(still, one, 2)  # nor did the stale datagram's source become its address
     strays = still.server.strays()
     assert sum(strays.values()) == 5
-    assert strays["VS_ERR_CHECKSUM"] == 1
+    assert strays["VS_ERR_SESSION"] == 1
     status = still.server.robots()[1]
     assert status.dropped["older"] == 1
     assert status.received == status.accepted + sum(status.dropped.values())
@@ -221,8 +231,7 @@ def test_datagrams_of_an_ended_session_are_strays(still: Server, robot: MakeRobo
     old = one.session.telemetry(one.now_ns())
     one.tcp.close()
     still.wait("lost", 1)
-    one.connect()
-    one.until(lambda: bool(one.session.c.open))
+    one.open()
     one.udp.sendto(old, ("127.0.0.1", still.port))
     one.until(lambda: still.server.strays() == {"VS_ERR_SESSION": 1})
 
@@ -296,11 +305,9 @@ def test_udp_blocked_towards_the_robot_alone(
     still: Server, frozen: Frozen, robot: MakeRobot
 ) -> None:
     """Its datagrams arrive, ours do not: it says so, and gets its state over TCP."""
-    one = robot(still, 1)
-    one.connect()
-    one.until(lambda: bool(one.session.c.open))
+    one = robot(still, 1).open()
     one.udp_open = False
-    for times in range(1, 6):
+    for times in range(2, 7):
         frozen.advance(240 * MS)
         packet = one.session.telemetry(one.now_ns())
         one.udp.sendto(packet, ("127.0.0.1", still.port))
@@ -343,6 +350,7 @@ def test_a_fault_of_the_thread_reaches_the_runtime(clock: Clock, robot: MakeRobo
         timestep_ns=100 * MS,
         seed=1,
         expected={1: ExpectedRobot("epuck_1", TABLE)},
+        trust=INSECURE,
         on_event=broken,
     )
     port = server.start()

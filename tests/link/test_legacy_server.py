@@ -12,6 +12,7 @@ import pytest
 from tests.link.legacy_rig import Client, Relay
 from vsense.link.legacy.protocol import LegacySwarm, Translation
 from vsense.link.legacy.server import MixedServer
+from vsense.link.robots.keys import INSECURE
 from vsense.link.robots.roster import ExpectedRobot
 from vsense.link.robots.status import LinkError, LinkEvent
 from vsense.link.robots.table import Entry, Table
@@ -56,6 +57,7 @@ def server(events: Events) -> Iterator[MixedServer]:
         timestep_ns=100_000_000,
         seed=1,
         expected=EXPECTED,
+        trust=INSECURE,
         on_event=events,
     )
     made.start()
@@ -181,6 +183,7 @@ def test_a_port_that_is_taken(server: MixedServer) -> None:
             timestep_ns=100_000_000,
             seed=1,
             expected={},
+            trust=INSECURE,
             on_event=lambda event: None,
         )
         with pytest.raises(LinkError, match="is in use"):

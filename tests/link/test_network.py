@@ -9,8 +9,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.link.rig import PATIENCE_S, TABLE, Frozen
+from tests.link.rig import KEYS, PATIENCE_S, TABLE, Frozen, keyed_session
 from tests.wire.robot_session import RobotSession
+from vsense.link.robots.keys import LinkTrust
 from vsense.link.robots.links import FINISH_NS, ServerState
 from vsense.link.robots.network import IDLE_NS, Ports, ServerThread, bind
 from vsense.link.robots.roster import ExpectedRobot, Roster
@@ -25,7 +26,8 @@ class Hand:
         self.clock = frozen
         self.port = ports.port
         self.told: list[LinkEvent] = []
-        roster = Roster({t: ExpectedRobot(f"epuck_{t}", TABLE) for t in (1, 2)}, 10**8, 1)
+        expected = {t: ExpectedRobot(f"epuck_{t}", TABLE) for t in (1, 2)}
+        roster = Roster(expected, 10**8, 1, LinkTrust(KEYS))
         self.shared = ServerState(roster, threading.Lock(), frozen, self.told.append)
         self.network = ServerThread(self.shared, ports)
         self.settle()
@@ -39,12 +41,15 @@ class Hand:
         raise AssertionError("some socket is ready for ever: the thread would turn in circles")
 
     def join(self, tag: int) -> tuple[RobotSession, socket.socket]:
-        session = RobotSession(bytes([tag]) * 16, tag)
+        session = keyed_session(bytes([tag]) * 16, tag)
         sock = socket.create_connection(("127.0.0.1", self.port), PATIENCE_S)
         sock.sendall(session.connect(self.clock()))
         self.settle()
         session.tcp_in(sock.recv(4096), self.clock())
         assert session.c.open
+        sock.sendall(session.telemetry(self.clock()))
+        self.settle()
+        assert self.shared.roster.robots[tag].open
         return session, sock
 
     def send(self, tag: int) -> None:
@@ -111,10 +116,12 @@ def test_without_descriptors_the_door_is_closed_for_a_moment(frozen: Frozen) -> 
 def test_a_connection_that_was_closed_earlier_in_the_same_turn_is_left_alone(hand: Hand) -> None:
     """Defect 2: both sockets of a takeover are ready at once; one handler closes the other's."""
     _, old_sock = hand.join(1)
-    new = RobotSession(bytes([1]) * 16, 1)
+    new = keyed_session(bytes([1]) * 16, 1)
     new_sock = socket.create_connection(("127.0.0.1", hand.port), PATIENCE_S)
-    hand.settle()
     new_sock.sendall(new.connect(hand.clock()))
+    hand.settle()
+    new.tcp_in(new_sock.recv(4096), hand.clock())
+    new_sock.sendall(new.telemetry(hand.clock()))
     old_sock.sendall(b"not a packet")
     hand.settle()
     assert hand.shared.roster.robots[1].open

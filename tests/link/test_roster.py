@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense.link.robots.roster import ExpectedRobot, Roster, ToldProgram
+from vsense.link.robots.keys import INSECURE
+from vsense.link.robots.roster import ExpectedRobot, Proved, Roster, ToldProgram
+from vsense.link.robots.session import PendingSession
 from vsense.link.robots.status import EventThrottle, LinkEvent, cut_text
-from vsense.link.robots.table import Entry, Table
+from vsense.link.robots.table import Entry, Output, Table
 from vsense.link.robots.wire import (
+    PUBLISHED,
     TEXT_MAX,
     GoodbyeCause,
     Header,
@@ -20,10 +24,13 @@ from vsense.link.robots.wire import (
     PacketType,
     RefuseCode,
     Welcome,
+    answer_key,
     decode,
     encode,
+    header_to,
+    session_keys,
 )
-from vsense.native import WireError
+from vsense.native import WireError, ffi, lib
 
 S = 1_000_000_000
 TABLE = Table([Entry(1, "pollutant", "f4")])
@@ -32,7 +39,30 @@ TABLE = Table([Entry(1, "pollutant", "f4")])
 def roster(draws: Iterable[int] = range(1, 100)) -> Roster:
     numbers = iter(draws)
     expected = {tag: ExpectedRobot(f"epuck_{tag}", TABLE) for tag in (5, 6)}
-    return Roster(expected, 10**8, 1, lambda: next(numbers))
+    return Roster(expected, 10**8, 1, INSECURE, lambda: next(numbers))
+
+
+def join(ours: Roster, packet: bytes, origin: str, now_ns: int) -> tuple[LinkEvent, Proved | None]:
+    """A robot without a key greets and, if it may, says its first word; gives what was told."""
+    answer = ours.greet(packet, origin, now_ns)
+    if answer.pending is None:
+        assert answer.event is not None
+        return answer.event, None
+    _, up = session_keys(PUBLISHED, packet, answer.packet)
+    proved = ours.prove(answer.pending, first_word(answer.pending, up), None, now_ns)
+    assert proved is not None
+    return proved.events[0], proved
+
+
+def first_word(pending: PendingSession, key: bytes) -> bytes:
+    """The first TELEMETRY of a session that was offered."""
+    head, out = Header(PacketType.TELEMETRY, session=pending.peer.session), Output(1200)
+    header = header_to(replace(head, sequence=1, table_hash=TABLE.hash))
+    kept = header.key = ffi.new("uint8_t[]", key)
+    telemetry = ffi.new("struct vs_telemetry *")
+    packet = out.packet(lib.vs_encode_telemetry(header, TABLE.cdata, telemetry, *out.arguments))
+    assert kept == header.key
+    return packet
 
 
 def hello(tag: int, uid: bytes = b"a") -> bytes:
@@ -40,8 +70,9 @@ def hello(tag: int, uid: bytes = b"a") -> bytes:
 
 
 def test_the_welcome_carries_session_table_and_the_echo_of_the_greeting() -> None:
-    answer = roster([1234]).greet(hello(5), "here", S)
-    header, welcome = decode(answer.packet)
+    packet = hello(5)
+    answer = roster([1234]).greet(packet, "here", S)
+    header, welcome = decode(answer.packet, answer_key(PUBLISHED, packet))
     assert isinstance(welcome, Welcome)
     assert (header.session, header.table_hash, header.run) == (1234, TABLE.hash, 1)
     assert (header.send_ns, header.echo_ns, header.hold_us) == (S, 77, 0)
@@ -51,20 +82,24 @@ def test_the_welcome_carries_session_table_and_the_echo_of_the_greeting() -> Non
 def test_session_numbers_are_never_0_nor_one_that_was_just_used() -> None:
     ours = roster([0, 9, 9, 0, 8, 8, 9, 7])
     for tag, expected in ((5, 9), (6, 8), (5, 7)):
-        robot = ours.greet(hello(tag), "here", S).robot
-        assert robot is not None and robot.peer.session == expected
+        join(ours, hello(tag), "here", S)
+        robot = ours.robots[tag]
+        assert robot.peer.session == expected
         assert ours.of_session(expected) is robot
     assert ours.of_session(9) is None and ours.of_session(0) is None
 
 
 def test_a_takeover_says_goodbye_to_the_old_connection() -> None:
     ours = roster([3, 4])
-    assert ours.greet(hello(5), "here", S).farewell is None
+    _, first = join(ours, hello(5), "here", S)
+    assert first is not None and first.farewell == b""
     ours.robots[5].address = ("10.0.0.5", 1)
-    answer = ours.greet(hello(5), "there", S)
+    key = bytes(ours.robots[5].peer._peer.tx_key)
+    event, proved = join(ours, hello(5), "there", S)
     assert ours.robots[5].address is None  # no datagram of the new session has come
-    assert answer.event.kind == "takeover" and answer.farewell is not None
-    header, notice = decode(answer.farewell)
+    assert event.kind == "takeover" and proved is not None
+    assert event.text.endswith("without a key; the old one, from here, is closed")
+    header, notice = decode(proved.farewell, key)
     assert isinstance(notice, Notice)
     assert (header.session, notice.code) == (3, GoodbyeCause.TAKEN_OVER)
 
@@ -81,19 +116,18 @@ def test_a_takeover_says_goodbye_to_the_old_connection() -> None:
 )
 def test_who_gets_a_tag_that_was_given_before(uid: bytes, after_ns: int, kind: str) -> None:
     ours = roster()
-    ours.greet(hello(5), "here", S)
-    answer = ours.greet(hello(5, uid), "there", S + after_ns)
-    assert (answer.event.kind, answer.event.tag) == (kind, 5)
-    assert (answer.robot is None) == (kind == "refused")
+    join(ours, hello(5), "here", S)
+    event, proved = join(ours, hello(5, uid), "there", S + after_ns)
+    assert (event.kind, event.tag) == (kind, 5)
+    assert (proved is None) == (kind == "refused")
 
 
 def test_a_broken_connection_does_not_free_the_tag_before_a_second_is_over() -> None:
     ours = roster()
-    robot = ours.greet(hello(5), "here", S).robot
-    assert robot is not None
-    robot.broke("was closed", S)
-    assert ours.greet(hello(5, b"b"), "there", S + 1).event.kind == "refused"
-    assert ours.greet(hello(5), "there", S + 1).event.kind == "reconnected"
+    join(ours, hello(5), "here", S)
+    ours.robots[5].broke("was closed", S)
+    assert join(ours, hello(5, b"b"), "there", S + 1)[0].kind == "refused"
+    assert join(ours, hello(5), "there", S + 1)[0].kind == "reconnected"
 
 
 def test_only_hello_opens_a_session() -> None:
@@ -104,15 +138,16 @@ def test_only_hello_opens_a_session() -> None:
 def test_parameters_that_no_welcome_can_carry_are_refused_before_the_start() -> None:
     for timestep_ns, params in ((10**8, "x" * 4097), (10**8, "a\tb"), (0, "")):
         with pytest.raises(WireError):
-            Roster({5: ExpectedRobot("five", TABLE, params)}, timestep_ns, 1)
+            Roster({5: ExpectedRobot("five", TABLE, params)}, timestep_ns, 1, INSECURE)
 
 
 def test_the_list_of_expected_tags_is_cut_to_what_refuse_can_carry() -> None:
-    many = Roster(dict.fromkeys(range(1000), ExpectedRobot("robot", TABLE)), 10**8, 1)
-    answer = many.greet(hello(5000), "here", S)
-    notice = decode(answer.packet)[1]
+    many = Roster(dict.fromkeys(range(1000), ExpectedRobot("robot", TABLE)), 10**8, 1, INSECURE)
+    packet = hello(5000)
+    answer = many.greet(packet, "here", S)
+    notice = decode(answer.packet, answer_key(PUBLISHED, packet))[1]
     assert isinstance(notice, Notice) and len(notice.text) == TEXT_MAX
-    assert answer.event.text.endswith("999")
+    assert answer.event is not None and answer.event.text.endswith("999")
 
 
 @given(st.text(st.characters(codec="utf-8"), max_size=300))
@@ -141,13 +176,14 @@ def test_many_different_complaints_take_bounded_memory() -> None:
 
 
 def test_a_robot_without_room_for_the_parameters_is_refused() -> None:
-    ours = Roster({5: ExpectedRobot("five", TABLE, "a=" + "x" * 600 + "\n")}, 10**8, 1)
+    ours = Roster({5: ExpectedRobot("five", TABLE, "a=" + "x" * 600 + "\n")}, 10**8, 1, INSECURE)
     small = Hello(b"a" * 16, 5, "name", "test", params_room=512)
-    answer = ours.greet(encode(Header(PacketType.HELLO), small), "here", S)
-    _, notice = decode(answer.packet)
+    packet = encode(Header(PacketType.HELLO), small)
+    answer = ours.greet(packet, "here", S)
+    _, notice = decode(answer.packet, answer_key(PUBLISHED, packet))
     assert isinstance(notice, Notice) and notice.code == RefuseCode.ROOM
     assert notice.text == "the experiment's params have 603 bytes, the robot has 512"
-    assert answer.robot is None
+    assert answer.pending is None
 
 
 PREDATOR, PREY = ToldProgram("predator", "1" * 12), ToldProgram("prey", "2" * 12)
@@ -158,7 +194,7 @@ def mixed(*programs: ToldProgram | None) -> Roster:
         tag: ExpectedRobot(f"epuck_{tag}", TABLE, program=program)
         for tag, program in enumerate(programs, 5)
     }
-    return Roster(expected, 10**8, 1)
+    return Roster(expected, 10**8, 1, INSECURE)
 
 
 def greeting(tag: int, name: str, digest: str = "") -> bytes:
@@ -183,24 +219,23 @@ def test_a_robot_with_the_program_of_others_is_refused_with_both_names(
     name: str, digest: str, taken: bool
 ) -> None:
     ours = mixed(PREDATOR, PREY)
-    answer = ours.greet(greeting(5, name, digest), "here", S)
-    assert (answer.robot is not None) == taken
+    packet = greeting(5, name, digest)
+    answer = ours.greet(packet, "here", S)
+    assert (answer.pending is not None) == taken
     if not taken:
-        _, notice = decode(answer.packet)
+        assert answer.event is not None
+        _, notice = decode(answer.packet, answer_key(PUBLISHED, packet))
         assert isinstance(notice, Notice) and notice.code == RefuseCode.CONTROLLER
         runs = f"'{name}' ({digest})" if digest else f"'{name}'"
         expected = f"epuck_5 runs {runs}, expected 'predator' (111111111111)"
         assert notice.text.startswith(expected) and expected in answer.event.text
         assert f"epuck_5 {ours.robots[5].status(S).refused}" == expected
-        ours.greet(greeting(5, "predator", "1" * 12), "here", S)
+        join(ours, greeting(5, "predator", "1" * 12), "here", S)
         assert ours.robots[5].status(S).refused == ""
 
 
 def test_where_all_have_one_controller_another_source_is_told_and_taken() -> None:
     ours = mixed(PREDATOR, PREDATOR)
-    same, other = (ours.greet(greeting(5, "predator", d * 12), "here", S) for d in "13")
-    assert same.event.text.endswith("connected from here, controller predator")
-    assert other.robot is not None
-    assert other.event.text.endswith(
-        "'predator' (333333333333); the file's is 'predator' (111111111111)"
-    )
+    (same, _), (other, _) = (join(ours, greeting(5, "predator", d * 12), "here", S) for d in "13")
+    assert same.text.endswith("connected from here, controller predator, without a key")
+    assert "'predator' (333333333333); the file's is 'predator' (111111111111)" in other.text

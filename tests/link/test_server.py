@@ -9,6 +9,7 @@ import pytest
 
 from tests.link.rig import MS, TABLE, Frozen, Robot, S, Server, reading
 from tests.wire.robot_session import Event
+from vsense.link.robots.keys import INSECURE
 from vsense.link.robots.roster import ExpectedRobot
 from vsense.link.robots.server import LinkError, VirtualSensorServer
 from vsense.link.robots.wire import GoodbyeCause, StopCause, Telemetry, Wanted
@@ -168,6 +169,7 @@ def test_defect_03_a_robot_that_reconnects_in_mid_run_has_its_data_at_once(
     one.connect()
     one.until(lambda: bool(one.session.c.open) and one.session.c.timestep == 9)
     assert (one.session.c.wanted, one.value()) == (Wanted.RUN, 1.0)
+    one.say()
     assert still.wait("reconnected", 1).text.startswith("robot 1 (epuck_1): reconnected from")
     assert still.server.robots()[1].sessions == 2
 
@@ -192,8 +194,7 @@ def test_another_robot_with_the_same_tag_is_refused_and_both_sides_say_so(
     assert "tag 1 is in use by another robot" in thief.session.notice.text
     assert still.server.robots()[1].uid == b"\1" * 16
     frozen.advance(S)  # the first one was not heard for 1 s: its tag is free
-    thief.connect()
-    thief.until(lambda: bool(thief.session.c.open))
+    thief.open()
     assert "another robot than before" in still.wait("connected", 1, times=2).text
 
 
@@ -259,6 +260,7 @@ def test_a_server_is_used_in_order(clock: Callable[[], int]) -> None:
             timestep_ns=100 * MS,
             seed=1,
             expected={1: ExpectedRobot("epuck_1", TABLE, params)},
+            trust=INSECURE,
             on_event=print,
         )
 

@@ -13,7 +13,7 @@ from tests.link.simulation import CALM, HOUR_NS, MS, TABLE, TAG, S, Simulation, 
 from tests.wire.robot_session import Event
 from vsense.link.robots.peer import Orders
 from vsense.link.robots.session import HEARTBEAT_NS, HostSession
-from vsense.link.robots.wire import Wanted, open_packet
+from vsense.link.robots.wire import Wanted
 
 weathers = st.builds(
     Weather,
@@ -182,9 +182,9 @@ def test_datagrams_go_where_the_newest_accepted_one_came_from() -> None:
     simulation = Simulation(1)
     simulation.run(S)
     packet = simulation.robot.session.telemetry(simulation.now_ns)
-    accepted, _ = simulation.host.receive(*open_packet(packet), ("elsewhere", 9), simulation.now_ns)
+    accepted, _ = simulation.host.receive(packet, ("elsewhere", 9), simulation.now_ns)
     assert accepted and simulation.host.address == ("elsewhere", 9)
-    accepted, _ = simulation.host.receive(*open_packet(packet), ("a thief", 9), simulation.now_ns)
+    accepted, _ = simulation.host.receive(packet, ("a thief", 9), simulation.now_ns)
     assert not accepted and simulation.host.address == ("elsewhere", 9)
 
 

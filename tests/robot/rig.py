@@ -19,6 +19,7 @@ from vsense.lab.microcontrollers import Actuation, Microcontrollers
 from vsense.link.robots.peer import Orders, Peer
 from vsense.link.robots.table import Entry, Table
 from vsense.link.robots.wire import (
+    PUBLISHED,
     GoodbyeCause,
     Header,
     Hello,
@@ -29,9 +30,9 @@ from vsense.link.robots.wire import (
     Telemetry,
     Wanted,
     Welcome,
+    answer_key,
     decode,
     encode,
-    open_packet,
     packet_length,
 )
 
@@ -81,6 +82,8 @@ class Host:
         frozen: captures no longer advance, sequences do.
         udp: datagrams are sent and heard.
         refuse: HELLO is answered with REFUSE.
+        root: what the keys of its sessions are made of.
+        answer: in place of that for its answers, None: as it should be.
         pollutant: payload of the first sensor.
         table, params: what WELCOME offers from the next greeting on.
         hellos, telemetry, goodbyes: what came.
@@ -93,6 +96,8 @@ class Host:
         self.from_timestep = 0
         self.run = 1
         self.silent = self.frozen = self.refuse = False
+        self.root = PUBLISHED
+        self.answer: bytes | None = None
         self.udp = True
         self.pollutant = CLEAN
         self.table = TABLE
@@ -206,29 +211,33 @@ class Host:
         if packet[3] == PacketType.TELEMETRY:
             self._hear(packet, False, now_ns)
             return
-        header, message = decode(packet)
+        key = bytes(self._peer._peer.rx_key) if self.connected else self.root
+        header, message = decode(packet, key)
         if isinstance(message, Notice):
             self.goodbyes.append(message)
         elif isinstance(message, Hello):
             self.hellos.append(message)
-            self._greet(header, now_ns)
+            self._greet(header, packet, now_ns)
 
-    def _greet(self, hello: Header, now_ns: int) -> None:
+    def _greet(self, hello: Header, packet: bytes, now_ns: int) -> None:
         assert self._connection is not None
         if self.refuse:
             notice = Notice(RefuseCode.TAG_IN_USE, "robot 23 is here already")
-            self._connection.sendall(encode(Header(PacketType.REFUSE), notice))
+            key = answer_key(self.answer or self.root, packet)
+            self._connection.sendall(encode(Header(PacketType.REFUSE), notice, key))
             return
         self._session += 1
         self._peer.open(self._session, self.table, hello.send_ns, now_ns)
         welcome = Welcome(self.table, TIMESTEP_NS // 1000, 99, self.params)
         header = Header(PacketType.WELCOME, run=self.run)
-        self._connection.sendall(self._peer.encode(header, welcome, now_ns))
+        self._connection.sendall(
+            self._peer.welcome(self.answer or self.root, packet, header, welcome, now_ns)
+        )
 
     def _hear(self, packet: bytes, udp: bool, now_ns: int) -> bool:
-        heard = self._peer.receive_telemetry(*open_packet(packet), udp, now_ns)
+        heard = self._peer.receive_telemetry(packet, udp, now_ns)
         if heard is not None:
-            self.telemetry.append(heard)
+            self.telemetry.append(heard[1])
         return heard is not None
 
 
@@ -335,7 +344,8 @@ class Rig:
         """A daemon's arguments, with some of them changed."""
         words = {"host": "127.0.0.1", "port": str(self.host.port), "tag": str(TAG)}
         words |= {"base": self.base.bases[0] + self._options, **changes}
-        return [word for name, value in words.items() for word in (f"--{name}", value)]
+        secure = [] if "key" in words else ["--insecure"]
+        return [word for name, value in words.items() for word in (f"--{name}", value)] + secure
 
     def start(self) -> Daemon:
         """Starts a daemon."""

@@ -335,7 +335,7 @@ def test_a_base_that_is_no_e_puck_is_one_file_and_one_line(tmp_path: Path, build
     instead = {"base.c": more, "base_bare.c": bare}
     program = build(tmp_path / "vsensed", source, *QUICKLY, instead=instead)
     robot, host = BareRobot(), Host()
-    words = ["--host", "127.0.0.1", "--port", str(host.port), "--tag", str(TAG)]
+    words = ["--host", "127.0.0.1", "--port", str(host.port), "--tag", str(TAG), "--insecure"]
     process = subprocess.Popen(
         [program, *words, "--base", f"bare:{robot.device}"], stderr=subprocess.PIPE
     )

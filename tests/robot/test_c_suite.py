@@ -18,16 +18,8 @@ FIRMWARE = ROOT / "firmware_bridge"
 PROTOCOL = [
     C_SRC / f"vs_{part}.c"
     for part in (
-        "err",
-        "bytes",
-        "wire",
-        "table",
-        "shown",
-        "body",
-        "peer",
-        "clock",
-        "offer",
-        "session",
+        *("err", "bytes", "tag", "wire", "table", "shown", "body"),
+        *("peer", "clock", "offer", "greeting", "session"),
     )
 ]
 POLLUTANT = ROBOT / "controllers" / "pollutant.c"
@@ -82,7 +74,7 @@ RUNS |= {"robot_base_i2c": "2000"}
 """How many random worlds a suite goes through."""
 
 EDGE = {"base_reset", "board_link", "board_process", "calls", "check", "guard_link"}
-EDGE |= {"guard_process", "guard_rights", "main", "net", "random", "report", "restart"}
+EDGE |= {"guard_process", "guard_rights", "key", "main", "net", "random", "report", "restart"}
 EDGE |= {"signals", "trace", "uid", "watchdog", "worker"}
 """The files that talk to the operating system; all others are pure."""
 

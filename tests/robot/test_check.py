@@ -34,7 +34,7 @@ def check(idle: Rig) -> Check:
 
 def test_all_is_well(idle: Rig, check: Check) -> None:
     status, said = check()
-    assert list(said) == ["clock", "uid", "scales", "network", "host", "base", "guard"]
+    assert list(said) == ["clock", "key", "uid", "scales", "network", "host", "base", "guard"]
     assert said["network"] == "ok   this board is 127.0.0.1 on the way to 127.0.0.1"
     assert said["host"] == f"ok   127.0.0.1 answers on port {idle.host.port}"
     assert said["base"] == f"ok   argos on {idle.device} answers, wheels at 0"

@@ -52,20 +52,20 @@ def test_version_and_help(program: Path) -> None:
     ],
 )
 def test_bad_usage_is_one_clear_line(program: Path, change: list[str], text: str) -> None:
-    status, out, said = ask(program, *GOOD, *change)
+    status, out, said = ask(program, "--insecure", *GOOD, *change)
     assert (status, out) == (2, "")
     assert text in said and said.count("\n") == 1
 
 
 def test_missing_option_is_named(program: Path) -> None:
     for at in range(0, len(GOOD), 2):
-        status, _, said = ask(program, *GOOD[:at], *GOOD[at + 2 :])
+        status, _, said = ask(program, "--insecure", *GOOD[:at], *GOOD[at + 2 :])
         assert status == 2
         assert f"{GOOD[at]} is missing" in said
 
 
 def test_device_that_is_not_there(program: Path) -> None:
-    status, _, said = ask(program, *GOOD[:-1], "argos:/nowhere/ttyS0")
+    status, _, said = ask(program, "--insecure", *GOOD[:-1], "argos:/nowhere/ttyS0")
     assert status == 1
     assert "cannot open the base /nowhere/ttyS0: No such file or directory" in said
 

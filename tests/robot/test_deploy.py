@@ -28,8 +28,9 @@ from vsense.config.experiment import load
 from vsense.config.placement import settle
 from vsense.errors import ConfigError, UsageError
 from vsense.lab.microcontrollers import Microcontrollers
+from vsense.link.robots.keys import INSECURE
 from vsense.link.robots.server import LinkEvent, VirtualSensorServer
-from vsense.robot import deploying
+from vsense.robot import deploying, hosts
 from vsense.robot.programs import Program
 from vsense.run.environment import Environment
 from vsense.run.robots import make_server
@@ -109,7 +110,8 @@ def is_gone(pid: int) -> bool:
 def deploy(tmp_path: Path, lines: str, *words: str) -> int:
     (tmp_path / "robots.txt").write_text(lines)
     common = ["--hosts", "robots.txt", "--host", "10.0.0.1", "--base", "argos:/dev/ttyS0"]
-    return cli.main(["robot", "deploy", *common, *words])
+    secure = [] if "--key" in words else ["--insecure"]
+    return cli.main(["robot", "deploy", *common, *secure, *words])
 
 
 def systemd(boards: Path, name: str) -> Path:
@@ -328,7 +330,7 @@ def host() -> Iterator[tuple[VirtualSensorServer, int, Callable[..., LinkEvent]]
     experiment = settle(load("predator_prey"), 1)
     events: Queue[LinkEvent] = Queue()
     tables = Environment(experiment, 1).tables
-    server = make_server(experiment, tables, ("127.0.0.1", 0), 1, events.put)
+    server = make_server(experiment, tables, ("127.0.0.1", 0), 1, INSECURE, events.put)
 
     known: dict[tuple[str, int | None], LinkEvent] = {}
 
@@ -537,7 +539,7 @@ def test_ctrl_c_ends_all_connections(boards: Path, tmp_path: Path) -> None:
     slow = os.open(boards / "slow.pid", os.O_RDWR)
     shutil.copy2("/bin/true", tmp_path / "real")
     words = ["--hosts", "robots.txt", "--host", "10.0.0.1", "--base", "argos:x"]
-    words += ["--binary", "real"]
+    words += ["--binary", "real", "--insecure"]
     process = subprocess.Popen(
         [sys.executable, "-m", "vsense", "robot", "deploy", *words],
         stderr=subprocess.PIPE,
@@ -559,7 +561,7 @@ def test_what_one_robot_needs_goes_into_its_settings(tmp_path: Path) -> None:
     spans = "80:1500,81:1400,82:1450,83:1500,84:1500,85:1500,86:1500,87:1500"
     more = "wheel-ratio=1.004 axle-length=53.4 battery-stop-mv=3400 watchdog=/dev/watchdog"
     file.write_text(f"a tag=1 proximity-scale={spans} {more}\n")
-    (robot,) = deploying.read(file)
+    (robot,) = hosts.read(file)
     lines = deploying.settings_text(robot.settings).splitlines()
     assert lines[2:] == [
         f"proximity-scale = {spans}",
@@ -589,16 +591,16 @@ def test_lists_that_are_wrong(tmp_path: Path, lines: str, line: int, words: str)
     file = tmp_path / "robots.txt"
     file.write_text(lines)
     with pytest.raises(ConfigError) as caught:
-        deploying.read(file)
+        hosts.read(file)
     assert str(caught.value).startswith(f"{file}:{line}: {words}")
 
 
 def test_a_list_without_robots(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="No such file"):
-        deploying.read(tmp_path / "robots.txt")
+        hosts.read(tmp_path / "robots.txt")
     (tmp_path / "robots.txt").write_text("# none\n")
     with pytest.raises(UsageError, match="names no robot"):
-        deploying.read(tmp_path / "robots.txt")
+        hosts.read(tmp_path / "robots.txt")
 
 
 @pytest.mark.parametrize(

@@ -271,7 +271,7 @@ def test_daemon_without_a_network_stops_the_wheels_and_waits_for_one(
     rig.wait_for(lambda: not driving.open, "the end of both processes")
     assert rig.moving, "nobody is left who could stop the wheels"
     # The system refuses a connection to this address at once, as it does without any route.
-    lost = ["--host", "255.255.255.255", "--port", "4050", "--tag", "23"]
+    lost = ["--host", "255.255.255.255", "--port", "4050", "--tag", "23", "--insecure"]
     rig.daemons.append(Daemon(program, *lost, "--base", f"argos:{rig.device}"))
     rig.wait_for(lambda: not rig.moving, "standing wheels")
     rig.wait_for(lambda: "no way to the host 255.255.255.255:" in rig.daemon.said, "a word")

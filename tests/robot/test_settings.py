@@ -28,7 +28,7 @@ def test_a_robot_runs_from_its_settings_alone(program: Path, file: Path) -> None
     try:
         file.write_text(
             f"# a robot\nhost=127.0.0.1\nport = {rig.host.port}\ntag = {TAG}\n"
-            f"\tbase = argos:{rig.device}\r\n\nname = the one of the file\n"
+            f"\tbase = argos:{rig.device}\r\n\nname = the one of the file\ninsecure = yes\n"
         )
         rig.begin("--config", str(file), "--name", "the other")
         rig.run()
@@ -40,7 +40,7 @@ def test_a_robot_runs_from_its_settings_alone(program: Path, file: Path) -> None
 @pytest.mark.parametrize("order", [0, 1])
 def test_command_line_wins_wherever_it_stands(program: Path, file: Path, order: int) -> None:
     file.write_text(GOOD)
-    halves = [["--config", str(file)], ["--base", "argos:/elsewhere/ttyS0"]]
+    halves = [["--config", str(file)], ["--insecure", "--base", "argos:/elsewhere/ttyS0"]]
     status, said = ask(program, *halves[order], *halves[1 - order])
     assert status == 1
     assert "cannot open the base /elsewhere/ttyS0: No such file or directory" in said

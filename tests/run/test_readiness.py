@@ -37,6 +37,16 @@ def test_the_words_name_who_is_missing_in_which_way() -> None:
     )
 
 
+def test_who_was_turned_away_is_not_only_absent() -> None:
+    refused = {30: "runs an older vsensed: deploy", 4: "", 99: "has no key"}
+    found = Readiness.of(ROBOTS, OBJECTS, {4, 17}, set(ROBOTS | OBJECTS), refused)
+    assert found.missing_text() == (
+        "not connected: epuck_30_1; turned away: epuck_30_1 runs an older vsensed: deploy"
+    )
+    there = Readiness.of(ROBOTS, OBJECTS, set(ROBOTS), set(ROBOTS | OBJECTS), refused)
+    assert there.complete and there.missing_text() == "", "whoever else was turned away"
+
+
 def test_many_names_are_cut_short() -> None:
     assert shorten(map(str, range(6))) == "0, 1, 2, 3, 4, 5"
     assert shorten(map(str, range(20))) == "0, 1, 2, 3, 4, 5 and 14 more"

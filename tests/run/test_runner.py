@@ -9,6 +9,8 @@ import pytest
 from tests.run.stage import DT_NS, MS, S, Stage, experiment
 from vsense.cameras.grabber import NoMorePictures
 from vsense.errors import VsenseError
+from vsense.link.robots.status import RobotStatus
+from vsense.link.robots.wire import Telemetry, Wanted
 from vsense.link.trackers.client import TrackerEnded
 from vsense.run.orders import Order, OrderKind
 
@@ -137,8 +139,6 @@ def test_a_failure_gets_through(stage: Stage) -> None:
 
 
 def test_new_sessions_and_guards_in_mid_run_are_counted(stage: Stage) -> None:
-    from vsense.link.robots.wire import Telemetry
-
     tag = stage.experiment.robots[0].tag
     told = Telemetry(received=10, guard_restarts=1)
     stage.acts = {5: lambda: stage.statuses.update({tag: {"sessions": 3, "telemetry": told}})}
@@ -206,3 +206,29 @@ def test_a_pause_keeps_nothing_of_the_timestep_before_it(stage: Stage) -> None:
             }
         del step
     assert kept == [False] and stage.runner.ended == "time"
+
+
+def test_a_robot_that_goes_on_after_stop_is_said_before_the_run_is_over(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tag = min(robot.tag for robot in stage.experiment.robots)
+    begun_ns = stage.now_ns
+    stage.statuses[tag] = {
+        "telemetry": Telemetry(state=Wanted.RUN, received=10),
+        "wanted": Wanted.STOP,
+        "ordered_ns": begun_ns,
+        "heard_ns": begun_ns + 400 * MS,
+    }
+    snapshot = stage.robots
+
+    def robots() -> dict[int, RobotStatus]:
+        stage.now_ns += 50 * MS
+        return snapshot()
+
+    monkeypatch.setattr(stage, "robots", robots)
+    stage.interrupted.set()
+    stage.runner.stop()
+    assert "does not obey: told to stop 0.5 s ago, it reports that it runs" in (
+        stage.terminal.getvalue()
+    )
+    assert stage.done == ["stop", "hush"]

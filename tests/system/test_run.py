@@ -304,10 +304,29 @@ def test_ctrl_c_while_waiting_ends_it(tracker: Trackers, floor: Floor, begin: Ca
 
 def fails(*words: str) -> tuple[int, str]:
     """Exit code and words of a run that must not start."""
-    command = [sys.executable, "-m", "vsense", "run", *words]
+    command = [sys.executable, "-m", "vsense", "run", *words, "--insecure"]
     result = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
     assert result.stdout == "" and "Traceback" not in result.stderr
     return result.returncode, result.stderr
+
+
+@pytest.mark.quick
+def test_without_a_swarm_key_nothing_begins(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    line = ["--set", "framework.ats_host=127.0.0.1", "--output", str(tmp_path / "notes")]
+    command = [sys.executable, "-m", "vsense", "run", "pollutant", *line]
+    for wrong in (False, True):
+        if wrong:
+            (tmp_path / "vsense").mkdir()
+            (tmp_path / "vsense" / "swarm.key").write_text("1 = " + "a" * 64)
+            (tmp_path / "vsense" / "swarm.key").chmod(0o644)
+        done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
+        text = "others may read or change it" if wrong else "'vsense robot keys --new-key' makes it"
+        assert text in done.stderr and "Traceback" not in done.stderr and "aaa" not in done.stderr
+        assert done.returncode == (1 if wrong else 2)
+        assert not (tmp_path / "notes").exists()
 
 
 @pytest.mark.quick

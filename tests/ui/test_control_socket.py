@@ -25,7 +25,7 @@ STATUS = {
     "robots": {
         "name": ["epuck_23", "epuck_24"], "tag": [23, 24], "version": ["0.1.0", ""],
         "controller": ["pollutant", ""], "hash": ["0123456789ab", ""],
-        "expected": ["wanderer", "wanderer"],
+        "expected": ["wanderer", "wanderer"], "authenticated": [True, None],
         "connected": [True, False], "sessions": [1, 0], "heard_ms": [12.0, None],
         "pose_age_ms": [40.0, None], "battery_mv": [3700, None], "battery_low": [False, None],
         "base_errors": [0, None], "state": ["run", "idle"], "trouble": ["", "not connected"],

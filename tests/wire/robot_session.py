@@ -16,8 +16,10 @@ from vsense.link.robots.wire import (
     PACKET_MAX,
     TELEMETRY_FIELDS,
     GoodbyeCause,
+    Header,
     Notice,
     Telemetry,
+    open_packet,
     put_text,
 )
 from vsense.native import check, ffi, lib
@@ -33,6 +35,7 @@ class Event(IntEnum):
     GOODBYE = lib.VS_EV_GOODBYE
     UDP_LOST = lib.VS_EV_UDP_LOST
     UDP_UP = lib.VS_EV_UDP_UP
+    DOUBTED = lib.VS_EV_DOUBTED
 
 
 class RobotSession:
@@ -42,13 +45,22 @@ class RobotSession:
         c: the `struct vs_session`, for reading its fields.
     """
 
-    def __init__(self, uid: bytes, tag: int, name: str = "robot", controller: str = "test") -> None:
-        """Prepares a robot that is not connected.
+    def __init__(
+        self,
+        uid: bytes,
+        tag: int,
+        name: str = "robot",
+        controller: str = "test",
+        key: bytes | None = None,
+    ) -> None:
+        """Prepares a robot that is not connected, with its own key or none.
 
         Raises:
             WireError: name or controller is no clean text of at most 31 bytes.
         """
         config = ffi.new("struct vs_session_config *", {"uid": uid, "tag": tag, "started": 5})
+        if key is not None:
+            config.keyed, config.key = 1, key
         put_text(config.name, name)
         put_text(config.controller, controller)
         put_text(config.version, "9.9")
@@ -152,6 +164,10 @@ class RobotSession:
         if lib.vs_clock_estimate(clock, now_ns, offset, bound) < 0:
             return None
         return int(offset[0]), int(bound[0])
+
+    def open_packet(self, packet: bytes) -> tuple[Header, bytes]:
+        """Reads a packet of the open session, as `wire.open_packet`."""
+        return open_packet(packet, bytes(self.c.peer.rx_key))
 
     @property
     def table(self) -> Table:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from dataclasses import replace
 from typing import Any
 
@@ -12,6 +11,7 @@ from tests.wire.robot_session import Event, RobotSession
 from vsense.link.robots.peer import Orders, Peer
 from vsense.link.robots.table import Direction, Entry, Table
 from vsense.link.robots.wire import (
+    PUBLISHED,
     Header,
     Hello,
     Notice,
@@ -22,6 +22,7 @@ from vsense.link.robots.wire import (
     Welcome,
     decode,
 )
+from vsense.native import ffi, lib
 
 MS = 1_000_000
 S = 1000 * MS
@@ -36,10 +37,16 @@ uids = st.binary(min_size=16, max_size=16)
 KINDS = ("u1", "i2", "u2", "i4", "u4", "f4")
 
 
+STEERING = frozenset(
+    map(chr, [*range(0x20), *range(0x7F, 0xA0), 0x61C, 0x200E, 0x200F, *range(0x2028, 0x202F)])
+) | frozenset(map(chr, range(0x2066, 0x206A)))
+"""Characters that no text has: they would steer a terminal, or turn a line around."""
+
+
 def texts(most: int, least: int = 0) -> st.SearchStrategy[str]:
     """Clean texts of at most so many bytes of UTF-8."""
     characters = st.characters(codec="utf-8", exclude_categories=("Cs",)).filter(
-        lambda c: ord(c) >= 0x20 and ord(c) != 0x7F
+        lambda c: c not in STEERING
     )
     return st.text(characters, min_size=least, max_size=most).filter(
         lambda text: len(text.encode()) <= most
@@ -98,10 +105,12 @@ def telemetries(draw: st.DrawFn, table: Table) -> Telemetry:
     )  # fmt: skip
 
 
-def reseal(packet: bytes) -> bytes:
+def reseal(packet: bytes, key: bytes = PUBLISHED) -> bytes:
     """Makes length and tag of a changed packet right again."""
     body = packet[:6] + len(packet).to_bytes(2, "little") + packet[8:-16]
-    return body + zlib.crc32(body).to_bytes(4, "little") + bytes(12)
+    tag = ffi.new("uint8_t[16]")
+    lib.vs_tag_make(key, body, len(body), tag)
+    return body + bytes(tag)
 
 
 POLLUTANT = Table([Entry(1, "pollutant", "f4"), Entry(2, "drops", "u4", Direction.ACTUATOR)])
@@ -125,11 +134,17 @@ class Link:
 
     def greet(self, now_ns: int = S) -> list[Event]:
         """HELLO and WELCOME over a TCP connection without delay."""
-        header, _ = decode(self.robot.connect(now_ns + self.robot_ahead_ns))
         self.sessions += 1
-        self.host.open(self.sessions, self.table, header.send_ns, now_ns)
-        welcome = self.host.encode(Header(PacketType.WELCOME), Welcome(self.table, 100_000), now_ns)
+        welcome = self.welcome(now_ns)
         return self.robot.tcp_in(welcome, now_ns + self.robot_ahead_ns)
+
+    def welcome(self, now_ns: int, welcome: Welcome | None = None) -> bytes:
+        """The robot connects; gives the WELCOME for it, of the session `sessions`."""
+        hello = self.robot.connect(now_ns + self.robot_ahead_ns)
+        header, _ = decode(hello)
+        self.host.open(self.sessions, self.table, header.send_ns, now_ns)
+        message = welcome or Welcome(self.table, 100_000)
+        return self.host.welcome(PUBLISHED, hello, Header(PacketType.WELCOME), message, now_ns)
 
     def state(self, now_ns: int, wanted: Wanted = Wanted.RUN, **changes: Any) -> bytes:
         """The host's next STATE, of the next timestep; capture time is `now_ns`."""

@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.wire.strategies import MS, Link, S
-from vsense.link.robots.wire import open_packet
 from vsense.native import check, ffi, lib
 
 HOUR = 3600 * S
@@ -156,8 +155,8 @@ def test_age_of_a_value_is_right_within_the_bound(ahead_ns: int, up_ns: int, dow
     link.greet(S)
     for i in range(1, 5):
         now_ns = S + i * 50 * MS
-        header, body = open_packet(link.robot.telemetry(link.robot_ns(now_ns)))
-        assert link.host.receive_telemetry(header, body, True, now_ns + up_ns) is not None
+        packet = link.robot.telemetry(link.robot_ns(now_ns))
+        assert link.host.receive_telemetry(packet, True, now_ns + up_ns) is not None
         datagram = link.state(now_ns + up_ns + 7 * MS, capture_ns=now_ns - 30 * MS)
         arrival_ns = now_ns + up_ns + 7 * MS + down_ns
         assert link.deliver(datagram, arrival_ns)[0] == 0

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from tests.wire.strategies import (
     POLLUTANT,
+    STEERING,
     headers,
     messages,
     reseal,
@@ -185,6 +186,16 @@ def test_what_cannot_be_sent_is_refused(message: Hello | Welcome | Notice, name:
     with pytest.raises(WireError) as caught:
         encode(Header(PacketType.GOODBYE), message)
     assert caught.value.name == name
+
+
+def test_no_text_steers_a_terminal_or_turns_a_line_around() -> None:
+    for code in (*range(1, 0xD800), *range(0xE000, 0xE100), 0x1F600, 0x10FFFF):
+        try:
+            encode(Header(PacketType.REFUSE), Notice(1, f"a{chr(code)}b"))
+        except WireError as error:
+            assert error.name == "VS_ERR_TEXT" and chr(code) in STEERING, hex(code)
+        else:
+            assert chr(code) not in STEERING, hex(code)
 
 
 def test_state_and_telemetry_need_a_table() -> None:

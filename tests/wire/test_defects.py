@@ -19,7 +19,7 @@ from vsense.link.robots.wire import (
     Wanted,
     Welcome,
     decode,
-    open_packet,
+    encode,
     packet_length,
 )
 from vsense.native import WireError, ffi, lib
@@ -29,9 +29,8 @@ from vsense.native import WireError, ffi, lib
 def test_defect_01_split_segments(data: st.DataObject) -> None:
     """The original wrote every chunk at its buffer's start: a split segment was garbage."""
     link = Link()
-    header, _ = decode(link.robot.connect(link.robot_ns(S)))
-    link.host.open(1, link.table, header.send_ns, S)
-    stream = link.host.encode(Header(PacketType.WELCOME), Welcome(link.table, 100_000), S)
+    link.sessions = 1
+    stream = link.welcome(S)
     stream += link.state(S + 1, Wanted.RUN) + link.state(S + 2, Wanted.STOP)
     cuts = data.draw(st.lists(st.integers(0, len(stream)), max_size=12).map(sorted))
     events = []
@@ -74,9 +73,7 @@ def test_defect_07_sizes_from_the_wire_are_checked(length: int, params: int) -> 
         assert error.name == "VS_ERR_LENGTH"
         assert not 72 <= length <= PACKET_MAX
     link = Link()
-    header, _ = decode(link.robot.connect(S))
-    link.host.open(1, link.table, header.send_ns, S)
-    welcome = link.host.encode(Header(PacketType.WELCOME), Welcome(link.table, 1, 0, "a=b\n"), S)
+    welcome = encode(Header(PacketType.WELCOME), Welcome(link.table, 1, 0, "a=b\n"))
     lying = reseal(welcome[:80] + struct.pack("<H", params) + welcome[82:])
     if params != 4:
         with pytest.raises(WireError):
@@ -120,16 +117,17 @@ def test_defect_14_unchanged_is_not_dead() -> None:
         assert link.robot.c.received_ns == link.robot_ns(now_ns)
 
 
-def test_defect_15_version_sequence_time_and_a_slot_for_authentication() -> None:
+def test_defect_15_version_sequence_time_and_authentication() -> None:
     link = Link()
     link.greet(S)
     packet = link.state(2 * S)
-    header, _ = open_packet(packet)
+    header, _ = link.robot.open_packet(packet)
     assert packet[2] == lib.VS_VERSION
     assert (header.sequence, header.capture_ns, header.send_ns) == (1, 2 * S, 2 * S)
-    assert packet[-12:] == bytes(12)
-    signed = packet[:-12] + b"\1" + bytes(11)
-    assert link.deliver(signed, 2 * S)[0] == lib.VS_ERR_TAG
+    for at in range(len(packet) - 16, len(packet)):
+        forged = bytearray(packet)
+        forged[at] ^= 1
+        assert link.deliver(bytes(forged), 2 * S)[0] == lib.VS_ERR_TAG
 
 
 def test_defect_16_identity_is_the_robots_own_and_sensors_have_names() -> None:

@@ -21,10 +21,15 @@ from vsense.link.robots.wire import (
     Notice,
     PacketType,
     Welcome,
+    answer_key,
+    believed,
     decode,
     encode,
     header_to,
     open_packet,
+    session_keys,
+    session_of,
+    uid_of,
 )
 from vsense.native import WireError, check, ffi, lib
 
@@ -171,6 +176,22 @@ def test_bad_packets_are_refused_by_name(vector: Vector) -> None:
         else:
             decode(packet)
     assert caught.value.name == vector["error"]
+
+
+def test_the_keys_of_a_session() -> None:
+    known = {name: bytes.fromhex(text) for name, text in VECTORS["session"].items()}
+    root, hello = known["root"], known["hello"]
+    assert (uid_of(hello), decode(hello, root)[1]) == (believed(hello).uid, believed(hello))
+    answer = answer_key(root, hello)
+    for name in ("welcome", "refuse"):
+        header, message = decode(known[name], answer)
+        assert encode(header, message, answer) == known[name]
+    assert session_keys(root, hello, known["welcome"]) == (known["down"], known["up"])
+    for name, key in (("state", "down"), ("telemetry", "up")):
+        assert session_of(known[name]) == open_packet(known[name], known[key])[0].session
+        for other in ("root", "up" if key == "down" else "down"):
+            with pytest.raises(WireError, match="tag"):
+                open_packet(known[name], known[other])
 
 
 def test_age_of_a_value_is_measured_against_the_header() -> None:

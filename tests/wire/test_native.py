@@ -52,6 +52,9 @@ def test_an_installed_library_has_nothing_to_compare(tmp_path: Path) -> None:
 def test_errors_carry_name_code_and_what_was_done() -> None:
     assert check(3) == 3
     with pytest.raises(WireError) as caught:
-        check(lib.VS_ERR_CHECKSUM, "packet 7")
-    assert (caught.value.code, caught.value.name) == (lib.VS_ERR_CHECKSUM, "VS_ERR_CHECKSUM")
-    assert str(caught.value) == "packet 7: checksum does not match: the packet is damaged"
+        check(lib.VS_ERR_TAG, "packet 7")
+    assert (caught.value.code, caught.value.name) == (lib.VS_ERR_TAG, "VS_ERR_TAG")
+    assert (
+        str(caught.value)
+        == "packet 7: tag does not match: the packet is damaged, or of another key"
+    )

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from tests.wire.strategies import MS, Link, S
 from vsense.link.robots.peer import Orders
 from vsense.link.robots.status import LogLines
-from vsense.link.robots.wire import Telemetry, Wanted, open_packet
+from vsense.link.robots.wire import Telemetry, Wanted
 
 LINE = 1, "first"
 
@@ -78,7 +78,8 @@ def test_a_whole_telemetry_carries_what_was_shown_and_logged() -> None:
     link.greet(S)
     shown = (("state", "searching"), ("n", 0.5))
     said = Telemetry(payload=bytes(4), log_number=3, log="saw red", shown=shown)
-    header, body = open_packet(link.robot.telemetry(link.robot_ns(2 * S), said))
-    heard = link.host.receive_telemetry(header, body, True, 2 * S + MS)
-    assert heard is not None
+    packet = link.robot.telemetry(link.robot_ns(2 * S), said)
+    got = link.host.receive_telemetry(packet, True, 2 * S + MS)
+    assert got is not None
+    heard = got[1]
     assert (heard.log_number, heard.log, heard.shown) == (3, "saw red", shown)

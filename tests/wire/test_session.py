@@ -9,10 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.wire.robot_session import Event, RobotSession
-from tests.wire.strategies import MS, POLLUTANT, Link, S, balance
+from tests.wire.strategies import MS, POLLUTANT, Link, S, balance, reseal
 from vsense.link.robots.peer import Orders, Peer
 from vsense.link.robots.table import Table
 from vsense.link.robots.wire import (
+    PUBLISHED,
     GoodbyeCause,
     Header,
     Hello,
@@ -22,7 +23,9 @@ from vsense.link.robots.wire import (
     Telemetry,
     Wanted,
     Welcome,
+    answer_key,
     decode,
+    decode_body,
     encode,
     open_packet,
 )
@@ -40,18 +43,14 @@ def test_hello_says_who_the_robot_is() -> None:
 
 def test_welcome_opens_and_carries_everything() -> None:
     link = Link()
-    header, _ = decode(link.robot.connect(link.robot_ns(S)))
-    link.host.open(9, link.table, header.send_ns, S)
+    link.sessions = 9
     params = "stop_probability=0.3\nspeed_cm_s=10\n"
     welcome = Welcome(link.table, 100_000, 42, params, b"h" * 16)
-    events = link.robot.tcp_in(
-        link.host.encode(Header(PacketType.WELCOME), welcome, S), link.robot_ns(S)
-    )
+    events = link.robot.tcp_in(link.welcome(S, welcome), link.robot_ns(S))
     c = link.robot.c
     assert events == [Event.OPEN]
     assert (c.open, c.peer.session, c.seed, c.timestep_ns) == (1, 9, 42, 100 * MS)
     assert (link.robot.table, link.robot.params) == (POLLUTANT, params)
-    assert bytes(c.host_nonce) == b"h" * 16
     assert (c.wanted, c.fresh_ns, c.received_ns) == (Wanted.IDLE, 0, 0)
     assert link.robot.value("pollutant") is None
     assert link.robot.clock(link.robot_ns(S)) is not None
@@ -126,15 +125,20 @@ def test_datagrams_of_another_session_run_or_table_are_dropped_and_counted() -> 
     foreign = Link(Table())
     foreign.sessions = 6
     foreign.greet()
-    assert link.deliver(foreign.state(2 * S), 2 * S)[0] == lib.VS_ERR_TABLE
+    assert link.deliver(foreign.state(2 * S), 2 * S)[0] == lib.VS_ERR_TAG
+    strange = reseal(foreign.state(2 * S), bytes(link.robot.c.peer.rx_key))
+    assert link.deliver(strange, 2 * S)[0] == lib.VS_ERR_TABLE
     late = link.state(2 * S)
     link.run = 2
     assert link.deliver(link.state(3 * S), 3 * S)[0] == 0
     assert link.deliver(late, 3 * S)[0] == lib.VS_ERR_RUN
-    assert link.deliver(link.robot.telemetry(3 * S), 3 * S)[0] == lib.VS_ERR_TYPE
+    mirrored = link.robot.telemetry(3 * S)
+    assert link.deliver(mirrored, 3 * S)[0] == lib.VS_ERR_TAG
+    mirrored = reseal(mirrored, bytes(link.robot.c.peer.rx_key))
+    assert link.deliver(mirrored, 3 * S)[0] == lib.VS_ERR_TYPE
     counters = link.robot.counters
-    names = ("foreign_session", "foreign_table", "foreign_run", "foreign_type")
-    assert [counters[name] for name in names] == [1, 1, 1, 1]
+    names = ("foreign_session", "foreign_table", "foreign_run", "foreign_type", "tag")
+    assert [counters[name] for name in names] == [1, 1, 1, 1, 2]
     assert balance(counters)
 
 
@@ -159,9 +163,11 @@ def test_counters_go_on_over_sessions_and_telemetry_reports_them() -> None:
     link.greet(3 * S)
     link.deliver(datagram, 3 * S)
     sent = Telemetry(Wanted.RUN, stop_cause=3, battery_mv=3700, payload=struct.pack("<I", 12))
-    header, body = open_packet(link.robot.telemetry(link.robot_ns(3 * S), sent))
-    said = link.host.receive_telemetry(header, body, True, 3 * S)
-    assert said is not None
+    heard = link.host.receive_telemetry(
+        link.robot.telemetry(link.robot_ns(3 * S), sent), True, 3 * S
+    )
+    assert heard is not None
+    _, said = heard
     assert (said.received, said.old, said.foreign, said.corrupt) == (4, 1, 1, 1)
     assert (said.state, said.stop_cause, said.battery_mv) == (Wanted.RUN, 3, 3700)
     assert said.payload == struct.pack("<I", 12)
@@ -174,18 +180,18 @@ def test_wanted_state_is_echoed() -> None:
     link.greet()
     link.run = 4
     link.deliver(link.state(2 * S, Wanted.PAUSE), 2 * S)
-    header, body = open_packet(link.robot.telemetry(link.robot_ns(2 * S)))
-    said = link.host.receive_telemetry(header, body, True, 2 * S)
-    assert said is not None
+    heard = link.host.receive_telemetry(link.robot.telemetry(link.robot_ns(2 * S)), True, 2 * S)
+    assert heard is not None
+    header, said = heard
     assert (said.wanted, said.wanted_run, header.run) == (Wanted.PAUSE, 4, 4)
     assert (header.timestep, header.capture_ns) == (1, 2 * S)
 
 
 def test_refuse_and_goodbye_end_the_session_with_a_reason() -> None:
     robot = RobotSession(bytes(16), 23)
-    robot.connect(S)
+    key = answer_key(PUBLISHED, robot.connect(S))
     why = Notice(RefuseCode.TAG_IN_USE, "tag 23 is in use")
-    assert robot.tcp_in(encode(Header(PacketType.REFUSE), why), S) == [Event.REFUSED]
+    assert robot.tcp_in(encode(Header(PacketType.REFUSE), why, key), S) == [Event.REFUSED]
     assert (robot.notice, robot.c.phase) == (why, lib.VS_PHASE_DOWN)
     link = Link()
     link.greet()
@@ -200,7 +206,8 @@ def test_robot_says_goodbye_once() -> None:
     link.greet()
     text = "é" * 150
     packet = link.robot.goodbye(GoodbyeCause.END, text, link.robot_ns(2 * S))
-    header, notice = decode(packet)
+    header, body = link.host.open_packet(packet)
+    notice = decode_body(header, body)
     assert header.session == link.host.session
     assert notice == Notice(GoodbyeCause.END, "é" * 100)
     assert link.robot.tcp_out(link.robot_ns(2 * S)) == b""
@@ -211,9 +218,8 @@ def test_robot_says_goodbye_once() -> None:
 @pytest.mark.parametrize("chunk", [1, 2, 7, 71, 72, 1000])
 def test_any_chunking_gives_the_same_events(chunk: int) -> None:
     link = Link()
-    header, _ = decode(link.robot.connect(link.robot_ns(S)))
-    link.host.open(1, link.table, header.send_ns, S)
-    stream = link.host.encode(Header(PacketType.WELCOME), Welcome(link.table, 100_000), S)
+    link.sessions = 1
+    stream = link.welcome(S)
     stream += b"".join(link.state(2 * S + i) for i in range(3))
     stream += link.host.encode(Header(PacketType.GOODBYE), Notice(0), 2 * S)
     events = []
@@ -223,15 +229,17 @@ def test_any_chunking_gives_the_same_events(chunk: int) -> None:
 
 
 def break_order(link: Link, what: str) -> bytes:
-    welcome = Welcome(link.table, 100_000)
+    welcome, key = Welcome(link.table, 100_000), bytes(link.robot.c.peer.rx_key)
     if what == "second welcome":
         return link.host.encode(Header(PacketType.WELCOME), welcome, 2 * S)
     if what == "late refusal":
-        return encode(Header(PacketType.REFUSE), Notice(1))
+        return encode(Header(PacketType.REFUSE), Notice(1), key)
     if what == "goodbye of another session":
-        return encode(Header(PacketType.GOODBYE, session=99), Notice(0))
+        return encode(Header(PacketType.GOODBYE, session=99), Notice(0), key)
     if what == "a robot's packet":
-        return encode(Header(PacketType.HELLO), Hello(bytes(16), 1, "", ""))
+        return encode(Header(PacketType.HELLO), Hello(bytes(16), 1, "", ""), key)
+    if what == "another key":
+        return encode(Header(PacketType.GOODBYE, session=link.host.session), Notice(0))
     if what == "damage":
         return link.state(2 * S)[:-16] + bytes(16)
     return b"GET / HTTP/1.1\r\n"
@@ -244,7 +252,8 @@ def break_order(link: Link, what: str) -> bytes:
         ("late refusal", "VS_ERR_TYPE"),
         ("goodbye of another session", "VS_ERR_SESSION"),
         ("a robot's packet", "VS_ERR_TYPE"),
-        ("damage", "VS_ERR_CHECKSUM"),
+        ("damage", "VS_ERR_TAG"),
+        ("another key", "VS_ERR_TAG"),
         ("another protocol", "VS_ERR_MAGIC"),
     ],
 )
@@ -270,9 +279,9 @@ def test_a_host_that_breaks_the_protocol_is_named_and_left(what: str, name: str)
 )
 def test_a_welcome_that_contradicts_itself_is_refused(header: Header, name: str) -> None:
     robot = RobotSession(bytes(16), 23)
-    robot.connect(S)
+    key = answer_key(PUBLISHED, robot.connect(S))
     with pytest.raises(WireError) as caught:
-        robot.tcp_in(encode(header, Welcome(POLLUTANT, 100_000)), S)
+        robot.tcp_in(encode(header, Welcome(POLLUTANT, 100_000), key), S)
     assert caught.value.name == name
 
 
@@ -286,12 +295,32 @@ def test_a_stale_state_on_tcp_is_dropped_without_closing_the_stream() -> None:
     assert link.robot.counters["older"] == link.robot.counters["repeated"] == 1
 
 
+def test_no_packet_can_be_so_far_ahead_that_all_others_are_old() -> None:
+    link = Link()
+    link.greet()
+    link.run = 1_800_000_000
+    heard = link.robot.telemetry(link.robot_ns(2 * S))
+    assert link.host.receive_telemetry(heard, True, 2 * S) is not None
+    assert link.deliver(link.state(2 * S), 2 * S)[0] == 0
+    key = bytes(link.robot.c.peer.rx_key)
+    for at, honest, most in ((12, 1, lib.VS_SEQUENCE_JUMP), (16, link.run, lib.VS_RUN_JUMP)):
+        for ahead, code in ((most + 1, lib.VS_ERR_JUMP), (2**32 - 2 - honest, lib.VS_ERR_JUMP)):
+            packet = link.state(3 * S)
+            forged = packet[:at] + (honest + ahead).to_bytes(4, "little") + packet[at + 4 :]
+            assert link.deliver(reseal(forged, key), 3 * S)[0] == code
+    assert link.deliver(link.state(4 * S), 4 * S)[0] == 0
+    assert link.robot.counters["jump"] == 4
+    # The host hears of the run only once the robot has.
+    said = link.robot.telemetry(link.robot_ns(4 * S))
+    assert link.host.receive_telemetry(said, True, 4 * S) is not None
+
+
 def test_the_last_sequence_number_is_never_sent() -> None:
     link = Link()
     link.greet()
     link.robot.c.peer.tx_sequence = 2**32 - 3
     last = link.robot.telemetry(link.robot_ns(2 * S))
-    assert open_packet(last)[0].sequence == 2**32 - 2
+    assert link.host.open_packet(last)[0].sequence == 2**32 - 2
     with pytest.raises(WireError) as caught:
         link.robot.telemetry(link.robot_ns(2 * S))
     assert caught.value.name == "VS_ERR_SEQUENCE"
@@ -324,7 +353,8 @@ def test_robot_renews_a_session_whose_numbers_are_used_up() -> None:
     link.robot.c.peer.tx_sequence = 2**32 - 2
     with pytest.raises(WireError):
         link.robot.telemetry(link.robot_ns(2 * S))
-    header, notice = decode(link.robot.tcp_out(link.robot_ns(2 * S)))
+    header, body = link.host.open_packet(link.robot.tcp_out(link.robot_ns(2 * S)))
+    notice = decode_body(header, body)
     assert isinstance(notice, Notice)
     assert (header.type, notice.code) == (PacketType.GOODBYE, GoodbyeCause.RENEW)
     assert link.greet(3 * S) == [Event.OPEN]

@@ -23,10 +23,10 @@ from vsense.robot.boards import TARGETS, toolchain
 from vsense.robot.build import FAST_PARTS, SHIPPED_CONTROLLER, cache_directory, source_tree
 from vsense.robot.compiling import BuildError, Sources, native
 
-SIZE_MAX = 100_000
+SIZE_MAX = 102_000
 """[byte] of the daemon for ARMv5 with a controller in it."""
 
-STEP_MAX = 12_000
+STEP_MAX = 17_000
 """Instructions of a control step on ARMv5, the protocol's among them."""
 
 CALLS_MAX = 40
@@ -196,7 +196,8 @@ def _memory_kb(program: Path, say: Say) -> int:
     """
     say("measuring memory")
     base = Microcontrollers(["argos"])
-    words = ["--host", "127.0.0.1", "--port", "9", "--tag", "1", "--base", base.bases[0]]
+    words = ["--host", "127.0.0.1", "--port", "9", "--tag", "1", "--insecure"]
+    words += ["--base", base.bases[0]]
     daemon = subprocess.Popen([program, *words], stderr=subprocess.DEVNULL)
     try:
         end_ns = host_ns() + 2_000_000_000

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from vsense.clock import host_ns
 from vsense.lab.microcontrollers import Microcontrollers
+from vsense.link.robots.keys import INSECURE
 from vsense.link.robots.roster import ExpectedRobot
 from vsense.link.robots.server import VirtualSensorServer
 from vsense.link.robots.table import Entry, Table
@@ -59,9 +60,11 @@ def per_step(qemu: str, program: Path, steps: int) -> int:
         timestep_ns=TIMESTEP_NS,
         seed=5,
         expected={TAG: ExpectedRobot("robot", Table([Entry(1, "pollutant", "f4")]), PARAMS)},
+        trust=INSECURE,
         on_event=lambda event: None,
     )
     words = ["--host", "127.0.0.1", "--port", str(server.start()), "--tag", str(TAG)]
+    words.append("--insecure")
     daemon = subprocess.Popen(
         [qemu, "-cpu", "arm926", "-strace", program, *words, "--base", base.bases[0]],
         stderr=subprocess.PIPE,

@@ -121,6 +121,27 @@ static void make_host(void)
     vs_peer_open(&peer, 7, welcome.table.hash, 1, now.session_ns);
 }
 
+/* Answers the HELLO that the session has given out. */
+static size_t give_welcome(uint8_t packet[VS_PACKET_MAX])
+{
+    struct vs_header header;
+    uint8_t answer[VS_KEY_SIZE];
+    uint8_t down[VS_KEY_SIZE];
+    uint8_t up[VS_KEY_SIZE];
+    size_t len;
+
+    memset(&header, 0, sizeof header);
+    header.run = 1;
+    vs_peer_stamp(&peer, now.session_ns, &header);
+    vs_key_answer(session.config.key, session.hello_tag, answer);
+    header.key = answer;
+    if (vs_encode_welcome(&header, &welcome, packet, VS_PACKET_MAX, &len) != VS_OK)
+        fail("no WELCOME");
+    vs_key_session(session.config.key, session.hello_tag, packet + len - VS_TAG_SIZE, down, up);
+    vs_peer_set_keys(&peer, down, up);
+    return len;
+}
+
 /* The controller, and behind it one that shows. */
 static void step_and_show(void *memory, struct vs_robot *robot)
 {
@@ -137,7 +158,6 @@ static void open_session(int showing)
     static struct vs_controller speaker;
     static const uint8_t nonce[VS_NONCE_SIZE] = {9};
     struct vs_session_config config;
-    struct vs_header header;
     uint8_t packet[VS_PACKET_MAX];
     enum vs_event event;
     size_t used;
@@ -145,14 +165,13 @@ static void open_session(int showing)
 
     memset(&config, 0, sizeof config);
     config.tag = 23;
+    config.keyed = 1;
+    memset(config.key, 7, sizeof config.key);
     if (vs_session_init(&session, &config) != VS_OK)
         fail("no session");
     vs_session_connected(&session, nonce, now.session_ns);
     vs_session_tcp_out(&session, packet, sizeof packet, now.session_ns, &len);
-    memset(&header, 0, sizeof header);
-    header.run = 1;
-    vs_peer_stamp(&peer, now.session_ns, &header);
-    vs_encode_welcome(&header, &welcome, packet, sizeof packet, &len);
+    len = give_welcome(packet);
     if (vs_session_tcp_in(&session, packet, len, now.session_ns, &used, &event) != VS_OK ||
         event != VS_EV_OPEN)
         fail("the session does not open");

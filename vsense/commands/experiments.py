@@ -14,6 +14,8 @@ from vsense.config.placement import settle
 from vsense.config.specs import Experiment, Stage
 from vsense.errors import UsageError
 from vsense.link.legacy.server import MixedServer
+from vsense.link.robots import keys
+from vsense.link.robots.keys import LinkTrust
 from vsense.link.robots.server import VirtualSensorServer
 from vsense.run import directory as run_directory
 from vsense.terminal import Console, print_data
@@ -67,6 +69,60 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
         " library (for its parameters), 'sensor' or 'actuator' (for all virtual ones); may be"
         " given again",
     )
+
+
+def add_trust(parser: argparse.ArgumentParser) -> None:
+    """Declares which robots are believed."""
+    add_key(parser)
+    add_insecure(
+        parser, "take robots that have no key, too: whoever reaches the port can drive robots"
+    )
+
+
+def add_key(parser: argparse.ArgumentParser) -> None:
+    """Declares where the swarm's keys are."""
+    arguments.option(
+        parser,
+        "--key",
+        Path,
+        "FILE",
+        "the swarm's keys, which 'vsense robot keys' makes (default: vsense/swarm.key in"
+        " ~/.config or $XDG_CONFIG_HOME)",
+    )
+
+
+def key_path(options: argparse.Namespace) -> Path:
+    """Where the swarm's keys are."""
+    return options.key or keys.default_path()
+
+
+def add_insecure(parser: argparse.ArgumentParser, text: str) -> None:
+    """Declares `--insecure`."""
+    arguments.flag(parser, "--insecure", text)
+
+
+def trust_of(options: argparse.Namespace) -> LinkTrust:
+    """Returns what `add_trust` declares.
+
+    Raises:
+        UsageError: there are no keys, and robots without one are not to be taken.
+        VsenseError: the keys cannot be used.
+    """
+    path = key_path(options)
+    if options.key is None and not path.exists():
+        if options.insecure:
+            return keys.INSECURE
+        raise UsageError(
+            f"no swarm key ({path}): 'vsense robot keys --new-key' makes it, 'vsense robot deploy'"
+            " brings each robot its own; or go on without keys: --insecure"
+        )
+    return LinkTrust(keys.read(path), options.insecure)
+
+
+def say_trust(trust: LinkTrust, say: Callable[[str], None]) -> None:
+    """Says where anybody could be a robot."""
+    if trust.insecure:
+        say("--insecure: robots without a key are taken; whoever reaches the port can drive them")
 
 
 def add_legacy_port(parser: argparse.ArgumentParser) -> None:

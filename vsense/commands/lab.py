@@ -15,6 +15,8 @@ from vsense.errors import VsenseError
 from vsense.lab import metrics, report
 from vsense.lab.links import BASES
 from vsense.lab.session import Session
+from vsense.link.robots import keys
+from vsense.link.robots.keys import LinkTrust
 from vsense.live.session import RunSetup
 from vsense.pictures.run_figure import spoken
 from vsense.run import directory as run_directory
@@ -54,6 +56,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="P",
         help="TCP and UDP port; 0 takes a free one (default: the file's)",
     )
+    experiments.add_insecure(
+        parser, "give the lab's robots no keys (default: keys that are made for this lab alone)"
+    )
     experiments.add_legacy_port(parser)
     parser.add_argument(
         *("-o", "--output"),
@@ -84,7 +89,11 @@ def run(options: argparse.Namespace) -> int:
     experiments.check_legacy_port(options, port)
     with interruption() as interrupted, ControlRoom(experiments.room_of(options), console) as room:
         address = (experiment.host, port)
-        setup = RunSetup(experiment, seed, options.blind, address, console, interrupted, room)
+        trust = keys.INSECURE if options.insecure else LinkTrust(keys.make())
+        experiments.say_trust(trust, console.say)
+        setup = RunSetup(
+            *(experiment, seed, options.blind, address, trust, console, interrupted, room)
+        )
         session = Session(
             *(setup, directory, options.base, options.firmware_watchdog, options.legacy_port)
         )

@@ -175,7 +175,8 @@ def _cells(robot: Mapping[str, Any], mixed: bool) -> tuple[str, ...]:
         _age(robot["pose_age_ms"]),
         f"{battery_mv / 1e3:.2f} V" if battery_mv else battery,
         "-" if robot["base_errors"] is None else str(robot["base_errors"]),
-        robot["trouble"] or (f"{robot['state']}"),
+        f"{robot['trouble'] or robot['state']}"
+        f"{', not authenticated' if robot['authenticated'] is False else ''}",
     )
 
 

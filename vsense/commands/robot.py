@@ -11,22 +11,24 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from vsense.commands import arguments, orders
+from vsense.commands import arguments, experiments, orders, robot_keys
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment
 from vsense.errors import ConfigError, UsageError
-from vsense.robot import boards, deploying, finding
+from vsense.robot import boards, deploying, finding, hosts, key_holders
 from vsense.robot.boards import Built
 from vsense.robot.build import cache_directory, source_tree
-from vsense.robot.deploying import Outcome, Part, Plan, RobotHost
+from vsense.robot.deploying import Outcome, Part, Plan
+from vsense.robot.hosts import RobotHost
 from vsense.robot.programs import Program, folders, stem_of
-from vsense.terminal import Console, aligned
+from vsense.terminal import aligned
 
 DESCRIPTION = (
     "What a lab does with its robots' boards. 'build' makes the daemon vsensed with a controller"
     " in it, one static file for a kind of board. 'deploy' copies it to all robots of a list with"
-    " ssh, each its own where an experiment has several, writes each robot's settings, and has it"
-    " start with the board. 'status' tells who is"
+    " ssh, each its own where an experiment has several, writes each robot's settings, gives each a"
+    " key of its own, so that nobody else moves it, and has it start with the board. 'keys' makes"
+    " the swarm's key that theirs are made of, and says who has which. 'status' tells who is"
     " connected to the `vsense run` or `vsense lab` on this machine: software and controller, link,"
     " pose, battery, base errors, and what is wrong."
 )
@@ -37,7 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True, dest="action")
     add = partial(arguments.add_action, actions)
     _add_build(add("build", "build vsensed with a controller for a board"))
-    _add_deploy(add("deploy", "copy vsensed to all robots of a list"))
+    __add_deploy(add("deploy", "copy vsensed to all robots of a list"))
+    robot_keys.add_arguments(add("keys", "make the swarm's key, and see which robots have which"))
     status = add("status", "show the robots of the running experiment")
     orders.add_process(status)
     status.add_argument("--json", action="store_true", help="print the table as JSON")
@@ -79,7 +82,7 @@ def _add_code(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_deploy(parser: argparse.ArgumentParser) -> None:
+def __add_deploy(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--hosts",
         required=True,
@@ -102,6 +105,8 @@ def _add_deploy(parser: argparse.ArgumentParser) -> None:
         help="what turns the robots' wheels: argos:/dev/ttyS0, or a board's name, such as pipuck;"
         " see vsensed --help",
     )
+    experiments.add_key(parser)
+    experiments.add_insecure(parser, "bring no keys: the robots obey whoever sends them commands")
     _add_ways(parser)
 
 
@@ -148,31 +153,17 @@ def _add_ways(parser: argparse.ArgumentParser) -> None:
         help="what starts it on the robots: a systemd unit, an init script, or nothing (default:"
         " auto, by what the board has)",
     )
-    parser.add_argument("--sudo", action="store_true", help="become root on the robots with sudo")
     parser.add_argument(
         "--check",
         action="store_true",
         help="have each robot look whether its base, network and clock are well (vsensed --check)",
     )
-    parser.add_argument(
-        "--force",
-        action="store_true",
-        help="replace it on robots that are in a running experiment, too; their wheels stop",
-    )
-    parser.add_argument(
-        "--ssh-option",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="what ssh is told with -o, such as HostKeyAlgorithms=+ssh-rsa for an old board; may"
-        " be given several times",
-    )
-    parser.add_argument("--json", action="store_true", help="print the results as JSON")
+    robot_keys.add_reach(parser)
 
 
 def run(options: argparse.Namespace) -> int:
     """Runs an action; 0, or 1 where a robot was not served."""
-    actions = {"build": build, "deploy": deploy, "status": orders.robots}
+    actions = {"build": build, "deploy": deploy, "keys": robot_keys.run, "status": orders.robots}
     return actions[options.action](options)
 
 
@@ -225,19 +216,18 @@ def _programs(
 
 def deploy(options: argparse.Namespace) -> int:
     """Brings `vsensed` to all robots of a list; prints a table of the outcomes."""
-    robots = deploying.read(options.hosts)
+    robots = hosts.read(options.hosts)
     with tempfile.TemporaryDirectory(prefix="vsense-") as folder:
         plan = _plan(options, robots, Path(folder))
     if plan.part is Part.ALL:
         deploying.check(plan, robots, str(options.hosts))
-    console, done = Console(), [0]
-
-    def told(outcome: Outcome) -> None:
-        done[0] += 1
-        console.progress(f"{done[0]} of {len(robots)}: {outcome.robot.destination}")
-
-    outcomes = deploying.deploy(plan, robots, told)
-    console.end_progress()
+        if not options.insecure:
+            keys = experiments.trust_of(options).keys
+            holders = key_holders.read(robot_keys.holders_of(options))
+            plan = replace(plan, keys=keys, uids=key_holders.uids(holders, robots))
+    outcomes = robot_keys.deploy_all(plan, robots)
+    if plan.keys is not None:
+        key_holders.note(robot_keys.holders_of(options), plan.keys.newest, outcomes)
     print(json.dumps([_facts(o) for o in outcomes], indent=2) if options.json else table(outcomes))
     return 0 if all(outcome.ok for outcome in outcomes) else 1
 

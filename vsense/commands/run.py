@@ -75,6 +75,7 @@ def _add_ends(parser: argparse.ArgumentParser) -> None:
         metavar="P",
         help="TCP and UDP port; 0 takes a free one (default: the file's vss_port)",
     )
+    experiments.add_trust(parser)
     experiments.add_legacy_port(parser)
 
 
@@ -97,6 +98,7 @@ def run(options: argparse.Namespace) -> int:
     if opened is None:
         return 0
     require_source(opened, options.tracking)
+    trust = experiments.trust_of(options)
     experiment, seed, directory = experiments.prepare(options, opened, real=False)
     with failing_as(run_directory.DirectoryError, f"cannot write to {directory}"):
         (directory / experiment.path.name).write_bytes(experiment.path.read_bytes())
@@ -108,7 +110,9 @@ def run(options: argparse.Namespace) -> int:
         experiments.say_warnings(log, experiment)
         host = experiment.host if options.host is None else options.host
         port = experiment.port if options.port is None else options.port
-        setup = RunSetup(experiment, seed, options.blind, (host, port), log, interrupted, room)
+        setup = RunSetup(
+            *(experiment, seed, options.blind, (host, port), trust, log, interrupted, room)
+        )
         series = Series(directory, options.runs, room.holds, interrupted)
         return RunCommand(options, setup, directory, log, series).run()
 
@@ -181,7 +185,9 @@ class RunCommand:
         say(
             f"waiting for robots on {host}, port {session.port}:"
             f" vsensed --host ADDRESS --port {session.port} --tag TAG --base BASE"
+            f" {'--insecure' if setup.trust.keys is None else '--key FILE'}"
         )
+        experiments.say_trust(setup.trust, lambda text: say(text, "warning"))
         experiments.say_legacy_port(session.server, say)
         if host.startswith("127.") or host == "localhost":
             say("only robots on this machine reach that address; for others: --host 0.0.0.0")

@@ -135,7 +135,8 @@ class Session(ExperimentSession):
             experiment, truth.name, seed, self.directory, self._base, self._watchdog
         )
         self._stack.callback(self.floor.close)
-        self.swarm = Swarm(experiment.host, port, seed, self.directory / "robots")
+        keys = self.setup.trust.keys
+        self.swarm = Swarm(experiment.host, port, seed, self.directory / "robots", keys)
         self._stack.callback(self.swarm.end)
         for robot, base in zip(experiment.robots, self.floor.bases):
             self.swarm.start(daemons[robot.controller], robot.tag, robot.id, base)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from vsense.lab.processes import describe_exit, end
 from vsense.lab.shared import LabError
+from vsense.link.robots.keys import SwarmKeys, robot_file, write_private
 
 CLOCK_OFFSET_NS = 3_600_000_000_000
 """Every robot's clock is off by up to an hour ..."""
@@ -58,8 +59,14 @@ class Robot:
 class Swarm:
     """All daemons of one run. They are in sessions of their own: Ctrl-C is the lab's to handle."""
 
-    def __init__(self, host: str, port: int, seed: int, directory: Path) -> None:
-        """Prepares an empty swarm; traces, logs and start scripts go into `directory`."""
+    def __init__(
+        self, host: str, port: int, seed: int, directory: Path, keys: SwarmKeys | None
+    ) -> None:
+        """Prepares an empty swarm; traces, logs and start scripts go into `directory`.
+
+        Each robot has a key made of `keys`; None: none has. Their files go with the swarm.
+        """
+        self._keys = keys
         self._host = host
         self._port = port
         self._random = random.Random(seed)
@@ -80,9 +87,9 @@ class Swarm:
             self._directory / f"{tag}.trace",
         )
         self.robots.append(robot)
-        command = self._command(robot)
         script = self.script(tag)
         try:
+            command = self._command(robot)
             script.write_text(
                 f"#!/bin/sh\n# Starts this robot's daemon again.\nexec {shlex.join(command)}\n"
             )
@@ -131,13 +138,26 @@ class Swarm:
         for process in self._processes.values():
             end(process)
         self._processes.clear()
+        for robot in self.robots:
+            self._key_file(robot).unlink(missing_ok=True)
+
+    def _key_file(self, robot: Robot) -> Path:
+        return self._directory / f"{robot.tag}.key"
+
+    def _who(self, robot: Robot) -> list[str]:
+        """The options that say who a robot is; writes its key's file."""
+        uid = hashlib.sha256(f"vsense lab {robot.name}".encode()).digest()[:16]
+        if self._keys is None:
+            return ["--uid", uid.hex(), "--insecure"]
+        file = self._key_file(robot)
+        write_private(file, robot_file(uid, self._keys.robot_key(uid)), 0o600)
+        return ["--key", str(file.resolve())]
 
     def _command(self, robot: Robot) -> list[str]:
-        uid = hashlib.sha256(f"vsense lab {robot.name}".encode()).hexdigest()[:32]
         return [
             str(robot.daemon),
             *("--host", self._host, "--port", str(self._port)),
-            *("--tag", str(robot.tag), "--name", robot.name, "--uid", uid),
+            *("--tag", str(robot.tag), "--name", robot.name, *self._who(robot)),
             *("--base", robot.base, "--trace", str(robot.trace.resolve())),
             *("--clock-offset-ns", str(robot.clock_offset_ns)),
             *("--clock-drift-ppm", str(robot.clock_drift_ppm)),

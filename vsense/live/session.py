@@ -12,6 +12,7 @@ from vsense.cameras.camera import Camera
 from vsense.cameras.grabber import Troubles
 from vsense.config.specs import Experiment
 from vsense.files import read_bytes
+from vsense.link.robots.keys import LinkTrust
 from vsense.link.robots.server import LinkEvent, VirtualSensorServer
 from vsense.link.robots.status import EventKind, RobotStatus
 from vsense.link.robots.wire import GoodbyeCause
@@ -22,7 +23,7 @@ from vsense.run.robots import make_server
 from vsense.run.runner import Runner
 from vsense.run.runtime import Runtime, Step
 from vsense.run.watch import ArenaSource
-from vsense.terminal import Console
+from vsense.terminal import Console, Level
 from vsense.ui.messages import ExperimentFacts
 from vsense.ui.room import ControlRoom
 
@@ -35,6 +36,7 @@ class RunSetup:
         seed: of everything that is drawn in the first run.
         blind: hold the virtual sensors at 0.
         address: interface and port for the robots; port 0 takes a free one.
+        trust: which robots are believed.
         interrupted: set to end everything.
         room: where the runs are seen and steered.
     """
@@ -43,6 +45,7 @@ class RunSetup:
     seed: int
     blind: bool
     address: tuple[str, int]
+    trust: LinkTrust
     console: Console
     interrupted: threading.Event
     room: ControlRoom
@@ -68,6 +71,7 @@ class ExperimentSession(ABC):
             self.environment.tables,
             setup.address,
             setup.seed,
+            setup.trust,
             self._on_link_event,
             legacy_port,
         )
@@ -141,11 +145,11 @@ class ExperimentSession(ABC):
 
     def _on_link_event(self, event: LinkEvent) -> None:
         if event.kind not in self.quiet:
-            self._tell(event.text)
+            self._tell(event.text, "trouble" if event.kind == "doubt" else "info")
 
-    def _tell(self, text: str) -> None:
+    def _tell(self, text: str, level: Level = "info") -> None:
         if not self._over:
-            self.setup.console.say(text)
+            self.setup.console.say(text, level)
 
 
 class RunSession(ExperimentSession):

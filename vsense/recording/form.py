@@ -299,7 +299,7 @@ ROBOTS = (
     "tag", "name", "connected", "heard_ms", "udp", "pose_age_ms", "seen", "doubt", "state",
     "stop_cause", "battery_mv", "battery_low", "leds", "left_steps_s", "right_steps_s",
     "base_errors", "base_resets", "overruns", "guard_restarts", "sessions", "version", "controller",
-    "hash", "expected", "trouble",
+    "hash", "expected", "authenticated", "trouble",
 )  # fmt: skip
 """Columns of `/robots`; beside them `actuators`, a list of lists for each robot, and `shown`, an
 object for each."""

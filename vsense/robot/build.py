@@ -36,8 +36,8 @@ SHARED_FLAGS = ("-fPIC", "-shared", "-fvisibility=hidden", "-ffp-contract=off", 
 no machine fuses two roundings into one, so that a seed gives the same run on all of them."""
 
 RUNTIME_PARTS = (
-    *("err", "bytes", "wire", "table", "shown", "body"),
-    *("peer", "clock", "offer", "session"),
+    *("err", "bytes", "tag", "wire", "table", "shown", "body"),
+    *("peer", "clock", "offer", "greeting", "session"),
 )
 """What of `c_src/` a robot's controller runtime needs beside `robot/`: the protocol's own files."""
 
@@ -45,7 +45,8 @@ SYSTEM_PARTS = (
     "atomics",
     *("base", "base_argos", "base_asercom", "base_boards", "base_config", "base_gctronic"),
     *("base_reset", "base_serial", "base_york", "board_link", "board_process", "calls", "check"),
-    *("guard", "guard_link", "guard_process", "guard_rights", "main", "memory", "net", "options"),
+    *("guard", "guard_link", "guard_process", "guard_rights", "key", "main", "memory", "net"),
+    "options",
     *("presets", "random", "report", "restart", "settings", "signals", "talk", "trace", "uid"),
     *("watchdog", "worker"),
 )
@@ -55,7 +56,7 @@ SIMULATION_PART = "inprocess"
 """What of `robot/` only a simulation needs."""
 
 FAST_PARTS = (
-    *("vs_body", "vs_bytes", "vs_clock", "vs_peer", "vs_session", "vs_wire"),
+    *("vs_body", "vs_bytes", "vs_clock", "vs_peer", "vs_session", "vs_tag", "vs_wire"),
     *("epuck_argos", "epuck_bytes", "base", "base_sensors", "base_serial"),
     *("guard", "loop", "memory", "robot"),
 )

@@ -3,15 +3,6 @@
 The folder `board/` holds the files as they go there: a unit for systemd, an init script for boards
 without it (plain sh, BusyBox will do), and the script that puts everything in its place.
 
-The list of a lab's robots: who they are and how to reach them.
-
-    # robots.txt: one robot in a line
-    root@192.168.1.30  tag=23  base=argos:/dev/ttyS0
-    pi@192.168.1.31    tag=24  base=gctronic:/dev/i2c-12  name=left
-
-The first word is what `ssh` is told. The others are settings of that robot's vsensed, as in its
-settings file (see vsensed --help); "tag" must be among them.
-
 All robots are served at the same time. Everything travels in one connection per robot, as an
 archive on `ssh`'s standard input: old boards have no sftp, which newer `scp` needs, but all have a
 shell and tar.
@@ -21,7 +12,6 @@ from __future__ import annotations
 
 import io
 import ipaddress
-import re
 import secrets
 import shutil
 import signal
@@ -36,13 +26,18 @@ from enum import Enum
 from pathlib import Path
 from queue import SimpleQueue
 
-from vsense.errors import ConfigError, UsageError, VsenseError
-from vsense.files import read_text
+from vsense.errors import ConfigError, VsenseError
+from vsense.link.robots.keys import SwarmKeys, robot_file
 from vsense.robot import ssh
+from vsense.robot.hosts import RobotHost
 from vsense.robot.ssh import SSH
 
 _BOARD = Path(__file__).parent / "board"
 FILES = ("install.sh", "vsensed.init", "vsensed.service")
+
+
+KEY_FILE = "vsensed.key"
+KEY_PLACE = f"/etc/{KEY_FILE}"
 
 
 def settings_text(settings: Mapping[str, str]) -> str:
@@ -54,87 +49,6 @@ def settings_text(settings: Mapping[str, str]) -> str:
 def service_files() -> dict[str, bytes]:
     """What is the same on all boards, by name."""
     return {name: (_BOARD / name).read_bytes() for name in FILES}
-
-
-_MEASURED = "proximity-scale light-scale ground-scale wheel-diameter wheel-ratio axle-length"
-SETTINGS = tuple(f"tag base name uid host port battery-stop-mv watchdog {_MEASURED}".split())
-"""What may be said of a robot."""
-
-_DESTINATION = re.compile(r"[A-Za-z0-9_.@:\[\]%-]+")
-_VALUE = re.compile(r"[^\s'\"\\$`]+")
-_TAG_MAX = 65535
-
-
-@dataclass(frozen=True, slots=True)
-class RobotHost:
-    """A robot's board.
-
-    Attributes:
-        destination: what `ssh` is told.
-        settings: its own, by name; "tag" is one of them.
-        line: where it stands in the file.
-    """
-
-    destination: str
-    settings: Mapping[str, str]
-    line: int
-
-
-def read(path: Path) -> list[RobotHost]:
-    """Reads such a file.
-
-    Raises:
-        UsageError: it cannot be read, or names no robot.
-        ConfigError: a line is wrong.
-    """
-    try:
-        lines = read_text(path).splitlines()
-    except OSError as error:
-        raise UsageError(f"cannot read {path}: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise UsageError(f"cannot read {path}: it is no text") from None
-    robots = [
-        _robot(str(path), number, line.split("#")[0].split())
-        for number, line in enumerate(lines, 1)
-        if line.split("#")[0].strip()
-    ]
-    if not robots:
-        raise UsageError(
-            f"{path} names no robot: expected lines such as 'root@192.168.1.30 tag=23'"
-        )
-    _check_unique(str(path), robots)
-    return robots
-
-
-def _robot(file: str, number: int, words: list[str]) -> RobotHost:
-    destination, *rest = words
-    if not _DESTINATION.fullmatch(destination) or destination.startswith("-"):
-        raise ConfigError(file, number, f"expected [user@]host, got {destination!r}")
-    settings: dict[str, str] = {}
-    for word in rest:
-        name, equals, value = word.partition("=")
-        if not equals or name not in SETTINGS or not _VALUE.fullmatch(value):
-            expected = ", ".join(f"{known}=VALUE" for known in SETTINGS)
-            raise ConfigError(file, number, f"expected one of {expected}; got {word!r}")
-        if name in settings:
-            raise ConfigError(file, number, f"{name}= is there twice")
-        settings[name] = value
-    tag = settings.get("tag", "")
-    if not (tag.isascii() and tag.isdigit() and int(tag) <= _TAG_MAX):
-        raise ConfigError(file, number, f"expected tag=0..{_TAG_MAX}, got {tag or 'no tag'}")
-    return RobotHost(destination, settings, number)
-
-
-def _check_unique(file: str, robots: list[RobotHost]) -> None:
-    """Two robots with one tag, or two lines for one board, would fight for a session."""
-    seen: dict[str, int] = {}
-    for robot in robots:
-        uid = robot.settings.get("uid", "").lower()
-        own = (robot.destination, f"tag {int(robot.settings['tag'])}", uid and f"uid {uid}")
-        for what in filter(None, own):
-            if what in seen:
-                raise ConfigError(file, robot.line, f"{what} is in line {seen[what]}, too")
-            seen[what] = robot.line
 
 
 TIMEOUT_S = 120.0
@@ -158,6 +72,7 @@ class Outcome:
         text: one line for a person.
         details: what the robot said beside it.
         uid: who it will be for the host, 32 hexadecimal digits; empty where it did not tell.
+        keyed: it has the key that was sent, and says so by its uid.
     """
 
     robot: RobotHost
@@ -165,6 +80,7 @@ class Outcome:
     text: str
     details: tuple[str, ...] = ()
     uid: str = ""
+    keyed: bool = False
 
 
 class Part(Enum):
@@ -174,6 +90,8 @@ class Part(Enum):
     DAEMON = "daemon"
     """The daemon alone, with the controller in it: settings and service stay."""
     SETTINGS = "settings"
+    KEY = "key"
+    """Its key alone, to a robot that has one."""
     BACK = "rollback"
     """Nothing is sent: the daemon before this one comes back, with its settings."""
 
@@ -191,6 +109,8 @@ class Plan:
         force: replace it in the midst of an experiment, too.
         part: what is replaced.
         ssh_options: NAME=VALUE, as after `ssh -o`.
+        keys: what the robots' keys are made of; None: they have none, and obey anybody.
+        uids: of each robot, by its destination; with keys only.
     """
 
     binaries: Mapping[str, bytes] = field(default_factory=dict)
@@ -201,10 +121,21 @@ class Plan:
     force: bool = False
     part: Part = Part.ALL
     ssh_options: tuple[str, ...] = ()
+    keys: SwarmKeys | None = None
+    uids: Mapping[str, bytes] = field(default_factory=dict)
 
     def settings_of(self, robot: RobotHost) -> dict[str, str]:
         """A robot's settings."""
-        return {**self.settings, **robot.settings}
+        settings = {**self.settings, **robot.settings}
+        if self.keys is None:
+            return settings | {"insecure": "yes"}
+        settings.pop("uid", None)  # it stands beside the key
+        return settings | {"key": KEY_PLACE}
+
+    def _key_file(self, robot: RobotHost) -> bytes:
+        assert self.keys is not None
+        uid = self.uids[robot.destination]
+        return robot_file(uid, self.keys.robot_key(uid)).encode()
 
     def archive(self, robot: RobotHost) -> bytes:
         """What a robot is sent, as a tar file."""
@@ -213,11 +144,13 @@ class Plan:
             files["vsensed"] = self.binaries[robot.destination]
         if self.part in (Part.ALL, Part.SETTINGS):
             files["vsensed.conf"] = settings_text(self.settings_of(robot)).encode()
+        if self.keys is not None and self.part in (Part.ALL, Part.SETTINGS, Part.KEY):
+            files[KEY_FILE] = self._key_file(robot)
         packed = io.BytesIO()
         with tarfile.open(fileobj=packed, mode="w", format=tarfile.USTAR_FORMAT) as tar:
             for name, content in files.items():
                 row = tarfile.TarInfo(name)
-                row.size, row.mode = len(content), 0o644
+                row.size, row.mode = len(content), 0o600 if name == KEY_FILE else 0o644
                 tar.addfile(row, io.BytesIO(content))
         return packed.getvalue()
 
@@ -376,7 +309,11 @@ class _Crew:
         finally:
             with self._lock:
                 self._running.discard(process)
-        return _judge(robot, process.returncode, _lines(out), _lines(err))
+        outcome = _judge(robot, process.returncode, _lines(out), _lines(err))
+        plan = self._plan
+        sent = plan.keys is not None and plan.part in (Part.ALL, Part.SETTINGS, Part.KEY)
+        keyed = sent and outcome.uid == plan.uids[robot.destination].hex()
+        return replace(outcome, keyed=keyed)
 
 
 def _lines(said: bytes) -> list[str]:

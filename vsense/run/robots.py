@@ -9,6 +9,7 @@ from typing import Any
 from vsense.config.specs import Experiment
 from vsense.link.legacy.protocol import LegacySwarm, by_octet, translations
 from vsense.link.legacy.server import MixedServer
+from vsense.link.robots.keys import LinkTrust
 from vsense.link.robots.roster import ExpectedRobot
 from vsense.link.robots.server import LinkEvent, VirtualSensorServer
 from vsense.link.robots.status import RobotStatus
@@ -22,6 +23,7 @@ def make_server(
     tables: Mapping[str, Table],
     address: tuple[str, int],
     seed: int,
+    trust: LinkTrust,
     on_event: Callable[[LinkEvent], None],
     legacy_port: int | None = None,
 ) -> VirtualSensorServer:
@@ -32,6 +34,7 @@ def make_server(
         tables: the sensor table of each controller, by its id.
         address: interface to listen on, and its port; 0 takes a free one.
         seed: of the run.
+        trust: which robots are believed.
         on_event: called from the server's thread; must not wait.
         legacy_port: port for robots with the original's client, None: none are served.
 
@@ -39,24 +42,30 @@ def make_server(
         WireError: params or timestep do not fit the protocol.
         LinkError: the original's client cannot be served in this experiment.
     """
-    controllers = {robot: experiment.controller_of(robot) for robot in experiment.robots}
-    programs = told_programs(experiment)
     options: dict[str, Any] = {
         **dict(zip(("host", "port"), address)),
         "timestep_ns": experiment.timestep_ns,
         "seed": seed,
-        "expected": {
-            robot.tag: ExpectedRobot(robot.id, tables[c.id], c.params_for(robot.id), programs[c.id])
-            for robot, c in controllers.items()
-        },
+        "expected": _expected(experiment, tables),
+        "trust": trust,
         "on_event": on_event,
     }
     if legacy_port is None:
         return VirtualSensorServer(**options)
     numbers = by_octet({robot.tag: (robot.id, robot.number) for robot in experiment.robots})
-    entries = {robot.tag: tables[c.id].entries for robot, c in controllers.items()}
+    entries = {tag: robot.table.entries for tag, robot in options["expected"].items()}
     swarm = LegacySwarm(translations(entries), numbers)
     return MixedServer((address[0], legacy_port), swarm, **options)
+
+
+def _expected(experiment: Experiment, tables: Mapping[str, Table]) -> dict[int, ExpectedRobot]:
+    """The robots by tag, each with what its controller is told."""
+    controllers = {robot: experiment.controller_of(robot) for robot in experiment.robots}
+    programs = told_programs(experiment)
+    return {
+        robot.tag: ExpectedRobot(robot.id, tables[c.id], c.params_for(robot.id), programs[c.id])
+        for robot, c in controllers.items()
+    }
 
 
 MOST_NAMES = 6
@@ -71,12 +80,14 @@ class Readiness:
         robots, markers: how many there should be; tagged objects have markers, too.
         absent: robots that are not connected.
         unseen: robots and objects whose marker is not seen.
+        refused: of robots that are not connected, why they were turned away.
     """
 
     robots: int
     markers: int
     absent: tuple[str, ...]
     unseen: tuple[str, ...]
+    refused: tuple[str, ...] = ()
 
     @classmethod
     def of(
@@ -85,13 +96,19 @@ class Readiness:
         objects: Mapping[int, str],
         connected: Collection[int],
         seen: Collection[int],
+        refused: Mapping[int, str] | None = None,
     ) -> Readiness:
-        """Compares names by tag of robots and tagged objects with the tags that are there."""
+        """Compares names by tag of robots and tagged objects with the tags that are there.
+
+        `refused` says by tag why a robot was turned away, "": it was not.
+        """
+        away = {tag: why for tag, why in (refused or {}).items() if why and tag not in connected}
         return cls(
             robots=len(robots),
             markers=len(robots) + len(objects),
             absent=tuple(name for tag, name in robots.items() if tag not in connected),
             unseen=tuple(n for tag, n in (*robots.items(), *objects.items()) if tag not in seen),
+            refused=tuple(f"{robots[tag]} {why}" for tag, why in away.items() if tag in robots),
         )
 
     @property
@@ -120,6 +137,7 @@ class Readiness:
     def missing_text(self) -> str:
         """Who is missing in which way; "" where none is."""
         ways = {"not connected": self.absent, "not seen": self.unseen}
+        ways["turned away"] = self.refused
         return "; ".join(f"{way}: {', '.join(names)}" for way, names in ways.items() if names)
 
 

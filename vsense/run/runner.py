@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from vsense.arena import ArenaState
 from vsense.cameras.grabber import NoMorePictures
 from vsense.clock import host_ns
 from vsense.config.specs import Experiment
@@ -21,6 +22,7 @@ from vsense.link.trackers.client import TrackerEnded
 from vsense.run import directory as run_directory
 from vsense.run.control import DURING, Control, State
 from vsense.run.environment import Environment
+from vsense.run.obedience import Obedience, moves
 from vsense.run.overload import SILENCE_NS, Overload
 from vsense.run.robots import LinkCounters, Readiness, RobotAlarms
 from vsense.run.runtime import Runtime, Step
@@ -33,6 +35,9 @@ POLL_S = 0.25
 Observer = Callable[[Step | None, Mapping[int, RobotStatus]], None]
 """Called after every timestep, and with None in silences, with the status of every robot by tag;
 what it raises ends the run."""
+
+STAND_TIMEOUT_NS = 500_000_000
+"""After STOP robots may report so long that they move, before that is said."""
 
 SETTLE_TIMEOUT_NS = 1_000_000_000
 """After the run the last telemetry may take this long to arrive."""
@@ -81,7 +86,7 @@ class Runner:
         clock: Callable[[], int] = host_ns,
     ) -> None:
         self.counters, self.reconnects = LinkCounters(), 0
-        self._alarms = RobotAlarms()
+        self._alarms, self._obedience = RobotAlarms(), Obedience()
         self._overload = Overload(experiment.timestep_ns)
         self.silences: list[Silence] = []
         self.robots: Mapping[int, RobotStatus] = {}
@@ -211,6 +216,7 @@ class Runner:
         if self._silent:
             self._note_silence()
         self.control.end("interrupted")
+        self._see_them_stand()
         self._settle()
         self.reconnects = self.counters.sessions - self._sessions
 
@@ -235,6 +241,7 @@ class Runner:
             self._console.say(f"robot {status.name}: its guard was replaced", "warning")
         for line in self._alarms.update(robots, self._clock()):
             self._console.say(line, "warning")
+        self._say_disobedience(robots, None if step is None else step.state)
         self._observe(step, robots)
         return step
 
@@ -244,7 +251,8 @@ class Runner:
             robots = step.state.robots
             self._seen = frozenset(robots["tag"][robots["seen"]].tolist())
         connected = {tag for tag, status in self.robots.items() if status.connected}
-        return Readiness.of(self._robots, self._objects, connected, self._seen)
+        refused = {tag: status.refused for tag, status in self.robots.items()}
+        return Readiness.of(self._robots, self._objects, connected, self._seen, refused)
 
     def _hear_nothing(self) -> None:
         silent_ns = 0 if self._heard_ns is None else self._clock() - self._heard_ns
@@ -266,6 +274,24 @@ class Runner:
         if self._run_timestep >= 0 and self.control.state != State.PAUSED:
             self.silences.append(Silence(self._run_timestep, duration_s))
         return duration_s
+
+    def _see_them_stand(self) -> None:
+        """Waits for robots that still report motion, and says which go on: the run's record has it.
+
+        Robots that obey cost no time: what they report next is waited for anyhow.
+        """
+        deadline_ns = self._clock() + STAND_TIMEOUT_NS
+        robots = self._server.robots()
+        while any(map(moves, robots.values())) and self._clock() < deadline_ns:
+            threading.Event().wait(0.02)
+            robots = self._server.robots()
+        self._say_disobedience(robots, None)
+
+    def _say_disobedience(
+        self, robots: Mapping[int, RobotStatus], state: ArenaState | None
+    ) -> None:
+        for line in self._obedience.update(robots, state, self._clock()):
+            self._console.say(line, "trouble")
 
     def _settle(self) -> None:
         """Stops sending and waits until every robot has reported what it received."""

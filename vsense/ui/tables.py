@@ -15,6 +15,7 @@ from vsense.link.robots.table import Entry
 from vsense.link.robots.wire import Shown, StopCause, Wanted
 from vsense.native import lib
 from vsense.recording.form import Data
+from vsense.run.obedience import disobeys
 from vsense.ui.messages import numbers
 
 SILENT_NS = 1_000_000_000
@@ -125,10 +126,13 @@ class RobotTable:
             "controller": link.controller,
             "hash": link.hash,
             "expected": self._controllers[link.tag],
+            "authenticated": link.key is not None if link.connected else None,
         }
         row |= self._telemetry(link)
-        row["trouble"] = link.refused or _trouble(
-            row, seen_ns is None or now_ns - seen_ns > UNSEEN_NS
+        row["trouble"] = (
+            disobeys(link, now_ns)
+            or link.refused
+            or _trouble(row, seen_ns is None or now_ns - seen_ns > UNSEEN_NS)
         )
         return row
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from vsense.link.robots.roster import Roster
-from vsense.link.robots.session import HostSession
+from vsense.link.robots.session import Address, HostSession, PendingSession
 from vsense.link.robots.status import LinkEvent
 from vsense.link.robots.streams import Connection
 from vsense.link.robots.wire import (
@@ -24,7 +24,6 @@ from vsense.link.robots.wire import (
     PacketType,
     RefuseCode,
     decode_body,
-    open_packet,
 )
 from vsense.native import WireError, lib
 
@@ -34,8 +33,18 @@ HELLO_NS = 2_000_000_000
 FINISH_NS = 500_000_000
 """How long a peer may take to read our last packet and to close its side."""
 
+LOST = frozenset(
+    {
+        *(lib.VS_ERR_TAG, lib.VS_ERR_MAGIC, lib.VS_ERR_VERSION, lib.VS_ERR_LENGTH),
+        *(lib.VS_ERR_TYPE, lib.VS_ERR_SHORT),
+    }
+)
+"""Why a packet was dropped that no robot sends: the stream is lost."""
+
 MAX_PENDING = 64
 """Connections without a session at a time; one more, and the oldest of them makes way."""
+
+DEAF = "its packets do not follow what came in its name before: its session is renewed"
 
 READ, WRITE = selectors.EVENT_READ, selectors.EVENT_WRITE
 
@@ -68,6 +77,8 @@ class Connections:
     Args:
         listener: the listening socket.
         selector: calls what is registered with it with the ready events.
+        offered: called under the lock when a session was offered to a robot; gives the STATE that
+            follows the WELCOME, b"": none.
         opened: called under the lock when a robot's session has opened.
 
     Attributes:
@@ -79,13 +90,14 @@ class Connections:
         shared: ServerState,
         listener: socket.socket,
         selector: selectors.BaseSelector,
-        opened: Callable[[HostSession], None],
+        offered: Callable[[PendingSession], bytes],
+        opened: Callable[[], None],
     ) -> None:
         self.dirty: set[Connection] = set()
         self._shared = shared
         self._listener = listener
         self._selector = selector
-        self._opened = opened
+        self._offered, self._opened = offered, opened
         self._all: dict[socket.socket, Connection] = {}
         self._by_tag: dict[int, Connection] = {}
         self._listening = False
@@ -113,12 +125,17 @@ class Connections:
     def keep_time(self, now_ns: int) -> None:
         """Closes connections past their deadline, and listens again after a pause."""
         for connection in list(self._all.values()):
-            if connection.robot is not None:
-                if connection.robot.peer.worn:
+            if (robot := connection.robot) is not None:
+                if robot.peer.worn:
                     self._dismiss(connection, GoodbyeCause.RENEW, "sequence numbers used up")
+                elif robot.deaf(now_ns):
+                    text = f"{robot.label}: {DEAF}"
+                    self._dismiss(connection, GoodbyeCause.RENEW, DEAF)
+                    self._shared.notify(LinkEvent("doubt", robot.tag, text, now_ns))
             elif connection.deadline_ns <= now_ns:
                 if not connection.finishing:
-                    text = f"{connection.origin}: connected, but did not greet within 2 s"
+                    what = "show that it is a robot" if connection.pending else "greet"
+                    text = f"{connection.origin}: connected, but did not {what} within 2 s"
                     self._shared.notify(LinkEvent("protocol_error", None, text, now_ns))
                 self._drop(connection)
         self._listen()
@@ -195,40 +212,73 @@ class Connections:
     def _receive(self, connection: Connection, packet: bytes) -> None:
         """Acts on one packet; raises WireError where no robot sends it here."""
         now_ns = self._shared.clock()
-        robot = connection.robot
-        if robot is None:
+        talker = connection.robot or connection.pending
+        if talker is None:
             self._greet(connection, packet, now_ns)
             return
-        header, body = open_packet(packet)
-        if header.type == PacketType.TELEMETRY:
+        peer = talker.peer
+        if packet[3] == PacketType.TELEMETRY:
             with self._shared.lock:
-                _, events = robot.receive(header, body, None, now_ns)
+                if isinstance(talker, PendingSession):
+                    events = self.prove(talker, packet, None, now_ns)
+                else:
+                    _, events = talker.receive(packet, None, now_ns)
             self._shared.notify_all(events)
-        elif header.type == PacketType.GOODBYE and header.session == robot.peer.session:
-            notice = decode_body(header, body)
-            assert isinstance(notice, Notice)
-            with self._shared.lock:
-                event = robot.left(notice, now_ns)
-                self._part(connection, b"", now_ns)
-            self._shared.notify(event)
-        else:
+            if peer.fault in LOST:
+                raise WireError(peer.fault, "TCP")
+            return
+        header, body = peer.open_packet(packet)
+        if header.type != PacketType.GOODBYE or header.session != peer.session:
             raise WireError(lib.VS_ERR_TYPE, "TCP")
+        notice = decode_body(header, body)
+        assert isinstance(notice, Notice)
+        self._leave(connection, notice, now_ns)
+
+    def _leave(self, connection: Connection, notice: Notice, now_ns: int) -> None:
+        """A robot says goodbye; one that had not shown who it is goes unmentioned."""
+        robot = connection.robot
+        with self._shared.lock:
+            events = [] if robot is None else [robot.left(notice, now_ns)]
+            self._part(connection, b"", now_ns)
+        self._shared.notify_all(events)
+
+    def prove(
+        self, pending: PendingSession, packet: bytes, source: Address | None, now_ns: int
+    ) -> list[LinkEvent]:
+        """Opens a session that was offered if a packet is a valid one of it; under the lock.
+
+        Gives what to tell; `pending.peer.fault` says why it was none.
+        """
+        proved = self._shared.roster.prove(pending, packet, source, now_ns)
+        if proved is None:
+            return []
+        connection = next(c for c in self._all.values() if c.pending is pending)
+        if proved.refusal:
+            self._part(connection, proved.refusal, now_ns)
+            return proved.events
+        robot = pending.robot
+        replaced = self._by_tag.get(robot.tag)
+        if replaced is not None:
+            self._part(replaced, proved.farewell, now_ns)
+        connection.robot, connection.pending = robot, None
+        self._by_tag[robot.tag] = connection
+        self._opened()
+        return proved.events
 
     def _greet(self, connection: Connection, packet: bytes, now_ns: int) -> None:
         with self._shared.lock:
             answer = self._shared.roster.greet(packet, connection.origin, now_ns)
-            robot = answer.robot
-            if robot is None:
+            connection.pending = answer.pending
+            if answer.pending is None:
                 self._part(connection, answer.packet, now_ns)
             else:
-                replaced = self._by_tag.get(robot.tag)
-                if replaced is not None:
-                    self._part(replaced, answer.farewell or b"", now_ns)
-                connection.robot = robot
-                self._by_tag[robot.tag] = connection
+                # A robot that joins in mid-run has its readings with the welcome.
                 connection.outbox.put(answer.packet)
-                self._opened(robot)
-        self._shared.notify(answer.event)
+                if state := self._offered(answer.pending):
+                    connection.outbox.put_state(state)
+                connection.write()
+        if answer.event is not None:
+            self._shared.notify(answer.event)
 
     def _reject(self, connection: Connection, error: WireError) -> None:
         """Ends a connection whose peer broke the protocol; a robot gets the reason."""
@@ -243,9 +293,15 @@ class Connections:
             self._shared.notify(LinkEvent("protocol_error", None, text, now_ns))
             self._drop(connection)
         else:
-            answer = self._shared.roster.refuse(RefuseCode.HELLO, str(error), origin, now_ns)
-            self._part(connection, answer.packet, now_ns)
-            self._shared.notify(answer.event)
+            tag = connection.inbox.older_tag if error.code == lib.VS_ERR_VERSION else None
+            with self._shared.lock:
+                roster = self._shared.roster
+                if tag is not None:
+                    answer = roster.refuse_older(tag, origin, now_ns)
+                else:
+                    answer = roster.refuse(RefuseCode.HELLO, str(error), origin, now_ns)
+                self._part(connection, answer.packet, now_ns)
+            self._shared.notify_all(filter(None, [answer.event]))
 
     # --- who goes
 
@@ -262,8 +318,15 @@ class Connections:
         """Ends a connection with one last packet; its robot no longer talks here."""
         if connection.robot is not None:
             del self._by_tag[connection.robot.tag]
+        self._withdraw(connection)
         connection.finish(last, now_ns + FINISH_NS)
         self.dirty.add(connection)
+
+    def _withdraw(self, connection: Connection) -> None:
+        """Forgets the session that was offered on a connection."""
+        if connection.pending is not None:
+            self._shared.roster.withdraw(connection.pending)
+            connection.pending = None
 
     def _watch(self, connection: Connection) -> None:
         """Has the selector wait for what the connection needs, or drops a broken one."""
@@ -282,6 +345,7 @@ class Connections:
         self._selector.unregister(connection.sock)
         events: list[LinkEvent] = []
         with self._shared.lock:
+            self._withdraw(connection)
             if (robot := connection.robot) is not None:
                 connection.robot = None
                 del self._by_tag[robot.tag]

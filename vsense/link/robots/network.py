@@ -16,9 +16,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from vsense.link.robots.links import FINISH_NS, READ, Connections, ServerState
-from vsense.link.robots.session import HostSession
-from vsense.link.robots.status import LinkError
-from vsense.link.robots.wire import GoodbyeCause, open_packet
+from vsense.link.robots.session import Address, HostSession, PendingSession
+from vsense.link.robots.status import LinkError, LinkEvent
+from vsense.link.robots.wire import GoodbyeCause, session_of
 from vsense.native import WireError
 
 BACKLOG = 64
@@ -166,20 +166,23 @@ class ServerThread:
         self._waker = Waker()
         self._selector.register(self._waker, READ, self._woken)
         self._selector.register(ports.udp, READ, self._receive)
-        self._links = Connections(shared, ports.tcp, self._selector, self._opened)
+        self._links = Connections(shared, ports.tcp, self._selector, self._offered, self._opened)
 
     # --- any thread
 
-    def send(self, robot: HostSession, now_ns: int) -> None:
-        """Sends the newest STATE to a robot with an open session; the lock is held."""
+    def send(self, robot: HostSession, now_ns: int, surely: bool = False) -> None:
+        """Sends the newest STATE to a robot with an open session; the lock is held.
+
+        With `surely` it goes on both ways at once, also where UDP works.
+        """
         if self.hushed:
             robot.plan(now_ns)
             return
         packet = robot.state(self._shared.roster.orders, now_ns)
-        by_tcp = robot.by_tcp(now_ns)
-        if robot.address is not None:
+        by_tcp = surely or robot.by_tcp(now_ns)
+        for way in robot.ways(now_ns):
             try:
-                self._ports.udp.sendto(packet, robot.address)
+                self._ports.udp.sendto(packet, way)
             except OSError:
                 robot.unsent += not by_tcp
         if by_tcp:
@@ -229,9 +232,15 @@ class ServerThread:
         for each in (self._ports.tcp, self._ports.udp, self._waker):
             each.close()
 
-    def _opened(self, robot: HostSession) -> None:
-        """Sends the first STATE right after the WELCOME: a robot joins in mid-run at once."""
-        self.send(robot, self._shared.clock())
+    def _offered(self, pending: PendingSession) -> bytes:
+        """The first STATE, which follows the WELCOME; b"": none leaves any more."""
+        if self.hushed:
+            return b""
+        orders = self._shared.roster.orders
+        return pending.robot.first_state(pending, orders, self._shared.clock())
+
+    def _opened(self) -> None:
+        """Has the next STATE leave at once."""
         self._due_ns = 0
 
     def _woken(self, _mask: int) -> None:
@@ -246,20 +255,27 @@ class ServerThread:
                 return
             self._dispatch(datagram, source, self._shared.clock())
 
-    def _dispatch(self, datagram: bytes, source: tuple[object, ...], now_ns: int) -> None:
+    def _dispatch(self, datagram: bytes, source: Address, now_ns: int) -> None:
         """Gives a datagram to the robot whose session it names; answers a new address at once."""
         try:
-            header, body = open_packet(datagram)
+            session = session_of(datagram)
         except WireError as error:
             self.strays[error.name] += 1
             return
         with self._shared.lock:
-            robot = self._shared.roster.of_session(header.session)
-            if robot is None:
+            events: list[LinkEvent] = []
+            robot = self._shared.roster.of_session(session)
+            pending = self._shared.roster.pending(session)
+            if robot is not None:
+                _, events = robot.receive(datagram, source, now_ns)
+            elif pending is not None:
+                events = self._links.prove(pending, datagram, source, now_ns)
+                robot = self._shared.roster.of_session(session)
+                if robot is None:
+                    self.strays[WireError(pending.peer.fault).name] += 1
+            else:
                 self.strays["VS_ERR_SESSION"] += 1
-                return
-            _, events = robot.receive(header, body, source, now_ns)
-            if robot.due_ns <= now_ns:
+            if robot is not None and robot.due_ns <= now_ns:
                 self.send(robot, self._shared.clock())
         self._shared.notify_all(events)
 

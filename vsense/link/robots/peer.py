@@ -23,9 +23,12 @@ from vsense.link.robots.wire import (
     Values,
     Wanted,
     Welcome,
+    answer_key,
     encode,
     header_of,
     header_to,
+    open_packet,
+    session_keys,
     shown_of,
 )
 from vsense.native import ffi, lib
@@ -49,7 +52,11 @@ SEQUENCE_RESERVE = 1000
 
 
 class Peer:
-    """One robot's bookkeeping over all its sessions; its counters never go down."""
+    """One robot's bookkeeping over all its sessions; its counters never go down.
+
+    Attributes:
+        fault: why the newest packet that came was dropped, a negative `enum vs_err`; 0: it was not.
+    """
 
     def __init__(self) -> None:
         self._peer = ffi.new("struct vs_peer *")
@@ -60,6 +67,7 @@ class Peer:
         self._state = ffi.new("struct vs_state *")
         self._payload = ffi.buffer(self._state.payload)
         self._telemetry = ffi.new("struct vs_telemetry *")
+        self.fault = 0
         self._output = Output(DATAGRAM_MAX)
 
     def open(self, session: int, table: Table, hello_send_ns: int, now_ns: int) -> None:
@@ -72,19 +80,44 @@ class Peer:
         self._sensors = [(offset, size) for _, offset, size in table.of_direction(Direction.SENSOR)]
         lib.vs_peer_open(self._peer, session, table.hash, hello_send_ns, now_ns)
 
+    def set_keys(self, sent: bytes, received: bytes) -> None:
+        """Sets the keys of what is sent and of what comes in the open session."""
+        lib.vs_peer_set_keys(self._peer, sent, received)
+
+    def adopt(self, proved: Peer) -> None:
+        """Goes on with the session of another peer, which was only now proved; counts go on."""
+        lib.vs_peer_adopt(self._peer, proved._peer)
+        self._table, self._sensors = proved._table, proved._sensors
+
+    def welcome(
+        self, root: bytes, hello: bytes, header: Header, message: Welcome, now_ns: int
+    ) -> bytes:
+        """Answers the HELLO that the session was opened for, and sets the session's keys.
+
+        They are made of `root`, the robot's own key or the published one.
+
+        Raises:
+            WireError: a field of the message is outside its range.
+        """
+        key = answer_key(root, hello)
+        self.set_keys(key, key)
+        packet = self.encode(header, message, now_ns)
+        self.set_keys(*session_keys(root, hello, packet))
+        return packet
+
     def close(self) -> None:
         """Ends the session: every packet is foreign from now on."""
         lib.vs_peer_close(self._peer)
 
     def encode(self, header: Header, message: Hello | Welcome | Notice, now_ns: int) -> bytes:
-        """Makes a packet for TCP; session, table hash, times and flags are filled in.
+        """Makes a packet for TCP; session, table hash, times, flags and tag are filled in.
 
         Raises:
             WireError: a field of the message is outside its range.
         """
         stamped = header_to(header)
         lib.vs_peer_stamp(self._peer, now_ns, stamped)
-        return encode(header_of(stamped), message)
+        return encode(header_of(stamped), message, bytes(self._peer.tx_key))
 
     def send_state(
         self,
@@ -124,9 +157,9 @@ class Peer:
             self._state.older_us[rank] = older_us(capture_ns, value_ns)
 
     def receive_telemetry(
-        self, header: Header, body: bytes, udp: bool, now_ns: int
-    ) -> Telemetry | None:
-        """Passes what `open_packet` found through the acceptance filter; None if it was dropped.
+        self, packet: bytes, udp: bool, now_ns: int
+    ) -> tuple[Header, Telemetry] | None:
+        """Passes one whole packet through the acceptance filter; None if it was dropped.
 
         It came as a datagram (`udp`) or over TCP, at `now_ns`, host's clock.
         """
@@ -135,16 +168,25 @@ class Peer:
             self._peer,
             self._table.cdata,
             via,
-            header_to(header),
-            body,
-            len(body),
+            ffi.from_buffer(packet),
+            len(packet),
             now_ns,
+            self._header,
             self._telemetry,
         )
+        self.fault = int(code)
         if code < 0:
             return None
         payload = bytes(ffi.buffer(self._telemetry.payload, self._table.cdata.actuator_bytes))
-        return telemetry_of(self._telemetry, payload)
+        return header_of(self._header), telemetry_of(self._telemetry, payload)
+
+    def open_packet(self, packet: bytes) -> tuple[Header, bytes]:
+        """Checks frame and tag of a packet of the open session; gives its header and body.
+
+        Raises:
+            WireError: it is no valid packet, or of another session.
+        """
+        return open_packet(packet, bytes(self._peer.rx_key))
 
     def udp_silent(self, now_ns: int) -> bool:
         """Whether no datagram of the open session was heard for 1 s."""

@@ -6,12 +6,15 @@ import hashlib
 import secrets
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
+from vsense.link.robots.keys import LinkTrust
 from vsense.link.robots.peer import Orders
-from vsense.link.robots.session import HostSession
+from vsense.link.robots.session import Address, Greeting, HostSession, PendingSession
 from vsense.link.robots.status import LinkEvent, cut_text
 from vsense.link.robots.table import Table
 from vsense.link.robots.wire import (
+    PUBLISHED,
     GoodbyeCause,
     Header,
     Hello,
@@ -19,12 +22,19 @@ from vsense.link.robots.wire import (
     PacketType,
     RefuseCode,
     Welcome,
+    answer_key,
+    believed,
     decode,
     encode,
+    is_older,
+    uid_of,
 )
 from vsense.native import WireError, lib
 
 TAKEN_OVER = "the same robot opened a newer session"
+
+DEPLOY = "bring it one with 'vsense robot deploy'"
+OLDER = "runs an older vsensed: bring it this one with 'vsense robot deploy'"
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,16 +42,29 @@ class Answer:
     """What follows from a greeting.
 
     Attributes:
-        robot: whose session is open now; None if the greeting is refused.
+        pending: the session that is offered; None if the greeting is refused.
         packet: WELCOME or REFUSE.
-        farewell: GOODBYE for the connection of the session that this one replaces.
-        event: what to report.
+        event: what to report; None: nothing has changed yet.
     """
 
-    robot: HostSession | None
+    pending: PendingSession | None
     packet: bytes
-    farewell: bytes | None
-    event: LinkEvent
+    event: LinkEvent | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Proved:
+    """What follows from the first valid packet of a session that was offered.
+
+    Attributes:
+        farewell: GOODBYE for the connection of the session that this one replaces; b"": none was.
+        refusal: GOODBYE for this session: another robot has the tag by now; b"": it is open.
+        events: what to report.
+    """
+
+    farewell: bytes
+    refusal: bytes
+    events: list[LinkEvent]
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +111,7 @@ class Roster:
         expected: they, by tag.
         timestep_ns: length of a timestep; robots get it in whole microseconds.
         seed: of the run; every robot gets one of its own made from it.
+        trust: which robots are believed.
         draw: source of session numbers: uniform 32-bit numbers.
 
     Attributes:
@@ -102,6 +126,7 @@ class Roster:
         expected: Mapping[int, ExpectedRobot],
         timestep_ns: int,
         seed: int,
+        trust: LinkTrust,
         draw: Callable[[], int] = lambda: secrets.randbits(32),
     ) -> None:
         self.robots = {tag: HostSession(tag, r.name, r.table) for tag, r in expected.items()}
@@ -110,7 +135,9 @@ class Roster:
         self._timestep_us = timestep_ns // 1000
         self._seed = seed
         self._draw = draw
+        self._trust = trust
         self._by_session: dict[int, HostSession] = {}
+        self._pending: dict[int, PendingSession] = {}
         for tag, robot in expected.items():
             header = Header(PacketType.WELCOME, session=1, table_hash=robot.table.hash)
             encode(header, self._welcome(tag))
@@ -120,42 +147,124 @@ class Roster:
         robot = self._by_session.get(session)
         return robot if robot is not None and robot.peer.session == session else None
 
+    def pending(self, session: int) -> PendingSession | None:
+        """The session with this number, if it was offered and not yet proved."""
+        return self._pending.get(session)
+
+    def withdraw(self, pending: PendingSession) -> None:
+        """Forgets a session that was offered: its connection has ended."""
+        self._pending.pop(pending.peer.session, None)
+
     def greet(self, packet: bytes, origin: str, now_ns: int) -> Answer:
         """Answers a connection's first packet, which came from `origin` at `now_ns`, host's clock.
 
         Raises:
             WireError: it is no valid HELLO.
         """
-        header, hello = decode(packet)
-        if not isinstance(hello, Hello):
-            raise WireError(lib.VS_ERR_TYPE, "first packet of a connection")
+        found = self._open(packet, origin, now_ns)
+        if isinstance(found, Answer):
+            return found
+        hello, refuse = found.hello, partial(self._turn_away, found, now_ns)
         robot = self.robots.get(hello.tag)
         if robot is None:
             known = ", ".join(map(str, sorted(self.robots))) or "none"
             text = f"tag {hello.tag} is not in this experiment; expected: {known}"
-            return self.refuse(RefuseCode.TAG_UNKNOWN, text, origin, now_ns, hello.tag)
-        if robot.taken_from(hello.uid, now_ns):
-            text = f"tag {hello.tag} is in use by another robot, which was heard within 1 s"
-            return self.refuse(RefuseCode.TAG_IN_USE, text, origin, now_ns, hello.tag)
+            return refuse(RefuseCode.TAG_UNKNOWN, text)
+        if robot.taken_from(hello.uid, found.key is not None, now_ns):
+            return refuse(RefuseCode.TAG_IN_USE, _taken(hello.tag))
         size = len(self._expected[hello.tag].params.encode())
         if hello.params_room < size:
             text = f"the experiment's params have {size} bytes, the robot has {hello.params_room}"
-            return self.refuse(RefuseCode.ROOM, text, origin, now_ns, hello.tag)
+            return refuse(RefuseCode.ROOM, text)
         runs, wanted = ToldProgram(hello.controller, hello.hash), self._expected[hello.tag].program
         if wanted is not None and self._is_anothers(runs, wanted):
             robot.refused = f"runs {runs}, expected {wanted}"
             text = f"{robot.name} {robot.refused}: see vsense robot deploy"
-            return self.refuse(RefuseCode.CONTROLLER, text, origin, now_ns, hello.tag)
-        farewell = None
-        if robot.open:
-            run = self.orders.run
-            farewell = robot.goodbye(GoodbyeCause.TAKEN_OVER, TAKEN_OVER, run, now_ns)
-        event = robot.greet(self._number(), hello, header, origin, now_ns)
+            return refuse(RefuseCode.CONTROLLER, text)
+        notes = [self._key_note(found.key)]
         if wanted is not None and not runs.is_same(wanted):
-            event = replace(event, text=f"{event.text}: {runs}; the file's is {wanted}")
+            notes.append(f"{runs}; the file's is {wanted}")
+        greeting = replace(found, note="; ".join(filter(None, notes)))
+        run, welcome = self.orders.run, self._welcome(hello.tag)
+        pending, answer = robot.offer(self._number(), greeting, welcome, run, now_ns)
+        self._pending[pending.peer.session] = pending
+        return Answer(pending, answer)
+
+    def prove(
+        self, pending: PendingSession, packet: bytes, source: Address | None, now_ns: int
+    ) -> Proved | None:
+        """Takes a packet of a session that was offered; None if it is no valid one.
+
+        `source` is the datagram's, None for TCP. With the first valid packet the session opens.
+        """
+        heard = pending.peer.receive_telemetry(packet, source is not None, now_ns)
+        if heard is None:
+            return None
+        self.withdraw(pending)
+        robot, hello, run = pending.robot, pending.greeting.hello, self.orders.run
+        if robot.taken_from(hello.uid, pending.greeting.key is not None, now_ns):
+            header = Header(PacketType.GOODBYE, run=run)
+            notice = Notice(GoodbyeCause.END, _taken(hello.tag))
+            refusal = pending.peer.encode(header, notice, now_ns)
+            text = f"refused a robot from {pending.greeting.origin}: {notice.text}"
+            return Proved(b"", refusal, [LinkEvent("refused", hello.tag, text, now_ns)])
+        farewell = b""
+        if robot.open:
+            farewell = robot.goodbye(GoodbyeCause.TAKEN_OVER, TAKEN_OVER, run, now_ns)
+        events = [robot.adopt(pending, now_ns)]
         self._by_session = {r.peer.session: r for r in self.robots.values() if r.open}
-        answer = robot.welcome(self._welcome(hello.tag), self.orders, now_ns)
-        return Answer(robot, answer, farewell, event)
+        return Proved(farewell, b"", events + robot.take(*heard, source, now_ns))
+
+    def _open(self, packet: bytes, origin: str, now_ns: int) -> Greeting | Answer:
+        """Finds out what a HELLO was tagged with, and whether such a robot is taken."""
+        for number, root in self._trust.roots(uid_of(packet)):
+            try:
+                header, hello = decode(packet, root)
+            except WireError as error:
+                if error.code != lib.VS_ERR_TAG:
+                    raise
+                continue
+            assert isinstance(hello, Hello)
+            if number is None and not self._trust.insecure:
+                text = f"has no key, and this host takes no robot without one: {DEPLOY}"
+                return self._doubted(packet, hello, text, origin, now_ns)
+            return Greeting(packet, header, hello, root, number, origin)
+        hello = believed(packet)
+        if hello.capabilities & lib.VS_CAPABLE_KEYED:
+            text = f"has another key than this host's: {DEPLOY}"
+            if self._trust.keys is None:
+                text = "has a key, and this host has none: give it the swarm's with --key FILE"
+            return self._doubted(packet, hello, text, origin, now_ns)
+        if is_older(packet):
+            return self._doubted(packet, hello, OLDER, origin, now_ns)
+        raise WireError(lib.VS_ERR_TAG, "HELLO")
+
+    def refuse_older(self, tag: int, origin: str, now_ns: int) -> Answer:
+        """Turns a robot away that speaks an older protocol, and says so for it."""
+        robot = self.robots.get(tag)
+        if robot is not None:
+            robot.refused = OLDER
+        name = f"robot {tag}{f' ({robot.name})' if robot else ''}"
+        return self.refuse(RefuseCode.HELLO, f"{name} {OLDER}", origin, now_ns, tag)
+
+    def _key_note(self, number: int | None) -> str:
+        """What to say of a robot's key, if anything."""
+        keys = self._trust.keys
+        if number is None or keys is None or number == keys.newest:
+            return ""
+        return f"it has key {number}, the newest is {keys.newest}: {DEPLOY}"
+
+    def _doubted(self, packet: bytes, hello: Hello, text: str, origin: str, now_ns: int) -> Answer:
+        """Turns away who may be a robot without the right key, and says so for it."""
+        robot = self.robots.get(hello.tag)
+        if robot is not None:
+            robot.refused = text
+        name = f"robot {hello.tag}{f' ({robot.name})' if robot else ''}"
+        return self.refuse(RefuseCode.KEY, f"{name} {text}", origin, now_ns, hello.tag, packet)
+
+    def _turn_away(self, greeting: Greeting, now_ns: int, code: RefuseCode, text: str) -> Answer:
+        tag, packet = greeting.hello.tag, greeting.packet
+        return self.refuse(code, text, greeting.origin, now_ns, tag, packet, greeting.root)
 
     def _is_anothers(self, runs: ToldProgram, wanted: ToldProgram) -> bool:
         """Whether a robot runs a program that its sensor table is not for.
@@ -170,16 +279,28 @@ class Roster:
         return other or bool(wanted.name and runs.name != wanted.name)
 
     def refuse(
-        self, code: RefuseCode, text: str, origin: str, now_ns: int, tag: int | None = None
+        self,
+        code: RefuseCode,
+        text: str,
+        origin: str,
+        now_ns: int,
+        tag: int | None = None,
+        hello: bytes = b"",
+        root: bytes = PUBLISHED,
     ) -> Answer:
-        """Turns a connection away, and says so at both ends."""
+        """Turns a connection away, and says so at both ends.
+
+        The answer to a whole `hello` is tagged for it alone, with what `root` gives.
+        """
         event = LinkEvent("refused", tag, f"refused a robot from {origin}: {text}", now_ns)
         header = Header(PacketType.REFUSE, send_ns=now_ns)
-        return Answer(None, encode(header, Notice(code, cut_text(text))), None, event)
+        key = answer_key(root, hello) if hello else root
+        return Answer(None, encode(header, Notice(code, cut_text(text)), key), event)
 
     def _number(self) -> int:
         """A session number that no session had lately."""
-        while (number := self._draw()) == 0 or number in self._by_session:
+        used = self._by_session.keys() | self._pending.keys()
+        while (number := self._draw()) == 0 or number in used:
             pass
         return number
 
@@ -187,6 +308,10 @@ class Roster:
         seed, nonce = robot_seed(self._seed, tag), secrets.token_bytes(16)
         robot = self._expected[tag]
         return Welcome(robot.table, self._timestep_us, seed, robot.params, nonce)
+
+
+def _taken(tag: int) -> str:
+    return f"tag {tag} is in use by another robot, which was heard within 1 s"
 
 
 def robot_seed(seed: int, tag: int) -> int:

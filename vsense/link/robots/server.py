@@ -13,6 +13,7 @@ from dataclasses import replace
 
 from vsense.clock import host_ns
 from vsense.link.robots import network as ports
+from vsense.link.robots.keys import LinkTrust
 from vsense.link.robots.links import ServerState
 from vsense.link.robots.network import ServerThread
 from vsense.link.robots.peer import Orders
@@ -28,6 +29,9 @@ from vsense.link.robots.wire import GoodbyeCause, Values, Wanted
 
 __all__ = ["LinkError", "LinkEvent", "RobotStatus", "VirtualSensorServer"]
 
+MOVING = frozenset({Wanted.RUN, Wanted.HOME})
+"""In these the wheels may turn; in the others they stand still."""
+
 JOIN_S = 5.0
 """How long `close` waits for the thread; it needs half a second at most."""
 
@@ -40,7 +44,7 @@ class VirtualSensorServer:
     Args:
         host: name or address of the interface to listen on.
         port: number for TCP and UDP; 0 takes any that is free on both.
-        timestep_ns, seed, expected: see `Roster`, which says what is raised, too.
+        timestep_ns, seed, expected, trust: see `Roster`, which says what is raised, too.
         on_event: called from the server's thread; must not wait, nor call `close`.
         clock: the host's monotonic clock [ns].
         calendar: seconds since 1970. The first run's number is taken from it, so that the robots
@@ -59,17 +63,19 @@ class VirtualSensorServer:
         timestep_ns: int,
         seed: int,
         expected: Mapping[int, ExpectedRobot],
+        trust: LinkTrust,
         on_event: Callable[[LinkEvent], None],
         clock: Callable[[], int] = host_ns,
         calendar: Callable[[], float] = time.time,
     ) -> None:
         self._host, self._port = host, port
-        self._roster = Roster(expected, timestep_ns, seed)
+        self._roster = Roster(expected, timestep_ns, seed, trust)
         self._roster.orders = Orders(int(calendar()))
         self._lock = threading.Lock()
         self._clock = clock
         self._shared = ServerState(self._roster, self._lock, clock, EventThrottle(on_event).notify)
         self._goodbye = (GoodbyeCause.END, "")
+        self._ordered_ns = clock()
 
     def start(self) -> int:
         """Takes the port on TCP and UDP and begins to serve; returns the port's number.
@@ -114,12 +120,12 @@ class VirtualSensorServer:
         """Sets what every robot shall do, until the next command; it leaves at once.
 
         With RUN, `from_timestep` is the first timestep in which the robots run. STOP leaves three
-        times, 10 ms apart. Raises LinkError as `publish` does.
+        times, 10 ms apart, the first time by UDP and TCP. Raises LinkError as `publish` does.
         """
         network = self._running()
         with self._lock:
             orders = replace(self._roster.orders, wanted=wanted, from_timestep=from_timestep)
-            self._roster.orders = orders
+            self._order(orders)
         self._send_orders(network, repeat=wanted == Wanted.STOP)
 
     def new_run(self) -> int:
@@ -129,7 +135,7 @@ class VirtualSensorServer:
         """
         network = self._running()
         with self._lock:
-            self._roster.orders = Orders(self._roster.orders.run + 1)
+            self._order(Orders(self._roster.orders.run + 1))
             for robot in self._roster.robots.values():
                 robot.forget()
         self._send_orders(network)
@@ -148,7 +154,9 @@ class VirtualSensorServer:
         found = {}
         for tag, robot in self._roster.robots.items():
             with self._lock:
-                found[tag] = robot.status(self._clock())
+                status = robot.status(self._clock())
+                wanted, ordered_ns = self._roster.orders.wanted, self._ordered_ns
+            found[tag] = replace(status, wanted=wanted, ordered_ns=ordered_ns)
         return found
 
     def reports(self) -> dict[int, ActuatorReport]:
@@ -180,6 +188,12 @@ class VirtualSensorServer:
         self._network.end()
         self._thread.join(JOIN_S)
 
+    def _order(self, orders: Orders) -> None:
+        """Sets what every robot shall do; the lock is held."""
+        if (orders.wanted in MOVING) != (self._roster.orders.wanted in MOVING):
+            self._ordered_ns = self._clock()
+        self._roster.orders = orders
+
     def _running(self) -> ServerThread:
         if self._failure is not None:
             raise LinkError(f"the link to the robots has failed: {self._failure!r}")
@@ -192,7 +206,7 @@ class VirtualSensorServer:
             with self._lock:
                 if robot.open:
                     now_ns = self._clock()
-                    network.send(robot, now_ns)
+                    network.send(robot, now_ns, surely=repeat)
                     if repeat:
                         robot.repeat_stop(now_ns)
         network.wake()

@@ -6,6 +6,7 @@ counters, readings and the tag's last holder survive every reconnection.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 from vsense.link.robots.peer import Change, Orders, Peer, Presence
@@ -28,6 +29,7 @@ from vsense.link.robots.wire import (
     Values,
     Welcome,
 )
+from vsense.native import lib
 
 HEARTBEAT_NS = 50_000_000
 """A STATE leaves at least this often."""
@@ -43,6 +45,50 @@ Address = tuple[Any, ...]
 """Where datagrams come from and go to, as the socket module says it."""
 
 
+COPIED_NS = 1_000_000_000
+"""Datagrams go to a second source of the robot's for so long after it was heard."""
+
+DEAF_NS = 1_000_000_000
+"""A session in which nothing but packets that come too late or too early was heard for this long is
+renewed: somebody has made the host believe in a sequence or a run that the robot is far from."""
+
+_OUT_OF_ORDER = frozenset({lib.VS_ERR_OLDER, lib.VS_ERR_JUMP, lib.VS_ERR_RUN})
+
+
+@dataclass(frozen=True, slots=True)
+class Greeting:
+    """A HELLO whose tag was right.
+
+    Attributes:
+        packet: the whole HELLO.
+        root: what the session's keys are made of.
+        key: number of the swarm key that this is made of; None: the robot has no key.
+        origin: where the robot is, for people.
+        note: what else to say of the robot once it is there.
+    """
+
+    packet: bytes
+    header: Header
+    hello: Hello
+    root: bytes
+    key: int | None
+    origin: str
+    note: str = ""
+
+
+@dataclass(eq=False, slots=True)
+class PendingSession:
+    """A session that was offered to a robot.
+
+    It changes nothing until a first valid packet of it shows that whoever greeted has the key: a
+    greeting alone may be a copy of an earlier one.
+    """
+
+    robot: HostSession
+    greeting: Greeting
+    peer: Peer
+
+
 class HostSession:
     """What the host knows of one robot, and the packets between the two.
 
@@ -50,6 +96,8 @@ class HostSession:
         name: the robot's name in the experiment.
         peer: sequences, acceptance filter and counters of the link.
         address: source of the newest accepted datagram of the open session, None before it.
+        copied: another source of the very same datagrams, None: there is none. Somebody passes on
+            what it hears, and which of the two is the robot nobody can tell.
         due_ns: when the next STATE is due at the latest; of no meaning while no session is open.
         superseded: STATE packets that a newer one replaced in a slow TCP stream.
         unsent: STATE packets that the kernel refused on their only way.
@@ -62,6 +110,8 @@ class HostSession:
         self.name = name
         self.peer = Peer()
         self.address: Address | None = None
+        self.copied: Address | None = None
+        self._copied_ns = 0
         self.due_ns = 0
         self.superseded = 0
         self.unsent = 0
@@ -69,6 +119,9 @@ class HostSession:
         self._table = table
         self._uid: bytes | None = None
         self._hello = _NO_HELLO
+        self._origin = ""
+        self._key: int | None = None
+        self._deaf_since_ns: int | None = None
         self._sessions = 0
         self._presence = Presence()
         self.reporter = Reporter()
@@ -92,47 +145,64 @@ class HostSession:
         """Whether a session is open; the robot may be silent in it."""
         return self.peer.session != 0
 
-    def taken_from(self, uid: bytes, now_ns: int) -> bool:
-        """Whether another robot than this uid has the tag: just heard, and it did not leave."""
-        return self._uid not in (None, uid) and self._presence.holds(now_ns)
+    def taken_from(self, uid: bytes, keyed: bool, now_ns: int) -> bool:
+        """Whether another robot than this uid has the tag: just heard, and it did not leave.
 
-    def greet(
-        self, session: int, hello: Hello, header: Header, origin: str, now_ns: int
-    ) -> LinkEvent:
-        """Opens a session in place of the one that was open.
+        Whoever has no key is another one than a robot that has, whatever its uid.
+        """
+        another = self._uid not in (None, uid) or (self._key is not None and not keyed)
+        return another and self._presence.holds(now_ns)
+
+    def offer(
+        self, number: int, greeting: Greeting, welcome: Welcome, run: int, now_ns: int
+    ) -> tuple[PendingSession, bytes]:
+        """Offers a session, and gives it with the WELCOME; nothing else changes yet.
 
         Args:
-            session: its number, not 0 and never used before.
-            hello, header: the robot's greeting, not `taken_from` it, and the greeting's header.
-            origin: where the robot is, for people.
-            now_ns: when the greeting came, host's clock.
+            number: the session's, not 0 and never used before.
+            greeting: of a robot that the tag is not `taken_from`; it came at now_ns, host's clock.
+            welcome: the answer.
+            run: number of the run.
         """
-        event = self._greeting(hello, origin, now_ns)
-        self.peer.open(session, self._table, header.send_ns, now_ns)
+        peer = Peer()
+        peer.open(number, self._table, greeting.header.send_ns, now_ns)
+        header = self._header(PacketType.WELCOME, run)
+        packet = peer.welcome(greeting.root, greeting.packet, header, welcome, now_ns)
+        return PendingSession(self, greeting, peer), packet
+
+    def adopt(self, proved: PendingSession, now_ns: int) -> LinkEvent:
+        """Goes on with a session that was proved to be the robot's, in place of the open one."""
+        greeting = proved.greeting
+        hello = greeting.hello
+        event = self._greeting(greeting, now_ns)
+        self.peer.adopt(proved.peer)
         self._uid, self._hello, self.refused = hello.uid, hello, ""
+        self._origin, self._key = greeting.origin, greeting.key
         self.reporter.open(hello.uid)
         self._log.open(hello.uid, hello.started)
         self._sessions += 1
         self._presence.open(now_ns)
+        self._deaf_since_ns = None
         self.due_ns = now_ns
-        self.address = None
+        self.address = self.copied = None
         return event
 
-    def _greeting(self, hello: Hello, origin: str, now_ns: int) -> LinkEvent:
+    def _greeting(self, greeting: Greeting, now_ns: int) -> LinkEvent:
+        """What to say of a robot whose session opens."""
+        hello, origin = greeting.hello, greeting.origin
         where = f"from {origin}, controller {hello.controller or 'unnamed'}"
+        note = "" if greeting.key is not None else ", without a key"
+        note += greeting.note and f": {greeting.note}"
         if self._uid is None:
-            return self._event("connected", f"connected {where}", now_ns)
+            return self._event("connected", f"connected {where}{note}", now_ns)
         if self._uid != hello.uid:
-            text = f"connected {where}; it is another robot than before: uid {hello.uid.hex()}"
-            return self._event("connected", text, now_ns)
+            other = f"it is another robot than before: uid {hello.uid.hex()}"
+            return self._event("connected", f"connected {where}{note}; {other}", now_ns)
         if self.open and self._presence.holds(now_ns):
-            text = f"opened a new session {where}; the old one is closed"
+            old = "the old one" if origin == self._origin else f"the old one, from {self._origin},"
+            text = f"opened a new session {where}{note}; {old} is closed"
             return self._event("takeover", text, now_ns)
-        return self._event("reconnected", f"reconnected {where}", now_ns)
-
-    def welcome(self, welcome: Welcome, orders: Orders, now_ns: int) -> bytes:
-        """The answer to the greeting that opened the session."""
-        return self.peer.encode(self._header(PacketType.WELCOME, orders.run), welcome, now_ns)
+        return self._event("reconnected", f"reconnected {where}{note}", now_ns)
 
     def goodbye(self, cause: GoodbyeCause, text: str, run: int, now_ns: int) -> bytes:
         """The packet that ends the robot's session; `close` must follow."""
@@ -146,7 +216,7 @@ class HostSession:
         """Ends the session without a packet; every packet is foreign from now on."""
         self.peer.close()
         self.reporter.close()
-        self.address = None
+        self.address = self.copied = None
         self._repeats = 0
 
     def broke(self, reason: str, now_ns: int) -> list[LinkEvent]:
@@ -187,6 +257,14 @@ class HostSession:
         self._repeats = STOP_PACKETS - 1
         self.due_ns = self._repeat_ns = now_ns + REPEAT_NS
 
+    def first_state(self, pending: PendingSession, orders: Orders, now_ns: int) -> bytes:
+        """The STATE that follows the WELCOME of a session that was offered."""
+        hello = pending.greeting.hello
+        heard = self._log.heard_of(hello.uid, hello.started)
+        return pending.peer.send_state(
+            orders, self._timestep, self._capture_ns, self._values, now_ns, heard
+        )
+
     def state(self, orders: Orders, now_ns: int) -> bytes:
         """The next STATE: all readings and the orders; an open session only."""
         packet = self.peer.send_state(
@@ -208,24 +286,69 @@ class HostSession:
         return self.address is None or self.peer.over_tcp(now_ns)
 
     def receive(
-        self, header: Header, body: bytes, source: Address | None, now_ns: int
+        self, packet: bytes, source: Address | None, now_ns: int
     ) -> tuple[bool, list[LinkEvent]]:
-        """Takes one packet that should be TELEMETRY, as `open_packet` gives it.
+        """Takes one whole packet that should be TELEMETRY.
 
         `source` is the datagram's, None for TCP; it came at `now_ns`, host's clock. Returns
-        whether it was accepted (`peer.counters` says why not), and what that changed.
+        whether it was accepted (`peer.counters` and `peer.fault` say why not), and what that
+        changed.
         """
-        telemetry = self.peer.receive_telemetry(header, body, source is not None, now_ns)
-        if telemetry is None:
+        heard = self.peer.receive_telemetry(packet, source is not None, now_ns)
+        if heard is None:
+            self._note_drop(now_ns)
+            if self.peer.fault == lib.VS_ERR_REPEATED and source is not None:
+                self._note_copy(source, now_ns)
             return False, []
+        return True, self.take(*heard, source, now_ns)
+
+    def take(
+        self, header: Header, telemetry: Telemetry, source: Address | None, now_ns: int
+    ) -> list[LinkEvent]:
+        """Acts on telemetry that was accepted; see `receive`."""
+        self._deaf_since_ns = None
         self._telemetry = telemetry
         self.reporter.receive(header, telemetry, now_ns)
+        events = []
         if source is not None and source != self.address:
+            events += self._moved(source, now_ns)
+            if source == self.copied:
+                self.copied = self.address
             self.address, self.due_ns = source, now_ns
-        events = self._told(self._presence.hear(self.peer, now_ns), now_ns)
+        events += self._told(self._presence.hear(self.peer, now_ns), now_ns)
         for text in self._log.add(telemetry.log_number, telemetry.log):
             events.append(self._event("log", text, now_ns))
-        return True, events
+        return events
+
+    def _note_copy(self, source: Address, now_ns: int) -> None:
+        """The newest datagram has come once more: what is sent goes to both of its sources."""
+        if self.address is None:
+            # The first packet comes both ways, and TCP was faster.
+            self.address, self.due_ns = source, now_ns
+        elif source != self.address:
+            self.copied, self._copied_ns = source, now_ns
+
+    def ways(self, now_ns: int) -> list[Address]:
+        """Where datagrams for the robot go."""
+        if self.copied is not None and now_ns - self._copied_ns >= COPIED_NS:
+            self.copied = None
+        return [way for way in (self.address, self.copied) if way is not None]
+
+    def _moved(self, source: Address, now_ns: int) -> list[LinkEvent]:
+        """Says so where what may be anybody's comes from another place."""
+        before = self.address
+        if self._key is not None or before is None or before[0] == source[0]:
+            return []
+        text = f"its packets come from {source[0]} now, no longer from {before[0]}"
+        return [self._event("doubt", f"{text}: without a key anybody can send them", now_ns)]
+
+    def _note_drop(self, now_ns: int) -> None:
+        if self.peer.fault in _OUT_OF_ORDER and self._deaf_since_ns is None:
+            self._deaf_since_ns = now_ns
+
+    def deaf(self, now_ns: int) -> bool:
+        """Whether only packets out of their order have come for so long that no other will."""
+        return self._deaf_since_ns is not None and now_ns - self._deaf_since_ns >= DEAF_NS
 
     def tick(self, now_ns: int) -> list[LinkEvent]:
         """Gives what has changed only because time has passed."""
@@ -241,10 +364,11 @@ class HostSession:
         """A snapshot."""
         udp = self.open and self.address is not None and not self.peer.over_tcp(now_ns)
         hello, counters = self._hello, self.peer.counters
+        connected = self.open and not self._presence.lost
         return RobotStatus(
             tag=self.tag,
             name=self.name,
-            connected=self.open and not self._presence.lost,
+            connected=connected,
             uid=self._uid,
             controller=hello.controller,
             version=hello.version,
@@ -260,5 +384,6 @@ class HostSession:
             received=counters.pop("received"),
             accepted=counters.pop("accepted"),
             dropped=counters,
-            refused=self.refused,
+            refused="" if connected else self.refused,
+            key=self._key if self.open else None,
         )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from vsense.errors import VsenseError
-from vsense.link.robots.wire import TEXT_MAX, Header, Telemetry
+from vsense.link.robots.wire import TEXT_MAX, Header, Telemetry, Wanted
 
 LIFE_NS = 1_000_000_000
 """A report counts while its robot's controller acts: this long after the newest control step that
@@ -74,6 +74,10 @@ class LogLines:
         if self._source != (uid, started):
             self._source, self.heard = (uid, started), 0
 
+    def heard_of(self, uid: bytes, started: int) -> int:
+        """What `heard` would be in a session of this daemon."""
+        return self.heard if self._source == (uid, started) else 0
+
     def add(self, number: int, text: str) -> list[str]:
         """Takes a line; gives what to say: how many before it were lost, and the line.
 
@@ -98,6 +102,7 @@ EventKind = Literal[
     "goodbye",
     "protocol_error",
     "log",
+    "doubt",
 ]
 
 RING_LEDS = 0xFF
@@ -125,7 +130,7 @@ class LinkEvent:
             `lost`: nothing heard for 1 s, or the connection broke; `back`: heard again in the
             same session; `no_udp`, `udp_back`: state goes over TCP, no longer does;
             `goodbye`: the robot ended its session; `protocol_error`: bytes that no robot sends;
-            `log`: a line that its controller logged.
+            `log`: a line that its controller logged; `doubt`: somebody else may speak for it.
         tag: the robot's tag; None where it is not known.
         text: one line for a person.
         time_ns: host's monotonic clock.
@@ -158,7 +163,12 @@ class RobotStatus:
         unsent: of these, refused by the kernel on their only way.
         received, accepted: telemetry packets that arrived, good or bad, and that were taken.
         dropped: by reason, how many were not; `received` is `accepted` plus all of these.
-        refused: why a robot with its tag was turned away since the newest session; "": none was.
+        refused: why a robot with its tag was turned away since the newest session; "": none was,
+            or it is connected.
+        key: number of the swarm key that its own is made of; None: what comes in its name may be
+            anybody's.
+        wanted: what the host wants of it.
+        ordered_ns: since when it may move, or is to stand still, host's clock.
     """
 
     tag: int
@@ -180,6 +190,9 @@ class RobotStatus:
     accepted: int
     dropped: Mapping[str, int]
     refused: str = ""
+    key: int | None = None
+    wanted: Wanted = Wanted.IDLE
+    ordered_ns: int = 0
 
     @property
     def lit(self) -> bool:
@@ -188,7 +201,7 @@ class RobotStatus:
 
 
 class EventThrottle:
-    """Passes events on; the same refusal or protocol error only once in `REPEAT_NS`.
+    """Passes events on; the same refusal, protocol error or doubt only once in `REPEAT_NS`.
 
     A refused robot tries again every second, and anybody can send garbage: such events would hide
     the others.
@@ -200,7 +213,7 @@ class EventThrottle:
 
     def notify(self, event: LinkEvent) -> None:
         """Calls `on_event`, unless it heard the same event less than `REPEAT_NS` ago."""
-        if event.kind in ("refused", "protocol_error"):
+        if event.kind in ("refused", "protocol_error", "doubt"):
             key = (event.kind, event.text)
             told_ns = self._told.get(key)
             if told_ns is not None and event.time_ns - told_ns < REPEAT_NS:

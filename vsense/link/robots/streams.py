@@ -11,9 +11,12 @@ import contextlib
 import socket
 from collections import deque
 
-from vsense.link.robots.session import HostSession
-from vsense.link.robots.wire import DATAGRAM_MAX, packet_length
+from vsense.link.robots.session import HostSession, PendingSession
+from vsense.link.robots.wire import DATAGRAM_MAX, PacketType, packet_length
 from vsense.native import check, lib
+
+OLDER_TAG_AT = 80
+"""Where the tag stood in a HELLO of version 1: behind header, uid and a nonce of 8 bytes."""
 
 
 class Inbox:
@@ -26,6 +29,13 @@ class Inbox:
     def room(self) -> int:
         """How many bytes may be fed before the next packet is taken out, at least 1."""
         return DATAGRAM_MAX - len(self._bytes)
+
+    @property
+    def older_tag(self) -> int | None:
+        """The tag of the robot whose HELLO of version 1 of the protocol is here, if one is."""
+        if len(self._bytes) < OLDER_TAG_AT + 2 or self._bytes[2:4] != bytes([1, PacketType.HELLO]):
+            return None
+        return int.from_bytes(self._bytes[OLDER_TAG_AT : OLDER_TAG_AT + 2], "little")
 
     def feed(self, data: bytes) -> None:
         """Appends received bytes, at most `room` of them."""
@@ -113,7 +123,8 @@ class Connection:
 
     Attributes:
         origin: the peer's address without its port, for people.
-        robot: whose session this carries; None before the greeting and after the session's end.
+        robot: whose session this carries; None before it is open and after its end.
+        pending: the session that was offered here, until it opens.
         deadline_ns: while robot is None, when the connection is closed at the latest.
         finishing: nothing but the outbox leaves any more, and what comes is thrown away.
         broken: why the socket can no longer be used, "" while it can.
@@ -125,6 +136,7 @@ class Connection:
         self.inbox = Inbox()
         self.outbox = Outbox()
         self.robot: HostSession | None = None
+        self.pending: PendingSession | None = None
         self.deadline_ns = deadline_ns
         self.finishing = False
         self.broken = ""

@@ -5,17 +5,20 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from enum import IntEnum
 from typing import Any
 
 from vsense.link.robots.table import Output, Table, text_of
-from vsense.native import check, ffi, lib
+from vsense.native import WireError, check, ffi, lib
 
 PACKET_MAX: int = lib.VS_PACKET_MAX
 DATAGRAM_MAX: int = lib.VS_DATAGRAM_MAX
 TEXT_MAX: int = lib.VS_TEXT_MAX
+PUBLISHED = bytes(ffi.buffer(lib.vs_key_published, lib.VS_KEY_SIZE))
+"""The key of those that have none: its tag shows damage, and proves nothing."""
 NEVER_US: int = lib.VS_NEVER_US
 """Age of a value that was never measured."""
 
@@ -56,6 +59,7 @@ class RefuseCode(IntEnum):
     HELLO = lib.VS_REFUSE_HELLO
     ROOM = lib.VS_REFUSE_ROOM
     CONTROLLER = lib.VS_REFUSE_CONTROLLER
+    KEY = lib.VS_REFUSE_KEY
 
 
 class GoodbyeCause(IntEnum):
@@ -113,7 +117,7 @@ class Hello:
         nonce: 16 random bytes of this connection.
         started: random, of this start of the daemon: its counters and log lines begin with it.
         uptime_s: [s] since the board started.
-        capabilities: none in use yet.
+        capabilities: bit 0: it has a key, and obeys only a host that has it, too.
         params_room: [byte] of parameters that the robot can hold.
     """
 
@@ -198,6 +202,7 @@ class Telemetry:
 HELLO_NUMBERS = ("started", "uptime_s", "tag", "capabilities", "params_room")
 HELLO_TEXTS = ("name", "controller", "version", "hash")
 HEADER_FIELDS = tuple(field.name for field in fields(Header))
+"""Of `struct vs_header`; its key is no part of a packet."""
 TELEMETRY_FIELDS = tuple(field.name for field in fields(Telemetry))[:-3]
 """Its numbers."""
 
@@ -216,18 +221,76 @@ def packet_length(data: bytes | bytearray) -> int | None:
     return int(length[0])
 
 
-def open_packet(packet: bytes) -> tuple[Header, bytes]:
-    """Checks the frame of one whole packet and gives its header and body.
+def session_of(packet: bytes) -> int:
+    """The session that one whole packet names; nothing else of it may be believed without its key.
 
     Raises:
-        WireError: it is no valid packet.
+        WireError: it is no packet.
+    """
+    session = ffi.new("uint32_t *")
+    check(lib.vs_packet_session(ffi.from_buffer(packet), len(packet), session))
+    return int(session[0])
+
+
+def open_packet(packet: bytes, key: bytes = PUBLISHED) -> tuple[Header, bytes]:
+    """Checks frame and tag of one whole packet and gives its header and body.
+
+    Raises:
+        WireError: it is no valid packet, or of another key.
     """
     header = ffi.new("struct vs_header *")
     body = ffi.new("const uint8_t **")
     length = ffi.new("size_t *")
     data = ffi.from_buffer(packet)
-    check(lib.vs_packet_open(data, len(packet), header, body, length))
+    check(lib.vs_packet_open(data, len(packet), key, header, body, length))
     return header_of(header), bytes(ffi.buffer(body[0], length[0]))
+
+
+def uid_of(hello: bytes) -> bytes:
+    """Who one whole HELLO says that it comes from: its key is to be found by that.
+
+    Raises:
+        WireError: it is no HELLO.
+    """
+    session_of(hello)
+    uid = hello[lib.VS_HEADER_SIZE : lib.VS_HEADER_SIZE + lib.VS_UID_SIZE]
+    if hello[3] != PacketType.HELLO or len(hello) < lib.VS_PACKET_MIN + lib.VS_UID_SIZE:
+        raise WireError(lib.VS_ERR_TYPE, "first packet of a connection")
+    return uid
+
+
+def believed(hello: bytes) -> Hello:
+    """Reads one whole HELLO whose tag nobody here can check.
+
+    Raises:
+        WireError: it is no HELLO.
+    """
+    body = hello[lib.VS_HEADER_SIZE : -lib.VS_TAG_SIZE]
+    message = decode_body(Header(hello[3]), body)
+    if not isinstance(message, Hello):
+        raise WireError(lib.VS_ERR_TYPE, "first packet of a connection")
+    return message
+
+
+def is_older(packet: bytes) -> bool:
+    """Whether one whole packet has the check sum that vsense had before tags, in a tag's place."""
+    crc = zlib.crc32(packet[: -lib.VS_TAG_SIZE])
+    return packet[-lib.VS_TAG_SIZE :] == crc.to_bytes(4, "little") + bytes(12)
+
+
+def answer_key(root: bytes, hello: bytes) -> bytes:
+    """What the answer to a HELLO is tagged with; `root` is the robot's key, or `PUBLISHED`."""
+    key = ffi.new("uint8_t[]", lib.VS_KEY_SIZE)
+    lib.vs_key_answer(root, hello[-lib.VS_TAG_SIZE :], key)
+    return bytes(key)
+
+
+def session_keys(root: bytes, hello: bytes, welcome: bytes) -> tuple[bytes, bytes]:
+    """The keys of the session that a HELLO and its WELCOME open: down to the robot, and up."""
+    down, up = (ffi.new("uint8_t[]", lib.VS_KEY_SIZE) for _ in range(2))
+    size = lib.VS_TAG_SIZE
+    lib.vs_key_session(root, hello[-size:], welcome[-size:], down, up)
+    return bytes(down), bytes(up)
 
 
 def header_of(cdata: Any) -> Header:
@@ -240,14 +303,15 @@ def header_to(header: Header) -> Any:
     return ffi.new("struct vs_header *", {name: getattr(header, name) for name in HEADER_FIELDS})
 
 
-def encode(header: Header, message: Hello | Welcome | Notice) -> bytes:
-    """Makes one packet for TCP; the type of a Notice is the header's.
+def encode(header: Header, message: Hello | Welcome | Notice, key: bytes = PUBLISHED) -> bytes:
+    """Makes one packet for TCP, tagged with a key; the type of a Notice is the header's.
 
     Raises:
         WireError: a field of the message is outside its range.
     """
     out = Output(PACKET_MAX)
-    head = header_to(header)
+    head, kept = header_to(header), ffi.from_buffer("uint8_t[]", key)
+    head.key = kept
     if isinstance(message, Notice):
         notice = ffi.new("struct vs_notice *", {"code": message.code})
         put_text(notice.text, message.text)
@@ -269,13 +333,13 @@ def encode(header: Header, message: Hello | Welcome | Notice) -> bytes:
     return out.packet(lib.vs_encode_welcome(head, welcome, *out.arguments))
 
 
-def decode(packet: bytes) -> tuple[Header, Hello | Welcome | Notice]:
+def decode(packet: bytes, key: bytes = PUBLISHED) -> tuple[Header, Hello | Welcome | Notice]:
     """Reads one packet of those that travel on TCP only.
 
     Raises:
-        WireError: the packet or its body is not valid, or it is STATE or TELEMETRY.
+        WireError: the packet or its body is not valid, of another key, or STATE or TELEMETRY.
     """
-    header, body = open_packet(packet)
+    header, body = open_packet(packet, key)
     return header, decode_body(header, body)
 
 

@@ -4,8 +4,9 @@
 #
 # FOLDER holds what was sent, and goes away. Words: "check" looks whether all is well before the new
 # daemon starts; "force" does it in the midst of an experiment, too; "daemon" brings the daemon
-# alone, to a board that has settings; "settings" brings the settings alone; "rollback" brings
-# nothing, and goes back to the daemon before this one and its settings. Each file is replaced
+# alone, to a board that has settings; "settings" brings the settings alone; "key" brings the robot's
+# key alone, to a board that has one; "rollback" brings nothing, and goes back to the daemon before
+# this one and its settings; the key stays what it is. Each file is replaced
 # whole: a board whose power fails meanwhile has the old one or the new one. With VSENSED_ROOT set
 # all paths begin there, as for an image of a board.
 set -eu
@@ -16,10 +17,10 @@ trap 'rm -rf "$from"' EXIT
 fail() { echo "$1" >&2; exit 1; }
 told() { case $words in *" $1 "*) ;; *) return 1 ;; esac; }
 [ "$(id -u)" -eq 0 ] || fail "needs root: log in as root, or give --sudo"
-binary=/usr/local/bin/vsensed conf=/etc/vsensed.conf
+binary=/usr/local/bin/vsensed conf=/etc/vsensed.conf key=/etc/vsensed.key
 copy() { # copy FILE PLACE MODE
     mkdir -p "$(dirname "$root$2")"
-    cp "$1" "$root$2.new"
+    (umask 077 && cp "$1" "$root$2.new") # nobody else reads a key, not even for a moment
     chmod "$3" "$root$2.new"
     sync
     mv "$root$2.new" "$root$2"
@@ -76,8 +77,13 @@ put_daemon() {
     put vsensed $binary 755
 }
 
+# With a key comes who the robot is.
+put_key() {
+    [ ! -f "$from/vsensed.key" ] || put vsensed.key $key 600
+}
 # An id that was given to this robot stays its own.
 keep_uid() {
+    [ ! -f "$from/vsensed.key" ] || return 0
     uid=$(setting uid "$root$conf")
     if [ -n "$uid" ] && [ -z "$(setting uid "$from/vsensed.conf")" ]; then
         echo "uid = $uid" >>"$from/vsensed.conf"
@@ -100,7 +106,11 @@ go_back() {
 
 if told rollback; then
     go_back
+elif told key; then
+    [ -n "$(setting key "$root$conf")" ] || fail "has no key yet: bring it one with vsense robot deploy"
+    put_key
 elif told settings; then
+    put_key
     keep_uid
     try "$root$binary" "$from/vsensed.conf"
     put vsensed.conf $conf 644
@@ -112,6 +122,7 @@ else
         try "$from/vsensed" "$root$conf"
         put_daemon
     else
+        put_key
         keep_uid
         try "$from/vsensed" "$from/vsensed.conf"
         put_daemon

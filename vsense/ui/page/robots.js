@@ -36,6 +36,7 @@ export function words(robot) {
   const parts = [robot.trouble];
   if (robot.stop_cause && !(robot.trouble ?? "").includes(robot.stop_cause)) parts.push(`stopped: ${robot.stop_cause}`);
   if (robot.doubt) parts.push(`identity: ${robot.doubt}`);
+  if (robot.authenticated === false) parts.push("not authenticated: anybody can speak for it");
   return parts.filter(Boolean).join(" · ");
 }
 

@@ -1,0 +1,105 @@
+"""A robot that goes on after STOP is said loudly, and nobody else is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.run.stage import status
+from vsense.arena import POSE, ArenaState
+from vsense.link.robots.status import RobotStatus
+from vsense.link.robots.wire import Telemetry, Wanted
+from vsense.run.obedience import Obedience, disobeys
+
+S = 1_000_000_000
+MS = 1_000_000
+STANDS = Telemetry(state=Wanted.STOP)
+RUNS = Telemetry(state=Wanted.RUN)
+TURNS = Telemetry(state=Wanted.STOP, left_steps_s=-1)
+
+
+def robot(
+    said: Telemetry, heard_ms: int, wanted: Wanted = Wanted.STOP, ordered_ms: int = 0
+) -> RobotStatus:
+    return status(
+        7,
+        "seven",
+        telemetry=said,
+        heard_ns=heard_ms * MS,
+        wanted=wanted,
+        ordered_ns=ordered_ms * MS,
+    )
+
+
+@pytest.mark.parametrize("said", [RUNS, TURNS])
+@pytest.mark.parametrize("wanted", [Wanted.STOP, Wanted.PAUSE, Wanted.IDLE])
+def test_what_it_reports_counts_after_300_ms(said: Telemetry, wanted: Wanted) -> None:
+    assert disobeys(robot(said, 299, wanted), 310 * MS) == ""
+    text = disobeys(robot(said, 300, wanted), 310 * MS)
+    assert text.startswith(f"does not obey: told to {wanted.name.lower()} 0.3 s ago, it reports")
+    assert disobeys(robot(STANDS, 300, wanted), 310 * MS) == ""
+
+
+def test_who_may_move_or_is_not_there_is_not_accused() -> None:
+    for wanted in (Wanted.RUN, Wanted.HOME):
+        assert disobeys(robot(RUNS, 900, wanted), S) == ""
+    assert disobeys(replace(robot(RUNS, 900), connected=False), S) == ""
+    assert disobeys(replace(robot(RUNS, 900), telemetry=None), S) == ""
+    # What was heard before the order, and nothing since.
+    assert disobeys(robot(RUNS, 200, ordered_ms=100), 5 * S) == ""
+
+
+def test_it_is_said_once_and_so_is_its_end() -> None:
+    watch = Obedience()
+    said = [
+        *(robot(RUNS, 900, Wanted.RUN), robot(RUNS, 1000, ordered_ms=950)),
+        *(robot(RUNS, ms, ordered_ms=950) for ms in range(1050, 2000, 100)),
+        *(robot(STANDS, ms, ordered_ms=950) for ms in range(2000, 2500, 100)),
+    ]
+    lines = [line for one in said for line in watch.update({7: one}, None, one.heard_ns or 0)]
+    assert lines == [
+        "ROBOT seven does not obey: told to stop 0.3 s ago, it reports that it runs",
+        "robot seven obeys again",
+    ]
+
+
+def seen(ms: int, x_m: float, yaw_rad: float = 0.0) -> ArenaState:
+    robots = np.zeros(1, dtype=POSE)
+    row = robots[0]
+    row["tag"], row["seen"], row["capture_ns"] = 7, True, ms * MS
+    row["x_m"], row["yaw_rad"] = x_m, yaw_rad
+    return ArenaState(ms // 100, ms * MS, robots, 1)
+
+
+def watched(poses: list[tuple[float, float]], ran: bool = True) -> list[tuple[int, str]]:
+    """What is said from STOP on, every 100 ms, of a robot that says that it stands."""
+    watch, lines = Obedience(), []
+    if ran:
+        watch.update({7: robot(RUNS, 0, Wanted.RUN)}, None, 0)
+    for number, (x_m, yaw_rad) in enumerate(poses):
+        ms = 100 * number
+        state = seen(ms, x_m, yaw_rad)
+        lines += [(ms, t) for t in watch.update({7: robot(STANDS, ms)}, state, ms * MS)]
+    return lines
+
+
+def test_a_robot_that_is_seen_moving_is_told_whatever_it_says() -> None:
+    forward = [(0.003 * n, 0.0) for n in range(20)]
+    (ms, text), *_ = watched(forward)
+    assert ms <= 700 and text.endswith("told to stop 0.6 s ago, the cameras see it move")
+    turning = [(0.0, math.remainder(3.0 + 0.05 * n, math.tau)) for n in range(20)]
+    assert len(watched(turning)) == 1
+    lines = watched(forward + [forward[-1]] * 8)
+    assert [text.split()[0] for _, text in lines] == ["ROBOT", "robot"]
+
+
+def test_who_stands_and_is_then_carried_is_not_accused() -> None:
+    still, carried = (
+        [(0.0005 * (n % 2), 0.001) for n in range(12)],
+        [(0.1 * n, 1.0) for n in range(20)],
+    )
+    assert watched(still + carried) == []
+    assert watched(carried, ran=False) == [], "people place robots before the run"

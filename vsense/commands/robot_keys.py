@@ -1,0 +1,154 @@
+"""`vsense robot keys`: the swarm's keys, and which robots have which."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from vsense.commands import arguments, experiments
+from vsense.errors import UsageError
+from vsense.link.robots import keys as swarm_keys
+from vsense.link.robots.keys import SwarmKeys
+from vsense.robot import deploying, hosts, key_holders
+from vsense.robot.deploying import Outcome, Part, Plan
+from vsense.robot.hosts import RobotHost
+from vsense.robot.key_holders import Holder
+from vsense.terminal import Console, aligned
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    experiments.add_key(parser)
+    parser.add_argument(
+        "--new-key",
+        action="store_true",
+        help="make a swarm key: the first one, or one that follows it. Robots that it does not"
+        " reach keep their older one, which the host still takes, and are named",
+    )
+    arguments.option(
+        parser,
+        "--hosts",
+        Path,
+        "FILE",
+        "bring the newest key to the robots of this list, as for `vsense robot deploy`, whose"
+        " daemons have a key already; their wheels stop for a moment",
+    )
+    parser.add_argument(
+        "--forget",
+        type=arguments.positive,
+        metavar="N",
+        help="take swarm key N out of the file: robots that still have it are refused from now on",
+    )
+    add_reach(parser)
+
+
+def add_reach(parser: argparse.ArgumentParser) -> None:
+    """Declares how robots are reached, and how what became of them is printed."""
+    parser.add_argument("--sudo", action="store_true", help="become root on the robots with sudo")
+    parser.add_argument(
+        "--force",
+        action="store_true",
+        help="replace it on robots that are in a running experiment, too; their wheels stop",
+    )
+    parser.add_argument(
+        "--ssh-option",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="what ssh is told with -o, such as HostKeyAlgorithms=+ssh-rsa for an old board; may"
+        " be given several times",
+    )
+    parser.add_argument("--json", action="store_true", help="print the results as JSON")
+
+
+def deploy_all(plan: Plan, robots: Sequence[RobotHost]) -> list[Outcome]:
+    """Deploys, and shows how far it is."""
+    console, done = Console(), [0]
+
+    def told(outcome: Outcome) -> None:
+        done[0] += 1
+        console.progress(f"{done[0]} of {len(robots)}: {outcome.robot.destination}")
+
+    outcomes = deploying.deploy(plan, robots, told)
+    console.end_progress()
+    return outcomes
+
+
+def holders_of(options: argparse.Namespace) -> Path:
+    return key_holders.file_of(experiments.key_path(options))
+
+
+def run(options: argparse.Namespace) -> int:
+    """Makes, brings and forgets swarm keys; then says which robots have which."""
+    path = experiments.key_path(options)
+    if options.new_key:
+        known = swarm_keys.read(path).followed() if path.exists() else swarm_keys.make()
+        swarm_keys.write(path, known)
+    if not path.exists():
+        raise UsageError(f"no swarm key ({path}): --new-key makes one")
+    known = swarm_keys.read(path)
+    if options.forget is not None:
+        if options.forget not in known.keys or len(known.keys) == 1:
+            numbers = ", ".join(map(str, sorted(known.keys)))
+            raise UsageError(f"--forget: expected one of several keys, there are: {numbers}")
+        known = known.without(options.forget)
+        swarm_keys.write(path, known)
+    outcomes = [] if options.hosts is None else _bring(options, known)
+    holders = key_holders.note(holders_of(options), known.newest, outcomes)
+    facts = _key_facts(path, known, holders)
+    text = key_table(path, known, holders, outcomes)
+    print(json.dumps(facts, indent=2) if options.json else text)
+    return 0 if all(outcome.ok for outcome in outcomes) else 1
+
+
+def _bring(options: argparse.Namespace, known: SwarmKeys) -> list[Outcome]:
+    """Brings the newest key to the robots of a list."""
+    robots = hosts.read(options.hosts)
+    plan = Plan(
+        sudo=options.sudo,
+        force=options.force,
+        ssh_options=tuple(options.ssh_option),
+        part=Part.KEY,
+        keys=known,
+        uids=key_holders.uids(key_holders.read(holders_of(options)), robots),
+    )
+    return deploy_all(plan, robots)
+
+
+def key_table(
+    path: Path, known: SwarmKeys, holders: Sequence[Holder], outcomes: Sequence[Outcome]
+) -> str:
+    """The swarm's keys, a row for every robot that was given one, and those with an older one."""
+    numbers = ", ".join(map(str, sorted(known.keys)))
+    lines = [f"{path}: keys {numbers}; robots are given {known.newest}"]
+    if holders:
+        rows = [("robot", "tag", "key", "since", "uid")]
+        rows += [(h.destination, str(h.tag), str(h.key), h.since, h.uid) for h in holders]
+        lines += aligned(rows)
+    lines += [
+        f"{one.robot.destination}, tag {one.robot.settings['tag']}: {one.text}"
+        for one in outcomes
+        if not one.ok
+    ]
+    for holder in holders:
+        if holder.key != known.newest:
+            taken = "still takes" if holder.key in known.keys else "refuses"
+            lines.append(
+                f"robot {holder.tag} ({holder.destination}) was not reached with key"
+                f" {known.newest}: the host {taken} its key {holder.key}, until"
+                " 'vsense robot keys --hosts FILE' or 'vsense robot deploy' brings it"
+            )
+    return "\n".join(lines)
+
+
+def _key_facts(path: Path, known: SwarmKeys, holders: Sequence[Holder]) -> dict[str, Any]:
+    """Who has which key, for programs."""
+    return {
+        "file": str(path),
+        "keys": sorted(known.keys),
+        "newest": known.newest,
+        "robots": [asdict(holder) for holder in holders],
+    }

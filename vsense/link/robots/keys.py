@@ -1,0 +1,189 @@
+"""The swarm's keys: which robots a host believes.
+
+The host has a file with the swarm's keys, numbered from 1. Each robot has a key of its own, made of
+one of them and the robot's uid, so that a stolen robot betrays no other one. The key with the
+highest number is the one that robots are given; robots with an older one are believed, too, and
+told of, so that nobody who was not reached with a new key is locked out.
+
+    # Swarm keys of vsense. Whoever reads them can be every robot, and the host.
+    2 = 64 hexadecimal digits
+    1 = 64 hexadecimal digits
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import secrets
+import stat
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from vsense.errors import ConfigError, VsenseError
+from vsense.link.robots.wire import PUBLISHED
+
+SWARM_KEY_BYTES = 32
+MOST_BYTES = 16_384
+"""A file of keys is never larger."""
+
+_PERSON = b"vs-robot"
+_LINE = re.compile(r"([1-9][0-9]{0,5})\s*=\s*([0-9a-fA-F]{64})")
+_HEAD = "# Swarm keys of vsense. Whoever reads them can be every robot, and the host.\n"
+
+
+@dataclass(frozen=True, slots=True)
+class SwarmKeys:
+    """The swarm's keys by number; what they are is never shown."""
+
+    keys: Mapping[int, bytes] = field(repr=False)
+
+    @property
+    def newest(self) -> int:
+        """Number of the key that robots are given now."""
+        return max(self.keys)
+
+    def robot_key(self, uid: bytes, number: int | None = None) -> bytes:
+        """A robot's own key, made of the newest swarm key or of that with a number."""
+        swarm = self.keys[self.newest if number is None else number]
+        return hashlib.blake2s(uid, digest_size=16, key=swarm, person=_PERSON).digest()
+
+    def followed(self) -> SwarmKeys:
+        """These, and a new one."""
+        return SwarmKeys({self.newest + 1: secrets.token_bytes(SWARM_KEY_BYTES), **self.keys})
+
+    def without(self, number: int) -> SwarmKeys:
+        """These without one, which no robot has any more."""
+        return SwarmKeys({n: key for n, key in self.keys.items() if n != number})
+
+
+def robot_file(uid: bytes, key: bytes) -> str:
+    """The contents of a robot's own file, which `vsensed --key` names."""
+    return f"uid = {uid.hex()}\nkey = {key.hex()}\n"
+
+
+def make() -> SwarmKeys:
+    """A new swarm's first key."""
+    return SwarmKeys({1: secrets.token_bytes(SWARM_KEY_BYTES)})
+
+
+@dataclass(frozen=True, slots=True)
+class LinkTrust:
+    """Which robots a host believes.
+
+    Attributes:
+        keys: the swarm's; None: there are none.
+        insecure: robots without a key are taken, too: whoever sends packets can be one.
+    """
+
+    keys: SwarmKeys | None
+    insecure: bool = False
+
+    def roots(self, uid: bytes) -> Iterator[tuple[int | None, bytes]]:
+        """What the keys of a robot's sessions may be made from, the newest first.
+
+        Each has the number of its swarm key; None is that of a robot without a key.
+        """
+        if self.keys is not None:
+            for number in sorted(self.keys.keys, reverse=True):
+                yield number, self.keys.robot_key(uid, number)
+        yield None, PUBLISHED
+
+
+INSECURE = LinkTrust(None, insecure=True)
+"""For a host without keys."""
+
+
+def default_path() -> Path:
+    """Where the swarm's keys are unless a command is told otherwise."""
+    base = os.environ.get("XDG_CONFIG_HOME") or ""
+    folder = Path(base) if os.path.isabs(base) else Path.home() / ".config"
+    return folder / "vsense" / "swarm.key"
+
+
+def read(path: Path) -> SwarmKeys:
+    """Reads a file of swarm keys.
+
+    Raises:
+        VsenseError: there is no such file, or others than its owner and one group may read it.
+        ConfigError: a line is wrong.
+    """
+    numbers: dict[int, bytes] = {}
+    for line, text in enumerate(read_private(path, 0o640).splitlines(), 1):
+        if not text.strip() or text.lstrip().startswith("#"):
+            continue
+        found = _LINE.fullmatch(text.strip())
+        if found is None or int(found[1]) in numbers:
+            # Its words may be a key's: they are not repeated.
+            expected = "expected a number that no other line has, =, and 64 hexadecimal digits"
+            raise ConfigError(str(path), line, expected)
+        numbers[int(found[1])] = bytes.fromhex(found[2])
+    if not numbers:
+        raise VsenseError(f"{path}: holds no key")
+    return SwarmKeys(numbers)
+
+
+def write(path: Path, keys: SwarmKeys) -> None:
+    """Writes such a file whole, for its owner alone; a group that could read it still can.
+
+    Raises:
+        VsenseError: it cannot be written.
+    """
+    numbers = sorted(keys.keys, reverse=True)
+    text = _HEAD + "".join(f"{number} = {keys.keys[number].hex()}\n" for number in numbers)
+    try:
+        mode = stat.S_IMODE(path.stat().st_mode) & 0o640 if path.exists() else 0o600
+        write_private(path, text, mode | 0o600)
+    except OSError as error:
+        raise VsenseError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def write_private(path: Path, text: str, mode: int) -> None:
+    """Writes a file whole that nobody but those of its mode can ever read.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    new = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+    opened = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    try:
+        with os.fdopen(opened, "w", encoding="ascii") as file:
+            file.write(text)
+            file.flush()
+            os.fchmod(file.fileno(), mode)
+            if path.exists() and mode != 0o600:
+                os.fchown(file.fileno(), -1, path.stat().st_gid)
+            os.fsync(file.fileno())
+        os.replace(new, path)
+    except OSError:
+        new.unlink(missing_ok=True)
+        raise
+
+
+def read_private(path: Path, mode: int) -> str:
+    """Reads a small file that nobody beyond those of a mode may touch.
+
+    Raises:
+        VsenseError: it cannot be read, is no such file, or others may read or change it.
+    """
+    try:
+        opened = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    except OSError as error:
+        raise VsenseError(f"{path}: cannot be read: {error.strerror}") from None
+    status = os.fstat(opened)
+    if not stat.S_ISREG(status.st_mode):
+        os.close(opened)
+        raise VsenseError(f"{path}: is no file")
+    with os.fdopen(opened, "rb") as file:
+        wrong = stat.S_IMODE(status.st_mode) & ~mode
+        if wrong:
+            raise VsenseError(
+                f"{path}: others may read or change it (mode"
+                f" {stat.S_IMODE(status.st_mode):04o}): chmod {mode:o} {path}"
+            )
+        data = file.read(MOST_BYTES + 1)
+    if len(data) > MOST_BYTES or not data.isascii():
+        raise VsenseError(f"{path}: expected a text of at most {MOST_BYTES} bytes")
+    return data.decode("ascii")

@@ -1,0 +1,123 @@
+"""Whether robots do what they are told: one that goes on after STOP is said loudly, for any cause.
+
+A robot tells what it does in its telemetry, and the cameras see it. What it is told to do is in its
+status, and since when.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.arena import ArenaState
+from vsense.link.robots.status import RobotStatus
+from vsense.link.robots.wire import Wanted
+
+PATIENCE_NS = 300_000_000
+"""A robot may take so long to do what it is told: the network, a control step, a telemetry."""
+
+LOOK_NS = 300_000_000
+"""Two looks of the cameras at a robot are at least so far apart."""
+
+MOVED_M, MOVED_RAD = 0.005, 0.1
+"""What moves less between two looks stands still: cameras tremble, and shake."""
+
+_STANDING = (Wanted.IDLE, Wanted.PAUSE, Wanted.STOP)
+
+
+def moves(robot: RobotStatus) -> bool:
+    """Whether a robot that is connected reports that it runs, or that its wheels turn."""
+    said = robot.telemetry
+    if said is None or not robot.connected:
+        return False
+    return said.state == Wanted.RUN or (said.left_steps_s, said.right_steps_s) != (0, 0)
+
+
+def disobeys(robot: RobotStatus, now_ns: int) -> str:
+    """Says what a robot reports that was told to stand still; "": nothing is wrong.
+
+    `now_ns` is the host's clock.
+    """
+    said, ordered_ns, heard_ns = robot.telemetry, robot.ordered_ns, robot.heard_ns
+    if said is None or heard_ns is None or robot.wanted not in _STANDING or not moves(robot):
+        return ""
+    if heard_ns - ordered_ns < PATIENCE_NS:
+        return ""  # what it has said may be what it did before it heard
+    told = f"told to {robot.wanted.name.lower()} {(now_ns - ordered_ns) / 1e9:.1f} s ago"
+    what = "it runs" if said.state == Wanted.RUN else "its wheels turn"
+    return f"does not obey: {told}, it reports that {what}"
+
+
+class Obedience:
+    """Watches robots that were told to stand still after they ran.
+
+    What people carry must not look like disobedience: a robot that the cameras have once seen
+    standing still is left to its telemetry.
+    """
+
+    def __init__(self) -> None:
+        self._told: dict[int, str] = {}
+        self._ran: set[int] = set()
+        self._poses: dict[int, tuple[int, NDArray[Any]]] = {}
+        self._moving: set[int] = set()
+
+    def update(
+        self, robots: Mapping[int, RobotStatus], state: ArenaState | None, now_ns: int
+    ) -> list[str]:
+        """Takes the newest status of every robot by tag, and a new arena state, if there is one.
+
+        Returns a line for each robot that does not obey, and for each that obeys again.
+        """
+        self._note_orders(robots)
+        if state is not None:
+            self._look(robots, state)
+        lines = []
+        for tag, robot in robots.items():
+            wrong = disobeys(robot, now_ns) or self._seen(tag, robot, now_ns)
+            if wrong and tag not in self._told:
+                lines.append(f"ROBOT {robot.name} {wrong}")
+                self._told[tag] = wrong
+            elif not wrong and self._told.pop(tag, ""):
+                lines.append(f"robot {robot.name} obeys again")
+        return lines
+
+    def _note_orders(self, robots: Mapping[int, RobotStatus]) -> None:
+        for tag, robot in robots.items():
+            if robot.wanted not in _STANDING:
+                self._ran.add(tag)
+                self._moving.discard(tag)
+                self._poses.pop(tag, None)
+
+    def _seen(self, tag: int, robot: RobotStatus, now_ns: int) -> str:
+        if tag not in self._moving or robot.wanted not in _STANDING:
+            return ""
+        since_s = (now_ns - robot.ordered_ns) / 1e9
+        told = f"told to {robot.wanted.name.lower()} {since_s:.1f} s ago"
+        return f"does not obey: {told}, the cameras see it move"
+
+    def _look(self, robots: Mapping[int, RobotStatus], state: ArenaState) -> None:
+        rows = state.robots[state.robots["seen"]]
+        for tag, time_ns, *pose in zip(
+            *(rows[name].tolist() for name in ("tag", "capture_ns", "x_m", "y_m", "yaw_rad"))
+        ):
+            robot = robots.get(tag)
+            if robot is None or tag not in self._ran or robot.wanted not in _STANDING:
+                continue
+            if time_ns - robot.ordered_ns >= PATIENCE_NS:
+                self._compare(tag, time_ns, np.array(pose))
+
+    def _compare(self, tag: int, time_ns: int, pose: NDArray[Any]) -> None:
+        """Compares a robot's pose with an earlier one."""
+        before_ns, before = self._poses.setdefault(tag, (time_ns, pose))
+        if time_ns - before_ns < LOOK_NS:
+            return
+        self._poses[tag] = time_ns, pose
+        turned = abs((pose[2] - before[2] + np.pi) % (2.0 * np.pi) - np.pi)
+        if float(np.hypot(*(pose - before)[:2])) > MOVED_M or turned > MOVED_RAD:
+            self._moving.add(tag)
+        else:
+            self._moving.discard(tag)
+            self._ran.discard(tag)
