@@ -9,15 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from vsense.lab.log_file import LogFile
-from vsense.lab.shared import LabError
+from vsense.lab.shared import LabError, LogFile
 
 ROOT = Path(__file__).parents[2]
 
 SCRIPT = """
 import resource, sys
 from pathlib import Path
-from vsense.lab.log_file import LogFile
+from vsense.lab.shared import LogFile
 resource.setrlimit(resource.RLIMIT_FSIZE, (100, resource.RLIM_INFINITY))
 file = LogFile(Path(sys.argv[1]))
 for number in range(20):

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.lab.links import Link, make_link
-from vsense.lab.log_file import LogFile
-from vsense.lab.shared import LabError, file_errors
+from vsense.lab.shared import LabError, LogFile, file_errors
 from vsense.native import lib
 
 ACTUATION = np.dtype(

@@ -42,10 +42,9 @@ from vsense.clock import host_ns
 from vsense.config.specs import Experiment, ObjectSpec, RobotSpec, WheelNoise
 from vsense.errors import UsageError, VsenseError
 from vsense.lab.links import bases_of
-from vsense.lab.log_file import LogFile
 from vsense.lab.microcontrollers import ActuationLog, Microcontrollers
 from vsense.lab.processes import describe_exit, end, read_line, start_module
-from vsense.lab.shared import LabError
+from vsense.lab.shared import LabError, LogFile
 from vsense.lab.truth import TruthWriter
 from vsense.physics.motion import TICK_NS, Physics, obstacles
 from vsense.physics.proximity_ring import ProximityRing

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -51,16 +52,7 @@ def gather(session: Session, recording: RunNotes) -> metrics.MeasuredRun:
         dt_ns=session.dt_ns,
         tags=tuple(robot.tag for robot in experiment.robots),
         tracking=recording.tracking.figures(),
-        truth=SwarmTruth(
-            poses=truth["poses"][:, :robots],
-            depth_m=metrics.depths_in_cone(
-                experiment,
-                truth["poses"],
-                steps["run_timestep"],
-                recording.samples.shares[: len(truth)],
-            ),
-            lit=(truth["leds"][:, :robots] & RING_LEDS) != 0,
-        ),
+        truth=_swarm_truth(experiment, truth, steps, recording.samples.shares),
         object_poses=truth["poses"][:, robots:],
         traces=[
             _within(read_trace(robot, names, JUDGED if judge else None), steps)
@@ -72,6 +64,22 @@ def gather(session: Session, recording: RunNotes) -> metrics.MeasuredRun:
         turn=experiment.turn_timestep,
         lateness_ms=recording.lateness_ms,
         link=recording.link,
+    )
+
+
+def _swarm_truth(
+    experiment: Experiment,
+    truth: NDArray[np.void],
+    steps: NDArray[np.void],
+    shares: Sequence[float],
+) -> SwarmTruth:
+    """The robots' part of the truth, as far as its log goes."""
+    robots, numbers = len(experiment.robots), steps["run_timestep"]
+    left = shares[: len(truth)]
+    return SwarmTruth(
+        poses=truth["poses"][:, :robots],
+        depth_m=metrics.depths_in_cone(experiment, truth["poses"], numbers, left),
+        lit=(truth["leds"][:, :robots] & RING_LEDS) != 0,
     )
 
 

@@ -1,4 +1,4 @@
-"""Memory that the processes of the lab share: plain blocks, and the bank of the newest pictures.
+"""What the lab's processes share: memory in plain blocks, the newest pictures, and logs.
 
 `multiprocessing.shared_memory` is not used: before Python 3.13 every process that attaches also
 unlinks the block when it ends, with warnings. A block made by `anonymous` has no name in any
@@ -15,9 +15,10 @@ from __future__ import annotations
 import fcntl
 import mmap
 import os
+import sys
 from collections import deque
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,41 @@ def file_errors(name: object) -> Iterator[None]:
         yield
     except OSError as error:
         raise LabError(f"{name}: {error.strerror}") from None
+
+
+class LogFile:
+    """Grows by whole records; where the disk is full it ends, is told, and the run goes on."""
+
+    def __init__(self, path: Path) -> None:
+        """Begins a new file; raises LabError where it cannot be written."""
+        self._path = path
+        self._length = 0
+        with file_errors(path):
+            flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC
+            self._descriptor: int | None = os.open(path, flags, 0o644)
+
+    def append(self, records: bytes | bytearray) -> None:
+        """Adds whole records, or none of them."""
+        if self._descriptor is None:
+            return
+        view = memoryview(records)
+        try:
+            while view:
+                view = view[os.write(self._descriptor, view) :]
+        except OSError as error:
+            with suppress(OSError):  # at worst half a record stays, which readers leave out
+                os.ftruncate(self._descriptor, self._length)
+            self.close()
+            words = "it ends here, and the run goes on"
+            print(f"{self._path}: {error.strerror}: {words}", file=sys.stderr, flush=True)
+        else:
+            self._length += len(records)
+
+    def close(self) -> None:
+        """Ends the file; can be called again."""
+        if self._descriptor is not None:
+            os.close(self._descriptor)
+            self._descriptor = None
 
 
 class SharedBlock:

@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import wrap_angle
-from vsense.lab.log_file import LogFile
-from vsense.lab.shared import LabError, SharedBlock, file_errors
+from vsense.lab.shared import LabError, LogFile, SharedBlock, file_errors
 
 Floats = NDArray[np.float64]
 Leds = NDArray[np.uint16]
