@@ -47,11 +47,14 @@ def file_errors(name: object) -> Iterator[None]:
 class LogFile:
     """Grows by whole records; where the disk is full it ends, is told, and the run goes on."""
 
-    def __init__(self, path: Path) -> None:
-        """Begins a new file; raises LabError where it cannot be written."""
-        self._path = path
+    def __init__(self, path: Path, kind: str = "") -> None:
+        """Begins a new file; raises LabError where it cannot be written.
+
+        `kind` says what it is, to people.
+        """
+        self._name = f"{kind} {path}".strip()
         self._length = 0
-        with file_errors(path):
+        with file_errors(self._name):
             flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC
             self._descriptor: int | None = os.open(path, flags, 0o644)
 
@@ -68,7 +71,7 @@ class LogFile:
                 os.ftruncate(self._descriptor, self._length)
             self.close()
             words = "it ends here, and the run goes on"
-            print(f"{self._path}: {error.strerror}: {words}", file=sys.stderr, flush=True)
+            print(f"{self._name}: {error.strerror}: {words}", file=sys.stderr, flush=True)
         else:
             self._length += len(records)
 

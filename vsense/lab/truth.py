@@ -217,7 +217,7 @@ class TruthLog:
     def __init__(self, path: Path, bodies: int) -> None:
         """Begins a new file; LabError where it cannot be written."""
         self._record = np.zeros(1, dtype=truth_dtype(bodies))
-        self._file = LogFile(path)
+        self._file = LogFile(path, "truth log")
         self._file.append(_LOG_HEADER.pack(_LOG_MAGIC, bodies))
 
     def append(
