@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True, dest="action")
     add = partial(arguments.add_action, actions)
     _add_build(add("build", "build vsensed with a controller for a board"))
-    __add_deploy(add("deploy", "copy vsensed to all robots of a list"))
+    _add_deploy(add("deploy", "copy vsensed to all robots of a list"))
     robot_keys.add_arguments(add("keys", "make the swarm's key, and see which robots have which"))
     status = add("status", "show the robots of the running experiment")
     orders.add_process(status)
@@ -82,7 +82,7 @@ def _add_code(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def __add_deploy(parser: argparse.ArgumentParser) -> None:
+def _add_deploy(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--hosts",
         required=True,

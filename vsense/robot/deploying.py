@@ -132,6 +132,11 @@ class Plan:
         settings.pop("uid", None)  # it stands beside the key
         return settings | {"key": KEY_PLACE}
 
+    @property
+    def brings_keys(self) -> bool:
+        """Whether each robot is sent a key of its own."""
+        return self.keys is not None and self.part in (Part.ALL, Part.SETTINGS, Part.KEY)
+
     def _key_file(self, robot: RobotHost) -> bytes:
         assert self.keys is not None
         uid = self.uids[robot.destination]
@@ -144,7 +149,7 @@ class Plan:
             files["vsensed"] = self.binaries[robot.destination]
         if self.part in (Part.ALL, Part.SETTINGS):
             files["vsensed.conf"] = settings_text(self.settings_of(robot)).encode()
-        if self.keys is not None and self.part in (Part.ALL, Part.SETTINGS, Part.KEY):
+        if self.brings_keys:
             files[KEY_FILE] = self._key_file(robot)
         packed = io.BytesIO()
         with tarfile.open(fileobj=packed, mode="w", format=tarfile.USTAR_FORMAT) as tar:
@@ -311,8 +316,7 @@ class _Crew:
                 self._running.discard(process)
         outcome = _judge(robot, process.returncode, _lines(out), _lines(err))
         plan = self._plan
-        sent = plan.keys is not None and plan.part in (Part.ALL, Part.SETTINGS, Part.KEY)
-        keyed = sent and outcome.uid == plan.uids[robot.destination].hex()
+        keyed = plan.brings_keys and outcome.uid == plan.uids[robot.destination].hex()
         return replace(outcome, keyed=keyed)
 
 

@@ -13,6 +13,7 @@ from datetime import date
 from pathlib import Path
 
 from vsense.errors import ConfigError, VsenseError
+from vsense.files import read_text
 from vsense.link.robots.keys import write_private
 from vsense.robot.deploying import Outcome
 from vsense.robot.hosts import RobotHost
@@ -52,7 +53,7 @@ def read(path: Path) -> list[Holder]:
         ConfigError: a line is wrong.
     """
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = read_text(path).splitlines()
     except FileNotFoundError:
         return []
     except (OSError, UnicodeDecodeError) as error:

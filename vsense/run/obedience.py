@@ -41,14 +41,18 @@ def disobeys(robot: RobotStatus, now_ns: int) -> str:
 
     `now_ns` is the host's clock.
     """
-    said, ordered_ns, heard_ns = robot.telemetry, robot.ordered_ns, robot.heard_ns
+    said, heard_ns = robot.telemetry, robot.heard_ns
     if said is None or heard_ns is None or robot.wanted not in _STANDING or not moves(robot):
         return ""
-    if heard_ns - ordered_ns < PATIENCE_NS:
+    if heard_ns - robot.ordered_ns < PATIENCE_NS:
         return ""  # what it has said may be what it did before it heard
-    told = f"told to {robot.wanted.name.lower()} {(now_ns - ordered_ns) / 1e9:.1f} s ago"
     what = "it runs" if said.state == Wanted.RUN else "its wheels turn"
-    return f"does not obey: {told}, it reports that {what}"
+    return _words(robot, f"it reports that {what}", now_ns)
+
+
+def _words(robot: RobotStatus, what: str, now_ns: int) -> str:
+    since_s = (now_ns - robot.ordered_ns) / 1e9
+    return f"does not obey: told to {robot.wanted.name.lower()} {since_s:.1f} s ago, {what}"
 
 
 class Obedience:
@@ -94,9 +98,7 @@ class Obedience:
     def _seen(self, tag: int, robot: RobotStatus, now_ns: int) -> str:
         if tag not in self._moving or robot.wanted not in _STANDING:
             return ""
-        since_s = (now_ns - robot.ordered_ns) / 1e9
-        told = f"told to {robot.wanted.name.lower()} {since_s:.1f} s ago"
-        return f"does not obey: {told}, the cameras see it move"
+        return _words(robot, "the cameras see it move", now_ns)
 
     def _look(self, robots: Mapping[int, RobotStatus], state: ArenaState) -> None:
         rows = state.robots[state.robots["seen"]]
