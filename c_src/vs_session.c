@@ -166,6 +166,13 @@ static int on_packet(struct vs_session *s, size_t len, uint64_t now_ns, enum vs_
     size_t body_len;
     int err = vs_greeting_packet(s, len, &h, &body, &body_len);
 
+    if (err == VS_ERR_TAG && s->phase == VS_PHASE_OPEN &&
+        (s->inbox[3] == VS_GOODBYE || s->inbox[3] == VS_REFUSE)) {
+        s->peer.counters.received++;
+        s->peer.counters.tag++;
+        *event = VS_EV_DOUBTED;
+        return VS_OK;
+    }
     if (err == VS_ERR_TAG && s->config.keyed)
         return vs_greeting_doubtful(s, len, event);
     if (err != VS_OK)

@@ -33,7 +33,8 @@ enum vs_event {
     VS_EV_GOODBYE = 4,  /* the host ends the session: see notice; close */
     VS_EV_UDP_LOST = 5, /* no UDP for 1 s: telemetry goes over TCP too */
     VS_EV_UDP_UP = 6,   /* UDP is heard again */
-    VS_EV_DOUBTED = 7   /* somebody without the key refuses: see notice; nothing has changed */
+    VS_EV_DOUBTED = 7   /* somebody without the key refuses: see notice; or, in an open session, ends
+                         * it; nothing has changed */
 };
 
 enum vs_phase {

@@ -269,7 +269,8 @@ static int write_frame(struct vs_base *base, const struct vs_base_command *comma
     struct epuck_argos_actuators actuators = {command->left_steps_s, command->right_steps_s,
                                               command->leds, 0, reset};
     int zero = (actuators.left_steps_s | actuators.right_steps_s | actuators.leds | reset) == 0;
-    int hold = !zero && reset == 0 && ++a->rounds >= HOLD_EVERY;
+    int hold = !zero && reset == 0 && ++a->rounds >= HOLD_EVERY &&
+               vs_serial_now(base) + HOLD_NS <= deadline_ns;
     uint8_t frame[EPUCK_ARGOS_ACTUATOR_LEN];
     size_t held = 0;
     int err = hold ? VS_OK : vs_serial_is_clear(base);

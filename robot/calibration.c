@@ -46,6 +46,8 @@ static const char *read_raw(const char *text, int which, int16_t *raw)
     double number = 0.0;
 
     text = read_number(text, settings[which].least, settings[which].most, &number);
+    if (text == NULL)
+        return NULL;
     *raw = (int16_t)number;
     return number == *raw ? text : NULL;
 }

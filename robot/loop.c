@@ -50,17 +50,12 @@ static void look_at_wish(struct vs_loop *loop)
         vs_robot_rest(&loop->robot);
 }
 
-/* Datagrams that waited while this process slept are newer, but not fresh. */
-static int is_surely_old(const struct vs_session *s, const struct vs_instant *now)
+/* Datagrams that waited while this process slept, or long on their way, are newer, but not
+ * fresh. */
+static int is_old(const struct vs_session *s, const struct vs_instant *now)
 {
-    uint64_t age_ns = vs_session_age_ns(s, s->newest_capture_ns, now->session_ns);
-    int64_t offset_ns;
-    uint64_t bound_ns;
-
-    if (age_ns <= VS_SAFETY_SILENCE_NS ||
-        vs_clock_estimate(&s->clock, now->session_ns, &offset_ns, &bound_ns) != VS_OK)
-        return 0;
-    return age_ns > VS_SAFETY_SILENCE_NS + bound_ns;
+    return s->clock.samples != 0 &&
+           vs_session_age_ns(s, s->newest_capture_ns, now->session_ns) > VS_SAFETY_SILENCE_NS;
 }
 
 static void look_at_state(struct vs_loop *loop, const struct vs_instant *now)
@@ -69,7 +64,7 @@ static void look_at_state(struct vs_loop *loop, const struct vs_instant *now)
 
     if (s->fresh_ns != loop->seen_fresh_ns) {
         loop->seen_fresh_ns = s->fresh_ns;
-        if (!is_surely_old(s, now))
+        if (!is_old(s, now))
             vs_safety_fresh(&loop->safety, now->base_ns);
     }
     if (s->timestep != loop->seen_timestep || s->run != loop->seen_run) {

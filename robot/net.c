@@ -29,7 +29,7 @@ static int new_socket(int type)
     return fd;
 }
 
-static int start_connect(const struct vs_net *net, int fd)
+static struct sockaddr_in address_of(const struct vs_net *net)
 {
     struct sockaddr_in address;
 
@@ -37,6 +37,13 @@ static int start_connect(const struct vs_net *net, int fd)
     address.sin_family = AF_INET;
     address.sin_addr.s_addr = net->host;
     address.sin_port = htons(net->port);
+    return address;
+}
+
+static int start_connect(const struct vs_net *net, int fd)
+{
+    struct sockaddr_in address = address_of(net);
+
     return connect(fd, (const struct sockaddr *)&address, sizeof address);
 }
 
@@ -48,6 +55,7 @@ int vs_net_open(struct vs_net *net, const char *address, uint16_t port)
     if (vs_number_address(address, (uint8_t *)&net->host) != 0)
         return -1;
     net->port = port;
+    net->attempt_ns = VS_NET_ATTEMPT_NS;
     net->why = "not connected yet";
     return 0;
 }
@@ -74,29 +82,27 @@ void vs_net_close(struct vs_net *net, struct vs_session *session, const char *wh
     vs_session_disconnected(session);
 }
 
-/* Opens both sockets anew: a UDP socket keeps the address that the robot had, and after
- * a change of network nobody would ever answer there. Returns 0, or -1 and errno. */
+/* Returns 0, or -1 and errno. */
 static int try_to_connect(struct vs_net *net, uint64_t now_ns)
 {
     int on = 1;
     int why;
 
     net->next_ns = now_ns + VS_NET_RETRY_NS;
-    drop(net, UDP);
-    net->fds[UDP] = new_socket(SOCK_DGRAM);
+    if (net->fds[UDP] < 0)
+        net->fds[UDP] = new_socket(SOCK_DGRAM);
     net->fds[TCP] = new_socket(SOCK_STREAM);
-    if (net->fds[UDP] >= 0 && net->fds[TCP] >= 0 && start_connect(net, net->fds[UDP]) == 0) {
+    if (net->fds[UDP] >= 0 && net->fds[TCP] >= 0) {
         setsockopt(net->fds[TCP], IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
         if (start_connect(net, net->fds[TCP]) == 0 || errno == EINPROGRESS) {
             net->phase = VS_NET_CONNECTING;
-            net->next_ns = now_ns + VS_NET_ATTEMPT_NS;
+            net->next_ns = now_ns + net->attempt_ns;
             net->trouble = 0;
             return 0;
         }
     }
     why = errno;
     drop(net, TCP);
-    drop(net, UDP);
     errno = why;
     return -1;
 }
@@ -124,29 +130,18 @@ static void connecting(struct vs_net *net, struct vs_session *session, uint64_t 
         vs_net_close(net, session, "/dev/urandom cannot be read", now_ns, VS_NET_RETRY_NS);
     } else if (connected == 1) {
         net->phase = VS_NET_UP;
+        net->attempt_ns = VS_NET_ATTEMPT_NS;
         net->heard_ns = now_ns;
         /* The clock counts from the board's start. */
         vs_session_connected(session, nonce, (uint32_t)(now_ns / 1000000000u));
     } else if (connected < 0 || now_ns >= net->next_ns) {
+        if (connected == 0) {
+            net->attempt_ns *= 2;
+            if (net->attempt_ns > VS_NET_LONGEST_NS)
+                net->attempt_ns = VS_NET_LONGEST_NS;
+        }
         vs_net_close(net, session, net->why, now_ns, VS_NET_RETRY_NS);
     }
-}
-
-/* The robot may have got another address, which only a new socket takes: as soon as the host
- * hears from there it answers there, long before the connection is given up. */
-static void renew_udp(struct vs_net *net, uint64_t now_ns)
-{
-    int fd = new_socket(SOCK_DGRAM);
-
-    net->next_ns = now_ns + VS_NET_RETRY_NS;
-    if (fd < 0)
-        return;
-    if (start_connect(net, fd) != 0) {
-        close(fd);
-        return;
-    }
-    drop(net, UDP);
-    net->fds[UDP] = fd;
 }
 
 enum vs_net_result vs_net_tick(struct vs_net *net, struct vs_session *session,
@@ -163,9 +158,6 @@ enum vs_net_result vs_net_tick(struct vs_net *net, struct vs_session *session,
         vs_net_close(net, session, "the host is silent", now_ns, VS_NET_RETRY_NS);
         return VS_NET_LOST;
     }
-    if (net->phase == VS_NET_UP && now_ns - net->heard_ns >= VS_NET_MOVED_NS &&
-        now_ns >= net->next_ns)
-        renew_udp(net, now_ns);
     return VS_NET_NOTHING;
 }
 
@@ -180,14 +172,17 @@ static int is_readable(struct vs_net *net, int which)
 
 static int read_datagram(struct vs_net *net)
 {
+    struct sockaddr_in from;
+    socklen_t size = sizeof from;
     ssize_t len;
 
     if (!is_readable(net, UDP))
         return 0;
-    len = recv(net->fds[UDP], net->datagram, sizeof net->datagram, 0);
-
-    net->has_datagram = len >= 0;
-    net->datagram_len = len >= 0 ? (size_t)len : 0;
+    len = recvfrom(net->fds[UDP], net->datagram, sizeof net->datagram, 0,
+                   (struct sockaddr *)&from, &size);
+    net->has_datagram =
+        len >= 0 && from.sin_addr.s_addr == net->host && from.sin_port == htons(net->port);
+    net->datagram_len = net->has_datagram ? (size_t)len : 0;
     return net->has_datagram;
 }
 
@@ -250,8 +245,11 @@ enum vs_net_result vs_net_take(struct vs_net *net, struct vs_session *session,
 
 void vs_net_send(struct vs_net *net, const uint8_t *buf, size_t len, int over_tcp)
 {
+    struct sockaddr_in host = address_of(net);
+
     /* a datagram that the system does not take is a lost one */
-    (void)send(net->fds[UDP], buf, len, MSG_NOSIGNAL);
+    (void)sendto(net->fds[UDP], buf, len, MSG_NOSIGNAL, (const struct sockaddr *)&host,
+                 sizeof host);
     if (over_tcp && net->phase == VS_NET_UP) {
         memcpy(net->newest, buf, len);
         net->newest_len = len;

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 /*
- * net.h - the worker's sockets: one TCP connection that is tried again for ever, and
- * with every try a UDP socket of its own. Without a network both wait for one. Bytes go to
- * and from the session; nothing blocks.
+ * net.h - the worker's sockets: one TCP connection that is tried again for ever, and a UDP
+ * socket that is bound to no address: with a new one, or none for a while, the robot goes on.
+ * Bytes go to and from the session; nothing blocks.
  */
 #ifndef VS_NET_H
 #define VS_NET_H
@@ -12,10 +12,10 @@
 #include "../c_src/vs_session.h"
 
 #define VS_NET_RETRY_NS 200000000u    /* [ns] between two tries to connect */
-#define VS_NET_ATTEMPT_NS 300000000u  /* [ns] a try may take */
+#define VS_NET_ATTEMPT_NS 300000000u  /* [ns] the first try may take, each later one twice as long */
+#define VS_NET_LONGEST_NS 1500000000u /* [ns] up to this: a round trip may take 1 s */
 #define VS_NET_REFUSED_NS 1000000000u /* [ns] until the next try once refused */
 #define VS_NET_TAKEN_NS 5000000000u   /* [ns] until the next try once taken over */
-#define VS_NET_MOVED_NS 500000000u    /* [ns] without a valid packet: try new UDP sockets */
 #define VS_NET_SILENCE_NS 2000000000u /* [ns] without a valid packet: connect anew */
 
 enum vs_net_phase { VS_NET_DOWN = 0, VS_NET_CONNECTING = 1, VS_NET_UP = 2 };
@@ -33,7 +33,8 @@ struct vs_net {
     uint16_t port;
     int fds[2];         /* TCP, UDP; -1 = none */
     uint8_t phase;      /* enum vs_net_phase */
-    uint64_t next_ns;   /* DOWN: try then; CONNECTING: give up then; UP: no new UDP socket before */
+    uint64_t next_ns;   /* DOWN: try then; CONNECTING: give up then */
+    uint32_t attempt_ns; /* what the present try may take */
     uint64_t heard_ns;  /* UP: newest valid packet, else when it came up */
     int trouble;        /* errno of the newest try that got no way, 0 = none */
     const char *why;    /* the connection last ended: one phrase */

@@ -25,11 +25,17 @@ static void refused(struct vs_talk *talk, const char *why)
 }
 
 /* Anybody may have said it, and it changes nothing. */
-static void doubted(struct vs_talk *talk, const char *why)
+static void doubted(struct vs_talk *talk, const struct vs_session *session)
 {
+    const char *why = session->open ? "goodbye" : session->notice.text;
+
     if (strcmp(talk->refusal, why) == 0)
         return;
     memcpy(talk->refusal, why, strlen(why) + 1);
+    if (session->open) {
+        vs_report("somebody without this session's key ends it in the host's name; going on");
+        return;
+    }
     vs_report("a host that does not know this robot's key refuses: %s; bring the key anew with "
               "'vsense robot deploy'", why);
 }
@@ -48,7 +54,7 @@ void vs_talk_event(struct vs_talk *talk, enum vs_event event, const struct vs_se
     else if (event == VS_EV_REFUSED)
         refused(talk, session->notice.text);
     else if (event == VS_EV_DOUBTED)
-        doubted(talk, session->notice.text);
+        doubted(talk, session);
     else if (event == VS_EV_GOODBYE)
         dismissed(talk, session);
     else if (event == VS_EV_UDP_LOST)

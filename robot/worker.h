@@ -23,7 +23,6 @@ struct vs_worker {
     struct vs_net net; /* from here on the guard uses nothing */
     struct vs_session session;
     struct vs_loop loop;
-    union vs_controller_state state;
     int signals_fd;
     int trace_fd;      /* -1: none */
     const int *foreign[VS_WORKER_FOREIGN]; /* descriptors that no guard must hold */
@@ -36,6 +35,8 @@ struct vs_worker {
     int status;        /* exit status once ended */
     const char *why;   /* once ended: one phrase */
     struct vs_talk talk;
+    /* Large, and mostly never written: last, so that no page is written for what comes after. */
+    union vs_controller_state state;
 };
 
 /* Runs the daemon. *w is all zeros, which nobody need write: pages that nobody touches cost a

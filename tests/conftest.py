@@ -22,7 +22,7 @@ settings.register_profile("vsense", deadline=None)
 settings.load_profile("vsense")
 
 
-ALONE = ("tests/system/", "tests/ui/test_lab_page.py")
+ALONE = ("tests/faults/", "tests/system/", "tests/ui/test_lab_page.py")
 """Tests that need the machine for themselves: whole labs and runs that keep or measure times. Those
 marked `quick` end before anything keeps time."""
 

@@ -1,15 +1,17 @@
 """The command `vsense`: reads arguments, makes every error one line and an exit code.
 
-Exit codes: 0 ok, 1 failed, 2 wrong usage or input, 130 interrupted. Standard output is data,
-standard error is talk.
+Exit codes: 0 ok, 1 failed, 2 wrong usage or input, 130 interrupted
+(by SIGTERM: 143, by SIGHUP: 129). Standard output is data, standard error is talk.
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 
 from vsense.errors import VsenseError
+from vsense.terminal import printable_lines
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -17,12 +19,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         # Imported here, so that Ctrl-C is handled while the commands load.
         from vsense import commands
+        from vsense.link import descriptors
 
+        descriptors.raise_limit()
         words = sys.argv[1:] if arguments is None else arguments
         options = commands.parser(words).parse_args(words)
         return int(options.run(options))
     except VsenseError as error:
-        print(f"vsense: {error}", file=sys.stderr)
+        # Where the terminal has gone (SIGHUP) the exit code still says why.
+        with suppress(OSError):
+            print(f"vsense: {printable_lines(str(error))}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
         print("vsense: interrupted", file=sys.stderr)

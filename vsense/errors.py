@@ -8,6 +8,7 @@ from contextlib import contextmanager
 
 EXTRAS = {
     "aiohttp": "web",
+    "cryptography": "https",
     "matplotlib": "report",
     "mcap": "record",
     "ziglang": "robot",
@@ -29,6 +30,14 @@ class UsageError(VsenseError):
     """A wrong argument or name on the command line."""
 
     exit_code = 2
+
+
+class CutShort(VsenseError):
+    """A signal has ended the command before it did anything; `exit_code` says which."""
+
+    def __init__(self, exit_code: int) -> None:
+        super().__init__("interrupted")
+        self.exit_code = exit_code
 
 
 class ConfigError(VsenseError):

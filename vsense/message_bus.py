@@ -11,6 +11,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from vsense.terminal import printable_lines
+
 
 @dataclass(frozen=True, slots=True)
 class Message:
@@ -78,6 +80,7 @@ class MessageBus:
 
     def event(self, text: str, level: str, time_ns: int) -> None:
         """Publishes a line for people, /event; `level` is "info", "warning" or "trouble"."""
+        text = printable_lines(text)
         self.publish(Message("/event", time_ns, {"text": text, "level": level, "by": None}))
 
     def publish(self, message: Message) -> None:

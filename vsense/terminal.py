@@ -5,22 +5,46 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import shutil
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from queue import Empty, SimpleQueue
 from types import FrameType
 from typing import Literal, TextIO
 
 from vsense.clock import host_ns
-from vsense.errors import VsenseError, failing_as
+from vsense.errors import CutShort, VsenseError, failing_as
 
 Level = Literal["info", "warning", "trouble"]
 
 QUIET_PERIOD_NS = 10_000_000_000
 """Time between progress lines where the stream is no terminal."""
+
+
+_CONTROLS = re.compile(
+    "[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
+)
+"""Control characters, line separators, what changes the direction of writing, and halves of
+characters: the same as the wire's (`c_src/PROTOCOL.md`)."""
+
+
+def printable(text: str) -> str:
+    """Words of others, on one line, with an escape such as \\x1b for what would control a terminal.
+
+    Every text from a network passes through here before somebody sees it; that of robots is checked
+    where packets are read.
+    """
+    return _CONTROLS.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
+
+
+def printable_lines(text: str) -> str:
+    """As `printable`, of each line."""
+    return "\n".join(map(printable, text.split("\n")))
 
 
 class Console:
@@ -45,6 +69,7 @@ class Console:
 
     def say(self, text: str, level: Level = "info") -> None:
         """Prints a message of its own; `level` says how bad it is."""
+        text = printable_lines(text)
         self.also(text, level)
         self.whisper(text)
 
@@ -53,13 +78,13 @@ class Console:
         # A stream that was closed must not end an experiment.
         with self._lock, suppress(OSError):
             self._erase()
-            print(text, file=self._stream)
+            print(printable_lines(text), file=self._stream)
             self._printed_ns = None
             self._draw()
 
     def progress(self, line: str) -> None:
         """Replaces the live line."""
-        self.newest = line
+        self.newest = line = printable(line)
         with self._lock, suppress(OSError):
             if self._live:
                 self._erase()
@@ -91,20 +116,106 @@ class Console:
         self._stream.flush()
 
 
-INTERRUPTED = 130
-"""Exit code of a command that was interrupted."""
+LAST_S = 1.7
+"""After SIGTERM a command takes no longer than this, but for the moment of leaving."""
+
+LEAST_S = 0.1
+
+
+class Interruption(threading.Event):
+    """Set by the first of SIGINT, SIGTERM and SIGHUP that comes.
+
+    Attributes:
+        code: the command's exit code by then, 128 and the signal's number as in a shell: 130 after
+            Ctrl-C, which is also what it is before any signal, and 143 after SIGTERM.
+    """
+
+    code = 128 + signal.SIGINT
+    _came = _raises = _leaves_time = False
+    _last_s: float | None = None
+
+    def __init__(self) -> None:
+        super().__init__()
+        # What `threading.Event` holds while it waits and sets is not for a signal's handler, which
+        # may come in the middle of it: it would wait for itself. This is.
+        self._wakes: SimpleQueue[None] = SimpleQueue()
+
+    def is_set(self) -> bool:
+        """Whether a signal has come."""
+        return self._came
+
+    def set(self) -> None:
+        """Wakes all that wait; for handlers of signals, too."""
+        self._came = True
+        self._wakes.put(None)
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Waits for a signal, for `timeout` s at the longest; gives whether one has come."""
+        if not self._came:
+            with suppress(Empty):
+                self._wakes.get(timeout=timeout)
+                self._wakes.put(None)  # for whoever else waits
+        return self._came
+
+    def interrupt(self, number: int, frame: FrameType | None) -> None:
+        """The signals' handler."""
+        again = self.is_set()
+        if not again:
+            self.code = 128 + number
+        if number != signal.SIGINT and self._last_s is None:
+            self._last_s = time.monotonic() + LAST_S
+        self.set()
+        if self._raises or (self._leaves_time and again):
+            self._raises = self._leaves_time = False
+            raise CutShort(self.code)
+        if self._leaves_time:
+            self._set_alarm()
+
+    @contextmanager
+    def at_once(self) -> Iterator[None]:
+        """Has a signal raise CutShort where the main thread is, which looks at nothing there."""
+        self._raises = True
+        try:
+            if self.is_set():
+                raise CutShort(self.code)
+            yield
+        finally:
+            self._raises = False
+
+    @contextmanager
+    def in_time(self) -> Iterator[None]:
+        """What is worth some seconds after Ctrl-C: CutShort where it is not over `LAST_S` after a
+        SIGTERM, or at the next signal."""
+        before = signal.signal(signal.SIGALRM, self._ring)
+        self._leaves_time = True
+        try:
+            self._set_alarm()
+            yield
+        finally:
+            self._leaves_time = False
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            signal.signal(signal.SIGALRM, before)
+
+    def _set_alarm(self) -> None:
+        if self._last_s is not None:
+            left_s = max(self._last_s - time.monotonic(), LEAST_S)
+            signal.setitimer(signal.ITIMER_REAL, left_s)
+
+    def _ring(self, number: int, frame: FrameType | None) -> None:
+        raise CutShort(self.code)
 
 
 @contextmanager
-def interruption() -> Iterator[threading.Event]:
-    """Gives an event that SIGINT, SIGTERM and SIGHUP set, instead of what they did before."""
-    interrupted = threading.Event()
+def interruption() -> Iterator[Interruption]:
+    """Gives an event that SIGINT, SIGTERM and SIGHUP set, instead of what they did before.
 
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        interrupted.set()
-
-    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    before = {number: signal.signal(number, interrupt) for number in numbers}
+    SIGHUP is left alone where it is ignored: `nohup` did that.
+    """
+    interrupted = Interruption()
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
+        numbers.append(signal.SIGHUP)
+    before = {number: signal.signal(number, interrupted.interrupt) for number in numbers}
     try:
         yield interrupted
     finally:

@@ -341,6 +341,26 @@ static void solve(struct vs_contacts *c)
     }
 }
 
+/* Who is wedged between things that never move overlaps one of them whatever is done, and pushes
+ * grow without end: nobody is moved farther than twice what all overlaps come to together. */
+static void limit(struct vs_contacts *c)
+{
+    double most_m = 0.0;
+    uint32_t i;
+
+    for (i = 0; i < c->count; i++)
+        most_m -= c->now[i].gap_m < 0.0 ? 2.0 * c->now[i].gap_m : 0.0;
+    for (i = 0; i < c->near->bodies; i++) {
+        double *way = c->moved_m + 2 * i;
+        double way_m = vs_root(way[0] * way[0] + way[1] * way[1]);
+
+        if (way_m <= most_m)
+            continue;
+        way[0] *= most_m / way_m;
+        way[1] *= most_m / way_m;
+    }
+}
+
 void vs_contacts_separate(struct vs_contacts *contacts, double *positions_m, uint32_t stride)
 {
     struct vs_contact *swap = contacts->before;
@@ -354,6 +374,7 @@ void vs_contacts_separate(struct vs_contacts *contacts, double *positions_m, uin
     guess(contacts);
     solve(contacts);
     displace(contacts, 0);
+    limit(contacts);
     for (b = 0; b < contacts->near->bodies; b++) {
         positions_m[b * stride] += contacts->moved_m[2 * b];
         positions_m[b * stride + 1] += contacts->moved_m[2 * b + 1];

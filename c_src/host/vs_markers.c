@@ -110,11 +110,13 @@ int vs_markers_search(struct vs_markers *work, const struct vs_search *search,
                       size_t capacity, size_t *count)
 {
     int32_t left, top;
-    struct vs_picture part = cut_out(&view->picture, window, &left, &top);
+    struct vs_picture part;
     size_t shapes, i;
-    int err;
+    int err = vs_outline_check(outline);
 
-    err = vs_outline_check(outline);
+    if (view->picture.width_px < 0 || view->picture.height_px < 0)
+        return VS_ERR_ARGUMENT;
+    part = cut_out(&view->picture, window, &left, &top);
     if (err == VS_OK && (part.width_px < 1 || part.height_px < 1))
         return VS_OK;
     if (err == VS_OK)

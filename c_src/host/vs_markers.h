@@ -132,8 +132,8 @@ size_t vs_markers_size(void);
  * Looks for markers in a part of the picture; windows are cut to it. Appends those
  * found to markers[*count ..] and keeps all of them apart. Returns the VS_MARKERS_FULL_...
  * of what there was no room for: 0 if all is well.
- * Errors: VS_ERR_ARGUMENT for a picture larger than 8192 px or with too small a stride, a
- * level_256 outside 1 .. 255, or counts and passes of the outline beyond those above.
+ * Errors: VS_ERR_ARGUMENT for a picture larger than 8192 px, smaller than 0 or with too small a
+ * stride, a level_256 outside 1 .. 255, or counts and passes of the outline beyond those above.
  */
 int vs_markers_search(struct vs_markers *work, const struct vs_search *search,
                       const struct vs_outline *outline, const struct vs_view *view,

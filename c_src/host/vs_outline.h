@@ -10,7 +10,7 @@
 
 #include "vs_markers.h"
 
-/* Checks an outline's counts and passes. Errors: VS_ERR_ARGUMENT. */
+/* Checks an outline's unit, counts and passes. Errors: VS_ERR_ARGUMENT. */
 int vs_outline_check(const struct vs_outline *outline);
 
 /*

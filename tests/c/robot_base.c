@@ -331,15 +331,41 @@ static void test_silence(void)
     CHECK(w.now_ns - began_ns < 300 * MS);
 }
 
+/* An answer that comes just before the end of the next exchange leaves no time to hold a byte
+ * back: whichever frame's turn that is, no exchange takes longer than it may. */
+static void test_late_answers(uint32_t rounds, uint64_t late_ns)
+{
+    struct vs_base_command command = {500, -400, 0, {0, {0}}, {{0}}};
+    struct vs_base_reading reading;
+    struct world w;
+    int i;
+
+    begin(&w, rounds + 1);
+    recover(&w);
+    for (; rounds > 0; rounds--)
+        CHECK(vs_base_exchange(&w.base, &command, &reading) == VS_OK);
+    w.stalled_until_ns = w.now_ns + late_ns;
+    for (i = 0; i < 3; i++) {
+        uint64_t began_ns = w.now_ns;
+
+        (void)vs_base_exchange(&w.base, &command, &reading);
+        CHECK(w.now_ns - began_ns <= VS_BASE_EXCHANGE_NS);
+    }
+}
+
 int main(int argc, char *argv[])
 {
     uint32_t worlds = argc > 1 ? (uint32_t)strtoul(argv[1], NULL, 10) : 1000;
+    uint64_t late_ns;
     uint32_t seed;
 
     test_every_clean_state();
     test_hand_back();
     test_silence();
     test_shifted_bursts();
+    for (late_ns = 0; late_ns < 60 * MS; late_ns += MS / 2)
+        for (seed = 0; seed < 6; seed++)
+            test_late_answers(seed, late_ns);
     for (seed = 1; seed <= worlds; seed++) {
         test_after_garbage(seed);
         test_amid_garbage(seed);

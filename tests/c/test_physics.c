@@ -184,6 +184,28 @@ static void test_a_pile_comes_apart(void)
     tear_down(&f);
 }
 
+/* Found by fuzzing: a robot that begins between two bodies that stand closer than it is wide can
+ * leave neither. The pushes that grow from tick to tick must not throw it out of the arena. */
+static void test_a_wedged_robot_is_not_thrown_away(uint32_t seed)
+{
+    uint32_t random = seed * 2654435761u + 1u;
+    struct floor f;
+    int64_t tick;
+    int i;
+
+    build(&f, 1, 3, 0);
+    scatter(&f, &random, 0.0);
+    for (i = 0; i < 3; i++) {
+        f.physics.poses[3 * i] = draw_between(&random, -1e-5, 1e-5);
+        f.physics.poses[3 * i + 1] = 0.02 * (i == 2 ? -1 : i);
+    }
+    for (tick = 1; tick <= 300; tick++) {
+        vs_physics_tick(&f.physics, tick * VS_TICK_NS);
+        CHECK(hypot(f.physics.poses[0], f.physics.poses[1]) < 1.0);
+    }
+    tear_down(&f);
+}
+
 /* A walk in small steps never leaves a pair out that is near enough to matter. */
 static void test_pairs_hold_until_somebody_has_moved_far(uint32_t seed)
 {
@@ -303,6 +325,7 @@ int main(int argc, char *argv[])
         test_gaps_lead_to_outlines(seed);
         test_pairs_hold_until_somebody_has_moved_far(seed);
         test_any_crowd(seed);
+        test_a_wedged_robot_is_not_thrown_away(seed);
     }
     return 0;
 }

@@ -289,6 +289,31 @@ static void test_wrong_arguments_are_refused(void)
     make_outline(&outline);
     outline.samples = VS_OUTLINE_SAMPLES + 1;
     CHECK(vs_outline_check(&outline) == VS_ERR_ARGUMENT);
+    make_outline(&outline);
+    outline.stage[1].reach_m = -0.001;
+    CHECK(vs_outline_check(&outline) == VS_ERR_ARGUMENT);
+    make_outline(&outline);
+    outline.unit_m = -1e170;
+    CHECK(vs_outline_check(&outline) == VS_ERR_ARGUMENT);
+}
+
+/* Found by fuzzing: nothing of a picture of negative size is touched. */
+static void test_a_negative_size_is_refused(void)
+{
+    static uint8_t pixels[WIDTH * HEIGHT];
+    struct vs_outline outline;
+    struct vs_search search;
+    struct vs_view view;
+    size_t count = 0;
+
+    make_outline(&outline);
+    make_search(&search);
+    make_view(&view, pixels, WIDTH, -1, HEIGHT);
+    CHECK(vs_markers_search(work, &search, &outline, &view, &everything, found, CAPACITY,
+                            &count) == VS_ERR_ARGUMENT);
+    make_view(&view, pixels, WIDTH, WIDTH, -1);
+    CHECK(vs_markers_search(work, &search, &outline, &view, &everything, found, CAPACITY,
+                            &count) == VS_ERR_ARGUMENT);
 }
 
 /* A camera that leans and whose lens distorts: what is seen of a plane is found there. */
@@ -336,6 +361,7 @@ int main(void)
     test_a_full_table_is_reported();
     test_no_room_for_a_marker_is_reported();
     test_wrong_arguments_are_refused();
+    test_a_negative_size_is_refused();
     test_the_lens_and_back();
     test_what_is_behind_a_camera_is_not_seen();
     free(work);

@@ -375,6 +375,39 @@ static void test_a_refusal_that_anybody_may_have_made_ends_nothing(void)
     CHECK(take(&s, packet, len, &err) == VS_EV_REFUSED && err == VS_OK);
 }
 
+static void test_an_end_that_anybody_may_have_made_ends_nothing(void)
+{
+    uint8_t packet[VS_PACKET_MAX];
+    struct vs_header h;
+    struct vs_notice bye;
+    struct vs_session s;
+    struct host host;
+    int err;
+    int forged;
+    size_t len;
+
+    host_init(&host);
+    robot_with_key(&s, 1);
+    len = give_welcome(&host, &s, 7, packet, 1);
+    CHECK(take(&s, packet, len, &err) == VS_EV_OPEN && err == VS_OK);
+    memset(&bye, 0, sizeof bye);
+    bye.code = VS_BYE_END;
+    strcpy(bye.text, "go home");
+    len = give_refusal(vs_key_published, &s, packet);
+    CHECK(take(&s, packet, len, &err) == VS_EV_DOUBTED && err == VS_OK && s.open);
+    for (forged = 1; forged >= 0; forged--) {
+        memset(&h, 0, sizeof h);
+        vs_peer_stamp(&host.peer, 5, &h);
+        h.type = VS_GOODBYE;
+        if (forged)
+            h.key = vs_key_published;
+        CHECK(vs_encode_notice(&h, &bye, packet, sizeof packet, &len) == VS_OK);
+        CHECK(take(&s, packet, len, &err) == (forged ? VS_EV_DOUBTED : VS_EV_GOODBYE));
+        CHECK(err == VS_OK && s.open == forged);
+        CHECK(s.peer.counters.tag == 2 && s.peer.counters.received == 2);
+    }
+}
+
 /* Both with the right keys: one sends what is too far ahead, and the other goes on hearing. */
 static void test_no_packet_makes_a_peer_deaf(void)
 {
@@ -405,6 +438,7 @@ int main(void)
     test_only_a_host_with_its_key_is_believed();
     test_no_answer_fits_a_later_greeting();
     test_a_refusal_that_anybody_may_have_made_ends_nothing();
+    test_an_end_that_anybody_may_have_made_ends_nothing();
     test_no_packet_makes_a_peer_deaf();
     test_any_chunking_gives_the_same_events();
     test_mutilated_packets_do_no_harm();

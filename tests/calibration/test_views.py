@@ -51,6 +51,7 @@ HEADER = "camera,moment,corner,x_px,y_px\n"
         ("camera,moment,corner,x_px\n", 1, "no column 'y_px'"),
         (HEADER + "a,1,24,1,2\n", 2, "corner: '24': expected 0 to 23"),
         (HEADER + "a,1,-1,1,2\n", 2, "corner: '-1'"),
+        (HEADER + f"a,1,{'1' * 5000},1,2\n", 2, "corner: '1111"),
         (HEADER + "a,1,3,1,2\na,1,3,1,2\n", 3, "there twice"),
         (HEADER + "a,1,3,1\n", 2, "4 values: the header has 5"),
         (HEADER + "a,1,3,nan,2\n", 2, "x_px: 'nan' is not a number"),

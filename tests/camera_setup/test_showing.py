@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -12,14 +11,15 @@ from tests.camera_setup.stage import Scripted
 from vsense.camera_setup import showing
 from vsense.camera_setup.opening import OpenCamera
 from vsense.cameras.opencv_source import Controls
+from vsense.terminal import Interruption
 from vsense.tracking.specs import CAMERA, GrabberSpec
 
 
 def test_ctrl_c_while_the_camera_opens_starts_no_page(monkeypatch: pytest.MonkeyPatch) -> None:
-    scripted, interrupted = Scripted(), threading.Event()
+    scripted, interrupted = Scripted(), Interruption()
 
     @contextmanager
-    def interruption() -> Iterator[threading.Event]:
+    def interruption() -> Iterator[Interruption]:
         yield interrupted
 
     scripted.after_read = lambda reads: interrupted.set()

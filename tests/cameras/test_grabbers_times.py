@@ -74,6 +74,7 @@ def test_a_table_is_read(tmp_path: Path) -> None:
         ("picture,capture_s\na.png,1\n\nb.png,1\n", 4, "is not later than the picture before it"),
         ("picture,timestep,capture_s\na,4,1\nb,4,2\n", 3, "timestep: 4 does not rise"),
         ("picture,capture_s\n../a.png,1\n", 2, "'../a.png' is not a plain file name"),
+        (f"picture,capture_s\na,1\n{'b' * 140_000},2\n", 3, "field larger than field limit"),
     ],
 )
 def test_a_broken_table_is_refused_at_its_line(

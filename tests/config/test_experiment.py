@@ -55,6 +55,11 @@ def test_everything_in_the_example_is_understood(read_text: Read, example: str) 
     )
 
 
+def test_blanks_around_a_controllers_id_count_for_nothing(read_text: Read, example: str) -> None:
+    spaced = read_text(example.replace('config="mine"', 'config=" mine "'))
+    assert [c.id for c in spaced.controllers] == [c.id for c in read_text(example).controllers]
+
+
 def test_the_wind_turns_at_its_share_of_an_overridden_length(read_text: Read, example: str) -> None:
     assert read_text(example, 120.0).sources[0].turn_timestep == 300
     fixed = read_text(example.replace('"25%"', '"130"'), 120.0)

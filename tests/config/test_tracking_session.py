@@ -228,6 +228,7 @@ def test_a_misspelt_attribute_is_no_default(
         (0, '"arrow4x4"', '"arow4x4"', 14, "'arow4x4' is not known; known are .*arrow4x4"),
         (0, '"arrow4x4"', '"mine.json"', 14, "mine.json: No such file"),
         (0, 'timestamps="times.csv"', 'timestamps="t.csv"', 5, "there is no file .*t.csv"),
+        (0, 'timestamps="times.csv"', f'timestamps="{"t" * 5000}"', 5, "there is no file .*ttt"),
         (0, 'path="film.avi"', 'path="movie.avi"', 7, "path: there is no video .*movie.avi"),
         (0, '"times.csv"', '"times.csv" frame_rate="3"', 5, "stands beside 'timestamps'"),
         (0, 'type="video"', 'type="camera"', 7, "device: is missing"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
+import os
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -99,7 +100,7 @@ def test_a_missing_package_is_named_with_its_extra(monkeypatch: pytest.MonkeyPat
         "recordings need the Python package mcap: pip install 'vsense[record]'"
     )
     with pytest.raises(UsageError, match=r"the page needs .* aiohttp: pip install 'vsense\[web\]'"):
-        make_server(WebAddress("127.0.0.1", 0), MessageBus(), lambda order: "")
+        make_server(WebAddress("127.0.0.1", 0), MessageBus(), lambda order: "", print)
 
 
 def test_an_emergency_stop_needs_no_library() -> None:
@@ -123,3 +124,12 @@ def test_no_length_of_time(text: str) -> None:
 @pytest.mark.parametrize("text", ["1", "86400", "1e3"])
 def test_length_of_time(text: str) -> None:
     assert arguments.seconds(text) == float(text)
+
+
+def test_the_exit_code_is_right_where_nobody_reads_the_error() -> None:
+    reads, writes = os.pipe()
+    os.close(reads)
+    command = [sys.executable, "-m", "vsense", "run", "no-such-experiment"]
+    done = subprocess.run(command, stderr=writes, timeout=60.0, check=False)
+    os.close(writes)
+    assert done.returncode == 2

@@ -113,7 +113,7 @@ def test_an_actuator_frame_moves_the_truth_from_its_time_on(
     (applied,) = read_actuations(Path(spec["log"]))
     assert applied["robot"] == 0
     assert applied["leds"] == 0b101
-    end_ns = EPOCH_NS + 105 * TICK_NS
+    end_ns = EPOCH_NS + (5 + FLUSH_TICKS) * TICK_NS
     poses, leds = TruthReader(ring.name).at(end_ns)
     way_m = 500 * STEP_M * (end_ns - int(applied["time_ns"])) * 1e-9
     np.testing.assert_allclose(poses[0], [way_m, 0, 0], atol=1e-9)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import re
@@ -9,6 +10,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -21,6 +23,8 @@ from vsense.arena import to_json
 from vsense.link.robots.status import LinkError
 from vsense.link.trackers import lines as arena_lines
 from vsense.link.trackers.lines import (
+    BAD_MAX,
+    CANDIDATES_EACH,
     LINE_MAX,
     SILENCE_NS,
     ArenaListener,
@@ -269,6 +273,110 @@ def test_a_second_tracker_is_refused_until_the_first_falls_silent(
     assert state.robots["x_m"][0] == 0.75 and state.timestep == 1
     told.wait("has fallen silent, another one takes over")
     third.close()
+
+
+@pytest.mark.parametrize("writes", [b"", b"garbage\n", b"{}\n" * 100, b'{"timestep"', b"\n" * 99])
+def test_only_valid_lines_hold_the_place(
+    listener: ArenaListener, told: Told, clock: Clock, writes: bytes
+) -> None:
+    """Somebody who came first, and goes on writing, keeps no tracker out."""
+    first = Tracker(listener)
+    first.sock.sendall(writes)
+    with pytest.raises(LinkError):
+        listener.next(0.05)
+    ours = Tracker(listener)
+    for timestep in range(1, 4):
+        with suppress(ConnectionError):  # it may have been closed
+            first.sock.sendall(writes)
+        ours.step(timestep)
+        listener.next(PATIENCE_S)
+        clock.advance(SILENCE_NS)
+    assert listener.counters.states == 3 and listener.counters.connections == 1
+    for one in (first, ours):
+        one.close()
+
+
+def test_a_tracker_that_turns_to_garbage_loses_its_place(
+    listener: ArenaListener, tracker: Tracker, told: Told, clock: Clock
+) -> None:
+    tracker.step(1)
+    listener.next(PATIENCE_S)
+    clock.advance(SILENCE_NS)
+    tracker.write("garbage")
+    other = Tracker(listener)
+    other.step(7, 0.75)
+    assert listener.next(PATIENCE_S)[0].robots["x_m"][0] == 0.75
+    told.wait("has fallen silent, another one takes over")
+    other.close()
+
+
+def test_a_flood_on_the_port_is_few_lines_and_no_tracker_misses_a_line(
+    listener: ArenaListener, tracker: Tracker, told: Told, clock: Clock
+) -> None:
+    tracker.step(1)
+    listener.next(PATIENCE_S)
+    for number in range(2, 52):
+        crowd = [Tracker(listener) for _ in range(4)]
+        for one in crowd:
+            one.write("garbage")
+        tracker.step(number)
+        listener.next(PATIENCE_S)
+        with pytest.raises(LinkError):
+            listener.next(0.01)
+        for one in crowd:
+            one.close()
+    assert listener.counters.states == 51
+    assert len(told.lines) < 25
+    clock.advance(10 * SILENCE_NS)
+    with pytest.raises(LinkError):
+        listener.next(0.01)
+    assert " more from 127.0.0.1 in the last 10 s: connections and bad lines" in told.lines[-1]
+
+
+def test_silent_ones_take_no_more_than_their_places(listener: ArenaListener, told: Told) -> None:
+    crowd = [Tracker(listener) for _ in range(CANDIDATES_EACH + 2)]
+    with pytest.raises(LinkError):
+        listener.next(0.2)
+    assert [one.answers.readline() for one in crowd[:2]] == ["", ""]
+    crowd[-1].step(1)
+    assert listener.next(PATIENCE_S)[0].robots["seen"].all()
+    told.wait("127.0.0.1: no valid line")
+    for one in crowd:
+        one.close()
+
+
+def test_bad_lines_of_others_do_not_delay_the_tracker(listener: ArenaListener, told: Told) -> None:
+    noisy = Tracker(listener)
+    noisy.write(*["x"] * 30_000)
+    with pytest.raises(LinkError):
+        listener.next(0.2)
+    assert listener.counters.bad_lines == BAD_MAX
+    told.wait("closed after 16 bad lines and no valid one")
+    noisy.close()
+
+
+def test_without_descriptors_it_does_not_turn_in_circles(
+    listener: ArenaListener, told: Told, clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Full(socket.socket):
+        tries = 0
+
+        def accept(self) -> tuple[socket.socket, tuple[str, int]]:
+            Full.tries += 1
+            if Full.tries == 1:
+                raise OSError(errno.EMFILE, "Too many open files")
+            return super().accept()
+
+    monkeypatch.setattr(listener, "_listener", Full(fileno=listener._listener.detach()))
+    tracker = Tracker(listener)
+    tracker.step(1)
+    with pytest.raises(LinkError):
+        listener.next(0.1)
+    assert Full.tries == 1
+    told.wait("this machine: cannot accept a connection: Too many open files")
+    clock.advance(SILENCE_NS)
+    assert listener.next(PATIENCE_S)[0].robots["seen"].all()
+    tracker.close()
 
 
 def test_a_tracker_may_leave_in_the_middle_of_a_line_and_come_back(

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import math
+import selectors
 import socket
 import struct
 import threading
@@ -26,7 +28,7 @@ from tests.link.arena_rig import (
 )
 from tests.link.rig import Clock
 from vsense.link.robots.status import LinkError
-from vsense.link.trackers.server import STUCK_NS, ArenaServer, ArenaSession
+from vsense.link.trackers.server import SILENT_NS, STUCK_NS, ArenaServer, ArenaSession
 
 ROBOT = (23, 0.1, -0.2, math.pi / 2)
 TEXT = "23 23.50 46.25 -45.000 0.10000 -0.20000 90.000"
@@ -192,6 +194,78 @@ def test_clients_are_served_one_after_another(server: ArenaServer, connect: Call
     first.close()
     assert second.read() == "0"
     assert not server.running
+
+
+def test_a_silent_client_makes_way_for_one_that_waits(
+    server: ArenaServer, connect: Callable, told: Told, clock: Clock
+) -> None:
+    server.publish(state(1))
+    silent = connect()
+    told.wait("has connected")
+    second = connect()
+    second.send(ONE_SHOT)
+    clock.advance(SILENT_NS)
+    assert second.read() == "0"
+    assert silent.read() is None
+    told.wait("asks for nothing, and another one waits")
+    clock.advance(10 * SILENT_NS)
+    second.send(ONE_SHOT)
+    assert second.read() == "0", "nobody waits"
+
+
+def test_a_client_in_a_run_makes_way_for_nobody(
+    server: ArenaServer, connect: Callable, clock: Clock
+) -> None:
+    first, second = started(connect(), server), connect()
+    second.send(ONE_SHOT)
+    clock.advance(100 * SILENT_NS)
+    server.publish(state(1))
+    assert first.timestep() == 1
+    clock.advance(100 * SILENT_NS)
+    server.publish(state(2))
+    assert first.timestep() == 2
+
+
+def test_a_crowd_waits_in_few_places_and_is_told_in_few_lines(
+    server: ArenaServer, connect: Callable, told: Told, clock: Clock
+) -> None:
+    server.publish(state(1))
+    crowd = [connect() for _ in range(200)]
+    told.wait("too many clients wait")
+    for one in crowd[-1:]:
+        one.send(ONE_SHOT)
+    clock.advance(SILENT_NS)
+    told.wait("has connected", 2)
+    clock.advance(SILENT_NS)
+    assert crowd[-1].read() == "0"
+    assert sum(one.read() is None for one in crowd[1:100]) == 99
+    assert len(told.lines) < 20
+
+
+def test_without_descriptors_it_waits_and_goes_on(told: Told, clock: Clock) -> None:
+    class Full(socket.socket):
+        tries = 0
+
+        def accept(self) -> tuple[socket.socket, tuple[str, int]]:
+            Full.tries += 1
+            if Full.tries == 1:
+                raise OSError(errno.EMFILE, "Too many open files")
+            return super().accept()
+
+    server = ArenaServer("127.0.0.1", 0, locate, told, clock)
+    server._selector.unregister(server._listener)
+    server._listener = Full(fileno=server._listener.detach())
+    server._selector.register(server._listener, selectors.EVENT_READ)
+    server.start()
+    server.publish(state(1))
+    client = OldClient(server.port)
+    client.send(ONE_SHOT)
+    told.wait("this machine: cannot accept a connection: Too many open files")
+    assert Full.tries == 1
+    clock.advance(10**9)
+    assert client.read() == "0"
+    client.close()
+    server.close()
 
 
 @pytest.mark.parametrize("sent", range(0, 9))

@@ -206,8 +206,9 @@ def test_nothing_that_is_made_up_moves_the_robot(still: Server, robot: MakeRobot
             assert one.session.udp_in(forged, one.now_ns())[0] == lib.VS_ERR_TAG
     assert one.session.c.wanted == Wanted.STOP
     bye = Header(PacketType.GOODBYE, session=one.session.c.peer.session)
-    with pytest.raises(WireError, match="tag"):
-        one.session.tcp_in(encode(bye, Notice(GoodbyeCause.TAKEN_OVER)), one.now_ns())
+    forged = encode(bye, Notice(GoodbyeCause.TAKEN_OVER))
+    assert one.session.tcp_in(forged, one.now_ns()) == [Event.DOUBTED]
+    assert one.session.c.open and one.session.c.wanted == Wanted.STOP
 
 
 def test_a_greeting_that_was_heard_opens_nothing(
@@ -330,6 +331,49 @@ def test_without_keys_a_deaf_host_says_so_and_hears_again(
     assert "its session is renewed" in open_house.wait("doubt", 1, times=2).text
     one.join()
     assert works(open_house, one, 3)
+
+
+def test_a_goodbye_without_the_key_ends_nothing(still: Server, robot: MakeRobot) -> None:
+    one = robot(still, 1).join()
+    bye = Header(PacketType.GOODBYE, session=one.session.c.peer.session)
+    one.tcp.sendall(encode(bye, Notice(GoodbyeCause.END)))
+    assert "says goodbye in its name; it stays" in still.wait("doubt", 1).text
+    assert works(still, one, 1)
+    assert still.server.robots()[1].sessions == 1
+
+
+def test_what_comes_again_to_a_host_that_hears_renews_nothing(
+    still: Server, frozen: Frozen, robot: MakeRobot, attacker: MakeAttacker
+) -> None:
+    one, thief = robot(still, 1).join(), attacker(still)
+    assert works(still, one, 1)
+    old = packets(one, "up")[-1]
+    for timestep in range(2, 14):
+        assert works(still, one, timestep)
+        thief.send(old)
+        settled(still, thief)
+        frozen.advance(100 * MS)
+        still.server.publish(timestep, still.clock(), {})
+    assert works(still, one, 14)
+    status = still.server.robots()[1]
+    assert status.dropped["older"] >= 12 and status.sessions == 1
+
+
+def test_one_straggler_before_a_silence_renews_nothing(
+    still: Server, frozen: Frozen, robot: MakeRobot, attacker: MakeAttacker
+) -> None:
+    one, other = robot(still, 1).join(), attacker(still)
+    assert works(still, one, 1)
+    for _ in range(3):
+        received = still.server.robots()[1].received
+        one.say()
+        one.until(lambda n=received: still.server.robots()[1].received > n)
+    older = settled(still, other).dropped["older"]  # a copy over UDP may lag behind TCP's
+    one.udp.sendto(packets(one, "up")[1], ("127.0.0.1", still.port))
+    assert settled(still, other).dropped["older"] == older + 1
+    frozen.advance(3 * S)
+    assert works(still, one, 2)
+    assert still.server.robots()[1].sessions == 1
 
 
 def test_without_keys_a_stolen_session_is_told_of(

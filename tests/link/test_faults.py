@@ -23,7 +23,7 @@ from tests.link.rig import (
 )
 from tests.wire.robot_session import Event, RobotSession
 from vsense.link.robots.keys import INSECURE
-from vsense.link.robots.links import HELLO_NS, MAX_PENDING
+from vsense.link.robots.links import HELLO_NS, STRANGERS_EACH, STRANGERS_MAX
 from vsense.link.robots.roster import ExpectedRobot
 from vsense.link.robots.server import LinkError, LinkEvent, VirtualSensorServer
 from vsense.link.robots.wire import (
@@ -254,10 +254,35 @@ def test_a_crowd_of_strangers_cannot_keep_a_robot_out(
     still: Server, pending: Connect, robot: MakeRobot
 ) -> None:
     """The oldest pending makes way: memory and descriptors are bounded, the door stays open."""
-    crowd = [pending() for _ in range(MAX_PENDING + 10)]
+    crowd = [pending() for _ in range(STRANGERS_EACH + 10)]
     one = robot(still, 1).join()
     assert all(closed(sock) for sock in crowd[:10])
     assert works(still, one, 1)
+    assert still.wait("protocol_error", None).text == "127.0.0.1: too many connections at once"
+
+
+def test_a_crowd_from_many_addresses_cannot_keep_a_robot_out(
+    still: Server, robot: MakeRobot
+) -> None:
+    crowd = [
+        socket.create_connection(("127.0.0.1", still.port), PATIENCE_S, (f"127.0.1.{n}", 0))
+        for n in range(1, STRANGERS_MAX + 20)
+    ]
+    one = robot(still, 1).join()
+    assert all(closed(sock) for sock in crowd[:19])
+    assert works(still, one, 1)
+    for sock in crowd:
+        sock.close()
+
+
+def test_an_established_robot_is_not_limited_by_strangers_of_its_address(
+    still: Server, pending: Connect, robot: MakeRobot
+) -> None:
+    one, two = robot(still, 1).join(), robot(still, 2).join()
+    crowd = [pending() for _ in range(200)]
+    assert closed(crowd[0])
+    assert works(still, one, 1) and works(still, two, 2)
+    assert still.server.robots()[1].sessions == 1
 
 
 @pytest.mark.parametrize("tag", [0, 3, 65535])

@@ -161,6 +161,34 @@ def test_strangers_are_turned_away(
     assert not client.finish().started
 
 
+def test_a_place_is_taken_from_nobody_at_another_address(
+    server: MixedServer, events: Events
+) -> None:
+    client = Client(server.legacy_port, 30)
+    client.start()
+    events.wait("connected with the original client")
+    thief = socket.create_connection(("127.0.0.1", server.legacy_port), 5.0, ("127.7.7.30", 0))
+    events.wait("127.7.7.30: epuck_23_30 is connected, from 127.0.0.30")
+    assert thief.recv(1) == b""
+    run(server, 3)
+    assert client.finish().ended
+    thief.close()
+
+
+def test_a_robot_that_comes_again_and_again_keeps_one_connection(
+    server: MixedServer, events: Events
+) -> None:
+    crowd = [Client(server.legacy_port, 30) for _ in range(100)]
+    events.wait("it came 6 times in the last 10 s")
+    run(server, 3)
+    learnt = []
+    for one in crowd:
+        one.start()
+        learnt.append(one.finish())
+    assert sum(robot.ended for robot in learnt) == 1
+    assert len(events.events) < 20
+
+
 def test_the_end_reaches_everybody_when_the_host_closes(
     server: MixedServer, events: Events
 ) -> None:

@@ -82,6 +82,17 @@ def test_readings_are_picked_and_put_in_the_originals_order() -> None:
     assert set(payloads) == {5, 8}, "what was never measured is not told"
 
 
+def test_what_is_no_number_is_not_told_and_bytes_keep_to_their_range() -> None:
+    """A user's own sensor of the original's name may give anything."""
+    rows = [Entry(1, "pollutant", "f4"), Entry(2, "rgb_ground", "3*f4"), Entry(3, "gps", "3*f4")]
+    values = [
+        (struct.pack("<f", math.nan), 7),
+        (struct.pack("<3f", -5.0, 1e9, 20.0), 7),
+        (struct.pack("<3f", 1.0, math.inf, 2.0), 7),
+    ]
+    assert Translation(rows).payloads(values) == {5: bytes([20, 255, 0])}
+
+
 def test_update_holds_what_it_is_given() -> None:
     assert update([]) == b""
     assert update([(5, b"abc"), (7, b"x" * 12)]) == b"\0\0\0\x11\x05abc\x07" + b"x" * 12

@@ -5,14 +5,14 @@ from __future__ import annotations
 import errno
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import pytest
 
 from tests.link.rig import KEYS, PATIENCE_S, TABLE, Frozen, keyed_session
 from tests.wire.robot_session import RobotSession
 from vsense.link.robots.keys import LinkTrust
-from vsense.link.robots.links import FINISH_NS, ServerState
+from vsense.link.robots.links import FINISH_NS, STRANGERS_EACH, ServerState
 from vsense.link.robots.network import IDLE_NS, Ports, ServerThread, bind
 from vsense.link.robots.roster import ExpectedRobot, Roster
 from vsense.link.robots.status import LinkEvent
@@ -22,11 +22,11 @@ from vsense.link.robots.wire import GoodbyeCause
 class Hand:
     """A network whose turns the test makes, and robots that only send what the test sends."""
 
-    def __init__(self, frozen: Frozen, ports: Ports) -> None:
+    def __init__(self, frozen: Frozen, ports: Ports, tags: Sequence[int] = (1, 2)) -> None:
         self.clock = frozen
         self.port = ports.port
         self.told: list[LinkEvent] = []
-        expected = {t: ExpectedRobot(f"epuck_{t}", TABLE) for t in (1, 2)}
+        expected = {t: ExpectedRobot(f"epuck_{t}", TABLE) for t in tags}
         roster = Roster(expected, 10**8, 1, LinkTrust(KEYS))
         self.shared = ServerState(roster, threading.Lock(), frozen, self.told.append)
         self.network = ServerThread(self.shared, ports)
@@ -164,3 +164,27 @@ def test_a_stream_left_unfinished_wakes_the_thread(hand: Hand) -> None:
     hand.network.wake_for_streams()
     assert hand.network._selector.select(0)
     sock.close()
+
+
+def test_a_hundred_robots_behind_one_relay_come_at_once_among_strangers(frozen: Frozen) -> None:
+    """The host was busy: all of them, and as many strangers, are there when it looks."""
+    ports = bind("127.0.0.1", 0)
+    hand = Hand(frozen, ports, range(100))
+    made = []
+    for tag in range(100):
+        session = keyed_session(tag.to_bytes(16, "big"), tag)
+        made.append((session, socket.create_connection(("127.0.0.1", ports.port), PATIENCE_S)))
+        made[-1][1].sendall(session.connect(hand.clock()))
+        made.append((None, socket.create_connection(("127.0.0.1", ports.port), PATIENCE_S)))
+    hand.settle()
+    robots = [(session, sock) for session, sock in made if session is not None]
+    for session, sock in robots:
+        session.tcp_in(sock.recv(4096), hand.clock())
+        assert session.c.open
+        sock.sendall(session.telemetry(hand.clock()))
+        hand.settle()
+    assert all(robot.open for robot in hand.shared.roster.robots.values())
+    assert len(hand.network._links) <= 100 + STRANGERS_EACH
+    for _, sock in made:
+        sock.close()
+    hand.network.close()

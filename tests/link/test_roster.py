@@ -122,6 +122,25 @@ def test_who_gets_a_tag_that_was_given_before(uid: bytes, after_ns: int, kind: s
     assert (proved is None) == (kind == "refused")
 
 
+def test_of_two_that_greeted_at_once_the_first_that_proves_has_the_tag() -> None:
+    ours = roster()
+    words = []
+    for uid in (b"a", b"b"):
+        packet = hello(5, uid)
+        answer = ours.greet(packet, "here", S)
+        assert answer.pending is not None, "nobody has the tag yet"
+        _, up = session_keys(PUBLISHED, packet, answer.packet)
+        words.append((answer.pending, first_word(answer.pending, up)))
+    (late, late_word), (early, early_word) = words
+    opened = ours.prove(early, early_word, None, S)
+    assert opened is not None and opened.refusal == b""
+    refused = ours.prove(late, late_word, None, S)
+    assert refused is not None and refused.refusal and refused.farewell == b""
+    assert [event.kind for event in refused.events] == ["refused"]
+    assert ours.of_session(early.peer.session) is ours.robots[5]
+    assert ours.of_session(late.peer.session) is None
+
+
 def test_a_broken_connection_does_not_free_the_tag_before_a_second_is_over() -> None:
     ours = roster()
     join(ours, hello(5), "here", S)
@@ -167,12 +186,25 @@ def test_complaints_are_not_repeated_every_time() -> None:
     assert len([e for e in told if e.kind == "lost"]) == 5
 
 
-def test_many_different_complaints_take_bounded_memory() -> None:
+def test_many_different_complaints_are_few_lines_and_then_a_number() -> None:
     told: list[LinkEvent] = []
-    throttle = EventThrottle(told.append)
+    throttle = EventThrottle(told.append, expected=(5,))
     for number in range(1000):
-        throttle.notify(LinkEvent("protocol_error", None, str(number), 0))
-    assert len(told) == 1000 and len(throttle._told) <= 256
+        throttle.notify(LinkEvent("refused", number + 100, str(number), S, f"10.0.0.{number % 3}"))
+        throttle.notify(LinkEvent("refused", 5, str(number), S, "10.0.0.9"))
+    assert [e.text for e in told if e.tag == 5] == ["0", "1"]
+    assert [e.text for e in told if e.tag != 5] == list("01234567")
+    assert len(throttle._told) == 10
+    throttle.tick(10 * S)
+    assert len(told) == 10
+    throttle.tick(11 * S)
+    assert told[10].kind == "protocol_error" and told[10].text == (
+        "robots' port: 992 more from 10.0.0.2 and 2 other addresses in the last 10 s: refused (992)"
+    )
+    throttle.tick(30 * S)
+    assert len(told) == 11, "nothing happened, nothing is told"
+    throttle.notify(LinkEvent("refused", 5, "7", 30 * S))
+    assert told[11].text == "7"
 
 
 def test_a_robot_without_room_for_the_parameters_is_refused() -> None:

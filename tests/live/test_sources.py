@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -110,6 +111,29 @@ def test_the_experiment_names_the_tracker(said: list[str], monkeypatch: pytest.M
     source = open_source(replace(experiment, tracker=address), None, said.append)
     assert source.kind == "original" and source.name == "the tracker 127.0.0.1:4040"
     assert source.figures()["reconnects"] == 0
+    source.close()
+
+
+@pytest.mark.parametrize(
+    ("tracker", "doubt"),
+    [
+        (JsonLinesTracker("127.0.0.1", 0, 7), ""),
+        (
+            JsonLinesTracker("0.0.0.0", 0, 7),
+            r"port \d+ on 0.0.0.0: whoever writes lines moves every",
+        ),
+        (TrackerAddress("localhost", 4040, (0.0, 0.0), 0.0, 7), ""),
+        (
+            TrackerAddress("192.0.2.9", 4040, (0.0, 0.0), 0.0, 7),
+            "the tracker 192.0.2.9:4040: whoever answers in its place moves every robot",
+        ),
+    ],
+)
+def test_a_tracker_that_others_could_be_is_named(
+    said: list[str], tracker: JsonLinesTracker | TrackerAddress, doubt: str
+) -> None:
+    source = open_source(replace(load("pollutant"), tracker=tracker), None, said.append)
+    assert re.match(doubt, source.doubt) if doubt else source.doubt == ""
     source.close()
 
 

@@ -88,6 +88,8 @@ def test_an_unknown_family_lists_the_known_ones() -> None:
         ({"polygon_u": [[-3, -3], [3, -3], [30, 0], [3, 3], [-3, 3]]}, "rim"),
         ({"disc_centre_u": []}, "list index"),
         ({"name": None, "unit_mm": None}, "NoneType"),
+        ({"polygon_u": [[-3, -3], [1e308, -3], [3, 3]]}, "too large"),
+        ({"disc_centre_u": [1e308, 0]}, "too large"),
     ],
 )
 def test_a_broken_definition_is_named(
@@ -107,6 +109,9 @@ def test_a_broken_definition_is_named(
     assert load_family(str(file)).name == "mine"
     file.write_text(json.dumps(good | change))
     with pytest.raises(FamilyError, match=complaint):
+        load_family(str(file))
+    file.write_bytes(b"\xc8{}")
+    with pytest.raises(FamilyError, match="is no text"):
         load_family(str(file))
     file.write_text("{\n\n!")
     with pytest.raises(FamilyError, match=r"mine\.json:3"):

@@ -149,6 +149,14 @@ def test_tables_hold_what_was_recorded(file: Path, tmp_path: Path) -> None:
     assert gap[1] == "gap" and "0.100 s before this" in gap[3] and gap[3].endswith(": full")
 
 
+def test_half_a_character_ends_no_export(tmp_path: Path) -> None:
+    said = {"text": "half \ud800", "level": "info", "by": None}
+    path = record(tmp_path / "odd.mcap", [Message("/event", BEGIN_NS, said)])
+    with open_recording(path) as recording:
+        assert export_csv(recording, tmp_path / "tables")["events"] == 1
+    assert "half ?" in (tmp_path / "tables" / "events.csv").read_text()
+
+
 def test_nothing_is_written_over(file: Path, tmp_path: Path) -> None:
     (tmp_path / "robots.csv").write_text("mine")
     with open_recording(file) as recording:

@@ -51,7 +51,7 @@ def test_it_plays_until_somebody_interrupts(
     file = record(tmp_path / "run.mcap", [Message("/arena", BEGIN_NS, {})])
     pages: list[Page] = []
 
-    def make(web: WebAddress, bus: MessageBus, give: Give) -> Page:
+    def make(web: WebAddress, bus: MessageBus, give: Give, tell: object) -> Page:
         pages.append(Page(bus, give))
         return pages[0]
 

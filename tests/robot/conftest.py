@@ -24,7 +24,7 @@ DROPS = Table([*TABLE.entries, Entry(11, "drops", "u4", Direction.ACTUATOR)])
 """What the controller of `probe.c` knows."""
 
 FLAGS = [*STRICT, "-O1", "-g"]
-FLAGS += ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+FLAGS += ["-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all"]
 
 
 class Builder:

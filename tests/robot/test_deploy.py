@@ -577,6 +577,7 @@ def test_what_one_robot_needs_goes_into_its_settings(tmp_path: Path) -> None:
     [
         ("a tag=1\nb\n", 2, "expected tag=0..65535, got no tag"),
         ("a tag=70000\n", 1, "expected tag=0..65535, got 70000"),
+        (f"a tag={'1' * 5000}\n", 1, "expected tag=0..65535, got 1111"),
         ("a tag=1 speed=3\n", 1, "expected one of tag=VALUE, base=VALUE, name=VALUE"),
         ("a tag=1 tag=2\n", 1, "tag= is there twice"),
         ("a tag=1 name=$(reboot)\n", 1, "expected one of"),

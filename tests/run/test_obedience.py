@@ -96,6 +96,16 @@ def test_a_robot_that_is_seen_moving_is_told_whatever_it_says() -> None:
     assert [text.split()[0] for _, text in lines] == ["ROBOT", "robot"]
 
 
+def test_what_the_cameras_saw_before_a_run_counts_for_nothing_after_it() -> None:
+    watch = Obedience()
+    watch.update({7: robot(RUNS, 0, Wanted.RUN)}, None, 0)
+    for ms in range(0, 1000, 100):
+        watch.update({7: robot(STANDS, ms)}, seen(ms, 0.0001 * ms), ms * MS)
+    assert watch.update({7: robot(RUNS, 1000, Wanted.RUN)}, None, S) == ["robot seven obeys again"]
+    stopped = robot(STANDS, 1100, ordered_ms=1050)
+    assert watch.update({7: stopped}, seen(1100, 0.5), 1100 * MS) == []
+
+
 def test_who_stands_and_is_then_carried_is_not_accused() -> None:
     still, carried = (
         [(0.0005 * (n % 2), 0.001) for n in range(12)],

@@ -53,7 +53,10 @@ def test_a_long_run_takes_bounded_memory(
 ) -> None:
     monkeypatch.setattr("vsense.run.portrait.MOST_TIMESTEPS", 4)
     portrait, environment = lived(state, [0, 0])
-    assert len(portrait._poses) == 4
+    told = portrait._figure(np.array(portrait._known))
+    assert told.run_timesteps.tolist() == [0, 4, 8]
+    assert len(told.poses) == len(told.samples.shares) == 3
+    assert told.poses[-1, 0, 1] == pytest.approx(0.4)
     assert portrait.draw(tmp_path / "run.png", environment.world, False, "2 robots")
 
 

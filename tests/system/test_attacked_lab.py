@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.system.attacker import Attacker
+from tests.system.attacker import Attacker, LoopbackAttacker
 from tests.system.test_lab import Lab
 from vsense.clock import host_ns
 from vsense.lab.microcontrollers import read_actuations
@@ -27,10 +27,10 @@ STOP_NS = 450_000_000
 
 
 @pytest.fixture
-def attacker() -> Iterator[Attacker]:
+def attacker() -> Iterator[LoopbackAttacker]:
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    one = Attacker(port)
+    one = LoopbackAttacker(port)
     yield one
     one.close()
 

@@ -57,9 +57,14 @@ def test_a_mixed_swarm_runs_together(floor: Floor, tmp_path: Path) -> None:
     floor.add(tracker)
     file = experiment(tmp_path, tracker.framework(), 2)
     words = ["--port", "0", "--legacy-port", "0", "--output", str(tmp_path / "notes"), "--json"]
+    words += ["--host", "0.0.0.0"]
     program = floor.program("run", str(file), *words)
     floor.wait_for(program.heard(r"original client on port \d+\n"), "its ports")
     legacy_port = int(re.findall(r"original client on port (\d+)", program.said)[0])
+    robots = "not authenticated: robots' port on 0.0.0.0 (--insecure): anybody can drive robots"
+    floor.wait_for(program.heard(re.escape(robots)), "what is said of robots without keys")
+    said = f"not authenticated: original client's port {legacy_port} on 0.0.0.0: whoever"
+    floor.wait_for(program.heard(said), "what is open")
     port = int(re.findall(r"waiting for robots on .*, port (\d+)", program.said)[0])
     floor.wait_for(program.heard("does not know the sensor 'leds': not told to it"), "a word")
     floor.connect(24, port)

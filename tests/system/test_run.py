@@ -170,7 +170,7 @@ def test_a_robot_that_dies_is_missed_and_taken_back_while_the_others_go_on(
     floor.wait_for(floor.moving, "all in motion")
     assert program.heard(r"robot 24 \(epuck_24_0\): reconnected")()
     program.tell(signal.SIGTERM)
-    assert end(floor, program) == 130
+    assert end(floor, program) == 143
     figures = summary(tmp_path)
     assert figures["link"]["reconnects"] == 1
     assert [robot["sessions"] for robot in figures["per_robot"]] == [1, 2, 1]

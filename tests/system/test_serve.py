@@ -42,13 +42,13 @@ class Server:
     """A running `vsense serve`."""
 
     def __init__(self, recording: Path) -> None:
-        arguments = ("--host", "127.0.0.1", "--port", "0")
-        self.process = start(recording, "serve", *arguments, stderr=subprocess.PIPE)
+        self.process = start(recording, "serve", "--port", "0", stderr=subprocess.PIPE)
         self.told = Told()
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
         self.told.wait("serving arena states")
-        self.port = int(re.findall(r"port (\d+)", self.told.lines[0])[0])
+        self.port = int(re.findall(r"on 127\.0\.0\.1, port (\d+)", self.told.lines[0])[0])
+        self.told.wait("only programs on this machine reach that address")
 
     def _read(self) -> None:
         for line in self.process.stderr or ():

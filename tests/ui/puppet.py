@@ -63,6 +63,7 @@ class Puppet:
         self.playing, self.speed, self.position_s = False, 1.0, 0.0
         self.run, self.timestep, self.total = 1, -1, -1
         self.stopped = self.silent = False
+        self.doubts: list[str] = []
         self.recording_trouble: str | None = None
         self._known = 0
         self._lock = threading.Lock()
@@ -163,6 +164,7 @@ class Puppet:
                           "bytes": self.timestep * 41_000 if self.recording else 0,
                           "lost_messages": 0, "trouble": self.recording_trouble},
             "disk_free_bytes": 212_000_000_000,
+            "doubts": self.doubts,
         }  # fmt: skip
         if self.mode == "track":
             made["can"] = ["stop", "record"]

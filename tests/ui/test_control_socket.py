@@ -122,7 +122,9 @@ def test_of_several_one_must_be_named(place: Path, bell: ControlSocket) -> None:
 
 @pytest.mark.parametrize(
     "line", [b"", b"\n", b"{}", b"[1]", b'{"order": "dance"}', b'{"order": "pause", "value": "x"}',
-             b"\xff\xfe", b"{" * 5000]
+             b"\xff\xfe", b"{" * 5000,
+             b"[" * 4000, b'{"order": "pause", "value": 1e999}', b'{"order": "pause", "value": 1'
+             + b"0" * 400 + b"}"]
 )  # fmt: skip
 def test_nonsense_is_answered_and_harms_nobody(
     bell: ControlSocket, desk: Desk, line: bytes

@@ -198,6 +198,17 @@ def test_the_chosen_robot_shows_what_it_senses(served: Serve, opened: Open) -> N
     page.until("document.querySelector('#robot').hidden")
 
 
+def test_who_could_move_robots_unseen_stands_in_the_banner(served: Serve, opened: Open) -> None:
+    puppet, _, url = served()
+    puppet.doubts = ["port 4041 on 0.0.0.0: whoever writes lines moves every robot"]
+    page = opened(url)
+    page.until("document.querySelector('#banner').innerText.includes('port 4041 on 0.0.0.0')")
+    assert "Not authenticated" in page.text("#banner")
+    page.click("#start")
+    page.until("document.body.dataset.state === 'running'")
+    assert "Not authenticated" in page.text("#banner"), "as long as they are open"
+
+
 def test_trouble_stands_in_the_banner_and_first_in_the_table(served: Serve, opened: Open) -> None:
     puppet, _, url = served(running())
     page = opened(url)

@@ -17,7 +17,12 @@ ROOT = Path(__file__).parent.parent.parent
 C_SRC = ROOT / "c_src"
 TESTS = ROOT / "tests" / "c"
 STRICT = ["-pedantic", "-Wall", "-Wextra", "-Wshadow", "-Wconversion", "-Werror"]
-SANITIZE = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+SANITIZE = [
+    "-g",
+    "-O1",
+    "-fsanitize=address,undefined,float-cast-overflow",
+    "-fno-sanitize-recover=all",
+]
 EDGES = ("vs_posix", "vs_i2c_posix")
 """The files that talk to the operating system; all others are pure."""
 

@@ -238,8 +238,6 @@ def break_order(link: Link, what: str) -> bytes:
         return encode(Header(PacketType.GOODBYE, session=99), Notice(0), key)
     if what == "a robot's packet":
         return encode(Header(PacketType.HELLO), Hello(bytes(16), 1, "", ""), key)
-    if what == "another key":
-        return encode(Header(PacketType.GOODBYE, session=link.host.session), Notice(0))
     if what == "damage":
         return link.state(2 * S)[:-16] + bytes(16)
     return b"GET / HTTP/1.1\r\n"
@@ -253,7 +251,6 @@ def break_order(link: Link, what: str) -> bytes:
         ("goodbye of another session", "VS_ERR_SESSION"),
         ("a robot's packet", "VS_ERR_TYPE"),
         ("damage", "VS_ERR_TAG"),
-        ("another key", "VS_ERR_TAG"),
         ("another protocol", "VS_ERR_MAGIC"),
     ],
 )

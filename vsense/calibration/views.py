@@ -23,6 +23,7 @@ from vsense.errors import ConfigError, UsageError
 from vsense.files import read_text
 
 _MOST_TABLE_BYTES = 256 << 20
+_DIGITS_MAX = 9
 
 Ints = NDArray[np.int64]
 
@@ -99,13 +100,20 @@ def number_at(path: Path, line: int, name: str, text: str) -> float:
     return value
 
 
+def _is_number(text: str) -> bool:
+    """Of a size that Python makes a number of."""
+    return text.isdecimal() and len(text) <= _DIGITS_MAX
+
+
 def read_corners(path: Path, corners: int) -> list[View]:
     """Reads a file of `write_corners`, for so many corners; raises as `read_table` does."""
     views: dict[tuple[str, str], dict[int, tuple[float, float]]] = {}
     for line, (camera, moment, corner, *place) in read_table(path, COLUMNS):
-        if not corner.isdecimal() or int(corner) >= corners:
+        if not _is_number(corner) or int(corner) >= corners:
             raise ConfigError(
-                str(path), line, f"corner: '{corner}': expected 0 to {corners - 1} on this board"
+                str(path),
+                line,
+                f"corner: '{corner[:40]}': expected 0 to {corners - 1} here",
             )
         view = views.setdefault((camera, moment), {})
         if int(corner) in view:

@@ -26,7 +26,7 @@ from vsense.cameras.picture import Image
 from vsense.clock import host_ns
 from vsense.config import resources as resources_file
 from vsense.errors import UsageError, VsenseError
-from vsense.terminal import INTERRUPTED, Console, interruption
+from vsense.terminal import Console, interruption
 from vsense.tracking.opening import live_grabber
 from vsense.tracking.specs import GrabberSpec
 
@@ -137,7 +137,7 @@ def run(options: ShootOptions, as_json: bool) -> int:
             _by_itself(shoot, names, options.every, options.count, interrupted)
         _end(shoot, options, as_json, console)
         if interrupted.is_set():
-            return INTERRUPTED
+            return interrupted.code
         return 0 if shoot.moments else 1
 
 

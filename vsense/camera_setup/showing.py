@@ -23,7 +23,7 @@ from vsense.clock import host_ns
 from vsense.errors import UsageError, VsenseError
 from vsense.live.track_room import TrackRoom
 from vsense.markers.families import load_family
-from vsense.terminal import INTERRUPTED, Console, interruption
+from vsense.terminal import Console, interruption
 from vsense.tracking.opening import live_grabber
 from vsense.tracking.specs import GrabberSpec, TrackingSession
 from vsense.ui.access import WebAddress
@@ -85,7 +85,7 @@ def run(
             session = session_of(spec.id, [spec], sizes_px, finder.px_per_m)
             room = stack.enter_context(TrackRoom(web, session, troubles, console))
             ShowSession(session, finder, room, console, troubles).run(interrupted)
-        return INTERRUPTED if interrupted.is_set() else 0
+        return interrupted.code if interrupted.is_set() else 0
 
 
 def _look(spec: GrabberSpec, save: Path | None) -> Image:

@@ -26,7 +26,7 @@ from vsense.clock import host_ns
 from vsense.config import resources as resources_file
 from vsense.errors import UsageError
 from vsense.markers.families import load_family
-from vsense.terminal import INTERRUPTED, LiveBlock, interruption
+from vsense.terminal import LiveBlock, interruption
 
 PERIOD_NS = 500_000_000
 """Time between two drawings."""
@@ -148,7 +148,7 @@ def run(options: TuneOptions, measure: Measure, as_json: bool) -> int:
             print(f"vsense: {options.id}: {text}", file=sys.stderr)
         is_back = measure(tuner, interrupted, as_json)
         if interrupted.is_set():
-            return INTERRUPTED
+            return interrupted.code
         return 0 if is_back else 1
 
 

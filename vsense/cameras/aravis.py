@@ -18,6 +18,7 @@ import cffi
 
 from vsense.cameras.gige import GIGE, USB3, ListedCamera
 from vsense.cameras.grabber import GrabberError
+from vsense.terminal import printable
 
 PACKAGE = "libaravis-0.8-0"
 
@@ -180,8 +181,12 @@ def _ask() -> list[ListedCamera]:
     )
     lib.arv_update_device_list()
     rows = [[ask(n) for ask in questions] for n in range(lib.arv_get_n_devices())]
-    texts = [[ffi.string(t).decode(errors="replace") if t else "" for t in r] for r in rows]
+    texts = [[_text(ffi.string(t)) if t else "" for t in row] for row in rows]
     cameras = [ListedCamera(*row) for row in texts if row[1] in (GIGE, USB3)]
     # Aravis fills a USB3 camera's address with a word that is no address.
     cameras = [c if c.protocol == GIGE else replace(c, address="") for c in cameras]
     return sorted(cameras, key=lambda camera: (camera.protocol, camera.id))
+
+
+def _text(field: bytes) -> str:
+    return printable(field.decode(errors="replace"))

@@ -16,6 +16,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from vsense.cameras.networks import Network, networks
+from vsense.terminal import printable
 
 PORT = 3956
 CONTROL = 0x0A00
@@ -160,4 +161,4 @@ def _ask(ears: socket.socket, network: Network, port: int) -> None:
 
 
 def _text(field: bytes) -> str:
-    return field.partition(b"\0")[0].decode(errors="replace").strip()
+    return printable(field.partition(b"\0")[0].decode(errors="replace").strip())

@@ -81,9 +81,11 @@ def read_timestamps(path: Path, named: bool) -> list[CaptureTime]:
         raise ConfigError(str(path), 1, f"cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise ConfigError(str(path), 1, "is no text, expected a CSV table") from None
-    rows = [
-        (n, cells) for n, cells in enumerate(csv.reader(lines), 1) if any(map(str.strip, cells))
-    ]
+    reader = csv.reader(lines)
+    try:
+        rows = [(n, cells) for n, cells in enumerate(reader, 1) if any(map(str.strip, cells))]
+    except csv.Error as error:
+        raise ConfigError(str(path), max(reader.line_num, 1), str(error)) from None
     if not rows:
         raise ConfigError(str(path), 1, f"is empty, expected a header of {', '.join(COLUMNS)}")
     header = _header(path, *rows[0], named)

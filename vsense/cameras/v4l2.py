@@ -17,6 +17,8 @@ from enum import IntEnum
 from pathlib import Path
 from typing import Any
 
+from vsense.terminal import printable
+
 _QUERY, _GET, _SET = 0xC0445624, 0xC008561B, 0xC008561C
 """VIDIOC_QUERYCTRL, VIDIOC_G_CTRL and VIDIOC_S_CTRL. Source: Linux, videodev2.h."""
 _VALUE = struct.Struct("Ii")
@@ -225,7 +227,7 @@ class _Node:
 
 
 def _text(field: bytes) -> str:
-    return field.split(b"\0")[0].decode(errors="replace")
+    return printable(field.split(b"\0")[0].decode(errors="replace"))
 
 
 def _four_letters(code: int) -> str:

@@ -10,6 +10,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any, TypeVar
 
+from vsense.errors import UsageError
 from vsense.report import FORMATS
 from vsense.robot.programs import CodeOptions
 from vsense.ui.access import WebAddress
@@ -144,8 +145,15 @@ def add_tracking_files(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_web(parser: argparse.ArgumentParser, default: tuple[str, int] | None = None) -> None:
-    """Declares the page; without a default there is none unless it is wanted."""
+def add_web(
+    parser: argparse.ArgumentParser,
+    default: tuple[str, int] | None = None,
+    insecure: bool = True,
+) -> None:
+    """Declares the page; without a default there is none unless it is wanted.
+
+    `insecure`: declares the option of this name, too, which other groups may have declared.
+    """
     group = parser.add_argument_group("page")
     group.add_argument(
         "--web",
@@ -153,7 +161,7 @@ def add_web(parser: argparse.ArgumentParser, default: tuple[str, int] | None = N
         default=default,
         metavar="[ADDRESS:]PORT",
         help="serve the control room's page there: 8080 is this machine only; 0.0.0.0:8080 is every"
-        " interface, and needs one token for looking and another for control, which are printed"
+        " interface, with HTTPS, one token for looking and another for control, which are printed"
         + (f" (default: {default[1]})" if default else ""),
     )
     group.add_argument(
@@ -162,14 +170,35 @@ def add_web(parser: argparse.ArgumentParser, default: tuple[str, int] | None = N
         metavar="FILE",
         help="a file with the lines look=... and control=..., instead of tokens drawn anew",
     )
+    group.add_argument(
+        "--web-cert",
+        type=Path,
+        metavar="FILE",
+        help="serve the page with HTTPS and this certificate (PEM); without it, a page that other"
+        " machines may open has one that is made here and kept, whose fingerprint is printed",
+    )
+    group.add_argument(
+        "--web-key",
+        type=Path,
+        metavar="FILE",
+        help="its private key (default: in the same file)",
+    )
+    if insecure:
+        flag(group, "--insecure", INSECURE_PAGE)
+
+
+INSECURE_PAGE = "other machines may open the page with plain HTTP: whoever hears a token can use it"
 
 
 def web_of(options: argparse.Namespace) -> WebAddress | None:
     """Returns what `add_web` declares: where the page is served, None: nowhere."""
+    if options.web_key is not None and options.web_cert is None:
+        raise UsageError("--web-key is the key of a certificate: give that with --web-cert")
     if options.web is None:
         return None
     host, port = options.web
-    return WebAddress(host, port, options.web_tokens)
+    files = (options.web_tokens, options.web_cert, options.web_key)
+    return WebAddress(host, port, *files, options.insecure)
 
 
 def add_action(actions: Any, name: str, text: str) -> argparse.ArgumentParser:

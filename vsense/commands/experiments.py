@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import secrets
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from vsense.commands import arguments
@@ -96,9 +96,9 @@ def key_path(options: argparse.Namespace) -> Path:
     return options.key or keys.default_path()
 
 
-def add_insecure(parser: argparse.ArgumentParser, text: str) -> None:
-    """Declares `--insecure`."""
-    arguments.flag(parser, "--insecure", text)
+def add_insecure(parser: argparse.ArgumentParser, text: str, page: bool = True) -> None:
+    """Declares `--insecure`, with `page` that of a page, too."""
+    arguments.flag(parser, "--insecure", f"{text}; {arguments.INSECURE_PAGE}" if page else text)
 
 
 def trust_of(options: argparse.Namespace) -> LinkTrust:
@@ -154,9 +154,15 @@ def say_legacy_port(server: VirtualSensorServer, say: Callable[[str], None]) -> 
             say(f"the original client does not know the sensor '{name}': not told to it")
 
 
+def say_doubts(doubts: Sequence[str], console: Console) -> None:
+    """Says how other machines could move robots without showing who they are."""
+    for doubt in doubts:
+        console.say(f"not authenticated: {doubt}", "warning")
+
+
 def add_room(parser: argparse.ArgumentParser) -> None:
     """Declares how the runs are seen, steered and kept: the control room."""
-    arguments.add_web(parser)
+    arguments.add_web(parser, insecure=False)
     group = parser.add_argument_group("control room")
     group.add_argument(
         "--hold",

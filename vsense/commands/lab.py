@@ -11,7 +11,7 @@ import numpy as np
 
 from vsense.commands import arguments, experiments
 from vsense.config.specs import Experiment, Stage
-from vsense.errors import VsenseError
+from vsense.errors import CutShort, VsenseError
 from vsense.lab import metrics, report
 from vsense.lab.links import BASES
 from vsense.lab.session import Session
@@ -22,7 +22,7 @@ from vsense.pictures.run_figure import spoken
 from vsense.run import directory as run_directory
 from vsense.run.runner import Series
 from vsense.run.runtime import Step
-from vsense.terminal import INTERRUPTED, Console, interruption
+from vsense.terminal import Console, interruption
 from vsense.ui.room import ControlRoom
 
 DESCRIPTION = (
@@ -77,7 +77,8 @@ def run(options: argparse.Namespace) -> int:
     """Runs an experiment in the lab and reports about it, also after a failure.
 
     Returns:
-        0, or 130 after Ctrl-C or SIGTERM: what was measured until then is reported all the same.
+        0, or 130 after Ctrl-C, 143 after SIGTERM: what was measured until then is reported all
+        the same.
     """
     opened = experiments.open_experiment(options, stage=Stage.LAB)
     if opened is None:
@@ -100,10 +101,17 @@ def run(options: argparse.Namespace) -> int:
         series = Series(directory, options.runs, room.holds, interrupted)
         failure = _run_all(session, series, room, console)
         console.end_progress()
-        _report_all(options, session, series, console)
+        try:
+            with interrupted.in_time():
+                _report_all(options, session, series, console)
+        except CutShort:
+            console.say(f"vsense: no time for the figures; the run's logs are in {directory}")
+            if failure is not None:
+                console.say(f"vsense: {failure}", "trouble")
+            raise
         if failure is not None:
             raise failure
-        return INTERRUPTED if series.was_broken(session.runner.control) else 0
+        return interrupted.code if series.was_broken(session.runner.control) else 0
 
 
 def _run_all(
@@ -112,6 +120,7 @@ def _run_all(
     """Carries out all runs; returns a failure in one of them, to be raised after the reports."""
     with session:
         experiments.say_legacy_port(session.server, console.say)
+        experiments.say_doubts(session.doubts(), console)
         try:
             while True:
                 directory = series.directory(session.runner.control.run)
@@ -180,13 +189,15 @@ def _report_all(
 ) -> None:
     """Measures, writes and prints the figures of all runs."""
     summaries = []
-    for number, recording in enumerate(session.recordings, 1):
-        if len(recording.steps):
-            on_stdout = options.json and not series.several
-            summaries.append(_report(session, number, on_stdout, console))
-        else:
-            console.say("vsense: the run ended before its first timestep: nothing was measured")
-    series.write_summary(session.experiment.name, summaries, options.json)
+    try:
+        for number, recording in enumerate(session.recordings, 1):
+            if len(recording.steps):
+                on_stdout = options.json and not series.several
+                summaries.append(_report(session, number, on_stdout, console))
+            else:
+                console.say("vsense: the run ended before its first timestep: nothing was measured")
+    finally:
+        series.write_summary(session.experiment.name, summaries, options.json)
 
 
 def _report(session: Session, number: int, on_stdout: bool, console: Console) -> dict[str, Any]:

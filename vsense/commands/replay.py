@@ -15,9 +15,9 @@ from vsense.config import tracking_session
 from vsense.errors import UsageError
 from vsense.message_bus import MessageBus
 from vsense.run.orders import Order, OrderKind
-from vsense.terminal import INTERRUPTED, Console, interruption
+from vsense.terminal import Console, interruption
 from vsense.ui.access import WebAddress
-from vsense.ui.room import make_server
+from vsense.ui.room import make_server, say_encryption
 
 if TYPE_CHECKING:
     from vsense.recording.reader import Recording
@@ -55,7 +55,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Plays a recording, or tracks again; 0, or 130 where it was interrupted, as playing ends."""
+    """Plays a recording, or tracks again; 0, or 130 (143 by SIGTERM) where it was
+    interrupted, as playing ends.
+    """
     recording.require()
     if options.retrack:
         return _retrack(options)
@@ -75,22 +77,25 @@ def play(file: Path, speed: float, web: WebAddress) -> int:
     console = Console()
     with ExitStack() as stack:
         interrupted = stack.enter_context(interruption())
-        opened = stack.enter_context(open_recording(file))
+        with interrupted.at_once():
+            opened = stack.enter_context(open_recording(file))
         _say_state(console, opened)
         bus = MessageBus()
         player = Player(opened, bus)
         player.give(Order(OrderKind.SPEED, "terminal", speed))
-        server = make_server(web, bus, player.give)
+        server = make_server(web, bus, player.give, lambda text: console.say(text, "warning"))
         stack.callback(server.close)
         addresses = server.start()
         console.say(f"vsense: plays {opened.duration_s:.1f} s in {addresses.control}")
         if addresses.look != addresses.control:
             console.say(f"vsense: only to look: {addresses.look}")
+        for line in say_encryption(web):
+            console.say(f"vsense: {line}")
         player.start()
         stack.callback(player.close)
         player.give(Order(OrderKind.PLAY, "terminal", 1.0))
         interrupted.wait()
-    return INTERRUPTED
+    return interrupted.code
 
 
 def _retrack(options: argparse.Namespace) -> int:
@@ -107,13 +112,16 @@ def _retrack(options: argparse.Namespace) -> int:
             made = {**tracker_made.of_session(session), "versions": made["versions"]}
         return tracker_made.change_settings(made, dict(options.set))
 
-    with interruption() as interrupted, open_recording(options.file) as opened:
+    with ExitStack() as stack:
+        interrupted = stack.enter_context(interruption())
+        with interrupted.at_once():
+            opened = stack.enter_context(open_recording(options.file))
         _say_state(console, opened)
         tracking = Retracking(opened, change)
         for number, _ in enumerate(tracking.states(), 1):
             console.progress(f"{number} timesteps tracked again")
             if interrupted.is_set():
-                return INTERRUPTED
+                return interrupted.code
         console.end_progress()
         if opened.damaged:
             console.say(f"vsense: {len(opened.damaged)} parts of {options.file} are damaged")

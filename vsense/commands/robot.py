@@ -106,7 +106,9 @@ def _add_deploy(parser: argparse.ArgumentParser) -> None:
         " see vsensed --help",
     )
     experiments.add_key(parser)
-    experiments.add_insecure(parser, "bring no keys: the robots obey whoever sends them commands")
+    experiments.add_insecure(
+        *(parser, "bring no keys: the robots obey whoever sends them commands"), page=False
+    )
     _add_ways(parser)
 
 

@@ -17,7 +17,7 @@ from vsense.run import directory as run_directory
 from vsense.run.directory import RunLog
 from vsense.run.robots import Readiness, shorten
 from vsense.run.runner import Series
-from vsense.terminal import INTERRUPTED, interruption, print_data
+from vsense.terminal import interruption, print_data
 from vsense.ui.room import ControlRoom
 
 DESCRIPTION = (
@@ -91,8 +91,8 @@ def run(options: argparse.Namespace) -> int:
     """Runs an experiment with real robots and reports about every run, also after a failure.
 
     Returns:
-        0, or 130 after Ctrl-C or SIGTERM in a run: what was measured until then is reported all
-        the same.
+        0, or 130 after Ctrl-C, 143 after SIGTERM in a run: what was measured until then is
+        reported all the same.
     """
     opened = experiments.open_experiment(options)
     if opened is None:
@@ -147,7 +147,7 @@ class RunCommand:
         self.series.write_summary(setup.experiment.name, summaries, options.json)
         if failure is not None:
             raise failure
-        return INTERRUPTED if self.series.was_broken(session.runner.control) else 0
+        return self.setup.interrupted.code if self.series.was_broken(session.runner.control) else 0
 
     def _one_run(self, session: RunSession, summaries: list[dict[str, Any]]) -> bool:
         """Waits, carries out a run and reports; False if the wait was interrupted."""
@@ -189,6 +189,7 @@ class RunCommand:
         )
         experiments.say_trust(setup.trust, lambda text: say(text, "warning"))
         experiments.say_legacy_port(session.server, say)
+        experiments.say_doubts(session.doubts(), self.log)
         if host.startswith("127.") or host == "localhost":
             say("only robots on this machine reach that address; for others: --host 0.0.0.0")
 

@@ -19,9 +19,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.add_tracking_files(parser)
     parser.add_argument(
         "--host",
-        default="0.0.0.0",
+        default="127.0.0.1",
         metavar="ADDRESS",
-        help="interface to listen on (default: all of them)",
+        help="interface to listen on, 0.0.0.0: all (default: 127.0.0.1, this machine only): the"
+        " original's protocol knows no keys, so whoever reaches the port is served",
     )
     parser.add_argument(
         "--port",

@@ -20,7 +20,7 @@ from vsense.sim.campaign import Campaign
 from vsense.sim.job import Job, Setup, Sweep
 from vsense.sim.record import LOGGED, TRAJECTORY
 from vsense.sim.watch import Interrupted, Task, WorkerProcess, simulate_all
-from vsense.terminal import INTERRUPTED, Console, interruption
+from vsense.terminal import Console, interruption
 
 DESCRIPTION = (
     "Runs an experiment in this machine alone: the same controller, compiled once and run in one"
@@ -80,7 +80,7 @@ def _add_campaign(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Runs an experiment or a campaign; 0, or 130 after Ctrl-C or SIGTERM."""
+    """Runs an experiment or a campaign; 0, or 130 after Ctrl-C, 143 after SIGTERM."""
     sweep = Sweep.of(options.set, options.runs, options.seeds)
     settings = sweep.first
     experiment = experiments.open_experiment(options, settings, Stage.SIM)
@@ -109,7 +109,7 @@ def run(options: argparse.Namespace) -> int:
             return 0
         except Interrupted:
             console.end_progress()
-            return INTERRUPTED
+            return interrupted.code
 
 
 def _one(

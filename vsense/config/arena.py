@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -142,13 +143,13 @@ def _find(element: Element, folder: Path, name: str) -> Path:
     as one here does.
     """
     path = folder / name
-    if path.is_file() or not element.document.lenient:
+    if os.path.isfile(path) or not element.document.lenient:
         return path
     ends = Path(name).parts
     for place in (folder, *folder.resolve().parents[:_LEVELS_UP]):
         for first in range(1 if path.is_absolute() else 0, len(ends)):
             found = place.joinpath(*ends[first:])
-            if found.is_file():
+            if os.path.isfile(found):
                 element.warn(f"path: {shown(name)} is not there, {str(found)!r} is taken")
                 return found
     return path

@@ -11,6 +11,7 @@ experiment or a shipped controller. Lua scripts run on no robot here.
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -250,7 +251,7 @@ def ported_controller(library: str, folder: Path) -> str | None:
     stem = _stem(library)
     for name in (f"{stem}{suffix}" for suffix in SUFFIXES):
         path = folder / name
-        if path.is_file() and (path.suffix == ".c" or b"vs_controller" in path.read_bytes()):
+        if os.path.isfile(path) and (path.suffix == ".c" or b"vs_controller" in path.read_bytes()):
             return name
     return None
 
@@ -264,7 +265,7 @@ def shipped_controller(library: str) -> str | None:
 def ported_loop_functions(library: str, folder: Path) -> Path | None:
     """Finds the port of loop functions: a Python file beside the experiment file."""
     path = folder / f"{_stem(library)}.py"
-    return path if path.is_file() else None
+    return path if os.path.isfile(path) else None
 
 
 def _stem(library: str) -> str:

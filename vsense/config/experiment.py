@@ -201,7 +201,8 @@ def _scope(bodies: ArenaContents, timesteps: int) -> Scope:
 def _settings(controller: Element, bodies: ArenaContents) -> RobotSettings:
     """What the robots of a controller say of their simulated devices; that of the first counts."""
     name = controller.text("id")
-    robots = [robot for robot, e in bodies.controllers.items() if e.peek("config") == name]
+    users = {robot: (e.peek("config") or "").strip() for robot, e in bodies.controllers.items()}
+    robots = [robot for robot, config in users.items() if config == name]
     found = [bodies.settings[robot] for robot in robots]
     sensors = [e.name for section in controller.below("sensors") for e in section.below()]
     if any(other != found[0] for other in found) and not USING_SETTINGS.isdisjoint(sensors):

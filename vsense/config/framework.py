@@ -10,6 +10,7 @@ protocol does not say how old a state is when it comes. Any other tracker is a
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from ipaddress import IPv4Address
 from pathlib import Path
@@ -53,7 +54,7 @@ def read_loop_functions(root: Element, folder: Path, code: CodeOptions) -> LoopS
         element.warn(f"library: {shown(library)} is C++: its port {port.name!r} is called instead")
     else:
         port = folder / library
-        if port.suffix != ".py" or not port.is_file():
+        if port.suffix != ".py" or not os.path.isfile(port):
             raise element.error(f"{shown(library)}: expected the path of a .py file", "library")
     _check_syntax(element, port)
     params = collect(element, {})

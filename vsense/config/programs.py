@@ -146,7 +146,7 @@ def _parts(text: str, folder: Path) -> list[str]:
     """Paths or patterns with commas or blanks between them; a path may have blanks in it."""
 
     def is_whole(part: str) -> bool:
-        return (folder / os.path.expanduser(part.rpartition("=")[2])).exists()
+        return os.path.exists(folder / os.path.expanduser(part.rpartition("=")[2]))
 
     parts = filter(None, (part.strip() for part in text.split(",")))
     return [word for part in parts for word in ([part] if is_whole(part) else part.split())]

@@ -180,7 +180,7 @@ def check_recording(resources: Resources, spec: GrabberSpec) -> None:
     if not exists(spec.source):
         message = f"<grabber> path: there is no {spec.type} {spec.source}"
         raise resources.error(spec.line, message)
-    if spec.timestamps is not None and not spec.timestamps.is_file():
+    if spec.timestamps is not None and not os.path.isfile(spec.timestamps):
         message = f"<grabber> timestamps: there is no file {spec.timestamps}"
         raise resources.error(spec.line, message)
 

@@ -104,6 +104,8 @@ class LabGrabber:
         """Ends the camera process, whose log is complete then; can be called again."""
         with suppress(BrokenPipeError):
             self._stdin.close()
+        if not self._started:
+            self._process.terminate()  # it builds its scene, and reads nothing meanwhile
         end(self._process)
         self._stdout.close()
         self._bank.close()

@@ -30,7 +30,6 @@ import select
 import signal
 import sys
 import time
-from array import array
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -43,7 +42,7 @@ from vsense.config.specs import Experiment, ObjectSpec, RobotSpec, WheelNoise
 from vsense.errors import UsageError, VsenseError
 from vsense.lab.links import bases_of
 from vsense.lab.microcontrollers import ActuationLog, Microcontrollers
-from vsense.lab.processes import describe_exit, end, read_line, start_module
+from vsense.lab.processes import Lateness, describe_exit, end, read_line, start_module
 from vsense.lab.shared import LabError, LogFile
 from vsense.lab.truth import TruthWriter
 from vsense.physics.motion import TICK_NS, Physics, obstacles
@@ -154,8 +153,8 @@ def _text(spec: dict[str, Any], name: str) -> str:
     return value
 
 
-FLUSH_TICKS = 100
-"""The log is written to disk at least once per second."""
+FLUSH_TICKS = 10
+"""The log is written to disk ten times per second."""
 
 
 class PhysicsProcess:
@@ -174,7 +173,7 @@ class PhysicsProcess:
         self._leds = np.zeros(len(self._physics.poses), dtype=np.uint16)
         self._log = ActuationLog(spec.log)
         self._truth = TruthWriter(spec.truth, len(self._physics.poses))
-        self._late_ns = array("q")
+        self._lateness, self._ticks = Lateness(), 0
         self._tick_ns = now_ns
         self._publish()
 
@@ -190,7 +189,8 @@ class PhysicsProcess:
         """
         while self._tick_ns + TICK_NS <= now_ns:
             self._tick_ns += TICK_NS
-            self._late_ns.append(now_ns - self._tick_ns)
+            self._lateness.note((now_ns - self._tick_ns) / 1e6)
+            self._ticks += 1
             self._actuate(self._tick_ns)
             self._physics.tick(self._tick_ns)
             self._publish()
@@ -200,13 +200,13 @@ class PhysicsProcess:
 
     def report(self) -> dict[str, Any]:
         """Contents of `physics.json`: ticks, their lateness in ms, counters of the serial lines."""
-        late_ms = np.array(self._late_ns or [0]) / 1e6
+        late_ms = self._lateness.ticks() or [0.0]
         return {
-            "ticks": len(self._late_ns),
+            "ticks": self._ticks,
             "lateness_ms": {
                 "p50": float(np.percentile(late_ms, 50)),
                 "p99": float(np.percentile(late_ms, 99)),
-                "max": float(late_ms.max()),
+                "max": self._lateness.worst_ms,
             },
             **self.controllers.counters(),
         }
@@ -229,7 +229,7 @@ class PhysicsProcess:
     def _publish(self) -> None:
         self._truth.write(self._tick_ns, self._physics.poses, self._leds)
         self.controllers.sense(self._rings.read(self._physics.bodies))
-        if len(self._late_ns) % FLUSH_TICKS == 0:
+        if self._ticks % FLUSH_TICKS == 0:
             self._log.flush()
 
 
@@ -307,9 +307,14 @@ class FloorProcess:
         spec = _spec(experiment, truth, seed, self.log)
         spec["bases"] = bases_of(base, len(experiment.robots))
         spec["watchdog"] = watchdog
-        self._stdin.write(json.dumps(spec).encode() + b"\n")
-        self._stdin.flush()
-        answer = self._stdout.readline()
+        try:
+            self._stdin.write(json.dumps(spec).encode() + b"\n")
+            self._stdin.flush()
+            answer = self._stdout.readline()
+        except BaseException:  # the user does not want it any more
+            self._process.terminate()
+            self.close()
+            raise
         if not answer:
             self._process.wait()
             raise LabError("the lab's physics did not start; the reason stands above")

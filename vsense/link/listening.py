@@ -13,15 +13,18 @@ import threading
 from collections.abc import Callable
 from typing import Any, Protocol
 
+from vsense.link import descriptors
 from vsense.link.robots.network import Waker, listen
 from vsense.link.robots.status import LinkError
 from vsense.link.robots.streams import prepare
+from vsense.link.strangers import StrangerLog
 
 FINISH_S = 0.5
 """How long the last bytes may take to leave at the end."""
 
 _READ, _WRITE = selectors.EVENT_READ, selectors.EVENT_WRITE
 _CHUNK = 4096
+_ACCEPTED_MAX = 8
 _IDLE_S = 0.25
 _JOIN_S = 5.0
 
@@ -109,6 +112,8 @@ class ListeningServer:
     def __init__(self, name: str, host: str, port: int, clock: Callable[[], int]) -> None:
         self._listener, self.port = listen(host, port)
         self._name = name
+        self._strangers = StrangerLog(f"port {self.port}", self._say)
+        self._resume_ns: int | None = None
         self._clock = clock
         self._lock = threading.Lock()
         self._ending = False
@@ -116,7 +121,7 @@ class ListeningServer:
         self._selector = selectors.DefaultSelector()
         self._waker = Waker()
         self._selector.register(self._waker, _READ)
-        self._listen(True)
+        self._selector.register(self._listener, _READ)
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 
     def start(self) -> int:
@@ -137,13 +142,6 @@ class ListeningServer:
         self._selector.close()
         self._listener.close()
         self._waker.close()
-
-    def _listen(self, wanted: bool) -> None:
-        """Has the thread accept further clients, or leave them in the kernel's queue."""
-        if wanted:
-            self._selector.register(self._listener, _READ)
-        else:
-            self._selector.unregister(self._listener)
 
     def _admit(self, client: Client) -> None:
         """Has the thread listen to a client."""
@@ -182,17 +180,34 @@ class ListeningServer:
                 self._hear(key.data)
             else:
                 self._accept()
+        now_ns = self._clock()
+        if self._resume_ns is not None and now_ns >= self._resume_ns:
+            self._resume_ns = None
+            self._selector.register(self._listener, _READ)
         with self._lock:
             self._settle()
+            self._strangers.tick(now_ns)
 
     def _accept(self) -> None:
         try:
-            sock, address = self._listener.accept()
-        except OSError:
+            for _ in range(_ACCEPTED_MAX):
+                sock, address = self._listener.accept()
+                self._greet(sock, str(address[0]))
+        except (BlockingIOError, InterruptedError, ConnectionError):
             return  # the client has gone again
-        self._greet(sock, str(address[0]))
+        except OSError as error:
+            now_ns = self._clock()
+            text = f"cannot accept a connection: {error.strerror}"
+            with self._lock:
+                self._strangers.note("this machine", text, now_ns)
+            self._resume_ns = now_ns + round(descriptors.PAUSE_S * 1e9)
+            self._selector.unregister(self._listener)
 
     # --- what a subclass does
+
+    def _say(self, text: str) -> None:
+        """Takes a line about strangers for a person; the lock is held."""
+        raise NotImplementedError
 
     def _greet(self, sock: socket.socket, origin: str) -> None:
         """Takes a connection in, or refuses it."""

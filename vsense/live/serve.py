@@ -18,11 +18,12 @@ from vsense.config import tracking_session
 from vsense.link.trackers.server import ArenaServer
 from vsense.live.track import SILENCE_S, Talk, Timesteps, begin_recording, timesteps
 from vsense.recording.pictures import BackgroundRecorder, PictureRecordingError
-from vsense.terminal import INTERRUPTED, Console, interruption
+from vsense.terminal import Console, interruption
 from vsense.tracking.camera_tracking import CameraTracking
 from vsense.tracking.opening import OFFLINE, open_tracking
 from vsense.tracking.specs import TrackingSession
 from vsense.tracking.views import ImagePoses
+from vsense.ui.access import is_loopback
 
 REPEAT_S = 0.1
 """Between two states that repeat the last one: the original's timestep."""
@@ -74,7 +75,7 @@ class RunPictures:
 
 
 def run(resources: str, experiment: str, host: str, port: int | None) -> int:
-    """Serves until Ctrl-C or SIGTERM; returns 130.
+    """Serves until Ctrl-C or SIGTERM; returns 130 or 143.
 
     `resources` and `experiment` are paths, `host` is the address of the interface to listen on;
     `port` 0 is any free one, None the experiment file's.
@@ -91,6 +92,10 @@ def run(resources: str, experiment: str, host: str, port: int | None) -> int:
         stack.callback(server.close)
         server.start()
         talk.say(f"serving arena states on {host}, port {server.port}; Ctrl-C ends it")
+        if is_loopback(host):
+            talk.say("only programs on this machine reach that address; for others: --host 0.0.0.0")
+        else:
+            talk.say(f"not authenticated: port {server.port} on {host} serves whoever reaches it")
         pictures = RunPictures(
             lambda: begin_recording(session, talk),
             session.record.change_root_directory_on_start,
@@ -99,7 +104,7 @@ def run(resources: str, experiment: str, host: str, port: int | None) -> int:
         stack.callback(pictures.close)
         Serving(session, server, locate, pictures, talk, interrupted).run()
         console.end_progress()
-    return INTERRUPTED
+    return interrupted.code
 
 
 @dataclass(frozen=True, slots=True)

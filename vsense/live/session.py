@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -12,6 +11,7 @@ from vsense.cameras.camera import Camera
 from vsense.cameras.grabber import Troubles
 from vsense.config.specs import Experiment
 from vsense.files import read_bytes
+from vsense.link.legacy.server import MixedServer
 from vsense.link.robots.keys import LinkTrust
 from vsense.link.robots.server import LinkEvent, VirtualSensorServer
 from vsense.link.robots.status import EventKind, RobotStatus
@@ -23,7 +23,8 @@ from vsense.run.robots import make_server
 from vsense.run.runner import Runner
 from vsense.run.runtime import Runtime, Step
 from vsense.run.watch import ArenaSource
-from vsense.terminal import Console, Level
+from vsense.terminal import Console, Interruption, Level
+from vsense.ui.access import is_loopback
 from vsense.ui.messages import ExperimentFacts
 from vsense.ui.room import ControlRoom
 
@@ -47,7 +48,7 @@ class RunSetup:
     address: tuple[str, int]
     trust: LinkTrust
     console: Console
-    interrupted: threading.Event
+    interrupted: Interruption
     room: ControlRoom
 
 
@@ -79,7 +80,8 @@ class ExperimentSession(ABC):
 
     def __enter__(self) -> None:
         try:
-            self._open()
+            with self.setup.interrupted.at_once():
+                self._open()
         except BaseException:
             self._stack.close()
             raise
@@ -111,6 +113,7 @@ class ExperimentSession(ABC):
             *(setup.experiment, runtime, server, setup.console, setup.interrupted),
             *(self._observe, control),
         )
+        setup.room.doubts = self.doubts()
         setup.room.open(scene, self.environment, server, runtime, control)
         return runtime
 
@@ -138,6 +141,19 @@ class ExperimentSession(ABC):
         # From here on silence is expected and not reported.
         self._over = True
         self.runner.stop()
+
+    def doubts(self) -> list[str]:
+        """How other machines could move robots without showing who they are."""
+        server, host = self.server, self.setup.address[0]
+        if is_loopback(host):
+            return []
+        doubts = []
+        if self.setup.trust.insecure:
+            doubts.append(f"robots' port on {host} (--insecure): anybody can drive robots")
+        if isinstance(server, MixedServer):
+            where = f"original client's port {server.legacy_port} on {host}"
+            doubts.append(f"{where}: whoever has a robot's address is taken for it")
+        return doubts
 
     def _close_server(self) -> None:
         self._over = True
@@ -184,6 +200,10 @@ class RunSession(ExperimentSession):
         self._stack.callback(runtime.close)
         # Closed first of all: the thread that watches the arena waits in it.
         self._stack.callback(self.source.close)
+
+    def doubts(self) -> list[str]:
+        """See `ExperimentSession.doubts`."""
+        return [*super().doubts(), *([self.source.doubt] if self.source.doubt else [])]
 
     def _observe(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
         """Checks the cameras, too: the timestep's readings have left."""

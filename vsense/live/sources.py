@@ -21,6 +21,7 @@ from vsense.run.watch import ArenaSource
 from vsense.tracking.camera_tracking import CameraTracking
 from vsense.tracking.opening import open_tracking
 from vsense.tracking.specs import TrackingSession
+from vsense.ui.access import is_loopback
 
 Tell = Callable[[str], None]
 """Takes a line for a person, from any thread; does not wait."""
@@ -49,6 +50,7 @@ class SteadySource:
         kind: "cameras", "recording", "original" or "lines".
         name: where the states come from, for people.
         own: None where another tracker is used.
+        doubt: how other machines could move robots through it, "": they cannot.
     """
 
     def __init__(
@@ -59,11 +61,13 @@ class SteadySource:
         timestep_ns: int,
         figures: Callable[[], Mapping[str, int]],
         own: OwnCameras | None = None,
+        doubt: str = "",
     ) -> None:
         """Takes over a source with a rate of its own; `figures` gives its counters."""
         self.kind = kind
         self.name = name
         self.own = own
+        self.doubt = doubt
         self._source = source
         self._pace = Pace(timestep_ns)
         self._figures = figures
@@ -195,8 +199,10 @@ def _original(
         reconnects = max(client.connections - 1, 0)
         return asdict(client.counters) | asdict(client.repairs) | {"reconnects": reconnects}
 
-    name = f"the tracker {client.name}"
-    return SteadySource("original", name, client, experiment.timestep_ns, figures)
+    name, doubt = f"the tracker {client.name}", ""
+    if not is_loopback(tracker.host):
+        doubt = f"{name}: whoever answers in its place moves every robot"
+    return SteadySource("original", name, client, experiment.timestep_ns, figures, doubt=doubt)
 
 
 def _lines(
@@ -207,8 +213,10 @@ def _lines(
     def figures() -> dict[str, int]:
         return asdict(listener.counters) | asdict(listener.repair.counters)
 
-    name = f"a tracker that writes lines to {tracker.host}, port {listener.port}"
-    return SteadySource("lines", name, listener, experiment.timestep_ns, figures)
+    name, doubt = f"a tracker that writes lines to {tracker.host}, port {listener.port}", ""
+    if not is_loopback(tracker.host):
+        doubt = f"port {listener.port} on {tracker.host}: whoever writes lines moves every robot"
+    return SteadySource("lines", name, listener, experiment.timestep_ns, figures, doubt=doubt)
 
 
 def _tags(experiment: Experiment) -> list[int]:

@@ -26,7 +26,7 @@ from vsense.recording.pictures import (
     PictureRecordingError,
     write_session_files,
 )
-from vsense.terminal import INTERRUPTED, Console, drop_output, interruption
+from vsense.terminal import Console, drop_output, interruption
 from vsense.tracking.arena_tracker import TrackerCounters
 from vsense.tracking.camera_tracking import CameraTracking
 from vsense.tracking.opening import OFFLINE, PACED, open_tracking
@@ -149,7 +149,9 @@ class TrackOptions:
 
 
 def run(options: TrackOptions) -> int:
-    """Tracks until the recording ends or `frames` are done: 0; 130 after Ctrl-C or SIGTERM."""
+    """Tracks until the recording ends or `frames` are done: 0; 130 after Ctrl-C,
+    143 after SIGTERM.
+    """
     session = tracking_session.load(options.resources, options.experiment)
     if options.offline and session.is_live:
         raise UsageError(f"--offline: {options.experiment} uses cameras, expected recordings")
@@ -158,12 +160,13 @@ def run(options: TrackOptions) -> int:
         console = Console()
         pace = OFFLINE if options.offline else PACED
         tell = lambda line: console.say(f"vsense: {line}")  # noqa: E731
-        tracking = open_tracking(session, host_ns, tell, pace)
+        with interrupted.at_once():
+            tracking = open_tracking(session, host_ns, tell, pace)
         stack.callback(tracking.close)
         room = stack.enter_context(TrackRoom(options.web, session, tracking.troubles, console))
         talk = Talk(console, host_ns, known_timesteps(options.frames, tracking))
         TrackingRun(options, session, tracking, interrupted, talk, room).run()
-        return INTERRUPTED if interrupted.is_set() else 0
+        return interrupted.code if interrupted.is_set() else 0
 
 
 @dataclass(slots=True)

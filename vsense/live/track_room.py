@@ -54,7 +54,7 @@ class TrackRoom:
         self._preview: PreviewEncoder | None = None
         if web is None:
             return
-        server, lines = open_web(web, self._bus, refuse)
+        server, lines = open_web(web, self._bus, refuse, lambda text: console.say(text, "warning"))
         self._stack.callback(server.close)
         self._preview = PreviewEncoder(self._bus)
         self._stack.callback(self._preview.close)

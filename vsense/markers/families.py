@@ -144,6 +144,8 @@ def load_family(name: str) -> MarkerFamily | SquareFamily:
             text = read_text(Path(name))
         except OSError as error:
             raise FamilyError(f"{name}: {error.strerror}") from None
+        except UnicodeDecodeError:
+            raise FamilyError(f"{name}: is no text") from None
         return _parse(name, text)
     if name not in known_families():
         known = ", ".join(known_families())
@@ -188,11 +190,14 @@ def _check(file: str, family: MarkerFamily) -> None:
         raise FamilyError(f"{file}: unit_mm, cell_mm and disc_diameter_mm must be positive")
     if not 1 <= family.grid <= 5:
         raise FamilyError(f"{file}: grid: {family.grid} is not 1 to 5")
-    corners = family.polygon_mm
+    with np.errstate(over="ignore"):
+        corners, centre = family.polygon_mm, family.disc_centre_mm
+    if not (np.isfinite(corners).all() and np.isfinite(centre).all()):
+        raise FamilyError(f"{file}: polygon_u and disc_centre_u are too large")
     edges = np.roll(corners, -1, axis=0) - corners
     after = np.roll(edges, -1, axis=0)
     if len(corners) < 3 or np.any(edges[:, 0] * after[:, 1] - edges[:, 1] * after[:, 0] <= 0.0):
         raise FamilyError(f"{file}: polygon_u is not convex and counter-clockwise")
-    reach = np.hypot(*(corners - family.disc_centre_mm).T).max()
+    reach = np.hypot(*(corners - centre).T).max()
     if reach >= family.disc_diameter_mm / 2.0:
         raise FamilyError(f"{file}: polygon_u reaches over the disc's rim")

@@ -123,7 +123,8 @@ def _scene(
     experiment = run.experiment
     snapshot = snapshot if run.part is None else snapshot.within(run.part)
     middle = np.array([*snapshot.arena.centre_m[:2], 0.0])
-    first = max(row - round(TRAIL_S * experiment.ticks_per_second), 0)
+    trail = round(TRAIL_S * experiment.ticks_per_second)
+    first = int(np.searchsorted(run.run_timesteps, timestep - trail))
     return ArenaMoment(
         title=f"{words}, t = {timestep * experiment.timestep_s:.1f} s",
         note=_note(run, row),

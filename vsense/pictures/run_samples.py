@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from array import array
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -134,6 +136,12 @@ class RunSamples:
         self.shares.append(1.0 if source is None else world.stock.share(source))
         if run_timestep in self.kept:
             self.snapshots[run_timestep] = take_snapshot(world, self._experiment)
+
+    def thin(self, stay: Sequence[bool]) -> None:
+        """Forgets the sampled timesteps that shall not stay."""
+        self.shares = array("d", compress(self.shares, stay))
+        for name, series in self._series.items():
+            self._series[name] = array("d", compress(series, stay))
 
     def end(self, world: World) -> None:
         """Samples the world after the last timestep."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -38,10 +39,9 @@ def export_csv(recording: Recording, folder: Path) -> dict[str, int]:
             raise RecordingError(f"{path}: is there already; expected another folder")
     with failing_as(RecordingError, f"{folder}: cannot be written"), ExitStack() as stack:
         folder.mkdir(parents=True, exist_ok=True)
-        files = {
-            name: stack.enter_context(path.open("x", encoding="utf-8", newline=""))
-            for name, path in paths.items()
-        }
+        # A recording that somebody made may hold half a character.
+        create = partial(Path.open, mode="x", encoding="utf-8", errors="replace", newline="")
+        files = {name: stack.enter_context(create(path)) for name, path in paths.items()}
         writers = {name: csv.writer(file).writerow for name, file in files.items()}
         return _Export(recording, writers).write()
 

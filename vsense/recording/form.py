@@ -285,6 +285,7 @@ class RunMessage(_Message):
     text: str = ""
     recording: Data | None = None
     disk_free_bytes: int | None = None
+    doubts: list[str] = field(default_factory=list)
 
 
 def _columns(*names: str) -> dict[str, Any]:

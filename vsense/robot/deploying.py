@@ -31,6 +31,7 @@ from vsense.link.robots.keys import SwarmKeys, robot_file
 from vsense.robot import ssh
 from vsense.robot.hosts import RobotHost
 from vsense.robot.ssh import SSH
+from vsense.terminal import printable
 
 _BOARD = Path(__file__).parent / "board"
 FILES = ("install.sh", "vsensed.init", "vsensed.service")
@@ -321,7 +322,8 @@ class _Crew:
 
 
 def _lines(said: bytes) -> list[str]:
-    return [line for line in said.decode(errors="replace").splitlines() if line.strip()]
+    lines = said.decode(errors="replace").splitlines()
+    return [printable(line) for line in lines if line.strip()]
 
 
 def _judge(robot: RobotHost, status: int, out: list[str], err: list[str]) -> Outcome:

@@ -25,6 +25,7 @@ SETTINGS = tuple(f"tag base name uid host port battery-stop-mv watchdog {_MEASUR
 _DESTINATION = re.compile(r"[A-Za-z0-9_.@:\[\]%-]+")
 _VALUE = re.compile(r"[^\s'\"\\$`]+")
 _TAG_MAX = 65535
+_DIGITS_MAX = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,8 +83,9 @@ def _robot(file: str, number: int, words: list[str]) -> RobotHost:
             raise ConfigError(file, number, f"{name}= is there twice")
         settings[name] = value
     tag = settings.get("tag", "")
-    if not (tag.isascii() and tag.isdigit() and int(tag) <= _TAG_MAX):
-        raise ConfigError(file, number, f"expected tag=0..{_TAG_MAX}, got {tag or 'no tag'}")
+    digits = tag.isascii() and tag.isdigit() and len(tag) <= _DIGITS_MAX
+    if not (digits and int(tag) <= _TAG_MAX):
+        raise ConfigError(file, number, f"expected tag=0..{_TAG_MAX}, got {tag[:40] or 'no tag'}")
     return RobotHost(destination, settings, number)
 
 

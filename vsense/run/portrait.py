@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import compress
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,8 @@ from vsense.pictures.run_samples import RunSamples
 from vsense.world.sightings import NEVER_NS
 from vsense.world.world import World
 
-MOST_TIMESTEPS = 72_000
-"""Two hours at 10 Hz: what comes after them is not drawn."""
+MOST_TIMESTEPS = 6_000
+"""Ten minutes at 10 Hz: of longer runs every second timestep is kept, every fourth, and so on."""
 
 
 class Portrait:
@@ -27,6 +28,7 @@ class Portrait:
         self._experiment = experiment
         self._samples = RunSamples(experiment)
         self._source = experiment.source
+        self._every = 1
         self._timesteps: list[int] = []
         self._poses: list[NDArray[np.float64]] = []
         self._known: list[NDArray[np.bool_]] = []
@@ -35,7 +37,7 @@ class Portrait:
 
     def add(self, run_timestep: int, world: World, robots: Mapping[int, RobotStatus]) -> None:
         """Adds a timestep, and the links' statuses by tag; `world` is up to date."""
-        if len(self._timesteps) == MOST_TIMESTEPS:
+        if run_timestep % self._every and run_timestep not in self._samples.kept:
             return
         rows = world.robots[: len(self._experiment.robots)]
         self._timesteps.append(run_timestep)
@@ -48,8 +50,20 @@ class Portrait:
             outside = np.zeros(len(places), bool)
             self._inside.append(outside if cone is None else cone.contains(places))
         self._samples.add(run_timestep, world)
-        if len(self._timesteps) == MOST_TIMESTEPS:
-            self._samples.end(world)
+        if len(self._timesteps) >= MOST_TIMESTEPS:
+            self._thin()
+
+    def _thin(self) -> None:
+        """Forgets every other timestep, but for those of a view and the last."""
+        self._every *= 2
+        last, kept = self._timesteps[-1], self._samples.kept
+        stay = [t % self._every == 0 or t in kept or t == last for t in self._timesteps]
+        self._timesteps = list(compress(self._timesteps, stay))
+        self._poses = list(compress(self._poses, stay))
+        self._known = list(compress(self._known, stay))
+        self._lit = list(compress(self._lit, stay))
+        self._inside = list(compress(self._inside, stay))
+        self._samples.thin(stay)
 
     def draw(self, path: Path, world: World, blind: bool, subtitle: str) -> bool:
         """Draws the picture after the run, into an existing folder; `subtitle` says how it was run.
@@ -59,8 +73,7 @@ class Portrait:
         known = np.array(self._known)
         if not known.any():
             return False
-        if len(self._timesteps) < MOST_TIMESTEPS:
-            self._samples.end(world)
+        self._samples.end(world)
         run_figure.save(self._figure(known), path, blind, subtitle)
         return True
 

@@ -40,7 +40,10 @@ STAND_TIMEOUT_NS = 500_000_000
 """After STOP robots may report so long that they move, before that is said."""
 
 SETTLE_TIMEOUT_NS = 1_000_000_000
-"""After the run the last telemetry may take this long to arrive."""
+"""After the run the last telemetry may take this long to arrive ..."""
+
+HURRY_NS = 300_000_000
+"""... and this long where somebody has ended the process."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -296,7 +299,8 @@ class Runner:
     def _settle(self) -> None:
         """Stops sending and waits until every robot has reported what it received."""
         self._server.hush()
-        deadline_ns = self._clock() + SETTLE_TIMEOUT_NS
+        patience_ns = HURRY_NS if self._interrupted.is_set() else SETTLE_TIMEOUT_NS
+        deadline_ns = self._clock() + patience_ns
         self.counters.update(self._server.robots())
         while self.counters.received < self.counters.sent and self._clock() < deadline_ns:
             threading.Event().wait(0.02)

@@ -9,6 +9,7 @@ every sensor. An error in it ends the run with the file's name and line.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from typing import Any
 
@@ -45,7 +46,7 @@ def from_xml(element: Element, scope: Scope) -> VirtualSensor:
         SensorError: the user's code fails.
     """
     path = scope.folder / element.text("file", None, "a Python file")
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise element.error(f"there is no file {str(path)!r}", "file")
     code = UsersCode(path, _error)
     make = getattr(code.load(f"vsense_users_{path.stem}"), "from_xml", None)

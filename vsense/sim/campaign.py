@@ -23,7 +23,7 @@ from vsense.sim import comparison
 from vsense.sim.job import Job, Setup, Sweep
 from vsense.sim.results import DURATION, EXPERIMENT, ROBOTS, SEED, CampaignResults
 from vsense.sim.watch import Interrupted, Task, WorkerProcess, simulate_all
-from vsense.terminal import Console, print_data
+from vsense.terminal import Console, Interruption, print_data
 
 BAR_WIDTH = 24
 
@@ -52,13 +52,14 @@ class Campaign:
     json: bool
 
 
-def run(campaign: Campaign, console: Console, interrupted: threading.Event) -> None:
+def run(campaign: Campaign, console: Console, interrupted: Interruption) -> None:
     """Does all runs that the file does not hold yet, and compares the settings.
 
     Rows are written in the order of the campaign, whatever the number of processes.
 
     Raises:
         Interrupted: the user has ended it; the rows until then are in the file.
+        CutShort: likewise, while the results were drawn; all rows are in the file.
         VsenseError: it cannot run, or a run has failed.
     """
     sweep, path = campaign.sweep, campaign.output
@@ -82,7 +83,8 @@ def run(campaign: Campaign, console: Console, interrupted: threading.Event) -> N
         console.say(f"{path}: {done} of {len(tasks)} runs; the same command goes on from there")
         raise
     console.end_progress()
-    _report(campaign, results, console)
+    with interrupted.in_time():
+        _report(campaign, results, console)
 
 
 def outputs(output: Path | None, form: str | None) -> tuple[Path, Path]:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from vsense.cameras.camera import Camera
 from vsense.markers.codes import SPOTS
+from vsense.markers.dictionary import FamilyError
 from vsense.markers.families import MarkerFamily
 from vsense.native import check, kernel_ffi, kernels
 from vsense.tracking.prediction import NEAR_M
@@ -38,6 +39,7 @@ MARKER = np.dtype(
 _CAPACITY = 1024
 _SPACING_U = 0.4
 _CORNER_U = 0.6
+_SAMPLES_MIN = 8
 _PASSES = ((1.0, 9, 3, 0.6, 0.25), (0.6, 9, 3, 0.8, 0.14), (0.6, 11, 1, 0.8, 0.1))
 _WARM_PASSES = (
     (1.0, 9, 1, 0.5, 0.25),
@@ -168,6 +170,11 @@ class Kernel:
 
 def _outline(family: MarkerFamily, passes: Sequence[Pass]) -> Any:
     points, normals = sample_outline(family.polygon_mm, family.unit_mm)
+    if not _SAMPLES_MIN <= len(points) <= kernels.VS_OUTLINE_SAMPLES:
+        raise FamilyError(
+            f"marker family {family.name!r:.40}: the outline is {len(points)} samples of"
+            f" {_SPACING_U} units long, expected {_SAMPLES_MIN} to {kernels.VS_OUTLINE_SAMPLES}"
+        )
     points = 1e-3 * (points - family.disc_centre_mm)
     inner = np.array(SPOTS) * family.cell_mm
     spots = np.stack(np.meshgrid(inner, inner), axis=-1).reshape(-1, 2)

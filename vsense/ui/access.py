@@ -35,14 +35,22 @@ class Rights(Enum):
 
 @dataclass(frozen=True, slots=True)
 class WebAddress:
-    """Where the page is served: the interface's address, and the port; 0 takes any free one.
+    """Where the page is served, and how.
 
-    `tokens` is a file with the two tokens, see `read_tokens`; None: they are drawn.
+    Attributes:
+        host, port: the interface's address, and the port; 0 takes any free one.
+        tokens: a file with the two tokens, see `read_tokens`; None: they are drawn.
+        certificate, key: files for HTTPS; without a key the certificate's file has it. Without both
+            a certificate is made where other machines may open the page.
+        insecure: other machines may open it with plain HTTP.
     """
 
     host: str
     port: int
     tokens: Path | None = None
+    certificate: Path | None = None
+    key: Path | None = None
+    insecure: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,12 +143,15 @@ def is_loopback(host: str) -> bool:
 class AccessControl:
     """Decides about requests to a server that listens on `host`, as it was configured.
 
-    Viewers must show one of `tokens`; None admits all that pass the other checks.
+    Viewers must show one of `tokens`; None admits all that pass the other checks. `secure`: it
+    speaks HTTPS.
     """
 
-    def __init__(self, host: str, port: int, tokens: Tokens | None) -> None:
+    def __init__(self, host: str, port: int, tokens: Tokens | None, secure: bool) -> None:
         self._host = host.lower()
         self.tokens = tokens
+        # A proxy before a server that speaks HTTP may speak HTTPS.
+        self._schemes = ("https",) if secure else ("http", "https")
         self._local = is_loopback(host)
         # Cookies do not depend on ports: two servers on one machine must not share one.
         self.cookie = f"vsense_{port}"
@@ -171,7 +182,7 @@ class AccessControl:
             same = parts.netloc.lower() == headers.get("Host", "").lower()
         except ValueError:
             same = False
-        if not same or parts.scheme not in ("http", "https"):
+        if not same or parts.scheme not in self._schemes:
             raise Forbidden(f"the page '{origin:.80}' may not talk to this server")
 
     def rights(self, token: str | None, cookies: Mapping[str, str]) -> Rights:
@@ -194,6 +205,16 @@ def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
         return ipaddress.ip_address(host.strip("[]"))
     except ValueError:
         return None
+
+
+def own_address() -> str:
+    """This machine's address for others; nothing is sent to find it."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))
+            return str(probe.getsockname()[0])
+        except OSError:
+            return socket.gethostname()
 
 
 def _own_names() -> set[str]:

@@ -7,6 +7,7 @@ answers: {"ask": "status"}, or {"order": "pause", "value": 0, "by": "terminal"}.
 from __future__ import annotations
 
 import json
+import math
 import os
 import socketserver
 import stat
@@ -91,13 +92,12 @@ class ControlSocket:
             asked = json.loads(line)
             if asked.get("ask") == "status":
                 return self._status()
-            order = Order(
-                OrderKind(asked["order"]),
-                str(asked.get("by", "terminal")),
-                float(asked.get("value", 0)),
-            )
+            value = float(asked.get("value", 0))
+            if not math.isfinite(value):
+                raise ValueError
+            order = Order(OrderKind(asked["order"]), str(asked.get("by", "terminal")), value)
             return {"text": self._give(order)}
         except VsenseError as error:
             return {"error": str(error)}
-        except (ValueError, KeyError, AttributeError, TypeError):
+        except (ValueError, KeyError, AttributeError, TypeError, OverflowError, RecursionError):
             return {"error": f"{line[:80]!r} is neither a question nor an order"}

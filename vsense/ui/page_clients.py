@@ -11,6 +11,7 @@ import asyncio
 import contextlib
 import json
 import threading
+import time
 from collections import OrderedDict, deque
 from collections.abc import Callable
 from typing import Any
@@ -19,6 +20,7 @@ from aiohttp import WSMsgType, web
 
 from vsense.clock import host_ns
 from vsense.errors import VsenseError
+from vsense.link.strangers import RateLimit
 from vsense.message_bus import Listener, Message, MessageBus
 from vsense.recording.form import PICTURE, without_nan
 from vsense.run.orders import Give, Order, OrderKind
@@ -246,6 +248,8 @@ BEAT_S = 2.0
 """A page is sent something at least this often, so that it notices when the network is gone."""
 SENTENCE_MAX = 65536
 """Bytes of one sentence of a page."""
+SENTENCES_HZ, SENTENCES_BURST = 1000.0, 1000
+"""Sentences of one page; more wait. A page says one for a frame that it got."""
 LOOKING = "you are looking only: open the page with the control token to press buttons"
 
 
@@ -329,8 +333,12 @@ class WebClients:
 
     async def _listen(self, socket: web.WebSocketResponse, viewer: WebClient) -> None:
         """Reads a page's sentences."""
+        limit = RateLimit(SENTENCES_HZ, SENTENCES_BURST)
         with contextlib.suppress(ConnectionError):
             async for message in socket:
+                delay_s = limit.delay_s(None, time.monotonic())
+                if delay_s:
+                    await asyncio.sleep(delay_s)
                 if message.type is WSMsgType.TEXT:
                     self._hear(viewer, message.data)
                 elif message.type is WSMsgType.BINARY:

@@ -64,7 +64,7 @@ class Publisher:
         environment: the present run's virtual world.
         runtime: has the readings that the robots were sent.
         control: has the state of the run.
-        others: gives the rest of /run: runs, text, recording, disk_free_bytes.
+        others: gives the rest of /run: runs, text, recording, disk_free_bytes, doubts.
         clock: host's monotonic clock [ns].
     """
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from vsense import errors
 from vsense.clock import host_ns
 from vsense.errors import VsenseError
+from vsense.link import descriptors
 from vsense.link.robots.server import VirtualSensorServer
 from vsense.link.robots.status import RobotStatus
 from vsense.message_bus import MessageBus
@@ -23,7 +24,8 @@ from vsense.run.orders import Give
 from vsense.run.runtime import Runtime, Step
 from vsense.terminal import Console, Level
 from vsense.ui import keyboard
-from vsense.ui.access import Tokens, WebAddress, read_tokens
+from vsense.ui.access import Tokens, WebAddress, is_loopback, read_tokens
+from vsense.ui.certificate import PageTls, tls_of
 from vsense.ui.control_socket import ControlSocket, ControlSocketError
 from vsense.ui.messages import ExperimentFacts
 from vsense.ui.publisher import PreviewEncoder, Publisher
@@ -53,43 +55,63 @@ class RoomOptions:
     web: WebAddress | None = None
 
 
-def check_web(web: WebAddress) -> Tokens | None:
-    """Gives the page's tokens, before anything is started.
+def check_web(web: WebAddress) -> tuple[Tokens | None, PageTls | None]:
+    """Gives the page's tokens and how it is encrypted, before anything is started.
 
-    VsenseError if the library for the page is missing, or the tokens cannot be read.
+    VsenseError if a library for the page is missing, or the files for it cannot be used.
     """
     errors.require("the page needs", "aiohttp")
-    return None if web.tokens is None else read_tokens(web.tokens)
+    return None if web.tokens is None else read_tokens(web.tokens), tls_of(web)
 
 
-def make_server(web: WebAddress, bus: MessageBus, give: Give) -> WebServer:
-    """Makes the page's server, which does not serve yet; `give` carries out its buttons' orders.
+def make_server(
+    web: WebAddress, bus: MessageBus, give: Give, tell: Callable[[str], None]
+) -> WebServer:
+    """Makes the page's server, which does not serve yet.
 
+    `give` carries out its buttons' orders; `tell` takes a line about strangers, from any thread.
     Raises as `check_web`.
     """
-    tokens = check_web(web)
+    tokens, tls = check_web(web)
     from vsense.ui.server import WebServer
 
-    return WebServer(bus, give, web.host, web.port, tokens)
+    context = None if tls is None else tls.context
+    return WebServer(bus, give, web.host, web.port, tokens, tell, context)
 
 
-def open_web(web: WebAddress, bus: MessageBus, give: Give) -> tuple[WebServer, list[str]]:
+def say_encryption(web: WebAddress) -> list[str]:
+    """What people should know of how the page is encrypted."""
+    tls = tls_of(web)
+    if tls is None and not is_loopback(web.host):
+        return ["not encrypted: the page's tokens go over plain HTTP; whoever hears one can use it"]
+    if tls is None or not tls.fingerprint:
+        return []
+    return [
+        "the page's certificate was made here: browsers warn; accept it once, where its SHA-256"
+        f" fingerprint is {tls.fingerprint}"
+    ]
+
+
+def open_web(
+    web: WebAddress, bus: MessageBus, give: Give, tell: Callable[[str], None]
+) -> tuple[WebServer, list[str]]:
     """Serves the page; gives the server, which the caller closes, and lines for people.
 
     As `make_server`; VsenseError also if the port is taken.
     """
-    server = make_server(web, bus, give)
+    server = make_server(web, bus, give, tell)
     found = server.start()
     lines = [f"control room: {found.control}"]
     if found.look != found.control:
         lines.append(f"control room, to look only: {found.look}")
-    return server, lines
+    return server, [*lines, *say_encryption(web)]
 
 
 class ControlRoom:
     """Shows and steers the runs of one process; a context that leaves no thread and no socket.
 
-    `bus` takes all messages; for `holds` see `RoomOptions.hold`.
+    `bus` takes all messages; for `holds` see `RoomOptions.hold`. `doubts` says how other machines
+    could move robots without showing who they are.
     """
 
     def __init__(self, options: RoomOptions, console: Console) -> None:
@@ -101,6 +123,7 @@ class ControlRoom:
             check_web(options.web)
         self.bus = MessageBus()
         self.holds = options.hold
+        self.doubts: Sequence[str] = ()
         self._options = options
         self._console = console
         self._directory = Path()
@@ -135,8 +158,10 @@ class ControlRoom:
         self._open_doors(control)
 
     def _open_doors(self, control: Control) -> None:
+        if shortage := descriptors.shortage():
+            self._warn(shortage)
         if self._options.web is not None:
-            server, lines = open_web(self._options.web, self.bus, control.give)
+            server, lines = open_web(self._options.web, self.bus, control.give, self._warn)
             self._stack.callback(server.close)
             for line in lines:
                 # With its tokens: neither the pages nor the log may have them.
@@ -192,11 +217,15 @@ class ControlRoom:
             "text": self._console.newest,
             "recording": self.recorders.state(),
             "disk_free_bytes": free,
+            "doubts": list(self.doubts),
         }
 
     def fail(self, error: VsenseError) -> None:
         """Publishes why a run ends before its time: page and recording have it, too."""
         self.bus.event(str(error), "trouble", host_ns())
+
+    def _warn(self, text: str) -> None:
+        self._console.say(text, "warning")
 
     def _trouble(self, text: str) -> None:
         self._console.say(text, "trouble")

@@ -9,6 +9,7 @@ import asyncio
 import html
 import re
 import socket
+import ssl
 import threading
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
@@ -16,13 +17,23 @@ from pathlib import Path
 
 from aiohttp import web
 
+from vsense.clock import host_ns
 from vsense.errors import UsageError, VsenseError
 from vsense.link.robots.network import listen
 from vsense.link.robots.status import LinkError
 from vsense.message_bus import MessageBus
 from vsense.run.orders import Give
-from vsense.ui.access import AccessControl, Forbidden, Rights, Tokens, is_loopback, make_tokens
+from vsense.ui.access import (
+    AccessControl,
+    Forbidden,
+    Rights,
+    Tokens,
+    is_loopback,
+    make_tokens,
+    own_address,
+)
 from vsense.ui.page_clients import WebClients
+from vsense.ui.web_listener import HttpLogger, Seats, WebListener
 
 PAGE = Path(__file__).parent / "page"
 VIEWERS_MAX = 64
@@ -48,29 +59,66 @@ class Site:
     """The page, its files and its WebSocket; the parameters are those of `WebServer`."""
 
     def __init__(
-        self, bus: MessageBus, give: Give, host: str, port: int, tokens: Tokens | None
+        self,
+        bus: MessageBus,
+        give: Give,
+        host: str,
+        port: int,
+        tokens: Tokens | None,
+        tls: ssl.SSLContext | None,
     ) -> None:
-        self._access = AccessControl(host, port, tokens)
+        self._access = AccessControl(host, port, tokens, tls is not None)
+        self._tls = tls
         self.clients = WebClients(bus, give)
-        self.app = web.Application(middlewares=[self._guard], client_max_size=4096)
-        self.app.router.add_get("/", self._page)
-        self.app.router.add_get("/ws", self._socket)
-        self.app.router.add_get("/{name}", self._file)
-        self.app.on_response_prepare.append(_protect)
+        self._seats = Seats(VIEWERS_MAX)
+        self._listener: WebListener
+        self._runner: web.AppRunner
+        self._app = web.Application(middlewares=[self._guard], client_max_size=4096)
+        self._app.router.add_get("/", self._page)
+        self._app.router.add_get("/ws", self._socket)
+        self._app.router.add_get("/{name}", self._file)
+        self._app.on_response_prepare.append(_protect)
+
+    async def open(self, listening: socket.socket, tell: Callable[[str], None]) -> None:
+        """Begins to serve on a listening socket; `tell` takes what strangers do."""
+        self._runner = web.AppRunner(
+            *(self._app,), access_log=None, shutdown_timeout=1.0, logger=HttpLogger(self._fault)
+        )
+        await self._runner.setup()
+        assert self._runner.server is not None
+        self._listener = WebListener(listening, self._runner.server, self._tls, tell)
+        asyncio.get_running_loop().set_exception_handler(
+            lambda _, context: self._fault("the page", context.get("exception"))
+        )
+
+    async def close(self) -> None:
+        """Closes the pages, and then everything."""
+        await _in_time(self.clients.close)
+        await _in_time(self._listener.close)
+        await _in_time(self._runner.cleanup)
+
+    def _fault(self, origin: str, error: BaseException | None) -> None:
+        self._listener.fault(origin, error)
 
     @web.middleware
     async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         """Refuses requests from elsewhere before anything else."""
+        self._listener.begin(request)
         try:
+            is_known = self._rights(request) is not Rights.NONE
+            await self._listener.pace(request, is_known)
             self._access.check_host(request.headers)
             self._access.check_origin(request.headers, needed=request.path == "/ws")
+            if is_known:
+                self._listener.vouch(request)
+            return await handler(request)
         except Forbidden as reason:
             return _refusal(str(reason))
-        try:
-            return await handler(request)
         except ConnectionError:
             # It went before it got an answer: this one is not read either.
             return web.Response(status=400)
+        finally:
+            self._listener.end(request)
 
     def _rights(self, request: web.Request) -> Rights:
         return self._access.rights(request.query.get("token"), request.cookies)
@@ -78,6 +126,8 @@ class Site:
     async def _page(self, request: web.Request) -> web.StreamResponse:
         if self._rights(request) is Rights.NONE:
             given = "token" in request.query
+            if given:
+                self._listener.refuse_token(request)
             return _refusal(
                 "this token is not the right one" if given else "this page needs a token", True
             )
@@ -88,7 +138,10 @@ class Site:
             # Not by a redirect: browsers would not send the strict cookie along with one that
             # began on another site, such as a chat with the address in it.
             answer.set_cookie(
-                self._access.cookie, token, httponly=True, samesite="Strict", path="/"
+                *(self._access.cookie, token),
+                httponly=True,
+                samesite="Strict",
+                secure=self._tls is not None,
             )
         return answer
 
@@ -96,9 +149,11 @@ class Site:
         rights = self._rights(request)
         if rights is Rights.NONE:
             return _refusal("this page needs a token", True)
-        if self.clients.viewers >= VIEWERS_MAX:
-            return _refusal(f"{VIEWERS_MAX} pages are open already: close one", status=503)
-        return await self.clients.serve(request, rights)
+        with self._seats.taken(request, rights is Rights.CONTROL) as full:
+            if full:
+                return _refusal(full, status=503)
+            self._listener.seat(request)
+            return await self.clients.serve(request, rights)
 
     async def _file(self, request: web.Request) -> web.StreamResponse:
         name = request.match_info["name"]
@@ -146,19 +201,31 @@ class WebServer:
         port: port to listen on; 0 takes any free one. Nothing is opened before `start`.
         tokens: what viewers must show. Without, all on this machine may control; on an address
             that others reach two are drawn, see `start`.
+        tell: takes a line about strangers, from the server's thread; must not wait. By default it
+            is an event on the bus.
+        tls: how to speak HTTPS; None: plain HTTP.
 
     Raises:
         UsageError: the port is none.
     """
 
     def __init__(
-        self, bus: MessageBus, give: Give, host: str, port: int, tokens: Tokens | None = None
+        self,
+        bus: MessageBus,
+        give: Give,
+        host: str,
+        port: int,
+        tokens: Tokens | None = None,
+        tell: Callable[[str], None] | None = None,
+        tls: ssl.SSLContext | None = None,
     ) -> None:
         if not 0 <= port <= 65535:
             raise UsageError(f"web port {port}: expected a number from 0 to 65535")
         self._bus = bus
         self._give = give
         self._host = host
+        self._tell = tell or (lambda text: bus.event(text, "warning", host_ns()))
+        self._tls = tls
         self.port = port
         self.tokens = make_tokens() if tokens is None and not is_loopback(host) else tokens
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -198,8 +265,9 @@ class WebServer:
     def _addresses(self) -> Addresses:
         host = self._host
         if host in ("0.0.0.0", "::", ""):
-            host = _own_address()
-        url = f"http://{f'[{host}]' if ':' in host else host}:{self.port}/"
+            host = own_address()
+        scheme = "http" if self._tls is None else "https"
+        url = f"{scheme}://{f'[{host}]' if ':' in host else host}:{self.port}/"
         if self.tokens is None:
             return Addresses(url, url)
         return Addresses(f"{url}?token={self.tokens.look}", f"{url}?token={self.tokens.control}")
@@ -209,10 +277,8 @@ class WebServer:
         self._loop = asyncio.get_running_loop()
         self._ending = asyncio.Event()
         try:
-            site = Site(self._bus, self._give, self._host, self.port, self.tokens)
-            runner = web.AppRunner(site.app, access_log=None, shutdown_timeout=1.0)
-            await runner.setup()
-            await web.SockSite(runner, listening).start()
+            site = Site(*(self._bus, self._give, self._host, self.port, self.tokens, self._tls))
+            await site.open(listening, self._tell)
         except BaseException as failure:
             # `start` waits for a server: it must not wait for ever.
             self._failure = failure
@@ -222,8 +288,7 @@ class WebServer:
             ready.set()
             await self._ending.wait()
         finally:
-            await _in_time(site.clients.close)
-            await _in_time(runner.cleanup)
+            await site.close()
 
 
 async def _in_time(close: Callable[[], Awaitable[None]]) -> None:
@@ -231,13 +296,3 @@ async def _in_time(close: Callable[[], Awaitable[None]]) -> None:
         await asyncio.wait_for(close(), CLOSING_S / 2.5)
     except asyncio.TimeoutError:
         return
-
-
-def _own_address() -> str:
-    """This machine's address for others; nothing is sent to find it."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.connect(("192.0.2.1", 9))
-            return str(probe.getsockname()[0])
-        except OSError:
-            return socket.gethostname()

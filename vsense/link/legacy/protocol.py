@@ -109,14 +109,16 @@ class Translation:
         """Translates one robot's readings that have been measured; gives them by sensor number.
 
         `values` are (value as on our wire, capture time) in the table's order; a time below 0
-        means that it was never measured.
+        means that it was never measured. What is no number cannot be said either.
         """
         found = {}
         for index, known, numbers in self._rows:
             value, capture_ns = values[index]
             if capture_ns >= 0:
                 ours = numbers.unpack_from(value)
-                found[known.id] = _payload(known, [ours[pick] for pick in known.picks])
+                picked = [ours[pick] for pick in known.picks]
+                if all(map(math.isfinite, picked)):
+                    found[known.id] = _payload(known, picked)
         return found
 
 
@@ -157,7 +159,7 @@ def _numbers(entry: Entry, known: LegacySensor) -> struct.Struct:
 def _payload(known: LegacySensor, numbers: Sequence[float]) -> bytes:
     if known.reals:
         return b"".join(map(encode_real, numbers))
-    return bytes(int(number) for number in numbers)
+    return bytes(min(max(int(number), 0), 255) for number in numbers)
 
 
 OCTET_MAX = 254
@@ -234,9 +236,9 @@ class LegacySwarm:
 
     def join(self, octet: int) -> LegacyRobot | None:
         """Adds a robot, anew if it comes again; None: it cannot come, see `why_not`."""
-        tag, name = self._numbers.get(octet, (-1, ""))
-        if tag not in self.translations:
+        if not self.expects(octet):
             return None
+        tag, name = self._numbers[octet]
         robot = LegacyRobot(tag, name, self.translations[tag].table)
         robot.sense(self._payloads.get(tag, {}))
         if self._running:
@@ -266,6 +268,10 @@ class LegacySwarm:
         for robot in self.robots.values():
             if robot.tag == tag:
                 robot.sense(payloads)
+
+    def expects(self, octet: int) -> bool:
+        """Whether a robot with this number may come."""
+        return self._numbers.get(octet, (-1, ""))[0] in self.translations
 
     def why_not(self, octet: int) -> str:
         """Why a robot with this number cannot come, for people."""

@@ -19,17 +19,24 @@ from vsense.link.listening import Client, ListeningServer
 from vsense.link.robots.server import VirtualSensorServer
 from vsense.link.robots.status import EventKind, EventThrottle, LinkEvent, RobotStatus
 from vsense.link.robots.wire import GoodbyeCause, Values, Wanted
+from vsense.link.strangers import PERIOD_NS
 
 STUCK_NS = 5_000_000_000
 """A robot that takes nothing of what waits for it for this long is gone."""
+
+COMES_MAX = 6
+"""A robot that connects more often than that in `PERIOD_NS` keeps the connection that it has."""
 
 _KEEPALIVE = (1, 3)
 
 
 class _Connection(Client):
-    def __init__(self, sock: socket.socket, octet: int, robot: LegacyRobot, now_ns: int) -> None:
+    def __init__(
+        self, sock: socket.socket, origin: str, octet: int, robot: LegacyRobot, now_ns: int
+    ) -> None:
         super().__init__(sock, robot, STUCK_NS, _KEEPALIVE, now_ns)
         self.octet = octet
+        self.origin = origin
         self.robot = robot
 
 
@@ -50,8 +57,10 @@ class LegacyServer(ListeningServer):
     ) -> None:
         super().__init__("the original's virtual sensor server", host, port, clock)
         self._swarm = swarm
-        self._on_event = on_event
+        # Of what is refused a few lines are told; that robots come and go always is.
+        self._throttle = EventThrottle(on_event, port=f"port {self.port}")
         self._connections: dict[int, _Connection] = {}
+        self._came: dict[int, list[int]] = {}
 
     def publish(self, values: Mapping[int, Values], first: bool = False) -> None:
         """Sends every robot what has changed in its readings, by tag, and waits for none.
@@ -96,24 +105,37 @@ class LegacyServer(ListeningServer):
     def _greet(self, sock: socket.socket, origin: str) -> None:
         octet = int(origin.rpartition(".")[2]) if origin.count(".") == 3 else 0
         with self._lock:
-            robot = self._swarm.join(octet)
+            why = self._why_not(octet, origin)
+            robot = None if why else self._swarm.join(octet)
             before = self._connections.get(octet)
             if robot is None:
                 sock.close()
-                self._tell(
-                    "refused",
-                    None,
-                    f"refused a robot with the original client from {origin}:"
-                    f" {self._swarm.why_not(octet)}",
-                )
-                return
-            if before is not None:
-                self._drop(before, "has come again")
-            connection = _Connection(sock, octet, robot, self._clock())
-            self._connections[octet] = connection
-            self._admit(connection)
+            else:
+                if before is not None:
+                    self._drop(before, "has come again")
+                connection = _Connection(sock, origin, octet, robot, self._clock())
+                self._connections[octet] = connection
+                self._admit(connection)
+        if robot is None:
+            text = f"refused a robot with the original client from {origin}: {why}"
+            self._throttle.notify(LinkEvent("refused", None, text, self._clock(), origin))
+            return
         text = f"robot {robot.tag} ({robot.name}): connected with the original client"
         self._tell("connected", robot.tag, text)
+
+    def _why_not(self, octet: int, origin: str) -> str:
+        """Why nobody who comes from there is let in, "" where that is a robot; the lock is held."""
+        before = self._connections.get(octet)
+        if not self._swarm.expects(octet):
+            return self._swarm.why_not(octet)
+        if before is not None and before.origin != origin:
+            return f"{before.robot.name} is connected, from {before.origin}"
+        now_ns = self._clock()
+        recent = [at for at in self._came.get(octet, ()) if now_ns - at < PERIOD_NS]
+        if len(recent) >= COMES_MAX:
+            return f"it came {COMES_MAX} times in the last {PERIOD_NS // 10**9} s"
+        self._came[octet] = [*recent, now_ns]
+        return ""
 
     def _hear(self, client: _Connection) -> None:
         """Notices robots that have gone; none ever says anything."""
@@ -127,6 +149,7 @@ class LegacyServer(ListeningServer):
                 self._drop(client, why)
 
     def _settle(self) -> None:
+        self._throttle.tick(self._clock())
         for connection in list(self._connections.values()):
             why = connection.write(self._clock())
             if why:
@@ -149,7 +172,10 @@ class LegacyServer(ListeningServer):
             self._tell("lost", robot.tag, f"robot {robot.tag} ({robot.name}): {why}")
 
     def _tell(self, kind: EventKind, tag: int | None, text: str) -> None:
-        self._on_event(LinkEvent(kind, tag, text, self._clock()))
+        self._throttle.notify(LinkEvent(kind, tag, text, self._clock()))
+
+    def _say(self, text: str) -> None:
+        self._tell("protocol_error", None, text)
 
     def _unsent(self) -> bool:
         with self._lock:
@@ -178,7 +204,7 @@ class MixedServer(VirtualSensorServer):
         self.unknown = swarm.unknown
         self._legacy_address = legacy_address
         self._swarm = swarm
-        self._on_event = EventThrottle(options["on_event"]).notify
+        self._on_event = options["on_event"]
         self._legacy: LegacyServer | None = None
         self._first_timestep: int | None = None
         self._legacy_lock = threading.Lock()

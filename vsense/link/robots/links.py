@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 
+from vsense.link import descriptors
 from vsense.link.robots.roster import Roster
 from vsense.link.robots.session import Address, HostSession, PendingSession
 from vsense.link.robots.status import LinkEvent
@@ -25,10 +26,11 @@ from vsense.link.robots.wire import (
     RefuseCode,
     decode_body,
 )
+from vsense.link.strangers import Places, owner_of
 from vsense.native import WireError, lib
 
 HELLO_NS = 2_000_000_000
-"""A connection that has not greeted after this long is closed."""
+"""A connection that has not greeted after this long, or then not shown its key, is closed."""
 
 FINISH_NS = 500_000_000
 """How long a peer may take to read our last packet and to close its side."""
@@ -41,8 +43,16 @@ LOST = frozenset(
 )
 """Why a packet was dropped that no robot sends: the stream is lost."""
 
-MAX_PENDING = 64
-"""Connections without a session at a time; one more, and the oldest of them makes way."""
+STRANGERS_MAX, STRANGERS_EACH = 64, 32
+"""Connections that have not greeted, in all and from one address; the oldest makes way for one
+more. Robots greet at once: a hundred behind one relay need few of these places at a time."""
+
+GREETED_MAX, GREETED_EACH = 64, 32
+"""Likewise those that have greeted and have yet to prove their key, beside one for every robot;
+`GREETED_EACH` in the name of one robot."""
+
+ACCEPTED_MAX = 8
+"""Connections that are accepted in a row: then those that are open are heard, and few wait."""
 
 DEAF = "its packets do not follow what came in its name before: its session is renewed"
 
@@ -58,12 +68,14 @@ class ServerState:
         lock: guards the roster and the connections' outboxes; held for one packet at a time.
         clock: the host's monotonic clock [ns].
         notify: takes events; never called under the lock.
+        tick: is called often, with the time.
     """
 
     roster: Roster
     lock: threading.Lock
     clock: Callable[[], int]
     notify: Callable[[LinkEvent], None]
+    tick: Callable[[int], None] = lambda now_ns: None
 
     def notify_all(self, events: Iterable[LinkEvent]) -> None:
         """Notifies of events in their order."""
@@ -100,6 +112,9 @@ class Connections:
         self._offered, self._opened = offered, opened
         self._all: dict[socket.socket, Connection] = {}
         self._by_tag: dict[int, Connection] = {}
+        self._strangers = Places[Connection](descriptors.places(STRANGERS_MAX), STRANGERS_EACH)
+        most = descriptors.places(GREETED_MAX) + len(shared.roster.robots)
+        self._greeted = Places[Connection](most, GREETED_EACH)
         self._listening = False
         self._finishing = False
         self._listen()
@@ -128,15 +143,14 @@ class Connections:
             if (robot := connection.robot) is not None:
                 if robot.peer.worn:
                     self._dismiss(connection, GoodbyeCause.RENEW, "sequence numbers used up")
-                elif robot.deaf(now_ns):
+                elif robot.deaf:
                     text = f"{robot.label}: {DEAF}"
                     self._dismiss(connection, GoodbyeCause.RENEW, DEAF)
                     self._shared.notify(LinkEvent("doubt", robot.tag, text, now_ns))
             elif connection.deadline_ns <= now_ns:
                 if not connection.finishing:
                     what = "show that it is a robot" if connection.pending else "greet"
-                    text = f"{connection.origin}: connected, but did not {what} within 2 s"
-                    self._shared.notify(LinkEvent("protocol_error", None, text, now_ns))
+                    self._tell(connection, f"connected, but did not {what} within 2 s")
                 self._drop(connection)
         self._listen()
 
@@ -170,7 +184,7 @@ class Connections:
     def _accept(self, _mask: int) -> None:
         now_ns = self._shared.clock()
         try:
-            for _ in range(MAX_PENDING):
+            for _ in range(ACCEPTED_MAX):
                 self._welcome(*self._listener.accept(), now_ns)
         except (BlockingIOError, InterruptedError, ConnectionError):
             return
@@ -181,12 +195,22 @@ class Connections:
             self._shared.notify(LinkEvent("protocol_error", None, text, now_ns))
 
     def _welcome(self, sock: socket.socket, address: tuple[object, ...], now_ns: int) -> None:
-        pending = [c for c in self._all.values() if c.robot is None]
-        if len(pending) >= MAX_PENDING:
-            self._drop(pending[0])
         connection = Connection(sock, str(address[0]), now_ns + HELLO_NS)
+        self._make_way(self._strangers.add(connection, owner_of(connection.origin)))
         self._all[sock] = connection
         self._selector.register(sock, READ, partial(self._serve, connection))
+
+    def _make_way(self, loser: Connection | None) -> None:
+        """Closes the connection that has lost its place to another, if one has."""
+        if loser is not None:
+            if not loser.finishing:
+                self._tell(loser, "too many connections at once")
+            self._drop(loser)
+
+    def _tell(self, stranger: Connection, text: str) -> None:
+        origin, now_ns = stranger.origin, self._shared.clock()
+        event = LinkEvent("protocol_error", None, f"{origin}: {text}", now_ns, origin)
+        self._shared.notify(event)
 
     # --- who talks
 
@@ -227,12 +251,27 @@ class Connections:
             if peer.fault in LOST:
                 raise WireError(peer.fault, "TCP")
             return
-        header, body = peer.open_packet(packet)
+        try:
+            header, body = peer.open_packet(packet)
+        except WireError as error:
+            if self._is_doubtful(connection.robot, packet, error, now_ns):
+                return
+            raise
         if header.type != PacketType.GOODBYE or header.session != peer.session:
             raise WireError(lib.VS_ERR_TYPE, "TCP")
         notice = decode_body(header, body)
         assert isinstance(notice, Notice)
         self._leave(connection, notice, now_ns)
+
+    def _is_doubtful(
+        self, robot: HostSession | None, packet: bytes, error: WireError, now_ns: int
+    ) -> bool:
+        """Whether a packet is a goodbye that its robot has not said: it is told, no more."""
+        if robot is None or packet[3] != PacketType.GOODBYE or error.code != lib.VS_ERR_TAG:
+            return False
+        text = f"{robot.label}: somebody without its key says goodbye in its name; it stays"
+        self._shared.notify(LinkEvent("doubt", robot.tag, text, now_ns))
+        return True
 
     def _leave(self, connection: Connection, notice: Notice, now_ns: int) -> None:
         """A robot says goodbye; one that had not shown who it is goes unmentioned."""
@@ -261,6 +300,7 @@ class Connections:
         if replaced is not None:
             self._part(replaced, proved.farewell, now_ns)
         connection.robot, connection.pending = robot, None
+        self._greeted.remove(connection)
         self._by_tag[robot.tag] = connection
         self._opened()
         return proved.events
@@ -273,10 +313,14 @@ class Connections:
                 self._part(connection, answer.packet, now_ns)
             else:
                 # A robot that joins in mid-run has its readings with the welcome.
+                connection.deadline_ns = now_ns + HELLO_NS
                 connection.outbox.put(answer.packet)
                 if state := self._offered(answer.pending):
                     connection.outbox.put_state(state)
                 connection.write()
+        if answer.pending is not None:
+            self._strangers.remove(connection)
+            self._make_way(self._greeted.add(connection, answer.pending.robot.tag))
         if answer.event is not None:
             self._shared.notify(answer.event)
 
@@ -289,8 +333,7 @@ class Connections:
             self._shared.notify(LinkEvent("protocol_error", connection.robot.tag, text, now_ns))
             self._dismiss(connection, GoodbyeCause.PROTOCOL, str(error))
         elif error.code == lib.VS_ERR_MAGIC:
-            text = f"{origin}: not a robot: {error}"
-            self._shared.notify(LinkEvent("protocol_error", None, text, now_ns))
+            self._tell(connection, f"not a robot: {error}")
             self._drop(connection)
         else:
             tag = connection.inbox.older_tag if error.code == lib.VS_ERR_VERSION else None
@@ -342,6 +385,8 @@ class Connections:
     def _drop(self, connection: Connection) -> None:
         """Closes a connection, and the session that was open on it."""
         del self._all[connection.sock]
+        self._strangers.remove(connection)
+        self._greeted.remove(connection)
         self._selector.unregister(connection.sock)
         events: list[LinkEvent] = []
         with self._shared.lock:

@@ -21,8 +21,9 @@ from vsense.link.robots.status import LinkError, LinkEvent
 from vsense.link.robots.wire import GoodbyeCause, session_of
 from vsense.native import WireError
 
-BACKLOG = 64
-"""Connections that the kernel keeps until they are accepted."""
+BACKLOG = 512
+"""Connections that the kernel keeps until they are accepted; whoever finds no place there tries
+again after a second."""
 
 EPHEMERAL_TRIES = 32
 """How often a free TCP port is given back because its UDP half is taken."""
@@ -293,4 +294,5 @@ class ServerThread:
                 due_ns = min(due_ns, robot.due_ns)
             self._shared.notify_all(events)
         self._links.keep_time(now_ns)
+        self._shared.tick(now_ns)
         self._due_ns = due_ns

@@ -207,7 +207,9 @@ class Roster:
             notice = Notice(GoodbyeCause.END, _taken(hello.tag))
             refusal = pending.peer.encode(header, notice, now_ns)
             text = f"refused a robot from {pending.greeting.origin}: {notice.text}"
-            return Proved(b"", refusal, [LinkEvent("refused", hello.tag, text, now_ns)])
+            origin = pending.greeting.origin
+            event = LinkEvent("refused", hello.tag, text, now_ns, origin)
+            return Proved(b"", refusal, [event])
         farewell = b""
         if robot.open:
             farewell = robot.goodbye(GoodbyeCause.TAKEN_OVER, TAKEN_OVER, run, now_ns)
@@ -292,7 +294,8 @@ class Roster:
 
         The answer to a whole `hello` is tagged for it alone, with what `root` gives.
         """
-        event = LinkEvent("refused", tag, f"refused a robot from {origin}: {text}", now_ns)
+        told = f"refused a robot from {origin}: {text}"
+        event = LinkEvent("refused", tag, told, now_ns, origin)
         header = Header(PacketType.REFUSE, send_ns=now_ns)
         key = answer_key(root, hello) if hello else root
         return Answer(None, encode(header, Notice(code, cut_text(text)), key), event)

@@ -73,7 +73,8 @@ class VirtualSensorServer:
         self._roster.orders = Orders(int(calendar()))
         self._lock = threading.Lock()
         self._clock = clock
-        self._shared = ServerState(self._roster, self._lock, clock, EventThrottle(on_event).notify)
+        throttle = EventThrottle(on_event, expected.keys())
+        self._shared = ServerState(self._roster, self._lock, clock, throttle.notify, throttle.tick)
         self._goodbye = (GoodbyeCause.END, "")
         self._ordered_ns = clock()
 

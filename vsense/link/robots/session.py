@@ -121,7 +121,7 @@ class HostSession:
         self._hello = _NO_HELLO
         self._origin = ""
         self._key: int | None = None
-        self._deaf_since_ns: int | None = None
+        self._astray_ns: tuple[int, int] | None = None
         self._sessions = 0
         self._presence = Presence()
         self.reporter = Reporter()
@@ -182,7 +182,7 @@ class HostSession:
         self._log.open(hello.uid, hello.started)
         self._sessions += 1
         self._presence.open(now_ns)
-        self._deaf_since_ns = None
+        self._astray_ns = None
         self.due_ns = now_ns
         self.address = self.copied = None
         return event
@@ -306,7 +306,7 @@ class HostSession:
         self, header: Header, telemetry: Telemetry, source: Address | None, now_ns: int
     ) -> list[LinkEvent]:
         """Acts on telemetry that was accepted; see `receive`."""
-        self._deaf_since_ns = None
+        self._astray_ns = None
         self._telemetry = telemetry
         self.reporter.receive(header, telemetry, now_ns)
         events = []
@@ -343,12 +343,14 @@ class HostSession:
         return [self._event("doubt", f"{text}: without a key anybody can send them", now_ns)]
 
     def _note_drop(self, now_ns: int) -> None:
-        if self.peer.fault in _OUT_OF_ORDER and self._deaf_since_ns is None:
-            self._deaf_since_ns = now_ns
+        if self.peer.fault in _OUT_OF_ORDER:
+            first_ns = self._astray_ns[0] if self._astray_ns else now_ns
+            self._astray_ns = first_ns, now_ns
 
-    def deaf(self, now_ns: int) -> bool:
+    @property
+    def deaf(self) -> bool:
         """Whether only packets out of their order have come for so long that no other will."""
-        return self._deaf_since_ns is not None and now_ns - self._deaf_since_ns >= DEAF_NS
+        return self._astray_ns is not None and self._astray_ns[1] - self._astray_ns[0] >= DEAF_NS
 
     def tick(self, now_ns: int) -> list[LinkEvent]:
         """Gives what has changed only because time has passed."""

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 from vsense.errors import VsenseError
 from vsense.link.robots.wire import TEXT_MAX, Header, Telemetry, Wanted
+from vsense.link.strangers import StrangerLog
 
 LIFE_NS = 1_000_000_000
 """A report counts while its robot's controller acts: this long after the newest control step that
@@ -111,8 +112,8 @@ RING_LEDS = 0xFF
 REPEAT_NS = 10_000_000_000
 """The same refusal or protocol error is reported again only after this long."""
 
-REPEAT_ENTRIES = 256
-"""Different refusals and protocol errors that are remembered at a time."""
+LINES_OF_STRANGERS, LINES_OF_ROBOT = 8, 2
+"""So many different ones are told in that time, of all strangers and of one expected robot."""
 
 
 class LinkError(VsenseError):
@@ -134,12 +135,14 @@ class LinkEvent:
         tag: the robot's tag; None where it is not known.
         text: one line for a person.
         time_ns: host's monotonic clock.
+        origin: address of a peer that has not shown who it is; "" for robots.
     """
 
     kind: EventKind
     tag: int | None
     text: str
     time_ns: int
+    origin: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,28 +203,59 @@ class RobotStatus:
         return self.telemetry is not None and bool(self.telemetry.leds & RING_LEDS)
 
 
+THROTTLED: dict[str, str] = {"refused": "refused", "protocol_error": "no robot", "doubt": "doubted"}
+"""Kinds of events that anybody can cause, and how they are called where they are only counted."""
+
+
 class EventThrottle:
-    """Passes events on; the same refusal, protocol error or doubt only once in `REPEAT_NS`.
+    """Passes events on; of refusals, protocol errors and doubts only a few in `REPEAT_NS`.
 
     A refused robot tries again every second, and anybody can send garbage: such events would hide
-    the others.
+    the others. The same text is told once in that time. Of different ones each expected robot has
+    few, and all strangers together; what strangers do beyond that is counted.
+
+    Args:
+        on_event: takes events; must not wait.
+        expected: tags of the experiment's robots.
+        port: what events are of, for people.
     """
 
-    def __init__(self, on_event: Callable[[LinkEvent], None]) -> None:
+    def __init__(
+        self,
+        on_event: Callable[[LinkEvent], None],
+        expected: Collection[int] = (),
+        port: str = "robots' port",
+    ) -> None:
         self._on_event = on_event
-        self._told: dict[tuple[str, str], int] = {}
+        self._expected = frozenset(expected)
+        self._told: dict[tuple[int | None, EventKind, str], int] = {}
+        self._now_ns = 0
+        self._log = StrangerLog(port, self._tell)
 
     def notify(self, event: LinkEvent) -> None:
-        """Calls `on_event`, unless it heard the same event less than `REPEAT_NS` ago."""
-        if event.kind in ("refused", "protocol_error", "doubt"):
-            key = (event.kind, event.text)
-            told_ns = self._told.get(key)
-            if told_ns is not None and event.time_ns - told_ns < REPEAT_NS:
-                return
-            if len(self._told) >= REPEAT_ENTRIES:
-                self._told.clear()
-            self._told[key] = event.time_ns
-        self._on_event(event)
+        """Calls `on_event`, unless the event is one of too many."""
+        deed, now_ns = THROTTLED.get(event.kind), event.time_ns
+        if deed is None:
+            self._on_event(event)
+            return
+        self.tick(now_ns)
+        of = event.tag if event.tag in self._expected else None
+        key = (of, event.kind, event.text)
+        most = LINES_OF_STRANGERS if of is None else LINES_OF_ROBOT
+        if key not in self._told and sum(other[0] == of for other in self._told) < most:
+            self._told[key] = now_ns
+            self._on_event(event)
+        elif of is None:
+            self._log.count(event.origin or "somebody", deed, now_ns)
+
+    def tick(self, now_ns: int) -> None:
+        """Forgets what was told long ago, and tells what was counted; to be called often."""
+        self._now_ns = now_ns
+        self._told = {k: told for k, told in self._told.items() if now_ns - told < REPEAT_NS}
+        self._log.tick(now_ns)
+
+    def _tell(self, text: str) -> None:
+        self._on_event(LinkEvent("protocol_error", None, text, self._now_ns))
 
 
 def cut_text(text: str) -> str:

@@ -16,8 +16,10 @@ from typing import Any
 
 from vsense.arena import ArenaState
 from vsense.clock import host_ns
+from vsense.link import descriptors
 from vsense.link.robots.network import listen
 from vsense.link.robots.status import LinkError
+from vsense.link.strangers import Places, StrangerLog, owner_of
 from vsense.link.trackers.protocol import ROBOTS_MAX, TrackerReport
 from vsense.link.trackers.repair import Repair, StateCounters, TrackerLink
 
@@ -145,7 +147,13 @@ class SenderClock:
 
 
 SILENCE_NS = 1_000_000_000
-"""A tracker that writes nothing for this long has to make room for another."""
+"""A tracker that writes no valid line for this long has to make room for another."""
+CANDIDATES_MAX, CANDIDATES_EACH = 8, 4
+"""Connections without a valid line, in all and from one address; the oldest makes way for one
+more."""
+BAD_MAX = 16
+"""Bad lines until a connection without a valid one is closed: each costs time that the tracker's
+lines wait."""
 TOLD_MAX = 3
 """Bad lines of one connection that a person gets to see; the tracker gets all."""
 
@@ -170,7 +178,7 @@ class _Tracker:
         self.inbox = LineInbox()
         self.clock = SenderClock()
         self.timestep: int | None = None
-        self.told = 0
+        self.bad = 0
 
 
 class ArenaListener(TrackerLink):
@@ -199,6 +207,9 @@ class ArenaListener(TrackerLink):
         self.counters = ListenerCounters()
         self.repair = Repair(tags)
         self._tracker: _Tracker | None = None
+        self._candidates = Places[_Tracker](CANDIDATES_MAX, CANDIDATES_EACH)
+        self._strangers = StrangerLog(f"port {self.port}", tell)
+        self._resume_ns = 0
 
     def start(self) -> None:
         """The link has no runs: a tracker writes as long as it is connected."""
@@ -210,37 +221,60 @@ class ArenaListener(TrackerLink):
         return f"on {self._tracker.origin}" if self._tracker else self.name
 
     def _step(self, until_ns: int) -> ArenaState | None:
-        tracker = self._tracker
-        socks = [self._listener, *([tracker.sock] if tracker else [])]
+        now_ns = self._clock()
+        self._strangers.tick(now_ns)
+        trackers = [*([self._tracker] if self._tracker else []), *self._candidates]
+        socks = [tracker.sock for tracker in trackers]
+        if now_ns >= self._resume_ns:
+            socks.append(self._listener)
+        else:
+            until_ns = min(until_ns, self._resume_ns)
         ready = self._poll(dict.fromkeys(socks, select.POLLIN), until_ns)
         state = None
-        if tracker is not None and tracker.sock.fileno() in ready:
-            state = self._read(tracker)
+        for tracker in trackers:
+            if tracker.sock.fileno() in ready:
+                state = self._read(tracker) or state
         if self._listener.fileno() in ready:
             self._accept()
         return state
 
     def _hang_up(self) -> None:
-        self._let_go("")
+        for tracker in (self._tracker, *self._candidates):
+            if tracker is not None:
+                self._let_go(tracker, "")
         self._listener.close()
 
     def _accept(self) -> None:
+        now_ns = self._clock()
         try:
             sock, address = self._listener.accept()
-        except OSError:
+        except (BlockingIOError, InterruptedError, ConnectionError):
+            return
+        except OSError as error:
+            text = f"cannot accept a connection: {error.strerror}"
+            self._strangers.note("this machine", text, now_ns)
+            self._resume_ns = now_ns + round(descriptors.PAUSE_S * 1e9)
             return
         sock.setblocking(False)
-        origin, now_ns = str(address[0]), self._clock()
-        if self._tracker is not None and now_ns - self._tracker.heard_ns < SILENCE_NS:
-            self.counters.refused += 1
-            _answer(sock, {"error": f"a tracker on {self._tracker.origin} is writing already"})
-            sock.close()
-            self._tell(f"tracker on {origin}: refused, one on {self._tracker.origin} is writing")
+        candidate = _Tracker(sock, str(address[0]), now_ns)
+        if self._is_written(now_ns):
+            self._refuse(candidate)
             return
-        self._let_go("has fallen silent, another one takes over")
-        self._tracker = _Tracker(sock, origin, now_ns)
-        self.counters.connections += 1
-        self._tell(f"tracker on {origin}: connected")
+        loser = self._candidates.add(candidate, owner_of(candidate.origin))
+        if loser is not None:
+            loser.sock.close()
+            self._strangers.note(loser.origin, "no valid line", now_ns)
+
+    def _is_written(self, now_ns: int) -> bool:
+        """Whether a tracker writes, whose place no other gets."""
+        return self._tracker is not None and now_ns - self._tracker.heard_ns < SILENCE_NS
+
+    def _refuse(self, candidate: _Tracker) -> None:
+        assert self._tracker is not None
+        self.counters.refused += 1
+        origin = self._tracker.origin
+        _answer(candidate.sock, {"error": f"a tracker on {origin} is writing already"})
+        self._let_go(candidate, f": refused, one on {origin} is writing")
 
     def _read(self, tracker: _Tracker) -> ArenaState | None:
         try:
@@ -248,24 +282,47 @@ class ArenaListener(TrackerLink):
         except (BlockingIOError, InterruptedError):
             return None
         except OSError as error:
-            self._let_go(f"is gone: {error.strerror}")
+            self._let_go(tracker, f" is gone: {error.strerror}")
             return None
         if not data:
-            self._let_go("has closed the connection")
+            self._let_go(tracker, " has closed the connection")
             return None
-        tracker.heard_ns = self._clock()
-        newest = None
+        newest, now_ns = None, self._clock()
         for number, text in tracker.inbox.feed(data):
             try:
-                state = self._receive(tracker, text)
+                line = self._parse(tracker, text)
             except LinkError as error:
                 self._reject(tracker, number, str(error))
+                if tracker is not self._tracker and tracker.bad >= BAD_MAX:
+                    self._let_go(tracker, f": closed after {BAD_MAX} bad lines and no valid one")
+                    break
                 continue
-            self.counters.skipped += newest is not None and state is not None
-            newest = state or newest
+            if line is None:
+                continue
+            if not self._takes_over(tracker, now_ns):
+                break
+            state = self._follow(tracker, line, now_ns)
+            self.counters.skipped += newest is not None
+            newest = state
         return newest
 
-    def _receive(self, tracker: _Tracker, text: bytes | None) -> ArenaState | None:
+    def _takes_over(self, tracker: _Tracker, now_ns: int) -> bool:
+        """Whether a valid line counts: whoever writes one has the place, unless another has it."""
+        if tracker is not self._tracker:
+            if self._is_written(now_ns):
+                self._refuse(tracker)
+                return False
+            if self._tracker is not None:
+                self._let_go(self._tracker, " has fallen silent, another one takes over")
+            self._candidates.remove(tracker)
+            self._tracker = tracker
+            self.counters.connections += 1
+            self._say(tracker, ": connected")
+        tracker.heard_ns = now_ns
+        return True
+
+    def _parse(self, tracker: _Tracker, text: bytes | None) -> Line | None:
+        """Reads a line that follows those before; None if it is empty."""
         if text is None:
             raise LinkError(f"longer than {LINE_MAX} bytes")
         if not text.strip():
@@ -274,24 +331,34 @@ class ArenaListener(TrackerLink):
         step = 1 if tracker.timestep is None else line.timestep - tracker.timestep
         if not 1 <= step <= _JUMP_MAX:
             raise LinkError(f"timestep is {line.timestep} after {tracker.timestep}, expected more")
+        return line
+
+    def _follow(self, tracker: _Tracker, line: Line, now_ns: int) -> ArenaState:
+        step = 1 if tracker.timestep is None else line.timestep - tracker.timestep
         tracker.timestep = line.timestep
         self.counters.states += 1
-        return self.repair.follow(line.robots, step, tracker.clock.host_ns(line, tracker.heard_ns))
+        return self.repair.follow(line.robots, step, tracker.clock.host_ns(line, now_ns))
 
     def _reject(self, tracker: _Tracker, number: int, error: str) -> None:
         self.counters.bad_lines += 1
-        tracker.told += 1
+        tracker.bad += 1
         _answer(tracker.sock, {"line": number, "error": error})
-        if tracker.told <= TOLD_MAX:
-            more = " (more of this is only counted)" if tracker.told == TOLD_MAX else ""
-            self._tell(f"tracker on {tracker.origin}: line {number}: {error}{more}")
+        if tracker.bad <= TOLD_MAX:
+            more = " (more of this is only counted)" if tracker.bad == TOLD_MAX else ""
+            self._say(tracker, f": line {number}: {error}{more}")
 
-    def _let_go(self, reason: str) -> None:
-        tracker, self._tracker = self._tracker, None
-        if tracker is not None:
-            tracker.sock.close()
-            if reason:
-                self._tell(f"tracker on {tracker.origin} {reason}")
+    def _let_go(self, tracker: _Tracker, reason: str) -> None:
+        tracker.sock.close()
+        self._candidates.remove(tracker)
+        if tracker is self._tracker:
+            self._tracker = None
+        if reason:
+            self._say(tracker, reason)
+
+    def _say(self, tracker: _Tracker, text: str) -> None:
+        """Tells something of a tracker; whoever reaches the port can be one."""
+        text, deed = f"tracker on {tracker.origin}{text}", "connections and bad lines"
+        self._strangers.say(tracker.origin, text, deed, self._clock())
 
 
 def _answer(sock: socket.socket, values: dict[str, object]) -> None:

@@ -1,9 +1,10 @@
 """The arena tracking server: hands the arena state to clients of the original system.
 
 Thesis, 2.3.2; the protocol is that of `vsense.link.trackers.protocol`. `ArenaSession` is the
-server's side of one conversation without its socket. One client after another is served; others
-wait in the kernel's queue, as with the original. A thread of the server's own listens and answers;
-the tracker's thread calls `publish`, which never waits for a client.
+server's side of one conversation without its socket. One client after another is served, as with
+the original; others wait, and one that asks for nothing makes way for them. A thread of the
+server's own listens and answers; the tracker's thread calls `publish`, which never waits for a
+client.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import socket
 import struct
 import threading
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from vsense.arena import ArenaState
 from vsense.clock import host_ns
 from vsense.link.listening import Client, ListeningServer
 from vsense.link.robots.streams import Outbox
+from vsense.link.strangers import Places, owner_of
 from vsense.link.trackers.protocol import COMMAND_SIZE, END, TrackerCommand, encode_state
 
 Locate = Callable[[NDArray[np.void]], NDArray[np.float64]]
@@ -134,6 +136,10 @@ class ArenaSession:
 
 STUCK_NS = 10_000_000_000
 """A client that takes nothing of what waits for it for this long is gone."""
+SILENT_NS = 5_000_000_000
+"""A client that is in no run and asks for nothing for this long makes way for one that waits."""
+WAITING_MAX_CLIENTS, WAITING_EACH = 8, 2
+"""Clients that wait, in all and from one address; the oldest makes way for one more."""
 
 _KEEPALIVE = (5, 2)
 
@@ -143,6 +149,15 @@ class _Served(Client):
         super().__init__(sock, session.outbox, STUCK_NS, _KEEPALIVE, now_ns)
         self.origin = origin
         self.session = session
+        self.heard_ns = now_ns
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Waiting:
+    """A client that is not served yet."""
+
+    sock: socket.socket
+    origin: str
 
 
 class ArenaServer(ListeningServer):
@@ -166,6 +181,7 @@ class ArenaServer(ListeningServer):
         self._change = threading.Condition(self._lock)
         self._newest: ArenaState | None = None
         self._client: _Served | None = None
+        self._waiting = Places[_Waiting](WAITING_MAX_CLIENTS, WAITING_EACH)
 
     def publish(self, state: ArenaState) -> None:
         """Makes a state the newest and sends it to a client in a run; never waits for one.
@@ -259,47 +275,73 @@ class ArenaServer(ListeningServer):
 
     def _greet(self, sock: socket.socket, origin: str) -> None:
         with self._change:
-            session = ArenaSession(self._locate, lambda text: self._tell(f"{origin}: {text}"))
-            self._client = _Served(sock, origin, session, self._clock())
-            # The next client is accepted when this one has gone.
-            self._listen(False)
-            self._admit(self._client)
-        self._tell(f"{origin} has connected")
+            loser = self._waiting.add(_Waiting(sock, origin), owner_of(origin))
+            if loser is not None:
+                loser.sock.close()
+                self._strangers.note(loser.origin, "too many clients wait", self._clock())
+
+    def _serve_next(self) -> None:
+        """Serves the client that has waited longest; the lock is held."""
+        waiting = next(iter(self._waiting), None)
+        if waiting is None:
+            return
+        self._waiting.remove(waiting)
+        sock, origin = waiting.sock, waiting.origin
+        session = ArenaSession(self._locate, lambda text: self._say_of(origin, f": {text}"))
+        self._client = _Served(sock, origin, session, self._clock())
+        self._admit(self._client)
+        self._say_of(origin, " has connected")
 
     def _hear(self, client: _Served) -> None:
         data, lost = client.read()
         if not data and not lost:
             return
         with self._change:
+            if self._client is not client:
+                return
+            client.heard_ns = self._clock()
             client.session.receive(data, self._newest)
             if lost or client.session.refused:
                 self._drop(lost or client.session.refused)
             self._change.notify_all()
 
     def _settle(self) -> None:
-        client = self._client
-        if client is None:
-            return
-        lost = client.write(self._clock())
-        if lost:
-            self._drop(lost)
-        else:
-            self._await(client, bool(client.session.outbox))
+        client, now_ns = self._client, self._clock()
+        if client is not None:
+            idle = not client.session.running and now_ns - client.heard_ns >= SILENT_NS
+            lost = "asks for nothing, and another one waits" if idle and self._waiting else ""
+            lost = lost or client.write(now_ns)
+            if lost:
+                self._drop(lost)
+            else:
+                self._await(client, bool(client.session.outbox))
+        if self._client is None:
+            self._serve_next()
 
     def _let_go(self) -> None:
         self._drop("")
+        for waiting in self._waiting:
+            self._waiting.remove(waiting)
+            waiting.sock.close()
+
+    def _say(self, text: str) -> None:
+        self._tell(text)
+
+    def _say_of(self, origin: str, text: str) -> None:
+        """Tells something of a client; whoever reaches the port can be one. The lock is held."""
+        deed = "connections and commands"
+        self._strangers.say(origin, f"{origin}{text}", deed, self._clock())
 
     def _drop(self, reason: str) -> None:
-        """Closes the client's connection and listens for the next one; the lock is held."""
+        """Closes the client's connection, so that the next one is served; the lock is held."""
         client, self._client = self._client, None
         if client is None:
             return
         if client.session.running:
             reason += f" in timestep {client.session.timestep} of a run"
         if reason:
-            self._tell(f"{client.origin} {reason}")
+            self._say_of(client.origin, f" {reason}")
         self._dismiss(client)
-        self._listen(True)
         self._change.notify_all()
 
     def _unsent(self) -> bool:

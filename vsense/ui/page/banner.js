@@ -28,6 +28,9 @@ export function troubles(store, connection) {
     found.push({ level: "trouble", text: `Nothing seen for ${run.silent_s.toFixed(0)} s`, more: "no camera gives an arena state" });
   }
   found.push(...ofRobots(robots), ...ofCameras(cameras), ...ofDisk(run));
+  if (run?.doubts?.length) {
+    found.push({ level: "warning", text: "Not authenticated", more: run.doubts.join(" · ") });
+  }
   if (run?.state === "waiting") found.push({ level: "warning", text: capital(run.text), more: "" });
   return found;
 }

@@ -1,0 +1,26 @@
+"""`vsense` with a lab whose robots are behind the relay: `python -m tests.faults.lab lab ...`.
+
+Each robot is told an address of its own for the host; all else is the lab as it is.
+"""
+
+from __future__ import annotations
+
+import sys
+
+from tests.faults.relay import address
+from vsense.cli import main
+from vsense.lab import swarm
+
+
+class FarSwarm(swarm.Swarm):
+    """The robots of the lab, far from it."""
+
+    def _command(self, robot: swarm.Robot) -> list[str]:
+        words = super()._command(robot)
+        words[words.index("--host") + 1] = address(self.robots.index(robot))
+        return words
+
+
+if __name__ == "__main__":
+    swarm.Swarm = FarSwarm  # type: ignore[misc]
+    sys.exit(main())

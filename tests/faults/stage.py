@@ -1,0 +1,189 @@
+"""A running lab whose robots are behind the relay, and what can be seen of it from outside."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tests.faults.relay import Relay
+from tests.system.attacker import Attacker
+from tests.system.test_kills import children
+from tests.system.test_lab import Lab
+from vsense.clock import host_ns
+from vsense.config import experiment
+from vsense.lab.microcontrollers import ACTUATION
+from vsense.ui import control_socket
+
+HERE = Path(__file__).parent
+EXPERIMENT = HERE / "spin.argos"
+PATIENCE_S = 60.0
+POLL_S = 0.02
+
+
+class StageError(AssertionError):
+    """The lab does not do what the rig needs to go on at all."""
+
+
+class Canary:
+    """How late a thread of this process is woken: what a busy machine does to everybody.
+
+    Attributes:
+        worst_s: the worst since somebody set it to 0.
+    """
+
+    PERIOD_S = 0.005
+
+    def __init__(self) -> None:
+        self.worst_s = 0.0
+        self._ended = False
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        self._ended = True
+        self._thread.join()
+
+    def _run(self) -> None:
+        while not self._ended:
+            before_s = time.monotonic()
+            time.sleep(self.PERIOD_S)
+            self.worst_s = max(self.worst_s, time.monotonic() - before_s - self.PERIOD_S)
+
+
+class Stage:
+    """A lab of `robots` robots whose wheels turn, with its relay and an attacker on the air.
+
+    Attributes:
+        tags: the robots' tags by place.
+        normal: the wheels' speeds as the controller sets them, and rest.
+        restarted: daemons that the rig has started again.
+    """
+
+    def __init__(self, folder: Path, relay: Relay, attacker: Attacker, robots: int, seed: int):
+        self.relay, self.attacker = relay, attacker
+        self.folder = folder
+        known = experiment.load(EXPERIMENT)
+        self.tags = [robot.tag for robot in known.robots][:robots]
+        self.restarted: list[subprocess.Popen[bytes]] = []
+        self._rows: NDArray[np.void] = np.empty(0, ACTUATION)
+        self._read_bytes = 0
+        words = ("--robots", str(robots), "--seed", str(seed), "--base", "mixed")
+        self.lab = Lab(
+            *(folder / "run", str(EXPERIMENT), *words, "--record", "--json"),
+            module="tests.faults.lab",
+        )
+        self.lab.wait_for("picture to sent|timestep 0")
+        self.wait(lambda: self.moving(self.places), "all robots in motion")
+        self.normal = {(0, 0)} | {self.newest(place) for place in self.places}
+
+    # --- what is there
+
+    @property
+    def places(self) -> range:
+        """The robots, by their place in the experiment."""
+        return range(len(self.tags))
+
+    def worker(self, place: int) -> int:
+        """Process number of a robot's worker."""
+        return self.lab.daemon(self.tags[place])
+
+    def guard(self, place: int) -> int:
+        """Process number of a robot's guard."""
+        return children(self.worker(place))[0]
+
+    def helper(self, module: str) -> int:
+        """Process number of one of the lab's processes: cameras, physics_process."""
+        found = [p for p, words in self.lab.relatives().items() if f"vsense.lab.{module}" in words]
+        return found[0]
+
+    def script(self, place: int) -> Path:
+        """What starts a robot's daemon again."""
+        return self.lab.directory / "robots" / f"{self.tags[place]}.sh"
+
+    def start_again(self, place: int, script: Path | None = None) -> None:
+        """Starts a robot's daemon again."""
+        process = subprocess.Popen(
+            [script or self.script(place)], start_new_session=True, stderr=subprocess.DEVNULL
+        )
+        self.restarted.append(process)
+
+    # --- what the wheels do
+
+    def rows(self, place: int | None = None) -> NDArray[np.void]:
+        """The microcontrollers' log until now: (n,) `ACTUATION`, of one robot or of all."""
+        with (self.lab.directory / "actuations.bin").open("rb") as file:
+            file.seek(self._read_bytes)
+            data = file.read()
+        whole = len(data) // ACTUATION.itemsize * ACTUATION.itemsize
+        self._read_bytes += whole
+        self._rows = np.concatenate([self._rows, np.frombuffer(data[:whole], ACTUATION)])
+        return self._rows if place is None else self._rows[self._rows["robot"] == place]
+
+    def newest(self, place: int) -> tuple[int, int]:
+        """A robot's newest wheel speeds [steps/s]; (0, 0) before the first command."""
+        rows = self.rows(place)
+        if not len(rows):
+            return 0, 0
+        return int(rows["left_steps_s"][-1]), int(rows["right_steps_s"][-1])
+
+    def moving(self, places: Any) -> bool:
+        """Whether the wheels of all these robots turn."""
+        return all(self.newest(place) != (0, 0) for place in places)
+
+    def wait(self, condition: Any, what: str, patience_s: float = PATIENCE_S) -> float:
+        """Waits until something holds; gives how long that took [s].
+
+        Raises:
+            StageError: it did not, with what the lab has said last.
+        """
+        start_s = time.monotonic()
+        while not condition():
+            if time.monotonic() - start_s > patience_s:
+                raise StageError(f"no {what} in {patience_s:g} s; {''.join(self.lab.said[-5:])}")
+            time.sleep(POLL_S)
+        return time.monotonic() - start_s
+
+    # --- what the operator does
+
+    def order(self, word: str, value: float = 0.0) -> None:
+        """Gives the lab an order, as the terminal does."""
+        place = control_socket.folder() / f"{self.lab.process.pid}.sock"
+        with socket.socket(socket.AF_UNIX) as sock:
+            sock.settimeout(5.0)
+            sock.connect(str(place))
+            sock.sendall(json.dumps({"order": word, "value": value}).encode() + b"\n")
+            answer = json.loads(sock.makefile().readline())
+        if "error" in answer:
+            raise StageError(f"{word}: {answer['error']}")
+
+    def end(self, number: signal.Signals) -> tuple[int, float]:
+        """Ends the lab by a signal; gives its exit code and how long it took [s]."""
+        start_s = time.monotonic()
+        self.lab.process.send_signal(number)
+        code = self.lab.end()
+        return code, time.monotonic() - start_s
+
+    def close(self) -> None:
+        """Leaves nothing behind."""
+        if self.lab.process.poll() is None:
+            self.lab.process.kill()
+            self.lab.end()
+        for process in self.restarted:
+            process.kill()
+            process.wait()
+        for pid in self.lab.relatives():
+            os.kill(pid, signal.SIGKILL)
+
+    def now(self) -> int:
+        """The clock of everything that is measured here [ns]."""
+        return host_ns()

@@ -1,0 +1,177 @@
+/* SPDX-License-Identifier: MIT */
+/*
+ * The picture kernel: pictures of any size and stride, lenses and outlines of any numbers, windows
+ * anywhere. It refuses, or what it finds lies in the picture and is made of numbers.
+ */
+#include "../../../c_src/host/vs_markers.h"
+#include "../../../c_src/host/vs_scan.h"
+#include "fuzz.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+#define PIXELS 16384
+#define FOUND 8
+
+static uint8_t pixels[PIXELS];
+static struct vs_outline outline;
+static struct vs_marker found[FOUND];
+static uint32_t origin[FOUND];
+static uint64_t *memory;
+
+/* Mostly a number as it should be. */
+static double number(struct input *in, double usual)
+{
+    uint8_t how = take_u8(in);
+
+    if (how >= 252)
+        return take_double(in);
+    return usual * (1.0 + ((how & 15) - 4) / 16.0);
+}
+
+static void take_picture(struct input *in, struct vs_picture *picture)
+{
+    uint32_t seed = 1u + take_u16(in);
+    uint8_t dark = take_u8(in);
+    uint8_t light = take_u8(in);
+    size_t side = 1u + take_u8(in);
+    size_t i;
+
+    picture->width_px = (int16_t)take_u16(in) % 400;
+    picture->height_px = (int16_t)take_u16(in) % 400;
+    picture->stride = take_u8(in) & 3 ? (size_t)abs(picture->width_px) : take_u16(in);
+    if (picture->height_px > 0 && picture->stride * (size_t)picture->height_px > PIXELS)
+        picture->height_px = (int32_t)(PIXELS / picture->stride);
+    picture->pixels = pixels;
+    for (i = 0; i < PIXELS; i++) {
+        seed = seed * 1664525u + 1013904223u;
+        pixels[i] = (uint8_t)((i / side & 1 ? dark : light) + (seed >> 29));
+    }
+    take_into(in, pixels + take_u16(in) % (PIXELS - 256), 1u + take_u8(in));
+    if (picture->width_px > 0 && (size_t)picture->width_px > picture->stride)
+        return; /* to be refused */
+    if (picture->height_px > 8192)
+        picture->height_px = 1;
+}
+
+/* A triangle, about as the shipped family's. */
+static void make_outline(struct input *in)
+{
+    int i;
+
+    memset(&outline, 0, sizeof outline);
+    outline.samples = 36;
+    outline.cells = 9;
+    outline.passes = 3;
+    outline.unit_m = number(in, 0.004);
+    outline.scale_doubt = number(in, 0.12);
+    outline.least_contrast = number(in, 25.0);
+    outline.radius_m = number(in, 0.03);
+    for (i = 0; i < outline.samples; i++) {
+        double angle = 0.1745 * i;
+
+        outline.x_m[i] = 0.02 * cos(angle);
+        outline.y_m[i] = 0.012 * sin(angle);
+        outline.normal_x[i] = cos(angle);
+        outline.normal_y[i] = sin(angle);
+    }
+    for (i = 0; i < outline.cells * VS_OUTLINE_SPOTS; i++) {
+        outline.spot_x_m[i] = 0.0005 * (i % 9) - 0.002;
+        outline.spot_y_m[i] = 0.0005 * (i / 9.0) - 0.002;
+    }
+    for (i = 0; i < outline.passes; i++) {
+        struct vs_outline_pass pass = {number(in, 0.003), 9, 1, number(in, 0.3), number(in, 0.01)};
+
+        outline.stage[i] = pass;
+    }
+    if (take_u8(in) >= 250) {
+        outline.samples = (int8_t)take_u8(in);
+        outline.cells = (int8_t)take_u8(in);
+        outline.passes = (int8_t)take_u8(in);
+        outline.stage[1].steps = (int8_t)take_u8(in);
+        outline.stage[2].stride = (int8_t)take_u8(in);
+    }
+}
+
+static void make_lens(struct input *in, struct vs_view *view)
+{
+    static const double down[9] = {1, 0, 0, 0, -1, 0, 0, 0, -1};
+    int i;
+
+    view->lens.fx_px = number(in, 200.0);
+    view->lens.fy_px = number(in, 200.0);
+    view->lens.cx_px = number(in, 64.0);
+    view->lens.cy_px = number(in, 64.0);
+    for (i = 0; i < 5; i++)
+        view->lens.distortion[i] = number(in, 0.01);
+    for (i = 0; i < 9; i++)
+        view->lens.rotation[i] = number(in, down[i]);
+    for (i = 0; i < 3; i++)
+        view->lens.position_m[i] = number(in, i == 2 ? 0.5 : 0.0);
+    view->height_m = number(in, 0.05);
+}
+
+static void check_found(const struct vs_view *view, size_t count)
+{
+    size_t i;
+
+    CHECK(count <= FOUND);
+    for (i = 0; i < count; i++) {
+        CHECK(isfinite(found[i].x_m) && isfinite(found[i].y_m) && isfinite(found[i].scale));
+        CHECK(isfinite(found[i].ahead_x) && isfinite(found[i].ahead_y));
+        CHECK(found[i].x_px >= -0.5 && found[i].x_px <= view->picture.width_px - 0.5);
+        CHECK(found[i].y_px >= -0.5 && found[i].y_px <= view->picture.height_px - 0.5);
+        CHECK(found[i].coverage >= 0.0 && found[i].coverage <= 1.0);
+    }
+}
+
+static void follow(struct input *in, const struct vs_view *view)
+{
+    size_t count = take_below(in, FOUND);
+    size_t i;
+
+    memset(found, 0, sizeof found);
+    for (i = 0; i < count; i++) {
+        found[i].x_m = number(in, 0.01);
+        found[i].y_m = number(in, 0.01);
+        found[i].ahead_x = number(in, 1.0);
+        found[i].ahead_y = number(in, 0.1);
+        found[i].scale = number(in, 1.0);
+    }
+    if (vs_markers_follow(&outline, view, found, origin, &count) == VS_OK)
+        check_found(view, count);
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+{
+    struct input in = {data, size};
+    struct vs_search search = {36, 100, 0.005, 0.03, {20.0, 150.0, 0.1, 4.0, 1.0, 9.0, 0.0}};
+    struct vs_window window;
+    struct vs_view view;
+    size_t count = 0;
+    int full;
+
+    if (memory == NULL)
+        memory = malloc(vs_markers_size());
+    memset(&view, 0, sizeof view);
+    take_picture(&in, &view.picture);
+    make_outline(&in);
+    make_lens(&in, &view);
+    search.least_contrast = (int8_t)take_u8(&in);
+    search.level_256 = take_u16(&in) % 300;
+    search.lead_m = number(&in, 0.005);
+    search.gate.length_px = number(&in, 30.0);
+    search.gate.area_px2 = number(&in, 300.0);
+    window.left = (int16_t)take_u16(&in);
+    window.top = (int16_t)take_u16(&in);
+    window.right = take_u8(&in) & 7 ? view.picture.width_px : (int32_t)take_u32(&in);
+    window.bottom = take_u8(&in) & 7 ? view.picture.height_px : (int32_t)take_u32(&in);
+    if (take_u8(&in) & 1)
+        window.left = window.top = 0;
+    full = vs_markers_search((struct vs_markers *)(void *)memory, &search, &outline, &view, &window,
+                             found, FOUND, &count);
+    if (full >= 0)
+        check_found(&view, count);
+    follow(&in, &view);
+    return 0;
+}

@@ -1,0 +1,195 @@
+"""Strangers on a port: how many may be connected, and how little is told of them.
+
+A stranger is a peer that has not shown yet who it is. Every port has its own limits, so that a
+flood on one costs the others nothing. Whoever has waited longest makes way for a newcomer: real
+peers say who they are at once, and are strangers for milliseconds only. What strangers do is told
+in one line, and then only counted.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+from collections import Counter
+from collections.abc import Callable, Hashable, Iterator
+from typing import Generic, TypeVar
+
+PERIOD_NS = 10_000_000_000
+"""What is counted is told once in this time."""
+
+LINES_MAX = 20
+"""Different lines that are told of peers that may be strangers, before they are only counted."""
+
+ADDRESSES_MAX = 256
+"""Different addresses that are counted in a period; those of more are not told apart."""
+
+DELAY_MAX_S = 2.0
+"""Nobody waits longer for the turn of a request, however many have come before."""
+
+PREFIX_BITS = 64
+"""One host of IPv6 has all addresses that begin with the same bits."""
+
+Item = TypeVar("Item", bound=Hashable)
+
+
+class StrangerLog:
+    """Tells what strangers do on one port; its methods are for one thread.
+
+    Args:
+        port: its name for people, such as "port 4050".
+        tell: takes a line for a person; must not wait.
+    """
+
+    def __init__(self, port: str, tell: Callable[[str], None]) -> None:
+        self._port = port
+        self._tell = tell
+        self._until_ns = self._lines = 0
+        self._told: set[str] = set()
+        self._deeds: Counter[str] = Counter()
+        self._origins: Counter[str] = Counter()
+
+    def note(self, origin: str, deed: str, now_ns: int) -> None:
+        """A stranger from an address did something, at a time of the host's monotonic clock.
+
+        `deed` is one of a few fixed phrases, never a text of the stranger's.
+        """
+        self.tick(now_ns)
+        if deed in self._told:
+            self.count(origin, deed, now_ns)
+            return
+        self._begin(now_ns)
+        self._told.add(deed)
+        self._tell(f"{self._port}: {origin}: {deed}")
+
+    def say(self, origin: str, text: str, deed: str, now_ns: int) -> None:
+        """Tells something in its own words, `LINES_MAX` times in a period; then it is counted."""
+        self.tick(now_ns)
+        if self._lines >= LINES_MAX:
+            self.count(origin, deed, now_ns)
+            return
+        self._begin(now_ns)
+        self._lines += 1
+        self._tell(text)
+
+    def count(self, origin: str, deed: str, now_ns: int) -> None:
+        """As `note`, of something that was told already, in other words perhaps."""
+        self.tick(now_ns)
+        self._begin(now_ns)
+        self._deeds[deed] += 1
+        if origin in self._origins or len(self._origins) < ADDRESSES_MAX:
+            self._origins[origin] += 1
+
+    def tick(self, now_ns: int) -> None:
+        """Tells what was counted, where a period is over; to be called every second or so."""
+        if not self._until_ns or now_ns < self._until_ns:
+            return
+        if not self._deeds:
+            self._told.clear()
+            self._until_ns = self._lines = 0
+            return
+        deeds = ", ".join(f"{deed} ({count})" for deed, count in self._deeds.most_common())
+        self._tell(
+            f"{self._port}: {self._deeds.total()} more from {self._sources()} in the last"
+            f" {PERIOD_NS // 10**9} s: {deeds}"
+        )
+        self._deeds.clear()
+        self._origins.clear()
+        self._until_ns = now_ns + PERIOD_NS
+
+    def _begin(self, now_ns: int) -> None:
+        """Begins a period, unless one is on."""
+        self._until_ns = self._until_ns or now_ns + PERIOD_NS
+
+    def _sources(self) -> str:
+        (origin, _), others = self._origins.most_common(1)[0], len(self._origins) - 1
+        if not others:
+            return origin
+        return f"{origin} and {others} other address{'es' if others > 1 else ''}"
+
+
+class Places(Generic[Item]):
+    """The places of a port: limited in all and for each owner, usually an address.
+
+    Args:
+        most: places in all.
+        most_each: of one owner.
+    """
+
+    def __init__(self, most: int, most_each: int) -> None:
+        self._most, self._most_each = most, min(most, most_each)
+        self._owners: dict[Item, Hashable] = {}
+        self._counts: Counter[Hashable] = Counter()
+
+    def __len__(self) -> int:
+        return len(self._owners)
+
+    def __iter__(self) -> Iterator[Item]:
+        """All that have a place, who has waited longest first."""
+        return iter(list(self._owners))
+
+    def __contains__(self, item: Item) -> bool:
+        return item in self._owners
+
+    def add(self, item: Item, owner: Hashable) -> Item | None:
+        """Gives a place; returns who has lost its own to it, if anybody has.
+
+        It is the one that has waited longest: of the same owner, or if all places are taken, of the
+        owner that has most of them.
+        """
+        loser = None
+        if self._counts[owner] >= self._most_each:
+            loser = self._oldest(owner)
+        elif len(self._owners) >= self._most:
+            loser = self._oldest(self._counts.most_common(1)[0][0])
+        if loser is not None:
+            self.remove(loser)
+        self._owners[item] = owner
+        self._counts[owner] += 1
+        return loser
+
+    def renew(self, item: Item) -> None:
+        """Counts one that has a place as the newest."""
+        if item in self._owners:
+            self._owners[item] = self._owners.pop(item)
+
+    def remove(self, item: Item) -> None:
+        """Frees a place; nothing happens where it has none."""
+        if item not in self._owners:
+            return
+        owner = self._owners.pop(item)
+        self._counts[owner] -= 1
+        if not self._counts[owner]:
+            del self._counts[owner]
+
+    def _oldest(self, owner: Hashable) -> Item:
+        return next(item for item, other in self._owners.items() if other == owner)
+
+
+class RateLimit:
+    """How often each owner may ask for something: `burst` times at once, then `rate_hz`."""
+
+    def __init__(self, rate_hz: float, burst: int) -> None:
+        self._period_s = 1.0 / rate_hz
+        self._burst_s = burst / rate_hz
+        self._until_s: dict[Hashable, float] = {}
+
+    def delay_s(self, owner: Hashable, now_s: float) -> float:
+        """Counts one more; gives how long it has to wait."""
+        if len(self._until_s) >= ADDRESSES_MAX:
+            self._until_s = {one: until for one, until in self._until_s.items() if until > now_s}
+        until_s = max(self._until_s.get(owner, 0.0), now_s) + self._period_s
+        until_s = min(until_s, now_s + self._burst_s + DELAY_MAX_S)
+        self._until_s[owner] = until_s
+        return max(until_s - self._burst_s - now_s, 0.0)
+
+
+def owner_of(address: str) -> str:
+    """Whom an address counts for: one of IPv6 for its network, as each host has many."""
+    try:
+        found = ipaddress.ip_address(address.partition("%")[0])
+    except ValueError:
+        return address
+    if isinstance(found, ipaddress.IPv4Address):
+        return str(found)
+    if found.ipv4_mapped is not None:
+        return str(found.ipv4_mapped)
+    return str(ipaddress.ip_network((found, PREFIX_BITS), strict=False))
