@@ -311,14 +311,7 @@ def test_functions_fit_a_screen() -> None:
 
 def test_top_level_is_the_design_card() -> None:
     allowed = {"setup.py", "c_src", "vsense", "robot", "firmware_bridge", "tests", "scripts"}
-    allowed |= {
-        "README.md",
-        "CHANGELOG.md",
-        "SECURITY.md",
-        "LICENSE",
-        "pyproject.toml",
-        "MANIFEST.in",
-    }
+    allowed |= {"README.md", "CHANGELOG.md", "LICENSE", "pyproject.toml", "MANIFEST.in"}
     made = {"build", "dist", "runs"}
     found = {p.name for p in ROOT.iterdir() if not p.name.startswith(".")}
     assert {n for n in found if not n.endswith(".egg-info")} - allowed - made == set()

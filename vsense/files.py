@@ -14,8 +14,13 @@ import stat
 from pathlib import Path
 from typing import Any, BinaryIO, NoReturn
 
+from vsense.errors import VsenseError
+
 MOST_BYTES = 16 << 20
 """Of a file that people write: experiments, resources, cameras, tables."""
+
+MOST_TABLE_BYTES = 256 << 20
+"""Of a table that programs write: pictures' times, corners of many views."""
 
 _KINDS = {
     stat.S_IFIFO: "is a pipe",
@@ -48,6 +53,25 @@ def open_bytes(path: Path) -> BinaryIO:
     return open(descriptor, "rb")
 
 
+def check_private(file: BinaryIO, path: Path, what: str, most: int, advised: int = 0o600) -> None:
+    """Refuses an open file that others may touch.
+
+    Args:
+        file, path: the file, and its name for people.
+        what: of it is secret: "the tokens".
+        most: bits of a mode that it may have.
+        advised: the mode that people are told to give it.
+
+    Raises:
+        VsenseError: its mode has other bits.
+    """
+    mode = stat.S_IMODE(os.fstat(file.fileno()).st_mode)
+    if mode & ~most:
+        raise VsenseError(
+            f"{path}: others may read or change {what} (mode {mode:04o}): chmod {advised:o} {path}"
+        )
+
+
 def read_bytes(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
     """Reads a whole file.
 
@@ -55,8 +79,13 @@ def read_bytes(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
         OSError: as `open_bytes`; or it has more than `most_bytes`.
     """
     with open_bytes(path) as file:
-        size = os.fstat(file.fileno()).st_size
-        data = b"" if size > most_bytes else file.read(most_bytes + 1)
+        return read_open(file, path, most_bytes)
+
+
+def read_open(file: BinaryIO, path: Path, most_bytes: int = MOST_BYTES) -> bytes:
+    """Reads an open file whole; OSError if it has more than `most_bytes`."""
+    size = os.fstat(file.fileno()).st_size
+    data = b"" if size > most_bytes else file.read(most_bytes + 1)
     if size > most_bytes or len(data) > most_bytes:
         least = max(size, len(data)) / (1 << 20)
         words = f"has {least:.0f} MB, expected at most {most_bytes >> 20} MB"

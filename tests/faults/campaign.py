@@ -19,7 +19,7 @@ from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from tests.faults.faults import FAULTS, Anew, Fault
+from tests.faults.faults import FAULTS, Fault
 from tests.faults.judge import (
     LOST_NS,
     Verdict,
@@ -148,7 +148,7 @@ class Campaign:
         except StageError as error:
             missed = str(error)
             stage.relay.calm()
-        if isinstance(fault, Anew):
+        if fault.ends_late:
             ended_ns = stage.now()
         patience_s = 2.0 + 4.0 * fault.round_trip_s + 1.0
         back = lambda: stage.moving(stage.places)  # noqa: E731
@@ -160,7 +160,6 @@ class Campaign:
             if back():
                 break
         verdict = judge(stage, fault, Window(begun_ns, ended_ns, stage.now(), said))
-        verdict.canary_s = canary.worst_s
         verdict.broken += [missed] if missed else []
         if verdict.broken and canary.worst_s > BUSY_S:
             self.void.append(verdict)
@@ -271,11 +270,8 @@ def inside(options: argparse.Namespace) -> int:
         failed = str(error)
     broken = [verdict for verdict in campaign.verdicts if verdict.broken]
     print(*table(campaign.verdicts), sep="\n")
-    print(
-        f"seed {options.seed}: {len(campaign.verdicts)} faults, {len(broken)} broke a promise",
-        end="",
-    )
-    print(f", {len(campaign.void)} void" if campaign.void else "")
+    counts = f"{len(campaign.verdicts)} faults, {len(broken)} broke a promise"
+    print(f"seed {options.seed}: {counts}, {len(campaign.void)} void")
     if failed:
         print(f"ended early: {failed}")
     if failed or broken:

@@ -41,6 +41,7 @@ class Fault:
         silent: what the host must not say from its beginning on, likewise.
         aftermath_s: for so long after its end the lab is watched; the wheels' log is written ten
             times per second.
+        ends_late: it ends with what its end waits for.
     """
 
     name: str
@@ -51,6 +52,7 @@ class Fault:
     says: str = ""
     silent: str = ""
     aftermath_s: float = 0.25
+    ends_late: bool = False
 
     def begin(self, stage: Stage) -> None:
         """Makes it happen."""
@@ -253,19 +255,12 @@ class Killed(Fault):
     def end(self, stage: Stage) -> None:
         script = stage.script(self.place)
         if self.clock:
-            changed = re.sub(
-                r"--clock-offset-ns \S+ --clock-drift-ppm \S+", self.clock, read(script)
-            )
+            options = r"--clock-offset-ns \S+ --clock-drift-ppm \S+"
+            changed = re.sub(options, self.clock, script.read_text())
             script = script.with_suffix(".clock.sh")
             script.write_text(changed)
             script.chmod(0o755)
         stage.start_again(self.place, script)
-
-
-def read(script: os.PathLike[str]) -> str:
-    """A script's text."""
-    with open(script) as file:
-        return file.read()
 
 
 def killed_worker(draw: Draw, stage: Stage) -> Fault:
@@ -305,6 +300,7 @@ class Anew(Killed):
     """A daemon starts again where the network is slow: it has to connect while that lasts."""
 
     late_s: float = 0.0
+    ends_late: bool = True
 
     def begin(self, stage: Stage) -> None:
         way = Weather(delay_s=self.late_s)

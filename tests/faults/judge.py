@@ -34,14 +34,12 @@ class Verdict:
         name: the fault's.
         stop_ns: how long the last of those robots that had to stop took.
         back_ns: how long the last robot took until it moved after the fault's end.
-        canary_s: how late the rig was meanwhile.
         broken: the invariants that did not hold, in words.
     """
 
     name: str
     stop_ns: int = 0
     back_ns: int = 0
-    canary_s: float = 0.0
     broken: list[str] = field(default_factory=list)
 
 

@@ -126,7 +126,8 @@ class Stage:
             data = file.read()
         whole = len(data) // ACTUATION.itemsize * ACTUATION.itemsize
         self._read_bytes += whole
-        self._rows = np.concatenate([self._rows, np.frombuffer(data[:whole], ACTUATION)])
+        if whole:
+            self._rows = np.concatenate([self._rows, np.frombuffer(data[:whole], ACTUATION)])
         return self._rows if place is None else self._rows[self._rows["robot"] == place]
 
     def newest(self, place: int) -> tuple[int, int]:
@@ -140,8 +141,8 @@ class Stage:
         """Whether the wheels of all these robots turn."""
         return all(self.newest(place) != (0, 0) for place in places)
 
-    def wait(self, condition: Any, what: str, patience_s: float = PATIENCE_S) -> float:
-        """Waits until something holds; gives how long that took [s].
+    def wait(self, condition: Any, what: str, patience_s: float = PATIENCE_S) -> None:
+        """Waits until something holds.
 
         Raises:
             StageError: it did not, with what the lab has said last.
@@ -151,17 +152,16 @@ class Stage:
             if time.monotonic() - start_s > patience_s:
                 raise StageError(f"no {what} in {patience_s:g} s; {''.join(self.lab.said[-5:])}")
             time.sleep(POLL_S)
-        return time.monotonic() - start_s
 
     # --- what the operator does
 
-    def order(self, word: str, value: float = 0.0) -> None:
+    def order(self, word: str) -> None:
         """Gives the lab an order, as the terminal does."""
         place = control_socket.folder() / f"{self.lab.process.pid}.sock"
         with socket.socket(socket.AF_UNIX) as sock:
             sock.settimeout(5.0)
             sock.connect(str(place))
-            sock.sendall(json.dumps({"order": word, "value": value}).encode() + b"\n")
+            sock.sendall(json.dumps({"order": word}).encode() + b"\n")
             answer = json.loads(sock.makefile().readline())
         if "error" in answer:
             raise StageError(f"{word}: {answer['error']}")

@@ -15,9 +15,8 @@ import pytest
 from vsense import cli, commands, errors, recording
 from vsense.commands import arguments
 from vsense.errors import UsageError
-from vsense.message_bus import MessageBus
 from vsense.ui.access import WebAddress
-from vsense.ui.room import make_server
+from vsense.ui.room import page_access
 
 
 def test_ctrl_c_while_the_commands_load_is_no_traceback(
@@ -100,7 +99,7 @@ def test_a_missing_package_is_named_with_its_extra(monkeypatch: pytest.MonkeyPat
         "recordings need the Python package mcap: pip install 'vsense[record]'"
     )
     with pytest.raises(UsageError, match=r"the page needs .* aiohttp: pip install 'vsense\[web\]'"):
-        make_server(WebAddress("127.0.0.1", 0), MessageBus(), lambda order: "", print)
+        page_access(WebAddress("127.0.0.1", 0))
 
 
 def test_an_emergency_stop_needs_no_library() -> None:

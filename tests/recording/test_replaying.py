@@ -19,6 +19,7 @@ from vsense.message_bus import Message, MessageBus
 from vsense.run.orders import Give, Order, OrderKind
 from vsense.tracking.arena_tracker import ArenaTracker
 from vsense.ui.access import WebAddress
+from vsense.ui.room import PageAccess
 
 __all__ = ["lab"]
 
@@ -51,7 +52,7 @@ def test_it_plays_until_somebody_interrupts(
     file = record(tmp_path / "run.mcap", [Message("/arena", BEGIN_NS, {})])
     pages: list[Page] = []
 
-    def make(web: WebAddress, bus: MessageBus, give: Give, tell: object) -> Page:
+    def make(access: PageAccess, bus: MessageBus, give: Give, tell: object) -> Page:
         pages.append(Page(bus, give))
         return pages[0]
 

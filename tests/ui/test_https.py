@@ -26,7 +26,7 @@ from vsense.commands.arguments import web_of
 from vsense.errors import UsageError, VsenseError
 from vsense.ui import certificate, web_listener
 from vsense.ui.access import WebAddress
-from vsense.ui.room import make_server, open_web, say_encryption
+from vsense.ui.room import open_web, page_access
 from vsense.ui.server import WebServer
 
 PATIENCE_S = 30.0
@@ -41,7 +41,7 @@ class Page:
         self.told: list[str] = []
         self.server: WebServer
         self.server, self.lines = open_web(
-            address, self.puppet.bus, self.puppet.give, self.told.append
+            page_access(address), self.puppet.bus, self.puppet.give, self.told.append
         )
         self.port = self.server.port
         assert self.server.tokens is not None
@@ -260,16 +260,14 @@ def test_without_the_library_nothing_starts(monkeypatch: pytest.MonkeyPatch) -> 
     found = importlib.util.find_spec
     hidden = lambda name: None if name == "cryptography" else found(name)  # noqa: E731
     monkeypatch.setattr(importlib.util, "find_spec", hidden)
-    puppet = Puppet()
     with pytest.raises(UsageError) as caught:
-        make_server(OPEN, puppet.bus, puppet.give, print)
+        page_access(OPEN)
     assert str(caught.value) == (
         "a page that other machines may open needs the Python package cryptography:"
         " pip install 'vsense[https]'; or give one with --web-cert FILE, or send the tokens"
         " unencrypted with --insecure"
     )
     assert certificate.tls_of(WebAddress("127.0.0.1", 0)) is None
-    puppet.end()
 
 
 def test_insecure_is_plain_http_and_said(opened: Open) -> None:
@@ -283,7 +281,7 @@ def test_insecure_is_plain_http_and_said(opened: Open) -> None:
 def test_this_machine_needs_none() -> None:
     for host in ("127.0.0.1", "localhost", "::1"):
         assert certificate.tls_of(WebAddress(host, 0)) is None
-        assert say_encryption(WebAddress(host, 0)) == []
+        assert page_access(WebAddress(host, 0)).warnings() == []
 
 
 def test_the_options(tmp_path: Path) -> None:

@@ -20,9 +20,8 @@ from vsense.calibration.board import CHARUCO, Board
 from vsense.cameras.camera import Floats
 from vsense.cameras.picture import Image
 from vsense.errors import ConfigError, UsageError
-from vsense.files import read_text
+from vsense.files import MOST_TABLE_BYTES, read_text
 
-_MOST_TABLE_BYTES = 256 << 20
 _DIGITS_MAX = 9
 
 Ints = NDArray[np.int64]
@@ -66,7 +65,7 @@ def read_table(path: Path, columns: Sequence[str]) -> list[tuple[int, list[str]]
     Raises UsageError for an unreadable file, ConfigError for a missing column or value.
     """
     try:
-        text = read_text(path, "utf-8-sig", _MOST_TABLE_BYTES)
+        text = read_text(path, "utf-8-sig", MOST_TABLE_BYTES)
         lines = list(csv.reader(io.StringIO(text, newline="")))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         reason = getattr(error, "strerror", None) or error
@@ -113,7 +112,7 @@ def read_corners(path: Path, corners: int) -> list[View]:
             raise ConfigError(
                 str(path),
                 line,
-                f"corner: '{corner[:40]}': expected 0 to {corners - 1} here",
+                f"corner: '{corner[:40]}': expected 0 to {corners - 1} on this board",
             )
         view = views.setdefault((camera, moment), {})
         if int(corner) in view:

@@ -21,9 +21,7 @@ import cv2
 from vsense.cameras.grabber import GrabberError
 from vsense.cameras.picture import Image, PictureError, read_picture, to_grey
 from vsense.errors import ConfigError
-from vsense.files import read_text
-
-_MOST_TABLE_BYTES = 256 << 20
+from vsense.files import MOST_TABLE_BYTES, read_text
 
 COLUMNS = ("picture", "timestep", "capture_ns", "capture_s")
 
@@ -76,7 +74,7 @@ def _numbers(pictures: Sequence[str]) -> list[int] | None:
 def read_timestamps(path: Path, named: bool) -> list[CaptureTime]:
     """Reads a table of timestamps; if `named`, rows must name pictures. Raises ConfigError."""
     try:
-        lines = read_text(path, "utf-8-sig", _MOST_TABLE_BYTES).splitlines()
+        lines = read_text(path, "utf-8-sig", MOST_TABLE_BYTES).splitlines()
     except OSError as error:
         raise ConfigError(str(path), 1, f"cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:

@@ -17,7 +17,7 @@ from vsense.message_bus import MessageBus
 from vsense.run.orders import Order, OrderKind
 from vsense.terminal import Console, interruption
 from vsense.ui.access import WebAddress
-from vsense.ui.room import make_server, say_encryption
+from vsense.ui.room import make_server, page_access
 
 if TYPE_CHECKING:
     from vsense.recording.reader import Recording
@@ -74,7 +74,7 @@ def play(file: Path, speed: float, web: WebAddress) -> int:
     from vsense.recording.player import Player
     from vsense.recording.reader import open_recording
 
-    console = Console()
+    console, access = Console(), page_access(web)
     with ExitStack() as stack:
         interrupted = stack.enter_context(interruption())
         with interrupted.at_once():
@@ -83,13 +83,13 @@ def play(file: Path, speed: float, web: WebAddress) -> int:
         bus = MessageBus()
         player = Player(opened, bus)
         player.give(Order(OrderKind.SPEED, "terminal", speed))
-        server = make_server(web, bus, player.give, lambda text: console.say(text, "warning"))
+        server = make_server(access, bus, player.give, lambda text: console.say(text, "warning"))
         stack.callback(server.close)
         addresses = server.start()
         console.say(f"vsense: plays {opened.duration_s:.1f} s in {addresses.control}")
         if addresses.look != addresses.control:
             console.say(f"vsense: only to look: {addresses.look}")
-        for line in say_encryption(web):
+        for line in access.warnings():
             console.say(f"vsense: {line}")
         player.start()
         stack.callback(player.close)

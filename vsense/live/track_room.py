@@ -20,7 +20,7 @@ from vsense.tracking.specs import TrackingSession
 from vsense.ui import messages
 from vsense.ui.access import WebAddress
 from vsense.ui.publisher import SECOND_NS, WINDOW, PreviewEncoder, Rates
-from vsense.ui.room import open_web
+from vsense.ui.room import open_web, page_access
 from vsense.ui.tables import CameraTable
 from vsense.world.entities import BODY_RADIUS_M
 
@@ -54,7 +54,9 @@ class TrackRoom:
         self._preview: PreviewEncoder | None = None
         if web is None:
             return
-        server, lines = open_web(web, self._bus, refuse, lambda text: console.say(text, "warning"))
+        server, lines = open_web(
+            page_access(web), self._bus, refuse, lambda text: console.say(text, "warning")
+        )
         self._stack.callback(server.close)
         self._preview = PreviewEncoder(self._bus)
         self._stack.callback(self._preview.close)

@@ -16,7 +16,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from vsense.errors import ConfigError, VsenseError
-from vsense.files import read_text
+from vsense.files import check_private, open_bytes, read_open
 
 TOKEN_BYTES = 16
 """128 bits cannot be guessed."""
@@ -75,8 +75,9 @@ def make_tokens() -> Tokens:
     return Tokens(secrets.token_urlsafe(TOKEN_BYTES), secrets.token_urlsafe(TOKEN_BYTES))
 
 
-_OTHERS = 0o027
-"""Of a file's mode: what nobody but the owner may do, but for the group's reading."""
+PRIVATE_MODE = 0o750
+"""Of a file with tokens or the page's key, the bits of its mode that it may have: nobody but the
+owner changes it, and a group may read it."""
 
 
 def read_tokens(path: Path) -> Tokens:
@@ -87,16 +88,13 @@ def read_tokens(path: Path) -> Tokens:
         ConfigError: a line is something else; the message names it.
     """
     try:
-        lines = read_text(path).splitlines()
-        mode = path.stat().st_mode & 0o777
+        with open_bytes(path) as file:
+            lines = read_open(file, path).decode().splitlines()
+            check_private(file, path, "the tokens", PRIVATE_MODE)
     except OSError as error:
         raise VsenseError(f"{path}: cannot read the tokens: {error.strerror}") from error
     except UnicodeError as error:
         raise VsenseError(f"{path}: cannot read the tokens: not a text file") from error
-    if mode & _OTHERS:
-        raise VsenseError(
-            f"{path}: others may read or change the tokens (mode {mode:04o}): chmod 600 {path}"
-        )
     found: dict[str, str] = {}
     for number, line in enumerate(lines, start=1):
         text = line.strip()

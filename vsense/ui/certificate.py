@@ -20,14 +20,11 @@ from pathlib import Path
 
 from vsense import errors
 from vsense.errors import UsageError, VsenseError, failing_as
-from vsense.files import open_bytes
-from vsense.ui.access import WebAddress, is_loopback, own_address
+from vsense.files import check_private, open_bytes
+from vsense.ui.access import PRIVATE_MODE, WebAddress, is_loopback, own_address
 
 VALID_DAYS = 3650
 """Of a made certificate: nobody renews it, and what counts is its fingerprint."""
-
-OTHERS = 0o027
-"""Of a key file's mode: what nobody but the owner may do, but for the group's reading."""
 
 ALTERNATIVES = "or give one with --web-cert FILE, or send the tokens unencrypted with --insecure"
 
@@ -87,12 +84,7 @@ def _context(certificate: Path, key: Path | None) -> ssl.SSLContext:
     with failing_as(VsenseError, f"{certificate}: cannot read the certificate"):
         open_bytes(certificate).close()
     with failing_as(VsenseError, f"{secret}: cannot read the page's key"), open_bytes(secret) as it:
-        mode = os.fstat(it.fileno()).st_mode & 0o777
-    if mode & OTHERS:
-        raise VsenseError(
-            f"{secret}: others may read or change the page's key (mode {mode:04o}):"
-            f" chmod 600 {secret}"
-        )
+        check_private(it, secret, "the page's key", PRIVATE_MODE)
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     context.set_alpn_protocols(["http/1.1"])

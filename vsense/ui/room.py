@@ -55,56 +55,71 @@ class RoomOptions:
     web: WebAddress | None = None
 
 
-def check_web(web: WebAddress) -> tuple[Tokens | None, PageTls | None]:
-    """Gives the page's tokens and how it is encrypted, before anything is started.
+@dataclass(frozen=True, slots=True)
+class PageAccess:
+    """A page's address, and what its files hold: who may come in, and how it is encrypted.
 
-    VsenseError if a library for the page is missing, or the files for it cannot be used.
+    Attributes:
+        web: where it is served.
+        tokens: of the file; None: the server draws them.
+        tls: None for plain HTTP.
+    """
+
+    web: WebAddress
+    tokens: Tokens | None
+    tls: PageTls | None
+
+    def warnings(self) -> list[str]:
+        """What people should know of how the page is encrypted."""
+        if self.tls is None and not is_loopback(self.web.host):
+            return [
+                "not encrypted: the page's tokens go over plain HTTP; whoever hears one can use it"
+            ]
+        if self.tls is None or not self.tls.fingerprint:
+            return []
+        return [
+            "the page's certificate was made here: browsers warn; accept it once, where its SHA-256"
+            f" fingerprint is {self.tls.fingerprint}"
+        ]
+
+
+def page_access(web: WebAddress) -> PageAccess:
+    """Reads what a page needs, before anything is started.
+
+    Raises:
+        VsenseError: a library for the page is missing, or the files for it cannot be used.
     """
     errors.require("the page needs", "aiohttp")
-    return None if web.tokens is None else read_tokens(web.tokens), tls_of(web)
+    return PageAccess(web, None if web.tokens is None else read_tokens(web.tokens), tls_of(web))
 
 
 def make_server(
-    web: WebAddress, bus: MessageBus, give: Give, tell: Callable[[str], None]
+    access: PageAccess, bus: MessageBus, give: Give, tell: Callable[[str], None]
 ) -> WebServer:
     """Makes the page's server, which does not serve yet.
 
     `give` carries out its buttons' orders; `tell` takes a line about strangers, from any thread.
-    Raises as `check_web`.
     """
-    tokens, tls = check_web(web)
     from vsense.ui.server import WebServer
 
-    context = None if tls is None else tls.context
-    return WebServer(bus, give, web.host, web.port, tokens, tell, context)
-
-
-def say_encryption(web: WebAddress) -> list[str]:
-    """What people should know of how the page is encrypted."""
-    tls = tls_of(web)
-    if tls is None and not is_loopback(web.host):
-        return ["not encrypted: the page's tokens go over plain HTTP; whoever hears one can use it"]
-    if tls is None or not tls.fingerprint:
-        return []
-    return [
-        "the page's certificate was made here: browsers warn; accept it once, where its SHA-256"
-        f" fingerprint is {tls.fingerprint}"
-    ]
+    context = None if access.tls is None else access.tls.context
+    web = access.web
+    return WebServer(bus, give, web.host, web.port, access.tokens, tell, context)
 
 
 def open_web(
-    web: WebAddress, bus: MessageBus, give: Give, tell: Callable[[str], None]
+    access: PageAccess, bus: MessageBus, give: Give, tell: Callable[[str], None]
 ) -> tuple[WebServer, list[str]]:
     """Serves the page; gives the server, which the caller closes, and lines for people.
 
-    As `make_server`; VsenseError also if the port is taken.
+    As `make_server`; VsenseError if the port is taken.
     """
-    server = make_server(web, bus, give, tell)
+    server = make_server(access, bus, give, tell)
     found = server.start()
     lines = [f"control room: {found.control}"]
     if found.look != found.control:
         lines.append(f"control room, to look only: {found.look}")
-    return server, [*lines, *say_encryption(web)]
+    return server, [*lines, *access.warnings()]
 
 
 class ControlRoom:
@@ -117,10 +132,9 @@ class ControlRoom:
     def __init__(self, options: RoomOptions, console: Console) -> None:
         """Opens nothing yet; messages on the console are published in the room, too.
 
-        Raises as `check_web`.
+        Raises as `page_access`.
         """
-        if options.web is not None:
-            check_web(options.web)
+        self._access = None if options.web is None else page_access(options.web)
         self.bus = MessageBus()
         self.holds = options.hold
         self.doubts: Sequence[str] = ()
@@ -160,8 +174,8 @@ class ControlRoom:
     def _open_doors(self, control: Control) -> None:
         if shortage := descriptors.shortage():
             self._warn(shortage)
-        if self._options.web is not None:
-            server, lines = open_web(self._options.web, self.bus, control.give, self._warn)
+        if self._access is not None:
+            server, lines = open_web(self._access, self.bus, control.give, self._warn)
             self._stack.callback(server.close)
             for line in lines:
                 # With its tokens: neither the pages nor the log may have them.

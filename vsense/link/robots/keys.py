@@ -22,6 +22,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from vsense.errors import ConfigError, VsenseError
+from vsense.files import check_private
 from vsense.link.robots.wire import PUBLISHED
 
 SWARM_KEY_BYTES = 32
@@ -177,12 +178,7 @@ def read_private(path: Path, mode: int) -> str:
         os.close(opened)
         raise VsenseError(f"{path}: is no file")
     with os.fdopen(opened, "rb") as file:
-        wrong = stat.S_IMODE(status.st_mode) & ~mode
-        if wrong:
-            raise VsenseError(
-                f"{path}: others may read or change it (mode"
-                f" {stat.S_IMODE(status.st_mode):04o}): chmod {mode:o} {path}"
-            )
+        check_private(file, path, "it", mode, mode)
         data = file.read(MOST_BYTES + 1)
     if len(data) > MOST_BYTES or not data.isascii():
         raise VsenseError(f"{path}: expected a text of at most {MOST_BYTES} bytes")
