@@ -32,8 +32,8 @@ PACED = (
     *(f"tests/robot/test_{name}.py" for name in ("bases", "daemon", "faults", "hangs")),
     *(f"tests/robot/test_{name}.py" for name in ("hard_faults", "stops")),
 )
-"""Tests of one board, one daemon or four cameras in real time: two at a time, with their like only,
-since four more cameras and a busy machine are a fault of cameras too."""
+"""Tests of one board, one daemon or four cameras in real time: with their like only, since a busy
+machine is a fault of cameras too."""
 
 
 LONG = (
