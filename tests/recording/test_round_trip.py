@@ -17,6 +17,7 @@ from mcap.reader import make_reader
 import vsense
 from tests.recording.conftest import BEGIN_NS, picture, record
 from vsense.message_bus import Message, MessageBus
+from vsense.recording import writer
 from vsense.recording.form import ExperimentMessage, RecordingError, RunMessage, schema
 from vsense.recording.reader import open_recording
 from vsense.recording.recorder import Recorder
@@ -54,6 +55,29 @@ def test_messages_come_back_as_they_were(sent: list[Message]) -> None:
             for topic in newest:
                 mine = [message for message in sent if message.topic == topic]
                 assert list(recording.messages({topic})) == mine
+
+
+def test_a_packed_index_is_the_library_s_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def made(name: str) -> bytes:
+        written = writer.RecordingWriter(tmp_path / name, BEGIN_NS, 5)
+        for second in range(4):
+            written.add(Message("/arena", BEGIN_NS + second, {"n": second}))
+            written.add(Message("/run", BEGIN_NS + second, {}))
+            written.flush()
+        written.close()
+        return (tmp_path / name).read_bytes()
+
+    taken = []
+    packed = writer.ChunkIndices.append
+    monkeypatch.setattr(
+        writer.ChunkIndices, "append", lambda *what: (taken.append(1), packed(*what))
+    )
+    ours = made("ours.mcap")
+    assert len(taken) == 4, "the library keeps its index here"
+    monkeypatch.setattr(writer, "ChunkIndices", list)
+    assert made("plain.mcap") == ours
 
 
 def test_nan_and_numpy_become_what_json_knows(tmp_path: Path) -> None:

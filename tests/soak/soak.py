@@ -30,10 +30,9 @@ import numpy as np
 WARM_UP_SHARE, WARM_UP_S = 0.15, 90.0
 """So much of the time, and at least so long where that is less than half: then caches and tables
 are full."""
-KIB_PER_MIN = {"host": 256.0, "cameras": 32.0, "physics": 32.0, "robots": 32.0, "other": 32.0}
+KIB_PER_MIN = {"host": 64.0, "cameras": 32.0, "physics": 32.0, "robots": 32.0, "other": 32.0}
 """More than this no kind of process may grow by. The host notes 40 bytes a timestep for the run's
-figures, 24 KiB a minute, and while it records an index for the file's end: 33 objects of the MCAP
-library for each chunk of a second, 83 KiB a minute by their sizes, about 140 of the heap. Robots
+figures, 24 KiB a minute, and while it records an index for the file's end, 20 KiB a minute. Robots
 are all of them together."""
 PARTS = 12
 """The time after the warm-up falls into so many, whose medians are compared."""

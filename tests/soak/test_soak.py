@@ -23,8 +23,8 @@ NOISE = np.random.default_rng(1)
         (lambda s: 1e5 + s % 300 * 10, False),
         (lambda s: 1e5 + 20_000 * (s > 2000), False),
         (lambda s: 1e5 + 24 * s / 60, False),
-        (lambda s: 1e5 + 107 * s / 60 + NOISE.normal(0.0, 500.0), False),
-        (lambda s: 1e5 + 160 * s / 60 + NOISE.normal(0.0, 500.0), True),
+        (lambda s: 1e5 + 44 * s / 60 + NOISE.normal(0.0, 500.0), False),
+        (lambda s: 1e5 + 96 * s / 60 + NOISE.normal(0.0, 500.0), True),
         (lambda s: 1e5 + 5000 * (s // 600), True),
     ],
 )
