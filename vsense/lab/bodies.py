@@ -84,7 +84,7 @@ class Sprite:
     Attributes:
         texture: float32, see `Effect`; +x of the body runs to the right and +y up, the body's
             centre is in the middle, and the border is zero.
-        radius_m: half the texture's side.
+        radius_m: half the texture's side without its border.
         reflectance: of a surface that is the same everywhere.
         moving: whether the motion during the exposure is drawn.
     """
@@ -134,7 +134,7 @@ def _draw(
         fine: samples per texture pixel, both ways.
 
     Returns:
-        The texture with an empty border, and half its side [m].
+        The texture with an empty border, and half its side without that [m].
     """
     sigma_m = BLUR_SIGMA_PX * pixel_m
     half = int(np.ceil((radius_m + 3.0 * sigma_m) * TEXTURE_PX_PER_M)) + 1
@@ -142,7 +142,8 @@ def _draw(
     x, y = np.meshgrid(places, -places)
     samples = draw(x, y).reshape(2 * half, fine, 2 * half, fine, -1).mean(axis=(1, 3))
     texture = cv2.GaussianBlur(samples.astype(np.float32), (0, 0), sigma_m * TEXTURE_PX_PER_M)
-    return np.asarray(texture, dtype=np.float32), half / TEXTURE_PX_PER_M
+    border = ((1, 1), (1, 1), (0, 0))[: texture.ndim]
+    return np.pad(np.asarray(texture, dtype=np.float32), border), half / TEXTURE_PX_PER_M
 
 
 @lru_cache(maxsize=8)

@@ -12,12 +12,14 @@ levels sigma is right on average, and off by up to 14 % at single grey values.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense.cameras.camera import Camera
+from vsense.native import kernel_ffi
 
 Floats = NDArray[np.float64]
 Image8 = NDArray[np.uint8]
@@ -161,6 +163,15 @@ class Sensor:
         row, column = rng.integers(0, _SPARE, size=2)
         height, width = self._shape
         return np.asarray(self._bank[row : row + height, column : column + width])
+
+    def readout(self) -> Any:
+        """The `struct vs_readout` of what `to_levels` and `read` do."""
+        readout = kernel_ffi.new("struct vs_readout *")
+        readout.shot, readout.read = SHOT_NOISE, READ_NOISE**2
+        readout.alpha, readout.beta = _SCALE, -READ_NOISE * _SCALE
+        readout.most = 255 - 2 * _MIDDLE
+        readout.table = self._table.tolist()
+        return readout
 
     def read(self, levels: Image8, noise: Image8, window: Window, image: Image8) -> None:
         """Reads the levels of a window out into that window of `image`, (h, w) uint8.

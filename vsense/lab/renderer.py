@@ -11,43 +11,24 @@ nothing.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense.lab.backdrop import Backdrop
-from vsense.lab.bodies import EMISSION_DN, TEXTURE_PX_PER_M, BodySprites, Effect, Sprite
+from vsense.lab.bodies import BodySprites
 from vsense.lab.camera_spec import LabCameraSpec
-from vsense.lab.optics import Floats, Image8, Image32, RayMap, Sensor, Window, to_levels
+from vsense.lab.optics import Floats, Image8, RayMap, Sensor, Window, to_levels
 from vsense.lab.scene import Scene
+from vsense.lab.sprites import Look, SpritePainter, gather
 from vsense.markers.families import load_family
 
 Leds = NDArray[np.uint16]
 
-_MARGIN_PX = 1
-_SAME_HEIGHT_M = 0.001
-_STILL_M = 1e-5
-"""Motion during the exposure that is not worth drawing: 0.007 px."""
-_CORNERS = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
 _EVERYTHING: Window = (slice(None), slice(None))
-
-
-@dataclass(frozen=True, slots=True)
-class _Placed:
-    """A sprite with the pixels that it may cover, and its poses during the exposure.
-
-    `overtopped`: something in that window stands higher.
-    """
-
-    sprite: Sprite
-    window: Window
-    poses: list[list[float]]
-    overtopped: bool
 
 
 class CameraRenderer:
@@ -62,12 +43,11 @@ class CameraRenderer:
         bodies: Sequence[BodySprites],
     ) -> None:
         self._number = number
-        self._rays = rays
-        self._backdrop = backdrop
         self._sensor = sensor
         self._bodies = bodies
         self._empty = to_levels(backdrop.grey)
-        self._canvas = backdrop.grey.copy()
+        self._painter = SpritePainter(rays, backdrop)
+        self._lit: tuple[bytes, Look] | None = None
 
     def prepare(self, timestep: int, image: Image8) -> None:
         """Writes the empty arena, with the timestep's noise, into `image` (h, w) uint8."""
@@ -77,99 +57,19 @@ class CameraRenderer:
     def expose(self, timestep: int, poses: Floats, leds: Leds, image: Image8) -> None:
         """Adds the bodies to a picture of `prepare`; `leds` (n,) are LED bits.
 
-        `poses` (samples, n, 3) are x [m], y [m], yaw [rad] at an odd number of moments that are
+        `poses` (samples, n, 3) are x [m], y [m], yaw [rad] at one or three moments that are
         evenly spread over the exposure.
         """
-        bodies = self._place(poses, leds)
-        for window, _ in bodies:
-            self._canvas[window] = self._backdrop.grey[window]
-        for item in sorted((i for _, placed in bodies for i in placed), key=_height_m):
-            self._draw(item)
         noise = self._sensor.noise(self._number, timestep)
-        for window, _ in bodies:
-            self._sensor.read(to_levels(self._canvas[window]), noise, window, image)
+        self._painter.read(self._painter.draw(self._look(leds), poses), self._sensor, noise, image)
 
-    def _place(self, poses: Floats, leds: Leds) -> list[tuple[Window, list[_Placed]]]:
-        """The sprites of every visible body, and the window around them."""
-        middle = poses[poses.shape[0] // 2]
-        still = np.ptp(poses, axis=0).max(axis=1) < _STILL_M
-        looks = [body.sprites(int(bits)) for body, bits in zip(self._bodies, leds)]
-        owners = np.repeat(np.arange(len(looks)), [len(look) for look in looks])
-        windows = iter(self._windows([s for look in looks for s in look], middle[owners]))
-        bodies = []
-        for number, look in enumerate(looks):
-            seen = [(s, w) for s, w in [(s, next(windows)) for s in look] if w is not None]
-            if not seen:
-                continue
-            hull = _hull([window for _, window in seen])
-            tallest_m = float(self._backdrop.top_m[hull].max())
-            now, through = [middle[number].tolist()], poses[:, number].tolist()
-            placed = [
-                _Placed(
-                    s, w, through if s.moving and not still[number] else now, tallest_m > s.height_m
-                )
-                for s, w in seen
-            ]
-            bodies.append((hull, placed))
-        return bodies
-
-    def _windows(self, sprites: Sequence[Sprite], poses: Floats) -> list[Window | None]:
-        """The window that each sprite covers at its pose; None where it is out of sight."""
-        camera = self._rays.camera
-        corners = np.empty((len(sprites), 4, 3))
-        radii = np.array([sprite.radius_m for sprite in sprites])
-        corners[..., :2] = poses[:, np.newaxis, :2] + radii[:, np.newaxis, np.newaxis] * _CORNERS
-        corners[..., 2] = np.array([[sprite.height_m] for sprite in sprites])
-        pixels = camera.project(corners)
-        size = (camera.width_px, camera.height_px)
-        low = np.clip(np.floor(pixels.min(axis=1)) - _MARGIN_PX, 0, size).astype(int)
-        high = np.clip(np.ceil(pixels.max(axis=1)) + _MARGIN_PX + 1, 0, size).astype(int)
-        return [
-            (slice(top, bottom), slice(left, right)) if left < right and top < bottom else None
-            for (left, top), (right, bottom) in zip(low.tolist(), high.tolist())
-        ]
-
-    def _draw(self, item: _Placed) -> None:
-        """Lays one sprite over the canvas, averaged over its poses."""
-        sprite, window = item.sprite, item.window
-        layer = self._sample(sprite, window, item.poses[0])
-        for pose in item.poses[1:]:
-            cv2.add(layer, self._sample(sprite, window, pose), dst=layer)
-        if len(item.poses) > 1:
-            layer *= 1.0 / len(item.poses)
-        if item.overtopped:
-            layer[self._backdrop.top_m[window] > sprite.height_m + _SAME_HEIGHT_M] = 0.0
-        canvas = self._canvas[window]
-        if sprite.effect is Effect.GLOW:
-            canvas += layer * EMISSION_DN
-        elif sprite.effect is Effect.COVER:
-            canvas += layer * (sprite.reflectance * self._backdrop.light[window] - canvas)
-        else:
-            colour, cover = cv2.split(layer)
-            canvas += colour * self._backdrop.light[window] - cover * canvas
-
-    def _sample(self, sprite: Sprite, window: Window, pose: list[float]) -> Image32:
-        """The sprite as the window's pixels see it, (h, w) or (h, w, 2)."""
-        x, y, yaw = pose
-        cos, sin = math.cos(yaw) * TEXTURE_PX_PER_M, math.sin(yaw) * TEXTURE_PX_PER_M
-        middle = sprite.texture.shape[0] / 2.0 - 0.5
-        column = (cos, sin, middle - cos * x - sin * y)
-        row = (sin, -cos, middle - sin * x + cos * y)
-        u, v = self._rays.affine(window, sprite.height_m, (column, row))
-        return cv2.remap(sprite.texture, u, v, cv2.INTER_LINEAR)  # type: ignore[return-value]
-
-
-def _height_m(item: _Placed) -> float:
-    return item.sprite.height_m
-
-
-def _hull(windows: Sequence[Window]) -> Window:
-    """The smallest window around some windows."""
-    rows, columns = zip(*windows)
-    return (
-        slice(min(r.start for r in rows), max(r.stop for r in rows)),
-        slice(min(c.start for c in columns), max(c.stop for c in columns)),
-    )
+    def _look(self, leds: Leds) -> Look:
+        """The bodies' sprites with these LED bits; they are kept for the next picture."""
+        lit = leds.tobytes()
+        if self._lit is None or self._lit[0] != lit:
+            sprites = [body.sprites(int(bits)) for body, bits in zip(self._bodies, leds)]
+            self._lit = lit, gather(sprites)
+        return self._lit[1]
 
 
 _BUILDERS = 2
