@@ -7,6 +7,7 @@ import pytest
 
 from vsense.arena import DETECTION, POSE, UNNAMED
 from vsense.cameras.camera import Camera
+from vsense.cameras.camera_array import CameraArray
 from vsense.tracking.views import ImagePoses, image_poses, place_markers
 
 LENS = (-0.1, 0.02, 0.0, 0.0, 0.0)
@@ -52,15 +53,16 @@ def test_what_a_camera_sees_is_kept_as_it_was_seen() -> None:
     place = np.array((-0.7, 0.2, 0.06))
     found["x_px"][2], found["y_px"][2] = LEFT.project(place)
     found["yaw_rad"] = 1.0
-    images = image_poses(3, LEFT, place_markers(LEFT, found, {5: 0.06, 9: 0.0}))
-    assert images["tag"].tolist() == [5, 9] and images["camera"].tolist() == [3, 3]
+    both, heights_m = CameraArray([RIGHT, LEFT]), {5: 0.06, 9: 0.0}
+    images = image_poses(both, place_markers(both, [0, 1], [found[:0], found], heights_m))
+    assert images["tag"].tolist() == [5, 9] and images["camera"].tolist() == [1, 1]
     assert (images["x_m"][0], images["y_m"][0]) == pytest.approx((-0.7, 0.2), abs=1e-9)
     assert (images["x_px"][0], images["y_px"][0]) == (found["x_px"][2], found["y_px"][2])
     # In the middle of the picture the heading is that of the arena, aside the lens bends it.
     assert images["yaw_px_rad"][0] == pytest.approx(1.0, abs=0.02)
     best = ImagePoses([LEFT], {5: 0.06})(poses((5, -0.7, 0.2, 1.0)))
     assert np.degrees(images["yaw_px_rad"][0]) == pytest.approx(best[0, 2])
-    assert len(image_poses(0, LEFT, place_markers(LEFT, found[:0], {}))) == 0
+    assert len(image_poses(both, place_markers(both, [0], [found[:0]], {}))) == 0
 
 
 def test_robots_that_join_have_their_height() -> None:

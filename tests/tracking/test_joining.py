@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from vsense.markers.families import load_family
 from vsense.tracking.joining import Joining, Newcomer, UnlistedTags
-from vsense.tracking.views import Sighting
+from vsense.tracking.views import VIEW
 
 STEP_NS = 100_000_000
 ARROW, TAG36 = load_family("arrow4x4"), load_family("apriltag_36h11")
@@ -30,20 +31,20 @@ def strangers(*reads: tuple[int, float, float], family: object = ARROW) -> Unlis
     return UnlistedTags(family, ROSTER, 0.06, tags, places)  # type: ignore[arg-type]
 
 
-def sightings(*robots: tuple[int, float, float]) -> dict[int, list[Sighting]]:
-    spread = (1e-8, 0.0, 0.0, 1e-8, 0.0, 1e-5)
-    return {
-        tag: [Sighting(tag, x, y, 0.0, 0, 1e6, ("a",), spread, (0.0, 0.0))] for tag, x, y in robots
-    }
+def sightings(*robots: tuple[int, float, float]) -> NDArray[np.void]:
+    seen = np.zeros(len(robots), dtype=VIEW)
+    seen["tag"], seen["x_m"], seen["y_m"] = zip(*robots, strict=True)
+    return seen
 
 
+NOBODY = np.zeros(0, dtype=VIEW)
 EVERYBODY = sightings((31, -0.5, 0.0), (1843, -0.5, 0.5))
 
 
 def play(
     joining: Joining,
     steps: Sequence[Reads],
-    seen: dict[int, list[Sighting]] = EVERYBODY,
+    seen: NDArray[np.void] = EVERYBODY,
     period_ns: int = STEP_NS,
 ) -> list[tuple[int, Newcomer]]:
     """Plays one camera's readings; returns who joined, and in which timestep."""
@@ -72,7 +73,7 @@ def test_neither_many_readings_in_no_time_nor_few_over_long_are_enough(
 @given(st.integers(1, READ - 2), st.sampled_from(["jump", "gap", "twice", "other", "roster"]))
 def test_one_word_to_the_contrary_and_it_begins_anew(at: int, what: str) -> None:
     steps: list[Reads] = [[(NEW, 0.0, 0.0)]] * (2 * READ + 8)
-    seen: dict[int, list[Sighting]] = EVERYBODY
+    seen: NDArray[np.void] = EVERYBODY
     joining, joined = Joining(), []
     for step, reads in enumerate(steps):
         seen = EVERYBODY
@@ -113,11 +114,11 @@ def test_what_may_be_a_missing_robot_with_a_cable_across_waits_until_that_one_is
     assert play(Joining(), steps, sightings((31, -0.5, 0.0))) == []
     assert len(play(Joining(), steps)) == 1
     # A robot that looks altogether different may be missing.
-    assert len(play(Joining(), [[(NEW, 0.0, 0.0)]] * READ, {})) == 1
+    assert len(play(Joining(), [[(NEW, 0.0, 0.0)]] * READ, NOBODY)) == 1
 
 
 def test_a_square_marker_is_no_other_one() -> None:
     joining = Joining()
     seen = {"a": strangers((5, 0.0, 0.0), family=TAG36)}
-    joined = [joining.update(step * STEP_NS, seen, {}, KNOWN) for step in range(READ)]
+    joined = [joining.update(step * STEP_NS, seen, NOBODY, KNOWN) for step in range(READ)]
     assert joined[-1] == [Newcomer("apriltag_36h11", 5, 0.06)]

@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from vsense.arena import DETECTION, IMAGE_POSE, UNNAMED
 from vsense.cameras.camera import Camera
+from vsense.cameras.camera_array import CameraArray
 from vsense.cameras.picture import Image
 from vsense.markers.families import MarkerFamily, SquareFamily
 from vsense.tracking.detector import make_detector
 from vsense.tracking.prediction import Prediction
-from vsense.tracking.views import Placed, image_poses
+from vsense.tracking.views import image_poses, place_markers
 
 SPEED_M_S = 0.13
 """An e-puck's greatest speed. Source: reference/epuck.md."""
@@ -74,11 +75,8 @@ class FoundMarkers:
         """Returns the numbered ones as IMAGE_POSE of the first of an arena's cameras."""
         if self.camera is None:
             return np.zeros(0, dtype=IMAGE_POSE)
-        rows = np.sort(self.rows[self.rows["tag"] != UNNAMED], order="tag")
-        height_m = np.full(len(rows), self.height_m)
-        at_px = np.stack((rows["x_px"], rows["y_px"]), axis=-1)
-        ground_m = self.camera.to_plane(at_px, height_m)
-        return image_poses(0, self.camera, Placed(rows, height_m, ground_m))
+        cameras, heights_m = CameraArray([self.camera]), dict.fromkeys(self.tags, self.height_m)
+        return image_poses(cameras, place_markers(cameras, [0], [self.rows], heights_m))
 
 
 NOTHING = FoundMarkers(np.zeros(0, dtype=DETECTION), None)

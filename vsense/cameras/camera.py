@@ -7,6 +7,7 @@ axis, x to the right and y down in the picture.
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -95,7 +96,7 @@ class Camera:
         """Returns the (..., 2) pixels of (..., 3) arena points in front of the camera."""
         points = np.asarray(points_m, dtype=np.float64)
         seen = (points - np.array(self.position_m)) @ np.reshape(self.rotation, (3, 3)).T
-        x, y = self._distort(seen[..., 0] / seen[..., 2], seen[..., 1] / seen[..., 2])
+        x, y = distort(seen[..., 0] / seen[..., 2], seen[..., 1] / seen[..., 2], self.distortion)
         pixels = (self.fx_px * x + self.cx_px, self.fy_px * y + self.cy_px)
         return np.stack(pixels, axis=-1)
 
@@ -105,8 +106,10 @@ class Camera:
         `height_m` is the plane's height above the floor, one for all pixels or one each.
         """
         pixels = np.asarray(points_px, dtype=np.float64)
-        x, y = self._undistort(
-            (pixels[..., 0] - self.cx_px) / self.fx_px, (pixels[..., 1] - self.cy_px) / self.fy_px
+        x, y = undistort(
+            (pixels[..., 0] - self.cx_px) / self.fx_px,
+            (pixels[..., 1] - self.cy_px) / self.fy_px,
+            self.distortion,
         )
         rays = np.stack((x, y, np.ones_like(x)), axis=-1) @ np.reshape(self.rotation, (3, 3))
         centre = np.array(self.position_m)
@@ -123,38 +126,6 @@ class Camera:
             & (y >= low)
             & (y <= self.height_px - 1 - low)
         )
-
-    def _distort(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        k1, k2, p1, p2, k3 = self.distortion
-        r2 = x * x + y * y
-        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        if p1 == 0.0 and p2 == 0.0:
-            return x * radial, y * radial
-        xy = 2.0 * x * y
-        return (
-            x * radial + p1 * xy + p2 * (r2 + 2.0 * x * x),
-            y * radial + p1 * (r2 + 2.0 * y * y) + p2 * xy,
-        )
-
-    def _undistort(self, x_seen: Floats, y_seen: Floats) -> tuple[Floats, Floats]:
-        """Inverts `_distort` by Newton's method, whose Jacobian is symmetric here."""
-        k1, k2, p1, p2, k3 = self.distortion
-        x, y = x_seen.copy(), y_seen.copy()
-        for _ in range(_UNDISTORT_STEPS):
-            x_now, y_now = self._distort(x, y)
-            dx, dy = x_seen - x_now, y_seen - y_now
-            if dx.size == 0 or max(np.abs(dx).max(), np.abs(dy).max()) < _UNDISTORT_TOLERANCE:
-                break
-            r2 = x * x + y * y
-            radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-            slope = 2.0 * (k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3))
-            a = radial + slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x
-            b = slope * x * y + 2.0 * (p1 * x + p2 * y)
-            d = radial + slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x
-            scale = 1.0 / (a * d - b * b)
-            x = x + (d * dx - b * dy) * scale
-            y = y + (a * dy - b * dx) * scale
-        return x, y
 
     def to_json(self) -> str:
         """Returns the camera as the text of a camera file."""
@@ -183,3 +154,42 @@ class Camera:
             raise CameraError(f"camera file: {error.args[0]} is missing") from None
         except (TypeError, ValueError, RecursionError) as error:
             raise CameraError(f"camera file: {error}") from None
+
+
+Coefficients = Sequence[float] | Floats
+"""k1, k2, p1, p2, k3 of OpenCV's model; or (5, ...) of them, one set for each point."""
+
+
+def distort(x: Floats, y: Floats, coefficients: Coefficients) -> tuple[Floats, Floats]:
+    """Returns where a lens shows points of the normalised image plane, on that plane."""
+    k1, k2, p1, p2, k3 = coefficients
+    r2 = x * x + y * y
+    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    if not (np.any(p1) or np.any(p2)):
+        return x * radial, y * radial
+    xy = 2.0 * x * y
+    return (
+        x * radial + p1 * xy + p2 * (r2 + 2.0 * x * x),
+        y * radial + p1 * (r2 + 2.0 * y * y) + p2 * xy,
+    )
+
+
+def undistort(x_seen: Floats, y_seen: Floats, coefficients: Coefficients) -> tuple[Floats, Floats]:
+    """Inverts `distort` by Newton's method, whose Jacobian is symmetric here."""
+    k1, k2, p1, p2, k3 = coefficients
+    x, y = x_seen.copy(), y_seen.copy()
+    for _ in range(_UNDISTORT_STEPS):
+        x_now, y_now = distort(x, y, coefficients)
+        dx, dy = x_seen - x_now, y_seen - y_now
+        if dx.size == 0 or max(np.abs(dx).max(), np.abs(dy).max()) < _UNDISTORT_TOLERANCE:
+            break
+        r2 = x * x + y * y
+        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        slope = 2.0 * (k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3))
+        a = radial + slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x
+        b = slope * x * y + 2.0 * (p1 * x + p2 * y)
+        d = radial + slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x
+        scale = 1.0 / (a * d - b * b)
+        x = x + (d * dx - b * dy) * scale
+        y = y + (a * dy - b * dx) * scale
+    return x, y

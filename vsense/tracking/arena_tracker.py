@@ -10,17 +10,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.arena import IMAGE_POSE, POSE, SIGHTING, ArenaState, Frame
+from vsense.arena import POSE, SIGHTING, ArenaState, Frame
 from vsense.cameras.camera import Camera
+from vsense.cameras.camera_array import CameraArray
 from vsense.errors import VsenseError
 from vsense.markers.families import MarkerFamily, SquareFamily
 from vsense.tracking.detector import CameraDetectors, Detector, Workers
 from vsense.tracking.joining import Joining, JoinLimits
 from vsense.tracking.prediction import MarkerSearch, Prediction, SearchPlan
-from vsense.tracking.tracks import Limits, Track, covariances
+from vsense.tracking.tracks import Limits, RobotTracks
 from vsense.tracking.views import (
-    Placed,
-    Sighting,
     count_unnamed,
     image_poses,
     make_views,
@@ -112,9 +111,6 @@ class FrameGate:
             )
 
 
-Sightings = Mapping[int, list[Sighting]]
-
-
 class ArenaTracker:
     """Finds and follows every robot of the roster; to be called from one thread.
 
@@ -162,7 +158,9 @@ class ArenaTracker:
         self._workers = Workers(make_detector, max(1, workers), pin)
         self._joining = Joining(JoinLimits(max_speed_m_s=self._limits.max_speed_m_s))
         self._joined: set[int] = set()
-        self._tracks: dict[int, Track] = {}
+        self._array = CameraArray(self.cameras)
+        self._places = {camera.id: place for place, camera in enumerate(self.cameras)}
+        self._tracks = RobotTracks(self._limits)
         self.state = ArenaState(-1, 0, np.zeros(0, dtype=POSE), 0)
         self.counters = self._gate.counters
         cv2.setNumThreads(1)
@@ -227,55 +225,36 @@ class ArenaTracker:
             return self.state
         self._prediction.expect(now_ns := max(frame.capture_ns for frame in fresh))
         found = self._detect(fresh)
-        placed = [
-            place_markers(gate.cameras[frame.camera], rows, self.heights_m)
-            for frame, rows in zip(fresh, found, strict=True)
-        ]
-        sightings = self._update_tracks(fresh, placed)
-        self._forget(now_ns)
+        taken_by = [self._places[frame.camera] for frame in fresh]
+        placed = place_markers(self._array, taken_by, found, self.heights_m)
+        capture_ns = [frame.capture_ns for frame in fresh]
+        views = make_views(self._array, capture_ns, placed, self._limits.height_doubt_m)
+        sightings = merge_views(views, placed.picture)
+        self.counters.out_of_reach += self._tracks.update(sightings)
+        self._tracks.forget(now_ns)
         self.state = ArenaState(
             timestep=fresh[0].timestep,
             capture_ns=now_ns,
-            robots=self._poses(now_ns),
-            detected=len(sightings),
+            robots=self._tracks.poses(now_ns),
+            detected=len(np.unique(sightings["tag"])),
             unnamed=count_unnamed(found),
             duplicates=self._duplicates(sightings),
             sightings=_sighting_rows(sightings),
             joined=tuple(sorted(self._joined)),
             cameras=tuple(frame.camera for frame in fresh),
-            images=self._images(fresh, placed),
+            images=image_poses(self._array, placed),
         )
         self._prediction.learn(self.state)
         self._admit(now_ns, sightings)
         return self.state
 
-    def _duplicates(self, sightings: Sightings) -> tuple[int, ...]:
-        twice = tuple(tag for tag, places in sightings.items() if len(places) > 1)
+    def _duplicates(self, sightings: NDArray[np.void]) -> tuple[int, ...]:
+        tags, counts = np.unique(sightings["tag"], return_counts=True)
+        twice = tuple(tags[counts > 1].tolist())
         self.counters.duplicates += len(twice)
         return twice
 
-    def _update_tracks(self, frames: list[Frame], placed: list[Placed]) -> Sightings:
-        doubt_m, cameras = self._limits.height_doubt_m, self._gate.cameras
-        views = [
-            view
-            for frame, markers in zip(frames, placed, strict=True)
-            for view in make_views(frame, cameras[frame.camera], markers, doubt_m)
-        ]
-        sightings = merge_views(views)
-        for tag, places in sightings.items():
-            self._follow(tag, places)
-        for tag, track in self._tracks.items():
-            track.seen = track.seen and tag in sightings
-        return sightings
-
-    def _images(self, frames: list[Frame], placed: list[Placed]) -> NDArray[np.void]:
-        images = [
-            image_poses(place, self._gate.cameras[frame.camera], markers)
-            for place, (frame, markers) in enumerate(zip(frames, placed, strict=True))
-        ]
-        return np.concatenate([np.zeros(0, dtype=IMAGE_POSE), *images])
-
-    def _admit(self, now_ns: int, sightings: Sightings) -> None:
+    def _admit(self, now_ns: int, sightings: NDArray[np.void]) -> None:
         """Lets robots join the roster, from the next timestep on."""
         joined = self._prediction.joined
         unlisted = self._prediction.unlisted
@@ -303,39 +282,9 @@ class ArenaTracker:
         self.counters.overflows += len(self.overflowed)
         return [seen.rows for seen in pictures]
 
-    def _follow(self, tag: int, places: list[Sighting]) -> None:
-        track = self._tracks.get(tag)
-        if track is not None:
-            self.counters.out_of_reach += track.update(places, self._limits)
-        elif len(places) == 1:
-            self._tracks[tag] = Track(places[0])
 
-    def _forget(self, now_ns: int) -> None:
-        oldest_ns = now_ns - round(1e9 * self._limits.forget_s)
-        self._tracks = {
-            tag: track for tag, track in self._tracks.items() if track.last.capture_ns >= oldest_ns
-        }
-
-    def _poses(self, now_ns: int) -> NDArray[np.void]:
-        tags = sorted(self._tracks)
-        tracks = [self._tracks[tag] for tag in tags]
-        poses = np.zeros(len(tracks), dtype=POSE)
-        if len(tracks) == 0:
-            return poses
-        limits = self._limits
-        poses["tag"] = tags
-        where = np.array([track.pose(now_ns, limits) for track in tracks])
-        poses["x_m"], poses["y_m"], poses["yaw_rad"] = where.T
-        poses["speed_m_s"] = [track.speed_m_s for track in tracks]
-        capture_ns = np.array([track.last.capture_ns for track in tracks])
-        poses["capture_ns"], poses["age_ns"] = capture_ns, np.maximum(now_ns - capture_ns, 0)
-        poses["confidence"] = [track.confidence(now_ns, limits) for track in tracks]
-        poses["cameras"] = [len(t.last.cameras) if t.seen else 0 for t in tracks]
-        poses["seen"] = [track.seen for track in tracks]
-        poses["covariance"] = covariances(tracks, now_ns, limits)
-        return poses
-
-
-def _sighting_rows(sightings: Sightings) -> NDArray[np.void]:
-    seen = [(s.tag, s.x_m, s.y_m, s.yaw_rad) for places in sightings.values() for s in places]
-    return np.array(seen, dtype=SIGHTING)
+def _sighting_rows(sightings: NDArray[np.void]) -> NDArray[np.void]:
+    rows = np.zeros(len(sightings), dtype=SIGHTING)
+    for name in SIGHTING.names or ():
+        rows[name] = sightings[name]
+    return rows

@@ -12,7 +12,7 @@ and has something lying on its marker.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from vsense.arena import UNNAMED
 from vsense.markers.codes import BLURS_U, cell_blur, outer_light, usable
 from vsense.markers.families import MarkerFamily, SquareFamily
-from vsense.tracking.views import MERGE_M, Sighting
+from vsense.tracking.views import MERGE_M
 
 Floats = NDArray[np.float64]
 Tags = NDArray[np.int32]
@@ -153,7 +153,7 @@ class Joining:
         self,
         now_ns: int,
         seen: Mapping[str, UnlistedTags],
-        sightings: Mapping[int, Sequence[Sighting]],
+        sightings: NDArray[np.void],
         known: Collection[int],
     ) -> list[Newcomer]:
         """Takes one timestep; returns who joins now, sorted.
@@ -161,7 +161,7 @@ class Joining:
         Args:
             now_ns: Its capture time.
             seen: By the camera's id, what its picture shows.
-            sightings: The sightings of the tags on the roster.
+            sightings: (n,) VIEW of the tags on the roster.
             known: All tags on any roster; none of them can join.
         """
         oldest_ns = now_ns - round(1e9 * self._limits.gap_s)
@@ -170,7 +170,7 @@ class Joining:
         places = _gather(cameras, known)
         if not places:
             return []
-        named = [(s.x_m, s.y_m) for found in sightings.values() for s in found]
+        named = list(zip(sightings["x_m"].tolist(), sightings["y_m"].tolist(), strict=True))
         for key, mine in places.items():
             others = [p for other, theirs in places.items() if other != key for p in theirs]
             one = all(math.dist(mine[0], place) <= MERGE_M for place in mine[1:])
@@ -180,7 +180,7 @@ class Joining:
                 self._candidates.pop(key, None)
         return [
             Newcomer(*key, height_m)
-            for key, height_m in self._ready(now_ns, cameras, sightings)
+            for key, height_m in self._ready(now_ns, cameras, set(sightings["tag"].tolist()))
             if key in places
         ]
 
@@ -200,9 +200,12 @@ class Joining:
         self,
         now_ns: int,
         cameras: Iterable[UnlistedTags],
-        sightings: Mapping[int, Sequence[Sighting]],
+        named: Collection[int],
     ) -> list[tuple[_Key, float]]:
-        """Returns the tags that were read often enough, and can be none of the roster's."""
+        """Returns the tags that were read often enough, and can be none of the roster's.
+
+        `named` are those of the roster that some camera sees.
+        """
         ready = {
             key
             for key, candidate in self._candidates.items()
@@ -211,7 +214,7 @@ class Joining:
         }
         heights_m: dict[_Key, float] = {}
         for unlisted in cameras if ready else ():
-            missing = [tag for tag in unlisted.roster if tag not in sightings]
+            missing = [tag for tag in unlisted.roster if tag not in named]
             for tag in unlisted.tags.tolist():
                 key = unlisted.family.name, tag
                 if key in ready and _may_be_missing(unlisted.family, tag, missing):

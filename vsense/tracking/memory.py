@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from vsense.tracking.arena_tracker import ArenaTracker
 from vsense.tracking.joining import _Candidate
-from vsense.tracking.prediction import Anonymous, Prediction, _Known
-from vsense.tracking.tracks import Track
-from vsense.tracking.views import Sighting
+from vsense.tracking.prediction import KNOWN, Anonymous, Prediction
+from vsense.tracking.tracks import TRACK
+from vsense.tracking.views import VIEW
 
 _RECORDED = {"covariance": "spread", "height_sensitivity": "lean"}
 """Fields of a sighting that recordings hold under another name, as they do the prediction."""
@@ -29,7 +29,7 @@ def freeze(tracker: ArenaTracker) -> dict[str, Any]:
         "newest": tracker._gate._newest,
         "heights_m": [[tag, height] for tag, height in tracker.heights_m.items()],
         "joined": sorted(tracker._joined),
-        "tracks": [_freeze_track(tag, track) for tag, track in tracker._tracks.items()],
+        "tracks": [_freeze_track(track) for track in tracker._tracks.rows],
         "candidates": [
             [*key, asdict(candidate)] for key, candidate in tracker._joining._candidates.items()
         ],
@@ -47,7 +47,8 @@ def restore(tracker: ArenaTracker, memory: Mapping[str, Any]) -> None:
     tracker.heights_m.clear()
     tracker.heights_m.update({int(tag): float(height) for tag, height in memory["heights_m"]})
     tracker._joined = {int(tag) for tag in memory["joined"]}
-    tracker._tracks = {int(each["tag"]): _restore_track(each) for each in memory["tracks"]}
+    tracks = np.array([_restore_track(each) for each in memory["tracks"]], dtype=TRACK)
+    tracker._tracks.rows = tracks[np.argsort(tracks["last"]["tag"])]
     tracker._joining._candidates = {
         (str(family), int(tag)): _Candidate(**{**values, "place": tuple(values["place"])})
         for family, tag, values in memory["candidates"]
@@ -55,45 +56,47 @@ def restore(tracker: ArenaTracker, memory: Mapping[str, Any]) -> None:
     _restore_prediction(tracker._prediction, memory["whereabouts"])
 
 
-def _freeze_track(tag: int, track: Track) -> dict[str, Any]:
+def _freeze_track(track: np.void) -> dict[str, Any]:
+    strays = int(track["strays"])
     return {
-        "tag": tag,
-        "last": _freeze_sighting(track.last),
-        "seen": track.seen,
-        "trust": track._trust,
-        "velocity": track._velocity,
-        "turn_rad_s": track._turn_rad_s,
-        "stray": None if track._stray is None else _freeze_sighting(track._stray),
-        "strays": track._strays,
+        "tag": int(track["last"]["tag"]),
+        "last": _freeze_view(track["last"]),
+        "seen": bool(track["seen"]),
+        "trust": float(track["trust"]),
+        "velocity": track["velocity_m_s"].tolist(),
+        "turn_rad_s": float(track["turn_rad_s"]),
+        "stray": _freeze_view(track["stray"]) if strays else None,
+        "strays": strays,
     }
 
 
-def _restore_track(values: Mapping[str, Any]) -> Track:
-    track = Track(_restore_sighting(values["last"]))
-    track.seen = bool(values["seen"])
-    track._trust = float(values["trust"])
-    vx, vy = values["velocity"]
-    track._velocity = float(vx), float(vy)
-    track._turn_rad_s = float(values["turn_rad_s"])
-    track._stray = None if values["stray"] is None else _restore_sighting(values["stray"])
-    track._strays = int(values["strays"])
+def _restore_track(values: Mapping[str, Any]) -> NDArray[np.void]:
+    track = np.zeros((), dtype=TRACK)
+    track["last"] = _restore_view(values["last"])
+    track["seen"], track["trust"] = bool(values["seen"]), float(values["trust"])
+    track["velocity_m_s"], track["turn_rad_s"] = values["velocity"], float(values["turn_rad_s"])
+    if values["stray"] is not None:
+        track["stray"], track["strays"] = _restore_view(values["stray"]), int(values["strays"])
     return track
 
 
-def _freeze_sighting(sighting: Sighting) -> dict[str, Any]:
-    return {_RECORDED.get(name, name): value for name, value in asdict(sighting).items()}
+def _freeze_view(view: np.void) -> dict[str, Any]:
+    return {_RECORDED.get(name, name): view[name].tolist() for name in VIEW.names or ()}
 
 
-def _restore_sighting(values: Mapping[str, Any]) -> Sighting:
-    known: dict[str, Any] = {name: values[_RECORDED.get(name, name)] for name in Sighting.__slots__}
-    lists = {name: tuple(value) for name, value in known.items() if isinstance(value, list)}
-    return Sighting(**{**known, **lists})
+def _restore_view(values: Mapping[str, Any]) -> NDArray[np.void]:
+    view = np.zeros((), dtype=VIEW)
+    for name in VIEW.names or ():
+        value = values[_RECORDED.get(name, name)]
+        # Older recordings hold the cameras' ids.
+        view[name] = len(value) if name == "cameras" and isinstance(value, list) else value
+    return view
 
 
 def _freeze_prediction(prediction: Prediction) -> dict[str, Any]:
     return {
         "timesteps": prediction._timesteps,
-        "known": [[tag, asdict(known)] for tag, known in prediction._known.items()],
+        "known": [_freeze_known(known) for known in prediction._known],
         "joined": {family: list(tags) for family, tags in prediction.joined.items()},
         "anonymous": {
             camera: {
@@ -112,10 +115,8 @@ def _freeze_prediction(prediction: Prediction) -> dict[str, Any]:
 
 def _restore_prediction(prediction: Prediction, values: Mapping[str, Any]) -> None:
     prediction._timesteps = int(values["timesteps"])
-    prediction._known = {
-        int(tag): _Known(**{**known, "velocity": tuple(known["velocity"])})
-        for tag, known in values["known"]
-    }
+    known = np.array([_restore_known(*each) for each in values["known"]], dtype=KNOWN)
+    prediction._known = known[np.argsort(known["tag"])]
     prediction.joined = {family: tuple(tags) for family, tags in values["joined"].items()}
     prediction.anonymous = {
         camera: Anonymous(
@@ -127,6 +128,19 @@ def _restore_prediction(prediction: Prediction, values: Mapping[str, Any]) -> No
         )
         for camera, each in values["anonymous"].items()
     }
+
+
+def _freeze_known(known: np.void) -> list[Any]:
+    names = [name for name in KNOWN.names or () if name != "tag"]
+    return [int(known["tag"]), {name: known[name].tolist() for name in names}]
+
+
+def _restore_known(tag: int, values: Mapping[str, Any]) -> NDArray[np.void]:
+    known = np.zeros((), dtype=KNOWN)
+    known["tag"] = tag
+    for name, value in values.items():
+        known[name] = value
+    return known
 
 
 def _cells(values: Mapping[str, Any]) -> NDArray[Any]:

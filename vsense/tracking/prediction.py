@@ -7,7 +7,6 @@ order of the threads changes nothing.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from statistics import median
@@ -15,7 +14,7 @@ from statistics import median
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.arena import ArenaState
+from vsense.arena import ArenaState, wrap_angle
 from vsense.cameras.camera import Camera
 from vsense.markers.families import MarkerFamily, SquareFamily
 from vsense.tracking.joining import UnlistedTags
@@ -59,14 +58,19 @@ class SearchPlan:
     warm: bool = False
 
 
-@dataclass(slots=True)
-class _Known:
-    x_m: float
-    y_m: float
-    yaw_rad: float
-    capture_ns: int
-    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    sightings: int = 1
+KNOWN = np.dtype(
+    [
+        ("tag", "i4"),
+        ("x_m", "f8"),
+        ("y_m", "f8"),
+        ("yaw_rad", "f8"),
+        ("capture_ns", "i8"),
+        ("velocity", "f8", (3,)),
+        ("sightings", "i8"),
+    ]
+)
+"""A robot where it was seen last; `velocity` in x, y [m/s] and yaw [rad/s]; `sightings` without a
+long pause."""
 
 
 @dataclass(slots=True)
@@ -108,7 +112,7 @@ class Prediction:
     anonymous: dict[str, Anonymous] = field(default_factory=dict)
     unlisted: dict[str, UnlistedTags] = field(default_factory=dict)
     joined: dict[str, tuple[int, ...]] = field(default_factory=dict)
-    _known: dict[int, _Known] = field(default_factory=dict)
+    _known: NDArray[np.void] = field(default_factory=lambda: np.zeros(0, dtype=KNOWN))
     _timesteps: int = 0
 
     def expect(self, capture_ns: int) -> None:
@@ -117,32 +121,36 @@ class Prediction:
         self._timesteps += 1
         self.capture_ns = capture_ns
         self.unlisted.clear()
-        rows = []
-        for tag, known in sorted(self._known.items()):
-            elapsed = max(1e-9 * (capture_ns - known.capture_ns), 0.0)
-            if elapsed < _LOST_S:
-                ahead = min(elapsed, _SURE_S)
-                vx, vy, turn = (ahead * rate for rate in known.velocity)
-                yaw = math.remainder(known.yaw_rad + turn, math.tau)
-                sure = elapsed <= _SURE_S and known.sightings >= _SURE_SIGHTINGS
-                height_m = self.heights_m.get(tag, 0.0)
-                rows.append((tag, known.x_m + vx, known.y_m + vy, yaw, sure, height_m))
-        self.expected = np.array(rows, dtype=EXPECTED)
+        elapsed = np.maximum(1e-9 * (capture_ns - self._known["capture_ns"]), 0.0)
+        known, elapsed = self._known[elapsed < _LOST_S], elapsed[elapsed < _LOST_S]
+        way = np.minimum(elapsed, _SURE_S)[:, np.newaxis] * known["velocity"]
+        self.expected = expected = np.zeros(len(known), dtype=EXPECTED)
+        expected["tag"] = known["tag"]
+        expected["x_m"], expected["y_m"] = known["x_m"] + way[:, 0], known["y_m"] + way[:, 1]
+        expected["yaw_rad"] = wrap_angle(known["yaw_rad"] + way[:, 2])
+        expected["sure"] = (elapsed <= _SURE_S) & (known["sightings"] >= _SURE_SIGHTINGS)
+        expected["height_m"] = [self.heights_m.get(tag, 0.0) for tag in known["tag"].tolist()]
 
     def learn(self, state: ArenaState) -> None:
         """Takes what the timestep has shown."""
         seen = state.robots[state.robots["seen"]]
-        capture_ns = state.capture_ns
-        fields = ("tag", "x_m", "y_m", "yaw_rad")
-        for tag, x, y, yaw in zip(*(seen[f].tolist() for f in fields), strict=True):
-            now = _Known(x, y, yaw, capture_ns)
-            last = self._known.get(tag)
-            elapsed = 1e-9 * (capture_ns - last.capture_ns) if last else 0.0
-            if last and 0.0 < elapsed < _LOST_S:
-                turn = math.remainder(yaw - last.yaw_rad, math.tau)
-                now.velocity = ((x - last.x_m) / elapsed, (y - last.y_m) / elapsed, turn / elapsed)
-                now.sightings = last.sightings + 1
-            self._known[tag] = now
+        now = np.zeros(len(seen), dtype=KNOWN)
+        for name in ("tag", "x_m", "y_m", "yaw_rad"):
+            now[name] = seen[name]
+        now["capture_ns"], now["sightings"] = state.capture_ns, 1
+        _, new, old = np.intersect1d(
+            now["tag"], self._known["tag"], assume_unique=True, return_indices=True
+        )
+        elapsed = 1e-9 * (state.capture_ns - self._known["capture_ns"][old])
+        lately = (elapsed > 0.0) & (elapsed < _LOST_S)
+        new, last, elapsed = new[lately], self._known[old[lately]], elapsed[lately]
+        way = [now[name][new] - last[name] for name in ("x_m", "y_m", "yaw_rad")]
+        way[2] = wrap_angle(way[2])
+        now["velocity"][new] = np.stack(way, axis=-1) / elapsed[:, np.newaxis]
+        now["sightings"][new] = last["sightings"] + 1
+        others = self._known[~np.isin(self._known["tag"], now["tag"])]
+        known = np.concatenate((others, now))
+        self._known = known[np.argsort(known["tag"])]
 
     def in_view(self, camera: Camera, height_m: float) -> NDArray[np.void]:
         """Returns those of `expected` whose middle is in a camera's picture.

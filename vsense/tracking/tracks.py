@@ -8,14 +8,15 @@ covariance that grow and a confidence that falls, and in the end it is forgotten
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.tracking.views import HEIGHT_DOUBT_M, Sighting
-from vsense.tracking.views import covariances as view_covariances
+from vsense.arena import POSE, wrap_angle
+from vsense.tracking.views import HEIGHT_DOUBT_M, VIEW, covariances
+
+Floats = NDArray[np.float64]
 
 _NEW_VELOCITY = 0.6
 _HELD_SHARE = 0.3
@@ -52,101 +53,142 @@ class Limits:
     turn_doubt_rad_s: float = 1.5
 
 
-class Track:
-    """One robot: `last` is the sighting believed last, `seen` whether in the newest timestep."""
+TRACK = np.dtype(
+    [
+        ("last", VIEW),
+        ("seen", "?"),
+        ("trust", "f8"),
+        ("velocity_m_s", "f8", (2,)),
+        ("turn_rad_s", "f8"),
+        ("strays", "i8"),
+        ("stray", VIEW),
+    ]
+)
+"""One robot: `last` is the sighting believed last, `seen` whether in the newest timestep, `trust`
+its confidence then; `velocity_m_s` and `turn_rad_s` are smoothed over about two timesteps; `strays`
+counts sightings out of reach that were consistent with each other, `stray` is the last of them.
+"""
 
-    def __init__(self, first: Sighting) -> None:
-        self._start(first)
 
-    def _start(self, first: Sighting) -> None:
-        self.last = first
-        self.seen = True
-        self._trust = 1.0
-        self._velocity = (0.0, 0.0)
-        self._turn_rad_s = 0.0
-        self._stray: Sighting | None = None
-        self._strays = 0
+class RobotTracks:
+    """All robots' tracks: `rows`, (n,) TRACK sorted by tag."""
 
-    def update(self, sightings: Sequence[Sighting], limits: Limits) -> int:
-        """Believes the one sighting that can be this robot, if there is exactly one.
+    def __init__(self, limits: Limits) -> None:
+        self._limits = limits
+        self.rows: NDArray[np.void] = np.zeros(0, dtype=TRACK)
 
-        `sightings` are the tag's in this timestep. Returns how many were out of reach.
+    def update(self, sightings: NDArray[np.void]) -> int:
+        """Takes a timestep's sightings, (n,) VIEW sorted by tag.
+
+        Each track believes the one sighting that can be its robot, if there is exactly one.
+        Returns how many were out of reach.
         """
-        reachable = [s for s in sightings if _reaches(self.last, s, limits)]
-        self.seen = len(reachable) == 1
-        if self.seen:
-            self._believe(reachable[0])
-            self._trust = 1.0 if len(sightings) == 1 else 0.5
-            self._stray, self._strays = None, 0
-        elif len(sightings) == 1:
-            self._doubt(sightings[0], limits)
-        return len(sightings) - len(reachable)
+        tags, known = sightings["tag"], self.rows["last"]["tag"]
+        begin, end = np.searchsorted(tags, known), np.searchsorted(tags, known, "right")
+        self.rows["seen"] = False
+        once = np.flatnonzero(end - begin == 1)
+        now = sightings[begin[once]]
+        near = _reaches(self.rows["last"][once], now, self._limits)
+        self._believe(once[near], now[near], 1.0)
+        self._doubt(once[~near], now[~near])
+        strange = int(np.count_nonzero(~near))
+        for row in np.flatnonzero(end - begin > 1).tolist():
+            places = sightings[begin[row] : end[row]]
+            reachable = places[_reaches(self.rows["last"][[row]], places, self._limits)]
+            if len(reachable) == 1:
+                self._believe(np.array([row]), reachable, 0.5)
+            strange += len(places) - len(reachable)
+        self._begin(sightings[~np.isin(tags, known)])
+        return strange
 
-    def _believe(self, sighting: Sighting) -> None:
-        last, (old_vx, old_vy) = self.last, self._velocity
-        elapsed = 1e-9 * (sighting.capture_ns - last.capture_ns)
-        if elapsed > 0.0:
-            keep = 1.0 - _NEW_VELOCITY
-            vx, vy = (sighting.x_m - last.x_m) / elapsed, (sighting.y_m - last.y_m) / elapsed
-            self._velocity = keep * old_vx + _NEW_VELOCITY * vx, keep * old_vy + _NEW_VELOCITY * vy
-            turn = math.remainder(sighting.yaw_rad - last.yaw_rad, math.tau) / elapsed
-            self._turn_rad_s = keep * self._turn_rad_s + _NEW_VELOCITY * turn
-        self.last = sighting
+    def forget(self, now_ns: int) -> None:
+        """Drops the robots that were not seen for too long."""
+        oldest_ns = now_ns - round(1e9 * self._limits.forget_s)
+        self.rows = self.rows[self.rows["last"]["capture_ns"] >= oldest_ns]
 
-    def _doubt(self, sighting: Sighting, limits: Limits) -> None:
+    def poses(self, now_ns: int) -> NDArray[np.void]:
+        """Returns where the robots are taken to be at `now_ns`, (n,) POSE sorted by tag."""
+        rows, last = self.rows, self.rows["last"]
+        poses = np.zeros(len(rows), dtype=POSE)
+        age_s = self._age_s(now_ns)
+        ahead_s = np.minimum(age_s, self._limits.carry_s)
+        poses["tag"] = last["tag"]
+        poses["x_m"] = last["x_m"] + ahead_s * rows["velocity_m_s"][:, 0]
+        poses["y_m"] = last["y_m"] + ahead_s * rows["velocity_m_s"][:, 1]
+        carried = wrap_angle(last["yaw_rad"] + ahead_s * rows["turn_rad_s"])
+        poses["yaw_rad"] = np.where(ahead_s > 0.0, carried, last["yaw_rad"])
+        poses["speed_m_s"] = np.hypot(*rows["velocity_m_s"].T)
+        poses["capture_ns"] = last["capture_ns"]
+        poses["age_ns"] = np.maximum(now_ns - last["capture_ns"], 0)
+        faded = rows["trust"] * np.exp(-age_s / self._limits.fade_s)
+        poses["confidence"] = np.where(rows["seen"], rows["trust"], faded)
+        poses["cameras"] = np.where(rows["seen"], last["cameras"], 0)
+        poses["seen"] = rows["seen"]
+        poses["covariance"] = self._covariances(age_s)
+        return poses
+
+    def _age_s(self, now_ns: int) -> Floats:
+        """Returns how long ago the robots were seen, (n,)."""
+        return np.maximum(1e-9 * (now_ns - self.rows["last"]["capture_ns"]), 0.0)
+
+    def _covariances(self, age_s: Floats) -> Floats:
+        """Returns the covariances of the errors of the poses, (n, 3, 3): x, y [m] and yaw [rad].
+
+        They are the pictures', and what the robots may have done since. Where a robot is held after
+        having been carried on, it may have driven on or not.
+        """
+        limits, covariance = self._limits, covariances(self.rows["last"])
+        held = np.maximum(age_s - limits.carry_s, 0.0)
+        gone = limits.max_speed_m_s * (limits.speed_doubt * age_s + _HELD_SHARE * held)
+        covariance[:, 0, 0] += gone**2
+        covariance[:, 1, 1] += gone**2
+        turned = (limits.turn_doubt_rad_s * age_s) ** 2
+        covariance[:, 2, 2] = np.minimum(covariance[:, 2, 2] + turned, _ANY_YAW)
+        return covariance
+
+    def _begin(self, sightings: NDArray[np.void]) -> None:
+        """Begins a track of each tag that is at one place only."""
+        tags, counts = np.unique(sightings["tag"], return_counts=True)
+        if len(tags):
+            new = sightings[np.isin(sightings["tag"], tags[counts == 1])]
+            rows = np.concatenate((self.rows, _new_tracks(new)))
+            self.rows = rows[np.argsort(rows["last"]["tag"])]
+
+    def _believe(self, rows: NDArray[np.intp], now: NDArray[np.void], trust: float) -> None:
+        """Takes a sighting of each of some tracks; both in the same order."""
+        tracks = self.rows[rows]
+        last = tracks["last"]
+        elapsed = 1e-9 * (now["capture_ns"] - last["capture_ns"])
+        moved = elapsed > 0.0
+        way = np.stack((now["x_m"] - last["x_m"], now["y_m"] - last["y_m"]), axis=-1)
+        turn = wrap_angle(now["yaw_rad"] - last["yaw_rad"])
+        keep, since = 1.0 - _NEW_VELOCITY, np.where(moved, elapsed, 1.0)
+        velocity = keep * tracks["velocity_m_s"] + _NEW_VELOCITY * (way / since[:, np.newaxis])
+        tracks["velocity_m_s"] = np.where(moved[:, np.newaxis], velocity, tracks["velocity_m_s"])
+        turning = keep * tracks["turn_rad_s"] + _NEW_VELOCITY * (turn / since)
+        tracks["turn_rad_s"] = np.where(moved, turning, tracks["turn_rad_s"])
+        tracks["last"], tracks["trust"], tracks["seen"], tracks["strays"] = now, trust, True, 0
+        self.rows[rows] = tracks
+
+    def _doubt(self, rows: NDArray[np.intp], now: NDArray[np.void]) -> None:
         """Counts sightings out of reach, and starts again where they insist."""
-        agrees = self._stray is not None and _reaches(self._stray, sighting, limits)
-        self._strays = self._strays + 1 if agrees else 1
-        self._stray = sighting
-        if self._strays >= limits.insist:
-            self._start(sighting)
-
-    @property
-    def speed_m_s(self) -> float:
-        """Speed over ground, smoothed over about two timesteps."""
-        return math.hypot(*self._velocity)
-
-    def pose(self, now_ns: int, limits: Limits) -> tuple[float, float, float]:
-        """Returns where the robot is taken to be at `now_ns`: x, y [m] and yaw [rad]."""
-        ahead = min(self.age_s(now_ns), limits.carry_s)
-        if ahead == 0.0:
-            return self.last.x_m, self.last.y_m, self.last.yaw_rad
-        yaw = math.remainder(self.last.yaw_rad + ahead * self._turn_rad_s, math.tau)
-        return (
-            self.last.x_m + ahead * self._velocity[0],
-            self.last.y_m + ahead * self._velocity[1],
-            yaw if yaw > -math.pi else math.pi,
-        )
-
-    def age_s(self, now_ns: int) -> float:
-        """Returns how long ago it was seen, at `now_ns`."""
-        return max(1e-9 * (now_ns - self.last.capture_ns), 0.0)
-
-    def confidence(self, now_ns: int, limits: Limits) -> float:
-        """Returns the confidence at `now_ns`, in [0, 1]."""
-        if self.seen:
-            return self._trust
-        return self._trust * math.exp(-self.age_s(now_ns) / limits.fade_s)
+        tracks = self.rows[rows]
+        agrees = (tracks["strays"] > 0) & _reaches(tracks["stray"], now, self._limits)
+        tracks["strays"] = np.where(agrees, tracks["strays"] + 1, 1)
+        tracks["stray"] = now
+        insists = tracks["strays"] >= self._limits.insist
+        tracks[insists] = _new_tracks(now[insists])
+        self.rows[rows] = tracks
 
 
-def covariances(tracks: Sequence[Track], now_ns: int, limits: Limits) -> NDArray[np.float64]:
-    """Returns the covariances of the errors of tracks' poses, (n, 3, 3): x, y [m] and yaw [rad].
-
-    They are the pictures', and what the robots may have done since. Where a robot is held after
-    having been carried on, it may have driven on or not.
-    """
-    covariance = view_covariances([track.last for track in tracks])
-    age = np.array([track.age_s(now_ns) for track in tracks])
-    held = np.maximum(age - limits.carry_s, 0.0)
-    gone = limits.max_speed_m_s * (limits.speed_doubt * age + _HELD_SHARE * held)
-    covariance[:, 0, 0] += gone**2
-    covariance[:, 1, 1] += gone**2
-    turned = (limits.turn_doubt_rad_s * age) ** 2
-    covariance[:, 2, 2] = np.minimum(covariance[:, 2, 2] + turned, _ANY_YAW)
-    return covariance
+def _new_tracks(sightings: NDArray[np.void]) -> NDArray[np.void]:
+    tracks = np.zeros(len(sightings), dtype=TRACK)
+    tracks["last"], tracks["seen"], tracks["trust"] = sightings, True, 1.0
+    return tracks
 
 
-def _reaches(last: Sighting, now: Sighting, limits: Limits) -> bool:
-    elapsed = max(1e-9 * (now.capture_ns - last.capture_ns), 0.0)
-    distance = math.hypot(now.x_m - last.x_m, now.y_m - last.y_m)
-    return distance <= limits.slack_m + limits.max_speed_m_s * elapsed
+def _reaches(last: NDArray[np.void], now: NDArray[np.void], limits: Limits) -> NDArray[np.bool_]:
+    """Whether robots can have come from where they were last to where they are now, (n,) VIEW."""
+    elapsed = np.maximum(1e-9 * (now["capture_ns"] - last["capture_ns"]), 0.0)
+    distance = np.hypot(now["x_m"] - last["x_m"], now["y_m"] - last["y_m"])
+    return np.asarray(distance <= limits.slack_m + limits.max_speed_m_s * elapsed)

@@ -10,20 +10,41 @@ projected into the pictures.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.arena import DETECTION, IMAGE_POSE, UNNAMED, Frame
+from vsense.arena import DETECTION, IMAGE_POSE, UNNAMED
 from vsense.cameras.camera import Camera
+from vsense.cameras.camera_array import CameraArray, Places
 
 Floats = NDArray[np.float64]
-Covariance = tuple[float, float, float, float, float, float]
-"""Covariance of x, y and yaw: xx, xy, x yaw, yy, y yaw, yaw yaw."""
+
+VIEW = np.dtype(
+    [
+        ("tag", "i4"),
+        ("x_m", "f8"),
+        ("y_m", "f8"),
+        ("yaw_rad", "f8"),
+        ("capture_ns", "i8"),
+        ("weight", "f8"),
+        ("cameras", "i4"),
+        ("covariance", "f8", (6,)),
+        ("height_sensitivity", "f8", (2,)),
+    ]
+)
+"""A marker in the arena, seen by one or more cameras at about the same time.
+
+`tag` is the number on it; `x_m`, `y_m` the disc's centre in the arena frame; `yaw_rad` the heading
+in (-pi, pi]; `capture_ns` when, the mean over the cameras with the weights; `weight` what it counts
+when views are merged [1/m^2]: the inverse variance of the position, less near the picture's border,
+so that nothing jumps where a view begins; `cameras` how many see it; `covariance` that of what the
+pictures tell of x, y [m] and yaw [rad]: xx, xy, x yaw, yy, y yaw, yaw yaw; `height_sensitivity` how
+far x and y [m] are off where the marker is one standard deviation higher than it is taken to be:
+the same marker for all cameras.
+"""
 
 HEIGHT_DOUBT_M = 0.002
 """Standard deviation of the markers' heights, where nothing better is known."""
@@ -36,194 +57,196 @@ _LEAST_FADE = 0.01
 _UPPER = np.triu_indices(3)
 
 
-@dataclass(frozen=True, slots=True)
-class Sighting:
-    """A marker in the arena, seen by one or more cameras at about the same time.
+def covariances(views: NDArray[np.void]) -> Floats:
+    """Returns the covariance of x, y [m] and yaw [rad] of (n,) VIEW, (n, 3, 3).
 
-    Attributes:
-        x_m, y_m: The disc's centre in the arena frame.
-        yaw_rad: Heading in (-pi, pi].
-        capture_ns: When, the mean over the cameras with the weights.
-        weight: What it counts when views are merged [1/m^2]: the inverse variance of the position,
-            less near the picture's border, so that nothing jumps where a view begins.
-        cameras: Ids of the cameras, sorted.
-        covariance: Of what the pictures tell.
-        height_sensitivity: How far x and y [m] are off where the marker is one standard deviation
-            higher than it is taken to be; the same marker for all cameras.
+    The heights' doubt is in it.
     """
-
-    tag: int
-    x_m: float
-    y_m: float
-    yaw_rad: float
-    capture_ns: int
-    weight: float
-    cameras: tuple[str, ...]
-    covariance: Covariance
-    height_sensitivity: tuple[float, float]
-
-
-def covariances(sightings: Sequence[Sighting]) -> Floats:
-    """Returns the covariance of x, y [m] and yaw [rad], (n, 3, 3), the heights' doubt in it."""
-    whole = np.zeros((len(sightings), 3, 3))
-    if len(sightings) == 0:
-        return whole
-    upper = np.array([sighting.covariance for sighting in sightings])
-    whole[:, _UPPER[0], _UPPER[1]] = upper
-    whole[:, _UPPER[1], _UPPER[0]] = upper
-    sensitivity = np.array([sighting.height_sensitivity for sighting in sightings])
+    whole = np.zeros((len(views), 3, 3))
+    whole[:, _UPPER[0], _UPPER[1]] = views["covariance"]
+    whole[:, _UPPER[1], _UPPER[0]] = views["covariance"]
+    sensitivity = views["height_sensitivity"]
     whole[:, :2, :2] += sensitivity[:, :, np.newaxis] * sensitivity[:, np.newaxis]
     return whole
 
 
 class Placed(NamedTuple):
-    """One camera's named detections, sorted by tag.
+    """The cameras' named detections, sorted by the picture and then by tag.
 
     Attributes:
         rows: (n,) DETECTION.
+        picture: (n,) which of the pictures they are in.
+        camera: (n,) the place of the picture's camera among all cameras.
         height_m: (n,) of their markers above the floor.
         ground_m: (n, 2) the discs' centres in the arena.
     """
 
     rows: NDArray[np.void]
+    picture: Places
+    camera: Places
     height_m: Floats
     ground_m: Floats
 
 
 def place_markers(
-    camera: Camera, found: NDArray[np.void], heights_m: Mapping[int, float]
+    cameras: CameraArray,
+    taken_by: Sequence[int],
+    found: Sequence[NDArray[np.void]],
+    heights_m: Mapping[int, float],
 ) -> Placed:
-    """Puts one camera's named (n,) DETECTION into the arena.
+    """Puts the pictures' named DETECTIONs into the arena.
 
-    Tags without a height in `heights_m`, that of their markers above the floor, are left out.
+    Args:
+        cameras: The arena's.
+        taken_by: The place of each picture's camera among them.
+        found: Each picture's.
+        heights_m: Of the tags' markers above the floor; other tags are left out.
     """
-    tags = found["tag"].tolist()
-    order = sorted(
-        (row for row, tag in enumerate(tags) if tag != UNNAMED and tag in heights_m),
-        key=lambda row: tags[row],
-    )
-    rows = found[order]
-    height_m = np.array([heights_m[tags[row]] for row in order])
+    rows = np.concatenate([np.zeros(0, dtype=DETECTION), *found])
+    picture = np.repeat(np.arange(len(found)), [len(one) for one in found])
+    height_m = np.array([heights_m.get(tag, np.nan) for tag in rows["tag"].tolist()], dtype=float)
+    named = (rows["tag"] != UNNAMED) & ~np.isnan(height_m)
+    order = np.lexsort((rows["tag"], picture))
+    order = order[named[order]]
+    rows, picture, height_m = rows[order], picture[order], height_m[order]
+    camera = np.array(taken_by, dtype=np.intp)[picture]
     pixels = np.stack((rows["x_px"], rows["y_px"]), axis=-1)
-    ground_m = camera.to_plane(pixels, height_m) if order else np.zeros((0, 2))
-    return Placed(rows, height_m, ground_m)
+    return Placed(rows, picture, camera, height_m, cameras.to_plane(pixels, height_m, camera))
 
 
 def make_views(
-    frame: Frame, camera: Camera, placed: Placed, height_doubt_m: float = HEIGHT_DOUBT_M
-) -> list[Sighting]:
-    """Returns what `camera`, which took the frame, sees as sightings.
+    cameras: CameraArray,
+    capture_ns: Sequence[int],
+    placed: Placed,
+    height_doubt_m: float = HEIGHT_DOUBT_M,
+) -> NDArray[np.void]:
+    """Returns what each camera sees, (n,) VIEW; `capture_ns` is each picture's.
 
     A view far from the camera's foot point weighs less, because a wrong height shifts it more;
     `height_doubt_m` is the standard deviation of the markers' heights.
     """
-    rows, height_m, ground_m = placed
-    if len(rows) == 0:
-        return []
-    pixels = np.stack((rows["x_px"], rows["y_px"]), axis=-1)
-    away = (camera.position_m[:2] - ground_m) / (camera.position_m[2] - height_m)[:, np.newaxis]
+    rows, picture, camera, height_m, ground_m = placed
+    views = np.zeros(len(rows), dtype=VIEW)
+    position_m = cameras.position_m[camera]
+    away = (position_m[:, :2] - ground_m) / (position_m[:, 2] - height_m)[:, np.newaxis]
     sensitivity = height_doubt_m * away
     covariance = rows["covariance"]
     own = 0.5 * (covariance[:, 0, 0] + covariance[:, 1, 1])
-    weight = _fade(camera, pixels) / (own + (sensitivity**2).sum(axis=1))
-    facts = zip(
-        rows["tag"].tolist(), ground_m.tolist(), rows["yaw_rad"].tolist(), weight.tolist(),
-        covariance[:, _UPPER[0], _UPPER[1]].tolist(), sensitivity.tolist(), strict=True,
-    )  # fmt: skip
-    return [
-        Sighting(tag, x, y, yaw, frame.capture_ns, w, (camera.id,), tuple(own), tuple(shift))
-        for tag, (x, y), yaw, w, own, shift in facts
-    ]
+    pixels = np.stack((rows["x_px"], rows["y_px"]), axis=-1)
+    views["tag"], views["yaw_rad"], views["cameras"] = rows["tag"], rows["yaw_rad"], 1
+    views["x_m"], views["y_m"] = ground_m.T
+    views["capture_ns"] = np.array(capture_ns, dtype=np.int64)[picture]
+    views["weight"] = _fade(cameras.size_px[camera], pixels) / (own + (sensitivity**2).sum(axis=1))
+    views["covariance"] = covariance[:, _UPPER[0], _UPPER[1]]
+    views["height_sensitivity"] = sensitivity
+    return views
 
 
-def _fade(camera: Camera, pixels: Floats) -> Floats:
-    """Returns what views count near the picture's border, where they begin and end."""
-    size = np.array((camera.width_px, camera.height_px))
-    inside = 0.5 * size - np.abs(pixels + 0.5 - 0.5 * size)
-    share = np.clip(inside.min(axis=1) / (_FADE * size.min()), 0.0, 1.0)
+def _fade(size_px: Floats, pixels: Floats) -> Floats:
+    """Returns what views count near their picture's border, where they begin and end."""
+    inside = 0.5 * size_px - np.abs(pixels + 0.5 - 0.5 * size_px)
+    share = np.clip(inside.min(axis=1) / (_FADE * size_px.min(axis=1)), 0.0, 1.0)
     return np.asarray(np.maximum(share**2 * (3.0 - 2.0 * share), _LEAST_FADE))
 
 
-def merge_views(views: Iterable[Sighting]) -> dict[int, list[Sighting]]:
-    """Returns the sightings of each tag; more than one means that the tag is duplicated.
+def merge_views(views: NDArray[np.void], picture: Places) -> NDArray[np.void]:
+    """Merges (n,) VIEW of one timestep; `picture` is (n,) which picture each is in.
 
-    The result does not depend on the order of `views`. Two views of one camera are never merged:
-    one marker is in a picture once.
+    Returns (k,) VIEW sorted by tag; a tag that is there more than once is duplicated. The result
+    does not depend on the order of `views`. Two views of one picture are never merged: one marker
+    is in a picture once.
     """
-    groups: dict[int, list[list[Sighting]]] = {}
-    for view in sorted(views, key=_order):
-        clusters = groups.setdefault(view.tag, [])
-        home = next((cluster for cluster in clusters if _belongs(view, cluster)), None)
-        if home is None:
-            clusters.append([view])
-        else:
-            home.append(view)
-    return {tag: [_merge(cluster) for cluster in groups[tag]] for tag in sorted(groups)}
+    if len(views) == 0:
+        return views
+    keys = ("capture_ns", "weight", "yaw_rad", "y_m", "x_m")
+    doubts = views["height_sensitivity"].T
+    order = np.lexsort((*doubts, *(views[key] for key in keys), picture, views["tag"]))
+    views, picture = views[order], picture[order]
+    cluster = _clusters(views, picture)
+    order = np.argsort(cluster, kind="stable")
+    return _merge(views[order], cluster[order])
 
 
-def _order(view: Sighting) -> tuple[object, ...]:
-    """Sorts views by all that they are, so that only equal ones can change places."""
-    place = (view.x_m, view.y_m, view.yaw_rad)
-    doubt = (view.covariance, view.height_sensitivity)
-    return view.tag, view.cameras, place, view.weight, view.capture_ns, *doubt
+def _clusters(views: NDArray[np.void], picture: Places) -> Places:
+    """Returns which views, sorted by tag, are of one marker: (n,) a number for each marker."""
+    tag, places = views["tag"], np.stack((views["x_m"], views["y_m"]), axis=-1)
+    # Numbers that ascend with the tag, with room for as many markers of it as there are views.
+    cluster = len(views) * np.searchsorted(tag, tag)
+    apart = set()
+    for step in range(1, len(views)):
+        same = tag[step:] == tag[:-step]
+        if not same.any():
+            break
+        far = np.hypot(*(places[step:] - places[:-step]).T) > MERGE_M
+        apart.update(tag[step:][same & (far | (picture[step:] == picture[:-step]))].tolist())
+    for contested in sorted(apart):
+        rows = np.flatnonzero(tag == contested)
+        markers: list[list[int]] = []
+        for row in rows.tolist():
+            home = next((m for m in markers if _belongs(row, m, places, picture)), None)
+            if home is None:
+                home = []
+                markers.append(home)
+            home.append(row)
+        for number, marker in enumerate(markers):
+            cluster[marker] += number
+    return cluster
 
 
-def _belongs(view: Sighting, cluster: list[Sighting]) -> bool:
-    return all(
-        view.cameras != other.cameras
-        and math.hypot(view.x_m - other.x_m, view.y_m - other.y_m) <= MERGE_M
-        for other in cluster
-    )
+def _belongs(row: int, marker: list[int], places: Floats, picture: Places) -> bool:
+    near = np.hypot(*(places[marker] - places[row]).T) <= MERGE_M
+    return bool((near & (picture[marker] != picture[row])).all())
 
 
-def _merge(cluster: list[Sighting]) -> Sighting:
-    """Returns the weighted mean; headings are averaged as vectors, so they may wrap."""
-    if len(cluster) == 1:
-        return cluster[0]
-    weight = np.array([view.weight for view in cluster])
-    share = weight / weight.sum()
-    yaw = np.array([view.yaw_rad for view in cluster])
-    first = cluster[0].capture_ns
-    later = share @ np.array([view.capture_ns - first for view in cluster], dtype=np.float64)
+def _merge(views: NDArray[np.void], cluster: Places) -> NDArray[np.void]:
+    """Returns each cluster's weighted mean; headings are averaged as vectors, so they may wrap."""
+    starts = np.flatnonzero(np.concatenate(([True], cluster[1:] != cluster[:-1])))
+    merged, counts = views[starts], np.diff(starts, append=len(views))
+    several = counts > 1
+    if not several.any():
+        return merged
+    total = np.add.reduceat(views["weight"], starts)
+    share = views["weight"] / np.repeat(total, counts)
+
+    def mean(values: Floats, weight: Floats = share) -> Floats:
+        weight = weight.reshape(-1, *(1,) * (values.ndim - 1))
+        return np.asarray(np.add.reduceat(weight * values, starts)[several])
+
+    later = views["capture_ns"] - np.repeat(merged["capture_ns"], counts)
+    yaw = views["yaw_rad"]
+    merged["x_m"][several], merged["y_m"][several] = mean(views["x_m"]), mean(views["y_m"])
+    merged["yaw_rad"][several] = np.arctan2(mean(np.sin(yaw)), mean(np.cos(yaw)))
+    merged["capture_ns"][several] += np.rint(mean(later.astype(np.float64))).astype(np.int64)
+    merged["weight"][several] = total[several]
+    merged["cameras"] = np.add.reduceat(views["cameras"], starts)
     # The pictures' errors are independent; the marker has one height for all of them.
-    covariance = share**2 @ np.array([view.covariance for view in cluster])
-    sensitivity = share @ np.array([view.height_sensitivity for view in cluster])
-    return Sighting(
-        tag=cluster[0].tag,
-        x_m=float(share @ np.array([view.x_m for view in cluster])),
-        y_m=float(share @ np.array([view.y_m for view in cluster])),
-        yaw_rad=float(np.arctan2(share @ np.sin(yaw), share @ np.cos(yaw))),
-        capture_ns=first + round(float(later)),
-        weight=float(weight.sum()),
-        cameras=tuple(sorted(camera for view in cluster for camera in view.cameras)),
-        covariance=tuple(covariance.tolist()),
-        height_sensitivity=tuple(sensitivity.tolist()),
-    )
+    merged["covariance"][several] = mean(views["covariance"], share**2)
+    merged["height_sensitivity"][several] = mean(views["height_sensitivity"])
+    return merged
 
 
 def count_unnamed(found: Iterable[NDArray[np.void]]) -> int:
     """Returns how many markers in the DETECTION arrays could not be named."""
-    empty = np.zeros(0, dtype=DETECTION)
-    return int((np.concatenate([empty, *found])["tag"] == UNNAMED).sum())
+    return int(sum((one["tag"] == UNNAMED).sum() for one in found))
 
 
 _AHEAD_M = 0.01
 
 
-def image_poses(place: int, camera: Camera, placed: Placed) -> NDArray[np.void]:
-    """Returns one camera's named detections as IMAGE_POSE rows, sorted by tag.
+def image_poses(cameras: CameraArray, placed: Placed) -> NDArray[np.void]:
+    """Returns named detections as IMAGE_POSE rows, in their order.
 
-    `place` is the camera's in the arena state's `cameras`.
+    Their `camera` is the picture's place among the pictures: that of its camera in the arena
+    state's `cameras`.
     """
-    rows, height_m, ground_m = placed
+    rows, picture, camera, height_m, ground_m = placed
     poses = np.zeros(len(rows), dtype=IMAGE_POSE)
-    if len(poses) == 0:
-        return poses
     at_px = np.stack((rows["x_px"], rows["y_px"]), axis=-1)
     points = np.column_stack((ground_m, height_m))
-    poses["tag"], poses["camera"] = rows["tag"], place
+    ahead_px = cameras.project(points + _ahead_m(rows["yaw_rad"]), camera)
+    poses["tag"], poses["camera"] = rows["tag"], picture
     poses["x_px"], poses["y_px"] = at_px.T
-    poses["yaw_px_rad"] = _heading_px_rad(camera, points, at_px, rows["yaw_rad"])
+    poses["yaw_px_rad"] = _heading_px_rad(ahead_px - at_px)
     poses["x_m"], poses["y_m"] = ground_m.T
     poses["yaw_rad"] = rows["yaw_rad"]
     return poses
@@ -253,7 +276,8 @@ class ImagePoses:
         nearest = np.full(len(robots), np.inf)
         for camera in self._cameras:
             at_px = camera.project(place)
-            theta = np.degrees(_heading_px_rad(camera, place, at_px, robots["yaw_rad"]))
+            ahead_px = camera.project(place + _ahead_m(robots["yaw_rad"]))
+            theta = np.degrees(_heading_px_rad(ahead_px - at_px))
             size = np.array((camera.width_px, camera.height_px))
             off = np.abs((at_px + 0.5) / size - 0.5).max(axis=1)
             better = off < nearest
@@ -262,12 +286,16 @@ class ImagePoses:
         return best
 
 
-def _heading_px_rad(camera: Camera, points_m: Floats, at_px: Floats, yaw_rad: Floats) -> Floats:
-    """Returns (n,) headings in a picture, counter-clockwise in (-pi, pi] and 0 to the right.
+def _ahead_m(yaw_rad: Floats) -> Floats:
+    """Returns (n, 3) short ways in the arena along (n,) headings."""
+    along = (np.cos(yaw_rad), np.sin(yaw_rad), np.zeros(len(yaw_rad)))
+    return _AHEAD_M * np.stack(along, axis=-1)
 
-    `points_m` (n, 3) are the discs' centres in the arena, `at_px` (n, 2) the same in the picture.
+
+def _heading_px_rad(along_px: Floats) -> Floats:
+    """Returns headings in a picture, counter-clockwise in (-pi, pi] and 0 to the right.
+
+    `along_px` is (n, 2) the picture of a short way ahead.
     """
-    ahead = np.stack((np.cos(yaw_rad), np.sin(yaw_rad), np.zeros(len(points_m))), axis=-1)
-    along = camera.project(points_m + _AHEAD_M * ahead) - at_px
-    theta = -np.arctan2(along[:, 1], along[:, 0])
+    theta = -np.arctan2(along_px[:, 1], along_px[:, 0])
     return np.asarray(np.where(theta <= -np.pi, theta + 2.0 * np.pi, theta))
