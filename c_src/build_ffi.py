@@ -127,7 +127,9 @@ KERNELS = Library(
     folders=("c_src/host",),
     headers=(
         "c_src/host/vs_latest.h",
+        "c_src/host/vs_view.h",
         "c_src/host/vs_markers.h",
+        "c_src/host/vs_words.h",
         "c_src/host/vs_rays.h",
         "c_src/host/vs_physics.h",
         "c_src/host/vs_ring.h",

@@ -3,7 +3,7 @@
 #ifndef VS_LENS_H
 #define VS_LENS_H
 
-#include "vs_markers.h"
+#include "vs_view.h"
 
 /*
  * Where the camera sees a point of the arena. Errors: VS_ERR_ARGUMENT if the point

@@ -6,6 +6,7 @@
 #include "vs_lens.h"
 #include "vs_outline.h"
 #include "vs_shape.h"
+#include "vs_square.h"
 
 #define SHAPES 1024 /* candidates in a picture */
 
@@ -41,14 +42,19 @@ static int map_pixel(const struct vs_view *view, double x_px, double y_px, doubl
     return 1;
 }
 
-/* The pose that a candidate's moments suggest; 0 if it is no arrow. */
+/* The pose that a candidate's moments suggest; 0 if it is no marker. */
 static int begin_marker(const struct vs_search *search, const struct vs_view *view,
                         const struct vs_shape *shape, struct vs_marker *marker)
 {
     double centroid_m[2], map[4], ahead[2];
+    int is_marker;
 
-    if (!map_pixel(view, shape->x_px, shape->y_px, centroid_m, map) ||
-        !vs_shape_points(&shape->moments, map, &search->gate, ahead))
+    if (!map_pixel(view, shape->x_px, shape->y_px, centroid_m, map))
+        return 0;
+    is_marker = search->gate.least_square > 0.0
+                    ? vs_shape_corners(&shape->moments, map, &search->gate, ahead)
+                    : vs_shape_points(&shape->moments, map, &search->gate, ahead);
+    if (!is_marker)
         return 0;
     memset(marker, 0, sizeof *marker);
     marker->ahead_x = ahead[0];
@@ -57,6 +63,16 @@ static int begin_marker(const struct vs_search *search, const struct vs_view *vi
     marker->y_m = centroid_m[1] + search->lead_m * ahead[1];
     marker->scale = 1.0;
     return 1;
+}
+
+/* Reads a marker that has been fitted. */
+static void read_marker(const struct vs_outline *outline, const struct vs_view *view,
+                        struct vs_marker *marker)
+{
+    marker->tag = -1.0;
+    if (outline->words != NULL)
+        vs_square_name(outline->words, view, marker);
+    vs_outline_read(outline, view, marker);
 }
 
 /*
@@ -104,40 +120,80 @@ static struct vs_picture cut_out(const struct vs_picture *picture,
     return part;
 }
 
+/* Whether a marker that could be read has been found at a candidate's place. */
+static int is_known(const struct vs_search *search, const struct vs_view *view,
+                    const struct vs_shape *shape, const struct vs_marker *markers, size_t count)
+{
+    double least_m2 = search->least_apart_m * search->least_apart_m;
+    double pixel[2], place_m[2];
+    size_t i;
+
+    pixel[0] = shape->x_px;
+    pixel[1] = shape->y_px;
+    if (vs_lens_to_plane(&view->lens, pixel, view->height_m, place_m) != VS_OK)
+        return 0;
+    for (i = 0; i < count; i++) {
+        double x_m = markers[i].x_m - place_m[0], y_m = markers[i].y_m - place_m[1];
+
+        if (markers[i].tag >= 0.0 && x_m * x_m + y_m * y_m < least_m2)
+            return 1;
+    }
+    return 0;
+}
+
+/* Adds the markers among what the newest scan shows; 0 where there was no room for all. */
+static int add_scanned(struct vs_markers *work, const struct vs_search *search,
+                       const struct vs_outline *outline, const struct vs_view *view,
+                       const int32_t corner[2], struct vs_marker *markers, size_t capacity,
+                       size_t *count)
+{
+    size_t shapes, i, before = *count;
+    int is_room;
+
+    vs_shape_find(&work->scan, &search->gate, work->shapes, SHAPES, &shapes);
+    is_room = (work->scan.full & VS_MARKERS_FULL_FOUND) == 0;
+    for (i = 0; i < shapes; i++) {
+        struct vs_shape *shape = &work->shapes[i];
+        struct vs_marker marker;
+
+        shape->x_px += corner[0];
+        shape->y_px += corner[1];
+        if (is_known(search, view, shape, markers, before) ||
+            !begin_marker(search, view, shape, &marker) ||
+            !vs_outline_fit(outline, view, &marker))
+            continue;
+        read_marker(outline, view, &marker);
+        is_room &= add_marker(search, &marker, markers, capacity, count);
+    }
+    return is_room;
+}
+
 int vs_markers_search(struct vs_markers *work, const struct vs_search *search,
                       const struct vs_outline *outline, const struct vs_view *view,
                       const struct vs_window *window, struct vs_marker *markers,
                       size_t capacity, size_t *count)
 {
-    int32_t left, top;
+    int32_t corner[2];
     struct vs_picture part;
-    size_t shapes, i;
-    int err = vs_outline_check(outline);
+    int err = vs_outline_check(outline), full, is_room;
 
-    if (view->picture.width_px < 0 || view->picture.height_px < 0)
+    if (view->picture.width_px < 0 || view->picture.height_px < 0 || search->second_256 < 0 ||
+        search->second_256 > 255)
         return VS_ERR_ARGUMENT;
-    part = cut_out(&view->picture, window, &left, &top);
+    part = cut_out(&view->picture, window, &corner[0], &corner[1]);
     if (err == VS_OK && (part.width_px < 1 || part.height_px < 1))
         return VS_OK;
     if (err == VS_OK)
-        err = vs_scan_picture(&work->scan, &part, search->least_contrast, search->level_256);
+        err = vs_scan_picture(&work->scan, &part, search);
     if (err != VS_OK)
         return err;
-    vs_shape_find(&work->scan, &search->gate, work->shapes, SHAPES, &shapes);
-    for (i = 0; i < shapes; i++) {
-        struct vs_shape *shape = &work->shapes[i];
-        struct vs_marker marker;
-
-        shape->x_px += left;
-        shape->y_px += top;
-        if (!begin_marker(search, view, shape, &marker) ||
-            !vs_outline_fit(outline, view, &marker))
-            continue;
-        vs_outline_read(outline, view, &marker);
-        if (!add_marker(search, &marker, markers, capacity, count))
-            work->scan.full |= VS_MARKERS_FULL_FOUND;
+    full = (int)work->scan.full;
+    is_room = add_scanned(work, search, outline, view, corner, markers, capacity, count);
+    if (search->second_256 > 0) {
+        vs_scan_again(&work->scan, &part, search, search->second_256);
+        is_room &= add_scanned(work, search, outline, view, corner, markers, capacity, count);
     }
-    return (int)work->scan.full;
+    return is_room ? full : full | VS_MARKERS_FULL_FOUND;
 }
 
 int vs_markers_follow(const struct vs_outline *outline, const struct vs_view *view,
@@ -152,9 +208,11 @@ int vs_markers_follow(const struct vs_outline *outline, const struct vs_view *vi
     for (i = 0; i < known; i++) {
         struct vs_marker marker = markers[i];
 
+        if (outline->words != NULL)
+            vs_square_upright(outline->words, &marker);
         if (!vs_outline_fit(outline, view, &marker))
             continue;
-        vs_outline_read(outline, view, &marker);
+        read_marker(outline, view, &marker);
         origin[*count] = (uint32_t)i;
         markers[(*count)++] = marker;
     }

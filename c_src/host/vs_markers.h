@@ -1,18 +1,14 @@
 /* SPDX-License-Identifier: MIT */
 /*
- * vs_markers.h - the picture kernel: from a picture to the fitted markers in it, with their
- * cells. What the cells mean, and what to believe, is for others.
+ * vs_markers.h - the picture kernel: from a picture to the fitted markers in it, square ones
+ * with their words, others with their cells: what these mean, and what to believe, is for others.
  *
- * Points go through the lens model, pictures never do. Pixel (0, 0) is the middle of the
- * upper left pixel; the camera looks along its z, x to the right, y down.
+ * Points go through the lens model, pictures never do.
  */
 #ifndef VS_MARKERS_H
 #define VS_MARKERS_H
 
-#include <stddef.h>
-#include <stdint.h>
-
-#include "../vs_err.h"
+#include "vs_view.h"
 
 /* What a search had no room for; its other results are good. */
 #define VS_MARKERS_FULL_RUNS 1  /* rows further down were not scanned */
@@ -23,31 +19,8 @@
 #define VS_OUTLINE_STEPS 15   /* grey values along one normal */
 #define VS_OUTLINE_CELLS 25   /* of a marker: 5 x 5 */
 #define VS_OUTLINE_SPOTS 9    /* grey values read in each cell */
+#define VS_OUTLINE_RIM 16     /* points that must be in the picture */
 #define VS_OUTLINE_PASSES 4   /* of a fit */
-
-/* A grey picture: row y begins at pixels + y * stride. */
-struct vs_picture {
-    const uint8_t *pixels;
-    size_t stride; /* [byte] at least width_px */
-    int32_t width_px;
-    int32_t height_px;
-};
-
-/* One calibrated camera. */
-struct vs_lens {
-    double fx_px, fy_px;  /* focal length along the picture's x and y */
-    double cx_px, cy_px;  /* principal point */
-    double distortion[5]; /* k1 k2 p1 p2 k3 of OpenCV's model */
-    double rotation[9];   /* arena frame to camera frame, row by row */
-    double position_m[3]; /* the camera's centre in the arena frame */
-};
-
-/* What a picture is of: the camera and the height of the markers above the floor. */
-struct vs_view {
-    struct vs_picture picture;
-    struct vs_lens lens;
-    double height_m;
-};
 
 /* One pass of a fit, and what a marker must show in it to be kept. */
 struct vs_outline_pass {
@@ -58,18 +31,23 @@ struct vs_outline_pass {
     double most_residual_m;  /* root mean square distance of edges to the outline */
 };
 
+struct vs_words; /* see vs_words.h */
+
 /*
- * A family's outline and cells, in metres from the disc's centre, x ahead and y to
- * the left. Made once; all threads may read it.
+ * A family's outline and cells, in metres, x ahead and y to the left: from the disc's centre, or
+ * from the middle of an upright square. Made once; all threads may read it.
  */
 struct vs_outline {
+    const struct vs_words *words; /* of square markers; NULL of others */
     int32_t samples;
     int32_t cells;
     int32_t passes;
     double unit_m;         /* the family's length u */
     double scale_doubt;    /* accepted difference of the scale from 1 */
     double least_contrast; /* [grey] white over black */
-    double radius_m;       /* of the disc */
+    int32_t rims;
+    double rim_x_m[VS_OUTLINE_RIM]; /* what must be in the picture: a disc's rim, or corners */
+    double rim_y_m[VS_OUTLINE_RIM];
     double x_m[VS_OUTLINE_SAMPLES];
     double y_m[VS_OUTLINE_SAMPLES];
     double normal_x[VS_OUTLINE_SAMPLES]; /* unit vectors, outwards */
@@ -91,10 +69,12 @@ struct vs_marker {
     double white;      /* [grey] median just outside */
     double sharp_ahead; /* share of the contrast that an edge across the heading gains */
     double sharp_left;  /* within a quarter u of it; the same for one along it */
-    double cell[VS_OUTLINE_CELLS]; /* 0 the outline's black, 1 the disc's white */
+    double tag;           /* of square markers: a whole number, -1 where none could be read */
+    double error, margin; /* of square markers, see struct vs_reading */
+    double cell[VS_OUTLINE_CELLS]; /* 0 the outline's black, 1 the disc's white; of others */
 };
 
-/* What an arrow looks like: its size in the picture, its proportions on its plane. */
+/* What a marker looks like: its size in the picture, its proportions on its plane. */
 struct vs_shape_gate {
     double length_px;    /* between the two corners farthest apart */
     double area_px2;     /* of the outline, cells included */
@@ -103,12 +83,17 @@ struct vs_shape_gate {
     double least_aspect; /* variance along over variance across (1.2) */
     double most_aspect;  /* the same (2.9) */
     double least_taper;  /* how much it must come to a point (0.12) */
+    double least_square; /* how much a square must have corners: 0.6 if perfect, a disc 0; 0 of an
+                            arrow */
 };
 
 /* How to search. */
 struct vs_search {
     int32_t least_contrast; /* [grey] light ground over dark things; noise raises it (36) */
     int32_t level_256;      /* threshold between the darkest, 0, and the lightest, 256 (100) */
+    int32_t second_256;     /* threshold of a second scan for what the first did not show; 0: none */
+    int32_t print_256;      /* share of the light ground that ink is darker by, at least (102) */
+    int32_t has_veil;       /* whether the picture's darkest counts as 0 in that (0) */
     double lead_m;          /* from the outline's centroid ahead to the disc's centre */
     double least_apart_m;   /* of two markers; of closer ones the better fit is kept */
     struct vs_shape_gate gate;
@@ -133,7 +118,8 @@ size_t vs_markers_size(void);
  * found to markers[*count ..] and keeps all of them apart. Returns the VS_MARKERS_FULL_...
  * of what there was no room for: 0 if all is well.
  * Errors: VS_ERR_ARGUMENT for a picture larger than 8192 px, smaller than 0 or with too small a
- * stride, a level_256 outside 1 .. 255, or counts and passes of the outline beyond those above.
+ * stride, a level_256 or second_256 outside 1 .. 255, a print_256 outside 0 .. 256, or counts and passes of the
+ * outline beyond those above.
  */
 int vs_markers_search(struct vs_markers *work, const struct vs_search *search,
                       const struct vs_outline *outline, const struct vs_view *view,

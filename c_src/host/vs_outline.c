@@ -8,7 +8,6 @@
 
 #define SPREAD 0.02   /* of the reach: the least spread of offsets that is believed */
 #define BORDER_PX 2.0 /* a marker nearer to the picture's border is not reported */
-#define RIM_POINTS 16
 
 int vs_outline_check(const struct vs_outline *outline)
 {
@@ -16,7 +15,7 @@ int vs_outline_check(const struct vs_outline *outline)
 
     if (outline->samples < 8 || outline->samples > VS_OUTLINE_SAMPLES ||
         outline->cells < 0 || outline->cells > VS_OUTLINE_CELLS ||
-        outline->passes < 1 || outline->passes > VS_OUTLINE_PASSES || !(outline->unit_m > 0.0))
+        outline->rims < 0 || outline->rims > VS_OUTLINE_RIM || outline->passes < 1 || outline->passes > VS_OUTLINE_PASSES || !(outline->unit_m > 0.0))
         return VS_ERR_ARGUMENT;
     for (i = 0; i < outline->passes; i++) {
         const struct vs_outline_pass *pass = &outline->stage[i];
@@ -164,22 +163,18 @@ static int fit_once(const struct vs_outline *outline, const struct vs_view *view
            marker->scale < 1.0 + outline->scale_doubt;
 }
 
-/* Tells whether the disc is wholly in the picture. */
+/* Tells whether the marker is wholly in the picture. */
 static int is_whole(const struct vs_outline *outline, const struct vs_view *view,
                     const struct vs_marker *marker)
 {
-    double x_m = outline->radius_m, y_m = 0.0, pixel[2];
-    const double c = 0.92387953251128674, s = 0.38268343236508977;
+    double pixel[2];
     int i;
 
-    for (i = 0; i < RIM_POINTS; i++) {
-        double next_m = c * x_m - s * y_m;
-
-        if (vs_edges_see(view, marker, x_m, y_m, pixel) != VS_OK ||
+    for (i = 0; i < outline->rims; i++) {
+        if (vs_edges_see(view, marker, outline->rim_x_m[i], outline->rim_y_m[i], pixel) !=
+                VS_OK ||
             !vs_edges_inside(&view->picture, pixel[0], pixel[1], BORDER_PX - 0.5))
             return 0;
-        y_m = s * x_m + c * y_m;
-        x_m = next_m;
     }
     return 1;
 }

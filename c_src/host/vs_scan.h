@@ -53,14 +53,17 @@ struct vs_scan {
 };
 
 /*
- * Scans a picture. least_contrast [grey] is what light ground must have over dark
- * things for a block to be looked at; noise raises it. level_256 is the threshold's
- * place between the darkest (0) and the lightest (256) in the neighbourhood.
+ * Scans a picture, see struct vs_search.
  * Errors: VS_ERR_ARGUMENT for sizes outside 1 .. VS_SCAN_SIDE, a stride smaller
- * than the width, or level_256 outside 1 .. 255. A full table is no error: see full.
+ * than the width, level_256 outside 1 .. 255, or print_256 outside 0 .. 256. A full table
+ * is no error: see full.
  */
 int vs_scan_picture(struct vs_scan *s, const struct vs_picture *picture,
-                    int32_t least_contrast, int32_t level_256);
+                    const struct vs_search *search);
+
+/* Scans the picture of the newest scan again, with another threshold, 1 .. 255; see full. */
+void vs_scan_again(struct vs_scan *s, const struct vs_picture *picture,
+                   const struct vs_search *search, int32_t level_256);
 
 /* The part that speaks for a part of the newest scan. */
 uint32_t vs_scan_root(struct vs_scan *s, uint32_t part);

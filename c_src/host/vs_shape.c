@@ -87,7 +87,7 @@ static void add_moments(const struct borders *b, double top, double area,
                         struct vs_shape *shape)
 {
     const double high = VS_SCAN_STEP, spread = high * high / 12.0;
-    struct vs_moments m = {0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0};
+    struct vs_moments m = {0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0};
     int row;
 
     for (row = 0; row < b->rows; row++) {
@@ -108,11 +108,33 @@ static void add_moments(const struct borders *b, double top, double area,
     shape->moments = m;
 }
 
-/* The moments after a linear map (a b; c d). */
+static void add_fourth_moments(const struct borders *b, double top, double area,
+                               struct vs_shape *shape)
+{
+    const double high = VS_SCAN_STEP, spread = high * high / 12.0;
+    struct vs_moments *m = &shape->moments;
+    int row;
+
+    for (row = 0; row < b->rows; row++) {
+        double width = b->right[row] - b->left[row];
+        double x = 0.5 * (b->left[row] + b->right[row] - 1.0) - shape->x_px;
+        double y = top + high * row - shape->y_px;
+        double share = width / area;
+        double wide = width * width / 12.0;
+
+        m->xxxx += share * (x * x * (x * x + 6.0 * wide) + 1.8 * wide * wide);
+        m->xxxy += share * x * y * (x * x + 3.0 * wide);
+        m->xxyy += share * (x * x + wide) * (y * y + spread);
+        m->xyyy += share * x * y * (y * y + 3.0 * spread);
+        m->yyyy += share * (y * y * (y * y + 6.0 * spread) + 1.8 * spread * spread);
+    }
+}
+
+/* The moments after a linear map (a b; c d); those of the fourth order are not mapped. */
 static struct vs_moments transform(const struct vs_moments *m, const double map[4])
 {
     double a = map[0], b = map[1], c = map[2], d = map[3];
-    struct vs_moments t;
+    struct vs_moments t = *m;
 
     t.xx = a * a * m->xx + 2.0 * a * b * m->xy + b * b * m->yy;
     t.xy = a * c * m->xx + (a * d + b * c) * m->xy + b * d * m->yy;
@@ -158,6 +180,68 @@ int vs_shape_points(const struct vs_moments *moments, const double map[4],
     return 1;
 }
 
+/* a times b, as complex numbers. */
+static void multiply(const double a[2], const double b[2], double product[2])
+{
+    double real = a[0] * b[0] - a[1] * b[1];
+
+    product[1] = a[0] * b[1] + a[1] * b[0];
+    product[0] = real;
+}
+
+/* The mean of (x + i y)^4 after a linear map. */
+static void fourth_power(const struct vs_moments *m, const double map[4], double power[2])
+{
+    const double by_x[2] = {map[0], map[2]}, by_y[2] = {map[1], map[3]};
+    double xx[2], xy[2], yy[2], part[5][2];
+    int i;
+
+    multiply(by_x, by_x, xx);
+    multiply(by_x, by_y, xy);
+    multiply(by_y, by_y, yy);
+    multiply(xx, xx, part[0]);
+    multiply(xx, xy, part[1]);
+    multiply(xy, xy, part[2]);
+    multiply(xy, yy, part[3]);
+    multiply(yy, yy, part[4]);
+    for (i = 0; i < 2; i++)
+        power[i] = part[0][i] * m->xxxx + 4.0 * part[1][i] * m->xxxy +
+                   6.0 * part[2][i] * m->xxyy + 4.0 * part[3][i] * m->xyyy +
+                   part[4][i] * m->yyyy;
+}
+
+/* Halves the angle of a unit vector. */
+static void halve(double unit[2])
+{
+    double c = vs_root(0.5 + 0.5 * unit[0]), s = vs_root(0.5 - 0.5 * unit[0]);
+
+    unit[0] = c;
+    unit[1] = unit[1] < 0.0 ? -s : s;
+}
+
+/*
+ * A square with sides along x and y has a mean of (x + i y)^4 that is real and negative, and
+ * turning it by an angle turns that by four times the angle.
+ */
+int vs_shape_corners(const struct vs_moments *moments, const double map[4],
+                     const struct vs_shape_gate *gate, double ahead[2])
+{
+    struct vs_moments m = transform(moments, map);
+    double twice = vs_root((m.xx - m.yy) * (m.xx - m.yy) + 4.0 * m.xy * m.xy);
+    double all = m.xx + m.yy, power[2], size;
+
+    fourth_power(moments, map, power);
+    size = vs_root(power[0] * power[0] + power[1] * power[1]);
+    if (!(all + twice < gate->most_aspect * (all - twice)) ||
+        !(size > gate->least_square * all * all))
+        return 0;
+    ahead[0] = -power[0] / size;
+    ahead[1] = -power[1] / size;
+    halve(ahead);
+    halve(ahead);
+    return 1;
+}
+
 /* What can be told from the box around a part, before any of its runs is looked at. */
 static int has_size(const struct vs_part *part, const struct vs_shape_gate *gate)
 {
@@ -187,6 +271,8 @@ static int look_at(struct vs_scan *s, uint32_t root, const struct vs_shape_gate 
           area * VS_SCAN_STEP < gate->most_area * gate->area_px2))
         return 0;
     add_moments(&b, top, area, shape);
+    if (gate->least_square > 0.0)
+        add_fourth_moments(&b, top, area, shape);
     return 1;
 }
 

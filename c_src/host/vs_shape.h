@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 /*
- * vs_shape.h - which components of a scan look like an arrow: their size, and the
+ * vs_shape.h - which components of a scan look like an arrow or a square: their size, and the
  * moments of their convex hull, which blur and white cells leave as it is. Moments
  * are mapped to the markers' plane first: perspective turns a thing's longest axis.
  */
@@ -15,9 +15,10 @@
 struct vs_moments {
     double xx, xy, yy;
     double xxx, xxy, xyy, yyy;
+    double xxxx, xxxy, xxyy, xyyy, yyyy; /* where squares are looked for */
 };
 
-/* A component that has the size of an arrow, by its hull. */
+/* A component that has the size of a marker, by its hull. */
 struct vs_shape {
     double x_px; /* centroid */
     double y_px;
@@ -39,5 +40,9 @@ void vs_shape_find(struct vs_scan *s, const struct vs_shape_gate *gate,
  */
 int vs_shape_points(const struct vs_moments *moments, const double map[4],
                     const struct vs_shape_gate *gate, double ahead[2]);
+
+/* The same for a square: ahead is a unit vector along any of its sides. */
+int vs_shape_corners(const struct vs_moments *moments, const double map[4],
+                     const struct vs_shape_gate *gate, double ahead[2]);
 
 #endif

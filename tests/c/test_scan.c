@@ -50,7 +50,9 @@ static void make_outline(struct vs_outline *o)
     o->unit_m = unit_m;
     o->scale_doubt = 0.12;
     o->least_contrast = 25.0;
-    o->radius_m = 0.035;
+    o->rims = 4;
+    o->rim_x_m[0] = o->rim_y_m[1] = 0.035;
+    o->rim_x_m[2] = o->rim_y_m[3] = -0.035;
     for (k = 0; k < 2; k++) {
         o->stage[k].reach_m = (k == 0 ? 1.0 : 0.6) * unit_m;
         o->stage[k].steps = 11;
@@ -82,6 +84,7 @@ static void make_search(struct vs_search *s)
     memset(s, 0, sizeof *s);
     s->least_contrast = 36;
     s->level_256 = 100;
+    s->print_256 = 102;
     s->lead_m = 0.0053 * (1.5 - 0.8);
     s->least_apart_m = 0.035;
     s->gate.length_px = 9.5 * 0.0053 * 800.0;
@@ -271,16 +274,19 @@ static void test_wrong_arguments_are_refused(void)
     static struct vs_scan scan;
     struct vs_picture picture = {pixels, WIDTH, WIDTH, HEIGHT};
     struct vs_outline outline;
+    struct vs_search search;
     int k;
 
-    for (k = 0; k < 6; k++) {
+    for (k = 0; k < 8; k++) {
         struct vs_picture wrong = picture;
-        int32_t level = k == 4 ? 0 : k == 5 ? 256 : 100;
 
+        make_search(&search);
+        search.level_256 = k == 4 ? 0 : k == 5 ? 256 : 100;
+        search.print_256 = k == 6 ? -1 : k == 7 ? 257 : 102;
         wrong.width_px = k == 0 ? 0 : k == 1 ? VS_SCAN_SIDE + 1 : WIDTH;
         wrong.height_px = k == 2 ? -1 : HEIGHT;
         wrong.stride = k == 3 ? WIDTH - 1 : WIDTH;
-        CHECK(vs_scan_picture(&scan, &wrong, 36, level) == VS_ERR_ARGUMENT);
+        CHECK(vs_scan_picture(&scan, &wrong, &search) == VS_ERR_ARGUMENT);
     }
     make_outline(&outline);
     CHECK(vs_outline_check(&outline) == VS_OK);
@@ -291,6 +297,9 @@ static void test_wrong_arguments_are_refused(void)
     CHECK(vs_outline_check(&outline) == VS_ERR_ARGUMENT);
     make_outline(&outline);
     outline.stage[1].reach_m = -0.001;
+    CHECK(vs_outline_check(&outline) == VS_ERR_ARGUMENT);
+    make_outline(&outline);
+    outline.rims = VS_OUTLINE_RIM + 1;
     CHECK(vs_outline_check(&outline) == VS_ERR_ARGUMENT);
     make_outline(&outline);
     outline.unit_m = -1e170;

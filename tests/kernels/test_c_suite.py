@@ -22,11 +22,14 @@ HOST = C_SRC / "host"
 SOURCES = sorted(HOST.glob("*.c"))
 PICTURES = [
     HOST / f"vs_{part}.c"
-    for part in ("math", "lens", "scan", "shape", "outline", "edges", "markers")
+    for part in (
+        *("math", "lens", "levels", "scan", "shape", "outline", "edges"),
+        *("words", "square", "markers"),
+    )
 ]
 RAYS = [HOST / f"vs_{part}.c" for part in ("math", "sight", "rays", "obstacles")]
 FLOOR = [HOST / f"vs_{part}.c" for part in ("math", "contacts", "physics", "ring")]
-SUITES = {"test_scan": PICTURES, "test_rays": RAYS, "test_physics": FLOOR}
+SUITES = {"test_scan": PICTURES, "test_words": PICTURES, "test_rays": RAYS, "test_physics": FLOOR}
 """C test -> the kernel's files: none needs another kernel's."""
 
 

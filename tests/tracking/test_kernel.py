@@ -4,8 +4,6 @@ pictures of any bytes in any shape. The same in C runs under the sanitizers: `te
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 import pytest
@@ -16,7 +14,6 @@ from hypothesis.extra import numpy as arrays
 from tests.markers.texture import draw_texture
 from tests.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense.cameras.camera import Camera
-from vsense.markers.dictionary import FamilyError
 from vsense.markers.families import load_family
 from vsense.native import kernel_ffi
 from vsense.tracking.kernel import MARKER, Kernel
@@ -57,13 +54,6 @@ def drawing(tag: int, x_px: float, y_px: float, turn_deg: float, floor: int) -> 
 
 
 FLAT = Camera.looking_down("flat", 0.0, 0.0, 2.0 + HEIGHT_M, 1360.0, (200, 200))
-
-
-def test_an_outline_longer_than_the_kernels_tables_is_refused() -> None:
-    polygon = tuple((20.0 * x, 20.0 * y) for x, y in ARROW.polygon_u)
-    long = replace(ARROW, unit_mm=ARROW.unit_mm / 20.0, polygon_u=polygon)
-    with pytest.raises(FamilyError, match=r"samples of 0\.4 units long, expected 8 to 96"):
-        Kernel(long)
 
 
 @given(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,8 +14,8 @@ from vsense.cameras.camera import Camera
 from vsense.markers.families import load_family
 from vsense.tracking.arena_tracker import ArenaTracker
 from vsense.tracking.detector import make_detector
+from vsense.tracking.kernel import Kernel
 from vsense.tracking.prediction import SearchPlan
-from vsense.tracking.squares import SquareFinder
 
 ARUCO = load_family("aruco_4x4_50")
 ASKEW = replace(load_family("apriltag_36h11"), heading_deg=137.0, centre_mm=(2.0, -1.5))
@@ -65,17 +66,19 @@ def test_every_plan_follows_every_robot(family: object, plan: tuple[int, float, 
 
 
 def test_between_key_frames_only_squares_are_searched(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole: list[int] = []
-    find = SquareFinder.find
+    looked: list[object] = []
+    search = Kernel.search
 
-    def spy(self: SquareFinder, image: np.ndarray, *sizes: float) -> np.ndarray:
-        whole.append(image.size)
-        return find(self, image, *sizes)
+    def spy(self: Kernel, *arguments: Any) -> np.ndarray:
+        looked.append(arguments[3])
+        return search(self, *arguments)
 
-    monkeypatch.setattr(SquareFinder, "find", spy)
+    monkeypatch.setattr(Kernel, "search", spy)
     play(ARUCO, images(ARUCO), SearchPlan(4, 0.11))
-    assert sum(size == 640 * 480 for size in whole) == 2
-    assert max(size for size in whole if size < 640 * 480) < 100 * 100
+    assert [windows is None for windows in looked] == [k % 4 == 0 for k in range(STEPS)]
+    for windows in looked:
+        if isinstance(windows, np.ndarray):
+            assert len(windows) == 3 and (windows[:, 2:] - windows[:, :2]).max() < 100
 
 
 def test_a_light_cable_across_a_known_robot_does_not_lose_it() -> None:

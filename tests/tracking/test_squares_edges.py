@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vsense.tracking.squares import area, find_quads, lengths, noise_level
-from vsense.tracking.squares_edges import fit_local_corners, fit_sides
+from vsense.tracking.squares_edges import fit_local_corners, fit_sides, sample_grey
 
 FINE = 16
 
@@ -86,6 +86,14 @@ def test_corners_of_bent_paper_are_where_its_bent_sides_meet(seed: int) -> None:
     bent = fit_local_corners(image, straight)
     assert distance(straight, quad)[0] > 0.4
     assert distance(bent, quad)[0] < 0.35
+
+
+def test_more_points_are_sampled_than_opencv_takes_at_once() -> None:
+    ramp = np.tile(np.arange(200, dtype=np.uint8), (4, 1))
+    places = np.linspace(0.0, 199.0, 40_000)
+    grey = sample_grey(ramp, np.stack((places, np.full_like(places, 1.5)), axis=1)[:, np.newaxis])
+    assert grey.shape == (40_000, 1)
+    assert grey[:, 0] == pytest.approx(places, abs=0.51)
 
 
 def test_the_order_of_corners_gives_the_sign_of_the_area() -> None:

@@ -41,8 +41,8 @@ def blur_px(exposure_us: float, speed_m_s: float, px_per_m: float) -> float:
 
 _LEAST_CELL_PX, _MOST_CELL_PX = 1.5, 20.0
 """Smaller cells cannot be read; larger ones are no picture of an arena."""
-_ARROW_RATIO, _SQUARE_RATIO = 1.1, 1.25
-"""Steps of the search: markers up to 12 and 25 % off the expected size are found."""
+_RATIO = 1.1
+"""Of a step of the search: markers up to 12 % off the expected size are found."""
 _REST = 8
 """Pictures to skip after a search without result."""
 _AWAY_M = 2.0
@@ -124,9 +124,8 @@ class MarkerFinder:
     def _search(self, image: Image) -> float | None:
         """Returns the middle of the scales with the most markers; None: no markers."""
         cell_m = 1e-3 * self._family.cell_mm
-        ratio = _SQUARE_RATIO if isinstance(self._family, SquareFamily) else _ARROW_RATIO
-        steps = int(np.log(_MOST_CELL_PX / _LEAST_CELL_PX) / np.log(ratio)) + 1
-        scales = _LEAST_CELL_PX / cell_m * ratio ** np.arange(steps)
+        steps = int(np.log(_MOST_CELL_PX / _LEAST_CELL_PX) / np.log(_RATIO)) + 1
+        scales = _LEAST_CELL_PX / cell_m * _RATIO ** np.arange(steps)
         fits = 1e-3 * self._family.disc_diameter_mm * scales < min(image.shape)
         found = [self._at(image, float(scale)) for scale in scales[fits]]
         # Readable markers count first, unreadable ones only without them.

@@ -79,21 +79,6 @@ class MarkerFamily:
         return np.array(self.polygon_u, dtype=np.float64) * self.unit_mm
 
     @property
-    def outline_area_mm2(self) -> float:
-        """Area of the arrow, its cells included."""
-        x, y = self.polygon_mm.T
-        return float(0.5 * (x * np.roll(y, -1) - np.roll(x, -1) * y).sum())
-
-    @property
-    def outline_centroid_mm(self) -> Floats:
-        """Centroid of the arrow, its cells included, (2,)."""
-        corners = self.polygon_mm
-        after = np.roll(corners, -1, axis=0)
-        cross = corners[:, 0] * after[:, 1] - after[:, 0] * corners[:, 1]
-        total = ((corners + after) * cross[:, np.newaxis]).sum(axis=0)
-        return np.asarray(total / (6.0 * self.outline_area_mm2))
-
-    @property
     def disc_centre_mm(self) -> Floats:
         """See `Family.disc_centre_mm`."""
         return np.array(self.disc_centre_u, dtype=np.float64) * self.unit_mm

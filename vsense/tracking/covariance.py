@@ -12,17 +12,15 @@ from numpy.typing import NDArray
 
 from vsense.markers.codes import BLURS_U, normal_share
 from vsense.markers.families import MarkerFamily, SquareFamily
-from vsense.tracking.kernel import sample_outline
+from vsense.tracking.outlines import EDGE_REACH_U, OutlineShape, sample_outline, shape_of
 
 Floats = NDArray[np.float64]
 
 LEAST_M = 1e-5
 """No fit is believed to be more precise than this [m]."""
 
-_SQUARE_RESIDUAL, _SQUARE_BLUR, _SQUARE_TURN = 0.55, 0.027, 0.42
 _CORRELATION = 1.1
 _BLURRED, _PER_BLUR = 0.30, 5.0
-_REACH_U = 0.6
 _LEAK_U = 0.9
 _LEAST_COVERAGE = 0.3
 """Fitted to the errors of rendered markers of the shipped families, from sharp to hard pictures;
@@ -32,17 +30,22 @@ see `tests/tracking/test_covariance.py`."""
 class OutlineCovariance:
     """The precision of one family's outline."""
 
-    def __init__(self, family: MarkerFamily) -> None:
-        points, normals = sample_outline(family.polygon_mm, family.unit_mm)
-        points_m = 1e-3 * (points - family.disc_centre_mm)
+    def __init__(self, family: MarkerFamily | SquareFamily) -> None:
+        shape = shape_of(family)
+        points, normals = sample_outline(shape)
+        points_m = 1e-3 * (points - shape.origin_mm)
         turn = normals[:, 1] * points_m[:, 0] - normals[:, 0] * points_m[:, 1]
         growth = (normals * points_m).sum(axis=1)
         design = np.column_stack((normals, turn, growth))
         self._shape = np.linalg.inv(design.T @ design)[:3, :3]
-        self._unit_m = 1e-3 * family.unit_mm
-        rim = 0.5e-3 * family.disc_diameter_mm - np.hypot(*points_m.T).max()
-        gap_u = min(rim / self._unit_m, _inner_gap_u(family)) - _REACH_U
+        self._unit_m = 1e-3 * shape.unit_mm
+        gap_u = _gap_u(family, shape, points) - EDGE_REACH_U
         self._leak_m = self._unit_m * _LEAK_U * normal_share(-gap_u / BLURS_U) ** 2
+        self._lever = np.eye(3)
+        if isinstance(family, SquareFamily):
+            # What turns about the square's middle shifts a disc's centre that lies elsewhere.
+            x, y = 1e-3 * family.disc_centre_mm
+            self._lever[0, 2], self._lever[1, 2] = -y, x
 
     def covariance(
         self, markers: NDArray[np.void], ahead: NDArray[np.intp], left: NDArray[np.intp]
@@ -59,30 +62,8 @@ class OutlineCovariance:
         covariance = sample[:, np.newaxis, np.newaxis] * self._shape
         for axis, place in enumerate((ahead, left)):
             covariance[:, axis, axis] += self._leak_m[place] ** 2 + LEAST_M**2
+        covariance = self._lever @ covariance @ self._lever.T
         return turn_into_arena(covariance, markers["ahead_x"], markers["ahead_y"])
-
-
-def square_covariance(
-    family: SquareFamily, residual_m: Floats, blur_m: Floats, ahead_x: Floats, ahead_y: Floats
-) -> Floats:
-    """Returns the covariance of x, y [m] and yaw [rad] of square markers, (n, 3, 3).
-
-    Args:
-        residual_m: (n,) root mean square distance of the edges found to the fitted sides.
-        blur_m: (n,) standard deviation of the point spread across the sides.
-        ahead_x, ahead_y: (n,) the heading's unit vector.
-    """
-    shift = (_SQUARE_RESIDUAL * residual_m) ** 2 + (_SQUARE_BLUR * blur_m) ** 2 + LEAST_M**2
-    half_m = 0.5e-3 * family.size_mm
-    turn = _SQUARE_TURN * shift / half_m**2
-    covariance = np.zeros((len(shift), 3, 3))
-    covariance[:, 0, 0] = covariance[:, 1, 1] = shift
-    covariance[:, 2, 2] = turn
-    # What turns about the square's middle shifts a disc's centre that lies elsewhere.
-    x, y = 1e-3 * family.disc_centre_mm
-    lever = np.eye(3)
-    lever[0, 2], lever[1, 2] = -y, x
-    return turn_into_arena(lever @ covariance @ lever.T, ahead_x, ahead_y)
 
 
 def turn_into_arena(covariance: Floats, ahead_x: Floats, ahead_y: Floats) -> Floats:
@@ -97,12 +78,19 @@ def turn_into_arena(covariance: Floats, ahead_x: Floats, ahead_y: Floats) -> Flo
     return np.asarray(turn @ covariance @ turn.transpose(0, 2, 1))
 
 
-def _inner_gap_u(family: MarkerFamily) -> float:
-    """Returns how near the cells come to the outline, in units u."""
+def _gap_u(family: MarkerFamily | SquareFamily, shape: OutlineShape, points_mm: Floats) -> float:
+    """Returns how near to the outline white cells or the disc's rim come, in units u.
+
+    A square's frame is one cell wide, and the rim comes near to its corners alone.
+    """
+    if isinstance(family, SquareFamily):
+        return 1.0
+    rim = 0.5 * family.disc_diameter_mm - np.hypot(*(points_mm - shape.origin_mm).T).max()
     half = 0.5 * family.grid * family.cell_mm
     cells = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
     corners = family.polygon_mm
     edges = np.roll(corners, -1, axis=0) - corners
     offsets = cells[:, np.newaxis] - corners
     inwards = edges[:, 0] * offsets[..., 1] - edges[:, 1] * offsets[..., 0]
-    return float((inwards / np.hypot(*edges.T)).min() / family.unit_mm)
+    inner = (inwards / np.hypot(*edges.T)).min()
+    return float(min(rim, inner) / family.unit_mm)

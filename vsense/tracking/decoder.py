@@ -17,12 +17,10 @@ from vsense.arena import UNNAMED
 from vsense.markers.codes import BLURS_U, cell_blur, normal_share, outer_light
 from vsense.markers.families import MarkerFamily
 from vsense.tracking.joining import unlisted_tag_reader
+from vsense.tracking.outlines import EDGE_REACH_U, nearest_blur
 
 Floats = NDArray[np.float64]
 Tags = NDArray[np.int32]
-
-_NEAR_U, _REACH_U = 0.25, 0.6
-"""An edge's sharpness is what it gains within the one, of what it gains within the other."""
 
 _WORST_CELL = 0.40
 _LEAST_MARGIN = 1.6
@@ -70,16 +68,12 @@ class Decoder:
         )
         varied = np.maximum(self._words.std(axis=-1), _LEAST_VARIED)
         self._most_error = _MOST_UNEXPLAINED * varied
-        self._lost = normal_share(-_REACH_U / BLURS_U)
-        near = 2.0 * normal_share(_NEAR_U / BLURS_U) - 1.0
-        self._sharpness = near / (1.0 - 2.0 * self._lost)
+        self._lost = normal_share(-EDGE_REACH_U / BLURS_U)
         self._unlisted = unlisted_tag_reader(family)
 
     def blur(self, sharpness: Floats) -> NDArray[np.intp]:
         """Returns the nearest kept blur of edges as sharp as this, elementwise."""
-        # Sharpness falls with the blur; the middles between two kept ones divide them.
-        middles = 0.5 * (self._sharpness[1:] + self._sharpness[:-1])
-        return np.searchsorted(-middles, -sharpness)
+        return nearest_blur(sharpness)
 
     def brightness(self, cells: Floats, ahead: NDArray[np.intp], left: NDArray[np.intp]) -> Floats:
         """Returns (n, cells) brightness between true black and white.

@@ -22,9 +22,9 @@ from vsense.markers.families import MarkerFamily, SquareFamily
 from vsense.tracking.covariance import OutlineCovariance
 from vsense.tracking.decoder import DecodedTag, Decoder, Tags
 from vsense.tracking.joining import UnlistedTags
-from vsense.tracking.kernel import MARKER, Image, LayeredKernel, join
+from vsense.tracking.kernel import MARKER, Image, LayeredKernel, are_near, join, places_of
 from vsense.tracking.naming import carry_names, find_unlisted_tags, gather_evidence
-from vsense.tracking.prediction import NEAR_M, MarkerSearch, Prediction
+from vsense.tracking.prediction import MarkerSearch, Prediction
 from vsense.tracking.square_detector import SquareDetector
 
 
@@ -71,13 +71,13 @@ class ArrowDetector:
         expected = known.in_view(camera, self._height_m)
         if known.is_key_frame:
             markers = self._kernel.search(image, camera)
-            missing = expected[~_has_near(expected, markers)]
+            missing = expected[~are_near(expected, markers)]
             markers = join(markers, self._kernel.follow(image, camera, missing))
         else:
             markers = np.zeros(0, dtype=MARKER)
             if known.plan.warm:
                 markers = self._kernel.follow(image, camera, expected)
-            missing = expected[~_has_near(expected, markers)]
+            missing = expected[~are_near(expected, markers)]
             markers = join(markers, self._search_squares(image, camera, known, missing))
         return self._report(markers, camera, expected)
 
@@ -91,7 +91,7 @@ class ArrowDetector:
         self, image: Image, camera: Camera, known: Prediction, robots: NDArray[np.void]
     ) -> NDArray[np.void]:
         """Searches around where robots are expected, and markers without a name were."""
-        places = np.stack((robots["x_m"], robots["y_m"]), axis=1)
+        places = places_of(robots)
         if camera.id in known.anonymous:
             places = np.concatenate((places, known.anonymous[camera.id].places))
         if len(places) == 0:
@@ -129,7 +129,7 @@ class ArrowDetector:
         """Names markers by where they are, and by what was gathered of them."""
         cells = markers["cell"][:, : self._cells]
         sharpness = markers["sharp_ahead"], markers["sharp_left"]
-        places = np.stack((markers["x_m"], markers["y_m"]), axis=1)
+        places = places_of(markers)
         decoder, id = self._decoder, camera.id
         tags = carry_names(reading.tags, reading, decoder.tags, places, expected)
         tags = gather_evidence(tags, cells, sharpness, places, id, known, decoder)
@@ -138,13 +138,6 @@ class ArrowDetector:
             roster = decoder.tags.tolist()
             known.unlisted[id] = UnlistedTags(self._family, roster, self._height_m, *unlisted)
         return tags
-
-
-def _has_near(expected: NDArray[np.void], markers: NDArray[np.void]) -> NDArray[np.bool_]:
-    """Tells which expected robots have a marker where they should be."""
-    x = expected["x_m"][:, np.newaxis] - markers["x_m"]
-    y = expected["y_m"][:, np.newaxis] - markers["y_m"]
-    return np.asarray((np.hypot(x, y) < NEAR_M).any(axis=1))
 
 
 def make_detector(

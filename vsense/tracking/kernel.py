@@ -10,22 +10,22 @@ was found, its place is given on one plane of reference, on which its picture li
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import Any
+import math
+from collections.abc import Iterable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense.cameras.camera import Camera
-from vsense.markers.codes import SPOTS
-from vsense.markers.dictionary import FamilyError
-from vsense.markers.families import MarkerFamily
+from vsense.markers.families import MarkerFamily, SquareFamily
 from vsense.native import check, kernel_ffi, kernels
+from vsense.tracking.outlines import EDGE_REACH_U, Pass, make_outline, shape_of
 from vsense.tracking.prediction import NEAR_M
+from vsense.tracking.squares_words import words_of
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
-Pass = tuple[float, int, int, float, float]
 
 _CELLS = (kernels.VS_OUTLINE_CELLS,)
 MARKER = np.dtype(
@@ -37,26 +37,97 @@ MARKER = np.dtype(
 """One fitted marker: `struct vs_marker`, see `c_src/host/vs_markers.h`."""
 
 _CAPACITY = 1024
-_SPACING_U = 0.4
-_CORNER_U = 0.6
-_SAMPLES_MIN = 8
-_PASSES = ((1.0, 9, 3, 0.6, 0.25), (0.6, 9, 3, 0.8, 0.14), (0.6, 11, 1, 0.8, 0.1))
-_WARM_PASSES = (
-    (1.0, 9, 1, 0.5, 0.25),
-    (0.6, 9, 2, 0.5, 0.14),
-    (0.6, 11, 1, 0.55, 0.1),
-    (0.6, 11, 1, 0.55, 0.1),
-)
-"""Each pass of the fit, of a candidate and of a robot that is expected: how far to look [u], in
-how many steps, every how many samples, the least coverage and the greatest residual [u]. In a good
-picture markers have 0.02 u, look-alikes 0.2 u. What is expected may be half covered, and may be
-farther from where the fit begins."""
-
 _SCALE_DOUBT = 0.12
-_LEAST_CONTRAST = 25.0
 _LEAST_AREA, _MOST_AREA = 0.4, 1.6
-_ROUNDEST, _SLIMMEST = 1.2, 2.9
-_LEAST_TAPER = 0.12
+
+
+class KernelLimits(NamedTuple):
+    """What a kind of markers must show.
+
+    Attributes:
+        passes: Of the fit of a candidate.
+        warm: Of the fit of a robot that is expected: it may be half covered, and may be farther
+            from where the fit begins.
+        fine_px: Where a unit is longer than this, they take more steps.
+        fit_contrast: White over black in the fit [grey].
+        contrast: What white must have over dark for a closer look [grey].
+        level: Where the threshold lies between the darkest and the lightest [1/256].
+        thin_level: The same in a second scan, for markers with small cells; 0: none.
+        thin_px: Smaller than this are small cells.
+        print: Share of the light ground that ink is darker by [1/256].
+        has_veil: Whether the picture's darkest counts as 0 in that.
+        roundest, slimmest: Variance along over variance across.
+        taper: How much it must come to a point.
+        square: How much it must have the corners of a square; 0: it is none.
+    """
+
+    passes: tuple[Pass, ...]
+    warm: tuple[Pass, ...]
+    fine_px: float
+    fit_contrast: float
+    contrast: int
+    level: int
+    thin_level: int
+    thin_px: float
+    print: int
+    has_veil: bool
+    roundest: float
+    slimmest: float
+    taper: float
+    square: float
+
+
+_ARROW = KernelLimits(
+    passes=((1.0, 9, 3, 0.6, 0.25), (0.6, 9, 3, 0.8, 0.14), (EDGE_REACH_U, 11, 1, 0.8, 0.1)),
+    warm=(
+        (1.0, 9, 1, 0.5, 0.25),
+        (0.6, 9, 2, 0.5, 0.14),
+        (EDGE_REACH_U, 11, 1, 0.55, 0.1),
+        (EDGE_REACH_U, 11, 1, 0.55, 0.1),
+    ),
+    fine_px=math.inf,
+    fit_contrast=25.0,
+    contrast=36,
+    level=100,
+    thin_level=0,
+    thin_px=0.0,
+    print=102,
+    has_veil=False,
+    roundest=1.2,
+    slimmest=2.9,
+    taper=0.12,
+    square=0.0,
+)
+"""In a good picture markers have a residual of 0.02 u, look-alikes 0.2 u."""
+
+_SQUARE = KernelLimits(
+    passes=((1.0, 9, 3, 0.5, 0.3), (EDGE_REACH_U, 9, 1, 0.6, 0.15)),
+    warm=_ARROW.warm,
+    fine_px=5.0,
+    fit_contrast=8.0,
+    contrast=16,
+    level=100,
+    thin_level=128,
+    thin_px=4.5,
+    print=102,
+    has_veil=True,
+    roundest=1.0,
+    slimmest=1.7,
+    taper=0.0,
+    square=0.2,
+)
+"""What is no marker has no word, so less is asked of the outline. A high threshold keeps a thin
+frame whole where white cells shine through it, a low one keeps it apart from dark ground, and
+whole in a glare."""
+
+
+class _View(NamedTuple):
+    """What C is told of a camera and a height: `struct vs_view`, `vs_search`, `vs_outline`."""
+
+    view: Any
+    search: Any
+    outline: Any
+    warm: Any
 
 
 class Kernel:
@@ -64,23 +135,22 @@ class Kernel:
 
     Attributes:
         overflows: Pictures in which a table of the kernel was full, so that markers may be missed.
-        contrast: What white must have over dark for a closer look [grey] (36).
-        level: Where the threshold lies between the darkest and the lightest [1/256] (100).
     """
 
-    def __init__(self, family: MarkerFamily, contrast: int = 36, level: int = 100) -> None:
-        self._family = family
-        self.contrast, self.level = contrast, level
+    def __init__(self, family: MarkerFamily | SquareFamily) -> None:
+        """Raises FamilyError where the kernel's tables are too small for the family."""
+        self._shape, self._apart_m = shape_of(family), 5e-4 * family.disc_diameter_mm
+        limits = self._limits = _SQUARE if isinstance(family, SquareFamily) else _ARROW
         self.overflows = 0
-        self._outline = _outline(family, _PASSES)
-        self._warm = _outline(family, _WARM_PASSES)
+        self._words = words_of(family) if isinstance(family, SquareFamily) else None
+        self._outline(limits.passes, 0.0)
         self._memory = np.empty(kernels.vs_markers_size(), dtype=np.uint8)
         self._work = kernel_ffi.cast("struct vs_markers *", self._memory.ctypes.data)
         self._markers: NDArray[np.void] = np.zeros(_CAPACITY, dtype=MARKER)
         self._found = kernel_ffi.cast("struct vs_marker *", self._markers.ctypes.data)
         self._origin = np.zeros(_CAPACITY, dtype=np.uint32)
         self._count = kernel_ffi.new("size_t *")
-        self._views: dict[tuple[Camera, float], tuple[Any, Any]] = {}
+        self._views: dict[tuple[Camera, float], _View] = {}
 
     def search(
         self,
@@ -99,14 +169,21 @@ class Kernel:
         Returns:
             (n,) MARKER, those that lie wholly in the picture.
         """
-        view, search = self._prepare(image, camera, height_m)
+        view = self._prepare(image, camera, height_m)
         if windows is None:
             windows = np.array([(0, 0, image.shape[1], image.shape[0])], dtype=np.int32)
         self._count[0] = full = 0
         window = kernel_ffi.new("struct vs_window *")
         for window.left, window.top, window.right, window.bottom in windows.tolist():
             code = kernels.vs_markers_search(
-                self._work, search, self._outline, view, window, self._found, _CAPACITY, self._count
+                self._work,
+                view.search,
+                view.outline,
+                view.view,
+                window,
+                self._found,
+                _CAPACITY,
+                self._count,
             )
             full |= check(code, f"camera {camera.id}")
         self.overflows += full != 0
@@ -121,7 +198,7 @@ class Kernel:
         (k,) MARKER of those that fit and lie wholly in the picture, and (k,) their rows of
         `poses`.
         """
-        view, _ = self._prepare(image, camera, height_m)
+        view = self._prepare(image, camera, height_m)
         count = min(len(poses), _CAPACITY)
         known = self._markers[:count]
         known["x_m"], known["y_m"] = poses[:count, 0], poses[:count, 1]
@@ -129,68 +206,53 @@ class Kernel:
         known["scale"] = 1.0
         self._count[0] = count
         origin = kernel_ffi.cast("uint32_t *", self._origin.ctypes.data)
-        code = kernels.vs_markers_follow(self._warm, view, self._found, origin, self._count)
+        code = kernels.vs_markers_follow(view.warm, view.view, self._found, origin, self._count)
         check(code, f"camera {camera.id}")
         found = self._count[0]
         return np.array(self._markers[:found]), np.array(self._origin[:found])
 
-    def _prepare(self, image: Image, camera: Camera, height_m: float) -> tuple[Any, Any]:
+    def _prepare(self, image: Image, camera: Camera, height_m: float) -> _View:
         key = (camera, height_m)
         if key not in self._views:
-            self._views[key] = (_view(camera, height_m), self._search(camera, height_m))
-        view, search = self._views[key]
+            low, high = _scales(camera, height_m)
+            outlines = (self._outline(p, low) for p in (self._limits.passes, self._limits.warm))
+            self._views[key] = _View(_view(camera, height_m), self._search(low, high), *outlines)
+        view = self._views[key]
         if image.strides[1] != 1 or image.strides[0] < image.shape[1]:
             image = np.ascontiguousarray(image)
-        view.picture.pixels = kernel_ffi.cast("uint8_t *", image.ctypes.data)
-        view.picture.stride = image.strides[0]
-        view.picture.height_px, view.picture.width_px = image.shape
+        picture = view.view.picture
+        picture.pixels = kernel_ffi.cast("uint8_t *", image.ctypes.data)
+        picture.stride = image.strides[0]
+        picture.height_px, picture.width_px = image.shape
         # The pixels must outlive the call, also where they were copied.
         self._image = image
-        return view, search
+        return view
 
-    def _search(self, camera: Camera, height_m: float) -> Any:
-        """Describes what to search for, from how large a marker can be in the picture."""
-        family = self._family
-        low, high = _scales(camera, height_m)
-        corners = 1e-3 * family.polygon_mm
-        length_m = max(float(np.hypot(*(a - b))) for a in corners for b in corners)
-        lead_mm = (family.disc_centre_mm - family.outline_centroid_mm)[0]
+    def _outline(self, passes: tuple[Pass, ...], px_per_m: float) -> Any:
+        limits, shape = self._limits, self._shape
+        finer = max(1e-3 * shape.unit_mm * px_per_m / limits.fine_px, 1.0)
+        outline = make_outline(shape, passes, _SCALE_DOUBT, limits.fit_contrast, finer)
+        if self._words is not None:
+            outline.words = self._words.struct
+        return outline
+
+    def _search(self, low: float, high: float) -> Any:
+        """Describes what to search for, from the scales in the picture [px/m]."""
+        limits, shape = self._limits, self._shape
+        lead_mm = (shape.origin_mm - shape.centroid_mm)[0]
         search = kernel_ffi.new("struct vs_search *")
-        search.least_contrast, search.level_256 = self.contrast, self.level
-        search.lead_m = 1e-3 * float(lead_mm)
-        search.least_apart_m = 5e-4 * family.disc_diameter_mm
+        is_thin = 1e-3 * shape.cell_mm * low < limits.thin_px
+        search.least_contrast, search.level_256 = limits.contrast, limits.level
+        search.second_256 = limits.thin_level if is_thin else 0
+        search.print_256, search.has_veil = limits.print, limits.has_veil
+        search.lead_m, search.least_apart_m = 1e-3 * float(lead_mm), self._apart_m
         gate = search.gate
-        gate.length_px = length_m * high
-        gate.area_px2 = 1e-6 * family.outline_area_mm2 * low * high
+        gate.length_px = 1e-3 * shape.length_mm * high
+        gate.area_px2 = 1e-6 * shape.area_mm2 * low * high
         gate.least_area, gate.most_area = _LEAST_AREA * low / high, _MOST_AREA * high / low
-        gate.least_aspect, gate.most_aspect = _ROUNDEST, _SLIMMEST
-        gate.least_taper = _LEAST_TAPER
+        gate.least_aspect, gate.most_aspect = limits.roundest, limits.slimmest
+        gate.least_taper, gate.least_square = limits.taper, limits.square
         return search
-
-
-def _outline(family: MarkerFamily, passes: Sequence[Pass]) -> Any:
-    points, normals = sample_outline(family.polygon_mm, family.unit_mm)
-    if not _SAMPLES_MIN <= len(points) <= kernels.VS_OUTLINE_SAMPLES:
-        raise FamilyError(
-            f"marker family {family.name!r:.40}: the outline is {len(points)} samples of"
-            f" {_SPACING_U} units long, expected {_SAMPLES_MIN} to {kernels.VS_OUTLINE_SAMPLES}"
-        )
-    points = 1e-3 * (points - family.disc_centre_mm)
-    inner = np.array(SPOTS) * family.cell_mm
-    spots = np.stack(np.meshgrid(inner, inner), axis=-1).reshape(-1, 2)
-    cells = 1e-3 * (family.cells_mm[:, np.newaxis] + spots - family.disc_centre_mm).reshape(-1, 2)
-    outline = kernel_ffi.new("struct vs_outline *")
-    outline.samples, outline.cells, outline.passes = len(points), family.grid**2, len(passes)
-    outline.unit_m = 1e-3 * family.unit_mm
-    outline.scale_doubt, outline.least_contrast = _SCALE_DOUBT, _LEAST_CONTRAST
-    outline.radius_m = 0.5e-3 * family.disc_diameter_mm
-    outline.x_m[0 : len(points)], outline.y_m[0 : len(points)] = points.T.tolist()
-    outline.normal_x[0 : len(points)], outline.normal_y[0 : len(points)] = normals.T.tolist()
-    outline.spot_x_m[0 : len(cells)], outline.spot_y_m[0 : len(cells)] = cells.T.tolist()
-    for row, (reach_u, steps, stride, coverage, residual_u) in zip(outline.stage, passes):
-        row.reach_m, row.steps, row.stride = reach_u * outline.unit_m, steps, stride
-        row.least_coverage, row.most_residual_m = coverage, residual_u * outline.unit_m
-    return outline
 
 
 def _view(camera: Camera, height_m: float) -> Any:
@@ -216,19 +278,6 @@ def _scales(camera: Camera, height_m: float) -> tuple[float, float]:
     return float(scale.min()), float(scale.max())
 
 
-def sample_outline(corners: Floats, unit: float) -> tuple[Floats, Floats]:
-    """Returns points along a counter-clockwise polygon, away from its corners, and normals."""
-    points, normals = [], []
-    for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        length = float(np.hypot(*(end - start)))
-        ahead = (end - start) / length
-        count = max(2, round((length - 2.0 * _CORNER_U * unit) / (_SPACING_U * unit)) + 1)
-        along = np.linspace(_CORNER_U * unit, length - _CORNER_U * unit, count)
-        points.append(start + along[:, np.newaxis] * ahead)
-        normals.append(np.tile((ahead[1], -ahead[0]), (count, 1)))
-    return np.concatenate(points), np.concatenate(normals)
-
-
 _OFF = 0.09
 """A marker may be so much nearer or farther than the plane that is searched, as a share."""
 _LENGTHS = ("x_m", "y_m", "residual_m", "scale")
@@ -240,7 +289,12 @@ class LayeredKernel:
     `height_m` is the plane of reference, `heights_m` those of the markers, above the floor.
     """
 
-    def __init__(self, family: MarkerFamily, height_m: float, heights_m: Iterable[float]) -> None:
+    def __init__(
+        self,
+        family: MarkerFamily | SquareFamily,
+        height_m: float,
+        heights_m: Iterable[float],
+    ) -> None:
         self._kernel = Kernel(family)
         self._height_m = height_m
         self._heights_m = sorted({height_m, *heights_m})
@@ -320,7 +374,16 @@ def join(markers: NDArray[np.void], more: NDArray[np.void]) -> NDArray[np.void]:
     """Adds markers that are at none of the places found already."""
     if len(markers) == 0 or len(more) == 0:
         return markers if len(more) == 0 else more
-    apart = np.hypot(
-        more["x_m"][:, np.newaxis] - markers["x_m"], more["y_m"][:, np.newaxis] - markers["y_m"]
-    )
-    return np.concatenate((markers, more[(apart > NEAR_M).all(axis=1)]))
+    return np.concatenate((markers, more[~are_near(more, markers)]))
+
+
+def are_near(some: NDArray[np.void], others: NDArray[np.void]) -> NDArray[np.bool_]:
+    """Tells which MARKER or EXPECTED rows have at least one of others at their place."""
+    x = some["x_m"][:, np.newaxis] - others["x_m"]
+    y = some["y_m"][:, np.newaxis] - others["y_m"]
+    return np.asarray((np.hypot(x, y) < NEAR_M).any(axis=1))
+
+
+def places_of(rows: NDArray[np.void]) -> Floats:
+    """Returns the (n, 2) places of MARKER or EXPECTED rows [m]."""
+    return np.stack((rows["x_m"], rows["y_m"]), axis=1)

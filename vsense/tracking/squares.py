@@ -1,8 +1,9 @@
-"""Finding square markers, ArUco's and AprilTag's: from a picture to corners and tags.
+"""Finding square markers of unknown size and place, ArUco's and AprilTag's: corners and tags.
 
 A local threshold at several scales separates dark from light; every contour's hull is reduced to
 the smallest quadrilateral around it. Where white cells break through a blurred marker's black
-frame, the hull stays as it is. `square_detector` is for markers that robots carry.
+frame, the hull stays as it is. Markers of a known size that robots carry are found much faster, by
+`square_detector`.
 """
 
 from __future__ import annotations
@@ -11,10 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.arena import UNNAMED
 from vsense.markers.dictionary import Floats, SquareFamily
 from vsense.tracking.squares_edges import Sides, fit_local_corners, fit_sides
-from vsense.tracking.squares_words import Readings, WordReader
+from vsense.tracking.squares_words import WordReader
 
 _WINDOW = 0.9
 _NEXT_WINDOW = 2.4
@@ -32,11 +32,13 @@ _SLIMNESS = 0.4
 """Least width of a thing, as a share of the least side."""
 
 
-def find_quads(image: NDArray[np.uint8], least_px: float, most_px: float) -> Floats:
+def find_quads(
+    image: NDArray[np.uint8], least_px: float, most_px: float, noise: float | None = None
+) -> Floats:
     """Finds quadrilaterals that are darker than what is around them in a (height, width) picture.
 
     Large ones are looked for in the picture at half its resolution. The shortest and the longest
-    side of a marker are given as seen face to face.
+    side of a marker are given as seen face to face; `noise` is the picture's, where it is known.
 
     Returns:
         (n, 4, 2) pixels: the corners, clockwise in the picture.
@@ -45,7 +47,7 @@ def find_quads(image: NDArray[np.uint8], least_px: float, most_px: float) -> Flo
         half = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
         small = find_quads(np.asarray(half, dtype=np.uint8), 0.5 * least_px, 0.5 * most_px)
         return 2.0 * small + 0.5
-    noise = noise_level(image)
+    noise = noise_level(image) if noise is None else noise
     if noise > _NOISY:
         image = np.asarray(cv2.GaussianBlur(image, (5, 5), 0.9), dtype=np.uint8)
         noise *= 0.4
@@ -130,7 +132,7 @@ SQUARE = np.dtype(
 )
 """One square marker in one picture.
 
-`tag` is the number, or -1 for one that could not be read; `corners_px` the corners of the black
+`tag` is the number; `corners_px` the corners of the black
 square as seen upright: upper left, upper right, lower right, lower left; `error` and `margin` as
 in DETECTION; `residual_px` the root mean square distance of the edges found to the fitted sides;
 `blur_px` the standard deviation of the point spread across them.
@@ -156,7 +158,7 @@ class SquareFinder:
     """Finds the square markers of one family, whatever their tags and sizes."""
 
     def __init__(self, family: SquareFamily) -> None:
-        self._readers = (WordReader(family.codes), WordReader(family.codes, around=False))
+        self._reader = WordReader(family.codes)
         self._span = family.codes.cells + 2
 
     def find(
@@ -178,61 +180,23 @@ class SquareFinder:
                 `squares_edges.fit_local_corners`; lines through whole sides are more precise.
         """
         longest = float(max(image.shape)) if most_px is None else most_px
-        quads = find_quads(image, least_px, longest)
-        sides = _refine(image, quads)
-        sides = sides.keep(self._plausible(image, sides))
+        noise = noise_level(image)
+        sides = _refine(image, find_quads(image, least_px, longest, noise))
+        sides = sides.keep(self._plausible(image, sides, noise))
         sides = sides.keep(_distinct(sides))
         if len(sides.corners_px) == 0:
             return np.zeros(0, dtype=SQUARE)
-        read = self._read(image, sides)
-        found = _single(_rows(sides, read)[read.sure])
+        read = self._reader.read(self._reader.cells(image, sides.corners_px), self._blur(sides))
+        found = _single(_rows(sides, read)[read["sure"] != 0])
         if local_corners and len(found):
             found["corners_px"] = fit_local_corners(image, found["corners_px"])
         return found
 
-    def find_near(
-        self, image: NDArray[np.uint8], windows: NDArray[np.int32], least_px: float, most_px: float
-    ) -> NDArray[np.void]:
-        """Returns the markers in windows of a picture, see `find`.
-
-        `windows` are (n, 4) left, top, right, bottom [px]; they may reach over the border.
-        """
-        high, wide = image.shape
-        found = np.zeros(0, dtype=SQUARE)
-        for left, top, right, bottom in windows.tolist():
-            left, top = max(left, 0), max(top, 0)
-            part = image[top : min(bottom, high), left : min(right, wide)]
-            if min(part.shape, default=0) > least_px:
-                rows = self.find(part, least_px, most_px)
-                rows["corners_px"] += (left, top)
-                found = np.concatenate((found, rows))
-        return _single(found)
-
-    def follow(self, image: NDArray[np.uint8], quads: Floats) -> NDArray[np.void]:
-        """Fits markers from where they are expected; what is read says whether they are.
-
-        `quads` are (n, 4, 2) where their corners should be, in the order of SQUARE [px]. Returns
-        SQUARE rows of those that fit, in the order of `quads`; without a tag where the cells do
-        not tell.
-        """
-        if len(quads) == 0:
-            return np.zeros(0, dtype=SQUARE)
-        sides = _refine(image, quads)
-        sides = sides.keep(self._plausible(image, sides))
-        if len(sides.corners_px) == 0:
-            return np.zeros(0, dtype=SQUARE)
-        read = self._read(image, sides)
-        found = _rows(sides, read)
-        found["tag"] = np.where(read.sure, found["tag"], UNNAMED)
-        upright = ~read.sure
-        found["corners_px"][upright] = sides.corners_px[upright]
-        return found
-
-    def _plausible(self, image: NDArray[np.uint8], sides: Sides) -> NDArray[np.bool_]:
+    def _plausible(self, image: NDArray[np.uint8], sides: Sides, noise: float) -> NDArray[np.bool_]:
         """Which fitted quadrilaterals are black on white, large enough and whole."""
         corners = sides.corners_px
         length = lengths(corners)
-        contrast = max(_LEAST_CONTRAST, _NOISE_CONTRAST * noise_level(image))
+        contrast = max(_LEAST_CONTRAST, _NOISE_CONTRAST * noise)
         high, wide = image.shape
         inside = (corners > _BORDER_PX) & (corners < np.array([wide, high]) - 1 - _BORDER_PX)
         return np.asarray(
@@ -245,18 +209,6 @@ class SquareFinder:
             & inside.all(axis=(1, 2))
         )
 
-    def _read(self, image: NDArray[np.uint8], sides: Sides) -> Readings:
-        """Reads n > 0 fitted quadrilaterals, the doubtful ones again without the white around."""
-        blur = self._blur(sides)
-        first, second = self._readers
-        read = first.read(first.cells(image, sides.corners_px), blur)
-        left = np.flatnonzero(~read.sure)
-        if len(left):
-            again = second.read(second.cells(image, sides.corners_px[left]), blur[left])
-            for name in Readings._fields:
-                getattr(read, name)[left] = getattr(again, name)
-        return read
-
     def _blur(self, sides: Sides) -> Floats:
         """Returns (n, 2) point spreads along the first and the second side, in cells."""
         corners = sides.corners_px
@@ -266,10 +218,11 @@ class SquareFinder:
         return np.asarray(across[:, ::-1] / cell)
 
 
-def _rows(sides: Sides, read: Readings) -> NDArray[np.void]:
-    found = np.zeros(len(read.tag), dtype=SQUARE)
-    found["tag"], found["error"], found["margin"] = read.tag, read.error, read.margin
-    turned = (np.arange(4) - read.turn[:, np.newaxis]) % 4
+def _rows(sides: Sides, read: NDArray[np.void]) -> NDArray[np.void]:
+    found = np.zeros(len(read), dtype=SQUARE)
+    for name in ("tag", "error", "margin"):
+        found[name] = read[name]
+    turned = (np.arange(4) - read["turn"][:, np.newaxis]) % 4
     found["corners_px"] = sides.corners_px[np.arange(len(found))[:, np.newaxis], turned]
     found["residual_px"] = np.sqrt((sides.residual_px**2).mean(axis=1))
     found["blur_px"] = sides.blur_px.mean(axis=1)

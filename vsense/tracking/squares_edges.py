@@ -23,6 +23,8 @@ _CORNER_REACH_PX = 5
 _CORNER_MOVE_PX = 2.0
 _BENT_REACH_PX, _BENT_SAMPLES, _BENT_STEPS, _BENT_PASSES = 3.0, 24, 13, 2
 _BENT_SHARE = 0.7
+_MOST_ROWS = 16384
+"""OpenCV counts the rows of what it samples in 16 bits."""
 _CORNER_STEPS = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 30, 1e-3)
 
 
@@ -159,9 +161,12 @@ def sample_grey(image: NDArray[np.uint8], points_px: Floats) -> NDArray[np.float
     """
     shape = points_px.shape[:-1]
     x, y = np.moveaxis(points_px.reshape(shape[0], -1, 2).astype(np.float32), -1, 0)
-    x, y = np.ascontiguousarray(x), np.ascontiguousarray(y)
-    grey = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(grey.reshape(shape), dtype=np.float32)
+    grey = np.empty(x.shape, dtype=np.float32)
+    for first in range(0, shape[0], _MOST_ROWS):
+        rows = slice(first, first + _MOST_ROWS)
+        maps = np.ascontiguousarray(x[rows]), np.ascontiguousarray(y[rows])
+        grey[rows] = cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return grey.reshape(shape)
 
 
 def _edges(rise: NDArray[np.float32], steps: int) -> tuple[Floats, Floats, Floats]:

@@ -1,105 +1,111 @@
 """Reading square markers: which code word, turned how, makes the cells that the picture shows.
 
-The cells are the mean grey values of a marker's frame, of its matrix and of the white around it.
-They are compared with what a camera would see of every word of the dictionary, in all four turns
-and under the blur that the marker's edges have; black, white and a slope of the light are fitted.
-So neither a threshold per cell nor sharp cells are needed.
+This is the seam to `c_src/host/vs_words.h`, which compares cells with words; the words under every
+blur, and what chance may make of them, are prepared here, once for a dictionary.
 """
 
 from __future__ import annotations
 
+from functools import cache
 from statistics import NormalDist
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.markers.dictionary import Codes, Floats
+from vsense.markers.dictionary import Codes, FamilyError, Floats, SquareFamily
+from vsense.native import kernel_ffi, kernels
+from vsense.tracking.outlines import edge_sharpness
 from vsense.tracking.squares_edges import sample_grey
 
 Values = NDArray[np.float32] | NDArray[np.float64]
 
-_BLURS = np.array([0.05, 0.3, 0.5, 0.75, 1.05, 1.4])
+BLURS = np.array([0.05, 0.3, 0.5, 0.75, 1.05, 1.4])
 """Standard deviations of the point spread that words are prepared for, in cells."""
-_BLUR_DOUBT = 2
 _FINE = 8
 _SPOTS = 4
-_SHORTLIST = 12
-_WHITE_CELLS = 3
-_LEAST_START = 0.6
+_BEYOND = 3
+"""Cells of white around the black square that blur can bring in."""
 _CHANCE = (1e-7, 1e-5)
 """How likely mere chance may match a word, without and with the white around the marker."""
 _LEAST_MATCH = 0.85
-_LEAST_MARGIN = 1.2
-_MOST_ERROR = 0.25
+_ENOUGH = 200
+"""Tags that tell how many cells are independent."""
 
 
-class Readings(NamedTuple):
-    """What n quadrilaterals say.
-
-    Attributes:
-        tag: (n,) the nearest word.
-        turn: (n,) by how many corners the marker's first one lies before the quadrilateral's.
-        error: (n,) root mean square difference to the word, black to white being 1.
-        margin: (n,) how many times larger that is for the next tag's best word.
-        sure: (n,) whether the reading is to be believed.
-    """
-
-    tag: NDArray[np.int32]
-    turn: NDArray[np.int32]
-    error: Floats
-    margin: Floats
-    sure: NDArray[np.bool_]
+READING = np.dtype(
+    [("error", "f8"), ("margin", "f8"), ("tag", "i4"), ("turn", "i4"), ("sure", "i4")], align=True
+)
+"""What a quadrilateral says: `struct vs_reading`. `turn` is by how many corners the marker's first
+one lies before the quadrilateral's."""
 
 
 class Words(NamedTuple):
-    """A dictionary's words as they are seen under one blur.
+    """`struct vs_words` of a dictionary, and the arrays that it points to."""
 
-    Attributes:
-        seen: (words, cells) grey values without mean and slope, of unit length.
-        size: (words,) the length before.
-        least_match: How alike the matrix's cells must be, so that chance hardly is: the more the
-            blur mixes the cells, the fewer of them are independent.
+    struct: Any
+    arrays: tuple[NDArray[np.uint64] | NDArray[np.float32], ...]
+
+
+@cache
+def prepare_words(codes: Codes) -> Words:
+    """Prepares a dictionary's words in their four turns under every blur.
+
+    Raises:
+        FamilyError: The markers have more cells than the kernel's tables.
     """
+    cells, most = codes.cells, kernels.VS_WORDS_CELLS
+    if cells > most:
+        raise FamilyError(
+            f"{codes.name}: {cells} x {cells} cells, expected at most {most} x {most}"
+        )
+    turns = np.stack([np.rot90(codes.bits(), turn, (1, 2)) for turn in range(4)], axis=1)
+    flat = turns.reshape(len(turns), 4, -1)
+    values = np.uint64(1) << np.arange(cells**2, dtype=np.uint64)
+    word = np.where(flat, values, np.uint64(0)).sum(axis=2, dtype=np.uint64)
+    struct = kernel_ffi.new("struct vs_words *")
+    struct.cells, struct.tags, struct.correction = cells, len(turns), codes.correction
+    parts = -(-(cells**2) // kernels.VS_WORDS_PART)
+    shifts = kernels.VS_WORDS_PART * np.arange(parts, dtype=np.uint64)
+    mask = np.uint64((1 << kernels.VS_WORDS_PART) - 1)
+    part = (word[..., np.newaxis] >> shifts & mask).astype(np.uint8)
+    struct.word = kernel_ffi.cast("uint64_t *", word.ctypes.data)
+    struct.part = kernel_ffi.cast("uint8_t *", part.ctypes.data)
+    lines = [_cell_blur(cells + 4, blur)[:, _BEYOND:-_BEYOND] for blur in BLURS]
+    for place, line in enumerate(lines):
+        for row, shares in enumerate(line.tolist()):
+            struct.seen[place][row][0 : len(shares)] = shares
+    dark = np.pad(flat.reshape(-1, cells, cells), ((0, 0), (1, 1), (1, 1))) - 1.0
+    arrays: list[Any] = [word, part]
+    for around in range(2):
+        per_length, least = _under_blur(dark.astype(np.float32), lines, around == 1)
+        struct.per_length[around] = kernel_ffi.cast("float *", per_length.ctypes.data)
+        struct.least_match[around] = least
+        arrays.append(per_length)
+    return Words(struct, tuple(arrays))
 
-    seen: NDArray[np.float32]
-    size: Floats
-    least_match: float
+
+def words_of(family: SquareFamily) -> Words:
+    """Returns the words of the markers that robots carry."""
+    general = prepare_words(family.codes)
+    struct = kernel_ffi.new("struct vs_words *", general.struct[0])
+    struct.sharp = edge_sharpness(BLURS).tolist()
+    turn = np.radians(family.heading_deg)
+    struct.cell_m = 1e-3 * family.cell_mm
+    struct.turn_x, struct.turn_y = np.cos(turn), np.sin(turn)
+    struct.centre_x_m, struct.centre_y_m = 1e-3 * family.disc_centre_mm
+    return Words(struct, general.arrays)
 
 
 class WordReader:
-    """Reads the markers of one dictionary.
+    """Reads the markers of one dictionary."""
 
-    With `around` the white around the marker is compared, too; it shows the light best but may be
-    covered or too narrow.
-    """
-
-    def __init__(self, codes: Codes, around: bool = True) -> None:
-        """Prepares the dictionary's words in their four turns."""
+    def __init__(self, codes: Codes) -> None:
+        """Raises FamilyError, see `prepare_words`."""
         self.side = codes.cells + 2
-        self._correction = codes.correction
-        bits = codes.bits().astype(np.float64)
-        edge = _WHITE_CELLS + 1
-        whole = np.ones((len(bits), 4, *(2 * [self.side + 2 * _WHITE_CELLS])))
-        whole[..., _WHITE_CELLS:-_WHITE_CELLS, _WHITE_CELLS:-_WHITE_CELLS] = 0.0
-        for turn in range(4):
-            whole[:, turn, edge:-edge, edge:-edge] = np.rot90(bits, turn, (1, 2))
-        self._whole = whole.reshape(4 * len(bits), -1).astype(np.float32)
-        span = self.side + 2
-        place = np.abs(np.arange(span) - (span - 1) / 2.0)
-        far = np.maximum.outer(place, place).ravel()
-        corner = np.minimum.outer(place, place).ravel() == place[0]
-        self._used = ~corner & (around | (far < place[0]))
-        self._inner = (far < place[0] - 1.0)[self._used]
-        steps = np.arange(span) - (span - 1) / 2.0
-        x, y = (values.ravel()[self._used] for values in np.meshgrid(steps, steps))
-        self._slopes = np.linalg.qr(np.stack((np.ones_like(x), x, y), axis=1))[0]
-        self._lines = [_cell_blur(span, blur) for blur in _BLURS]
-        self._words: dict[tuple[int, int], Words] = {}
-        self._rare = NormalDist().inv_cdf(1.0 - _CHANCE[around] / len(self._whole))
+        self._words = prepare_words(codes)
 
-    def cells(self, image: NDArray[np.uint8], quads: Floats) -> Floats:
+    def cells(self, image: NDArray[np.uint8], quads: Floats) -> NDArray[np.float32]:
         """Returns the (n, cells) mean grey values of n > 0 quadrilaterals' cells."""
         spots = (np.arange(_SPOTS) + 0.5) / _SPOTS * 0.5 + 0.25
         line = (np.arange(-1, self.side + 1)[:, np.newaxis] + spots).ravel() / self.side
@@ -107,102 +113,78 @@ class WordReader:
         grey = sample_grey(image, project_squares(quads, grid))
         span = self.side + 2
         mean = grey.reshape(-1, span, _SPOTS, span, _SPOTS).mean(axis=(2, 4))
-        return np.asarray(mean.reshape(-1, span * span)[:, self._used], dtype=np.float64)
+        return np.asarray(mean.reshape(-1, span * span), dtype=np.float32)
 
-    def read(self, cells: Floats, blur: Floats) -> Readings:
-        """Finds the word of each quadrilateral.
+    def read(self, cells: Values, blur: Floats) -> NDArray[np.void]:
+        """Finds the word of each quadrilateral; returns (n,) READING.
 
         Args:
             cells: (n, cells) grey values, see `cells`.
             blur: (n, 2) standard deviations of the point spread in cells, along the
                 quadrilateral's first and second side.
         """
-        count = len(cells)
-        flat = cells - (cells @ self._slopes) @ self._slopes.T
-        size = np.linalg.norm(flat, axis=1)
-        seen = flat / np.maximum(size, 1e-6)[:, np.newaxis]
-        level = np.abs(_BLURS - blur[..., np.newaxis]).argmin(axis=-1)
-        names = np.zeros((count, 2), dtype=np.int32)
-        error, margin = np.full(count, np.inf), np.ones(count)
-        sure = np.zeros(count, dtype=bool)
-        for pair in sorted({(int(u), int(v)) for u, v in level}):
-            group = np.flatnonzero((level == pair).all(axis=1))
-            likeness = _products(seen[group], self._prepared(*pair).seen)
-            hopeful = likeness.max(axis=1) > _LEAST_START
-            group, likeness = group[hopeful], likeness[hopeful]
-            for row, scores in zip(group, likeness, strict=True):
-                short = np.argpartition(-scores, _SHORTLIST)[:_SHORTLIST]
-                word, kind, next_best = self._best(seen[row], np.sort(short), pair)
-                names[row] = divmod(word, 4)
-                error[row], margin[row], sure[row] = self._judge(seen[row], word, kind, next_best)
-        return Readings(names[:, 0], names[:, 1], error, margin, sure)
-
-    def _best(
-        self, seen: Floats, short: NDArray[np.intp], pair: tuple[int, int]
-    ) -> tuple[int, tuple[int, int], float]:
-        """Tries the likeliest words under all blurs near `pair`.
-
-        Returns the best word, its blur, and the likeness of the best word of another tag.
-        """
-        near = [range(max(0, k - _BLUR_DOUBT), min(len(_BLURS), k + _BLUR_DOUBT)) for k in pair]
-        kinds = [(u, v) for u in near[0] for v in near[1]]
-        likeness = np.stack([self._prepared(*kind).seen[short] @ seen for kind in kinds])
-        best = likeness.max(axis=0)
-        place = int(best.argmax())
-        others = best[short // 4 != short[place] // 4]
-        kind = kinds[int(likeness[:, place].argmax())]
-        return int(short[place]), kind, float(others.max(initial=0.0))
-
-    def _judge(
-        self, seen: Floats, word: int, kind: tuple[int, int], next_best: float
-    ) -> tuple[float, float, bool]:
-        """Returns the error and the margin of a word, and whether to believe it."""
-        words = self._prepared(*kind)
-        ideal = words.seen[word]
-        likeness = float(ideal @ seen)
-        miss = (seen - likeness * ideal) * (words.size[word] / max(likeness, 1e-6))
-        error = float(np.sqrt((miss**2).mean()))
-        left = max(1.0 - likeness**2, 1e-9)
-        margin = float(np.sqrt(max(1.0 - next_best**2, 1e-9) / left))
-        inner = np.stack((seen[self._inner], ideal[self._inner])).astype(np.float64)
-        inner -= inner.mean(axis=1, keepdims=True)
-        match = float(inner[0] @ inner[1] / max(np.prod(np.linalg.norm(inner, axis=1)), 1e-9))
-        wrong = int((np.abs(miss[self._inner]) > 0.5).sum())
-        sure = match > words.least_match and margin > _LEAST_MARGIN and error < _MOST_ERROR
-        return error, margin, sure and wrong <= self._correction
-
-    def _prepared(self, u: int, v: int) -> Words:
-        """Returns all words under the blurs u and v; they are made when first needed."""
-        if (u, v) not in self._words:
-            mix = np.kron(self._lines[v], self._lines[u])[self._used]
-            mix -= self._slopes @ (self._slopes.T @ mix)
-            seen = _products(self._whole, mix)
-            size = np.linalg.norm(seen, axis=1)
-            seen /= size[:, np.newaxis]
-            self._words[u, v] = Words(seen, size, self._needed(seen[:, self._inner]))
-        return self._words[u, v]
-
-    def _needed(self, matrix: NDArray[np.float32]) -> float:
-        """The least match by Fisher's transform, for as many cells as are independent.
-
-        Source: R. A. Fisher, On the probable error of a coefficient of correlation (1921).
-        """
-        matrix = matrix - matrix.mean(axis=1, keepdims=True)
-        matrix /= np.maximum(np.linalg.norm(matrix, axis=1, keepdims=True), 1e-6)
-        columns = np.ascontiguousarray((matrix - matrix.mean(axis=0)).T)
-        covariance = _products(columns, columns).astype(np.float64)
-        independent = float(np.trace(covariance) ** 2 / (covariance**2).sum())
-        return max(_LEAST_MATCH, float(np.tanh(self._rare / np.sqrt(max(independent - 3.0, 1.0)))))
+        grey = np.ascontiguousarray(cells, dtype=np.float32)
+        level = np.abs(BLURS - blur[..., np.newaxis]).argmin(axis=-1).astype(np.int32)
+        found = np.zeros(len(grey), dtype=READING)
+        kernels.vs_words_read(
+            self._words.struct,
+            kernel_ffi.cast("float *", grey.ctypes.data),
+            kernel_ffi.cast("int32_t *", level.ctypes.data),
+            len(grey),
+            kernel_ffi.cast("struct vs_reading *", found.ctypes.data),
+        )
+        return found
 
 
-def _products(some: Values, others: Values) -> NDArray[np.float32]:
-    """Returns the (n, m) scalar products of (n, k) and (m, k) rows.
+def _under_blur(
+    dark: NDArray[np.float32], lines: list[Floats], around: bool
+) -> tuple[NDArray[np.float32], list[float]]:
+    """Returns 1 over the lengths of upright words as they are seen, (kinds, tags), and the least
+    matches.
 
-    OpenCV multiplies on the thread that asks; NumPy's threads would wait for each other here.
+    `dark` are (4 * tags, side, side), -1 where black, each tag's turns one after the other;
+    `lines` has each blur of a line of cells.
     """
-    few, many = some.astype(np.float32), others.astype(np.float32)
-    product = cv2.gemm(many, few, 1.0, np.zeros(0, np.float32), 0.0, flags=cv2.GEMM_2_T)
-    return np.ascontiguousarray(np.transpose(product), dtype=np.float32)
+    span = len(lines[0])
+    place = np.abs(np.arange(span) - (span - 1) / 2.0)
+    far = np.maximum.outer(place, place).ravel()
+    corner = np.minimum.outer(place, place).ravel() == place[0]
+    used = ~corner & (around | (far < place[0]))
+    inner = (far < place[0] - 1.0)[used]
+    steps = np.arange(span) - (span - 1) / 2.0
+    x, y = (values.ravel()[used] for values in np.meshgrid(steps, steps))
+    slopes = np.linalg.qr(np.stack((np.ones_like(x), x, y), axis=1))[0]
+    rare = NormalDist().inv_cdf(1.0 - _CHANCE[around] / len(dark))
+    number = len(lines)
+    upright = dark[::4].reshape(len(dark) // 4, -1)
+    some = dark.reshape(len(upright), -1)[:: len(upright) // _ENOUGH + 1].reshape(-1, dark[0].size)
+    per_length = np.zeros((number, number, len(upright)), dtype=np.float32)
+    least = np.zeros((number, number))
+    for u in range(number):
+        for v in range(number):
+            mix = np.kron(lines[v], lines[u])[used]
+            mix -= slopes @ (slopes.T @ mix)
+            light = mix.T.astype(np.float32)
+            per_length[u, v] = 1.0 / np.linalg.norm(upright @ light, axis=1)
+            if u <= v:
+                # A quarter turn of all words exchanges the two blurs.
+                least[u, v] = least[v, u] = _needed(some @ light[:, inner], rare)
+    return per_length.reshape(number**2, -1), least.ravel().tolist()
+
+
+def _needed(matrix: NDArray[np.float32], rare: float) -> float:
+    """The least match by Fisher's transform, for as many cells as are independent.
+
+    The more the blur mixes the cells, the fewer of them are.
+
+    Source: R. A. Fisher, On the probable error of a coefficient of correlation (1921).
+    """
+    matrix = matrix - matrix.mean(axis=1, keepdims=True)
+    matrix /= np.maximum(np.linalg.norm(matrix, axis=1, keepdims=True), 1e-6)
+    columns = (matrix - matrix.mean(axis=0)).T
+    covariance = (columns @ columns.T).astype(np.float64)
+    independent = float(np.trace(covariance) ** 2 / (covariance**2).sum())
+    return max(_LEAST_MATCH, float(np.tanh(rare / np.sqrt(max(independent - 3.0, 1.0)))))
 
 
 def project_squares(quads: Floats, points: Floats) -> Floats:
@@ -232,10 +214,10 @@ def _cell_blur(span: int, blur: float) -> Floats:
     Two more white cells lie on either side. `blur` is the standard deviation of the point spread,
     in cells.
     """
-    cells = span + 2 * (_WHITE_CELLS - 1)
+    cells = span + 2 * (_BEYOND - 1)
     step = (np.arange(cells * _FINE) + 0.5) / _FINE
     weight = np.exp(-0.5 * (np.subtract.outer(step, step) / blur) ** 2)
     weight /= weight.sum(axis=1, keepdims=True)
     inner = weight.reshape(cells, _FINE, -1)[:, _FINE // 4 : -_FINE // 4].mean(axis=1)
     line = inner.reshape(cells, cells, _FINE).sum(axis=2)
-    return np.asarray(line[_WHITE_CELLS - 1 : cells - _WHITE_CELLS + 1])
+    return np.asarray(line[_BEYOND - 1 : cells - _BEYOND + 1])

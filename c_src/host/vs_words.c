@@ -1,0 +1,400 @@
+/* SPDX-License-Identifier: MIT */
+#include "vs_words.h"
+
+#include <string.h>
+
+#include "vs_math.h"
+
+#define SHORT 12          /* likeliest words that are looked at closely */
+#define PARTS 11          /* of a word of 64 bits */
+#define VALUES 64         /* of a part: 2^VS_WORDS_PART */
+#define BLUR_LESS 2       /* how much sharper than its edges a marker may be, in levels */
+#define BLUR_MORE 1       /* and how much more blurred */
+#define LEAST_START 0.6   /* likeness of the best word before other blurs are tried */
+#define LEAST_MARGIN 1.2
+#define MOST_ERROR 0.25
+#define WRONG 0.5         /* a cell that is farther than this from its word's is wrong */
+
+/* A row of cells, 0 beyond its end: loops of a fixed length are short ones of vectors. */
+typedef float line[VS_WORDS_SPAN];
+
+/* Cells as they are compared: without mean and slope, of unit length, 0 where not used. */
+struct seen {
+    int span, ring; /* ring is 1 where the white around is used, too */
+    line cell[VS_WORDS_SPAN];
+};
+
+/* A word's likeness is constant + the sum over its parts, over its length. */
+struct sums {
+    int parts;
+    float constant;
+    float part[PARTS][VALUES];
+};
+
+/* The likeliest words of a reading, the first the likeliest, under all blurs so far. */
+struct shortlist {
+    int count;
+    int word[SHORT];
+    float likeness[SHORT];
+    int kind[SHORT];
+};
+
+static int is_used(const struct seen *s, int row, int column)
+{
+    int last = s->span - 1;
+    int edges = (row == 0) + (row == last) + (column == 0) + (column == last);
+
+    return edges == 0 || (edges == 1 && s->ring);
+}
+
+/*
+ * Takes mean and slope out of the used cells, whose places are symmetrical, and gives them unit
+ * length; returns the length before.
+ */
+static double flatten(struct seen *s)
+{
+    double sum = 0.0, along = 0.0, down = 0.0, places = 0.0, squares = 0.0, length = 0.0;
+    double middle = 0.5 * (s->span - 1);
+    int row, column;
+
+    for (row = 0; row < s->span; row++) {
+        for (column = 0; column < s->span; column++) {
+            double grey = (double)s->cell[row][column];
+
+            if (!is_used(s, row, column))
+                continue;
+            sum += grey;
+            along += (column - middle) * grey;
+            down += (row - middle) * grey;
+            places += 1.0;
+            squares += (column - middle) * (column - middle);
+        }
+    }
+    for (row = 0; row < s->span; row++) {
+        for (column = 0; column < s->span; column++) {
+            double slope = ((column - middle) * along + (row - middle) * down) / squares;
+            double flat = (double)s->cell[row][column] - sum / places - slope;
+
+            flat = is_used(s, row, column) ? flat : 0.0;
+            s->cell[row][column] = (float)flat;
+            length += flat * flat;
+        }
+    }
+    length = vs_most(vs_root(length), 1e-6);
+    for (row = 0; row < s->span; row++) {
+        for (column = 0; column < VS_WORDS_SPAN; column++)
+            s->cell[row][column] *= (float)(1.0 / length);
+    }
+    return length;
+}
+
+static void add_line(float *to, float share, const float *from)
+{
+    int i;
+
+    for (i = 0; i < VS_WORDS_SPAN; i++)
+        to[i] += share * from[i];
+}
+
+/* Carries the columns' blur over from words to cells: a line for each row of the square. */
+static void gather_rows(const struct vs_words *w, const struct seen *s, int v, line *lines)
+{
+    int i, row;
+
+    for (i = 0; i < w->cells + 2; i++) {
+        memset(lines[i], 0, sizeof lines[i]);
+        for (row = 0; row < s->span; row++)
+            add_line(lines[i], w->seen[v][row][i], s->cell[row]);
+    }
+}
+
+/* Writes the sums of the weights of white cells, for all values of each part of a word. */
+static void add_up(const float *weight, int bits, struct sums *sums)
+{
+    int part, value, bit;
+
+    sums->parts = (bits + VS_WORDS_PART - 1) / VS_WORDS_PART;
+    for (part = 0; part < sums->parts; part++) {
+        float *sum = sums->part[part];
+
+        sum[0] = 0.0F;
+        for (bit = 0; bit < VS_WORDS_PART; bit++) {
+            int place = part * VS_WORDS_PART + bit;
+            float more = place < bits ? weight[place] : 0.0F;
+
+            for (value = 0; value < 1 << bit; value++)
+                sum[(1 << bit) + value] = sum[value] + more;
+        }
+    }
+}
+
+/*
+ * The likeness of flat cells to blurred words, as sums of weights of the words' own cells: with
+ * the blur along the rows carried over, too, one set of weights does for all words.
+ */
+static void weigh(const struct vs_words *w, int u, const line *lines, struct sums *sums)
+{
+    float weight[VS_WORDS_CELLS * VS_WORDS_CELLS];
+    int side = w->cells + 2, i, k;
+
+    sums->constant = 0.0F;
+    for (i = 0; i < side; i++) {
+        line all;
+
+        memset(all, 0, sizeof all);
+        for (k = 0; k < side + 2; k++)
+            add_line(all, lines[i][k], w->seen[u][k]);
+        for (k = 0; k < side; k++)
+            sums->constant -= all[k];
+        if (i > 0 && i < side - 1)
+            memcpy(&weight[(i - 1) * w->cells], &all[1], (size_t)w->cells * sizeof all[0]);
+    }
+    add_up(weight, w->cells * w->cells, sums);
+}
+
+static inline float add_parts(const struct sums *sums, const uint8_t *part)
+{
+    float sum = sums->constant;
+    int i;
+
+    for (i = 0; i < sums->parts; i++)
+        sum += sums->part[i][part[i]];
+    return sum;
+}
+
+/* One over the length of words as they are seen; a quarter turn exchanges the blurs. */
+static const float *per_length(const struct vs_words *w, int ring, int turn, int u, int v)
+{
+    int kind = turn & 1 ? v * VS_WORDS_BLURS + u : u * VS_WORDS_BLURS + v;
+
+    return w->per_length[ring] + (size_t)kind * (size_t)w->tags;
+}
+
+/* Puts a word into the list if there is room or it is likelier than the last one. */
+static void add_word(struct shortlist *list, int word, int kind, float likeness)
+{
+    int place = list->count;
+
+    if (place == SHORT && !(likeness > list->likeness[SHORT - 1]))
+        return;
+    if (place == SHORT)
+        place--;
+    else
+        list->count++;
+    for (; place > 0 && likeness > list->likeness[place - 1]; place--) {
+        list->word[place] = list->word[place - 1];
+        list->likeness[place] = list->likeness[place - 1];
+        list->kind[place] = list->kind[place - 1];
+    }
+    list->word[place] = word;
+    list->likeness[place] = likeness;
+    list->kind[place] = kind;
+}
+
+/* Finds the words that are the likeliest under one blur. */
+static void list_words(const struct vs_words *w, const struct seen *s, int u, int v,
+                       struct shortlist *list)
+{
+    struct sums sums;
+    line lines[VS_WORDS_SPAN];
+    const uint8_t *part = w->part;
+    const float *per[2];
+    int word;
+
+    gather_rows(w, s, v, lines);
+    weigh(w, u, (const line *)lines, &sums);
+    per[0] = per_length(w, s->ring, 0, u, v);
+    per[1] = per_length(w, s->ring, 1, u, v);
+    list->count = 0;
+    for (word = 0; word < 4 * w->tags; word++, part += sums.parts) {
+        float likeness = add_parts(&sums, part) * per[word & 1][word >> 2];
+
+        if (list->count < SHORT || likeness > list->likeness[SHORT - 1])
+            add_word(list, word, u * VS_WORDS_BLURS + v, likeness);
+    }
+}
+
+/* Tries listed words under another blur; their likeness is that of the blur that suits best. */
+static void try_blur(const struct vs_words *w, const struct seen *s, int u, int v,
+                     const line *lines, struct shortlist *list)
+{
+    struct sums sums;
+    int place;
+
+    weigh(w, u, lines, &sums);
+    for (place = 0; place < list->count; place++) {
+        int word = list->word[place];
+        float likeness = add_parts(&sums, w->part + (size_t)word * (size_t)sums.parts) *
+                         per_length(w, s->ring, word, u, v)[word / 4];
+
+        if (likeness > list->likeness[place]) {
+            list->likeness[place] = likeness;
+            list->kind[place] = u * VS_WORDS_BLURS + v;
+        }
+    }
+}
+
+/* What a camera would see of a word: between 0, black, and 1, white. */
+static void see_word(const struct vs_words *w, uint64_t word, int kind, struct seen *ideal)
+{
+    const line *across = w->seen[kind / VS_WORDS_BLURS];
+    const line *down = w->seen[kind % VS_WORDS_BLURS];
+    int side = w->cells + 2, row, column, i, k;
+    line dark[VS_WORDS_SPAN];
+
+    memset(dark, 0, sizeof dark);
+    for (i = 0; i < side; i++) {
+        for (k = 0; k < side; k++) {
+            int bit = (i - 1) * w->cells + k - 1;
+            int is_inner = i > 0 && k > 0 && i < side - 1 && k < side - 1;
+
+            if (is_inner && (word >> bit & 1) != 0)
+                continue;
+            for (column = 0; column < ideal->span; column++)
+                dark[i][column] += across[column][k];
+        }
+    }
+    for (row = 0; row < ideal->span; row++) {
+        for (column = 0; column < VS_WORDS_SPAN; column++)
+            ideal->cell[row][column] = 1.0F;
+        for (i = 0; i < side; i++)
+            add_line(ideal->cell[row], -down[row][i], dark[i]);
+    }
+}
+
+/* The correlation of the cells of the matrix. */
+static double match(const struct seen *s, const struct seen *ideal)
+{
+    double n = 0.0, a = 0.0, b = 0.0, aa = 0.0, ab = 0.0, bb = 0.0;
+    int row, column;
+
+    for (row = 2; row < s->span - 2; row++) {
+        for (column = 2; column < s->span - 2; column++) {
+            double x = (double)s->cell[row][column];
+            double y = (double)ideal->cell[row][column];
+
+            n += 1.0;
+            a += x;
+            b += y;
+            aa += x * x;
+            ab += x * y;
+            bb += y * y;
+        }
+    }
+    return (ab - a * b / n) / vs_most(vs_root((aa - a * a / n) * (bb - b * b / n)), 1e-9);
+}
+
+/* Sets the error; gives the number of the matrix's cells that are not the word's. */
+static int count_wrong(const struct seen *s, const struct seen *ideal, double likeness,
+                       double length, double *error)
+{
+    double sum = 0.0, used = 0.0, per = length / vs_most(likeness, 1e-6);
+    int wrong = 0, row, column;
+
+    for (row = 0; row < s->span; row++) {
+        for (column = 0; column < s->span; column++) {
+            double miss = per * ((double)s->cell[row][column] -
+                                 likeness * (double)ideal->cell[row][column]);
+            int inner = row > 1 && column > 1 && row < s->span - 2 && column < s->span - 2;
+
+            if (!is_used(s, row, column))
+                continue;
+            sum += miss * miss;
+            used += 1.0;
+            wrong += inner && (miss > WRONG || miss < -WRONG);
+        }
+    }
+    *error = vs_root(sum / used);
+    return wrong;
+}
+
+/* Sets error and margin of the list's first word, and whether to believe it. */
+static void judge(const struct vs_words *w, const struct seen *s, const struct shortlist *list,
+                  int best, struct vs_reading *reading)
+{
+    double likeness = (double)list->likeness[best], next = 0.0, length;
+    int kind = list->kind[best], wrong, i;
+    struct seen ideal;
+
+    ideal.span = s->span;
+    ideal.ring = s->ring;
+    see_word(w, w->word[list->word[best]], kind, &ideal);
+    length = flatten(&ideal);
+    for (i = 0; i < list->count; i++) {
+        if (list->word[i] / 4 != list->word[best] / 4)
+            next = vs_most(next, (double)list->likeness[i]);
+    }
+    wrong = count_wrong(s, &ideal, likeness, length, &reading->error);
+    reading->margin = vs_root(vs_most(1.0 - next * next, 1e-9) /
+                              vs_most(1.0 - likeness * likeness, 1e-9));
+    reading->sure = match(s, &ideal) > w->least_match[s->ring][kind] &&
+                    reading->margin > LEAST_MARGIN && reading->error < MOST_ERROR &&
+                    wrong <= w->correction;
+}
+
+/* Tries the listed words under all blurs near to those that were measured. */
+static void try_blurs(const struct vs_words *w, const struct seen *s, const int32_t level[2],
+                      struct shortlist *list)
+{
+    line lines[VS_WORDS_SPAN];
+    int u, v;
+
+    for (v = level[1] - BLUR_LESS; v <= level[1] + BLUR_MORE; v++) {
+        if (v < 0 || v >= VS_WORDS_BLURS)
+            continue;
+        gather_rows(w, s, v, lines);
+        for (u = level[0] - BLUR_LESS; u <= level[0] + BLUR_MORE; u++) {
+            if (u >= 0 && u < VS_WORDS_BLURS)
+                try_blur(w, s, u, v, (const line *)lines, list);
+        }
+    }
+}
+
+/* Reads with or without the white around. */
+static void read_cells(const struct vs_words *w, const float *cells, const int32_t level[2],
+                       int ring, struct vs_reading *reading)
+{
+    struct shortlist list;
+    struct seen s;
+    int row, k, best = 0;
+
+    s.span = w->cells + 4;
+    s.ring = ring;
+    memset(s.cell, 0, sizeof s.cell);
+    for (row = 0; row < s.span; row++)
+        memcpy(s.cell[row], cells + row * s.span, (size_t)s.span * sizeof cells[0]);
+    flatten(&s);
+    list_words(w, &s, level[0], level[1], &list);
+    if (!((double)list.likeness[0] > LEAST_START))
+        return;
+    try_blurs(w, &s, level, &list);
+    for (k = 1; k < list.count; k++)
+        best = list.likeness[k] > list.likeness[best] ? k : best;
+    reading->tag = list.word[best] / 4;
+    reading->turn = list.word[best] % 4;
+    judge(w, &s, &list, best, reading);
+}
+
+static void read_one(const struct vs_words *w, const float *cells, const int32_t level[2],
+                     struct vs_reading *reading)
+{
+    int ring;
+
+    for (ring = 1; ring >= 0; ring--) {
+        reading->tag = reading->turn = reading->sure = 0;
+        reading->error = reading->margin = 1.0;
+        read_cells(w, cells, level, ring, reading);
+        if (reading->sure)
+            return;
+    }
+}
+
+void vs_words_read(const struct vs_words *words, const float *cells, const int32_t *level,
+                   size_t count, struct vs_reading *readings)
+{
+    int span = words->cells + 4;
+    size_t i;
+
+    for (i = 0; i < count; i++)
+        read_one(words, cells + i * (size_t)(span * span), level + 2 * i, &readings[i]);
+}
