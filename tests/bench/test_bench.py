@@ -82,5 +82,10 @@ def test_the_report_is_as_promised(capsys: pytest.CaptureFixture[str]) -> None:
     assert report["floor_ms"] > 0.0 and report["ratio_to_aruco"] > 1.0
     assert set(report["set16"]) == {"threads", "ms", "times_floor"}
     assert report["set16"]["threads"] == 2
+    assert set(report["squares"]) == {"DICT_4X4_50", "DICT_APRILTAG_36h11"}
+    for squares in report["squares"].values():
+        named = {"ms_per_frame", "ratio_to_aruco", "ratio_to_aruco_fastest", "ratio_to_apriltag"}
+        assert set(squares) == named
+        assert squares["ms_per_frame"] > 0.0 and squares["ratio_to_aruco"] > 1.0
     assert "round 1 of 1" in captured.err
     assert "16 cameras" in bench.table(report)

@@ -154,8 +154,8 @@ def ours(detector: Detector) -> Look:
     return look
 
 
-def opencv(refine: bool, window_px: int | None = None) -> Look:
-    """Wraps OpenCV's detector of DICT_4X4_50; with `refine` it refines corners to sub-pixels.
+def opencv(dictionary: str, refine: bool, window_px: int | None = None) -> Look:
+    """Wraps OpenCV's detector of a dictionary; with `refine` it refines corners to sub-pixels.
 
     `window_px` is the one window of the threshold (its best tuning); None: OpenCV's three.
     """
@@ -164,8 +164,8 @@ def opencv(refine: bool, window_px: int | None = None) -> Look:
         settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     if window_px is not None:
         settings.adaptiveThreshWinSizeMin = settings.adaptiveThreshWinSizeMax = window_px
-    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
-    detector = cv2.aruco.ArucoDetector(dictionary, settings)
+    words = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary))
+    detector = cv2.aruco.ArucoDetector(words, settings)
 
     def look(image: Image, camera: Camera) -> FoundTags:
         corners, ids, _ = detector.detectMarkers(image)

@@ -39,7 +39,11 @@ TABLE_2_1 = ((1, 0.30), (5, 0.30), (5, 0.11), (5, 0.10), (9, 0.11))
 OURS = "vsense arrow, full search"
 ARUCO_SUBPIX = "cv2.aruco, sub-pixel corners"
 ARUCO_TUNED = "cv2.aruco, sub-pixel corners, tuned"
+ARUCO_FASTEST = "cv2.aruco, whole pixels, tuned"
 APRILTAG = "AprilTag 3, decimate 2"
+OUR_SQUARES = "vsense squares, full search"
+SQUARES = {"DICT_4X4_50": "aruco_4x4_50", "DICT_APRILTAG_36h11": "apriltag_36h11"}
+"""OpenCV's dictionaries, and the marker families that are made of them."""
 
 _TUNED_WINDOW_PX = 23
 _MATCH_PX = 5.0
@@ -79,8 +83,10 @@ def run(rounds: int, pictures: int, walk: int, say: Say) -> dict[str, Any]:
     Each set has `pictures` pictures, the motion sequence `walk`.
 
     Returns:
-        The report: `rows`, `floor_ms`, `memcpy_ms`, `set16`, `ratio_to_aruco`,
-        `ratio_to_aruco_tuned` and `ratio_to_apriltag` (None where it is not installed).
+        The report: `rows`, `floor_ms`, `memcpy_ms`, `set16`, of the arrows `ratio_to_aruco`,
+        `ratio_to_aruco_tuned` and `ratio_to_apriltag` (None where it is not installed), and
+        `squares`, by dictionary: `ms_per_frame`, `ratio_to_aruco`, `ratio_to_aruco_fastest` and
+        `ratio_to_apriltag` of one thread. AprilTag reads its own family, on the same floors.
     """
     with ExitStack() as stack:
         contestants, sixteen = _invite(pictures, walk, say)
@@ -117,25 +123,30 @@ def _invite(pictures: int, walk: int, say: Say) -> tuple[list[Contestant], Conte
     plain = tuple(range(ROBOTS))
     painter = Painter("arrow4x4", "arrow4x4", tags, rig)
     arrows, spread = painter.crowds(pictures), painter.spread()
-    squares = Painter("DICT_4X4_50, same disc", "aruco_4x4_50", plain, rig).crowds(pictures)
     moving = Painter("arrow4x4, driving", "arrow4x4", tags, rig[:1]).walk(walk)
-    contestants: list[Contestant] = [
-        _single(OURS, arrows),
-        _shared(OURS, arrows),
-        _single("vsense squares", squares),
-        _shared("vsense squares", squares),
-    ]
-    for threads in (1, MAX_THREADS):
-        contestants += [
-            Single("cv2.aruco, default", squares, opencv(False), threads),
-            Single(ARUCO_SUBPIX, squares, opencv(True), threads),
-            Single(ARUCO_TUNED, squares, opencv(True, _TUNED_WINDOW_PX), threads),
-        ]
+    contestants: list[Contestant] = [_single(OURS, arrows), _shared(OURS, arrows)]
+    for dictionary, family in SQUARES.items():
+        squares = Painter(_same_disc(dictionary), family, plain, rig).crowds(pictures)
+        contestants += [_single(OUR_SQUARES, squares), _shared(OUR_SQUARES, squares)]
+        for threads in (1, MAX_THREADS):
+            contestants += [
+                Single("cv2.aruco, default", squares, opencv(dictionary, False), threads),
+                Single(ARUCO_SUBPIX, squares, opencv(dictionary, True), threads),
+                Single(ARUCO_TUNED, squares, opencv(dictionary, True, _TUNED_WINDOW_PX), threads),
+                Single(
+                    ARUCO_FASTEST, squares, opencv(dictionary, False, _TUNED_WINDOW_PX), threads
+                ),
+            ]
+        if dictionary.startswith("DICT_APRILTAG") and is_installed():
+            contestants += [
+                AprilTag(APRILTAG, squares, 2.0, threads) for threads in (1, MAX_THREADS)
+            ]
     contestants += _plans(moving)
-    if is_installed():
-        tagged = Painter("tag36h11, same disc", "apriltag_36h11", plain, rig).crowds(pictures)
-        contestants += [AprilTag(APRILTAG, tagged, 2.0, threads) for threads in (1, MAX_THREADS)]
     return contestants, _shared(OURS, spread)
+
+
+def _same_disc(dictionary: str) -> str:
+    return f"{dictionary}, same disc"
 
 
 def _single(name: str, frames: FrameSet) -> Contestant:
@@ -201,19 +212,30 @@ def _floor(frames: FrameSet, touch: Callable[[Any], Any]) -> list[float]:
 def _report(
     rows: list[TrackingRow], floor_ms: float, copy_ms: float, sets: list[float]
 ) -> dict[str, Any]:
-    by_name = {row.detector: row.ms_per_frame for row in rows if row.threads == 1}
-    mine = by_name[OURS]
+    by_name = {(row.detector, row.frames): row.ms_per_frame for row in rows if row.threads == 1}
+    plain, tagged = map(_same_disc, SQUARES)
+    mine = by_name[OURS, "arrow4x4"]
     set_ms = 16.0 * float(np.median(sets))
 
-    def against(name: str) -> float | None:
-        return by_name[name] / mine if name in by_name else None
+    def against(name: str, frames: str, ours_ms: float) -> float | None:
+        return by_name[name, frames] / ours_ms if (name, frames) in by_name else None
+
+    def squares(frames: str) -> dict[str, float | None]:
+        ours_ms = by_name[OUR_SQUARES, frames]
+        return {
+            "ms_per_frame": ours_ms,
+            "ratio_to_aruco": against(ARUCO_SUBPIX, frames, ours_ms),
+            "ratio_to_aruco_fastest": against(ARUCO_FASTEST, frames, ours_ms),
+            "ratio_to_apriltag": against(APRILTAG, tagged, ours_ms),
+        }
 
     return {
         "rows": [asdict(row) for row in rows],
         "floor_ms": floor_ms,
         "memcpy_ms": copy_ms,
         "set16": {"threads": MAX_THREADS, "ms": set_ms, "times_floor": set_ms / (16.0 * floor_ms)},
-        "ratio_to_aruco": against(ARUCO_SUBPIX),
-        "ratio_to_aruco_tuned": against(ARUCO_TUNED),
-        "ratio_to_apriltag": against(APRILTAG),
+        "ratio_to_aruco": against(ARUCO_SUBPIX, plain, mine),
+        "ratio_to_aruco_tuned": against(ARUCO_TUNED, plain, mine),
+        "ratio_to_apriltag": against(APRILTAG, tagged, mine),
+        "squares": {dictionary: squares(_same_disc(dictionary)) for dictionary in SQUARES},
     }
