@@ -1,0 +1,198 @@
+"""`vsense bench sim`: how many robots a simulation steps in a second of one processor's time.
+
+The world is that of the comparison with ARGoS 3, for 15, 100 and 1000 robots: e-pucks anywhere in a
+square with four walls, 0.48 m^2 for each as in the pollutant experiment; four lights, 0.4 m above
+the middles of its quarters, each of which reaches as far as the square is wide (intensity 0.4 per
+metre of that); timesteps of 0.1 s. Each robot has 8 light sensors with the formula of `epuck_light`,
+for which bodies stand in the way, the proximity ring (8 sensors, as `epuck_proximity`), two wheels,
+and the controller `wander.c`, which reads both rings in every step. Nothing is drawn, and nothing
+is kept but poses.
+
+A run is one of a campaign. Its rate is robots times timesteps over the processor time between the
+first timestep and the last; what comes before, start-up, is reported apart: the time of a whole
+`vsense sim` of one second. The sizes take turns; each rate is the median of its rounds.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vsense.run.programs import shared_objects
+from vsense.sim.job import Job, Setup
+from vsense.sim.watch import Task, simulate_all
+from vsense.terminal import aligned
+
+ROBOTS = (15, 100, 1000)
+TIMESTEP_S = 0.1
+LIGHTS = 4
+
+CONTROLLER = Path(__file__).parent / "wander.c"
+
+_ROOM_M2 = 3.0 * 2.4 / 15
+_LIGHT_HEIGHT_M = 0.4
+_INTENSITY_PER_M = 0.4
+_WALL_M = 0.02
+STEPS_OF_ALL = 60_000
+"""Robots times timesteps of a run, at least MIN_STEPS timesteps."""
+MIN_STEPS = 60
+_SEED = 14
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class SimRow:
+    """One size of swarm."""
+
+    robots: int
+    timesteps: int
+    robot_steps_per_s: float
+
+
+def run(rounds: int, say: Say, robots: Sequence[int] = ROBOTS) -> dict[str, Any]:
+    """Runs the benchmark: in each round each number of robots has its turn.
+
+    Returns:
+        The report: `rows`, and `startup_s`, the processor time of a run of one second.
+
+    Raises:
+        VsenseError: the controller cannot be built, or a simulation failed.
+    """
+    rates: dict[int, list[float]] = {count: [] for count in robots}
+    startups = []
+    with tempfile.TemporaryDirectory(prefix="vsense-bench-") as folder:
+        paths = {count: _written(count, Path(folder)) for count in robots}
+        tasks = {count: task(path, timesteps_of(count)) for count, path in paths.items()}
+        for turn in range(rounds + 1):
+            say(f"round {turn} of {rounds}" if turn else "warming up")
+            for count in robots:
+                rates[count].append(_rate(tasks[count]))
+            startups.append(startup_s(paths[min(robots)]))
+    rows = [
+        SimRow(count, timesteps_of(count), float(np.median(spent[1:])))
+        for count, spent in rates.items()
+    ]
+    return {"rows": [asdict(row) for row in rows], "startup_s": float(np.median(startups[1:]))}
+
+
+def timesteps_of(robots: int) -> int:
+    """How long a run of so many robots is."""
+    return max(STEPS_OF_ALL // robots, MIN_STEPS)
+
+
+def task(path: Path, timesteps: int) -> Task:
+    """One run of an experiment, ready to be simulated."""
+    setup = Setup(str(path), timesteps * TIMESTEP_S)
+    experiment = setup.load()
+    libraries = {name: str(path) for name, path in shared_objects(experiment).items()}
+    return Task(Job(setup, _SEED, libraries), experiment)
+
+
+def _rate(task: Task) -> float:
+    """Simulates a run; gives robot-steps per second of processor time."""
+    ((_, result),) = simulate_all([task], 1, threading.Event(), lambda workers: None)
+    return float(result["robots"] * result["timesteps"] / result["cpu_s"])
+
+
+def startup_s(path: Path) -> float:
+    """Processor time [s] of a campaign of one run of one second, all processes together."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    with tempfile.TemporaryDirectory(prefix="vsense-bench-") as folder:
+        words = ["sim", str(path), "--duration", "1", "--runs", "1", "-j", "1"]
+        subprocess.run(
+            [sys.executable, "-m", "vsense", *words, "-o", f"{folder}/results.csv"],
+            check=True,
+            capture_output=True,
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+        )
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def _written(robots: int, folder: Path) -> Path:
+    """Writes the world of so many robots; gives its file."""
+    path = folder / f"wander-{robots}.argos"
+    path.write_text(experiment_text(robots))
+    return path
+
+
+def experiment_text(robots: int) -> str:
+    """The experiment file of the world with so many robots."""
+    side_m = math.sqrt(robots * _ROOM_M2)
+    half_m, far_m = side_m / 2, side_m / 2 - 0.05
+    long, thick = f"{side_m + 2 * _WALL_M}", f"{_WALL_M}"
+    places = [("north", 0, 1), ("south", 0, -1), ("east", 1, 0), ("west", -1, 0)]
+    walls = [
+        f'<box id="wall_{name}" size="{thick if x else long},{thick if y else long},0.08"'
+        f' movable="false"><body position="{x * half_m},{y * half_m},0" orientation="0,0,0" />'
+        "</box>"
+        for name, x, y in places
+    ]
+    lights = [
+        f'<light id="light_{k}" position="{x * side_m / 4},{y * side_m / 4},{_LIGHT_HEIGHT_M}"'
+        f' orientation="0,0,0" color="yellow" intensity="{_INTENSITY_PER_M * side_m}"'
+        ' medium="leds" />'
+        for k, (x, y) in enumerate([(-1, -1), (-1, 1), (1, -1), (1, 1)][:LIGHTS])
+    ]
+    return _EXPERIMENT.format(
+        library=CONTROLLER,
+        arena=f"{side_m + 0.1},{side_m + 0.1},1",
+        things="\n    ".join([*walls, *lights]),
+        far=far_m,
+        robots=robots,
+        tags=" ".join(map(str, range(1, robots + 1))),
+        dt=round(1 / TIMESTEP_S),
+    )
+
+
+_EXPERIMENT = """<?xml version="1.0" ?>
+<argos-configuration xmlns:vs="urn:vsense:1">
+  <framework><experiment length="60" ticks_per_second="{dt}" random_seed="1" /></framework>
+  <controllers>
+    <wander_controller id="wander" library="{library}">
+      <actuators><epuck_wheels implementation="default" /></actuators>
+      <sensors>
+        <epuck_proximity implementation="default" />
+        <virtual_light_sensor implementation="default" formula="epuck" vs:angles="false" />
+      </sensors>
+      <params />
+    </wander_controller>
+  </controllers>
+  <arena size="{arena}" center="0,0,0.5">
+    {things}
+    <distribute>
+      <position method="uniform" min="-{far},-{far},0" max="{far},{far},0" />
+      <orientation method="uniform" min="-180,0,0" max="180,0,0" />
+      <entity quantity="{robots}" max_trials="1000" vs:tags="{tags}">
+        <e-puck id="epuck"><controller config="wander" /></e-puck>
+      </entity>
+    </distribute>
+  </arena>
+  <vs:rig><vs:marker family="arrow4x4" height="0.06" /></vs:rig>
+  <physics_engines><dynamics2d id="dyn2d" /></physics_engines>
+  <media><led id="leds" /></media>
+</argos-configuration>
+"""
+
+
+def table(report: dict[str, Any]) -> str:
+    """The report as text."""
+    lines = [("robots", "robot-steps/s", "times real time")]
+    for row in report["rows"]:
+        rate = row["robot_steps_per_s"]
+        times = rate / row["robots"] * TIMESTEP_S
+        lines.append((str(row["robots"]), f"{rate:,.0f}", f"{times:,.0f}"))
+    startup = f"start-up of a run: {report['startup_s']:.2f} s of processor time"
+    return "\n".join([*aligned(lines, left=0), "", startup])
