@@ -26,7 +26,12 @@ PICTURES = [
 ]
 RAYS = [HOST / f"vs_{part}.c" for part in ("math", "sight", "rays", "obstacles")]
 FLOOR = [HOST / f"vs_{part}.c" for part in ("math", "contacts", "physics", "ring")]
-SUITES = {"test_scan": PICTURES, "test_rays": RAYS, "test_physics": FLOOR}
+SUITES = {
+    "test_scan": PICTURES,
+    "test_rays": RAYS,
+    "test_light": [*RAYS, HOST / "vs_light.c"],
+    "test_physics": FLOOR,
+}
 """C test -> the kernel's files: none needs another kernel's."""
 
 

@@ -3,10 +3,10 @@
 The world is that of the comparison with ARGoS 3, for 15, 100 and 1000 robots: e-pucks anywhere in a
 square with four walls, 0.48 m^2 for each as in the pollutant experiment; four lights, 0.4 m above
 the middles of its quarters, each of which reaches as far as the square is wide (intensity 0.4 per
-metre of that); timesteps of 0.1 s. Each robot has 8 light sensors with the formula of `epuck_light`,
-for which bodies stand in the way, the proximity ring (8 sensors, as `epuck_proximity`), two wheels,
-and the controller `wander.c`, which reads both rings in every step. Nothing is drawn, and nothing
-is kept but poses.
+metre of that); timesteps of 0.1 s. Each robot has 8 light sensors with `epuck_light`'s formula, for
+which bodies stand in the way, the proximity ring (8 sensors, as `epuck_proximity`), two wheels, and
+the controller `wander.c`, which reads both rings in every step. Nothing is drawn, and nothing is
+kept but poses.
 
 A run is one of a campaign. Its rate is robots times timesteps over the processor time between the
 first timestep and the last; what comes before, start-up, is reported apart: the time of a whole

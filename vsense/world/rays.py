@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vsense.native import check, kernel_ffi, kernels
-from vsense.world.entities import BODY_HEIGHT_M, BODY_RADIUS_M, Box, Cylinder
+from vsense.world.entities import BODY_HEIGHT_M, BODY_RADIUS_M, Box, Cylinder, Light
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -35,11 +35,12 @@ class Bodies:
 
     Attributes:
         rows: BODY array, not to be changed. A body with z_high_m < z_low_m is not there.
+        cdata: the `struct vs_obstacles *`.
     """
 
     def __init__(self, rows: NDArray[np.void]) -> None:
         self.rows = np.ascontiguousarray(rows)
-        self._obstacles = kernel_ffi.new("struct vs_obstacles *")
+        self.cdata = self._obstacles = kernel_ffi.new("struct vs_obstacles *")
         self._obstacles.bodies = kernel_ffi.cast(
             "const struct vs_obstacle *", self.rows.ctypes.data
         )
@@ -102,6 +103,27 @@ class Bodies:
         )
         check(code, "lines of sight")
         return found
+
+
+LIGHT = np.dtype([("at_m", "f8", 3), ("intensity", "f8")])
+"""One light; the fields are those of `struct vs_light`."""
+
+
+class LightTable:
+    """The lights that shine, as the C library takes them.
+
+    Attributes:
+        rows: LIGHT array, not to be changed.
+        cdata: the same as `struct vs_light *`.
+    """
+
+    def __init__(self, lights: Sequence[Light]) -> None:
+        shining = [(light.position_m, light.intensity) for light in lights if light.intensity > 0]
+        self.rows = np.array(shining, dtype=LIGHT)
+        self.cdata = _pointer("const struct vs_light *", self.rows)
+
+    def __len__(self) -> int:
+        return len(self.rows)
 
 
 def disc_rows(

@@ -31,7 +31,7 @@ from vsense.world.fields import Field, by_id
 from vsense.world.floor import Floor
 from vsense.world.inventory import Inventory
 from vsense.world.pollution import DEFAULT_MEMORY_NS, Cone, PollutantSource, Stock
-from vsense.world.rays import Bodies, disc_rows, entity_rows
+from vsense.world.rays import Bodies, LightTable, disc_rows, entity_rows
 from vsense.world.sightings import NEVER_NS as NEVER_NS
 from vsense.world.sightings import carried, known, read_only, standing, unseen, update_poses
 
@@ -98,6 +98,7 @@ class World:
     _settled = -1
     _floors = 0
     _bodies: Bodies | None = None
+    _light_table: LightTable | None = None
     _painted_floor: Floor | None = None
 
     def __init__(
@@ -267,6 +268,13 @@ class World:
         """All lights."""
         return self._inventory.of(Light)
 
+    def light_table(self) -> LightTable:
+        """The lights that shine; the same object until an entity changes."""
+        self._settle()
+        if self._light_table is None:
+            self._light_table = LightTable(self.lights())
+        return self._light_table
+
     def zones(self) -> tuple[Zone, ...]:
         """All zones."""
         return self._inventory.of(Zone)
@@ -334,7 +342,7 @@ class World:
         if self._settled == self._inventory.version:
             return
         self._settled = self._inventory.version
-        self._bodies = self._painted_floor = None
+        self._bodies = self._painted_floor = self._light_table = None
         self._standing = entity_rows([*self.cylinders(), *self.boxes()])
         before = self._robots["tag"].tolist()
         rows = standing(self._inventory.of(VirtualRobot), self.capture_ns)
