@@ -25,7 +25,6 @@ from vsense.link.robots.wire import (
     Header,
     PacketType,
     Shown,
-    Values,
     Wanted,
     Welcome,
     encode,
@@ -33,6 +32,7 @@ from vsense.link.robots.wire import (
 )
 from vsense.native import check, lib
 from vsense.robot import build
+from vsense.sensors.readings import SensorReadings
 
 PROGRESS_BYTES = 8
 """`struct vs_inprocess_progress`: timestep and robot, two u32."""
@@ -152,7 +152,7 @@ class Robots:
         from_timestep: int,
         timestep: int,
         times_ns: tuple[int, int],
-        readings: Mapping[int, Values],
+        readings: SensorReadings,
         prox_raw: NDArray[np.int16],
     ) -> None:
         """One control step of every robot.
@@ -162,15 +162,14 @@ class Robots:
             from_timestep: with RUN, the first timestep of the run.
             timestep: of the arena state, from 0, rising.
             times_ns: when the arena was seen, and when the controllers act on that.
-            readings: per tag (value, capture time) per sensor, in the table's order.
+            readings: what they sense, in the table's order.
             prox_raw: (n, 8) int16 of their own proximity sensors.
 
         Raises:
             ControllerFailure: a controller cannot go on.
         """
-        rows = [readings[tag] for tag in self._tags]
-        self._values[:] = b"".join([value for row in rows for value, _ in row])
-        self._captures_ns[:] = [capture_ns for row in rows for _, capture_ns in row]
+        own = readings.of(self._tags)
+        self._values[:], self._captures_ns[:] = own.block, own.captures_ns
         self._prox[:] = prox_raw
         now = self._now
         now.wanted, now.from_timestep, now.timestep = wanted, from_timestep, timestep
@@ -197,13 +196,17 @@ class Robots:
             raise ControllerFailure(self._tags[robot[0]], self.controller, text)
 
     def reports(self) -> dict[int, bytes]:
-        """What every robot's virtual actuators say: by tag the actuators' block."""
+        """What every robot's virtual actuators say: by tag the actuators' block; {}: none."""
         size = self._report_bytes
+        if not size:
+            return {}
         whole = bytes(self._reports)
         return {tag: whole[i * size : (i + 1) * size] for i, tag in enumerate(self._tags)}
 
     def shown(self) -> list[tuple[int, Shown]]:
         """All values that a controller shows, by tag, where one has changed since the last call."""
+        if self._shown.tobytes() == self._shown_before.data:
+            return []
         changed = np.flatnonzero((self._shown != self._shown_before).any(axis=1))
         self._shown_before[changed] = self._shown[changed]
         return [
@@ -239,11 +242,10 @@ class Robots:
             sizes[entry.direction] += size
         sensors = sum(entry.direction is Direction.SENSOR for entry in table.entries)
         self._report_bytes = sizes[Direction.ACTUATOR]
-        self._value_block = ffi.new("uint8_t[]", max(count * sizes[Direction.SENSOR], 1))
-        self._values = ffi.buffer(self._value_block, count * sizes[Direction.SENSOR])
+        self._values = np.zeros((count, sizes[Direction.SENSOR]), dtype=np.uint8)
         self._report_block = ffi.new("uint8_t[]", max(count * self._report_bytes, 1))
         self._reports = ffi.buffer(self._report_block, count * self._report_bytes)
-        self._captures_ns = np.zeros(count * sensors, dtype=np.int64)
+        self._captures_ns = np.zeros((count, sensors), dtype=np.int64)
         self._prox = np.zeros((count, 8), dtype=np.int16)
         self._light = np.full((count, 8), LIGHT_RAW, dtype=np.int16)
         self.wheels_steps_s = np.zeros((count, 2), dtype=np.int16)
@@ -252,8 +254,8 @@ class Robots:
         self._shown_before = self._shown.copy()
         self._log = [LogLines() for _ in self._tags]
         now = self._now = ffi.new("struct vs_inprocess_timestep *")
-        now.values, now.reports = self._value_block, self._report_block
-        for name in ("captures_ns", "prox", "light", "shown"):
+        now.reports = self._report_block
+        for name in ("values", "captures_ns", "prox", "light", "shown"):
             self._point(name, getattr(self, f"_{name}"))
         self._point("wheels_steps_s", self.wheels_steps_s)
         self._point("leds", self.leds)

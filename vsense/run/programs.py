@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from vsense.config.specs import ControllerSpec, Experiment
 from vsense.link.robots.roster import ToldProgram
 from vsense.link.robots.table import Table
-from vsense.link.robots.wire import Shown, Values, Wanted
+from vsense.link.robots.wire import Shown, Wanted
 from vsense.robot import build, inprocess
 from vsense.robot.compiling import BuildError, native
 from vsense.robot.inprocess import ControllerFailure, Robots, SimError
+from vsense.sensors.readings import SwarmReadings
 
 PROGRESS_BYTES = inprocess.PROGRESS_BYTES + 4
 """Those of `Robots`, and which of the experiment's controllers it is: a u32."""
@@ -138,7 +139,7 @@ class Programs:
         from_timestep: int,
         timestep: int,
         times_ns: tuple[int, int],
-        readings: Mapping[int, Values],
+        readings: SwarmReadings,
         prox_raw: NDArray[np.int16],
     ) -> None:
         """One control step of every robot; see `Robots.step`.
@@ -148,8 +149,9 @@ class Programs:
         """
         for number, rows, robots in self._parts:
             self._present[0] = number
+            own = readings.parts[self._experiment.controllers[number].id]
             try:
-                robots.step(wanted, from_timestep, timestep, times_ns, readings, prox_raw[rows])
+                robots.step(wanted, from_timestep, timestep, times_ns, own, prox_raw[rows])
             except ControllerFailure as failure:
                 raise self._placed(number, failure) from None
             self.wheels_steps_s[rows], self.leds[rows] = robots.wheels_steps_s, robots.leds

@@ -15,11 +15,9 @@ from numpy.typing import NDArray
 
 from vsense.sensors.base import MountedSensor, SensorError, layout_dtype, scale_of
 from vsense.sensors.quality import Delay, Distortion, generator
+from vsense.sensors.readings import SensorReadings
 from vsense.world.sightings import NEVER_NS, in_order
 from vsense.world.world import World
-
-Values = list[tuple[bytes, int]]
-"""One robot's readings in the table's order: value as on the wire, and its capture time [ns]."""
 
 
 class TableEntry(NamedTuple):
@@ -64,8 +62,11 @@ class SensorBank:
             for mounted in sensors
         ]
         self.table = tuple(slot.entry(i + 1) for i, slot in enumerate(self._slots))
+        self._sizes = [entry.size for entry in self.table]
+        self._block = np.zeros((len(self._tags), sum(self._sizes)), dtype=np.uint8)
+        self._captures_ns = np.zeros((len(self._tags), len(self._slots)), dtype=np.int64)
 
-    def encode(self, world: World, timestep: int) -> dict[int, Values]:
+    def encode(self, world: World, timestep: int) -> SensorReadings:
         """Recomputes what is due and gives what every robot, by tag, is sent in this timestep.
 
         The capture time is NEVER_NS where nothing has been measured yet; the value is 0 then.
@@ -75,9 +76,16 @@ class SensorBank:
             SensorError: a sensor gave a number that is not finite or does not fit its layout.
         """
         robots = in_order(world.robots, self._tags)
-        packed = [slot.step(world, robots, timestep) for slot in self._slots]
-        rows = zip(*packed) if packed else ((),) * len(self._tags)
-        return dict(zip(self._tags, map(list, rows)))
+        begin = 0
+        for i, (slot, size) in enumerate(zip(self._slots, self._sizes)):
+            values, self._captures_ns[:, i] = slot.step(world, robots, timestep)
+            self._block[:, begin : begin + size] = values.view(np.uint8)
+            begin += size
+        block, captures_ns = self._block.copy(), self._captures_ns.copy()
+        return SensorReadings(self._tags, self._sizes, block, captures_ns)
+
+
+_Held = tuple[NDArray[Any], NDArray[np.int64]]
 
 
 class _Slot:
@@ -95,21 +103,24 @@ class _Slot:
         self._timesteps = np.full(robots, -quality.update_every, dtype=np.int64)
         self._random = random
         self._distortion = Distortion(quality, self._scale, robots, self._count)
-        self._delay = Delay(quality.latency, self._packed())
+        # Without latency nothing waits, and nothing has to be kept.
+        self._delay = Delay(quality.latency, self._kept()) if quality.latency else None
 
     def entry(self, number: int) -> TableEntry:
         size = self._count * self._values.itemsize
         return TableEntry(number, self._sensor.name, self._sensor.layout, size)
 
-    def step(self, world: World, robots: NDArray[np.void], timestep: int) -> Values:
-        """Renews what is due; gives value and capture time of every robot."""
+    def step(self, world: World, robots: NDArray[np.void], timestep: int) -> _Held:
+        """Renews what is due; gives values (n, k) and capture times (n,) of the robots."""
         due = robots["seen"] & (timestep - self._timesteps >= self._quality.update_every)
         self._timesteps[due] = timestep
         if self._quality.drop_out > 0.0:
             due &= self._random.random(len(due)) >= self._quality.drop_out
         if due.any():
             self._renew(world, robots, due)
-        return self._delay.push(self._packed())
+        if self._delay is None:
+            return self._values, self._captures_ns
+        return self._delay.push(self._kept())
 
     def _renew(self, world: World, robots: NDArray[np.void], due: NDArray[np.bool_]) -> None:
         rows = np.flatnonzero(due)
@@ -150,11 +161,8 @@ class _Slot:
             raise SensorError(f"sensor {name!r}: {wrong} does not fit its layout {layout!r}")
         return values
 
-    def _packed(self) -> Values:
-        rows = self._values.tobytes()
-        size = self._count * self._values.itemsize
-        cut = [rows[i * size : (i + 1) * size] for i in range(len(self._values))]
-        return list(zip(cut, self._captures_ns.tolist(), strict=True))
+    def _kept(self) -> _Held:
+        return self._values.copy(), self._captures_ns.copy()
 
 
 def _range(dtype: np.dtype[Any]) -> tuple[float, float]:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
-from vsense.link.robots.wire import Values, Wanted
+from vsense.link.robots.wire import Wanted
 from vsense.physics.motion import Floats, Physics, floor_of, obstacles
 from vsense.physics.proximity_ring import ProximityRing
 from vsense.physics.wheel_noise import NoisyWheels
@@ -29,6 +29,7 @@ from vsense.robot.loop_library import FUNCTIONS, Colors, LoopLibrary
 from vsense.run.cxx_loop import LoopHost
 from vsense.run.environment import Environment
 from vsense.run.programs import LOADING, LOADING_LOOP, PROGRESS_BYTES, Programs, loading
+from vsense.sensors.readings import SwarmReadings
 from vsense.sim.record import Record, SimulatedTracker
 from vsense.world.entities import Box, Cylinder
 
@@ -215,7 +216,7 @@ class Simulation:
         return EPOCH_NS + self._timestep * self._dt_ns
 
     def _control(
-        self, capture_ns: int, timestep: int, readings: dict[int, Values]
+        self, capture_ns: int, timestep: int, readings: SwarmReadings
     ) -> Callable[[], None]:
         """Makes the event in which the robots sense and their controllers run."""
 
