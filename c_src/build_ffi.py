@@ -129,10 +129,13 @@ KERNELS = Library(
         "c_src/host/vs_latest.h",
         "c_src/host/vs_markers.h",
         "c_src/host/vs_rays.h",
+        "c_src/host/vs_scene.h",
         "c_src/host/vs_light.h",
+        "c_src/host/vs_world.h",
         "c_src/host/vs_physics.h",
         "c_src/host/vs_ring.h",
         "c_src/host/vs_sprites.h",
+        "c_src/host/vs_sim.h",
     ),
     besides=("c_src/vs_err.h",),
 )

@@ -15,11 +15,11 @@ struct place {
     double yaw_rad;
 };
 
-static struct place place_of(const struct vs_places *places, uint32_t robot)
+static struct place place_of(const struct vs_scene *scene, uint32_t robot)
 {
     struct place place;
 
-    memcpy(&place, places->first + robot * places->stride, sizeof place);
+    memcpy(&place, scene->first + robot * scene->stride, sizeof place);
     return place;
 }
 
@@ -51,15 +51,14 @@ static void share_out(const struct vs_light_ring *ring, double bearing_rad, doub
     }
 }
 
-static int read_at_centre(const struct vs_light_ring *ring, const struct vs_obstacles *obstacles,
-                          const struct vs_light *lights, uint32_t count,
+static int read_at_centre(const struct vs_light_ring *ring, const struct vs_scene *scene,
                           const struct place *place, int32_t own, double *sums)
 {
     double centre_m[3] = {place->x_m, place->y_m, 0.0};
     uint32_t l;
 
-    for (l = 0; l < count; l++) {
-        const struct vs_light *light = &lights[l];
+    for (l = 0; l < scene->lights_count; l++) {
+        const struct vs_light *light = &scene->lights[l];
         double way_m[3] = {light->at_m[0] - centre_m[0], light->at_m[1] - centre_m[1],
                            light->at_m[2]};
         double bright = received(ring, light, way_m);
@@ -67,8 +66,8 @@ static int read_at_centre(const struct vs_light_ring *ring, const struct vs_obst
 
         if (bright == 0.0)
             continue;
-        if (obstacles && vs_rays_blocked(obstacles, centre_m, light->at_m, 1, &own, 1,
-                                         &blocked) != VS_OK)
+        if (ring->occlusions && vs_rays_blocked(scene->obstacles, centre_m, light->at_m, 1, &own,
+                                                1, &blocked) != VS_OK)
             return VS_ERR_ARGUMENT;
         if (!blocked)
             share_out(ring, vs_wrap_angle(vs_bearing(way_m[1], way_m[0]) - place->yaw_rad),
@@ -112,9 +111,8 @@ static double at_sensor(const struct vs_light_ring *ring, const struct vs_light 
     return light->intensity * light->intensity / vs_most(squared, least);
 }
 
-static int read_at_sensors(const struct vs_light_ring *ring,
-                           const struct vs_obstacles *obstacles, const struct vs_light *lights,
-                           uint32_t count, const struct place *place, double *sums)
+static int read_at_sensors(const struct vs_light_ring *ring, const struct vs_scene *scene,
+                           const struct place *place, double *sums)
 {
     static const int32_t nobody[VS_LIGHT_SENSORS_MAX];
     double points_m[3 * VS_LIGHT_SENSORS_MAX];
@@ -122,38 +120,39 @@ static int read_at_sensors(const struct vs_light_ring *ring,
     uint32_t k, l;
 
     find_sensors(ring, place, points_m);
-    for (l = 0; l < count; l++) {
+    for (l = 0; l < scene->lights_count; l++) {
+        const struct vs_light *light = &scene->lights[l];
+
         memset(seen, 1, sizeof seen);
-        if (obstacles && vs_sight_seen(obstacles, points_m, ring->sensors, lights[l].at_m, 1,
-                                       nobody, 0, seen) != VS_OK)
+        if (ring->occlusions && vs_sight_seen(scene->obstacles, points_m, ring->sensors,
+                                              light->at_m, 1, nobody, 0, seen) != VS_OK)
             return VS_ERR_ARGUMENT;
         for (k = 0; k < ring->sensors; k++)
             if (seen[k])
-                sums[k] += at_sensor(ring, &lights[l], points_m + 3 * k,
+                sums[k] += at_sensor(ring, light, points_m + 3 * k,
                                      place->yaw_rad + ring->angles_rad[k]);
     }
     return VS_OK;
 }
 
-int vs_light_read(const struct vs_light_ring *ring, const struct vs_obstacles *obstacles,
-                  const struct vs_light *lights, uint32_t count,
-                  const struct vs_places *places, double *readings, size_t step)
+int vs_light_read(const void *light_ring, const struct vs_scene *scene, double *readings)
 {
+    const struct vs_light_ring *ring = light_ring;
     uint32_t i, k;
 
     if (ring->sensors > VS_LIGHT_SENSORS_MAX)
         return VS_ERR_ARGUMENT;
-    for (i = 0; i < places->count; i++) {
-        struct place place = place_of(places, i);
-        double *sums = readings + i * step;
+    for (i = 0; i < scene->robots; i++) {
+        struct place place = place_of(scene, i);
+        double *sums = readings + i * ring->step;
         int err;
 
         for (k = 0; k < ring->sensors; k++)
             sums[k] = 0.0;
         if (ring->formula == VS_LIGHT_AT_CENTRE)
-            err = read_at_centre(ring, obstacles, lights, count, &place, places->bodies[i], sums);
+            err = read_at_centre(ring, scene, &place, scene->own[i], sums);
         else
-            err = read_at_sensors(ring, obstacles, lights, count, &place, sums);
+            err = read_at_sensors(ring, scene, &place, sums);
         if (err != VS_OK)
             return err;
         for (k = 0; k < ring->sensors; k++)

@@ -6,19 +6,12 @@
 #ifndef VS_LIGHT_H
 #define VS_LIGHT_H
 
-#include <stddef.h>
-#include <stdint.h>
-
 #include "vs_rays.h"
+#include "vs_scene.h"
 
 #define VS_LIGHT_SENSORS_MAX 64 /* of a ring */
 #define VS_LIGHT_AT_SENSORS 0   /* (intensity / distance)^2 from each sensor: thesis 4.2.2 */
 #define VS_LIGHT_AT_CENTRE 1    /* ARGoS's epuck_light: from the robot's centre on the floor */
-
-struct vs_light {
-    double at_m[3];
-    double intensity; /* > 0 */
-};
 
 /* What is the same for all robots; sensors/light.py says what the formulas are. */
 struct vs_light_ring {
@@ -32,23 +25,14 @@ struct vs_light_ring {
     double view_rad;          /* nor those farther off a sensor's axis than half of this */
     double most;              /* no sum is larger; may be infinity */
     double gain;              /* readings are multiplied by it in the end */
-};
-
-/* Where robots are: x, y and yaw as three doubles, in any alignment, stride bytes apart. */
-struct vs_places {
-    const uint8_t *first;
-    size_t stride;
-    uint32_t count;
-    const int32_t *bodies; /* [count] number of each robot's own among the obstacles, -1: none */
+    int occlusions;           /* whether anything stands in the way */
+    size_t step;              /* from a robot's readings to the next one's, >= sensors */
 };
 
 /*
- * Reads the rings of all robots: readings[i * step + k] is sensor k of robot i. obstacles may
- * be NULL: then nothing stands in the way. A robot's own body stands in the way of its
- * sensors, not of its centre. Errors: as vs_rays_blocked.
+ * Reads the rings, struct vs_light_ring, of all robots: readings[i * step + k] is sensor k of robot i. A robot's
+ * own body stands in the way of its sensors, not of its centre. Errors: as vs_rays_blocked.
  */
-int vs_light_read(const struct vs_light_ring *ring, const struct vs_obstacles *obstacles,
-                  const struct vs_light *lights, uint32_t count,
-                  const struct vs_places *places, double *readings, size_t step);
+int vs_light_read(const void *light_ring, const struct vs_scene *scene, double *readings);
 
 #endif

@@ -68,7 +68,7 @@ struct scene {
     int32_t own[ROBOTS];
     struct vs_light lights[LIGHTS];
     double angles_rad[SENSORS];
-    struct vs_places at;
+    struct vs_scene at;
     struct vs_light_ring ring;
 };
 
@@ -88,6 +88,7 @@ static void set_ring(struct scene *s, uint32_t formula)
     s->ring.view_rad = seed % 2 ? draw(1.0, 6.0) : 2.0 * PI;
     s->ring.most = seed % 4 < 2 ? 1.0 : INFINITY;
     s->ring.gain = draw(1.0, 4096.0);
+    s->ring.step = STEP;
 }
 
 static void draw_scene(struct scene *s, uint32_t formula)
@@ -117,8 +118,11 @@ static void draw_scene(struct scene *s, uint32_t formula)
     vs_obstacles_sort(&s->obstacles, s->memory);
     s->at.first = s->rows + 1;
     s->at.stride = 29;
-    s->at.count = ROBOTS;
-    s->at.bodies = s->own;
+    s->at.robots = ROBOTS;
+    s->at.own = s->own;
+    s->at.lights = s->lights;
+    s->at.lights_count = LIGHTS;
+    s->at.obstacles = &s->obstacles;
     set_ring(s, formula);
 }
 
@@ -178,8 +182,8 @@ static void readings_are_the_formulas(uint32_t formula, int occlusions)
     draw_scene(&scene, formula);
     for (i = 0; i < ROBOTS * STEP; i++)
         readings[i] = -7.0;
-    CHECK(vs_light_read(&scene.ring, occlusions ? &scene.obstacles : NULL, scene.lights, LIGHTS,
-                        &scene.at, readings, STEP) == VS_OK);
+    scene.ring.occlusions = occlusions;
+    CHECK(vs_light_read(&scene.ring, &scene.at, readings) == VS_OK);
     for (i = 0; i < ROBOTS; i++)
         for (k = 0; k < STEP; k++) {
             double expected = k < SENSORS ? 0.0 : -7.0;
@@ -206,12 +210,11 @@ static void what_cannot_be_is_refused(void)
         scene.lights[1].at_m[0] = 1e6;
         scene.lights[1].intensity = 1e9;
         scene.ring.range_m = 1e9;
-        CHECK(vs_light_read(&scene.ring, &scene.obstacles, scene.lights, LIGHTS, &scene.at,
-                            readings, STEP) == VS_ERR_ARGUMENT);
+        scene.ring.occlusions = 1;
+        CHECK(vs_light_read(&scene.ring, &scene.at, readings) == VS_ERR_ARGUMENT);
     }
     scene.ring.sensors = VS_LIGHT_SENSORS_MAX + 1;
-    CHECK(vs_light_read(&scene.ring, NULL, scene.lights, LIGHTS, &scene.at, readings, STEP) ==
-          VS_ERR_ARGUMENT);
+    CHECK(vs_light_read(&scene.ring, &scene.at, readings) == VS_ERR_ARGUMENT);
 }
 
 int main(void)

@@ -202,6 +202,13 @@ class Environment:
             equipment.actuators.apply(self.world, reports, senders)
         self.world.step()
 
+    @property
+    def is_quiet(self) -> bool:
+        """Whether in a timestep nothing happens here but that everything is sensed."""
+        acting = any(len(some.actuators.table) for some in self.equipment)
+        moving = acting or self.world.fields or self.experiment.virtual_robots
+        return self._loop is None and self._swarm is None and not moving
+
     def end(self) -> dict[str, float]:
         """Ends the run; gives its results by name: the world's, or those of the user's `end`."""
         if self._swarm is not None:

@@ -156,6 +156,27 @@ class Programs:
                 raise self._placed(number, failure) from None
             self.wheels_steps_s[rows], self.leds[rows] = robots.wheels_steps_s, robots.leds
 
+    def parts(self) -> list[tuple[int, NDArray[np.intp], Robots]]:
+        """Each controller's number in the experiment, rows of its robots, and the robots."""
+        return self._parts
+
+    def by_controller(self) -> list[tuple[str, Robots]]:
+        """The robots of each controller, by its id."""
+        return [(self._experiment.controllers[number].id, part) for number, _, part in self._parts]
+
+    @property
+    def present(self) -> memoryview:
+        """Where the number of the controller that runs is noted, a u32."""
+        return self._present
+
+    def check(self) -> None:
+        """Raises SimError where a controller cannot go on, as `step`."""
+        for number, _, robots in self._parts:
+            try:
+                robots.check()
+            except ControllerFailure as failure:
+                raise self._placed(number, failure) from None
+
     def reports(self) -> dict[int, bytes]:
         """See `Robots.reports`."""
         return {tag: block for *_, robots in self._parts for tag, block in robots.reports().items()}

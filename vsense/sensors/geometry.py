@@ -92,18 +92,22 @@ class Ring:
         return points
 
 
-class RobotPlaces:
-    """Where robots (n,) are, as C takes it: `cdata` is a `struct vs_places *`.
+class SensedScene:
+    """What sensors in C read of a world: `cdata` is a `struct vs_scene *`.
 
-    `rows` (n,) are those of their bodies in `world.bodies()`. The poses are not copied.
+    It holds until the next update of the world or change of an entity; the poses are not copied.
     """
 
-    def __init__(self, robots: Robots, rows: NDArray[np.intp]) -> None:
-        self._kept = robots, np.ascontiguousarray(rows, dtype=np.int32)
-        self.cdata: Any = kernel_ffi.new("struct vs_places *")
+    def __init__(self, world: World, robots: Robots, rows: NDArray[np.intp]) -> None:
+        """Robots (n,) with their rows in `world.bodies()`."""
+        lights, bodies = world.light_table(), world.bodies()
+        self._kept = robots, np.ascontiguousarray(rows, dtype=np.int32), lights, bodies
+        self.cdata: Any = kernel_ffi.new("struct vs_scene *")
         self.cdata.first = kernel_ffi.cast("uint8_t *", robots.ctypes.data + _PLACE_AT)
-        self.cdata.stride, self.cdata.count = robots.strides[0], len(robots)
-        self.cdata.bodies = kernel_ffi.from_buffer("int32_t[]", self._kept[1])
+        self.cdata.stride, self.cdata.robots = robots.strides[0], len(robots)
+        self.cdata.own = kernel_ffi.from_buffer("int32_t[]", self._kept[1])
+        self.cdata.lights, self.cdata.lights_count = lights.cdata, len(lights)
+        self.cdata.obstacles = bodies.cdata
 
 
 def seen_from(robots: Robots, x_m: ArrayLike, y_m: ArrayLike) -> tuple[Floats, Floats]:

@@ -35,13 +35,13 @@ from typing import Any
 import numpy as np
 
 from vsense.native import check, kernel_ffi, kernels
-from vsense.sensors.base import Readings, Robots, Scope
+from vsense.sensors.base import ReadFunction, Readings, Robots, Scope
 from vsense.sensors.geometry import (
     NEAREST_M,
     RING_HEIGHT_M,
     RING_RADIUS_M,
     Ring,
-    RobotPlaces,
+    SensedScene,
     field_of_view,
     rows_of,
 )
@@ -95,14 +95,15 @@ class LightSensor:
         count = len(self.ring)
         readings = np.empty((len(robots), 2 * count if self.angles else count))
         readings[:, count:] = self.ring.angles_rad if self.angles else 0.0
-        bodies = world.bodies().cdata if self.occlusions else kernel_ffi.NULL
-        lights, places = world.light_table(), RobotPlaces(robots, rows_of(world, robots))
-        code = kernels.vs_light_read(
-            self.cdata, bodies, lights.cdata, len(lights), places.cdata,
-            kernel_ffi.from_buffer("double[]", readings), readings.shape[1],
-        )  # fmt: skip
-        check(code, "lines of sight")
+        scene = SensedScene(world, robots, rows_of(world, robots))
+        given = kernel_ffi.from_buffer("double[]", readings)
+        check(kernels.vs_light_read(self.cdata, scene.cdata, given), "lines of sight")
         return readings
+
+    @property
+    def kernel(self) -> ReadFunction | None:
+        """See `vsense/sensors/base.py`."""
+        return None if self.angles else ReadFunction(kernels, "vs_light_read", self.cdata)
 
     @cached_property
     def cdata(self) -> Any:
@@ -113,7 +114,8 @@ class LightSensor:
         made.radius_m, made.height_m, made.nearest_m = RING_RADIUS_M, RING_HEIGHT_M, NEAREST_M
         made.range_m, made.view_rad = self.range_m, self.field_of_view_rad
         made.most = 1.0 if self.formula != "thesis" and self.limited else np.inf
-        made.gain = self.gain
+        made.gain, made.occlusions = self.gain, self.occlusions
+        made.step = 2 * len(self.ring) if self.angles else len(self.ring)
         return made
 
     @cached_property

@@ -30,6 +30,7 @@ from vsense.run.cxx_loop import LoopHost
 from vsense.run.environment import Environment
 from vsense.run.programs import LOADING, LOADING_LOOP, PROGRESS_BYTES, Programs, loading
 from vsense.sensors.readings import SwarmReadings
+from vsense.sim.chain import Chain, ChainedParts, ChainTimes, chained
 from vsense.sim.record import Record, SimulatedTracker
 from vsense.world.entities import Box, Cylinder
 
@@ -124,6 +125,7 @@ class Simulation:
         self._reports, self._events = dict[int, bytes](), list[_Event]()
         self._names = {robot.tag: robot.id for robot in experiment.robots}
         self._now_ns, self._driven = EPOCH_NS, self._robots.wheels_steps_s.copy()
+        self._chain: Chain | None = None
         self._version, self._standing = -1, _standing(experiment.boxes, experiment.cylinders)
         self._follow()
 
@@ -145,10 +147,11 @@ class Simulation:
             raise
 
     def _run(self) -> dict[str, float]:
-        for run_timestep in range(-WARM_UP, len(self.record.timesteps)):
-            self.step(run_timestep)
+        run_timestep = -WARM_UP
+        while run_timestep < len(self.record.timesteps):
+            run_timestep += self._go_on(run_timestep)
             if self.environment.finished:
-                self.record.end(run_timestep + 1)
+                self.record.end(run_timestep)
                 break
         self._advance(self._capture_ns())
         self._robots.end()
@@ -157,6 +160,30 @@ class Simulation:
         results = self.environment.end()
         self._note_said(len(self.record.timesteps) - 1)
         return results
+
+    def _go_on(self, run_timestep: int) -> int:
+        """Runs at least one timestep; says how many."""
+        if run_timestep == 1 and self.samples is None and self._slip.is_quiet:
+            self._chain = self._chained()
+        if self._chain is None:
+            self.step(run_timestep)
+            return 1
+        left = len(self.record.timesteps) - run_timestep
+        self._chain.wheels[:], self._chain.leds[:] = self._driven, self._leds
+        done = self._chain.run(self._timestep, self._capture_ns(), run_timestep, left)
+        self._timestep += done
+        self._driven, self._leds = self._chain.wheels.copy(), self._chain.leds.copy()
+        self._now_ns = self._capture_ns() - self._dt_ns + ACT_NS
+        self._robots.check()
+        self._note(run_timestep + done - 1)
+        return done
+
+    def _chained(self) -> Chain | None:
+        """What runs the timesteps that are C from the first to the last, if all are."""
+        tracker, environment = self._tracker, self.environment
+        whole = (self._physics, self._rings, tracker, environment, self._robots, self.record)
+        times = ChainTimes(self._dt_ns, SENSE_NS, CONTROL_NS, ACT_NS)
+        return chained(ChainedParts(*whole), times)
 
     def _break_off(self) -> None:
         """Ends the record of a run that has failed, with the last words of all."""
@@ -168,7 +195,7 @@ class Simulation:
             self.samples.end(self.environment.world)
 
     def step(self, run_timestep: int) -> None:
-        """Runs one timestep, negative before the run, up to the moment before the next capture."""
+        """Runs one timestep, negative before the run, until wheels obey or to the next capture."""
         capture_ns = self._capture_ns()
         self._advance(capture_ns)
         poses, world = self._physics.poses, self.environment.world
@@ -183,6 +210,8 @@ class Simulation:
                 self.samples.add(run_timestep, world)
         self._plan(capture_ns + SENSE_NS, self._control(capture_ns, self._timestep, readings))
         self._timestep += 1
+        if self._dt_ns > ACT_NS:  # else the next capture comes first
+            self._advance(capture_ns + ACT_NS)
 
     def _note_said(self, run_timestep: int) -> None:
         """Keeps what loop functions log; before the run, with its first timestep."""
