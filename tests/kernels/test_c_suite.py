@@ -25,7 +25,7 @@ PICTURES = [
     for part in ("math", "lens", "scan", "shape", "outline", "edges", "markers")
 ]
 RAYS = [HOST / f"vs_{part}.c" for part in ("math", "sight", "rays", "obstacles")]
-FLOOR = [HOST / f"vs_{part}.c" for part in ("math", "contacts", "physics", "ring")]
+FLOOR = [HOST / f"vs_{part}.c" for part in ("math", "near", "contacts", "physics", "ring")]
 SUITES = {
     "test_scan": PICTURES,
     "test_rays": RAYS,

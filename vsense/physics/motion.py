@@ -44,6 +44,8 @@ class Neighbourhood:
             np.ascontiguousarray(np.hstack([table[:, :2], axis, table[:, 3:] / 2])),
             np.zeros((len(radii), 2)),
             np.empty(max(self.room, 1), dtype=_PAIR),
+            np.empty(len(radii), dtype=np.uint32),
+            np.empty(2 * len(radii), dtype=np.uint32),
         )
         near: Any = kernel_ffi.new("struct vs_near *")
         near.robots, near.bodies, near.boxes = robots, len(radii), len(table)
@@ -51,6 +53,7 @@ class Neighbourhood:
             pointer("double", array) for array in self._kept[:3]
         )
         near.pairs = pointer("struct vs_pair", self._kept[3])
+        near.next, near.heads = (pointer("uint32_t", array) for array in self._kept[4:])
         self.cdata = near
 
 
