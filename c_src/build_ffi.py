@@ -132,6 +132,7 @@ KERNELS = Library(
         "c_src/host/vs_scene.h",
         "c_src/host/vs_light.h",
         "c_src/host/vs_world.h",
+        "c_src/host/vs_field.h",
         "c_src/host/vs_physics.h",
         "c_src/host/vs_ring.h",
         "c_src/host/vs_sprites.h",
