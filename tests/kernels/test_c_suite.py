@@ -30,7 +30,9 @@ SUITES = {
     "test_scan": PICTURES,
     "test_rays": RAYS,
     "test_light": [*RAYS, HOST / "vs_light.c"],
+    "test_world": [*RAYS, *(HOST / f"vs_{part}.c" for part in ("world", "scene", "field"))],
     "test_physics": FLOOR,
+    "test_sim": [*RAYS, *FLOOR[1:], *(HOST / f"vs_{p}.c" for p in ("world", "scene", "sim"))],
 }
 """C test -> the kernel's files: none needs another kernel's."""
 
