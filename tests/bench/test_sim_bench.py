@@ -63,8 +63,11 @@ def test_the_report_is_as_promised(
     assert [row["robots"] for row in report["rows"]] == [15, 100, 1000]
     assert [row["timesteps"] for row in report["rows"]] == [40, 10, 10]
     for row in report["rows"]:
-        assert set(row) == {"robots", "timesteps", "robot_steps_per_s"}
+        assert set(row) == {"robots", "timesteps", "robot_steps_per_s", "us_per_timestep"}
         assert row["robot_steps_per_s"] > 0.0
+        parts = {"physics", "world", "bodies", "sensors", "rings", "controllers", "rest"}
+        assert set(row["us_per_timestep"]) == parts
+        assert min(row["us_per_timestep"].values()) >= 0.0
     assert report["startup_s"] > 0.0
     assert "round 1 of 1" in captured.err
     assert "1000" in sim.table(report)

@@ -22,6 +22,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -29,8 +30,10 @@ from typing import Any
 
 import numpy as np
 
+from vsense.native import kernel_ffi, kernels
 from vsense.run.programs import shared_objects
 from vsense.sim.job import Job, Setup
+from vsense.sim.simulation import WARM_UP, Simulation
 from vsense.sim.watch import Task, simulate_all
 from vsense.terminal import aligned
 
@@ -46,26 +49,29 @@ _INTENSITY_PER_M = 0.4
 _WALL_M = 0.02
 STEPS_OF_ALL = 60_000
 """Robots times timesteps of a run, at least MIN_STEPS timesteps."""
-MIN_STEPS = 60
+MIN_STEPS = 200
 _SEED = 14
+_REPEATS = 50
 
 Say = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
 class SimRow:
-    """One size of swarm."""
+    """One size of swarm; `us_per_timestep` says where the time of a timestep goes."""
 
     robots: int
     timesteps: int
     robot_steps_per_s: float
+    us_per_timestep: dict[str, float]
 
 
 def run(rounds: int, say: Say, robots: Sequence[int] = ROBOTS) -> dict[str, Any]:
     """Runs the benchmark: in each round each number of robots has its turn.
 
     Returns:
-        The report: `rows`, and `startup_s`, the processor time of a run of one second.
+        The report: `rows`, see `SimRow` and `parts_us` (and the `rest`), and `startup_s`, the
+        processor time of a run of one second.
 
     Raises:
         VsenseError: the controller cannot be built, or a simulation failed.
@@ -80,10 +86,14 @@ def run(rounds: int, say: Say, robots: Sequence[int] = ROBOTS) -> dict[str, Any]
             for count in robots:
                 rates[count].append(_rate(tasks[count]))
             startups.append(startup_s(paths[min(robots)]))
-    rows = [
-        SimRow(count, timesteps_of(count), float(np.median(spent[1:])))
-        for count, spent in rates.items()
-    ]
+        say("the parts of a timestep")
+        parts = {count: parts_us(task) for count, task in tasks.items()}
+    rows = []
+    for count, spent in rates.items():
+        rate = float(np.median(spent[1:]))
+        rest_us = 1e6 * count / rate - sum(parts[count].values())
+        where = {**parts[count], "rest": max(rest_us, 0.0)}
+        rows.append(SimRow(count, timesteps_of(count), rate, where))
     return {"rows": [asdict(row) for row in rows], "startup_s": float(np.median(startups[1:]))}
 
 
@@ -104,6 +114,63 @@ def _rate(task: Task) -> float:
     """Simulates a run; gives robot-steps per second of processor time."""
     ((_, result),) = simulate_all([task], 1, threading.Event(), lambda workers: None)
     return float(result["robots"] * result["timesteps"] / result["cpu_s"])
+
+
+def parts_us(task: Task) -> dict[str, float]:
+    """Times each kernel of a timestep alone, after a run: processor time [us], medians.
+
+    `physics` moves everything on by a timestep; `world` is the tracker's state and its update of
+    the world; `bodies` sorts what stands in the way of light; `sensors` are the virtual ones;
+    `rings` the robots' proximity sensors; `controllers` are the robots' programs.
+    """
+    job = task.job
+    libraries = {name: Path(path) for name, path in job.libraries.items()}
+    run, timestep = Simulation(task.experiment, libraries, job.seed), -WARM_UP
+    while timestep < task.experiment.timesteps:
+        timestep += run.go_on(timestep)
+    assert run.chain is not None
+    sim = run.chain.cdata
+    poses, room = sim.physics.poses, np.zeros(8 * len(task.experiment.robots))
+    nothing = kernel_ffi.from_buffer("double[]", room)
+
+    def see() -> None:
+        kernels.vs_tracker_see(sim.tracker, poses, nothing, sim.capture_ns)
+        kernels.vs_world_update(sim.world, sim.tracker.states, sim.tracker.count)
+
+    def sense() -> None:
+        for sensor in sim.sensors[0 : sim.sensors_count]:
+            sensor.read(sensor.sensor, sensor.scene, sensor.sent.fresh)
+            kernels.vs_sent_renew(sensor.sent, sim.capture_ns)
+
+    def move() -> None:
+        sim.capture_ns += sim.dt_ns
+        kernels.vs_physics_advance(sim.physics, sim.capture_ns)
+
+    (program,) = sim.programs[0 : sim.programs_count]
+
+    def control() -> None:
+        program.timestep[0] += 1
+        program.capture_ns[0] += sim.dt_ns
+        program.now_ns[0] += sim.dt_ns
+        program.step(program.all, program.now)
+
+    return {
+        "physics": _median_us(move),
+        "world": _median_us(see),
+        "bodies": _median_us(lambda: kernels.vs_crowd_stand(sim.crowd, sim.capture_ns)),
+        "sensors": _median_us(sense),
+        "rings": _median_us(lambda: kernels.vs_rings_read(sim.rings, poses, nothing)),
+        "controllers": _median_us(control),
+    }
+
+
+def _median_us(work: Callable[[], object]) -> float:
+    spent = []
+    for _ in range(_REPEATS):
+        begin = time.thread_time_ns()
+        work()
+        spent.append(time.thread_time_ns() - begin)
+    return 1e-3 * float(np.median(spent))
 
 
 def startup_s(path: Path) -> float:
@@ -194,5 +261,10 @@ def table(report: dict[str, Any]) -> str:
         rate = row["robot_steps_per_s"]
         times = rate / row["robots"] * TIMESTEP_S
         lines.append((str(row["robots"]), f"{rate:,.0f}", f"{times:,.0f}"))
+    lines += [("", "", "")]
+    lines += [("robots", "part", "us of a timestep")]
+    for row in report["rows"]:
+        spent = row["us_per_timestep"].items()
+        lines += [(str(row["robots"]), part, f"{us:.1f}") for part, us in spent]
     startup = f"start-up of a run: {report['startup_s']:.2f} s of processor time"
     return "\n".join([*aligned(lines, left=0), "", startup])

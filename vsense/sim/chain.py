@@ -49,6 +49,7 @@ class Chain:
     Attributes:
         wheels: (n, 2) int16, what the robots' wheels were told last.
         leds: (n,) uint16, their LEDs.
+        cdata: the `struct vs_sim *`.
     """
 
     def __init__(self, parts: ChainedParts, sensors: list[SensorKernel], times: ChainTimes) -> None:
@@ -59,7 +60,7 @@ class Chain:
         self._present = np.frombuffer(parts.programs.present, dtype=np.uint32)
         self._bodies = parts.environment.world.bodies()
         self._kept: list[Any] = []
-        self._sim = self._made(times)
+        self.cdata = self._made(times)
 
     def run(self, timestep: int, capture_ns: int, run_timestep: int, most: int) -> int:
         """Runs up to `most` timesteps, fewer where somebody has to look at the controllers.
@@ -78,7 +79,7 @@ class Chain:
         Raises:
             VsenseError: a sensor gave what must not reach a robot.
         """
-        sim = self._sim
+        sim = self.cdata
         sim.timestep, sim.capture_ns, sim.has_seen = timestep, capture_ns, 0
         count = min(most, self._point_to(run_timestep))
         code, done = kernels.vs_sim_run(sim, count), int(sim.done)
@@ -97,7 +98,7 @@ class Chain:
 
     def _point_to(self, run_timestep: int) -> int:
         """Sets where a timestep takes its random numbers from; for how many they are enough."""
-        sim, parts = self._sim, self._parts
+        sim, parts = self.cdata, self._parts
         ahead = [parts.tracker.errors(), parts.rings.noise()]
         sim.errors, sim.noise = (pointer("double", some) for some in ahead)
         for row, sensor in zip(self._sensor_rows, self._sensors):

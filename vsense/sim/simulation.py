@@ -86,6 +86,7 @@ class Simulation:
         environment: the virtual world.
         record: the run's timesteps.
         samples: collects what the picture of the run needs; None: there is no picture.
+        chain: what runs whole timesteps in C, from the run's second one on; None: nothing does.
     """
 
     def __init__(
@@ -125,7 +126,7 @@ class Simulation:
         self._reports, self._events = dict[int, bytes](), list[_Event]()
         self._names = {robot.tag: robot.id for robot in experiment.robots}
         self._now_ns, self._driven = EPOCH_NS, self._robots.wheels_steps_s.copy()
-        self._chain: Chain | None = None
+        self.chain: Chain | None = None
         self._version, self._standing = -1, _standing(experiment.boxes, experiment.cylinders)
         self._follow()
 
@@ -149,7 +150,7 @@ class Simulation:
     def _run(self) -> dict[str, float]:
         run_timestep = -WARM_UP
         while run_timestep < len(self.record.timesteps):
-            run_timestep += self._go_on(run_timestep)
+            run_timestep += self.go_on(run_timestep)
             if self.environment.finished:
                 self.record.end(run_timestep)
                 break
@@ -161,18 +162,18 @@ class Simulation:
         self._note_said(len(self.record.timesteps) - 1)
         return results
 
-    def _go_on(self, run_timestep: int) -> int:
+    def go_on(self, run_timestep: int) -> int:
         """Runs at least one timestep; says how many."""
         if run_timestep == 1 and self.samples is None and self._slip.is_quiet:
-            self._chain = self._chained()
-        if self._chain is None:
+            self.chain = self._chained()
+        if self.chain is None:
             self.step(run_timestep)
             return 1
         left = len(self.record.timesteps) - run_timestep
-        self._chain.wheels[:], self._chain.leds[:] = self._driven, self._leds
-        done = self._chain.run(self._timestep, self._capture_ns(), run_timestep, left)
+        self.chain.wheels[:], self.chain.leds[:] = self._driven, self._leds
+        done = self.chain.run(self._timestep, self._capture_ns(), run_timestep, left)
         self._timestep += done
-        self._driven, self._leds = self._chain.wheels.copy(), self._chain.leds.copy()
+        self._driven, self._leds = self.chain.wheels.copy(), self.chain.leds.copy()
         self._now_ns = self._capture_ns() - self._dt_ns + ACT_NS
         self._robots.check()
         self._note(run_timestep + done - 1)
