@@ -123,11 +123,7 @@ def parts_us(task: Task) -> dict[str, float]:
     the world; `bodies` sorts what stands in the way of light; `sensors` are the virtual ones;
     `rings` the robots' proximity sensors; `controllers` are the robots' programs.
     """
-    job = task.job
-    libraries = {name: Path(path) for name, path in job.libraries.items()}
-    run, timestep = Simulation(task.experiment, libraries, job.seed), -WARM_UP
-    while timestep < task.experiment.timesteps:
-        timestep += run.go_on(timestep)
+    run = _run_of(task)
     assert run.chain is not None
     sim = run.chain.cdata
     poses, room = sim.physics.poses, np.zeros(8 * len(task.experiment.robots))
@@ -162,6 +158,15 @@ def parts_us(task: Task) -> dict[str, float]:
         "rings": _median_us(lambda: kernels.vs_rings_read(sim.rings, poses, nothing)),
         "controllers": _median_us(control),
     }
+
+
+def _run_of(task: Task) -> Simulation:
+    """A run after its last timestep, whose controllers can go on."""
+    libraries = {name: Path(path) for name, path in task.job.libraries.items()}
+    run, timestep = Simulation(task.experiment, libraries, task.job.seed), -WARM_UP
+    while timestep < task.experiment.timesteps:
+        timestep += run.go_on(timestep)
+    return run
 
 
 def _median_us(work: Callable[[], object]) -> float:
