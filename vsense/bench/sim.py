@@ -32,6 +32,7 @@ import numpy as np
 
 from vsense.native import kernel_ffi, kernels
 from vsense.run.programs import shared_objects
+from vsense.sim.chain import Chain
 from vsense.sim.job import Job, Setup
 from vsense.sim.simulation import WARM_UP, Simulation
 from vsense.sim.watch import Task, simulate_all
@@ -123,9 +124,7 @@ def parts_us(task: Task) -> dict[str, float]:
     the world; `bodies` sorts what stands in the way of light; `sensors` are the virtual ones;
     `rings` the robots' proximity sensors; `controllers` are the robots' programs.
     """
-    run = _run_of(task)
-    assert run.chain is not None
-    sim = run.chain.cdata
+    sim = _run_of(task).cdata
     poses, room = sim.physics.poses, np.zeros(8 * len(task.experiment.robots))
     nothing = kernel_ffi.from_buffer("double[]", room)
 
@@ -160,13 +159,14 @@ def parts_us(task: Task) -> dict[str, float]:
     }
 
 
-def _run_of(task: Task) -> Simulation:
-    """A run after its last timestep, whose controllers can go on."""
+def _run_of(task: Task) -> Chain:
+    """The timesteps in C of a run after its last one, whose controllers can go on."""
     libraries = {name: Path(path) for name, path in task.job.libraries.items()}
     run, timestep = Simulation(task.experiment, libraries, task.job.seed), -WARM_UP
     while timestep < task.experiment.timesteps:
         timestep += run.go_on(timestep)
-    return run
+    assert run.chain is not None
+    return run.chain
 
 
 def _median_us(work: Callable[[], object]) -> float:
