@@ -124,7 +124,8 @@ def parts_us(task: Task) -> dict[str, float]:
     the world; `bodies` sorts what stands in the way of light; `sensors` are the virtual ones;
     `rings` the robots' proximity sensors; `controllers` are the robots' programs.
     """
-    sim = _run_of(task).cdata
+    chain = _run_of(task)  # it keeps what the structure points to
+    sim = chain.cdata
     poses, room = sim.physics.poses, np.zeros(8 * len(task.experiment.robots))
     nothing = kernel_ffi.from_buffer("double[]", room)
 
