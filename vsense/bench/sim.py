@@ -125,9 +125,8 @@ def parts_us(task: Task) -> dict[str, float]:
     `rings` the robots' proximity sensors; `controllers` are the robots' programs.
     """
     chain = _run_of(task)  # it keeps what the structure points to
-    sim = chain.cdata
-    poses, room = sim.physics.poses, np.zeros(8 * len(task.experiment.robots))
-    nothing = kernel_ffi.from_buffer("double[]", room)
+    sim, poses = chain.cdata, chain.cdata.physics.poses
+    nothing = kernel_ffi.new("double[]", 8 * len(task.experiment.robots))
 
     def see() -> None:
         kernels.vs_tracker_see(sim.tracker, poses, nothing, sim.capture_ns)
