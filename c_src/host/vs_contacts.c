@@ -4,82 +4,10 @@
 #include "vs_math.h"
 
 #define MARGIN_M 0.004    /* gaps up to here take part: more than two robots close in a tick */
+#define SLACK_M 1e-9      /* more than rounding changes a gap by */
 #define TOLERANCE_M 1e-5  /* overlap, or needless gap, that a solution may leave */
 #define MAX_ITERATIONS 100
 #define NONE UINT32_MAX
-
-#define REACH_M 0.11 /* farthest thing a robot can feel from its centre: ring and infrared */
-#define SKIN_M 0.02  /* extra reach of the pairs: they hold until somebody moved half of it */
-#define MOVED_M (SKIN_M / 2.0 / 1.4142135623730951) /* along one axis */
-
-/* 1 if somebody has moved so far that a pair may be missing. */
-static int is_due(const struct vs_near *near, const double *positions_m, uint32_t stride)
-{
-    uint32_t b;
-
-    for (b = 0; b < near->bodies && near->searches > 0; b++) {
-        double x = positions_m[b * stride] - near->searched_m[2 * b];
-        double y = positions_m[b * stride + 1] - near->searched_m[2 * b + 1];
-
-        if (!(x > -MOVED_M && x < MOVED_M && y > -MOVED_M && y < MOVED_M))
-            return 1;
-    }
-    return near->searches == 0;
-}
-
-static void add(struct vs_near *near, uint32_t robot, uint32_t other)
-{
-    near->pairs[near->count].robot = robot;
-    near->pairs[near->count].other = other;
-    near->count++;
-}
-
-static void search_bodies(struct vs_near *near, uint32_t robot)
-{
-    const double *at = near->searched_m;
-    uint32_t b;
-
-    for (b = 0; b < near->bodies; b++) {
-        double reach_m = REACH_M + SKIN_M + near->radii_m[b];
-        double x = at[2 * b] - at[2 * robot];
-        double y = at[2 * b + 1] - at[2 * robot + 1];
-
-        if (x * x + y * y < reach_m * reach_m && b != robot)
-            add(near, robot, b);
-    }
-}
-
-static void search_boxes(struct vs_near *near, uint32_t robot)
-{
-    const double *at = near->searched_m + 2 * robot;
-    double normal[2];
-    uint32_t b;
-
-    for (b = 0; b < near->boxes; b++) {
-        const double *row = near->box_rows + VS_BOX_NUMBERS * b;
-
-        if (vs_box_gap(row, at[0], at[1], normal) < REACH_M + SKIN_M / 2.0)
-            add(near, robot, near->bodies + b);
-    }
-}
-
-void vs_near_update(struct vs_near *near, const double *positions_m, uint32_t stride)
-{
-    uint32_t b;
-
-    if (!is_due(near, positions_m, stride))
-        return;
-    near->searches++;
-    near->count = 0;
-    for (b = 0; b < near->bodies; b++) {
-        near->searched_m[2 * b] = positions_m[b * stride];
-        near->searched_m[2 * b + 1] = positions_m[b * stride + 1];
-    }
-    for (b = 0; b < near->robots; b++) {
-        search_bodies(near, b);
-        search_boxes(near, b);
-    }
-}
 
 /* Outside: along the way from the nearest point of the outline. */
 static double outside_gap(double out[2])
@@ -121,6 +49,29 @@ double vs_box_gap(const double *box_row, double x_m, double y_m, double normal[2
     return gap;
 }
 
+/* Whether a pair is so far apart that it cannot take part, without a root: most are. */
+static int is_far(const struct vs_near *near, const struct vs_pair *pair,
+                  const double *positions_m, uint32_t stride)
+{
+    const double *one = positions_m + pair->robot * stride;
+    double radius_m = near->radii_m[pair->robot];
+    const double *other, *row;
+    double x, y, reach_m;
+
+    if (pair->other < near->bodies) {
+        other = positions_m + pair->other * stride;
+        x = one[0] - other[0];
+        y = one[1] - other[1];
+        reach_m = radius_m + near->radii_m[pair->other] + MARGIN_M + SLACK_M;
+        return x * x + y * y > reach_m * reach_m;
+    }
+    row = near->box_rows + VS_BOX_NUMBERS * (pair->other - near->bodies);
+    x = (one[0] - row[0]) * row[2] + (one[1] - row[1]) * row[3];
+    y = (one[1] - row[1]) * row[2] - (one[0] - row[0]) * row[3];
+    reach_m = radius_m + MARGIN_M + SLACK_M;
+    return vs_most((x < 0.0 ? -x : x) - row[4], (y < 0.0 ? -y : y) - row[5]) > reach_m;
+}
+
 /* Gap and normal of a robot and another body. */
 static double disc_gap(const struct vs_near *near, const struct vs_pair *pair,
                        const double *positions_m, uint32_t stride, double normal[2])
@@ -153,6 +104,8 @@ static int find_contacts(struct vs_contacts *c, const double *positions_m, uint3
 
         if (pair->other < near->robots && pair->other < pair->robot)
             continue; /* two robots are near each other twice */
+        if (is_far(near, pair, positions_m, stride))
+            continue;
         if (pair->other < near->bodies)
             contact->gap_m = disc_gap(near, pair, positions_m, stride, contact->normal);
         else

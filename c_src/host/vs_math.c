@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 #include "vs_math.h"
 
+#include <math.h>
 #include <stdint.h>
 #include <string.h>
 
@@ -13,6 +14,21 @@
 #define QUARTER_1 1.57079632673412561417e+00
 #define QUARTER_2 6.07710050630396597660e-11
 #define QUARTER_3 2.02226624879595063154e-21
+
+/* ln 2 likewise, in two parts; below the least exponent the power of 2 would have no exponent. */
+#define PER_DOUBLING 1.44269504088896340736
+#define DOUBLING_1 6.93147180369123816490e-01
+#define DOUBLING_2 1.90821492927058770002e-10
+#define LEAST_EXPONENT -700.0
+
+static const double inverse_factorial[] = {
+    1.0, 1.0, 1.0 / 2.0, 1.0 / 6.0, 1.0 / 24.0, 1.0 / 120.0, 1.0 / 720.0, 1.0 / 5040.0,
+    1.0 / 40320.0, 1.0 / 362880.0, 1.0 / 3628800.0, 1.0 / 39916800.0, 1.0 / 479001600.0};
+
+/* arctan(i / 8). */
+static const double arctan_of_eighths[] = {
+    0.0, 0.12435499454676144, 0.24497866312686414, 0.35877067027057225, 0.4636476090008061,
+    0.5585993153435624, 0.6435011087932844, 0.7188299996216245, 0.7853981633974483};
 
 /* Halving the exponent guesses to 4 %, and each of Newton's steps doubles the digits. */
 double vs_root(double value)
@@ -91,6 +107,61 @@ void vs_sin_cos(double angle_rad, double *sine, double *cosine)
         *sine = -*sine;
     if ((quarter + 1) & 2)
         *cosine = -*cosine;
+}
+
+double vs_decay(double exponent)
+{
+    double halvings, rest, sum = 1.0 / 6227020800.0;
+    uint64_t bits;
+    double scale;
+    int i;
+
+    if (!(exponent <= 0.0))
+        return 1.0;
+    if (exponent < LEAST_EXPONENT)
+        return 0.0;
+    halvings = (double)nearest(exponent * PER_DOUBLING);
+    rest = (exponent - halvings * DOUBLING_1) - halvings * DOUBLING_2;
+    for (i = 12; i >= 0; i--)
+        sum = sum * rest + inverse_factorial[i];
+    bits = (uint64_t)((int64_t)halvings + 1023) << 52;
+    memcpy(&scale, &bits, sizeof scale);
+    return sum * scale;
+}
+
+/* arctan of t in [0, 1]: from the nearest of the known angles on it is Taylor's series, whose first
+ * term left out is below 1e-18. */
+static double arctan_of_slope(double t)
+{
+    int nearest_known = (int)(8.0 * t + 0.5);
+    double known = 0.125 * nearest_known;
+    double rest = (t - known) / (1.0 + t * known);
+    double xx = rest * rest;
+    double sum = -1.0 / 15.0;
+
+    sum = sum * xx + 1.0 / 13.0;
+    sum = sum * xx - 1.0 / 11.0;
+    sum = sum * xx + 1.0 / 9.0;
+    sum = sum * xx - 1.0 / 7.0;
+    sum = sum * xx + 1.0 / 5.0;
+    sum = sum * xx - 1.0 / 3.0;
+    return arctan_of_eighths[nearest_known] + (rest + rest * xx * sum);
+}
+
+double vs_bearing(double y, double x)
+{
+    double high = fabs(y), wide = fabs(x);
+    double angle;
+
+    if (high == 0.0 && wide == 0.0)
+        return 0.0;
+    if (high <= wide)
+        angle = arctan_of_slope(high / wide);
+    else
+        angle = 0.5 * PI - arctan_of_slope(wide / high);
+    if (x < 0.0)
+        angle = PI - angle;
+    return y < 0.0 ? -angle : angle;
 }
 
 double vs_wrap_angle(double angle_rad)

@@ -30,6 +30,12 @@ double vs_root(double value);
 /* Both of an angle, to 2e-15 up to +-VS_ANGLE_MAX_RAD. What is not finite counts as 0. */
 void vs_sin_cos(double angle_rad, double *sine, double *cosine);
 
+/* e to the power of a number <= 0, to 1e-15 of it; 0 below -700, 1 for what is not <= 0. */
+double vs_decay(double exponent);
+
+/* Angle of the direction (x, y), in [-pi, pi], to 5e-16; 0 for (0, 0). Finite numbers. */
+double vs_bearing(double y, double x);
+
 /* The same angle in (-pi, pi]; angles up to +-VS_ANGLE_MAX_RAD. */
 double vs_wrap_angle(double angle_rad);
 

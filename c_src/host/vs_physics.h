@@ -35,6 +35,8 @@ struct vs_near {
     const double *box_rows; /* [boxes * VS_BOX_NUMBERS] */
     double *searched_m;     /* [bodies * 2] where everybody was at the last search */
     struct vs_pair *pairs;  /* [robots * (bodies + boxes)]: by robot, then by other */
+    uint32_t *next;         /* [bodies] scratch */
+    uint32_t *heads;        /* [2 * bodies] scratch */
     uint32_t count;         /* pairs in use */
     uint32_t searches;      /* done so far; set it to 0 to have the pairs searched anew */
 };

@@ -5,6 +5,7 @@
 
 #include "vs_math.h"
 
+#define EVEN 6755399441055744.0 /* adding it rounds to the nearest whole number, halves to even */
 #define PARALLEL 1e-30 /* stands for a slope of exactly 0: no 0 / 0 on a box's edge */
 
 /* Shortens the rays of a robot that meet a disc. */
@@ -150,5 +151,20 @@ void vs_ring_readings(const struct vs_ring *ring, const double *distances_m, uin
                 strongest = excess * ring->response[r];
         }
         raw[s] = nothing + strongest;
+    }
+}
+
+void vs_rings_read(const struct vs_rings *rings, const double *poses, const double *noise)
+{
+    uint32_t n = rings->near->robots * rings->ring->sensors;
+    uint32_t i;
+
+    vs_ring_distances(rings->ring, rings->near, poses, rings->distances_m);
+    vs_ring_readings(rings->ring, rings->distances_m, n, rings->clean);
+    for (i = 0; i < n; i++) {
+        double value = rings->clean[i] + noise[i];
+
+        value = vs_least(vs_most(value, 0.0), VS_RING_RAW_MAX);
+        rings->raw[i] = (int16_t)((value + EVEN) - EVEN);
     }
 }

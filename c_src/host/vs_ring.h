@@ -9,6 +9,7 @@
 #include "vs_physics.h"
 
 #define VS_RING_TABLE_MAX 16
+#define VS_RING_RAW_MAX 4095 /* largest value of the converter */
 
 /* A ring, in the robot's frame: x forward, y left [m]. All arrays are the caller's. */
 struct vs_ring {
@@ -37,5 +38,17 @@ void vs_ring_distances(const struct vs_ring *ring, const struct vs_near *near,
  */
 void vs_ring_readings(const struct vs_ring *ring, const double *distances_m, uint32_t n,
                       double *raw);
+
+/* The rings of all robots of near: what is read where. All arrays are the caller's. */
+struct vs_rings {
+    const struct vs_ring *ring;
+    const struct vs_near *near;
+    double *distances_m; /* [robots * sensors * rays] scratch */
+    double *clean;       /* [robots * sensors] scratch */
+    int16_t *raw;        /* [robots * sensors] 0..VS_RING_RAW_MAX, higher is nearer */
+};
+
+/* Reads all rings; noise [robots * sensors] is added, poses as in vs_ring_distances. */
+void vs_rings_read(const struct vs_rings *rings, const double *poses, const double *noise);
 
 #endif

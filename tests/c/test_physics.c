@@ -45,6 +45,8 @@ static void build(struct floor *f, uint32_t robots, uint32_t bodies, uint32_t bo
     f->near.box_rows = f->box_rows = room(boxes, VS_BOX_NUMBERS * sizeof(double));
     f->near.searched_m = room(bodies, 2 * sizeof(double));
     f->near.pairs = room(pairs, sizeof(struct vs_pair));
+    f->near.next = room(bodies, sizeof(uint32_t));
+    f->near.heads = room(bodies, 2 * sizeof(uint32_t));
     f->contacts.near = &f->near;
     f->contacts.now = room(pairs, sizeof(struct vs_contact));
     f->contacts.before = room(pairs, sizeof(struct vs_contact));
@@ -65,6 +67,8 @@ static void tear_down(struct floor *f)
     free(f->box_rows);
     free(f->near.searched_m);
     free(f->near.pairs);
+    free(f->near.next);
+    free(f->near.heads);
     free(f->contacts.now);
     free(f->contacts.before);
     free(f->contacts.moved_m);
@@ -239,6 +243,40 @@ static void test_pairs_hold_until_somebody_has_moved_far(uint32_t seed)
     tear_down(&f);
 }
 
+/* Of a crowd, some of them wide and some far outside, exactly those pairs are found, in their
+ * order, that are as near as REACH_M + SKIN_M of vs_near.c. */
+static void test_a_crowd_has_the_pairs_of_all_with_all(uint32_t seed)
+{
+    uint32_t random = seed * 2654435761u + 1u, robots = 50 + draw(&random, 100);
+    uint32_t bodies = robots + draw(&random, 20), a, b, found = 0;
+    double width_m = draw_between(&random, 0.1, 4.0);
+    struct floor f;
+
+    build(&f, robots, bodies, 0);
+    for (b = 0; b < bodies; b++) {
+        f.radii_m[b] = b < robots ? RADIUS_M : draw_between(&random, 0.01, 0.5);
+        f.physics.poses[3 * b] = draw_between(&random, -width_m, width_m);
+        f.physics.poses[3 * b + 1] = draw_between(&random, -width_m, width_m);
+    }
+    f.physics.poses[0] = 1e300;
+    f.physics.poses[4] = NAN;
+    vs_near_update(&f.near, f.physics.poses, 3);
+    for (a = 0; a < robots; a++)
+        for (b = 0; b < bodies; b++) {
+            double x = f.physics.poses[3 * a] - f.physics.poses[3 * b];
+            double y = f.physics.poses[3 * a + 1] - f.physics.poses[3 * b + 1];
+            double reach_m = 0.11 + 0.02 + f.radii_m[b];
+
+            if (a == b || !(x * x + y * y < reach_m * reach_m))
+                continue;
+            CHECK(found < f.near.count && f.near.pairs[found].robot == a &&
+                  f.near.pairs[found].other == b);
+            found++;
+        }
+    CHECK(found == f.near.count);
+    tear_down(&f);
+}
+
 /* The distance to a box is that to the nearest point of its outline, and its way out leads
  * there. */
 static void test_gaps_lead_to_outlines(uint32_t seed)
@@ -323,6 +361,7 @@ int main(int argc, char *argv[])
     test_a_pile_comes_apart();
     for (seed = 0; seed < seeds; seed++) {
         test_gaps_lead_to_outlines(seed);
+        test_a_crowd_has_the_pairs_of_all_with_all(seed);
         test_pairs_hold_until_somebody_has_moved_far(seed);
         test_any_crowd(seed);
         test_a_wedged_robot_is_not_thrown_away(seed);

@@ -28,8 +28,16 @@ PICTURES = [
     )
 ]
 RAYS = [HOST / f"vs_{part}.c" for part in ("math", "sight", "rays", "obstacles")]
-FLOOR = [HOST / f"vs_{part}.c" for part in ("math", "contacts", "physics", "ring")]
-SUITES = {"test_scan": PICTURES, "test_words": PICTURES, "test_rays": RAYS, "test_physics": FLOOR}
+FLOOR = [HOST / f"vs_{part}.c" for part in ("math", "near", "contacts", "physics", "ring")]
+SUITES = {
+    "test_scan": PICTURES,
+    "test_words": PICTURES,
+    "test_rays": RAYS,
+    "test_light": [*RAYS, HOST / "vs_light.c"],
+    "test_world": [*RAYS, *(HOST / f"vs_{part}.c" for part in ("world", "scene", "field"))],
+    "test_physics": FLOOR,
+    "test_sim": [*RAYS, *FLOOR[1:], *(HOST / f"vs_{p}.c" for p in ("world", "scene", "sim"))],
+}
 """C test -> the kernel's files: none needs another kernel's."""
 
 

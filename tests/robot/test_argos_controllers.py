@@ -24,6 +24,7 @@ from vsense.robot.compiling import BuildError
 from vsense.robot.inprocess import ControllerFailure, Robots
 from vsense.robot.programs import CodeOptions, Program
 from vsense.run.programs import shared_objects
+from vsense.sensors.readings import SensorReadings
 from vsense.sim.simulation import Simulation
 from vsense.xml.parsing import NAMESPACE
 
@@ -94,10 +95,13 @@ class Robot:
     def step(self) -> dict[str, list[list[float]]]:
         """A control step; gives what it has written, by name."""
         capture_ns = 10**9 + self.timestep * STEP_NS
-        values = [(np.float32(v).tobytes(), capture_ns) for v in self.sensors.values()]
+        values = [np.float32(v).tobytes() for v in self.sensors.values()]
+        block = np.frombuffer(b"".join(values), dtype=np.uint8).reshape(1, -1)
+        captures_ns = np.full((1, len(values)), capture_ns)
+        readings = SensorReadings([TAG], [len(value) for value in values], block, captures_ns)
         times_ns = capture_ns, capture_ns + 20_000_000
         prox = np.array([self.prox], dtype=np.int16)
-        self.robots.step(Wanted.RUN, 0, self.timestep, times_ns, {TAG: values}, prox)
+        self.robots.step(Wanted.RUN, 0, self.timestep, times_ns, readings, prox)
         self.timestep += 1
         return self.written()
 

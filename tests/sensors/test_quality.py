@@ -113,9 +113,9 @@ def test_noise_of_robots_numbers_devices_and_seeds_is_independent() -> None:
 
 
 def test_the_noise_of_a_robot_does_not_depend_on_who_else_is_seen() -> None:
-    made = Distortion(Quality(noise_level=1.0), PLAIN, 3, 2)
+    made, again = (Distortion(Quality(noise_level=1.0), PLAIN, 3, 2) for _ in range(2))
     every = made.apply(np.zeros((3, 2)), np.array([True] * 3), 0.0, generator(5, "x"))
-    last = made.apply(np.zeros((1, 2)), np.array([False, False, True]), 0.0, generator(5, "x"))
+    last = again.apply(np.zeros((1, 2)), np.array([False, False, True]), 0.0, generator(5, "x"))
     assert np.array_equal(every[2:], last)
 
 

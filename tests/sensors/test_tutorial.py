@@ -72,7 +72,8 @@ def test_its_value_reaches_the_controller(experiment: Experiment) -> None:
         capture_ns = (k + 1) * STEP_NS
         readings = environment.step(arena_state(PLACES, capture_ns), k, {})
         times_ns = (capture_ns, capture_ns + 20_000_000)
-        robots.step(Wanted.RUN, 0, k, times_ns, readings, own_proximity)
+        (own,) = readings.parts.values()
+        robots.step(Wanted.RUN, 0, k, times_ns, own, own_proximity)
     assert robots.controller == "shy"
     assert (robots.leds & 0xFF).tolist() == [0xFF, 0xFF, 0xFF, 0]
     assert robots.wheels_steps_s.tolist() == [[400, 300]] * 4

@@ -14,6 +14,7 @@ from vsense.link.robots.table import Direction, Entry, Table
 from vsense.link.robots.wire import Wanted
 from vsense.native import WireError
 from vsense.robot.inprocess import Robots, SimError
+from vsense.sensors.readings import SensorReadings
 
 TABLE = Table([Entry(1, "smell", "f4"), Entry(2, "heard", "4*f4", Direction.ACTUATOR)])
 TAGS = (7, 12, 40223)
@@ -43,10 +44,9 @@ class Run:
         """One timestep; gives what every robot heard, (robots, 4)."""
         wanted = Wanted.RUN if self.timestep >= IDLE_STEPS else Wanted.IDLE
         capture_ns = 10**9 + self.timestep * STEP_NS
-        readings = {
-            tag: [(np.float32(value).tobytes(), capture_ns - capture_age_ns)]
-            for tag, value in values.items()
-        }
+        block = np.array([[values[tag]] for tag in TAGS], dtype="<f4").view(np.uint8)
+        captures_ns = np.full((len(TAGS), 1), capture_ns - capture_age_ns)
+        readings = SensorReadings(TAGS, [4], block, captures_ns)
         times_ns = capture_ns, capture_ns + 20_000_000
         prox = np.zeros((len(TAGS), 8), dtype=np.int16)
         self.robots.step(wanted, IDLE_STEPS, self.timestep, times_ns, readings, prox)
@@ -104,7 +104,8 @@ def test_progress_is_where_the_watch_looks(probe: Path) -> None:
     progress = bytearray(8)
     robots = Robots(probe, TAGS, TABLE, STEP_NS, 1, "", progress)
     prox = np.zeros((len(TAGS), 8), dtype=np.int16)
-    readings = {tag: [(bytes(4), -1)] for tag in TAGS}
+    never = np.full((len(TAGS), 1), -1)
+    readings = SensorReadings(TAGS, [4], np.zeros((len(TAGS), 4), dtype=np.uint8), never)
     robots.step(Wanted.RUN, 0, 1234, (10**9, 10**9 + 1), readings, prox)
     assert np.frombuffer(progress, dtype=np.uint32).tolist() == [1234, 0]
 

@@ -130,8 +130,9 @@ class _Slot:
         """Reads numbers (m, k) from the wire, within the actuator's bounds."""
         with np.errstate(invalid="ignore"):  # a NaN of any kind is 0
             raw = np.frombuffer(parts, dtype=self._dtype).astype(np.float64)
-        known = np.nan_to_num(raw.reshape(-1, self._count), nan=0.0)
-        return np.clip(known, self._low, self._high)
+            known = np.where(np.isnan(raw), 0.0, raw).reshape(-1, self._count)
+        limited: Floats = np.minimum(np.maximum(known, self._low), self._high)
+        return limited
 
     def _due(self, run_timestep: int) -> NDArray[np.bool_]:
         """Which robots' reports take effect in this timestep, (n,)."""
@@ -145,6 +146,9 @@ class _Slot:
 
     def _renew(self, world: World, heard: Rows, said: Floats, due: NDArray[np.bool_]) -> None:
         """Takes over the levels that are due; what is off stays off, whatever the noise."""
+        if len(heard) == len(due) and due.all() and not self._quality.distorts:
+            self._levels[:] = said
+            return
         fresh = self._levels.copy()
         fresh[heard] = said
         if self._quality.distorts and due.any():
@@ -166,7 +170,8 @@ class _Counts:
 
     def growth(self, heard: Rows, who: Sequence[bytes], counts: Floats) -> Floats:
         """By how much counts (m, k) have grown, 0 or more; remembers them."""
-        for robot, sender in zip(heard.tolist(), who):
+        same = len(heard) == len(self._who) and self._who == who
+        for robot, sender in () if same else zip(heard.tolist(), who):
             before = self._who[robot]
             if before != sender:
                 if before is not None:

@@ -24,6 +24,7 @@ from vsense.config.devices import mount_sensor
 from vsense.run.programs import shared_objects
 from vsense.sensors.bank import SensorBank
 from vsense.sensors.base import Scope
+from vsense.sensors.readings import SensorReadings
 from vsense.sim.job import Job, Setup
 from vsense.sim.watch import Task, simulate_all
 from vsense.world import Light, World
@@ -81,7 +82,7 @@ class SensingSwarm:
         self._bank = SensorBank([mount_sensor(element, Scope({}, 0))], tags)
         self._timestep = 0
 
-    def step(self) -> dict[int, Any]:
+    def step(self) -> SensorReadings:
         """Handles a timestep; returns the readings of every robot."""
         state = self.states[self._timestep % _STATES]
         self.world.update(state, self._timestep)

@@ -8,7 +8,7 @@ import math
 import sys
 from typing import Any
 
-from vsense.bench import grabbing, identity, robot, tracking, world
+from vsense.bench import grabbing, identity, robot, sim, tracking, world
 from vsense.commands import arguments
 from vsense.errors import UsageError
 from vsense.terminal import aligned
@@ -18,7 +18,9 @@ DESCRIPTION = (
     " cv2.aruco and, if pupil-apriltags is installed, AprilTag 3 find them, in turns, in one run."
     " 'identity' tracks 20 robots below four cameras for a long time and judges every name."
     " 'world' times the virtual world's timestep for 15, 100 and 1000 robots with 24 light"
-    " sensors each, and a simulation of the pollutant experiment. 'grabbing' says what a GigE"
+    " sensors each, and a simulation of the pollutant experiment. 'sim' counts the robots that a"
+    " simulation steps in a second of processor time, in the world in which it was compared with"
+    " ARGoS. 'grabbing' says what a GigE"
     " camera's pictures cost on top of finding markers in them, with Aravis' fake camera or your"
     " own (--device). 'robot' says how large vsensed"
     " is on every kind of board, how much memory it holds, and how many instructions and system"
@@ -36,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     parser.add_argument(
         "subject",
-        choices=["tracking", "identity", "grabbing", "world", "robot"],
+        choices=["tracking", "identity", "grabbing", "world", "sim", "robot"],
         help="what is measured",
     )
     parser.add_argument(
@@ -88,6 +90,9 @@ def run(options: argparse.Namespace) -> int:
     elif options.subject == "robot":
         report = robot.run(_say)
         text = robot.table(report)
+    elif options.subject == "sim":
+        report = sim.run(options.rounds, _say)
+        text = sim.table(report)
     else:
         report = world.run(options.rounds, _say)
         text = world.table(report)

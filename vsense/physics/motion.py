@@ -44,6 +44,8 @@ class Neighbourhood:
             np.ascontiguousarray(np.hstack([table[:, :2], axis, table[:, 3:] / 2])),
             np.zeros((len(radii), 2)),
             np.empty(max(self.room, 1), dtype=_PAIR),
+            np.empty(len(radii), dtype=np.uint32),
+            np.empty(2 * len(radii), dtype=np.uint32),
         )
         near: Any = kernel_ffi.new("struct vs_near *")
         near.robots, near.bodies, near.boxes = robots, len(radii), len(table)
@@ -51,6 +53,7 @@ class Neighbourhood:
             pointer("double", array) for array in self._kept[:3]
         )
         near.pairs = pointer("struct vs_pair", self._kept[3])
+        near.next, near.heads = (pointer("uint32_t", array) for array in self._kept[4:])
         self.cdata = near
 
 
@@ -105,6 +108,7 @@ class Physics:
             nothing else may.
         bodies: the same, then the cylinders.
         near: the pairs of near bodies at these poses.
+        cdata: the `struct vs_physics *`.
     """
 
     def __init__(
@@ -137,8 +141,8 @@ class Physics:
         self.near = Neighbourhood(count, boxes, radii_m)
         mobility = np.zeros(len(self.bodies))
         self._contacts = Contacts(mobility, self.near)
-        self._cdata = self._make(mobility, count)
-        kernels.vs_physics_init(self._cdata, time_ns)
+        self.cdata = self._make(mobility, count)
+        kernels.vs_physics_init(self.cdata, time_ns)
 
     def _make(self, mobility: Floats, count: int) -> Any:
         """Makes the `struct vs_physics`; its arrays live as long as this object."""
@@ -159,19 +163,19 @@ class Physics:
 
         A time before the last tick counts as the time of that tick.
         """
-        kernels.vs_physics_drive(self._cdata, robot, left_steps_s, right_steps_s, time_ns)
+        kernels.vs_physics_drive(self.cdata, robot, left_steps_s, right_steps_s, time_ns)
 
     def drive_all(self, commands: NDArray[np.int16], time_ns: int) -> None:
         """As `drive`, for all robots at once; commands (m, 2), left and right."""
-        kernels.vs_physics_drive_all(self._cdata, pointer("int16_t", commands), time_ns)
+        kernels.vs_physics_drive_all(self.cdata, pointer("int16_t", commands), time_ns)
 
     def tick(self, time_ns: int) -> None:
         """Moves everything on to `time_ns`, later than all calls before."""
-        kernels.vs_physics_tick(self._cdata, time_ns)
+        kernels.vs_physics_tick(self.cdata, time_ns)
 
     def advance(self, time_ns: int) -> None:
         """Ticks every 10 ms up to `time_ns`, the last tick there."""
-        kernels.vs_physics_advance(self._cdata, time_ns)
+        kernels.vs_physics_advance(self.cdata, time_ns)
 
 
 def floor_of(experiment: Experiment, time_ns: int) -> Physics:

@@ -31,7 +31,7 @@ TABLE_M = np.array([0.0, 0.005, 0.01, 0.015, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07]
 TABLE_RAW = np.array([4095.0, 2133.0, 1466.0, 601.0, 384.0, 235.0, 158.0, 120.0, 104.0, 67.0])
 """(10,) raw readings of a surface straight ahead; the last is also the reading of nothing."""
 
-MAX_RAW = 4095
+MAX_RAW: int = kernels.VS_RING_RAW_MAX
 """Largest value of the converter."""
 NOISE_RAW = 8.0
 """Standard deviation of the additive noise: between Webots's 4 near and 25 far along the table."""
@@ -78,28 +78,53 @@ class ProximityRing:
 
     Attributes:
         near: the bodies that they detect; others may take their place, with as many robots.
+        cdata: the `struct vs_rings *`.
     """
 
     def __init__(self, near: Neighbourhood, seed: int) -> None:
         """Rings that detect the bodies in `near`; `seed` decides the noise."""
-        self.near = near
         self._random = np.random.Generator(np.random.PCG64(seed))
         self._noise = np.zeros((0, near.robots, len(POSITIONS_M)))
         self._used = 0
-        self._distances_m = np.empty((near.robots, len(POSITIONS_M), _RAYS))
+        sensors = (near.robots, len(POSITIONS_M))
+        self._distances_m = np.empty((*sensors, _RAYS))
+        self._raw = np.zeros(sensors, dtype=np.int16)
+        self._clean = np.empty(sensors)
+        self.cdata: Any = kernel_ffi.new("struct vs_rings *")
+        self.cdata.ring = _RING
+        self.cdata.distances_m = pointer("double", self._distances_m)
+        self.cdata.clean = pointer("double", self._clean)
+        self.cdata.raw = pointer("int16_t", self._raw)
+        self.near = near
+
+    @property
+    def near(self) -> Neighbourhood:
+        return self._near
+
+    @near.setter
+    def near(self, near: Neighbourhood) -> None:
+        self._near, self.cdata.near = near, near.cdata
 
     def read(self, poses: Floats) -> NDArray[np.int16]:
         """Raw readings (m, 8) of ps0..ps7 with noise, 0..4095, higher is nearer.
 
         `poses` (n, 3) are x_m, y_m, yaw_rad of all bodies, robots first, arena frame, contiguous.
         """
+        noise = pointer("double", self.noise()[0])
+        kernels.vs_rings_read(self.cdata, pointer("double", poses), noise)
+        self.use(1)
+        return np.array(self._raw)
+
+    def noise(self) -> Floats:
+        """Noise of the readings to come, (k, m, 8), one at least."""
         if self._used == len(self._noise):
             shape = (_NOISE_BLOCK, self.near.robots, len(POSITIONS_M))
             self._noise, self._used = self._random.normal(0.0, NOISE_RAW, shape), 0
-        raw: Floats = readings(self.distances(poses)) + self._noise[self._used]
-        self._used += 1
-        np.clip(np.rint(raw, out=raw), 0, MAX_RAW, out=raw)
-        return raw.astype(np.int16)
+        return self._noise[self._used :]
+
+    def use(self, readings: int) -> None:
+        """The noise of so many readings has been used."""
+        self._used += readings
 
     def distances(self, poses: Floats) -> Floats:
         """Length of each ray, (m, 8, rays per sensor) [m], inf where it meets nothing.

@@ -24,7 +24,7 @@ _STREAM = "wheels"
 
 
 class NoisyWheels:
-    """What becomes of the commands to the wheels of some robots."""
+    """What becomes of the commands to the wheels of some robots; `is_quiet`: nothing."""
 
     def __init__(self, noises: Sequence[WheelNoise | None], seed: int) -> None:
         """Draws what stays the same during a run.
@@ -33,7 +33,7 @@ class NoisyWheels:
             noises: that of each robot; None: its wheels obey.
             seed: of the run; the wheels draw independently of all devices.
         """
-        self._quiet = not any(noises)
+        self.is_quiet = not any(noises)
         known = [noise or WheelNoise() for noise in noises]
         self._random = generator(seed, _STREAM)
         self._relative = _column(known, "relative")
@@ -48,7 +48,7 @@ class NoisyWheels:
         They are those of one control step: ARGoS draws anew with every command. No motor turns
         faster than it can.
         """
-        if self._quiet:
+        if self.is_quiet:
             return commands
         wanted, shape = commands.astype(np.float64), commands.shape
         drawn = wanted * (1.0 + self._relative * self._random.normal(size=shape))
@@ -60,7 +60,7 @@ class NoisyWheels:
 
     def of_robot(self, robot: int, left_steps_s: int, right_steps_s: int) -> tuple[int, int]:
         """The same for one robot, by its index."""
-        if self._quiet:
+        if self.is_quiet:
             return left_steps_s, right_steps_s
         commands = np.zeros(self._bias.shape, dtype=np.int16)
         commands[robot] = left_steps_s, right_steps_s

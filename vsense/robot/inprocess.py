@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import mmap
 from collections.abc import Mapping, Sequence
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from cffi import FFI
@@ -25,7 +25,6 @@ from vsense.link.robots.wire import (
     Header,
     PacketType,
     Shown,
-    Values,
     Wanted,
     Welcome,
     encode,
@@ -33,6 +32,7 @@ from vsense.link.robots.wire import (
 )
 from vsense.native import check, lib
 from vsense.robot import build
+from vsense.sensors.readings import SensorReadings
 
 PROGRESS_BYTES = 8
 """`struct vs_inprocess_progress`: timestep and robot, two u32."""
@@ -77,14 +77,39 @@ def declarations() -> FFI:
     return ffi
 
 
+def _address(ffi: FFI, pointer: Any) -> int:
+    return int(ffi.cast("uintptr_t", pointer))
+
+
+class RobotProgram(NamedTuple):
+    """`struct vs_sim_program` but for which robots they are: addresses, and arrays of `Robots`."""
+
+    step: int
+    failure: int
+    all: int
+    now: int
+    timestep: int
+    capture_ns: int
+    now_ns: int
+    logged: int
+    prox: NDArray[np.int16]
+    wheels: NDArray[np.int16]
+    leds: NDArray[np.uint16]
+    shown: NDArray[np.uint8]
+    shown_before: NDArray[np.uint8]
+
+
 class Robots:
     """All robots of a run, each with a controller runtime of its own.
 
     Attributes:
+        tags: the robots, n of them.
         wheels_steps_s: (n, 2) int16, left and right, as commanded in the newest step, after
             safety.
         leds: (n,) uint16, bits 0-7 ring, 8 body, 9 front.
     """
+
+    _shown_last: bytes
 
     def __init__(
         self,
@@ -111,13 +136,13 @@ class Robots:
             SimError: the shared object cannot be loaded, or its controller cannot be run.
             WireError: the experiment does not fit the robots' protocol.
         """
-        self._ffi, self._tags = declarations(), list(tags)
+        self._ffi, self.tags = declarations(), list(tags)
         try:
             self._lib: Any = self._ffi.dlopen(str(library))
         except OSError as error:
             raise SimError(f"{library}: cannot be loaded: {error}") from None
         self._begin(bytearray(PROGRESS_BYTES) if progress is None else progress)
-        for robot, tag in enumerate(self._tags):
+        for robot, tag in enumerate(self.tags):
             text = params if isinstance(params, str) else params[tag]
             welcome = Welcome(table, timestep_ns // 1000, robot_seed(seed, tag), text)
             packet = encode(Header(PacketType.WELCOME, table_hash=table.hash), welcome)
@@ -129,7 +154,7 @@ class Robots:
 
     def _begin(self, progress: Any) -> None:
         """Gives all robots their memory."""
-        ffi, count = self._ffi, len(self._tags)
+        ffi, count = self._ffi, len(self.tags)
         self._memory = mmap.mmap(-1, self._lib.vs_inprocess_size(count))
         self._progress = progress
         self._all = ffi.cast("struct vs_inprocess *", ffi.from_buffer(self._memory))
@@ -152,7 +177,7 @@ class Robots:
         from_timestep: int,
         timestep: int,
         times_ns: tuple[int, int],
-        readings: Mapping[int, Values],
+        readings: SensorReadings,
         prox_raw: NDArray[np.int16],
     ) -> None:
         """One control step of every robot.
@@ -162,21 +187,45 @@ class Robots:
             from_timestep: with RUN, the first timestep of the run.
             timestep: of the arena state, from 0, rising.
             times_ns: when the arena was seen, and when the controllers act on that.
-            readings: per tag (value, capture time) per sensor, in the table's order.
+            readings: what they sense, in the table's order.
             prox_raw: (n, 8) int16 of their own proximity sensors.
 
         Raises:
             ControllerFailure: a controller cannot go on.
         """
-        rows = [readings[tag] for tag in self._tags]
-        self._values[:] = b"".join([value for row in rows for value, _ in row])
-        self._captures_ns[:] = [capture_ns for row in rows for _, capture_ns in row]
+        self.sense(readings.of(self.tags))
         self._prox[:] = prox_raw
         now = self._now
         now.wanted, now.from_timestep, now.timestep = wanted, from_timestep, timestep
         now.capture_ns, now.now_ns = times_ns
         self._lib.vs_inprocess_step(self._all, now)
-        self._check()
+        self.check()
+
+    def sense(self, readings: SensorReadings) -> None:
+        """Sets what the robots sense: the arrays, in their order, as they are at each step."""
+        self._kept = readings
+        self._point("values", readings.block)
+        self._point("captures_ns", readings.captures_ns)
+
+    def program(self) -> RobotProgram:
+        """The robots as C steps them, with RUN in `from_timestep` as of the newest step."""
+        ffi, now, own = self._ffi, self._now, self._lib
+        address = partial(_address, ffi)
+        return RobotProgram(
+            step=address(ffi.addressof(own, "vs_inprocess_step")),
+            failure=address(ffi.addressof(own, "vs_inprocess_failure")),
+            all=address(self._all),
+            now=address(now),
+            timestep=address(ffi.addressof(now, "timestep")),
+            capture_ns=address(ffi.addressof(now, "capture_ns")),
+            now_ns=address(ffi.addressof(now, "now_ns")),
+            logged=address(ffi.addressof(now, "logged")),
+            prox=self._prox,
+            wheels=self.wheels_steps_s,
+            leds=self.leds,
+            shown=self._shown,
+            shown_before=self._shown_before,
+        )
 
     def end(self) -> None:
         """The run is over: every controller ends what it began.
@@ -185,29 +234,35 @@ class Robots:
             ControllerFailure: a controller failed to.
         """
         self._lib.vs_inprocess_end(self._all)
-        self._check()
+        self.check()
 
-    def _check(self) -> None:
+    def check(self) -> None:
         """Raises ControllerFailure where a controller cannot go on."""
         robot = self._ffi.new("uint32_t *")
         words = self._lib.vs_inprocess_failure(self._all, robot)
         if words != self._ffi.NULL:
             said: bytes = self._ffi.string(words)
             text = said.decode(errors="replace")
-            raise ControllerFailure(self._tags[robot[0]], self.controller, text)
+            raise ControllerFailure(self.tags[robot[0]], self.controller, text)
 
     def reports(self) -> dict[int, bytes]:
-        """What every robot's virtual actuators say: by tag the actuators' block."""
+        """What every robot's virtual actuators say: by tag the actuators' block; {}: none."""
         size = self._report_bytes
+        if not size:
+            return {}
         whole = bytes(self._reports)
-        return {tag: whole[i * size : (i + 1) * size] for i, tag in enumerate(self._tags)}
+        return {tag: whole[i * size : (i + 1) * size] for i, tag in enumerate(self.tags)}
 
     def shown(self) -> list[tuple[int, Shown]]:
         """All values that a controller shows, by tag, where one has changed since the last call."""
+        now = self._shown.tobytes()
+        if now == self._shown_last:
+            return []
+        self._shown_last = now
         changed = np.flatnonzero((self._shown != self._shown_before).any(axis=1))
         self._shown_before[changed] = self._shown[changed]
         return [
-            (self._tags[i], shown_of(self._shown[i, 1 : 1 + self._shown[i, 0]].tobytes()))
+            (self.tags[i], shown_of(self._shown[i, 1 : 1 + self._shown[i, 0]].tobytes()))
             for i in changed
         ]
 
@@ -221,7 +276,7 @@ class Robots:
         while self._lib.vs_inprocess_log(self._all, robot, number, line):
             text = self._ffi.string(line[0]).decode()
             said += [
-                (self._tags[robot[0]], each) for each in self._log[robot[0]].add(number[0], text)
+                (self.tags[robot[0]], each) for each in self._log[robot[0]].add(number[0], text)
             ]
         self._now.logged = 0
         return said
@@ -233,27 +288,24 @@ class Robots:
 
     def _make_room(self, table: Table) -> None:
         """Lays out what goes into a step and comes out of it."""
-        ffi, count = self._ffi, len(self._tags)
+        ffi, count = self._ffi, len(self.tags)
         sizes = dict.fromkeys(Direction, 0)
         for entry, size in zip(table.entries, table.sizes):
             sizes[entry.direction] += size
-        sensors = sum(entry.direction is Direction.SENSOR for entry in table.entries)
         self._report_bytes = sizes[Direction.ACTUATOR]
-        self._value_block = ffi.new("uint8_t[]", max(count * sizes[Direction.SENSOR], 1))
-        self._values = ffi.buffer(self._value_block, count * sizes[Direction.SENSOR])
         self._report_block = ffi.new("uint8_t[]", max(count * self._report_bytes, 1))
         self._reports = ffi.buffer(self._report_block, count * self._report_bytes)
-        self._captures_ns = np.zeros(count * sensors, dtype=np.int64)
         self._prox = np.zeros((count, 8), dtype=np.int16)
         self._light = np.full((count, 8), LIGHT_RAW, dtype=np.int16)
         self.wheels_steps_s = np.zeros((count, 2), dtype=np.int16)
         self.leds = np.zeros(count, dtype=np.uint16)
         self._shown = np.zeros((count, 1 + lib.VS_SHOWN_MAX), dtype=np.uint8)
         self._shown_before = self._shown.copy()
-        self._log = [LogLines() for _ in self._tags]
+        self._shown_last = self._shown.tobytes()
+        self._log = [LogLines() for _ in self.tags]
         now = self._now = ffi.new("struct vs_inprocess_timestep *")
-        now.values, now.reports = self._value_block, self._report_block
-        for name in ("captures_ns", "prox", "light", "shown"):
+        now.reports = self._report_block
+        for name in ("prox", "light", "shown"):
             self._point(name, getattr(self, f"_{name}"))
         self._point("wheels_steps_s", self.wheels_steps_s)
         self._point("leds", self.leds)

@@ -16,10 +16,10 @@ from vsense.config.arena import floor_of, make_field
 from vsense.config.placement import settle
 from vsense.config.specs import ControllerSpec, Experiment
 from vsense.link.robots.table import Direction, Entry, Table
-from vsense.link.robots.wire import Values
 from vsense.robot import build
 from vsense.run.cxx_loop import CxxLoopFunctions, LoopHost
 from vsense.sensors.bank import SensorBank
+from vsense.sensors.readings import SwarmReadings
 from vsense.world.loop_functions import Hooks, LoopFunctions
 from vsense.world.world import World
 
@@ -162,7 +162,7 @@ class Environment:
         run_timestep: int,
         reports: Mapping[int, bytes],
         senders: Mapping[int, bytes] = NO_SENDERS,
-    ) -> dict[int, Values]:
+    ) -> SwarmReadings:
         """Runs one timestep; before the run nothing acts or evolves, but everything is sensed.
 
         Args:
@@ -185,9 +185,9 @@ class Environment:
         world.update(state, run_timestep)
         if run_timestep >= 0:
             self._evolve(reports, senders)
-        readings: dict[int, Values] = {}
-        for equipment in self.equipment:
-            readings |= equipment.sensors.encode(world, state.timestep)
+        readings = SwarmReadings(
+            {some.controller: some.sensors.encode(world, state.timestep) for some in self.equipment}
+        )
         if swarm is not None:
             swarm.control(state, run_timestep, readings)
         if run_timestep >= 0 and self._loop is not None:
@@ -201,6 +201,13 @@ class Environment:
         for equipment in self.equipment:
             equipment.actuators.apply(self.world, reports, senders)
         self.world.step()
+
+    @property
+    def is_quiet(self) -> bool:
+        """Whether in a timestep nothing happens here but that everything is sensed."""
+        acting = any(len(some.actuators.table) for some in self.equipment)
+        moving = acting or self.world.fields or self.experiment.virtual_robots
+        return self._loop is None and self._swarm is None and not moving
 
     def end(self) -> dict[str, float]:
         """Ends the run; gives its results by name: the world's, or those of the user's `end`."""

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from vsense.config.specs import ControllerSpec, Experiment
 from vsense.link.robots.roster import ToldProgram
 from vsense.link.robots.table import Table
-from vsense.link.robots.wire import Shown, Values, Wanted
+from vsense.link.robots.wire import Shown, Wanted
 from vsense.robot import build, inprocess
 from vsense.robot.compiling import BuildError, native
 from vsense.robot.inprocess import ControllerFailure, Robots, SimError
+from vsense.sensors.readings import SwarmReadings
 
 PROGRESS_BYTES = inprocess.PROGRESS_BYTES + 4
 """Those of `Robots`, and which of the experiment's controllers it is: a u32."""
@@ -138,7 +139,7 @@ class Programs:
         from_timestep: int,
         timestep: int,
         times_ns: tuple[int, int],
-        readings: Mapping[int, Values],
+        readings: SwarmReadings,
         prox_raw: NDArray[np.int16],
     ) -> None:
         """One control step of every robot; see `Robots.step`.
@@ -148,11 +149,33 @@ class Programs:
         """
         for number, rows, robots in self._parts:
             self._present[0] = number
+            own = readings.parts[self._experiment.controllers[number].id]
             try:
-                robots.step(wanted, from_timestep, timestep, times_ns, readings, prox_raw[rows])
+                robots.step(wanted, from_timestep, timestep, times_ns, own, prox_raw[rows])
             except ControllerFailure as failure:
                 raise self._placed(number, failure) from None
             self.wheels_steps_s[rows], self.leds[rows] = robots.wheels_steps_s, robots.leds
+
+    def parts(self) -> list[tuple[int, NDArray[np.intp], Robots]]:
+        """Each controller's number in the experiment, rows of its robots, and the robots."""
+        return self._parts
+
+    def by_controller(self) -> list[tuple[str, Robots]]:
+        """The robots of each controller, by its id."""
+        return [(self._experiment.controllers[number].id, part) for number, _, part in self._parts]
+
+    @property
+    def present(self) -> memoryview:
+        """Where the number of the controller that runs is noted, a u32."""
+        return self._present
+
+    def check(self) -> None:
+        """Raises SimError where a controller cannot go on, as `step`."""
+        for number, _, robots in self._parts:
+            try:
+                robots.check()
+            except ControllerFailure as failure:
+                raise self._placed(number, failure) from None
 
     def reports(self) -> dict[int, bytes]:
         """See `Robots.reports`."""

@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 from vsense.arena import ArenaState
 from vsense.config.specs import Experiment
 from vsense.link.robots.table import Table
-from vsense.link.robots.wire import Values, Wanted
+from vsense.link.robots.wire import Wanted
 from vsense.physics.motion import Physics, obstacles
 from vsense.physics.proximity_ring import ProximityRing
 from vsense.robot.inprocess import ACT_NS, CONTROL_NS
 from vsense.run.programs import Programs, shared_objects
+from vsense.sensors.readings import SwarmReadings
 from vsense.world.entities import VirtualRobot
 from vsense.world.sightings import known
 from vsense.world.world import BODY_MEMORY_NS, World
@@ -78,7 +79,7 @@ class VirtualSwarm:
         """See `Robots.end`."""
         self._controllers.end()
 
-    def control(self, state: ArenaState, run_timestep: int, readings: Mapping[int, Values]) -> None:
+    def control(self, state: ArenaState, run_timestep: int, readings: SwarmReadings) -> None:
         """Runs every robot's control step after `move`; `readings` are what each tag senses.
 
         Before the run (`run_timestep` negative) robots stand.

@@ -7,19 +7,21 @@ capture time: its age grows on the robot.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.sensors.base import MountedSensor, SensorError, layout_dtype, scale_of
+from vsense.native import check, kernel_ffi, kernels
+from vsense.sensors.base import MountedSensor, ReadFunction, SensorError, layout_dtype, scale_of
 from vsense.sensors.quality import Delay, Distortion, generator
+from vsense.sensors.readings import SensorReadings
+from vsense.sensors.updating import ALWAYS
 from vsense.world.sightings import NEVER_NS, in_order
 from vsense.world.world import World
-
-Values = list[tuple[bytes, int]]
-"""One robot's readings in the table's order: value as on the wire, and its capture time [ns]."""
 
 
 class TableEntry(NamedTuple):
@@ -64,8 +66,14 @@ class SensorBank:
             for mounted in sensors
         ]
         self.table = tuple(slot.entry(i + 1) for i, slot in enumerate(self._slots))
+        self._sizes = [entry.size for entry in self.table]
+        self._block = np.zeros((len(self._tags), sum(self._sizes)), dtype=np.uint8)
+        self._captures_ns = np.zeros((len(self._tags), len(self._slots)), dtype=np.int64)
+        ends = np.cumsum(self._sizes).tolist()
+        for i, (slot, size, end) in enumerate(zip(self._slots, self._sizes, ends)):
+            slot.send_in(self._block[:, end - size : end], self._captures_ns[:, i])
 
-    def encode(self, world: World, timestep: int) -> dict[int, Values]:
+    def encode(self, world: World, timestep: int) -> SensorReadings:
         """Recomputes what is due and gives what every robot, by tag, is sent in this timestep.
 
         The capture time is NEVER_NS where nothing has been measured yet; the value is 0 then.
@@ -75,9 +83,42 @@ class SensorBank:
             SensorError: a sensor gave a number that is not finite or does not fit its layout.
         """
         robots = in_order(world.robots, self._tags)
-        packed = [slot.step(world, robots, timestep) for slot in self._slots]
-        rows = zip(*packed) if packed else ((),) * len(self._tags)
-        return dict(zip(self._tags, map(list, rows)))
+        for slot in self._slots:
+            slot.step(world, robots, timestep)
+        block, captures_ns = self._block.copy(), self._captures_ns.copy()
+        return SensorReadings(self._tags, self._sizes, block, captures_ns)
+
+    @property
+    def newest(self) -> SensorReadings:
+        """The newest readings, in arrays that change with them."""
+        return SensorReadings(self._tags, self._sizes, self._block, self._captures_ns)
+
+    def kernels(self) -> list[SensorKernel] | None:
+        """What reads and sends all of them without Python, or None where that is not enough."""
+        found = [slot.kernel(self._tags) for slot in self._slots]
+        return None if None in found else [some for some in found if some is not None]
+
+
+@dataclass(frozen=True, slots=True)
+class SensorKernel:
+    """One sensor of all robots of a bank as C reads and sends it.
+
+    Attributes:
+        tags: the robots.
+        read: see `ReadFunction`.
+        sent: the `struct vs_sent *`.
+        noise: gives what is added to the readings to come, (j, n, k), one at least; None: nothing.
+        use: is told for how many of the readings to come it was used.
+    """
+
+    tags: Sequence[int]
+    read: ReadFunction
+    sent: Any
+    noise: Callable[[], NDArray[np.float64]] | None
+    use: Callable[[int], None]
+
+
+_Held = tuple[NDArray[Any], NDArray[np.int64]]
 
 
 class _Slot:
@@ -90,26 +131,84 @@ class _Slot:
         self._quality, self._updating, self._blind = quality, mounted.updating, blind
         self._count, dtype = layout_dtype(self._sensor.layout)
         self._scale = scale_of(self._sensor)
+        self._dtype = dtype
+        self._plain: Any = None
         self._values = np.zeros((robots, self._count), dtype=dtype)
         self._captures_ns = np.full(robots, NEVER_NS, dtype=np.int64)
         self._timesteps = np.full(robots, -quality.update_every, dtype=np.int64)
         self._random = random
         self._distortion = Distortion(quality, self._scale, robots, self._count)
-        self._delay = Delay(quality.latency, self._packed())
+        # Without latency nothing waits, and nothing has to be kept.
+        self._delay = Delay(quality.latency, self._kept()) if quality.latency else None
 
     def entry(self, number: int) -> TableEntry:
         size = self._count * self._values.itemsize
         return TableEntry(number, self._sensor.name, self._sensor.layout, size)
 
-    def step(self, world: World, robots: NDArray[np.void], timestep: int) -> Values:
-        """Renews what is due; gives value and capture time of every robot."""
+    def send_in(self, block: NDArray[np.uint8], captures_ns: NDArray[np.int64]) -> None:
+        """Sets where the robots' values (n, bytes) and their capture times (n,) are to be."""
+        captures_ns[:] = self._captures_ns
+        self._sent = block.view(self._dtype), captures_ns
+        if self._delay is None:  # then all of them are sent as they are
+            self._values, self._captures_ns = self._sent
+        self._plain = self._as_c() if self._is_plain else None
+
+    def step(self, world: World, robots: NDArray[np.void], timestep: int) -> None:
+        """Renews what is due and sends what is."""
         due = robots["seen"] & (timestep - self._timesteps >= self._quality.update_every)
         self._timesteps[due] = timestep
         if self._quality.drop_out > 0.0:
             due &= self._random.random(len(due)) >= self._quality.drop_out
-        if due.any():
+        if self._plain is not None and due.all():
+            self._send(world, robots)
+        elif due.any():
             self._renew(world, robots, due)
-        return self._delay.push(self._packed())
+        if self._delay is not None:
+            self._sent[0][:], self._sent[1][:] = self._delay.push(self._kept())
+
+    def kernel(self, tags: Sequence[int]) -> SensorKernel | None:
+        """How C reads and sends it, if C can do both."""
+        read = getattr(self._sensor, "kernel", None)
+        if self._plain is None or not isinstance(read, ReadFunction):
+            return None
+        noise = partial(self._distortion.noise, self._random) if self._quality.distorts else None
+        return SensorKernel(tags, read, self._plain, noise, self._distortion.use)
+
+    @property
+    def _is_plain(self) -> bool:
+        """Whether every reading is sent as it is, or with noise that is limited to its bounds."""
+        quality, noisy = self._quality, self._quality.distorts
+        always = self._updating == ALWAYS and self._dtype == np.dtype("<f4") and not self._blind
+        at_once = not quality.latency and not quality.drop_out and quality.update_every == 1
+        tidy = getattr(self._sensor, "tidy", None)
+        return always and at_once and (not noisy or (self._distortion.is_noise and tidy is None))
+
+    def _send(self, world: World, robots: NDArray[np.void]) -> None:
+        """Reads the sensor for all robots and sends that, if it is plain."""
+        self._fresh[:] = self._read(world, robots)
+        if self._quality.distorts:
+            noise = self._distortion.noise(self._random)[0]
+            self._plain.offsets = kernel_ffi.from_buffer("double[]", noise)
+            self._distortion.use(1)
+        check(kernels.vs_sent_renew(self._plain, 0), self._sensor.name)
+        self._captures_ns[:] = robots["capture_ns"]
+
+    def _as_c(self) -> Any:
+        """Makes the `struct vs_sent *`; its arrays live as long as this slot."""
+        values, captures_ns = self._sent
+        bounds = (self._distortion.unit, self._distortion.low, self._distortion.high)
+        self._fresh = np.zeros((len(values), self._count))
+        self._bounds = [np.ascontiguousarray(some) for some in bounds]
+        made: Any = kernel_ffi.new("struct vs_sent *")
+        made.robots, made.count = values.shape
+        made.block = kernel_ffi.cast("uint8_t *", values.ctypes.data)
+        made.stride, made.step = values.strides[0], captures_ns.strides[0] // captures_ns.itemsize
+        made.captures_ns = kernel_ffi.cast("int64_t *", captures_ns.ctypes.data)
+        made.fresh = kernel_ffi.from_buffer("double[]", self._fresh)
+        made.unit, made.low, made.high = (
+            kernel_ffi.from_buffer("double[]", some) for some in self._bounds
+        )
+        return made
 
     def _renew(self, world: World, robots: NDArray[np.void], due: NDArray[np.bool_]) -> None:
         rows = np.flatnonzero(due)
@@ -150,11 +249,8 @@ class _Slot:
             raise SensorError(f"sensor {name!r}: {wrong} does not fit its layout {layout!r}")
         return values
 
-    def _packed(self) -> Values:
-        rows = self._values.tobytes()
-        size = self._count * self._values.itemsize
-        cut = [rows[i * size : (i + 1) * size] for i in range(len(self._values))]
-        return list(zip(cut, self._captures_ns.tolist(), strict=True))
+    def _kept(self) -> _Held:
+        return self._values.copy(), self._captures_ns.copy()
 
 
 def _range(dtype: np.dtype[Any]) -> tuple[float, float]:

@@ -11,6 +11,7 @@ A sensor may also have any of these members:
     changed(sent, fresh)       its own updating condition: (m, k) numbers that the robots were
                                sent last and could be sent now -> (m,) whether to send them
     tidy(values)               called on the (m, k) numbers after noise: what must hold again
+    kernel: ReadFunction | None      C that does the same as `read`, without Python, in a simulation
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +66,17 @@ class VirtualSensor(Protocol):
 
         They are finite numbers (n, k), k as the layout says.
         """
+
+
+class ReadFunction(NamedTuple):
+    """A function of a library that reads a sensor, and what it takes first.
+
+    It is declared as `read` of `struct vs_sim_sensor`.
+    """
+
+    library: Any
+    name: str
+    cdata: Any
 
 
 @dataclass(frozen=True, slots=True)

@@ -48,11 +48,14 @@ class DestinationSensor:
     def read(self, world: World, robots: Robots) -> Readings:
         """Reads the destinations; see `VirtualSensor.read`."""
         readings = np.zeros((len(robots), 5))
-        for reading, robot in zip(readings, robots):
-            place = self.target
-            if isinstance(place, str):
-                place = places.EntityPlace(place.replace(_OWN_TAG, str(robot["tag"])))
-            reading[:3] = place.pose(world) or (robot["x_m"], robot["y_m"], robot["yaw_rad"])
+        for axis, name in enumerate(("x_m", "y_m", "yaw_rad")):
+            readings[:, axis] = robots[name]
+        if isinstance(self.target, str):
+            for reading, tag in zip(readings, robots["tag"].tolist()):
+                place = places.EntityPlace(self.target.replace(_OWN_TAG, str(tag)))
+                reading[:3] = place.pose(world) or reading[:3]
+        else:
+            readings[:, :3] = self.target.pose(world) or readings[:, :3]
         distance, bearing = seen_from(robots, readings[:, :1], readings[:, 1:2])
         readings[:, 3] = distance[:, 0]
         readings[:, 4] = np.where(distance > 0.0, bearing, 0.0)[:, 0]

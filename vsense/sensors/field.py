@@ -36,12 +36,11 @@ class FieldSensor:
 
     def read(self, world: World, robots: Robots) -> Readings:
         """Reads value and gradient; see `VirtualSensor.read`."""
-        field = world.fields[self.field]
         points = np.stack((robots["x_m"], robots["y_m"]), axis=-1)
-        east, north = field.gradient(points).T
+        value, east, north = world.fields[self.field].read(points).T
         cosine, sine = np.cos(robots["yaw_rad"]), np.sin(robots["yaw_rad"])
         ahead, left = east * cosine + north * sine, north * cosine - east * sine
-        return np.stack((field.value(points), ahead, left), axis=-1)
+        return np.stack((value, ahead, left), axis=-1)
 
 
 def from_xml(element: Element, scope: Scope) -> FieldSensor:

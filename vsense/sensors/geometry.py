@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vsense.arena import wrap_angle
+from vsense.arena import POSE, wrap_angle
+from vsense.native import kernel_ffi, kernels
 from vsense.sensors.base import Robots
 from vsense.sensors.quality import Floats
 from vsense.world.world import World
@@ -22,7 +24,9 @@ RING_RADIUS_M = 0.036
 RING_HEIGHT_M = 0.032
 """Their height above the floor. Source: as above."""
 
-_MAX_RING = 64
+_MAX_RING: int = kernels.VS_LIGHT_SENSORS_MAX
+_PLACE_AT: int = POSE.fields["x_m"][1]  # type: ignore[index]
+"""Where a row of POSE has x_m, y_m, yaw_rad."""
 EPUCK_RING_DEG = (-17.2, -45.9, -90.0, -151.5, 151.5, 90.0, 45.8, 17.2)
 """ps0..ps7, clockwise from the front right. Source: epuck.md section 6, from Webots."""
 _ARGOS_DIVISORS = (10.5884, 3.5999, 2.0, 1.2, 0.8571, 0.6667, 0.5806, 0.5247)
@@ -86,6 +90,24 @@ class Ring:
         points[..., 1] = robots["y_m"][:, None] + RING_RADIUS_M * np.sin(headings)
         points[..., 2] = RING_HEIGHT_M
         return points
+
+
+class SensedScene:
+    """What sensors in C read of a world: `cdata` is a `struct vs_scene *`.
+
+    It holds until the next update of the world or change of an entity; the poses are not copied.
+    """
+
+    def __init__(self, world: World, robots: Robots, rows: NDArray[np.intp]) -> None:
+        """Robots (n,) with their rows in `world.bodies()`."""
+        lights, bodies = world.light_table(), world.bodies()
+        self._kept = robots, np.ascontiguousarray(rows, dtype=np.int32), lights, bodies
+        self.cdata: Any = kernel_ffi.new("struct vs_scene *")
+        self.cdata.first = kernel_ffi.cast("uint8_t *", robots.ctypes.data + _PLACE_AT)
+        self.cdata.stride, self.cdata.robots = robots.strides[0], len(robots)
+        self.cdata.own = kernel_ffi.from_buffer("int32_t[]", self._kept[1])
+        self.cdata.lights, self.cdata.lights_count = lights.cdata, len(lights)
+        self.cdata.obstacles = bodies.cdata
 
 
 def seen_from(robots: Robots, x_m: ArrayLike, y_m: ArrayLike) -> tuple[Floats, Floats]:

@@ -29,14 +29,23 @@ limited only after the noise. Source: argos3-epuck 66cb8d9, epuck_light_default_
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from vsense.arena import wrap_angle
-from vsense.sensors.base import Readings, Robots, Scope
-from vsense.sensors.geometry import NEAREST_M, Ring, field_of_view, rows_of, within
+from vsense.native import check, kernel_ffi, kernels
+from vsense.sensors.base import ReadFunction, Readings, Robots, Scope
+from vsense.sensors.geometry import (
+    NEAREST_M,
+    RING_HEIGHT_M,
+    RING_RADIUS_M,
+    Ring,
+    SensedScene,
+    field_of_view,
+    rows_of,
+)
 from vsense.sensors.quality import Floats, Scale
-from vsense.world.rays import NOBODY
 from vsense.world.world import World
 from vsense.xml.element import Element
 
@@ -51,17 +60,22 @@ FULL = 4096.0
 
 _MAX_RANGE_M = 1000.0
 _MAX_NOISE = 1e6
-_EPUCK_REACH = 2.5
-"""In distances over intensities."""
 
 
-@dataclass(frozen=True, slots=True)
+_KERNELS = {
+    "thesis": kernels.VS_LIGHT_AT_SENSORS,
+    "generic": kernels.VS_LIGHT_AT_SENSORS,
+    "epuck": kernels.VS_LIGHT_AT_CENTRE,
+}
+
+
+@dataclass(frozen=True)
 class LightSensor:
     """Senses the lights of the world; `formula` is one of FORMULAS. See the module.
 
     Lights farther away than `range_m`, or farther off a sensor's axis than half of
     `field_of_view_rad`, are not sensed. Readings are multiplied by `gain`; `limited` ones end
-    at 1.
+    at 1. The formulas are C (`c_src/host/vs_light.c`).
     """
 
     formula: str
@@ -79,64 +93,35 @@ class LightSensor:
     def read(self, world: World, robots: Robots) -> Readings:
         """Reads the ring; see `VirtualSensor.read`."""
         count = len(self.ring)
-        readings = np.zeros((len(robots), 2 * count if self.angles else count))
-        if self.angles:
-            readings[:, count:] = self.ring.angles_rad
-        lights = [light for light in world.lights() if light.intensity > 0.0]
-        if lights and len(robots):
-            places = np.array([light.position_m for light in lights])
-            intensities = np.array([light.intensity for light in lights])
-            sense = self._from_centre if self.formula == "epuck" else self._from_sensors
-            readings[:, :count] = sense(world, robots, places, intensities)
-        if self.formula != "thesis" and self.limited:
-            np.minimum(readings[:, :count], 1.0, out=readings[:, :count])
-        readings[:, :count] *= self.gain
+        readings = np.empty((len(robots), 2 * count if self.angles else count))
+        readings[:, count:] = self.ring.angles_rad if self.angles else 0.0
+        scene = SensedScene(world, robots, rows_of(world, robots))
+        given = kernel_ffi.from_buffer("double[]", readings)
+        check(kernels.vs_light_read(self.cdata, scene.cdata, given), "lines of sight")
         return readings
 
-    def _from_sensors(
-        self, world: World, robots: Robots, lights_m: Floats, intensities: Floats
-    ) -> Floats:
-        """Sums (I/d)^2, each sensor with its own lines to the lights (l, 3): (n, k)."""
-        points = self.ring.points(robots)
-        seen = None
-        if self.occlusions:
-            seen = world.bodies().seen(points.reshape(-1, 3), lights_m, NOBODY)
-        total = np.zeros(points.shape[:2])
-        # Light by light: sums over the short axis of lights would take most of the time.
-        for number, (light_m, intensity) in enumerate(zip(lights_m, intensities)):
-            east, north, up = (light_m[axis] - points[..., axis] for axis in range(3))
-            squared = east * east + north * north + up * up
-            part = intensity**2 / np.maximum(squared, NEAREST_M**2)
-            if seen is not None:
-                part *= seen[:, number].reshape(part.shape)
-            part[squared > self.range_m**2] = 0.0
-            if self.field_of_view_rad < 2.0 * np.pi:
-                off_axis = wrap_angle(np.arctan2(north, east) - self.ring.headings(robots))
-                part[~within(off_axis, self.field_of_view_rad)] = 0.0
-            total += part
-        return total
+    @property
+    def kernel(self) -> ReadFunction | None:
+        """See `vsense/sensors/base.py`."""
+        return None if self.angles else ReadFunction(kernels, "vs_light_read", self.cdata)
 
-    def _from_centre(
-        self, world: World, robots: Robots, lights_m: Floats, intensities: Floats
-    ) -> Floats:
-        """What `epuck_light` makes of the lights (l, 3): (n, k)."""
-        centres = np.zeros((len(robots), 3))
-        centres[:, 0], centres[:, 1] = robots["x_m"], robots["y_m"]
-        offsets = lights_m - centres[:, None, :]
-        distances = np.sqrt(np.einsum("nli,nli->nl", offsets, offsets))
-        near = distances <= _EPUCK_REACH * intensities
-        nowhere = np.full_like(distances, np.inf)
-        received = np.exp(-2.0 * np.divide(distances, intensities, out=nowhere, where=near))
-        received[distances > self.range_m] = 0.0
-        if self.occlusions:
-            received *= world.bodies().seen(centres, lights_m, rows_of(world, robots))
-        bearings = np.arctan2(offsets[..., 1], offsets[..., 0]) - robots["yaw_rad"][:, None]
-        turn = np.abs(wrap_angle(bearings)[:, None, :] - self.ring.angles_rad[:, None])
-        off_axis = np.minimum(turn, 2.0 * np.pi - turn)
-        share: Floats = np.maximum(1.0 - 2.0 / np.pi * off_axis, 0.0)
-        share[~within(off_axis, self.field_of_view_rad)] = 0.0
-        summed: Floats = np.einsum("nl,nkl->nk", received, share)
-        return summed
+    @cached_property
+    def cdata(self) -> Any:
+        """The `struct vs_light_ring *`."""
+        made: Any = kernel_ffi.new("struct vs_light_ring *")
+        made.formula, made.sensors = _KERNELS[self.formula], len(self.ring)
+        made.angles_rad = kernel_ffi.from_buffer("double[]", self._looking_rad)
+        made.radius_m, made.height_m, made.nearest_m = RING_RADIUS_M, RING_HEIGHT_M, NEAREST_M
+        made.range_m, made.view_rad = self.range_m, self.field_of_view_rad
+        made.most = 1.0 if self.formula != "thesis" and self.limited else np.inf
+        made.gain, made.occlusions = self.gain, self.occlusions
+        made.step = 2 * len(self.ring) if self.angles else len(self.ring)
+        return made
+
+    @cached_property
+    def _looking_rad(self) -> Floats:
+        angles = self.ring.angles_rad if self.formula == "epuck" else self.ring.places_rad
+        return np.ascontiguousarray(angles)
 
 
 def from_xml(element: Element, scope: Scope) -> LightSensor:

@@ -6,21 +6,25 @@ import csv
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.arena import POSE, ArenaState, wrap_angle
+from vsense.arena import POSE, ArenaState
 from vsense.config.specs import Experiment
 from vsense.errors import VsenseError, failing_as
 from vsense.lab import metrics
 from vsense.lab.reach import drawn
 from vsense.link.robots.status import RING_LEDS
 from vsense.link.robots.wire import Shown
+from vsense.native import kernel_ffi, kernels
+from vsense.physics.motion import pointer
 from vsense.pictures.run_figure import RunFigure
 from vsense.pictures.run_samples import RunSamples
 from vsense.recording.form import EVENTS, SHOWN, changes
 from vsense.terminal import Level
+from vsense.world.sightings import POSE_FIELDS, rows_pointer
 from vsense.world.world import World
 
 Floats = NDArray[np.float64]
@@ -40,41 +44,45 @@ _BLOCK = 256
 
 
 class SimulatedTracker:
-    """Makes arena states of true poses."""
+    """Makes arena states of true poses; `cdata` is the `struct vs_tracker *`."""
 
     def __init__(self, tags: Sequence[int], seed: int) -> None:
         """`tags` come in the order of the poses; `seed` is that of the errors."""
-        self._order = np.argsort(np.asarray(tags, dtype=np.uint32))
+        order = np.argsort(np.asarray(tags, dtype=np.uint32))
         self._random = np.random.default_rng([seed, _STREAM])
         self._errors = np.zeros((0, len(tags), 3))
         self._used = 0
         self._states = np.zeros(len(tags), dtype=POSE)
-        self._states["tag"] = np.asarray(tags)[self._order]
+        self._states["tag"] = np.asarray(tags)[order]
         self._states["confidence"] = 1.0
         self._states["cameras"] = 1
         self._states["seen"] = True
-        self._last: tuple[Floats, int] | None = None
+        self._kept = order.astype(np.uint32), np.zeros((len(tags), 3))
+        self.cdata: Any = kernel_ffi.new("struct vs_tracker *")
+        self.cdata.fields, self.cdata.count = POSE_FIELDS, len(tags)
+        self.cdata.order = pointer("uint32_t", self._kept[0])
+        self.cdata.last, self.cdata.last_ns = pointer("double", self._kept[1]), -1
+        self.cdata.states = rows_pointer(self._states)
 
     def update(self, poses: Floats, timestep: int, capture_ns: int) -> ArenaState:
         """Sees all true poses (n, 3) x_m, y_m, yaw_rad in (-pi, pi] at a later time than before."""
+        errors = pointer("double", self.errors()[0])
+        kernels.vs_tracker_see(self.cdata, pointer("double", poses), errors, capture_ns)
+        self.use(1)
+        robots = self._states.copy()
+        return ArenaState(timestep, capture_ns, robots, len(robots))
+
+    def errors(self) -> Floats:
+        """Errors of the timesteps to come, (k, n, 3), one at least."""
         if self._used == len(self._errors):
             self._errors = self._random.standard_normal((_BLOCK, len(self._states), 3))
             self._errors *= (POSITION_STD_M, POSITION_STD_M, HEADING_STD_RAD)
             self._used = 0
-        robots = self._states.copy()
-        seen = poses[self._order] + self._errors[self._used]
-        self._used += 1
-        x_m, y_m, yaw_rad = seen.T
-        robots["x_m"], robots["y_m"], robots["yaw_rad"] = x_m, y_m, yaw_rad
-        if np.abs(yaw_rad).max(initial=0.0) > np.pi:
-            robots["yaw_rad"] = wrap_angle(yaw_rad)
-        robots["capture_ns"] = capture_ns
-        if self._last is not None:
-            before, before_ns = self._last
-            east_m, north_m, _ = (seen - before).T
-            robots["speed_m_s"] = np.hypot(east_m, north_m) / (1e-9 * (capture_ns - before_ns))
-        self._last = seen, capture_ns
-        return ArenaState(timestep, capture_ns, robots, len(robots))
+        return self._errors[self._used :]
+
+    def use(self, timesteps: int) -> None:
+        """So many timesteps' errors have been used."""
+        self._used += timesteps
 
 
 TRAJECTORY = "trajectory.npz"

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
-from vsense.link.robots.wire import Values, Wanted
+from vsense.link.robots.wire import Wanted
 from vsense.physics.motion import Floats, Physics, floor_of, obstacles
 from vsense.physics.proximity_ring import ProximityRing
 from vsense.physics.wheel_noise import NoisyWheels
@@ -29,6 +29,8 @@ from vsense.robot.loop_library import FUNCTIONS, Colors, LoopLibrary
 from vsense.run.cxx_loop import LoopHost
 from vsense.run.environment import Environment
 from vsense.run.programs import LOADING, LOADING_LOOP, PROGRESS_BYTES, Programs, loading
+from vsense.sensors.readings import SwarmReadings
+from vsense.sim.chain import Chain, ChainedParts, ChainTimes, chained
 from vsense.sim.record import Record, SimulatedTracker
 from vsense.world.entities import Box, Cylinder
 
@@ -84,6 +86,7 @@ class Simulation:
         environment: the virtual world.
         record: the run's timesteps.
         samples: collects what the picture of the run needs; None: there is no picture.
+        chain: what runs whole timesteps in C, from the run's second one on; None: nothing does.
     """
 
     def __init__(
@@ -123,6 +126,7 @@ class Simulation:
         self._reports, self._events = dict[int, bytes](), list[_Event]()
         self._names = {robot.tag: robot.id for robot in experiment.robots}
         self._now_ns, self._driven = EPOCH_NS, self._robots.wheels_steps_s.copy()
+        self.chain: Chain | None = None
         self._version, self._standing = -1, _standing(experiment.boxes, experiment.cylinders)
         self._follow()
 
@@ -144,10 +148,11 @@ class Simulation:
             raise
 
     def _run(self) -> dict[str, float]:
-        for run_timestep in range(-WARM_UP, len(self.record.timesteps)):
-            self.step(run_timestep)
+        run_timestep = -WARM_UP
+        while run_timestep < len(self.record.timesteps):
+            run_timestep += self.go_on(run_timestep)
             if self.environment.finished:
-                self.record.end(run_timestep + 1)
+                self.record.end(run_timestep)
                 break
         self._advance(self._capture_ns())
         self._robots.end()
@@ -156,6 +161,30 @@ class Simulation:
         results = self.environment.end()
         self._note_said(len(self.record.timesteps) - 1)
         return results
+
+    def go_on(self, run_timestep: int) -> int:
+        """Runs at least one timestep; says how many."""
+        if run_timestep == 1 and self.samples is None and self._slip.is_quiet:
+            self.chain = self._chained()
+        if self.chain is None:
+            self.step(run_timestep)
+            return 1
+        left = len(self.record.timesteps) - run_timestep
+        self.chain.wheels[:], self.chain.leds[:] = self._driven, self._leds
+        done = self.chain.run(self._timestep, self._capture_ns(), run_timestep, left)
+        self._timestep += done
+        self._driven, self._leds = self.chain.wheels.copy(), self.chain.leds.copy()
+        self._now_ns = self._capture_ns() - self._dt_ns + ACT_NS
+        self._robots.check()
+        self._note(run_timestep + done - 1)
+        return done
+
+    def _chained(self) -> Chain | None:
+        """What runs the timesteps that are C from the first to the last, if all are."""
+        tracker, environment = self._tracker, self.environment
+        whole = (self._physics, self._rings, tracker, environment, self._robots, self.record)
+        times = ChainTimes(self._dt_ns, SENSE_NS, CONTROL_NS, ACT_NS)
+        return chained(ChainedParts(*whole), times)
 
     def _break_off(self) -> None:
         """Ends the record of a run that has failed, with the last words of all."""
@@ -167,7 +196,7 @@ class Simulation:
             self.samples.end(self.environment.world)
 
     def step(self, run_timestep: int) -> None:
-        """Runs one timestep, negative before the run, up to the moment before the next capture."""
+        """Runs one timestep, negative before the run, until wheels obey or to the next capture."""
         capture_ns = self._capture_ns()
         self._advance(capture_ns)
         poses, world = self._physics.poses, self.environment.world
@@ -182,6 +211,8 @@ class Simulation:
                 self.samples.add(run_timestep, world)
         self._plan(capture_ns + SENSE_NS, self._control(capture_ns, self._timestep, readings))
         self._timestep += 1
+        if self._dt_ns > ACT_NS:  # else the next capture comes first
+            self._advance(capture_ns + ACT_NS)
 
     def _note_said(self, run_timestep: int) -> None:
         """Keeps what loop functions log; before the run, with its first timestep."""
@@ -215,7 +246,7 @@ class Simulation:
         return EPOCH_NS + self._timestep * self._dt_ns
 
     def _control(
-        self, capture_ns: int, timestep: int, readings: dict[int, Values]
+        self, capture_ns: int, timestep: int, readings: SwarmReadings
     ) -> Callable[[], None]:
         """Makes the event in which the robots sense and their controllers run."""
 

@@ -50,9 +50,9 @@ def simulate(job: Job, progress: Any) -> dict[str, Any]:
 
     Returns:
         The experiment's `name`, number of `robots` and `timesteps`, `timestep_s`, `wall_s` that
-        the timesteps took, `swarm` as of `metrics.swarm`, `measures` of the experiment's own,
-        and `complaints` of controllers, and of what they logged the first `events` (seconds and
-        words) and how many there are.
+        the timesteps took and `cpu_s` of this process for them, `swarm` as of `metrics.swarm`,
+        `measures` of the experiment's own, and `complaints` of controllers, and of what they logged
+        the first `events` (seconds and words) and how many there are.
 
     Raises:
         VsenseError: the run cannot be had.
@@ -63,14 +63,14 @@ def simulate(job: Job, progress: Any) -> dict[str, Any]:
     if job.directory is not None:
         run.samples = RunSamples(experiment)
         run.record.keep_events(Path(job.directory) / LOGGED)
-    begun_s = time.perf_counter()
+    begun_s, cpu_begun_s = time.perf_counter(), time.process_time()
     try:
         measures = run.run()
     except VsenseError:
         with suppress(VsenseError):  # the first one counts
             _save(run, experiment, job)
         raise
-    wall_s = time.perf_counter() - begun_s
+    wall_s, cpu_s = time.perf_counter() - begun_s, time.process_time() - cpu_begun_s
     _save(run, experiment, job)
     return {
         "name": experiment.name,
@@ -78,6 +78,7 @@ def simulate(job: Job, progress: Any) -> dict[str, Any]:
         "timesteps": len(run.record.timesteps),
         "timestep_s": experiment.timestep_s,
         "wall_s": wall_s,
+        "cpu_s": cpu_s,
         "swarm": run.record.swarm(),
         "measures": measures,
         "complaints": run.complaints(),

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vsense.native import kernel_ffi, kernels
 from vsense.world.entities import Arena, WorldError
 
 Floats = NDArray[np.float64]
@@ -65,6 +67,7 @@ class Field:
             )
         self.corner_m = np.array(arena.centre_m[:2]) - 0.5 * cell_m * np.array([columns, rows])
         self.concentration = np.full((rows, columns), self._initial)
+        self._cdata: Any = None
 
     def check(self, timestep_s: float) -> None:
         """Raises WorldError where the field spreads over too many cells in one timestep."""
@@ -92,23 +95,22 @@ class Field:
 
         A point outside reads what the nearest one inside reads.
         """
-        cells, shares = self._around(self._grid(points_m))
-        read: Floats = (self.concentration.reshape(-1)[cells] * shares).sum(axis=1)
-        return read
+        return self.read(points_m)[:, 0]
 
     def gradient(self, points_m: ArrayLike) -> Floats:
         """Gradient of the concentration at points (n, 2): d/dx and d/dy, (n, 2) [1/m^3].
 
         It is taken over two cells, and 0 across the border.
         """
-        grid = self._grid(points_m)
-        slopes = []
-        for axis in ((1.0, 0.0), (0.0, 1.0)):
-            ends = [self._around(grid + sign * np.array(axis)) for sign in (1.0, -1.0)]
-            flat = self.concentration.reshape(-1)
-            ahead, behind = ((flat[cells] * shares).sum(axis=1) for cells, shares in ends)
-            slopes.append((ahead - behind) / (2.0 * self.cell_m))
-        return np.stack(slopes, axis=1)
+        return self.read(points_m)[:, 1:]
+
+    def read(self, points_m: ArrayLike) -> Floats:
+        """`value` and `gradient` at points (n, 2): (n, 3)."""
+        points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
+        readings = np.empty((len(points), 3))
+        given, target = (kernel_ffi.from_buffer("double[]", some) for some in (points, readings))
+        kernels.vs_field_read(self._as_c(), given, len(points), target)
+        return readings
 
     def deposit(self, points_m: ArrayLike, amounts: ArrayLike) -> None:
         """Adds amounts at points (n, 2), shared out between the four nearest cells.
@@ -118,11 +120,10 @@ class Field:
         Raises:
             WorldError: an amount is negative or not finite.
         """
-        cells, shares = self._around(self._grid(points_m))
-        added = self._amounts(amounts, len(cells))[:, None] * shares / self.cell_m**2
-        flat = self.concentration.reshape(-1)
-        np.add.at(flat, cells, added)
-        np.minimum(flat, MAX_CONCENTRATION, out=flat)
+        points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
+        added = np.ascontiguousarray(self._amounts(amounts, len(points)))
+        given, what = (kernel_ffi.from_buffer("double[]", some) for some in (points, added))
+        kernels.vs_field_deposit(self._as_c(), given, what, len(points), MAX_CONCENTRATION)
 
     def take(self, points_m: ArrayLike, amounts: ArrayLike) -> Floats:
         """Takes amounts away at points, as far as there is something; arguments as of `deposit`.
@@ -158,12 +159,18 @@ class Field:
 
     def _diffuse(self, share: float) -> None:
         """Moves a share of every difference between neighbours from one to the other."""
-        across = share * np.diff(self.concentration, axis=1)
-        along = share * np.diff(self.concentration, axis=0)
-        self.concentration[:, :-1] += across
-        self.concentration[:, 1:] -= across
-        self.concentration[:-1] += along
-        self.concentration[1:] -= along
+        before = kernel_ffi.from_buffer("double[]", np.empty_like(self.concentration))
+        kernels.vs_field_diffuse(self._as_c(), share, before)
+
+    def _as_c(self) -> Any:
+        """The `struct vs_field *`, which holds until `concentration` is another array."""
+        cells = kernel_ffi.from_buffer("double[]", self.concentration)
+        if self._cdata is None or self._cdata.cells != cells:
+            rows, columns = self.concentration.shape
+            corner_m = self.corner_m.tolist()
+            made = (columns, rows, corner_m, self.cell_m, cells)
+            self._cdata = kernel_ffi.new("struct vs_field *", made)
+        return self._cdata
 
     def _grid(self, points_m: ArrayLike) -> Floats:
         """Places in cells; (0, 0) is the middle of the first one."""

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vsense.native import check, kernel_ffi, kernels
-from vsense.world.entities import BODY_HEIGHT_M, BODY_RADIUS_M, Box, Cylinder
+from vsense.native import check, kernel_ffi, kernels, lib
+from vsense.world.entities import BODY_HEIGHT_M, BODY_RADIUS_M, Box, Cylinder, Light
+from vsense.world.sightings import LastSightings
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -23,6 +24,7 @@ _FIELDS = "x_m y_m z_low_m z_high_m radius_m half_x_m half_y_m cosine sine"
 BODY = np.dtype([(name, "f8") for name in _FIELDS.split()])
 """One body; the fields are those of `struct vs_obstacle`."""
 
+_LEAST_ROOM = 64
 NOBODY = -1
 """In `skip`: the line passes through no body."""
 
@@ -35,15 +37,19 @@ class Bodies:
 
     Attributes:
         rows: BODY array, not to be changed. A body with z_high_m < z_low_m is not there.
+        cdata: the `struct vs_obstacles *`.
     """
 
     def __init__(self, rows: NDArray[np.void]) -> None:
         self.rows = np.ascontiguousarray(rows)
-        self._obstacles = kernel_ffi.new("struct vs_obstacles *")
+        self.cdata = self._obstacles = kernel_ffi.new("struct vs_obstacles *")
         self._obstacles.bodies = kernel_ffi.cast(
             "const struct vs_obstacle *", self.rows.ctypes.data
         )
         self._obstacles.count = len(self.rows)
+        self._sort()
+
+    def _sort(self) -> None:
         check(kernels.vs_obstacles_plan(self._obstacles), "bodies in the way")
         self._memory = np.empty(self._obstacles.words, dtype=np.uint32)
         kernels.vs_obstacles_sort(self._obstacles, _pointer("uint32_t *", self._memory))
@@ -102,6 +108,65 @@ class Bodies:
         )
         check(code, "lines of sight")
         return found
+
+
+class MovingBodies(Bodies):
+    """Robots, tagged things and what stands among them, from timestep to timestep.
+
+    The rows are those of the robots, then of the things, then of what stands.
+
+    Attributes:
+        crowd: the `struct vs_crowd *`.
+    """
+
+    def __init__(self, seen: LastSightings, standing: NDArray[np.void], memory_ns: int) -> None:
+        """Who was not seen for `memory_ns` is not there; `standing` are BODY rows."""
+        self._seen, moving = seen, np.zeros(seen.count)
+        self.crowd: Any = kernel_ffi.new("struct vs_crowd *")
+        super().__init__(np.concatenate((disc_rows(moving, moving), standing)))
+        self.crowd.world, self.crowd.obstacles = seen.cdata, self.cdata
+        self.crowd.bodies = _pointer("struct vs_obstacle *", self.rows)
+        self.crowd.height_m, self.crowd.memory_ns = BODY_HEIGHT_M, memory_ns
+
+    def _sort(self) -> None:
+        self._make_room(_LEAST_ROOM)
+
+    def _make_room(self, words: int) -> None:
+        self._memory = np.empty(words, dtype=np.uint32)
+        self.crowd.memory, self.crowd.room = _pointer("uint32_t *", self._memory), words
+
+    def stand(self, now_ns: int) -> None:
+        """Puts everybody where they were seen last, at a time."""
+        code = kernels.vs_crowd_stand(self.crowd, now_ns)
+        if code == lib.VS_ERR_SPACE:
+            self.grow()
+            code = kernels.vs_crowd_stand(self.crowd, now_ns)
+        check(code, "bodies in the way")
+
+    def grow(self) -> None:
+        """Makes the room for which the library has asked."""
+        self._make_room(2 * self.cdata.words)
+
+
+LIGHT = np.dtype([("at_m", "f8", 3), ("intensity", "f8")])
+"""One light; the fields are those of `struct vs_light`."""
+
+
+class LightTable:
+    """The lights that shine, as the C library takes them.
+
+    Attributes:
+        rows: LIGHT array, not to be changed.
+        cdata: the same as `struct vs_light *`.
+    """
+
+    def __init__(self, lights: Sequence[Light]) -> None:
+        shining = [(light.position_m, light.intensity) for light in lights if light.intensity > 0]
+        self.rows = np.array(shining, dtype=LIGHT)
+        self.cdata = _pointer("const struct vs_light *", self.rows)
+
+    def __len__(self) -> int:
+        return len(self.rows)
 
 
 def disc_rows(

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import POSE
+from vsense.native import kernel_ffi, kernels
 from vsense.world.entities import VirtualRobot
 
 NEVER_NS = -1
@@ -23,17 +24,45 @@ def unseen(tags: Sequence[int]) -> NDArray[np.void]:
     return poses
 
 
-def update_poses(kept: NDArray[np.void], seen: NDArray[np.void]) -> None:
-    """Overwrites the kept rows of the tags that a camera saw; the others stay, not seen.
+def _fields() -> Any:
+    """Where rows of POSE have what C reads and writes: a `struct vs_pose_fields *`."""
+    at = {name: offset for name, (_, offset, *_) in (POSE.fields or {}).items()}
+    numbers = (at[name] for name in ("tag", "x_m", "speed_m_s", "capture_ns", "seen"))
+    return kernel_ffi.new("struct vs_pose_fields *", (POSE.itemsize, *numbers))
 
-    Both are POSE arrays; `kept` is changed in place, `seen` is sorted by tag.
+
+POSE_FIELDS = _fields()
+
+
+class LastSightings:
+    """Where robots and tagged things were seen last, as C takes it.
+
+    Attributes:
+        count: rows of both.
+        cdata: the `struct vs_world *`.
     """
-    kept["seen"] = False
-    if len(seen) == 0:
-        return
-    place = np.minimum(np.searchsorted(seen["tag"], kept["tag"]), len(seen) - 1)
-    fresh = seen["seen"][place] & (seen["tag"][place] == kept["tag"])
-    kept[fresh] = seen[place[fresh]]
+
+    def __init__(self, robots: NDArray[np.void], real: int, things: NDArray[np.void]) -> None:
+        """`robots` and `things` are POSE arrays that change in place, the `real` robots first."""
+        self._kept = robots, things
+        self.count = len(robots) + len(things)
+        self.cdata: Any = kernel_ffi.new("struct vs_world *")
+        self.cdata.fields = POSE_FIELDS
+        self.cdata.robots, self.cdata.things = (rows_pointer(rows) for rows in self._kept)
+        self.cdata.real, self.cdata.robots_all = real, len(robots)
+        self.cdata.thing_count = len(things)
+
+    def update(self, seen: NDArray[np.void]) -> None:
+        """Overwrites the rows of the tags that a camera saw; the others stay, not seen.
+
+        `seen` is a POSE array sorted by tag. Virtual robots are not touched.
+        """
+        kernels.vs_world_update(self.cdata, rows_pointer(np.ascontiguousarray(seen)), len(seen))
+
+
+def rows_pointer(rows: NDArray[np.void]) -> Any:
+    """The bytes of a contiguous structured array, valid as long as it lives."""
+    return kernel_ffi.cast("uint8_t *", rows.ctypes.data)
 
 
 def known(poses: NDArray[np.void], now_ns: int, memory_ns: int) -> NDArray[np.bool_]:

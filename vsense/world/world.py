@@ -31,9 +31,9 @@ from vsense.world.fields import Field, by_id
 from vsense.world.floor import Floor
 from vsense.world.inventory import Inventory
 from vsense.world.pollution import DEFAULT_MEMORY_NS, Cone, PollutantSource, Stock
-from vsense.world.rays import Bodies, disc_rows, entity_rows
+from vsense.world.rays import LightTable, MovingBodies, entity_rows
 from vsense.world.sightings import NEVER_NS as NEVER_NS
-from vsense.world.sightings import carried, known, read_only, standing, unseen, update_poses
+from vsense.world.sightings import LastSightings, carried, read_only, standing, unseen
 
 
 class Results(UserDict[str, float]):
@@ -87,6 +87,7 @@ class World:
         results: measures of the run by name.
         stock: what robots have left of the pollutant sources.
         params: the loop functions' own settings.
+        sightings: `robots` and `objects` as C takes them; another one when an entity changes.
         arena: the arena, or None where it is not needed.
         controllers: id of the controller of each robot, by its tag.
         capture_ns: capture time of the newest arena state, 0 before the first.
@@ -97,7 +98,8 @@ class World:
     run_timestep = 0
     _settled = -1
     _floors = 0
-    _bodies: Bodies | None = None
+    _is_standing = False
+    _light_table: LightTable | None = None
     _painted_floor: Floor | None = None
 
     def __init__(
@@ -155,12 +157,16 @@ class World:
     def update(self, state: ArenaState, run_timestep: int) -> None:
         """Takes over what the cameras saw in a timestep of the run; negative before the run."""
         self.capture_ns, self.run_timestep = state.capture_ns, run_timestep
-        update_poses(self._robots[: self.real_robots], state.robots)
-        update_poses(self._objects, state.robots)
         self._settle()
+        self.sightings.update(state.robots)
         virtual = self._robots[self.real_robots :]
-        virtual["seen"], virtual["capture_ns"] = True, state.capture_ns
-        self._bodies = None
+        if len(virtual):
+            virtual["seen"], virtual["capture_ns"] = True, state.capture_ns
+        self._is_standing = False
+
+    def advanced(self, capture_ns: int, run_timestep: int) -> None:
+        """Takes over that `sightings` have been updated, and `bodies` too, by C."""
+        self.capture_ns, self.run_timestep, self._is_standing = capture_ns, run_timestep, False
 
     def step(self) -> None:
         """Steps what changes by itself, the fields."""
@@ -267,6 +273,13 @@ class World:
         """All lights."""
         return self._inventory.of(Light)
 
+    def light_table(self) -> LightTable:
+        """The lights that shine; the same object until an entity changes."""
+        self._settle()
+        if self._light_table is None:
+            self._light_table = LightTable(self.lights())
+        return self._light_table
+
     def zones(self) -> tuple[Zone, ...]:
         """All zones."""
         return self._inventory.of(Zone)
@@ -285,20 +298,17 @@ class World:
         self._painted_floor = None
         self._floors += 1
 
-    def bodies(self) -> Bodies:
-        """All that stands in the way of light and sight.
+    def bodies(self) -> MovingBodies:
+        """All that stands in the way of light and sight, until the next update.
 
         The rows are those of `robots`, which `skip` takes, then those of `objects`, then cylinders
         and boxes. A tagged thing that no camera has seen for BODY_MEMORY_NS blocks no line.
         """
         self._settle()
-        if self._bodies is None:
-            rows = []
-            for poses in (self._robots, self._objects):
-                there = known(poses, self.capture_ns, BODY_MEMORY_NS)
-                rows.append(disc_rows(poses["x_m"], poses["y_m"], there))
-            self._bodies = Bodies(np.concatenate([*rows, self._standing]))
-        return self._bodies
+        if not self._is_standing:
+            self._crowd.stand(self.capture_ns)
+            self._is_standing = True
+        return self._crowd
 
     def driven_by(self, controller: str) -> NDArray[np.bool_]:
         """Which of `robots` a controller drives, by its id, (n,)."""
@@ -334,11 +344,14 @@ class World:
         if self._settled == self._inventory.version:
             return
         self._settled = self._inventory.version
-        self._bodies = self._painted_floor = None
-        self._standing = entity_rows([*self.cylinders(), *self.boxes()])
+        self._painted_floor = self._light_table = None
         before = self._robots["tag"].tolist()
         rows = standing(self._inventory.of(VirtualRobot), self.capture_ns)
         self._robots = np.concatenate([self._robots[: self.real_robots], rows])
+        self.sightings = LastSightings(self._robots, self.real_robots, self._objects)
+        standing_rows = entity_rows([*self.cylinders(), *self.boxes()])
+        self._crowd = MovingBodies(self.sightings, standing_rows, BODY_MEMORY_NS)
+        self._is_standing = False
         after = self._robots["tag"].tolist()
         if after != before:
             # Virtual robots that stay keep LEDs and message.

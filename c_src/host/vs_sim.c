@@ -1,0 +1,138 @@
+/* SPDX-License-Identifier: MIT */
+#include "vs_sim.h"
+
+#include <string.h>
+
+#include "../vs_err.h"
+
+/* Everything moves on to the capture, the tracker sees it, and the world takes that over. */
+static void see(struct vs_sim *sim)
+{
+    vs_physics_advance(sim->physics, sim->capture_ns);
+    vs_tracker_see(sim->tracker, sim->physics->poses, sim->errors, sim->capture_ns);
+    sim->errors += 3 * (size_t)sim->tracker->count;
+    vs_world_update(sim->world, sim->tracker->states, sim->tracker->count);
+    sim->has_seen = 1;
+}
+
+static int measure(struct vs_sim *sim)
+{
+    uint32_t i;
+
+    for (i = 0; i < sim->sensors_count; i++) {
+        struct vs_sim_sensor *one = &sim->sensors[i];
+        int err = one->read(one->sensor, one->scene, one->sent->fresh);
+
+        if (err != VS_OK)
+            return err;
+        one->sent->offsets = one->noise;
+        err = vs_sent_renew(one->sent, sim->capture_ns);
+        if (err != VS_OK)
+            return err;
+        if (one->noise)
+            one->noise += (size_t)one->sent->robots * one->sent->count;
+    }
+    return VS_OK;
+}
+
+/* The record's row of this timestep. */
+static void keep(struct vs_sim *sim)
+{
+    size_t tagged = sim->tracker->count;
+    size_t robots = sim->physics->contacts->near->robots;
+
+    memcpy(sim->kept_poses, sim->physics->poses, 3 * tagged * sizeof *sim->kept_poses);
+    memcpy(sim->kept_leds, sim->leds, robots * sizeof *sim->kept_leds);
+    sim->kept_poses += 3 * tagged;
+    sim->kept_leds += robots;
+}
+
+static void give_prox(const struct vs_sim *sim, const struct vs_sim_program *program)
+{
+    uint32_t i;
+
+    for (i = 0; i < program->robots; i++)
+        memcpy(program->prox + 8 * i, sim->rings->raw + 8 * program->rows[i],
+               8 * sizeof *program->prox);
+}
+
+/* Runs the controllers of a program; whether the host has to look at them, negative: one failed. */
+static int control(struct vs_sim *sim, const struct vs_sim_program *program)
+{
+    uint32_t robot;
+
+    give_prox(sim, program);
+    *sim->present = program->number;
+    *program->timestep = sim->timestep;
+    *program->capture_ns = (uint64_t)sim->capture_ns;
+    *program->now_ns = (uint64_t)(sim->capture_ns + sim->control_ns);
+    program->step(program->all, program->now);
+    if (program->failure(program->all, &robot))
+        return -1;
+    return *program->logged != 0 ||
+           memcmp(program->shown, program->shown_before, program->shown_bytes) != 0;
+}
+
+/* Wheels and LEDs follow the controllers. */
+static void obey(struct vs_sim *sim)
+{
+    uint32_t p, i;
+
+    for (p = 0; p < sim->programs_count; p++) {
+        const struct vs_sim_program *program = &sim->programs[p];
+
+        for (i = 0; i < program->robots; i++) {
+            uint32_t row = program->rows[i];
+
+            memcpy(sim->wheels + 2 * row, program->wheels + 2 * i, 2 * sizeof *sim->wheels);
+            sim->leds[row] = program->leds[i];
+        }
+    }
+    vs_physics_advance(sim->physics, sim->capture_ns + sim->act_ns);
+    vs_physics_drive_all(sim->physics, sim->wheels, sim->capture_ns + sim->act_ns);
+}
+
+/* Rings, controllers and wheels of a timestep; whether the host has to look. */
+static int act(struct vs_sim *sim)
+{
+    int has_news = 0;
+    uint32_t p;
+
+    vs_physics_advance(sim->physics, sim->capture_ns + sim->sense_ns);
+    vs_rings_read(sim->rings, sim->physics->poses, sim->noise);
+    sim->noise += (size_t)sim->rings->near->robots * sim->rings->ring->sensors;
+    for (p = 0; p < sim->programs_count; p++) {
+        int news = control(sim, &sim->programs[p]);
+
+        if (news < 0)
+            return 1;
+        has_news |= news;
+    }
+    obey(sim);
+    return has_news;
+}
+
+int vs_sim_run(struct vs_sim *sim, uint32_t timesteps)
+{
+    sim->done = 0;
+    while (sim->done < timesteps) {
+        int err, has_news;
+
+        if (!sim->has_seen)
+            see(sim);
+        err = sim->crowd ? vs_crowd_stand(sim->crowd, sim->capture_ns) : VS_OK;
+        if (err == VS_OK)
+            err = measure(sim);
+        if (err != VS_OK)
+            return err;
+        keep(sim);
+        has_news = act(sim);
+        sim->has_seen = 0;
+        sim->timestep++;
+        sim->capture_ns += sim->dt_ns;
+        sim->done++;
+        if (has_news)
+            break;
+    }
+    return VS_OK;
+}

@@ -1,0 +1,81 @@
+/* SPDX-License-Identifier: MIT */
+/*
+ * vs_sim.h - timesteps of a simulation as far as they are C: the kernels of physics, world,
+ * sensors and rings, and the robots' controllers, in the order in which vsense/sim/simulation.py
+ * and vsense/run/environment.py call them. There is nothing here that they do not do, too.
+ */
+#ifndef VS_SIM_H
+#define VS_SIM_H
+
+#include "vs_light.h"
+#include "vs_physics.h"
+#include "vs_ring.h"
+#include "vs_world.h"
+
+/* A sensor of the robots of one controller. */
+struct vs_sim_sensor {
+    int (*read)(const void *sensor, const struct vs_scene *scene, double *readings);
+    const void *sensor;
+    const struct vs_scene *scene; /* with all robots that have it */
+    struct vs_sent *sent;
+    const double *noise;          /* of the next timestep, then of those after it; or NULL */
+};
+
+/* The robots of one controller; robot/inprocess.h has the functions and what they take. */
+struct vs_sim_program {
+    void (*step)(void *all, void *now);
+    const char *(*failure)(const void *all, uint32_t *robot);
+    void *all;
+    void *now;
+    uint32_t *timestep;       /* these three are told, in now */
+    uint64_t *capture_ns;
+    uint64_t *now_ns;
+    uint32_t robots;
+    const uint32_t *rows;     /* [robots] their numbers among all robots */
+    int16_t *prox;            /* [robots * 8] given to them */
+    const int16_t *wheels;    /* [robots * 2] what comes of it */
+    const uint16_t *leds;     /* [robots] */
+    const uint8_t *shown;     /* [shown_bytes] what they show, and what they showed before */
+    const uint8_t *shown_before;
+    size_t shown_bytes;
+    const uint32_t *logged;   /* lines that wait to be read */
+    uint32_t number;          /* of the controller */
+};
+
+/* A run. All arrays are the caller's. */
+struct vs_sim {
+    struct vs_physics *physics;
+    struct vs_tracker *tracker;
+    struct vs_world *world;
+    struct vs_crowd *crowd;       /* NULL: no sensor asks for it */
+    struct vs_sim_sensor *sensors;
+    uint32_t sensors_count;
+    uint32_t programs_count;
+    struct vs_sim_program *programs;
+    struct vs_rings *rings;
+    const double *errors;         /* the tracker's, and the rings' noise: of the next timestep, */
+    const double *noise;          /* then of those after it */
+    uint32_t *present;            /* told which controller runs */
+    int16_t *wheels;              /* [robots * 2] and leds [robots]: in force */
+    uint16_t *leds;
+    double *kept_poses;           /* the record: true poses of all tagged bodies, and the LEDs */
+    uint16_t *kept_leds;          /* that robots have, of the next timestep, then of those after */
+    int64_t capture_ns;           /* of the next timestep */
+    int64_t dt_ns;                /* more than act_ns */
+    int64_t sense_ns;             /* from the capture: the rings measure, */
+    int64_t control_ns;           /* controllers run, */
+    int64_t act_ns;               /* and wheels obey */
+    uint32_t timestep;            /* the next one */
+    uint32_t done;                /* timesteps of the newest call of vs_sim_run */
+    int has_seen;                 /* the next one has begun: see vs_sim_run; 0 at first */
+};
+
+/*
+ * Runs at most so many timesteps; ends after one in which a controller failed, showed something
+ * else than before, or logged. After a failure the wheels do not obey. Errors: those of vs_crowd_stand,
+ * of the sensors and of vs_sent_renew; after VS_ERR_SPACE it can be called again, with more room
+ * in the crowd, and goes on where it was.
+ */
+int vs_sim_run(struct vs_sim *sim, uint32_t timesteps);
+
+#endif

@@ -1,0 +1,301 @@
+/* SPDX-License-Identifier: MIT */
+/* Timesteps of a simulation under the sanitizers: each kernel is called when it is due, with the
+ * numbers of its timestep, and what a controller says ends the call. */
+#include <string.h>
+
+#include "check.h"
+#include "vs_sim.h"
+
+#define ROBOTS 3
+#define STEPS 6
+#define MS 1000000
+#define FIRST_NS 1000000000
+#define ROW 45
+
+/* What the controllers are told and say; they note what they were called with. */
+struct told {
+    uint32_t timestep;
+    uint64_t capture_ns;
+    uint64_t now_ns;
+    uint32_t logged;
+    uint32_t calls;
+    uint32_t log_at, show_at, fail_at; /* timesteps */
+    int16_t prox[ROBOTS * 8];
+    int16_t wheels[ROBOTS * 2];
+    uint16_t leds[ROBOTS];
+    uint8_t shown[4], shown_before[4];
+};
+
+struct run {
+    struct vs_near near;
+    struct vs_pair pairs[ROBOTS * ROBOTS];
+    uint32_t next[ROBOTS], heads[2 * ROBOTS], newest[ROBOTS], order[ROBOTS], rows[ROBOTS];
+    struct vs_contacts contacts;
+    struct vs_contact now[ROBOTS * ROBOTS], before[ROBOTS * ROBOTS];
+    struct vs_physics physics;
+    double radii_m[ROBOTS], searched_m[2 * ROBOTS], moved_m[2 * ROBOTS], poses[3 * ROBOTS];
+    double mobility[ROBOTS], wheels_m_s[2 * ROBOTS], last[3 * ROBOTS];
+    int16_t commands[2 * ROBOTS], raw[8 * ROBOTS], wheels[2 * ROBOTS];
+    int64_t rolled_ns[ROBOTS];
+    uint8_t states[ROBOTS * ROW], kept[ROBOTS * ROW];
+    struct vs_pose_fields fields;
+    struct vs_tracker tracker;
+    struct vs_world world;
+    struct vs_ring ring;
+    struct vs_rings rings;
+    double zeros[8], ones[8], table_m[2], table_raw[2];
+    double distances_m[8 * ROBOTS], clean[8 * ROBOTS];
+    double errors[STEPS * 3 * ROBOTS], noise[STEPS * 8 * ROBOTS];
+    double kept_poses[STEPS * 3 * ROBOTS];
+    uint16_t leds[ROBOTS], kept_leds[STEPS * ROBOTS];
+    struct told told;
+    struct vs_sim_program program;
+    struct vs_sim_sensor sensor;
+    struct vs_sent sent;
+    double fresh[ROBOTS], offsets[STEPS * ROBOTS], unit, low, high;
+    float block[ROBOTS];
+    int64_t captures_ns[ROBOTS];
+    uint32_t present, measured;
+    struct vs_sim sim;
+};
+
+static void step(void *all, void *now)
+{
+    struct told *told = now;
+    uint32_t i;
+
+    CHECK(all == (void *)told);
+    told->calls++;
+    told->logged = told->timestep == told->log_at;
+    told->shown[0] = told->timestep >= told->show_at;
+    for (i = 0; i < ROBOTS; i++) {
+        told->wheels[2 * i] = told->wheels[2 * i + 1] = (int16_t)(100 * (i + 1));
+        told->leds[i] = (uint16_t)(told->timestep + 10 * i);
+    }
+}
+
+static const char *failure(const void *all, uint32_t *robot)
+{
+    const struct told *told = all;
+
+    *robot = 0;
+    return told->timestep == told->fail_at ? "cannot" : NULL;
+}
+
+static int read(const void *sensor, const struct vs_scene *scene, double *readings)
+{
+    struct run *run = (struct run *)(uintptr_t)sensor;
+    uint32_t i;
+
+    CHECK(scene == NULL);
+    for (i = 0; i < ROBOTS; i++)
+        readings[i] = run->measured;
+    run->measured++;
+    return VS_OK;
+}
+
+static void set_floor(struct run *r)
+{
+    uint32_t i;
+
+    r->near.robots = r->near.bodies = ROBOTS;
+    r->near.radii_m = r->radii_m;
+    r->near.searched_m = r->searched_m;
+    r->near.pairs = r->pairs;
+    r->near.next = r->next;
+    r->near.heads = r->heads;
+    r->contacts.near = &r->near;
+    r->contacts.mobility = r->physics.mobility = r->mobility;
+    r->contacts.now = r->now;
+    r->contacts.before = r->before;
+    r->contacts.moved_m = r->moved_m;
+    r->contacts.newest = r->newest;
+    r->physics.contacts = &r->contacts;
+    r->physics.poses = r->poses;
+    r->physics.wheels_m_s = r->wheels_m_s;
+    r->physics.commands = r->commands;
+    r->physics.rolled_ns = r->rolled_ns;
+    for (i = 0; i < ROBOTS; i++) {
+        r->radii_m[i] = 0.035;
+        r->poses[3 * i + 1] = i;
+    }
+    vs_physics_init(&r->physics, FIRST_NS);
+}
+
+static void set_rings(struct run *r)
+{
+    r->ring.sensors = 8;
+    r->ring.rays = 1;
+    r->ring.from_x_m = r->ring.from_y_m = r->ring.ray_y = r->zeros;
+    r->ring.ray_x = r->ring.response = r->ones;
+    r->table_m[1] = 0.07;
+    r->table_raw[0] = 4095.0;
+    r->table_raw[1] = 67.0;
+    r->ring.points = 2;
+    r->ring.table_m = r->table_m;
+    r->ring.table_raw = r->table_raw;
+    r->rings.ring = &r->ring;
+    r->rings.near = &r->near;
+    r->rings.distances_m = r->distances_m;
+    r->rings.clean = r->clean;
+    r->rings.raw = r->raw;
+}
+
+static void set_sensor(struct run *r)
+{
+    struct vs_sent sent = {ROBOTS, 1, (uint8_t *)r->block, sizeof(float), r->captures_ns, 1,
+                           r->fresh, NULL, &r->unit, &r->low, &r->high};
+
+    r->sent = sent;
+    r->unit = 1.0;
+    r->low = -10.0;
+    r->high = 10.0;
+    r->sensor.read = read;
+    r->sensor.sensor = r;
+    r->sensor.sent = &r->sent;
+    r->sensor.noise = r->offsets;
+    r->sim.sensors = &r->sensor;
+    r->sim.sensors_count = 1;
+}
+
+static void set_program(struct run *r)
+{
+    struct told *told = &r->told;
+
+    told->log_at = told->show_at = told->fail_at = 1000;
+    r->program.step = step;
+    r->program.failure = failure;
+    r->program.all = r->program.now = told;
+    r->program.timestep = &told->timestep;
+    r->program.capture_ns = &told->capture_ns;
+    r->program.now_ns = &told->now_ns;
+    r->program.robots = ROBOTS;
+    r->program.rows = r->rows;
+    r->program.prox = told->prox;
+    r->program.wheels = told->wheels;
+    r->program.leds = told->leds;
+    r->program.shown = told->shown;
+    r->program.shown_before = told->shown_before;
+    r->program.shown_bytes = sizeof told->shown;
+    r->program.logged = &told->logged;
+    r->program.number = 5;
+    r->sim.programs = &r->program;
+    r->sim.programs_count = 1;
+}
+
+static void set_world(struct run *r)
+{
+    const struct vs_pose_fields fields = {ROW, 1, 5, 29, 37, 0};
+    uint32_t i;
+
+    r->fields = fields;
+    for (i = 0; i < ROBOTS; i++) {
+        r->order[i] = r->rows[i] = i;
+        r->states[i * ROW] = 1;
+        r->states[i * ROW + 1] = r->kept[i * ROW + 1] = (uint8_t)(i + 1);
+    }
+    r->tracker.fields = r->world.fields = &r->fields;
+    r->tracker.count = r->world.real = r->world.robots_all = ROBOTS;
+    r->tracker.order = r->order;
+    r->tracker.states = r->states;
+    r->tracker.last = r->last;
+    r->tracker.last_ns = -1;
+    r->world.robots = r->kept;
+    r->world.things = r->kept + ROBOTS * ROW;
+}
+
+static void begin(struct run *r)
+{
+    uint32_t i;
+
+    memset(r, 0, sizeof *r);
+    for (i = 0; i < 8; i++)
+        r->ones[i] = 1.0;
+    for (i = 0; i < STEPS * 8 * ROBOTS; i++)
+        r->noise[i] = i / (8 * ROBOTS);
+    for (i = 0; i < STEPS * ROBOTS; i++)
+        r->offsets[i] = 0.25 * (i / ROBOTS);
+    set_floor(r);
+    set_rings(r);
+    set_world(r);
+    set_sensor(r);
+    set_program(r);
+    r->sim.physics = &r->physics;
+    r->sim.tracker = &r->tracker;
+    r->sim.world = &r->world;
+    r->sim.rings = &r->rings;
+    r->sim.errors = r->errors;
+    r->sim.noise = r->noise;
+    r->sim.present = &r->present;
+    r->sim.wheels = r->wheels;
+    r->sim.leds = r->leds;
+    r->sim.kept_poses = r->kept_poses;
+    r->sim.kept_leds = r->kept_leds;
+    r->sim.capture_ns = FIRST_NS;
+    r->sim.dt_ns = 100 * MS;
+    r->sim.sense_ns = 20 * MS;
+    r->sim.control_ns = 30 * MS;
+    r->sim.act_ns = 31 * MS;
+}
+
+static void all_timesteps_have_what_is_theirs(struct run *r)
+{
+    double m_s;
+    uint32_t i, k;
+
+    begin(r);
+    CHECK(vs_sim_run(&r->sim, STEPS) == VS_OK && r->sim.done == STEPS);
+    CHECK(r->told.calls == STEPS && r->measured == STEPS && r->present == 5);
+    CHECK(r->told.timestep == STEPS - 1);
+    CHECK(r->told.capture_ns == FIRST_NS + 100 * MS * (STEPS - 1));
+    CHECK(r->told.now_ns == r->told.capture_ns + 30 * MS);
+    CHECK(r->told.prox[0] == 67 + STEPS - 1);
+    CHECK(r->block[1] == 1.25f * (STEPS - 1));
+    CHECK(r->captures_ns[2] == FIRST_NS + 100 * MS * (STEPS - 1));
+    for (k = 0; k < STEPS; k++)
+        for (i = 0; i < ROBOTS; i++) {
+            m_s = r->physics.wheels_m_s[2 * i];
+            m_s *= k == 0 ? 0.0 : 0.1 * k - 0.031;
+            CHECK(m_s - r->kept_poses[3 * (k * ROBOTS + i)] < 1e-12);
+            CHECK(r->kept_poses[3 * (k * ROBOTS + i)] - m_s < 1e-12);
+            CHECK(r->kept_leds[k * ROBOTS + i] == (k == 0 ? 0 : k - 1 + 10 * i));
+        }
+}
+
+static void news_end_the_call(struct run *r)
+{
+    begin(r);
+    r->told.log_at = 1;
+    r->told.show_at = 3;
+    r->told.fail_at = 4;
+    CHECK(vs_sim_run(&r->sim, STEPS) == VS_OK && r->sim.done == 2);
+    CHECK(vs_sim_run(&r->sim, 1) == VS_OK && r->sim.done == 1);
+    CHECK(vs_sim_run(&r->sim, 3) == VS_OK && r->sim.done == 1);
+    memcpy(r->told.shown_before, r->told.shown, sizeof r->told.shown);
+    CHECK(r->leds[0] == 3);
+    CHECK(vs_sim_run(&r->sim, 2) == VS_OK && r->sim.done == 1);
+    CHECK(r->leds[0] == 3 && r->told.leds[0] == 4); /* wheels and LEDs do not obey */
+}
+
+static void noise_ends_where_singles_do(struct run *r)
+{
+    begin(r);
+    r->high = r->low = 1e300;
+    r->offsets[0] = 1.0;
+    CHECK(vs_sim_run(&r->sim, 1) == VS_OK);
+    CHECK(r->block[0] > 3.4e38f); /* noise is limited to what can travel */
+    r->measured = 0;
+    r->sensor.noise = NULL;
+    r->unit = 0.0;
+    CHECK(vs_sim_run(&r->sim, 1) == VS_OK && r->block[0] == 0.0f);
+}
+
+int main(void)
+{
+    static struct run run;
+
+    all_timesteps_have_what_is_theirs(&run);
+    news_end_the_call(&run);
+    noise_ends_where_singles_do(&run);
+    return 0;
+}
