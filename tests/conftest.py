@@ -49,8 +49,16 @@ LONG = (
 """Files of a few long tests: they begin first, so that no worker is left alone with one."""
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Puts the tests of `LONG` first, and marks those of `ALONE` and `PACED`."""
+OPT_IN = "campaign"
+"""Tests with this marker take minutes: they run where `-m campaign` asks for them."""
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Puts the tests of `LONG` first, marks those of `ALONE` and `PACED`, leaves out `OPT_IN`."""
+    if OPT_IN not in config.option.markexpr:
+        left_out = [item for item in items if item.get_closest_marker(OPT_IN)]
+        items[:] = [item for item in items if not item.get_closest_marker(OPT_IN)]
+        config.hook.pytest_deselected(items=left_out)
     items.sort(key=lambda item: not item.nodeid.startswith(LONG))
     for item in items:
         if item.nodeid.startswith(ALONE) and item.get_closest_marker("quick") is None:

@@ -1,21 +1,10 @@
-"""Whole campaigns take minutes: they run where `-m campaign` asks for them."""
+"""What all tests of the shipped experiments share."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
 import pytest
-
-MARK = "campaign"
-
-
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leaves campaigns out unless they are asked for."""
-    if MARK in config.option.markexpr:
-        return
-    left_out = [item for item in items if item.get_closest_marker(MARK)]
-    items[:] = [item for item in items if not item.get_closest_marker(MARK)]
-    config.hook.pytest_deselected(items=left_out)
 
 
 @pytest.fixture(scope="session", autouse=True)

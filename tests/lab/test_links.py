@@ -178,8 +178,9 @@ def test_one_daemon_at_a_time_and_the_bus_stays(client: Client) -> None:
     client.socket.close()
     second.now_ns = client.now_ns
     second.serve()
-    second.serve()
-    assert second.greeted()
+    if not second.greeted():  # one turn for the end of the first, one for the second
+        second.serve()
+        assert second.greeted()
     second.exchange(0, 200)
     assert [applied[2:4] for applied in second.applied] == [(0, 200)]
     second.socket.close()
