@@ -127,6 +127,7 @@ class Robot:
         drops: errors for which datagrams were dropped.
         udp_open: False: a firewall between it and the host eats every datagram.
         wire: what went "up" to the host and came "down", as somebody hears who listens.
+        copies: packets of its session that it has sent, on every way.
     """
 
     def __init__(
@@ -137,6 +138,7 @@ class Robot:
         self.events: list[Event] = []
         self.udp_open = True
         self.wire: list[tuple[str, bytes]] = []
+        self.copies = 0
         self._server = server
         self.udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.udp.bind(("127.0.0.1", 0))
@@ -179,9 +181,15 @@ class Robot:
         packet = self.session.telemetry(self.now_ns(), telemetry)
         self.wire.append(("up", packet))
         if self.udp_open:
-            self.udp.sendto(packet, ("127.0.0.1", self._server.port))
+            self.send(packet)
         if self.session.over_tcp(self.now_ns()):
             self.tcp.sendall(packet)
+            self.copies += 1
+
+    def send(self, packet: bytes) -> None:
+        """Sends one of its packets over UDP, perhaps not for the first time."""
+        self.udp.sendto(packet, ("127.0.0.1", self._server.port))
+        self.copies += 1
 
     def until(self, done: Callable[[], bool]) -> None:
         """Takes what comes until the condition holds; it may be about the server, too."""
