@@ -130,6 +130,7 @@ KERNELS = Library(
         "c_src/host/vs_view.h",
         "c_src/host/vs_markers.h",
         "c_src/host/vs_words.h",
+        "c_src/host/vs_codes.h",
         "c_src/host/vs_rays.h",
         "c_src/host/vs_scene.h",
         "c_src/host/vs_light.h",

@@ -209,3 +209,12 @@ void vs_edges_sharpness(const struct vs_outline *outline, const struct vs_profil
     marker->sharp_ahead = (yy * x - xy * y) / (xx * yy - xy * xy + 1e-12);
     marker->sharp_left = (xx * y - xy * x) / (xx * yy - xy * xy + 1e-12);
 }
+
+int32_t vs_edges_level(const double *sharp, int32_t levels, double sharpness)
+{
+    int32_t level = 0;
+
+    while (level + 1 < levels && sharpness < 0.5 * (sharp[level] + sharp[level + 1]))
+        level++;
+    return level;
+}

@@ -62,4 +62,7 @@ void vs_edges_sharpness(const struct vs_outline *outline, const struct vs_profil
                         const struct vs_edges *e, const struct vs_outline_pass *pass,
                         struct vs_marker *marker);
 
+/* The place in levels sharpnesses, falling, of the one that is nearest to this. */
+int32_t vs_edges_level(const double *sharp, int32_t levels, double sharpness);
+
 #endif

@@ -3,6 +3,7 @@
 
 #include <string.h>
 
+#include "vs_codes.h"
 #include "vs_lens.h"
 #include "vs_outline.h"
 #include "vs_shape.h"
@@ -73,6 +74,8 @@ static void read_marker(const struct vs_outline *outline, const struct vs_view *
     if (outline->words != NULL)
         vs_square_name(outline->words, view, marker);
     vs_outline_read(outline, view, marker);
+    if (outline->codes != NULL)
+        vs_codes_name(outline->codes, marker, 1);
 }
 
 /*

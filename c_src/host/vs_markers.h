@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 /*
- * vs_markers.h - the picture kernel: from a picture to the fitted markers in it, square ones
- * with their words, others with their cells: what these mean, and what to believe, is for others.
+ * vs_markers.h - the picture kernel: from a picture to the fitted markers in it, with what their
+ * cells alone say of their tags.
  *
  * Points go through the lens model, pictures never do.
  */
@@ -32,6 +32,7 @@ struct vs_outline_pass {
 };
 
 struct vs_words; /* see vs_words.h */
+struct vs_codes; /* see vs_codes.h */
 
 /*
  * A family's outline and cells, in metres, x ahead and y to the left: from the disc's centre, or
@@ -39,6 +40,7 @@ struct vs_words; /* see vs_words.h */
  */
 struct vs_outline {
     const struct vs_words *words; /* of square markers; NULL of others */
+    const struct vs_codes *codes; /* the roster's, of arrows; NULL where they are not named */
     int32_t samples;
     int32_t cells;
     int32_t passes;
@@ -69,8 +71,8 @@ struct vs_marker {
     double white;      /* [grey] median just outside */
     double sharp_ahead; /* share of the contrast that an edge across the heading gains */
     double sharp_left;  /* within a quarter u of it; the same for one along it */
-    double tag;           /* of square markers: a whole number, -1 where none could be read */
-    double error, margin; /* of square markers, see struct vs_reading */
+    double tag;           /* a whole number, -1 where none could be read */
+    double error, margin; /* see struct vs_reading and vs_codes_name */
     double cell[VS_OUTLINE_CELLS]; /* 0 the outline's black, 1 the disc's white; of others */
 };
 

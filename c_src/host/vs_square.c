@@ -9,17 +9,6 @@
 #define SPOTS 3        /* grey values read in each cell, along and across */
 #define SPOT_APART 0.2 /* [cell] */
 
-/* The level of the blur whose edges are the most like this. */
-static int32_t level_of(const struct vs_words *words, double sharpness)
-{
-    int32_t level = 0;
-
-    while (level + 1 < VS_WORDS_BLURS &&
-           sharpness < 0.5 * (words->sharp[level] + words->sharp[level + 1]))
-        level++;
-    return level;
-}
-
 /* Reads the grey values of a fitted square's cells; 0 if it is not in front of the camera. */
 static int sample_cells(const struct vs_words *words, const struct vs_view *view,
                         const struct vs_marker *marker, float *cells)
@@ -89,8 +78,8 @@ void vs_square_name(const struct vs_words *words, const struct vs_view *view,
     struct vs_reading reading;
     int32_t level[2];
 
-    level[0] = level_of(words, marker->sharp_left);
-    level[1] = level_of(words, marker->sharp_ahead);
+    level[0] = vs_edges_level(words->sharp, VS_WORDS_BLURS, marker->sharp_left);
+    level[1] = vs_edges_level(words->sharp, VS_WORDS_BLURS, marker->sharp_ahead);
     reading.sure = 0;
     reading.error = reading.margin = 1.0;
     if (sample_cells(words, view, marker, cells))

@@ -24,7 +24,7 @@ PICTURES = [
     HOST / f"vs_{part}.c"
     for part in (
         *("math", "lens", "levels", "scan", "shape", "outline", "edges"),
-        *("words", "square", "markers"),
+        *("words", "square", "codes", "markers"),
     )
 ]
 RAYS = [HOST / f"vs_{part}.c" for part in ("math", "sight", "rays", "obstacles")]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -14,6 +15,8 @@ from vsense.arena import DETECTION, UNNAMED, ArenaState, Frame
 from vsense.cameras.camera import Camera
 from vsense.markers.families import load_family
 from vsense.tracking.arena_tracker import ArenaTracker, TrackingError
+from vsense.tracking.marker_detector import Detected
+from vsense.tracking.workers import Picture
 
 STEP_NS = 100_000_000
 SIZE = (64, 48)
@@ -28,13 +31,14 @@ SPREAD = np.diag((1e-7, 1e-7, 1e-6))
 class Script:
     """A detector that reads from the picture's first pixel which scene to report."""
 
-    overflows = 0
-
     def __init__(self, scenes: list[list[tuple[int, float, float, float]]]) -> None:
         self._scenes = scenes
 
-    def detect(self, image: np.ndarray, camera: Camera) -> np.ndarray:
-        """Reports a scene's (tag, x, y, yaw) where the camera sees them."""
+    def detect_all(self, pictures: Sequence[Picture]) -> list[Detected]:
+        """Reports a scene's (tag, x, y, yaw) where the cameras see them."""
+        return [Detected(self._detect(*picture), False) for picture in pictures]
+
+    def _detect(self, image: np.ndarray, camera: Camera) -> np.ndarray:
         rows = []
         for tag, x_m, y_m, yaw_rad in self._scenes[image[0, 0]]:
             pixel = camera.project(np.array([x_m, y_m, 0.06]))
@@ -49,8 +53,8 @@ def frames(scene: int, timestep: int, names: str = "abcd") -> list[Frame]:
     return [Frame(name, image, timestep, time_ns, time_ns + 1) for name in names]
 
 
-def tracker(*scenes: list[tuple[int, float, float, float]], workers: int = 2) -> ArenaTracker:
-    return ArenaTracker(CAMERAS, lambda: Script(list(scenes)), HEIGHTS, workers=workers)
+def tracker(*scenes: list[tuple[int, float, float, float]]) -> ArenaTracker:
+    return ArenaTracker(CAMERAS, Script(list(scenes)), HEIGHTS)
 
 
 def outline(state: ArenaState) -> tuple[object, ...]:
@@ -101,7 +105,7 @@ scenes = st.lists(
 def test_the_order_of_the_frames_never_changes_the_result(
     played: list[list[tuple[int, float, float, float]]], random: object
 ) -> None:
-    straight, shuffled = tracker(*played), tracker(*played, workers=3)
+    straight, shuffled = tracker(*played), tracker(*played)
     for step in range(len(played)):
         now = frames(step, step + 1)
         mixed = now + frames(0, step)
@@ -197,9 +201,9 @@ def test_foreign_and_wrong_pictures_are_named() -> None:
     with pytest.raises(TrackingError, match="20 x 10 px, not 64 x 48"):
         arena.update([wrong])
     with pytest.raises(TrackingError, match="an id of its own"):
-        ArenaTracker(CAMERAS[:1] * 2, lambda: Script([]), HEIGHTS)
+        ArenaTracker(CAMERAS[:1] * 2, Script([]), HEIGHTS)
     with pytest.raises(TrackingError, match="needs cameras"):
-        ArenaTracker([], lambda: Script([]), HEIGHTS)
+        ArenaTracker([], Script([]), HEIGHTS)
 
 
 def test_real_pictures_of_overlapping_cameras_at_two_heights() -> None:
@@ -271,4 +275,4 @@ def test_every_pose_says_how_sure_it_is_and_where_the_pictures_show_it() -> None
 
 def test_a_camera_below_its_robots_is_refused() -> None:
     with pytest.raises(TrackingError, match=r"hangs 2\.43 m above the floor, expected more than"):
-        ArenaTracker(CAMERAS, lambda: Script([]), {1: 0.06, 2: 2.5})
+        ArenaTracker(CAMERAS, Script([]), {1: 0.06, 2: 2.5})

@@ -12,6 +12,8 @@ from vsense.cameras.camera import Camera
 from vsense.cameras.grabber import REPEATS, CameraEvent, GrabberError, NoMorePictures, Troubles
 from vsense.tracking.arena_tracker import ArenaTracker
 from vsense.tracking.camera_tracking import CameraTracking
+from vsense.tracking.marker_detector import Detected
+from vsense.tracking.workers import Picture
 
 CAMERA = Camera.looking_down("top", 0.0, 0.0, 2.4, 400.0, (320, 240))
 CROWDED = "camera top: shows more dark things than the detector can hold: markers may be missed"
@@ -22,12 +24,9 @@ Make = Callable[..., CameraTracking]
 class Full:
     """A detector whose tables are always full."""
 
-    overflows = 0
-
-    def detect(self, image: np.ndarray, camera: Camera) -> np.ndarray:
+    def detect_all(self, pictures: Sequence[Picture]) -> list[Detected]:
         """Finds nothing."""
-        self.overflows += 1
-        return np.zeros(0, dtype=DETECTION)
+        return [Detected(np.zeros(0, dtype=DETECTION), True) for _ in pictures]
 
 
 class Script:
@@ -79,7 +78,7 @@ def make(told: list[str]) -> Iterator[Make]:
         timesteps: Sequence[int], check_all: bool = False, period_ns: int = 100_000_000
     ) -> CameraTracking:
         grabber = Script(timesteps, period_ns)
-        tracker = ArenaTracker([CAMERA], Full, {1: 0.06})
+        tracker = ArenaTracker([CAMERA], Full(), {1: 0.06})
         made.append(CameraTracking(grabber, tracker, told.append, None, check_all))
         return made[-1]
 
@@ -228,7 +227,7 @@ class TwoRates:
 @pytest.mark.parametrize("every", [1, 3])
 def test_a_slow_camera_beside_a_fast_one_is_checked(told: list[str], every: int) -> None:
     side = Camera.looking_down("side", 1.0, 0.0, 2.4, 400.0, (320, 240))
-    tracker = ArenaTracker([CAMERA, side], Full, {1: 0.06})
+    tracker = ArenaTracker([CAMERA, side], Full(), {1: 0.06})
     tracking = CameraTracking(TwoRates(), tracker, told.append)
     for timestep in range(50):
         tracking.next(1.0)
@@ -251,7 +250,7 @@ class OldPicture(TwoRates):
 
 def test_a_picture_that_the_tracker_leaves_out_ends_nothing(told: list[str]) -> None:
     side = Camera.looking_down("side", 1.0, 0.0, 2.4, 400.0, (320, 240))
-    tracker = ArenaTracker([CAMERA, side], Full, {1: 0.06})
+    tracker = ArenaTracker([CAMERA, side], Full(), {1: 0.06})
     tracking = CameraTracking(OldPicture(), tracker, told.append, check_all=True)
     for _ in range(5):
         tracking.next(1.0)

@@ -11,6 +11,7 @@ from vsense.arena import UNNAMED
 from vsense.markers.codes import cell_blur, normal_share, outer_light
 from vsense.markers.families import load_family
 from vsense.tracking.decoder import DecodedTag, Decoder
+from vsense.tracking.outlines import nearest_blur
 
 ARROW = load_family("arrow4x4")
 ROSTER = [31, 1843, 4334, 7167, 7488, 10084, 12689, 13103]
@@ -55,8 +56,13 @@ def test_every_tag_is_read_through_blur_and_noise(
     reading = read([tag], along_mm, across_mm, noise)
     assert reading.tags[0] == tag
     assert reading.error[0] < 0.12 and reading.margin[0] > 1.6
-    column = DECODER.tags.tolist().index(tag)
-    assert reading.distance[0].argmin() == column
+    cells = seen([tag] * len(ROSTER), along_mm, across_mm, 0.5 * (lost(along_mm) + lost(across_mm)))
+    sharp = sharpness(along_mm, len(cells)), sharpness(across_mm, len(cells))
+    away = DECODER.distance(cells + noise, *sharp, np.array(ROSTER, dtype=np.int32))
+    assert ROSTER[away.argmin()] == tag
+    assert away.min() == pytest.approx(reading.error[0], abs=1e-6)
+    margin = min(np.sort(away)[1], 1.0) / max(away.min(), 1e-3)
+    assert margin == pytest.approx(reading.margin[0], rel=1e-3)
 
 
 @given(st.integers(0, 65535), st.floats(0.6, 2.2), st.floats(0.6, 2.2))
@@ -86,7 +92,7 @@ def test_a_blank_arrow_has_no_name(shade: float, sigma_mm: float) -> None:
 @given(st.floats(0.6, 4.0))
 def test_the_blur_is_told_by_the_edges(sigma_mm: float) -> None:
     step_u = 0.04
-    kept = 0.10 + step_u * DECODER.blur(sharpness(sigma_mm))[0]
+    kept = 0.10 + step_u * nearest_blur(sharpness(sigma_mm))[0]
     assert kept == pytest.approx(sigma_mm / ARROW.unit_mm, abs=0.6 * step_u)
 
 
@@ -94,7 +100,9 @@ def test_one_tag_or_none_in_the_roster() -> None:
     cells, sharp = seen([31, 1843], 1.0, 1.0), sharpness(1.0, 2)
     assert Decoder(ARROW, [31]).decode(cells, sharp, sharp).tags.tolist() == [31, UNNAMED]
     nobody = Decoder(ARROW, []).decode(cells, sharp, sharp)
-    assert nobody.tags.tolist() == [UNNAMED, UNNAMED] and nobody.distance.shape == (2, 0)
+    assert nobody.tags.tolist() == [UNNAMED, UNNAMED] and nobody.error.tolist() == [1.0, 1.0]
+    far = Decoder(ARROW, []).distance(cells, sharp, sharp, np.array([31, 1843], dtype=np.int32))
+    assert np.isinf(far).all()
     none = np.zeros(0)
     assert DECODER.decode(np.zeros((0, 16)), none, none).tags.shape == (0,)
 

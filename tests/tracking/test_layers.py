@@ -10,8 +10,10 @@ from vsense.arena import Frame
 from vsense.cameras.camera import Camera
 from vsense.markers.families import MarkerFamily, SquareFamily, load_family
 from vsense.tracking.arena_tracker import ArenaTracker
-from vsense.tracking.kernel import MARKER, LayeredKernel, join
+from vsense.tracking.kernel import MARKER
+from vsense.tracking.layers import LayeredKernel
 from vsense.tracking.prediction import SearchPlan
+from vsense.tracking.rows import gather, join
 
 LENS = (-0.12, 0.02, 0.0, 0.0, 0.0)
 CAMERA = Camera.looking_down("top", 0.0, 0.0, 2.43, 1620.0, (800, 600), LENS)
@@ -87,5 +89,6 @@ def test_one_search_does_for_heights_that_are_not_far_apart() -> None:
 def test_what_is_at_one_place_is_one_marker() -> None:
     first, second = np.zeros(2, dtype=MARKER), np.zeros(2, dtype=MARKER)
     first["x_m"], second["x_m"] = (0.0, 1.0), (0.01, 0.5)
-    assert join(first, second)["x_m"].tolist() == [0.0, 1.0, 0.5]
-    assert len(join(first[:0], second)) == len(join(first, second[:0])) == 2
+    one, other, none = gather([first]), gather([second]), gather([first[:0]])
+    assert join(one, other).values["x_m"].tolist() == [0.0, 1.0, 0.5]
+    assert len(join(none, other).picture) == len(join(other, none).picture) == 2

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,6 +12,7 @@ from hypothesis import strategies as st
 
 from vsense.arena import POSE, ArenaState
 from vsense.cameras.camera import Camera
+from vsense.cameras.camera_array import CameraArray
 from vsense.tracking.prediction import Prediction, SearchPlan
 
 STEP_NS = 100_000_000
@@ -70,11 +74,46 @@ def test_squares_lie_around_the_robots_in_view() -> None:
     known = Prediction(SearchPlan(5, 0.11), {1: 0.06, 2: 0.06})
     known.learn(state(0, (1, 0.1, 0.0, 0.0), (2, 5.0, 0.0, 0.0)))
     known.expect(0)
-    seen = known.in_view(CAMERA, 0.06)
-    assert seen["tag"].tolist() == [1]
-    ((left, top, right, bottom),) = known.windows(
-        CAMERA, 0.06, np.stack((seen["x_m"], seen["y_m"]), axis=1)
-    ).tolist()
+    cameras = CameraArray([CAMERA])
+    seen = known.in_view(cameras, 0.06)
+    assert seen.values["tag"].tolist() == [1]
+    squares = known.windows(cameras, 0.06, seen.places(), seen.picture)
+    ((left, top, right, bottom),) = squares.tolist()
     middle = CAMERA.project(np.array([0.1, 0.0, 0.06]))
     assert ((left + right) / 2, (top + bottom) / 2) == pytest.approx(middle.tolist(), abs=1.0)
     assert right - left == pytest.approx(0.11 * 1620 / 2.37, abs=3.0) == bottom - top
+
+
+def rotation(tilt: float) -> tuple[float, ...]:
+    """Looks down, tilted about x: at 0.9 rad with the horizon in the picture."""
+    c, s = math.cos(tilt), math.sin(tilt)
+    turned = np.array([[1, 0, 0], [0, c, -s], [0, s, c]]) @ np.diag((1.0, -1.0, -1.0))
+    return tuple(turned.ravel().tolist())
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(-0.9, 0.9), st.floats(-0.3, 0.1), st.integers(0, 30))
+def test_in_view_is_whose_middle_lies_in_the_picture(
+    seed: int, tilt: float, barrel: float, count: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    heights_m = dict(enumerate(rng.uniform(0.0, 0.3, count).tolist()))
+    lens = (barrel, 0.0, 0.0, 0.0, 0.0)
+    rig = [
+        replace(CAMERA, id=id, position_m=(x, x, 2.4), distortion=lens, rotation=rotation(tilt))
+        for id, x in (("a", -1.0), ("b", 0.4))
+    ]
+    known = Prediction(heights_m=heights_m)
+    places = rng.uniform(-2.0, 2.0, (count, 2))
+    known.learn(state(0, *[(tag, x, y, 0.0) for tag, (x, y) in enumerate(places.tolist())]))
+    known.expect(0)
+    seen = known.in_view(CameraArray(rig), 0.06)
+    here = list(zip(seen.picture.tolist(), seen.values["tag"].tolist()))
+    points = np.column_stack((places, list(heights_m.values())))
+    for number, camera in enumerate(rig):
+        x, y, z = np.reshape(camera.rotation, (3, 3)) @ (points - camera.position_m).T
+        inside = camera.contains(camera.project(points)) & (z > 0.0)
+        # Beyond its fold the lens's formula shows far places a second time.
+        near = np.hypot(x / z, y / z) < 1.0
+        expects = [(number, tag) for tag in np.flatnonzero(inside & near).tolist()]
+        assert [one for one in here if one[0] == number and one in expects] == expects
+        assert all(inside[tag] or z[tag] <= 0.0 for of, tag in here if of == number)

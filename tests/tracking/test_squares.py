@@ -13,8 +13,7 @@ from vsense.cameras.camera import Camera
 from vsense.markers.dictionary import SquareFamily
 from vsense.markers.families import FamilyError, load_family
 from vsense.tracking.arena_tracker import ArenaTracker
-from vsense.tracking.detector import ArrowDetector, make_detector
-from vsense.tracking.square_detector import SquareDetector
+from vsense.tracking.detector import ArrowDetector, SquareDetector, make_detector
 from vsense.tracking.squares import SQUARE, SquareFinder
 
 ARUCO = load_family("aruco_4x4_50")

@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 from tests.tracking.synthetic import HEIGHT_M, Look, Robot, render
-from vsense.arena import UNNAMED, Frame
+from vsense.arena import UNNAMED
 from vsense.cameras.camera import Camera
 from vsense.markers.dictionary import SquareFamily
 from vsense.markers.families import load_family
-from vsense.tracking.detector import Workers, make_detector
+from vsense.tracking.detector import make_detector
+from vsense.tracking.workers import Picture, Workers
 
 LENS = (-0.12, 0.02, 0.0, 0.0, 0.0)
 FAMILIES = ("aruco_4x4_50", "apriltag_36h11")
@@ -141,12 +142,12 @@ def test_more_threads_change_not_a_bit() -> None:
         for id, x in (("left", -0.2), ("right", 0.2))
     ]
     robots = [Robot(7 * k, 0.12 * k - 0.5, 0.1 * (k % 3) - 0.1, float(k), 0.12) for k in range(9)]
-    frames = [Frame(camera.id, render(camera, family, robots, HARD, 1), 0, 0, 0) for camera in rig]
+    pictures = [Picture(render(camera, family, robots, HARD, 1), camera) for camera in rig]
     tags = [robot.tag for robot in robots]
     seen = []
     for number in (1, 2, 3):
-        workers = Workers(lambda: make_detector(family, tags, HEIGHT_M), number, pin=False)
-        found = workers.detect(frames, {camera.id: camera for camera in rig})
+        workers = Workers(number)
+        found = make_detector(family, tags, HEIGHT_M, workers=workers).detect_all(pictures)
         workers.close()
         seen.append([shot.rows.tobytes() for shot in found])
     assert all(seen[0]) and seen[0] == seen[1] == seen[2]

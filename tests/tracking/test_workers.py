@@ -1,64 +1,87 @@
-"""The threads that look at pictures: in order, in parallel, and each where it belongs."""
+"""Threads that share pieces of work: which of them does a piece changes nothing."""
 
 from __future__ import annotations
 
 import os
 import threading
+from collections.abc import Iterator
 
-import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from vsense.arena import DETECTION, Frame
-from vsense.cameras.camera import Camera
-from vsense.tracking.detector import Workers
-
-CAMERAS = {f"c{n}": Camera.looking_down(f"c{n}", n, 0.0, 2.0, 100.0, (8, 6)) for n in range(5)}
-FRAMES = [Frame(id, np.full((6, 8), n, np.uint8), 0, 0, 0) for n, id in enumerate(CAMERAS)]
-PATIENCE_S = 20.0
+from vsense.tracking.workers import Workers
 
 
-class Meeting:
-    """A detector whose threads wait for each other, and which notes where it ran."""
-
-    def __init__(self, barrier: threading.Barrier, places: list[set[int]]) -> None:
-        self._barrier, self._places = barrier, places
-        self.overflows = 0
-
-    def detect(self, image: np.ndarray, camera: Camera) -> np.ndarray:
-        """Reports one marker, whose tag is the picture's grey."""
-        if image[0, 0] < self._barrier.parties:
-            self._barrier.wait(PATIENCE_S)
-            self._places.append(os.sched_getaffinity(0))
-        self.overflows += int(image[0, 0] == 3)
-        rows = np.zeros(1, dtype=DETECTION)
-        rows["tag"] = image[0, 0]
-        return rows
+@pytest.fixture
+def two() -> Iterator[Workers]:
+    made = Workers(2)
+    yield made
+    made.close()
+    made.close()
 
 
-@pytest.mark.parametrize("number", [1, 2, 3])
-def test_pictures_are_looked_at_side_by_side_and_given_back_in_order(number: int) -> None:
-    barrier, places = threading.Barrier(number), []
-    workers = Workers(lambda: Meeting(barrier, places), number, pin=False)
-    looks = workers.detect(FRAMES, CAMERAS)
+@given(st.integers(1, 3), st.integers(0, 9))
+def test_every_piece_is_done_once_and_given_in_its_order(number: int, pieces: int) -> None:
+    workers, done = Workers(number), []
+
+    def work(worker: int, piece: int) -> int:
+        assert 0 <= worker < number
+        done.append(piece)
+        return 10 * piece
+
+    assert workers.share(work, pieces) == [10 * piece for piece in range(pieces)]
+    assert sorted(done) == list(range(pieces))
     workers.close()
-    assert [int(look.rows["tag"][0]) for look in looks] == [0, 1, 2, 3, 4]
-    assert [look.full for look in looks] == [False, False, False, True, False]
-    assert not barrier.broken and len(places) == number
 
 
-def test_pinned_threads_have_a_processor_each() -> None:
-    allowed = os.sched_getaffinity(0)
-    number = min(2, len(allowed))
-    barrier, places = threading.Barrier(number), []
-    workers = Workers(lambda: Meeting(barrier, places), number, pin=True)
-    workers.detect(FRAMES, CAMERAS)
-    workers.close()
-    assert all(len(place) == 1 and place <= allowed for place in places)
-    assert len(set().union(*places)) == number
-    assert os.sched_getaffinity(0) == allowed, "the caller stays where it was"
+def test_a_slow_piece_leaves_the_others_to_the_other_thread(two: Workers) -> None:
+    others = threading.Barrier(2, timeout=20.0)
+    left = iter(range(5))
+
+    def work(worker: int, piece: int) -> int:
+        if piece == 0 or next(left) == 4:
+            others.wait()
+        return worker
+
+    slow, *rest = two.share(work, 6)
+    assert rest == [1 - slow] * 5
 
 
-def test_no_pictures_are_no_looks() -> None:
-    workers = Workers(lambda: Meeting(threading.Barrier(1), []), 2, pin=False)
-    assert workers.detect([], CAMERAS) == []
-    workers.close()
+def test_no_two_pieces_are_one_thread_s_at_once(two: Workers) -> None:
+    """Each worker has kernels of its own, whose memory serves one picture at a time."""
+    busy, lock = [0, 0], threading.Lock()
+
+    def work(worker: int, _piece: int) -> int:
+        with lock:
+            busy[worker] += 1
+            assert busy[worker] == 1
+        threading.Event().wait(0.001)
+        with lock:
+            busy[worker] -= 1
+        return worker
+
+    assert len(two.share(work, 40)) == 40
+
+
+def test_what_fails_in_a_thread_fails_for_whoever_asked(two: Workers) -> None:
+    def work(worker: int, piece: int) -> int:
+        if piece == 3:
+            raise ValueError("the fourth")
+        return piece
+
+    with pytest.raises(ValueError, match="the fourth"):
+        two.share(work, 6)
+    assert two.share(lambda worker, piece: piece, 3) == [0, 1, 2]
+
+
+def test_a_single_one_is_the_caller_s_thread_unless_it_is_pinned() -> None:
+    here = threading.get_ident()
+    assert Workers().share(lambda worker, piece: threading.get_ident(), 2) == [here, here]
+    pinned = Workers(1, pin=True)
+    (there, seen), *_ = pinned.share(
+        lambda worker, piece: (threading.get_ident(), os.sched_getaffinity(0)), 1
+    )
+    pinned.close()
+    assert there != here and len(seen) == 1
+    assert seen <= os.sched_getaffinity(0)

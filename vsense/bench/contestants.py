@@ -33,7 +33,7 @@ from vsense.cameras.camera import Camera
 from vsense.lab.processes import start_module
 from vsense.markers.families import load_family
 from vsense.tracking.arena_tracker import ArenaTracker
-from vsense.tracking.detector import Detector
+from vsense.tracking.marker_detector import MarkerDetector
 from vsense.tracking.prediction import SearchPlan
 
 MAX_THREADS = 2
@@ -141,7 +141,7 @@ class Tracked:
         """Each pass has closed its tracker."""
 
 
-def ours(detector: Detector) -> Look:
+def ours(detector: MarkerDetector) -> Look:
     """Wraps one of vsense's detectors."""
 
     def look(image: Image, camera: Camera) -> FoundTags:

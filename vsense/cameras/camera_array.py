@@ -6,6 +6,7 @@ timestep share them.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,6 +16,11 @@ from vsense.cameras.camera import Camera, distort, undistort
 
 Floats = NDArray[np.float64]
 Places = NDArray[np.intp]
+Chosen = NDArray[np.bool_]
+
+_BORDER_POINTS = 33
+_GROUND_MORE = 0.05
+"""Of the sides, for what lies between the border's points."""
 
 
 class CameraArray:
@@ -34,6 +40,7 @@ class CameraArray:
         self._centre_px = np.array([(c.cx_px, c.cy_px) for c in cameras])
         self._rotation = np.array([c.rotation for c in cameras]).reshape(-1, 3, 3)
         self._distortion = np.array([c.distortion for c in cameras])
+        self._grounds: dict[float, Floats] = {}
 
     def project(self, points_m: Floats, camera: Places) -> Floats:
         """Returns the (n, 2) pixels of (n, 3) arena points, each in a camera's picture.
@@ -59,3 +66,37 @@ class CameraArray:
         centre = self.position_m[camera]
         reach = (height_m - centre[:, 2]) / rays[:, 2]
         return np.asarray(centre[:, :2] + reach[:, np.newaxis] * rays[:, :2])
+
+    def contain(self, points_px: Floats, camera: Places, margin_px: Floats | float = 0.0) -> Chosen:
+        """Whether (n, 2) pixels lie in their camera's picture, so far inside its border."""
+        low = np.asarray(margin_px - 0.5)[..., np.newaxis]
+        inside = (points_px >= low) & (points_px <= self.size_px[camera] - 1.0 - low)
+        return np.asarray(inside.all(axis=1))
+
+    def ground(self, height_m: float) -> Floats:
+        """Returns rectangles that hold all that the pictures show of a horizontal plane.
+
+        They are (c, 4) least and greatest x, least and greatest y [m], and larger than need be;
+        without end, where a picture shows a horizon.
+        """
+        if height_m not in self._grounds:
+            self._grounds[height_m] = np.array(
+                [self._ground(camera, height_m) for camera in range(len(self.cameras))]
+            ).reshape(-1, 4)
+        return self._grounds[height_m]
+
+    def _ground(self, camera: int, height_m: float) -> tuple[float, ...]:
+        steps = np.linspace(0.0, 1.0, _BORDER_POINTS)
+        zero, one = np.zeros_like(steps), np.ones_like(steps)
+        sides = [(steps, zero), (steps, one), (zero, steps), (one, steps)]
+        border = np.concatenate([np.stack(side, axis=1) for side in sides])
+        of = np.full(len(border), camera, dtype=np.intp)
+        places = self.to_plane(border * self.size_px[camera] - 0.5, np.full(len(of), height_m), of)
+        points = np.column_stack((places, np.full(len(of), height_m)))
+        away = (points - self.position_m[camera]) @ self._rotation[camera, 2]
+        if not (np.isfinite(places).all() and (away > 0.0).all()):
+            return -math.inf, math.inf, -math.inf, math.inf
+        low, high = places.min(axis=0), places.max(axis=0)
+        more = _GROUND_MORE * (high - low)
+        (left, near), (right, far) = (low - more).tolist(), (high + more).tolist()
+        return left, right, near, far

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import cv2
 import numpy as np
@@ -15,7 +14,7 @@ from vsense.cameras.camera import Camera
 from vsense.cameras.camera_array import CameraArray
 from vsense.errors import VsenseError
 from vsense.markers.families import MarkerFamily, SquareFamily
-from vsense.tracking.detector import CameraDetectors, Detector, Workers
+from vsense.tracking.detector import CameraDetectors, Detector
 from vsense.tracking.joining import Joining, JoinLimits
 from vsense.tracking.prediction import MarkerSearch, Prediction, SearchPlan
 from vsense.tracking.tracks import Limits, RobotTracks
@@ -26,6 +25,7 @@ from vsense.tracking.views import (
     merge_views,
     place_markers,
 )
+from vsense.tracking.workers import Picture, Workers
 
 
 @dataclass(slots=True)
@@ -114,7 +114,7 @@ class FrameGate:
 class ArenaTracker:
     """Finds and follows every robot of the roster; to be called from one thread.
 
-    The pictures of a timestep are shared out to worker threads. Neither their order nor the
+    The pictures of a timestep are shared out to worker threads; neither their order nor the
     threads' speed changes the result. A robot that is not on the roster joins it when its tag has
     been read beyond doubt for long enough, see `joining`.
 
@@ -128,20 +128,18 @@ class ArenaTracker:
     def __init__(
         self,
         cameras: Sequence[Camera],
-        make_detector: Callable[[], Detector],
+        detector: Detector,
         heights_m: Mapping[int, float],
         limits: Limits | None = None,
-        workers: int = 2,
-        pin: bool = False,
         prediction: Prediction | None = None,
+        workers: Workers | None = None,
     ) -> None:
-        """Starts the workers; OpenCV's own threads are switched off for the whole process.
+        """Switches OpenCV's own threads off, for the whole process.
 
         Args:
-            make_detector: Makes one detector per worker.
             heights_m: The roster.
-            pin: Keep each worker on a processor of its own, for a host that does nothing else.
-            prediction: The detectors'; gets the expected poses before each timestep.
+            prediction: The detector's; gets the expected poses before each timestep.
+            workers: The detector's, to be ended with the tracker.
 
         Raises:
             TrackingError: There is no camera, two have the same id, or one is no higher than a
@@ -155,7 +153,8 @@ class ArenaTracker:
         self._limits = limits or Limits()
         self._prediction = prediction or Prediction()
         self._prediction.heights_m = self.heights_m
-        self._workers = Workers(make_detector, max(1, workers), pin)
+        self._detector = detector
+        self._workers = workers or Workers()
         self._joining = Joining(JoinLimits(max_speed_m_s=self._limits.max_speed_m_s))
         self._joined: set[int] = set()
         self._array = CameraArray(self.cameras)
@@ -191,15 +190,20 @@ class ArenaTracker:
     ) -> ArenaTracker:
         """Returns a tracker; `searches` says for each of `cameras` what is looked for.
 
+        Args:
+            workers: Threads that search the pictures.
+            pin: Keep each on a processor of its own, for a host that does nothing else.
+
         Raises:
             FamilyError: A family does not have a tag of its roster.
             TrackingError: No cameras, or two with one id.
         """
         sees = {camera.id: search for camera, search in zip(cameras, searches, strict=True)}
         prediction = Prediction(plan or SearchPlan())
-        make = partial(CameraDetectors, sees, prediction)
+        threads = Workers(max(1, workers), pin)
+        detector = CameraDetectors(sees, prediction, threads)
         heights_m = {tag: height for search in searches for tag, height in search.heights_m.items()}
-        return cls(cameras, make, heights_m, limits, workers, pin, prediction)
+        return cls(cameras, detector, heights_m, limits, prediction, threads)
 
     def close(self) -> None:
         """Ends the workers; can be called again."""
@@ -276,7 +280,10 @@ class ArenaTracker:
 
     def _detect(self, frames: list[Frame]) -> list[NDArray[np.void]]:
         """Returns each frame's DETECTION array; sets `found` and `overflowed`."""
-        pictures = self._workers.detect(frames, self._gate.cameras)
+        cameras = self._gate.cameras
+        pictures = self._detector.detect_all(
+            [Picture(frame.image, cameras[frame.camera]) for frame in frames]
+        )
         self.found = {frame.camera: seen.rows for frame, seen in zip(frames, pictures)}
         self.overflowed = tuple(f.camera for f, seen in zip(frames, pictures) if seen.full)
         self.counters.overflows += len(self.overflowed)

@@ -1,8 +1,8 @@
-"""Which tag a marker carries: its cells compared with the roster's code words.
+"""Which tag an arrow carries: its cells compared with the roster's code words.
 
 A cell's brightness is compared with what the picture's blur makes of each tag in the roster; how
-blurred a marker is, along its heading and across it, is measured at its own edges. A marker is
-named only when one tag fits every cell and no other comes near: a wrong name is worse than none.
+blurred a marker is, along its heading and across it, is measured at its own edges. This is the seam
+to `c_src/host/vs_codes.h`, which compares; the words under every blur are prepared here.
 """
 
 from __future__ import annotations
@@ -16,15 +16,14 @@ from numpy.typing import NDArray
 from vsense.arena import UNNAMED
 from vsense.markers.codes import BLURS_U, cell_blur, normal_share, outer_light
 from vsense.markers.families import MarkerFamily
+from vsense.native import kernel_ffi, kernels
 from vsense.tracking.joining import unlisted_tag_reader
-from vsense.tracking.outlines import EDGE_REACH_U, nearest_blur
+from vsense.tracking.kernel import MARKER
+from vsense.tracking.outlines import EDGE_REACH_U, SHARPNESS, nearest_blur
 
 Floats = NDArray[np.float64]
 Tags = NDArray[np.int32]
 
-_WORST_CELL = 0.40
-_LEAST_MARGIN = 1.6
-_GREATEST_ERROR = 1.0
 _MOST_UNEXPLAINED, _LEAST_VARIED = 0.6, 0.1
 """The error may be this share of how much the word's own cells differ: a word that explains less is
 not what is there, however much worse the others are. Nearly blank words differ by the second."""
@@ -37,17 +36,20 @@ class DecodedTag(NamedTuple):
         tags: (n,) the tag, or -1 where it is not sure.
         error: (n,) root mean square difference to the nearest tag's code word.
         margin: (n,) how many times farther the next tag is.
-        distance: (n, roster) root mean square difference to each tag's code word.
     """
 
     tags: Tags
     error: Floats
     margin: Floats
-    distance: Floats
 
 
 class Decoder:
-    """Names markers from a roster of tags; `tags` is the roster, ascending."""
+    """Names markers from a roster of tags.
+
+    Attributes:
+        tags: The roster, ascending.
+        struct: `struct vs_codes`, for the kernel; it lives as long as the decoder.
+    """
 
     def __init__(self, family: MarkerFamily, roster: Sequence[int]) -> None:
         """Prepares the code words of `roster`, at all strengths of blur.
@@ -61,26 +63,31 @@ class Decoder:
         sigmas = (family.unit_mm * BLURS_U).tolist()
         self._words = np.array(
             [
-                [bits @ cell_blur(family, a, b).T + outer_light(family, a, b) for b in sigmas]
+                [
+                    cell_blur(family, a, b) @ bits.T + outer_light(family, a, b)[:, None]
+                    for b in sigmas
+                ]
                 for a in sigmas
             ],
             dtype=np.float32,
         )
-        varied = np.maximum(self._words.std(axis=-1), _LEAST_VARIED)
-        self._most_error = _MOST_UNEXPLAINED * varied
+        varied = np.maximum(self._words.std(axis=-2), _LEAST_VARIED)
+        self._most_error = np.asarray(_MOST_UNEXPLAINED * varied, dtype=np.float32)
         self._lost = normal_share(-EDGE_REACH_U / BLURS_U)
         self._unlisted = unlisted_tag_reader(family)
-
-    def blur(self, sharpness: Floats) -> NDArray[np.intp]:
-        """Returns the nearest kept blur of edges as sharp as this, elementwise."""
-        return nearest_blur(sharpness)
+        self.struct = kernel_ffi.new("struct vs_codes *")
+        self.struct.cells, self.struct.tags = family.grid**2, len(self.tags)
+        self.struct.tag = kernel_ffi.cast("int32_t *", self.tags.ctypes.data)
+        self.struct.word = kernel_ffi.cast("float *", self._words.ctypes.data)
+        self.struct.most_error = kernel_ffi.cast("float *", self._most_error.ctypes.data)
+        self.struct.lost, self.struct.sharp = self._lost.tolist(), SHARPNESS.tolist()
 
     def brightness(self, cells: Floats, ahead: NDArray[np.intp], left: NDArray[np.intp]) -> Floats:
         """Returns (n, cells) brightness between true black and white.
 
         `cells` is between what was measured as black and white near to blurred edges, where black
         is not quite black; `ahead` and `left` are (n,) blurs along and across the heading, see
-        `blur`.
+        `nearest_blur`.
         """
         lost = 0.5 * (self._lost[ahead] + self._lost[left])[:, np.newaxis]
         return np.asarray((1.0 - 2.0 * lost) * cells + lost)
@@ -90,7 +97,7 @@ class Decoder:
 
         Returns (n,) tags; -1 where the cells are not sure, and where the tag is on the roster.
         """
-        ahead, left = self.blur(sharp_ahead), self.blur(sharp_left)
+        ahead, left = nearest_blur(sharp_ahead), nearest_blur(sharp_left)
         tags = self._unlisted.read(self.brightness(cells, ahead, left), ahead, left)
         return np.where(np.isin(tags, self.tags), np.int32(UNNAMED), tags)
 
@@ -103,24 +110,26 @@ class Decoder:
                 quarter of a unit to both sides.
             sharp_left: (n,) the same for an edge along the heading.
         """
-        count, roster = len(cells), len(self.tags)
-        if count == 0 or roster == 0:
-            far = np.full((count, roster), _GREATEST_ERROR)
-            error = np.full(count, _GREATEST_ERROR)
-            return DecodedTag(np.full(count, UNNAMED, np.int32), error, error, far)
-        ahead, left = self.blur(sharp_ahead), self.blur(sharp_left)
-        true = self.brightness(cells, ahead, left)
-        difference = true.astype(np.float32)[:, np.newaxis] - self._words[ahead, left]
-        squares = np.einsum("ntc,ntc->nt", difference, difference)
-        distance = np.sqrt(squares.astype(np.float64) / cells.shape[1])
-        rows = np.arange(count)
-        best = distance.argmin(axis=1)
-        error = distance[rows, best]
-        others = distance.copy()
-        others[rows, best] = _GREATEST_ERROR
-        margin = np.minimum(others.min(axis=1), _GREATEST_ERROR) / np.maximum(error, 1e-3)
-        worst = np.abs(difference[rows, best]).max(axis=1)
-        alike = error < self._most_error[ahead, left, best]
-        sure = (worst < _WORST_CELL) & (margin > _LEAST_MARGIN) & alike
-        tags = np.where(sure, self.tags[best], np.int32(UNNAMED))
-        return DecodedTag(tags, error, margin, distance)
+        markers = np.zeros(len(cells), dtype=MARKER)
+        markers["cell"][:, : cells.shape[1]] = cells
+        markers["sharp_ahead"], markers["sharp_left"] = sharp_ahead, sharp_left
+        rows = kernel_ffi.cast("struct vs_marker *", markers.ctypes.data)
+        kernels.vs_codes_name(self.struct, rows, len(markers))
+        return DecodedTag(markers["tag"].astype(np.int32), markers["error"], markers["margin"])
+
+    def distance(
+        self, cells: Floats, sharp_ahead: Floats, sharp_left: Floats, tags: Tags
+    ) -> Floats:
+        """Returns (n,) how far markers are from given tags' code words, see `DecodedTag.error`.
+
+        `tags` is (n,) one for each marker, infinitely far where it is not on the roster; the other
+        arguments are those of `decode`.
+        """
+        far = np.full(len(tags), np.inf)
+        known = np.isin(tags, self.tags)
+        column = np.searchsorted(self.tags, tags[known])
+        ahead, left = nearest_blur(sharp_ahead[known]), nearest_blur(sharp_left[known])
+        seen = self.brightness(cells[known], ahead, left)
+        words = self._words[ahead, left, :, column]
+        far[known] = np.sqrt(((seen - words) ** 2).mean(axis=1))
+        return far

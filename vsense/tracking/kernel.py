@@ -3,15 +3,11 @@
 This is the seam to `c_src/host/vs_markers.h`: it turns a family into an outline and a camera into
 a view, owns the working memory, and reports what did not fit the kernel's tables.
 
-The kernel accepts markers whose size is a little off, so one search serves heights that are not
-far apart; robots of very different heights need a search each (`LayeredKernel`). Wherever a marker
-was found, its place is given on one plane of reference, on which its picture lies.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,7 +17,6 @@ from vsense.cameras.camera import Camera
 from vsense.markers.families import MarkerFamily, SquareFamily
 from vsense.native import check, kernel_ffi, kernels
 from vsense.tracking.outlines import EDGE_REACH_U, Pass, make_outline, shape_of
-from vsense.tracking.prediction import NEAR_M
 from vsense.tracking.squares_words import words_of
 
 Floats = NDArray[np.float64]
@@ -135,14 +130,19 @@ class Kernel:
 
     Attributes:
         overflows: Pictures in which a table of the kernel was full, so that markers may be missed.
+        inside_m: So far inside what the picture shows, at least, is the disc's centre of a robot
+            that can be followed: it is expected no farther off than the first pass looks.
     """
 
     def __init__(self, family: MarkerFamily | SquareFamily) -> None:
         """Raises FamilyError where the kernel's tables are too small for the family."""
         self._shape, self._apart_m = shape_of(family), 5e-4 * family.disc_diameter_mm
         limits = self._limits = _SQUARE if isinstance(family, SquareFamily) else _ARROW
+        looks_m = 1e-3 * self._shape.unit_mm * limits.warm[0][0]
+        self.inside_m = max(_reach_m(family) - looks_m, 0.0)
         self.overflows = 0
         self._words = words_of(family) if isinstance(family, SquareFamily) else None
+        self._codes = kernel_ffi.NULL
         self._outline(limits.passes, 0.0)
         self._memory = np.empty(kernels.vs_markers_size(), dtype=np.uint8)
         self._work = kernel_ffi.cast("struct vs_markers *", self._memory.ctypes.data)
@@ -151,6 +151,12 @@ class Kernel:
         self._origin = np.zeros(_CAPACITY, dtype=np.uint32)
         self._count = kernel_ffi.new("size_t *")
         self._views: dict[tuple[Camera, float], _View] = {}
+
+    def read_codes(self, codes: Any) -> None:
+        """Has arrows named by a `struct vs_codes` from now on; it must outlive the kernel."""
+        self._codes = codes
+        for view in self._views.values():
+            view.outline.codes = view.warm.codes = codes
 
     def search(
         self,
@@ -214,7 +220,7 @@ class Kernel:
     def _prepare(self, image: Image, camera: Camera, height_m: float) -> _View:
         key = (camera, height_m)
         if key not in self._views:
-            low, high = _scales(camera, height_m)
+            low, high = least_and_most_scale(camera, height_m)
             outlines = (self._outline(p, low) for p in (self._limits.passes, self._limits.warm))
             self._views[key] = _View(_view(camera, height_m), self._search(low, high), *outlines)
         view = self._views[key]
@@ -234,6 +240,7 @@ class Kernel:
         outline = make_outline(shape, passes, _SCALE_DOUBT, limits.fit_contrast, finer)
         if self._words is not None:
             outline.words = self._words.struct
+        outline.codes = self._codes
         return outline
 
     def _search(self, low: float, high: float) -> Any:
@@ -255,6 +262,13 @@ class Kernel:
         return search
 
 
+def _reach_m(family: MarkerFamily | SquareFamily) -> float:
+    """Returns how far what must be in the picture reaches from the disc's centre to all sides."""
+    if isinstance(family, SquareFamily):
+        return 1e-3 * float(0.5 * family.size_mm - np.hypot(*family.disc_centre_mm))
+    return 5e-4 * family.disc_diameter_mm
+
+
 def _view(camera: Camera, height_m: float) -> Any:
     view = kernel_ffi.new("struct vs_view *")
     lens = view.lens
@@ -266,7 +280,7 @@ def _view(camera: Camera, height_m: float) -> Any:
     return view
 
 
-def _scales(camera: Camera, height_m: float) -> tuple[float, float]:
+def least_and_most_scale(camera: Camera, height_m: float) -> tuple[float, float]:
     """Returns the least and the greatest scale [px/m] in a picture, by area."""
     columns = np.linspace(0.0, camera.width_px - 1.0, 5)
     rows = np.linspace(0.0, camera.height_px - 1.0, 5)
@@ -276,114 +290,3 @@ def _scales(camera: Camera, height_m: float) -> tuple[float, float]:
     slopes = np.stack((near[:, 1] - near[:, 0], near[:, 3] - near[:, 2]), axis=1)
     scale = 1.0 / np.sqrt(np.abs(np.linalg.det(slopes)))
     return float(scale.min()), float(scale.max())
-
-
-_OFF = 0.09
-"""A marker may be so much nearer or farther than the plane that is searched, as a share."""
-_LENGTHS = ("x_m", "y_m", "residual_m", "scale")
-
-
-class LayeredKernel:
-    """Finds and follows one family's markers at all heights; one thread at a time.
-
-    `height_m` is the plane of reference, `heights_m` those of the markers, above the floor.
-    """
-
-    def __init__(
-        self,
-        family: MarkerFamily | SquareFamily,
-        height_m: float,
-        heights_m: Iterable[float],
-    ) -> None:
-        self._kernel = Kernel(family)
-        self._height_m = height_m
-        self._heights_m = sorted({height_m, *heights_m})
-        self._layers: dict[Camera, list[float]] = {}
-
-    @property
-    def overflows(self) -> int:
-        """See `Kernel.overflows`."""
-        return self._kernel.overflows
-
-    def search(
-        self, image: Image, camera: Camera, windows: NDArray[np.int32] | None = None
-    ) -> NDArray[np.void]:
-        """See `Kernel.search`; places and sizes are given on the plane of reference."""
-        found = np.zeros(0, dtype=MARKER)
-        for height_m in self._layers_of(camera):
-            markers = self._kernel.search(image, camera, height_m, windows)
-            found = join(found, self._refer(markers, camera, height_m))
-        return found
-
-    def follow(self, image: Image, camera: Camera, robots: NDArray[np.void]) -> NDArray[np.void]:
-        """Fits (n,) EXPECTED robots, given on the plane of reference; see `Kernel.follow`.
-
-        Returns (k,) MARKER of those that fit, with places and sizes on the plane of reference.
-        """
-        found = np.zeros(0, dtype=MARKER)
-        if len(robots) == 0:
-            return found
-        layers = np.array(self._layers_of(camera))
-        layer = np.abs(robots["height_m"][:, np.newaxis] - layers).argmin(axis=1)
-        centre = np.array(camera.position_m[:2])
-        for number in np.unique(layer):
-            mine = robots[layer == number]
-            share = self._nearer(camera, layers[number])
-            places = np.stack((mine["x_m"], mine["y_m"]), axis=1)
-            poses = np.column_stack((centre + share * (places - centre), mine["yaw_rad"]))
-            markers = self._kernel.follow(image, camera, layers[number], poses)[0]
-            found = join(found, self._refer(markers, camera, layers[number]))
-        return found
-
-    def _nearer(self, camera: Camera, height_m: float) -> float:
-        """Returns how far a plane is from the camera, as a share of the reference's distance."""
-        top_m = camera.position_m[2]
-        return float((top_m - height_m) / (top_m - self._height_m))
-
-    def _refer(
-        self, markers: NDArray[np.void], camera: Camera, height_m: float
-    ) -> NDArray[np.void]:
-        """Carries markers from a plane over to that of reference, seen from the camera."""
-        share = self._nearer(camera, height_m)
-        if share == 1.0:
-            return markers
-        for name, centre in zip(_LENGTHS, (*camera.position_m[:2], 0.0, 0.0)):
-            markers[name] = centre + (markers[name] - centre) / share
-        return markers
-
-    def _layers_of(self, camera: Camera) -> list[float]:
-        if camera not in self._layers:
-            self._layers[camera] = list(self._divide(camera.position_m[2]))
-        return self._layers[camera]
-
-    def _divide(self, top_m: float) -> Iterable[float]:
-        """Yields one height per layer; that of reference, where one layer does for all."""
-        # As distances from the camera, the farthest first.
-        away = [top_m - height for height in self._heights_m]
-        reference = top_m - self._height_m
-        if max(abs(distance / reference - 1.0) for distance in away) <= _OFF:
-            yield self._height_m
-            return
-        while away:
-            layer = [d for d in away if d >= away[0] * (1.0 - _OFF) / (1.0 + _OFF)]
-            yield top_m - 0.5 * (layer[0] + layer[-1])
-            away = away[len(layer) :]
-
-
-def join(markers: NDArray[np.void], more: NDArray[np.void]) -> NDArray[np.void]:
-    """Adds markers that are at none of the places found already."""
-    if len(markers) == 0 or len(more) == 0:
-        return markers if len(more) == 0 else more
-    return np.concatenate((markers, more[~are_near(more, markers)]))
-
-
-def are_near(some: NDArray[np.void], others: NDArray[np.void]) -> NDArray[np.bool_]:
-    """Tells which MARKER or EXPECTED rows have at least one of others at their place."""
-    x = some["x_m"][:, np.newaxis] - others["x_m"]
-    y = some["y_m"][:, np.newaxis] - others["y_m"]
-    return np.asarray((np.hypot(x, y) < NEAR_M).any(axis=1))
-
-
-def places_of(rows: NDArray[np.void]) -> Floats:
-    """Returns the (n, 2) places of MARKER or EXPECTED rows [m]."""
-    return np.stack((rows["x_m"], rows["y_m"]), axis=1)

@@ -7,86 +7,74 @@ cells are sure.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import UNNAMED
-from vsense.tracking.decoder import DecodedTag, Decoder, Tags
-from vsense.tracking.prediction import NEAR_M, Anonymous, Prediction
+from vsense.cameras.camera_array import Places
+from vsense.tracking.decoder import Decoder, Tags
+from vsense.tracking.prediction import Anonymous, Prediction
+from vsense.tracking.rows import Rows, gather, single_pairs
 
 Floats = NDArray[np.float64]
+MayBe = Callable[[Places, Tags], NDArray[np.bool_]]
+"""Whether markers, by their numbers, may have tags, one for each."""
 
 _PLAUSIBLE = 0.30
 _EVIDENCE_S = 0.3
 _LEAST_PICTURES = 3
 
 
-def carry_names(
-    tags: Tags, reading: DecodedTag, roster: Tags, places: Floats, expected: NDArray[np.void]
-) -> Tags:
-    """As `carry_read_names`, for markers whose cells alone do not say enough.
+def carry_names(tags: Tags, markers: Rows, expected: Rows, may_be: MayBe | None = None) -> Tags:
+    """Gives names of expected robots to markers whose cells do not say enough.
 
-    `reading` is what the cells say of the tags in `roster`.
-    """
-
-    def plausible(tag: int, marker: int) -> bool:
-        column = int(np.searchsorted(roster, tag))
-        if column == len(roster) or roster[column] != tag:
-            return False
-        return bool(reading.distance[marker, column] < _PLAUSIBLE)
-
-    return carry_read_names(tags, places, expected, plausible)
-
-
-def carry_read_names(
-    tags: Tags,
-    places: Floats,
-    expected: NDArray[np.void],
-    plausible: Callable[[int, int], bool] = lambda tag, marker: True,
-) -> Tags:
-    """Gives names of expected robots to markers that cannot be read, such as square ones.
-
-    Their words differ in so many cells that a word that is read is believed; but a marker that is
-    read as another robot than the one that must be there stays without a name.
+    A robot that is sure to be somewhere names the one marker that is there, unless its tag is
+    read elsewhere in the picture; a marker that is read as another robot than the one that must
+    be there stays without a name.
 
     Args:
         tags: (n,) what was read, -1 where the cells are not sure; the names are returned.
-        places: (n, 2) the markers' places in the arena [m].
-        expected: (k,) EXPECTED in the camera's view.
-        plausible: Whether a marker, by its row, may have an expected tag.
+        markers: (n,) MARKER.
+        expected: (k,) EXPECTED.
+        may_be: What the cells say of a name; without it, nothing.
     """
+    sure = expected.where(expected.values["sure"])
+    robot, marker = single_pairs(sure, markers)
+    read, expects = tags[marker], sure.values["tag"][robot]
     named = np.array(tags)
-    for tag, marker in _alone(places, expected):
-        if named[marker] not in (tag, UNNAMED):
-            named[marker] = UNNAMED
-        elif tag not in tags and plausible(tag, marker):
-            named[marker] = tag
+    named[marker[(read != UNNAMED) & (read != expects)]] = UNNAMED
+    if not (open_ := read == UNNAMED).any():
+        return named
+    marker, expects = marker[open_], expects[open_]
+    free = ~np.isin(_keys(markers.picture[marker], expects), _keys(markers.picture, tags))
+    if may_be is not None:
+        free[free] = may_be(marker[free], expects[free])
+    named[marker[free]] = expects[free]
     return named
 
 
-def _alone(places: Floats, expected: NDArray[np.void]) -> Iterator[tuple[int, int]]:
-    """Yields robots that are sure to be somewhere, with the one marker that is there."""
-    sure = expected[expected["sure"]]
-    for robot, marker in _pairs(np.stack((sure["x_m"], sure["y_m"]), axis=1), places):
-        yield int(sure["tag"][robot]), int(marker)
+def _keys(picture: Places, tags: Tags) -> NDArray[np.int64]:
+    """Returns a number for each tag in each picture."""
+    return np.asarray((picture.astype(np.int64) << 32) + tags)
 
 
-def _pairs(some: Floats, others: Floats) -> NDArray[np.intp]:
-    """Returns the rows (k, 2) of (n, 2) and (m, 2) places where one of each is near the other."""
-    offset = some[:, np.newaxis] - others
-    near = np.hypot(offset[..., 0], offset[..., 1]) < NEAR_M
-    single = near & (near.sum(axis=0) == 1) & (near.sum(axis=1) == 1)[:, np.newaxis]
-    return np.argwhere(single)
+def plausible(decoder: Decoder, markers: Rows, cells: Floats) -> MayBe:
+    """Returns whether the cells of (n,) MARKER, (n, cells), do not speak against a tag."""
+
+    def may_be(marker: Places, tags: Tags) -> NDArray[np.bool_]:
+        sharp = _sharpness(markers, marker)
+        return np.asarray(decoder.distance(cells[marker], *sharp, tags) < _PLAUSIBLE)
+
+    return may_be
 
 
 def gather_evidence(
     tags: Tags,
+    markers: Rows,
     cells: Floats,
-    sharpness: tuple[Floats, Floats],
-    places: Floats,
-    camera: str,
+    cameras: Sequence[str],
     prediction: Prediction,
     decoder: Decoder,
 ) -> Tags:
@@ -94,47 +82,86 @@ def gather_evidence(
 
     Args:
         tags: (n,) names so far; the new ones are returned.
-        cells: (n, cells) brightness in this picture.
-        sharpness: (n,) of the edges along and across the heading, see `Decoder.decode`.
-        places: (n, 2) the markers' places in the arena [m].
-        prediction: Keeps what has been gathered, by `camera`, an id.
+        markers: (n,) MARKER.
+        cells: (n, cells) brightness in this timestep.
+        cameras: Of the pictures, the ids.
+        prediction: Keeps what has been gathered, by the camera.
     """
-    open_ = np.flatnonzero(tags == UNNAMED)
-    once = np.ones(len(open_), dtype=np.int64)
-    now = Anonymous(open_, places[open_], cells[open_], once, prediction.capture_ns)
-    before = prediction.anonymous.get(camera)
-    if before is not None and now.capture_ns - before.capture_ns < 1e9 * _EVIDENCE_S:
-        _add_up(now, before)
-    prediction.anonymous[camera] = now
     named = np.array(tags)
-    enough = now.pictures >= _LEAST_PICTURES
-    if enough.any():
-        rows = open_[enough]
-        means = now.cells[enough] / now.pictures[enough, np.newaxis]
-        read = decoder.decode(means, sharpness[0][rows], sharpness[1][rows]).tags
-        taken = np.isin(read, tags[tags != UNNAMED])
-        named[rows] = np.where(taken, np.int32(UNNAMED), read)
+    before = note_nameless(named == UNNAMED, markers, cells, cameras, prediction)
+    for camera in cameras:
+        now = prediction.anonymous.get(camera)
+        if now is None or camera not in before:
+            continue
+        if now.capture_ns - before[camera].capture_ns < 1e9 * _EVIDENCE_S:
+            _add_up(now, before[camera])
+            _name(named, now, markers, decoder)
     return named
 
 
+def note_nameless(
+    nameless: NDArray[np.bool_],
+    markers: Rows,
+    cells: Floats,
+    cameras: Sequence[str],
+    prediction: Prediction,
+) -> dict[str, Anonymous]:
+    """Keeps in the prediction what each camera sees without a name; returns what it kept before.
+
+    `nameless` tells which of (n,) MARKER have none; the other arguments are those of
+    `gather_evidence`.
+    """
+    kept = prediction.anonymous
+    before = {camera: kept.pop(camera) for camera in cameras if camera in kept}
+    rows = np.flatnonzero(nameless)
+    picture = markers.picture[rows]
+    for number in np.unique(picture).tolist():
+        mine = rows[picture == number]
+        once = np.ones(len(mine), dtype=np.int64)
+        places = markers.where(mine).places()
+        kept[cameras[number]] = Anonymous(mine, places, cells[mine], once, prediction.capture_ns)
+    return before
+
+
+def _name(named: Tags, gathered: Anonymous, markers: Rows, decoder: Decoder) -> None:
+    """Gives markers of one picture the name that their cells have said often enough."""
+    enough = gathered.pictures >= _LEAST_PICTURES
+    if not enough.any():
+        return
+    rows = gathered.rows[enough]
+    means = gathered.cells[enough] / gathered.pictures[enough, np.newaxis]
+    read = decoder.decode(means, *_sharpness(markers, rows)).tags
+    others = named[(markers.picture == markers.picture[rows[0]]) & (named != UNNAMED)]
+    named[rows] = np.where(np.isin(read, others), np.int32(UNNAMED), read)
+
+
 def find_unlisted_tags(
-    tags: Tags, sharpness: tuple[Floats, Floats], gathered: Anonymous, decoder: Decoder
+    tags: Tags, markers: Rows, gathered: Anonymous, decoder: Decoder
 ) -> tuple[Tags, Floats]:
     """Reads markers without a name as tags that are not on the roster.
 
-    `tags` and `sharpness` are those of `gather_evidence`, `gathered` is what it has just kept of
-    them. Returns (k,) the tags of those that are sure, and (k, 2) their places.
+    `tags` and `markers` are those of `gather_evidence`, `gathered` is what it has just kept of one
+    camera. Returns (k,) the tags of those that are sure, and (k, 2) their places.
     """
     rows = gathered.rows
-    if len(rows) == 0:
-        return np.zeros(0, dtype=np.int32), np.zeros((0, 2))
     means = gathered.cells / gathered.pictures[:, np.newaxis]
-    read = decoder.read_unlisted(means, sharpness[0][rows], sharpness[1][rows])
+    read = decoder.read_unlisted(means, *_sharpness(markers, rows))
     sure = (read != UNNAMED) & (tags[rows] == UNNAMED)
     return read[sure], gathered.places[sure]
 
 
+def _sharpness(markers: Rows, rows: Places) -> tuple[Floats, Floats]:
+    return markers.values["sharp_ahead"][rows], markers.values["sharp_left"][rows]
+
+
 def _add_up(now: Anonymous, before: Anonymous) -> None:
-    for here, there in _pairs(now.places, before.places):
-        now.cells[here] += before.cells[there]
-        now.pictures[here] += before.pictures[there]
+    here, there = single_pairs(_at(now.places), _at(before.places))
+    now.cells[here] += before.cells[there]
+    now.pictures[here] += before.pictures[there]
+
+
+def _at(places: Floats) -> Rows:
+    """Returns (n, 2) places as rows of one picture."""
+    rows = np.zeros(len(places), dtype=[("x_m", "f8"), ("y_m", "f8")])
+    rows["x_m"], rows["y_m"] = places.T
+    return gather([rows])

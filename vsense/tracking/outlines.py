@@ -170,11 +170,12 @@ def edge_sharpness(blurs_u: Floats) -> Floats:
     return np.asarray(near / (1.0 - 2.0 * normal_share(-EDGE_REACH_U / blurs_u)))
 
 
-_SHARPNESS = edge_sharpness(BLURS_U)
+SHARPNESS = edge_sharpness(BLURS_U)
+"""Of an edge under each of `BLURS_U`."""
 
 
 def nearest_blur(sharpness: Floats) -> NDArray[np.intp]:
     """Returns the place in `BLURS_U` of the blur of edges as sharp as this, elementwise."""
     # Sharpness falls with the blur; the middles between two kept ones divide them.
-    middles = 0.5 * (_SHARPNESS[1:] + _SHARPNESS[:-1])
+    middles = 0.5 * (SHARPNESS[1:] + SHARPNESS[:-1])
     return np.searchsorted(-middles, -sharpness)

@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import ArenaState, wrap_angle
-from vsense.cameras.camera import Camera
+from vsense.cameras.camera_array import CameraArray, Places
 from vsense.markers.families import MarkerFamily, SquareFamily
 from vsense.tracking.joining import UnlistedTags
+from vsense.tracking.rows import Rows
 
 Floats = NDArray[np.float64]
 
@@ -33,9 +34,6 @@ EXPECTED = np.dtype(
 )
 """A robot where it should be now. `sure`: seen so lately that it can be nowhere else, and often
 enough to believe its name; `height_m`: of its marker above the floor."""
-
-NEAR_M = 0.03
-"""What is farther than this from where a robot is expected is another one: a robot is 0.07 wide."""
 
 _SURE_S = 0.25
 _LOST_S = 1.0
@@ -78,7 +76,7 @@ class Anonymous:
     """Markers of one camera that have no name yet, with what their cells have said so far.
 
     Attributes:
-        rows: (n,) which of the newest picture's markers they are.
+        rows: (n,) which of the newest timestep's markers they are.
         places: (n, 2) where they were seen last [m], at `capture_ns`.
         cells: (n, cells) sum of their brightness over the pictures.
         pictures: (n,) how many pictures that were.
@@ -152,33 +150,46 @@ class Prediction:
         known = np.concatenate((others, now))
         self._known = known[np.argsort(known["tag"])]
 
-    def in_view(self, camera: Camera, height_m: float) -> NDArray[np.void]:
-        """Returns those of `expected` whose middle is in a camera's picture.
+    def in_view(self, cameras: CameraArray, height_m: float) -> Rows:
+        """Returns those of `expected` whose middle is in a camera's picture, sorted by the picture.
 
-        Their places are given as the camera sees them, on a plane `height_m` above the floor.
+        Their places are given as the camera sees them, on a plane `height_m` above the floor. A
+        picture's number is its camera's place.
         """
-        if len(self.expected) == 0:
-            return self.expected
-        seen = self.expected.copy()
-        foot_x, foot_y, top_m = camera.position_m
-        share = (top_m - height_m) / (top_m - seen["height_m"])
-        seen["x_m"] = foot_x + share * (seen["x_m"] - foot_x)
-        seen["y_m"] = foot_y + share * (seen["y_m"] - foot_y)
-        points = np.column_stack((seen["x_m"], seen["y_m"], np.full(len(seen), height_m)))
-        return np.asarray(seen[camera.contains(camera.project(points))])
+        robots = self.expected
+        foot, top_m = cameras.position_m[:, :2], cameras.position_m[:, 2:]
+        share = (top_m - height_m) / (top_m - robots["height_m"])
+        x_m = foot[:, :1] + share * (robots["x_m"] - foot[:, :1])
+        y_m = foot[:, 1:] + share * (robots["y_m"] - foot[:, 1:])
+        left, right, near, far = cameras.ground(height_m).T[..., np.newaxis]
+        picture, robot = np.nonzero((x_m > left) & (x_m < right) & (y_m > near) & (y_m < far))
+        seen = robots[robot]
+        seen["x_m"], seen["y_m"] = x_m[picture, robot], y_m[picture, robot]
+        rows = Rows(seen, picture)
+        return rows.where(
+            cameras.contain(cameras.project(at_height(rows, height_m), picture), picture)
+        )
 
-    def windows(self, camera: Camera, height_m: float, places: Floats) -> NDArray[np.int32]:
-        """Returns the squares of a camera's picture around (n, 2) places of the arena [m].
+    def windows(
+        self, cameras: CameraArray, height_m: float, places: Floats, picture: Places
+    ) -> NDArray[np.int32]:
+        """Returns the squares of the pictures around (n, 2) places of the arena [m].
 
-        `height_m` is that of the markers. The squares are (n, 4) left, top, right, bottom [px].
+        `height_m` is that of the markers, `picture` (n,) the places' cameras. The squares are
+        (n, 4) left, top, right, bottom [px].
         """
         half = 0.5 * self.plan.square_size_m
         corners = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
         points = np.full((len(places), 4, 3), height_m)
         points[..., :2] = places[:, np.newaxis] + corners
-        pixels = camera.project(points)
+        pixels = cameras.project(points.reshape(-1, 3), np.repeat(picture, 4)).reshape(-1, 4, 2)
         low, high = np.floor(pixels.min(axis=1)), np.ceil(pixels.max(axis=1)) + 1.0
         return np.concatenate((low, high), axis=1).astype(np.int32)
+
+
+def at_height(rows: Rows, height_m: float) -> Floats:
+    """Returns (n, 3) points of the arena [m] from rows' places and a height above the floor."""
+    return np.column_stack((rows.places(), np.full(len(rows.picture), height_m)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@
 A local threshold at several scales separates dark from light; every contour's hull is reduced to
 the smallest quadrilateral around it. Where white cells break through a blurred marker's black
 frame, the hull stays as it is. Markers of a known size that robots carry are found much faster, by
-`square_detector`.
+`detector`.
 """
 
 from __future__ import annotations
