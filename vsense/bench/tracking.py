@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from vsense.bench import whole_tracker
 from vsense.bench.contestants import (
     MAX_THREADS,
     AprilTag,
@@ -27,6 +28,7 @@ from vsense.bench.contestants import (
     ours,
 )
 from vsense.bench.frames import MARKER_M, FrameSet, Image, Painter, cameras
+from vsense.bench.whole_tracker import PER_CAMERA, WholeTracker
 from vsense.markers.codes import choose_tags
 from vsense.markers.families import MarkerFamily, load_family
 from vsense.tracking.detector import make_detector
@@ -49,6 +51,9 @@ _TUNED_WINDOW_PX = 23
 _MATCH_PX = 5.0
 _BLUR_MM = 2.2
 _COLD_FRAMES = 60
+_WHOLE_TIMESTEPS = 8
+_MOST_STEPS = 4
+"""Different pictures of 16 cameras: four are 130 MB."""
 _SETS = 5
 """Passes over the set of 16 cameras in each round: it is short, and the others' load is not."""
 
@@ -87,9 +92,13 @@ def run(rounds: int, pictures: int, walk: int, say: Say) -> dict[str, Any]:
         `ratio_to_aruco_tuned` and `ratio_to_apriltag` (None where it is not installed), and
         `squares`, by dictionary: `ms_per_frame`, `ratio_to_aruco`, `ratio_to_aruco_fastest` and
         `ratio_to_apriltag` of one thread. AprilTag reads its own family, on the same floors.
+        `whole_tracker` is that of `whole_tracker.report`.
     """
     with ExitStack() as stack:
         contestants, sixteen = _invite(pictures, walk, say)
+        whole = _whole_trackers(min(pictures, _MOST_STEPS))
+        for each in whole:
+            stack.callback(each.close)
         for contestant in [*contestants, sixteen]:
             stack.callback(contestant.close)
         times: list[list[float]] = [[] for _ in contestants]
@@ -103,6 +112,8 @@ def run(rounds: int, pictures: int, walk: int, say: Say) -> dict[str, Any]:
             for _ in range(_SETS):
                 spent = sixteen.run()[0]
                 sets += spent if turn else []
+            for each in whole:
+                each.run(_WHOLE_TIMESTEPS, counts=turn > 0)
             floor += _floor(sixteen.frames, np.bitwise_xor.reduce)
             copy += _floor(sixteen.frames, np.copy)
     rows = [
@@ -110,7 +121,8 @@ def run(rounds: int, pictures: int, walk: int, say: Say) -> dict[str, Any]:
         for contestant, spent, seen in zip(contestants, times, found, strict=True)
         if spent
     ]
-    return _report(rows, float(np.median(floor)), float(np.median(copy)), sets)
+    report = _report(rows, float(np.median(floor)), float(np.median(copy)), sets)
+    return report | {"whole_tracker": whole_tracker.report(*whole)}
 
 
 def _invite(pictures: int, walk: int, say: Say) -> tuple[list[Contestant], Contestant]:
@@ -143,6 +155,17 @@ def _invite(pictures: int, walk: int, say: Say) -> tuple[list[Contestant], Conte
             ]
     contestants += _plans(moving)
     return contestants, _shared(OURS, spread)
+
+
+def _whole_trackers(steps: int) -> tuple[WholeTracker, WholeTracker]:
+    """Those of arrows and of the squares that have tags enough."""
+    arrow = load_family("arrow4x4")
+    assert isinstance(arrow, MarkerFamily), "the shipped family is of arrows"
+    columns, rows = whole_tracker.CAMERAS
+    robots = columns * rows * PER_CAMERA
+    tags = choose_tags(arrow, robots, _BLUR_MM, seed=14)
+    squares = SQUARES["DICT_APRILTAG_36h11"]
+    return WholeTracker(arrow.name, tags, steps), WholeTracker(squares, range(robots), steps)
 
 
 def _same_disc(dictionary: str) -> str:
