@@ -2,9 +2,22 @@
 #include "vs_scan.h"
 
 #include <string.h>
+#ifdef __SSE2__
+#include <immintrin.h>
+#endif
 
 #include "vs_levels.h"
 
+/* One bit for each of 16 pixels, the first the lowest: 1 where darker than level. */
+#ifdef __SSE2__
+static uint16_t dark_bits(const uint8_t *pixels, uint8_t level)
+{
+    __m128i grey = _mm_loadu_si128((const __m128i *)pixels);
+    __m128i lighter = _mm_max_epu8(grey, _mm_set1_epi8((char)level));
+
+    return (uint16_t)~_mm_movemask_epi8(_mm_cmpeq_epi8(grey, lighter));
+}
+#else
 static uint64_t eight_bytes(const uint8_t *p)
 {
     return (uint64_t)p[0] | (uint64_t)p[1] << 8 | (uint64_t)p[2] << 16 |
@@ -12,7 +25,6 @@ static uint64_t eight_bytes(const uint8_t *p)
            (uint64_t)p[6] << 48 | (uint64_t)p[7] << 56;
 }
 
-/* One bit for each of 16 pixels, the first the lowest: 1 where darker than level. */
 static uint16_t dark_bits(const uint8_t *pixels, uint8_t level)
 {
     const uint64_t gather = 0x0102040810204080U;
@@ -24,10 +36,9 @@ static uint16_t dark_bits(const uint8_t *pixels, uint8_t level)
         flag[i] = pixels[i] < level;
     first = eight_bytes(flag);
     second = eight_bytes(flag + 8);
-    if ((first | second) == 0)
-        return 0;
     return (uint16_t)(first * gather >> 56 | second * gather >> 56 << 8);
 }
+#endif
 
 /* The place of the lowest 1 in a word that is not 0, by a de Bruijn sequence. */
 static unsigned lowest(uint32_t word)
