@@ -182,6 +182,18 @@ _PAGE = 4096
 Image8 = NDArray[np.uint8]
 
 
+def _copied(images: Image8) -> Image8:
+    """Copies pictures to memory of their own, which the system gets back when they are released.
+
+    In the heap they would leave a hole, soon strewn with small things, and the next copy would need
+    another: memory would grow with every time that the machine is slow.
+    """
+    memory = mmap.mmap(-1, images.nbytes, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    copy: Image8 = np.frombuffer(memory, np.uint8).reshape(images.shape)
+    copy[...] = images
+    return copy
+
+
 class FrameBank:
     """Room for `SLOTS` times one picture of every camera.
 
@@ -235,7 +247,7 @@ class FrameBank:
             lent[slot] = True
             scarce = int(lent.sum()) > MOST_LENT
         images = self._borrowed(slot)
-        return images.copy() if scarce else images
+        return _copied(images) if scarce else images
 
     def close(self) -> None:
         """Releases the bank; pictures that are still in use stay valid."""
