@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: MIT */
 /*
- * The picture kernel: pictures of any size and stride, lenses, outlines and words of any numbers,
- * windows anywhere. It refuses, or what it finds lies in the picture and is made of numbers.
+ * The picture kernel: pictures of any size and stride, lenses, outlines, words and codes of any
+ * numbers, windows anywhere. It refuses, or what it finds lies in the picture and is made of numbers.
  */
+#include "../../../c_src/host/vs_codes.h"
 #include "../../../c_src/host/vs_markers.h"
 #include "../../../c_src/host/vs_scan.h"
 #include "../../../c_src/host/vs_words.h"
@@ -18,6 +19,7 @@
 static uint8_t pixels[PIXELS];
 static struct vs_outline outline;
 static struct vs_words words;
+static struct vs_codes codes;
 static struct vs_marker found[FOUND];
 static uint32_t origin[FOUND];
 static uint64_t *memory;
@@ -134,6 +136,31 @@ static void make_words(struct input *in)
     outline.words = &words;
 }
 
+/* A roster of up to five tags, as many cells as there may be, and some numbers for their words. */
+static void make_codes(struct input *in)
+{
+    static float word[VS_CODES_BLURS * VS_CODES_BLURS * VS_OUTLINE_CELLS * TAGS];
+    static float most_error[VS_CODES_BLURS * VS_CODES_BLURS * TAGS];
+    static int32_t tag[TAGS] = {0, 1, 7, 31, 65535};
+    size_t i;
+
+    if (word[0] == 0.0f)
+        for (i = 0; i < sizeof word / sizeof word[0]; i++)
+            word[i] = 0.25f * (float)(1 + i * 7 % 5);
+    for (i = 0; i < sizeof most_error / sizeof most_error[0]; i++)
+        most_error[i] = 0.3f;
+    codes.cells = 1 + take_u8(in) % VS_OUTLINE_CELLS;
+    codes.tags = take_u8(in) % (TAGS + 1);
+    codes.tag = tag;
+    codes.word = word;
+    codes.most_error = most_error;
+    for (i = 0; i < VS_CODES_BLURS; i++) {
+        codes.lost[i] = number(in, 0.1);
+        codes.sharp[i] = number(in, 1.0 - 0.05 * (double)i);
+    }
+    outline.codes = &codes;
+}
+
 static void make_lens(struct input *in, struct vs_view *view)
 {
     static const double down[9] = {1, 0, 0, 0, -1, 0, 0, 0, -1};
@@ -161,6 +188,7 @@ static void check_found(const struct vs_view *view, size_t count)
         CHECK(isfinite(found[i].x_m) && isfinite(found[i].y_m) && isfinite(found[i].scale));
         CHECK(isfinite(found[i].ahead_x) && isfinite(found[i].ahead_y));
         CHECK(found[i].coverage >= 0.0 && found[i].coverage <= 1.0);
+        CHECK(found[i].tag == -1.0 || outline.words != NULL || outline.codes != NULL);
         if (outline.words != NULL) /* a disc's middle may be outside where its square is inside */
             continue;
         CHECK(found[i].x_px >= -0.5 && found[i].x_px <= view->picture.width_px - 0.5);
@@ -219,6 +247,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         make_words(&in);
         search.gate.least_square = number(&in, 0.1);
     }
+    if (take_u8(&in) & 1)
+        make_codes(&in);
     full = vs_markers_search((struct vs_markers *)(void *)memory, &search, &outline, &view, &window,
                              found, FOUND, &count);
     if (full >= 0)
