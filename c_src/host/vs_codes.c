@@ -80,17 +80,18 @@ static void name(const struct vs_codes *codes, struct vs_marker *marker)
 
         compare(cells, codes->cells, word, tags, begin, end, &nearest);
     }
-    marker->tag = -1.0;
+    marker->tag = marker->guess = -1.0;
     marker->error = marker->margin = GREATEST_ERROR;
     if (nearest.place < 0)
         return;
+    marker->guess = codes->tag[nearest.place];
     marker->error = vs_root((double)nearest.sum / codes->cells);
     next = vs_root((double)nearest.next / codes->cells);
     marker->margin = next / (marker->error > LEAST_ERROR ? marker->error : LEAST_ERROR);
     if (marker->margin > LEAST_MARGIN &&
         marker->error < (double)codes->most_error[kind + (size_t)nearest.place] &&
         is_alike(cells, codes->cells, word + nearest.place, tags))
-        marker->tag = codes->tag[nearest.place];
+        marker->tag = marker->guess;
 }
 
 void vs_codes_name(const struct vs_codes *codes, struct vs_marker *markers, size_t count)

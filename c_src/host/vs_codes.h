@@ -25,9 +25,9 @@ struct vs_codes {
 };
 
 /*
- * Names markers by cell, sharp_ahead and sharp_left: sets tag, -1 where it is not sure; error, the
- * root mean square difference to the nearest tag's word; and margin, how many times farther the
- * next tag's is.
+ * Names markers by cell, sharp_ahead and sharp_left: sets guess, the tag whose word
+ * is nearest, -1 without tags; tag, the same, -1 where it is not sure; error, the root mean square
+ * difference to that word; and margin, how many times farther the next tag's is.
  */
 void vs_codes_name(const struct vs_codes *codes, struct vs_marker *markers, size_t count);
 

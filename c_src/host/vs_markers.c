@@ -70,7 +70,7 @@ static int begin_marker(const struct vs_search *search, const struct vs_view *vi
 static void read_marker(const struct vs_outline *outline, const struct vs_view *view,
                         struct vs_marker *marker)
 {
-    marker->tag = -1.0;
+    marker->tag = marker->guess = -1.0;
     if (outline->words != NULL)
         vs_square_name(outline->words, view, marker);
     vs_outline_read(outline, view, marker);

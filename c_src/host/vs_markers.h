@@ -72,6 +72,7 @@ struct vs_marker {
     double sharp_ahead; /* share of the contrast that an edge across the heading gains */
     double sharp_left;  /* within a quarter u of it; the same for one along it */
     double tag;           /* a whole number, -1 where none could be read */
+    double guess;         /* the nearest tag, read or not; -1: none is near */
     double error, margin; /* see struct vs_reading and vs_codes_name */
     double cell[VS_OUTLINE_CELLS]; /* 0 the outline's black, 1 the disc's white; of others */
 };

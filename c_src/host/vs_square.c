@@ -80,16 +80,17 @@ void vs_square_name(const struct vs_words *words, const struct vs_view *view,
 
     level[0] = vs_edges_level(words->sharp, VS_WORDS_BLURS, marker->sharp_left);
     level[1] = vs_edges_level(words->sharp, VS_WORDS_BLURS, marker->sharp_ahead);
-    reading.sure = 0;
+    reading.tag = -1;
+    reading.turn = reading.sure = 0;
     reading.error = reading.margin = 1.0;
     if (sample_cells(words, view, marker, cells))
         vs_words_read(words, cells, level, 1, &reading);
     marker->error = reading.error;
     marker->margin = reading.margin;
-    if (reading.sure) {
+    marker->guess = reading.tag;
+    if (reading.sure)
         marker->tag = reading.tag;
-        turn_quarters(marker, reading.turn);
-    }
+    turn_quarters(marker, reading.turn);
     turn_by(marker, words->turn_x, words->turn_y);
     shift_by(marker, words->centre_x_m, words->centre_y_m);
 }

@@ -381,8 +381,7 @@ static void read_one(const struct vs_words *w, const float *cells, const int32_t
     int ring;
 
     for (ring = 1; ring >= 0; ring--) {
-        reading->tag = reading->turn = reading->sure = 0;
-        reading->error = reading->margin = 1.0;
+        *reading = (struct vs_reading){1.0, 1.0, -1, 0, 0};
         read_cells(w, cells, level, ring, reading);
         if (reading->sure)
             return;

@@ -39,7 +39,7 @@ struct vs_words {
 struct vs_reading {
     double error;  /* root mean square difference to the word, black to white being 1 */
     double margin; /* how many times larger that is for the next tag's best word */
-    int32_t tag;   /* the nearest word */
+    int32_t tag;   /* of the nearest word; -1: none is near */
     int32_t turn;  /* its quarter turns, counter-clockwise */
     int32_t sure;  /* whether it is to be believed */
 };

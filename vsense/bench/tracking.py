@@ -109,8 +109,7 @@ def run(rounds: int, pictures: int, walk: int, say: Say) -> dict[str, Any]:
             for place, contestant in enumerate(contestants):
                 spent, found[place] = contestant.run()
                 times[place] += spent if turn else []
-            for _ in range(_SETS):
-                spent = sixteen.run()[0]
+            for spent in (sixteen.run()[0] for _ in range(_SETS)):
                 sets += spent if turn else []
             for each in whole:
                 each.run(_WHOLE_TIMESTEPS, counts=turn > 0)

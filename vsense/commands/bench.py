@@ -139,14 +139,16 @@ def table(report: dict[str, Any]) -> str:
             f" {_times(squares['ratio_to_aruco_fastest'])}, than AprilTag 3:"
             f" {_times(squares['ratio_to_apriltag'])}"
         ]
-    whole = report["whole_tracker"]
-    text += [
+    return "\n".join([*text, _whole(report["whole_tracker"])])
+
+
+def _whole(whole: dict[str, float]) -> str:
+    return (
         "whole tracker, 16 cameras x 20 robots, every picture searched:"
         f" arrows {whole['arrows_ms']:.1f} ms (of processor time {whole['arrows_cpu_ms']:.1f},"
         f" {100.0 * whole['c_share']:.0f} % in C), 36h11 {whole['squares_ms']:.1f} ms"
         f" ({whole['squares_cpu_ms']:.1f})"
-    ]
-    return "\n".join(text)
+    )
 
 
 def _times(ratio: float | None) -> str:

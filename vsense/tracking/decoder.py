@@ -116,20 +116,3 @@ class Decoder:
         rows = kernel_ffi.cast("struct vs_marker *", markers.ctypes.data)
         kernels.vs_codes_name(self.struct, rows, len(markers))
         return DecodedTag(markers["tag"].astype(np.int32), markers["error"], markers["margin"])
-
-    def distance(
-        self, cells: Floats, sharp_ahead: Floats, sharp_left: Floats, tags: Tags
-    ) -> Floats:
-        """Returns (n,) how far markers are from given tags' code words, see `DecodedTag.error`.
-
-        `tags` is (n,) one for each marker, infinitely far where it is not on the roster; the other
-        arguments are those of `decode`.
-        """
-        far = np.full(len(tags), np.inf)
-        known = np.isin(tags, self.tags)
-        column = np.searchsorted(self.tags, tags[known])
-        ahead, left = nearest_blur(sharp_ahead[known]), nearest_blur(sharp_left[known])
-        seen = self.brightness(cells[known], ahead, left)
-        words = self._words[ahead, left, :, column]
-        far[known] = np.sqrt(((seen - words) ** 2).mean(axis=1))
-        return far

@@ -23,7 +23,6 @@ from vsense.tracking.naming import (
     find_unlisted_tags,
     gather_evidence,
     note_nameless,
-    plausible,
 )
 from vsense.tracking.prediction import MarkerSearch, Prediction
 from vsense.tracking.rows import Rows, are_near
@@ -70,7 +69,7 @@ class ArrowDetector(MarkerDetector):
         cells = markers.values["cell"][:, : self._arrows.grid**2]
         tags = markers.values["tag"].astype(np.int32)
         decoder = self._decoder
-        tags = carry_names(tags, markers, expected, plausible(decoder, markers, cells))
+        tags = carry_names(tags, markers, expected)
         ids = [camera.id for camera in self._cameras.cameras]
         tags = gather_evidence(tags, markers, cells, ids, known, decoder)
         if self._open_roster:

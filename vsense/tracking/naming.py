@@ -7,7 +7,7 @@ cells are sure.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,38 +19,35 @@ from vsense.tracking.prediction import Anonymous, Prediction
 from vsense.tracking.rows import Rows, gather, single_pairs
 
 Floats = NDArray[np.float64]
-MayBe = Callable[[Places, Tags], NDArray[np.bool_]]
-"""Whether markers, by their numbers, may have tags, one for each."""
 
-_PLAUSIBLE = 0.30
+_ALIKE = 0.22
+"""Root mean square difference of cells to a tag's word at which they may still be it."""
 _EVIDENCE_S = 0.3
 _LEAST_PICTURES = 3
 
 
-def carry_names(tags: Tags, markers: Rows, expected: Rows, may_be: MayBe | None = None) -> Tags:
+def carry_names(tags: Tags, markers: Rows, expected: Rows) -> Tags:
     """Gives names of expected robots to markers whose cells do not say enough.
 
-    A robot that is sure to be somewhere names the one marker that is there, unless its tag is
-    read elsewhere in the picture; a marker that is read as another robot than the one that must
-    be there stays without a name.
+    A robot that is sure to be somewhere names the one marker that is there, if its tag is what the
+    cells suggest, though not surely, and is not read elsewhere in the picture. Cells that suggest
+    another robot, or nothing, name nobody: markers may have been exchanged. A marker that is read
+    as another robot than the one that must be there stays without a name.
 
     Args:
         tags: (n,) what was read, -1 where the cells are not sure; the names are returned.
         markers: (n,) MARKER.
         expected: (k,) EXPECTED.
-        may_be: What the cells say of a name; without it, nothing.
     """
     sure = expected.where(expected.values["sure"])
     robot, marker = single_pairs(sure, markers)
     read, expects = tags[marker], sure.values["tag"][robot]
     named = np.array(tags)
     named[marker[(read != UNNAMED) & (read != expects)]] = UNNAMED
-    if not (open_ := read == UNNAMED).any():
-        return named
-    marker, expects = marker[open_], expects[open_]
+    seen = markers.values[marker]
+    alike = (seen["guess"] == expects) & (seen["error"] < _ALIKE) & (read == UNNAMED)
+    marker, expects = marker[alike], expects[alike]
     free = ~np.isin(_keys(markers.picture[marker], expects), _keys(markers.picture, tags))
-    if may_be is not None:
-        free[free] = may_be(marker[free], expects[free])
     named[marker[free]] = expects[free]
     return named
 
@@ -58,16 +55,6 @@ def carry_names(tags: Tags, markers: Rows, expected: Rows, may_be: MayBe | None 
 def _keys(picture: Places, tags: Tags) -> NDArray[np.int64]:
     """Returns a number for each tag in each picture."""
     return np.asarray((picture.astype(np.int64) << 32) + tags)
-
-
-def plausible(decoder: Decoder, markers: Rows, cells: Floats) -> MayBe:
-    """Returns whether the cells of (n,) MARKER, (n, cells), do not speak against a tag."""
-
-    def may_be(marker: Places, tags: Tags) -> NDArray[np.bool_]:
-        sharp = _sharpness(markers, marker)
-        return np.asarray(decoder.distance(cells[marker], *sharp, tags) < _PLAUSIBLE)
-
-    return may_be
 
 
 def gather_evidence(
