@@ -126,8 +126,8 @@ def test_a_camera_too_far_away_is_refused_before_it_is_opened_and_with_the_numbe
     assert capsys.readouterr().err == (
         f"vsense: {files[1]}:2: <camera_state_tracker> camera: 'far': the cells of arrow4x4,"
         " 5.3 mm, are 0.79 px wide, seen from 4.14 m above with a focal length of 620 px: expected"
-        " at least 1 px, and 2 px for all robots to be named; hang it lower, take a longer lens or more"
-        " pixels, or print the markers 2.5 times as large\n"
+        " at least 1 px, and 2 px for all robots to be named; hang it lower, take a longer lens or"
+        " more pixels, or print the markers 2.5 times as large\n"
     )
 
 
