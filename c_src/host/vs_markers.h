@@ -15,6 +15,8 @@
 #define VS_MARKERS_FULL_PARTS 2 /* rows further down were not scanned */
 #define VS_MARKERS_FULL_FOUND 4 /* the caller's table was too small for all things found */
 
+#define VS_MARKERS_SIDE 8192 /* [px] greatest width and height of a picture */
+
 #define VS_OUTLINE_SAMPLES 96 /* points along an outline */
 #define VS_OUTLINE_STEPS 15   /* grey values along one normal */
 #define VS_OUTLINE_CELLS 25   /* of a marker: 5 x 5 */
@@ -120,7 +122,7 @@ size_t vs_markers_size(void);
  * Looks for markers in a part of the picture; windows are cut to it. Appends those
  * found to markers[*count ..] and keeps all of them apart. Returns the VS_MARKERS_FULL_...
  * of what there was no room for: 0 if all is well.
- * Errors: VS_ERR_ARGUMENT for a picture larger than 8192 px, smaller than 0 or with too small a
+ * Errors: VS_ERR_ARGUMENT for a picture larger than VS_MARKERS_SIDE, smaller than 0 or with too small a
  * stride, a level_256 or second_256 outside 1 .. 255, a print_256 outside 0 .. 256, or counts and passes of the
  * outline beyond those above.
  */

@@ -9,7 +9,7 @@
 
 #include "vs_markers.h"
 
-#define VS_SCAN_SIDE 8192     /* [px] greatest width and height of a picture */
+#define VS_SCAN_SIDE VS_MARKERS_SIDE
 #define VS_SCAN_BLOCK 16      /* [px] side of a block */
 #define VS_SCAN_STEP 2        /* [px] from one scanned row to the next */
 #define VS_SCAN_LINE 512      /* blocks in a row: SIDE / BLOCK */
